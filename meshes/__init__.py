@@ -1,0 +1,30 @@
+"""Meshes of the cases with known answers: each generator writes a binary gmsh file with named groups.
+
+`GENERATORS` lists them by name; `python -m meshes NAME -o FILE.msh` runs one from a shell.
+"""
+
+from __future__ import annotations
+
+from .beam import beam
+from .blocks import one_block, overclosed_cubes, two_blocks
+from .disk_on_block import disk_on_block
+from .hertz import ball_on_block, cylinder_on_block, cylinders, two_balls
+from .rings import rings
+
+GENERATORS = {
+    function.__name__: function
+    for function in (
+        one_block,
+        two_blocks,
+        overclosed_cubes,
+        beam,
+        rings,
+        disk_on_block,
+        cylinders,
+        cylinder_on_block,
+        two_balls,
+        ball_on_block,
+    )
+}
+
+__all__ = ["GENERATORS", *GENERATORS]

@@ -1,0 +1,139 @@
+"""The bulk item of elastic bodies: integrated once, a sparse product ever after."""
+
+import numpy as np
+
+from pcontact.assembly.geometry import chunks
+from pcontact.assembly.graph import find, multiply, node_graph
+from pcontact.assembly.pattern import OwnedRows
+from pcontact.material.elastic import mean_stress
+from pcontact.runtime.jit import njit
+
+
+@njit
+def add_stiffness(grad, jxw, cells, lam, mu, rowptr, columns, values):
+    """Add the elastic stiffness of cells to block rows.
+
+    Parameters
+    ----------
+    grad : ndarray (nc, nq, nn, d)
+    jxw : ndarray (nc, nq)
+    cells : ndarray (nc, nn)
+        Local nodes.
+    lam, mu : float
+        Lame constants [stress].
+    rowptr, columns : ndarray
+        Local pattern.
+    values : ndarray (nnz, d, d)
+        K[a, b] = int lam Ga (x) Gb + mu (Gb (x) Ga + (Ga . Gb) I), added in place.
+    """
+    nq, nn, d = grad.shape[1], grad.shape[2], grad.shape[3]
+    block = np.zeros((d, d))
+    for c in range(cells.shape[0]):
+        for a in range(nn):
+            for b in range(a, nn):
+                block[:, :] = 0.0
+                for q in range(nq):
+                    w = jxw[c, q]
+                    dot = 0.0
+                    for i in range(d):
+                        dot += grad[c, q, a, i] * grad[c, q, b, i]
+                    for i in range(d):
+                        block[i, i] += w * mu * dot
+                        for j in range(d):
+                            block[i, j] += w * (
+                                lam * grad[c, q, a, i] * grad[c, q, b, j]
+                                + mu * grad[c, q, a, j] * grad[c, q, b, i]
+                            )
+                row, column = cells[c, a], cells[c, b]
+                k = find(columns, rowptr[row], rowptr[row + 1], column)
+                for i in range(d):
+                    for j in range(d):
+                        values[k, i, j] += block[i, j]
+                if a != b:
+                    k = find(columns, rowptr[column], rowptr[column + 1], row)
+                    for i in range(d):
+                        for j in range(d):
+                            values[k, i, j] += block[j, i]
+
+
+class ElasticBulk:
+    """Item of all elastic bodies.
+
+    Parameters
+    ----------
+    space : pcontact.space.space.Space
+    constants : list of (float, float)
+        Lame constants of each body of the scene [stress].
+
+    Attributes
+    ----------
+    rowptr, columns : ndarray
+        Pattern of the owned rows, global nodes.
+    values : ndarray (nnz, d, d)
+        Stiffness [stress * length^(d-2)].
+
+    Notes
+    -----
+    *Collective.*
+    """
+
+    changes = False
+
+    def __init__(self, space, constants):
+        self.space, self.constants = space, constants
+        rowptr, columns = node_graph(space.cells, space.n_local)
+        local = np.zeros((len(columns), space.dim, space.dim))
+        for number, block in enumerate(space.mesh.blocks):
+            lam, mu = constants[block.body]
+            for rows, grad, jxw, _ in chunks(space, number):
+                add_stiffness(grad, jxw, space.cells[number][rows], lam, mu, rowptr, columns, local)
+        owned = OwnedRows(space.numbering, space.exchanger, space.nodes, rowptr, columns)
+        self.rowptr, self.columns = owned.rowptr, owned.columns
+        self.values = owned.sum(local)
+        nodes, self._column = np.unique(self.columns, return_inverse=True)
+        self._exchange = space.exchange(nodes)
+
+    def pattern(self):
+        """Owned block rows: rowptr (n_owned + 1,), columns (nnz,)."""
+        return self.rowptr, self.columns
+
+    def residual(self, u, out):
+        """Add the internal forces of the owned nodes to ``out`` (n_owned, d). *Collective.*"""
+        y = np.empty_like(out)
+        multiply(self.rowptr, self._column, self.values, self._exchange.gather(u), y)
+        out += y
+
+    def magnitude(self, u):
+        """Sum of the absolute values of the terms of :meth:`residual` (n_owned, d): the scale of rounding errors. *Collective.*"""
+        y = np.empty((self.space.n_owned, self.space.dim))
+        multiply(self.rowptr, self._column, np.abs(self.values), np.abs(self._exchange.gather(u)), y)
+        return y
+
+    def tangent(self, u):
+        """Values (nnz, d, d) on :meth:`pattern`."""
+        return self.values
+
+    def detect(self, u, time):
+        """Nothing to detect."""
+        return False
+
+    def commit(self, u, time):
+        """Nothing to remember."""
+
+    def stress(self, u):
+        """Mean stress of every cell. *Collective.*
+
+        Returns
+        -------
+        list of (ndarray (nc, 6), ndarray (nc,))
+            For each block stress (XX, YY, ZZ, XY, YZ, XZ) and volume.
+        """
+        nodal = self.space.local.gather(u)
+        result = []
+        for number, block in enumerate(self.space.mesh.blocks):
+            lam, mu = self.constants[block.body]
+            stress, volume = np.zeros((len(block.nodes), 6)), np.zeros(len(block.nodes))
+            for rows, grad, jxw, _ in chunks(self.space, number):
+                mean_stress(grad, jxw, nodal, self.space.cells[number][rows], lam, mu, stress[rows], volume[rows])
+            result.append((stress, volume))
+        return result

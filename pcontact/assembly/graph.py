@@ -1,0 +1,163 @@
+"""Compiled kernels of the block sparse pattern: rows and columns are nodes, entries are (d, d) blocks."""
+
+import numpy as np
+
+from pcontact.runtime.jit import njit
+
+
+@njit
+def _incidence(cells, n_nodes, pointer, start):
+    """Add the number of cells at each node to ``pointer[1:]`` (start 0), see :func:`node_graph`."""
+    for c in range(cells.shape[0]):
+        for a in range(cells.shape[1]):
+            pointer[cells[c, a] + 1] += 1
+
+
+@njit
+def _fill_incidence(cells, block, cursor, which_block, which_cell):
+    for c in range(cells.shape[0]):
+        for a in range(cells.shape[1]):
+            k = cursor[cells[c, a]]
+            which_block[k] = block
+            which_cell[k] = c
+            cursor[cells[c, a]] = k + 1
+
+
+@njit
+def _rows(flat, offsets, widths, pointer, which_block, which_cell, rowptr, columns, fill):
+    """Count (fill False) or write (fill True) the sorted unique columns of every row."""
+    n = len(pointer) - 1
+    last_seen = np.full(n, -1, np.int64)
+    buffer = np.empty(n, np.int64)
+    for row in range(n):
+        count = 0
+        for k in range(pointer[row], pointer[row + 1]):
+            width = widths[which_block[k]]
+            first = offsets[which_block[k]] + which_cell[k] * width
+            for a in range(width):
+                node = flat[first + a]
+                if last_seen[node] != row:
+                    last_seen[node] = row
+                    buffer[count] = node
+                    count += 1
+        if fill:
+            part = np.sort(buffer[:count])
+            for a in range(count):
+                columns[rowptr[row] + a] = part[a]
+        else:
+            rowptr[row + 1] = rowptr[row] + count
+
+
+def node_graph(tables, n_nodes):
+    """Block pattern of elements that couple all their nodes.
+
+    Parameters
+    ----------
+    tables : list of ndarray (n_elements, n_element_nodes)
+        Node numbers, 0 to n_nodes - 1.
+    n_nodes : int
+
+    Returns
+    -------
+    rowptr : ndarray (n_nodes + 1,)
+    columns : ndarray (nnz,)
+        Sorted within each row.
+    """
+    tables = [np.ascontiguousarray(t, dtype=np.int64) for t in tables]
+    pointer = np.zeros(n_nodes + 1, dtype=np.int64)
+    for table in tables:
+        _incidence(table, n_nodes, pointer, 0)
+    pointer = np.cumsum(pointer)
+    which_block = np.empty(pointer[-1], dtype=np.int32)
+    which_cell = np.empty(pointer[-1], dtype=np.int32)
+    cursor = pointer[:-1].copy()
+    for number, table in enumerate(tables):
+        _fill_incidence(table, number, cursor, which_block, which_cell)
+    flat = np.concatenate([t.ravel() for t in tables]) if tables else np.zeros(0, dtype=np.int64)
+    offsets = np.cumsum([0] + [t.size for t in tables])[:-1].astype(np.int64)
+    widths = np.array([t.shape[1] for t in tables], dtype=np.int64)
+    rowptr = np.zeros(n_nodes + 1, dtype=np.int64)
+    _rows(flat, offsets, widths, pointer, which_block, which_cell, rowptr, np.zeros(0, np.int64), False)
+    columns = np.empty(rowptr[-1], dtype=np.int64)
+    _rows(flat, offsets, widths, pointer, which_block, which_cell, rowptr, columns, True)
+    return rowptr, columns
+
+
+@njit
+def find(columns, low, high, value):
+    """Position of a value in the sorted part columns[low:high], or -1."""
+    end = high
+    while low < high:
+        middle = (low + high) // 2
+        if columns[middle] < value:
+            low = middle + 1
+        else:
+            high = middle
+    return low if low < end and columns[low] == value else -1
+
+
+@njit
+def merge_rows(ptr_a, col_a, ptr_b, col_b, rowptr, columns, fill):
+    """Union of two patterns with sorted rows; counts (fill False) or writes (fill True)."""
+    for row in range(len(ptr_a) - 1):
+        i, end_i = ptr_a[row], ptr_a[row + 1]
+        j, end_j = ptr_b[row], ptr_b[row + 1]
+        k = rowptr[row]
+        while i < end_i or j < end_j:
+            if j >= end_j or (i < end_i and col_a[i] <= col_b[j]):
+                value = col_a[i]
+                if j < end_j and col_b[j] == value:
+                    j += 1
+                i += 1
+            else:
+                value = col_b[j]
+                j += 1
+            if fill:
+                columns[k] = value
+            k += 1
+        if not fill:
+            rowptr[row + 1] = k
+
+
+@njit
+def locate_rows(ptr_a, col_a, rowptr, columns, position):
+    """For every entry of pattern ``a`` its position in the pattern that contains it."""
+    for row in range(len(ptr_a) - 1):
+        for k in range(ptr_a[row], ptr_a[row + 1]):
+            position[k] = find(columns, rowptr[row], rowptr[row + 1], col_a[k])
+
+
+@njit
+def add_blocks(values, position, out):
+    """out[position[k]] += values[k] for blocks (n, d, d)."""
+    d = values.shape[1]
+    for k in range(len(position)):
+        p = position[k]
+        for a in range(d):
+            for b in range(d):
+                out[p, a, b] += values[k, a, b]
+
+
+@njit
+def multiply(rowptr, columns, values, x, y):
+    """y = A x for a block pattern: values (nnz, d, d), x (n_columns, d), y (n_rows, d)."""
+    d = values.shape[1]
+    if d == 3:
+        for row in range(len(rowptr) - 1):
+            y0 = y1 = y2 = 0.0
+            for k in range(rowptr[row], rowptr[row + 1]):
+                c = columns[k]
+                x0, x1, x2 = x[c, 0], x[c, 1], x[c, 2]
+                v = values[k]
+                y0 += v[0, 0] * x0 + v[0, 1] * x1 + v[0, 2] * x2
+                y1 += v[1, 0] * x0 + v[1, 1] * x1 + v[1, 2] * x2
+                y2 += v[2, 0] * x0 + v[2, 1] * x1 + v[2, 2] * x2
+            y[row, 0], y[row, 1], y[row, 2] = y0, y1, y2
+    else:
+        for row in range(len(rowptr) - 1):
+            y0 = y1 = 0.0
+            for k in range(rowptr[row], rowptr[row + 1]):
+                c = columns[k]
+                y0 += values[k, 0, 0] * x[c, 0] + values[k, 0, 1] * x[c, 1]
+                y1 += values[k, 1, 0] * x[c, 0] + values[k, 1, 1] * x[c, 1]
+            y[row, 0], y[row, 1] = y0, y1

@@ -1,0 +1,170 @@
+"""The global matrix: one AIJ matrix whose values are written in place from the items' blocks."""
+
+import numpy as np
+
+from pcontact.assembly.pattern import positions, union
+from pcontact.runtime.jit import njit
+from pcontact.runtime.petsc import MPI, PETSc, local_values
+
+
+@njit
+def _scalar_pattern(rowptr, columns, d, start, end, i, j, own, other):
+    """Scalar CSR (i, j) of a block pattern, and block counts of owned and other columns before each row."""
+    k = 0
+    for row in range(len(rowptr) - 1):
+        n_own = 0
+        for b in range(rowptr[row], rowptr[row + 1]):
+            if start <= columns[b] < end:
+                n_own += 1
+        own[row + 1] = own[row] + n_own
+        other[row + 1] = other[row] + rowptr[row + 1] - rowptr[row] - n_own
+        for a in range(d):
+            i[row * d + a] = k
+            for b in range(rowptr[row], rowptr[row + 1]):
+                for c in range(d):
+                    j[k] = columns[b] * d + c
+                    k += 1
+    i[(len(rowptr) - 1) * d] = k
+
+
+@njit
+def _write(rowptr, columns, start, end, own, other, fixed_row, fixed_column, diagonal, extra, at_a, a, at_b, b, da, oa):
+    """Write blocks a[at_a[k]] + b[at_b[k]] into the value arrays of the two local matrices.
+
+    Rows and columns of prescribed components become ``diagonal`` times the identity; ``extra`` (n_rows,) is added to
+    the diagonal.
+    """
+    d = fixed_row.shape[1]
+    for row in range(len(rowptr) - 1):
+        n_own = own[row + 1] - own[row]
+        n_other = other[row + 1] - other[row]
+        base_own, base_other = own[row] * d * d, other[row] * d * d
+        k_own, k_other = 0, 0
+        for k in range(rowptr[row], rowptr[row + 1]):
+            inside = start <= columns[k] < end
+            on_diagonal = columns[k] == start + row
+            pa, pb = at_a[k], at_b[k]
+            for i in range(d):
+                for j in range(d):
+                    value = 0.0
+                    if not fixed_row[row, i] and not fixed_column[k, j]:
+                        if pa >= 0:
+                            value += a[pa, i, j]
+                        if pb >= 0:
+                            value += b[pb, i, j]
+                        if on_diagonal and i == j:
+                            value += extra[row]
+                    elif on_diagonal and i == j:
+                        value = diagonal[row, i]
+                    if inside:
+                        da[base_own + i * d * n_own + k_own * d + j] = value
+                    else:
+                        oa[base_other + i * d * n_other + k_other * d + j] = value
+            if inside:
+                k_own += 1
+            else:
+                k_other += 1
+
+
+class GlobalMatrix:
+    """Sum of two sets of block values, with supports, as a PETSc matrix.
+
+    Parameters
+    ----------
+    space : pcontact.space.space.Space
+    fixed : ndarray (n_local, d) of bool
+        Prescribed components.
+
+    Attributes
+    ----------
+    matrix : PETSc.Mat
+        AIJ, block size d. Its pattern may be renewed; the object stays.
+    """
+
+    def __init__(self, space, fixed):
+        self._space = space
+        flags = space.vector()
+        flags.setArray(fixed[space.owned_local].astype(float).ravel())
+        self._flags = flags
+        self._fixed_row = np.ascontiguousarray(fixed[space.owned_local])
+        d = space.dim
+        n, total = space.n_owned * d, space.n_dofs
+        self.matrix = PETSc.Mat().create(comm=space.comm)
+        self.matrix.setSizes(((n, total), (n, total)), bsize=d)
+        self.matrix.setType("mpiaij" if space.comm.size > 1 else "seqaij")
+        self._rowptr = None
+
+    def renew(self, first, second):
+        """Give the matrix the union of two patterns, unless it has it already. *Collective.*
+
+        Parameters
+        ----------
+        first, second : (rowptr, columns)
+            Owned block rows.
+
+        Returns
+        -------
+        bool
+            Whether the pattern of the matrix changed.
+        """
+        rowptr, columns = union(*first, *second)
+        same = (
+            self._rowptr is not None
+            and len(columns) == len(self._columns)
+            and np.array_equal(rowptr, self._rowptr)
+            and np.array_equal(columns, self._columns)
+        )
+        changed = not self._space.comm.allreduce(int(same), op=MPI.MIN)
+        if changed:
+            self._preallocate(rowptr, columns)
+        self._at = []
+        for ptr, cols in (first, second):
+            at = np.full(len(columns), -1, dtype=np.int64)
+            at[positions(ptr, cols, rowptr, columns)] = np.arange(len(cols))
+            self._at.append(at)
+        return changed
+
+    def _preallocate(self, rowptr, columns):
+        space, d = self._space, self._space.dim
+        n = len(rowptr) - 1
+        i = np.empty(n * d + 1, dtype=PETSc.IntType)
+        j = np.empty(len(columns) * d * d, dtype=PETSc.IntType)
+        own, other = np.zeros(n + 1, dtype=np.int64), np.zeros(n + 1, dtype=np.int64)
+        _scalar_pattern(rowptr, columns, d, space.start, space.start + n, i, j, own, other)
+        self.matrix.setPreallocationCSR((i, j, np.zeros(len(j))))
+        self._rowptr, self._columns, self._own, self._other = rowptr, columns, own, other
+        nodes, place = np.unique(columns, return_inverse=True)
+        flags = space.exchange(nodes).gather(self._flags) > 0.5
+        self._fixed_column = np.ascontiguousarray(flags[place])
+
+    def write(self, first, second, extra):
+        """Write the values. *Collective.*
+
+        Parameters
+        ----------
+        first, second : ndarray (nnz, d, d)
+            On the patterns given to :meth:`renew`.
+        extra : ndarray (n_owned,)
+            Added to the diagonal of free components.
+        """
+        space, d = self._space, self._space.dim
+        diagonal = np.zeros((space.n_owned, d))
+        rows = self._rowptr
+        at = self._at[0]
+        _diagonal_of(rows, self._columns, space.start, at, first, diagonal)
+        sizes = (int(self._own[-1]) * d * d, int(self._other[-1]) * d * d)
+        with local_values(self.matrix, sizes) as (da, oa):
+            _write(
+                rows, self._columns, space.start, space.start + space.n_owned, self._own, self._other, self._fixed_row,
+                self._fixed_column, diagonal, extra, at, first, self._at[1], second, da, oa,
+            )  # fmt: skip
+
+
+@njit
+def _diagonal_of(rowptr, columns, start, at, values, out):
+    """Diagonal (n_rows, d) of the first set of blocks."""
+    for row in range(len(rowptr) - 1):
+        for k in range(rowptr[row], rowptr[row + 1]):
+            if columns[k] == start + row and at[k] >= 0:
+                for i in range(values.shape[1]):
+                    out[row, i] = values[at[k], i, i]

@@ -1,0 +1,155 @@
+"""From the scene to the rooms below: mesh, space, items, problem."""
+
+import numpy as np
+
+from pcontact.assembly.bulk import ElasticBulk
+from pcontact.assembly.loads import load_vector, lumped_volume
+from pcontact.contact.item import ContactItem
+from pcontact.contact.obstacle import RigidObstacle
+from pcontact.contact.surface import source_surface, target_surface
+from pcontact.material.elastic import lame
+from pcontact.mesh.load import load_mesh
+from pcontact.mesh.mesh import bounding_box, size_of
+from pcontact.runtime import log
+from pcontact.scene import amplitude, check_dimension, check_regions, obstacle_functions, resolve_contacts, validate
+from pcontact.scene.validate import require_supported
+from pcontact.solve.problem import Problem
+from pcontact.space.modes import colour, component_frames, floating
+from pcontact.space.space import Space
+from pcontact.space.supports import Supports
+
+# stiffness of the aid for bodies that nothing holds, as a part of the P-wave modulus over size squared, per volume
+AID = 1e-6
+
+
+def override(scene, options):
+    """The scene with what the command line says. Options of the scene enter the database unless the user set them.
+
+    Parameters
+    ----------
+    scene : pcontact.scene.model.Scene
+    options : pcontact.runtime.options.Options
+
+    Returns
+    -------
+    Scene
+        Valid, with the numerics of all contacts resolved, and nothing in it that is not modelled.
+    """
+    validate(scene)
+    options.propose(scene.petsc)
+    get = options.get
+    scene.mesh.order = get("mesh_order", scene.mesh.order, int, (1, 2), "degree of the displacement")
+    scene.steps.count = get("steps_count", scene.steps.count, int, text="equal load steps to start with")
+    scene.steps.min_step = get("steps_min", scene.steps.min_step, float, text="smallest load step [time]")
+    scene.output.fields = get("output_fields", scene.output.fields, bool, text="write fields of every step")
+    numerics = {
+        "formulation": (str, "nitsche"),
+        "theta": (float, "variant of Nitsche's method: 1, 0, -1"),
+        "gamma0": (float, "dimensionless Nitsche parameter"),
+        "quadrature": (int, "degree of the quadrature on source facets"),
+        "search": (str, "closest_point or ray_tracing"),
+    }
+    said = {key: get(f"contact_{key}", None, kind, text=text) for key, (kind, text) in numerics.items()}
+    validate(scene)
+    scene = resolve_contacts(scene, {key: value for key, value in said.items() if value is not None})
+    require_supported(scene)
+    return scene
+
+
+def read(scene, comm, options):
+    """The distributed mesh of a scene. *Collective.*"""
+    surfaces = sorted({s for c in scene.contacts for s in (c.source, c.target) if s is not None})
+    weight = options.get("partition_weight", 0.0, float, text="work of a contact facet in units of a cell's")
+
+    def check(raw):
+        check_dimension(scene, raw.dim)
+        check_regions(scene, raw.cell_groups, raw.facet_groups, raw.node_groups, raw.path)
+
+    regions = [b.region for b in scene.bodies]
+    return load_mesh(comm, scene.mesh_path, scene.mesh.order, regions, surfaces, check, weight)
+
+
+def _radius(space, contact):
+    """Search radius [length]: the user's, or half the extent of the smaller surface. *Collective.*"""
+    if contact.search_radius is not None:
+        return contact.search_radius
+    mesh, extents = space.mesh, []
+    if contact.target is None:
+        return size_of(mesh)
+    for name in (contact.source, contact.target):
+        nodes = [mesh.facet_nodes(f).ravel() for f in mesh.facet_groups.get(name, [])]
+        nodes = np.concatenate(nodes) if nodes else np.zeros(0, dtype=np.int64)
+        low, high = bounding_box(mesh.comm, mesh.points[nodes])
+        extents.append(float(np.linalg.norm(high - low)))
+    return 0.5 * min(extents)
+
+
+def contact_items(scene, space, constants):
+    """One item per contact pair, and which components can meet. *Collective.*
+
+    Returns
+    -------
+    items : list of ContactItem
+    edges : set of (int, int)
+        Pairs of components.
+    """
+    items, edges = [], set()
+    for number, contact in enumerate(scene.contacts):
+        source = source_surface(space, contact.source, constants, contact.quadrature)
+        if contact.target is not None:
+            target = target_surface(space, contact.target)
+            sides = [
+                set().union(*space.comm.allgather(set(np.unique(side.components).tolist()))) for side in (source, target)
+            ]
+            edges |= {(a, b) for a in sides[0] for b in sides[1]}
+        else:
+            obstacle = contact.obstacle
+            functions = obstacle_functions(scene, number) if obstacle.shape == "level_set" else None
+            target = RigidObstacle(
+                obstacle, amplitude(obstacle.amplitude, scene.steps.end), size_of(space.mesh), functions, contact.name
+            )
+        items.append(ContactItem(space, contact, source, target, _radius(space, contact)))
+    return items, edges
+
+
+def _aid(space, scene, constants, free):
+    """Diagonal aid (n_owned,) on the bodies that the supports leave free. *Collective.*"""
+    if not free:
+        return np.zeros(space.n_owned)
+    _, scale = component_frames(space)
+    modulus = np.zeros(space.mesh.n_components)
+    for block in space.mesh.blocks:
+        lam, mu = constants[block.body]
+        modulus[block.components] = lam + 2.0 * mu
+    modulus = np.array(space.comm.allgather(modulus)).max(axis=0)
+    stiffness = np.zeros(space.mesh.n_components)
+    for k in free:
+        stiffness[k] = AID * modulus[k] / scale[k] ** 2
+    return lumped_volume(space) * stiffness[space.component[space.owned_local]]
+
+
+def assemble(scene, mesh):
+    """The problem of a scene on its mesh. *Collective.*
+
+    Returns
+    -------
+    problem : Problem
+    colours : ndarray (n_components,)
+        Bodies that can touch have different ones.
+    floating : dict of int to int
+        Components that nothing holds, and how many rigid modes they have left.
+    """
+    end = scene.steps.end
+    constants = [lame(scene.materials[b.material].E, scene.materials[b.material].nu) for b in scene.bodies]
+    space = Space(mesh, scene.mesh.order)
+    supports = Supports(
+        space, scene.displacements, [amplitude(d.amplitude, end) for d in scene.displacements], scene.where
+    )
+    forces = [(load_vector(space, load), amplitude(load.amplitude, end)) for load in scene.loads]
+    contacts, edges = contact_items(scene, space, constants)
+    free = floating(space, supports)
+    for k, modes in free.items():
+        log.info("body %s: %d rigid modes that no support holds", mesh.component_names[k], modes)
+    items = [ElasticBulk(space, constants), *contacts]
+    problem = Problem(space, items, supports, forces, _aid(space, scene, constants, free))
+    return problem, colour(mesh.n_components, edges), free

@@ -1,0 +1,197 @@
+"""Between ranks: source points go to the ranks whose target facets are near, partners come back."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from pcontact.contact.facet_maps import facet_boxes
+from pcontact.contact.projection import closest_points, ray_tracing
+from pcontact.contact.tree import build_tree
+from pcontact.runtime.parallel import split_by_rank
+from pcontact.runtime.petsc import MPI
+
+
+class Found(NamedTuple):
+    """Partner of every source point.
+
+    Attributes
+    ----------
+    id : ndarray (np,)
+        Global number of the target facet, -1 where there is none.
+    y : ndarray (np, d)
+        Point on the deformed target [length].
+    normal : ndarray (np, d)
+        Contact normal, from source to target.
+    gap : ndarray (np,)
+        Signed distance [length].
+    nodes : ndarray (np, m)
+        Global space nodes of the target facet.
+    shape : ndarray (np, m)
+        Their shape functions at the point.
+    candidates : int
+        Facets that this rank tried.
+    """
+
+    id: np.ndarray
+    y: np.ndarray
+    normal: np.ndarray
+    gap: np.ndarray
+    nodes: np.ndarray
+    shape: np.ndarray
+    candidates: int
+
+
+BOXES = 8
+
+
+def _boxes(low, high):
+    """Up to ``BOXES`` boxes around the boxes (nf, d) of facets, by bisection of their centres, shape (BOXES, 2 d)."""
+    d = low.shape[1]
+    out = np.full((BOXES, 2 * d), np.nan)
+    if not len(low):
+        return out
+    centre = 0.5 * (low + high)
+    groups = [np.arange(len(centre))]
+    while len(groups) < BOXES and any(len(g) > 1 for g in groups):
+        halves = []
+        for group in groups:
+            axis = int(np.argmax(np.ptp(centre[group], axis=0)))
+            order = group[np.argsort(centre[group, axis], kind="stable")]
+            halves += [h for h in np.array_split(order, 2) if len(h)]
+        groups = halves
+    for k, group in enumerate(groups):
+        out[k, :d] = low[group].min(axis=0)
+        out[k, d:] = high[group].max(axis=0)
+    return out
+
+
+def route(comm, low, high, points, radius):
+    """Ranks that may hold a partner of each point. *Collective.*
+
+    Parameters
+    ----------
+    comm : MPI.Comm
+    low, high : ndarray (nf, d)
+        Boxes of the deformed target facets of this rank [length].
+    points : ndarray (np, d)
+    radius : float
+        Search radius [length].
+
+    Returns
+    -------
+    point, rank : ndarray (n,)
+        Pairs of a point and a rank to ask.
+    """
+    d = points.shape[1]
+    boxes = np.empty((comm.size, BOXES, 2 * d))
+    comm.Allgather(_boxes(low, high), boxes)
+    asked_points, asked_ranks = [], []
+    for rank in range(comm.size):
+        near = np.zeros(len(points), dtype=bool)
+        for box in boxes[rank]:
+            if np.isnan(box[0]):
+                continue
+            away = np.maximum(np.maximum(box[:d] - points, points - box[d:]), 0.0)
+            near |= np.einsum("pd,pd->p", away, away) <= radius * radius
+        index = np.flatnonzero(near)
+        asked_points.append(index)
+        asked_ranks.append(np.full(len(index), rank))
+    return np.concatenate(asked_points), np.concatenate(asked_ranks)
+
+
+def _project(target, x_facets, boxes, points, normals, radius, method, numbers):
+    """Answers (n, columns) of this rank for some points, and how many facets were tried.
+
+    Columns: facet id, distance, gap, y, normal, nodes, shape; no partner has a distance of inf.
+    """
+    tree = build_tree(*boxes)
+    search = closest_points if method == "closest_point" else ray_tracing
+    p = search(
+        tree, x_facets, target.kinds, target.ids, np.ascontiguousarray(points), np.ascontiguousarray(normals), radius
+    )
+    found = p.facet >= 0
+    facet = np.where(found, p.facet, 0)
+    m = target.nodes.shape[1]
+    if len(target.kinds):
+        weights = target.shape(facet, p.xi)
+        nodes = numbers[target.nodes[facet]]
+    else:
+        weights, nodes = np.zeros((len(points), m)), np.zeros((len(points), m))
+    distance = np.where(found, p.distance, np.inf)
+    out = np.column_stack([p.id, distance, p.gap, p.y, p.normal, nodes, weights]).astype(float)
+    return out, int(p.candidates.sum())
+
+
+def _best(points, answers, n_points, tolerance):
+    """Row of ``answers`` that wins for every point (-1: none): nearest, ties by global facet number."""
+    winner = np.full(n_points, -1, dtype=np.int64)
+    usable = np.flatnonzero(np.isfinite(answers[:, 1]))
+    if not len(usable):
+        return winner
+    nearest = np.full(n_points, np.inf)
+    np.minimum.at(nearest, points[usable], answers[usable, 1])
+    tied = usable[answers[usable, 1] <= nearest[points[usable]] + tolerance]
+    order = tied[np.lexsort((answers[tied, 0], points[tied]))]
+    unique, first = np.unique(points[order], return_index=True)
+    winner[unique] = order[first]
+    return winner
+
+
+def find_partners(space, target, nodal, points, normals, radius, method):
+    """Partner of every source point of this rank among the target facets of all ranks. *Collective.*
+
+    Parameters
+    ----------
+    space : pcontact.space.space.Space
+    target : pcontact.contact.surface.TargetSurface
+    nodal : ndarray (n_local, d)
+        Displacement of the local nodes [length].
+    points, normals : ndarray (np, d)
+        Deformed source points [length] and their unit outward normals.
+    radius : float
+        Farthest partner [length].
+    method : {"closest_point", "ray_tracing"}
+
+    Returns
+    -------
+    Found
+    """
+    d, comm = space.dim, space.comm
+    x_facets = np.ascontiguousarray(target.deformed(nodal))
+    width = int(comm.allreduce(target.nodes.shape[1], op=MPI.MAX))
+    if target.nodes.shape[1] < width:
+        missing = width - target.nodes.shape[1]
+        target.nodes = np.pad(target.nodes, ((0, 0), (0, missing)), mode="edge")
+    boxes = facet_boxes(x_facets, target.kinds)
+    if comm.size == 1:
+        answers, candidates = _project(target, x_facets, boxes, points, normals, radius, method, space.nodes)
+        asked = np.arange(len(points))
+    else:
+        asked, answers, candidates = _remote(
+            space, target, x_facets, boxes, points, normals, radius, method, width
+        )
+    winner = _best(asked, answers, len(points), 1e-10 * radius)
+    out = np.zeros((len(points), 3 + 2 * d + 2 * width))
+    out[:, 0] = -1
+    out[winner >= 0] = answers[winner[winner >= 0]]
+    y, normal = out[:, 3 : 3 + d].copy(), out[:, 3 + d : 3 + 2 * d].copy()
+    nodes = out[:, 3 + 2 * d : 3 + 2 * d + width].astype(np.int64)
+    return Found(
+        out[:, 0].astype(np.int64), y, normal, out[:, 2].copy(), nodes, out[:, 3 + 2 * d + width :].copy(), candidates
+    )
+
+
+def _remote(space, target, x_facets, boxes, points, normals, radius, method, width):
+    """Ask the ranks whose boxes are near, answer those who ask here."""
+    d = space.dim
+    index, ranks = route(space.comm, *boxes, points, radius)
+    sends, order = split_by_rank(ranks, np.column_stack([points[index], normals[index]]))
+    asked = space.exchanger(sends, np.float64, 2 * d)
+    counts = [len(a) for a in asked.values()]
+    joined = np.concatenate(list(asked.values())) if asked else np.zeros((0, 2 * d))
+    answers, candidates = _project(target, x_facets, boxes, joined[:, :d], joined[:, d:], radius, method, space.nodes)
+    pieces = np.split(answers, np.cumsum(counts)[:-1]) if asked else []
+    columns = 3 + 2 * d + 2 * width
+    replies = space.exchanger(dict(zip(asked, pieces, strict=True)), np.float64, columns)
+    back = [replies[r] for r in sorted(sends)]
+    return index[order], np.concatenate(back) if back else np.zeros((0, columns)), candidates

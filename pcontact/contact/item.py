@@ -1,0 +1,274 @@
+"""One contact pair as an item: search, residual, tangent, report."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pcontact.assembly.graph import node_graph
+from pcontact.assembly.pattern import OwnedRows
+from pcontact.contact.exchange import find_partners
+from pcontact.contact.nitsche import add_residual, add_tangent, evaluate, traction_operator
+from pcontact.runtime.petsc import MPI
+
+GAMMA0 = {1.0: 2.0, 0.0: 1.0, -1.0: 0.5}
+# smallest cosine between the normals of a source point and its obstacle
+FACING = 0.1
+
+
+@dataclass
+class Pairing:
+    """Partners of the source points, frozen until the next search.
+
+    Attributes
+    ----------
+    exchange : pcontact.runtime.parallel.NodeExchange
+        Brings the displacement of all nodes of the pair.
+    cells (nf, nn), targets (np, m) : ndarray
+        Numbers into these nodes.
+    paired : ndarray (np,) of bool
+    ids : ndarray (np,)
+        Target facets, for the pattern.
+    normal : ndarray (np, d)
+    b : ndarray (np, nn, d)
+        Traction operator.
+    target_shape : ndarray (np, m)
+    gap0 : ndarray (np,)
+        Gap at zero displacement of the frozen linear gap [length].
+    """
+
+    exchange: object
+    cells: np.ndarray
+    targets: np.ndarray
+    paired: np.ndarray
+    ids: np.ndarray
+    normal: np.ndarray
+    b: np.ndarray
+    target_shape: np.ndarray
+    gap0: np.ndarray
+
+
+class ContactItem:
+    """Frictionless contact of one pair by Nitsche's method.
+
+    Parameters
+    ----------
+    space : pcontact.space.space.Space
+    contact : pcontact.scene.model.Contact
+        With its numerics resolved.
+    source : pcontact.contact.surface.SourceSurface
+    target : pcontact.contact.surface.TargetSurface or pcontact.contact.obstacle.RigidObstacle
+    radius : float
+        Search radius [length].
+
+    Attributes
+    ----------
+    gamma : ndarray (nf,)
+        gamma0 times the constant of the trace inequality of the parent cell [stress/length].
+    version : int
+        Grows when the pattern changes.
+    """
+
+    changes = True
+
+    def __init__(self, space, contact, source, target, radius):
+        self.space, self.contact, self.source, self.target = space, contact, source, target
+        self.name, self.theta, self.radius = contact.name, float(contact.theta), radius
+        self.gamma0 = contact.gamma0 if contact.gamma0 is not None else GAMMA0[self.theta]
+        self.gamma = self.gamma0 * source.trace
+        self.rigid = contact.obstacle is not None
+        self.version = 0
+        self.offset = None
+        self.candidates = 0
+        self.pairing = None
+        self._coupled = np.zeros(len(source.facet), dtype=bool)
+        self._owned = None
+
+    # -- search -------------------------------------------------------------------------------------------------
+
+    def detect(self, u, time):
+        """Find the partner of every source point on the bodies deformed by ``u``, at a time. *Collective.*
+
+        Parameters
+        ----------
+        u : PETSc.Vec
+            The committed displacement.
+        time : float
+            At which the load step ends: obstacles are where they will be.
+        """
+        source, space = self.source, self.space
+        nodal = space.local.gather(u)
+        moved = np.einsum("pa,pad->pd", source.shape, nodal[source.cells[source.facet]])
+        x = source.x + moved
+        if self.rigid:
+            found = self._against_obstacle(x, time)
+        else:
+            found = find_partners(
+                space, self.target, nodal, x, source.normal, self.radius, self.contact.search
+            )
+        if self.rigid:
+            gap, normal, paired = found
+            ids = np.zeros(len(gap), dtype=np.int64)
+            nodes, shape = np.zeros((len(gap), 0), dtype=np.int64), np.zeros((len(gap), 0))
+        else:
+            gap, normal, paired, ids = found.gap, found.normal, found.id >= 0, found.id
+            nodes, shape = found.nodes, found.shape
+            self.candidates += found.candidates
+        gap = self._adjust(np.where(paired, gap, 0.0), paired)
+        normal = np.where(paired[:, None], normal, source.normal)
+        self._freeze(u, gap, np.ascontiguousarray(normal), paired, ids, nodes, shape)
+
+    def _against_obstacle(self, x, time):
+        gap, normal = self.target.gap(x, time)
+        paired = np.einsum("pd,pd->p", normal, self.source.normal) >= FACING
+        return gap, normal, paired & (np.abs(gap) <= self.radius)
+
+    def _adjust(self, gap, paired):
+        """An initial overlap that is to be adjusted away is added to the gap for good."""
+        if self.contact.interference != "adjust":
+            return gap
+        if self.offset is None:
+            self.offset = np.where(paired, np.maximum(-gap, 0.0), 0.0)
+        return gap + self.offset
+
+    def _freeze(self, u, gap, normal, paired, ids, nodes, shape):
+        source, space = self.source, self.space
+        targets = np.where(paired[:, None], nodes, space.start if space.n_owned else 0)
+        source_nodes = space.nodes[source.cells]
+        everything = [source_nodes.ravel(), targets[paired].ravel()]
+        unique = np.unique(np.concatenate(everything))
+        exchange = space.exchange(unique)
+        if len(unique):
+            places = np.minimum(np.searchsorted(unique, targets), len(unique) - 1)
+        else:
+            places = targets
+        cells = np.ascontiguousarray(np.searchsorted(unique, source_nodes).astype(np.int64))
+        b = np.empty_like(source.grad)
+        traction_operator(source.grad, source.facet, source.lame, source.normal, normal, b)
+        shape = np.ascontiguousarray(np.where(paired[:, None], shape, 0.0))
+        places = np.ascontiguousarray(np.where(paired[:, None], places, 0).astype(np.int64))
+        self.pairing = Pairing(
+            exchange, cells, places, paired, ids, normal, b, shape, np.zeros(len(gap))
+        )
+        # the gap is linear in u from here on and takes the value found at the committed displacement
+        _, at_zero = self._evaluate(exchange.gather(u))
+        self.pairing.gap0 = np.ascontiguousarray(gap - at_zero)
+        self._coupled = paired & (gap <= 0.5 * source.size[source.facet])
+        self._new_pattern()
+
+    # -- pattern ------------------------------------------------------------------------------------------------
+
+    def _new_pattern(self):
+        """Pattern of the points that are coupled to their partners (and, for theta != 0, of all source cells)."""
+        p, source = self.pairing, self.source
+        chosen = np.flatnonzero(self._coupled)
+        pairs, first = np.unique(
+            np.column_stack([source.facet[chosen], p.ids[chosen]]), axis=0, return_index=True
+        )
+        facets = pairs[:, 0].astype(np.int64)
+        tables = [np.concatenate([p.cells[facets], p.targets[chosen[first]]], axis=1)]
+        if self.theta != 0.0:
+            tables.append(p.cells)
+        n = len(p.exchange.nodes)
+        self._rowptr, self._columns = node_graph(tables, n)
+        space = self.space
+        self._owned = OwnedRows(space.numbering, space.exchanger, p.exchange.nodes, self._rowptr, self._columns)
+        self.version += 1
+
+    def pattern(self):
+        """Owned block rows: rowptr (n_owned + 1,), columns (nnz,)."""
+        return self._owned.rowptr, self._owned.columns
+
+    # -- residual and tangent -------------------------------------------------------------------------------------
+
+    def _evaluate(self, values):
+        p, source = self.pairing, self.source
+        traction, gap = np.empty(len(source.facet)), np.empty(len(source.facet))
+        evaluate(
+            values, p.cells, p.targets, source.facet, source.shape, p.target_shape, p.b, p.normal, p.gap0, traction, gap
+        )
+        return traction, gap
+
+    def residual(self, u, out):
+        """Add the pair's forces on the owned nodes to ``out`` (n_owned, d). *Collective.*"""
+        p, source = self.pairing, self.source
+        values = p.exchange.gather(u)
+        traction, gap = self._evaluate(values)
+        local = np.zeros_like(values)
+        add_residual(
+            self.theta, p.paired, source.jxw, self.gamma, traction, gap, p.cells, p.targets, source.facet, source.shape,
+            p.target_shape, p.b, p.normal, local,
+        )  # fmt: skip
+        total = self.space.vector()
+        p.exchange.add(local, total)
+        out += total.getArray(readonly=True).reshape(out.shape)
+
+    def tangent(self, u):
+        """Values (nnz, d, d) on :meth:`pattern`, which grows when a point closes that was thought far. *Collective.*"""
+        p, source = self.pairing, self.source
+        traction, gap = self._evaluate(p.exchange.gather(u))
+        tau = traction + self.gamma[source.facet] * gap
+        new = p.paired & (tau <= 0.0) & ~self._coupled
+        if self.space.comm.allreduce(bool(new.any()), op=MPI.LOR):
+            self._coupled |= new
+            self._new_pattern()
+        d = self.space.dim
+        local = np.zeros((len(self._columns), d, d))
+        missing = add_tangent(
+            self.theta, p.paired, source.jxw, self.gamma, tau, p.cells, p.targets, source.facet, source.shape,
+            p.target_shape, p.b, p.normal, self._rowptr, self._columns, local,
+        )  # fmt: skip
+        if missing:
+            raise RuntimeError(f"contact {self.name}: {missing} entries of the tangent outside the pattern")
+        return self._owned.sum(local)
+
+    def commit(self, u, time):
+        """Frictionless contact remembers nothing."""
+
+    # -- report -------------------------------------------------------------------------------------------------
+
+    def state(self, u):
+        """Contact at the quadrature points of this rank. *Collective.*
+
+        Returns
+        -------
+        dict of str to ndarray
+            ``pressure`` [stress], ``gap`` [length], ``traction`` (np, 3) acting on the source, ``normal``, ``status`` (0 open,
+            2 slip), ``weight`` (area of the point), ``x`` (reference position), ``paired``.
+        """
+        p, source = self.pairing, self.source
+        traction, gap = self._evaluate(p.exchange.gather(u))
+        tau = traction + self.gamma[source.facet] * gap
+        pressure = np.where(p.paired, np.maximum(-tau, 0.0), 0.0)
+        closed = p.paired & (tau <= 0.0)
+        return {
+            "pressure": pressure,
+            "gap": np.where(p.paired, gap, np.nan),
+            "traction": -pressure[:, None] * p.normal,
+            "normal": p.normal,
+            "status": np.where(closed, 2, 0),
+            "weight": source.jxw,
+            "x": source.x,
+            "normal_stress": traction,
+        }
+
+    def summary(self, u):
+        """Numbers of the pair for the report, the same on every rank. *Collective.*"""
+        s, comm, d = self.state(u), self.space.comm, self.space.dim
+        closed = s["status"] > 0
+        force = -(s["traction"] * s["weight"][:, None]).sum(axis=0)
+        sums = np.concatenate([
+            force, [s["weight"][closed].sum(), np.sum(~closed), 0.0, closed.sum()],
+        ])  # fmt: skip
+        sums = comm.allreduce(sums, op=MPI.SUM)
+        depth = np.max(np.where(closed, -s["gap"], 0.0), initial=0.0)
+        top = np.max(s["pressure"], initial=0.0)
+        depth, top = comm.allreduce(float(depth), op=MPI.MAX), comm.allreduce(float(top), op=MPI.MAX)
+        return {
+            "force": sums[:d].tolist(),
+            "area": float(sums[d]),
+            "max_pressure": top,
+            "max_penetration": max(depth, 0.0),
+            "open": int(sums[d + 1]),
+            "stick": int(sums[d + 2]),
+            "slip": int(sums[d + 3]),
+        }

@@ -1,0 +1,150 @@
+"""Nitsche's method without friction: compiled kernels at the quadrature points of the source.
+
+Notation of every kernel, one row per quadrature point p on facet f = facet[p]:
+
+* jump operator along the normal  N = n (x) [shape, -target_shape]
+* normal traction of the source   t_n = b . u_cell,  b = n . d(sigma(u) n_X)/du
+* gap  g = g0 - N u,  augmented traction  tau = t_n + gamma g,  P = min(tau, 0)
+
+    residual   R  = - int P N . v + (theta / gamma) int (P - t_n) b . v
+    tangent    K  = int H (gamma N N^T - N b^T - theta b N^T) - theta / gamma (1 - H) b b^T,   H = 1 where tau <= 0
+
+which is (R) and its generalised derivative with the normal parts alone (Chouly, Hild 2013). A point without partner has P = 0.
+``cells`` and ``targets`` hold numbers into ``u`` (n, d); a pair with an obstacle has targets of width 0.
+"""
+
+import numpy as np
+
+from pcontact.assembly.graph import find
+from pcontact.runtime.jit import njit
+
+
+@njit
+def traction_operator(grad, facet, lame, normal_x, normal, out):
+    """b (np, nn, d): derivative of the normal component of the elastic boundary traction.
+
+    Parameters
+    ----------
+    grad : ndarray (np, nn, d)
+        Shape gradients of the parent cell [1/length].
+    facet : ndarray (np,)
+    lame : ndarray (nf, 2)
+        [stress]
+    normal_x : ndarray (np, d)
+        Outward normal of the source facet.
+    normal : ndarray (np, d)
+        Contact normal.
+    out : ndarray (np, nn, d)
+        lam (n_X . n) G_a + mu ((G_a . n_X) n + (G_a . n) n_X) [stress/length].
+    """
+    d = grad.shape[2]
+    for p in range(grad.shape[0]):
+        lam, mu = lame[facet[p], 0], lame[facet[p], 1]
+        cosine = 0.0
+        for i in range(d):
+            cosine += normal_x[p, i] * normal[p, i]
+        for a in range(grad.shape[1]):
+            along_x = 0.0
+            along_n = 0.0
+            for i in range(d):
+                along_x += grad[p, a, i] * normal_x[p, i]
+                along_n += grad[p, a, i] * normal[p, i]
+            for i in range(d):
+                out[p, a, i] = lam * cosine * grad[p, a, i] + mu * (
+                    along_x * normal[p, i] + along_n * normal_x[p, i]
+                )
+
+
+@njit
+def evaluate(u, cells, targets, facet, shape, target_shape, b, normal, gap0, traction, gap):
+    """Normal traction t_n (np,) and gap (np,) at the displacement u (n, d)."""
+    d = normal.shape[1]
+    for p in range(len(facet)):
+        f = facet[p]
+        t = 0.0
+        g = gap0[p]
+        for a in range(cells.shape[1]):
+            node = cells[f, a]
+            for i in range(d):
+                t += b[p, a, i] * u[node, i]
+                g -= shape[p, a] * normal[p, i] * u[node, i]
+        for m in range(targets.shape[1]):
+            node = targets[p, m]
+            for i in range(d):
+                g += target_shape[p, m] * normal[p, i] * u[node, i]
+        traction[p] = t
+        gap[p] = g
+
+
+@njit
+def add_residual(theta, paired, jxw, gamma, traction, gap, cells, targets, facet, shape, target_shape, b, normal, out):
+    """Add the residual of the pair to ``out`` (n, d) [force]."""
+    d = normal.shape[1]
+    for p in range(len(facet)):
+        f = facet[p]
+        tau = traction[p] + gamma[f] * gap[p]
+        pressure = min(tau, 0.0) if paired[p] else 0.0
+        weight = theta / gamma[f] * (pressure - traction[p]) * jxw[p]
+        push = pressure * jxw[p]
+        if pressure == 0.0 and theta == 0.0:
+            continue
+        for a in range(cells.shape[1]):
+            node = cells[f, a]
+            for i in range(d):
+                out[node, i] += weight * b[p, a, i] - push * shape[p, a] * normal[p, i]
+        for m in range(targets.shape[1]):
+            node = targets[p, m]
+            for i in range(d):
+                out[node, i] += push * target_shape[p, m] * normal[p, i]
+
+
+@njit
+def add_tangent(
+    theta, paired, jxw, gamma, tau, cells, targets, facet, shape, target_shape, b, normal, rowptr, columns, values
+):
+    """Add the generalised Jacobian of the pair to block values (nnz, d, d); returns how many entries had no place."""
+    d, nn, nt = normal.shape[1], cells.shape[1], targets.shape[1]
+    jump, trac = _vectors(nn + nt, d)
+    missing = 0
+    for p in range(len(facet)):
+        f = facet[p]
+        closed = paired[p] and tau[p] <= 0.0
+        if not closed and theta == 0.0:
+            continue
+        for a in range(nn):
+            for i in range(d):
+                jump[a, i] = shape[p, a] * normal[p, i]
+                trac[a, i] = b[p, a, i]
+        for m in range(nt):
+            for i in range(d):
+                jump[nn + m, i] = -target_shape[p, m] * normal[p, i]
+        width = nn + nt if closed else nn
+        w, g = jxw[p], gamma[f]
+        for r in range(width):
+            row = cells[f, r] if r < nn else targets[p, r - nn]
+            for c in range(width):
+                column = cells[f, c] if c < nn else targets[p, c - nn]
+                k = find(columns, rowptr[row], rowptr[row + 1], column)
+                if k < 0:
+                    missing += 1
+                    continue
+                for i in range(d):
+                    for j in range(d):
+                        if closed:
+                            value = (
+                                g * jump[r, i] * jump[c, j]
+                                - jump[r, i] * trac[c, j]
+                                - theta * trac[r, i] * jump[c, j]
+                            )
+                        else:
+                            value = -theta / g * trac[r, i] * trac[c, j]
+                        values[k, i, j] += w * value
+    return missing
+
+
+@njit
+def _vectors(n, d):
+    """Two work arrays (n, d); the traction of target nodes stays zero."""
+    a = np.zeros((n, d))
+    b = np.zeros((n, d))
+    return a, b

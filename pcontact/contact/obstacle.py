@@ -1,0 +1,114 @@
+"""Rigid obstacles: signed distance and contact normal, from formulas or from a level set of the user's."""
+
+import numpy as np
+
+from pcontact.runtime.errors import InputError
+
+
+def _unit(v):
+    return v / np.linalg.norm(v, axis=-1, keepdims=True)
+
+
+def _plane(obstacle):
+    point = np.asarray(obstacle.point, dtype=float)
+    normal = _unit(np.asarray(obstacle.normal, dtype=float))
+
+    def distance(x, time):
+        return (x - point) @ normal, np.broadcast_to(normal, x.shape)
+
+    return distance
+
+
+def _round(obstacle, axis):
+    """Sphere (axis None) or cylinder."""
+    centre = np.asarray(obstacle.center if axis is None else obstacle.point, dtype=float)
+    sign = -1.0 if obstacle.inside else 1.0
+
+    def distance(x, time):
+        r = x - centre
+        if axis is not None:
+            r = r - np.outer(r @ axis, axis)
+        length = np.linalg.norm(r, axis=1)
+        safe = np.where(length > 0.0, length, 1.0)
+        fallback = np.eye(x.shape[1])[0]
+        away = np.where((length > 0.0)[:, None], r / safe[:, None], fallback)
+        return sign * (length - obstacle.radius), sign * away
+
+    return distance
+
+
+def _level_set(function, gradient, size, name):
+    step = 1e-6 * size
+
+    def distance(x, time):
+        value = np.asarray(function(x, time), dtype=float)
+        if value.shape != (len(x),) or not np.all(np.isfinite(value)):
+            raise InputError(
+                f"scene: {name}.obstacle.function: found an array of shape {value.shape} or values that are not finite, "
+                f"allowed: ({len(x)},) finite signed distances"
+            )
+        if gradient is not None:
+            slope = np.asarray(gradient(x, time), dtype=float)
+        else:
+            slope = np.empty_like(x)
+            for axis in range(x.shape[1]):
+                shift = np.zeros(x.shape[1])
+                shift[axis] = step
+                slope[:, axis] = (function(x + shift, time) - function(x - shift, time)) / (2.0 * step)
+        length = np.linalg.norm(slope, axis=1)
+        return value / np.where(length > 0.0, length, 1.0), _unit(np.where(length[:, None] > 0.0, slope, 1.0))
+
+    return distance
+
+
+class RigidObstacle:
+    """A rigid obstacle, fixed or moving.
+
+    Parameters
+    ----------
+    obstacle : pcontact.scene.model.Obstacle
+    amplitude : pcontact.scene.amplitude.Amplitude
+        Factor of its displacement.
+    size : float
+        Size of the model [length], for difference quotients of a level set without gradient.
+    functions : (callable, callable or None), optional
+        Level set and gradient.
+    name : str
+        For messages.
+    """
+
+    def __init__(self, obstacle, amplitude, size, functions=None, name="contact"):
+        self._amplitude = amplitude
+        shift = obstacle.displacement
+        self._shift = None if shift is None else np.asarray(shift, dtype=float)
+        if obstacle.shape == "plane":
+            self._distance = _plane(obstacle)
+        elif obstacle.shape == "sphere":
+            self._distance = _round(obstacle, None)
+        elif obstacle.shape == "cylinder":
+            self._distance = _round(obstacle, _unit(np.asarray(obstacle.axis, dtype=float)))
+        else:
+            self._distance = _level_set(*functions, size, name)
+
+    def gap(self, x, time):
+        """Signed distance and contact normal.
+
+        Parameters
+        ----------
+        x : ndarray (n, d)
+            Points [length].
+        time : float
+
+        Returns
+        -------
+        gap : ndarray (n,)
+            Positive in free space [length].
+        normal : ndarray (n, d)
+            Towards the obstacle, minus the gradient of the distance.
+        """
+        if self._shift is not None:
+            x = x - self._shift * self._amplitude.factor(time)
+        if not len(x):
+            return np.zeros(0), np.zeros_like(x)
+        gap, slope = self._distance(x, time)
+        return gap, -slope

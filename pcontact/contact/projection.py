@@ -1,0 +1,180 @@
+"""Closest point projection and ray tracing of points onto a surface of facets.
+
+Both return one partner per point, with the contact normal n pointing from the source (the point) to the target, and
+the gap g = (y - x) . n: positive open, negative penetration.
+
+Which facet wins. Facets are visited in the order of their distance. Those that fail the facing rule, nX . n >= facing,
+never win, and never hide a farther one. Among accepted facets whose distances agree to 1e-10 of the facet size, a
+projection inside its facet is preferred to one held at an edge, then the smallest global facet number. The outcome
+depends neither on the order of the facets nor, through `better`, on how they are spread over ranks.
+
+Normals of the projection. Inside a facet n = -nY. At an edge or corner (the offset has a part tangential to the facet
+of more than 1e-9 of its size) n is along the offset y - x: from the point to the surface when the point is outside,
+reversed when inside. The side is decided by the sum of the normals of the facets that share the closest point, each
+weighted by its angle there (Baerentzen and Aanaes, IEEE TVCG 11, 2005). A point that touches (offset below 1e-9 of the
+facet size) gets the mean of those normals.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from pcontact.contact.facet_maps import facet_boxes, simplest_kinds
+from pcontact.contact.projection_search import ROUNDING, TIE, search_all
+from pcontact.contact.tree import build_tree
+
+FACING = 0.2  # cosine: normals up to 78 degrees apart may be partners; sideways neighbours beyond a border may not
+NO_ID = np.iinfo(np.int64).max
+
+
+class Partners(NamedTuple):
+    """One partner per point; without a partner: facet -1, id NO_ID, gap and distance inf, y the point itself.
+
+    Attributes
+    ----------
+    facet : (np,) int64
+        Position of the facet in the arrays searched, -1 if the point has no partner.
+    xi : (np, d-1) float64
+        Reference coordinates on the facet.
+    y : (np, d) float64
+        Partner point [length].
+    normal : (np, d) float64
+        Contact normal, from the source to the target.
+    gap : (np,) float64
+        (y - x) . normal [length], negative in penetration.
+    distance : (np,) float64
+        abs(y - x) [length], what candidates are compared by.
+    id : (np,) int64
+        Global facet number.
+    candidates : (np,) int64
+        Facets tried; depends on the shape of the tree, hence on the order of the facets.
+    size : (np,) float64
+        Size of the facet (diagonal of its box) [length]: the scale of the tolerances in `better`.
+    interior : (np,) bool
+        Whether the partner is inside its facet rather than held at an edge of it.
+    """
+
+    facet: np.ndarray
+    xi: np.ndarray
+    y: np.ndarray
+    normal: np.ndarray
+    gap: np.ndarray
+    distance: np.ndarray
+    id: np.ndarray
+    candidates: np.ndarray
+    size: np.ndarray
+    interior: np.ndarray
+
+
+def surface_tree(x_facets, kinds):
+    """Tree over facets, see `closest_points` for the arrays."""
+    return build_tree(*facet_boxes(x_facets, kinds))
+
+
+def no_partners(points, normals):
+    """Partners of points that have none.
+
+    Parameters
+    ----------
+    points, normals : (np, d) float64
+
+    Returns
+    -------
+    Partners
+    """
+    n, d = points.shape
+    return Partners(
+        np.full(n, -1, dtype=np.int64), np.zeros((n, d - 1)), np.array(points), np.array(normals),
+        np.full(n, np.inf), np.full(n, np.inf), np.full(n, NO_ID, dtype=np.int64), np.zeros(n, dtype=np.int64),
+        np.zeros(n), np.zeros(n, dtype=np.bool_),
+    )  # fmt: skip
+
+
+def closest_points(tree, x_facets, kinds, ids, points, normals, radius, facing=FACING):
+    """Closest point projection.
+
+    Parameters
+    ----------
+    tree : Tree
+        Of these facets, from `surface_tree`.
+    x_facets : (nf, m, d) float64
+        Deformed node coordinates [length], m at least the largest node count.
+    kinds : (nf,) int64
+        `facet_maps.KIND`.
+    ids : (nf,) int64
+        Global facet numbers.
+    points, normals : (np, d) float64
+        Points and outward normals of the source; a point without a (finite) normal has no partner.
+    radius : float or (np,) array_like
+        Largest distance of a partner [length], in penetration too.
+    facing : float, optional
+        Smallest nX . n of a partner, in (0, 1).
+
+    Returns
+    -------
+    Partners
+
+    Raises
+    ------
+    ValueError
+        If arrays do not fit together.
+    """
+    return _search(False, tree, x_facets, kinds, ids, points, normals, radius, facing)
+
+
+def ray_tracing(tree, x_facets, kinds, ids, points, normals, radius, facing=FACING):
+    """Partners along the source normal: y = x + g nX, smallest abs(g) <= radius, n = nX.
+
+    Only facets with nX . nY <= -facing count. Parameters and result as in `closest_points`; `distance` is abs(g).
+    """
+    return _search(True, tree, x_facets, kinds, ids, points, normals, radius, facing)
+
+
+def better(a, b):
+    """Merge what two searches over different facets found for the same points; the rule of the module's head.
+
+    A projection to an edge or corner whose facets lie in both searches had its side and its facing decided by each
+    from its own facets alone; no mean normal can be formed here, and the rule for ties chooses one of them.
+
+    Parameters
+    ----------
+    a, b : Partners
+        For the same points in the same order.
+
+    Returns
+    -------
+    Partners
+        `facet` still counts within the search that found it; `id` tells facets apart. `candidates` are summed.
+    """
+    offset = np.maximum(np.abs(a.y), np.abs(b.y)).max(axis=1, initial=0.0)
+    tie = TIE * np.maximum(a.size, b.size) + ROUNDING * offset
+    nearest = np.minimum(a.distance, b.distance) + tie
+    tied_a, tied_b = a.distance <= nearest, b.distance <= nearest
+    first = np.where(a.interior == b.interior, a.id <= b.id, a.interior)
+    take = np.where(tied_a & tied_b, first, tied_a)
+    merged = [np.where(take[:, None] if u.ndim == 2 else take, u, v) for u, v in zip(a, b, strict=True)]
+    return Partners(*merged)._replace(candidates=a.candidates + b.candidates)
+
+
+def _search(rays, tree, x_facets, kinds, ids, points, normals, radius, facing):
+    """Check and convert the arguments (one compiled specialisation serves all), run the kernel."""
+    points, normals, x_facets = (_floats(array) for array in (points, normals, x_facets))
+    kinds, ids = (np.require(array, np.int64, ["C", "W"]) for array in (kinds, ids))
+    d = points.shape[1]
+    radii = np.ascontiguousarray(np.broadcast_to(np.asarray(radius, dtype=np.float64), points.shape[:1]).copy())
+    if normals.shape != points.shape or x_facets.shape[2] != d:
+        raise ValueError(f"points {points.shape}, normals {normals.shape} and facets {x_facets.shape} do not fit")
+    if not x_facets.shape[0] == kinds.size == ids.size == tree.order.size:
+        raise ValueError(f"{x_facets.shape[0]} facets, {kinds.size} kinds, {ids.size} ids, tree of {tree.order.size}")
+    if np.any((kinds < 2) != (d == 2)):
+        raise ValueError(f"facet kinds do not fit the dimension {d}")
+    partners = no_partners(points, normals)
+    if kinds.size and len(points):
+        simple = np.empty_like(kinds)
+        simplest_kinds(x_facets, kinds, simple)
+        search_all(rays, tree, x_facets, simple, ids, points, normals, radii, float(facing), partners)
+    return partners
+
+
+def _floats(array):
+    return np.require(array, np.float64, ["C", "W"])

@@ -1,0 +1,302 @@
+"""One point against one facet: the closest point.
+
+In every kernel `nodes` (9, 3) are the facet's nodes relative to its node 0 (`facet_maps.load_nodes`) and `p` (3,) is
+the point relative to the same node. `shapes` (6, 9), `jet` (6, 3) and `grid` (5, 5) are scratch.
+
+The closest point of a facet is either interior, hence a stationary point of the distance, or lies on an edge. Edges
+are solved exactly (straight: closed form; quadratic: all roots of a cubic). Interiors are solved in closed form where
+the map is affine, otherwise by Newton's method from every local minimum of the distance on a 5 x 5 grid and from the
+closest point of the edges; where Newton wants to leave the facet the edges hold the answer.
+"""
+
+import numpy as np
+
+from pcontact.contact.facet_maps import (
+    PARALLELOGRAM,
+    QUADRILATERAL9,
+    SEGMENT2,
+    SEGMENT3,
+    SQUARE_CORNERS,
+    TRIANGLE3,
+    TRIANGLE6,
+    TRIANGLE_CORNERS,
+    fill_jet,
+    is_triangle,
+)
+from pcontact.runtime.jit import njit_exact
+
+GRID = 5
+
+
+@njit_exact
+def closest_on_facet(kind, nodes, p, shapes, jet, grid):
+    """Reference coordinates (u, v) of the point of a facet that is closest to `p`."""
+    if kind == SEGMENT2:
+        return _closest_on_line(nodes, 0, 1, p)[0], 0.0
+    if kind == SEGMENT3:
+        return _closest_on_parabola(nodes, 0, 1, 2, p)[0], 0.0
+    if kind == TRIANGLE3 or kind == PARALLELOGRAM:
+        u, v, inside = _closest_on_plane(kind, nodes, p)
+        if inside:
+            return u, v
+        u, v, _ = _closest_on_edges(kind, nodes, p)
+        return u, v
+    return _closest_on_curved(kind, nodes, p, shapes, jet, grid)
+
+
+@njit_exact
+def _closest_on_line(nodes, a, b, p):
+    """Parameter in [-1, 1] and squared distance of the closest point of a straight edge."""
+    e0, e1, e2 = nodes[b, 0] - nodes[a, 0], nodes[b, 1] - nodes[a, 1], nodes[b, 2] - nodes[a, 2]
+    w0, w1, w2 = p[0] - nodes[a, 0], p[1] - nodes[a, 1], p[2] - nodes[a, 2]
+    length2 = e0 * e0 + e1 * e1 + e2 * e2
+    t = (w0 * e0 + w1 * e1 + w2 * e2) / length2 if length2 > 0.0 else 0.0
+    t = min(max(t, 0.0), 1.0)
+    w0, w1, w2 = w0 - t * e0, w1 - t * e1, w2 - t * e2
+    return 2.0 * t - 1.0, w0 * w0 + w1 * w1 + w2 * w2
+
+
+@njit_exact
+def _closest_on_parabola(nodes, a, b, m, p):
+    """The same for a quadratic edge with middle node m: the global minimum, from all roots of the cubic f'(s) = 0."""
+    k0, k1, k2, k3 = 0.0, 0.0, 0.0, 0.0
+    for k in range(3):
+        c, l = nodes[m, k] - p[k], 0.5 * (nodes[b, k] - nodes[a, k])  # noqa: E741
+        q = 0.5 * (nodes[a, k] + nodes[b, k]) - nodes[m, k]
+        k0, k1, k2, k3 = k0 + c * l, k1 + l * l + 2.0 * c * q, k2 + 3.0 * l * q, k3 + 2.0 * q * q
+    # between the stationary points of the cubic it is monotone: at most one root in each of three intervals
+    r0, r1 = 1.0, 1.0
+    root = k2 * k2 - 3.0 * k1 * k3
+    if root > 0.0:
+        t = -(k2 + (np.sqrt(root) if k2 >= 0.0 else -np.sqrt(root)))
+        r0 = t / (3.0 * k3) if k3 > 0.0 else 1.0
+        r1 = k1 / t if t != 0.0 else 1.0
+        r0, r1 = min(max(min(r0, r1), -1.0), 1.0), min(max(max(r0, r1), -1.0), 1.0)
+    best, best2 = -1.0, _parabola_distance2(nodes, a, b, m, p, -1.0)
+    left = -1.0
+    for i in range(3):
+        right = r0 if i == 0 else (r1 if i == 1 else 1.0)
+        s = _cubic_root(k0, k1, k2, k3, left, right)
+        d2 = _parabola_distance2(nodes, a, b, m, p, s)
+        if d2 < best2:
+            best, best2 = s, d2
+        left = right
+    return best, best2
+
+
+@njit_exact
+def _parabola_distance2(nodes, a, b, m, p, s):
+    total = 0.0
+    for k in range(3):
+        c, l = nodes[m, k] - p[k], 0.5 * (nodes[b, k] - nodes[a, k])  # noqa: E741
+        q = 0.5 * (nodes[a, k] + nodes[b, k]) - nodes[m, k]
+        r = c + s * (l + s * q)
+        total += r * r
+    return total
+
+
+@njit_exact
+def _cubic_root(k0, k1, k2, k3, left, right):
+    """The root of a cubic that is monotone on [left, right] by Newton with bisection; without one, the right end."""
+    f_left = k0 + left * (k1 + left * (k2 + left * k3))
+    f_right = k0 + right * (k1 + right * (k2 + right * k3))
+    if f_left == 0.0:
+        return left
+    if f_right == 0.0 or (f_left > 0.0) == (f_right > 0.0) or not left < right:
+        return right
+    s = 0.5 * (left + right)
+    for _ in range(100):
+        f = k0 + s * (k1 + s * (k2 + s * k3))
+        if f == 0.0:
+            return s
+        if (f > 0.0) == (f_left > 0.0):
+            left = s
+        else:
+            right = s
+        slope = k1 + s * (2.0 * k2 + s * 3.0 * k3)
+        new = s - f / slope if slope != 0.0 else left
+        if not left < new < right:
+            new = 0.5 * (left + right)
+        if abs(new - s) <= 1e-16 or not left < new < right:
+            return new
+        s = new
+    return s
+
+
+@njit_exact
+def _edge_point(kind, edge, s):
+    """Reference point at parameter s in [-1, 1] of an edge; the ends are exactly the corners."""
+    a, b = 0.5 * (1.0 - s), 0.5 * (1.0 + s)
+    if is_triangle(kind):
+        i, j = edge, (edge + 1) % 3
+        return (
+            a * TRIANGLE_CORNERS[i, 0] + b * TRIANGLE_CORNERS[j, 0],
+            a * TRIANGLE_CORNERS[i, 1] + b * TRIANGLE_CORNERS[j, 1],
+        )
+    i, j = edge, (edge + 1) % 4
+    return a * SQUARE_CORNERS[i, 0] + b * SQUARE_CORNERS[j, 0], a * SQUARE_CORNERS[i, 1] + b * SQUARE_CORNERS[j, 1]
+
+
+@njit_exact
+def _closest_on_edges(kind, nodes, p):
+    """Reference coordinates and squared distance of the closest point of the facet's edges."""
+    corners = 3 if is_triangle(kind) else 4
+    best2, best, edge = np.inf, -1.0, 0
+    for i in range(corners):
+        j = (i + 1) % corners
+        if kind == TRIANGLE6 or kind == QUADRILATERAL9:
+            s, d2 = _closest_on_parabola(nodes, i, j, corners + i, p)
+        else:
+            s, d2 = _closest_on_line(nodes, i, j, p)
+        if d2 < best2:
+            best2, best, edge = d2, s, i
+    u, v = _edge_point(kind, edge, best)
+    return u, v, best2
+
+
+@njit_exact
+def _closest_on_plane(kind, nodes, p):
+    """Foot of the perpendicular on a facet with an affine map, and whether it is inside."""
+    c = 2 if kind == TRIANGLE3 else 3
+    a0, a1, a2, b0, b1, b2 = nodes[1, 0], nodes[1, 1], nodes[1, 2], nodes[c, 0], nodes[c, 1], nodes[c, 2]
+    n0, n1, n2 = a1 * b2 - a2 * b1, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0
+    area2 = n0 * n0 + n1 * n1 + n2 * n2
+    if not area2 > 0.0:
+        return 0.0, 0.0, False
+    # cross products, not the normal equations: they keep their digits on slivers
+    u = ((p[1] * b2 - p[2] * b1) * n0 + (p[2] * b0 - p[0] * b2) * n1 + (p[0] * b1 - p[1] * b0) * n2) / area2
+    v = ((a1 * p[2] - a2 * p[1]) * n0 + (a2 * p[0] - a0 * p[2]) * n1 + (a0 * p[1] - a1 * p[0]) * n2) / area2
+    if kind == TRIANGLE3:
+        return u, v, u >= 0.0 and v >= 0.0 and u + v <= 1.0
+    return 2.0 * u - 1.0, 2.0 * v - 1.0, 0.0 <= u <= 1.0 and 0.0 <= v <= 1.0
+
+
+@njit_exact
+def grid_point(kind, i, j):
+    """Node (i, j) of the grid of starts; for triangles only those with i + j < GRID."""
+    a, b = i / (GRID - 1.0), j / (GRID - 1.0)
+    if is_triangle(kind):
+        return a, b
+    return 2.0 * a - 1.0, 2.0 * b - 1.0
+
+
+@njit_exact
+def is_grid_minimum(grid, i, j):
+    """Whether a grid value is not above any of its eight neighbours."""
+    for a in range(max(i - 1, 0), min(i + 2, GRID)):
+        for b in range(max(j - 1, 0), min(j + 2, GRID)):
+            if grid[a, b] < grid[i, j]:
+                return False
+    return grid[i, j] < np.inf
+
+
+@njit_exact
+def _distance2(jet, p):
+    r0, r1, r2 = jet[0, 0] - p[0], jet[0, 1] - p[1], jet[0, 2] - p[2]
+    return r0 * r0 + r1 * r1 + r2 * r2
+
+
+@njit_exact
+def _closest_on_curved(kind, nodes, p, shapes, jet, grid):
+    """Global minimum of the distance over a curved or bilinear facet."""
+    for i in range(GRID):
+        for j in range(GRID):
+            grid[i, j] = np.inf
+            if not is_triangle(kind) or i + j < GRID:
+                u, v = grid_point(kind, i, j)
+                fill_jet(kind, u, v, nodes, 1, shapes, jet)
+                grid[i, j] = _distance2(jet, p)
+    best_u, best_v, best2 = _closest_on_edges(kind, nodes, p)
+    edge_u, edge_v = best_u, best_v
+    for start in range(GRID * GRID + 1):
+        i, j = start // GRID, start % GRID
+        if start == GRID * GRID:
+            u, v = edge_u, edge_v
+        elif is_grid_minimum(grid, i, j):
+            u, v = grid_point(kind, i, j)
+        else:
+            continue
+        u, v = _descend(kind, nodes, p, u, v, shapes, jet)
+        fill_jet(kind, u, v, nodes, 1, shapes, jet)
+        d2 = _distance2(jet, p)
+        if d2 < best2:
+            best_u, best_v, best2 = u, v, d2
+    return best_u, best_v
+
+
+@njit_exact
+def _room(kind, u, v, du, dv):
+    """The largest multiple (at most 1) of the step (du, dv) that stays in the reference domain."""
+    t = 1.0
+    if is_triangle(kind):
+        if du < 0.0:
+            t = min(t, -u / du)
+        if dv < 0.0:
+            t = min(t, -v / dv)
+        if du + dv > 0.0:
+            t = min(t, (1.0 - u - v) / (du + dv))
+    else:
+        if du != 0.0:
+            t = min(t, ((1.0 if du > 0.0 else -1.0) - u) / du)
+        if dv != 0.0:
+            t = min(t, ((1.0 if dv > 0.0 else -1.0) - v) / dv)
+    return max(t, 0.0)
+
+
+@njit_exact
+def _newton_step(jet, r0, r1, r2):
+    """Descent direction for |y - p|^2 / 2: Newton's where the Hessian is positive, else Gauss-Newton's.
+
+    Returns du, dv, the slope along it, and whether it is Newton's.
+    """
+    g1 = r0 * jet[1, 0] + r1 * jet[1, 1] + r2 * jet[1, 2]
+    g2 = r0 * jet[2, 0] + r1 * jet[2, 1] + r2 * jet[2, 2]
+    a11 = jet[1, 0] ** 2 + jet[1, 1] ** 2 + jet[1, 2] ** 2
+    a12 = jet[1, 0] * jet[2, 0] + jet[1, 1] * jet[2, 1] + jet[1, 2] * jet[2, 2]
+    a22 = jet[2, 0] ** 2 + jet[2, 1] ** 2 + jet[2, 2] ** 2
+    h11 = a11 + r0 * jet[3, 0] + r1 * jet[3, 1] + r2 * jet[3, 2]
+    h12 = a12 + r0 * jet[4, 0] + r1 * jet[4, 1] + r2 * jet[4, 2]
+    h22 = a22 + r0 * jet[5, 0] + r1 * jet[5, 1] + r2 * jet[5, 2]
+    det = h11 * h22 - h12 * h12
+    newton = h11 > 0.0 and h22 > 0.0 and det > 1e-10 * h11 * h22
+    if not newton:
+        # a little of the diagonal keeps a singular map (collapsed facet) solvable
+        h11, h12, h22 = a11 + 1e-6 * (a11 + a22), a12, a22 + 1e-6 * (a11 + a22)
+        det = h11 * h22 - h12 * h12
+        if not det > 0.0:
+            return 0.0, 0.0, 0.0, False
+    du, dv = (h12 * g2 - h22 * g1) / det, (h12 * g1 - h11 * g2) / det
+    return du, dv, g1 * du + g2 * dv, newton
+
+
+@njit_exact
+def _descend(kind, nodes, p, u, v, shapes, jet):
+    """Minimise the distance from (u, v) by Newton's method with backtracking inside the reference domain."""
+    for _ in range(100):
+        fill_jet(kind, u, v, nodes, 6, shapes, jet)
+        y0, y1, y2 = jet[0, 0], jet[0, 1], jet[0, 2]
+        r0, r1, r2 = y0 - p[0], y1 - p[1], y2 - p[2]
+        du, dv, slope, newton = _newton_step(jet, r0, r1, r2)
+        step = max(abs(du), abs(dv))
+        t = _room(kind, u, v, du, dv)
+        if not slope < 0.0 or t < 1e-3:
+            return u, v  # stationary, or held by the boundary: the edges are solved apart
+        if newton and t == 1.0 and step < 1e-6:
+            # quadratic convergence: differences of the distance no longer show it
+            u, v = u + du, v + dv
+            if step < 1e-14:
+                return u, v
+            continue
+        t = t if t == 1.0 else 0.9 * t
+        for _ in range(40):
+            fill_jet(kind, u + t * du, v + t * dv, nodes, 1, shapes, jet)
+            c0, c1, c2 = jet[0, 0] - y0, jet[0, 1] - y1, jet[0, 2] - y2
+            # half the change of the squared distance, without its cancellation
+            change = c0 * (r0 + 0.5 * c0) + c1 * (r1 + 0.5 * c1) + c2 * (r2 + 0.5 * c2)
+            if change <= 1e-4 * t * slope:
+                break
+            t *= 0.5
+        if t * step < 1e-15:
+            return u, v
+        u, v = u + t * du, v + t * dv
+    return u, v

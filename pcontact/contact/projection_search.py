@@ -1,0 +1,310 @@
+"""The compiled search behind `projection`: a best-first walk of the tree, one point after the other.
+
+A heap holds, by distance, tree nodes and facets (with the distance of their boxes, a lower bound) and facets already
+solved (with their own distance). Solved facets therefore leave the heap in the order of their distance; those that
+agree within a tolerance form a group, in which normals are combined and the winner is chosen. The walk ends with the
+first group that holds an accepted facet: facets behind it are never solved.
+"""
+
+import numpy as np
+
+from pcontact.contact.facet_maps import (
+    SQUARE_CORNERS,
+    TRIANGLE_CORNERS,
+    fill_jet,
+    is_segment,
+    is_triangle,
+    jet_normal,
+    load_nodes,
+)
+from pcontact.contact.projection_facets import GRID, closest_on_facet
+from pcontact.contact.projection_rays import ray_on_facet
+from pcontact.runtime.jit import njit_exact
+
+TIE = 1e-10  # of the facet size: distances that count as equal
+TOUCH = 1e-9  # of the facet size: offsets that have no direction, and how far over a border a point may hang
+SAME_POINT = 1e-6  # of the facet size: closest points of neighbours that count as one
+ROUNDING = 1e-15  # of the largest coordinate: what a stored coordinate is worth
+# columns of the table of solved facets: distance, gap, reference coordinates, offset y - x (3), target normal (3),
+# contact normal (3), interior (0 or 1), angle at y, facet size, rounding length
+DISTANCE, GAP, U, V, R, NY, N, INTERIOR, ANGLE, SIZE, SLACK, COLUMNS = 0, 1, 2, 3, 4, 7, 10, 13, 14, 15, 16, 17
+
+
+@njit_exact
+def search_all(rays, tree, x_facets, kinds, ids, points, normals, radii, facing, partners):
+    """Write the partners of all points.
+
+    Parameters are those of `projection.closest_points`, with `kinds` simplified (`facet_maps.simplest_kinds`), `radii`
+    (np,), and `rays` True for ray tracing; `partners` comes filled for points without a partner.
+    """
+    n_nodes, nf, d = tree.child.size, kinds.size, points.shape[1]
+    # heap items: nodes, then facets in the order of the leaves, then rows of `found`
+    keys, items = np.empty(n_nodes + 2 * nf), np.empty(n_nodes + 2 * nf, dtype=np.int64)
+    found, facets, group = np.zeros((nf, COLUMNS)), np.empty(nf, dtype=np.int64), np.empty(nf, dtype=np.int64)
+    nodes, shapes, jet, grid = np.zeros((9, 3)), np.zeros((6, 9)), np.zeros((6, 3)), np.empty((GRID, GRID))
+    x, n, p = np.zeros(3), np.zeros(3), np.zeros(3)
+    for q in range(points.shape[0]):
+        rounding = _load_point(points, normals, q, x, n)
+        if not rounding < np.inf:
+            continue
+        radius, n_queue, n_found, n_group, nearest, limit = radii[q], 0, 0, 0, 0.0, 0.0
+        key = _bound(rays, tree.lower, tree.upper, 0, x, n, facing, rounding)
+        if key <= radius:
+            n_queue = _push(keys, items, n_queue, key, 0)
+        while n_queue > 0 or n_group > 0:
+            key, item = (keys[0], items[0]) if n_queue > 0 else (np.inf, -1)
+            if n_group > 0 and not key <= limit:
+                winner = _decide(rays, found, facets, ids, group, n_group, n, facing)
+                if winner >= 0:
+                    _write(partners, q, x, found[winner], facets[winner], ids)
+                    break
+                n_group = 0
+                continue
+            n_queue = _pop(keys, items, n_queue)
+            if item < n_nodes:
+                n_queue = _expand(rays, tree, item, x, n, facing, rounding, radius, keys, items, n_queue)
+            elif item < n_nodes + nf:
+                facet, row = tree.order[item - n_nodes], found[n_found]
+                partners.candidates[q] += 1
+                load_nodes(x_facets, facet, kinds[facet], nodes)
+                size2 = 0.0
+                for k in range(d):
+                    p[k] = x[k] - x_facets[facet, 0, k]
+                    size2 += (tree.facet_upper[item - n_nodes, k] - tree.facet_lower[item - n_nodes, k]) ** 2
+                row[SIZE], row[SLACK] = np.sqrt(size2), rounding
+                _solve(rays, kinds[facet], nodes, p, n, facing, shapes, jet, grid, row)
+                if row[DISTANCE] <= radius and row[DISTANCE] < np.inf:
+                    facets[n_found] = facet
+                    n_queue = _push(keys, items, n_queue, row[DISTANCE], n_nodes + nf + n_found)
+                    n_found += 1
+            else:
+                slot = item - n_nodes - nf
+                if n_group == 0:
+                    nearest = limit = key
+                limit = max(limit, nearest * (1.0 + 1e-14) + TIE * found[slot, SIZE] + rounding)
+                group[n_group] = slot
+                n_group += 1
+
+
+@njit_exact
+def _load_point(points, normals, q, x, n):
+    """Copy a point and its normal, made a unit vector; return the rounding length, inf if they are unusable."""
+    offset, length2 = 0.0, 0.0
+    for k in range(points.shape[1]):
+        x[k], n[k] = points[q, k], normals[q, k]
+        offset, length2 = offset + abs(x[k]), length2 + n[k] * n[k]
+    if not (0.0 < length2 < np.inf and offset < np.inf):
+        return np.inf
+    length = np.sqrt(length2)
+    for k in range(points.shape[1]):
+        n[k] /= length
+    return ROUNDING * offset
+
+
+@njit_exact
+def _push(keys, items, count, key, item):
+    """Add to the heap; return its size."""
+    i = count
+    while i > 0:
+        parent = (i - 1) // 2
+        if keys[parent] <= key:
+            break
+        keys[i], items[i] = keys[parent], items[parent]
+        i = parent
+    keys[i], items[i] = key, item
+    return count + 1
+
+
+@njit_exact
+def _pop(keys, items, count):
+    """Remove the first of the heap; return its size."""
+    count -= 1
+    key, item, i = keys[count], items[count], 0
+    while 2 * i + 1 < count:
+        child = 2 * i + 1
+        if child + 1 < count and keys[child + 1] < keys[child]:
+            child += 1
+        if key <= keys[child]:
+            break
+        keys[i], items[i] = keys[child], items[child]
+        i = child
+    keys[i], items[i] = key, item
+    return count
+
+
+@njit_exact
+def _expand(rays, tree, node, x, n, facing, rounding, radius, keys, items, count):
+    """Push the children of a node, or the facets of a leaf, that may hold a partner; return the size of the heap."""
+    if tree.child[node] >= 0:
+        for child in range(tree.child[node], tree.child[node] + 2):
+            key = _bound(rays, tree.lower, tree.upper, child, x, n, facing, rounding)
+            if key <= radius:
+                count = _push(keys, items, count, key, child)
+        return count
+    for i in range(tree.first[node], tree.last[node]):
+        key = _bound(rays, tree.facet_lower, tree.facet_upper, i, x, n, facing, rounding)
+        if key <= radius:
+            count = _push(keys, items, count, key, tree.child.size + i)
+    return count
+
+
+@njit_exact
+def _bound(rays, lower, upper, row, x, n, facing, rounding):
+    """Lower bound of the distance of any accepted partner inside a box; inf: there is none."""
+    if rays:
+        return _ray_bound(lower, upper, row, x, n, rounding)
+    distance2, centre2, along, half2 = 0.0, 0.0, 0.0, 0.0
+    for k in range(lower.shape[1]):
+        low, high = lower[row, k] - x[k], upper[row, k] - x[k]
+        out = max(low, -high, 0.0)
+        middle, half = 0.5 * (low + high), 0.5 * (high - low)
+        distance2, half2 = distance2 + out * out, half2 + half * half
+        centre2, along = centre2 + middle * middle, along + middle * n[k]
+    if distance2 > 0.0:
+        # the contact normal is along the offset, and may not leave the double cone about nX: a ball about the box
+        # that lies outside the cone holds no partner
+        half = np.sqrt(half2) * (1.0 + 1e-6) + 4.0 * rounding
+        if abs(along) + half < facing * (np.sqrt(centre2) - half):
+            return np.inf
+    return np.sqrt(distance2) * (1.0 - 1e-14)
+
+
+@njit_exact
+def _ray_bound(lower, upper, row, x, n, rounding):
+    """Smallest abs(t) for which x + t n is in a box that is a little enlarged; inf: it misses."""
+    diagonal, start, end = 0.0, -np.inf, np.inf
+    for k in range(lower.shape[1]):
+        diagonal += upper[row, k] - lower[row, k]
+    slack = 1e-8 * diagonal + 4.0 * rounding
+    for k in range(lower.shape[1]):
+        low, high = lower[row, k] - x[k] - slack, upper[row, k] - x[k] + slack
+        if n[k] == 0.0:
+            if low > 0.0 or high < 0.0:
+                return np.inf
+        else:
+            a, b = low / n[k], high / n[k]
+            start, end = max(start, min(a, b)), min(end, max(a, b))
+    if start > end:
+        return np.inf
+    return max(start, -end, 0.0)
+
+
+@njit_exact
+def _solve(rays, kind, nodes, p, n, facing, shapes, jet, grid, row):
+    """Fill the row of one facet; distance inf if it is no partner whatever its neighbours are."""
+    row[DISTANCE], row[INTERIOR], row[ANGLE] = np.inf, 1.0, 1.0
+    if not row[SIZE] > 0.0:
+        return
+    if rays:
+        g, row[U], row[V] = ray_on_facet(
+            kind, nodes, p, n, facing, 1e-12 * row[SIZE] + row[SLACK], shapes, jet, grid
+        )
+        row[DISTANCE], row[GAP] = abs(g), g
+        for k in range(3):
+            row[R + k], row[N + k] = g * n[k], n[k]
+        return
+    row[U], row[V] = closest_on_facet(kind, nodes, p, shapes, jet, grid)
+    fill_jet(kind, row[U], row[V], nodes, 3, shapes, jet)
+    r0, r1, r2 = jet[0, 0] - p[0], jet[0, 1] - p[1], jet[0, 2] - p[2]
+    distance = np.sqrt(r0 * r0 + r1 * r1 + r2 * r2)
+    row[ANGLE] = _corner_angle(kind, row[U], row[V], jet)
+    n0, n1, n2 = jet_normal(kind, jet)
+    if n0 == 0.0 and n1 == 0.0 and n2 == 0.0:
+        # a collapsed corner has the normal of the middle
+        middle = 1.0 / 3.0 if is_triangle(kind) else 0.0
+        fill_jet(kind, middle, middle, nodes, 3, shapes, jet)
+        n0, n1, n2 = jet_normal(kind, jet)
+        if n0 == 0.0 and n1 == 0.0 and n2 == 0.0:
+            return
+    along = r0 * n0 + r1 * n1 + r2 * n2
+    s0, s1, s2 = r0 - along * n0, r1 - along * n1, r2 - along * n2
+    sideways = np.sqrt(s0 * s0 + s1 * s1 + s2 * s2)
+    if sideways > TOUCH * row[SIZE] + row[SLACK] + 1e-14 * distance:
+        row[INTERIOR] = 0.0
+    row[DISTANCE] = distance
+    row[R], row[R + 1], row[R + 2], row[NY], row[NY + 1], row[NY + 2] = r0, r1, r2, n0, n1, n2
+
+
+@njit_exact
+def _corner_angle(kind, u, v, jet):
+    """Angle of the facet at a reference point: that of the corner there, pi elsewhere."""
+    if is_segment(kind):
+        return np.pi
+    corners = 3 if is_triangle(kind) else 4
+    table = TRIANGLE_CORNERS if is_triangle(kind) else SQUARE_CORNERS
+    for i in range(corners):
+        if max(abs(u - table[i, 0]), abs(v - table[i, 1])) > 1e-9:
+            continue
+        before, after = (i + corners - 1) % corners, (i + 1) % corners
+        a0, a1 = table[after, 0] - table[i, 0], table[after, 1] - table[i, 1]
+        b0, b1 = table[before, 0] - table[i, 0], table[before, 1] - table[i, 1]
+        dot, aa, bb = 0.0, 0.0, 0.0
+        for k in range(3):
+            a, b = a0 * jet[1, k] + a1 * jet[2, k], b0 * jet[1, k] + b1 * jet[2, k]
+            dot, aa, bb = dot + a * b, aa + a * a, bb + b * b
+        if not aa * bb > 0.0:
+            return 0.0
+        return np.arccos(min(max(dot / np.sqrt(aa * bb), -1.0), 1.0))
+    return np.pi
+
+
+@njit_exact
+def _decide(rays, found, facets, ids, group, count, n, facing):
+    """Give the facets of a group their contact normals; return the row of the winner, -1 if none is accepted."""
+    # by id: sums over the group must not depend on the order of the facets
+    for i in range(1, count):
+        slot, j = group[i], i
+        while j > 0 and ids[facets[group[j - 1]]] > ids[facets[slot]]:
+            group[j] = group[j - 1]
+            j -= 1
+        group[j] = slot
+    winner, winner_interior = -1, 0.0
+    for i in range(count):
+        row = found[group[i]]
+        if not rays:
+            _set_normal(found, group, count, row)
+        cosine = n[0] * row[N] + n[1] * row[N + 1] + n[2] * row[N + 2]
+        if cosine >= facing and (winner < 0 or row[INTERIOR] > winner_interior):
+            winner, winner_interior = group[i], row[INTERIOR]
+    return winner
+
+
+@njit_exact
+def _set_normal(found, group, count, row):
+    """Contact normal and gap of one facet of a group, see the head of `projection`."""
+    touching = row[DISTANCE] <= TOUCH * row[SIZE] + row[SLACK]
+    if row[INTERIOR] > 0.0 and not touching:
+        n0, n1, n2 = -row[NY], -row[NY + 1], -row[NY + 2]
+    else:
+        m0, m1, m2, same = 0.0, 0.0, 0.0, (SAME_POINT * row[SIZE] + row[SLACK]) ** 2
+        for i in range(count):
+            other = found[group[i]]
+            c0, c1, c2 = other[R] - row[R], other[R + 1] - row[R + 1], other[R + 2] - row[R + 2]
+            if c0 * c0 + c1 * c1 + c2 * c2 <= same:
+                w = other[ANGLE]
+                m0, m1, m2 = m0 + w * other[NY], m1 + w * other[NY + 1], m2 + w * other[NY + 2]
+        length = np.sqrt(m0 * m0 + m1 * m1 + m2 * m2)
+        if not touching:
+            # outside, the offset looks against the normals
+            inside = row[R] * m0 + row[R + 1] * m1 + row[R + 2] * m2 > 0.0
+            length = -row[DISTANCE] if inside else row[DISTANCE]
+            n0, n1, n2 = row[R] / length, row[R + 1] / length, row[R + 2] / length
+        elif length > 0.0:
+            n0, n1, n2 = -m0 / length, -m1 / length, -m2 / length
+        else:
+            n0, n1, n2 = -row[NY], -row[NY + 1], -row[NY + 2]
+    row[N], row[N + 1], row[N + 2] = n0, n1, n2
+    row[GAP] = row[R] * n0 + row[R + 1] * n1 + row[R + 2] * n2
+
+
+@njit_exact
+def _write(partners, q, x, row, facet, ids):
+    """Copy the winner to the arrays of the result."""
+    partners.facet[q], partners.id[q] = facet, ids[facet]
+    partners.gap[q], partners.distance[q] = row[GAP], row[DISTANCE]
+    partners.size[q], partners.interior[q] = row[SIZE], row[INTERIOR] > 0.0
+    partners.xi[q, 0] = row[U]
+    if partners.xi.shape[1] == 2:
+        partners.xi[q, 1] = row[V]
+    for k in range(partners.y.shape[1]):
+        partners.y[q, k], partners.normal[q, k] = x[k] + row[R + k], row[N + k]

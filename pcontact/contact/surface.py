@@ -1,0 +1,230 @@
+"""The two sides of a contact pair on one rank: quadrature points of the source, facets of the target."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pcontact.contact.facet_maps import KIND
+from pcontact.element.geometry import facet_geometry
+from pcontact.element.quadrature import quadrature
+from pcontact.element.reference import CELLS, facet_nodes, reference_nodes
+from pcontact.element.shape import shape
+from pcontact.element.trace import trace_constant
+
+# facets per cell at most: global facet number = cell number * FACETS + local facet
+FACETS = 6
+
+
+@dataclass
+class SourceSurface:
+    """Quadrature points of the source facets of one rank.
+
+    Attributes
+    ----------
+    cells : ndarray (nf, nn)
+        Local space nodes of the parent cells; short rows are padded with their first node and zero shape functions.
+    facet_ids : ndarray (nf,)
+        Global facet numbers.
+    facet : ndarray (np,)
+        Facet of each quadrature point.
+    x, normal : ndarray (np, d)
+        Reference position [length] and outward unit normal.
+    jxw : ndarray (np,)
+        Quadrature weight times area element.
+    shape : ndarray (np, nn)
+        Shape functions of the parent cell.
+    grad : ndarray (np, nn, d)
+        Their physical gradients [1/length].
+    lame : ndarray (nf, 2)
+        Lame constants of the parent cells [stress].
+    trace : ndarray (nf,)
+        Constant of the trace inequality [stress/length].
+    size : ndarray (nf,)
+        Diameter of the facets [length].
+    components : ndarray (nf,)
+        Connected component of the parent cell.
+    """
+
+    cells: np.ndarray
+    facet_ids: np.ndarray
+    facet: np.ndarray
+    x: np.ndarray
+    normal: np.ndarray
+    jxw: np.ndarray
+    shape: np.ndarray
+    grad: np.ndarray
+    lame: np.ndarray
+    trace: np.ndarray
+    size: np.ndarray
+    components: np.ndarray
+
+
+def default_quadrature(facet, degree):
+    """Quadrature degree on source facets: enough points that non-matching facets are resolved.
+
+    Parameters
+    ----------
+    facet : str
+    degree : int
+        Of the displacement.
+    """
+    if facet == "triangle":
+        return 6 if degree == 1 else 8
+    return 2 * degree + 5
+
+
+def _pad(array, width, index=False):
+    missing = width - array.shape[1]
+    if missing == 0:
+        return array
+    if index:
+        return np.concatenate([array, np.repeat(array[:, :1], missing, axis=1)], axis=1)
+    return np.concatenate([array, np.zeros((array.shape[0], missing, *array.shape[2:]))], axis=1)
+
+
+def _part(space, facets, constants, quadrature_degree):
+    mesh, block = space.mesh, space.mesh.blocks[facets.block]
+    table, geometry_degree = mesh.geometry_nodes(block)
+    kind = CELLS[block.cell].facet
+    degree = quadrature_degree or default_quadrature(kind, space.degree)
+    xi, weights = quadrature(kind, degree)
+    coordinates = np.ascontiguousarray(mesh.points[table[facets.cells]])
+    local = np.ascontiguousarray(facets.local, dtype=np.int64)
+    at = facet_geometry(block.cell, coordinates, local, geometry_degree, space.degree, xi, weights)
+    lam, mu = constants[block.body]
+    nf, nq = at.jxw.shape
+    corners = mesh.points[mesh.facet_nodes(facets)]
+    return {
+        "cells": space.cells[facets.block][facets.cells],
+        "facet_ids": block.ids[facets.cells] * FACETS + local,
+        "facet": np.repeat(np.arange(nf), nq),
+        "x": at.points.reshape(nf * nq, -1),
+        "normal": at.normals.reshape(nf * nq, -1),
+        "jxw": at.jxw.ravel(),
+        "shape": at.shape.reshape(nf * nq, -1),
+        "grad": at.gradients.reshape(nf * nq, -1, mesh.dim),
+        "lame": np.tile([lam, mu], (nf, 1)),
+        "trace": trace_constant(block.cell, coordinates, local, geometry_degree, space.degree, lam, mu),
+        "size": np.linalg.norm(corners.max(axis=1) - corners.min(axis=1), axis=1),
+        "components": block.components[facets.cells],
+    }
+
+
+def source_surface(space, name, constants, quadrature_degree=None):
+    """Quadrature points of a facet group.
+
+    Parameters
+    ----------
+    space : pcontact.space.space.Space
+    name : str
+        Facet group.
+    constants : list of (float, float)
+        Lame constants of each body.
+    quadrature_degree : int, optional
+
+    Returns
+    -------
+    SourceSurface
+    """
+    d = space.dim
+    parts = [_part(space, f, constants, quadrature_degree) for f in space.mesh.facet_groups.get(name, [])]
+    if not parts:
+        empty = np.zeros
+        return SourceSurface(
+            empty((0, d + 1), np.int64), empty(0, np.int64), empty(0, np.int64), empty((0, d)), empty((0, d)),
+            empty(0), empty((0, d + 1)), empty((0, d + 1, d)), empty((0, 2)), empty(0), empty(0), empty(0, np.int64),
+        )  # fmt: skip
+    width = max(p["cells"].shape[1] for p in parts)
+    first = 0
+    for p in parts:
+        p["facet"] = p["facet"] + first
+        first += len(p["cells"])
+        p["cells"] = _pad(p["cells"], width, index=True)
+        p["shape"], p["grad"] = _pad(p["shape"], width), _pad(p["grad"], width)
+    joined = {key: np.ascontiguousarray(np.concatenate([p[key] for p in parts])) for key in parts[0]}
+    return SourceSurface(**joined)
+
+
+@dataclass
+class TargetSurface:
+    """Facets of the target side of one rank.
+
+    Attributes
+    ----------
+    kinds : ndarray (nf,)
+        Facet kinds of :mod:`pcontact.contact.facet_maps` of the geometry that is searched.
+    ids : ndarray (nf,)
+        Global facet numbers.
+    layout : ndarray (nf, n)
+        Mesh nodes of the facets, padded with the first node.
+    x : ndarray (nf, n, d)
+        Reference coordinates [length].
+    carry : list of (slice, ndarray, str)
+        For each block: rows, table that evaluates the displacement at the layout nodes, facet name.
+    nodes : ndarray (nf, m)
+        Local space nodes of the facets, padded.
+    components : ndarray (nf,)
+    """
+
+    kinds: np.ndarray
+    ids: np.ndarray
+    x: np.ndarray
+    carry: list
+    nodes: np.ndarray
+    components: np.ndarray
+    degree: int
+
+    def deformed(self, nodal):
+        """Coordinates (nf, n, d) of the facets under local nodal displacements (n_local, d)."""
+        x = self.x.copy()
+        for rows, table, _ in self.carry:
+            x[rows, : len(table)] += np.einsum("na,fad->fnd", table, nodal[self.nodes[rows, : table.shape[1]]])
+        return x
+
+    def shape(self, facets, xi):
+        """Shape functions (n, m) of the space's facet nodes at reference points (n, d - 1) of facets (n,)."""
+        out = np.zeros((len(facets), self.nodes.shape[1]))
+        for rows, table, name in self.carry:
+            chosen = np.flatnonzero((facets >= rows.start) & (facets < rows.stop))
+            if len(chosen):
+                out[chosen, : table.shape[1]] = shape(name, self.degree, xi[chosen])
+        return out
+
+
+def target_surface(space, name):
+    """Facets of a facet group, ready to be searched.
+
+    Returns
+    -------
+    TargetSurface
+    """
+    mesh, d = space.mesh, space.dim
+    layout_degree = max(2 if mesh.curved else 1, space.degree)
+    kinds, ids, layout, nodes, components, carry, first = [], [], [], [], [], [], 0
+    for facets in mesh.facet_groups.get(name, []):
+        block = mesh.blocks[facets.block]
+        kind = CELLS[block.cell].facet
+        rows = slice(first, first + len(facets.cells))
+        first = rows.stop
+        table = facet_nodes(block.cell, layout_degree)
+        layout.append(block.nodes[facets.cells[:, None], table[facets.local]])
+        own = facet_nodes(block.cell, space.degree)
+        nodes.append(space.cells[facets.block][facets.cells[:, None], own[facets.local]])
+        kinds.append(np.full(len(facets.cells), KIND[(kind, layout_degree)], dtype=np.int64))
+        ids.append(block.ids[facets.cells] * FACETS + facets.local)
+        components.append(block.components[facets.cells])
+        carry.append((rows, shape(kind, space.degree, reference_nodes(kind, layout_degree)), kind))
+    if not nodes:
+        none = np.zeros(0, dtype=np.int64)
+        return TargetSurface(none, none, np.zeros((0, d, d)), [], np.zeros((0, d), np.int64), none, space.degree)
+    width, own_width = max(t.shape[1] for t in layout), max(t.shape[1] for t in nodes)
+    table = np.concatenate([_pad(t, width, index=True) for t in layout])
+    return TargetSurface(
+        np.concatenate(kinds),
+        np.concatenate(ids).astype(np.int64),
+        np.ascontiguousarray(mesh.points[table]),
+        carry,
+        np.ascontiguousarray(np.concatenate([_pad(t, own_width, index=True) for t in nodes])),
+        np.concatenate(components),
+        space.degree,
+    )

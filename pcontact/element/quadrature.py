@@ -1,0 +1,160 @@
+"""Quadrature rules with positive weights and interior points on the reference cells."""
+
+import itertools
+import math
+
+import numpy as np
+
+from pcontact.element.reference import CELLS
+
+MAX_DEGREE = 20
+
+# Symmetric rules: lists of (weight, barycentric coordinates, permutations to take), weights summing to 1.
+# "all" takes every distinct permutation, "cyclic" the three rotations.
+# Triangle: Dunavant (1985), degree 7 Gatermann (1988). Tetrahedron: degrees 3 and 6 after Keast (1986),
+# degree 5 Walkington. Every constant is converged by Newton's method on the moment equations.
+_R15 = np.sqrt(15.0)
+
+
+def _one(n, weight, a):
+    """Orbit of points with n - 1 equal barycentric coordinates."""
+    return (weight, (1.0 - (n - 1) * a, *([a] * (n - 1))), "all")
+
+
+_TRIANGLE = {
+    1: [(1.0, (1 / 3, 1 / 3, 1 / 3), "all")],
+    2: [_one(3, 1 / 3, 1 / 6)],
+    4: [_one(3, 0.22338158967801125, 0.44594849091596483), _one(3, 0.1099517436553221, 0.09157621350977092)],
+    5: [
+        (0.225, (1 / 3, 1 / 3, 1 / 3), "all"),
+        _one(3, (155 - _R15) / 1200, (6 - _R15) / 21),
+        _one(3, (155 + _R15) / 1200, (6 + _R15) / 21),
+    ],
+    6: [
+        _one(3, 0.05084490637021571, 0.06308901449150836),
+        _one(3, 0.1167862757264309, 0.2492867451708791),
+        (0.08285107561834334, (0.3103524510338078, 0.053145049844795664, 0.6365024991213966), "all"),
+    ],
+    7: [
+        (0.05303405631487635, (0.06238226509440425, 0.06751786707391881, 0.87009986783167694), "cyclic"),
+        (0.08776281742888047, (0.05522545665691743, 0.32150249385199653, 0.62327204949108604), "cyclic"),
+        (0.05755008556994992, (0.03432430294508306, 0.6609491961867378, 0.30472650086817914), "cyclic"),
+        (0.1349863740196266, (0.5158423343536146, 0.2777161669763698, 0.2064414986700156), "cyclic"),
+    ],
+    8: [
+        (0.14431560767779836, (1 / 3, 1 / 3, 1 / 3), "all"),
+        _one(3, 0.09509163426727682, 0.45929258829273095),
+        _one(3, 0.10321737053471484, 0.17056930775176965),
+        _one(3, 0.032458497623196664, 0.05054722831703029),
+        (0.02723031417443944, (0.2631128296346092, 0.008394777409972395, 0.7284923929554184), "all"),
+    ],
+}
+_TETRAHEDRON = {
+    1: [(1.0, (0.25, 0.25, 0.25, 0.25), "all")],
+    2: [_one(4, 0.25, (5 - np.sqrt(5.0)) / 20)],
+    3: [_one(4, 0.1385132693219899, 0.32805535118603213), _one(4, 0.11148673067801011, 0.10695933936074394)],
+    5: [
+        _one(4, 0.1126879257180165, 0.3108859192633005),
+        _one(4, 0.07349304311636223, 0.09273525031089137),
+        (
+            0.04254602077708088,
+            (0.04550370412564878, 0.04550370412564878, 0.45449629587435122, 0.45449629587435122),
+            "all",
+        ),
+    ],
+    6: [
+        _one(4, 0.03992275025815924, 0.2146028712591755),
+        _one(4, 0.010077211055319588, 0.04067395853460774),
+        _one(4, 0.05535718154365374, 0.32233789014227576),
+        (
+            0.048214285714289144,
+            (0.06366100187502023, 0.06366100187502023, 0.2696723314583138, 0.60300566479164574),
+            "all",
+        ),
+    ],
+}
+_SYMMETRIC = {"triangle": _TRIANGLE, "tetrahedron": _TETRAHEDRON}
+
+
+def quadrature(cell, degree):
+    """Quadrature rule on a reference cell.
+
+    Parameters
+    ----------
+    cell : str
+        Key in `pcontact.element.reference.CELLS`, also "segment".
+    degree : int
+        0 to 20. Polynomials are integrated exactly up to this total degree on simplices, up to this degree in
+        each direction on tensor cells.
+
+    Returns
+    -------
+    points : ndarray, (n, dim) float64
+        Strictly inside the cell; on tensor cells the first coordinate runs fastest.
+    weights : ndarray, (n,) float64
+        Positive, with the volume of the reference cell as their sum.
+
+    Raises
+    ------
+    ValueError
+        If the degree is out of range.
+    """
+    if not 0 <= degree <= MAX_DEGREE:
+        raise ValueError(f"quadrature degree {degree}: allowed are 0 to {MAX_DEGREE}")
+    if CELLS[cell].is_tensor:
+        return _tensor(CELLS[cell].dim, degree)
+    known = [d for d in _SYMMETRIC[cell] if d >= degree]
+    if known:
+        return _symmetric(_SYMMETRIC[cell][min(known)])
+    return _collapsed(CELLS[cell].dim, degree)
+
+
+def _tensor(dim, degree):
+    x, w = _gauss_jacobi(degree // 2 + 1, 0)
+    grids = np.meshgrid(*[x] * dim, indexing="ij")[::-1]
+    weights = np.prod(np.meshgrid(*[w] * dim, indexing="ij"), axis=0)
+    return np.stack([g.ravel() for g in grids], axis=1), weights.ravel()
+
+
+def _symmetric(orbits):
+    bary, weights = [], []
+    for weight, point, kind in orbits:
+        if kind == "all":
+            images = sorted(set(itertools.permutations(point)))
+        else:
+            images = [point[k:] + point[:k] for k in range(len(point))]
+        bary += images
+        weights += [weight] * len(images)
+    points = np.array(bary)[:, 1:].copy()
+    weights = np.array(weights)
+    return points, weights / (weights.sum() * math.factorial(points.shape[1]))
+
+
+def _collapsed(dim, degree):
+    """Gauss rule of the cube folded onto the simplex; the Jacobian (1 - u)^k is the Gauss-Jacobi weight."""
+    n = degree // 2 + 1
+    rules = [_gauss_jacobi(n, dim - 1 - k) for k in range(dim)]
+    # from [-1, 1] to [0, 1]: du (1 - u)^alpha = dx (1 - x)^alpha / 2^(alpha + 1)
+    u = np.meshgrid(*[(x + 1.0) / 2.0 for x, _ in rules], indexing="ij")
+    w = np.prod(np.meshgrid(*[w / 2.0 ** (dim - k) for k, (_, w) in enumerate(rules)], indexing="ij"), axis=0)
+    points, left = [], np.ones_like(u[0])
+    for coordinate in u:
+        points.append((left * coordinate).ravel())
+        left = left * (1.0 - coordinate)
+    return np.stack(points, axis=1), w.ravel()
+
+
+def _gauss_jacobi(n, alpha):
+    """n-point Gauss rule on [-1, 1] for the weight (1 - x)^alpha, by the eigenvalues of the Jacobi matrix.
+
+    Golub and Welsch (1969).
+    """
+    if alpha == 0:
+        return np.polynomial.legendre.leggauss(n)
+    k = np.arange(n, dtype=float)
+    diagonal = -(alpha**2) / ((2 * k + alpha) * (2 * k + alpha + 2))
+    k = k[1:]
+    square = 4 * k**2 * (k + alpha) ** 2 / ((2 * k + alpha) ** 2 * (2 * k + alpha + 1) * (2 * k + alpha - 1))
+    off = np.sqrt(square)
+    points, vectors = np.linalg.eigh(np.diag(diagonal) + np.diag(off, 1) + np.diag(off, -1))
+    return points, vectors[0] ** 2 * 2.0 ** (alpha + 1) / (alpha + 1)

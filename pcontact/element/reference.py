@@ -1,0 +1,275 @@
+"""Reference cells: vertices, edges, facets and the numbering of their nodes.
+
+Node order is VTK's (and meshio's). Simplices live on the unit simplex, tensor cells on [-1, 1]^d. The
+vertices of a facet are listed so that the facet's own reference map gives the outward normal of the cell: in
+two dimensions the tangent turned by -90 degrees (cells are counter-clockwise), in three the right-hand rule.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+DEGREES = (1, 2)
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One reference cell.
+
+    Attributes
+    ----------
+    name : str
+        Key in `CELLS`.
+    dim : int
+        Dimension of the reference domain.
+    n_vertices : int
+        Number of vertices, which are nodes 0 to n_vertices - 1 at any degree.
+    facet : str or None
+        Name of the reference cell of the facets; None for the segment.
+    facets : tuple of tuple of int
+        Local vertices of each facet, ordered for the outward normal.
+    edges : tuple of tuple of int
+        Local vertices of each edge, in the order of the edges' degree-2 nodes.
+    faces : tuple of tuple of int
+        Local vertices of the quadrilateral faces of a three-dimensional cell, in the order of the faces'
+        degree-2 nodes. Empty for all but the hexahedron: other faces carry no node of their own.
+    """
+
+    name: str
+    dim: int
+    n_vertices: int
+    facet: str | None
+    facets: tuple[tuple[int, ...], ...]
+    edges: tuple[tuple[int, int], ...]
+    faces: tuple[tuple[int, ...], ...]
+
+    @property
+    def is_tensor(self):
+        """bool : whether the reference domain is [-1, 1]^dim (else the unit simplex)."""
+        return self.n_vertices == 2**self.dim
+
+
+_TRIANGLE_EDGES = ((0, 1), (1, 2), (2, 0))
+_QUADRILATERAL_EDGES = ((0, 1), (1, 2), (2, 3), (3, 0))
+_TETRAHEDRON_EDGES = ((0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3))
+_HEXAHEDRON_EDGES = (
+    *((0, 1), (1, 2), (2, 3), (3, 0)),
+    *((4, 5), (5, 6), (6, 7), (7, 4)),
+    *((0, 4), (1, 5), (2, 6), (3, 7)),
+)
+_HEXAHEDRON_FACES = ((0, 4, 7, 3), (1, 2, 6, 5), (0, 1, 5, 4), (2, 3, 7, 6), (0, 3, 2, 1), (4, 5, 6, 7))
+_TETRAHEDRON_FACETS = ((0, 2, 1), (0, 1, 3), (1, 2, 3), (0, 3, 2))
+
+CELLS: dict[str, Cell] = {
+    cell.name: cell
+    for cell in (
+        Cell("segment", 1, 2, None, (), ((0, 1),), ()),
+        Cell("triangle", 2, 3, "segment", _TRIANGLE_EDGES, _TRIANGLE_EDGES, ()),
+        Cell("quadrilateral", 2, 4, "segment", _QUADRILATERAL_EDGES, _QUADRILATERAL_EDGES, ()),
+        Cell("tetrahedron", 3, 4, "triangle", _TETRAHEDRON_FACETS, _TETRAHEDRON_EDGES, ()),
+        Cell("hexahedron", 3, 8, "quadrilateral", _HEXAHEDRON_FACES, _HEXAHEDRON_EDGES, _HEXAHEDRON_FACES),
+    )
+}
+
+MESHIO_NAMES: dict[tuple[str, int], str] = {
+    ("segment", 1): "line",
+    ("segment", 2): "line3",
+    ("triangle", 1): "triangle",
+    ("triangle", 2): "triangle6",
+    ("quadrilateral", 1): "quad",
+    ("quadrilateral", 2): "quad9",
+    ("tetrahedron", 1): "tetra",
+    ("tetrahedron", 2): "tetra10",
+    ("hexahedron", 1): "hexahedron",
+    ("hexahedron", 2): "hexahedron27",
+}
+
+_CORNERS = np.array(
+    [(-1, -1, -1), (1, -1, -1), (1, 1, -1), (-1, 1, -1), (-1, -1, 1), (1, -1, 1), (1, 1, 1), (-1, 1, 1)]
+)
+
+
+def _check_degree(degree):
+    if degree not in DEGREES:
+        raise ValueError(f"degree {degree}: only {DEGREES} exist")
+
+
+def _vertices(cell):
+    """Reference coordinates of the vertices, (n_vertices, dim)."""
+    if CELLS[cell].is_tensor:
+        return _CORNERS[: CELLS[cell].n_vertices, : CELLS[cell].dim].astype(float)
+    return np.vstack([np.zeros(CELLS[cell].dim), np.eye(CELLS[cell].dim)])
+
+
+def n_nodes(cell, degree):
+    """Number of nodes of the complete cell of a degree.
+
+    Parameters
+    ----------
+    cell : str
+        Key in `CELLS`.
+    degree : int
+        1 or 2.
+
+    Returns
+    -------
+    int
+        For example 8 and 27 for the hexahedron.
+
+    Raises
+    ------
+    ValueError
+        If `degree` is neither 1 nor 2.
+    """
+    _check_degree(degree)
+    reference = CELLS[cell]
+    if degree == 1:
+        return reference.n_vertices
+    centre = reference.is_tensor and reference.dim > 1
+    return reference.n_vertices + len(reference.edges) + len(reference.faces) + centre
+
+
+def reference_nodes(cell, degree):
+    """Reference coordinates of the nodes.
+
+    Parameters
+    ----------
+    cell : str
+    degree : int
+
+    Returns
+    -------
+    ndarray, (n_nodes, dim) float64
+        Vertices, then the middles of edges, of quadrilateral faces and of the cell itself.
+
+    Raises
+    ------
+    ValueError
+        If `degree` is neither 1 nor 2.
+    """
+    vertices = _vertices(cell)
+    count = n_nodes(cell, degree)
+    if degree == 1:
+        return vertices
+    parts = [vertices, vertices[edge_nodes(cell)].mean(axis=1), vertices[face_nodes(cell)].mean(axis=1)]
+    nodes = np.vstack(parts)
+    centre = np.tile(vertices.mean(axis=0), (count - len(nodes), 1))
+    return np.vstack([nodes, centre])
+
+
+def edge_nodes(cell):
+    """Local vertices of the edges.
+
+    Parameters
+    ----------
+    cell : str
+
+    Returns
+    -------
+    ndarray, (n_edges, 2) int64
+        Row i belongs to degree-2 node n_vertices + i.
+    """
+    return np.array(CELLS[cell].edges, dtype=np.int64)
+
+
+def face_nodes(cell):
+    """Local vertices of the quadrilateral faces that carry a degree-2 node.
+
+    Parameters
+    ----------
+    cell : str
+
+    Returns
+    -------
+    ndarray, (n_faces, 4) int64
+        Row i belongs to degree-2 node n_vertices + n_edges + i. Empty for all cells but the hexahedron.
+    """
+    return np.array(CELLS[cell].faces, dtype=np.int64).reshape(-1, 4)
+
+
+def facet_nodes(cell, degree):
+    """Local node numbers of every facet, in the facet's own node order.
+
+    Parameters
+    ----------
+    cell : str
+        A cell of dimension 2 or 3.
+    degree : int
+
+    Returns
+    -------
+    ndarray, (n_facets, n_facet_nodes) int64
+        Ordered so that the facet's reference map gives the outward normal.
+
+    Raises
+    ------
+    ValueError
+        If `degree` is neither 1 nor 2.
+    """
+    _check_degree(degree)
+    reference = CELLS[cell]
+    if degree == 1:
+        return np.array(reference.facets, dtype=np.int64)
+    numbered = {
+        frozenset(entity): reference.n_vertices + i
+        for i, entity in enumerate(reference.edges + reference.faces)
+    }
+    edges = CELLS[reference.facet].edges
+    rows = []
+    for facet in reference.facets:
+        middles = [numbered[frozenset((facet[a], facet[b]))] for a, b in edges]
+        centre = [numbered[frozenset(facet)]] if reference.facet == "quadrilateral" else []
+        rows.append([*facet, *middles, *centre])
+    return np.array(rows, dtype=np.int64)
+
+
+def facet_points(cell, xi):
+    """Facet reference points mapped into the cell's reference domain.
+
+    Parameters
+    ----------
+    cell : str
+        A cell of dimension 2 or 3.
+    xi : ndarray, (n_points, dim - 1)
+        Points in the reference domain of the facets.
+
+    Returns
+    -------
+    ndarray, (n_facets, n_points, dim) float64
+        The same points on each facet.
+    """
+    origin, tangents = _facet_maps(cell)
+    if not CELLS[CELLS[cell].facet].is_tensor:
+        return origin[:, None] + np.einsum("fik,qk->fqi", tangents, xi)
+    # the origin of a tensor facet is its vertex (-1, ...)
+    return origin[:, None] + np.einsum("fik,qk->fqi", tangents, np.asarray(xi) + 1.0)
+
+
+def facet_area_vectors(cell):
+    """Outward area vectors of the facets on the reference cell.
+
+    Parameters
+    ----------
+    cell : str
+        A cell of dimension 2 or 3.
+
+    Returns
+    -------
+    ndarray, (n_facets, dim) float64
+        Outward normal times the ratio of the area on the reference cell to that on the facet's own domain.
+    """
+    _, tangents = _facet_maps(cell)
+    if CELLS[cell].dim == 2:
+        return np.stack([tangents[:, 1, 0], -tangents[:, 0, 0]], axis=1)
+    return np.cross(tangents[:, :, 0], tangents[:, :, 1])
+
+
+def _facet_maps(cell):
+    """First vertex (n_facets, dim) and tangents (n_facets, dim, dim - 1) of the affine maps facet -> cell."""
+    facet = CELLS[CELLS[cell].facet]
+    corners = _vertices(cell)[facet_nodes(cell, 1)]
+    # vertices next to the first one along the facet's own axes
+    along = [1, facet.n_vertices - 1][: facet.dim]
+    length = 2.0 if facet.is_tensor else 1.0
+    tangents = (corners[:, along] - corners[:, :1]) / length
+    return corners[:, 0], np.ascontiguousarray(tangents.transpose(0, 2, 1))

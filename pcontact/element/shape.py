@@ -1,0 +1,105 @@
+"""Lagrange shape functions of degrees 1 and 2 and their reference gradients."""
+
+import numpy as np
+
+from pcontact.element.reference import CELLS, edge_nodes, reference_nodes
+
+
+def shape(cell, degree, xi):
+    """Shape functions at reference points.
+
+    Parameters
+    ----------
+    cell : str
+        Key in `pcontact.element.reference.CELLS`.
+    degree : int
+        1 or 2.
+    xi : ndarray, (n_points, dim)
+        Points in the reference domain.
+
+    Returns
+    -------
+    ndarray, (n_points, n_nodes) float64
+
+    Raises
+    ------
+    ValueError
+        If `degree` is neither 1 nor 2, or the points have another dimension than the cell.
+    """
+    xi = _points(cell, xi)
+    if CELLS[cell].is_tensor:
+        return _lagrange(xi[:, None], reference_nodes(cell, degree), degree).prod(axis=2)
+    reference_nodes(cell, degree)  # rejects unknown degrees
+    bary = _barycentric(xi)
+    if degree == 1:
+        return bary
+    a, b = edge_nodes(cell).T
+    return np.hstack([bary * (2.0 * bary - 1.0), 4.0 * bary[:, a] * bary[:, b]])
+
+
+def shape_gradient(cell, degree, xi):
+    """Reference gradients of the shape functions at reference points.
+
+    Parameters
+    ----------
+    cell : str
+    degree : int
+    xi : ndarray, (n_points, dim)
+
+    Returns
+    -------
+    ndarray, (n_points, n_nodes, dim) float64
+        Derivatives with respect to the reference coordinates.
+
+    Raises
+    ------
+    ValueError
+        If `degree` is neither 1 nor 2, or the points have another dimension than the cell.
+    """
+    xi = _points(cell, xi)
+    nodes = reference_nodes(cell, degree)
+    if not CELLS[cell].is_tensor:
+        return _simplex_gradient(cell, degree, xi)
+    values = _lagrange(xi[:, None], nodes, degree)
+    slopes = _lagrange_slope(xi[:, None], nodes, degree)
+    gradient = np.empty_like(values)
+    for axis in range(CELLS[cell].dim):
+        factors = values.copy()
+        factors[:, :, axis] = slopes[:, :, axis]
+        gradient[:, :, axis] = factors.prod(axis=2)
+    return gradient
+
+
+def _points(cell, xi):
+    xi = np.asarray(xi, dtype=float)
+    if xi.ndim != 2 or xi.shape[1] != CELLS[cell].dim:
+        raise ValueError(f"{cell}: points of shape {xi.shape}, expected (n_points, {CELLS[cell].dim})")
+    return xi
+
+
+def _barycentric(xi):
+    return np.hstack([1.0 - xi.sum(axis=1, keepdims=True), xi])
+
+
+def _simplex_gradient(cell, degree, xi):
+    dim = xi.shape[1]
+    slope = np.vstack([-np.ones(dim), np.eye(dim)])
+    if degree == 1:
+        return np.tile(slope, (len(xi), 1, 1))
+    bary = _barycentric(xi)[:, :, None]
+    a, b = edge_nodes(cell).T
+    edges = 4.0 * (bary[:, a] * slope[b] + bary[:, b] * slope[a])
+    return np.concatenate([(4.0 * bary - 1.0) * slope, edges], axis=1)
+
+
+def _lagrange(s, node, degree):
+    """One-dimensional function that is 1 at `node` (-1, 0 or 1), at coordinates `s`; arguments broadcast."""
+    if degree == 1:
+        return 0.5 * (1.0 + node * s)
+    return np.where(node == 0.0, 1.0 - s * s, 0.5 * s * (s + node))
+
+
+def _lagrange_slope(s, node, degree):
+    if degree == 1:
+        return 0.5 * node + 0.0 * s
+    return np.where(node == 0.0, -2.0 * s, s + 0.5 * node)

@@ -1,0 +1,207 @@
+"""The trace constant lambda_F that scales Nitsche's parameter, gamma = gamma0 lambda_F.
+
+lambda_F = max over v of int_F |sigma(v) n|^2 / int_E sigma(v) : eps(v)        [stress / length]
+
+with the elastic stress of the parent cell E of facet F: what coercivity needs, whatever the shape of the cell
+and the moduli (Warburton and Hesthaven 2003 for the polynomial inequality on simplices).
+"""
+
+import numpy as np
+
+from pcontact.element.geometry import facet_geometry, gradients
+from pcontact.element.quadrature import quadrature
+from pcontact.element.reference import CELLS, facet_nodes, n_nodes, reference_nodes
+from pcontact.element.shape import shape, shape_gradient
+from pcontact.runtime.jit import njit
+
+# A cell is straight if its degree-2 nodes are off the middles by less than this fraction of its extent.
+_STRAIGHT = 1e-8
+# A rigid mode is one whose energy is below this fraction of the stiffness.
+_RIGID = 1e-12
+# Facets treated at once: their local matrices stay in the cache.
+_BATCH = 256
+
+
+def trace_constant(cell, x, local_facet, geometry_degree, degree, lam, mu):
+    """Trace constant of facets.
+
+    Parameters
+    ----------
+    cell : str
+        Parent cell, of dimension 2 (plane strain) or 3.
+    x : ndarray, (nf, ng, d)
+        Coordinates of the geometry nodes of each facet's parent cell [length].
+    local_facet : ndarray, (nf,) int
+        Local number of each facet in its parent cell.
+    geometry_degree, degree : int
+        Degree of the geometry and of the displacement.
+    lam, mu : float or ndarray, (nf,)
+        Lame constants [stress].
+
+    Returns
+    -------
+    ndarray, (nf,) float64
+        lambda_F [stress / length]. On straight simplices in closed form, p (p + d - 1) / d (lam + 2 mu) |F| / |E|
+        with p the degree; elsewhere the largest eigenvalue of the local problem, without its rigid modes.
+    """
+    x = np.ascontiguousarray(x, dtype=np.float64)
+    local_facet = np.ascontiguousarray(local_facet, dtype=np.int64)
+    lam, mu = (np.broadcast_to(np.asarray(value, dtype=np.float64), len(x)) for value in (lam, mu))
+    straight = _straight(cell, x, geometry_degree)
+    result = np.empty(len(x))
+    for members, on_degree in ((straight, 1), (~straight, geometry_degree)):
+        chosen = np.flatnonzero(members)
+        nodes = x[chosen, : n_nodes(cell, on_degree)]
+        if on_degree == 1 and not CELLS[cell].is_tensor and len(chosen):
+            result[chosen] = _closed_form(cell, nodes, local_facet[chosen], degree) * (lam + 2.0 * mu)[chosen]
+            continue
+        for start in range(0, len(chosen), _BATCH):
+            part = slice(start, start + _BATCH)
+            batch = chosen[part]
+            arguments = nodes[part], local_facet[batch], on_degree, degree, lam[batch], mu[batch]
+            result[batch] = _largest(cell, *arguments)
+    return result
+
+
+def _straight(cell, x, geometry_degree):
+    """Which cells have the geometry of their vertices alone, (nf,) bool."""
+    if geometry_degree == 1:
+        return np.ones(len(x), dtype=bool)
+    corners = x[:, : CELLS[cell].n_vertices]
+    middles = np.einsum("na,cai->cni", shape(cell, 1, reference_nodes(cell, geometry_degree)), corners)
+    extent = np.ptp(corners, axis=1).max(axis=1)
+    return np.abs(x - middles).max(axis=(1, 2)) <= _STRAIGHT * extent
+
+
+def _closed_form(cell, x, local_facet, degree):
+    """C_p / h_F of straight simplices, with C_p = p (p + d - 1) / d and h_F = |E| / |F|."""
+    dim = CELLS[cell].dim
+    facet = np.take_along_axis(x, facet_nodes(cell, 1)[local_facet][:, :, None], axis=1)
+    edges = facet[:, 1:] - facet[:, :1]
+    # the Gram determinant gives the facet's measure in both dimensions: |F| = root / (d - 1)!, |E| = det / d!
+    root = np.sqrt(np.linalg.det(edges @ edges.transpose(0, 2, 1)))
+    det = np.abs(np.linalg.det(x[:, 1:] - x[:, :1]))
+    return degree * (degree + dim - 1) * root / det
+
+
+def _largest(cell, x, local_facet, geometry_degree, degree, lam, mu):
+    """Largest eigenvalue of the local problem, (nf,).
+
+    With K the stiffness of the cell and H the weighted tractions, max |H v|^2 / v.K v = max eigenvalue of
+    H K^+ H^T. As H vanishes on the rigid modes, K^+ may be replaced by the inverse of K plus any stiffness on them.
+    Coordinates and moduli are scaled to one first, so that nothing depends on the units.
+    """
+    x = x - x.mean(axis=1, keepdims=True)  # the rotations below turn about this point
+    extent, modulus = np.ptp(x, axis=1).max(axis=1), lam + 2.0 * mu
+    x, lam, mu = x / extent[:, None, None], lam / modulus, mu / modulus
+    order = 2 * degree + 2 * (geometry_degree - 1)
+    stiffness = _stiffness(cell, x, geometry_degree, degree, order, lam, mu)
+    tractions = _tractions(cell, x, local_facet, geometry_degree, degree, order, lam, mu)
+    nodes = np.einsum("na,cai->cni", shape(cell, geometry_degree, reference_nodes(cell, degree)), x)
+    stiffness += _rigid_stiffness(nodes, stiffness)
+    compliance = np.empty((len(x), tractions.shape[1], tractions.shape[1]))
+    _compliance(stiffness, np.ascontiguousarray(tractions.transpose(0, 2, 1)), compliance)
+    return np.linalg.eigvalsh(compliance)[:, -1] * modulus / extent
+
+
+def _stiffness(cell, x, geometry_degree, degree, order, lam, mu):
+    """Elastic stiffness, (nf, nn d, nn d), node by node."""
+    points, weights = quadrature(cell, order)
+    dgeo, dshape = shape_gradient(cell, geometry_degree, points), shape_gradient(cell, degree, points)
+    grad, jxw = np.empty((len(x), *dshape.shape)), np.empty((len(x), len(weights)))
+    gradients(x, dgeo, dshape, weights, grad, jxw)
+    size = dshape.shape[1] * dshape.shape[2]
+    stiffness = np.empty((len(x), size, size))
+    _elastic(grad.reshape(len(x), -1, size), jxw, lam, mu, x.shape[2], stiffness)
+    return stiffness
+
+
+def _tractions(cell, x, local_facet, geometry_degree, degree, order, lam, mu):
+    """Tractions of the shape functions at facet points times the root of the weight, (nf, nq d, nn d)."""
+    xi, weights = quadrature(CELLS[cell].facet, order)
+    facets = facet_geometry(cell, x, local_facet, geometry_degree, degree, xi, weights)
+    normals, grad = facets.normals, facets.gradients
+    nf, nq, nn, dim = grad.shape
+    root = np.sqrt(facets.jxw)[:, :, None, None]
+    lam, mu = lam[:, None, None, None], mu[:, None, None, None]
+    result = np.empty((nf, nq, dim, nn, dim))
+    along = root * mu * np.einsum("fqai,fqi->fqa", grad, normals)[..., None]
+    for k in range(dim):
+        result[:, :, k] = root * lam * normals[:, :, k, None, None] * grad
+        result[:, :, k] += root * mu * grad[..., k, None] * normals[:, :, None, :]
+        result[:, :, k, :, k] += along[..., 0]
+    return result.reshape(nf, nq * dim, nn * dim)
+
+
+def _rigid_stiffness(nodes, stiffness):
+    """Stiffness on the rigid modes only, (nf, nn d, nn d).
+
+    On a curved cell with displacements of lower degree than the geometry, rotations are no rigid modes: only what
+    has no energy is stiffened.
+    """
+    nf, nn, dim = nodes.shape
+    pairs = [(i, j) for i in range(dim) for j in range(i)]
+    modes = np.zeros((nf, nn, dim, dim + len(pairs)))
+    for i in range(dim):
+        modes[:, :, i, i] = 1.0
+    for k, (i, j) in enumerate(pairs, start=dim):
+        modes[:, :, i, k] = nodes[:, :, j]
+        modes[:, :, j, k] = -nodes[:, :, i]
+    basis = np.linalg.qr(modes.reshape(nf, nn * dim, -1))[0]
+    energy, vectors = np.linalg.eigh(basis.transpose(0, 2, 1) @ stiffness @ basis)
+    scale = np.trace(stiffness, axis1=1, axis2=2)[:, None]
+    basis = basis @ vectors
+    added = np.where(energy < _RIGID * scale, scale / (nn * dim), 0.0)
+    return (basis * added[:, None, :]) @ basis.transpose(0, 2, 1)
+
+
+@njit
+def _elastic(grad, jxw, lam, mu, dim, stiffness):
+    """Elastic stiffness of cells from gradients (nf, nq, nn d), into (nf, nn d, nn d)."""
+    size = grad.shape[2]
+    products = np.empty((size, size))
+    for c in range(grad.shape[0]):
+        products[:] = 0.0
+        # products[a i, b j] = int dN_a/dx_i dN_b/dx_j
+        for q in range(grad.shape[1]):
+            for m in range(size):
+                scaled = jxw[c, q] * grad[c, q, m]
+                for n in range(size):
+                    products[m, n] += scaled * grad[c, q, n]
+        for a in range(0, size, dim):
+            for b in range(0, size, dim):
+                laplacian = 0.0
+                for i in range(dim):
+                    laplacian += products[a + i, b + i]
+                    for j in range(dim):
+                        direct, swapped = products[a + i, b + j], products[a + j, b + i]
+                        stiffness[c, a + i, b + j] = lam[c] * direct + mu[c] * swapped
+                for i in range(dim):
+                    stiffness[c, a + i, b + i] += mu[c] * laplacian
+
+
+@njit
+def _compliance(stiffness, loads, compliance):
+    """B^T K^{-1} B for K (nf, n, n) symmetric positive definite and B (nf, n, m), into (nf, m, m).
+
+    By Cholesky's K = L L^T and Y = L^{-1} B; the lower triangle of K and all of B are overwritten by L and Y.
+    """
+    for c in range(stiffness.shape[0]):
+        lower, y, out = stiffness[c], loads[c], compliance[c]
+        size, m = y.shape
+        for i in range(size):
+            for j in range(i + 1):
+                rest = lower[i, j]
+                for k in range(j):
+                    rest -= lower[i, k] * lower[j, k]
+                lower[i, j] = np.sqrt(rest) if i == j else rest / lower[j, j]
+            for k in range(i):
+                for n in range(m):
+                    y[i, n] -= lower[i, k] * y[k, n]
+            for n in range(m):
+                y[i, n] /= lower[i, i]
+        out[:] = 0.0
+        for i in range(size):
+            for n in range(m):
+                for k in range(m):
+                    out[n, k] += y[i, n] * y[i, k]

@@ -1,0 +1,285 @@
+"""Fields for ParaView: every rank writes its own piece, rank 0 the few lines that hold them together.
+
+In the output directory::
+
+    fields.pvd                          all times, three groups of parts: bodies, surfaces, points
+    fields/bodies_000001.pvtu           the bodies at step 1, and
+    fields/bodies_000001_0000.vtu       rank 0's piece of them
+    fields/surface_NAME_000001.pvtu     the facets of one contact pair
+    fields/points_NAME_000001.pvtu      the quadrature points of one contact pair
+"""
+
+import re
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from pcontact.io import vtu
+
+GROUPS = {"bodies": "bodies", "surfaces": "surface", "points": "points"}
+_OURS = re.compile(r"(bodies|surface_.*|points_.*)_\d{6,}(_\d{4,})?\.p?vtu(\.part)?")
+
+
+@dataclass
+class Piece:
+    """One rank's part of a mesh with its fields.
+
+    Parameters
+    ----------
+    points : ndarray (n, 2) or (n, 3)
+        Coordinates in the reference state [length].
+    cells : list of (str, ndarray (nc, nn))
+        Blocks of cells: meshio's name of the type, nodes in VTK's order (row numbers of `points`).
+    point_data : dict of str to ndarray (n,) or (n, k)
+        Fields at the points.
+    cell_data : dict of str to list of ndarray (nc,) or (nc, k)
+        Fields of the cells: one array per block. Symmetric tensors have 6 columns XX, YY, ZZ, XY, YZ, XZ.
+    """
+
+    points: np.ndarray
+    cells: list = field(default_factory=list)
+    point_data: dict = field(default_factory=dict)
+    cell_data: dict = field(default_factory=dict)
+
+
+@dataclass
+class Cloud:
+    """One rank's quadrature points of a contact pair.
+
+    Parameters
+    ----------
+    points : ndarray (n, 2) or (n, 3)
+        Coordinates in the reference state [length].
+    data : dict of str to ndarray (n,) or (n, k)
+        Values at the points.
+    """
+
+    points: np.ndarray
+    data: dict = field(default_factory=dict)
+
+
+class FieldWriter:
+    """Writes the fields of one run, a step at a time.
+
+    Parameters
+    ----------
+    directory : str or Path
+        The output directory; made with the first step. Fields that an earlier run left there go then.
+    comm : mpi4py.MPI.Comm
+        All ranks of the run.
+    resume_time : float, optional
+        The run continues one whose fields are in `directory`: steps up to this time are kept.
+    """
+
+    def __init__(self, directory, comm, resume_time=None):
+        self.directory = Path(directory)
+        self.comm = comm
+        self._resume_time = resume_time
+        self._entries = None
+
+    def write(self, step, time, bodies, surfaces=None, points=None):
+        """Write one step. *Collective.*
+
+        A rank that owns nothing of a part gives an empty `Piece` or `Cloud`, or leaves its key out.
+
+        Parameters
+        ----------
+        step : int
+            Number of the step, for the file names.
+        time : float
+            Time of the step.
+        bodies : Piece
+            The cells this rank owns.
+        surfaces : dict of str to Piece
+            The facets of each contact pair that this rank owns.
+        points : dict of str to Cloud
+            The quadrature points of each contact pair that this rank owns.
+
+        Raises
+        ------
+        ValueError
+            On all ranks: on one of them an array does not fit its points or cells, or the
+            ranks' arrays differ.
+        OSError
+            On all ranks: one of them could not write.
+        """
+        grids = _on_all(self.comm, _grids, bodies, surfaces or {}, points or {})
+        parts = self._agree(grids)
+        if self._entries is None:
+            self._entries = _on_all(self.comm, self._begin)
+        _on_all(self.comm, self._write_pieces, step, grids, parts)
+        _on_all(self.comm, self._write_index, step, time, parts)
+
+    def _agree(self, grids):
+        """Each part's arrays and the ranks that own some of it, the same on all ranks."""
+        gathered = self.comm.gather({key: _signatures(grid) for key, grid in grids.items()})
+        return _on_all(self.comm, lambda: _merged(gathered) if gathered else None, root=True)
+
+    def _begin(self):
+        """Make the directory, clear away what an earlier run left, keep what this run continues."""
+        if self.comm.rank != 0:
+            return []
+        folder, index, entries = self.directory / "fields", self.directory / "fields.pvd", []
+        folder.mkdir(parents=True, exist_ok=True)
+        if self._resume_time is not None and index.exists():
+            limit = self._resume_time + 1e-10 * abs(self._resume_time)
+            entries = [entry for entry in vtu.read_pvd(index) if float(entry["timestep"]) <= limit]
+        else:
+            index.unlink(missing_ok=True)
+            for path in folder.iterdir():
+                if _OURS.fullmatch(path.name):
+                    path.unlink()
+        return entries
+
+    def _write_pieces(self, step, grids, parts):
+        """This rank's file of each part of which it owns something."""
+        for key, part in parts.items():
+            if self.comm.rank in part["ranks"]:
+                grid = grids.get(key) or _grid(Piece(np.zeros((0, 3))))
+                _fill(grid.point_data, part["point_data"])
+                _fill(grid.cell_data, part["cell_data"])
+                file = f"{part['file']}_{step:06d}_{self.comm.rank:04d}.vtu"
+                vtu.write_vtu(self.directory / "fields" / file, grid)
+
+    def _write_index(self, step, time, parts):
+        """Rank 0: the .pvtu of each part, then the collection, which is whole after every step."""
+        if self.comm.rank != 0:
+            return
+        for number, ((group, name), part) in enumerate(parts.items()):
+            file = f"{part['file']}_{step:06d}"
+            vtu.write_pvtu(
+                self.directory / "fields" / f"{file}.pvtu", part["point_data"], part["cell_data"],
+                [f"{file}_{rank:04d}.vtu" for rank in part["ranks"]],
+            )  # fmt: skip
+            self._entries.append({
+                "timestep": repr(float(time)), "group": group, "part": number,
+                "name": f"{group}: {name}" if name else group, "file": f"fields/{file}.pvtu",
+            })  # fmt: skip
+        vtu.write_pvd(self.directory / "fields.pvd", self._entries)
+
+
+def _on_all(comm, function, *args, root=False):
+    """Call a function; what one rank raises is raised by all, so that none waits for ever. *Collective.*
+
+    With `root` the result is that of rank 0.
+    """
+    result = error = None
+    try:
+        result = function(*args)
+    except (OSError, ValueError) as problem:
+        error = problem
+    errors = [problem for problem in comm.allgather(error) if problem is not None]
+    if errors:
+        raise errors[0]
+    return comm.bcast(result) if root else result
+
+
+def _grids(bodies, surfaces, points):
+    """This rank's parts in VTK's arrays: (group, name) -> Grid."""
+    grids = {("bodies", ""): _grid(bodies, "bodies")}
+    for name, piece in surfaces.items():
+        grids["surfaces", name] = _grid(piece, f"surface {name!r}")
+    for name, cloud in points.items():
+        # cells of one node: ParaView draws cells, not bare points
+        cells = [("vertex", np.arange(len(cloud.points)).reshape(-1, 1))]
+        grids["points", name] = _grid(Piece(cloud.points, cells, cloud.data, {}), f"points of {name!r}")
+    return grids
+
+
+def _grid(piece, name=""):
+    """A piece in VTK's arrays; ValueError where an array does not fit."""
+    points = np.asarray(piece.points, dtype=float)
+    points = points if points.size else np.zeros((0, 3))
+    points = np.pad(points, ((0, 0), (0, 3 - points.shape[1])))
+    blocks = [(kind, np.asarray(nodes)) for kind, nodes in piece.cells]
+    for kind, nodes in blocks:
+        if kind not in vtu.CELL_TYPES or nodes.ndim != 2 or nodes.shape[1] != vtu.CELL_TYPES[kind][1]:
+            raise ValueError(f"{name}: no cells of type {kind!r} with nodes of shape {nodes.shape}")
+        if nodes.size and not 0 <= nodes.min() <= nodes.max() < len(points):
+            raise ValueError(f"{name}: cells of type {kind!r} name nodes beyond the {len(points)} points")
+    counts = [len(nodes) for _, nodes in blocks]
+    sizes = np.repeat([vtu.CELL_TYPES[kind][1] for kind, _ in blocks], counts)
+    types = np.repeat([vtu.CELL_TYPES[kind][0] for kind, _ in blocks], counts)
+    cell_data = {}
+    for key, arrays in piece.cell_data.items():
+        if [len(array) for array in arrays] != counts:
+            raise ValueError(f"{name}: cell data {key!r} have not the lengths {counts} of the blocks")
+        cell_data[key] = _columns(arrays, sum(counts), f"{name}: cell data {key!r}")
+    return vtu.Grid(
+        np.ascontiguousarray(points),
+        np.concatenate([np.zeros(0, np.int64), *(nodes.ravel() for _, nodes in blocks)]).astype(np.int64),
+        np.cumsum(sizes).astype(np.int64),
+        types.astype(np.uint8),
+        {key: _columns([array], len(points), f"{name}: {key!r}") for key, array in piece.point_data.items()},
+        cell_data,
+    )
+
+
+def _columns(arrays, n, name):
+    """Arrays one below the other as VTK stores them, (n,) or (n, k); vectors of the plane padded."""
+    arrays = [np.asarray(array) for array in arrays]
+    arrays = [array for array in arrays if len(array)] or arrays[:1] or [np.zeros(0)]
+    array = vtu.storable(np.concatenate(arrays))
+    if len(array) != n or array.ndim > 2:
+        raise ValueError(f"{name} has shape {array.shape}, not ({n},) or ({n}, k)")
+    if array.ndim == 2 and array.shape[1] in (1, 2):
+        return array[:, 0].copy() if array.shape[1] == 1 else np.pad(array, ((0, 0), (0, 1)))
+    return array
+
+
+def _signatures(grid):
+    """What the ranks must agree on: has this one points and cells, and which arrays do they carry."""
+    return {
+        "size": (len(grid.points), len(grid.types)),
+        "point_data": {key: vtu.signature(array) for key, array in grid.point_data.items()},
+        "cell_data": {key: vtu.signature(array) for key, array in grid.cell_data.items()},
+    }
+
+
+def _merged(gathered):
+    """Rank 0: one description of each part out of all ranks'."""
+    parts = {}
+    keys = {key for local in gathered for key in local}
+    keys = sorted(keys, key=lambda key: (list(GROUPS).index(key[0]), key[1]))
+    files = _file_names(keys)
+    for key in keys:
+        pieces = {rank: local[key] for rank, local in enumerate(gathered) if key in local}
+        ranks = [rank for rank, piece in pieces.items() if piece["size"][0]]
+        parts[key] = {
+            "file": files[key],
+            "ranks": ranks or [0],
+            "point_data": _common(
+                key, [(piece["size"][0], piece["point_data"]) for piece in pieces.values()]
+            ),
+            "cell_data": _common(key, [(piece["size"][1], piece["cell_data"]) for piece in pieces.values()]),
+        }
+    return parts
+
+
+def _common(key, pieces):
+    """The arrays of one part. Pieces that hold something must agree, an empty one need not know them."""
+    filled = [arrays for size, arrays in pieces if size]
+    if any(arrays != filled[0] for arrays in filled):
+        raise ValueError(f"{' '.join(key)}: the ranks give different arrays: {filled}")
+    arrays = filled[0] if filled else {name: kind for _, local in pieces for name, kind in local.items()}
+    return dict(sorted(arrays.items()))
+
+
+def _file_names(keys):
+    """File names of the parts: a contact's name may hold what a file name must not."""
+    names = {key: GROUPS[key[0]] + re.sub(r"[^\w.-]+", "_", f"_{key[1]}" if key[1] else "") for key in keys}
+    taken = list(names.values())
+    return {
+        key: name if taken.count(name) == 1 else f"{name}_{number}"
+        for number, (key, name) in enumerate(names.items())
+    }
+
+
+def _fill(arrays, signatures):
+    """Bring a piece's arrays to the common list and order; only an empty one can lack some."""
+    given = dict(arrays)
+    arrays.clear()
+    for name, signature in signatures.items():
+        array = given.get(name)
+        arrays[name] = array if array is not None and len(array) else vtu.empty(*signature)

@@ -1,0 +1,102 @@
+"""history.csv: a row per load step, for plotting."""
+
+import csv
+import io
+from pathlib import Path
+
+import numpy as np
+
+from pcontact.io.vtu import replace_file
+from pcontact.runtime import log
+
+_AXES = "xyz"
+
+
+def flatten(values, prefix=""):
+    """The scalars of a nested dict under names that tell where they come from. Rank 0 only.
+
+    Parameters
+    ----------
+    values : dict
+        Scalars, sequences of numbers and dicts of these. Sequences of up to three numbers become ``NAME_x``,
+        ``NAME_y``, ``NAME_z``, longer ones ``NAME_0``, ``NAME_1``, ...; a dict's keys are joined by dots.
+    prefix : str
+        Goes before every name.
+
+    Returns
+    -------
+    dict of str to scalar
+    """
+    scalars = {}
+    for key, value in values.items():
+        name = f"{prefix}{key}"
+        if isinstance(value, dict):
+            scalars.update(flatten(value, f"{name}."))
+        elif isinstance(value, (list, tuple, np.ndarray)) and np.ndim(value):
+            suffixes = _AXES if len(value) <= len(_AXES) else range(len(value))
+            parts = zip(suffixes, value, strict=False)
+            scalars.update({f"{name}_{suffix}": _plain(part) for suffix, part in parts})
+        else:
+            scalars[name] = _plain(value)
+    return scalars
+
+
+def _plain(value):
+    """A Python scalar, whose text has all the digits."""
+    return value.item() if isinstance(value, (np.generic, np.ndarray)) else value
+
+
+class History:
+    """A table that grows by a row per step and is whole on disk after each. Rank 0 only.
+
+    The columns are those of the first row: later rows leave empty what they lack, and what they have
+    beyond is left out with a warning.
+
+    Parameters
+    ----------
+    path : str or Path
+        The .csv file; an earlier one is replaced with the first row.
+    resume_time : float, optional
+        The run continues one whose table is `path`: rows up to this time are kept, and its columns.
+    """
+
+    def __init__(self, path, resume_time=None):
+        self.path = Path(path)
+        self.columns = None
+        self._resume_time = resume_time
+        self._warned = False
+
+    def append(self, row):
+        """Add a row.
+
+        Parameters
+        ----------
+        row : dict
+            A step as in the report: `time`, `newton`, `krylov`, `cutbacks`, `contacts`, `reactions`,
+            `probes`, `plastic`; see `flatten` for the names of the columns.
+        """
+        row = flatten(row)
+        if self.columns is None:
+            self._begin(row)
+        beyond = [name for name in row if name not in self.columns]
+        if beyond and not self._warned:
+            log.warning("%s: not in the first row's columns, left out: %s", self.path, ", ".join(beyond))
+            self._warned = True
+        with open(self.path, "a", newline="") as stream:
+            csv.writer(stream).writerow([row.get(name, "") for name in self.columns])
+
+    def _begin(self, row):
+        """Decide the columns and write the head, with the rows that are kept."""
+        kept = []
+        if self._resume_time is not None and self.path.exists():
+            with open(self.path, newline="") as stream:
+                self.columns, *kept = list(csv.reader(stream)) or [None]
+        if self.columns and "time" in self.columns:
+            column, limit = self.columns.index("time"), self._resume_time + 1e-10 * abs(self._resume_time)
+            kept = [line for line in kept if len(line) == len(self.columns) and float(line[column]) <= limit]
+        else:
+            self.columns, kept = list(row), []
+        text = io.StringIO(newline="")
+        csv.writer(text).writerows([self.columns, *kept])
+        self.path.parent.mkdir(parents=True, exist_ok=True)
+        replace_file(self.path, text.getvalue())

@@ -1,0 +1,150 @@
+"""A run's fields read back: the pieces of all ranks in one mesh."""
+
+import zlib
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from pcontact.io import vtu
+from pcontact.io.fields import Cloud, Piece
+from pcontact.runtime.errors import InputError
+
+
+@dataclass
+class Result:
+    """The fields of one step.
+
+    Parameters
+    ----------
+    directory : Path
+        Where they were read.
+    time : float
+        Time of the step.
+    times : list of float
+        Times of all steps that are there.
+    bodies : Piece
+        All bodies; points (n, 3), those that ranks share are joined.
+    surfaces : dict of str to Piece
+        The facets of each contact pair.
+    points : dict of str to Cloud
+        The quadrature points of each contact pair.
+    """
+
+    directory: Path
+    time: float
+    times: list
+    bodies: Piece
+    surfaces: dict
+    points: dict
+
+
+def load_result(directory, step=-1):
+    """Read the fields of one step. Serial.
+
+    Parameters
+    ----------
+    directory : str or Path
+        The output directory of a run.
+    step : int
+        Which of the steps that are there, from 0; negative numbers count from the last one.
+
+    Returns
+    -------
+    Result
+
+    Raises
+    ------
+    InputError
+        There are no fields, no such step, or a file is missing or damaged.
+    """
+    directory = Path(directory)
+    index = directory / "fields.pvd"
+    if not directory.is_dir():
+        raise InputError(f"{directory}: no such directory")
+    if not index.exists():
+        raise InputError(f"{directory}: no {index.name} in it; was the run made with fields = true?")
+    try:
+        entries = vtu.read_pvd(index)
+        times = sorted({float(entry["timestep"]) for entry in entries})
+        if not -len(times) <= step < len(times):
+            raise InputError(f"{index}: no step {step}; there are {len(times)}, counted from 0")
+        time = times[step]
+        grids = {
+            (entry["group"], entry["name"].partition(": ")[2]): _read(directory / entry["file"])
+            for entry in entries
+            if float(entry["timestep"]) == time
+        }
+    # a damaged XML file gives a SyntaxError, a damaged piece any of the others
+    except (OSError, ValueError, SyntaxError, KeyError, AttributeError, zlib.error) as problem:
+        raise InputError(f"{index}: the fields cannot be read: {problem}") from problem
+    bodies = [join_points(_piece(grid)) for (group, _), grid in grids.items() if group == "bodies"]
+    surfaces = {name: _piece(grid) for (group, name), grid in grids.items() if group == "surfaces"}
+    clouds = {
+        name: Cloud(grid.points, grid.point_data)
+        for (group, name), grid in grids.items()
+        if group == "points"
+    }
+    return Result(directory, time, times, bodies[0] if bodies else Piece(np.zeros((0, 3))), surfaces, clouds)
+
+
+def _read(path):
+    """All pieces of a part one after the other."""
+    grids = [vtu.read_vtu(piece) for piece in vtu.read_pvtu(path)]
+    n_points = np.cumsum([0] + [len(grid.points) for grid in grids])
+    n_nodes = np.cumsum([0] + [len(grid.connectivity) for grid in grids])
+    return vtu.Grid(
+        np.concatenate([grid.points for grid in grids]),
+        np.concatenate([grid.connectivity + start for grid, start in zip(grids, n_points, strict=False)]),
+        np.concatenate([grid.offsets + start for grid, start in zip(grids, n_nodes, strict=False)]),
+        np.concatenate([grid.types for grid in grids]),
+        {name: np.concatenate([grid.point_data[name] for grid in grids]) for name in grids[0].point_data},
+        {name: np.concatenate([grid.cell_data[name] for grid in grids]) for name in grids[0].cell_data},
+    )
+
+
+def _piece(grid):
+    """Blocks of cells by type, out of VTK's arrays."""
+    cells, rows = [], []
+    for number in np.unique(grid.types):
+        name, n_nodes = vtu.CELL_NAMES[int(number)]
+        rows.append(np.flatnonzero(grid.types == number))
+        cells.append((name, grid.connectivity[grid.offsets[rows[-1], None] - n_nodes + np.arange(n_nodes)]))
+    cell_data = {name: [array[row] for row in rows] for name, array in grid.cell_data.items()}
+    return Piece(grid.points, cells, grid.point_data, cell_data)
+
+
+def join_points(piece):
+    """Give the points that ranks share one number again, so that facets between ranks are inside a body.
+
+    Points of different bodies (cell data `body`) stay apart, even where the bodies touch.
+
+    Parameters
+    ----------
+    piece : Piece
+        Points (n, 3) with doubles.
+
+    Returns
+    -------
+    Piece
+    """
+    points = piece.points
+    if not len(points):
+        return piece
+    body = np.full(len(points), -1)
+    for (_, nodes), values in zip(piece.cells, piece.cell_data.get("body", []), strict=False):
+        body[nodes] = values[:, None]
+    # coordinates to 1e-9 of the size: two ranks may have rounded a midside node differently
+    unit = 1e-9 * max(np.ptp(points, axis=0).max(), np.finfo(float).tiny)
+    keys = np.column_stack([np.rint((points - points.min(axis=0)) / unit).astype(np.int64), body])
+    order = np.lexsort(keys.T)
+    new = np.concatenate([[True], (np.diff(keys[order], axis=0) != 0).any(axis=1)])
+    number = np.empty(len(points), dtype=np.int64)
+    number[order] = np.cumsum(new) - 1
+    first = order[new]
+    return Piece(
+        points[first],
+        [(name, number[nodes]) for name, nodes in piece.cells],
+        {name: array[first] for name, array in piece.point_data.items()},
+        piece.cell_data,
+    )

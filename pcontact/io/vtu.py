@@ -1,0 +1,296 @@
+"""One rank's piece as a VTK XML file, and the small files that name the pieces.
+
+The arrays follow the XML as raw appended data, each compressed with zlib in one block: the smallest of VTK's
+forms that every reader knows. Format: the "VTK XML formats" chapter of the VTK User's Guide.
+"""
+
+import os
+import re
+import sys
+import zlib
+from dataclasses import dataclass
+from pathlib import Path
+from xml.etree import ElementTree
+from xml.sax.saxutils import quoteattr
+
+import numpy as np
+
+CELL_TYPES = {
+    "vertex": (1, 1), "line": (3, 2), "triangle": (5, 3), "quad": (9, 4), "tetra": (10, 4),
+    "hexahedron": (12, 8),
+    "line3": (21, 3), "triangle6": (22, 6), "quad8": (23, 8), "tetra10": (24, 10), "hexahedron20": (25, 20),
+    "quad9": (28, 9), "hexahedron27": (29, 27),
+}  # fmt: skip
+CELL_NAMES = {number: (name, n_nodes) for name, (number, n_nodes) in CELL_TYPES.items()}
+_TYPES = {"f8": "Float64", "f4": "Float32", "i8": "Int64", "i4": "Int32", "i1": "Int8", "u1": "UInt8"}
+_DTYPES = {name: np.dtype(code) for code, name in _TYPES.items()}
+_ORDER = {"little": "LittleEndian", "big": "BigEndian"}[sys.byteorder]
+_HEAD = f'version="1.0" byte_order="{_ORDER}" header_type="UInt64" compressor="vtkZLibDataCompressor"'
+_SYMMETRIC = ("XX", "YY", "ZZ", "XY", "YZ", "XZ")
+
+
+@dataclass
+class Grid:
+    """An unstructured grid in VTK's own arrays.
+
+    Parameters
+    ----------
+    points : ndarray (n, 3)
+        Coordinates [length].
+    connectivity, offsets, types : ndarray of int64, int64, uint8
+        Nodes of all cells one after the other, the end of each cell in it, the VTK type of each cell.
+    point_data, cell_data : dict of str to ndarray (n,) or (n, k)
+        Arrays of points and of cells.
+    """
+
+    points: np.ndarray
+    connectivity: np.ndarray
+    offsets: np.ndarray
+    types: np.ndarray
+    point_data: dict
+    cell_data: dict
+
+
+def storable(array):
+    """The array in a type that VTK's files know, contiguous, in this machine's byte order.
+
+    Parameters
+    ----------
+    array : array_like
+        Numbers or truth values.
+
+    Returns
+    -------
+    ndarray
+        Floats of 4 or 8 bytes, signed integers of 1, 4 or 8 bytes, or bytes.
+    """
+    array = np.asarray(array)
+    code = f"{array.dtype.kind}{array.dtype.itemsize}"
+    if array.dtype.kind == "b":
+        code = "u1"
+    elif code not in _TYPES:
+        if array.dtype.kind not in "iuf":
+            raise ValueError(f"an array of type {array.dtype} cannot be written, only numbers can")
+        code = "f8" if array.dtype.kind == "f" else "i8"
+    return np.ascontiguousarray(array, dtype=code)
+
+
+def signature(array):
+    """VTK's name of the type and the number of components.
+
+    Parameters
+    ----------
+    array : ndarray (n,) or (n, k)
+        As `storable` returns it.
+
+    Returns
+    -------
+    tuple of (str, int)
+    """
+    return _TYPES[f"{array.dtype.kind}{array.dtype.itemsize}"], 1 if array.ndim == 1 else array.shape[1]
+
+
+def empty(kind, components):
+    """An array of no rows with the given `signature`.
+
+    Parameters
+    ----------
+    kind : str
+        VTK's name of the type.
+    components : int
+        Columns; 1 gives a one-dimensional array.
+
+    Returns
+    -------
+    ndarray (0,) or (0, components)
+    """
+    return np.zeros(0 if components == 1 else (0, components), dtype=_DTYPES[kind])
+
+
+def replace_file(path, content):
+    """Write a file aside and put it in place at once, so that it is never seen half written.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    content : str, bytes or list of bytes
+        What it holds afterwards.
+    """
+    path = Path(path)
+    aside = path.with_name(path.name + ".part")
+    content = content.encode() if isinstance(content, str) else content
+    with open(aside, "wb") as stream:
+        stream.writelines([content] if isinstance(content, bytes) else content)
+    os.replace(aside, path)
+
+
+def _array_tag(tag, name, kind, components, rest=""):
+    """The tag that declares an array; symmetric tensors get the names of their components."""
+    text = f'<{tag} type={quoteattr(kind)} Name={quoteattr(name)} NumberOfComponents="{components}"'
+    if components == len(_SYMMETRIC):
+        text += "".join(f' ComponentName{i}="{part}"' for i, part in enumerate(_SYMMETRIC))
+    return f"{text}{rest}/>\n"
+
+
+def _compressed(array):
+    """VTK's header (blocks, their size, that of a partial last one, compressed sizes) and the block."""
+    if array.nbytes == 0:
+        return np.zeros(3, np.uint64).tobytes()
+    # level 1: the digits of floating point numbers hardly compress better at a multiple of the time
+    block = zlib.compress(array.tobytes(), 1)
+    return np.array([1, array.nbytes, 0, len(block)], np.uint64).tobytes() + block
+
+
+def write_vtu(path, grid):
+    """Write one piece.
+
+    Parameters
+    ----------
+    path : Path
+        The .vtu file.
+    grid : Grid
+        Its arrays, all as `storable` returns them.
+    """
+    data, offset = [], 0
+
+    def section(tag, arrays):
+        nonlocal offset
+        text = f"<{tag}>\n"
+        for name, array in arrays.items():
+            text += _array_tag(
+                "DataArray", name, *signature(array), rest=f' format="appended" offset="{offset}"'
+            )
+            data.append(_compressed(array))
+            offset += len(data[-1])
+        return text + f"</{tag}>\n"
+
+    cells = {"connectivity": grid.connectivity, "offsets": grid.offsets, "types": grid.types}
+    head = (
+        f'<?xml version="1.0"?>\n<VTKFile type="UnstructuredGrid" {_HEAD}>\n<UnstructuredGrid>\n'
+        f'<Piece NumberOfPoints="{len(grid.points)}" NumberOfCells="{len(grid.types)}">\n'
+        + section("PointData", grid.point_data)
+        + section("CellData", grid.cell_data)
+        + section("Points", {"Points": grid.points})
+        + section("Cells", cells)
+        + '</Piece>\n</UnstructuredGrid>\n<AppendedData encoding="raw">\n_'
+    )
+    replace_file(path, [head.encode(), *data, b"\n</AppendedData>\n</VTKFile>\n"])
+
+
+def write_pvtu(path, point_arrays, cell_arrays, pieces):
+    """Write the file that names the pieces of one part at one time.
+
+    Parameters
+    ----------
+    path : Path
+        The .pvtu file.
+    point_arrays, cell_arrays : dict of str to (str, int)
+        `signature` of every array, which each piece holds.
+    pieces : list of str
+        File names of the pieces, beside this file.
+    """
+
+    def section(tag, arrays):
+        lines = "".join(_array_tag("PDataArray", name, *arrays[name]) for name in arrays)
+        return f"<{tag}>\n{lines}</{tag}>\n"
+
+    replace_file(
+        path,
+        f'<?xml version="1.0"?>\n<VTKFile type="PUnstructuredGrid" {_HEAD}>\n'
+        + '<PUnstructuredGrid GhostLevel="0">\n'
+        + section("PPointData", point_arrays)
+        + section("PCellData", cell_arrays)
+        + section("PPoints", {"Points": ("Float64", 3)})
+        + "".join(f"<Piece Source={quoteattr(piece)}/>\n" for piece in pieces)
+        + "</PUnstructuredGrid>\n</VTKFile>\n",
+    )
+
+
+def write_pvd(path, entries):
+    """Write the collection of all times.
+
+    Parameters
+    ----------
+    path : Path
+        The .pvd file.
+    entries : list of dict
+        Attributes of each data set: timestep, group, part, name, file (relative to the .pvd).
+    """
+    lines = "".join(
+        "<DataSet " + " ".join(f"{key}={quoteattr(str(value))}" for key, value in entry.items()) + "/>\n"
+        for entry in entries
+    )
+    head = f'<?xml version="1.0"?>\n<VTKFile type="Collection" version="0.1" byte_order="{_ORDER}">\n'
+    replace_file(path, head + "<Collection>\n" + lines + "</Collection>\n</VTKFile>\n")
+
+
+def read_pvd(path):
+    """Entries of a collection, as `write_pvd` takes them.
+
+    Parameters
+    ----------
+    path : Path
+        The .pvd file.
+
+    Returns
+    -------
+    list of dict of str to str
+    """
+    return [dict(tag.attrib) for tag in ElementTree.parse(path).getroot().iter("DataSet")]
+
+
+def read_pvtu(path):
+    """The pieces that a .pvtu names.
+
+    Parameters
+    ----------
+    path : Path
+        The .pvtu file.
+
+    Returns
+    -------
+    list of Path
+    """
+    return [
+        Path(path).parent / tag.attrib["Source"] for tag in ElementTree.parse(path).getroot().iter("Piece")
+    ]
+
+
+def read_vtu(path):
+    """Read a piece that `write_vtu` wrote (other programs' forms of the file are not understood).
+
+    Parameters
+    ----------
+    path : Path
+        The .vtu file.
+
+    Returns
+    -------
+    Grid
+    """
+    content = Path(path).read_bytes()
+    mark = re.search(rb'<AppendedData encoding="raw">\s*_', content)
+    root = ElementTree.fromstring(content[: mark.start()] + b"</VTKFile>")
+    sections = {
+        tag.tag: {a.attrib["Name"]: _read_array(content, mark.end(), a.attrib) for a in tag.iter("DataArray")}
+        for tag in root.iter()
+        if tag.tag in ("PointData", "CellData", "Points", "Cells")
+    }
+    cells = sections["Cells"]
+    return Grid(
+        sections["Points"]["Points"], cells["connectivity"], cells["offsets"], cells["types"],
+        sections["PointData"], sections["CellData"],
+    )  # fmt: skip
+
+
+def _read_array(content, start, tag):
+    """The array that a tag declares, out of the appended data that begin at `start`."""
+    kind, components = tag["type"], int(tag["NumberOfComponents"])
+    at = start + int(tag["offset"])
+    blocks = int(np.frombuffer(content, np.uint64, 1, at)[0])
+    if blocks == 0:
+        return empty(kind, components)
+    length = int(np.frombuffer(content, np.uint64, 4, at)[3])
+    array = np.frombuffer(zlib.decompress(content[at + 32 : at + 32 + length]), _DTYPES[kind])
+    return array if components == 1 else array.reshape(-1, components)

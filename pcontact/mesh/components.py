@@ -1,0 +1,227 @@
+"""Connected parts of a mesh, and the sense in which their cells are numbered."""
+
+import numpy as np
+
+from pcontact.element.quadrature import quadrature
+from pcontact.element.reference import CELLS, n_nodes, reference_nodes
+from pcontact.element.shape import shape_gradient
+from pcontact.runtime.errors import InputError
+from pcontact.runtime.jit import njit
+
+# how the determinant of a cell's map behaves: what `_senses` returns
+POSITIVE, REVERSED, MIXED, FLAT = 0, 1, 2, 3
+
+
+@njit
+def _find(parent, node):
+    """Root of a node; the path to it is halved on the way."""
+    while parent[node] != node:
+        parent[node] = parent[parent[node]]
+        node = parent[node]
+    return node
+
+
+@njit
+def _join(parent, vertices):
+    """Join the trees of the vertices (nc, nv) of every cell; the lowest node becomes the root."""
+    for cell in range(vertices.shape[0]):
+        root = _find(parent, vertices[cell, 0])
+        for k in range(1, vertices.shape[1]):
+            other = _find(parent, vertices[cell, k])
+            if other < root:
+                parent[root] = other
+                root = other
+            else:
+                parent[other] = root
+
+
+@njit
+def _roots(parent, nodes, roots):
+    """Root of each of some nodes (n,)."""
+    for k in range(nodes.shape[0]):
+        roots[k] = _find(parent, nodes[k])
+
+
+def label(tables, n_points):
+    """Number the connected parts of cells given by their vertices.
+
+    Parameters
+    ----------
+    tables : list of ndarray, (n_cells, n_vertices) int64
+    n_points : int
+
+    Returns
+    -------
+    ndarray, (n_cells in all tables,) int64
+        Part of every cell, from 0 in the order of their first cells.
+    """
+    parent = np.arange(n_points, dtype=np.int64)
+    for vertices in tables:
+        _join(parent, np.ascontiguousarray(vertices, dtype=np.int64))
+    nodes = np.concatenate([np.zeros(0, dtype=np.int64), *(vertices[:, 0] for vertices in tables)])
+    roots = np.empty_like(nodes)
+    _roots(parent, nodes, roots)
+    _, first, part = np.unique(roots, return_index=True, return_inverse=True)
+    rank = np.empty(len(first), dtype=np.int64)
+    rank[np.argsort(first)] = np.arange(len(first))
+    return rank[part]
+
+
+def components(raw):
+    """Connected component of every cell: cells that share a node are connected.
+
+    Parameters
+    ----------
+    raw : RawMesh
+
+    Returns
+    -------
+    ndarray, (n_cells,) int64
+        Numbered from 0 in the order of their first cells.
+    """
+    return label([block.vertices for block in raw.blocks], len(raw.points))
+
+
+@njit
+def _ranges(points, nodes, slopes, low, high, scale):
+    """Smallest and largest determinant of the map of every cell, and the rounding error to expect in it.
+
+    points (n, d), nodes (nc, nn), slopes (nq, nn, d): reference gradients; out: low, high, scale (nc,).
+    """
+    d = points.shape[1]
+    jacobian = np.zeros((3, 3))
+    for cell in range(nodes.shape[0]):
+        low[cell], high[cell] = np.inf, -np.inf
+        size, far = 0.0, 0.0
+        for i in range(d):
+            smallest, largest = np.inf, -np.inf
+            for a in range(nodes.shape[1]):
+                x = points[nodes[cell, a], i]
+                smallest, largest = min(smallest, x), max(largest, x)
+            size = max(size, largest - smallest)
+            far = max(far, abs(smallest), abs(largest))
+        # a determinant is a sum of products of d lengths, each known to the rounding error of the coordinates
+        scale[cell] = far * size ** (d - 1)
+        for q in range(slopes.shape[0]):
+            jacobian[:] = 0.0
+            for a in range(nodes.shape[1]):
+                for i in range(d):
+                    # relative to the first node: a mesh far from the origin keeps its digits
+                    x = points[nodes[cell, a], i] - points[nodes[cell, 0], i]
+                    for j in range(d):
+                        jacobian[i, j] += x * slopes[q, a, j]
+            det = jacobian[0, 0] * jacobian[1, 1] - jacobian[0, 1] * jacobian[1, 0]
+            if d == 3:
+                det = (
+                    jacobian[0, 0] * (jacobian[1, 1] * jacobian[2, 2] - jacobian[1, 2] * jacobian[2, 1])
+                    - jacobian[0, 1] * (jacobian[1, 0] * jacobian[2, 2] - jacobian[1, 2] * jacobian[2, 0])
+                    + jacobian[0, 2] * (jacobian[1, 0] * jacobian[2, 1] - jacobian[1, 1] * jacobian[2, 0])
+                )
+            low[cell], high[cell] = min(low[cell], det), max(high[cell], det)
+
+
+def _senses(points, block):
+    """Sense of every cell of a block, from its vertices and quadrature points: (n_cells,) int64."""
+    xi = np.vstack([reference_nodes(block.cell, 1), quadrature(block.cell, 2 * block.degree)[0]])
+    if block.degree == 1 and not CELLS[block.cell].is_tensor:
+        xi = xi[:1]  # the map is affine
+    low, high, scale = np.empty((3, len(block.nodes)))
+    slopes = np.ascontiguousarray(shape_gradient(block.cell, block.degree, xi))
+    _ranges(np.ascontiguousarray(points), np.ascontiguousarray(block.nodes), slopes, low, high, scale)
+    noise = 64.0 * np.finfo(float).eps * scale
+    sense = np.full(len(low), MIXED, dtype=np.int64)
+    sense[low >= -noise] = POSITIVE
+    sense[high <= noise] = REVERSED
+    sense[(low >= -noise) & (high <= noise)] = FLAT
+    return sense
+
+
+def mirror(cell, degree):
+    """Permutation of a cell's nodes that turns its sense around.
+
+    Parameters
+    ----------
+    cell : str
+    degree : int
+
+    Returns
+    -------
+    ndarray, (n_nodes,) int64
+    """
+    vertices = {3: [0, 2, 1], 4: [0, 2, 1, 3], 8: [0, 3, 2, 1, 4, 7, 6, 5]}
+    reference = CELLS[cell]
+    swap = [0, 3, 2, 1] if cell == "quadrilateral" else vertices[reference.n_vertices]
+    if degree == 1:
+        return np.array(swap, dtype=np.int64)
+    entities = [frozenset(entity) for entity in reference.edges + reference.faces]
+    moved = [entities.index(frozenset(swap[v] for v in entity)) for entity in entities]
+    order = [*swap, *(reference.n_vertices + m for m in moved)]
+    return np.array([*order, *range(len(order), n_nodes(cell, degree))], dtype=np.int64)
+
+
+def orient(path, points, blocks, tags, parts):
+    """Turn around the connected parts whose cells are all numbered in the reverse sense; refuse bad cells.
+
+    Parameters
+    ----------
+    path : Path
+        For messages.
+    points : ndarray, (n_points, d) float64
+    blocks : list of Block
+        Their nodes are changed in place.
+    tags : ndarray, (n_cells,) int64
+        The file's own cell numbers.
+    parts : ndarray, (n_cells,) int64
+        Cells of different parts may have different senses even where they share nodes.
+
+    Raises
+    ------
+    InputError
+        Cells without volume; cells whose Jacobian changes sign; reversed cells among others that are not.
+    """
+    sense = np.concatenate([_senses(points, block) for block in blocks])
+    _refuse(path, points, blocks, tags, sense == FLAT, "has no volume")
+    what = "is inverted: its Jacobian changes sign"
+    _refuse(path, points, blocks, tags, sense == MIXED, what)
+    if not np.any(sense == REVERSED):
+        return
+    offsets = np.cumsum([0] + [len(block.nodes) for block in blocks])
+    group = _connected_parts(points, blocks, parts, offsets)
+    count = np.bincount(group)
+    reversed_count = np.bincount(group[sense == REVERSED], minlength=len(count))
+    turned = reversed_count == count
+    # where senses differ, those of the minority are wrong
+    wrong = np.where(2 * reversed_count > count, POSITIVE, REVERSED)
+    bad = ~turned[group] & (reversed_count[group] > 0) & (sense == wrong[group])
+    what = "is inverted: its Jacobian has the opposite sign of its neighbours'"
+    _refuse(path, points, blocks, tags, bad, what)
+    for block, first in zip(blocks, offsets[:-1], strict=True):
+        rows = np.flatnonzero(turned[group[first : first + len(block.nodes)]])
+        block.nodes[rows] = block.nodes[rows][:, mirror(block.cell, block.degree)]
+
+
+def _connected_parts(points, blocks, parts, offsets):
+    """Connected pieces of the parts: (n_cells,) int64."""
+    keys = [
+        parts[first : first + len(block.nodes), None] * len(points) + block.vertices
+        for block, first in zip(blocks, offsets[:-1], strict=True)
+    ]
+    every, number = np.unique(np.concatenate([key.ravel() for key in keys]), return_inverse=True)
+    ends = np.cumsum([key.size for key in keys])[:-1]
+    tables = [n.reshape(k.shape) for n, k in zip(np.split(number, ends), keys, strict=True)]
+    return label(tables, len(every))
+
+
+def _refuse(path, points, blocks, tags, bad, what):
+    """Raise an InputError naming the first bad cell, its centroid and the number of bad cells."""
+    if not bad.any():
+        return
+    number = int(np.flatnonzero(bad)[0])
+    row = number
+    for block in blocks:
+        if row < len(block.nodes):
+            break
+        row -= len(block.nodes)
+    centroid = ", ".join(f"{x:g}" for x in points[block.vertices[row]].mean(axis=0))
+    named = f"cell {tags[number]} ({block.cell} at ({centroid}))"
+    raise InputError(f"{path}: {named} {what} ({bad.sum()} in all)")

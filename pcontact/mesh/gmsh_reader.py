@@ -1,0 +1,182 @@
+"""Reading of .msh files through gmsh's own library, whatever their version (1 to 4.1, text or binary)."""
+
+from contextlib import contextmanager
+
+import numpy as np
+
+from pcontact.mesh.groups import FileMesh, Table, default_name
+from pcontact.runtime.errors import InputError
+
+try:
+    import gmsh
+except (ImportError, OSError):  # not installed, or a system library that it needs is missing
+    gmsh = None
+
+# gmsh's element types, by meshio's names
+_KINDS = {
+    1: "line",
+    2: "triangle",
+    3: "quad",
+    4: "tetra",
+    5: "hexahedron",
+    6: "wedge",
+    7: "pyramid",
+    8: "line3",
+    9: "triangle6",
+    10: "quad9",
+    11: "tetra10",
+    12: "hexahedron27",
+    13: "wedge18",
+    14: "pyramid14",
+    15: "vertex",
+    16: "quad8",
+    17: "hexahedron20",
+    18: "wedge15",
+    19: "pyramid13",
+}
+
+_HEXAHEDRON_EDGES = [8, 11, 13, 9, 16, 18, 19, 17, 10, 12, 14, 15]
+
+# positions in gmsh's node order of VTK's nodes, where the two differ
+_VTK_ORDER = {
+    11: [0, 1, 2, 3, 4, 5, 6, 7, 9, 8],
+    12: [*range(8), *_HEXAHEDRON_EDGES, 22, 23, 21, 24, 20, 25, 26],
+    17: [*range(8), *_HEXAHEDRON_EDGES],
+}
+
+
+def available():
+    """Whether gmsh's Python module can be used."""
+    return gmsh is not None
+
+
+def read_gmsh(path):
+    """Read a .msh file.
+
+    Parameters
+    ----------
+    path : Path
+
+    Returns
+    -------
+    FileMesh or None
+        None when the file must be read element by element: version 2 gives every element its own group, which
+        gmsh turns into groups of whole entities; where an entity has elements of several groups they would be
+        mixed up.
+
+    Raises
+    ------
+    InputError
+        If gmsh cannot read the file.
+    """
+    major, listed = _header(path)
+    with _model(path):
+        points, tags, made_for_point = _nodes(path)
+        if major < 4 and listed not in (None, len(tags)):
+            # gmsh drops them, but it does not write such a file
+            raise InputError(f"{path}: {listed - len(tags)} of {listed} nodes are in no element; remove them")
+        tables, table_of = _tables(path, tags)
+        file = FileMesh(points, tags, made_for_point, tables)
+        groups = gmsh.model.getPhysicalGroups()
+        entities = [gmsh.model.getEntitiesForPhysicalGroup(*group) for group in groups]
+        if major < 4 and _shared(groups, entities):
+            return None
+        for (dim, tag), members in zip(groups, entities, strict=True):
+            name = gmsh.model.getPhysicalName(dim, tag) or default_name(dim, tag)
+            for entity in np.unique(np.abs(members)):
+                for table in table_of.get((dim, int(entity)), []):
+                    file.add(dim, name, table, np.arange(len(tables[table].tags)))
+    for table in tables:
+        # elements that belong to no group but were saved are construction, too
+        file.free[table.nodes] = True
+    return file
+
+
+def _header(path):
+    """Major version of the format and, for version 2, the number of nodes that it announces.
+
+    What is no mesh is kept from gmsh, which would run it as a script.
+    """
+    with open(path, "rb") as stream:
+        head = stream.read(1 << 16).decode("latin-1")
+    mark = head.find("$MeshFormat")
+    if head.lstrip()[:4] == "$NOD":
+        return 1, None
+    if head.lstrip()[:1] != "$" or mark < 0:
+        raise InputError(f'{path}: not a gmsh mesh: it does not begin with "$MeshFormat"')
+    number = head[mark:].split()[1:2]
+    if not number or not number[0][:1].isdigit():
+        raise InputError(f'{path}: no version number after "$MeshFormat"')
+    nodes = head.find("$Nodes")
+    count = head[nodes:].split()[1:2] if nodes >= 0 else []
+    return int(number[0][0]), int(count[0]) if count and count[0].isdigit() else None
+
+
+@contextmanager
+def _model(path):
+    """The file as gmsh's current model; whatever the caller does with gmsh himself is left as it was."""
+    was_running = gmsh.isInitialized()
+    if not was_running:
+        gmsh.initialize(readConfigFiles=False, interruptible=False)
+    terminal = gmsh.option.getNumber("General.Terminal")
+    current = gmsh.model.getCurrent()
+    before = len(gmsh.model.list())
+    gmsh.option.setNumber("General.Terminal", 0)
+    try:
+        try:
+            gmsh.open(str(path))
+        except Exception as error:  # gmsh knows no other class
+            raise InputError(f"{path}: gmsh cannot read it: {' '.join(str(error).split())}") from None
+        yield
+    finally:
+        if not was_running:
+            gmsh.finalize()
+        else:
+            if len(gmsh.model.list()) > before:
+                gmsh.model.remove()
+            gmsh.model.setCurrent(current)
+            gmsh.option.setNumber("General.Terminal", terminal)
+
+
+def _nodes(path):
+    """Coordinates (n, 3), numbers (n,) ascending, and whether a node belongs to a geometric point (n,)."""
+    tags, points, of_point = [], [], []
+    for dim in range(4):
+        numbers, coordinates, _ = gmsh.model.mesh.getNodes(dim)
+        tags.append(numbers.astype(np.int64))
+        points.append(coordinates.reshape(-1, 3))
+        of_point.append(np.full(len(numbers), dim == 0))
+    tags = np.concatenate(tags)
+    if len(tags) == 0:
+        raise InputError(f"{path}: the file holds no nodes")
+    tags, order = np.unique(tags, return_index=True)
+    return np.concatenate(points)[order], tags, np.concatenate(of_point)[order]
+
+
+def _tables(path, tags):
+    """All elements, entity by entity, and the tables of every (dimension, entity)."""
+    tables, table_of = [], {}
+    for part, (dim, entity) in enumerate(gmsh.model.getEntities()):
+        for kind, numbers, nodes in zip(*gmsh.model.mesh.getElements(dim, entity), strict=True):
+            nodes = nodes.reshape(len(numbers), -1).astype(np.int64)
+            if kind in _VTK_ORDER:
+                nodes = nodes[:, _VTK_ORDER[kind]]
+            rows = np.minimum(np.searchsorted(tags, nodes), len(tags) - 1)
+            lost = tags[rows] != nodes
+            if lost.any():
+                raise InputError(f"{path}: node {nodes[lost][0]} of an element is not in the file")
+            name = _KINDS.get(kind) or gmsh.model.mesh.getElementProperties(kind)[0]
+            table_of.setdefault((dim, entity), []).append(len(tables))
+            tables.append(Table(name, dim, rows, numbers.astype(np.int64), part))
+    return tables, table_of
+
+
+def _shared(groups, entities):
+    """Whether an entity is in several groups of its dimension."""
+    for dim in range(4):
+        members = [np.abs(e) for group, e in zip(groups, entities, strict=True) if group[0] == dim]
+        if members:
+            every = np.concatenate(members)
+            if len(np.unique(every)) < len(every):
+                return True
+    return False

@@ -1,0 +1,116 @@
+"""From a mesh file to one mesh per rank."""
+
+import numpy as np
+
+from pcontact.mesh.complete import complete
+from pcontact.mesh.components import components
+from pcontact.mesh.distribute import distribute
+from pcontact.mesh.groups import facet_multiplicity
+from pcontact.mesh.reader import read_mesh
+from pcontact.runtime.errors import InputError
+from pcontact.runtime.parallel import on_root
+
+
+def _centre(raw, cell):
+    first = 0
+    for block in raw.blocks:
+        if cell < first + len(block.nodes):
+            return raw.points[block.nodes[cell - first]].mean(axis=0)
+        first += len(block.nodes)
+    return None
+
+
+def _bodies(raw, regions):
+    """Body number of every cell; a cell in no body or in two is an error."""
+    n_cells = sum(len(b.nodes) for b in raw.blocks)
+    body = np.full(n_cells, -1, dtype=np.int64)
+    for number, region in enumerate(regions):
+        cells = raw.cell_groups[region]
+        taken = cells[body[cells] >= 0]
+        if len(taken):
+            raise InputError(
+                f"{raw.path}: {len(taken)} cells of region {region!r} are also in body "
+                f"{regions[body[taken[0]]]!r}; allowed: every cell in one body"
+            )
+        body[cells] = number
+    homeless = np.flatnonzero(body < 0)
+    if len(homeless):
+        names = [name for name, cells in raw.cell_groups.items() if np.isin(homeless[0], cells)]
+        where = f" (in group {names[0]!r})" if names else ""
+        raise InputError(
+            f"{raw.path}: {len(homeless)} cells are in no body, the first one at "
+            f"{np.array2string(_centre(raw, homeless[0]), precision=6)}{where}; allowed: every cell in a [[bodies]] region"
+        )
+    return body
+
+
+def _check_contact_facets(raw, surfaces):
+    for name in surfaces:
+        cells, local = raw.facet_groups[name]
+        inside = int(np.sum(facet_multiplicity(raw, cells, local) > 1))
+        if inside:
+            raise InputError(
+                f"{raw.path}: contact surface {name!r} has {inside} facets between two cells; allowed: facets on the boundary "
+                "of a body (bodies in contact must not share nodes)"
+            )
+
+
+def _weights(raw, surfaces, weight):
+    extra = np.zeros(sum(len(b.nodes) for b in raw.blocks))
+    for name in surfaces:
+        np.add.at(extra, raw.facet_groups[name][0], weight)
+    return extra
+
+
+def _component_names(component, body, regions):
+    names = []
+    for k in range(int(component.max()) + 1):
+        names.append(" + ".join(regions[b] for b in np.unique(body[component == k])))
+    return names
+
+
+def load_mesh(comm, path, order, regions, surfaces, check, weight=0.0):
+    """Read, check and distribute a mesh. *Collective.*
+
+    Parameters
+    ----------
+    comm : MPI.Comm
+    path : str or pathlib.Path
+    order : int
+        Degree of the displacement.
+    regions : list of str
+        Cell group of each body.
+    surfaces : list of str
+        Facet groups that are in contact.
+    check : callable
+        Called on rank 0 with the raw mesh before anything else is done with it; may raise InputError.
+    weight : float
+        Work of a contact facet in the partition, in units of the work of a cell; 0: contact does not weigh.
+
+    Returns
+    -------
+    Mesh
+
+    Raises
+    ------
+    InputError
+        On every rank.
+    """
+
+    def prepare():
+        raw = read_mesh(path)
+        check(raw)
+        body = _bodies(raw, regions)
+        _check_contact_facets(raw, surfaces)
+        curved = any(b.degree == 2 for b in raw.blocks)
+        if curved or order == 2:
+            raw = complete(raw, 2)
+        component = components(raw)
+        extra = _weights(raw, surfaces, weight) if weight > 0.0 else None
+        return raw, curved, body, component, extra, _component_names(component, body, regions)
+
+    prepared = on_root(comm, prepare)
+    raw, curved, body, component, extra, names = prepared or (None,) * 6
+    mesh = distribute(comm, raw, curved, body, component, extra)
+    mesh.component_names = comm.bcast(names, root=0)
+    return mesh

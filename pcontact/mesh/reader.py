@@ -1,0 +1,356 @@
+"""Reading of a mesh file, serially, into a checked `RawMesh`.
+
+Files named .msh are read by gmsh's library, or by meshio where gmsh cannot be imported; all others by meshio.
+Groups keep their names; a group that has only a number is called "point_5", "curve_7", "surface_12" or
+"volume_3", after the dimension of its elements. A name may stand for groups of several dimensions.
+"""
+
+import io
+from contextlib import redirect_stderr, redirect_stdout
+from pathlib import Path
+
+import meshio
+import numpy as np
+
+from pcontact.element.reference import CELLS
+from pcontact.mesh.complete import complete, fill, number_rows, with_gaps
+from pcontact.mesh.components import components, orient
+from pcontact.mesh.gmsh_reader import available, read_gmsh
+from pcontact.mesh.groups import (
+    KINDS,
+    Block,
+    FileMesh,
+    RawMesh,
+    Table,
+    cell_groups,
+    default_name,
+    facet_multiplicity,
+    lower_groups,
+)
+from pcontact.runtime import log
+from pcontact.runtime.errors import InputError
+
+__all__ = ["Block", "RawMesh", "complete", "components", "facet_multiplicity", "from_meshio", "read_mesh"]
+
+# cell data that number groups, by format
+_TAG_KEYS = (
+    "gmsh:physical",
+    "medit:ref",
+    "nastran:ref",
+    "avsucd:material",
+    "netgen:index",
+    "su2:tag",
+    "ugrid:ref",
+    "tetgen:ref",
+)
+_EXODUS = (".e", ".exo", ".ex2")
+
+
+def read_mesh(path):
+    """Read a mesh and check it.
+
+    Parameters
+    ----------
+    path : str or Path
+
+    Returns
+    -------
+    RawMesh
+
+    Raises
+    ------
+    InputError
+        The file is missing, unreadable or of unknown type; it holds no cells, cells of an unsupported type,
+        cells that are degenerate, inverted or repeated, coordinates that are not finite, nodes without cells,
+        facets without cells; or it is two-dimensional and not in a plane z = const.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise InputError(f"{path}: no such mesh file")
+    file = None
+    if path.suffix.lower() == ".msh" and available():
+        file = read_gmsh(path)
+    if file is None:
+        file = from_meshio(_read_meshio(path), path)
+    return _build(file, path)
+
+
+def _read_meshio(path):
+    """What meshio makes of a file; its messages go to the log, its failures become an InputError."""
+    suffix, known = path.suffix.lower(), sorted(meshio.extension_to_filetypes)
+    if not any(path.name.lower().endswith(extension) for extension in known):
+        raise InputError(f'{path}: unknown mesh file type "{suffix}"; known are {", ".join(known)}')
+    said = io.StringIO()
+    try:
+        with redirect_stdout(said), redirect_stderr(said):
+            mesh = meshio.read(path)
+    except ModuleNotFoundError as error:
+        raise InputError(f'{path}: reading this file needs the Python package "{error.name}"') from None
+    except (Exception, SystemExit) as error:  # meshio's readers fail in any way, and end the program
+        reason = said.getvalue() if isinstance(error, SystemExit) else f"{type(error).__name__}: {error}"
+        raise InputError(f"{path}: cannot be read as {suffix}: {' '.join(reason.split())}") from None
+    if said.getvalue().strip():
+        log.debug("%s: %s", path, " ".join(said.getvalue().split()))
+    return mesh
+
+
+def from_meshio(mesh, path):
+    """Elements and groups of a mesh of meshio's.
+
+    Groups come from cell and point sets, from the families of MED files, and from cell data that number
+    groups (named by the field data where these know the number).
+
+    Parameters
+    ----------
+    mesh : meshio.Mesh
+    path : Path
+
+    Returns
+    -------
+    FileMesh
+        Elements and nodes are numbered from 1 in the order of the file: meshio does not keep its numbers.
+
+    Raises
+    ------
+    InputError
+        There are no nodes, or an element refers to one that does not exist.
+    """
+    if not np.size(mesh.points):
+        raise InputError(f"{path}: the file holds no nodes")
+    points = np.zeros((len(mesh.points), 3))
+    points[:, : mesh.points.shape[1]] = mesh.points
+    is_gmsh = path.suffix.lower() == ".msh"
+    tables, first = [], 1
+    for block in mesh.cells:
+        tags = np.arange(first, first + len(block))
+        first += len(block)
+        ragged = block.type.startswith("polyhedron")
+        nodes = np.zeros((len(block), 0), np.int64) if ragged else np.asarray(block.data).astype(np.int64)
+        if nodes.size and not 0 <= nodes.min() <= nodes.max() < len(points):
+            raise InputError(
+                f"{path}: an element of type {block.type} refers to a node that is not in the file"
+            )
+        tables.append(Table(block.type, block.dim, nodes, tags))
+    tags = np.arange(1, len(points) + 1)
+    file = FileMesh(points, tags, np.full(len(points), is_gmsh), tables, repeats=is_gmsh)
+    _sets(mesh, file)
+    _families(mesh, file)
+    _numbers(mesh, file)
+    if path.suffix.lower() in _EXODUS and not file.groups:
+        # the blocks of such a file are its bodies, but meshio drops their names
+        for k, table in enumerate(tables):
+            file.add(table.dim, default_name(table.dim, k + 1), k, np.arange(len(table.tags)))
+    return file
+
+
+def _sets(mesh, file):
+    """Named sets of cells and points. A set may mix dimensions."""
+    for name, parts in mesh.cell_sets.items():
+        if name.startswith("gmsh:"):
+            continue
+        for k, rows in enumerate(parts):
+            if rows is not None and len(rows):
+                file.add(file.tables[k].dim, name, k, _rows(rows))
+    for name, rows in mesh.point_sets.items():
+        if len(rows):
+            file.point_groups[name] = _rows(rows)
+
+
+def _rows(rows):
+    rows = np.asarray(rows).ravel()
+    return np.flatnonzero(rows) if rows.dtype == bool else rows.astype(np.int64)
+
+
+def _families(mesh, file):
+    """Groups of a MED file: each cell and point has a family, and a family is in any number of groups."""
+    for family, names in getattr(mesh, "cell_tags", {}).items():
+        for k, values in enumerate(mesh.cell_data.get("cell_tags", [])):
+            rows = np.flatnonzero(values == family)
+            for name in names if len(rows) else ():
+                file.add(file.tables[k].dim, name, k, rows)
+    for family, names in getattr(mesh, "point_tags", {}).items():
+        rows = np.flatnonzero(mesh.point_data.get("point_tags", np.zeros(0)) == family)
+        for name in names if len(rows) else ():
+            file.point_groups[name] = np.union1d(file.point_groups.get(name, rows), rows)
+
+
+def _numbers(mesh, file):
+    """Groups that cell data give by number; 0 means no group."""
+    names = {(int(v[1]), int(v[0])): name for name, v in mesh.field_data.items() if np.size(v) == 2}
+    keys = _TAG_KEYS if hasattr(mesh, "cell_tags") else (*_TAG_KEYS, "cell_tags")
+    for key in keys:
+        for k, values in enumerate(mesh.cell_data.get(key, [])):
+            dim = file.tables[k].dim
+            for value in np.unique(values):
+                name = names.get((dim, int(value)), default_name(dim, int(value)))
+                if value != 0 and value == int(value):
+                    file.add(dim, name, k, np.flatnonzero(values == value))
+
+
+def _build(file, path):
+    """Blocks, groups and checks, in the order in which a message helps most."""
+    dim = _dimension(file, path)
+    _check_points(file, path)
+    blocks, tags, parts, start = _blocks(file, dim)
+    groups = cell_groups(file, start, dim)
+    _check_repeated_nodes(file, path, blocks, tags)
+    if file.repeats:
+        blocks, tags, parts, groups = _drop_repeats(blocks, tags, parts, groups)
+    _check_duplicates(path, blocks, tags, len(file.points))
+    used = np.zeros(len(file.points), dtype=bool)
+    for block in blocks:
+        used[block.nodes[block.nodes >= 0]] = True
+    _check_nodes(file, path, used, dim)
+    new_number = np.where(used, np.cumsum(used) - 1, -1)
+    for block in blocks:
+        block.nodes = np.where(block.nodes >= 0, new_number[block.nodes], -1)
+    points = file.points[used] if dim == 3 else _plane(path, file.points[used])
+    quadratic = [block for block in blocks if block.degree == 2]
+    if any(np.any(block.nodes < 0) for block in quadratic):
+        points = fill(points, quadratic)[0]
+    orient(path, points, blocks, tags, parts)
+    raw = RawMesh(path, dim, np.ascontiguousarray(points), blocks, groups)
+    lower_groups(file, raw, new_number)
+    return raw
+
+
+def _dimension(file, path):
+    """The highest dimension of the elements, of which all must be supported."""
+    counts = {}
+    for table in file.tables:
+        counts[table.dim, table.kind] = counts.get((table.dim, table.kind), 0) + len(table.tags)
+    dim = max((d for (d, _), n in counts.items() if n), default=0)
+    if dim < 2:
+        held = ", ".join(f"{n} {kind}" for (_, kind), n in counts.items()) or "no elements"
+        raise InputError(
+            f"{path}: no cells of dimension 2 or 3: the file holds {held} "
+            "(gmsh saves only what is in a physical group)"
+        )
+    grouped = {(d, file.tables[k].kind) for (d, _), parts in file.groups.items() for k, _ in parts}
+    for (d, kind), n in counts.items():
+        if n and kind not in KINDS and (d == dim or (d == dim - 1 and (d, kind) in grouped)):
+            allowed = ", ".join(k for k, (cell, _) in KINDS.items() if CELLS[cell].dim == d)
+            raise InputError(f'{path}: {n} cells of the unsupported type "{kind}"; allowed are {allowed}')
+    return dim
+
+
+def _check_points(file, path):
+    bad = np.flatnonzero(~np.isfinite(file.points).all(axis=1))
+    if len(bad):
+        raise InputError(
+            f"{path}: node {file.tags[bad[0]]} has a coordinate that is not a finite number "
+            f"({len(bad)} in all)"
+        )
+
+
+def _blocks(file, dim):
+    """Cells of all tables of a kind in one block; their file numbers and parts; first cell of every table."""
+    kinds = []
+    for table in file.tables:
+        if table.dim == dim and table.kind not in kinds and len(table.tags):
+            kinds.append(table.kind)
+    blocks, tags, parts, start, count = [], [], [], {}, 0
+    for kind in kinds:
+        cell, degree = KINDS[kind]
+        members = [
+            (k, table) for k, table in enumerate(file.tables) if (table.kind, table.dim) == (kind, dim)
+        ]
+        for k, table in members:
+            start[k] = count
+            count += len(table.tags)
+            tags.append(table.tags)
+            parts.append(np.full(len(table.tags), table.part))
+        nodes = np.concatenate([table.nodes for _, table in members])
+        blocks.append(Block(cell, degree, with_gaps(cell, nodes) if degree == 2 else nodes))
+    return blocks, np.concatenate(tags), np.concatenate(parts), start
+
+
+def _check_repeated_nodes(file, path, blocks, tags):
+    first = 0
+    for block in blocks:
+        nodes = np.sort(block.nodes, axis=1)
+        same = (nodes[:, 1:] == nodes[:, :-1]) & (nodes[:, 1:] >= 0)
+        rows = np.flatnonzero(same.any(axis=1))
+        if len(rows):
+            node = file.tags[nodes[rows[0], 1:][same[rows[0]]][0]]
+            raise InputError(
+                f"{path}: cell {tags[first + rows[0]]} ({block.cell}) is degenerate: it has node {node} "
+                f"more than once ({len(rows)} in all)"
+            )
+        first += len(block.nodes)
+
+
+def _same_vertices(blocks, n_points):
+    """For every cell the first cell that has the same vertices, (n_cells,)."""
+    first = np.arange(sum(len(block.nodes) for block in blocks))
+    offsets = np.cumsum([0] + [len(block.nodes) for block in blocks])
+    for cell in dict.fromkeys(block.cell for block in blocks):
+        mine = [(b, o) for b, o in zip(blocks, offsets[:-1], strict=True) if b.cell == cell]
+        ids = np.concatenate([np.arange(o, o + len(b.nodes)) for b, o in mine])
+        earliest, number = number_rows(np.concatenate([b.vertices for b, _ in mine]), n_points)
+        first[ids] = ids[earliest[number]]
+    return first
+
+
+def _drop_repeats(blocks, tags, parts, groups):
+    """Keep one of the cells that a file lists once for each of several groups."""
+    offsets = np.cumsum([0] + [len(block.nodes) for block in blocks])
+    first = _same_vertices(blocks, 1 + max(int(block.nodes.max()) for block in blocks))
+    keep = first == np.arange(len(first))
+    if keep.all() or any(len(np.unique(first[cells])) < len(cells) for cells in groups.values()):
+        return blocks, tags, parts, groups  # no cell is repeated, or without reason: left to be refused
+    grouped = np.zeros(len(first), dtype=bool)
+    for cells in groups.values():
+        grouped[cells] = True
+    keep |= ~grouped
+    number = np.cumsum(keep) - 1
+    pieces = np.split(keep, offsets[1:-1])
+    kept = [Block(b.cell, b.degree, b.nodes[piece]) for b, piece in zip(blocks, pieces, strict=True)]
+    return kept, tags[keep], parts[keep], {name: number[first[cells]] for name, cells in groups.items()}
+
+
+def _check_duplicates(path, blocks, tags, n_points):
+    first = _same_vertices(blocks, n_points)
+    rows = np.flatnonzero(first != np.arange(len(first)))
+    if len(rows):
+        raise InputError(
+            f"{path}: cell {tags[rows[0]]} has the same nodes as cell {tags[first[rows[0]]]} "
+            f"({len(rows)} in all)"
+        )
+
+
+def _check_nodes(file, path, used, dim):
+    """Every node of a group is a node of a cell (`used`, (n,) bool), and so are all that are not free."""
+    members = [(name, nodes) for name, nodes in file.point_groups.items()]
+    for (group_dim, name), parts in file.groups.items():
+        if group_dim < dim:
+            members += [(name, file.tables[table].nodes[rows].ravel()) for table, rows in parts]
+    for name, nodes in members:
+        lost = nodes[~used[nodes]]
+        if len(lost):
+            raise InputError(
+                f'{path}: group "{name}": {_node(file, lost[0])} belongs to no cell of dimension {dim} '
+                f"({len(np.unique(lost))} in all)"
+            )
+    lost = np.flatnonzero(~used & ~file.free)
+    if len(lost):
+        raise InputError(
+            f"{path}: {_node(file, lost[0])} belongs to no cell of dimension {dim} ({len(lost)} in all); "
+            "remove the nodes that no cell needs"
+        )
+
+
+def _node(file, node):
+    return f"node {file.tags[node]} at ({', '.join(f'{x:g}' for x in file.points[node])})"
+
+
+def _plane(path, points):
+    """First two coordinates of points that lie in a plane z = const."""
+    span = np.ptp(points, axis=0)
+    if span[2] > 1e-9 * max(span[0], span[1]):
+        raise InputError(
+            f"{path}: the cells are two-dimensional but not in a plane z = const: z goes from "
+            f"{points[:, 2].min():g} to {points[:, 2].max():g} "
+            "(a three-dimensional mesh needs its volumes in a physical group)"
+        )
+    return np.ascontiguousarray(points[:, :2])

@@ -1,0 +1,163 @@
+"""What the program says: log lines, the one-line error, and progress.
+
+All lines go through one logger, ``logging.getLogger("pcontact")``. The rank is passed in, so that this module
+knows nothing of MPI: rank 0 speaks, the others are silent unless asked.
+"""
+
+import logging
+import sys
+
+from tqdm import tqdm
+
+LOGGER = logging.getLogger("pcontact")
+LEVELS = {"error": logging.ERROR, "warning": logging.WARNING, "info": logging.INFO, "debug": logging.DEBUG}
+
+
+class _Handler(logging.StreamHandler):
+    """Writes above a progress bar, if one stands on the same terminal, instead of through it."""
+
+    def emit(self, record):
+        try:
+            with tqdm.external_write_mode(file=self.stream, nolock=True):
+                self.stream.write(self.format(record) + self.terminator)
+                self.flush()
+        except Exception:
+            self.handleError(record)
+
+
+class _Formatter(logging.Formatter):
+    """Plain text; a level that is not info is named, and so is the rank when several speak."""
+
+    def __init__(self, prefix):
+        super().__init__()
+        self.prefix = prefix
+
+    def format(self, record):
+        level = "" if record.levelno in (logging.INFO, logging.DEBUG) else f"{record.levelname.lower()}: "
+        return f"{self.prefix}{level}{super().format(record)}"
+
+
+class _State:
+    """The settings of this process: whether it speaks, and where to."""
+
+    rank = 0
+    speaks = True
+    stream = None
+
+
+def setup(rank=0, stream=None, level="info", all_ranks=False):
+    """Say where log lines go. May be called again: the last call counts.
+
+    Parameters
+    ----------
+    rank : int
+        Rank of this process.
+    stream : file object, optional
+        Where the lines go; standard output if absent.
+    level : {"error", "warning", "info", "debug"}
+        Lines less important than this are dropped.
+    all_ranks : bool
+        Every rank speaks, its lines marked with its number; otherwise rank 0 only.
+
+    Raises
+    ------
+    ValueError
+        The level is not one of the four.
+    """
+    if level not in LEVELS:
+        raise ValueError(f"log level {level!r}: allowed are {', '.join(LEVELS)}")
+    _State.rank, _State.stream, _State.speaks = rank, stream or sys.stdout, rank == 0 or all_ranks
+    for old in list(LOGGER.handlers):
+        LOGGER.removeHandler(old)
+    handler = _Handler(_State.stream) if _State.speaks else logging.NullHandler()
+    handler.setFormatter(_Formatter(f"[{rank}] " if all_ranks else ""))
+    LOGGER.addHandler(handler)
+    LOGGER.setLevel(LEVELS[level])
+    LOGGER.propagate = False
+
+
+def info(message, *args):
+    """Log a line, ``message % args``."""
+    LOGGER.info(message, *args)
+
+
+def warning(message, *args):
+    """Log a line marked as a warning."""
+    LOGGER.warning(message, *args)
+
+
+def debug(message, *args):
+    """Log a line that is shown at level "debug" only."""
+    LOGGER.debug(message, *args)
+
+
+def error_line(message, stream=None):
+    """Tell the user in one line what is wrong; on ranks that do not speak, nothing.
+
+    Parameters
+    ----------
+    message : str or Exception
+        What is wrong; line breaks become blanks.
+    stream : file object, optional
+        Where to; standard error if absent, so that it is seen when the output goes to a file.
+    """
+    if not _State.speaks:
+        return
+    mark = "" if _State.rank == 0 else f"[{_State.rank}] "
+    stream = stream or sys.stderr
+    with tqdm.external_write_mode(file=stream, nolock=True):
+        stream.write(f"{mark}pcontact: error: {' '.join(str(message).split())}\n")
+        stream.flush()
+
+
+class Progress:
+    """How far a run has come: a bar on a terminal, plain log lines in a file. A context manager.
+
+    Parameters
+    ----------
+    total : float
+        The value at which the work is done (the end time, a count); positive.
+    label : str
+        Stands before the numbers.
+    lines : int
+        In a file, about this many lines are written on the way from 0 to `total`.
+
+    Notes
+    -----
+    The work need not come in equal or whole steps. The stream is that of `setup`; only rank 0 shows progress.
+    """
+
+    def __init__(self, total, label="", lines=10):
+        stream = _State.stream or sys.stdout
+        self.total, self.label, self.lines, self.value = total, label, lines, 0.0
+        self._shown = 0
+        self._bar = None
+        if _State.rank == 0 and getattr(stream, "isatty", lambda: False)():
+            form = "{desc} {percentage:3.0f}% |{bar}| {elapsed}<{remaining} {postfix}"
+            self._bar = tqdm(total=total, desc=label, file=stream, leave=False, bar_format=form,
+                             dynamic_ncols=True)
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *exception):
+        self.close()
+
+    def to(self, value, text=""):
+        """Move on to `value`, between 0 and `total`, with a remark."""
+        step, self.value = value - self.value, value
+        if self._bar is not None:
+            self._bar.set_postfix_str(text, refresh=False)
+            self._bar.update(step)
+            return
+        # the small shift: ten steps of 0.1 are ten tenths
+        reached = int(self.lines * value / self.total + 1e-9)
+        if reached > self._shown and _State.rank == 0:
+            self._shown = reached
+            info("%s", " ".join(filter(None, [self.label, f"{100 * value / self.total:.0f} %", text])))
+
+    def close(self):
+        """Take the bar away."""
+        if self._bar is not None:
+            self._bar.close()
+            self._bar = None

@@ -1,0 +1,166 @@
+"""Talking between ranks: agreement on errors, sparse exchange, and the plan that moves nodal values."""
+
+import numpy as np
+
+from pcontact.runtime.errors import InputError
+from pcontact.runtime.petsc import MPI, PETSc
+
+
+def on_root(comm, function, *args):
+    """Call a function on rank 0 only; an input error there is raised on every rank. *Collective.*
+
+    Returns
+    -------
+    object
+        What the function returned on rank 0, None elsewhere.
+    """
+    result, message = None, None
+    if comm.rank == 0:
+        try:
+            result = function(*args)
+        except InputError as error:
+            message = str(error)
+    message = comm.bcast(message, root=0)
+    if message is not None:
+        raise InputError(message)
+    return result
+
+
+def agree(comm, message):
+    """Raise an :class:`InputError` on every rank when any rank has one. *Collective.*
+
+    Parameters
+    ----------
+    comm : MPI.Comm
+    message : str or None
+        The lowest rank's message wins.
+    """
+    rank = comm.allreduce(comm.rank if message is not None else comm.size, op=MPI.MIN)
+    if rank < comm.size:
+        raise InputError(comm.bcast(message, root=rank))
+
+
+class Exchanger:
+    """Sparse exchange of arrays on a private communicator, with counts of what was sent.
+
+    Parameters
+    ----------
+    comm : MPI.Comm
+        Duplicated. *Collective.*
+
+    Attributes
+    ----------
+    messages, bytes : int
+        Sent by this rank to others since the start.
+    """
+
+    def __init__(self, comm):
+        self.comm = comm.Dup()
+        self.messages = 0
+        self.bytes = 0
+        self._tag = 0
+
+    def __call__(self, sends, dtype, columns):
+        """Send a two-dimensional array to each of a few ranks and receive what others send here. *Collective.*
+
+        Nobody knows how many messages to expect: synchronous sends and a non-blocking barrier end the exchange
+        (Hoefler, Siebert, Lumsdaine 2010), so the cost follows the number of partners, not of ranks.
+
+        Parameters
+        ----------
+        sends : dict of int to ndarray (n, columns)
+        dtype : numpy dtype
+        columns : int
+
+        Returns
+        -------
+        dict of int to ndarray (n, columns)
+            By source rank, in ascending order of the source.
+        """
+        comm = self.comm
+        received = {}
+        self._tag = (self._tag + 1) % 16384
+        pending, kept = [], []
+        for rank, array in sends.items():
+            array = np.ascontiguousarray(array, dtype=dtype).reshape(-1, columns)
+            if rank == comm.rank:
+                received[rank] = array
+                continue
+            kept.append(array)
+            pending.append(comm.Issend([array, MPI.BYTE], dest=rank, tag=self._tag))
+            self.messages += 1
+            self.bytes += array.nbytes
+        if comm.size > 1:
+            self._collect(received, pending, np.dtype(dtype), columns)
+        return dict(sorted(received.items()))
+
+    def _collect(self, received, pending, dtype, columns):
+        comm, status, barrier, done = self.comm, MPI.Status(), None, False
+        while not done:
+            message = comm.Improbe(source=MPI.ANY_SOURCE, tag=self._tag, status=status)
+            if message is not None:
+                buffer = np.empty(status.Get_count(MPI.BYTE), dtype=np.uint8)
+                source = status.Get_source()
+                message.Recv([buffer, MPI.BYTE])
+                received[source] = buffer.view(dtype).reshape(-1, columns)
+            if barrier is None:
+                if MPI.Request.Testall(pending):
+                    barrier = comm.Ibarrier()
+            else:
+                done = barrier.Test()
+
+
+def split_by_rank(ranks, array):
+    """Rows of an array grouped by destination, keeping their order.
+
+    Parameters
+    ----------
+    ranks : ndarray (n,)
+    array : ndarray (n, ...)
+
+    Returns
+    -------
+    dict of int to ndarray, ndarray (n,)
+        The groups, and the permutation that sorts by rank (stable).
+    """
+    order = np.argsort(ranks, kind="stable")
+    values, starts = np.unique(ranks[order], return_index=True)
+    pieces = np.split(array[order], starts[1:]) if len(values) else []
+    return {int(r): p for r, p in zip(values, pieces, strict=True)}, order
+
+
+class NodeExchange:
+    """Plan that brings the values of some nodes here from a distributed vector, and adds values back.
+
+    Parameters
+    ----------
+    vector : PETSc.Vec
+        Distributed vector of block size ``dim``, as a template.
+    nodes : ndarray (n,)
+        Global node numbers wanted on this rank, owned or not.
+    dim : int
+        Values per node.
+
+    Notes
+    -----
+    The constructor is *Collective*, and so are the calls.
+    """
+
+    def __init__(self, vector, nodes, dim):
+        self.nodes = np.ascontiguousarray(nodes, dtype=np.int64)
+        self.dim = dim
+        self._local = PETSc.Vec().createSeq(len(self.nodes) * dim, bsize=dim)
+        index = PETSc.IS().createBlock(dim, self.nodes.astype(PETSc.IntType), comm=vector.comm)
+        self._scatter = PETSc.Scatter().create(vector, index, self._local, None)
+
+    def gather(self, vector):
+        """Values of the nodes, as a fresh array (n, dim). *Collective.*"""
+        self._scatter.scatter(vector, self._local, addv=PETSc.InsertMode.INSERT_VALUES)
+        return self._local.getArray(readonly=True).reshape(-1, self.dim).copy()
+
+    def add(self, values, vector):
+        """Add values (n, dim) of the nodes to the distributed vector. *Collective.*"""
+        self._local.setArray(np.asarray(values).ravel())
+        self._scatter.scatter(
+            self._local, vector, addv=PETSc.InsertMode.ADD_VALUES, mode=PETSc.ScatterMode.REVERSE
+        )

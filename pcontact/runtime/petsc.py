@@ -1,0 +1,120 @@
+"""PETSc, started once with the command line, and what differs between its versions (3.18 to 3.26).
+
+Every other module takes ``PETSc`` and ``MPI`` from here.
+"""
+
+import ctypes
+import sys
+
+import numpy as np
+import petsc4py
+
+# a test runner's own options are no business of the options database
+petsc4py.init([sys.argv[0]] if "pytest" in sys.modules else sys.argv)
+
+from mpi4py import MPI  # noqa: E402
+from petsc4py import PETSc  # noqa: E402
+
+__all__ = ["MPI", "PETSc", "line_search_name", "local_values", "matrix_parts", "has_package", "version"]
+
+version = PETSc.Sys.getVersion()[:2]
+
+_lib = ctypes.CDLL(PETSc.__file__)
+
+
+def has_package(name):
+    """Whether this PETSc was built with an external package.
+
+    Parameters
+    ----------
+    name : str
+        "hypre", "mumps", "ml", ...
+    """
+    return bool(PETSc.Sys.hasExternalPackage(name))
+
+
+def line_search_name(name):
+    """The name that this PETSc gives a line search (``l2`` became ``secant``, ``basic`` became ``none``)."""
+    if name in ("l2", "secant"):
+        return "secant" if version >= (3, 24) else "l2"
+    if name in ("basic", "none"):
+        return "none" if version >= (3, 26) else "basic"
+    return name
+
+
+def _check(code, what):
+    if code != 0:
+        raise RuntimeError(f"{what} failed with PETSc error {code}")
+
+
+def matrix_parts(matrix):
+    """The two local matrices of a distributed AIJ matrix.
+
+    Parameters
+    ----------
+    matrix : PETSc.Mat
+        Of type ``seqaij`` or ``mpiaij``, assembled.
+
+    Returns
+    -------
+    list of int
+        Handles of the sequential matrices: owned columns, and (``mpiaij``) the other columns.
+    """
+    if matrix.getType() == "seqaij":
+        return [matrix.handle]
+    own, other, columns = ctypes.c_void_p(), ctypes.c_void_p(), ctypes.c_void_p()
+    _check(
+        _lib.MatMPIAIJGetSeqAIJ(
+            ctypes.c_void_p(matrix.handle), ctypes.byref(own), ctypes.byref(other), ctypes.byref(columns)
+        ),
+        "MatMPIAIJGetSeqAIJ",
+    )
+    return [own.value, other.value]
+
+
+class local_values:  # noqa: N801
+    """Context that lends the value arrays of a matrix's local parts, to be written in place.
+
+    Parameters
+    ----------
+    matrix : PETSc.Mat
+        Assembled AIJ matrix.
+    sizes : sequence of int
+        Number of nonzeros of each part.
+
+    Notes
+    -----
+    Entering gives a list of two arrays (the second empty in serial). Leaving tells PETSc that the values changed.
+    *Collective* (the matrix is assembled at the end).
+    """
+
+    def __init__(self, matrix, sizes):
+        self.matrix = matrix
+        self.sizes = sizes
+
+    def __enter__(self):
+        self.parts = matrix_parts(self.matrix)
+        self.pointers = []
+        arrays = []
+        for handle, size in zip(self.parts, self.sizes, strict=False):
+            pointer = ctypes.POINTER(ctypes.c_double)()
+            _check(_lib.MatSeqAIJGetArray(ctypes.c_void_p(handle), ctypes.byref(pointer)), "MatSeqAIJGetArray")
+            self.pointers.append(pointer)
+            arrays.append(np.ctypeslib.as_array(pointer, (size,)) if size else np.zeros(0))
+        while len(arrays) < 2:
+            arrays.append(np.zeros(0))
+        return arrays
+
+    def __exit__(self, *exc):
+        for handle, pointer in zip(self.parts, self.pointers, strict=True):
+            _check(
+                _lib.MatSeqAIJRestoreArray(ctypes.c_void_p(handle), ctypes.byref(pointer)),
+                "MatSeqAIJRestoreArray",
+            )
+        self.matrix.assemble()
+        return False
+
+
+def set_section(dm, section):
+    """Attach a local section to a DM (``setLocalSection`` since 3.19)."""
+    (dm.setLocalSection if hasattr(dm, "setLocalSection") else dm.setSection)(section)

@@ -1,0 +1,44 @@
+"""What the user describes: dataclasses, the TOML reader and the checks. Neither PETSc nor MPI."""
+
+from pcontact.scene.amplitude import Amplitude, amplitude
+from pcontact.scene.describe import describe
+from pcontact.scene.function import obstacle_functions
+from pcontact.scene.model import (
+    Body,
+    Contact,
+    Displacement,
+    Load,
+    Material,
+    MeshSpec,
+    Obstacle,
+    Output,
+    Scene,
+    Steps,
+)
+from pcontact.scene.reader import read_scene
+from pcontact.scene.regions import check_dimension, check_regions
+from pcontact.scene.validate import require_supported, resolve_contacts, unsupported, validate
+
+__all__ = [
+    "Amplitude",
+    "Body",
+    "Contact",
+    "Displacement",
+    "Load",
+    "Material",
+    "MeshSpec",
+    "Obstacle",
+    "Output",
+    "Scene",
+    "Steps",
+    "amplitude",
+    "check_dimension",
+    "check_regions",
+    "describe",
+    "obstacle_functions",
+    "read_scene",
+    "require_supported",
+    "resolve_contacts",
+    "unsupported",
+    "validate",
+]

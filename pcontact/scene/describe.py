@@ -1,0 +1,74 @@
+"""What a scene switches on and what it leaves out, in words."""
+
+from pcontact.scene.model import Contact, Scene
+from pcontact.scene.validate import resolve_contacts
+
+
+def _plastic(scene):
+    return [body.region for body in scene.bodies if scene.materials[body.material].yield_stress is not None]
+
+
+# physics that a scene may or may not ask for, and whether it does
+_FEATURES = (
+    ("contact", lambda scene: bool(scene.contacts)),
+    ("friction", lambda scene: any(contact.friction or contact.tresca for contact in scene.contacts)),
+    ("plasticity", lambda scene: bool(_plastic(scene))),
+    ("rigid obstacles", lambda scene: any(contact.obstacle is not None for contact in scene.contacts)),
+    ("self contact", lambda scene: any(contact.target == contact.source for contact in scene.contacts)),
+    ("unbiased contact", lambda scene: any(contact.unbiased for contact in scene.contacts)),
+    ("finite strain", lambda scene: False),
+    ("inertia", lambda scene: False),
+)
+
+
+def describe(scene: Scene, dim: int | None = None) -> tuple[list[str], list[str]]:
+    """What is modelled and what is left out.
+
+    Parameters
+    ----------
+    scene : Scene
+        A valid scene; numerics that it does not say are described by their defaults.
+    dim : int or None
+        Space dimension of the mesh, where it is known.
+
+    Returns
+    -------
+    active, left_out : list of str
+        One entry per piece of physics.
+    """
+    active = ["small strain elasticity: " + ", ".join(body.region for body in scene.bodies)]
+    if _plastic(scene):
+        active.append("von Mises plasticity: " + ", ".join(_plastic(scene)))
+    if scene.mesh.kinematics != "plane_strain" or dim == 2:
+        active.append(scene.mesh.kinematics.replace("_", " "))
+    active += [_contact(contact) for contact in resolve_contacts(scene, {}).contacts]
+    for key in ("pressure", "traction", "body_force"):
+        regions = [load.region for load in scene.loads if getattr(load, key) is not None]
+        if regions:
+            active.append(f"{key.replace('_', ' ')}: {', '.join(regions)}")
+    if scene.displacements:
+        regions = dict.fromkeys(item.region for item in scene.displacements)
+        active.append("prescribed displacement: " + ", ".join(regions))
+    return active, [name for name, asked in _FEATURES if not asked(scene)]
+
+
+def _contact(contact: Contact) -> str:
+    """One line: partners, law, numerics."""
+    if contact.obstacle is not None:
+        moving = "moving " if contact.obstacle.displacement is not None else ""
+        partners = f"{contact.source} -> {moving}rigid {contact.obstacle.shape.replace('_', ' ')}"
+    elif contact.target == contact.source:
+        partners = f"{contact.source} with itself"
+    else:
+        partners = f"{contact.source} {'<->' if contact.unbiased else '->'} {contact.target}"
+    law = "frictionless"
+    if contact.friction:
+        law = f"Coulomb friction {contact.friction:g}"
+    elif contact.tresca:
+        law = f"Tresca friction {contact.tresca:g}"
+    words = [partners, law, contact.formulation.replace("_", " ")]
+    if contact.formulation == "nitsche":
+        words.append(f"theta {contact.theta:g}")
+    words.append("gamma0 from the element" if contact.gamma0 is None else f"gamma0 {contact.gamma0:g}")
+    words += [contact.search.replace("_", " "), f"initial overlap: {contact.interference}"]
+    return f"contact {contact.name}: " + ", ".join(words)

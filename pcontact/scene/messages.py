@@ -1,0 +1,61 @@
+"""The one line that says what is wrong with a scene."""
+
+import difflib
+import reprlib
+from collections.abc import Iterable
+
+from pcontact.runtime.errors import InputError
+
+KINDS = ((type(None), "nothing"), (bool, "a boolean"), (int, "an integer"), (float, "a number"),
+         (str, "a string"), (list, "a list"), (tuple, "a list"), (dict, "a table"))  # fmt: skip
+_SHORT = reprlib.Repr()
+_SHORT.maxstring = _SHORT.maxother = 80
+_SHORT.maxlist = _SHORT.maxtuple = 8
+_NAMES = 30  # more names than this do not help to find the right one
+
+
+def input_error(file: str, key: str, found: str, allowed: str) -> InputError:
+    """The error to raise: file, key path, what was found, what is allowed, in one line."""
+    line = f"{file}: {key}: found {found}; allowed: {allowed}"
+    return InputError("".join(c if c.isprintable() else repr(c)[1:-1] for c in line))
+
+
+def kind(value: object) -> str:
+    """What sort of value it is, in the words of a scene file."""
+    return next(
+        (name for cls, name in KINDS if isinstance(value, cls)), f"a value of type {type(value).__name__}"
+    )
+
+
+def shown(value: object) -> str:
+    """Sort and value, shortened to fit a line."""
+    if value is None or isinstance(value, dict):
+        return kind(value)
+    try:
+        text = _SHORT.repr(value)
+    except ValueError:  # an integer beyond Python's limit of digits
+        return f"{kind(value)} too long to show"
+    return f"{kind(value)} {text.lower() if isinstance(value, bool) else text}"
+
+
+def closeness(name: str, known: str) -> float:
+    """Likeness of two names from 0 to 1, whatever their case."""
+    return difflib.SequenceMatcher(None, name.lower(), known.lower()).ratio()
+
+
+def nearest(name: str, known: Iterable[str]) -> str | None:
+    """The known name most like `name`, None when there are no names."""
+    return max(known, key=lambda other: closeness(name, other), default=None)
+
+
+def unknown_name(name: str, what: str, known: Iterable[str]) -> str:
+    """The "found" part for a name that is not among the known ones."""
+    best = nearest(name, known)
+    return f"{name!r}, {what}" + ("" if best is None else f", the nearest is {best!r}")
+
+
+def listed(names: Iterable[str]) -> str:
+    """Names in order, cut where the list gets long."""
+    names = sorted(names)
+    rest = f", ... ({len(names) - _NAMES} more)" if len(names) > _NAMES else ""
+    return ", ".join(names[:_NAMES]) + rest if names else "(there are none)"

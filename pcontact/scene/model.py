@@ -1,0 +1,324 @@
+"""The scene as plain dataclasses: the reader fills them from TOML, drivers fill them in Python.
+
+Nothing is checked here; `pcontact.scene.validate.validate` checks every value, whoever wrote it, and turns
+numbers into float and lists into tuples. Units are the user's own and must be consistent. None means
+"not said": what is then assumed stands in the docstrings.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+Table = Sequence[Sequence[float]]  # rows of (time, factor)
+Function = str | Callable  # "module.py:name" beside the scene, or the function itself
+
+
+@dataclass
+class MeshSpec:
+    """Where the mesh is and how it is used.
+
+    Parameters
+    ----------
+    file : str or pathlib.Path
+        Mesh file, relative to the scene's folder.
+    order : int
+        Degree of the displacement, 1 or 2.
+    kinematics : str
+        2D only: "plane_strain", "plane_stress" or "axisymmetric"; the default says nothing about a 3D mesh.
+    """
+
+    file: str | Path
+    order: int = 1
+    kinematics: str = "plane_strain"
+
+
+@dataclass
+class Material:
+    """Isotropic elasticity, and von Mises plasticity with linear hardening where `yield_stress` is given.
+
+    Parameters
+    ----------
+    E, nu : float
+        Young's modulus [stress] and Poisson's ratio.
+    yield_stress : float or None
+        Uniaxial yield stress; None is elastic.
+    hardening : float
+        Isotropic: d(yield stress) / d(equivalent plastic strain) [stress].
+    kinematic_hardening : float
+        Prager: d(uniaxial back stress) / d(equivalent plastic strain) [stress].
+    """
+
+    E: float
+    nu: float
+    yield_stress: float | None = None
+    hardening: float = 0.0
+    kinematic_hardening: float = 0.0
+
+
+@dataclass
+class Body:
+    """A group of cells and the name of the material it is made of."""
+
+    region: str
+    material: str
+
+
+@dataclass
+class Obstacle:
+    """A rigid body without a mesh; points are vectors of the mesh dimension d.
+
+    Parameters
+    ----------
+    shape : str
+        "plane" (point, normal into the free space), "sphere" (center, radius; a circle in 2D), "cylinder"
+        (point, axis, radius; 3D only), "level_set" (function).
+    point, normal, center, axis : sequence of float or None
+        (d,) vectors; normal and axis of any length but zero.
+    radius : float or None
+        [length].
+    inside : bool
+        Sphere and cylinder: the free space is inside.
+    function : str, callable or None
+        Level set: phi(x, t) -> (n,), signed distance of points x (n, d) at time t, positive in free space.
+    gradient : str, callable or None
+        Level set: gradient of phi, (x, t) -> (n, d); absent: left to the program.
+    displacement : sequence of float or None
+        (d,) translation at factor 1; None stands still.
+    amplitude : sequence of (time, factor) or None
+        Factor of `displacement`; None is a ramp from 0 to 1 over the run.
+    """
+
+    shape: str
+    point: Sequence[float] | None = None
+    normal: Sequence[float] | None = None
+    center: Sequence[float] | None = None
+    axis: Sequence[float] | None = None
+    radius: float | None = None
+    inside: bool = False
+    function: Function | None = None
+    gradient: Function | None = None
+    displacement: Sequence[float] | None = None
+    amplitude: Table | None = None
+
+
+@dataclass
+class Contact:
+    """A contact pair: a source surface, a target surface or an obstacle, the law, and the numerics.
+
+    Parameters
+    ----------
+    source : str
+        Group of facets where the integrals are taken.
+    target : str or None
+        Group of facets where points are projected; the same name as `source` is self contact.
+    obstacle : Obstacle or None
+        Instead of `target`.
+    name : str or None
+        Unique; None becomes "source-target" or "source-shape".
+    friction : float or None
+        Coulomb coefficient; None or 0 is frictionless.
+    tresca : float or None
+        Instead of `friction`: a fixed bound of the tangential traction [stress].
+    unbiased : bool
+        Both sides are source and target.
+    formulation : str or None
+        "nitsche", "penalty" or "augmented_lagrangian".
+    theta : float or None
+        Nitsche variant 1, 0 or -1.
+    gamma0 : float or None
+        Dimensionless parameter; None is chosen from the material and the element.
+    quadrature : int or None
+        Degree of the facet quadrature; None is chosen from the element.
+    search : str or None
+        "closest_point" or "ray_tracing".
+    search_radius : float or None
+        Largest distance at which a partner is looked for [length]; None is chosen from the mesh.
+    interference : str or None
+        What an initial overlap means: "resolve" or "adjust".
+
+    Notes
+    -----
+    The last seven are None when not said, so that the command line comes before the scene and the scene
+    before `CONTACT_DEFAULTS`; `pcontact.scene.validate.resolve_contacts` applies that order.
+    """
+
+    source: str
+    target: str | None = None
+    obstacle: Obstacle | None = None
+    name: str | None = None
+    friction: float | None = None
+    tresca: float | None = None
+    unbiased: bool = False
+    formulation: str | None = None
+    theta: float | None = None
+    gamma0: float | None = None
+    quadrature: int | None = None
+    search: str | None = None
+    search_radius: float | None = None
+    interference: str | None = None
+
+    def __post_init__(self):
+        if self.name is None and isinstance(self.source, str):
+            partner = self.target if self.target is not None else getattr(self.obstacle, "shape", "obstacle")
+            self.name = f"{self.source}-{partner}"
+
+
+CONTACT_DEFAULTS = {
+    "formulation": "nitsche",
+    "theta": 0.0,
+    "gamma0": None,
+    "quadrature": None,
+    "search": "closest_point",
+    "search_radius": None,
+    "interference": "resolve",
+}
+
+
+@dataclass
+class Displacement:
+    """Prescribed displacement of a group of cells, facets, edges or vertices.
+
+    Parameters
+    ----------
+    region : str
+        Name of the group.
+    value : sequence of float or "free"
+        (d,) one entry per direction [length].
+    amplitude : sequence of (time, factor) or None
+        None is a ramp from 0 to 1 over the run.
+    """
+
+    region: str
+    value: Sequence[float | str]
+    amplitude: Table | None = None
+
+
+@dataclass
+class Load:
+    """Exactly one of pressure or traction on facets, or body force in cells.
+
+    Parameters
+    ----------
+    region : str
+        Name of the group of facets (pressure, traction) or cells (body_force).
+    pressure : float or None
+        Positive in compression [stress].
+    traction : sequence of float or None
+        (d,) [stress].
+    body_force : sequence of float or None
+        (d,) [stress / length].
+    amplitude : sequence of (time, factor) or None
+        None is a ramp from 0 to 1 over the run.
+    """
+
+    region: str
+    pressure: float | None = None
+    traction: Sequence[float] | None = None
+    body_force: Sequence[float] | None = None
+    amplitude: Table | None = None
+
+
+@dataclass
+class Steps:
+    """The run from time 0 to `end` in `count` equal steps to start with.
+
+    Parameters
+    ----------
+    end : float
+        [time].
+    count : int
+        Number of equal steps that the stepper starts with.
+    min_step : float or None
+        Step below which a cut back gives up [time]; None is end / count / 1024.
+    """
+
+    end: float = 1.0
+    count: int = 1
+    min_step: float | None = None
+
+    @property
+    def smallest_step(self) -> float:
+        """`min_step`, or what stands for it when it is not said [time]."""
+        return self.end / self.count / 1024 if self.min_step is None else self.min_step
+
+
+@dataclass
+class Output:
+    """What is written: fields of every step, checkpoints, and the groups whose displacement is reported."""
+
+    fields: bool = True
+    checkpoint: bool = False
+    probes: Sequence[str] = ()
+
+
+@dataclass
+class Scene:
+    """Everything the user describes.
+
+    Parameters
+    ----------
+    mesh : MeshSpec
+    materials : dict of str to Material
+    bodies : list of Body
+    contacts : list of Contact
+    displacements : list of Displacement
+    loads : list of Load
+    steps : Steps
+    output : Output
+    petsc : dict of str to str
+        Options of this scene, without the leading dash; the command line wins.
+    title : str
+    path : pathlib.Path or None
+        The scene file; None when the scene was built in Python.
+    """
+
+    mesh: MeshSpec
+    materials: dict[str, Material]
+    bodies: list[Body]
+    contacts: list[Contact] = field(default_factory=list)
+    displacements: list[Displacement] = field(default_factory=list)
+    loads: list[Load] = field(default_factory=list)
+    steps: Steps = field(default_factory=Steps)
+    output: Output = field(default_factory=Output)
+    petsc: dict[str, str] = field(default_factory=dict)
+    title: str = ""
+    path: Path | None = None
+
+    @property
+    def where(self) -> str:
+        """What messages call the scene: its file, or "scene"."""
+        return "scene" if self.path is None else str(self.path)
+
+    @property
+    def folder(self) -> Path:
+        """Folder that the scene's files are beside; the working directory for a scene built in Python."""
+        return Path() if self.path is None else Path(self.path).parent
+
+    @property
+    def mesh_path(self) -> Path:
+        """The mesh file."""
+        return self.folder / self.mesh.file
+
+
+SINGLE_TABLES = {"mesh": MeshSpec, "steps": Steps, "output": Output}
+LIST_TABLES = {"bodies": Body, "contacts": Contact, "displacements": Displacement, "loads": Load}
+
+
+def place(key: str, index: int, name: object) -> str:
+    """Key path of an entry of a list of tables, such as ``contacts[0] (ball-block)``."""
+    return f"{key}[{index}] ({name})" if isinstance(name, str) and name else f"{key}[{index}]"
+
+
+def tables(scene: Scene) -> Iterator[tuple[str, object]]:
+    """All tables of a scene with their key paths, in the order of a scene file, obstacles included."""
+    yield "mesh", scene.mesh
+    for name, material in scene.materials.items():
+        yield f"materials.{name}", material
+    for key in LIST_TABLES:
+        for index, item in enumerate(getattr(scene, key)):
+            where = place(key, index, item.name if isinstance(item, Contact) else item.region)
+            yield where, item
+            if isinstance(item, Contact) and item.obstacle is not None:
+                yield f"{where}.obstacle", item.obstacle
+    yield "steps", scene.steps
+    yield "output", scene.output

@@ -1,0 +1,133 @@
+"""From a TOML file to a scene."""
+
+import re
+import tomllib
+from dataclasses import MISSING, fields
+from pathlib import Path
+
+from pcontact.scene.messages import closeness, input_error, nearest, shown
+from pcontact.scene.model import LIST_TABLES, SINGLE_TABLES, Contact, Material, Obstacle, Scene, place
+from pcontact.scene.validate import validate
+
+_HEADERS = {
+    Scene: "the scene",
+    Material: "[materials.NAME]",
+    Obstacle: "obstacle",
+    **{cls: f"[{key}]" for key, cls in SINGLE_TABLES.items()},
+    **{cls: f"[[{key}]]" for key, cls in LIST_TABLES.items()},
+}
+_ALIKE = 0.8  # likeness above which a key of the same table is what was meant
+
+
+def read_scene(path: str | Path) -> Scene:
+    """Read and check a scene file.
+
+    Parameters
+    ----------
+    path : str or pathlib.Path
+        A TOML file.
+
+    Returns
+    -------
+    Scene
+        A valid scene; dimension and groups are checked when the mesh is there (`pcontact.scene.regions`).
+
+    Raises
+    ------
+    InputError
+        One line: file, key path (or line and column), what was found, what is allowed.
+    """
+    path = Path(path)
+    file = str(path)
+    data = _parse(path)
+    _check_keys(Scene, data, file, "")
+    scene = Scene(
+        path=path,
+        title=data.get("title", ""),
+        mesh=_table("mesh", data.get("mesh", {}), file),
+        materials=_materials(data.get("materials", {}), file),
+        steps=_table("steps", data.get("steps", {}), file),
+        output=_table("output", data.get("output", {}), file),
+        petsc=data.get("petsc", {}),
+        **{key: _list(key, data.get(key, []), file) for key in LIST_TABLES},
+    )
+    validate(scene)
+    return scene
+
+
+def _parse(path):
+    try:
+        # -sig: some editors put a byte order mark first, which TOML does not know
+        return tomllib.loads(path.read_text(encoding="utf-8-sig"))
+    except OSError as error:
+        raise input_error(
+            str(path), "file", (error.strerror or str(error)).lower(), "a scene file (TOML)"
+        ) from None
+    except UnicodeDecodeError as error:
+        raise input_error(
+            str(path), f"byte {error.start}", "text that is not UTF-8", "a TOML file in UTF-8"
+        ) from None
+    except (ValueError, RecursionError) as error:
+        message = str(error)
+    match = re.search(r" \(at (line \d+, column \d+|end of document)\)$", message)
+    where = match.group(1) if match else "somewhere"
+    allowed = "TOML"
+    if "immutable" in message:
+        allowed = "all keys inside the braces { ... }, or all of them dotted, not both"
+    raise input_error(str(path), where, message[: match.start()] if match else message, allowed)
+
+
+def _keys(cls):
+    """Keys of a table in a scene file; the path of a scene is no key."""
+    return [field.name for field in fields(cls) if (cls, field.name) != (Scene, "path")]
+
+
+def _check_keys(cls, data, file, where):
+    known = _keys(cls)
+    for key in data:
+        if key in known:
+            continue
+        best, home = nearest(key, known), cls
+        if closeness(key, best) < _ALIKE:
+            # a key of another table, put here by mistake
+            home = next((other for other in _HEADERS if key in _keys(other)), cls)
+            best = key if home is not cls else best
+        found = f"an unknown key, the nearest known key is {best!r} in {_HEADERS[home]}"
+        raise input_error(file, f"{where}.{key}" if where else key, found, ", ".join(known))
+
+
+def _build(cls, data, file, where):
+    """The dataclass of a table; required keys that are missing become None, which the checks refuse."""
+    if not isinstance(data, dict):
+        raise input_error(file, where, shown(data), f"a table {_HEADERS[cls]}")
+    _check_keys(cls, data, file, where)
+    missing = {
+        field.name: None
+        for field in fields(cls)
+        if field.default is MISSING and field.default_factory is MISSING
+    }
+    return cls(**{**missing, **data})
+
+
+def _table(key, data, file):
+    return _build(SINGLE_TABLES[key], data, file, key)
+
+
+def _materials(data, file):
+    if not isinstance(data, dict):
+        raise input_error(file, "materials", shown(data), "tables [materials.NAME]")
+    return {name: _build(Material, table, file, f"materials.{name}") for name, table in data.items()}
+
+
+def _list(key, data, file):
+    if not isinstance(data, list):
+        raise input_error(file, key, shown(data), f"a list of tables, each headed [[{key}]]")
+    cls = LIST_TABLES[key]
+    items = []
+    for index, table in enumerate(data):
+        name = table.get("name" if cls is Contact else "region") if isinstance(table, dict) else None
+        where = place(key, index, name)
+        if cls is Contact and isinstance(table, dict) and "obstacle" in table:
+            table = {**table, "obstacle": _build(Obstacle, table["obstacle"], file, f"{where}.obstacle")}
+        items.append(_build(cls, table, file, where))
+    return items

@@ -1,0 +1,108 @@
+"""Checks of a scene against the mesh: the dimension, and the groups it names."""
+
+from collections.abc import Mapping
+from pathlib import Path
+
+from pcontact.scene.messages import input_error, listed, unknown_name
+from pcontact.scene.model import Body, Contact, Displacement, Load, MeshSpec, Obstacle, Scene, tables
+
+_VECTORS = {
+    Displacement: ("value",),
+    Load: ("traction", "body_force"),
+    Obstacle: ("point", "normal", "center", "axis", "displacement"),
+}
+_KINDS = {"cells": "a group of cells", "facets": "a group of facets", "nodes": "a group of edges or vertices"}
+
+
+def check_dimension(scene: Scene, dim: int) -> None:
+    """Check that the scene fits the dimension of the mesh.
+
+    Parameters
+    ----------
+    scene : Scene
+        A valid scene.
+    dim : int
+        Space dimension of the mesh, 2 or 3.
+
+    Raises
+    ------
+    InputError
+        A vector has another number of entries, 2D kinematics of a 3D mesh, a cylinder in 2D.
+    """
+    for where, table in tables(scene):
+        for key in _VECTORS.get(type(table), ()):
+            vector = getattr(table, key)
+            if vector is not None and len(vector) != dim:
+                found = f"{len(vector)} entries, {list(vector)}"
+                raise input_error(scene.where, f"{where}.{key}", found, f"{dim} entries, the mesh is {dim}D")
+        if isinstance(table, MeshSpec) and table.kinematics != "plane_strain" and dim == 3:
+            found = f'"{table.kinematics}" with a 3D mesh'
+            raise input_error(scene.where, "mesh.kinematics", found, "no such key, it is for 2D meshes only")
+        if isinstance(table, Obstacle) and table.shape == "cylinder" and dim == 2:
+            allowed = '"plane" | "sphere" (a circle) | "level_set"'
+            raise input_error(scene.where, f"{where}.shape", '"cylinder" with a 2D mesh', allowed)
+
+
+def check_regions(
+    scene: Scene,
+    cell_groups: Mapping[str, object],
+    facet_groups: Mapping[str, object],
+    node_groups: Mapping[str, object],
+    mesh_path: str | Path,
+) -> None:
+    """Check that every group the scene names is in the mesh, is of the right kind and is not empty.
+
+    Parameters
+    ----------
+    scene : Scene
+        A valid scene.
+    cell_groups, facet_groups, node_groups : mapping of str to ids
+        As in RawMesh: ids (n,) of cells and nodes, for facets the pair (cells (n,), local facets (n,)).
+        A plain count n is taken too.
+    mesh_path : str or pathlib.Path
+        For the messages.
+
+    Raises
+    ------
+    InputError
+        Names the groups there are, and the nearest one.
+    """
+    groups = {"cells": cell_groups, "facets": facet_groups, "nodes": node_groups}
+    for where, table in tables(scene):
+        if isinstance(table, Body):
+            _require(scene, f"{where}.region", table.region, groups, ("cells",), mesh_path)
+        elif isinstance(table, Contact):
+            _require(scene, f"{where}.source", table.source, groups, ("facets",), mesh_path)
+            if table.target is not None:
+                _require(scene, f"{where}.target", table.target, groups, ("facets",), mesh_path)
+        elif isinstance(table, Displacement):
+            _require(scene, f"{where}.region", table.region, groups, tuple(groups), mesh_path)
+        elif isinstance(table, Load):
+            kinds = ("facets",) if table.body_force is None else ("cells",)
+            _require(scene, f"{where}.region", table.region, groups, kinds, mesh_path)
+    for index, probe in enumerate(scene.output.probes):
+        _require(scene, f"output.probes[{index}]", probe, groups, tuple(groups), mesh_path)
+
+
+def _size(ids):
+    if isinstance(ids, int):
+        return ids
+    return len(ids[0]) if isinstance(ids, tuple) else len(ids)
+
+
+def _require(scene, key, name, groups, kinds, mesh_path):
+    known = {}
+    for kind in kinds:
+        for group, ids in groups[kind].items():
+            known[group] = known.get(group, 0) + _size(ids)
+    words = "a group" if len(kinds) == len(groups) else _KINDS[kinds[0]]
+    allowed = f"the name of {words} of {mesh_path}: {listed(known)}"
+    if name not in known:
+        other = next((_KINDS[kind] for kind in groups if name in groups[kind]), None)
+        if other is not None:
+            raise input_error(scene.where, key, f"{name!r}, {other}", allowed)
+        raise input_error(
+            scene.where, key, unknown_name(name, f"no such group in {mesh_path}", known), allowed
+        )
+    if known[name] == 0:
+        raise input_error(scene.where, key, f"{name!r}, an empty group", f"{words} that is not empty")

@@ -1,0 +1,302 @@
+"""Checks of a whole scene, whoever wrote it: every value, and the values against each other."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+from pcontact.scene.messages import input_error, listed, nearest, shown, unknown_name
+from pcontact.scene.model import (
+    CONTACT_DEFAULTS,
+    LIST_TABLES,
+    SINGLE_TABLES,
+    Contact,
+    Load,
+    Material,
+    MeshSpec,
+    Obstacle,
+    Output,
+    Scene,
+    tables,
+)
+from pcontact.scene.rules import MOTION_KEYS, OBSTACLE_KEYS, OPTION, RULES, TEXT, apply
+
+# What can be described but is not modelled yet: table, key, does the table ask for it, in words
+UNSUPPORTED = (
+    (MeshSpec, "kinematics", lambda mesh: mesh.kinematics == "plane_stress", "plane stress"),
+    (MeshSpec, "kinematics", lambda mesh: mesh.kinematics == "axisymmetric", "axial symmetry"),
+    (Material, "yield_stress", lambda material: material.yield_stress is not None, "plasticity"),
+    (Contact, "friction", lambda contact: bool(contact.friction), "Coulomb friction"),
+    (Contact, "tresca", lambda contact: bool(contact.tresca), "Tresca friction"),
+    (Contact, "unbiased", lambda contact: contact.unbiased, "unbiased contact"),
+    (Contact, "target", lambda contact: contact.target == contact.source, "self contact"),
+    (
+        Contact,
+        "formulation",
+        lambda contact: contact.formulation not in (None, "nitsche"),
+        "a formulation other than nitsche",
+    ),
+    (Output, "checkpoint", lambda output: output.checkpoint, "checkpoint and restart"),
+)
+
+
+def validate(scene: Scene) -> None:
+    """Check every value of a scene, in place: numbers become float, lists tuples, options strings.
+
+    Parameters
+    ----------
+    scene : Scene
+        From the reader or from Python. Groups and the dimension are checked once the mesh is there
+        (`pcontact.scene.regions`).
+
+    Raises
+    ------
+    InputError
+        One line: file, key path, what was found, what is allowed.
+    """
+    _check_types(scene)
+    _check_values(scene)
+    _check_mesh_file(scene)
+    _check_bodies(scene)
+    for where, table in tables(scene):
+        if isinstance(table, Material):
+            _check_material(scene, where, table)
+        elif isinstance(table, Contact):
+            _check_contact(scene, where, table)
+        elif isinstance(table, Obstacle):
+            _check_obstacle(scene, where, table)
+        elif isinstance(table, Load):
+            _check_load(scene, where, table)
+    _check_unique(scene, "contacts", "name")
+    _check_displacements(scene)
+    _check_steps(scene)
+
+
+def unsupported(scene: Scene) -> list[str]:
+    """What a valid scene asks for and the program does not model: key path, value and words of each."""
+    return [
+        f"{where}.{key} = {getattr(table, key)!r} ({words})"
+        for where, table in tables(scene)
+        for cls, key, asked, words in UNSUPPORTED
+        if isinstance(table, cls) and asked(table)
+    ]
+
+
+def require_supported(scene: Scene) -> None:
+    """Refuse a scene that asks for what the program does not model, rather than ignore it.
+
+    Raises
+    ------
+    InputError
+        Names every such key.
+    """
+    found = unsupported(scene)
+    if found:
+        raise input_error(
+            scene.where, ", ".join(found), "what this program does not model yet", "leave it out"
+        )
+
+
+def resolve_contacts(scene: Scene, overrides: Mapping[str, object]) -> Scene:
+    """Fill in the numerics of every pair: the command line wins over the scene, the scene over the defaults.
+
+    Parameters
+    ----------
+    scene : Scene
+        A valid scene; it is left as it is.
+    overrides : mapping of str to value
+        What the command line says, for all pairs: keys of `CONTACT_DEFAULTS` (``{"theta": -1}`` for
+        ``-contact_theta -1``). None is "not said".
+
+    Returns
+    -------
+    Scene
+        With new contacts; what the defaults leave to the element (gamma0, quadrature) may still be None.
+
+    Raises
+    ------
+    InputError
+        The command line gives a value that is not allowed.
+    KeyError
+        A key is no numerics of a contact.
+    """
+    if not overrides.keys() <= CONTACT_DEFAULTS.keys():
+        raise KeyError(f"not numerics of a contact: {sorted(overrides.keys() - CONTACT_DEFAULTS.keys())}")
+    said = {
+        key: apply(RULES[Contact][key], value, "command line", f"-contact_{key}")
+        for key, value in overrides.items()
+        if value is not None
+    }
+    contacts = [replace(contact, **_numerics(contact, said)) for contact in scene.contacts]
+    resolved = replace(scene, contacts=contacts)
+    for where, table in tables(resolved):
+        if isinstance(table, Contact):
+            _check_theta(resolved, where, table)
+    return resolved
+
+
+def _numerics(contact, said):
+    values = {}
+    for key, default in CONTACT_DEFAULTS.items():
+        own = getattr(contact, key)
+        values[key] = said.get(key, default if own is None else own)
+    return values
+
+
+def _check_types(scene):
+    """Reading TOML builds these types; a driver may have put something else there."""
+    if not isinstance(scene.materials, dict):
+        raise input_error(scene.where, "materials", shown(scene.materials), "a dict of name to Material")
+    for name in scene.materials:
+        apply(TEXT, name, scene.where, "materials")
+    if not isinstance(scene.petsc, dict):
+        raise input_error(scene.where, "petsc", shown(scene.petsc), "a table of option names and values")
+    for key in LIST_TABLES:
+        if not isinstance(getattr(scene, key), list | tuple):
+            raise input_error(scene.where, key, shown(getattr(scene, key)), "a list")
+    expected = [(key, getattr(scene, key), cls) for key, cls in SINGLE_TABLES.items()]
+    expected += [(f"materials.{name}", material, Material) for name, material in scene.materials.items()]
+    for key, cls in LIST_TABLES.items():
+        expected += [(f"{key}[{index}]", item, cls) for index, item in enumerate(getattr(scene, key))]
+    expected += [
+        (f"contacts[{index}].obstacle", contact.obstacle, Obstacle)
+        for index, contact in enumerate(scene.contacts)
+        if isinstance(contact, Contact) and contact.obstacle is not None
+    ]
+    for where, item, cls in expected:
+        if not isinstance(item, cls):
+            raise input_error(scene.where, where, shown(item), f"a table ({cls.__name__})")
+
+
+def _check_values(scene):
+    scene.title = apply(RULES[Scene]["title"], scene.title, scene.where, "title")
+    for where, table in tables(scene):
+        for key, rule in RULES[type(table)].items():
+            setattr(table, key, apply(rule, getattr(table, key), scene.where, f"{where}.{key}"))
+    for name in scene.petsc:
+        if not isinstance(name, str) or not name.strip("-") or any(c.isspace() for c in name):
+            raise input_error(
+                scene.where, "petsc", f"an option named {name!r}", "names of options without blanks"
+            )
+    scene.petsc = {
+        name.lstrip("-"): apply(OPTION, value, scene.where, f"petsc.{name}")
+        for name, value in scene.petsc.items()
+    }
+
+
+def _check_mesh_file(scene):
+    if scene.mesh_path.is_file():
+        return
+    folder = scene.mesh_path.parent
+    files = [path.name for path in folder.iterdir() if path.is_file()] if folder.is_dir() else []
+    best = nearest(scene.mesh_path.name, files)
+    what = "no such file" + ("" if best is None else f", the nearest is {best!r}")
+    raise input_error(
+        scene.where,
+        "mesh.file",
+        f"{scene.mesh.file!r}, {what}",
+        f"a mesh file beside the scene, in {folder.absolute()}",
+    )
+
+
+def _check_bodies(scene):
+    if not scene.bodies:
+        raise input_error(
+            scene.where, "bodies", "no body", "at least one [[bodies]] with region and material"
+        )
+    _check_unique(scene, "bodies", "region")
+    for index, body in enumerate(scene.bodies):
+        if body.material not in scene.materials:
+            found = unknown_name(body.material, "no such material", scene.materials)
+            key = f"bodies[{index}] ({body.region}).material"
+            raise input_error(scene.where, key, found, listed(scene.materials))
+
+
+def _check_unique(scene, key, attribute):
+    seen = {}
+    for index, item in enumerate(getattr(scene, key)):
+        name = getattr(item, attribute)
+        if name in seen:
+            where = f"{key}[{index}] ({name}).{attribute}"
+            raise input_error(
+                scene.where, where, f"{name!r} a second time, as in {key}[{seen[name]}]", "each once"
+            )
+        seen[name] = index
+
+
+def _check_material(scene, where, material):
+    for key in ("hardening", "kinematic_hardening"):
+        if material.yield_stress is None and getattr(material, key) > 0:
+            found = f"{getattr(material, key)!r} without yield_stress"
+            raise input_error(scene.where, f"{where}.{key}", found, f"{key} together with yield_stress")
+
+
+def _check_contact(scene, where, contact):
+    if (contact.target is None) == (contact.obstacle is None):
+        found = "neither target nor obstacle" if contact.target is None else "both target and obstacle"
+        raise input_error(scene.where, where, found, "exactly one of target, obstacle")
+    if contact.friction is not None and contact.tresca is not None:
+        raise input_error(scene.where, where, "both friction and tresca", "at most one of friction, tresca")
+    if contact.unbiased and contact.obstacle is not None:
+        raise input_error(
+            scene.where, f"{where}.unbiased", "true with an obstacle", "false, an obstacle has no facets"
+        )
+    _check_theta(scene, where, contact)
+
+
+def _check_theta(scene, where, contact):
+    """Penalty and augmented Lagrangian have no adjoint term that theta could weigh."""
+    if contact.theta and contact.formulation not in (None, "nitsche"):
+        found = f'{contact.theta:g} with formulation "{contact.formulation}"'
+        raise input_error(scene.where, f"{where}.theta", found, '0, or formulation "nitsche"')
+
+
+def _check_obstacle(scene, where, obstacle):
+    needed, possible = OBSTACLE_KEYS[obstacle.shape]
+    allowed = (*needed, *possible, *MOTION_KEYS)
+    said = [key for key in RULES[Obstacle] if key != "shape" and getattr(obstacle, key) not in (None, False)]
+    for key in said:
+        if key not in allowed:
+            found = f'a key that shape "{obstacle.shape}" does not have'
+            raise input_error(scene.where, f"{where}.{key}", found, ", ".join(("shape", *allowed)))
+    for key in needed:
+        if key not in said:
+            raise input_error(scene.where, f"{where}.{key}", "nothing", RULES[Obstacle][key].allowed)
+    if obstacle.amplitude is not None and obstacle.displacement is None:
+        raise input_error(
+            scene.where, f"{where}.amplitude", "an amplitude without displacement", "both or neither"
+        )
+    for key in ("function", "gradient"):
+        reference = getattr(obstacle, key)
+        if isinstance(reference, str) and not (scene.folder / reference.rpartition(":")[0]).is_file():
+            allowed_text = f"{RULES[Obstacle][key].allowed}, in {scene.folder.absolute()}"
+            raise input_error(scene.where, f"{where}.{key}", f"{reference!r}, no such file", allowed_text)
+
+
+def _check_load(scene, where, load):
+    kinds = ("pressure", "traction", "body_force")
+    said = [key for key in kinds if getattr(load, key) is not None]
+    if len(said) != 1:
+        raise input_error(
+            scene.where, where, " and ".join(said) or "no value", f"exactly one of {', '.join(kinds)}"
+        )
+
+
+def _check_displacements(scene):
+    seen = {}
+    for index, item in enumerate(scene.displacements):
+        for direction, entry in enumerate(item.value):
+            if entry == "free":
+                continue
+            first = seen.setdefault((item.region, direction), index)
+            if first != index:
+                key = f"displacements[{index}] ({item.region}).value"
+                found = f"direction {direction} prescribed a second time, as in displacements[{first}]"
+                raise input_error(scene.where, key, found, "each direction of a region once")
+
+
+def _check_steps(scene):
+    steps = scene.steps
+    if steps.smallest_step > steps.end / steps.count:
+        found = f"{steps.min_step!r}, longer than a step"
+        raise input_error(
+            scene.where, "steps.min_step", found, f"at most end / count = {steps.end / steps.count:g}"
+        )

@@ -1,0 +1,119 @@
+"""One run: scene -> mesh -> space -> items -> stepper -> observers."""
+
+import resource
+import time as clock
+from pathlib import Path
+
+import pcontact
+from pcontact import build
+from pcontact.io.observers import Fields, Records, Terminal
+from pcontact.runtime import log
+from pcontact.runtime.errors import StepFailure
+from pcontact.runtime.options import Options
+from pcontact.runtime.petsc import MPI
+from pcontact.scene import describe
+from pcontact.solve.newton import Newton
+from pcontact.space.modes import near_null_space
+from pcontact.stepping.record import Recorder
+from pcontact.stepping.schedule import Schedule
+from pcontact.stepping.stepper import Stepper
+
+
+class Simulation:
+    """Everything that a scene needs to run, built and ready.
+
+    Parameters
+    ----------
+    scene : pcontact.scene.model.Scene
+    comm : MPI.Comm, optional
+
+    Raises
+    ------
+    InputError
+        On every rank.
+
+    Notes
+    -----
+    *Collective.*
+    """
+
+    def __init__(self, scene, comm=MPI.COMM_WORLD):
+        self.start = clock.perf_counter()
+        self.timing = {"search": 0.0, "solve": 0.0, "output": 0.0}
+        self.comm, self.options = comm, Options()
+        self.scene = build.override(scene, self.options)
+        self.mesh = build.read(self.scene, comm, self.options)
+        self.problem, colours, self.floating = build.assemble(self.scene, self.mesh)
+        symmetric = all(c.theta == 1.0 for c in self.scene.contacts)
+        self.newton = Newton(self.problem, self.options, symmetric, near_null_space(self.problem.space, colours))
+        self.timing["setup"] = clock.perf_counter() - self.start
+
+    def run(self, directory=None, observers=()):
+        """All load steps. *Collective.*
+
+        Parameters
+        ----------
+        directory : str or pathlib.Path, optional
+            Where results go; absent: nothing is written.
+        observers : sequence
+            Further observers, see :class:`pcontact.stepping.stepper.Observer`.
+
+        Returns
+        -------
+        bool
+            Whether all steps converged.
+        """
+        scene = self.scene
+        watch = [Terminal(scene.steps.end), *observers]
+        if directory is not None:
+            directory = Path(directory)
+            watch.insert(0, Records(directory, self.comm.rank, self._head(), self._times))
+            if scene.output.fields:
+                watch.insert(0, Fields(directory, self.problem, self.timing))
+        self._announce()
+        stops = [t for load in [*scene.displacements, *scene.loads] for t, _ in (load.amplitude or [])]
+        schedule = Schedule(scene.steps.end, scene.steps.count, scene.steps.smallest_step, stops)
+        recorder = Recorder(self.problem, scene.output.probes)
+        self.stepper = Stepper(self.problem, self.newton, schedule, watch, recorder, self.timing)
+        converged = True
+        try:
+            self.stepper.run()
+        except StepFailure as failure:
+            converged = False
+            log.error_line(failure)
+        for observer in watch:
+            observer.end(converged)
+        return converged
+
+    def _head(self):
+        active, left_out = describe(self.scene, self.mesh.dim)
+        return {
+            "title": self.scene.title,
+            "version": pcontact.__version__,
+            "ranks": self.comm.size,
+            "dofs": self.problem.space.n_dofs,
+            "cells": self.mesh.n_cells_total,
+            "model": {"active": active, "left_out": left_out},
+        }
+
+    def _announce(self):
+        head = self._head()
+        log.info("pcontact %s: %s", head["version"], head["title"] or "untitled")
+        log.info("%d unknowns, %d cells, %d ranks", head["dofs"], head["cells"], head["ranks"])
+        log.info("modelled: %s", "; ".join(head["model"]["active"]))
+        log.info("left out: %s", ", ".join(head["model"]["left_out"]))
+
+    def _times(self):
+        """Timing block of the report: the slowest rank's seconds, memory summed over ranks. *Collective.*"""
+        own = {**self.timing, "total": clock.perf_counter() - self.start}
+        names = sorted(own)
+        slowest = self.comm.allreduce([own[n] for n in names], op=_LONGEST)
+        memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
+        return {**dict(zip(names, slowest, strict=True)), "peak_memory_mb": self.comm.allreduce(memory)}
+
+
+def _longest(a, b, datatype=None):
+    return [max(x, y) for x, y in zip(a, b, strict=True)]
+
+
+_LONGEST = MPI.Op.Create(_longest, commute=True)

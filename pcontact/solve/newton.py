@@ -1,0 +1,130 @@
+"""Semi-smooth Newton by SNES."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pcontact.runtime.petsc import PETSc, line_search_name
+from pcontact.solve.linear import solver_defaults
+
+REASONS = {
+    value: name.lower().replace("_", " ")
+    for name, value in vars(PETSc.SNES.ConvergedReason).items()
+    if isinstance(value, int)
+}
+
+
+@dataclass
+class Outcome:
+    """How a solve ended.
+
+    Attributes
+    ----------
+    converged : bool
+    newton, krylov : int
+        Iterations.
+    reason : str
+    residual, initial : float
+        Last and first norm of the residual [force].
+    """
+
+    converged: bool
+    newton: int
+    krylov: int
+    reason: str
+    residual: float
+    initial: float
+
+
+class Newton:
+    """SNES on a :class:`pcontact.solve.problem.Problem`.
+
+    Parameters
+    ----------
+    problem : Problem
+    options : pcontact.runtime.options.Options
+    symmetric : bool
+        Whether the tangent is symmetric positive definite.
+    near_null_space : PETSc.NullSpace
+
+    Attributes
+    ----------
+    applied, kept_out : dict
+        Defaults that were entered into the options database, and those that the user's options kept out.
+    """
+
+    def __init__(self, problem, options, symmetric, near_null_space):
+        self.problem = problem
+        self._options = options
+        defaults = {
+            "snes_type": "newtonls",
+            "snes_linesearch_type": line_search_name("bt"),
+            "snes_rtol": 1e-8,
+            "snes_atol": 0.0,
+            "snes_stol": 0.0,
+            "snes_max_it": 50,
+            **solver_defaults(symmetric, True),
+        }
+        direct = options.get("pc_type", "gamg") in ("lu", "cholesky")
+        if problem.linear or direct:
+            defaults["ksp_rtol"] = 1e-10
+        else:
+            defaults.update({"snes_ksp_ew": True, "snes_ksp_ew_version": 2, "snes_ksp_ew_rtol0": 1e-2,
+                             "snes_ksp_ew_rtolmax": 1e-2})  # fmt: skip
+        self.applied, self.kept_out = options.propose(defaults)
+        self.snes = PETSc.SNES().create(comm=problem.space.comm)
+        self._f = problem.space.vector()
+        self.snes.setFunction(self._residual, self._f)
+        self.snes.setJacobian(self._tangent, problem.matrix.matrix)
+        self.snes.setConvergenceTest(self._test)
+        problem.matrix.matrix.setNearNullSpace(near_null_space)
+        self.snes.setFromOptions()
+        self._floor = 0.0
+        self.norms = []
+
+    def _residual(self, snes, x, f):
+        self.problem.residual(x, f)
+
+    def _tangent(self, snes, x, matrix, preconditioner):
+        self.problem.tangent(x)
+
+    def _test(self, snes, iteration, norms):
+        """Residual against the first one and against its own rounding errors; the size of the step says nothing here."""
+        norm = norms[2]
+        reasons = PETSc.SNES.ConvergedReason
+        if not np.isfinite(norm):
+            return reasons.DIVERGED_FNORM_NAN
+        if iteration == 0:
+            self.norms = []
+        self.norms.append(norm)
+        rtol, atol, _, _ = snes.getTolerances()
+        if norm <= max(atol, self._floor):
+            return reasons.CONVERGED_FNORM_ABS
+        if iteration > 0 and norm <= rtol * self.norms[0]:
+            return reasons.CONVERGED_FNORM_RELATIVE
+        return reasons.ITERATING
+
+    def solve(self, u):
+        """Solve for the displacement at the problem's time, from ``u``. *Collective.*
+
+        Parameters
+        ----------
+        u : PETSc.Vec
+            With the prescribed displacements entered; overwritten by the solution.
+
+        Returns
+        -------
+        Outcome
+        """
+        # eight rounding errors per sum of some eighty terms: what an exact solution would leave
+        self._floor = 8.0 * self.problem.roundoff(u)
+        self.snes.solve(None, u)
+        reason = self.snes.getConvergedReason()
+        return Outcome(
+            converged=reason > 0,
+            newton=self.snes.getIterationNumber(),
+            krylov=self.snes.getLinearSolveIterations(),
+            reason=REASONS.get(reason, str(reason)),
+            residual=self.norms[-1] if self.norms else float("nan"),
+            initial=self.norms[0] if self.norms else float("nan"),
+        )

@@ -1,0 +1,122 @@
+"""The discrete problem: sums the items into a residual and a matrix, with supports and external forces."""
+
+import numpy as np
+
+from pcontact.assembly.matrix import GlobalMatrix
+from pcontact.assembly.pattern import positions, union
+
+
+class Problem:
+    """Residual and generalised Jacobian of one load step.
+
+    Parameters
+    ----------
+    space : pcontact.space.space.Space
+    items : list
+        See the item contract: ``pattern``, ``residual``, ``tangent``, ``detect``, ``commit``. The first one is the bulk.
+    supports : pcontact.space.supports.Supports
+    forces : list of (ndarray (n_owned, d), callable)
+        Nodal forces at factor 1 and their factor of time.
+    aid : ndarray (n_owned,)
+        Added to the diagonal of the matrix, never to the residual: steadies bodies that nothing holds yet.
+
+    Attributes
+    ----------
+    time : float
+        Time at which the load step ends.
+    linear : bool
+        Whether the tangent is constant.
+    """
+
+    def __init__(self, space, items, supports, forces, aid):
+        self.space, self.items, self.supports, self.forces, self.aid = space, items, supports, forces, aid
+        self.time = 0.0
+        self.fixed = np.ascontiguousarray(supports.fixed[space.owned_local])
+        self.matrix = GlobalMatrix(space, supports.fixed)
+        self._versions = None
+        self.pattern_changes = 0
+
+    @property
+    def linear(self):
+        return not any(item.changes for item in self.items)
+
+    def prescribe(self, u, time):
+        """Enter the prescribed displacements of a time into ``u``."""
+        values = self.supports.values(time)[self.space.owned_local]
+        array = u.getArray().reshape(values.shape)
+        array[self.fixed] = values[self.fixed]
+        u.assemble()
+
+    def external(self, time):
+        """Nodal external forces (n_owned, d) [force]."""
+        total = np.zeros((self.space.n_owned, self.space.dim))
+        for force, amplitude in self.forces:
+            total += amplitude.factor(time) * force
+        return total
+
+    def unbalanced(self, u):
+        """Internal and contact minus external forces (n_owned, d); at prescribed components, the reactions. *Collective.*"""
+        out = -self.external(self.time)
+        for item in self.items:
+            item.residual(u, out)
+        return out
+
+    def residual(self, u, f):
+        """Residual vector: zero at prescribed components. *Collective.*"""
+        out = self.unbalanced(u)
+        out[self.fixed] = 0.0
+        f.setArray(out.ravel())
+
+    def tangent(self, u):
+        """Write the generalised Jacobian at ``u`` into the matrix. *Collective.*"""
+        bulk, others = self.items[0], self.items[1:]
+        values = [item.tangent(u) for item in others]
+        versions = [item.version for item in others]
+        if versions != self._versions:
+            self._renew(bulk, others)
+            self._versions = versions
+        self.matrix.write(bulk.tangent(u), self._sum(values), self.aid)
+
+    def _renew(self, bulk, others):
+        n = self.space.n_owned
+        rowptr, columns = np.zeros(n + 1, dtype=np.int64), np.zeros(0, dtype=np.int64)
+        for item in others:
+            rowptr, columns = union(rowptr, columns, *item.pattern())
+        self._places = [positions(*item.pattern(), rowptr, columns) for item in others]
+        self._n_contact = len(columns)
+        if self.matrix.renew(bulk.pattern(), (rowptr, columns)):
+            self.pattern_changes += 1
+
+    def _sum(self, values):
+        d = self.space.dim
+        if len(values) == 1:
+            return values[0]
+        total = np.zeros((self._n_contact, d, d))
+        for place, value in zip(self._places, values, strict=True):
+            total[place] += value
+        return total
+
+    def roundoff(self, u):
+        """Norm of the rounding errors that the residual at ``u`` may carry [force]. *Collective.*"""
+        bulk = self.items[0]
+        total = self.space.vector()
+        total.setArray(bulk.magnitude(u).ravel())
+        return np.finfo(float).eps * total.norm()
+
+    def reactions(self, u):
+        """Support forces that the surroundings exert, by region. *Collective.*
+
+        Returns
+        -------
+        dict of str to list of float
+        """
+        supports, own = self.supports, self.space.owned_local
+        forces, which = self.unbalanced(u), supports.which[own]
+        table = np.zeros((len(supports.regions), self.space.dim))
+        for number in range(len(supports.regions)):
+            table[number] = np.where(which == number, forces, 0.0).sum(axis=0)
+        table = self.space.comm.allreduce(table)
+        result = {}
+        for region, row in zip(supports.regions, table, strict=True):
+            result[region] = (np.asarray(result.get(region, 0.0)) + row).tolist()
+        return result

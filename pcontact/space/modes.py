@@ -1,0 +1,131 @@
+"""Rigid-body modes of every body: the near-null space, and which of them the supports leave free."""
+
+import numpy as np
+
+from pcontact.runtime.petsc import MPI, PETSc
+
+
+def rigid_modes(points, centre, scale):
+    """Rigid-body modes at points.
+
+    Parameters
+    ----------
+    points : ndarray (n, d)
+    centre : ndarray (d,) or (n, d)
+    scale : float
+        Length that makes rotations comparable to translations.
+
+    Returns
+    -------
+    ndarray (n_modes, n, d)
+        Translations, then rotations: 3 modes in 2D, 6 in 3D.
+    """
+    n, d = points.shape
+    x = (points - centre) / scale
+    modes = np.zeros((3 if d == 2 else 6, n, d))
+    for axis in range(d):
+        modes[axis, :, axis] = 1.0
+    turns = [(0, 1)] if d == 2 else [(0, 1), (1, 2), (2, 0)]
+    for k, (a, b) in enumerate(turns):
+        modes[d + k, :, a] = -x[:, b]
+        modes[d + k, :, b] = x[:, a]
+    return modes
+
+
+def component_frames(space):
+    """Centre (n_components, d) and size (n_components,) of every connected component. *Collective.*"""
+    mesh, d = space.mesh, space.dim
+    low = np.full((mesh.n_components, d), np.inf)
+    high = np.full((mesh.n_components, d), -np.inf)
+    np.minimum.at(low, space.component, space.points)
+    np.maximum.at(high, space.component, space.points)
+    space.comm.Allreduce(MPI.IN_PLACE, low, op=MPI.MIN)
+    space.comm.Allreduce(MPI.IN_PLACE, high, op=MPI.MAX)
+    return 0.5 * (low + high), 0.5 * np.linalg.norm(high - low, axis=1)
+
+
+def colour(n_components, edges):
+    """Greedy colouring: components that meet in a contact pair get different colours.
+
+    Parameters
+    ----------
+    n_components : int
+    edges : set of (int, int)
+
+    Returns
+    -------
+    ndarray (n_components,)
+    """
+    colours = np.zeros(n_components, dtype=np.int64)
+    neighbours = [set() for _ in range(n_components)]
+    for a, b in edges:
+        if a != b:
+            neighbours[a].add(b)
+            neighbours[b].add(a)
+    for k in range(n_components):
+        taken = {int(colours[j]) for j in neighbours[k] if j < k}
+        colours[k] = next(c for c in range(n_components + 1) if c not in taken)
+    return colours
+
+
+def near_null_space(space, colours):
+    """Rigid modes of every body, bodies of one colour sharing vectors. *Collective.*
+
+    Parameters
+    ----------
+    space : Space
+    colours : ndarray (n_components,)
+        Bodies that can touch have different colours, so that relative rigid motion across a contact is in the span.
+
+    Returns
+    -------
+    PETSc.NullSpace
+        Orthonormal vectors.
+    """
+    centre, scale = component_frames(space)
+    own = space.owned_local
+    component = space.component[own]
+    size = np.where(scale > 0, scale, 1.0)
+    modes = rigid_modes(space.points[own], centre[component], 1.0)
+    d = space.dim
+    modes[d:] /= size[component][None, :, None]
+    vectors = []
+    for c in range(int(colours.max()) + 1 if len(colours) else 0):
+        mask = (colours[component] == c)[:, None]
+        for mode in modes:
+            vector = space.vector()
+            vector.setArray((mode * mask).ravel())
+            for other in vectors:
+                vector.axpy(-vector.dot(other), other)
+            norm = vector.norm()
+            if norm > 1e-12:
+                vector.scale(1.0 / norm)
+                vectors.append(vector)
+    return PETSc.NullSpace().create(constant=False, vectors=vectors, comm=space.comm)
+
+
+def floating(space, supports):
+    """Components that the supports do not hold, with the number of rigid modes left. *Collective.*
+
+    Returns
+    -------
+    dict of int to int
+    """
+    centre, scale = component_frames(space)
+    size = np.where(scale > 0, scale, 1.0)
+    n_modes = 3 if space.dim == 2 else 6
+    gram = np.zeros((space.mesh.n_components, n_modes, n_modes))
+    nodes, axes = np.nonzero(supports.fixed)
+    component = space.component[nodes]
+    modes = rigid_modes(space.points, centre[space.component], 1.0)
+    modes[space.dim :] /= size[space.component][None, :, None]
+    rows = modes[:, nodes, axes].T
+    np.add.at(gram, component, rows[:, :, None] * rows[:, None, :])
+    space.comm.Allreduce(MPI.IN_PLACE, gram, op=MPI.SUM)
+    free = {}
+    for k, g in enumerate(gram):
+        values = np.linalg.eigvalsh(g)
+        rank = int(np.sum(values > 1e-10 * max(values[-1], 1e-300)))
+        if rank < n_modes:
+            free[k] = n_modes - rank
+    return free

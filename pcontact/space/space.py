@@ -1,0 +1,114 @@
+"""The displacement: which nodes carry it, their global numbers, vectors of it."""
+
+import numpy as np
+
+from pcontact.element.reference import CELLS, facet_nodes, n_nodes
+from pcontact.runtime.parallel import Exchanger, NodeExchange
+from pcontact.runtime.petsc import PETSc
+from pcontact.space.numbering import Numbering
+
+
+class Space:
+    """Continuous Lagrange displacement of degree 1 or 2 on the mesh of one rank.
+
+    Parameters
+    ----------
+    mesh : pcontact.mesh.mesh.Mesh
+    degree : int
+        At most the degree of the mesh's node layout.
+
+    Attributes
+    ----------
+    cells : list of ndarray (n_cells, n_nodes)
+        For each block of the mesh, local space nodes.
+    mesh_nodes : ndarray (n_local,)
+        Mesh node of every space node; ``of_mesh`` is the inverse (-1 where there is none).
+    points : ndarray (n_local, d)
+    component : ndarray (n_local,)
+        Connected component of each node.
+    numbering : Numbering
+    nodes : ndarray (n_local,)
+        Global node numbers.
+
+    Notes
+    -----
+    The constructor is *Collective*. Degrees of freedom are interlaced: dof = d * node + direction.
+    """
+
+    def __init__(self, mesh, degree):
+        self.mesh, self.comm, self.dim, self.degree = mesh, mesh.comm, mesh.dim, degree
+        self.exchanger = Exchanger(mesh.comm)
+        tables = [b.nodes[:, : n_nodes(b.cell, degree)] for b in mesh.blocks]
+        used = np.zeros(len(mesh.points), dtype=bool)
+        for table in tables:
+            used[table.ravel()] = True
+        self.mesh_nodes = np.flatnonzero(used)
+        self.of_mesh = np.full(len(mesh.points), -1, dtype=np.int64)
+        self.of_mesh[self.mesh_nodes] = np.arange(len(self.mesh_nodes))
+        self.cells = [np.ascontiguousarray(self.of_mesh[t]) for t in tables]
+        self.points = mesh.points[self.mesh_nodes]
+        self.component = np.zeros(len(self.mesh_nodes), dtype=np.int64)
+        for table, block in zip(self.cells, mesh.blocks, strict=True):
+            self.component[table] = block.components[:, None]
+        keys = mesh.file_nodes[self.mesh_nodes]
+        self.numbering = Numbering(mesh.comm, self.exchanger, keys, mesh.n_nodes_total)
+        self.nodes = self.numbering.numbers
+        self.n_owned, self.start = self.numbering.n_owned, self.numbering.start
+        owned = (self.nodes >= self.start) & (self.nodes < self.start + self.n_owned)
+        self.owned_local = np.flatnonzero(owned)[np.argsort(self.nodes[owned])]
+        self._template = self.vector()
+        self.local = self.exchange(self.nodes)
+
+    @property
+    def n_local(self):
+        """Number of nodes of this rank's cells."""
+        return len(self.mesh_nodes)
+
+    @property
+    def n_dofs(self):
+        """Unknowns of the whole problem, prescribed ones included."""
+        return self.numbering.n_total * self.dim
+
+    def vector(self):
+        """A distributed vector of zeros, block size d. *Collective.*"""
+        d = self.dim
+        vector = PETSc.Vec().create(comm=self.comm)
+        vector.setSizes((self.n_owned * d, self.numbering.n_total * d), bsize=d)
+        vector.setType("mpi" if self.comm.size > 1 else "seq")
+        vector.set(0.0)
+        return vector
+
+    def exchange(self, nodes):
+        """Plan for the values of any global nodes. *Collective.*"""
+        return NodeExchange(self._template, nodes, self.dim)
+
+    def flag(self, local_nodes):
+        """Flags (n_local,) of nodes that any rank names, so that shared nodes agree. *Collective.*
+
+        Parameters
+        ----------
+        local_nodes : ndarray
+            Local space nodes that this rank knows to be meant.
+        """
+        values = np.zeros((self.n_local, self.dim))
+        values[local_nodes, 0] = 1.0
+        total = self._template.duplicate()
+        total.set(0.0)
+        self.local.add(values, total)
+        return self.local.gather(total)[:, 0] > 0.5
+
+    def region(self, name):
+        """Local space nodes of a region of facets, edges, vertices or cells, sorted. *Collective.*"""
+        nodes = self.of_mesh[self.mesh.region_nodes(name)]
+        return np.flatnonzero(self.flag(nodes[nodes >= 0]))
+
+    @staticmethod
+    def facet_kind(block):
+        """Name of the facets of a block."""
+        return CELLS[block.cell].facet
+
+    def facet_nodes(self, facets):
+        """Local space nodes (n, n_facet_nodes) of facets, outward order."""
+        block = self.mesh.blocks[facets.block]
+        table = facet_nodes(block.cell, self.degree)
+        return self.cells[facets.block][facets.cells[:, None], table[facets.local]]

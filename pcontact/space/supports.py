@@ -1,0 +1,86 @@
+"""Prescribed displacements: rows of the system that are known beforehand."""
+
+import numpy as np
+
+from pcontact.runtime.parallel import agree
+
+
+class Supports:
+    """Prescribed components of the displacement.
+
+    Parameters
+    ----------
+    space : Space
+    displacements : list of pcontact.scene.model.Displacement
+    amplitudes : list of pcontact.scene.amplitude.Amplitude
+        Factor of each displacement.
+    source : str
+        Name of the scene for messages.
+
+    Attributes
+    ----------
+    which : ndarray (n_local, d)
+        Number of the displacement that prescribes the component, -1 where it is free.
+    regions : list of str
+        Region of each displacement.
+
+    Raises
+    ------
+    InputError
+        When two displacements want different values of the same component at the same node.
+
+    Notes
+    -----
+    The constructor is *Collective*. Rows and columns of prescribed components are replaced by a multiple of the identity
+    and the displacement satisfies them before each solve, so the matrix stays symmetric.
+    """
+
+    def __init__(self, space, displacements, amplitudes, source="scene"):
+        self._displacements, self._amplitudes = displacements, amplitudes
+        self.regions = [d.region for d in displacements]
+        self.which = np.full((space.n_local, space.dim), -1, dtype=np.int64)
+        self.nodes = []
+        message = None
+        for number, displacement in enumerate(displacements):
+            nodes = space.region(displacement.region)
+            self.nodes.append(nodes)
+            for axis, value in enumerate(displacement.value):
+                if value == "free":
+                    continue
+                before = self.which[nodes, axis]
+                for other in np.unique(before[before >= 0]):
+                    if self._differ(number, int(other), axis):
+                        at = space.points[nodes[before == other][0]]
+                        message = message or (
+                            f"{source}: displacements[{number}].value ({displacement.region}): component {axis} differs "
+                            f"from displacements[{other}] ({displacements[other].region}) at the common point "
+                            f"{np.array2string(at, precision=6)}; allowed: one value per point and direction"
+                        )
+                self.which[nodes, axis] = number
+        agree(space.comm, message)
+        self._table = np.array(
+            [[0.0 if v == "free" else float(v) for v in d.value] for d in displacements]
+        ).reshape(-1, space.dim)
+
+    def _differ(self, first, second, axis):
+        pair = [(self._displacements[k].value[axis], self._amplitudes[k]) for k in (first, second)]
+        times = np.concatenate([amplitude.times for _, amplitude in pair])
+        a, b = (value * amplitude.factor(times) for value, amplitude in pair)
+        return bool(np.any(a != b))
+
+    @property
+    def fixed(self):
+        """Flags (n_local, d) of prescribed components."""
+        return self.which >= 0
+
+    def values(self, time):
+        """Prescribed values (n_local, d) [length] at a time, zero where free."""
+        out = np.zeros(self.which.shape)
+        for axis in range(out.shape[1]):
+            on = self.which[:, axis] >= 0
+            number = self.which[on, axis]
+            factors = np.array([a.factor(time) for a in self._amplitudes])
+            out[on, axis] = self._table[number, axis] * factors[number]
+        return out
+
+

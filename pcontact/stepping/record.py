@@ -1,0 +1,67 @@
+"""The scalars of a load step: what the report and the history hold."""
+
+import numpy as np
+
+from pcontact.runtime.petsc import MPI
+
+
+class Recorder:
+    """Collects the record of a step from the problem.
+
+    Parameters
+    ----------
+    problem : pcontact.solve.problem.Problem
+    probes : list of str
+        Regions whose displacement is recorded.
+
+    Notes
+    -----
+    The constructor is *Collective*.
+    """
+
+    def __init__(self, problem, probes):
+        self._problem = problem
+        space = problem.space
+        owned = np.zeros(space.n_local, dtype=bool)
+        owned[space.owned_local] = True
+        self._probes = {}
+        for name in probes:
+            nodes = space.region(name)
+            self._probes[name] = nodes[owned[nodes]]
+
+    def __call__(self, step, u):
+        """Record of a converged step, the same on every rank. *Collective.*
+
+        Parameters
+        ----------
+        step : pcontact.stepping.stepper.Step
+        u : PETSc.Vec
+
+        Returns
+        -------
+        dict
+            As in ``report.json``.
+        """
+        problem = self._problem
+        return {
+            "time": step.time,
+            "newton": step.newton,
+            "krylov": step.krylov,
+            "cutbacks": step.cutbacks,
+            "reactions": problem.reactions(u),
+            "contacts": {item.name: item.summary(u) for item in problem.items if hasattr(item, "summary")},
+            "probes": {name: self._probe(nodes, u) for name, nodes in self._probes.items()},
+            "plastic": {"max_equivalent_strain": 0.0, "yielded_volume": 0.0},
+        }
+
+    def _probe(self, nodes, u):
+        space = self._problem.space
+        comm, d = space.comm, space.dim
+        values = space.local.gather(u)[nodes]
+        low = np.min(values, axis=0, initial=np.inf)
+        high = np.max(values, axis=0, initial=-np.inf)
+        total = comm.allreduce(np.concatenate([values.sum(axis=0), [len(values)]]), op=MPI.SUM)
+        comm.Allreduce(MPI.IN_PLACE, low, op=MPI.MIN)
+        comm.Allreduce(MPI.IN_PLACE, high, op=MPI.MAX)
+        mean = total[:d] / max(total[d], 1.0)
+        return {"mean": mean.tolist(), "min": low.tolist(), "max": high.tolist()}

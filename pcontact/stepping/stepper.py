@@ -1,0 +1,113 @@
+"""The loop over load steps: detect, solve, commit, or cut back."""
+
+import time as clock
+from dataclasses import dataclass, field
+from typing import Protocol
+
+from pcontact.runtime.errors import StepFailure
+
+
+@dataclass
+class Step:
+    """A converged load step.
+
+    Attributes
+    ----------
+    number : int
+    time : float
+    newton, krylov : int
+        Iterations of the solve that converged.
+    cutbacks : int
+        Attempts that failed before it.
+    residual : float
+    """
+
+    number: int
+    time: float
+    newton: int
+    krylov: int
+    cutbacks: int
+    residual: float
+    norms: list = field(default_factory=list)
+
+
+class Observer(Protocol):
+    """What wants to know of a run."""
+
+    def step(self, step, u, record):
+        """A step converged; ``record`` holds its scalars. *Collective.*"""
+
+    def cut(self, target, outcome):
+        """A step to a time failed and will be tried again, shorter."""
+
+    def end(self, converged):
+        """The run has ended. *Collective.*"""
+
+
+class Stepper:
+    """Load steps of a problem.
+
+    Parameters
+    ----------
+    problem : pcontact.solve.problem.Problem
+    newton : pcontact.solve.newton.Newton
+    schedule : pcontact.stepping.schedule.Schedule
+    observers : list of Observer
+    recorder : callable
+        Makes the record of a step, see :class:`pcontact.stepping.record.Recorder`.
+    timing : dict of str to float
+        ``search`` and ``solve`` seconds are added.
+    """
+
+    def __init__(self, problem, newton, schedule, observers, recorder, timing):
+        self.problem, self.newton, self.schedule = problem, newton, schedule
+        self.observers, self.recorder, self.timing = observers, recorder, timing
+        self.u = problem.space.vector()
+
+    def run(self):
+        """All load steps. *Collective.*
+
+        Raises
+        ------
+        StepFailure
+            When a step does not converge at the smallest size.
+        """
+        number, cutbacks = 0, 0
+        while not self.schedule.done:
+            target = self.schedule.next()
+            committed = self.u.copy()
+            outcome = self._attempt(target)
+            if outcome.converged:
+                for item in self.problem.items:
+                    item.commit(self.u, target)
+                self.schedule.accept(target, outcome.newton)
+                number += 1
+                step = Step(
+                    number, target, outcome.newton, outcome.krylov, cutbacks, outcome.residual, list(self.newton.norms)
+                )
+                record = self.recorder(step, self.u)
+                for observer in self.observers:
+                    observer.step(step, self.u, record)
+                cutbacks = 0
+                continue
+            committed.copy(self.u)
+            cutbacks += 1
+            for observer in self.observers:
+                observer.cut(target, outcome)
+            if not self.schedule.cut(target):
+                raise StepFailure(
+                    f"the step from time {self.schedule.time:.6g} to {target:.6g} did not converge ({outcome.reason}, "
+                    f"residual {outcome.residual:.3e} after {outcome.newton} iterations, first {outcome.initial:.3e})"
+                )
+
+    def _attempt(self, target):
+        start = clock.perf_counter()
+        self.problem.time = target
+        for item in self.problem.items:
+            item.detect(self.u, target)
+        middle = clock.perf_counter()
+        self.problem.prescribe(self.u, target)
+        outcome = self.newton.solve(self.u)
+        self.timing["search"] += middle - start
+        self.timing["solve"] += clock.perf_counter() - middle
+        return outcome

@@ -1,0 +1,67 @@
+#!/usr/bin/env bash
+# All tests, from a fresh machine on:
+#
+#   scripts/test.sh          lint, floors, serial tests, parallel tests on 2, 3 and 4 ranks, all drivers on 2 ranks
+#   scripts/test.sh fast     lint, floors, serial tests
+#
+# TIMEOUT (seconds, default 900) bounds each run under mpirun. Ends with the line "N passed, N failed";
+# the exit status is 0 only if nothing failed.
+set -uo pipefail
+
+cd "$(dirname "${BASH_SOURCE[0]}")/.." || exit 2
+. scripts/env.sh || exit 2
+
+timeout=${TIMEOUT:-900}
+passed=0 failed=0
+scratch=$(mktemp -d)
+trap 'rm -rf "$scratch"' EXIT
+
+# part NAME COUNT COMMAND...: runs, counts and times a part. COUNT: `one` (the command is one test) or `pytest`.
+part() {
+    local name=$1 count=$2 start=$EPOCHREALTIME status good=0 bad=0
+    shift 2
+    printf '== %s\n' "$name"
+    "$@" 2>&1 | tee "$scratch/log"
+    status=${PIPESTATUS[0]}
+    if [[ $count == pytest ]]; then
+        read -r good bad < <(count_pytest "$scratch/log")
+        # status 5: there are no such tests
+        if ((status != 0 && status != 5 && bad == 0)); then bad=1; fi
+    elif ((status == 0)); then good=1; else bad=1; fi
+    if ((status == 124 || status == 137)); then printf '   stopped after %s s\n' "$timeout"; fi
+    passed=$((passed + good)) failed=$((failed + bad))
+    printf '== %s: %d passed, %d failed, %s s\n\n' "$name" "$good" "$bad" "$(seconds_since "$start")"
+}
+
+seconds_since() { awk -v a="$1" -v b="$EPOCHREALTIME" 'BEGIN { printf "%.1f", b - a }'; }
+
+# The numbers in pytest's last line; an error in a set-up is a failure.
+count_pytest() {
+    grep -E '(passed|failed|errors?|skipped|deselected|no tests ran).* in [0-9.]+s' "$1" | tail -n 1 |
+        awk '{ for (i = 2; i <= NF; i++) {
+                   if ($i ~ /^(passed|xfailed)/) good += $(i - 1)
+                   if ($i ~ /^(failed|error|xpassed)/) bad += $(i - 1) } }
+             END { print good + 0, bad + 0 }'
+}
+
+on_ranks() {
+    local n=$1
+    shift
+    timeout --kill-after=10 "$timeout" mpirun -n "$n" "$@"
+}
+
+total=$EPOCHREALTIME
+part "ruff" one ruff check --output-format concise .
+part "floors" one lint-imports
+part "serial" pytest python3 -m pytest -q --color=no -p no:cacheprovider
+if [[ ${1:-} != fast ]]; then
+    for n in 2 3 4; do
+        part "parallel, $n ranks" pytest on_ranks "$n" python3 -m pytest -q --color=no -p no:cacheprovider -m parallel
+    done
+    for driver in drivers/[!_]*.py; do
+        [[ -e $driver ]] || continue
+        part "$driver" one on_ranks 2 python3 "$driver" --tiny -o "$scratch/$(basename "$driver" .py)"
+    done
+fi
+printf 'total time %s s\n%d passed, %d failed\n' "$(seconds_since "$total")" "$passed" "$failed"
+((failed == 0))

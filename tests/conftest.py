@@ -1,0 +1,80 @@
+"""How the tests run on several ranks: ``mpirun -n N python -m pytest``.
+
+Every rank runs the same tests in the same order; those not marked `parallel` are left out. After each
+phase of a test (set-up, call, teardown) the ranks compare notes: a test that fails on one rank is
+reported as failed by rank 0, the only one that prints. A rank that failed while others are still inside
+the test (most likely waiting for it) ends them all.
+"""
+
+import os
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+WORLD = MPI.COMM_WORLD
+PASSED, SKIPPED, FAILED = 0, 1, 2
+OUTCOMES = {"passed": PASSED, "skipped": SKIPPED, "failed": FAILED}
+# how long a failed rank waits for the others to leave the test, in seconds
+PATIENCE = float(os.environ.get("PCONTACT_TEST_PATIENCE", 20.0))
+# messages of the tests' own communicators cannot be mistaken for these
+NOTES = WORLD.Dup() if WORLD.size > 1 else WORLD
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_configure(config):
+    """Runs before the terminal reporter is made, which then keeps what it finds as standard output."""
+    if WORLD.rank != 0:
+        sys.stdout = open(os.devnull, "w")
+
+
+def pytest_collection_modifyitems(config, items):
+    if WORLD.size == 1:
+        return
+    out = [item for item in items if item.get_closest_marker("parallel") is None]
+    items[:] = [item for item in items if item.get_closest_marker("parallel") is not None]
+    config.hook.pytest_deselected(items=out)
+
+
+@pytest.hookimpl(wrapper=True, tryfirst=True)
+def pytest_runtest_makereport(item, call):
+    report = yield
+    if WORLD.size > 1:
+        _compare(item, report)
+    return report
+
+
+def _compare(item, report):
+    """Make the outcome the same on all ranks. Collective, unless it ends the run."""
+    mine = OUTCOMES[report.outcome]
+    flags = np.empty(NOTES.size, dtype=np.int64)
+    request = NOTES.Iallgather(np.array([mine], dtype=np.int64), flags)
+    end = time.monotonic() + PATIENCE
+    while not request.Test():
+        if mine == FAILED and time.monotonic() > end:
+            _abort(item, report)
+        time.sleep(1e-4)
+    if np.all(flags == flags[0]) and mine != FAILED:
+        return
+    texts = NOTES.allgather(f"{report.outcome}\n{report.longreprtext}")
+    report.outcome = "failed"
+    report.longrepr = "\n".join(f"--- rank {rank}: {text}" for rank, text in enumerate(texts))
+
+
+def _abort(item, report):
+    capture = item.config.pluginmanager.getplugin("capturemanager")
+    with capture.global_and_fixture_disabled():
+        sys.stderr.write(f"{item.nodeid} failed on rank {WORLD.rank}, others wait in it: all ranks end\n"
+                         f"{report.longreprtext}\n")
+        sys.stderr.flush()
+    WORLD.Abort(1)
+
+
+@pytest.fixture
+def shared_tmp(tmp_path_factory):
+    """A fresh directory, the same on all ranks. Collective."""
+    path = str(tmp_path_factory.mktemp("shared")) if WORLD.rank == 0 else None
+    return Path(WORLD.bcast(path))

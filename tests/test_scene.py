@@ -1,0 +1,845 @@
+"""The scene file and the scene objects: what is read, what is refused and in which words."""
+
+import dataclasses
+import re
+import tomllib
+
+import numpy as np
+import pytest
+
+from pcontact.runtime.errors import InputError
+from pcontact.scene import (
+    Body,
+    Contact,
+    Displacement,
+    Load,
+    Material,
+    MeshSpec,
+    Obstacle,
+    Output,
+    Scene,
+    Steps,
+    amplitude,
+    check_dimension,
+    check_regions,
+    describe,
+    obstacle_functions,
+    read_scene,
+    require_supported,
+    resolve_contacts,
+    unsupported,
+    validate,
+)
+
+# the scene of the contract, with everything that can be said
+FULL = """
+title = "Half ball on a block"
+
+[mesh]
+file = "ball_on_block.msh"
+order = 1
+kinematics = "plane_strain"  # as in the contract, though the mesh is 3D
+
+[materials.steel]
+E = 210e3
+nu = 0.3
+
+[materials.aluminium]
+E = 70000
+nu = 0.3
+yield_stress = 250.0
+hardening = 1000.0
+kinematic_hardening = 0.0
+
+[[bodies]]
+region = "block"
+material = "aluminium"
+[[bodies]]
+region = "ball"
+material = "steel"
+
+[[contacts]]
+name = "ball-block"
+source = "ball_skin"
+target = "block_top"
+friction = 0.3
+formulation = "nitsche"
+theta = 0
+gamma0 = 10
+quadrature = 7
+unbiased = false
+search = "closest_point"
+search_radius = 2
+interference = "resolve"
+
+[[contacts]]
+name = "floor"
+source = "block_bottom"
+obstacle = { shape = "plane", point = [0, 0, -1], normal = [0, 0, 1] }
+
+[[contacts]]
+source = "block_left"
+tresca = 5.0
+[contacts.obstacle]
+shape = "sphere"
+center = [-3, 0, 0]
+radius = 2
+inside = true
+displacement = [0, 0, 0.1]
+amplitude = [[0, 0], [0.5, 1]]
+
+[[contacts]]
+name = "pipe"
+source = "block_right"
+obstacle.shape = "cylinder"
+obstacle.point = [3, 0, 0]
+obstacle.axis = [0, 1, 0]
+obstacle.radius = 1.5
+
+[[displacements]]
+region = "ball_top"
+value = ["free", "free", -0.02]
+amplitude = [[0, 0], [1, 1]]
+
+[[loads]]
+region = "block_top"
+pressure = 10.0
+[[loads]]
+region = "block_left"
+traction = [1, 0, 0]
+amplitude = [[0, 1]]
+[[loads]]
+region = "ball"
+body_force = [0, 0, -9.81]
+
+[steps]
+end = 2
+count = 5
+min_step = 1e-4
+
+[output]
+fields = true
+checkpoint = true
+probes = ["ball_top", "tip"]
+
+[petsc]
+snes_rtol = 1e-8
+ksp_type = "cg"
+snes_monitor = true
+ksp_max_it = 200
+"""
+
+PLAIN = """
+[mesh]
+file = "ball_on_block.msh"
+[materials.steel]
+E = 1.0
+nu = 0.25
+[[bodies]]
+region = "block"
+material = "steel"
+[[contacts]]
+source = "ball_skin"
+target = "block_top"
+"""
+
+CELLS = {"block": np.arange(4), "ball": np.arange(4, 9), "lonely": np.arange(9, 10)}
+FACETS = {
+    name: (np.arange(3), np.zeros(3, dtype=np.int64))
+    for name in ("ball_skin", "block_top", "block_bottom", "block_left", "block_right", "ball_top")
+} | {"nobody": (np.arange(0), np.arange(0))}
+NODES = {"tip": np.array([7])}
+
+
+@pytest.fixture
+def write(tmp_path):
+    """Write a scene file beside an (unread) mesh file, and return its path."""
+    (tmp_path / "ball_on_block.msh").write_text("")
+
+    def _write(text):
+        path = tmp_path / "scene.toml"
+        path.write_bytes(text if isinstance(text, bytes) else text.encode())
+        return path
+
+    return _write
+
+
+@pytest.fixture
+def full(write):
+    return read_scene(write(FULL))
+
+
+def built(tmp_path, **keys):
+    """A small scene built in Python."""
+    (tmp_path / "mesh.msh").write_text("")
+    parts = {
+        "mesh": MeshSpec(tmp_path / "mesh.msh"),
+        "materials": {"rubber": Material(E=1, nu=0.25)},
+        "bodies": [Body("block", "rubber")],
+    }
+    return Scene(**(parts | keys))
+
+
+def refused(call, *parts):
+    """The call raises one line with all the parts."""
+    with pytest.raises(InputError) as caught:
+        call()
+    message = str(caught.value)
+    assert "\n" not in message
+    assert "found" in message and "allowed" in message
+    for part in parts:
+        assert part in message, f"{part!r} is not in: {message}"
+    return message
+
+
+def changed(text, old, new):
+    assert text.count(old) >= 1
+    return text.replace(old, new, 1)
+
+
+# ---------------------------------------------------------------- what is read
+
+
+def test_full_scene(full, write, tmp_path):
+    assert full.title == "Half ball on a block"
+    assert full.mesh == MeshSpec("ball_on_block.msh", 1, "plane_strain")
+    assert full.mesh_path == tmp_path / "ball_on_block.msh" and full.where == str(tmp_path / "scene.toml")
+    assert full.materials == {
+        "steel": Material(210e3, 0.3),
+        "aluminium": Material(70e3, 0.3, 250.0, 1000.0, 0.0),
+    }
+    assert full.bodies == [Body("block", "aluminium"), Body("ball", "steel")]
+    assert full.steps == Steps(2.0, 5, 1e-4)
+    assert full.output == Output(True, True, ("ball_top", "tip"))
+    assert full.petsc == {"snes_rtol": "1e-08", "ksp_type": "cg", "snes_monitor": "true", "ksp_max_it": "200"}
+    assert full.displacements == [Displacement("ball_top", ("free", "free", -0.02), ((0.0, 0.0), (1.0, 1.0)))]
+    assert full.loads == [
+        Load("block_top", pressure=10.0),
+        Load("block_left", traction=(1.0, 0.0, 0.0), amplitude=((0.0, 1.0),)),
+        Load("ball", body_force=(0.0, 0.0, -9.81)),
+    ]
+
+
+def test_full_contacts(full):
+    pair, floor, ball, pipe = full.contacts
+    assert pair == Contact(
+        "ball_skin", "block_top", name="ball-block", friction=0.3, formulation="nitsche", theta=0.0,
+        gamma0=10.0, quadrature=7, search="closest_point", search_radius=2.0, interference="resolve",
+    )  # fmt: skip
+    assert floor == Contact("block_bottom", name="floor", obstacle=floor.obstacle)
+    assert floor.obstacle == Obstacle("plane", point=(0.0, 0.0, -1.0), normal=(0.0, 0.0, 1.0))
+    assert ball.name == "block_left-sphere" and ball.tresca == 5.0 and ball.obstacle.inside
+    assert ball.obstacle.displacement == (0.0, 0.0, 0.1) and ball.obstacle.amplitude == (
+        (0.0, 0.0),
+        (0.5, 1.0),
+    )
+    assert pipe.obstacle == Obstacle("cylinder", point=(3.0, 0.0, 0.0), axis=(0.0, 1.0, 0.0), radius=1.5)
+
+
+def test_numbers_become_float(full):
+    values = [full.materials["aluminium"].E, full.contacts[0].theta, full.contacts[0].gamma0, full.steps.end]
+    assert all(type(value) is float for value in values)
+    assert type(full.steps.count) is int
+
+
+def test_plain_scene_has_defaults(write):
+    scene = read_scene(write(PLAIN))
+    assert scene.title == "" and scene.petsc == {} and scene.loads == [] and scene.displacements == []
+    assert scene.steps == Steps(1.0, 1, None) and scene.output == Output(True, False, ())
+    assert scene.contacts[0].name == "ball_skin-block_top"
+    assert unsupported(scene) == []
+    require_supported(scene)
+
+
+def test_contact_numerics_are_not_said(write):
+    contact = read_scene(write(PLAIN)).contacts[0]
+    keys = ("formulation", "theta", "gamma0", "quadrature", "search", "search_radius", "interference")
+    assert [getattr(contact, key) for key in keys] == [None] * 7
+
+
+def test_smallest_step():
+    assert Steps(2.0, 4).smallest_step == 2.0 / 4 / 1024
+    assert Steps(2.0, 4, 0.1).smallest_step == 0.1
+
+
+def test_byte_order_mark_and_dos_lines(write):
+    assert (
+        read_scene(write(b"\xef\xbb\xbf" + PLAIN.replace("\n", "\r\n").encode())).bodies[0].region == "block"
+    )
+
+
+@pytest.mark.parametrize("kinematics", ["plane_strain", "plane_stress", "axisymmetric"])
+def test_kinematics(write, kinematics):
+    text = changed(PLAIN, 'block.msh"', f'block.msh"\nkinematics = "{kinematics}"\norder = 2')
+    assert read_scene(write(text)).mesh == MeshSpec("ball_on_block.msh", 2, kinematics)
+
+
+@pytest.mark.parametrize("formulation", ["penalty", "augmented_lagrangian"])
+def test_features_to_come_are_read(write, formulation):
+    more = (
+        f'formulation = "{formulation}"\nsearch = "ray_tracing"\nunbiased = true\ninterference = "adjust"\n'
+    )
+    contact = read_scene(write(PLAIN + more)).contacts[0]
+    assert (contact.formulation, contact.search, contact.interference) == (
+        formulation,
+        "ray_tracing",
+        "adjust",
+    )
+    assert contact.unbiased is True
+
+
+def test_petsc_options_become_strings(write):
+    text = '[petsc]\nrho = 0.5\nlist = [1, 2.5, "a"]\nflag = ""\nno = false\n"-dash" = 1\n'
+    expected = {"rho": "0.5", "list": "1,2.5,a", "flag": "", "no": "false", "dash": "1"}
+    assert read_scene(write(PLAIN + text)).petsc == expected
+
+
+# ---------------------------------------------------------------- keys and tables of the file
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "parts"),
+    [
+        ("title", "titel", ("titel: found", "'title' in the scene")),
+        ("[steps]", "[step]", ("step: found", "'steps'")),
+        ("order", "ordre", ("mesh.ordre", "'order' in [mesh]", "kinematics")),
+        ("E = 210e3", "Emod = 210e3", ("materials.steel.Emod", "'E' in [materials.NAME]", "yield_stress")),
+        ("E = 210e3", "e = 210e3", ("materials.steel.e", "'E' in [materials.NAME]")),
+        ("friction", "frictoin",
+         ("contacts[0] (ball-block).frictoin", "'friction' in [[contacts]]", "tresca")),
+        ("friction = 0.3", "pressure = 1", ("contacts[0] (ball-block).pressure", "'pressure' in [[loads]]")),
+        ("inside", "insde", ("contacts[2].obstacle.insde", "'inside' in obstacle")),
+        ("point = [0", "piont = [0", ("contacts[1] (floor).obstacle.piont", "'point' in obstacle")),
+        ("value", "values", ("displacements[0] (ball_top).values", "'value' in [[displacements]]")),
+        ("traction", "tracton", ("loads[1] (block_left).tracton", "'traction' in [[loads]]")),
+        ('material = "steel"', 'materials = "steel"',
+         ("bodies[1] (ball).materials", "'material' in [[bodies]]")),
+        ("min_step", "minstep", ("steps.minstep", "'min_step' in [steps]")),
+        ("probes", "probe", ("output.probe", "'probes' in [output]")),
+        ("title", "path", ("path: found an unknown key", "bodies, contacts")),
+    ],
+)  # fmt: skip
+def test_unknown_key(write, old, new, parts):
+    message = refused(
+        lambda: read_scene(write(changed(FULL, old, new))), "scene.toml: ", "unknown key", *parts
+    )
+    assert "path" not in message.split("allowed: ")[1]
+
+
+@pytest.mark.parametrize(
+    ("text", "parts"),
+    [
+        (changed(PLAIN, "[[contacts]]", "[contacts]"), ("contacts: found a table", "[[contacts]]")),
+        (changed(PLAIN, "[[bodies]]", "[bodies]"), ("bodies: found a table", "[[bodies]]")),
+        (changed(PLAIN, "[mesh]", "[[mesh]]"), ("mesh: found a list", "a table [mesh]")),
+        (changed(PLAIN, "[materials.steel]", "[[materials]]"),
+         ("materials: found a list", "[materials.NAME]")),
+        (changed(PLAIN, "[materials.steel]", "[materials]"), ("materials.E: found a number 1.0", "a table")),
+        ("steps = 3\n" + PLAIN, ("steps: found an integer 3", "a table [steps]")),
+        ("loads = [1]\n" + PLAIN, ("loads[0]: found an integer 1", "a table [[loads]]")),
+        ("petsc = 'x'\n" + PLAIN, ("petsc: found a string 'x'", "a table of option names")),
+        ("title = 3\n" + PLAIN, ("title: found an integer 3", "a string")),
+        (PLAIN + "obstacle = 3\n", ("contacts[0].obstacle: found an integer 3", "a table obstacle")),
+        (PLAIN + "[petsc]\na = {b = 1}\n", ("petsc.a: found a table", "a string, a boolean")),
+        (PLAIN + "[petsc]\na = inf\n", ("petsc.a: found a number inf", "a finite number")),
+        (PLAIN + "[petsc]\n'a b' = 1\n", ("petsc: found an option named 'a b'", "without blanks")),
+        ("", ("mesh.file: found nothing", "the name of a mesh file")),
+        (changed(PLAIN, "E = 1.0", ""), ("materials.steel.E: found nothing", "a number > 0")),
+        (changed(PLAIN, 'region = "block"', ""), ("bodies[0].region: found nothing", "a string")),
+        (changed(PLAIN, 'source = "ball_skin"', ""), ("contacts[0].source: found nothing", "a string")),
+        (PLAIN + "[[displacements]]\nregion='a'\n", ("displacements[0] (a).value: found nothing", '"free"')),
+        (PLAIN + "obstacle.point = [0, 0]\n",
+         ("contacts[0] (ball_skin-block_top).obstacle.shape: found nothing", '"plane" | "sphere"')),
+    ],
+)  # fmt: skip
+def test_shape_of_the_file(write, text, parts):
+    refused(lambda: read_scene(write(text)), "scene.toml: ", *parts)
+
+
+@pytest.mark.parametrize(
+    ("text", "parts"),
+    [
+        ("[mesh\n", ("line 1, column 6: found",)),
+        ("a = 1\nb = \n", ("line 2, column 5: found",)),
+        ("a = [1, 2", ("end of document: found",)),
+        ("a = 1\na = 2\n", ("line 2, column 6: found Cannot overwrite",)),
+        ("o = {a = 1}\no.b = 2\n", ("line 2, column", "inside the braces")),
+        (b"title = '\xff'\n", ("byte 9: found text that is not UTF-8", "UTF-8")),
+        ("a = " + "[" * 5000, ("scene.toml: somewhere: found",)),
+        ("a = " + "9" * 5000, ("scene.toml: somewhere: found",)),
+    ],
+)  # fmt: skip
+def test_text_that_is_not_toml(write, text, parts):
+    refused(lambda: read_scene(write(text)), "scene.toml: ", *parts)
+
+
+def test_no_scene_file(tmp_path):
+    refused(lambda: read_scene(tmp_path / "none.toml"), "none.toml: file: found no such file", "a scene file")
+    refused(lambda: read_scene(tmp_path), "file: found is a directory", "a scene file")
+
+
+def test_keys_with_strange_characters_stay_on_one_line(write):
+    refused(lambda: read_scene(write('"a\\nb" = 1\n' + PLAIN)), "a\\nb: found an unknown key")
+
+
+# ---------------------------------------------------------------- values
+
+
+def value_cases():
+    """(text to replace, replacement, key path, found, allowed) in the full scene."""
+    steel, alu = "materials.steel", "materials.aluminium"
+    pair, floor = "contacts[0] (ball-block)", "contacts[1] (floor)"
+    ball, pipe = "contacts[2] (block_left-sphere)", "contacts[3] (pipe)"
+    top = "displacements[0] (ball_top)"
+    # fmt: off
+    cases = [
+        ('"Half ball on a block"', "1", "title", "an integer 1", "a string"),
+        ('"ball_on_block.msh"', "3", "mesh.file", "an integer 3", "a mesh file"),
+        ('"ball_on_block.msh"', '""', "mesh.file", "a string ''", "a mesh file"),
+        ('"ball_on_block.msh"', '"ball_on_blok.msh"', "mesh.file", "the nearest is 'ball_on_block.msh'",
+         "beside"),
+        ("order = 1", "order = 3", "mesh.order", "an integer 3", "an integer from 1 to 2"),
+        ("order = 1", "order = 1.0", "mesh.order", "a number 1.0", "an integer from 1 to 2"),
+        ("order = 1", "order = true", "mesh.order", "a boolean true", "an integer from 1 to 2"),
+        ('"plane_strain"', '"plain_strain"', "mesh.kinematics", "a string 'plain_strain'",
+         '"plane_strain" |'),
+        ('kinematics = "plane_strain"', "kinematics = []", "mesh.kinematics", "a list []", '"axisymmetric"'),
+        ("E = 210e3", "E = 0", f"{steel}.E", "an integer 0", "a number > 0"),
+        ("E = 210e3", "E = -1.5", f"{steel}.E", "a number -1.5", "a number > 0"),
+        ("E = 210e3", "E = nan", f"{steel}.E", "a number nan", "a number > 0"),
+        ("E = 210e3", "E = inf", f"{steel}.E", "a number inf", "a number > 0"),
+        ("E = 210e3", "E = 1e999", f"{steel}.E", "a number inf", "a number > 0"),
+        ("E = 210e3", "E = " + "9" * 400, f"{steel}.E", "an integer 999", "a number > 0"),
+        ("E = 210e3", 'E = "210e3"', f"{steel}.E", "a string '210e3'", "a number > 0"),
+        ("E = 210e3", "E = true", f"{steel}.E", "a boolean true", "a number > 0"),
+        ("E = 210e3", "E = [1]", f"{steel}.E", "a list [1]", "a number > 0"),
+        ("E = 210e3", "E = {a = 1}", f"{steel}.E", "a table", "a number > 0"),
+        ("E = 210e3", "E = 2020-01-01", f"{steel}.E", "a value of type date", "a number > 0"),
+        ("nu = 0.3", "nu = 0.5", f"{steel}.nu", "a number 0.5", "use e.g. 0.4999"),
+        ("nu = 0.3", "nu = -1", f"{steel}.nu", "an integer -1", "-1 < nu < 0.5"),
+        ("yield_stress = 250.0", "yield_stress = 0", f"{alu}.yield_stress", "an integer 0", "a number > 0"),
+        ("yield_stress = 250.0", "", f"{alu}.hardening", "1000.0 without yield_stress",
+         "together with yield_stress"),
+        ("g = 1000.0", "g = -1", f"{alu}.hardening", "an integer -1", "a number >= 0"),
+        ("c_hardening = 0.0", "c_hardening = '0'", f"{alu}.kinematic_hardening", "a string '0'",
+         "a number >= 0"),
+        ('"aluminium"', '"aluminum"', "bodies[0] (block).material", "the nearest is 'aluminium'",
+         "aluminium, steel"),
+        ('n = "ball"', 'n = "block"', "bodies[1] (block).region", "a second time, as in bodies[0]",
+         "each once"),
+        ('n = "ball"', "n = 7", "bodies[1].region", "an integer 7", "a string that is not empty"),
+        ('"ball-block"', '"floor"', "contacts[1] (floor).name", "a second time, as in contacts[0]",
+         "each once"),
+        ('"ball-block"', "5", "contacts[0].name", "an integer 5", "a string that is not empty"),
+        ('"ball-block"', '""', "contacts[0].name", "a string ''", "a string that is not empty"),
+        ('"ball_skin"', '["a"]', f"{pair}.source", "a list ['a']", "a string"),
+        ('target = "block_top"', "", pair, "neither target nor obstacle", "exactly one of target, obstacle"),
+        ('"floor"', '"floor"\ntarget = "a"', floor, "both target and obstacle",
+         "exactly one of target, obstacle"),
+        ('"floor"', '"floor"\nunbiased = true', f"{floor}.unbiased", "true with an obstacle", "false"),
+        ("friction = 0.3", 'friction = "abc"', f"{pair}.friction", "a string 'abc'", "a number >= 0"),
+        ("friction = 0.3", "friction = -0.1", f"{pair}.friction", "a number -0.1", "a number >= 0"),
+        ("friction = 0.3", "friction = 0.3\ntresca = 1", pair, "both friction and tresca", "at most one"),
+        ("tresca = 5.0", "tresca = nan", f"{ball}.tresca", "a number nan", "a number >= 0"),
+        ('"nitsche"', '"lagrange"', f"{pair}.formulation", "a string 'lagrange'", '"nitsche" | "penalty" |'),
+        ('"nitsche"\ntheta = 0', '"penalty"\ntheta = 1', f"{pair}.theta", '1 with formulation "penalty"',
+         "0, or"),
+        ("theta = 0", "theta = 0.5", f"{pair}.theta", "a number 0.5", "1 | 0 | -1"),
+        ("theta = 0", "theta = '0'", f"{pair}.theta", "a string '0'", "1 | 0 | -1"),
+        ("gamma0 = 10", "gamma0 = 0", f"{pair}.gamma0", "an integer 0", "a number > 0"),
+        ("quadrature = 7", "quadrature = 0", f"{pair}.quadrature", "an integer 0", "an integer from 1 to 20"),
+        ("quadrature = 7", "quadrature = 21", f"{pair}.quadrature", "an integer 21",
+         "an integer from 1 to 20"),
+        ("unbiased = false", "unbiased = 0", f"{pair}.unbiased", "an integer 0", "true | false"),
+        ('"closest_point"', '"closest"', f"{pair}.search", "a string 'closest'",
+         '"closest_point" | "ray_tracing"'),
+        ("search_radius = 2", "search_radius = -2", f"{pair}.search_radius", "an integer -2", "a number > 0"),
+        ('"resolve"', '"remove"', f"{pair}.interference", "a string 'remove'", '"resolve" | "adjust"'),
+        ('"plane"', '"plain"', f"{floor}.obstacle.shape", "'plain'", '"level_set"'),
+        (", normal = [0, 0, 1]", "", f"{floor}.obstacle.normal", "nothing", "not all zero"),
+        ("normal = [0, 0, 1]", "normal = [0, 0, 0]", f"{floor}.obstacle.normal", "a list [0, 0, 0]",
+         "not all zero"),
+        ("normal = [0, 0, 1]", "normal = [1]", f"{floor}.obstacle.normal", "1 entries", "per direction"),
+        ("point = [0, 0, -1]", "point = [0, 'a', 1]", f"{floor}.obstacle.point", "entry 1 is a string 'a'",
+         "(2 or 3)"),
+        ("point = [0, 0, -1]", "point = 0", f"{floor}.obstacle.point", "an integer 0", "a list"),
+        ("normal = [0, 0, 1]", "normal = [0, 1], radius = 1", f"{floor}.obstacle.radius", '"plane"',
+         "shape, point"),
+        ("radius = 2\n", "radius = -2\n", f"{pair}.search_radius", "an integer -2", "a number > 0"),
+        ("radius = 2\ninside", "radius = 0\ninside", f"{ball}.obstacle.radius", "an integer 0",
+         "a number > 0"),
+        ("inside = true", "inside = 'yes'", f"{ball}.obstacle.inside", "a string 'yes'", "true | false"),
+        ("displacement = [0, 0, 0.1]", "", f"{ball}.obstacle.amplitude", "without displacement",
+         "both or neither"),
+        ("axis = [0, 1, 0]", "axis = [0, 0, 0]", f"{pipe}.obstacle.axis", "a list [0, 0, 0]", "not all zero"),
+        ('["free", "free", -0.02]', "-0.02", f"{top}.value", "a number -0.02", '"free"'),
+        ('["free", "free", -0.02]', '["fre", 1]', f"{top}.value", "entry 0 is a string 'fre'", '"free"'),
+        ('["free", "free", -0.02]', "[1]", f"{top}.value", "1 entries", "(2 or 3)"),
+        ('["free", "free", -0.02]', "[0, nan]", f"{top}.value", "entry 1 is a number nan", '"free"'),
+        ("[[0, 0], [1, 1]]", "[[0, 0], [0, 1]]", f"{top}.amplitude", "times do not increase",
+         "[time, factor]"),
+        ("[[0, 0], [1, 1]]", "[[0, 0], [1]]", f"{top}.amplitude", "entry 1 is a list [1]", "[time, factor]"),
+        ("[[0, 0], [1, 1]]", "[]", f"{top}.amplitude", "a list []", "[time, factor]"),
+        ("[[0, 0], [1, 1]]", "2", f"{top}.amplitude", "an integer 2", "[time, factor]"),
+        ("[[0, 0], [1, 1]]", "[[0, inf]]", f"{top}.amplitude", "entry 0", "[time, factor]"),
+        ("pressure = 10.0", "", "loads[0] (block_top)", "no value",
+         "exactly one of pressure, traction, body_force"),
+        ("pressure = 10.0", "pressure = 1\ntraction = [0, 1]", "loads[0] (block_top)",
+         "pressure and traction", "exactly"),
+        ("pressure = 10.0", "pressure = [1]", "loads[0] (block_top).pressure", "a list [1]",
+         "a finite number"),
+        ("traction = [1, 0, 0]", "traction = 1", "loads[1] (block_left).traction", "an integer 1", "a list"),
+        ("-9.81]", "nan]", "loads[2] (ball).body_force", "entry 2 is a number nan", "a list"),
+        ("end = 2", "end = 0", "steps.end", "an integer 0", "a number > 0"),
+        ("count = 5", "count = 0", "steps.count", "an integer 0", "an integer >= 1"),
+        ("count = 5", "count = 2.5", "steps.count", "a number 2.5", "an integer >= 1"),
+        ("min_step = 1e-4", "min_step = 0", "steps.min_step", "an integer 0", "a number > 0"),
+        ("min_step = 1e-4", "min_step = 1", "steps.min_step", "1.0, longer than a step",
+         "at most end / count = 0.4"),
+        ("fields = true", 'fields = "vtu"', "output.fields", "a string 'vtu'", "true | false"),
+        ("checkpoint = true", "checkpoint = 1", "output.checkpoint", "an integer 1", "true | false"),
+        ('["ball_top", "tip"]', '"tip"', "output.probes", "a string 'tip'", "a list of names"),
+        ('["ball_top", "tip"]', "[1]", "output.probes", "entry 0 is an integer 1", "a list of names"),
+    ]
+    # fmt: on
+    return [pytest.param(*case, id=f"{case[2]}={case[3]}"[:60]) for case in cases]
+
+
+@pytest.mark.parametrize(("old", "new", "key", "found", "allowed"), value_cases())
+def test_bad_value(write, old, new, key, found, allowed):
+    path = write(changed(FULL, old, new))
+    tomllib.loads(path.read_text())  # the case is about a value, not about TOML
+    message = refused(lambda: read_scene(path))
+    file, _, rest = message.partition(": ")
+    where, _, rest = rest.partition(": found ")
+    what, _, may = rest.partition("; allowed: ")
+    assert file == str(path) and where == key
+    assert found in what
+    assert allowed in may
+
+
+def test_no_bodies(write):
+    text = re.sub(r"\[\[bodies\]\]\n.*\n.*\n", "", PLAIN)
+    refused(lambda: read_scene(write(text)), "scene.toml: bodies: found no body", "at least one [[bodies]]")
+
+
+def test_same_direction_prescribed_twice(write):
+    text = PLAIN + '[[displacements]]\nregion = "a"\nvalue = [0, "free"]\n'
+    assert read_scene(
+        write(text + text.split("]\n")[0][:0] + '[[displacements]]\nregion = "a"\nvalue = ["free", 0]\n')
+    )
+    again = text + '[[displacements]]\nregion = "a"\nvalue = [0, 0]\n'
+    refused(lambda: read_scene(write(again)), "displacements[1] (a).value", "direction 0", "once")
+
+
+# ---------------------------------------------------------------- from Python
+
+
+def test_built_in_python(tmp_path):
+    scene = built(
+        tmp_path,
+        contacts=[Contact("a", obstacle=Obstacle("plane", point=np.zeros(2), normal=np.array([0, 1])))],
+        displacements=[Displacement("top", ["free", np.float64(1.0)], amplitude=np.array([[0, 0], [1, 2]]))],
+        steps=Steps(count=np.int64(3)),
+        petsc={"snes_rtol": 1e-8},
+    )
+    validate(scene)
+    validate(scene)  # a second time changes nothing
+    assert scene.contacts[0].name == "a-plane" and scene.contacts[0].obstacle.normal == (0.0, 1.0)
+    assert scene.displacements[0] == Displacement("top", ("free", 1.0), ((0.0, 0.0), (1.0, 2.0)))
+    assert type(scene.steps.count) is int and scene.petsc == {"snes_rtol": "1e-08"}
+    assert scene.where == "scene" and type(scene.materials["rubber"].E) is float
+
+
+@pytest.mark.parametrize(
+    ("keys", "parts"),
+    [
+        ({"materials": {"rubber": Material(-1, 0.3)}},
+         ("materials.rubber.E: found an integer -1", "a number > 0")),
+        ({"materials": [Material(1, 0.3)]}, ("materials: found a list", "a dict")),
+        ({"materials": {1: Material(1, 0.3)}}, ("materials: found an integer 1", "a string")),
+        ({"materials": {"rubber": {"E": 1}}}, ("materials.rubber: found a table", "Material")),
+        ({"bodies": Body("block", "rubber")}, ("bodies: found a value of type Body", "a list")),
+        ({"bodies": [("block", "rubber")]}, ("bodies[0]: found a list", "Body")),
+        ({"bodies": []}, ("bodies: found no body", "at least one")),
+        ({"mesh": "mesh.msh"}, ("mesh: found a string 'mesh.msh'", "MeshSpec")),
+        ({"mesh": MeshSpec("nowhere/mesh.msh")},
+         ("mesh.file: found 'nowhere/mesh.msh', no such file", "beside")),
+        ({"contacts": [Contact("a", "b", theta=2)]},
+         ("contacts[0] (a-b).theta: found an integer 2", "1 | 0 | -1")),
+        ({"contacts": [Contact("a", "b"), Contact("a", "b")]}, ("contacts[1] (a-b).name", "a second time")),
+        ({"contacts": [Contact("a", obstacle={"shape": "plane"})]},
+         ("contacts[0].obstacle: found a table", "Obstacle")),
+        ({"contacts": [Contact(None, "b")]}, ("contacts[0].source: found nothing", "a string")),
+        ({"steps": None}, ("steps: found nothing", "Steps")),
+        ({"petsc": ["-snes_monitor"]}, ("petsc: found a list", "a table")),
+        ({"petsc": {"a": None}}, ("petsc.a: found nothing", "a string")),
+        ({"output": Output(fields=np.bool_(True), probes="tip")},
+         ("output.probes: found a string 'tip'", "a list")),
+        ({"loads": [Load("a", pressure=float("nan"))]},
+         ("loads[0] (a).pressure: found a number nan", "finite")),
+    ],
+)  # fmt: skip
+def test_bad_scene_in_python(tmp_path, keys, parts):
+    refused(lambda: validate(built(tmp_path, **keys)), "scene: ", *parts)
+
+
+# ---------------------------------------------------------------- level sets
+
+
+LEVEL_SET = PLAIN.replace(
+    'target = "block_top"', 'name = "hill"\nobstacle = { shape = "level_set", function = "%s" }'
+)
+
+
+def test_level_set_from_file(write, tmp_path):
+    (tmp_path / "hill.py").write_text(
+        "import numpy as np\n"
+        "def phi(x, t):\n    return x[:, 1] - t\n"
+        "def slope(x, t):\n    return np.tile([0.0, 1.0], (len(x), 1))\n"
+    )
+    text = LEVEL_SET.replace('"%s"', '"hill.py:phi", gradient = "hill.py:slope"')
+    function, gradient = obstacle_functions(read_scene(write(text)), 0)
+    x = np.array([[1.0, 2.0], [3.0, 5.0]])
+    np.testing.assert_array_equal(function(x, 0.5), [1.5, 4.5])
+    np.testing.assert_array_equal(gradient(x, 0.5), [[0, 1], [0, 1]])
+
+
+def test_level_set_from_python(tmp_path):
+    scene = built(
+        tmp_path, contacts=[Contact("a", obstacle=Obstacle("level_set", function=lambda x, t: x[:, 0]))]
+    )
+    validate(scene)
+    assert obstacle_functions(scene, 0) == (scene.contacts[0].obstacle.function, None)
+
+
+@pytest.mark.parametrize(
+    ("reference", "found"),
+    [
+        ("hill", "a string 'hill'"),
+        ("hill.py", "a string"),
+        ("hill.py:1a", "a string"),
+        ("gone.py:phi", "no such file"),
+    ],
+)  # fmt: skip
+def test_level_set_reference(write, reference, found):
+    key = "contacts[0] (hill).obstacle.function"
+    refused(lambda: read_scene(write(LEVEL_SET % reference)), "scene.toml", key, found, "FILE.py:NAME")
+
+
+@pytest.mark.parametrize(
+    ("code", "found"),
+    [
+        ("phi = 3\n", "where phi is an integer 3"),
+        ("def psi(x, t): pass\n", "where phi is nothing"),
+        ("1 / 0\n", "the file stops with ZeroDivisionError"),
+        ("def phi(:\n", "the file stops with SyntaxError"),
+    ],
+)  # fmt: skip
+def test_level_set_file(write, tmp_path, code, found):
+    (tmp_path / "hill.py").write_text(code)
+    scene = read_scene(write(LEVEL_SET % "hill.py:phi"))
+    refused(lambda: obstacle_functions(scene, 0), "scene.toml", "contacts[0] (hill).obstacle.function", found)
+
+
+# ---------------------------------------------------------------- numerics: command line, scene, default
+
+
+def test_resolve_contacts(write):
+    scene = read_scene(write(PLAIN + "theta = 1\nquadrature = 5\n"))
+    by_scene = resolve_contacts(scene, {}).contacts[0]
+    assert (by_scene.theta, by_scene.formulation, by_scene.quadrature) == (1.0, "nitsche", 5)
+    assert (by_scene.gamma0, by_scene.search, by_scene.interference) == (None, "closest_point", "resolve")
+    by_line = resolve_contacts(scene, {"theta": -1, "gamma0": 3, "search": None}).contacts[0]
+    assert (by_line.theta, by_line.gamma0, by_line.search, by_line.quadrature) == (
+        -1.0,
+        3.0,
+        "closest_point",
+        5,
+    )
+    assert scene.contacts[0].gamma0 is None and scene.contacts[0].theta == 1.0
+
+
+@pytest.mark.parametrize(
+    ("overrides", "parts"),
+    [
+        ({"theta": 3}, ("command line: -contact_theta: found an integer 3", "1 | 0 | -1")),
+        ({"formulation": "none"}, ("command line: -contact_formulation: found a string 'none'", '"penalty"')),
+        ({"formulation": "penalty"},
+         ("contacts[0] (ball_skin-block_top).theta", '1 with formulation "penalty"')),
+    ],
+)  # fmt: skip
+def test_resolve_contacts_refuses(write, overrides, parts):
+    scene = read_scene(write(PLAIN + "theta = 1\n"))
+    refused(lambda: resolve_contacts(scene, overrides), *parts)
+
+
+def test_resolve_contacts_knows_numerics_only(full):
+    with pytest.raises(KeyError, match="friction"):
+        resolve_contacts(full, {"friction": 0.1})
+
+
+# ---------------------------------------------------------------- what is not modelled yet
+
+
+def test_unsupported_of_the_full_scene(full):
+    entries = unsupported(full)
+    keys = [entry.partition(" = ")[0].rpartition(".")[2] for entry in entries]
+    assert keys == ["yield_stress", "friction", "tresca", "checkpoint"]
+    assert "contacts[0] (ball-block).friction = 0.3 (Coulomb friction)" in entries
+    refused(
+        lambda: require_supported(full),
+        "scene.toml: ",
+        "(ball-block).friction",
+        "not model yet",
+        "leave it out",
+    )
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "entry"),
+    [
+        ('block.msh"', 'block.msh"\nkinematics = "plane_stress"', "mesh.kinematics = 'plane_stress'"),
+        ('block.msh"', 'block.msh"\nkinematics = "axisymmetric"', "mesh.kinematics = 'axisymmetric'"),
+        ("nu = 0.25", "nu = 0.25\nyield_stress = 1", "materials.steel.yield_stress = 1.0"),
+        ('"block_top"', '"block_top"\nfriction = 0.1', "contacts[0] (ball_skin-block_top).friction = 0.1"),
+        ('"block_top"', '"block_top"\ntresca = 0.1', "contacts[0] (ball_skin-block_top).tresca = 0.1"),
+        ('"block_top"', '"block_top"\nunbiased = true', "contacts[0] (ball_skin-block_top).unbiased = True"),
+        ('"block_top"', '"ball_skin"', "contacts[0] (ball_skin-ball_skin).target = 'ball_skin'"),
+        ('"block_top"', '"block_top"\nformulation = "penalty"',
+         "(ball_skin-block_top).formulation = 'penalty'"),
+        ("[mesh]", "[output]\ncheckpoint = true\n[mesh]", "output.checkpoint = True"),
+    ],
+)  # fmt: skip
+def test_unsupported(write, old, new, entry):
+    (found,) = unsupported(read_scene(write(changed(PLAIN, old, new))))
+    assert entry in found
+
+
+@pytest.mark.parametrize(
+    "more",
+    ['search = "ray_tracing"', 'interference = "adjust"', "friction = 0", 'formulation = "nitsche"',
+     "[output]\ncheckpoint = false", "gamma0 = 0.1\ntheta = -1\nquadrature = 4"],
+)  # fmt: skip
+def test_supported(write, more):
+    assert unsupported(read_scene(write(PLAIN + more))) == []
+
+
+# ---------------------------------------------------------------- against the mesh
+
+
+def test_dimension(full):
+    check_dimension(full, 3)
+    refused(
+        lambda: check_dimension(full, 2), "contacts[1] (floor).obstacle.point: found 3 entries", "2 entries"
+    )
+
+
+@pytest.mark.parametrize(
+    ("more", "dim", "parts"),
+    [
+        ("[[displacements]]\nregion='a'\nvalue=[1, 2]", 3,
+         ("displacements[0] (a).value: found 2 entries", "3 entries")),
+        ("[[loads]]\nregion='a'\ntraction=[1, 2]", 3,
+         ("loads[0] (a).traction: found 2 entries", "3 entries")),
+        ("[[loads]]\nregion='a'\nbody_force=[1, 2, 3]", 2,
+         ("loads[0] (a).body_force: found 3", "the mesh is 2D")),
+        ("[[contacts]]\nsource='a'\nobstacle={shape='plane',point=[0,0],normal=[0,1],displacement=[0,0,1]}",
+         2, ("contacts[1] (a-plane).obstacle.displacement: found 3 entries", "2 entries")),
+        ("[[contacts]]\nsource='a'\nobstacle={shape='cylinder',point=[0,0],axis=[0,1],radius=1}", 2,
+         ('contacts[1] (a-cylinder).obstacle.shape: found "cylinder" with a 2D mesh', "(a circle)")),
+    ],
+)  # fmt: skip
+def test_dimension_refuses(write, more, dim, parts):
+    scene = read_scene(write(PLAIN + more))
+    check_dimension(dataclasses.replace(scene, displacements=[], loads=[], contacts=[]), dim)
+    refused(lambda: check_dimension(scene, dim), "scene.toml: ", *parts)
+
+
+@pytest.mark.parametrize("kinematics", ["plane_stress", "axisymmetric"])
+def test_kinematics_need_two_dimensions(write, kinematics):
+    scene = read_scene(write(changed(PLAIN, 'block.msh"', f'block.msh"\nkinematics = "{kinematics}"')))
+    check_dimension(scene, 2)
+    found = f'mesh.kinematics: found "{kinematics}" with a 3D mesh'
+    refused(lambda: check_dimension(scene, 3), found, "2D meshes only")
+
+
+def test_regions(full):
+    check_regions(full, CELLS, FACETS, NODES, "a.msh")
+    counts = {name: len(ids[0]) for name, ids in FACETS.items()}
+    check_regions(full, {name: len(ids) for name, ids in CELLS.items()}, counts, {"tip": 1}, "a.msh")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "key", "found", "allowed"),
+    [
+        ('n = "ball"', 'n = "bal"', "bodies[1] (bal).region", "the nearest is 'ball'",
+         "cells of a.msh: ball, block"),
+        ('n = "ball"', 'n = "ball_top"', "bodies[1] (ball_top).region", "a group of facets",
+         "a group of cells"),
+        ('"ball_skin"', '"ball_skn"', "contacts[0] (ball-block).source", "the nearest is 'ball_skin'",
+         "block_top"),
+        ('"ball_skin"', '"ball"', "contacts[0] (ball-block).source", "'ball', a group of cells", "ball_skin"),
+        ('"ball_skin"', '"tip"', "contacts[0] (ball-block).source", "a group of edges or vertices",
+         "ball_skin"),
+        ('"ball_skin"', '"nobody"', "contacts[0] (ball-block).source", "an empty group", "not empty"),
+        ('"block_top"', '"nobody"', "contacts[0] (ball-block).target", "an empty group", "not empty"),
+        ('"block_top"\nfric', '"blocktop"\nfric', "contacts[0] (ball-block).target", "'block_top'",
+         "a group of facets"),
+        ('n = "ball_top"', 'n = "bell"', "displacements[0] (bell).region", "the nearest is 'ball'",
+         "a group of a.msh"),
+        ('"block_top"\npre', '"block"\npre', "loads[0] (block).region", "a group of cells",
+         "a group of facets"),
+        ('"block_left"\ntra', '"left"\ntra', "loads[1] (left).region", "'block_left'", "a group of facets"),
+        ('"ball"\nbody_f', '"ball_top"\nbody_f', "loads[2] (ball_top).region", "a group of facets",
+         "a group of cells"),
+        ('"tip"]', '"tap"]', "output.probes[1]", "the nearest is 'tip'", "ball_top"),
+    ],
+)  # fmt: skip
+def test_regions_refuses(write, old, new, key, found, allowed):
+    scene = read_scene(write(changed(FULL, old, new)))
+    message = refused(lambda: check_regions(scene, CELLS, FACETS, NODES, "a.msh"), "scene.toml: ")
+    _, _, rest = message.partition(": ")
+    assert rest.startswith(f"{key}: found ")
+    assert found in rest.partition("; allowed: ")[0] and allowed in rest.partition("; allowed: ")[2]
+
+
+def test_regions_of_a_mesh_without_groups(full):
+    refused(lambda: check_regions(full, {}, {}, {}, "a.msh"), "bodies[0] (block).region", "(there are none)")
+
+
+# ---------------------------------------------------------------- amplitude and description
+
+
+def test_amplitude_table():
+    table = amplitude(((0.0, 0.0), (1.0, 2.0), (3.0, -2.0)), end=10.0)
+    times = np.array([-1.0, 0.0, 0.5, 1.0, 2.0, 3.0, 9.0])
+    np.testing.assert_allclose(table.factor(times), [0, 0, 1, 2, 0, -2, -2], atol=1e-15)
+    assert table.factor(0.25) == 0.5
+    assert amplitude([[5, 3]], end=1.0).factor(0.0) == 3.0
+
+
+def test_default_ramp():
+    ramp = amplitude(None, end=4.0)
+    np.testing.assert_allclose(ramp.factor(np.array([0.0, 1.0, 4.0, 5.0])), [0, 0.25, 1, 1])
+
+
+def test_describe_full(full):
+    active, left_out = describe(full, 3)
+    assert "small strain elasticity: block, ball" in active
+    assert "von Mises plasticity: block" in active
+    assert "pressure: block_top" in active and "body force: ball" in active
+    assert any(
+        "ball_skin -> block_top, Coulomb friction 0.3, nitsche, theta 0, gamma0 10" in line for line in active
+    )
+    assert any("block_left -> moving rigid sphere, Tresca friction 5" in line for line in active)
+    assert left_out == ["self contact", "unbiased contact", "finite strain", "inertia"]
+
+
+def test_describe_plain(write):
+    scene = read_scene(write(PLAIN))
+    active, left_out = describe(scene, 2)
+    assert active[:2] == ["small strain elasticity: block", "plane strain"]
+    assert "frictionless" in active[2] and "gamma0 from the element" in active[2] and len(active) == 3
+    assert {"friction", "plasticity", "rigid obstacles"} <= set(left_out)
+    assert describe(dataclasses.replace(scene, contacts=[]))[1][0] == "contact"
