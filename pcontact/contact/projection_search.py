@@ -160,7 +160,7 @@ def _bound(rays, lower, upper, row, x, n, facing, rounding):
         middle, half = 0.5 * (low + high), 0.5 * (high - low)
         distance2, half2 = distance2 + out * out, half2 + half * half
         centre2, along = centre2 + middle * middle, along + middle * n[k]
-    if distance2 > 0.0:
+    if distance2 > 0.0 and facing > 0.0:
         # the contact normal is along the offset, and may not leave the double cone about nX: a ball about the box
         # that lies outside the cone holds no partner
         half = np.sqrt(half2) * (1.0 + 1e-6) + 4.0 * rounding

@@ -41,8 +41,13 @@ def trace_constant(cell, x, local_facet, geometry_degree, degree, lam, mu):
     Returns
     -------
     ndarray, (nf,) float64
-        lambda_F [stress / length]. On straight simplices in closed form, p (p + d - 1) / d (lam + 2 mu) |F| / |E|
-        with p the degree; elsewhere the largest eigenvalue of the local problem, without its rigid modes.
+        lambda_F [stress / length]. On straight simplices in closed form, p (p + d - 1) / d (lam + 2 mu) |F| /
+        |E| with p the degree; elsewhere the largest eigenvalue of the local problem, without its rigid modes.
+
+    Raises
+    ------
+    ValueError
+        If a cell that is not a straight simplex is inverted or degenerate.
     """
     x = np.ascontiguousarray(x, dtype=np.float64)
     local_facet = np.ascontiguousarray(local_facet, dtype=np.int64)
@@ -50,16 +55,12 @@ def trace_constant(cell, x, local_facet, geometry_degree, degree, lam, mu):
     straight = _straight(cell, x, geometry_degree)
     result = np.empty(len(x))
     for members, on_degree in ((straight, 1), (~straight, geometry_degree)):
-        chosen = np.flatnonzero(members)
-        nodes = x[chosen, : n_nodes(cell, on_degree)]
-        if on_degree == 1 and not CELLS[cell].is_tensor and len(chosen):
-            result[chosen] = _closed_form(cell, nodes, local_facet[chosen], degree) * (lam + 2.0 * mu)[chosen]
-            continue
-        for start in range(0, len(chosen), _BATCH):
-            part = slice(start, start + _BATCH)
-            batch = chosen[part]
-            arguments = nodes[part], local_facet[batch], on_degree, degree, lam[batch], mu[batch]
-            result[batch] = _largest(cell, *arguments)
+        kept = np.flatnonzero(members)
+        nodes = x[kept, : n_nodes(cell, on_degree)]
+        if on_degree == 1 and not CELLS[cell].is_tensor:
+            result[kept] = _closed_form(cell, nodes, local_facet[kept], degree) * (lam + 2.0 * mu)[kept]
+        else:
+            result[kept] = _in_batches(cell, nodes, local_facet[kept], on_degree, degree, lam[kept], mu[kept])
     return result
 
 
@@ -84,16 +85,27 @@ def _closed_form(cell, x, local_facet, degree):
     return degree * (degree + dim - 1) * root / det
 
 
+def _in_batches(cell, x, local_facet, geometry_degree, degree, lam, mu):
+    """`_largest` of a few facets at a time, (nf,)."""
+    result = np.empty(len(x))
+    for start in range(0, len(x), _BATCH):
+        part = slice(start, start + _BATCH)
+        arguments = x[part], local_facet[part], geometry_degree, degree, lam[part], mu[part]
+        result[part] = _largest(cell, *arguments)
+    return result
+
+
 def _largest(cell, x, local_facet, geometry_degree, degree, lam, mu):
     """Largest eigenvalue of the local problem, (nf,).
 
     With K the stiffness of the cell and H the weighted tractions, max |H v|^2 / v.K v = max eigenvalue of
-    H K^+ H^T. As H vanishes on the rigid modes, K^+ may be replaced by the inverse of K plus any stiffness on them.
-    Coordinates and moduli are scaled to one first, so that nothing depends on the units.
+    H K^+ H^T. As H vanishes on the rigid modes, K^+ may be replaced by the inverse of K plus any stiffness on
+    them. Coordinates and moduli are scaled to one first, so that nothing depends on the units.
     """
     x = x - x.mean(axis=1, keepdims=True)  # the rotations below turn about this point
     extent, modulus = np.ptp(x, axis=1).max(axis=1), lam + 2.0 * mu
     x, lam, mu = x / extent[:, None, None], lam / modulus, mu / modulus
+    # exact on parallelepipeds; one point more per direction where the Jacobian varies
     order = 2 * degree + 2 * (geometry_degree - 1)
     stiffness = _stiffness(cell, x, geometry_degree, degree, order, lam, mu)
     tractions = _tractions(cell, x, local_facet, geometry_degree, degree, order, lam, mu)
@@ -109,7 +121,8 @@ def _stiffness(cell, x, geometry_degree, degree, order, lam, mu):
     points, weights = quadrature(cell, order)
     dgeo, dshape = shape_gradient(cell, geometry_degree, points), shape_gradient(cell, degree, points)
     grad, jxw = np.empty((len(x), *dshape.shape)), np.empty((len(x), len(weights)))
-    gradients(x, dgeo, dshape, weights, grad, jxw)
+    if not gradients(x, dgeo, dshape, weights, grad, jxw) > 0.0:
+        raise ValueError(f"trace constant: a {cell} is inverted or degenerate")
     size = dshape.shape[1] * dshape.shape[2]
     stiffness = np.empty((len(x), size, size))
     _elastic(grad.reshape(len(x), -1, size), jxw, lam, mu, x.shape[2], stiffness)
@@ -136,8 +149,8 @@ def _tractions(cell, x, local_facet, geometry_degree, degree, order, lam, mu):
 def _rigid_stiffness(nodes, stiffness):
     """Stiffness on the rigid modes only, (nf, nn d, nn d).
 
-    On a curved cell with displacements of lower degree than the geometry, rotations are no rigid modes: only what
-    has no energy is stiffened.
+    On a curved cell with displacements of lower degree than the geometry, rotations are no rigid modes: only
+    what has no energy is stiffened.
     """
     nf, nn, dim = nodes.shape
     pairs = [(i, j) for i in range(dim) for j in range(i)]

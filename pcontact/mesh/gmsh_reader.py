@@ -134,7 +134,8 @@ def _model(path):
         else:
             if len(gmsh.model.list()) > before:
                 gmsh.model.remove()
-            gmsh.model.setCurrent(current)
+            if current in gmsh.model.list():
+                gmsh.model.setCurrent(current)
             gmsh.option.setNumber("General.Terminal", terminal)
 
 

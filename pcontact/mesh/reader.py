@@ -180,11 +180,11 @@ def _numbers(mesh, file):
     keys = _TAG_KEYS if hasattr(mesh, "cell_tags") else (*_TAG_KEYS, "cell_tags")
     for key in keys:
         for k, values in enumerate(mesh.cell_data.get(key, [])):
-            dim = file.tables[k].dim
-            for value in np.unique(values):
+            dim, values = file.tables[k].dim, np.ravel(values)
+            chosen = np.isfinite(values) & (values != 0) & (values == np.round(values))
+            for value in np.unique(values[chosen]):
                 name = names.get((dim, int(value)), default_name(dim, int(value)))
-                if value != 0 and value == int(value):
-                    file.add(dim, name, k, np.flatnonzero(values == value))
+                file.add(dim, name, k, np.flatnonzero(values == value))
 
 
 def _build(file, path):
@@ -227,10 +227,10 @@ def _dimension(file, path):
             "(gmsh saves only what is in a physical group)"
         )
     grouped = {(d, file.tables[k].kind) for (d, _), parts in file.groups.items() for k, _ in parts}
-    for (d, kind), n in counts.items():
+    for (d, kind), n in sorted(counts.items(), reverse=True):
         if n and kind not in KINDS and (d == dim or (d == dim - 1 and (d, kind) in grouped)):
             allowed = ", ".join(k for k, (cell, _) in KINDS.items() if CELLS[cell].dim == d)
-            raise InputError(f'{path}: {n} cells of the unsupported type "{kind}"; allowed are {allowed}')
+            raise InputError(f'{path}: {n} elements of the unsupported type "{kind}"; allowed are {allowed}')
     return dim
 
 
@@ -306,7 +306,8 @@ def _drop_repeats(blocks, tags, parts, groups):
     number = np.cumsum(keep) - 1
     pieces = np.split(keep, offsets[1:-1])
     kept = [Block(b.cell, b.degree, b.nodes[piece]) for b, piece in zip(blocks, pieces, strict=True)]
-    return kept, tags[keep], parts[keep], {name: number[first[cells]] for name, cells in groups.items()}
+    groups = {name: np.sort(number[first[cells]]) for name, cells in groups.items()}
+    return kept, tags[keep], parts[keep], groups
 
 
 def _check_duplicates(path, blocks, tags, n_points):

@@ -77,6 +77,7 @@ class Newton:
         self.snes.setFunction(self._residual, self._f)
         self.snes.setJacobian(self._tangent, problem.matrix.matrix)
         self.snes.setConvergenceTest(self._test)
+        self.snes.setLineSearchPreCheck(self._keep_supports)
         problem.matrix.matrix.setNearNullSpace(near_null_space)
         self.snes.setFromOptions()
         self._floor = 0.0
@@ -87,6 +88,12 @@ class Newton:
 
     def _tangent(self, snes, x, matrix, preconditioner):
         self.problem.tangent(x)
+
+    def _keep_supports(self, x, y):
+        """An inexact linear solve may move prescribed components a little: they stay where they are."""
+        array = y.getArray().reshape(self.problem.fixed.shape)
+        array[self.problem.fixed] = 0.0
+        y.assemble()
 
     def _test(self, snes, iteration, norms):
         """Residual against the first one and against its own rounding errors; the size of the step says nothing here."""

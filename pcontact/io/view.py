@@ -1,0 +1,197 @@
+"""From where a result is looked at, where it is cut open, and how much its deformation is enlarged."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pcontact.io import raster, skin
+
+_AXES = np.eye(3)
+
+
+@dataclass
+class Patch:
+    """Where the bodies touch.
+
+    Parameters
+    ----------
+    points : ndarray (n, 3)
+        Middles of the facets under pressure.
+    normal : ndarray (3,)
+        Their mean normal, not oriented; zero where they look in all directions.
+    """
+
+    points: np.ndarray
+    normal: np.ndarray
+
+
+def deformation_scale(result):
+    """How much to enlarge displacements: not at all if they are seen as they are.
+
+    Parameters
+    ----------
+    result : Result
+
+    Returns
+    -------
+    float
+        1, or a round number that makes the largest displacement about a twentieth of the size.
+    """
+    displacement = result.bodies.point_data.get("displacement")
+    if displacement is None or not len(displacement):
+        return 1.0
+    size = np.linalg.norm(np.ptp(result.bodies.points, axis=0))
+    largest = np.linalg.norm(displacement, axis=1).max()
+    if not 0 < largest < 0.01 * size:
+        return 1.0
+    wanted = 0.05 * size / largest
+    power = 10.0 ** np.floor(np.log10(wanted))
+    return max(1.0, float(power * max(digit for digit in (1, 2, 5) if digit * power <= wanted)))
+
+
+def deformed(piece, scale):
+    """Points of a piece with its displacement added.
+
+    Parameters
+    ----------
+    piece : Piece
+    scale : float
+        Factor of the displacement.
+
+    Returns
+    -------
+    ndarray (n, 3)
+    """
+    return piece.points + scale * piece.point_data.get("displacement", np.zeros(3))
+
+
+def contact_patch(surfaces, positions):
+    """The facets under pressure of all pairs; all facets if there is no pressure.
+
+    Parameters
+    ----------
+    surfaces : dict of str to Piece
+    positions : dict of str to ndarray (n, 3)
+        Their points as they are drawn.
+
+    Returns
+    -------
+    Patch or None
+        None without facets.
+    """
+    middles, areas, pressures = [], [], []
+    for name, piece in surfaces.items():
+        triangles = skin.surface(piece)
+        corners = positions[name][triangles.nodes]
+        blocks = piece.cell_data.get("contact_pressure")
+        pressure = np.concatenate(blocks) if blocks else np.zeros(triangles.owner.max(initial=-1) + 1)
+        middles.append(corners.mean(axis=1))
+        areas.append(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) / 2)
+        pressures.append(pressure[triangles.owner])
+    if not sum(len(part) for part in middles):
+        return None
+    middle, area, pressure = (np.concatenate(part) for part in (middles, areas, pressures))
+    touching = pressure > 0
+    if not touching.any():
+        touching[:] = True
+        pressure[:] = 1.0
+    force = (pressure[:, None] * area)[touching]
+    total, parts = np.linalg.norm(force.sum(axis=0)), np.linalg.norm(force, axis=1).sum()
+    normal = force.sum(axis=0) / total if total > 0.2 * parts else np.zeros(3)
+    return Patch(middle[touching], normal)
+
+
+def up_axis(patch):
+    """The coordinate direction shown upward: z, unless the bodies are pressed together along y.
+
+    Parameters
+    ----------
+    patch : Patch or None
+
+    Returns
+    -------
+    int
+    """
+    return 1 if patch is not None and abs(patch.normal[1]) > 0.9 else 2
+
+
+def overview(patch):
+    """The view of the whole.
+
+    Parameters
+    ----------
+    patch : Patch or None
+
+    Returns
+    -------
+    Camera
+    """
+    up = up_axis(patch)
+    toward = (0.50, -0.80, 0.38) if up == 2 else (0.55, 0.38, 0.80)
+    return raster.look(toward, _AXES[up])
+
+
+def from_above(patch, positions):
+    """The view of the contact surface along its mean normal, the longer side of the patch to the right.
+
+    Parameters
+    ----------
+    patch : Patch
+    positions : ndarray (n, 3)
+        The points to be seen.
+
+    Returns
+    -------
+    Camera
+    """
+    if not patch.normal.any():
+        return overview(patch)
+    normal = patch.normal if patch.normal @ np.ones(3) > 0 else -patch.normal
+    sizes = np.ptp(positions, axis=0)
+    flat = np.argsort(np.abs(normal))[:2]
+    # nearly as long as wide: keep the coordinates in their order
+    upward = flat[np.argmin(sizes[flat])] if np.ptp(sizes[flat]) > 0.2 * sizes[flat].max() else max(flat)
+    camera = raster.look(normal, _AXES[upward])
+    right = camera.axes[0]
+    if right[np.argmax(np.abs(right))] < 0:
+        camera = raster.look(normal, -_AXES[upward])
+    return camera
+
+
+def cut_open(patch, positions):
+    """The plane through the middle of the contact patch that shows most of it, and the view upon it.
+
+    The plane contains the direction in which the bodies are pressed together and cuts the patch across its length. A
+    patch that reaches the outer face of the bodies on one side only belongs to a model of one half or one quarter: that
+    face is the section, and nothing is cut away.
+
+    Parameters
+    ----------
+    patch : Patch
+    positions : ndarray (n, 3)
+        Points of the bodies.
+
+    Returns
+    -------
+    normal : ndarray (3,)
+        From the plane toward the viewer.
+    offset : float
+        Position of the plane along it.
+    camera : Camera
+    """
+    up = up_axis(patch)
+    pressed = int(np.argmax(np.abs(patch.normal))) if patch.normal.any() else up
+    axes = [axis for axis in (1, 0, 2) if axis not in (pressed, up)]
+    low, high = positions.min(axis=0), positions.max(axis=0)
+    first, last = patch.points.min(axis=0), patch.points.max(axis=0)
+    # facets' middles stay off the face by part of a facet: allow for it by the patch's own length
+    slack = 0.15 * (last - first) + 0.01 * (high - low)
+    at_low, at_high = first - low < slack, high - last < slack
+    halves = [axis for axis in axes if at_low[axis] != at_high[axis]]
+    axis = halves[0] if halves else max(axes, key=lambda k: (round(np.log10(max(last[k] - first[k], 1e-30)), 1), k))
+    sign = (1.0 if at_high[axis] else -1.0) if halves else (-1.0 if axis == 1 and up == 2 else 1.0)
+    normal = sign * _AXES[axis]
+    middle = (first[axis] + last[axis]) / 2
+    offset = sign * (high[axis] if sign > 0 else low[axis]) + 1.0 if halves else sign * middle
+    side = np.cross(_AXES[up], normal)
+    return normal, offset, raster.look(normal + 0.35 * side + 0.35 * _AXES[up], _AXES[up])

@@ -1,0 +1,538 @@
+"""Reading, checking and completing meshes."""
+
+import gmsh
+import meshio
+import numpy as np
+import pytest
+
+from pcontact.element.quadrature import quadrature
+from pcontact.element.reference import CELLS, facet_nodes, reference_nodes
+from pcontact.element.shape import shape, shape_gradient
+from pcontact.mesh import gmsh_reader
+from pcontact.mesh.complete import complete, number_rows
+from pcontact.mesh.components import components, mirror
+from pcontact.mesh.groups import Block, RawMesh, facet_multiplicity, facets_of_nodes
+from pcontact.mesh.reader import read_mesh
+from pcontact.runtime.errors import InputError
+
+CELL_TYPES = ["triangle", "quadrilateral", "tetrahedron", "hexahedron"]
+FORMATS = [(2.2, 0), (2.2, 1), (4.1, 0), (4.1, 1)]
+
+
+@pytest.fixture
+def session():
+    """A gmsh session that says nothing."""
+    gmsh.initialize(readConfigFiles=False, interruptible=False)
+    gmsh.option.setNumber("General.Terminal", 0)
+    yield
+    gmsh.finalize()
+
+
+def _entities(dim, low, high):
+    e = 1e-6
+    low, high = np.array(low) - e, np.array(high) + e
+    return [tag for _, tag in gmsh.model.getEntitiesInBoundingBox(*low, *high, dim)]
+
+
+def _stack(cell):
+    """Two unit boxes on top of each other, which share the nodes of the face between them; with groups."""
+    model, dim, tensor = gmsh.model.geo, CELLS[cell].dim, CELLS[cell].is_tensor
+    gmsh.model.add("stack")
+    base = (0, model.addPoint(0, 0, 0))
+    for step in np.eye(3)[:dim]:
+        # an extrusion returns its far end, then what it swept
+        end, base, *_ = model.extrude([base], *step, numElements=[2], recombine=tensor)
+    model.extrude([end], *step, numElements=[2], recombine=tensor)
+    model.synchronize()
+    up, top = np.eye(3)[dim - 1], 1.0 * (np.arange(3) < dim - 1)
+    add = gmsh.model.addPhysicalGroup
+    lower, upper = _entities(dim, [0, 0, 0], top + up), _entities(dim, up, top + 2 * up)
+    add(dim, lower, 7, "lower")
+    add(dim, upper, 8)
+    add(dim - 1, _entities(dim - 1, [0, 0, 0], top), 11, "bottom")
+    add(dim - 1, _entities(dim - 1, up, top + up), 12, "interface")
+    add(dim - 1, _entities(dim - 1, 2 * up, top + 2 * up), 13)
+    add(0, _entities(0, [0, 0, 0], [0, 0, 0]), 14, "corner")
+    if dim == 3:
+        add(1, _entities(1, [0, 0, 2], [1, 0, 2]), 15, "rim")
+    gmsh.model.mesh.generate(dim)
+
+
+def _write(path, cell, order=1, serendipity=0, version=4.1, binary=0):
+    gmsh.option.setNumber("Mesh.SecondOrderIncomplete", serendipity)
+    _stack(cell)
+    gmsh.model.mesh.setOrder(order)
+    gmsh.option.setNumber("Mesh.MshFileVersion", version)
+    gmsh.option.setNumber("Mesh.Binary", binary)
+    gmsh.write(str(path))
+    gmsh.model.remove()
+    return path
+
+
+def _determinants(raw):
+    """Determinants at quadrature points times weights, block by block."""
+    for block in raw.blocks:
+        xi, weights = quadrature(block.cell, 4)
+        jacobian = np.einsum(
+            "cai,qaj->cqij", raw.points[block.nodes], shape_gradient(block.cell, block.degree, xi)
+        )
+        yield np.linalg.det(jacobian) * weights
+
+
+def _volume(raw):
+    return sum(d.sum() for d in _determinants(raw))
+
+
+def _check_straight(raw):
+    """Nodes of straight cells lie where the reference cell says."""
+    for block in raw.blocks:
+        where = shape(block.cell, 1, reference_nodes(block.cell, block.degree))
+        expected = np.einsum("na,cai->cni", where, raw.points[block.vertices])
+        np.testing.assert_allclose(raw.points[block.nodes], expected, atol=1e-12)
+
+
+def _corners(raw, name):
+    cells, local = raw.facet_groups[name]
+    (block,) = raw.blocks
+    return raw.points[block.nodes[cells[:, None], facet_nodes(block.cell, 1)[local]]]
+
+
+def _normals(raw, name):
+    x = _corners(raw, name)
+    if raw.dim == 2:
+        t = x[:, 1] - x[:, 0]
+        return np.stack([t[:, 1], -t[:, 0]], axis=1)
+    return np.cross(x[:, 1] - x[:, 0], x[:, -1] - x[:, 0]) / (2 if x.shape[1] == 3 else 1)
+
+
+@pytest.mark.parametrize("cell", CELL_TYPES)
+@pytest.mark.parametrize("order, serendipity", [(1, 0), (2, 0), (2, 1)])
+def test_gmsh_cells(session, tmp_path, cell, order, serendipity):
+    raw = read_mesh(_write(tmp_path / "m.msh", cell, order, serendipity))
+    dim = CELLS[cell].dim
+    assert (raw.dim, [(b.cell, b.degree) for b in raw.blocks]) == (dim, [(cell, order)])
+    assert raw.points.flags.c_contiguous and raw.points.shape[1] == dim
+    assert all(b.nodes.dtype == np.int64 and b.nodes.flags.c_contiguous for b in raw.blocks)
+    assert min(d.min() for d in _determinants(raw)) > 0
+    assert _volume(raw) == pytest.approx(2.0)
+    _check_straight(raw)
+    # every node once, and none to spare
+    assert len(np.unique(np.round(raw.points, 9), axis=0)) == len(raw.points)
+    np.testing.assert_array_equal(np.unique(raw.blocks[0].nodes), np.arange(len(raw.points)))
+    if CELLS[cell].is_tensor:
+        assert len(raw.points) == (2 * order + 1) ** (dim - 1) * (4 * order + 1)
+    _check_groups(raw, order)
+
+
+def _check_groups(raw, order):
+    dim, n = raw.dim, raw.offsets[-1]
+    solid, skin = ("surface", "curve") if dim == 2 else ("volume", "surface")
+    assert set(raw.cell_groups) == {"lower", f"{solid}_8"}
+    both = np.concatenate([raw.cell_groups["lower"], raw.cell_groups[f"{solid}_8"]])
+    np.testing.assert_array_equal(np.sort(both), np.arange(n))
+    centre = raw.points[raw.blocks[0].vertices].mean(axis=1)[:, -1]
+    np.testing.assert_array_equal(raw.cell_groups["lower"], np.flatnonzero(centre < 1))
+    assert set(raw.facet_groups) == {"bottom", "interface", f"{skin}_13"}
+    for name, height, sign in (("bottom", 0, -1), (f"{skin}_13", 2, 1)):
+        np.testing.assert_allclose(_corners(raw, name)[..., -1], height)
+        np.testing.assert_allclose(_normals(raw, name).sum(axis=0), sign * np.eye(dim)[-1], atol=1e-12)
+        np.testing.assert_array_equal(facet_multiplicity(raw, *raw.facet_groups[name]), 1)
+    np.testing.assert_array_equal(facet_multiplicity(raw, *raw.facet_groups["interface"]), 2)
+    np.testing.assert_allclose(np.linalg.norm(_normals(raw, "interface"), axis=1).sum(), 1)
+    np.testing.assert_allclose(raw.points[raw.node_groups["corner"]], np.zeros((1, dim)))
+    if dim == 3:
+        assert len(raw.node_groups["rim"]) == 2 * order + 1
+        np.testing.assert_allclose(raw.points[raw.node_groups["rim"]][:, 1:], [[0, 2]] * (2 * order + 1))
+        assert raw.edge_groups["rim"].shape == (2, 2)
+
+
+@pytest.mark.parametrize("version, binary", FORMATS)
+@pytest.mark.parametrize("cell, order", [("quadrilateral", 1), ("tetrahedron", 2)])
+def test_gmsh_formats(session, tmp_path, monkeypatch, cell, order, version, binary):
+    path = _write(tmp_path / "m.msh", cell, order, 0, version, binary)
+    raw = read_mesh(path)
+    _check_straight(raw)
+    _check_groups(raw, order)
+    # without gmsh
+    monkeypatch.setattr(gmsh_reader, "gmsh", None)
+    other = read_mesh(path)
+    _check_straight(other)
+    _check_groups(other, order)
+    assert len(other.points) == len(raw.points)
+
+
+def test_callers_gmsh_model_survives(session, tmp_path):
+    path = _write(tmp_path / "m.msh", "triangle")
+    gmsh.model.add("mine")
+    gmsh.model.occ.addBox(0, 0, 0, 1, 1, 1)
+    gmsh.model.occ.synchronize()
+    before = gmsh.model.list()
+    read_mesh(path)
+    with pytest.raises(InputError):
+        read_mesh(_text(tmp_path, SQUARE, [(1, 2, 2, 1, 1, 1, 2, 99)]))
+    assert gmsh.model.list() == before and gmsh.model.getCurrent() == "mine"
+    assert len(gmsh.model.getEntities(3)) == 1
+
+
+@pytest.mark.parametrize("save_all", [0, 1])
+def test_circle_centre_is_dropped(session, tmp_path, save_all):
+    _half_disc()
+    gmsh.option.setNumber("Mesh.SaveAll", save_all)
+    gmsh.write(str(tmp_path / "disc.msh"))
+    raw = read_mesh(tmp_path / "disc.msh")
+    assert np.linalg.norm(raw.points - [0.0, -0.5], axis=1).min() > 0.01
+    assert {"disc", "again"} == set(raw.cell_groups) and {"arc", "half arc"} == set(raw.facet_groups)
+
+
+def _half_disc():
+    geo = gmsh.model.geo
+    gmsh.model.add("disc")
+    # the centre of the arc is outside the piece
+    c, a, b, d = (geo.addPoint(*x, 0) for x in ((0, -0.5), (1, 0), (0, np.sqrt(1.25) - 0.5), (-1, 0)))
+    arcs = [geo.addCircleArc(a, c, b), geo.addCircleArc(b, c, d)]
+    disc = geo.addPlaneSurface([geo.addCurveLoop([*arcs, geo.addLine(d, a)])])
+    geo.synchronize()
+    for dim, tags, name in (
+        (2, [disc], "disc"),
+        (2, [disc], "again"),
+        (1, arcs, "arc"),
+        (1, arcs[:1], "half arc"),
+    ):
+        gmsh.model.addPhysicalGroup(dim, tags, name=name)
+    gmsh.model.mesh.generate(2)
+
+
+@pytest.mark.parametrize("version, binary", FORMATS)
+def test_entity_in_several_groups(session, tmp_path, version, binary):
+    _half_disc()
+    gmsh.option.setNumber("Mesh.MshFileVersion", version)
+    gmsh.option.setNumber("Mesh.Binary", binary)
+    gmsh.write(str(tmp_path / "disc.msh"))
+    raw = read_mesh(tmp_path / "disc.msh")
+    n = raw.offsets[-1]
+    for name in ("disc", "again"):
+        np.testing.assert_array_equal(raw.cell_groups[name], np.arange(n))
+    whole, half = (set(zip(*raw.facet_groups[name], strict=True)) for name in ("arc", "half arc"))
+    assert half < whole and len(whole) == 2 * len(half)
+
+
+def test_centre_in_a_group_is_refused(session, tmp_path):
+    _half_disc()
+    gmsh.model.addPhysicalGroup(0, [1], name="centre")
+    gmsh.write(str(tmp_path / "disc.msh"))
+    with pytest.raises(InputError, match=r'group "centre": node .* at \(0, -0.5, 0\) belongs to no cell'):
+        read_mesh(tmp_path / "disc.msh")
+
+
+def test_groups_of_a_version_2_file_stay_apart_within_an_entity(tmp_path):
+    elements = [(1, 2, 2, 1, 1, 1, 2, 3), (2, 2, 2, 2, 1, 1, 3, 4)]
+    raw = read_mesh(_text(tmp_path, SQUARE, elements))
+    assert {name: cells.tolist() for name, cells in raw.cell_groups.items()} == {
+        "surface_1": [0],
+        "surface_2": [1],
+    }
+
+
+def test_surfaces_of_opposite_sense(tmp_path):
+    """gmsh numbers the cells of each plane surface in the sense of its own boundary loop."""
+    elements = [(1, 2, 2, 1, 1, 1, 2, 3), (2, 2, 2, 1, 2, 1, 4, 3)]
+    raw = read_mesh(_text(tmp_path, SQUARE, elements))
+    assert min(d.min() for d in _determinants(raw)) > 0
+
+
+@pytest.mark.parametrize("scale", [1e-12, 1.0, 1e12])
+@pytest.mark.parametrize("cell", CELL_TYPES)
+def test_reversed_meshes_are_turned_and_scale_does_not_matter(session, tmp_path, cell, scale):
+    raw = read_mesh(_write(tmp_path / "m.msh", cell, 2))
+    (block,) = raw.blocks
+    nodes = block.nodes[:, mirror(cell, 2)]
+    kind = {"triangle": "triangle6", "quadrilateral": "quad9", "tetrahedron": "tetra10"}.get(
+        cell, "hexahedron27"
+    )
+    points = np.zeros((len(raw.points), 3))
+    points[:, : raw.dim] = scale * raw.points
+    meshio.Mesh(points, [(kind, nodes)]).write(tmp_path / "m.vtu")
+    other = read_mesh(tmp_path / "m.vtu")
+    assert _volume(other) == pytest.approx(2.0 * scale**raw.dim)
+    _check_straight(RawMesh(other.path, other.dim, other.points / scale, other.blocks))
+    # the same with one cell turned: refused
+    nodes = block.nodes.copy()
+    nodes[3] = nodes[3, mirror(cell, 2)]
+    meshio.Mesh(points, [(kind, nodes)]).write(tmp_path / "m.vtu")
+    with pytest.raises(InputError, match=rf"m.vtu: cell 4 \({cell} at \(.*\)\) is inverted: .* \(1 in all\)"):
+        read_mesh(tmp_path / "m.vtu")
+
+
+@pytest.mark.parametrize("cell", CELL_TYPES)
+@pytest.mark.parametrize("degree", [1, 2])
+def test_mirror(cell, degree):
+    swap = mirror(cell, degree)
+    nodes = reference_nodes(cell, degree)
+    # the affine map (or, for the vertices of tensor cells, the reflection) that the swap stands for
+    np.testing.assert_array_equal(swap[swap], np.arange(len(nodes)))
+    a = np.linalg.lstsq(np.c_[nodes, np.ones(len(nodes))], nodes[swap], rcond=None)[0]
+    np.testing.assert_allclose(np.c_[nodes, np.ones(len(nodes))] @ a, nodes[swap], atol=1e-14)
+    assert np.linalg.det(a[:-1]) == pytest.approx(-1)
+
+
+# --- other formats
+
+
+def test_vtu_with_tags_and_mixed_cells(tmp_path):
+    points = np.array([[0, 0, 3], [1, 0, 3], [1, 1, 3], [0, 1, 3], [2, 0.5, 3]], dtype=float)
+    cells = [
+        ("quad", [[0, 1, 2, 3]]),
+        ("triangle", [[1, 4, 2]]),
+        ("line", [[0, 1], [1, 2]]),
+        ("vertex", [[4]]),
+    ]
+    data = {"gmsh:physical": [[5], [6], [9, 10], [2]]}
+    meshio.Mesh(points, cells, cell_data=data).write(tmp_path / "m.vtu")
+    raw = read_mesh(tmp_path / "m.vtu")
+    assert [(b.cell, len(b.nodes)) for b in raw.blocks] == [("quadrilateral", 1), ("triangle", 1)]
+    assert {k: v.tolist() for k, v in raw.cell_groups.items()} == {"surface_5": [0], "surface_6": [1]}
+    facets = {k: (c.tolist(), f.tolist()) for k, (c, f) in raw.facet_groups.items()}
+    assert facets == {"curve_9": ([0], [0]), "curve_10": ([0], [1])}
+    assert raw.node_groups["point_2"].tolist() == [4]
+    assert facet_multiplicity(raw, *raw.facet_groups["curve_10"]).tolist() == [2]
+    full = complete(raw, 2)
+    assert len(full.points) == 5 + 6 + 1
+    _check_straight(full)
+
+
+def test_inp(session, tmp_path):
+    _stack("hexahedron")
+    gmsh.option.setNumber("Mesh.SaveGroupsOfNodes", 1)
+    gmsh.write(str(tmp_path / "m.inp"))
+    raw = read_mesh(tmp_path / "m.inp")
+    assert [(b.cell, b.degree) for b in raw.blocks] == [("hexahedron", 1)]
+    assert _volume(raw) == pytest.approx(2.0)
+    assert len(raw.cell_groups["lower"]) == 8 and len(raw.facet_groups["bottom"][0]) == 4
+    np.testing.assert_allclose(_normals(raw, "bottom").sum(axis=0), [0, 0, -1])
+    assert len(raw.node_groups["bottom"]) == 9
+    for found, given in zip(
+        facets_of_nodes(raw, raw.node_groups["bottom"]), raw.facet_groups["bottom"], strict=True
+    ):
+        np.testing.assert_array_equal(found, given)
+
+
+def test_med(tmp_path):
+    """MED numbers cells in the reverse sense; names come by families."""
+    points = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1.0]])
+    mesh = meshio.Mesh(points, [("tetra", [[0, 2, 1, 3]]), ("triangle", [[0, 1, 2]])])
+    mesh.cell_data["cell_tags"] = [np.array([-1]), np.array([-2])]
+    mesh.cell_tags = {-1: ["body", "all"], -2: ["foot"]}
+    mesh.point_data["point_tags"] = np.array([0, 0, 0, 3])
+    mesh.point_tags = {3: ["tip"]}
+    mesh.write(tmp_path / "m.med")
+    raw = read_mesh(tmp_path / "m.med")
+    assert _volume(raw) == pytest.approx(1 / 6)
+    assert {k: v.tolist() for k, v in raw.cell_groups.items()} == {"body": [0], "all": [0]}
+    assert raw.node_groups["tip"].tolist() == [3]
+    np.testing.assert_allclose(_normals(raw, "foot"), [[0, 0, -0.5]])
+
+
+def test_xdmf_and_medit(tmp_path):
+    points = np.array([[0, 0], [1, 0], [1, 1], [0, 1.0]])
+    cells = [("triangle", [[0, 1, 2], [0, 2, 3]])]
+    meshio.Mesh(points, cells, cell_data={"medit:ref": [[4, 0]]}).write(tmp_path / "m.mesh")
+    assert read_mesh(tmp_path / "m.mesh").cell_groups["surface_4"].tolist() == [0]
+    meshio.Mesh(points, cells, cell_data={"gmsh:physical": [[4, 3]]}).write(
+        tmp_path / "m.xdmf", data_format="XML"
+    )
+    assert read_mesh(tmp_path / "m.xdmf").cell_groups["surface_3"].tolist() == [1]
+
+
+# --- what is refused
+
+SQUARE = [(1, 0, 0, 0), (2, 1, 0, 0), (3, 1, 1, 0), (4, 0, 1, 0)]
+HALVES = [(11, 2, 2, 1, 1, 1, 2, 3), (12, 2, 2, 1, 1, 1, 3, 4)]
+
+
+def _text(folder, nodes, elements, name="bad.msh"):
+    lines = ["$MeshFormat", "2.2 0 8", "$EndMeshFormat", "$Nodes", len(nodes)]
+    lines += [" ".join(map(str, n)) for n in nodes] + ["$EndNodes", "$Elements", len(elements)]
+    lines += [" ".join(map(str, e)) for e in elements] + ["$EndElements", ""]
+    (folder / name).write_text("\n".join(map(str, lines)))
+    return folder / name
+
+
+@pytest.mark.parametrize(
+    "nodes, elements, message",
+    [
+        (
+            [*SQUARE[:2], (3, "nan", 1, 0), SQUARE[3]],
+            HALVES,
+            "node 3 has a coordinate that is not a finite number",
+        ),
+        (
+            [*SQUARE[:2], (3, "inf", 1, 0), SQUARE[3]],
+            HALVES,
+            "node 3 has a coordinate that is not a finite number",
+        ),
+        ([*SQUARE[:2], (3, 1, 1, 0.5), SQUARE[3]], HALVES, "not in a plane z = const: z goes from 0 to 0.5"),
+        ([*SQUARE, (9, 5, 5, 0)], HALVES, "1 of 5 nodes are in no element"),
+        (
+            SQUARE,
+            [HALVES[0], (12, 2, 2, 1, 1, 1, 4, 3)],
+            r"cell 12 \(triangle at \(0.33.*, 0.66.*\)\) is inverted.*1 in",
+        ),
+        (SQUARE, [*HALVES, (13, 2, 2, 1, 1, 3, 1, 2)], "cell 13 has the same nodes as cell 11"),
+        (
+            SQUARE,
+            [HALVES[0], (12, 2, 2, 1, 1, 1, 4, 4)],
+            r"cell 12 \(triangle\) is degenerate: it has node 4 more than once",
+        ),
+        ([(1, 0, 0, 0), (2, 1, 0, 0), (3, 3, 0, 0), (4, 0, 1, 0)], HALVES, "cell 11 .* has no volume"),
+        (
+            SQUARE,
+            [*HALVES, (13, 1, 2, 5, 1, 2, 4)],
+            'group "curve_5": facet 13 with nodes 2, 4 belongs to no cell',
+        ),
+        (
+            [*SQUARE, (5, 2, 2, 0)],
+            [*HALVES, (13, 1, 2, 5, 1, 3, 5)],
+            'group "curve_5": node 5 at .* belongs to no cell',
+        ),
+        (
+            SQUARE,
+            [(1, 1, 2, 5, 1, 1, 2), (2, 1, 2, 5, 1, 3, 4)],
+            "no cells of dimension 2 or 3: the file holds 2 line",
+        ),
+        (
+            [*SQUARE, (5, 0, 0, 1)],
+            [(1, 7, 2, 1, 1, 1, 2, 3, 4, 5)],
+            '1 elements of the unsupported type "pyramid"',
+        ),
+        (SQUARE, [HALVES[0], (12, 2, 2, 1, 1, 1, 3, 77)], "gmsh cannot read it"),
+    ],
+)
+def test_refused(tmp_path, nodes, elements, message):
+    path = _text(tmp_path, nodes, elements)
+    with pytest.raises(InputError, match=message) as caught:
+        read_mesh(path)
+    assert str(caught.value).startswith(f"{path}: ") and "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "name, content, message",
+    [
+        ("m.msh", None, "no such mesh file"),
+        ("m.msh", "", "not a gmsh mesh"),
+        ("m.msh", 'SystemCall "touch hacked";', "not a gmsh mesh"),
+        ("m.msh", "$MeshFormat\n4.1 0 8\n$EndMeshFormat\n", "holds no nodes"),
+        (
+            "m.msh",
+            "$MeshFormat\n4.1 0 8\n$EndMeshFormat\n$Nodes\n1 4 1 4\n2 1 0 4\n1\n2\n",
+            "gmsh cannot read it",
+        ),
+        ("m.geo", "Point(1) = {0, 0, 0};", 'unknown mesh file type ".geo"; known are .*.med, .*.vtu'),
+        ("m", "", 'unknown mesh file type ""'),
+        ("m.vtu", "<VTKFile", "cannot be read as .vtu"),
+        ("m.inp", "*NODE\n1, a\n", "cannot be read as .inp"),
+        ("m.med", "nothing", "cannot be read as .med"),
+        ("m.stl", "", "holds no nodes"),
+    ],
+)
+def test_unreadable(tmp_path, name, content, message):
+    path = tmp_path / name
+    if content is not None:
+        path.write_text(content)
+    with pytest.raises(InputError, match=message) as caught:
+        read_mesh(path)
+    assert str(caught.value).startswith(f"{path}: ") and "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "cell, order, name", [("triangle", 3, "Triangle 10"), ("hexahedron", 3, "Hexahedron 64")]
+)
+def test_high_degree_is_refused(session, tmp_path, cell, order, name):
+    with pytest.raises(InputError, match=f'elements of the unsupported type "{name}"'):
+        read_mesh(_write(tmp_path / "m.msh", cell, order))
+
+
+def test_loose_nodes_are_refused(session, tmp_path):
+    points = np.array([[0, 0], [1, 0], [1, 1], [5, 5.0]])
+    meshio.Mesh(points, [("triangle", [[0, 1, 2]])]).write(tmp_path / "m.vtu")
+    with pytest.raises(
+        InputError, match=r"node 4 at \(5, 5, 0\) belongs to no cell of dimension 2 \(1 in all\)"
+    ):
+        read_mesh(tmp_path / "m.vtu")
+    # in version 4 a node of a surface, not of a geometric point
+    path = _write(tmp_path / "m.msh", "triangle")
+    gmsh.open(str(path))
+    gmsh.model.mesh.addNodes(2, gmsh.model.getEntities(2)[0][1], [999], [5, 5, 0])
+    gmsh.option.setNumber("Mesh.SaveAll", 1)
+    gmsh.write(str(path))
+    with pytest.raises(InputError, match="node 999 at .* belongs to no cell"):
+        read_mesh(path)
+
+
+def test_a_tangled_quadratic_cell_is_refused(tmp_path):
+    points = np.array([[0, 0], [1, 0], [0, 1], [0.5, 0.7], [0.5, 0.5], [0, 0.5]])
+    meshio.Mesh(points, [("triangle6", [[0, 1, 2, 3, 4, 5]])]).write(tmp_path / "m.vtu")
+    with pytest.raises(InputError, match="cell 1 .* is inverted: its Jacobian changes sign"):
+        read_mesh(tmp_path / "m.vtu")
+
+
+# --- completion
+
+
+@pytest.mark.parametrize("cell", CELL_TYPES)
+def test_complete(session, tmp_path, cell):
+    raw = read_mesh(_write(tmp_path / "m.msh", cell))
+    assert complete(raw, 1) is raw
+    full = complete(raw, 2)
+    assert [b.degree for b in full.blocks] == [2] and raw.blocks[0].degree == 1
+    np.testing.assert_array_equal(full.points[: len(raw.points)], raw.points)
+    np.testing.assert_array_equal(full.blocks[0].vertices, raw.blocks[0].nodes)
+    _check_straight(full)
+    _check_groups(full, 2)
+    assert len(np.unique(np.round(full.points, 9), axis=0)) == len(full.points)
+    assert complete(full, 2) is full
+    with pytest.raises(ValueError, match="degree 3"):
+        complete(raw, 3)
+
+
+@pytest.mark.parametrize("kind, cell", [("quad8", "quadrilateral"), ("hexahedron20", "hexahedron")])
+def test_serendipity_cells_keep_their_own_interpolation(tmp_path, kind, cell):
+    """A field of the serendipity space in the positions comes back exactly at the new nodes."""
+    dim, n = CELLS[cell].dim, {"quad8": 8, "hexahedron20": 20}[kind]
+    nodes = reference_nodes(cell, 2)
+
+    def bend(x):
+        square = x[:, :1] ** 2 * x[:, 1:2]  # in the span of 8 (20) nodes
+        return x + 0.1 * square * np.arange(1, dim + 1) + 0.05 * np.roll(x, 1, axis=1) ** 2
+
+    points = np.zeros((n, 3))
+    points[:, :dim] = bend(nodes[:n])
+    meshio.Mesh(points, [(kind, [np.arange(n)])]).write(tmp_path / "m.vtu")
+    raw = read_mesh(tmp_path / "m.vtu")
+    np.testing.assert_allclose(raw.points[raw.blocks[0].nodes[0]], bend(nodes), atol=1e-14)
+
+
+def test_neighbours_of_different_degree_share_nodes():
+    points = np.array([[0, 0], [1, 0], [0, 1], [1, 1], [0.5, -0.2], [0.6, 0.6], [0, 0.5]])
+    blocks = [
+        Block("triangle", 1, np.array([[1, 3, 2]])),
+        Block("triangle", 2, np.array([[0, 1, 2, 4, 5, 6]])),
+    ]
+    full = complete(RawMesh("m", 2, points, blocks), 2)
+    assert len(full.points) == 9 and full.blocks[0].nodes[0].tolist()[5] == 5
+
+
+def test_number_rows():
+    rows = np.array([[3, 1], [2, 3], [1, 3], [0, 2], [3, 2]])
+    first, number = number_rows(rows, 4)
+    np.testing.assert_array_equal(number[[0, 1]], number[[2, 4]])
+    assert len(first) == 3 and sorted(first) == [0, 1, 3]
+    np.testing.assert_array_equal(number[first], np.arange(3))
+
+
+def test_components():
+    points = np.arange(20.0).reshape(10, 2)
+    blocks = [
+        Block("quadrilateral", 1, np.array([[6, 7, 8, 9]])),
+        Block("triangle", 1, np.array([[3, 4, 5], [0, 1, 2], [9, 5, 3]])),
+    ]
+    np.testing.assert_array_equal(components(RawMesh("m", 2, points, blocks)), [0, 0, 1, 0])

@@ -1,0 +1,164 @@
+"""The trace constant lambda_F: table of C_p, invariances, a dense numpy twin."""
+
+import numpy as np
+import pytest
+
+from pcontact.element import trace
+from pcontact.element.geometry import facet_geometry
+from pcontact.element.quadrature import quadrature
+from pcontact.element.reference import CELLS, n_nodes, reference_nodes
+from pcontact.element.shape import shape, shape_gradient
+from pcontact.element.trace import trace_constant
+
+SOLID = ["triangle", "quadrilateral", "tetrahedron", "hexahedron"]
+CASES = [(cell, geometry, degree) for cell in SOLID for geometry in (1, 2) for degree in (1, 2)]
+
+
+def lame(poisson, young=1.0):
+    return young * poisson / ((1 + poisson) * (1 - 2 * poisson)), 0.5 * young / (1 + poisson)
+
+
+def facets_of(cell, degree, size=0.0, count=1, seed=3):
+    """All facets of `count` cells of side 1 with nodes moved at random: coordinates and local numbers."""
+    nodes = reference_nodes(cell, degree) / (2.0 if CELLS[cell].is_tensor else 1.0)
+    size = size if CELLS[cell].is_tensor else 0.5 * size
+    x = nodes + size * np.random.default_rng(seed).uniform(-1, 1, (count, *nodes.shape))
+    n = len(CELLS[cell].facets)
+    return np.repeat(x, n, axis=0), np.tile(np.arange(n), count)
+
+
+def measures(cell, x, local):
+    """|F| and |E| of facets of cells with degree-1 geometry, by quadrature."""
+    points, weights = quadrature(cell, 4)
+    volume = np.linalg.det(np.einsum("fai,qaj->fqij", x, shape_gradient(cell, 1, points))) @ weights
+    return facet_geometry(cell, x, local, 1, 1, *quadrature(CELLS[cell].facet, 4)).jxw.sum(axis=1), volume
+
+
+def dense_twin(cell, x, local, geometry, degree, lam, mu, order):
+    """lambda_F of one facet from stresses in full tensor form and a pseudo-inverse."""
+    identity = np.eye(CELLS[cell].dim)
+
+    def stress(grad):
+        # (q, a, i) -> sigma[q, a, i, k, l] of the field N_a e_i
+        full = np.einsum("qal,ik->qaikl", grad, identity)
+        sym = 0.5 * (full + full.swapaxes(3, 4))
+        return lam * np.einsum("qaikk,lm->qailm", sym, identity) + 2 * mu * sym, sym
+
+    points, weights = quadrature(cell, order)
+    jacobian = np.einsum("ai,qaj->qij", x, shape_gradient(cell, geometry, points))
+    grad = np.einsum("qaj,qji->qai", shape_gradient(cell, degree, points), np.linalg.inv(jacobian))
+    sigma, strain = stress(grad)
+    energy = np.einsum("qaikl,qbjkl,q->aibj", sigma, strain, weights * np.linalg.det(jacobian))
+    xi, facet_weights = quadrature(CELLS[cell].facet, order)
+    facet = facet_geometry(cell, x[None], np.array([local]), geometry, degree, xi, facet_weights)
+    traction = np.einsum("qaikl,ql->qaik", stress(facet.gradients[0])[0], facet.normals[0])
+    boundary = np.einsum("qaik,qbjk,q->aibj", traction, traction, facet.jxw[0])
+    size = grad.shape[1] * grad.shape[2]
+    values, vectors = np.linalg.eigh(energy.reshape(size, size))
+    kept = values > 1e-11 * values[-1]
+    basis = vectors[:, kept] / np.sqrt(values[kept])
+    return np.linalg.eigvalsh(basis.T @ boundary.reshape(size, size) @ basis)[-1]
+
+
+@pytest.mark.parametrize(
+    ("cell", "degree", "expected", "digits"),
+    [
+        ("triangle", 1, 1.0, 1e-12),
+        ("triangle", 2, 3.0, 1e-12),
+        ("quadrilateral", 1, 1.45, 5e-3),
+        ("quadrilateral", 2, 4.65, 5e-3),
+        ("tetrahedron", 1, 1.0, 1e-12),
+        ("tetrahedron", 2, 8 / 3, 1e-12),
+        ("hexahedron", 1, 1.66, 5e-3),
+        ("hexahedron", 2, 5.0, 1e-2),
+    ],
+)
+def test_table(cell, degree, expected, digits):
+    """C_p = lambda_F h_F / (lam + 2 mu) of cells of unit shape at Poisson's ratio 0.3."""
+    lam, mu = lame(0.3)
+    x, local = facets_of(cell, 1)
+    area, volume = measures(cell, x, local)
+    c_p = trace_constant(cell, x, local, 1, degree, lam, mu) * volume / area / (lam + 2 * mu)
+    np.testing.assert_allclose(c_p, expected, atol=digits)
+
+
+@pytest.mark.parametrize("cell", ["triangle", "tetrahedron"])
+@pytest.mark.parametrize("degree", [1, 2])
+@pytest.mark.parametrize("poisson", [0.0, 0.3, 0.49])
+def test_closed_form_is_the_largest_eigenvalue(cell, degree, poisson):
+    lam, mu = lame(poisson)
+    x, local = facets_of(cell, 1, 0.3, count=4)
+    area, volume = measures(cell, x, local)
+    dim = CELLS[cell].dim
+    closed = trace_constant(cell, x, local, 1, degree, lam, mu)
+    expected = degree * (degree + dim - 1) / dim * (lam + 2 * mu) * area / volume
+    np.testing.assert_allclose(closed, expected, rtol=1e-12)
+    moduli = np.full(len(x), lam), np.full(len(x), mu)
+    np.testing.assert_allclose(trace._largest(cell, x, local, 1, degree, *moduli), closed, rtol=1e-9)
+
+
+@pytest.mark.parametrize(("cell", "geometry", "degree"), CASES)
+def test_dense_twin(cell, geometry, degree):
+    """Also with displacements of lower degree than a curved geometry, where rotations are no rigid modes."""
+    lam, mu = lame(0.3)
+    x, local = facets_of(cell, geometry, 0.04)
+    result = trace_constant(cell, x, local, geometry, degree, lam, mu)
+    order = 2 * degree + 2 * (geometry - 1)
+    for k in (0, len(local) - 1):
+        expected = dense_twin(cell, x[k], local[k], geometry, degree, lam, mu, order)
+        assert result[k] == pytest.approx(expected, rel=1e-8)
+
+
+@pytest.mark.parametrize(("cell", "geometry", "degree"), CASES)
+def test_scaling(cell, geometry, degree):
+    """Units change the result by their factor only, a rotation and a shift not at all."""
+    lam, mu = lame(0.3)
+    x, local = facets_of(cell, geometry, 0.04)
+    result = trace_constant(cell, x, local, geometry, degree, lam, mu)
+    for length in (1e-6, 1e6):
+        scaled = trace_constant(cell, length * x, local, geometry, degree, 1e9 * lam, 1e9 * mu)
+        np.testing.assert_allclose(scaled, result * 1e9 / length, rtol=1e-9)
+    turn = np.linalg.qr(np.random.default_rng(0).normal(size=(x.shape[2], x.shape[2])))[0]
+    turn[0] *= np.sign(np.linalg.det(turn))
+    moved = trace_constant(cell, x @ turn.T + 100.0, local, geometry, degree, lam, mu)
+    np.testing.assert_allclose(moved, result, rtol=1e-8)
+
+
+@pytest.mark.parametrize("cell", SOLID)
+@pytest.mark.parametrize("degree", [1, 2])
+def test_straight_degree_2_geometry(cell, degree):
+    """Degree-2 nodes on the middles give exactly what the vertices give, next to a curved cell."""
+    lam, mu = lame(0.3)
+    straight, local = facets_of(cell, 1, 0.1)
+    middles = np.einsum("na,fai->fni", shape(cell, 1, reference_nodes(cell, 2)), straight)
+    curved = middles + 0.02 * np.random.default_rng(2).uniform(-1, 1, middles.shape)
+    both = trace_constant(cell, np.vstack([middles, curved]), np.tile(local, 2), 2, degree, lam, mu)
+    np.testing.assert_array_equal(
+        both[: len(local)], trace_constant(cell, straight, local, 1, degree, lam, mu)
+    )
+    assert (both[len(local) :] != both[: len(local)]).all()
+    if degree == 2:  # at degree 1 a rotation of the curved cell has stresses: no small change
+        assert (np.abs(both[len(local) :] / both[: len(local)] - 1) < 0.8).all()
+
+
+def test_moduli_per_facet_and_batches(monkeypatch):
+    x, local = facets_of("hexahedron", 1, 0.05, count=3)
+    poisson = np.linspace(0.0, 0.49, len(local))
+    lam, mu = lame(poisson, young=np.linspace(1.0, 200.0, len(local)))
+    whole = trace_constant("hexahedron", x, local, 1, 1, lam, mu)
+    monkeypatch.setattr(trace, "_BATCH", 5)
+    np.testing.assert_allclose(trace_constant("hexahedron", x, local, 1, 1, lam, mu), whole, rtol=1e-12)
+    single = trace_constant("hexahedron", x[7:8], local[7:8], 1, 1, lam[7], mu[7])
+    assert single[0] == pytest.approx(whole[7], rel=1e-12)
+
+
+@pytest.mark.parametrize(("cell", "geometry", "degree"), CASES)
+def test_no_facets(cell, geometry, degree):
+    x = np.empty((0, n_nodes(cell, geometry), CELLS[cell].dim))
+    assert trace_constant(cell, x, np.empty(0, dtype=int), geometry, degree, 1.0, 1.0).shape == (0,)
+
+
+def test_inverted_cell():
+    x, local = facets_of("hexahedron", 1)
+    with pytest.raises(ValueError, match="inverted"):
+        trace_constant("hexahedron", x * [1.0, 1.0, -1.0], local, 1, 1, 1.0, 1.0)
