@@ -3,8 +3,16 @@
 import numpy as np
 import pytest
 
-from pcontact.contact.facet_maps import KIND, MAX_NODES, NODE_COUNTS, facet_boxes, facet_shapes
-from pcontact.contact.projection import FACING, NO_ID, better, closest_points, no_partners, ray_tracing, surface_tree
+from pcontact.contact.facet_maps import MAX_NODES, NODE_COUNTS, facet_boxes, facet_shapes, fill_shapes
+from pcontact.contact.projection import (
+    FACING,
+    NO_ID,
+    better,
+    closest_points,
+    no_partners,
+    ray_tracing,
+    surface_tree,
+)
 from pcontact.contact.tree import LEAF_SIZE, build_tree
 
 ANY = -2.0  # facing rule switched off
@@ -27,12 +35,12 @@ def pad(x):
     return np.concatenate([x, np.full((len(x), MAX_NODES - x.shape[1], x.shape[2]), np.nan)], axis=1)
 
 
-def search(x, kinds, points, normals, radius=np.inf, facing=FACING, ids=None, method=closest_points):
+def search(x, kinds, points, normals, radius=np.inf, facing=FACING, ids=None, method=closest_points, own=None):
     kinds = np.full(len(x), kinds) if np.isscalar(kinds) else kinds
     ids = np.arange(len(x)) if ids is None else ids
     points, normals = np.atleast_2d(points).astype(float), np.atleast_2d(normals).astype(float)
     normals = np.ascontiguousarray(np.broadcast_to(normals, points.shape))
-    return method(surface_tree(x, kinds), x, kinds, ids, points, normals, radius, facing)
+    return method(surface_tree(x, kinds), x, kinds, ids, points, normals, radius, facing, own)
 
 
 def random_facet(kind, rng, bend=0.15):
@@ -131,8 +139,6 @@ def test_shapes(kind):
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_shape_derivatives(kind):
-    from pcontact.contact.facet_maps import fill_shapes
-
     n, h = NODE_COUNTS[kind], 1e-5
     out = {k: np.zeros((6, 9)) for k in ("0", "u", "-u", "v", "-v")}
     for name, (u, v) in {
@@ -229,8 +235,8 @@ def test_straight_degree_2_facets_match_degree_1():
 def test_tree_search_is_brute_force(kind):
     rng = np.random.default_rng(kind)
     d = 2 if kind < 2 else 3
-    x = np.stack([0.3 * random_facet(kind, rng, 0.2) + rng.uniform(-2, 2, d) for _ in range(60)])
-    points, normals = rng.uniform(-2, 2, (80, d)), rng.normal(size=(80, d))
+    x = np.stack([0.3 * random_facet(kind, rng, 0.2) + rng.uniform(-1, 1, d) for _ in range(60)])
+    points, normals = rng.uniform(-1, 1, (200, d)), rng.normal(size=(200, d))
     for method in (closest_points, ray_tracing):
         everything = search(x, kind, points, normals, radius=1.0, method=method)
         merged = no_partners(points, normals)
@@ -239,7 +245,7 @@ def test_tree_search_is_brute_force(kind):
         assert_same(everything, merged, but=("candidates", "facet", "normal") if method is ray_tracing else
                     ("candidates", "facet"))  # fmt: skip
         np.testing.assert_array_equal(everything.id, np.where(everything.facet >= 0, everything.facet, NO_ID))
-        assert 10 < (everything.facet >= 0).sum()
+        assert 10 < (everything.facet >= 0).sum(), method
 
 
 # --- corners
@@ -256,7 +262,9 @@ def test_convex_corners_of_a_cube(kind):
     # the source faces the cube
     r = search(box, kind, outside[~inside], exact[~inside] / length[~inside, None])
     np.testing.assert_allclose(r.gap, length[~inside], atol=1e-14)
-    np.testing.assert_allclose(r.normal, exact[~inside] / length[~inside, None], atol=1e-9)
+    # a triangle that ends beside the closest point may win within the tolerance of the distance
+    np.testing.assert_allclose(r.normal, exact[~inside] / length[~inside, None], atol=3e-5)
+    assert (np.abs(r.normal - exact[~inside] / length[~inside, None]) < 1e-9).mean() > 0.99
     # penetrating: normal of the nearest face
     depth = np.stack([outside[inside], 1 - outside[inside]], axis=2).reshape(-1, 6)
     face = depth.argmin(axis=1)
@@ -319,7 +327,7 @@ def test_edges_between_coplanar_facets_do_not_show(kind, height):
 
 def scattered(seed=3):
     rng = np.random.default_rng(seed)
-    x = np.concatenate([cube(4, 3), cube(4, 2) + [1.0, 0, 0]])
+    x = np.concatenate([cube(4, 3), cube(4, 2) + [1.25, 0, 0]])
     grid = np.linspace(-0.5, 2.5, 13)
     points = np.stack(np.meshgrid(grid, grid, grid), axis=-1).reshape(-1, 3)  # full of ties
     normals = rng.normal(size=points.shape)
@@ -330,7 +338,7 @@ def scattered(seed=3):
 def test_order_of_facets_does_not_matter(method):
     x, points, normals, ids, rng = scattered()
     reference = search(x, 4, points, normals, 0.6, ids=ids, method=method)
-    assert 300 < (reference.facet >= 0).sum() < len(points)
+    assert 200 < (reference.facet >= 0).sum() < len(points)
     for _ in range(5):
         order = rng.permutation(len(x))
         r = search(x[order], 4, points, normals, 0.6, ids=ids[order], method=method)
@@ -344,14 +352,31 @@ def test_merging_ranks(method):
     x, points, normals, ids, rng = scattered()
     reference = search(x, 4, points, normals, 0.6, ids=ids, method=method)
     owner = rng.integers(0, 3, len(x))
-    parts = [search(x[owner == k], 4, points, normals, 0.6, ids=ids[owner == k], method=method) for k in range(3)]
+    nodes = np.unique(x.reshape(-1, 3), axis=0, return_inverse=True)[1].reshape(len(x), -1)
+    parts = []
+    for rank in range(3):
+        known = np.isin(nodes, nodes[owner == rank]).any(axis=1)
+        parts.append(search(x[known], 4, points, normals, 0.6, ids=ids[known], method=method, own=owner[known] == rank))
+        assert np.isin(parts[-1].id, np.append(ids[owner == rank], NO_ID)).all()
     for a, b, c in ((0, 1, 2), (2, 0, 1)):
-        merged = better(better(parts[a], parts[b]), parts[c])
-        # where an edge is shared between ranks the mean normal is not available: only interiors must agree
-        same = reference.interior & (reference.distance > 1e-6)
-        for name in ("id", "xi", "y", "normal", "gap", "distance"):
-            np.testing.assert_array_equal(getattr(merged, name)[same], getattr(reference, name)[same], err_msg=name)
-        np.testing.assert_array_equal(merged.candidates, sum(p.candidates for p in parts))
+        assert_same(better(better(parts[a], parts[b]), parts[c]), reference, but=("candidates", "facet"))
+
+
+def test_merging_ranks_without_neighbours():
+    """Then only what lies at edges may differ."""
+    x, points, _, ids, rng = scattered()
+    x, ids = x[:54], ids[:54]
+    points = points[(points < 1.0).any(axis=1) & (np.abs(points - 0.5) >= 0.5).any(axis=1)]
+    exact = np.clip(points, 0, 1) - points
+    keep = np.linalg.norm(exact, axis=1) > 0
+    points, normals = points[keep], exact[keep]
+    reference = search(x, 4, points, normals, ids=ids)
+    owner = rng.integers(0, 2, len(x))
+    a, b = (search(x[owner == k], 4, points, normals, ids=ids[owner == k]) for k in range(2))
+    merged = better(a, b)
+    np.testing.assert_array_equal(merged.id, reference.id)
+    np.testing.assert_allclose(merged.gap, reference.gap, atol=1e-15)
+    np.testing.assert_array_equal(merged.candidates, a.candidates + b.candidates)
 
 
 def test_equal_distances_go_to_the_smaller_id():
@@ -387,6 +412,13 @@ def test_hanging_over_the_border():
     np.testing.assert_allclose(r.gap[3:], points[3:, 2], atol=1e-16)
     # facets beside a hanging point are not even tried
     assert r.candidates[1] == 0
+
+
+def test_beside_a_box_is_not_through_its_top():
+    points = [[1.01, 0.5, 0.98], [1.01, 0.5, 1.02], [1.05, 0.5, 0.5]]
+    r = search(cube(4, 2), 4, points, [0, 0, -1], 0.3)
+    np.testing.assert_array_equal(r.facet >= 0, [False, True, False])
+    np.testing.assert_allclose(r.gap[1], np.hypot(0.01, 0.02))
 
 
 def test_radius():
@@ -427,8 +459,8 @@ def test_bad_points_and_facets_have_no_partner():
 def test_scale_and_offset(kind, method):
     rng = np.random.default_rng(kind)
     d = 2 if kind < 2 else 3
-    x = np.stack([0.5 * random_facet(kind, rng, 0.15) + rng.uniform(-1, 1, d) for _ in range(20)])
-    points, normals = rng.uniform(-1, 1, (60, d)), rng.normal(size=(60, d))
+    x = np.stack([0.5 * random_facet(kind, rng, 0.15) + rng.uniform(-1, 1, d) for _ in range(40)])
+    points, normals = rng.uniform(-1, 1, (200, d)), rng.normal(size=(200, d))
     a = search(x, kind, points, normals, 0.8, method=method)
     found = a.facet >= 0
     assert found.sum() > 10
@@ -475,15 +507,17 @@ def test_points_inside_a_sphere_far_from_every_facet_stop_at_the_radius():
 def test_quadratic_circle():
     """SEGMENT3 arcs: the gap error is that of the quadratic interpolation, O(h^4)."""
     t = np.linspace(0, 2 * np.pi, 33)
+
     def at(s):
         return np.column_stack([np.cos(s), np.sin(s)])
+
     x = np.stack([at(t[:-1]), at(t[1:]), at(0.5 * (t[:-1] + t[1:]))], axis=1)
     s = np.random.default_rng(2).uniform(0, 2 * np.pi, 500)
     for gap in (0.3, -0.3, 1e-7):
         for method in (closest_points, ray_tracing):
             r = search(x, 1, at(s) * (1 + gap), -at(s), 0.5, method=method)
             assert (r.facet >= 0).all()
-            np.testing.assert_allclose(r.gap, gap, atol=1e-6)
+            np.testing.assert_allclose(r.gap, gap, atol=4e-6)
             np.testing.assert_allclose(r.normal, -at(s), atol=2e-3)
 
 

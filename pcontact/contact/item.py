@@ -76,6 +76,7 @@ class ContactItem:
         self.gamma0 = contact.gamma0 if contact.gamma0 is not None else GAMMA0[self.theta]
         self.gamma = self.gamma0 * source.trace
         self.rigid = contact.obstacle is not None
+        self.bilateral = contact.bilateral
         self.version = 0
         self.offset = None
         self.candidates = 0
@@ -195,7 +196,7 @@ class ContactItem:
         traction, gap = self._evaluate(values)
         local = np.zeros_like(values)
         add_residual(
-            self.theta, p.paired, source.jxw, self.gamma, traction, gap, p.cells, p.targets, source.facet, source.shape,
+            self.theta, self.bilateral, p.paired, source.jxw, self.gamma, traction, gap, p.cells, p.targets, source.facet, source.shape,
             p.target_shape, p.b, p.normal, local,
         )  # fmt: skip
         total = self.space.vector()
@@ -207,14 +208,14 @@ class ContactItem:
         p, source = self.pairing, self.source
         traction, gap = self._evaluate(p.exchange.gather(u))
         tau = traction + self.gamma[source.facet] * gap
-        new = p.paired & (tau <= 0.0) & ~self._coupled
+        new = p.paired & ((tau <= 0.0) | self.bilateral) & ~self._coupled
         if self.space.comm.allreduce(bool(new.any()), op=MPI.LOR):
             self._coupled |= new
             self._new_pattern()
         d = self.space.dim
         local = np.zeros((len(self._columns), d, d))
         missing = add_tangent(
-            self.theta, p.paired, source.jxw, self.gamma, tau, p.cells, p.targets, source.facet, source.shape,
+            self.theta, self.bilateral, p.paired, source.jxw, self.gamma, tau, p.cells, p.targets, source.facet, source.shape,
             p.target_shape, p.b, p.normal, self._rowptr, self._columns, local,
         )  # fmt: skip
         if missing:
@@ -238,8 +239,8 @@ class ContactItem:
         p, source = self.pairing, self.source
         traction, gap = self._evaluate(p.exchange.gather(u))
         tau = traction + self.gamma[source.facet] * gap
-        pressure = np.where(p.paired, np.maximum(-tau, 0.0), 0.0)
-        closed = p.paired & (tau <= 0.0)
+        closed = p.paired & ((tau <= 0.0) | self.bilateral)
+        pressure = np.where(closed, -tau, 0.0)
         return {
             "pressure": pressure,
             "gap": np.where(p.paired, gap, np.nan),

@@ -10,7 +10,7 @@ Notation of every kernel, one row per quadrature point p on facet f = facet[p]:
     tangent    K  = int H (gamma N N^T - N b^T - theta b N^T) - theta / gamma (1 - H) b b^T,   H = 1 where tau <= 0
 
 which is (R) and its generalised derivative with the normal parts alone (Chouly, Hild 2013). A point without partner has P = 0.
-``cells`` and ``targets`` hold numbers into ``u`` (n, d); a pair with an obstacle has targets of width 0.
+Bilateral contact (no separation) has H = 1 and P = tau always. ``cells`` and ``targets`` hold numbers into ``u`` (n, d); a pair with an obstacle has targets of width 0.
 """
 
 import numpy as np
@@ -77,13 +77,17 @@ def evaluate(u, cells, targets, facet, shape, target_shape, b, normal, gap0, tra
 
 
 @njit
-def add_residual(theta, paired, jxw, gamma, traction, gap, cells, targets, facet, shape, target_shape, b, normal, out):
+def add_residual(
+    theta, bilateral, paired, jxw, gamma, traction, gap, cells, targets, facet, shape, target_shape, b, normal, out
+):
     """Add the residual of the pair to ``out`` (n, d) [force]."""
     d = normal.shape[1]
     for p in range(len(facet)):
         f = facet[p]
         tau = traction[p] + gamma[f] * gap[p]
-        pressure = min(tau, 0.0) if paired[p] else 0.0
+        pressure = 0.0
+        if paired[p] and (bilateral or tau < 0.0):
+            pressure = tau
         weight = theta / gamma[f] * (pressure - traction[p]) * jxw[p]
         push = pressure * jxw[p]
         if pressure == 0.0 and theta == 0.0:
@@ -100,7 +104,7 @@ def add_residual(theta, paired, jxw, gamma, traction, gap, cells, targets, facet
 
 @njit
 def add_tangent(
-    theta, paired, jxw, gamma, tau, cells, targets, facet, shape, target_shape, b, normal, rowptr, columns, values
+    theta, bilateral, paired, jxw, gamma, tau, cells, targets, facet, shape, target_shape, b, normal, rowptr, columns, values
 ):
     """Add the generalised Jacobian of the pair to block values (nnz, d, d); returns how many entries had no place."""
     d, nn, nt = normal.shape[1], cells.shape[1], targets.shape[1]
@@ -108,7 +112,7 @@ def add_tangent(
     missing = 0
     for p in range(len(facet)):
         f = facet[p]
-        closed = paired[p] and tau[p] <= 0.0
+        closed = paired[p] and (bilateral or tau[p] <= 0.0)
         if not closed and theta == 0.0:
             continue
         for a in range(nn):

@@ -12,7 +12,8 @@ Normals of the projection. Inside a facet n = -nY. At an edge or corner (the off
 of more than 1e-9 of its size) n is along the offset y - x: from the point to the surface when the point is outside,
 reversed when inside. The side is decided by the sum of the normals of the facets that share the closest point, each
 weighted by its angle there (Baerentzen and Aanaes, IEEE TVCG 11, 2005). A point that touches (offset below 1e-9 of the
-facet size) gets the mean of those normals.
+facet size) gets the mean of those normals. A projection held at an edge counts only if no neighbour at that edge has a
+nearer point, accepted or not; one at the border of the surface has no neighbour, and is left to the facing rule.
 """
 
 from typing import NamedTuple
@@ -90,7 +91,7 @@ def no_partners(points, normals):
     )  # fmt: skip
 
 
-def closest_points(tree, x_facets, kinds, ids, points, normals, radius, facing=FACING):
+def closest_points(tree, x_facets, kinds, ids, points, normals, radius, facing=FACING, own=None):
     """Closest point projection.
 
     Parameters
@@ -109,6 +110,11 @@ def closest_points(tree, x_facets, kinds, ids, points, normals, radius, facing=F
         Largest distance of a partner [length], in penetration too.
     facing : float, optional
         Smallest nX . n of a partner, in (0, 1).
+    own : (nf,) bool array_like, optional
+        Facets that may be partners (default: all). The others take part in the decisions about edges and corners; a
+        rank that is also given the neighbours of its facets (those that share a node) decides as if it had them all,
+        and `better` of all ranks is then exactly the search in the whole surface. A point whose partner would be a
+        facet of others has none here.
 
     Returns
     -------
@@ -119,22 +125,23 @@ def closest_points(tree, x_facets, kinds, ids, points, normals, radius, facing=F
     ValueError
         If arrays do not fit together.
     """
-    return _search(False, tree, x_facets, kinds, ids, points, normals, radius, facing)
+    return _search(False, tree, x_facets, kinds, ids, points, normals, radius, facing, own)
 
 
-def ray_tracing(tree, x_facets, kinds, ids, points, normals, radius, facing=FACING):
+def ray_tracing(tree, x_facets, kinds, ids, points, normals, radius, facing=FACING, own=None):
     """Partners along the source normal: y = x + g nX, smallest abs(g) <= radius, n = nX.
 
     Only facets with nX . nY <= -facing count. Parameters and result as in `closest_points`; `distance` is abs(g).
     """
-    return _search(True, tree, x_facets, kinds, ids, points, normals, radius, facing)
+    return _search(True, tree, x_facets, kinds, ids, points, normals, radius, facing, own)
 
 
 def better(a, b):
     """Merge what two searches over different facets found for the same points; the rule of the module's head.
 
-    A projection to an edge or corner whose facets lie in both searches had its side and its facing decided by each
-    from its own facets alone; no mean normal can be formed here, and the rule for ties chooses one of them.
+    A projection to an edge or corner is decided from the facets that share it. Where these are spread over searches
+    that did not know them as neighbours (`own` of `closest_points`), each decided from its part of them: no mean
+    normal can be formed here, and the rule for ties chooses one of the results.
 
     Parameters
     ----------
@@ -156,7 +163,7 @@ def better(a, b):
     return Partners(*merged)._replace(candidates=a.candidates + b.candidates)
 
 
-def _search(rays, tree, x_facets, kinds, ids, points, normals, radius, facing):
+def _search(rays, tree, x_facets, kinds, ids, points, normals, radius, facing, own):
     """Check and convert the arguments (one compiled specialisation serves all), run the kernel."""
     points, normals, x_facets = (_floats(array) for array in (points, normals, x_facets))
     kinds, ids = (np.require(array, np.int64, ["C", "W"]) for array in (kinds, ids))
@@ -172,7 +179,8 @@ def _search(rays, tree, x_facets, kinds, ids, points, normals, radius, facing):
     if kinds.size and len(points):
         simple = np.empty_like(kinds)
         simplest_kinds(x_facets, kinds, simple)
-        search_all(rays, tree, x_facets, simple, ids, points, normals, radii, float(facing), partners)
+        own = np.ones(kinds.size, dtype=np.bool_) if own is None else np.require(own, np.bool_, ["C", "W"])
+        search_all(rays, tree, x_facets, simple, ids, own, points, normals, radii, float(facing), partners)
     return partners
 
 

@@ -31,7 +31,7 @@ DISTANCE, GAP, U, V, R, NY, N, INTERIOR, ANGLE, SIZE, SLACK, COLUMNS = 0, 1, 2, 
 
 
 @njit_exact
-def search_all(rays, tree, x_facets, kinds, ids, points, normals, radii, facing, partners):
+def search_all(rays, tree, x_facets, kinds, ids, own, points, normals, radii, facing, partners):
     """Write the partners of all points.
 
     Parameters are those of `projection.closest_points`, with `kinds` simplified (`facet_maps.simplest_kinds`), `radii`
@@ -40,7 +40,7 @@ def search_all(rays, tree, x_facets, kinds, ids, points, normals, radii, facing,
     n_nodes, nf, d = tree.child.size, kinds.size, points.shape[1]
     # heap items: nodes, then facets in the order of the leaves, then rows of `found`
     keys, items = np.empty(n_nodes + 2 * nf), np.empty(n_nodes + 2 * nf, dtype=np.int64)
-    found, facets, group = np.zeros((nf, COLUMNS)), np.empty(nf, dtype=np.int64), np.empty(nf, dtype=np.int64)
+    found, leaves, group = np.zeros((nf, COLUMNS)), np.empty(nf, dtype=np.int64), np.empty(nf, dtype=np.int64)
     nodes, shapes, jet, grid = np.zeros((9, 3)), np.zeros((6, 9)), np.zeros((6, 3)), np.empty((GRID, GRID))
     x, n, p = np.zeros(3), np.zeros(3), np.zeros(3)
     for q in range(points.shape[0]):
@@ -54,9 +54,24 @@ def search_all(rays, tree, x_facets, kinds, ids, points, normals, radii, facing,
         while n_queue > 0 or n_group > 0:
             key, item = (keys[0], items[0]) if n_queue > 0 else (np.inf, -1)
             if n_group > 0 and not key <= limit:
-                winner = _decide(rays, found, facets, ids, group, n_group, n, facing)
+                _sort(group, n_group, leaves, tree.order, ids)
+                if not rays:
+                    for i in range(n_group):
+                        _set_normal(found, group, n_group, found[group[i]])
+                winner, ended = -1, False
+                for i in range(n_group):
+                    slot = group[i]
+                    row = found[slot]
+                    if n[0] * row[N] + n[1] * row[N + 1] + n[2] * row[N + 2] < facing or _is_passed_by(
+                        found, leaves, slot, n_found, tree, x_facets, kinds, x, p, nodes, shapes, jet, grid
+                    ):
+                        continue
+                    ended = True
+                    if own[tree.order[leaves[slot]]] and (winner < 0 or row[INTERIOR] > found[winner, INTERIOR]):
+                        winner = slot
                 if winner >= 0:
-                    _write(partners, q, x, found[winner], facets[winner], ids)
+                    _write(partners, q, x, found[winner], tree.order[leaves[winner]], ids)
+                if ended:
                     break
                 n_group = 0
                 continue
@@ -74,7 +89,7 @@ def search_all(rays, tree, x_facets, kinds, ids, points, normals, radii, facing,
                 row[SIZE], row[SLACK] = np.sqrt(size2), rounding
                 _solve(rays, kinds[facet], nodes, p, n, facing, shapes, jet, grid, row)
                 if row[DISTANCE] <= radius and row[DISTANCE] < np.inf:
-                    facets[n_found] = facet
+                    leaves[n_found] = item - n_nodes
                     n_queue = _push(keys, items, n_queue, row[DISTANCE], n_nodes + nf + n_found)
                     n_found += 1
             else:
@@ -153,20 +168,18 @@ def _bound(rays, lower, upper, row, x, n, facing, rounding):
     """Lower bound of the distance of any accepted partner inside a box; inf: there is none."""
     if rays:
         return _ray_bound(lower, upper, row, x, n, rounding)
-    distance2, centre2, along, half2 = 0.0, 0.0, 0.0, 0.0
+    distance2, along, reach, size = 0.0, 0.0, 0.0, 0.0
     for k in range(lower.shape[1]):
         low, high = lower[row, k] - x[k], upper[row, k] - x[k]
-        out = max(low, -high, 0.0)
-        middle, half = 0.5 * (low + high), 0.5 * (high - low)
-        distance2, half2 = distance2 + out * out, half2 + half * half
-        centre2, along = centre2 + middle * middle, along + middle * n[k]
-    if distance2 > 0.0 and facing > 0.0:
-        # the contact normal is along the offset, and may not leave the double cone about nX: a ball about the box
-        # that lies outside the cone holds no partner
-        half = np.sqrt(half2) * (1.0 + 1e-6) + 4.0 * rounding
-        if abs(along) + half < facing * (np.sqrt(centre2) - half):
-            return np.inf
-    return np.sqrt(distance2) * (1.0 - 1e-14)
+        out, half = max(low, -high, 0.0), 0.5 * (high - low)
+        distance2, size = distance2 + out * out, size + half
+        along, reach = along + 0.5 * (low + high) * n[k], reach + half * abs(n[k])
+    # the contact normal is along the offset, and must stay in the double cone about nX (but for offsets too small to
+    # have a direction): a box outside the cone holds no partner, nor a neighbour that shares a partner's point
+    distance = np.sqrt(distance2)
+    if facing > 0.0 and abs(along) + reach < facing * (distance - 1e-8 * size - 4.0 * rounding):
+        return np.inf
+    return distance * (1.0 - 1e-14)
 
 
 @njit_exact
@@ -249,24 +262,46 @@ def _corner_angle(kind, u, v, jet):
 
 
 @njit_exact
-def _decide(rays, found, facets, ids, group, count, n, facing):
-    """Give the facets of a group their contact normals; return the row of the winner, -1 if none is accepted."""
-    # by id: sums over the group must not depend on the order of the facets
+def _sort(group, count, leaves, order, ids):
+    """Sort a group by global number: sums over it and its winner must not depend on the order of the facets."""
     for i in range(1, count):
         slot, j = group[i], i
-        while j > 0 and ids[facets[group[j - 1]]] > ids[facets[slot]]:
+        while j > 0 and ids[order[leaves[group[j - 1]]]] > ids[order[leaves[slot]]]:
             group[j] = group[j - 1]
             j -= 1
         group[j] = slot
-    winner, winner_interior = -1, 0.0
-    for i in range(count):
-        row = found[group[i]]
-        if not rays:
-            _set_normal(found, group, count, row)
-        cosine = n[0] * row[N] + n[1] * row[N + 1] + n[2] * row[N + 2]
-        if cosine >= facing and (winner < 0 or row[INTERIOR] > winner_interior):
-            winner, winner_interior = group[i], row[INTERIOR]
-    return winner
+
+
+@njit_exact
+def _is_passed_by(found, leaves, slot, count, tree, x_facets, kinds, x, p, nodes, shapes, jet, grid):
+    """Whether a projection held at an edge goes on to a nearer point of a neighbour, and is none of the surface's.
+
+    The neighbour has been solved: it is nearer. It counts even if the facing rule rejected it: a point beside a box,
+    its nearest side rejected, must not be taken for one that has gone through the top.
+    """
+    row = found[slot]
+    if row[INTERIOR] > 0.0 or row[DISTANCE] <= TOUCH * row[SIZE] + row[SLACK]:
+        return False
+    d, slack = x_facets.shape[2], SAME_POINT * row[SIZE] + row[SLACK]
+    nearer = row[DISTANCE] * (1.0 - 1e-14) - TIE * row[SIZE] - row[SLACK]
+    for other in range(count):
+        if not found[other, DISTANCE] < nearer:
+            continue
+        leaf, away = leaves[other], 0.0
+        for k in range(d):
+            y = x[k] + row[R + k]
+            away = max(away, tree.facet_lower[leaf, k] - y, y - tree.facet_upper[leaf, k])
+        if away > slack:
+            continue
+        facet = tree.order[leaf]
+        load_nodes(x_facets, facet, kinds[facet], nodes)
+        for k in range(d):
+            p[k] = (x[k] - x_facets[facet, 0, k]) + row[R + k]
+        u, v = closest_on_facet(kinds[facet], nodes, p, shapes, jet, grid)
+        fill_jet(kinds[facet], u, v, nodes, 1, shapes, jet)
+        if (jet[0, 0] - p[0]) ** 2 + (jet[0, 1] - p[1]) ** 2 + (jet[0, 2] - p[2]) ** 2 <= slack * slack:
+            return True
+    return False
 
 
 @njit_exact

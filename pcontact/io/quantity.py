@@ -74,14 +74,21 @@ class Quantity:
         ndarray (nt, 3)
         """
         values = self.values[part]
-        return values[triangles.nodes] if self.at == "point" else np.repeat(values[triangles.owner][:, None], 3, axis=1)
+        return (
+            values[triangles.nodes]
+            if self.at == "point"
+            else np.repeat(values[triangles.owner][:, None], 3, axis=1)
+        )
 
 
 def _arrays(result):
     """All arrays: (place, at) -> name -> part -> ndarray, those of the bodies first."""
     places = {("bodies", "cell"): {}, ("bodies", "point"): {}, ("surfaces", "cell"): {}, ("surfaces", "point"): {},
               ("points", "point"): {}}  # fmt: skip
-    pieces = [("bodies", "", result.bodies), *(("surfaces", name, piece) for name, piece in result.surfaces.items())]
+    pieces = [
+        ("bodies", "", result.bodies),
+        *(("surfaces", name, piece) for name, piece in result.surfaces.items()),
+    ]
     for place, part, piece in pieces:
         for name, blocks in piece.cell_data.items():
             if blocks:
@@ -143,7 +150,9 @@ def find(result, name=None):
     """
     names = available(result)
     if name is None:
-        pressure = [np.concatenate(p.cell_data.get("contact_pressure", [[0.0]])) for p in result.surfaces.values()]
+        pressure = [
+            np.concatenate(p.cell_data.get("contact_pressure", [[0.0]])) for p in result.surfaces.values()
+        ]
         touching = any(np.any(values > 0) for values in pressure)
         wanted = ["contact_pressure"] * touching + ["equivalent_stress", "displacement", *names]
         name = next((field for field in wanted if field in names), None)

@@ -74,8 +74,14 @@ def _triangle_table(cell, degree):
         quads = [(0, 1, 2, 3)] if degree == 1 else [(0, 4, 8, 7), (4, 1, 5, 8), (8, 5, 2, 6), (7, 8, 6, 3)]
         table = np.array(quads)[:, _QUAD].reshape(-1, 3)
     ends, middle = edge_nodes(cell), CELLS[cell].n_vertices
-    lines = [{a, b} for a, b in ends] if degree == 1 else [{e, middle + i} for i, ab in enumerate(ends) for e in ab]
-    return table, np.array([[{row[k], row[(k + 1) % 3]} in lines for k in range(3)] for row in table.tolist()])
+    lines = (
+        [{a, b} for a, b in ends]
+        if degree == 1
+        else [{e, middle + i} for i, ab in enumerate(ends) for e in ab]
+    )
+    return table, np.array(
+        [[{row[k], row[(k + 1) % 3]} in lines for k in range(3)] for row in table.tolist()]
+    )
 
 
 def _tetrahedron_table(cell, degree):
@@ -87,12 +93,18 @@ def _tetrahedron_table(cell, degree):
     elif degree == 1:
         table = _HEXAHEDRON
     else:
-        nodes = {tuple(node): i for i, node in enumerate(np.rint(reference_nodes(cell, 2)).astype(int).tolist())}
+        nodes = {
+            tuple(node): i for i, node in enumerate(np.rint(reference_nodes(cell, 2)).astype(int).tolist())
+        }
         corners = np.rint((reference_nodes(cell, 1) + 1) / 2).astype(int)
-        eighths = [[nodes[tuple(corner)] for corner in corners + first] for first in product((-1, 0), repeat=3)]
+        eighths = [
+            [nodes[tuple(corner)] for corner in corners + first] for first in product((-1, 0), repeat=3)
+        ]
         table = np.array(eighths)[:, _HEXAHEDRON].reshape(-1, 4)
     facets = [set(facet) for facet in facet_nodes(cell, degree).tolist()]
-    return table, np.array([[any(set(row[_OTHERS[k]]) <= facet for facet in facets) for k in range(4)] for row in table])
+    return table, np.array(
+        [[any(set(row[_OTHERS[k]]) <= facet for facet in facets) for k in range(4)] for row in table]
+    )
 
 
 TRIANGLES = {(c, p): _triangle_table(c, p) for c in ("triangle", "quadrilateral") for p in (1, 2)}
@@ -147,7 +159,8 @@ def surface(piece):
     Triangles
     """
     return _joined(
-        _split(cell, degree, nodes, first + np.arange(len(nodes))) for cell, degree, first, nodes in _blocks(piece, 2)
+        _split(cell, degree, nodes, first + np.arange(len(nodes)))
+        for cell, degree, first, nodes in _blocks(piece, 2)
     )
 
 
@@ -221,7 +234,7 @@ def section(piece, distance):
     """
     ends, parts = [], []
     for cell, degree, first, nodes in _blocks(piece, 3):
-        cut = np.flatnonzero(np.ptp(distance[nodes] > 0, axis=1))
+        cut = np.flatnonzero(np.ptp((distance[nodes] > 0).astype(np.int8), axis=1))
         table, faces = TETRAHEDRA[cell, degree]
         tets = nodes[cut][:, table].reshape(-1, 4)
         owner, faces = np.repeat(first + cut, len(table)), np.tile(faces, (len(cut), 1))

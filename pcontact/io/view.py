@@ -188,7 +188,11 @@ def cut_open(patch, positions):
     slack = 0.15 * (last - first) + 0.01 * (high - low)
     at_low, at_high = first - low < slack, high - last < slack
     halves = [axis for axis in axes if at_low[axis] != at_high[axis]]
-    axis = halves[0] if halves else max(axes, key=lambda k: (round(np.log10(max(last[k] - first[k], 1e-30)), 1), k))
+    axis = (
+        halves[0]
+        if halves
+        else max(axes, key=lambda k: (round(np.log10(max(last[k] - first[k], 1e-30)), 1), k))
+    )
     sign = (1.0 if at_high[axis] else -1.0) if halves else (-1.0 if axis == 1 and up == 2 else 1.0)
     normal = sign * _AXES[axis]
     middle = (first[axis] + last[axis]) / 2

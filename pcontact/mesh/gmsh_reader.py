@@ -114,7 +114,7 @@ def _header(path):
 
 @contextmanager
 def _model(path):
-    """The file as gmsh's current model; whatever the caller does with gmsh himself is left as it was."""
+    """The file as gmsh's current model; what the caller has open in gmsh is left as it was."""
     was_running = gmsh.isInitialized()
     if not was_running:
         gmsh.initialize(readConfigFiles=False, interruptible=False)

@@ -1,7 +1,7 @@
 """The one reader of the options database: the command line wins over the scene, which wins over defaults."""
 
 from pcontact.runtime.errors import InputError
-from pcontact.runtime.petsc import PETSc
+from pcontact.runtime.petsc import PETSc, option_used
 
 
 class Options:
@@ -75,7 +75,8 @@ class Options:
             if self._db.hasName(name):
                 kept_out[name] = self._db.getString(name, "")
             else:
-                self._db.setValue(name, "" if value is None else value)
+                # a flag without value is true for PETSc, and the only way to ask for a monitor
+                self._db.setValue(name, "" if value in (None, True, "true") else value)
                 applied[name] = value
         return applied, kept_out
 
@@ -83,3 +84,18 @@ class Options:
         """Take options back out of the database."""
         for name in names:
             self._db.delValue(name)
+
+    def unused(self, ours=()):
+        """Options that the user gave and nothing asked for.
+
+        Parameters
+        ----------
+        ours : sequence of str
+            Names that the command line parser has dealt with.
+
+        Returns
+        -------
+        list of str
+        """
+        names = [name.lstrip("-") for name in self._db.getAll()]
+        return [name for name in names if name not in ours and not option_used("-" + name)]

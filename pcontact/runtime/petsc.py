@@ -118,3 +118,10 @@ class local_values:  # noqa: N801
 def set_section(dm, section):
     """Attach a local section to a DM (``setLocalSection`` since 3.19)."""
     (dm.setLocalSection if hasattr(dm, "setLocalSection") else dm.setSection)(section)
+
+
+def option_used(name):
+    """Whether anything asked the options database for an option."""
+    used = ctypes.c_int(0)
+    _check(_lib.PetscOptionsUsed(None, name.encode(), ctypes.byref(used)), "PetscOptionsUsed")
+    return bool(used.value)

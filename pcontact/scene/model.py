@@ -119,6 +119,8 @@ class Contact:
         Coulomb coefficient; None or 0 is frictionless.
     tresca : float or None
         Instead of `friction`: a fixed bound of the tangential traction [stress].
+    bilateral : bool
+        No separation: the gap stays closed, in tension too.
     unbiased : bool
         Both sides are source and target.
     formulation : str or None
@@ -148,6 +150,7 @@ class Contact:
     name: str | None = None
     friction: float | None = None
     tresca: float | None = None
+    bilateral: bool = False
     unbiased: bool = False
     formulation: str | None = None
     theta: float | None = None

@@ -233,6 +233,7 @@ RULES: dict[type, dict[str, Rule]] = {
         "name": TEXT,
         "friction": optional(NON_NEGATIVE),
         "tresca": optional(NON_NEGATIVE),
+        "bilateral": BOOLEAN,
         "unbiased": BOOLEAN,
         "formulation": optional(choice("nitsche", "penalty", "augmented_lagrangian")),
         "theta": optional(THETA),

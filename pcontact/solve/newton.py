@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pcontact.runtime.errors import InputError
 from pcontact.runtime.petsc import PETSc, line_search_name
 from pcontact.solve.linear import solver_defaults
 
@@ -79,7 +80,11 @@ class Newton:
         self.snes.setConvergenceTest(self._test)
         self.snes.setLineSearchPreCheck(self._keep_supports)
         problem.matrix.matrix.setNearNullSpace(near_null_space)
-        self.snes.setFromOptions()
+        try:
+            self.snes.setFromOptions()
+        except PETSc.Error as error:
+            what = str(error).strip().splitlines()[-1]
+            raise InputError(f"PETSc options: {what}; allowed: see -help") from error
         self._floor = 0.0
         self.norms = []
 

@@ -1,0 +1,206 @@
+"""The command line: ``pcontact run | check | view``."""
+
+import difflib
+import sys
+import traceback
+from pathlib import Path
+
+import numpy as np
+
+from pcontact import __version__
+from pcontact.io.picture import picture
+from pcontact.runtime import log
+from pcontact.runtime.errors import InputError
+from pcontact.runtime.parallel import on_root
+from pcontact.runtime.petsc import MPI
+from pcontact.scene import describe, read_scene
+from pcontact.simulation import Simulation
+
+USAGE = """\
+pcontact {version}: contact between elastic bodies with Nitsche's method, in parallel on PETSc
+
+  pcontact run SCENE.toml [-o DIR] [options]       solve; results in DIR (default: the scene's name)
+  pcontact check SCENE.toml [options]              read scene and mesh, solve nothing, say what is modelled
+  pcontact view DIR [-field NAME] [-o FILE.png]    a picture of the deformed bodies
+                    [-step N] [-scale X]
+  mpirun -n 4 pcontact run SCENE.toml ...          the same on four ranks
+
+Options (they win over the scene; the scene's [petsc] table wins over the program's defaults):
+  -contact_theta 1|0|-1                            variant of Nitsche's method, all pairs
+  -contact_gamma0 X                                dimensionless Nitsche parameter, all pairs
+  -contact_quadrature N                            degree of the quadrature on source facets
+  -contact_search closest_point|ray_tracing        how a source point finds its partner
+  -contact_formulation nitsche                     formulation, all pairs
+  -mesh_order 1|2                                  degree of the displacement
+  -steps_count N, -steps_min X                     load steps to start with, smallest load step
+  -output_fields true|false                        fields of every step
+  -partition_weight X                              work of a contact facet in units of a cell's, in the partition
+  -snes_monitor, -snes_rtol X, -snes_linesearch_type bt|cp|basic|l2, -ksp_type, -pc_type gamg|hypre|ml|lu, ...
+                                                   any option of PETSc; -help with a scene lists them
+Exit status: 0 all steps converged, 1 a step did not converge, 2 the input is wrong.
+"""
+OURS = ("o", "help", "h", "field", "step", "scale")
+
+
+def parse(arguments):
+    """Command, its operand and our own options from the command line.
+
+    Parameters
+    ----------
+    arguments : list of str
+
+    Returns
+    -------
+    command : str
+    operand : str or None
+    options : dict of str to str
+
+    Raises
+    ------
+    InputError
+    """
+    if not arguments or arguments[0] in ("-h", "--help", "-help"):
+        return "help", None, {}
+    command, rest = arguments[0], list(arguments[1:])
+    if command not in ("run", "check", "view"):
+        near = difflib.get_close_matches(command, ["run", "check", "view"], 1)
+        hint = f"; the nearest is {near[0]!r}" if near else ""
+        raise InputError(f"command line: found {command!r}, allowed: run, check, view{hint}")
+    options, operand = {}, None
+    while rest:
+        word = rest.pop(0)
+        if word.startswith("-") and not _number(word):
+            value = rest.pop(0) if rest and (not rest[0].startswith("-") or _number(rest[0])) else ""
+            options[word.lstrip("-")] = value
+        elif operand is None:
+            operand = word
+        else:
+            raise InputError(f"command line: found a second operand {word!r}, allowed: pcontact {command} ONE [options]")
+    if operand is None and not {"h", "help"} & set(options):
+        what = "a directory" if command == "view" else "a scene file"
+        raise InputError(f"command line: pcontact {command}: found no operand, allowed: {what}")
+    return ("help" if operand is None else command), operand, options
+
+
+def _number(word):
+    try:
+        float(word)
+    except ValueError:
+        return False
+    return True
+
+
+def run_scene(scene, directory, observers=()):
+    """Build and run a scene. *Collective.*
+
+    Parameters
+    ----------
+    scene : pcontact.scene.model.Scene
+    directory : str, pathlib.Path or None
+        None: nothing is written.
+    observers : sequence
+        Further observers.
+
+    Returns
+    -------
+    Simulation, bool
+        The simulation, and whether all steps converged.
+
+    Raises
+    ------
+    InputError
+    """
+    simulation = Simulation(scene)
+    converged = simulation.run(directory, observers)
+    for name in simulation.options.unused(OURS):
+        near = difflib.get_close_matches(name, simulation.options.known, 1)
+        log.warning("option -%s was not used%s", name, f"; the nearest is -{near[0]}" if near else "")
+    return simulation, converged
+
+
+def check_scene(scene):
+    """Print what a scene models, its sizes, what nothing holds. *Collective.*"""
+    simulation = Simulation(scene)
+    space, mesh, comm = simulation.problem.space, simulation.mesh, simulation.comm
+    active, left_out = describe(simulation.scene, mesh.dim)
+    log.info("%s", simulation.scene.title or "untitled")
+    log.info("modelled: %s", "\n          ".join(active))
+    log.info("left out: %s", ", ".join(left_out))
+    cells = np.array([comm.allreduce(len(b.nodes)) for b in mesh.blocks])
+    for k, body in enumerate(simulation.scene.bodies):
+        count = sum(int(n) for n, b in zip(cells, mesh.blocks, strict=True) if b.body == k)
+        kinds = sorted({b.cell for n, b in zip(cells, mesh.blocks, strict=True) if b.body == k and n})
+        log.info("body %s: %d cells (%s), material %s", body.region, count, ", ".join(kinds), body.material)
+    log.info("%d unknowns, degree %d, %s geometry, %d connected bodies", space.n_dofs, space.degree,
+             "curved" if mesh.curved else "straight", mesh.n_components)  # fmt: skip
+    for item in simulation.problem.items[1:]:
+        facets, points = comm.allreduce(len(item.source.cells)), comm.allreduce(len(item.source.facet))
+        low = comm.allreduce(float(np.min(item.gamma, initial=np.inf)), op=MPI.MIN)
+        high = comm.allreduce(float(np.max(item.gamma, initial=0.0)), op=MPI.MAX)
+        log.info(
+            "contact %s: %d source facets, %d quadrature points, theta %g, gamma0 %g, gamma %.4g to %.4g [stress/length], "
+            "search radius %.4g", item.name, facets, points, item.theta, item.gamma0, low, high, item.radius,
+        )  # fmt: skip
+    held = [name for k, name in enumerate(mesh.component_names) if k not in simulation.floating]
+    log.info("held by supports: %s", ", ".join(held) or "no body")
+
+
+def _execute(command, operand, options):
+    if command == "help":
+        if MPI.COMM_WORLD.rank == 0:
+            sys.stdout.write(USAGE.format(version=__version__))
+        return 0
+    comm = MPI.COMM_WORLD
+    if command == "view":
+        on_root(comm, _view, operand, options)
+        return 0
+    scene = read_scene(operand)
+    if command == "check":
+        check_scene(scene)
+        return 0
+    _, converged = run_scene(scene, options.get("o") or Path(operand).stem + "_results")
+    return 0 if converged else 1
+
+
+def _view(directory, options):
+    step = int(options.get("step", -1))
+    scale = float(options["scale"]) if options.get("scale") else None
+    path = picture(directory, options.get("field"), options.get("o"), step=step, scale=scale)
+    log.info("wrote %s", path)
+
+
+def guarded(function, *args):
+    """Run a program: input errors end with one line and status 2 on every rank, anything else stops every rank.
+
+    Parameters
+    ----------
+    function : callable
+        Returns the exit status.
+
+    Returns
+    -------
+    int
+    """
+    comm = MPI.COMM_WORLD
+    log.setup(comm.rank)
+    try:
+        return function(*args)
+    except InputError as error:
+        log.error_line(error)
+        return 2
+    except SystemExit:
+        raise
+    except BaseException:
+        traceback.print_exc()
+        sys.stderr.flush()
+        if comm.size > 1:
+            comm.Abort(1)
+        return 1
+
+
+def main(arguments=None):
+    """Entry point of ``pcontact``."""
+    arguments = sys.argv[1:] if arguments is None else arguments
+    status = guarded(lambda: _execute(*parse(arguments)))
+    sys.stdout.flush()
+    sys.exit(status)
