@@ -34,9 +34,11 @@ def override(scene, options):
     -------
     Scene
         Valid, with the numerics of all contacts resolved, and nothing in it that is not modelled.
+    list of str
+        Options that the scene entered.
     """
     validate(scene)
-    options.propose(scene.petsc)
+    from_scene, _ = options.propose(scene.petsc)
     get = options.get
     scene.mesh.order = get("mesh_order", scene.mesh.order, int, (1, 2), "degree of the displacement")
     scene.steps.count = get("steps_count", scene.steps.count, int, text="equal load steps to start with")
@@ -53,7 +55,7 @@ def override(scene, options):
     validate(scene)
     scene = resolve_contacts(scene, {key: value for key, value in said.items() if value is not None})
     require_supported(scene)
-    return scene
+    return scene, list(from_scene)
 
 
 def read(scene, comm, options):

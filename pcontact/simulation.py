@@ -41,7 +41,7 @@ class Simulation:
         self.start = clock.perf_counter()
         self.timing = {"search": 0.0, "solve": 0.0, "output": 0.0}
         self.comm, self.options = comm, Options()
-        self.scene = build.override(scene, self.options)
+        self.scene, self.from_scene = build.override(scene, self.options)
         self.mesh = build.read(self.scene, comm, self.options)
         self.problem, colours, self.floating = build.assemble(self.scene, self.mesh)
         symmetric = all(c.theta == 1.0 for c in self.scene.contacts)
@@ -84,6 +84,10 @@ class Simulation:
         for observer in watch:
             observer.end(converged)
         return converged
+
+    def close(self):
+        """Take this run's solver defaults back out of the options database, so that another scene can propose its own."""
+        self.options.withdraw([*self.newton.applied, *self.from_scene])
 
     def _head(self):
         active, left_out = describe(self.scene, self.mesh.dim)

@@ -41,6 +41,8 @@ class Layer:
         Sides that are edges of the mesh.
     body : ndarray of int64 (nt,)
         The body each belongs to, for its grey and its outline.
+    lit : ndarray of bool (nt,)
+        Is it shaded by its slope. A section is not: its colours are those of the colour bar.
     """
 
     corners: np.ndarray
@@ -48,6 +50,7 @@ class Layer:
     beyond: np.ndarray | None
     edges: np.ndarray
     body: np.ndarray
+    lit: np.ndarray
 
     def visible(self):
         """Corners of the triangles that are not cut away altogether.
@@ -94,7 +97,8 @@ def body_layer(piece, positions, values, plane=None):
         shown = values(triangles, cut) if values else np.full(triangles.nodes.shape, np.nan)
         owner = body[triangles.owner] if len(body) else np.zeros(len(triangles.owner), dtype=np.int64)
         beyond = None if beyond is None else beyond[triangles.nodes]
-        layers.append(Layer(points[triangles.nodes], shown, beyond, triangles.edges, owner))
+        lit = np.full(len(owner), cut is None)
+        layers.append(Layer(points[triangles.nodes], shown, beyond, triangles.edges, owner, lit))
     return stack(layers)
 
 
@@ -114,7 +118,7 @@ def stack(layers):
     return Layer(
         *(np.concatenate([getattr(layer, name) for layer in layers]) for name in ("corners", "values")),
         None if uncut else np.concatenate(beyond),
-        *(np.concatenate([getattr(layer, name) for layer in layers]) for name in ("edges", "body")),
+        *(np.concatenate([getattr(layer, name) for layer in layers]) for name in ("edges", "body", "lit")),
     )
 
 
@@ -204,7 +208,7 @@ def colour_scale(quantity, colormaps):
     if low >= 0 and low < 0.5 * high:
         low = 0.0
     high = high if high > low else low + max(abs(low), 1.0) * 1e-3
-    return ColourScale(colormaps[_COLOURS.get(quantity.name, "viridis")], Normalize(low, high), extend, [])
+    return ColourScale(colormaps[_COLOURS.get(quantity.name, "Spectral_r")], Normalize(low, high), extend, [])
 
 
 def fit(points, camera, shape, margin=0.05):
@@ -276,7 +280,8 @@ def _colours(layer, camera, window, shape, scale):
     rgb = GREYS[layer.body[number] % len(GREYS)]
     known = np.isfinite(value)
     rgb[known] = scale.rgb(value[known])
-    rgb *= raster.shading(corners)[number, None].astype(np.float32)
+    light = np.where(layer.lit, raster.shading(corners), 1.0).astype(np.float32)
+    rgb *= light[number, None]
     # lines about a pixel wide; fainter where cells are only a few pixels large, lest they cover the colours
     pixel = (window[1] - window[0]) / shape[1]
     sides = (

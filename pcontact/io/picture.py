@@ -19,7 +19,8 @@ _STYLE = {"font.family": "DejaVu Sans", "font.size": 9, "axes.linewidth": 0.6, "
           "axes.edgecolor": "#5b6773", "axes.labelcolor": "#5b6773", "xtick.color": "#5b6773",
           "ytick.color": "#5b6773", "xtick.major.width": 0.6, "ytick.major.width": 0.6}  # fmt: skip
 _WHOLE, _LEFT = (0.02, 0.03, 0.85, 0.84), (0.02, 0.03, 0.51, 0.84)
-_RIGHT, _BAR = (0.585, 0.16, 0.275, 0.66), (0.895, 0.16, 0.016, 0.66)
+_RIGHT, _BAR = (0.60, 0.27, 0.265, 0.424), (0.895, 0.27, 0.016, 0.424)
+_NONE_IF_OPEN = ("contact_pressure", "status")
 
 
 def picture(directory, field=None, output=None, step=-1, scale=None, size=(1600, 1000), cut=None):
@@ -88,7 +89,8 @@ class _Composition:
         cut = self.solid and self.patch is not None and (on_bodies if cut is None else cut)
         camera, plane = raster.Camera(np.eye(3)), None
         if cut:
-            *plane, camera = view.cut_open(self.patch, self.positions)
+            normal, offset, camera = view.cut_open(self.patch, self.positions)
+            plane = None if offset is None else (normal, offset)
         elif self.solid:
             camera = view.overview(self.patch)
         bodies = paint.body_layer(
@@ -107,7 +109,7 @@ class _Composition:
             self._triad(camera)
         else:
             _ticks(axes, "x", "y")
-        self._titles(cut and np.isfinite(plane[1]))
+        self._titles(plane is not None)
         self._colour_bar()
 
     def _body_values(self, triangles, cut):
@@ -116,22 +118,26 @@ class _Composition:
             return self.quantity.corners("", triangles)
         return cut.interpolate(self.quantity.values[""])[triangles.nodes]
 
-    def _surface_layer(self, names, plane=None):
-        """The facets of some contact pairs."""
+    def _surface_layer(self, names, plane=None, alone=False):
+        """The facets of some contact pairs; alone they are not shaded, and those without pressure grey.
+
+        Between the bodies these are left out: an open facet is part of the skin, not of what it hides.
+        """
         layers = []
         for name in names:
-            triangles = skin.surface(self.result.surfaces[name])
-            points = self.surfaces[name]
+            triangles, points = skin.surface(self.result.surfaces[name]), self.surfaces[name]
+            values = self.quantity.corners(name, triangles)
+            idle = (values <= 0).all(axis=1) & (self.quantity.name in _NONE_IF_OPEN)
+            if alone:
+                values[idle & (not self.quantity.whole)] = np.nan
+            else:
+                keep = ~idle
+                triangles = skin.Triangles(triangles.nodes[keep], triangles.owner[keep], triangles.edges[keep])
+                values = values[keep]
             beyond = None if plane is None else (points @ plane[0] - plane[1])[triangles.nodes]
-            layers.append(
-                paint.Layer(
-                    points[triangles.nodes],
-                    self.quantity.corners(name, triangles),
-                    beyond,
-                    triangles.edges,
-                    np.zeros(len(triangles.owner), dtype=np.int64),
-                )  # fmt: skip
-            )
+            body = np.zeros(len(triangles.owner), dtype=np.int64)
+            lit = np.full(len(body), not alone)
+            layers.append(paint.Layer(points[triangles.nodes], values, beyond, triangles.edges, body, lit))
         return paint.stack(layers)
 
     def _detail(self, axes, camera):
@@ -153,7 +159,7 @@ class _Composition:
     def _surface_alone(self, panel):
         """A solid's contact surface seen along its mean normal, the patch filling the panel."""
         name = self._leading()
-        layer = self._surface_layer([name])
+        layer = self._surface_layer([name], alone=True)
         surfaces = {name: self.result.surfaces[name]}
         patch = view.contact_patch(surfaces, self.surfaces)
         camera = view.from_above(patch, patch.points)
@@ -262,7 +268,7 @@ class _Composition:
             0.03, 0.945, (self.quantity.label + kind).capitalize(), fontsize=14, weight="bold", va="center"
         )
         enlarged = "true to scale" if self.factor == 1 else f"displacements × {self.factor:g}"
-        notes = [f"time {self.result.time:g}", enlarged] + ["cut open at the contact"] * bool(cut)
+        notes = [f"time {self.result.time:g}", enlarged] + ["cut open at the contact"] * cut
         self.figure.text(0.03, 0.905, "  ·  ".join(notes), fontsize=9, color="#5b6773", va="center")
 
     def _is_magnitude(self):
@@ -285,7 +291,7 @@ class _Composition:
         values = self.quantity.all_values
         if len(values):
             ends = f"max {values.max():.4g}\nmin {values.min():.4g}"
-            self.figure.text(_BAR[0], 0.10, ends, fontsize=8, color="#5b6773", va="center", linespacing=1.5)
+            self.figure.text(_BAR[0], 0.205, ends, fontsize=8, color="#5b6773", va="center", linespacing=1.5)
 
 
 def _ticks(axes, across, upward):

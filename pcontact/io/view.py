@@ -161,9 +161,9 @@ def from_above(patch, positions):
 def cut_open(patch, positions):
     """The plane through the middle of the contact patch that shows most of it, and the view upon it.
 
-    The plane contains the direction in which the bodies are pressed together and cuts the patch across its length. A
-    patch that reaches the outer face of the bodies on one side only belongs to a model of one half or one quarter: that
-    face is the section, and nothing is cut away.
+    The plane contains the direction in which the bodies are pressed together and cuts the patch across its length.
+    A patch that reaches the outer face of the bodies on one side only belongs to a model of one half or one quarter:
+    that face is the section, and nothing is cut away.
 
     Parameters
     ----------
@@ -175,8 +175,8 @@ def cut_open(patch, positions):
     -------
     normal : ndarray (3,)
         From the plane toward the viewer.
-    offset : float
-        Position of the plane along it.
+    offset : float or None
+        Position of the plane along it; None: nothing is to be cut away.
     camera : Camera
     """
     up = up_axis(patch)
@@ -195,7 +195,6 @@ def cut_open(patch, positions):
     )
     sign = (1.0 if at_high[axis] else -1.0) if halves else (-1.0 if axis == 1 and up == 2 else 1.0)
     normal = sign * _AXES[axis]
-    middle = (first[axis] + last[axis]) / 2
-    offset = sign * (high[axis] if sign > 0 else low[axis]) + 1.0 if halves else sign * middle
+    offset = None if halves else sign * (first[axis] + last[axis]) / 2
     side = np.cross(_AXES[up], normal)
     return normal, offset, raster.look(normal + 0.35 * side + 0.35 * _AXES[up], _AXES[up])

@@ -98,4 +98,4 @@ class Options:
         list of str
         """
         names = [name.lstrip("-") for name in self._db.getAll()]
-        return [name for name in names if name not in ours and not option_used("-" + name)]
+        return [name for name in names if name not in ours and not option_used(name)]
