@@ -1,4 +1,4 @@
-"""Tree, closest point projection and ray tracing against plain numpy twins and surfaces with known answers."""
+"""Tree, closest point projection and ray tracing against numpy twins and surfaces with known answers."""
 
 import numpy as np
 import pytest
@@ -35,7 +35,9 @@ def pad(x):
     return np.concatenate([x, np.full((len(x), MAX_NODES - x.shape[1], x.shape[2]), np.nan)], axis=1)
 
 
-def search(x, kinds, points, normals, radius=np.inf, facing=FACING, ids=None, method=closest_points, own=None):
+def search(
+    x, kinds, points, normals, radius=np.inf, facing=FACING, ids=None, method=closest_points, own=None
+):
     kinds = np.full(len(x), kinds) if np.isscalar(kinds) else kinds
     ids = np.arange(len(x)) if ids is None else ids
     points, normals = np.atleast_2d(points).astype(float), np.atleast_2d(normals).astype(float)
@@ -99,7 +101,8 @@ def cube(kind=4, n=2):
 def sphere(level):
     """Unit sphere of flat triangles: an octahedron, refined."""
     e = np.eye(3)
-    x = np.array([[s * e[0], t * e[1], r * e[2]] for s in (1, -1) for t in (1, -1) for r in (1, -1)], dtype=float)
+    signs = (1.0, -1.0)
+    x = np.array([[s * e[0], t * e[1], r * e[2]] for s in signs for t in signs for r in signs])
     normal = np.cross(x[:, 1] - x[:, 0], x[:, 2] - x[:, 0])
     flip = np.einsum("fd,fd->f", normal, x.sum(axis=1)) < 0
     x[flip] = x[flip][:, [0, 2, 1]]
@@ -211,7 +214,8 @@ def test_orientation_in_the_plane_and_in_space():
     np.testing.assert_allclose(r.normal, [[0, 1], [0, 1]])
     np.testing.assert_allclose(r.gap, [0.5, -0.5])
     np.testing.assert_allclose(r.xi, [[-0.5], [-0.5]])
-    r = search(np.array([[[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]]), 2, [[0.25, 0.25, 0.5], [0.25, 0.25, -0.5]], [0, 0, -1])
+    triangle = np.array([[[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]])
+    r = search(triangle, 2, [[0.25, 0.25, 0.5], [0.25, 0.25, -0.5]], [0, 0, -1])
     np.testing.assert_allclose(r.normal, [[0, 0, -1]] * 2)
     np.testing.assert_allclose(r.gap, [0.5, -0.5])
     np.testing.assert_allclose(r.xi, [[0.25, 0.25]] * 2)
@@ -241,7 +245,8 @@ def test_tree_search_is_brute_force(kind):
         everything = search(x, kind, points, normals, radius=1.0, method=method)
         merged = no_partners(points, normals)
         for f in range(len(x)):
-            merged = better(merged, search(x[f : f + 1], kind, points, normals, 1.0, ids=np.array([f]), method=method))
+            one = search(x[f : f + 1], kind, points, normals, 1.0, ids=np.array([f]), method=method)
+            merged = better(merged, one)
         assert_same(everything, merged, but=("candidates", "facet", "normal") if method is ray_tracing else
                     ("candidates", "facet"))  # fmt: skip
         np.testing.assert_array_equal(everything.id, np.where(everything.facet >= 0, everything.facet, NO_ID))
@@ -356,7 +361,8 @@ def test_merging_ranks(method):
     parts = []
     for rank in range(3):
         known = np.isin(nodes, nodes[owner == rank]).any(axis=1)
-        parts.append(search(x[known], 4, points, normals, 0.6, ids=ids[known], method=method, own=owner[known] == rank))
+        own = owner[known] == rank
+        parts.append(search(x[known], 4, points, normals, 0.6, ids=ids[known], method=method, own=own))
         assert np.isin(parts[-1].id, np.append(ids[owner == rank], NO_ID)).all()
     for a, b, c in ((0, 1, 2), (2, 0, 1)):
         assert_same(better(better(parts[a], parts[b]), parts[c]), reference, but=("candidates", "facet"))
@@ -403,8 +409,8 @@ def test_rejected_facets_do_not_hide_accepted_ones():
 def test_hanging_over_the_border():
     plane = grid_plane(4)
     # little gap, far outside: sideways, rejected; directly over the border and a rounding beyond: paired
-    points = np.array([[1.2, 0.5, 1e-3], [1.2, 0.5, 0], [1.2, 0.5, -1e-3], [1 + 1e-11, 0.5, 0.01], [1, 0.5, 0.01],
-                       [1 + 1e-11, 0.5, 0], [1, 1, -0.01], [0.5, 0.5, 1e-3]])  # fmt: skip
+    points = np.array([[1.2, 0.5, 1e-3], [1.2, 0.5, 0], [1.2, 0.5, -1e-3], [1 + 1e-11, 0.5, 0.01],
+                       [1, 0.5, 0.01], [1 + 1e-11, 0.5, 0], [1, 1, -0.01], [0.5, 0.5, 1e-3]])  # fmt: skip
     r = search(plane, 2, points, [0, 0, -1], 1.0)
     np.testing.assert_array_equal(r.facet >= 0, [False] * 3 + [True] * 5)
     assert (r.facet[:3] == -1).all() and (r.id[:3] == NO_ID).all() and np.isinf(r.gap[:3]).all()

@@ -1,8 +1,8 @@
 """Reference maps of the facet kinds: shape functions, their derivatives, boxes, tangents and normals.
 
-Node orders are VTK's. Reference domains: [-1, 1] for segments, the unit triangle, [-1, 1]^2 for quadrilaterals. Inside
-the kernels a facet is always `nodes` (9, 3): its nodes *relative to its node 0*, so that no digits are lost far from the
-origin; in two dimensions the third component is zero.
+Node orders are VTK's. Reference domains: [-1, 1] for segments, the unit triangle, [-1, 1]^2 for
+quadrilaterals. Inside the kernels a facet is always `nodes` (9, 3): its nodes *relative to its node 0*, so
+that no digits are lost far from the origin; in two dimensions the third component is zero.
 """
 
 import numpy as np
@@ -21,10 +21,11 @@ KIND = {
 }
 NODE_COUNTS = np.array([2, 3, 3, 6, 4, 9, 4], dtype=np.int64)
 MAX_NODES = 9
-# corners and edges (corner, corner, middle node of the degree-2 kind) in the VTK order
+# corners of the reference domains; edge i joins corners i and i + 1, its middle is node (corners + i)
 TRIANGLE_CORNERS = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
 SQUARE_CORNERS = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
-# which 1D function (0: left end, 1: right end, 2: middle) makes node i of the nine-node quadrilateral, per direction
+# which 1D function (0: left end, 1: right end, 2: middle) makes node i of the nine-node quadrilateral, per
+# direction
 TENSOR = np.array([[0, 0], [1, 0], [1, 1], [0, 1], [2, 0], [1, 2], [2, 1], [0, 2], [2, 2]], dtype=np.int64)
 
 
@@ -61,7 +62,8 @@ def fill_shapes(kind, u, v, out):
     u, v : float
         Reference coordinates (v is unused for segments).
     out : (6, 9) float64
-        Written: rows N, dN/du, dN/dv, d2N/du2, d2N/dudv, d2N/dv2; columns are the facet's nodes, others are not touched.
+        Written: rows N, dN/du, dN/dv, d2N/du2, d2N/dudv, d2N/dv2; columns are the facet's nodes, others are
+        not touched.
     """
     if kind == TRIANGLE3:
         out[:, :3] = 0.0
@@ -155,18 +157,19 @@ def jet_normal(kind, jet):
 
 @njit_exact
 def clamp(kind, u, v):
-    """Reference point moved into the reference domain."""
+    """The nearest point of the reference domain."""
     if is_triangle(kind):
         u, v = max(u, 0.0), max(v, 0.0)
         if u + v > 1.0:
-            u, v = u / (u + v), v / (u + v)
+            u = min(max(0.5 * (1.0 + u - v), 0.0), 1.0)
+            v = 1.0 - u
         return u, v
     return min(max(u, -1.0), 1.0), min(max(v, -1.0), 1.0)
 
 
 @njit_exact
 def load_nodes(x_facets, facet, kind, nodes):
-    """Copy the nodes of a facet, relative to its node 0, to `nodes` (9, 3); the third component is 0 in the plane."""
+    """Copy a facet's nodes, relative to its node 0, to `nodes` (9, 3); the third is 0 in the plane."""
     for i in range(NODE_COUNTS[kind]):
         nodes[i, 2] = 0.0
         for k in range(x_facets.shape[2]):
@@ -261,8 +264,8 @@ def _to_bezier(kind, x):
 def simplest_kinds(x_facets, kinds, simple):
     """Write to `simple` (nf,) the cheapest kind that describes each facet.
 
-    A degree-2 facet whose middle nodes sit at the middle (to rounding) is its degree-1 kind, and a quadrilateral with
-    an affine map is a PARALLELOGRAM: both have closed-form projections.
+    A degree-2 facet whose middle nodes sit at the middle (to rounding) is its degree-1 kind, and a
+    quadrilateral with an affine map is a PARALLELOGRAM: both have closed-form projections.
     """
     d = x_facets.shape[2]
     for f in range(kinds.size):
@@ -277,7 +280,8 @@ def simplest_kinds(x_facets, kinds, simple):
         for i in range(corners, NODE_COUNTS[kind]):
             for k in range(d):
                 if i == 8:
-                    middle = 0.25 * (x_facets[f, 0, k] + x_facets[f, 1, k] + x_facets[f, 2, k] + x_facets[f, 3, k])
+                    middle = x_facets[f, 0, k] + x_facets[f, 1, k] + x_facets[f, 2, k] + x_facets[f, 3, k]
+                    middle *= 0.25
                 else:
                     a, b = i - corners, (i - corners + 1) % corners
                     middle = 0.5 * (x_facets[f, a, k] + x_facets[f, b, k])

@@ -1,19 +1,21 @@
 """Closest point projection and ray tracing of points onto a surface of facets.
 
-Both return one partner per point, with the contact normal n pointing from the source (the point) to the target, and
-the gap g = (y - x) . n: positive open, negative penetration.
+Both return one partner per point, with the contact normal n pointing from the source (the point) to the
+target, and the gap g = (y - x) . n: positive open, negative penetration.
 
-Which facet wins. Facets are visited in the order of their distance. Those that fail the facing rule, nX . n >= facing,
-never win, and never hide a farther one. Among accepted facets whose distances agree to 1e-10 of the facet size, a
-projection inside its facet is preferred to one held at an edge, then the smallest global facet number. The outcome
-depends neither on the order of the facets nor, through `better`, on how they are spread over ranks.
+Which facet wins. Facets are visited in the order of their distance. Those that fail the facing rule, nX . n
+>= facing, never win, and never hide a farther one. Among accepted facets whose distances agree to 1e-10 of
+the facet size, a projection inside its facet is preferred to one held at an edge, then the smallest global
+facet number. The outcome depends neither on the order of the facets nor, through `better`, on how they are
+spread over ranks.
 
-Normals of the projection. Inside a facet n = -nY. At an edge or corner (the offset has a part tangential to the facet
-of more than 1e-9 of its size) n is along the offset y - x: from the point to the surface when the point is outside,
-reversed when inside. The side is decided by the sum of the normals of the facets that share the closest point, each
-weighted by its angle there (Baerentzen and Aanaes, IEEE TVCG 11, 2005). A point that touches (offset below 1e-9 of the
-facet size) gets the mean of those normals. A projection held at an edge counts only if no neighbour at that edge has a
-nearer point, accepted or not; one at the border of the surface has no neighbour, and is left to the facing rule.
+Normals of the projection. Inside a facet n = -nY. At an edge or corner (the offset has a part tangential to
+the facet of more than 1e-9 of its size) n is along the offset y - x: from the point to the surface when the
+point is outside, reversed when inside. The side is decided by the sum of the normals of the facets that share
+the closest point, each weighted by its angle there (Baerentzen and Aanaes, IEEE TVCG 11, 2005). A point that
+touches (offset below 1e-9 of the facet size) gets the mean of those normals. A projection held at an edge
+counts only if no neighbour at that edge has a nearer point, accepted or not; one at the border of the surface
+has no neighbour, and is left to the facing rule.
 """
 
 from typing import NamedTuple
@@ -24,7 +26,8 @@ from pcontact.contact.facet_maps import facet_boxes, simplest_kinds
 from pcontact.contact.projection_search import ROUNDING, TIE, search_all
 from pcontact.contact.tree import build_tree
 
-FACING = 0.2  # cosine: normals up to 78 degrees apart may be partners; sideways neighbours beyond a border may not
+# cosine: normals up to 78 degrees apart may be partners; sideways neighbours beyond a border may not
+FACING = 0.2
 NO_ID = np.iinfo(np.int64).max
 
 
@@ -86,8 +89,8 @@ def no_partners(points, normals):
     n, d = points.shape
     return Partners(
         np.full(n, -1, dtype=np.int64), np.zeros((n, d - 1)), np.array(points), np.array(normals),
-        np.full(n, np.inf), np.full(n, np.inf), np.full(n, NO_ID, dtype=np.int64), np.zeros(n, dtype=np.int64),
-        np.zeros(n), np.zeros(n, dtype=np.bool_),
+        np.full(n, np.inf), np.full(n, np.inf), np.full(n, NO_ID, dtype=np.int64),
+        np.zeros(n, dtype=np.int64), np.zeros(n), np.zeros(n, dtype=np.bool_),
     )  # fmt: skip
 
 
@@ -111,10 +114,10 @@ def closest_points(tree, x_facets, kinds, ids, points, normals, radius, facing=F
     facing : float, optional
         Smallest nX . n of a partner, in (0, 1).
     own : (nf,) bool array_like, optional
-        Facets that may be partners (default: all). The others take part in the decisions about edges and corners; a
-        rank that is also given the neighbours of its facets (those that share a node) decides as if it had them all,
-        and `better` of all ranks is then exactly the search in the whole surface. A point whose partner would be a
-        facet of others has none here.
+        Facets that may be partners (default: all). The others take part in the decisions about edges and
+        corners; a rank that is also given the neighbours of its facets (those that share a node) decides as
+        if it had them all, and `better` of all ranks is then exactly the search in the whole surface. A point
+        whose partner would be a facet of others has none here.
 
     Returns
     -------
@@ -131,7 +134,8 @@ def closest_points(tree, x_facets, kinds, ids, points, normals, radius, facing=F
 def ray_tracing(tree, x_facets, kinds, ids, points, normals, radius, facing=FACING, own=None):
     """Partners along the source normal: y = x + g nX, smallest abs(g) <= radius, n = nX.
 
-    Only facets with nX . nY <= -facing count. Parameters and result as in `closest_points`; `distance` is abs(g).
+    Only facets with nX . nY <= -facing count. Parameters and result as in `closest_points`; `distance` is
+    abs(g).
     """
     return _search(True, tree, x_facets, kinds, ids, points, normals, radius, facing, own)
 
@@ -139,9 +143,9 @@ def ray_tracing(tree, x_facets, kinds, ids, points, normals, radius, facing=FACI
 def better(a, b):
     """Merge what two searches over different facets found for the same points; the rule of the module's head.
 
-    A projection to an edge or corner is decided from the facets that share it. Where these are spread over searches
-    that did not know them as neighbours (`own` of `closest_points`), each decided from its part of them: no mean
-    normal can be formed here, and the rule for ties chooses one of the results.
+    A projection to an edge or corner is decided from the facets that share it. Where these are spread over
+    searches that did not know them as neighbours (`own` of `closest_points`), each decided from its part of
+    them: no mean normal can be formed here, and the rule for ties chooses one of the results.
 
     Parameters
     ----------
@@ -151,7 +155,8 @@ def better(a, b):
     Returns
     -------
     Partners
-        `facet` still counts within the search that found it; `id` tells facets apart. `candidates` are summed.
+        `facet` still counts within the search that found it; `id` tells facets apart. `candidates` are
+        summed.
     """
     offset = np.maximum(np.abs(a.y), np.abs(b.y)).max(axis=1, initial=0.0)
     tie = TIE * np.maximum(a.size, b.size) + ROUNDING * offset
@@ -168,11 +173,14 @@ def _search(rays, tree, x_facets, kinds, ids, points, normals, radius, facing, o
     points, normals, x_facets = (_floats(array) for array in (points, normals, x_facets))
     kinds, ids = (np.require(array, np.int64, ["C", "W"]) for array in (kinds, ids))
     d = points.shape[1]
-    radii = np.ascontiguousarray(np.broadcast_to(np.asarray(radius, dtype=np.float64), points.shape[:1]).copy())
+    radii = np.empty(len(points))
+    radii[:] = radius
     if normals.shape != points.shape or x_facets.shape[2] != d:
-        raise ValueError(f"points {points.shape}, normals {normals.shape} and facets {x_facets.shape} do not fit")
+        shapes = f"points {points.shape}, normals {normals.shape}, facets {x_facets.shape}"
+        raise ValueError(f"{shapes} do not fit")
     if not x_facets.shape[0] == kinds.size == ids.size == tree.order.size:
-        raise ValueError(f"{x_facets.shape[0]} facets, {kinds.size} kinds, {ids.size} ids, tree of {tree.order.size}")
+        counts = f"{x_facets.shape[0]} facets, {kinds.size} kinds, {ids.size} ids, tree of {tree.order.size}"
+        raise ValueError(counts)
     if np.any((kinds < 2) != (d == 2)):
         raise ValueError(f"facet kinds do not fit the dimension {d}")
     partners = no_partners(points, normals)

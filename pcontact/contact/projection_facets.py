@@ -1,12 +1,13 @@
 """One point against one facet: the closest point.
 
-In every kernel `nodes` (9, 3) are the facet's nodes relative to its node 0 (`facet_maps.load_nodes`) and `p` (3,) is
-the point relative to the same node. `shapes` (6, 9), `jet` (6, 3) and `grid` (5, 5) are scratch.
+In every kernel `nodes` (9, 3) are the facet's nodes relative to its node 0 (`facet_maps.load_nodes`) and `p`
+(3,) is the point relative to the same node. `shapes` (6, 9), `jet` (6, 3) and `grid` (5, 5) are scratch.
 
-The closest point of a facet is either interior, hence a stationary point of the distance, or lies on an edge. Edges
-are solved exactly (straight: closed form; quadratic: all roots of a cubic). Interiors are solved in closed form where
-the map is affine, otherwise by Newton's method from every local minimum of the distance on a 5 x 5 grid and from the
-closest point of the edges; where Newton wants to leave the facet the edges hold the answer.
+The closest point of a facet is either interior, hence a stationary point of the distance, or lies on an edge.
+Edges are solved exactly (straight: closed form; quadratic: all roots of a cubic). Interiors are solved in
+closed form where the map is affine, otherwise by Newton's method from every local minimum of the distance on
+a 5 x 5 grid and from the closest point of the edges; where Newton wants to leave the facet the edges hold the
+answer.
 """
 
 import numpy as np
@@ -20,6 +21,7 @@ from pcontact.contact.facet_maps import (
     TRIANGLE3,
     TRIANGLE6,
     TRIANGLE_CORNERS,
+    clamp,
     fill_jet,
     is_triangle,
 )
@@ -58,7 +60,7 @@ def _closest_on_line(nodes, a, b, p):
 
 @njit_exact
 def _closest_on_parabola(nodes, a, b, m, p):
-    """The same for a quadratic edge with middle node m: the global minimum, from all roots of the cubic f'(s) = 0."""
+    """The same for a quadratic edge with middle node m: global minimum, from all roots of the cubic f'(s)."""
     k0, k1, k2, k3 = 0.0, 0.0, 0.0, 0.0
     for k in range(3):
         c, l = nodes[m, k] - p[k], 0.5 * (nodes[b, k] - nodes[a, k])  # noqa: E741
@@ -97,7 +99,7 @@ def _parabola_distance2(nodes, a, b, m, p, s):
 
 @njit_exact
 def _cubic_root(k0, k1, k2, k3, left, right):
-    """The root of a cubic that is monotone on [left, right] by Newton with bisection; without one, the right end."""
+    """Root of a cubic that is monotone on [left, right], by Newton with bisection; else the right end."""
     f_left = k0 + left * (k1 + left * (k2 + left * k3))
     f_right = k0 + right * (k1 + right * (k2 + right * k3))
     if f_left == 0.0:
@@ -134,7 +136,10 @@ def _edge_point(kind, edge, s):
             a * TRIANGLE_CORNERS[i, 1] + b * TRIANGLE_CORNERS[j, 1],
         )
     i, j = edge, (edge + 1) % 4
-    return a * SQUARE_CORNERS[i, 0] + b * SQUARE_CORNERS[j, 0], a * SQUARE_CORNERS[i, 1] + b * SQUARE_CORNERS[j, 1]
+    return (
+        a * SQUARE_CORNERS[i, 0] + b * SQUARE_CORNERS[j, 0],
+        a * SQUARE_CORNERS[i, 1] + b * SQUARE_CORNERS[j, 1],
+    )
 
 
 @njit_exact
@@ -181,13 +186,23 @@ def grid_point(kind, i, j):
 
 
 @njit_exact
-def is_grid_minimum(grid, i, j):
-    """Whether a grid value is not above any of its eight neighbours."""
-    for a in range(max(i - 1, 0), min(i + 2, GRID)):
-        for b in range(max(j - 1, 0), min(j + 2, GRID)):
-            if grid[a, b] < grid[i, j]:
-                return False
-    return grid[i, j] < np.inf
+def _is_inner(kind, i, j):
+    last = GRID - 2 - i if is_triangle(kind) else GRID - 2
+    return 1 <= i <= GRID - 2 and 1 <= j <= last
+
+
+@njit_exact
+def is_grid_minimum(kind, grid, i, j):
+    """Whether a grid value is not above those beside it: a start for Newton's method.
+
+    Diagonal neighbours do not count (they may lie in another valley), nor do those at the border for an inner
+    value: a valley inside must not be missed because the border is as low.
+    """
+    value, inner = grid[i, j], _is_inner(kind, i, j)
+    for a, b in ((i - 1, j), (i + 1, j), (i, j - 1), (i, j + 1)):
+        if 0 <= a < GRID and 0 <= b < GRID and grid[a, b] < value and (not inner or _is_inner(kind, a, b)):
+            return False
+    return value < np.inf
 
 
 @njit_exact
@@ -212,7 +227,7 @@ def _closest_on_curved(kind, nodes, p, shapes, jet, grid):
         i, j = start // GRID, start % GRID
         if start == GRID * GRID:
             u, v = edge_u, edge_v
-        elif is_grid_minimum(grid, i, j):
+        elif is_grid_minimum(kind, grid, i, j):
             u, v = grid_point(kind, i, j)
         else:
             continue
@@ -270,6 +285,17 @@ def _newton_step(jet, r0, r1, r2):
 
 
 @njit_exact
+def _steepest(jet, r0, r1, r2):
+    """Step against the gradient of |y - p|^2 / 2; its projection onto the reference domain descends too."""
+    scale = 0.0
+    for k in range(3):
+        scale += jet[1, k] ** 2 + jet[2, k] ** 2
+    g1 = r0 * jet[1, 0] + r1 * jet[1, 1] + r2 * jet[1, 2]
+    g2 = r0 * jet[2, 0] + r1 * jet[2, 1] + r2 * jet[2, 2]
+    return -g1 / scale, -g2 / scale
+
+
+@njit_exact
 def _descend(kind, nodes, p, u, v, shapes, jet):
     """Minimise the distance from (u, v) by Newton's method with backtracking inside the reference domain."""
     for _ in range(100):
@@ -279,24 +305,34 @@ def _descend(kind, nodes, p, u, v, shapes, jet):
         du, dv, slope, newton = _newton_step(jet, r0, r1, r2)
         step = max(abs(du), abs(dv))
         t = _room(kind, u, v, du, dv)
-        if not slope < 0.0 or t < 1e-3:
-            return u, v  # stationary, or held by the boundary: the edges are solved apart
-        if newton and t == 1.0 and step < 1e-6:
+        if not slope < 0.0:
+            return u, v
+        held = t < 1e-3
+        if held:
+            du, dv = _steepest(jet, r0, r1, r2)
+            t = 1.0
+        if newton and not held and t == 1.0 and step < 1e-6:
             # quadratic convergence: differences of the distance no longer show it
             u, v = u + du, v + dv
             if step < 1e-14:
                 return u, v
             continue
+        g1 = r0 * jet[1, 0] + r1 * jet[1, 1] + r2 * jet[1, 2]
+        g2 = r0 * jet[2, 0] + r1 * jet[2, 1] + r2 * jet[2, 2]
         t = t if t == 1.0 else 0.9 * t
         for _ in range(40):
-            fill_jet(kind, u + t * du, v + t * dv, nodes, 1, shapes, jet)
+            a, b = clamp(kind, u + t * du, v + t * dv)
+            fill_jet(kind, a, b, nodes, 1, shapes, jet)
             c0, c1, c2 = jet[0, 0] - y0, jet[0, 1] - y1, jet[0, 2] - y2
             # half the change of the squared distance, without its cancellation
             change = c0 * (r0 + 0.5 * c0) + c1 * (r1 + 0.5 * c1) + c2 * (r2 + 0.5 * c2)
-            if change <= 1e-4 * t * slope:
+            if change <= 1e-4 * (g1 * (a - u) + g2 * (b - v)):
                 break
             t *= 0.5
-        if t * step < 1e-15:
+        step = max(abs(a - u), abs(b - v))
+        if step < 1e-15:
             return u, v
-        u, v = u + t * du, v + t * dv
+        u, v = a, b
+        if held and step < 1e-3:
+            return u, v  # no way along the boundary: the edges are solved apart
     return u, v

@@ -1,7 +1,7 @@
 """One line against one facet: the intersection.
 
-Arguments and scratch are those of `projection_facets`. Affine facets and plane curves are solved in closed form, other
-facets by Newton's method from every local minimum, on a 5 x 5 grid, of the distance to the line.
+Arguments and scratch are those of `projection_facets`. Affine facets and plane curves are solved in closed
+form, other facets by Newton's method from every local minimum, on a 5 x 5 grid, of the distance to the line.
 """
 
 import numpy as np
@@ -19,7 +19,8 @@ from pcontact.contact.facet_maps import (
 from pcontact.contact.projection_facets import GRID, grid_point, is_grid_minimum
 from pcontact.runtime.jit import njit_exact
 
-EDGE_TOLERANCE = 1e-9  # reference coordinates: how far outside a ray may still hit, so that none slips between facets
+# reference coordinates: how far outside a ray may still hit, so that none slips between facets
+EDGE_TOLERANCE = 1e-9
 
 
 @njit_exact
@@ -53,7 +54,7 @@ def ray_on_facet(kind, nodes, p, n, facing, slack, shapes, jet, grid):
         return _accept(kind, nodes, p, n, u, v, facing, shapes, jet)
     _fill_line_grid(kind, nodes, p, n, shapes, jet, grid)
     for start in range(GRID * GRID):
-        if not is_grid_minimum(grid, start // GRID, start % GRID):
+        if not is_grid_minimum(kind, grid, start // GRID, start % GRID):
             continue
         u, v = grid_point(kind, start // GRID, start % GRID)
         u, v = _shoot(kind, nodes, p, n, u, v, slack, shapes, jet)
@@ -104,8 +105,9 @@ def _plane_parameters(kind, nodes, p, n):
     det = n[0] * (a1 * b2 - a2 * b1) + n[1] * (a2 * b0 - a0 * b2) + n[2] * (a0 * b1 - a1 * b0)
     if det == 0.0:
         return np.nan, np.nan
-    u = (n[0] * (p[1] * b2 - p[2] * b1) + n[1] * (p[2] * b0 - p[0] * b2) + n[2] * (p[0] * b1 - p[1] * b0)) / det
-    v = (n[0] * (a1 * p[2] - a2 * p[1]) + n[1] * (a2 * p[0] - a0 * p[2]) + n[2] * (a0 * p[1] - a1 * p[0])) / det
+    u = n[0] * (p[1] * b2 - p[2] * b1) + n[1] * (p[2] * b0 - p[0] * b2) + n[2] * (p[0] * b1 - p[1] * b0)
+    v = n[0] * (a1 * p[2] - a2 * p[1]) + n[1] * (a2 * p[0] - a0 * p[2]) + n[2] * (a0 * p[1] - a1 * p[0])
+    u, v = u / det, v / det
     if kind == TRIANGLE3:
         return u, v
     return 2.0 * u - 1.0, 2.0 * v - 1.0

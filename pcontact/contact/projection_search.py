@@ -1,9 +1,9 @@
 """The compiled search behind `projection`: a best-first walk of the tree, one point after the other.
 
-A heap holds, by distance, tree nodes and facets (with the distance of their boxes, a lower bound) and facets already
-solved (with their own distance). Solved facets therefore leave the heap in the order of their distance; those that
-agree within a tolerance form a group, in which normals are combined and the winner is chosen. The walk ends with the
-first group that holds an accepted facet: facets behind it are never solved.
+A heap holds, by distance, tree nodes and facets (with the distance of their boxes, a lower bound) and facets
+already solved (with their own distance). Solved facets therefore leave the heap in the order of their
+distance; those that agree within a tolerance form a group, in which normals are combined and the winner is
+chosen. The walk ends with the first group that holds an accepted facet: facets behind it are never solved.
 """
 
 import numpy as np
@@ -25,17 +25,19 @@ TIE = 1e-10  # of the facet size: distances that count as equal
 TOUCH = 1e-9  # of the facet size: offsets that have no direction, and how far over a border a point may hang
 SAME_POINT = 1e-6  # of the facet size: closest points of neighbours that count as one
 ROUNDING = 1e-15  # of the largest coordinate: what a stored coordinate is worth
-# columns of the table of solved facets: distance, gap, reference coordinates, offset y - x (3), target normal (3),
+# columns of the table of solved facets: distance, gap, reference coordinates, y - x (3), target normal (3),
 # contact normal (3), interior (0 or 1), angle at y, facet size, rounding length
-DISTANCE, GAP, U, V, R, NY, N, INTERIOR, ANGLE, SIZE, SLACK, COLUMNS = 0, 1, 2, 3, 4, 7, 10, 13, 14, 15, 16, 17
+DISTANCE, GAP, U, V, R, NY, N = 0, 1, 2, 3, 4, 7, 10
+INTERIOR, ANGLE, SIZE, SLACK, COLUMNS = 13, 14, 15, 16, 17
 
 
 @njit_exact
 def search_all(rays, tree, x_facets, kinds, ids, own, points, normals, radii, facing, partners):
     """Write the partners of all points.
 
-    Parameters are those of `projection.closest_points`, with `kinds` simplified (`facet_maps.simplest_kinds`), `radii`
-    (np,), and `rays` True for ray tracing; `partners` comes filled for points without a partner.
+    Parameters are those of `projection.closest_points`, with `kinds` simplified
+    (`facet_maps.simplest_kinds`), `radii` (np,), and `rays` True for ray tracing; `partners` comes filled for
+    points without a partner.
     """
     n_nodes, nf, d = tree.child.size, kinds.size, points.shape[1]
     # heap items: nodes, then facets in the order of the leaves, then rows of `found`
@@ -67,7 +69,8 @@ def search_all(rays, tree, x_facets, kinds, ids, own, points, normals, radii, fa
                     ):
                         continue
                     ended = True
-                    if own[tree.order[leaves[slot]]] and (winner < 0 or row[INTERIOR] > found[winner, INTERIOR]):
+                    first = winner < 0 or row[INTERIOR] > found[winner, INTERIOR]
+                    if first and own[tree.order[leaves[slot]]]:
                         winner = slot
                 if winner >= 0:
                     _write(partners, q, x, found[winner], tree.order[leaves[winner]], ids)
@@ -103,7 +106,7 @@ def search_all(rays, tree, x_facets, kinds, ids, own, points, normals, radii, fa
 
 @njit_exact
 def _load_point(points, normals, q, x, n):
-    """Copy a point and its normal, made a unit vector; return the rounding length, inf if they are unusable."""
+    """Copy a point and its normal, made a unit vector; return the rounding length, inf if unusable."""
     offset, length2 = 0.0, 0.0
     for k in range(points.shape[1]):
         x[k], n[k] = points[q, k], normals[q, k]
@@ -149,7 +152,7 @@ def _pop(keys, items, count):
 
 @njit_exact
 def _expand(rays, tree, node, x, n, facing, rounding, radius, keys, items, count):
-    """Push the children of a node, or the facets of a leaf, that may hold a partner; return the size of the heap."""
+    """Push the children of a node, or the facets of a leaf, that may hold a partner; return the new count."""
     if tree.child[node] >= 0:
         for child in range(tree.child[node], tree.child[node] + 2):
             key = _bound(rays, tree.lower, tree.upper, child, x, n, facing, rounding)
@@ -174,8 +177,9 @@ def _bound(rays, lower, upper, row, x, n, facing, rounding):
         out, half = max(low, -high, 0.0), 0.5 * (high - low)
         distance2, size = distance2 + out * out, size + half
         along, reach = along + 0.5 * (low + high) * n[k], reach + half * abs(n[k])
-    # the contact normal is along the offset, and must stay in the double cone about nX (but for offsets too small to
-    # have a direction): a box outside the cone holds no partner, nor a neighbour that shares a partner's point
+    # the contact normal is along the offset, and must stay in the double cone about nX (but for offsets too
+    # small to have a direction): a box outside the cone holds no partner, nor a neighbour that shares a
+    # partner's point
     distance = np.sqrt(distance2)
     if facing > 0.0 and abs(along) + reach < facing * (distance - 1e-8 * size - 4.0 * rounding):
         return np.inf
@@ -263,7 +267,7 @@ def _corner_angle(kind, u, v, jet):
 
 @njit_exact
 def _sort(group, count, leaves, order, ids):
-    """Sort a group by global number: sums over it and its winner must not depend on the order of the facets."""
+    """Sort a group by global number: sums over it and its winner must not depend on the facets' order."""
     for i in range(1, count):
         slot, j = group[i], i
         while j > 0 and ids[order[leaves[group[j - 1]]]] > ids[order[leaves[slot]]]:
@@ -274,10 +278,10 @@ def _sort(group, count, leaves, order, ids):
 
 @njit_exact
 def _is_passed_by(found, leaves, slot, count, tree, x_facets, kinds, x, p, nodes, shapes, jet, grid):
-    """Whether a projection held at an edge goes on to a nearer point of a neighbour, and is none of the surface's.
+    """Whether a projection held at an edge is passed by: a neighbour at that edge has a nearer point.
 
-    The neighbour has been solved: it is nearer. It counts even if the facing rule rejected it: a point beside a box,
-    its nearest side rejected, must not be taken for one that has gone through the top.
+    The neighbour has been solved: it is nearer. It counts even if the facing rule rejected it: a point beside
+    a box, its nearest side rejected, must not be taken for one that has gone through the top.
     """
     row = found[slot]
     if row[INTERIOR] > 0.0 or row[DISTANCE] <= TOUCH * row[SIZE] + row[SLACK]:

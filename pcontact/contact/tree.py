@@ -1,8 +1,8 @@
 """A tree of axis-aligned boxes over facets, in flat arrays that compiled kernels can walk.
 
-The boxes are handed in (`facet_maps.facet_boxes`), so that this module knows nothing of facet kinds. Nodes are split at
-the median of the box centres along their widest direction; the tree is therefore balanced whatever the mesh looks like,
-and is built in O(n log n).
+The boxes are handed in (`facet_maps.facet_boxes`), so that this module knows nothing of facet kinds. Nodes
+are split at the median of the box centres along their widest direction; the tree is therefore balanced
+whatever the mesh looks like, and is built in O(n log n).
 """
 
 from typing import NamedTuple

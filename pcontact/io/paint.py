@@ -42,7 +42,7 @@ class Layer:
     body : ndarray of int64 (nt,)
         The body each belongs to, for its grey and its outline.
     lit : ndarray of bool (nt,)
-        Is it shaded by its slope. A section is not: its colours are those of the colour bar.
+        Is it shaded by its slope. What is flat is not: its colours are those of the colour bar.
     """
 
     corners: np.ndarray
@@ -97,7 +97,7 @@ def body_layer(piece, positions, values, plane=None):
         shown = values(triangles, cut) if values else np.full(triangles.nodes.shape, np.nan)
         owner = body[triangles.owner] if len(body) else np.zeros(len(triangles.owner), dtype=np.int64)
         beyond = None if beyond is None else beyond[triangles.nodes]
-        lit = np.full(len(owner), cut is None)
+        lit = np.full(len(owner), cut is None and skin.dimension(piece) == 3)
         layers.append(Layer(points[triangles.nodes], shown, beyond, triangles.edges, owner, lit))
     return stack(layers)
 
@@ -174,7 +174,8 @@ class ColourScale:
 def colour_scale(quantity, colormaps):
     """Colours that fit the numbers: kinds, amounts of one sign, or of both.
 
-    A few numbers at singular corners may be far above all others; then the scale ends at the 99.8th percentile.
+    A few numbers at singular corners may be far beyond all others; then the scale ends at the 99.8th
+    percentile.
 
     Parameters
     ----------
@@ -207,6 +208,8 @@ def colour_scale(quantity, colormaps):
         return ColourScale(colormaps["RdBu_r"], Normalize(-limit, limit), extend, [])
     if low >= 0 and low < 0.5 * high:
         low = 0.0
+    if high <= 0 and high > 0.5 * low:
+        high = 0.0
     high = high if high > low else low + max(abs(low), 1.0) * 1e-3
     return ColourScale(colormaps[_COLOURS.get(quantity.name, "Spectral_r")], Normalize(low, high), extend, [])
 

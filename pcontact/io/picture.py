@@ -15,9 +15,10 @@ from pcontact.io.result import load_result
 from pcontact.runtime.errors import InputError
 
 DPI = 150
-_STYLE = {"font.family": "DejaVu Sans", "font.size": 9, "axes.linewidth": 0.6, "text.color": "#1c2733",
-          "axes.edgecolor": "#5b6773", "axes.labelcolor": "#5b6773", "xtick.color": "#5b6773",
-          "ytick.color": "#5b6773", "xtick.major.width": 0.6, "ytick.major.width": 0.6}  # fmt: skip
+_INK, _PALE = "#1c2733", "#5b6773"
+_STYLE = {"font.family": "DejaVu Sans", "font.size": 9, "axes.linewidth": 0.6, "text.color": _INK,
+          "axes.edgecolor": _PALE, "axes.labelcolor": _PALE, "xtick.color": _PALE,
+          "ytick.color": _PALE, "xtick.major.width": 0.6, "ytick.major.width": 0.6}  # fmt: skip
 _WHOLE, _LEFT = (0.02, 0.03, 0.85, 0.84), (0.02, 0.03, 0.51, 0.84)
 _RIGHT, _BAR = (0.60, 0.27, 0.265, 0.424), (0.895, 0.27, 0.016, 0.424)
 _NONE_IF_OPEN = ("contact_pressure", "status")
@@ -31,8 +32,8 @@ def picture(directory, field=None, output=None, step=-1, scale=None, size=(1600,
     directory : str or Path
         The output directory of a run.
     field : str, optional
-        A field of bodies, contact surfaces or quadrature points, or a component of it (stress_xx). If absent: the
-        contact pressure if there is any, else the equivalent stress.
+        A field of bodies, contact surfaces or quadrature points, or a component of it (stress_xx). If absent:
+        the contact pressure if there is any, else the equivalent stress.
     output : str or Path, optional
         The picture, of a type that matplotlib writes; DIRECTORY/FIELD.png if absent.
     step : int
@@ -42,8 +43,8 @@ def picture(directory, field=None, output=None, step=-1, scale=None, size=(1600,
     size : tuple of int
         Width and height in pixels.
     cut : bool, optional
-        Solids only: take away what is before a plane through the contact patch. If absent: done for fields of the
-        bodies when there is contact.
+        Solids only: take away what is before a plane through the contact patch. If absent: done for fields of
+        the bodies when there is contact.
 
     Returns
     -------
@@ -96,7 +97,10 @@ class _Composition:
         bodies = paint.body_layer(
             self.result.bodies, self.positions, self._body_values if on_bodies else None, plane
         )
-        axes = self._axes(_WHOLE if on_bodies else _LEFT)
+        left, bottom, width, height = _WHOLE if on_bodies else _LEFT
+        # coordinates are written beside plane bodies
+        border = 0.0 if self.solid else 0.04
+        axes = self._axes((left + border, bottom + border, width - border, height - border))
         window = paint.fit(bodies.visible(), camera, self._shape(axes))
         if self.quantity.place == "surfaces" and self.solid:
             layer = self._surface_layer(self.quantity.values, plane)
@@ -132,7 +136,9 @@ class _Composition:
                 values[idle & (not self.quantity.whole)] = np.nan
             else:
                 keep = ~idle
-                triangles = skin.Triangles(triangles.nodes[keep], triangles.owner[keep], triangles.edges[keep])
+                triangles = skin.Triangles(
+                    triangles.nodes[keep], triangles.owner[keep], triangles.edges[keep]
+                )
                 values = values[keep]
             beyond = None if plane is None else (points @ plane[0] - plane[1])[triangles.nodes]
             body = np.zeros(len(triangles.owner), dtype=np.int64)
@@ -162,6 +168,9 @@ class _Composition:
         layer = self._surface_layer([name], alone=True)
         surfaces = {name: self.result.surfaces[name]}
         patch = view.contact_patch(surfaces, self.surfaces)
+        if patch is None:
+            panel.set_axis_off()
+            return
         camera = view.from_above(patch, patch.points)
         window = self._close(layer, patch, camera, panel)
         self._show(panel, layer, camera, window)
@@ -194,21 +203,23 @@ class _Composition:
             values = (
                 values[nodes] if self.quantity.at == "point" else np.repeat(values[owner, None], 2, axis=1)
             )
-            axes.add_collection(
-                LineCollection(ends[..., :2], colors="#1c2733", linewidths=5, capstyle="round")
-            )
             colours = self.colours.rgb(values.mean(axis=1))
-            axes.add_collection(
-                LineCollection(ends[..., :2], colors=colours, linewidths=3.5, capstyle="butt")
-            )
+            shown = (values > 0).any(axis=1) | (self.quantity.name not in _NONE_IF_OPEN)
+            for width, colour in ((5.0, _INK), (3.5, colours[shown])):
+                lines = LineCollection(
+                    ends[shown, :, :2], colors=colour, linewidths=width, capstyle="projecting"
+                )
+                axes.add_collection(lines)
             bars = np.stack([ends[..., across], values], axis=2)
             feet = np.stack([ends[:, ::-1, across], np.zeros_like(values)], axis=2)
             panel.add_collection(
                 PolyCollection(np.concatenate([bars, feet], axis=1), facecolors=colours, lw=0)
             )
-            panel.add_collection(LineCollection(bars, colors="#1c2733", linewidths=1.1))
+            panel.add_collection(LineCollection(bars, colors=_INK, linewidths=1.1))
         panel.autoscale_view()
         panel.margins(x=0.02)
+        if self.colours.kinds:
+            panel.set_yticks(self.colours.kinds, labels=map(self.quantity.word, self.colours.kinds))
         panel.set_xlabel("xy"[across])
         panel.set_ylabel(self.quantity.label)
         panel.spines[["top", "right"]].set_visible(False)
@@ -217,16 +228,14 @@ class _Composition:
         """Quadrature points as dots, in the whole and alone."""
         name = self._leading()
         for part, target in ((list(self.quantity.values), axes), ([name], panel)):
-            points = np.concatenate([self.result.points[key].points for key in part])
+            points = np.concatenate([view.deformed(self.result.points[key], self.factor) for key in part])
             values = np.concatenate([self.quantity.values[key] for key in part])
             across = camera.project(points)
             if target is panel and self.solid:
                 patch = self.patch or view.Patch(points, np.zeros(3))
                 across = view.from_above(patch, points).project(points)
             size = 9.0 if target is panel else 4.0
-            target.scatter(
-                *across[:, :2].T, s=size, c=self.colours.rgb(values), lw=0.15, edgecolors="#1c2733"
-            )
+            target.scatter(*across[:, :2].T, s=size, c=self.colours.rgb(values), lw=0.15, edgecolors=_INK)
         panel.set_aspect("equal", adjustable="datalim")
         panel.set_title(name, fontsize=9, loc="left")
         _ticks(panel, None, None)
@@ -269,7 +278,7 @@ class _Composition:
         )
         enlarged = "true to scale" if self.factor == 1 else f"displacements × {self.factor:g}"
         notes = [f"time {self.result.time:g}", enlarged] + ["cut open at the contact"] * cut
-        self.figure.text(0.03, 0.905, "  ·  ".join(notes), fontsize=9, color="#5b6773", va="center")
+        self.figure.text(0.03, 0.905, "  ·  ".join(notes), fontsize=9, color=_PALE, va="center")
 
     def _is_magnitude(self):
         """Is the quantity the length of a vector."""
@@ -291,7 +300,7 @@ class _Composition:
         values = self.quantity.all_values
         if len(values):
             ends = f"max {values.max():.4g}\nmin {values.min():.4g}"
-            self.figure.text(_BAR[0], 0.205, ends, fontsize=8, color="#5b6773", va="center", linespacing=1.5)
+            self.figure.text(_BAR[0], 0.205, ends, fontsize=8, color=_PALE, va="center", linespacing=1.5)
 
 
 def _ticks(axes, across, upward):

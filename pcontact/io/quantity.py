@@ -83,8 +83,7 @@ class Quantity:
 
 def _arrays(result):
     """All arrays: (place, at) -> name -> part -> ndarray, those of the bodies first."""
-    places = {("bodies", "cell"): {}, ("bodies", "point"): {}, ("surfaces", "cell"): {}, ("surfaces", "point"): {},
-              ("points", "point"): {}}  # fmt: skip
+    places = {(place, at): {} for place in ("bodies", "surfaces", "points") for at in ("cell", "point")}
     pieces = [
         ("bodies", "", result.bodies),
         *(("surfaces", name, piece) for name, piece in result.surfaces.items()),
@@ -150,10 +149,8 @@ def find(result, name=None):
     """
     names = available(result)
     if name is None:
-        pressure = [
-            np.concatenate(p.cell_data.get("contact_pressure", [[0.0]])) for p in result.surfaces.values()
-        ]
-        touching = any(np.any(values > 0) for values in pressure)
+        pieces = result.surfaces.values()
+        touching = any(np.any(b > 0) for piece in pieces for b in piece.cell_data.get("contact_pressure", []))
         wanted = ["contact_pressure"] * touching + ["equivalent_stress", "displacement", *names]
         name = next((field for field in wanted if field in names), None)
     for (place, at), fields in _arrays(result).items():

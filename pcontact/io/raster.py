@@ -119,8 +119,8 @@ def render(corners, values, beyond, edges, window, shape):
 def _draw(corners, values, beyond, edges, triangle, depth, value, line):
     """Pixel by pixel, inside each triangle's bounding box.
 
-    At the centre of a pixel the weight of corner k is the area of the triangle it forms with the opposite side over the
-    whole area; weight times height is the distance from that side.
+    At the centre of a pixel the weight of corner k is the area of the triangle it forms with the side
+    opposite, over the whole area; weight times height is the distance from that side.
     """
     height, width = triangle.shape
     for t in range(len(corners)):

@@ -85,7 +85,7 @@ def _triangle_table(cell, degree):
 
 
 def _tetrahedron_table(cell, degree):
-    """Tetrahedra of a solid cell (n, 4), and whether the face opposite each corner is on its surface (n, 4)."""
+    """Tetrahedra of a solid cell (n, 4), and which of the faces opposite their corners are on its surface."""
     if cell == "tetrahedron":
         corners = [(0, 4, 6, 7), (4, 1, 5, 8), (6, 5, 2, 9), (7, 8, 9, 3)]
         inside = [(6, 8, 4, 5), (6, 8, 5, 9), (6, 8, 9, 7), (6, 8, 7, 4)]
@@ -263,8 +263,8 @@ def _ordered(tets, faces, rows, order):
 def _cut(ends, parts, tets, faces, owner, alone):
     """Add the triangles in which tetrahedra are cut.
 
-    Corners a | b c d: the points on ab, ac, ad. Corners a b | c d: those on ac, ad, bd, bc, as two triangles. The line
-    between two of these points lies in the face opposite the corner that neither of them touches.
+    Corners a | b c d: the points on ab, ac, ad. Corners a b | c d: those on ac, ad, bd, bc, as two triangles.
+    The line between two of these points lies in the face opposite the corner that neither of them touches.
     """
     no = np.zeros(len(tets), dtype=bool)
     if alone:

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pcontact.io import raster, skin
+from pcontact.io.fields import Cloud
 
 _AXES = np.eye(3)
 
@@ -54,7 +55,7 @@ def deformed(piece, scale):
 
     Parameters
     ----------
-    piece : Piece
+    piece : Piece or Cloud
     scale : float
         Factor of the displacement.
 
@@ -62,7 +63,8 @@ def deformed(piece, scale):
     -------
     ndarray (n, 3)
     """
-    return piece.points + scale * piece.point_data.get("displacement", np.zeros(3))
+    data = piece.data if isinstance(piece, Cloud) else piece.point_data
+    return piece.points + scale * data.get("displacement", np.zeros(3))
 
 
 def contact_patch(surfaces, positions):
@@ -161,9 +163,9 @@ def from_above(patch, positions):
 def cut_open(patch, positions):
     """The plane through the middle of the contact patch that shows most of it, and the view upon it.
 
-    The plane contains the direction in which the bodies are pressed together and cuts the patch across its length.
-    A patch that reaches the outer face of the bodies on one side only belongs to a model of one half or one quarter:
-    that face is the section, and nothing is cut away.
+    The plane contains the direction in which the bodies are pressed together and cuts the patch across its
+    length. A patch that reaches the outer face of the bodies on one side only belongs to a model of one half
+    or one quarter: that face is the section, and nothing is cut away.
 
     Parameters
     ----------
@@ -188,11 +190,10 @@ def cut_open(patch, positions):
     slack = 0.15 * (last - first) + 0.01 * (high - low)
     at_low, at_high = first - low < slack, high - last < slack
     halves = [axis for axis in axes if at_low[axis] != at_high[axis]]
-    axis = (
-        halves[0]
-        if halves
-        else max(axes, key=lambda k: (round(np.log10(max(last[k] - first[k], 1e-30)), 1), k))
-    )
+    # across the longer side; of two that are about equal, the one looked along in the usual front view
+    longest = max(last[axis] - first[axis] for axis in axes)
+    long = [axis for axis in axes if last[axis] - first[axis] > 0.8 * longest]
+    axis = (halves or long or axes)[0]
     sign = (1.0 if at_high[axis] else -1.0) if halves else (-1.0 if axis == 1 and up == 2 else 1.0)
     normal = sign * _AXES[axis]
     offset = None if halves else sign * (first[axis] + last[axis]) / 2

@@ -42,7 +42,11 @@ def bisect(points, weights, count):
         # stable order on the coordinate, so that the cut does not depend on anything but the mesh
         order = index[np.argsort(x[:, axis], kind="stable")]
         total = np.cumsum(weights[order])
-        cut = int(np.searchsorted(total, total[-1] * left / parts))
+        # the cut nearest to the wanted share; no part goes without a point while another one has two
+        cut = np.searchsorted(total - 0.5 * weights[order], total[-1] * left / parts)
+        spare = len(index) - (parts - left)
+        cut = int(np.clip(cut, *sorted((left, spare))))
+        cut = min(max(cut, 0), len(index))
         todo.append((order[:cut], first, left))
         todo.append((order[cut:], first + left, parts - left))
     return part

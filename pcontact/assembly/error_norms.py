@@ -1,0 +1,129 @@
+"""Distance to a known solution: energy norm and L2 norm in the bodies, weighted and plain L2 norms on surfaces."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from pcontact.assembly.geometry import CHUNK
+from pcontact.element.geometry import gradients
+from pcontact.element.quadrature import quadrature
+from pcontact.element.shape import shape, shape_gradient
+from pcontact.runtime.petsc import MPI
+
+
+class BulkError(NamedTuple):
+    """Norms over all bodies.
+
+    Attributes
+    ----------
+    energy, energy_of_exact : float
+        sqrt(int sigma(e) : eps(e)) of the error e, and of the exact solution itself [sqrt(energy)].
+    displacement, displacement_of_exact : float
+        L2 norms [length^(1 + d/2)].
+    """
+
+    energy: float
+    energy_of_exact: float
+    displacement: float
+    displacement_of_exact: float
+
+
+class SurfaceError(NamedTuple):
+    """Norms over a surface of what is given at its quadrature points.
+
+    Attributes
+    ----------
+    weighted : float
+        sqrt(int h |v|^2), the norm of Nitsche's method on the contact surface.
+    plain : float
+        sqrt(int |v|^2).
+    largest : float
+        Largest absolute value.
+    """
+
+    weighted: float
+    plain: float
+    largest: float
+
+
+def _energy_density(gradient, lam, mu):
+    """2 x elastic energy density (n,) [stress] of displacement gradients (n, d, d), plane strain in 2D."""
+    strain = 0.5 * (gradient + gradient.transpose(0, 2, 1))
+    return lam * np.trace(strain, axis1=1, axis2=2) ** 2 + 2.0 * mu * np.einsum("nij,nij->n", strain, strain)
+
+
+def _chunk_sums(x, grad, jxw, at, values, nodal, exact, body, constants):
+    """The four squares summed over a chunk of cells."""
+    n, d = jxw.size, nodal.shape[-1]
+    points = np.einsum("qa,cad->cqd", at, x).reshape(n, d)
+    u = np.einsum("qa,cad->cqd", values, nodal).reshape(n, d)
+    slope = np.einsum("cai,cqaj->cqij", nodal, grad).reshape(n, d, d)
+    exact_u, exact_slope = exact(points, body)
+    integrands = (
+        _energy_density(slope - exact_slope, *constants),
+        _energy_density(exact_slope, *constants),
+        np.sum((u - exact_u) ** 2, axis=1),
+        np.sum(exact_u**2, axis=1),
+    )
+    return np.array([jxw.ravel() @ integrand for integrand in integrands])
+
+
+def bulk_error(space, constants, u, exact, degree=None):
+    """Error of a displacement in the bodies. *Collective.*
+
+    Parameters
+    ----------
+    space : pcontact.space.space.Space
+    constants : list of (float, float)
+        Lame constants of each body of the scene [stress].
+    u : PETSc.Vec
+    exact : callable
+        ``exact(x, body)`` with points x (n, d) and the number of the body gives the displacement (n, d) and its
+        gradient (n, d, d), entry [i, j] the derivative of component i in direction j.
+    degree : int, optional
+        Of the quadrature; absent: twice the degree of the displacement, plus 4, so that the error of the quadrature is
+        of higher order than what it measures.
+
+    Returns
+    -------
+    BulkError
+    """
+    mesh, nodal = space.mesh, space.local.gather(u)
+    sums = np.zeros(4)
+    for number, block in enumerate(mesh.blocks):
+        table, geometry_degree = mesh.geometry_nodes(block)
+        xi, weights = quadrature(block.cell, degree or 2 * space.degree + 4)
+        dgeo = np.ascontiguousarray(shape_gradient(block.cell, geometry_degree, xi))
+        dshape = np.ascontiguousarray(shape_gradient(block.cell, space.degree, xi))
+        at, values = shape(block.cell, geometry_degree, xi), shape(block.cell, space.degree, xi)
+        for first in range(0, len(block.nodes), CHUNK):
+            rows = slice(first, first + CHUNK)
+            x = np.ascontiguousarray(mesh.points[table[rows]])
+            grad, jxw = np.empty((len(x), *dshape.shape)), np.empty((len(x), len(weights)))
+            gradients(x, dgeo, dshape, weights, grad, jxw)
+            cells = nodal[space.cells[number][rows]]
+            sums += _chunk_sums(x, grad, jxw, at, values, cells, exact, block.body, constants[block.body])
+    return BulkError(*np.sqrt(space.comm.allreduce(sums, op=MPI.SUM)).tolist())
+
+
+def surface_error(comm, difference, weight, size):
+    """Norms of values at the quadrature points of a surface. *Collective.*
+
+    Parameters
+    ----------
+    comm : MPI.Comm
+    difference : ndarray (n,)
+        On this rank, such as a contact pressure minus the exact one.
+    weight : ndarray (n,)
+        Quadrature weight times area element.
+    size : ndarray (n,)
+        Diameter h of the facet of each point [length].
+
+    Returns
+    -------
+    SurfaceError
+    """
+    square = difference**2
+    sums = comm.allreduce(np.array([weight @ (size * square), weight @ square]), op=MPI.SUM)
+    largest = comm.allreduce(float(np.max(np.abs(difference), initial=0.0)), op=MPI.MAX)
+    return SurfaceError(float(np.sqrt(sums[0])), float(np.sqrt(sums[1])), largest)

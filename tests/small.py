@@ -1,0 +1,112 @@
+"""What several tests of the core share: small spaces, and block patterns as dense matrices."""
+
+import numpy as np
+
+from meshes.blocks import one_block, two_blocks
+from pcontact.element.shape import shape, shape_gradient
+from pcontact.mesh.complete import complete
+from pcontact.mesh.components import components
+from pcontact.mesh.distribute import distribute
+from pcontact.mesh.reader import read_mesh
+from pcontact.runtime.petsc import MPI
+from pcontact.space.space import Space
+
+SELF = MPI.COMM_SELF
+DIMENSION = {"triangle": 2, "quadrilateral": 2, "tetrahedron": 3, "hexahedron": 3}
+
+
+def block_file(path, cell, n=2, order=1):
+    """A unit box."""
+    return one_block(path, DIMENSION[cell], n, cell, order=order)
+
+
+def blocks_file(path, cell, n_lower=2, n_upper=2, **more):
+    """Two stacked boxes."""
+    return two_blocks(path, DIMENSION[cell], n_lower, n_upper, cell, **more)
+
+
+def bend(points, amount=0.08):
+    """Points moved smoothly and slightly, so that no cell is a parallelepiped."""
+    x = np.asarray(points)
+    moved = x.copy()
+    for axis in range(x.shape[1]):
+        other = (axis + 1) % x.shape[1]
+        moved[:, axis] += amount * np.sin(2.1 * x[:, other] + 0.7 * x[:, axis] + axis)
+    return moved
+
+
+def make_space(comm, path, regions, degree=1, change=None, weight=None):
+    """Space on the mesh of a file whose points were changed before the mesh was completed. Collective.
+
+    Parameters
+    ----------
+    comm : MPI.Comm
+    path : pathlib.Path
+    regions : list of str
+    degree : int
+    change : callable, optional
+        Of the points of the file.
+    weight : callable, optional
+        Extra weight (n_cells,) of the raw mesh's cells.
+    """
+    arguments = (None,) * 5
+    if comm.rank == 0:
+        raw = read_mesh(path)
+        raw.points = raw.points if change is None else np.ascontiguousarray(change(raw.points))
+        curved = any(b.degree == 2 for b in raw.blocks)
+        if curved or degree == 2:
+            raw = complete(raw, 2)
+        body = np.zeros(sum(len(b.nodes) for b in raw.blocks), dtype=np.int64)
+        for number, region in enumerate(regions):
+            body[raw.cell_groups[region]] = number
+        arguments = (raw, curved, body, components(raw), None if weight is None else weight(raw))
+    mesh = distribute(comm, *arguments)
+    mesh.component_names = [f"part {k}" for k in range(mesh.n_components)]
+    return Space(mesh, degree)
+
+
+def keys(space):
+    """Node numbers of the file of the local nodes."""
+    return space.mesh.file_nodes[space.mesh_nodes]
+
+
+def dense(rowptr, columns, values, n_columns):
+    """Block rows as a dense matrix (n_rows d, n_columns d)."""
+    d = values.shape[1]
+    out = np.zeros((len(rowptr) - 1, n_columns, d, d))
+    out[np.repeat(np.arange(len(rowptr) - 1), np.diff(rowptr)), columns] = values
+    return out.transpose(0, 2, 1, 3).reshape((len(rowptr) - 1) * d, n_columns * d)
+
+
+def dense_item(item, u):
+    """The tangent of an item on one rank as a dense matrix."""
+    values = item.tangent(u)
+    return dense(*item.pattern(), values, item.space.numbering.n_total)
+
+
+def vector_of(space, array):
+    """Distributed vector from an array (n_owned, d)."""
+    vector = space.vector()
+    vector.setArray(np.ascontiguousarray(array).ravel())
+    return vector
+
+
+def numpy_gradients(space, number, xi, weights):
+    """Physical gradients (nc, nq, nn, d) and weights (nc, nq) of the cells of a block, without compiled code."""
+    mesh, block = space.mesh, space.mesh.blocks[number]
+    table, geometry_degree = mesh.geometry_nodes(block)
+    x = mesh.points[table]
+    jacobian = np.einsum("cnd,qne->cqde", x, shape_gradient(block.cell, geometry_degree, xi))
+    inverse = np.linalg.inv(jacobian)
+    grad = np.einsum("qne,cqed->cqnd", shape_gradient(block.cell, space.degree, xi), inverse)
+    return grad, np.linalg.det(jacobian) * weights, shape(block.cell, space.degree, xi)
+
+
+def elasticity(lam, mu, d):
+    """The elasticity tensor (d, d, d, d)."""
+    one = np.eye(d)
+    return (
+        lam * np.einsum("ij,kl->ijkl", one, one)
+        + mu * np.einsum("ik,jl->ijkl", one, one)
+        + mu * np.einsum("il,jk->ijkl", one, one)
+    )
