@@ -166,7 +166,9 @@ def make_mesh(generator: Callable, path: str | Path, *args, **options) -> Path:
 
 
 @contextmanager
-def running(scene: Scene, directory: str | Path | None = None) -> Iterator[tuple[Simulation, bool]]:
+def running(
+    scene: Scene, directory: str | Path | None = None, observers: Sequence[object] = ()
+) -> Iterator[tuple[Simulation, bool]]:
     """Run a scene; at the end of the block its solver defaults leave the options database. *Collective.*
 
     Parameters
@@ -174,13 +176,15 @@ def running(scene: Scene, directory: str | Path | None = None) -> Iterator[tuple
     scene : Scene
     directory : str, pathlib.Path or None
         Where the run's report, history and fields go; None: nothing is written.
+    observers : sequence
+        Further observers, see :class:`pcontact.stepping.stepper.Observer`.
 
     Yields
     ------
     Simulation, bool
         The simulation (``stepper.u`` holds the solution), and whether all steps converged.
     """
-    simulation, converged = run_scene(scene, directory)
+    simulation, converged = run_scene(scene, directory, observers)
     try:
         yield simulation, converged
     finally:

@@ -71,8 +71,12 @@ def read(scene, comm, options):
     return load_mesh(comm, scene.mesh_path, scene.mesh.order, regions, surfaces, check, weight)
 
 
-def _radius(space, contact):
-    """Search radius [length]: the user's, or half the extent of the smaller surface. *Collective.*"""
+def _radius(space, contact, floats):
+    """Search radius [length]. *Collective.*
+
+    The user's; or 0.15 of the extent of the smaller surface, the farthest that bodies may move in a load step. A body that
+    nothing holds may have to look farther for a partner: half the extent.
+    """
     if contact.search_radius is not None:
         return contact.search_radius
     mesh, extents = space.mesh, []
@@ -83,11 +87,25 @@ def _radius(space, contact):
         nodes = np.concatenate(nodes) if nodes else np.zeros(0, dtype=np.int64)
         low, high = bounding_box(mesh.comm, mesh.points[nodes])
         extents.append(float(np.linalg.norm(high - low)))
-    return 0.5 * min(extents)
+    return (0.5 if floats else 0.15) * min(extents)
 
 
-def contact_items(scene, space, constants):
+def _components(space, side):
+    """Connected components that a surface belongs to. *Collective.*"""
+    return set().union(*space.comm.allgather(set(np.unique(side.components).tolist())))
+
+
+def contact_items(scene, space, constants, free):
     """One item per contact pair, and which components can meet. *Collective.*
+
+    Parameters
+    ----------
+    scene : pcontact.scene.model.Scene
+    space : pcontact.space.space.Space
+    constants : list of (float, float)
+        Lame constants of each body [stress].
+    free : dict of int to int
+        Components that the supports do not hold.
 
     Returns
     -------
@@ -98,11 +116,10 @@ def contact_items(scene, space, constants):
     items, edges = [], set()
     for number, contact in enumerate(scene.contacts):
         source = source_surface(space, contact.source, constants, contact.quadrature)
+        sides = [_components(space, source)]
         if contact.target is not None:
             target = target_surface(space, contact.target)
-            sides = [
-                set().union(*space.comm.allgather(set(np.unique(side.components).tolist()))) for side in (source, target)
-            ]
+            sides.append(_components(space, target))
             edges |= {(a, b) for a in sides[0] for b in sides[1]}
         else:
             obstacle = contact.obstacle
@@ -110,7 +127,8 @@ def contact_items(scene, space, constants):
             target = RigidObstacle(
                 obstacle, amplitude(obstacle.amplitude, scene.steps.end), size_of(space.mesh), functions, contact.name
             )
-        items.append(ContactItem(space, contact, source, target, _radius(space, contact)))
+        floats = bool(set().union(*sides) & set(free))
+        items.append(ContactItem(space, contact, source, target, _radius(space, contact, floats), floats))
     return items, edges
 
 
@@ -148,8 +166,8 @@ def assemble(scene, mesh):
         space, scene.displacements, [amplitude(d.amplitude, end) for d in scene.displacements], scene.where
     )
     forces = [(load_vector(space, load), amplitude(load.amplitude, end)) for load in scene.loads]
-    contacts, edges = contact_items(scene, space, constants)
     free = floating(space, supports)
+    contacts, edges = contact_items(scene, space, constants, free)
     for k, modes in free.items():
         log.info("body %s: %d rigid modes that no support holds", mesh.component_names[k], modes)
     items = [ElasticBulk(space, constants), *contacts]

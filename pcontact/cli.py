@@ -112,7 +112,8 @@ def run_scene(scene, directory, observers=()):
     """
     simulation = Simulation(scene)
     converged = simulation.run(directory, observers)
-    for name in simulation.options.unused(OURS):
+    # a default that found no use (of a preconditioner that the user replaced) is not the user's mistake
+    for name in simulation.options.unused([*OURS, *simulation.newton.applied]):
         near = difflib.get_close_matches(name, simulation.options.known, 1)
         log.warning("option -%s was not used%s", name, f"; the nearest is -{near[0]}" if near else "")
     return simulation, converged

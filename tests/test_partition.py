@@ -87,6 +87,17 @@ def test_every_cell_has_one_rank(shared_tmp):
 
 
 @pytest.mark.parallel
+def test_the_same_mesh_is_cut_the_same_way(shared_tmp):
+    """Whatever was partitioned before in this process."""
+    raw = None
+    if WORLD.rank == 0:
+        raw = read_mesh(two_blocks(shared_tmp / "blocks.msh", 2, 6, 5))
+    first, second, third = (partition(WORLD, raw, None) for _ in range(3))
+    np.testing.assert_array_equal(first, second)
+    np.testing.assert_array_equal(first, third)
+
+
+@pytest.mark.parallel
 def test_partition_weight_spreads_the_contact(shared_tmp):
     """With the weight of contact facets, the work (cells plus weight times facets) is even; cells are not."""
     path, weight = shared_tmp / "blocks.msh", 20.0

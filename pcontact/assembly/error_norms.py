@@ -1,4 +1,4 @@
-"""Distance to a known solution: energy norm and L2 norm in the bodies, weighted and plain L2 norms on surfaces."""
+"""Distance to a known solution: energy and L2 norm in the bodies, weighted and plain L2 norm on surfaces."""
 
 from typing import NamedTuple
 
@@ -78,11 +78,11 @@ def bulk_error(space, constants, u, exact, degree=None):
         Lame constants of each body of the scene [stress].
     u : PETSc.Vec
     exact : callable
-        ``exact(x, body)`` with points x (n, d) and the number of the body gives the displacement (n, d) and its
-        gradient (n, d, d), entry [i, j] the derivative of component i in direction j.
+        ``exact(x, body)`` with points x (n, d) and the number of the body gives the displacement (n, d) and
+        its gradient (n, d, d), entry [i, j] the derivative of component i in direction j.
     degree : int, optional
-        Of the quadrature; absent: twice the degree of the displacement, plus 4, so that the error of the quadrature is
-        of higher order than what it measures.
+        Of the quadrature; absent: twice the degree of the displacement, plus 4, so that the error of the
+        quadrature is of higher order than what it measures.
 
     Returns
     -------

@@ -102,7 +102,7 @@ def route(comm, low, high, points, radius):
 def _project(target, x_facets, boxes, points, normals, radius, method, numbers):
     """Answers (n, columns) of this rank for some points, and how many facets were tried.
 
-    Columns: facet id, distance, gap, y, normal, nodes, shape; no partner has a distance of inf.
+    Columns: facet id, distance, gap, interior, facet size, y, normal, nodes, shape; no partner has a distance of inf.
     """
     tree = build_tree(*boxes)
     search = closest_points if method == "closest_point" else ray_tracing
@@ -118,20 +118,24 @@ def _project(target, x_facets, boxes, points, normals, radius, method, numbers):
     else:
         weights, nodes = np.zeros((len(points), m)), np.zeros((len(points), m))
     distance = np.where(found, p.distance, np.inf)
-    out = np.column_stack([p.id, distance, p.gap, p.y, p.normal, nodes, weights]).astype(float)
+    out = np.column_stack([p.id, distance, p.gap, p.interior, p.size, p.y, p.normal, nodes, weights]).astype(float)
     return out, int(p.candidates.sum())
 
 
-def _best(points, answers, n_points, tolerance):
-    """Row of ``answers`` that wins for every point (-1: none): nearest, ties by global facet number."""
+def _best(points, answers, n_points):
+    """Row of ``answers`` that wins for every point (-1: none).
+
+    The nearest; among equals (1e-10 of the facet size) an interior projection, then the smallest global facet number:
+    the rule of the search within one rank, so that the result does not depend on how facets are spread.
+    """
     winner = np.full(n_points, -1, dtype=np.int64)
     usable = np.flatnonzero(np.isfinite(answers[:, 1]))
     if not len(usable):
         return winner
     nearest = np.full(n_points, np.inf)
     np.minimum.at(nearest, points[usable], answers[usable, 1])
-    tied = usable[answers[usable, 1] <= nearest[points[usable]] + tolerance]
-    order = tied[np.lexsort((answers[tied, 0], points[tied]))]
+    tied = usable[answers[usable, 1] <= nearest[points[usable]] + 1e-10 * answers[usable, 4]]
+    order = tied[np.lexsort((answers[tied, 0], -answers[tied, 3], points[tied]))]
     unique, first = np.unique(points[order], return_index=True)
     winner[unique] = order[first]
     return winner
@@ -170,14 +174,14 @@ def find_partners(space, target, nodal, points, normals, radius, method):
         asked, answers, candidates = _remote(
             space, target, x_facets, boxes, points, normals, radius, method, width
         )
-    winner = _best(asked, answers, len(points), 1e-10 * radius)
-    out = np.zeros((len(points), 3 + 2 * d + 2 * width))
+    winner = _best(asked, answers, len(points))
+    first = 5
+    out = np.zeros((len(points), first + 2 * d + 2 * width))
     out[:, 0] = -1
     out[winner >= 0] = answers[winner[winner >= 0]]
-    y, normal = out[:, 3 : 3 + d].copy(), out[:, 3 + d : 3 + 2 * d].copy()
-    nodes = out[:, 3 + 2 * d : 3 + 2 * d + width].astype(np.int64)
+    y, normal, nodes, shape = np.split(out[:, first:], [d, 2 * d, 2 * d + width], axis=1)
     return Found(
-        out[:, 0].astype(np.int64), y, normal, out[:, 2].copy(), nodes, out[:, 3 + 2 * d + width :].copy(), candidates
+        out[:, 0].astype(np.int64), y.copy(), normal.copy(), out[:, 2].copy(), nodes.astype(np.int64), shape.copy(), candidates
     )
 
 
@@ -191,7 +195,7 @@ def _remote(space, target, x_facets, boxes, points, normals, radius, method, wid
     joined = np.concatenate(list(asked.values())) if asked else np.zeros((0, 2 * d))
     answers, candidates = _project(target, x_facets, boxes, joined[:, :d], joined[:, d:], radius, method, space.nodes)
     pieces = np.split(answers, np.cumsum(counts)[:-1]) if asked else []
-    columns = 3 + 2 * d + 2 * width
+    columns = 5 + 2 * d + 2 * width
     replies = space.exchanger(dict(zip(asked, pieces, strict=True)), np.float64, columns)
     back = [replies[r] for r in sorted(sends)]
     return index[order], np.concatenate(back) if back else np.zeros((0, columns)), candidates

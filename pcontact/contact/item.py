@@ -10,7 +10,8 @@ from pcontact.contact.exchange import find_partners
 from pcontact.contact.nitsche import add_residual, add_tangent, evaluate, traction_operator
 from pcontact.runtime.petsc import MPI
 
-GAMMA0 = {1.0: 2.0, 0.0: 1.0, -1.0: 0.5}
+# theta = -1 is coercive for any value; below 1 multigrid fails for quadratic hexahedra
+GAMMA0 = {1.0: 2.0, 0.0: 1.0, -1.0: 1.0}
 # smallest cosine between the normals of a source point and its obstacle
 FACING = 0.1
 
@@ -59,6 +60,8 @@ class ContactItem:
     target : pcontact.contact.surface.TargetSurface or pcontact.contact.obstacle.RigidObstacle
     radius : float
         Search radius [length].
+    floats : bool
+        Whether a body of the pair is not held by supports.
 
     Attributes
     ----------
@@ -70,12 +73,13 @@ class ContactItem:
 
     changes = True
 
-    def __init__(self, space, contact, source, target, radius):
+    def __init__(self, space, contact, source, target, radius, floats=False):
         self.space, self.contact, self.source, self.target = space, contact, source, target
         self.name, self.theta, self.radius = contact.name, float(contact.theta), radius
         self.gamma0 = contact.gamma0 if contact.gamma0 is not None else GAMMA0[self.theta]
         self.gamma = self.gamma0 * source.trace
         self.rigid = contact.obstacle is not None
+        self.floats = floats
         self.bilateral = contact.bilateral
         self.version = 0
         self.offset = None
@@ -83,6 +87,8 @@ class ContactItem:
         self.pairing = None
         self._coupled = np.zeros(len(source.facet), dtype=bool)
         self._owned = None
+        farthest = space.comm.allreduce(float(np.max(np.abs(space.points), initial=0.0)), op=MPI.MAX)
+        self._rounding = 64.0 * np.finfo(float).eps * farthest
 
     # -- search -------------------------------------------------------------------------------------------------
 
@@ -114,7 +120,8 @@ class ContactItem:
             gap, normal, paired, ids = found.gap, found.normal, found.id >= 0, found.id
             nodes, shape = found.nodes, found.shape
             self.candidates += found.candidates
-        gap = self._adjust(np.where(paired, gap, 0.0), paired)
+        # surfaces that touch are closed in the first tangent, whatever the rounding of their coordinates says
+        gap = self._adjust(np.where(paired & (np.abs(gap) > self._rounding), gap, 0.0), paired)
         normal = np.where(paired[:, None], normal, source.normal)
         self._freeze(u, gap, np.ascontiguousarray(normal), paired, ids, nodes, shape)
 
@@ -224,6 +231,40 @@ class ContactItem:
 
     def commit(self, u, time):
         """Frictionless contact remembers nothing."""
+
+    # -- steps of bodies that nothing holds ---------------------------------------------------------------------
+
+    def reach(self, u, y):
+        """Largest part of the Newton step ``-y`` after which the pair still makes sense. *Collective.*
+
+        While no point is closed, a body that nothing holds may go until its nearest point has just closed (a tenth of a facet
+        deep); afterwards its points may move by a search radius, beyond which their partners mean nothing.
+
+        Returns
+        -------
+        float
+            At most 1; always 1 for pairs of bodies that supports hold.
+        """
+        if not self.floats:
+            return 1.0
+        p, source, comm = self.pairing, self.source, self.space.comm
+        traction, gap = self._evaluate(p.exchange.gather(u))
+        _, moved = self._evaluate(p.exchange.gather(y))
+        approach = moved - p.gap0
+        part = self.radius / max(float(np.max(np.abs(approach), initial=0.0)), 1e-300)
+        closed = p.paired & (traction + self.gamma[source.facet] * gap <= 0.0)
+        if not comm.allreduce(bool(closed.any()), op=MPI.LOR):
+            coming = p.paired & (approach > 0.0)
+            depth = gap[coming] + 0.1 * source.size[source.facet[coming]]
+            part = min(part, float(np.min(depth / approach[coming], initial=np.inf)))
+        return min(1.0, comm.allreduce(part, op=MPI.MIN))
+
+    def motion(self, u, before):
+        """Largest motion of a source point along its normal between two displacements [length]. *Collective.*"""
+        p = self.pairing
+        _, now = self._evaluate(p.exchange.gather(u))
+        _, then = self._evaluate(p.exchange.gather(before))
+        return self.space.comm.allreduce(float(np.max(np.abs(now - then), initial=0.0)), op=MPI.MAX)
 
     # -- report -------------------------------------------------------------------------------------------------
 

@@ -38,7 +38,8 @@ class SourceSurface:
     lame : ndarray (nf, 2)
         Lame constants of the parent cells [stress].
     trace : ndarray (nf,)
-        Constant of the trace inequality [stress/length].
+        Constant of the trace inequality of the parent cell, times the number of its facets in the surface
+        [stress/length].
     size : ndarray (nf,)
         Diameter of the facets [length].
     components : ndarray (nf,)
@@ -142,6 +143,9 @@ def source_surface(space, name, constants, quadrature_degree=None):
         p["cells"] = _pad(p["cells"], width, index=True)
         p["shape"], p["grad"] = _pad(p["shape"], width), _pad(p["grad"], width)
     joined = {key: np.ascontiguousarray(np.concatenate([p[key] for p in parts])) for key in parts[0]}
+    # a cell's energy bounds the traction on all its facets of the surface together
+    _, place, count = np.unique(joined["facet_ids"] // FACETS, return_inverse=True, return_counts=True)
+    joined["trace"] *= count[place]
     return SourceSurface(**joined)
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 from pcontact.element.reference import CELLS
-from pcontact.runtime.petsc import MPI, PETSc, has_package
+from pcontact.runtime.petsc import MPI, PETSc, has_package, reset_partitioner
 
 
 def centroids(raw):
@@ -68,6 +68,8 @@ def _plex_partition(comm, raw):
         cells, points = np.zeros((0, corners), dtype=PETSc.IntType), np.zeros((0, dim))
     n_cells = len(cells)
     dm = PETSc.DMPlex().createFromCellList(dim, cells, points, interpolate=False, comm=comm)
+    # the same mesh is cut the same way, whatever this process has run before
+    reset_partitioner()
     dm.getPartitioner().setFromOptions()
     start, end = dm.getChart()
     rank_of_point = np.zeros(max(end - start, 1), dtype=np.int32)

@@ -76,7 +76,7 @@ class Options:
                 kept_out[name] = self._db.getString(name, "")
             else:
                 # a flag without value is true for PETSc, and the only way to ask for a monitor
-                self._db.setValue(name, "" if value in (None, True, "true") else value)
+                self._db.setValue(name, "" if value is None or value is True or value == "true" else value)
                 applied[name] = value
         return applied, kept_out
 

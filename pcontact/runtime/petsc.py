@@ -15,7 +15,7 @@ petsc4py.init([sys.argv[0]] if "pytest" in sys.modules else sys.argv)
 from mpi4py import MPI  # noqa: E402
 from petsc4py import PETSc  # noqa: E402
 
-__all__ = ["MPI", "PETSc", "line_search_name", "local_values", "matrix_parts", "has_package", "version"]
+__all__ = ["MPI", "PETSc", "line_search_limit", "local_values", "matrix_parts", "has_package", "version"]
 
 version = PETSc.Sys.getVersion()[:2]
 
@@ -33,13 +33,8 @@ def has_package(name):
     return bool(PETSc.Sys.hasExternalPackage(name))
 
 
-def line_search_name(name):
-    """The name that this PETSc gives a line search (``l2`` became ``secant``, ``basic`` became ``none``)."""
-    if name in ("l2", "secant"):
-        return "secant" if version >= (3, 24) else "l2"
-    if name in ("basic", "none"):
-        return "none" if version >= (3, 26) else "basic"
-    return name
+# option for the longest step of a line search
+line_search_limit = "snes_linesearch_maxlambda" if version >= (3, 24) else "snes_linesearch_maxstep"
 
 
 def _check(code, what):
@@ -113,6 +108,13 @@ class local_values:  # noqa: N801
             )
         self.matrix.assemble()
         return False
+
+
+def reset_partitioner():
+    """Make the graph partitioner forget earlier calls: PT-Scotch goes on with its random numbers from call to call."""
+    reset = getattr(_lib, "SCOTCH_randomReset", None)
+    if reset is not None:
+        reset()
 
 
 def set_section(dm, section):

@@ -26,6 +26,8 @@ def solver_defaults(symmetric, mumps):
         "pc_type": "gamg",
         "pc_gamg_agg_nsmooths": 1,
         "pc_gamg_threshold": 0.0,
+        # the estimate made for smoothed aggregation can be older than the contact; Chebyshev then amplifies its modes
+        "pc_gamg_use_sa_esteig": False,
         "mg_levels_ksp_type": "chebyshev",
         "mg_levels_pc_type": "jacobi",
         "mg_levels_ksp_max_it": 2,

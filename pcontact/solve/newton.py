@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pcontact.runtime.errors import InputError
-from pcontact.runtime.petsc import PETSc, line_search_name
+from pcontact.runtime.petsc import PETSc, line_search_limit
 from pcontact.solve.linear import solver_defaults
 
 REASONS = {
@@ -59,7 +59,12 @@ class Newton:
         self._options = options
         defaults = {
             "snes_type": "newtonls",
-            "snes_linesearch_type": line_search_name("bt"),
+            # the operator is monotone: the zero of F(x + s y) . y is what to look for, and |F| may have to rise on the way
+            "snes_linesearch_type": "cp",
+            line_search_limit: 1.0,
+            # both are absolute in PETSc: with them the answer would depend on the user's units
+            "snes_linesearch_atol": 0.0,
+            "snes_linesearch_maxstep": 1e300,
             "snes_rtol": 1e-8,
             "snes_atol": 0.0,
             "snes_stol": 0.0,
@@ -78,7 +83,7 @@ class Newton:
         self.snes.setFunction(self._residual, self._f)
         self.snes.setJacobian(self._tangent, problem.matrix.matrix)
         self.snes.setConvergenceTest(self._test)
-        self.snes.setLineSearchPreCheck(self._keep_supports)
+        self.snes.setLineSearchPreCheck(self._limit)
         problem.matrix.matrix.setNearNullSpace(near_null_space)
         try:
             self.snes.setFromOptions()
@@ -94,11 +99,14 @@ class Newton:
     def _tangent(self, snes, x, matrix, preconditioner):
         self.problem.tangent(x)
 
-    def _keep_supports(self, x, y):
-        """An inexact linear solve may move prescribed components a little: they stay where they are."""
+    def _limit(self, x, y):
+        """Prescribed components stay where they are, whatever an inexact linear solve says; loose bodies stay near."""
         array = y.getArray().reshape(self.problem.fixed.shape)
         array[self.problem.fixed] = 0.0
         y.assemble()
+        part = self.problem.reach(x, y)
+        if part < 1.0:
+            y.scale(part)
 
     def _test(self, snes, iteration, norms):
         """Residual against the first one and against its own rounding errors; the size of the step says nothing here."""

@@ -96,6 +96,10 @@ class Problem:
             total[place] += value
         return total
 
+    def reach(self, u, y):
+        """Largest part of the Newton step ``-y`` that all pairs admit. *Collective.*"""
+        return min([item.reach(u, y) for item in self.items[1:]], default=1.0)
+
     def roundoff(self, u):
         """Norm of the rounding errors that the residual at ``u`` may carry [force]. *Collective.*"""
         bulk = self.items[0]

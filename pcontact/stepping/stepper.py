@@ -76,7 +76,7 @@ class Stepper:
         while not self.schedule.done:
             target = self.schedule.next()
             committed = self.u.copy()
-            outcome = self._attempt(target)
+            outcome = self._attempt(target, committed)
             if outcome.converged:
                 for item in self.problem.items:
                     item.commit(self.u, target)
@@ -100,7 +100,7 @@ class Stepper:
                     f"residual {outcome.residual:.3e} after {outcome.newton} iterations, first {outcome.initial:.3e})"
                 )
 
-    def _attempt(self, target):
+    def _attempt(self, target, before):
         start = clock.perf_counter()
         self.problem.time = target
         for item in self.problem.items:
@@ -108,6 +108,16 @@ class Stepper:
         middle = clock.perf_counter()
         self.problem.prescribe(self.u, target)
         outcome = self.newton.solve(self.u)
+        self._check_motion(outcome, before)
         self.timing["search"] += middle - start
         self.timing["solve"] += clock.perf_counter() - middle
         return outcome
+
+    def _check_motion(self, outcome, before):
+        """Bodies that moved farther than partners were looked for may have passed through each other."""
+        if not outcome.converged:
+            return
+        for item in self.problem.items:
+            if hasattr(item, "motion") and item.motion(self.u, before) > item.radius:
+                outcome.converged = False
+                outcome.reason = f"contact {item.name}: bodies moved farther than the search radius {item.radius:.4g}"
