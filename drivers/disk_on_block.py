@@ -17,7 +17,7 @@ from drivers._common import draw, log, main, make_mesh, make_parser, print_table
 from meshes import disk_on_block
 from pcontact.assembly.error_norms import bulk_error
 from pcontact.element.shape import shape, shape_gradient
-from pcontact.runtime.petsc import MPI, has_package
+from pcontact.runtime.petsc import MPI, has_package, version
 from pcontact.scene.model import Body, Contact, Displacement, Load, Material, MeshSpec, Output, Scene, Steps
 
 CONSTANTS = [(1.0, 1.0), (1.0, 1.0)]  # lambda, mu of both bodies
@@ -26,11 +26,11 @@ FORCE = 0.1
 
 
 def _solver():
-    """A direct solver where there is one, so that a failure is Newton's.
+    """Full Newton steps, as in the paper, and a direct solver where there is one, so that a failure is Newton's.
 
     Below the bound of theta = 1 the tangent is not definite, and a Krylov method would give up first.
     """
-    options = {"snes_rtol": "1e-9"}
+    options = {"snes_rtol": "1e-9", "snes_linesearch_type": "none" if version >= (3, 26) else "basic"}
     if MPI.COMM_WORLD.size == 1 or has_package("mumps"):
         options["pc_type"] = "lu"
     return options

@@ -6,6 +6,7 @@ from pcontact.assembly.bulk import ElasticBulk
 from pcontact.assembly.loads import load_vector, lumped_volume
 from pcontact.contact.item import ContactItem
 from pcontact.contact.obstacle import RigidObstacle
+from pcontact.contact.pieces import cut_source
 from pcontact.contact.surface import source_surface, target_surface
 from pcontact.material.elastic import lame
 from pcontact.mesh.load import load_mesh
@@ -128,7 +129,10 @@ def contact_items(scene, space, constants, free):
                 obstacle, amplitude(obstacle.amplitude, scene.steps.end), size_of(space.mesh), functions, contact.name
             )
         floats = bool(set().union(*sides) & set(free))
-        items.append(ContactItem(space, contact, source, target, _radius(space, contact, floats), floats))
+        radius = _radius(space, contact, floats)
+        if space.dim == 2 and contact.target is not None:
+            source = cut_source(space, source, contact.source, target, radius, contact.search, contact.quadrature)
+        items.append(ContactItem(space, contact, source, target, radius, floats))
     return items, edges
 
 

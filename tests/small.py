@@ -92,7 +92,7 @@ def vector_of(space, array):
 
 
 def numpy_gradients(space, number, xi, weights):
-    """Physical gradients (nc, nq, nn, d) and weights (nc, nq) of the cells of a block, without compiled code."""
+    """Physical gradients (nc, nq, nn, d) and weights (nc, nq) of a block's cells, without compiled code."""
     mesh, block = space.mesh, space.mesh.blocks[number]
     table, geometry_degree = mesh.geometry_nodes(block)
     x = mesh.points[table]

@@ -1,6 +1,7 @@
-"""Patterns, numbering, exchange between ranks, the global matrix, supports, near-null space: serial and on several ranks.
+"""Patterns, numbering, exchange, the global matrix, supports, near-null space, on one and on several ranks.
 
-The reference of the parallel tests is the same mesh on one rank; nodes are told apart by their number in the file.
+The reference of the parallel tests is the same mesh on one rank; nodes are told apart by their number in
+the file.
 """
 
 import numpy as np
@@ -47,8 +48,10 @@ def supports_of(space, *displacements):
     return Supports(space, list(displacements), [amplitude(d.amplitude, 1.0) for d in displacements])
 
 
-@pytest.fixture(params=[("quadrilateral", 1), ("triangle", 2), ("tetrahedron", 1), ("hexahedron", 2)],
-                ids=lambda p: f"{p[0]}{p[1]}")  # fmt: skip
+@pytest.fixture(
+    params=[("quadrilateral", 1), ("triangle", 2), ("tetrahedron", 1), ("hexahedron", 2)],
+    ids=lambda p: f"{p[0]}{p[1]}",
+)
 def both(request, shared_tmp):
     """The space of two blocks on all ranks, and on one."""
     cell, degree = request.param
@@ -75,7 +78,7 @@ def contact_item(space, theta=0.0, radius=0.5, **more):
     return ContactItem(space, contact, source, target, radius)
 
 
-# -- patterns ---------------------------------------------------------------------------------------------------
+# -- patterns ----------------------------------------
 
 
 def test_node_graph_and_find():
@@ -134,7 +137,7 @@ def test_multiply(d):
     np.testing.assert_allclose(y.ravel(), dense(rowptr, columns, values, 8) @ x.ravel(), atol=1e-13)
 
 
-# -- between ranks ----------------------------------------------------------------------------------------------
+# -- between ranks ----------------------------------------
 
 
 @parallel
@@ -206,7 +209,9 @@ def test_node_exchange_gathers_and_adds():
     vector.setType("mpi" if WORLD.size > 1 else "seq")
     own = np.arange(start, start + n_owned)
     vector.setArray((10.0 * own[:, None] + np.arange(d)).ravel())
-    nodes = np.random.default_rng(WORLD.rank).permutation(total)[: 0 if WORLD.rank == WORLD.size - 1 > 0 else 4]
+    nodes = np.random.default_rng(WORLD.rank).permutation(total)[
+        : 0 if WORLD.rank == WORLD.size - 1 > 0 else 4
+    ]
     plan = NodeExchange(vector, nodes, d)
     got = plan.gather(vector)
     np.testing.assert_array_equal(got, 10.0 * nodes[:, None] + np.arange(d))
@@ -217,7 +222,9 @@ def test_node_exchange_gathers_and_adds():
     WORLD.Allreduce(MPI.IN_PLACE, asked, op=MPI.SUM)
     before = vector.getArray().copy().reshape(-1, d)
     plan.add(np.full((len(nodes), d), 0.25), vector)
-    np.testing.assert_allclose(vector.getArray().reshape(-1, d) - before, 0.25 * asked[own][:, None] * np.ones(d))
+    np.testing.assert_allclose(
+        vector.getArray().reshape(-1, d) - before, 0.25 * asked[own][:, None] * np.ones(d)
+    )
 
 
 @parallel
@@ -247,7 +254,7 @@ def test_numbering_is_agreed_contiguous_and_even():
         assert counts.min() > 0.5 * n_keys / WORLD.size
 
 
-# -- rows that several ranks add to -----------------------------------------------------------------------------
+# -- rows that several ranks add to ----------------------------------------
 
 
 @parallel
@@ -328,7 +335,9 @@ def test_global_matrix_without_supports(both):
             rest = space.comm.allreduce(np.abs(times(space, matrix, own)).max(initial=0.0), op=MPI.MAX)
             assert rest < 1e-13 * scale * size
     more = global_matrix(space, supports_of(space), extra=0.5).matrix
-    np.testing.assert_allclose(times(space, more, values) - times(space, matrix, values), 0.5 * values, atol=1e-11)
+    np.testing.assert_allclose(
+        times(space, more, values) - times(space, matrix, values), 0.5 * values, atol=1e-11
+    )
 
 
 def some_supports(space):
@@ -358,7 +367,9 @@ def test_supports_keep_the_matrix_symmetric(both, theta):
         fixed = supports.fixed[space.owned_local]
         assert space.comm.allreduce(int(fixed.sum())) > 0
         values = field(space, 5)
-        diagonal = global_matrix(space, supports_of(space)).matrix.getDiagonal().getArray().reshape(fixed.shape)
+        diagonal = (
+            global_matrix(space, supports_of(space)).matrix.getDiagonal().getArray().reshape(fixed.shape)
+        )
         expected = np.where(fixed, diagonal * values, times(space, free, np.where(fixed, 0.0, values)))
         np.testing.assert_allclose(times(space, held, values), expected, atol=1e-11)
 
@@ -370,8 +381,10 @@ def test_supports_agree_between_ranks(both):
     for space in both:
         supports = some_supports(space)
         own = space.owned_local
-        tables.append([by_key(space, supports.fixed[own].astype(float))]
-                      + [by_key(space, supports.values(t)[own]) for t in (0.0, 0.3, 1.0)])  # fmt: skip
+        tables.append(
+            [by_key(space, supports.fixed[own].astype(float))]
+            + [by_key(space, supports.values(t)[own]) for t in (0.0, 0.3, 1.0)]
+        )
         assert np.all(supports.values(0.7)[~supports.fixed] == 0.0)
         values = np.concatenate(space.comm.allgather(supports.values(0.5).ravel()))
         np.testing.assert_allclose(np.unique(values), [-0.05, 0.0])
@@ -384,7 +397,9 @@ def test_conflicting_supports_are_refused_on_every_rank(both):
     space, _ = both
     d = space.dim
     first = Displacement("lower_bottom", [0.0] * d)
-    with pytest.raises(InputError, match=r"displacements\[1\].*left.*component 0.*displacements\[0\].*allowed") as info:
+    with pytest.raises(
+        InputError, match=r"displacements\[1\].*left.*component 0.*displacements\[0\].*allowed"
+    ) as info:
         supports_of(space, first, Displacement("left", [0.1] + ["free"] * (d - 1)))
     assert len(set(WORLD.allgather(str(info.value)))) == 1
     # the same value twice is no conflict, another history of the same value is
@@ -408,7 +423,9 @@ def test_contact_is_the_same_on_any_ranks(both, theta):
         u, out = vector_of(space, 0.2 * field(space)), np.zeros((space.n_owned, space.dim))
         item.residual(u, out)
         matrix = global_matrix(space, some_supports(space), item, u).matrix
-        results.append((by_key(space, out), by_key(space, times(space, matrix, field(space, 3))), item.summary(u)))
+        results.append(
+            (by_key(space, out), by_key(space, times(space, matrix, field(space, 3))), item.summary(u))
+        )
     for a, b in zip(results[0][:2], results[1][:2], strict=True):
         assert np.abs(b).max() > 1e-3
         np.testing.assert_allclose(a, b, atol=1e-11)
@@ -419,7 +436,7 @@ def test_contact_is_the_same_on_any_ranks(both, theta):
     assert len({str(s) for s in WORLD.allgather(first)}) == 1
 
 
-# -- near-null space, floating bodies ---------------------------------------------------------------------------
+# -- near-null space, floating bodies ----------------------------------------
 
 
 def test_colours():
@@ -447,7 +464,7 @@ def test_rigid_modes(d):
 @parallel
 @pytest.mark.parametrize("colours", [(0, 0), (0, 1)])
 def test_near_null_space(both, colours):
-    """Orthonormal; spans the rigid modes of the bodies, apart where their colours differ; K times it vanishes."""
+    """Orthonormal; spans the bodies' rigid modes, apart where colours differ; K times it vanishes."""
     space, _ = both
     vectors = near_null_space(space, np.array(colours)).getVecs()
     n_modes = 3 if space.dim == 2 else 6
@@ -485,7 +502,7 @@ def test_floating_bodies(both):
     assert floating(space, supports_of(space, held, Displacement("upper_top", [0.0] * d))) == {}
 
 
-# -- the problem ------------------------------------------------------------------------------------------------
+# -- the problem ----------------------------------------
 
 
 @parallel
@@ -531,7 +548,11 @@ def test_tangent_of_the_problem_is_the_derivative_of_its_residual(both, theta):
     """With supports, several items, forces."""
     space, _ = both
     supports = some_supports(space)
-    items = [ElasticBulk(space, CONSTANTS), contact_item(space, theta), contact_item(space, theta, bilateral=True)]
+    items = [
+        ElasticBulk(space, CONSTANTS),
+        contact_item(space, theta),
+        contact_item(space, theta, bilateral=True),
+    ]
     rng = np.random.default_rng(7)
     force = rng.normal(size=(space.n_owned, space.dim))
     problem = Problem(space, items, supports, [(force, amplitude(None, 1.0))], np.zeros(space.n_owned))
@@ -576,7 +597,9 @@ def test_ranks_without_cells(tiny):
         ElasticBulk(space, CONSTANTS).residual(u, out)
         vectors = near_null_space(space, np.array([0, 1])).getVecs()
         assert len(vectors) == 6
-        results.append((by_key(space, out), by_key(space, times(space, matrix, field(space, 3))), item.summary(u)))
+        results.append(
+            (by_key(space, out), by_key(space, times(space, matrix, field(space, 3))), item.summary(u))
+        )
     for a, b in zip(results[0][:2], results[1][:2], strict=True):
         np.testing.assert_allclose(a, b, atol=1e-12)
     for key, value in results[1][2].items():

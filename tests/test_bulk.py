@@ -2,9 +2,19 @@
 
 import numpy as np
 import pytest
-from meshes.blocks import two_blocks
-from small import DIMENSION, SELF, block_file, bend, dense_item, elasticity, make_space, numpy_gradients, vector_of
+from small import (
+    DIMENSION,
+    SELF,
+    bend,
+    block_file,
+    dense_item,
+    elasticity,
+    make_space,
+    numpy_gradients,
+    vector_of,
+)
 
+from meshes.blocks import two_blocks
 from pcontact.assembly.bulk import ElasticBulk, add_stiffness
 from pcontact.assembly.geometry import bulk_degree
 from pcontact.assembly.graph import node_graph
@@ -19,7 +29,9 @@ LAME = (3.0, 2.0)
 DEGREES = [(1, 1), (1, 2), (2, 2)]
 
 
-@pytest.fixture(params=[(c, g, p) for c in DIMENSION for g, p in DEGREES], ids=lambda p: f"{p[0]}-{p[1]}{p[2]}")
+@pytest.fixture(
+    params=[(c, g, p) for c in DIMENSION for g, p in DEGREES], ids=lambda p: f"{p[0]}-{p[1]}{p[2]}"
+)
 def space(request, tmp_path):
     """A bent box on one rank; with second-order geometry its cells are curved."""
     cell, geometry, degree = request.param
@@ -62,7 +74,9 @@ def test_lame_constants():
 
 
 def test_equivalent_stress():
-    stress = np.array([[7.0, 0, 0, 0, 0, 0], [4.0, 4, 4, 0, 0, 0], [0, 0, 0, 2.0, 0, 0], [1, 2, 3, 4, 5, 6.0]])
+    stress = np.array(
+        [[7.0, 0, 0, 0, 0, 0], [4.0, 4, 4, 0, 0, 0], [0, 0, 0, 2.0, 0, 0], [1, 2, 3, 4, 5, 6.0]]
+    )
     full = stress[3][[[0, 3, 5], [3, 1, 4], [5, 4, 2]]]
     deviator = full - np.eye(3) * np.trace(full) / 3
     expected = [7.0, 0.0, 2.0 * np.sqrt(3.0), np.sqrt(1.5 * np.sum(deviator**2))]

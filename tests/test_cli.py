@@ -1,7 +1,7 @@
 """The program as the user meets it: bad input of every kind ends with one line and status 2, on every rank.
 
-Most of the time of a run is the start of Python: bad scenes and meshes go through the program one after the other in one
-process (per rank), some of them, and everything that is wrong on the command line, in a process of their own.
+Most of the time of a run is the start of Python: bad scenes and meshes go through the program one after the
+other in one process (per rank); some of them, and what is wrong on the command line, have their own process.
 """
 
 import json
@@ -18,11 +18,18 @@ import pytest
 ROOT = Path(__file__).resolve().parents[1]
 TIMEOUT = 60
 
-# -- a mesh of two quadrilaterals and its scene -----------------------------------------------------------------
+# -- a mesh of two quadrilaterals and its scene ----------------------------------------
 
 NODES = [(0, 0), (1, 0), (1, 1), (0, 1), (0, 1), (1, 1), (1, 2), (0, 2)]
-NAMES = {(2, 1): "lower", (2, 2): "upper", (1, 3): "lower_bottom", (1, 4): "lower_top", (1, 5): "upper_bottom",
-         (1, 6): "upper_top", (1, 7): "lower_left"}  # fmt: skip
+NAMES = {
+    (2, 1): "lower",
+    (2, 2): "upper",
+    (1, 3): "lower_bottom",
+    (1, 4): "lower_top",
+    (1, 5): "upper_bottom",
+    (1, 6): "upper_top",
+    (1, 7): "lower_left",
+}
 # gmsh type, group, nodes, and the entity if it is not the group's
 CELLS = [(3, 1, (1, 2, 3, 4)), (3, 2, (5, 6, 7, 8))]
 FACETS = [(1, 3, (1, 2)), (1, 4, (3, 4)), (1, 5, (5, 6)), (1, 6, (7, 8)), (1, 7, (4, 1))]
@@ -75,7 +82,14 @@ def swapped(old, new):
 # one body of two cells, the facet between them is in a contact surface
 INNER = mesh_text(
     NODES[:4] + NODES[6:],
-    [(3, 1, (1, 2, 3, 4)), (3, 2, (4, 3, 5, 6)), (1, 3, (1, 2)), (1, 4, (3, 4)), (1, 5, (3, 4)), (1, 6, (5, 6))],
+    [
+        (3, 1, (1, 2, 3, 4)),
+        (3, 2, (4, 3, 5, 6)),
+        (1, 3, (1, 2)),
+        (1, 4, (3, 4)),
+        (1, 5, (3, 4)),
+        (1, 6, (5, 6)),
+    ],
 )
 
 
@@ -101,50 +115,95 @@ class Case:
 
 FILES = {
     "no scene": Case([r"scene\.toml", "no such file", "allowed: a scene file"], scene=None),
-    "no TOML": Case([r"scene\.toml", r"line \d+, column \d+", "TOML"], scene=swapped("E = 1000.0", "E = = 1")),
+    "no TOML": Case(
+        [r"scene\.toml", r"line \d+, column \d+", "TOML"], scene=swapped("E = 1000.0", "E = = 1")
+    ),
     "no mesh": Case([r"scene\.toml", r"mesh\.file", "mesh.msh", "no such file", "allowed"], mesh=None),
-    "mesh is something else": Case([r"mesh\.msh", "not a gmsh mesh"], mesh="solid ball\nfacet normal 0 0 1\n"),
-    "misspelt key": Case([r"contacts\[0\] \(pair\)\.targte", "unknown key", "'target'", "allowed"],
-                         scene=swapped("target =", "targte =")),
-    "misspelt table": Case(["displacement", "'displacements'"], scene=SCENE.replace("[[displacements]]", "[[displacement]]")),
+    "mesh is something else": Case(
+        [r"mesh\.msh", "not a gmsh mesh"], mesh="solid ball\nfacet normal 0 0 1\n"
+    ),
+    "misspelt key": Case(
+        [r"contacts\[0\] \(pair\)\.targte", "unknown key", "'target'", "allowed"],
+        scene=swapped("target =", "targte ="),
+    ),
+    "misspelt table": Case(
+        ["displacement", "'displacements'"], scene=SCENE.replace("[[displacements]]", "[[displacement]]")
+    ),
     "negative modulus": Case([r"materials\.m\.E", "-1000", "allowed"], scene=swapped("1000.0", "-1000.0")),
     "incompressible": Case([r"materials\.m\.nu", "0.5", "allowed"], scene=swapped("0.3", "0.5")),
-    "text for a number": Case([r"materials\.m\.E", "'steel'|\"steel\"", "allowed"], scene=swapped("1000.0", '"steel"')),
-    "unknown material": Case([r"bodies\[0\] \(lower\)\.material", "'mm'", "allowed.*m"],
-                             scene=swapped('"m"', '"mm"')),
-    "three components in 2D": Case([r"displacements\[0\] \(lower_bottom\)\.value", "3 entries", "2D"],
-                                   scene=swapped("[0.0, 0.0]", "[0.0, 0.0, 0.0]")),
-    "missing group": Case([r"scene\.toml", r"contacts\[0\] \(pair\)\.source", "'upper_botom'", "'upper_bottom'", "allowed"],
-                          scene=swapped('"upper_bottom"', '"upper_botom"')),
-    "group of another kind": Case([r"contacts\[0\] \(pair\)\.target", "'lower'", "cells", "allowed"],
-                                  scene=swapped('"lower_top"', '"lower"')),
-    "empty surface": Case([r"contacts\[0\] \(pair\)\.target", "'lower_top'", "empty|no such group", "allowed"],
-                          mesh=mesh_text(elements=CELLS + [f for f in FACETS if f[1] != 4])),
-    "NaN": Case([r"mesh\.msh", "node 3", "not a finite number|not a gmsh mesh|cannot read"],
-                mesh=mesh_text([*NODES[:2], ("nan", 1), *NODES[3:]])),
-    "node without cell": Case([r"mesh\.msh", "node 9", "no cell"],
-                              mesh=mesh_text([*NODES, (3, 3)], CELLS + FACETS + [(15, 8, (9,))], {**NAMES, (0, 8): "tip"})),
-    "inverted cell": Case([r"mesh\.msh", "cell", "quadrilateral"],
-                          mesh=mesh_text(elements=[(3, 1, (1, 2, 4, 3)), *CELLS[1:], *FACETS])),
-    "cell in no body": Case([r"mesh\.msh", "1 cells are in no body", "'upper'", "allowed"],
-                            scene=swapped('[[bodies]]\nregion = "upper"\nmaterial = "m"\n', "")),
-    "cell in two bodies": Case([r"mesh\.msh", "'upper'", "'lower'", "allowed: every cell in one body"],
-                               mesh=mesh_text(elements=[*CELLS, (3, 2, (1, 2, 3, 4), 1), *FACETS])),
-    "surface inside a body": Case([r"mesh\.msh", "'(upper_bottom|lower_top)'", "between two cells", "allowed"], mesh=INNER),
-    "conflicting supports": Case([r"scene\.toml", r"displacements\[2\]", "lower_left", "component 0", "allowed"],
-                                 scene=SCENE + '[[displacements]]\nregion = "lower_left"\nvalue = [0.1, "free"]\n'),
-    "not modelled": Case([r"scene\.toml", "formulation", "penalty"],
-                         scene=swapped('name = "pair"', 'name = "pair"\nformulation = "penalty"')),
-}  # fmt: skip
+    "text for a number": Case(
+        [r"materials\.m\.E", "'steel'|\"steel\"", "allowed"], scene=swapped("1000.0", '"steel"')
+    ),
+    "unknown material": Case(
+        [r"bodies\[0\] \(lower\)\.material", "'mm'", "allowed.*m"], scene=swapped('"m"', '"mm"')
+    ),
+    "three components in 2D": Case(
+        [r"displacements\[0\] \(lower_bottom\)\.value", "3 entries", "2D"],
+        scene=swapped("[0.0, 0.0]", "[0.0, 0.0, 0.0]"),
+    ),
+    "missing group": Case(
+        [r"scene\.toml", r"contacts\[0\] \(pair\)\.source", "'upper_botom'", "'upper_bottom'", "allowed"],
+        scene=swapped('"upper_bottom"', '"upper_botom"'),
+    ),
+    "group of another kind": Case(
+        [r"contacts\[0\] \(pair\)\.target", "'lower'", "cells", "allowed"],
+        scene=swapped('"lower_top"', '"lower"'),
+    ),
+    "empty surface": Case(
+        [r"contacts\[0\] \(pair\)\.target", "'lower_top'", "empty|no such group", "allowed"],
+        mesh=mesh_text(elements=CELLS + [f for f in FACETS if f[1] != 4]),
+    ),
+    "NaN": Case(
+        [r"mesh\.msh", "node 3", "not a finite number|not a gmsh mesh|cannot read"],
+        mesh=mesh_text([*NODES[:2], ("nan", 1), *NODES[3:]]),
+    ),
+    "node without cell": Case(
+        [r"mesh\.msh", "node 9", "no cell"],
+        mesh=mesh_text([*NODES, (3, 3)], CELLS + FACETS + [(15, 8, (9,))], {**NAMES, (0, 8): "tip"}),
+    ),
+    "inverted cell": Case(
+        [r"mesh\.msh", "cell", "quadrilateral"],
+        mesh=mesh_text(elements=[(3, 1, (1, 2, 4, 3)), *CELLS[1:], *FACETS]),
+    ),
+    "cell in no body": Case(
+        [r"mesh\.msh", "1 cells are in no body", "'upper'", "allowed"],
+        scene=swapped('[[bodies]]\nregion = "upper"\nmaterial = "m"\n', ""),
+    ),
+    "cell in two bodies": Case(
+        [r"mesh\.msh", "'upper'", "'lower'", "allowed: every cell in one body"],
+        mesh=mesh_text(elements=[*CELLS, (3, 2, (1, 2, 3, 4), 1), *FACETS]),
+    ),
+    "surface inside a body": Case(
+        [r"mesh\.msh", "'(upper_bottom|lower_top)'", "between two cells", "allowed"], mesh=INNER
+    ),
+    "conflicting supports": Case(
+        [r"scene\.toml", r"displacements\[2\]", "lower_left", "component 0", "allowed"],
+        scene=SCENE + '[[displacements]]\nregion = "lower_left"\nvalue = [0.1, "free"]\n',
+    ),
+    "not modelled": Case(
+        [r"scene\.toml", "formulation", "penalty"],
+        scene=swapped('name = "pair"', 'name = "pair"\nformulation = "penalty"'),
+    ),
+}
 ALONE = ("no scene", "missing group", "NaN", "conflicting supports")
 OPTIONS = {
-    "theta": Case(["command line", "-contact_theta", "3", "allowed"], words=("run", "SCENE", "-contact_theta", "3")),
-    "order": Case(["command line", "-mesh_order", "'x'", "allowed"], words=("run", "SCENE", "-mesh_order", "x")),
-    "order of check": Case(["-mesh_order", "'7'", "allowed: 1, 2"], words=("check", "SCENE", "-mesh_order", "7")),
-    "negative steps": Case(["steps_count|steps.count", "-2", "allowed"], words=("run", "SCENE", "-steps_count", "-2")),
+    "theta": Case(
+        ["command line", "-contact_theta", "3", "allowed"], words=("run", "SCENE", "-contact_theta", "3")
+    ),
+    "order": Case(
+        ["command line", "-mesh_order", "'x'", "allowed"], words=("run", "SCENE", "-mesh_order", "x")
+    ),
+    "order of check": Case(
+        ["-mesh_order", "'7'", "allowed: 1, 2"], words=("check", "SCENE", "-mesh_order", "7")
+    ),
+    "negative steps": Case(
+        ["steps_count|steps.count", "-2", "allowed"], words=("run", "SCENE", "-steps_count", "-2")
+    ),
     "ksp": Case(["ksp_type|KSP", "nonsense", "allowed"], words=("run", "SCENE", "-ksp_type", "nonsense")),
     "pc": Case(["pc_type|PC", "nonsense", "allowed"], words=("run", "SCENE", "-pc_type", "nonsense")),
-    "command": Case(["command line", "'rum'", "allowed: run, check, view", "nearest is 'run'"], words=("rum", "SCENE")),
+    "command": Case(
+        ["command line", "'rum'", "allowed: run, check, view", "nearest is 'run'"], words=("rum", "SCENE")
+    ),
     "no operand": Case(["pcontact run", "no operand", "a scene file"], words=("run",)),
     "two operands": Case(["second operand", "allowed"], words=("run", "SCENE", "SCENE")),
     "view without results": Case(["nowhere", "no such directory"], words=("view", "nowhere")),
@@ -155,10 +214,17 @@ PROCESSES = {**{name: FILES[name] for name in ALONE}, **OPTIONS}
 
 def environment():
     """That of a fresh shell: nothing of the MPI job that the tests may run in."""
-    keep = {k: v for k, v in os.environ.items() if not k.startswith(("PMIX_", "PRTE_", "OMPI_COMM_", "OPAL_"))}
+    keep = {
+        k: v for k, v in os.environ.items() if not k.startswith(("PMIX_", "PRTE_", "OMPI_COMM_", "OPAL_"))
+    }
     keep["PYTHONPATH"] = os.pathsep.join([str(ROOT), *filter(None, [keep.get("PYTHONPATH")])])
-    return {**keep, "OMPI_ALLOW_RUN_AS_ROOT": "1", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1",
-            "OMPI_MCA_rmaps_base_oversubscribe": "1", "OMP_NUM_THREADS": "1"}  # fmt: skip
+    return {
+        **keep,
+        "OMPI_ALLOW_RUN_AS_ROOT": "1",
+        "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1",
+        "OMPI_MCA_rmaps_base_oversubscribe": "1",
+        "OMP_NUM_THREADS": "1",
+    }
 
 
 def lay_out(folder, case):
@@ -174,7 +240,13 @@ def lay_out(folder, case):
 def launch(command, folder):
     """Run a command in a folder; one that hangs is an error."""
     return subprocess.run(
-        command, cwd=folder, env=environment(), capture_output=True, text=True, timeout=TIMEOUT, stdin=subprocess.DEVNULL
+        command,
+        cwd=folder,
+        env=environment(),
+        capture_output=True,
+        text=True,
+        timeout=TIMEOUT,
+        stdin=subprocess.DEVNULL,
     )
 
 
@@ -269,12 +341,23 @@ def test_exit_status_on_three_ranks(tmp_path, case):
     assert sorted(p.name for p in folder.iterdir()) == ["mesh.msh", "scene.toml"]
 
 
-# -- runs that start well ---------------------------------------------------------------------------------------
+# -- runs that start well ----------------------------------------
 
 # nothing moves in the first half of the run
 LATE = Case([], scene=SCENE.replace("-0.05]", "-0.05]\namplitude = [[0, 0], [0.5, 0], [1, 1]]"))
 # one iteration of a weak linear solver is not enough for anything that moves
-WEAK = ["-snes_max_it", "1", "-ksp_max_it", "1", "-pc_type", "jacobi", "-steps_count", "4", "-steps_min", "0.1"]
+WEAK = [
+    "-snes_max_it",
+    "1",
+    "-ksp_max_it",
+    "1",
+    "-pc_type",
+    "jacobi",
+    "-steps_count",
+    "4",
+    "-steps_min",
+    "0.1",
+]
 
 
 def report_of(folder):
@@ -307,7 +390,12 @@ def test_a_run_and_a_check(tmp_path):
     lay_out(tmp_path / "case", Case([]))
     done = execute(tmp_path / "case", ["check", "scene.toml"])
     assert done.returncode == 0 and done.stderr == ""
-    for text in ("two squares", "body upper: 1 cells (quadrilateral), material m", "16 unknowns", "left out: friction"):
+    for text in (
+        "two squares",
+        "body upper: 1 cells (quadrilateral), material m",
+        "16 unknowns",
+        "left out: friction",
+    ):
         assert text in done.stdout
     assert not list((tmp_path / "case").glob("*results*"))
     done = execute(tmp_path / "case", ["run", "scene.toml", "-contact_tehta", "1"])

@@ -1,4 +1,4 @@
-"""Nitsche's kernels against plain numpy, the tangent of whole pairs against differences, and the coercivity bound."""
+"""Nitsche's kernels against plain numpy, tangents of pairs against differences, the coercivity bound."""
 
 import numpy as np
 import pytest
@@ -29,18 +29,20 @@ THETAS = [1.0, 0.0, -1.0]
 CONSTANTS = lame(10.0, 0.3)
 
 
-# -- kernels alone ----------------------------------------------------------------------------------------------
+# -- kernels alone ----------------------------------------
 
 
 class Random:
-    """Arguments of the kernels, filled at random: ``n_points`` on ``n_facets``, of which some have no partner."""
+    """Random arguments of the kernels: ``n_points`` on ``n_facets``, some without partner."""
 
     def __init__(self, d, targets, seed=0):
         rng = np.random.default_rng(seed)
         self.n, self.d, nn, n_facets, n_points = 14, d, 2 * d, 4, 24
         self.cells = np.array([rng.permutation(8)[:nn] for _ in range(n_facets)])
         self.facet = np.sort(rng.integers(0, n_facets, n_points))
-        self.targets = np.array([8 + rng.permutation(6)[:targets] for _ in range(n_points)]).reshape(n_points, targets)
+        self.targets = np.array([8 + rng.permutation(6)[:targets] for _ in range(n_points)]).reshape(
+            n_points, targets
+        )
         self.shape, self.target_shape = rng.random((n_points, nn)), rng.random((n_points, targets))
         self.b = rng.normal(size=(n_points, nn, d))
         normal = rng.normal(size=(n_points, d))
@@ -53,8 +55,19 @@ class Random:
     def evaluate(self, u):
         """t_n, gap of the compiled kernel."""
         traction, gap = np.empty(len(self.facet)), np.empty(len(self.facet))
-        evaluate(u, self.cells, self.targets, self.facet, self.shape, self.target_shape, self.b, self.normal,
-                 self.gap0, traction, gap)  # fmt: skip
+        evaluate(
+            u,
+            self.cells,
+            self.targets,
+            self.facet,
+            self.shape,
+            self.target_shape,
+            self.b,
+            self.normal,
+            self.gap0,
+            traction,
+            gap,
+        )
         return traction, gap
 
     def tau(self, u):
@@ -65,8 +78,22 @@ class Random:
     def residual(self, u, theta, bilateral):
         """(n d,) of the compiled kernel."""
         out = np.zeros((self.n, self.d))
-        add_residual(theta, bilateral, self.paired, self.jxw, self.gamma, *self.evaluate(u), self.cells, self.targets,
-                     self.facet, self.shape, self.target_shape, self.b, self.normal, out)  # fmt: skip
+        add_residual(
+            theta,
+            bilateral,
+            self.paired,
+            self.jxw,
+            self.gamma,
+            *self.evaluate(u),
+            self.cells,
+            self.targets,
+            self.facet,
+            self.shape,
+            self.target_shape,
+            self.b,
+            self.normal,
+            out,
+        )
         return out.ravel()
 
     def tangent(self, u, theta, bilateral):
@@ -74,9 +101,24 @@ class Random:
         everything = np.concatenate([self.cells[self.facet], self.targets], axis=1)
         rowptr, columns = node_graph([everything], self.n)
         values = np.zeros((len(columns), self.d, self.d))
-        missing = add_tangent(theta, bilateral, self.paired, self.jxw, self.gamma, self.tau(u), self.cells,
-                              self.targets, self.facet, self.shape, self.target_shape, self.b, self.normal, rowptr,
-                              columns, values)  # fmt: skip
+        missing = add_tangent(
+            theta,
+            bilateral,
+            self.paired,
+            self.jxw,
+            self.gamma,
+            self.tau(u),
+            self.cells,
+            self.targets,
+            self.facet,
+            self.shape,
+            self.target_shape,
+            self.b,
+            self.normal,
+            rowptr,
+            columns,
+            values,
+        )
         assert missing == 0
         return dense(rowptr, columns, values, self.n)
 
@@ -161,10 +203,25 @@ def test_tangent_counts_what_has_no_place():
     points = Random(2, 2)
     rowptr, columns = node_graph([points.cells], points.n)
     values = np.zeros((len(columns), 2, 2))
-    missing = add_tangent(0.0, True, points.paired, points.jxw, points.gamma, points.tau(points.u), points.cells,
-                          points.targets, points.facet, points.shape, points.target_shape, points.b, points.normal,
-                          rowptr, columns, values)  # fmt: skip
-    # each coupled point: rows of 4 source nodes and 2 target nodes, less the 4 x 4 that have a place
+    missing = add_tangent(
+        0.0,
+        True,
+        points.paired,
+        points.jxw,
+        points.gamma,
+        points.tau(points.u),
+        points.cells,
+        points.targets,
+        points.facet,
+        points.shape,
+        points.target_shape,
+        points.b,
+        points.normal,
+        rowptr,
+        columns,
+        values,
+    )
+    # each coupled point: 4 source and 2 target nodes, less the 4 x 4 that have a place
     assert missing == np.sum(points.paired) * (6 * 6 - 4 * 4)
 
 
@@ -180,19 +237,23 @@ def test_a_point_at_the_kink_counts_as_closed(theta):
     np.testing.assert_array_equal(k, points.tangent(zero, theta, True))
     # a step that closes every pair is followed exactly
     jump, b = points.operators()
-    v, *_ = np.linalg.lstsq(b - points.gamma[points.facet][:, None] * jump, -np.ones(len(points.facet)), rcond=None)
+    v, *_ = np.linalg.lstsq(
+        b - points.gamma[points.facet][:, None] * jump, -np.ones(len(points.facet)), rcond=None
+    )
     for h in (1.0, 1e-3):
         step = h * v.reshape(points.u.shape)
         closing = points.tau(step) < 0
         change = points.residual(step, theta, False)
         points.paired &= closing
         np.testing.assert_allclose(
-            points.residual(step, theta, False), points.tangent(zero, theta, False) @ step.ravel(), atol=1e-12 * h
+            points.residual(step, theta, False),
+            points.tangent(zero, theta, False) @ step.ravel(),
+            atol=1e-12 * h,
         )
         assert np.abs(change).max() > 0
 
 
-# -- whole pairs ------------------------------------------------------------------------------------------------
+# -- whole pairs ----------------------------------------
 
 
 def pair(space, contact, obstacle=None, radius=0.5):
@@ -207,7 +268,7 @@ def pair(space, contact, obstacle=None, radius=0.5):
 
 
 def taylor(item, u, v, steps=(1.0, 1e-2, 1e-4)):
-    """|R(u + h v) - R(u) - h K v| / (h |K v|) for falling h, with whether a point changed its state on the way."""
+    """|R(u + h v) - R(u) - h K v| / (h |K v|) for falling h; whether all points kept their state."""
     space = item.space
 
     def residual(array):
@@ -229,7 +290,7 @@ def taylor(item, u, v, steps=(1.0, 1e-2, 1e-4)):
 
 
 def check_taylor(item, u, v):
-    """Away from kinks the residual is linear: the difference is rounding. With a kink on the way it is not."""
+    """Away from kinks the residual is linear: the difference is rounding."""
     errors, same = taylor(item, u, v)
     assert same[-1]
     for h, error, linear in zip((1.0, 1e-2, 1e-4), errors, same, strict=True):
@@ -257,7 +318,7 @@ def state_of(space, depth, seed=1):
 @pytest.mark.parametrize("search", ["closest_point", "ray_tracing"])
 @pytest.mark.parametrize("theta", THETAS)
 def test_tangent_of_a_pair_of_bodies(stacked, theta, search):
-    """Points open, closed, mixed and unpaired; the tangent is the derivative of the residual in all of them."""
+    """Points open, closed, mixed and unpaired: the tangent is always the derivative of the residual."""
     space = stacked
     contact = Contact("upper_bottom", "lower_top", theta=theta, gamma0=1.0, search=search)
     item = pair(space, contact, radius=0.2)
@@ -315,7 +376,11 @@ def test_action_is_reaction(stacked, theta, search):
 @pytest.mark.parametrize("theta", THETAS)
 def test_tangent_of_curved_cells_of_second_order(tmp_path, theta):
     space = make_space(
-        SELF, blocks_file(tmp_path / "b.msh", "triangle", 2, 1, order=2), ["lower", "upper"], 2, lambda x: bend(x, 0.03)
+        SELF,
+        blocks_file(tmp_path / "b.msh", "triangle", 2, 1, order=2),
+        ["lower", "upper"],
+        2,
+        lambda x: bend(x, 0.03),
     )
     item = pair(space, Contact("upper_bottom", "lower_top", theta=theta, search="closest_point"))
     item.detect(space.vector(), 1.0)
@@ -383,7 +448,9 @@ def test_bodies_that_just_touch_are_tied_in_the_first_tangent(tmp_path, cell, ch
     zero = space.vector()
     item.detect(zero, 1.0)
     assert np.all(item.state(zero)["status"] > 0)
-    tied = pair(space, Contact("upper_bottom", "lower_top", theta=theta, search="closest_point", bilateral=True))
+    tied = pair(
+        space, Contact("upper_bottom", "lower_top", theta=theta, search="closest_point", bilateral=True)
+    )
     tied.detect(zero, 1.0)
     np.testing.assert_allclose(dense_item(item, zero), dense_item(tied, zero), atol=1e-13)
     v = np.zeros((space.n_owned, space.dim))
@@ -395,7 +462,9 @@ def test_bodies_that_just_touch_are_tied_in_the_first_tangent(tmp_path, cell, ch
 
 def test_the_pattern_grows_when_a_far_point_closes(tmp_path):
     """Points that were thought far couple at once when they close: the tangent stays the derivative."""
-    space = make_space(SELF, blocks_file(tmp_path / "b.msh", "quadrilateral", 2, 3, gap=0.3), ["lower", "upper"])
+    space = make_space(
+        SELF, blocks_file(tmp_path / "b.msh", "quadrilateral", 2, 3, gap=0.3), ["lower", "upper"]
+    )
     item = pair(space, Contact("upper_bottom", "lower_top", theta=0.0, search="closest_point"), radius=0.5)
     item.detect(space.vector(), 1.0)
     assert np.all(item.pairing.paired)
@@ -413,13 +482,15 @@ def test_the_pattern_grows_when_a_far_point_closes(tmp_path):
     assert item.version == version
 
 
-# -- coercivity -------------------------------------------------------------------------------------------------
+# -- coercivity ----------------------------------------
 
 
 def lowest(space, theta, gamma0, bilateral):
     """Smallest eigenvalue of the symmetric part of K_bulk + K_contact over the largest."""
     obstacle = Obstacle("plane", point=[0.0] * space.dim, normal=[0.0] * (space.dim - 1) + [1.0])
-    item = pair(space, Contact("bottom", obstacle=obstacle, theta=theta, gamma0=gamma0, bilateral=bilateral), obstacle)
+    item = pair(
+        space, Contact("bottom", obstacle=obstacle, theta=theta, gamma0=gamma0, bilateral=bilateral), obstacle
+    )
     zero = space.vector()
     item.detect(zero, 1.0)
     k = dense_item(ElasticBulk(space, [CONSTANTS]), zero) + dense_item(item, zero)
@@ -431,7 +502,7 @@ def lowest(space, theta, gamma0, bilateral):
 @pytest.mark.parametrize("theta", THETAS)
 @pytest.mark.parametrize("cell", ["quadrilateral", "hexahedron", "triangle", "tetrahedron"])
 def test_coercivity_threshold(tmp_path, cell, theta, bilateral):
-    """One cell (simplices: a cut cube) on a plane: stable from gamma0 = (1 + theta)^2 / 4 on, not far below it."""
+    """One cell (simplices: a cut cube) on a plane: stable from gamma0 = (1 + theta)^2 / 4, not far below."""
     space = make_space(SELF, block_file(tmp_path / "b.msh", cell, 1), ["block"])
     bound = (1.0 + theta) ** 2 / 4.0
     if theta == -1.0:
@@ -443,7 +514,9 @@ def test_coercivity_threshold(tmp_path, cell, theta, bilateral):
     low, high = 0.6, 1.01
     while high - low > 1e-2:
         middle = 0.5 * (low + high)
-        low, high = (middle, high) if lowest(space, theta, middle * bound, bilateral) < -1e-12 else (low, middle)
+        low, high = (
+            (middle, high) if lowest(space, theta, middle * bound, bilateral) < -1e-12 else (low, middle)
+        )
     # frictionless contact sees the normal traction only, the bound counts all of it
     assert 0.6 < high <= 1.01
     if cell in ("quadrilateral", "hexahedron"):

@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-from meshes.blocks import two_blocks
 from small import blocks_file, make_space
 
+from meshes.blocks import two_blocks
 from pcontact.mesh.load import load_mesh
 from pcontact.mesh.partition import bisect, centroids, partition
 from pcontact.mesh.reader import read_mesh
@@ -15,7 +15,9 @@ WORLD = MPI.COMM_WORLD
 
 def grid(*counts):
     """Centres of the cells of a grid with unit cells."""
-    return np.stack(np.meshgrid(*[np.arange(n) + 0.5 for n in counts], indexing="ij"), axis=-1).reshape(-1, len(counts))
+    return np.stack(np.meshgrid(*[np.arange(n) + 0.5 for n in counts], indexing="ij"), axis=-1).reshape(
+        -1, len(counts)
+    )
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 4, 5, 7, 8, 16])

@@ -111,7 +111,7 @@ class local_values:  # noqa: N801
 
 
 def reset_partitioner():
-    """Make the graph partitioner forget earlier calls: PT-Scotch goes on with its random numbers from call to call."""
+    """Make the graph partitioner forget earlier calls, whose random numbers PT-Scotch would continue."""
     reset = getattr(_lib, "SCOTCH_randomReset", None)
     if reset is not None:
         reset()

@@ -62,9 +62,8 @@ class Newton:
             # the operator is monotone: the zero of F(x + s y) . y is what to look for, and |F| may have to rise on the way
             "snes_linesearch_type": "cp",
             line_search_limit: 1.0,
-            # both are absolute in PETSc: with them the answer would depend on the user's units
+            # absolute in PETSc: it would call small units converged
             "snes_linesearch_atol": 0.0,
-            "snes_linesearch_maxstep": 1e300,
             "snes_rtol": 1e-8,
             "snes_atol": 0.0,
             "snes_stol": 0.0,
