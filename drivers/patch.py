@@ -1,10 +1,11 @@
 """The patch test (El-Abbasi and Bathe; code_aster SSNP121): does uniform pressure pass through the contact?
 
-Two blocks of total height 2, E = 2e6, nu = 0, plane strain, bottom fixed, top pushed down by 0.1: the pressure
-is 1e5 everywhere and u = -0.05 y. First table: meshes that match or are nested, every cell, degree, theta and
-search, where the quadrature is exact and so is the answer. Second table: meshes that do not match, where the
-error is that of the quadrature on the source facets, cut by the edges of the target. It falls with the degree,
-not evenly, since the points may lie well or badly about the cuts.
+Two blocks of total height 2, E = 2e6, nu = 0, plane strain, bottom fixed, top pushed down by 0.1. The pressure
+is 1e5 everywhere and u = -0.05 y. First table: meshes that match or are nested, and in the plane also meshes
+that do neither (source facets are cut there), for every cell, degree, theta and search: the quadrature is
+exact and so is the answer. Second table: meshes in space that do not match, where the error is that of the
+quadrature on source facets that the edges of the target cross. It falls with the degree, not evenly, since the
+points may lie well or badly about the edges.
 """
 
 from itertools import product
@@ -18,6 +19,8 @@ from pcontact.scene.model import Body, Contact, Displacement, Material, MeshSpec
 
 E_MODULUS, PUSH, PRESSURE, SLOPE = 2e6, 0.1, 1e5, -0.05
 CELLS = {2: ("triangle", "quadrilateral"), 3: ("tetrahedron", "hexahedron")}
+# facets along the interface, below and above
+EXACT = {2: ((3, 3), (2, 4), (3, 4), (4, 3)), 3: ((3, 3), (2, 4))}
 THETAS = (0.0, 1.0, -1.0)
 SEARCHES = ("closest_point", "ray_tracing")
 DEGREES = (1, 3, 5, 7, 9, 13, 17, 20)
@@ -70,10 +73,10 @@ def errors(simulation, length=1.0, stress=1.0):
 
 
 def exact_cases(directory, dims, orders=(1, 2)):
-    """Rows of matching and nested meshes. *Collective.*"""
+    """Rows of meshes on which the quadrature is exact. *Collective.*"""
     rows = []
     for dim, mixed in product(dims, (False, True)):
-        for cell, (n_lower, n_upper) in product(CELLS[dim], ((3, 3), (2, 4))):
+        for cell, (n_lower, n_upper) in product(CELLS[dim], EXACT[dim]):
             other = CELLS[dim][1 - CELLS[dim].index(cell)] if mixed else None
             if dim == 3 and other == "hexahedron":
                 continue  # squares above triangles: neither matching nor nested
@@ -87,17 +90,16 @@ def exact_cases(directory, dims, orders=(1, 2)):
     return rows
 
 
-def quadrature_cases(directory, dims, degrees=DEGREES):
+def quadrature_cases(directory, degrees=DEGREES):
     """Rows of non-matching meshes, source finer and target finer: one error for each degree. *Collective.*"""
     rows = []
-    for dim in dims:
-        for cell, (n_lower, n_upper) in product(CELLS[dim], ((3, 4), (4, 3))):
-            path = make_mesh(two_blocks, directory / "patch.msh", dim, n_lower, n_upper, cell)
-            row = []
-            for degree in degrees:
-                with running(scene(path, dim, quadrature=degree)) as (simulation, _):
-                    row.append(errors(simulation)[1])
-            rows.append([cell, "source" if n_upper > n_lower else "target", *row])
+    for cell, (n_lower, n_upper) in product(CELLS[3], ((3, 4), (4, 3))):
+        path = make_mesh(two_blocks, directory / "patch.msh", 3, n_lower, n_upper, cell)
+        row = []
+        for degree in degrees:
+            with running(scene(path, 3, quadrature=degree)) as (simulation, _):
+                row.append(errors(simulation)[1])
+        rows.append([cell, "source" if n_upper > n_lower else "target", *row])
     return rows
 
 
@@ -118,13 +120,14 @@ def run(args):
     degrees = DEGREES[::3] if args.tiny else DEGREES
     exact = exact_cases(args.o, dims, (1,) if args.tiny else (1, 2))
     keys = ["above", "below", "facets", "degree", "theta", "search", "converged", "error u", "error p"]
-    print_table("matching and nested meshes", keys, exact)
-    rough = quadrature_cases(args.o, dims, degrees)
-    header = ["cell", "finer", *map(str, degrees)]
-    print_table("largest relative error of the pressure, meshes that do not match", header, rough)
+    print_table("exact quadrature", keys, exact)
+    rough = quadrature_cases(args.o, degrees) if args.tiny or 3 in dims else []
+    if rough:
+        header = ["cell", "finer", *map(str, degrees)]
+        print_table("largest relative error of the pressure by degree of the quadrature", header, rough)
+        draw(args.o / "patch.png", _plot(rough, degrees))
     data = {"columns": keys, "exact": exact, "degrees": degrees, "quadrature": rough}
     write_json(args.o / "patch.json", data)
-    draw(args.o / "patch.png", _plot(rough, degrees))
     return 0 if all(row[-3] and max(row[-2:]) < 1e-9 for row in exact) else 1
 
 

@@ -39,13 +39,14 @@ class Simulation:
 
     def __init__(self, scene, comm=MPI.COMM_WORLD):
         self.start = clock.perf_counter()
-        self.timing = {"search": 0.0, "solve": 0.0, "output": 0.0}
+        self.timing = dict.fromkeys(("search", "assembly", "linear", "solve", "output"), 0.0)
         self.comm, self.options = comm, Options()
         self.scene, self.from_scene = build.override(scene, self.options)
         self.mesh = build.read(self.scene, comm, self.options)
         self.problem, colours, self.floating = build.assemble(self.scene, self.mesh)
         symmetric = all(c.theta == 1.0 for c in self.scene.contacts)
-        self.newton = Newton(self.problem, self.options, symmetric, near_null_space(self.problem.space, colours))
+        modes = near_null_space(self.problem.space, colours)
+        self.newton = Newton(self.problem, self.options, symmetric, modes, self.timing)
         self.timing["setup"] = clock.perf_counter() - self.start
 
     def run(self, directory=None, observers=()):

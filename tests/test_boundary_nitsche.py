@@ -1,4 +1,4 @@
-"""A condition on the normal displacement, imposed by a bilateral contact with a level set: convergence to an exact solution.
+"""A normal displacement imposed by bilateral contact with a level set: convergence to an exact solution.
 
 Beam [0, 10] x [-1, 1], E = 1500, nu = 0.25, u = (1 + nu) / E (y^4, x^4). Its divergence is zero, so the stress is
 2 mu eps, with the one component sigma_xy = 2 (x^3 + y^3), the same in plane stress and plane strain, and the body

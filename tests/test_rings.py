@@ -112,11 +112,6 @@ def test_rates_degree_1(shared_tmp, theta, cell):
 
 
 @pytest.mark.parallel
-@pytest.mark.xfail(
-    raises=AssertionError,
-    strict=True,
-    reason="Gauss rules on whole source facets straddle kinks of the target: order 1/2 in the end",
-)
 @pytest.mark.parametrize("theta", THETAS)
 def test_rates_degree_2(shared_tmp, theta):
     sizes = [16, 32]

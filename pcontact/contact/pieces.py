@@ -21,6 +21,8 @@ from pcontact.element.shape import shape, shape_gradient
 SAMPLES = 8
 # bisections: cuts are known to 2^-30 of a facet
 BISECTIONS = 27
+# shortest piece, in the reference segment
+SLIVER = 1e-7
 
 
 def _at(space, facets, rows, s):
@@ -91,8 +93,12 @@ def cuts(space, parts, search):
     at = np.concatenate([np.full(n, -1.0), np.full(n, 1.0), 0.5 * (a + b)])
     order = np.lexsort((at, facet))
     facet, at = facet[order], at[order]
-    keep = (facet[1:] == facet[:-1]) & (at[1:] - at[:-1] > 1e-7)
-    start = np.flatnonzero(keep)
+    # a cut next to an end or to another cut is left out: its sliver stays with the neighbour
+    first = np.concatenate([[True], facet[1:] != facet[:-1]]) if n else np.zeros(0, dtype=bool)
+    apart = np.diff(at, prepend=-np.inf) > SLIVER
+    keep = first | (at == 1.0) | (apart & (np.abs(at) < 1.0 - SLIVER))
+    facet, at = facet[keep], at[keep]
+    start = np.flatnonzero(facet[1:] == facet[:-1])
     return part[facet[start]], row[facet[start]], facet[start], at[start], at[start + 1]
 
 

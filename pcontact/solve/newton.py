@@ -1,5 +1,6 @@
 """Semi-smooth Newton by SNES."""
 
+import time as clock
 from dataclasses import dataclass
 
 import numpy as np
@@ -47,6 +48,8 @@ class Newton:
     symmetric : bool
         Whether the tangent is symmetric positive definite.
     near_null_space : PETSc.NullSpace
+    timing : dict of str to float
+        ``assembly`` and ``linear`` seconds are added.
 
     Attributes
     ----------
@@ -54,8 +57,8 @@ class Newton:
         Defaults that were entered into the options database, and those that the user's options kept out.
     """
 
-    def __init__(self, problem, options, symmetric, near_null_space):
-        self.problem = problem
+    def __init__(self, problem, options, symmetric, near_null_space, timing):
+        self.problem, self.timing = problem, timing
         self._options = options
         defaults = {
             "snes_type": "newtonls",
@@ -93,10 +96,14 @@ class Newton:
         self.norms = []
 
     def _residual(self, snes, x, f):
+        start = clock.perf_counter()
         self.problem.residual(x, f)
+        self.timing["assembly"] += clock.perf_counter() - start
 
     def _tangent(self, snes, x, matrix, preconditioner):
+        start = clock.perf_counter()
         self.problem.tangent(x)
+        self.timing["assembly"] += clock.perf_counter() - start
 
     def _limit(self, x, y):
         """Prescribed components stay where they are, whatever an inexact linear solve says; loose bodies stay near."""
@@ -137,7 +144,9 @@ class Newton:
         """
         # eight rounding errors per sum of some eighty terms: what an exact solution would leave
         self._floor = 8.0 * self.problem.roundoff(u)
+        start, before = clock.perf_counter(), self.timing["assembly"]
         self.snes.solve(None, u)
+        self.timing["linear"] += clock.perf_counter() - start - (self.timing["assembly"] - before)
         reason = self.snes.getConvergedReason()
         return Outcome(
             converged=reason > 0,

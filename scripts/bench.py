@@ -1,0 +1,118 @@
+"""What contact costs: a ball on a block against one linear elastic solve on the same mesh, in the same run.
+
+    mpirun -n 2 python scripts/bench.py [--unknowns 200000] [--theta 0] [-o bench_results] [any PETSc or pcontact option]
+
+Both solves use the same Krylov method and preconditioner; the elastic one (body forces, no contact) goes to a relative
+tolerance of 1e-8. Prints ratios, writes bench.json.
+"""
+
+import numpy as np
+
+from drivers._common import main, make_mesh, make_parser, write_json
+from meshes import ball_on_block
+from pcontact.runtime import log
+from pcontact.runtime.petsc import MPI, PETSc
+from pcontact.scene.model import Body, Contact, Displacement, Load, Material, MeshSpec, Output, Scene, Steps
+from pcontact.simulation import Simulation
+
+
+def scene(mesh, theta, contact):
+    """The ball on the block, in contact or (the reference) under body forces."""
+    result = Scene(
+        mesh=MeshSpec(mesh),
+        title="ball on block" if contact else "linear elastic reference",
+        materials={"material": Material(1000.0, 0.3)},
+        bodies=[Body("ball", "material"), Body("block", "material")],
+        displacements=[
+            Displacement("block_bottom", [0.0, 0.0, 0.0]),
+            Displacement("ball_top", [0.0, 0.0, -0.02 if contact else 0.0]),
+        ],
+        steps=Steps(),
+        output=Output(fields=False),
+    )
+    if contact:
+        result.contacts = [Contact("ball_skin", "block_top", name="ball-block", theta=theta)]
+    else:
+        result.loads = [Load(region, body_force=[0.3, -0.2, 1.0]) for region in ("ball", "block")]
+        result.petsc = {"ksp_rtol": "1e-8", "snes_type": "ksponly"}
+    return result
+
+
+def triad(comm, n=20_000_000):
+    """Memory bandwidth of all ranks together [GB/s]: a = b + s c, best of five."""
+    a, b, c = np.zeros(n), np.ones(n), np.ones(n)
+    best = np.inf
+    for _ in range(5):
+        comm.Barrier()
+        start = MPI.Wtime()
+        np.multiply(c, 3.0, out=a)
+        np.add(a, b, out=a)
+        best = min(best, comm.allreduce(MPI.Wtime() - start, op=MPI.MAX))
+    return comm.size * 5 * 8 * n / best / 1e9
+
+
+def run(description):
+    """Run a scene; its timing, counts, and seconds from the first search to the end of the solve."""
+    simulation = Simulation(description)
+    if not simulation.run(None):
+        raise SystemExit(1)
+    snes = simulation.newton.snes
+    timing = simulation._times()
+    result = {
+        "unknowns": simulation.problem.space.n_dofs,
+        "newton": snes.getIterationNumber(),
+        "krylov": snes.getLinearSolveIterations(),
+        "ksp": snes.getKSP().getType(),
+        "pc": snes.getKSP().getPC().getType(),
+        "solve": timing["search"] + timing["assembly"] + timing["linear"],
+        **{key: timing[key] for key in ("setup", "search", "assembly", "linear")},
+    }
+    simulation.close()
+    return result
+
+
+def compare(args):
+    """The comparison. Returns the exit status."""
+    unknowns = 5000 if args.tiny else args.unknowns
+    mesh = make_mesh(ball_on_block, args.o / f"ball_{unknowns}.msh", unknowns=unknowns)
+    comm = MPI.COMM_WORLD
+    # kernels compile (or load) outside the clock
+    contact = run(scene(mesh, args.theta, True))
+    contact = run(scene(mesh, args.theta, True))
+    options = PETSc.Options()
+    options.setValue("ksp_type", contact["ksp"])
+    if contact["ksp"] != "cg":
+        options.setValue("ksp_pc_side", "right")
+    elastic = run(scene(mesh, args.theta, False))
+    result = {
+        "ranks": comm.size,
+        "triad_gb_per_s": triad(comm),
+        "elastic": elastic,
+        "contact": contact,
+        "ratios": {
+            "contact_to_elastic": contact["solve"] / elastic["linear"],
+            "assembly_share": contact["assembly"] / contact["solve"],
+            "search_share": contact["search"] / contact["solve"],
+        },
+    }
+    log.info("")
+    log.info("%-9s %9s %7s %7s %9s %9s %9s %9s %9s", "", "unknowns", "newton", "krylov", "setup", "search", "assembly",
+             "linear", "solve")  # fmt: skip
+    for name in ("elastic", "contact"):
+        row = result[name]
+        log.info("%-9s %9d %7d %7d %9.3f %9.3f %9.3f %9.3f %9.3f", name, row["unknowns"], row["newton"], row["krylov"],
+                 row["setup"], row["search"], row["assembly"], row["linear"], row["solve"])  # fmt: skip
+    log.info("%s + %s, %d ranks, triad %.1f GB/s", contact["ksp"], contact["pc"], comm.size, result["triad_gb_per_s"])
+    ratios = result["ratios"]
+    log.info("whole contact solve / linear elastic solve (rtol 1e-8): %.2f", ratios["contact_to_elastic"])
+    log.info("assembly %.1f %%, search %.1f %% of the contact solve", 100 * ratios["assembly_share"],
+             100 * ratios["search_share"])  # fmt: skip
+    write_json(args.o / "bench.json", result)
+    return 0
+
+
+if __name__ == "__main__":
+    PARSER = make_parser(__doc__, "bench_results")
+    PARSER.add_argument("--unknowns", type=int, default=200_000)
+    PARSER.add_argument("--theta", type=float, default=0.0)
+    main(compare, PARSER)
