@@ -4,7 +4,7 @@ Disk of radius 0.25 around the origin, block ]-0.5, 0.5[ x ]-0.5, -0.25[, lambda
 body force -0.1 in the disk, bottom of the block fixed. Two pins keep the disk from moving sideways and from
 turning; vertically it is held by the contact alone. For every theta and gamma0 over six decades the energy
 norm of the error is measured against a solution of degree 2 on a finer mesh. Theory: theta = -1 needs no
-lower bound of gamma0, theta = 1 and 0 are coercive only above 1 and 1/4 (on every mesh); below these the error
+lower bound of gamma0, theta = 1 and 0 are coercive only above 1 and 1/4 (on every mesh). Below, the error
 grows, Newton's method finds nothing, or finds one of several solutions.
 """
 
@@ -26,7 +26,7 @@ FORCE = 0.1
 
 
 def _solver():
-    """Full Newton steps, as in the paper, and a direct solver where there is one, so that a failure is Newton's.
+    """Full Newton steps, as in the paper, and a direct solver if there is one, so that a failure is Newton's.
 
     Below the bound of theta = 1 the tangent is not definite, and a Krylov method would give up first.
     """

@@ -1,11 +1,11 @@
 """The patch test (El-Abbasi and Bathe; code_aster SSNP121): does uniform pressure pass through the contact?
 
-Two blocks of total height 2, E = 2e6, nu = 0, plane strain, bottom fixed, top pushed down by 0.1. The pressure
-is 1e5 everywhere and u = -0.05 y. First table: meshes that match or are nested, and in the plane also meshes
-that do neither (source facets are cut there), for every cell, degree, theta and search: the quadrature is
-exact and so is the answer. Second table: meshes in space that do not match, where the error is that of the
-quadrature on source facets that the edges of the target cross. It falls with the degree, not evenly, since the
-points may lie well or badly about the edges.
+Two blocks of total height 2, E = 2e6, nu = 0, plane strain, bottom fixed, top pushed down by 0.1. The
+pressure is 1e5 everywhere and u = -0.05 y. First table: meshes that match or are nested, and in the plane
+also meshes that do neither (source facets are cut there), for every cell, degree, theta and search: the
+quadrature is exact and so is the answer. Second table: meshes in space that do not match, where the error is
+that of the quadrature on source facets that the edges of the target cross. It falls with the degree, not
+evenly, since the points may lie well or badly about the edges.
 """
 
 from itertools import product

@@ -1,9 +1,9 @@
 """A normal displacement imposed by bilateral contact with a level set: convergence to an exact solution.
 
-Beam [0, 10] x [-1, 1], E = 1500, nu = 0.25, u = (1 + nu) / E (y^4, x^4). Its divergence is zero, so the stress is
-2 mu eps, with the one component sigma_xy = 2 (x^3 + y^3), the same in plane stress and plane strain, and the body
-force is -(6 y^2, 6 x^2). Left and right the displacement is prescribed; above and below its normal component is
-imposed by contact, and the tangential traction sigma_xy n_y is applied as a force.
+Beam [0, 10] x [-1, 1], E = 1500, nu = 0.25, u = (1 + nu) / E (y^4, x^4). Its divergence is zero, so the
+stress is 2 mu eps, with the one component sigma_xy = 2 (x^3 + y^3), the same in plane stress and plane
+strain, and the body force is -(6 y^2, 6 x^2). Left and right the displacement is prescribed; above and below
+its normal component is imposed by contact, and the traction sigma_xy n_y along the side is applied as a force.
 """
 
 import numpy as np
@@ -92,7 +92,8 @@ def shear_force(space, name):
     for facets in space.mesh.facet_groups.get(name, []):
         block = space.mesh.blocks[facets.block]
         xi, weights = quadrature("segment", 2 * space.degree + 4)
-        x = np.ascontiguousarray(space.mesh.points[block.nodes[facets.cells][:, : CELLS[block.cell].n_vertices]])
+        corners = block.nodes[facets.cells][:, : CELLS[block.cell].n_vertices]
+        x = np.ascontiguousarray(space.mesh.points[corners])
         at = facet_geometry(block.cell, x, facets.local, 1, space.degree, xi, weights)
         traction = np.zeros(at.points.shape)
         traction[..., 0] = 2.0 * (at.points**3).sum(axis=2) * at.normals[..., 1]
@@ -107,7 +108,8 @@ def l2_error(path, order, theta):
     try:
         problem, space = simulation.problem, simulation.problem.space
         factor = amplitude(None, 1.0)
-        problem.forces += [(body_force(space), factor), *((shear_force(space, s), factor) for s in ("top", "bottom"))]
+        forces = [body_force(space), shear_force(space, "top"), shear_force(space, "bottom")]
+        problem.forces += [(force, factor) for force in forces]
         problem.supports.values = lambda time: exact(space.points)[0]
         assert simulation.run()
         error = bulk_error(space, [lame(E_MODULUS, NU)], simulation.stepper.u, exact)
@@ -116,9 +118,11 @@ def l2_error(path, order, theta):
         simulation.close()
 
 
-@pytest.mark.parallel
 @pytest.mark.parametrize("theta", [1.0, 0.0, -1.0])
-@pytest.mark.parametrize(("cell", "order"), [("triangle", 1), ("quadrilateral", 1), ("triangle", 2)])
+@pytest.mark.parametrize(
+    ("cell", "order"),
+    [pytest.param("triangle", 1, marks=pytest.mark.parallel), ("quadrilateral", 1), ("triangle", 2)],
+)
 def test_l2_order(shared_tmp, cell, order, theta):
     errors = []
     for n in (1, 2, 4):

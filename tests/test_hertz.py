@@ -28,7 +28,7 @@ def test_formulas():
     assert CASES["cylinder_on_block"].from_force(10.0) == pytest.approx((0.962766, 6.612404), rel=1e-6)
     balls = CASES["two_balls"]
     a, p0 = balls.from_approach(4.0)
-    assert (a, p0) == pytest.approx((10.0, 2798.3), rel=1e-5)
+    assert (a, p0) == pytest.approx((10.0, 2798.3), rel=2e-5)
     assert balls.from_force(2.0 / 3.0 * np.pi * a**2 * p0) == pytest.approx((a, p0), rel=1e-12)
 
 
@@ -91,9 +91,30 @@ def test_deviation_is_that_of_finite_width(shared_tmp):
         args = parse(make_options(), ["--drive", "displacement", "--hold", "2", "--order", "2"])
         check(args)
         small = case.scaled(part)
-        path = generate(small, shared_tmp / f"part{part}.msh", small.half_width / 20, 2)
+        path = generate(small, shared_tmp / f"part{part}.msh", small.half_width / 12, 2)
         result, _, _ = solve(small, path, args)
         deviations.append(abs(result["p0_fit"] / result["p0_hertz"] - 1.0))
     assert deviations[1] < 0.3 * deviations[0] < 0.3 * 0.002
 
 
+@pytest.mark.parallel
+@pytest.mark.parametrize("name", ["two_balls", "ball_on_block"])
+def test_balls(shared_tmp, name):
+    """Constant stress in the cells, eight in the contact radius: errors of 4 % and 1 %."""
+    result = hertz(shared_tmp, name, 8)
+    assert result["a_fit"] == pytest.approx(result["a_hertz"], rel=0.045)
+    assert result["p0_fit"] == pytest.approx(result["p0_hertz"], rel=0.015)
+
+
+def test_two_balls_as_published(shared_tmp):
+    """Degree 2, four facets in the contact radius, against Hertz for the prescribed approach.
+
+    The flat sides are five contact radii away: less gives way between them than in two half spaces, the force is
+    12.6 % above Hertz's (its cube root 4 %), the peak pressure 3 %, on finer meshes too.
+    """
+    result = hertz(shared_tmp, "two_balls", 4, "--order", "2")
+    assert result["a_fit"] == pytest.approx(result["a_hertz"], rel=0.035)
+    assert result["p0_fit"] == pytest.approx(result["p0_hertz"], rel=0.02)
+    assert result["p0_given"] == pytest.approx(2798.3, rel=2e-5)
+    assert result["p0_fit"] == pytest.approx(2798.3, rel=0.035)
+    assert result["force"] == pytest.approx(1.127 * 2.0 / 3.0 * np.pi * 100.0 * 2798.3, rel=0.01)

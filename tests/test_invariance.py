@@ -55,7 +55,7 @@ def solution(simulation):
 
 
 def partners(item, comm, value):
-    """Who meets whom, in the order of the source facets: the same arrays on every rank. Collective on `comm`."""
+    """Who meets whom, in the order of the source facets, the same on every rank. Collective on `comm`."""
     pairing, source = item.pairing, item.source
     own = {
         "source": source.facet_ids[source.facet],
@@ -78,7 +78,7 @@ def closeness(a, b):
     return np.max(np.abs(a - b)) / np.max(np.abs(b))
 
 
-# -- units ------------------------------------------------------------------------------------------------------
+# -- units --------------------------------------------------------------------------------------------------
 
 
 def patch_case(path, length, stress):
@@ -129,7 +129,7 @@ def test_the_unit_of_time_does_not_matter(tmp_path):
         assert closeness(other[1], answers[0][1]) < 1e-12
 
 
-# -- ranks ------------------------------------------------------------------------------------------------------
+# -- ranks --------------------------------------------------------------------------------------------------
 
 
 def rank_case(folder, name):

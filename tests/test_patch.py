@@ -16,6 +16,9 @@ WORLD = MPI.COMM_WORLD
 DIMENSION = {"triangle": 2, "quadrilateral": 2, "tetrahedron": 3, "hexahedron": 3}
 ROUNDOFF = 1e-9
 LAM = MU = 50.0
+# on several ranks half of them will do
+VARIANTS = list(product((1.0, 0.0, -1.0), ("closest_point", "ray_tracing")))
+VARIANTS = VARIANTS if WORLD.size == 1 else [VARIANTS[k] for k in (0, 3, 4)]
 
 
 def solve(scene, measure):
@@ -40,7 +43,7 @@ def blocks(folder, cell, n_lower, n_upper, **more):
 @pytest.mark.parametrize("cell", list(DIMENSION))
 def test_exact_on_matching_and_nested_meshes(shared_tmp, cell, n_lower, n_upper, order):
     path = blocks(shared_tmp, cell, n_lower, n_upper)
-    for theta, search in product((1.0, 0.0, -1.0), ("closest_point", "ray_tracing")):
+    for theta, search in VARIANTS:
         wrong = solve(scene(path, DIMENSION[cell], order, theta=theta, search=search), errors)
         assert max(wrong) < ROUNDOFF, (theta, search)
 
@@ -72,12 +75,11 @@ def test_squares_above_triangles_are_off_by_the_quadrature_alone(shared_tmp, ord
 def test_exact_in_2d_where_meshes_do_not_match(shared_tmp, cell, n_lower, n_upper, order):
     """Source facets are cut where their partner changes."""
     path = blocks(shared_tmp, cell, n_lower, n_upper)
-    for theta, search in product((1.0, 0.0, -1.0), ("closest_point", "ray_tracing")):
+    for theta, search in VARIANTS:
         wrong = solve(scene(path, 2, order, theta=theta, search=search), errors)
         assert max(wrong) < ROUNDOFF, (theta, search)
 
 
-@pytest.mark.parallel
 @pytest.mark.parametrize("cell", ["tetrahedron", "hexahedron"])
 @pytest.mark.parametrize(("n_lower", "n_upper"), [(3, 4), (4, 3)], ids=["source finer", "target finer"])
 def test_error_falls_with_the_quadrature_in_3d(shared_tmp, cell, n_lower, n_upper):
