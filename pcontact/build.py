@@ -176,4 +176,6 @@ def assemble(scene, mesh):
         log.info("body %s: %d rigid modes that no support holds", mesh.component_names[k], modes)
     items = [ElasticBulk(space, constants), *contacts]
     problem = Problem(space, items, supports, forces, _aid(space, scene, constants, free))
-    return problem, colour(mesh.n_components, edges), free
+    # modes of their own cost a set-up that grows with their square; only bodies that nothing holds are worth it
+    loose = {(a, b) for a, b in edges if a in free or b in free}
+    return problem, colour(mesh.n_components, loose), free

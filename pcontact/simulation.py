@@ -46,7 +46,7 @@ class Simulation:
         self.problem, colours, self.floating = build.assemble(self.scene, self.mesh)
         symmetric = all(c.theta == 1.0 for c in self.scene.contacts)
         modes = near_null_space(self.problem.space, colours)
-        self.newton = Newton(self.problem, self.options, symmetric, modes, self.timing)
+        self.newton = Newton(self.problem, self.options, symmetric, modes, self.timing, bool(self.floating))
         self.timing["setup"] = clock.perf_counter() - self.start
 
     def run(self, directory=None, observers=()):

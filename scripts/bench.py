@@ -65,7 +65,7 @@ def run(description):
         "ksp": snes.getKSP().getType(),
         "pc": snes.getKSP().getPC().getType(),
         "solve": timing["search"] + timing["assembly"] + timing["linear"],
-        **{key: timing[key] for key in ("setup", "search", "assembly", "linear")},
+        **{key: timing[key] for key in ("setup", "search", "assembly", "linear", "total")},
     }
     simulation.close()
     return result
@@ -91,22 +91,24 @@ def compare(args):
         "contact": contact,
         "ratios": {
             "contact_to_elastic": contact["solve"] / elastic["linear"],
-            "assembly_share": contact["assembly"] / contact["solve"],
-            "search_share": contact["search"] / contact["solve"],
+            "assembly_share_of_run": contact["assembly"] / contact["total"],
+            "search_share_of_run": contact["search"] / contact["total"],
+            "assembly_share_of_solve": contact["assembly"] / contact["solve"],
+            "search_share_of_solve": contact["search"] / contact["solve"],
         },
     }
     log.info("")
-    log.info("%-9s %9s %7s %7s %9s %9s %9s %9s %9s", "", "unknowns", "newton", "krylov", "setup", "search", "assembly",
-             "linear", "solve")  # fmt: skip
+    columns = ("unknowns", "newton", "krylov", "setup", "search", "assembly", "linear", "solve", "total")
+    log.info("%-9s" + " %9s" * len(columns), "", *columns)
     for name in ("elastic", "contact"):
-        row = result[name]
-        log.info("%-9s %9d %7d %7d %9.3f %9.3f %9.3f %9.3f %9.3f", name, row["unknowns"], row["newton"], row["krylov"],
-                 row["setup"], row["search"], row["assembly"], row["linear"], row["solve"])  # fmt: skip
+        cells = [f"{v:9d}" if isinstance(v, int) else f"{v:9.3f}" for v in (result[name][c] for c in columns)]
+        log.info("%-9s %s", name, " ".join(cells))
     log.info("%s + %s, %d ranks, triad %.1f GB/s", contact["ksp"], contact["pc"], comm.size, result["triad_gb_per_s"])
-    ratios = result["ratios"]
-    log.info("whole contact solve / linear elastic solve (rtol 1e-8): %.2f", ratios["contact_to_elastic"])
-    log.info("assembly %.1f %%, search %.1f %% of the contact solve", 100 * ratios["assembly_share"],
-             100 * ratios["search_share"])  # fmt: skip
+    shares = {key: 100.0 * value for key, value in result["ratios"].items() if "share" in key}
+    log.info("whole contact solve / linear elastic solve (rtol 1e-8): %.2f", result["ratios"]["contact_to_elastic"])
+    log.info(
+        "assembly %.1f %%, search %.1f %% of the run; %.1f %%, %.1f %% of the contact solve", *shares.values()
+    )
     write_json(args.o / "bench.json", result)
     return 0
 

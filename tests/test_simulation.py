@@ -432,7 +432,10 @@ class MadeUp:
     def vector(self):
         return Number()
 
-    def detect(self, u, time):
+    def imposed(self, u, time):
+        return 0.0
+
+    def detect(self, u, time, motion):
         self.calls.append(("detect", u.value, time))
 
     def commit(self, u, time):

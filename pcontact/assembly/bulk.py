@@ -113,7 +113,7 @@ class ElasticBulk:
         """Values (nnz, d, d) on :meth:`pattern`."""
         return self.values
 
-    def detect(self, u, time):
+    def detect(self, u, time, motion=0.0):
         """Nothing to detect."""
         return False
 

@@ -92,7 +92,7 @@ class ContactItem:
 
     # -- search -------------------------------------------------------------------------------------------------
 
-    def detect(self, u, time):
+    def detect(self, u, time, motion=0.0):
         """Find the partner of every source point on the bodies deformed by ``u``, at a time. *Collective.*
 
         Parameters
@@ -101,6 +101,8 @@ class ContactItem:
             The committed displacement.
         time : float
             At which the load step ends: obstacles are where they will be.
+        motion : float
+            What the load step is known to move [length]: points that it may close get their place in the pattern now.
         """
         source, space = self.source, self.space
         nodal = space.local.gather(u)
@@ -124,6 +126,9 @@ class ContactItem:
         gap = self._adjust(np.where(paired & (np.abs(gap) > self._rounding), gap, 0.0), paired)
         normal = np.where(paired[:, None], normal, source.normal)
         self._freeze(u, gap, np.ascontiguousarray(normal), paired, ids, nodes, shape)
+        size = source.size[source.facet]
+        self._coupled = paired & (gap <= 0.5 * size + np.minimum(motion, size))
+        self._new_pattern()
 
     def _against_obstacle(self, x, time):
         gap, normal = self.target.gap(x, time)
@@ -160,8 +165,6 @@ class ContactItem:
         # the gap is linear in u from here on and takes the value found at the committed displacement
         _, at_zero = self._evaluate(exchange.gather(u))
         self.pairing.gap0 = np.ascontiguousarray(gap - at_zero)
-        self._coupled = paired & (gap <= 0.5 * source.size[source.facet])
-        self._new_pattern()
 
     # -- pattern ------------------------------------------------------------------------------------------------
 

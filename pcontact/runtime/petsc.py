@@ -110,6 +110,22 @@ class local_values:  # noqa: N801
         return False
 
 
+def keep_preconditioner(snes, keep):
+    """Whether the linear solves of SNES keep their preconditioner. To be called while the Jacobian is computed.
+
+    Parameters
+    ----------
+    snes : PETSc.SNES
+    keep : bool
+
+    Notes
+    -----
+    SNES itself tells its Krylov method after every Jacobian, by its lag; petsc4py does not reach the lag in all versions.
+    """
+    lag = np.ctypeslib.as_ctypes_type(PETSc.IntType)(-1 if keep else 1)
+    _check(_lib.SNESSetLagPreconditioner(ctypes.c_void_p(snes.handle), lag), "SNESSetLagPreconditioner")
+
+
 def reset_partitioner():
     """Make the graph partitioner forget earlier calls, whose random numbers PT-Scotch would continue."""
     reset = getattr(_lib, "SCOTCH_randomReset", None)

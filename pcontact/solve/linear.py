@@ -1,6 +1,58 @@
 """Defaults of the linear solver, per situation; the user's own options win."""
 
 
+import numpy as np
+
+
+class Reuse:
+    """Decides when the preconditioner is set up again: when Krylov needs more iterations than a fresh one would.
+
+    A set-up costs as much as some twenty Krylov iterations, and a few points that open or close hardly change what a
+    preconditioner is worth. Counts decide, not clocks: a run repeats itself.
+
+    Parameters
+    ----------
+    patience : int
+        Iterations beyond those expected of a fresh preconditioner that are still accepted.
+    """
+
+    def __init__(self, patience):
+        self.patience = patience
+        self.forget()
+
+    def forget(self):
+        """Have the next solve set up its preconditioner."""
+        self._rate, self._fresh = None, True
+
+    def keep(self, ksp):
+        """Whether the next solve keeps the preconditioner. To be asked once before each solve.
+
+        Parameters
+        ----------
+        ksp : PETSc.KSP
+            With the iterations of the last solve.
+        """
+        if self._rate is None:
+            self._rate = np.inf
+            return False
+        decades = max(-np.log10(ksp.getTolerances()[0]), 0.1)
+        iterations = ksp.getIterationNumber()
+        if self._fresh:
+            self._rate = iterations / decades
+        self._fresh = iterations > self._rate * decades + self.patience
+        return not self._fresh
+
+
+def refresh_smoother(ksp, matrix):
+    """Let the finest smoother of a kept multigrid hierarchy follow the matrix: its diagonal and its largest eigenvalue.
+
+    Chebyshev amplifies modes beyond an outdated largest eigenvalue, and the preconditioner is then indefinite.
+    """
+    pc = ksp.getPC()
+    if pc.getType() in ("gamg", "ml", "mg"):
+        pc.getMGSmoother(pc.getMGLevels() - 1).setOperators(matrix, matrix)
+
+
 def solver_defaults(symmetric, mumps):
     """Options proposed for the Krylov method and the preconditioner.
 
@@ -28,6 +80,7 @@ def solver_defaults(symmetric, mumps):
         "pc_gamg_threshold": 0.0,
         # the estimate made for smoothed aggregation can be older than the contact; Chebyshev then amplifies its modes
         "pc_gamg_use_sa_esteig": False,
+        "pc_gamg_reuse_interpolation": True,
         "mg_levels_ksp_type": "chebyshev",
         "mg_levels_pc_type": "jacobi",
         "mg_levels_ksp_max_it": 2,

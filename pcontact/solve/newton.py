@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from pcontact.runtime.errors import InputError
-from pcontact.runtime.petsc import PETSc, line_search_limit
-from pcontact.solve.linear import solver_defaults
+from pcontact.runtime.petsc import PETSc, keep_preconditioner, line_search_limit
+from pcontact.solve.linear import Reuse, refresh_smoother, solver_defaults
 
 REASONS = {
     value: name.lower().replace("_", " ")
@@ -50,6 +50,8 @@ class Newton:
     near_null_space : PETSc.NullSpace
     timing : dict of str to float
         ``assembly`` and ``linear`` seconds are added.
+    loose : bool
+        Whether supports leave a body free: what holds it changes with every iteration, and so must the preconditioner.
 
     Attributes
     ----------
@@ -57,7 +59,7 @@ class Newton:
         Defaults that were entered into the options database, and those that the user's options kept out.
     """
 
-    def __init__(self, problem, options, symmetric, near_null_space, timing):
+    def __init__(self, problem, options, symmetric, near_null_space, timing, loose=False):
         self.problem, self.timing = problem, timing
         self._options = options
         defaults = {
@@ -92,6 +94,9 @@ class Newton:
         except PETSc.Error as error:
             what = str(error).strip().splitlines()[-1]
             raise InputError(f"PETSc options: {what}; allowed: see -help") from error
+        lags = options.given("snes_lag_preconditioner")
+        patience = options.get("pc_patience", 10, int, text="Krylov iterations a preconditioner may lose before it is renewed")
+        self._reuse = None if lags or direct or loose or patience < 0 else Reuse(patience)
         self._floor = 0.0
         self.norms = []
 
@@ -104,6 +109,11 @@ class Newton:
         start = clock.perf_counter()
         self.problem.tangent(x)
         self.timing["assembly"] += clock.perf_counter() - start
+        if self._reuse is not None:
+            keep = self._reuse.keep(snes.getKSP())
+            keep_preconditioner(snes, keep)
+            if keep:
+                refresh_smoother(snes.getKSP(), matrix)
 
     def _limit(self, x, y):
         """Prescribed components stay where they are, whatever an inexact linear solve says; loose bodies stay near."""
@@ -144,10 +154,18 @@ class Newton:
         """
         # eight rounding errors per sum of some eighty terms: what an exact solution would leave
         self._floor = 8.0 * self.problem.roundoff(u)
+        # a step is solved alike whatever came before it, as in a restarted run
+        if self._reuse is not None:
+            self._reuse.forget()
         start, before = clock.perf_counter(), self.timing["assembly"]
+        self.norms = []
         self.snes.solve(None, u)
         self.timing["linear"] += clock.perf_counter() - start - (self.timing["assembly"] - before)
         reason = self.snes.getConvergedReason()
+        if len(self.norms) < 2:
+            # a linear solve alone (ksponly) asks for no norm
+            self.problem.residual(u, self._f)
+            self.norms = [*self.norms, self._f.norm()]
         return Outcome(
             converged=reason > 0,
             newton=self.snes.getIterationNumber(),

@@ -4,6 +4,7 @@ import numpy as np
 
 from pcontact.assembly.matrix import GlobalMatrix
 from pcontact.assembly.pattern import positions, union
+from pcontact.runtime.petsc import MPI
 
 
 class Problem:
@@ -46,6 +47,12 @@ class Problem:
         array = u.getArray().reshape(values.shape)
         array[self.fixed] = values[self.fixed]
         u.assemble()
+
+    def imposed(self, u, time):
+        """Largest change that the prescribed displacements make to ``u`` [length]. *Collective.*"""
+        values = self.supports.values(time)[self.space.owned_local]
+        change = np.where(self.fixed, values - u.getArray(readonly=True).reshape(values.shape), 0.0)
+        return self.space.comm.allreduce(float(np.max(np.abs(change), initial=0.0)), op=MPI.MAX)
 
     def external(self, time):
         """Nodal external forces (n_owned, d) [force]."""

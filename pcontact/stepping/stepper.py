@@ -103,8 +103,9 @@ class Stepper:
     def _attempt(self, target, before):
         start = clock.perf_counter()
         self.problem.time = target
+        motion = self.problem.imposed(self.u, target)
         for item in self.problem.items:
-            item.detect(self.u, target)
+            item.detect(self.u, target, motion)
         middle = clock.perf_counter()
         self.problem.prescribe(self.u, target)
         outcome = self.newton.solve(self.u)
