@@ -75,8 +75,8 @@ def read(scene, comm, options):
 def _radius(space, contact, floats):
     """Search radius [length]. *Collective.*
 
-    The user's; or 0.15 of the extent of the smaller surface, the farthest that bodies may move in a load step. A body that
-    nothing holds may have to look farther for a partner: half the extent.
+    The user's; or 0.15 of the extent of the smaller surface, the farthest that bodies may move in a load step. A body
+    that nothing holds may have to look farther for a partner: half the extent.
     """
     if contact.search_radius is not None:
         return contact.search_radius

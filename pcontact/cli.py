@@ -75,7 +75,7 @@ def parse(arguments):
         elif operand is None:
             operand = word
         else:
-            raise InputError(f"command line: found a second operand {word!r}, allowed: pcontact {command} ONE [options]")
+            raise InputError(f"command line: second operand: found {word!r}, allowed: pcontact {command} ONE [options]")
     if operand is None and not {"h", "help"} & set(options):
         what = "a directory" if command == "view" else "a scene file"
         raise InputError(f"command line: pcontact {command}: found no operand, allowed: {what}")
@@ -139,8 +139,9 @@ def check_scene(scene):
         low = comm.allreduce(float(np.min(item.gamma, initial=np.inf)), op=MPI.MIN)
         high = comm.allreduce(float(np.max(item.gamma, initial=0.0)), op=MPI.MAX)
         log.info(
-            "contact %s: %d source facets, %d quadrature points, theta %g, gamma0 %g, gamma %.4g to %.4g [stress/length], "
-            "search radius %.4g", item.name, facets, points, item.theta, item.gamma0, low, high, item.radius,
+            "contact %s: %d source facets, %d quadrature points, theta %g, gamma0 %g, gamma %.4g to %.4g "
+            "[stress/length], search radius %.4g",
+            item.name, facets, points, item.theta, item.gamma0, low, high, item.radius,
         )  # fmt: skip
     held = [name for k, name in enumerate(mesh.component_names) if k not in simulation.floating]
     log.info("held by supports: %s", ", ".join(held) or "no body")

@@ -87,7 +87,7 @@ class Simulation:
         return converged
 
     def close(self):
-        """Take this run's solver defaults back out of the options database, so that another scene can propose its own."""
+        """Take this run's solver defaults back out of the options database, for the next scene."""
         self.options.withdraw([*self.newton.applied, *self.from_scene])
 
     def _head(self):

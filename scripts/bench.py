@@ -1,6 +1,6 @@
 """What contact costs: a ball on a block against one linear elastic solve on the same mesh, in the same run.
 
-    mpirun -n 2 python scripts/bench.py [--unknowns 200000] [--theta 0] [-o bench_results] [any PETSc or pcontact option]
+    mpirun -n 2 python scripts/bench.py [--unknowns 200000] [--theta 0] [-o bench_results] [any option]
 
 Both solves use the same Krylov method and preconditioner; the elastic one (body forces, no contact) goes to a relative
 tolerance of 1e-8. Prints ratios, writes bench.json.

@@ -104,7 +104,7 @@ class ElasticBulk:
         out += y
 
     def magnitude(self, u):
-        """Sum of the absolute values of the terms of :meth:`residual` (n_owned, d): the scale of rounding errors. *Collective.*"""
+        """Sum of the absolute terms of :meth:`residual` (n_owned, d): the scale of rounding errors. *Collective.*"""
         y = np.empty((self.space.n_owned, self.space.dim))
         multiply(self.rowptr, self._column, np.abs(self.values), np.abs(self._exchange.gather(u)), y)
         return y

@@ -181,7 +181,8 @@ def find_partners(space, target, nodal, points, normals, radius, method):
     out[winner >= 0] = answers[winner[winner >= 0]]
     y, normal, nodes, shape = np.split(out[:, first:], [d, 2 * d, 2 * d + width], axis=1)
     return Found(
-        out[:, 0].astype(np.int64), y.copy(), normal.copy(), out[:, 2].copy(), nodes.astype(np.int64), shape.copy(), candidates
+        out[:, 0].astype(np.int64), y.copy(), normal.copy(), out[:, 2].copy(), nodes.astype(np.int64), shape.copy(),
+        candidates,
     )
 
 

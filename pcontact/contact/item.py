@@ -206,8 +206,8 @@ class ContactItem:
         traction, gap = self._evaluate(values)
         local = np.zeros_like(values)
         add_residual(
-            self.theta, self.bilateral, p.paired, source.jxw, self.gamma, traction, gap, p.cells, p.targets, source.facet, source.shape,
-            p.target_shape, p.b, p.normal, local,
+            self.theta, self.bilateral, p.paired, source.jxw, self.gamma, traction, gap, p.cells, p.targets,
+            source.facet, source.shape, p.target_shape, p.b, p.normal, local,
         )  # fmt: skip
         total = self.space.vector()
         p.exchange.add(local, total)
@@ -225,8 +225,8 @@ class ContactItem:
         d = self.space.dim
         local = np.zeros((len(self._columns), d, d))
         missing = add_tangent(
-            self.theta, self.bilateral, p.paired, source.jxw, self.gamma, tau, p.cells, p.targets, source.facet, source.shape,
-            p.target_shape, p.b, p.normal, self._rowptr, self._columns, local,
+            self.theta, self.bilateral, p.paired, source.jxw, self.gamma, tau, p.cells, p.targets,
+            source.facet, source.shape, p.target_shape, p.b, p.normal, self._rowptr, self._columns, local,
         )  # fmt: skip
         if missing:
             raise RuntimeError(f"contact {self.name}: {missing} entries of the tangent outside the pattern")
@@ -240,8 +240,8 @@ class ContactItem:
     def reach(self, u, y):
         """Largest part of the Newton step ``-y`` after which the pair still makes sense. *Collective.*
 
-        While no point is closed, a body that nothing holds may go until its nearest point has just closed (a tenth of a facet
-        deep); afterwards its points may move by a search radius, beyond which their partners mean nothing.
+        While no point is closed, a body that nothing holds may go until its nearest point has just closed (a tenth of
+        a facet deep); afterwards its points may move by a search radius, beyond which their partners mean nothing.
 
         Returns
         -------
@@ -277,8 +277,8 @@ class ContactItem:
         Returns
         -------
         dict of str to ndarray
-            ``pressure`` [stress], ``gap`` [length], ``traction`` (np, 3) acting on the source, ``normal``, ``status`` (0 open,
-            2 slip), ``weight`` (area of the point), ``x`` (reference position), ``paired``.
+            ``pressure`` [stress], ``gap`` [length], ``traction`` (np, 3) acting on the source, ``normal``, ``status``
+            (0 open, 2 slip), ``weight`` (area of the point), ``x`` (reference position), ``paired``.
         """
         p, source = self.pairing, self.source
         traction, gap = self._evaluate(p.exchange.gather(u))

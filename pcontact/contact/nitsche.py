@@ -9,8 +9,9 @@ Notation of every kernel, one row per quadrature point p on facet f = facet[p]:
     residual   R  = - int P N . v + (theta / gamma) int (P - t_n) b . v
     tangent    K  = int H (gamma N N^T - N b^T - theta b N^T) - theta / gamma (1 - H) b b^T,   H = 1 where tau <= 0
 
-which is (R) and its generalised derivative with the normal parts alone (Chouly, Hild 2013). A point without partner has P = 0.
-Bilateral contact (no separation) has H = 1 and P = tau always. ``cells`` and ``targets`` hold numbers into ``u`` (n, d); a pair with an obstacle has targets of width 0.
+which is (R) and its generalised derivative with the normal parts alone (Chouly, Hild 2013). A point without partner
+has P = 0. Bilateral contact (no separation) has H = 1 and P = tau always. ``cells`` and ``targets`` hold numbers into
+``u`` (n, d); a pair with an obstacle has targets of width 0.
 """
 
 import numpy as np
@@ -104,7 +105,8 @@ def add_residual(
 
 @njit
 def add_tangent(
-    theta, bilateral, paired, jxw, gamma, tau, cells, targets, facet, shape, target_shape, b, normal, rowptr, columns, values
+    theta, bilateral, paired, jxw, gamma, tau, cells, targets, facet, shape, target_shape, b, normal, rowptr, columns,
+    values,
 ):
     """Add the generalised Jacobian of the pair to block values (nnz, d, d); returns how many entries had no place."""
     d, nn, nt = normal.shape[1], cells.shape[1], targets.shape[1]

@@ -44,8 +44,8 @@ def _level_set(function, gradient, size, name):
         value = np.asarray(function(x, time), dtype=float)
         if value.shape != (len(x),) or not np.all(np.isfinite(value)):
             raise InputError(
-                f"scene: {name}.obstacle.function: found an array of shape {value.shape} or values that are not finite, "
-                f"allowed: ({len(x)},) finite signed distances"
+                f"scene: {name}.obstacle.function: found an array of shape {value.shape} or values that are not "
+                f"finite, allowed: ({len(x)},) finite signed distances"
             )
         if gradient is not None:
             slope = np.asarray(gradient(x, time), dtype=float)

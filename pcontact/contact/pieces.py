@@ -14,7 +14,7 @@ import numpy as np
 from pcontact.contact.exchange import find_partners
 from pcontact.contact.surface import default_quadrature
 from pcontact.element.quadrature import quadrature
-from pcontact.element.reference import CELLS, facet_points
+from pcontact.element.reference import facet_points
 from pcontact.element.shape import shape, shape_gradient
 
 # intervals that each source facet starts with: a target facet shorter than one of them may be missed

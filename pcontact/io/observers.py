@@ -27,12 +27,14 @@ class Terminal:
     def step(self, step, u, record):
         """Print the step."""
         parts = [
-            f"step {step.number}  time {step.time:.6g}  newton {step.newton}  krylov {step.krylov}  residual {step.residual:.2e}"
+            f"step {step.number}  time {step.time:.6g}  newton {step.newton}  krylov {step.krylov}  "
+            f"residual {step.residual:.2e}"
         ]
         for name, c in record["contacts"].items():
             parts.append(
-                f"{name}: open {c['open']} stick {c['stick']} slip {c['slip']}  penetration {c['max_penetration']:.3e}  "
-                f"pressure {c['max_pressure']:.6g}  force {' '.join(f'{v:.6g}' for v in c['force'])}"
+                f"{name}: open {c['open']} stick {c['stick']} slip {c['slip']}  "
+                f"penetration {c['max_penetration']:.3e}  pressure {c['max_pressure']:.6g}  "
+                f"force {' '.join(f'{v:.6g}' for v in c['force'])}"
             )
         log.info("%s", " | ".join(parts))
         self._progress.to(step.time)

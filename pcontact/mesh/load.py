@@ -39,7 +39,8 @@ def _bodies(raw, regions):
         where = f" (in group {names[0]!r})" if names else ""
         raise InputError(
             f"{raw.path}: {len(homeless)} cells are in no body, the first one at "
-            f"{np.array2string(_centre(raw, homeless[0]), precision=6)}{where}; allowed: every cell in a [[bodies]] region"
+            f"{np.array2string(_centre(raw, homeless[0]), precision=6)}{where}; allowed: every cell in a [[bodies]] "
+            "region"
         )
     return body
 
@@ -50,8 +51,8 @@ def _check_contact_facets(raw, surfaces):
         inside = int(np.sum(facet_multiplicity(raw, cells, local) > 1))
         if inside:
             raise InputError(
-                f"{raw.path}: contact surface {name!r} has {inside} facets between two cells; allowed: facets on the boundary "
-                "of a body (bodies in contact must not share nodes)"
+                f"{raw.path}: contact surface {name!r} has {inside} facets between two cells; allowed: facets on the "
+                "boundary of a body (bodies in contact must not share nodes)"
             )
 
 

@@ -100,10 +100,8 @@ def partition(comm, raw, extra_weight):
     ndarray (n_cells,) or None
         On rank 0.
 
-    Notes
-    -----
-    Equal weights and one cell type: DMPlex with the partitioner of this PETSc (``-petscpartitioner_type``). Weights, several
-    cell types, or no graph partitioner: :func:`bisect`.
+    Notes ----- Equal weights and one cell type: DMPlex with the partitioner of this PETSc
+    (``-petscpartitioner_type``). Weights, several cell types, or no graph partitioner: :func:`bisect`.
     """
     if comm.size == 1:
         return np.zeros(sum(len(b.nodes) for b in raw.blocks), dtype=np.int64)

@@ -118,9 +118,8 @@ def keep_preconditioner(snes, keep):
     snes : PETSc.SNES
     keep : bool
 
-    Notes
-    -----
-    SNES itself tells its Krylov method after every Jacobian, by its lag; petsc4py does not reach the lag in all versions.
+    Notes ----- SNES itself tells its Krylov method after every Jacobian, by its lag; petsc4py does not reach the lag
+    in all versions.
     """
     lag = np.ctypeslib.as_ctypes_type(PETSc.IntType)(-1 if keep else 1)
     _check(_lib.SNESSetLagPreconditioner(ctypes.c_void_p(snes.handle), lag), "SNESSetLagPreconditioner")

@@ -64,7 +64,7 @@ class Newton:
         self._options = options
         defaults = {
             "snes_type": "newtonls",
-            # the operator is monotone: the zero of F(x + s y) . y is what to look for, and |F| may have to rise on the way
+            # the operator is monotone: the zero of F(x + s y) . y is what to look for, |F| may have to rise on the way
             "snes_linesearch_type": "cp",
             line_search_limit: 1.0,
             # absolute in PETSc: it would call small units converged
@@ -95,7 +95,8 @@ class Newton:
             what = str(error).strip().splitlines()[-1]
             raise InputError(f"PETSc options: {what}; allowed: see -help") from error
         lags = options.given("snes_lag_preconditioner")
-        patience = options.get("pc_patience", 10, int, text="Krylov iterations a preconditioner may lose before it is renewed")
+        text = "Krylov iterations that a preconditioner may lose before it is renewed; -1: always renew"
+        patience = options.get("pc_patience", 10, int, text=text)
         self._reuse = None if lags or direct or loose or patience < 0 else Reuse(patience)
         self._floor = 0.0
         self.norms = []
@@ -125,7 +126,7 @@ class Newton:
             y.scale(part)
 
     def _test(self, snes, iteration, norms):
-        """Residual against the first one and against its own rounding errors; the size of the step says nothing here."""
+        """Residual against the first one and against its own rounding errors; the step says nothing here."""
         norm = norms[2]
         reasons = PETSc.SNES.ConvergedReason
         if not np.isfinite(norm):

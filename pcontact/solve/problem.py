@@ -14,7 +14,7 @@ class Problem:
     ----------
     space : pcontact.space.space.Space
     items : list
-        See the item contract: ``pattern``, ``residual``, ``tangent``, ``detect``, ``commit``. The first one is the bulk.
+        See the item contract: ``pattern``, ``residual``, ``tangent``, ``detect``, ``commit``. The bulk comes first.
     supports : pcontact.space.supports.Supports
     forces : list of (ndarray (n_owned, d), callable)
         Nodal forces at factor 1 and their factor of time.
@@ -62,7 +62,7 @@ class Problem:
         return total
 
     def unbalanced(self, u):
-        """Internal and contact minus external forces (n_owned, d); at prescribed components, the reactions. *Collective.*"""
+        """Internal plus contact minus external forces (n_owned, d); reactions where prescribed. *Collective.*"""
         out = -self.external(self.time)
         for item in self.items:
             item.residual(u, out)

@@ -24,10 +24,8 @@ class Numbering:
     n_owned, start, n_total : int
     ranges : ndarray (size + 1,)
 
-    Notes
-    -----
-    Each key has a home rank that hears of all ranks with the node and picks the owner, turn by turn, so that shared nodes are
-    spread evenly. *Collective.*
+    Notes ----- Each key has a home rank that hears of all ranks with the node and picks the owner, turn by turn, so
+    that shared nodes are spread evenly. *Collective.*
     """
 
     def __init__(self, comm, exchanger, keys, n_keys):

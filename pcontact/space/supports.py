@@ -29,10 +29,8 @@ class Supports:
     InputError
         When two displacements want different values of the same component at the same node.
 
-    Notes
-    -----
-    The constructor is *Collective*. Rows and columns of prescribed components are replaced by a multiple of the identity
-    and the displacement satisfies them before each solve, so the matrix stays symmetric.
+    Notes ----- The constructor is *Collective*. Rows and columns of prescribed components are replaced by a multiple
+    of the identity and the displacement satisfies them before each solve, so the matrix stays symmetric.
     """
 
     def __init__(self, space, displacements, amplitudes, source="scene"):
@@ -52,8 +50,8 @@ class Supports:
                     if self._differ(number, int(other), axis):
                         at = space.points[nodes[before == other][0]]
                         message = message or (
-                            f"{source}: displacements[{number}].value ({displacement.region}): component {axis} differs "
-                            f"from displacements[{other}] ({displacements[other].region}) at the common point "
+                            f"{source}: displacements[{number}].value ({displacement.region}): component {axis} "
+                            f"differs from displacements[{other}] ({displacements[other].region}) at the common point "
                             f"{np.array2string(at, precision=6)}; allowed: one value per point and direction"
                         )
                 self.which[nodes, axis] = number
