@@ -4,7 +4,9 @@ import numpy as np
 
 from pcontact.assembly.bulk import ElasticBulk
 from pcontact.assembly.loads import load_vector, lumped_volume
+from pcontact.contact.frictional import FrictionalItem
 from pcontact.contact.item import ContactItem
+from pcontact.contact.laws import friction_law
 from pcontact.contact.obstacle import RigidObstacle
 from pcontact.contact.pieces import cut_source
 from pcontact.contact.surface import source_surface, target_surface
@@ -49,6 +51,7 @@ def override(scene, options):
         "formulation": (str, "nitsche"),
         "theta": (float, "variant of Nitsche's method: 1, 0, -1"),
         "gamma0": (float, "dimensionless Nitsche parameter"),
+        "alpha": (float, "tangential over normal Nitsche parameter"),
         "quadrature": (int, "degree of the quadrature on source facets"),
         "search": (str, "closest_point or ray_tracing"),
     }
@@ -132,7 +135,11 @@ def contact_items(scene, space, constants, free):
         radius = _radius(space, contact, floats)
         if space.dim == 2 and contact.target is not None:
             source = cut_source(space, source, contact.source, target, radius, contact.search, contact.quadrature)
-        items.append(ContactItem(space, contact, source, target, radius, floats))
+        law = friction_law(contact)
+        if law is None:
+            items.append(ContactItem(space, contact, source, target, radius, floats))
+        else:
+            items.append(FrictionalItem(space, contact, source, target, radius, law, contact.alpha, floats))
     return items, edges
 
 

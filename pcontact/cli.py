@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from pcontact import __version__
-from pcontact.io.picture import picture
+from pcontact.io.show import show
 from pcontact.runtime import log
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.parallel import on_root
@@ -154,7 +154,7 @@ def _execute(command, operand, options):
         return 0
     comm = MPI.COMM_WORLD
     if command == "view":
-        on_root(comm, _view, operand, options)
+        log.info("wrote %s", on_root(comm, show, operand, options))
         return 0
     scene = read_scene(operand)
     if command == "check":
@@ -162,13 +162,6 @@ def _execute(command, operand, options):
         return 0
     _, converged = run_scene(scene, options.get("o") or Path(operand).stem + "_results")
     return 0 if converged else 1
-
-
-def _view(directory, options):
-    step = int(options.get("step", -1))
-    scale = float(options["scale"]) if options.get("scale") else None
-    path = picture(directory, options.get("field"), options.get("o"), step=step, scale=scale)
-    log.info("wrote %s", path)
 
 
 def guarded(function, *args):

@@ -44,7 +44,8 @@ class Simulation:
         self.scene, self.from_scene = build.override(scene, self.options)
         self.mesh = build.read(self.scene, comm, self.options)
         self.problem, colours, self.floating = build.assemble(self.scene, self.mesh)
-        symmetric = all(c.theta == 1.0 for c in self.scene.contacts)
+        # slip of Coulomb's law makes the tangent unsymmetric for every theta; that of Tresca's does not
+        symmetric = all(c.theta == 1.0 and not c.friction for c in self.scene.contacts)
         modes = near_null_space(self.problem.space, colours)
         self.newton = Newton(self.problem, self.options, symmetric, modes, self.timing, bool(self.floating))
         self.timing["setup"] = clock.perf_counter() - self.start

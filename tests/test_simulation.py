@@ -123,7 +123,9 @@ def test_report_and_history(mesh_file, run, shared_tmp):
         assert step["newton"] >= 1 and step["krylov"] >= 1 and step["cutbacks"] == 0
         assert set(step["reactions"]) == {"lower_bottom", "upper_top", "left"}
         pair = step["contacts"]["pair"]
-        assert set(pair) == {"force", "area", "max_pressure", "max_penetration", "open", "stick", "slip"}
+        assert set(pair) == {
+                "force", "area", "max_pressure", "max_penetration", "deepest", "open", "stick", "slip", "flipped",
+            }  # fmt: skip
         assert pair["open"] + pair["slip"] == n_points and pair["stick"] == 0
         assert pair["area"] == pytest.approx(1.0)
         assert pair["force"][1] < 0 < pair["max_pressure"]

@@ -7,7 +7,9 @@ import numpy as np
 from pcontact.assembly.graph import node_graph
 from pcontact.assembly.pattern import OwnedRows
 from pcontact.contact.exchange import find_partners
+from pcontact.contact.laws import OPEN, SLIP
 from pcontact.contact.nitsche import add_residual, add_tangent, evaluate, traction_operator
+from pcontact.contact.summary import summarise
 from pcontact.runtime.petsc import MPI
 
 # theta = -1 is coercive for any value; below 1 multigrid fails for quadratic hexahedra
@@ -79,6 +81,9 @@ class ContactItem:
         self.gamma0 = contact.gamma0 if contact.gamma0 is not None else GAMMA0[self.theta]
         self.gamma = self.gamma0 * source.trace
         self.rigid = contact.obstacle is not None
+        self.time = 0.0
+        self.flips = []
+        self._status = None
         self.floats = floats
         self.bilateral = contact.bilateral
         self.version = 0
@@ -126,8 +131,10 @@ class ContactItem:
         gap = self._adjust(np.where(paired & (np.abs(gap) > self._rounding), gap, 0.0), paired)
         normal = np.where(paired[:, None], normal, source.normal)
         self._freeze(u, gap, np.ascontiguousarray(normal), paired, ids, nodes, shape)
+        self._begin(u, time)
         size = source.size[source.facet]
-        self._coupled = paired & (gap <= 0.5 * size + np.minimum(motion, size))
+        self._coupled = self._couples(gap <= 0.5 * size + np.minimum(motion, size))
+        self.flips, self._status = [], None
         self._new_pattern()
 
     def _against_obstacle(self, x, time):
@@ -166,6 +173,13 @@ class ContactItem:
         _, at_zero = self._evaluate(exchange.gather(u))
         self.pairing.gap0 = np.ascontiguousarray(gap - at_zero)
 
+    def _begin(self, u, time):
+        """Frictionless contact starts every load step afresh."""
+
+    def _couples(self, closed):
+        """Points that may need an entry in the matrix for both sides, among them those that are ``closed``."""
+        return self.pairing.paired & closed
+
     # -- pattern ------------------------------------------------------------------------------------------------
 
     def _new_pattern(self):
@@ -201,39 +215,58 @@ class ContactItem:
 
     def residual(self, u, out):
         """Add the pair's forces on the owned nodes to ``out`` (n_owned, d). *Collective.*"""
-        p, source = self.pairing, self.source
+        p = self.pairing
         values = p.exchange.gather(u)
-        traction, gap = self._evaluate(values)
         local = np.zeros_like(values)
-        add_residual(
-            self.theta, self.bilateral, p.paired, source.jxw, self.gamma, traction, gap, p.cells, p.targets,
-            source.facet, source.shape, p.target_shape, p.b, p.normal, local,
-        )  # fmt: skip
+        self._add_residual(values, local)
         total = self.space.vector()
         p.exchange.add(local, total)
         out += total.getArray(readonly=True).reshape(out.shape)
 
+    def _add_residual(self, values, local):
+        p, source = self.pairing, self.source
+        traction, gap = self._evaluate(values)
+        add_residual(
+            self.theta, self.bilateral, p.paired, source.jxw, self.gamma, traction, gap, p.cells, p.targets,
+            source.facet, source.shape, p.target_shape, p.b, p.normal, local,
+        )  # fmt: skip
+
     def tangent(self, u):
         """Values (nnz, d, d) on :meth:`pattern`, which grows when a point closes that was thought far. *Collective.*"""
-        p, source = self.pairing, self.source
-        traction, gap = self._evaluate(p.exchange.gather(u))
-        tau = traction + self.gamma[source.facet] * gap
-        new = p.paired & ((tau <= 0.0) | self.bilateral) & ~self._coupled
+        p = self.pairing
+        values = p.exchange.gather(u)
+        tau, status = self._augmented(values)
+        new = self._couples(status > OPEN) & ~self._coupled
         if self.space.comm.allreduce(bool(new.any()), op=MPI.LOR):
             self._coupled |= new
             self._new_pattern()
+        if self._status is not None:
+            self.flips.append(int(np.sum(status != self._status)))
+        self._status = status
         d = self.space.dim
         local = np.zeros((len(self._columns), d, d))
-        missing = add_tangent(
-            self.theta, self.bilateral, p.paired, source.jxw, self.gamma, tau, p.cells, p.targets,
-            source.facet, source.shape, p.target_shape, p.b, p.normal, self._rowptr, self._columns, local,
-        )  # fmt: skip
+        missing = self._add_tangent(tau, local)
         if missing:
             raise RuntimeError(f"contact {self.name}: {missing} entries of the tangent outside the pattern")
         return self._owned.sum(local)
 
+    def _augmented(self, values):
+        """What the tangent is made from, and the status (np,) of the points."""
+        traction, gap = self._evaluate(values)
+        tau = traction + self.gamma[self.source.facet] * gap
+        closed = self.pairing.paired & ((tau <= 0.0) | self.bilateral)
+        return tau, np.where(closed, SLIP, OPEN)
+
+    def _add_tangent(self, tau, local):
+        p, source = self.pairing, self.source
+        return add_tangent(
+            self.theta, self.bilateral, p.paired, source.jxw, self.gamma, tau, p.cells, p.targets,
+            source.facet, source.shape, p.target_shape, p.b, p.normal, self._rowptr, self._columns, local,
+        )  # fmt: skip
+
     def commit(self, u, time):
-        """Frictionless contact remembers nothing."""
+        """End the load step."""
+        self.time = time
 
     # -- steps of bodies that nothing holds ---------------------------------------------------------------------
 
@@ -290,7 +323,7 @@ class ContactItem:
             "gap": np.where(p.paired, gap, np.nan),
             "traction": -pressure[:, None] * p.normal,
             "normal": p.normal,
-            "status": np.where(closed, 2, 0),
+            "status": np.where(closed, SLIP, OPEN),
             "weight": source.jxw,
             "x": source.x,
             "normal_stress": traction,
@@ -298,22 +331,4 @@ class ContactItem:
 
     def summary(self, u):
         """Numbers of the pair for the report, the same on every rank. *Collective.*"""
-        s, comm, d = self.state(u), self.space.comm, self.space.dim
-        closed = s["status"] > 0
-        force = -(s["traction"] * s["weight"][:, None]).sum(axis=0)
-        sums = np.concatenate([
-            force, [s["weight"][closed].sum(), np.sum(~closed), 0.0, closed.sum()],
-        ])  # fmt: skip
-        sums = comm.allreduce(sums, op=MPI.SUM)
-        depth = np.max(np.where(closed, -s["gap"], 0.0), initial=0.0)
-        top = np.max(s["pressure"], initial=0.0)
-        depth, top = comm.allreduce(float(depth), op=MPI.MAX), comm.allreduce(float(top), op=MPI.MAX)
-        return {
-            "force": sums[:d].tolist(),
-            "area": float(sums[d]),
-            "max_pressure": top,
-            "max_penetration": max(depth, 0.0),
-            "open": int(sums[d + 1]),
-            "stick": int(sums[d + 2]),
-            "slip": int(sums[d + 3]),
-        }
+        return summarise(self.state(u), self.flips, self.space.comm)

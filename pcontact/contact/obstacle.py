@@ -90,6 +90,12 @@ class RigidObstacle:
         else:
             self._distance = _level_set(*functions, size, name)
 
+    def moved(self, start, end):
+        """What the obstacle moves between two times (d,) or scalar zero [length]; what a level set does is not known."""
+        if self._shift is None:
+            return 0.0
+        return self._shift * (self._amplitude.factor(end) - self._amplitude.factor(start))
+
     def gap(self, x, time):
         """Signed distance and contact normal.
 

@@ -37,8 +37,8 @@ class Layer:
         What is shown at them; NaN: grey.
     beyond : ndarray (nt, 3) or None
         Positive where it is cut away.
-    edges : ndarray of bool (nt, 3)
-        Sides that are edges of the mesh.
+    edges : ndarray of int64 (nt, 3)
+        Which sides are edges of the mesh, as in `Triangles`.
     body : ndarray of int64 (nt,)
         The body each belongs to, for its grey and its outline.
     lit : ndarray of bool (nt,)
@@ -296,7 +296,8 @@ def _colours(layer, camera, window, shape, scale):
     rgb += share * (INK - rgb)
     labels = np.full(shape, -1, dtype=np.int64)
     labels[hit] = layer.body[number]
-    border = raster.outlines(labels, FINE)[hit]
+    border = raster.outlines(labels, FINE) | raster.creases(seen.triangle, raster.slopes(corners), FINE)
+    border = border[hit]
     rgb[border] += np.float32(0.75) * (INK - rgb[border])
     pixels = np.zeros((*shape, 4), dtype=np.float32)
     pixels[hit, :3] = rgb

@@ -10,11 +10,13 @@ from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.figure import Figure
 
 from pcontact.io import paint, raster, skin, view
-from pcontact.io.quantity import find
+from pcontact.io.quantity import NodeAverages, find
 from pcontact.io.result import load_result
 from pcontact.runtime.errors import InputError
 
 DPI = 150
+# lines and letters stay sharp
+_SAVE = dict.fromkeys((".jpg", ".jpeg", ".webp"), {"pil_kwargs": {"quality": 90}})
 _INK, _PALE = "#1c2733", "#5b6773"
 _STYLE = {"font.family": "DejaVu Sans", "font.size": 9, "axes.linewidth": 0.6, "text.color": _INK,
           "axes.edgecolor": _PALE, "axes.labelcolor": _PALE, "xtick.color": _PALE,
@@ -24,7 +26,9 @@ _RIGHT, _BAR = (0.60, 0.27, 0.265, 0.424), (0.895, 0.27, 0.016, 0.424)
 _NONE_IF_OPEN = ("contact_pressure", "status")
 
 
-def picture(directory, field=None, output=None, step=-1, scale=None, size=(1600, 1000), cut=None):
+def picture(
+    directory, field=None, output=None, step=-1, scale=None, size=(1600, 1000), cut=None, smooth=True
+):
     """Draw the deformed bodies, coloured by a field. Serial.
 
     Parameters
@@ -35,7 +39,7 @@ def picture(directory, field=None, output=None, step=-1, scale=None, size=(1600,
         A field of bodies, contact surfaces or quadrature points, or a component of it (stress_xx). If absent:
         the contact pressure if there is any, else the equivalent stress.
     output : str or Path, optional
-        The picture, of a type that matplotlib writes; DIRECTORY/FIELD.png if absent.
+        The picture, of a type that matplotlib writes (without an ending: PNG); DIRECTORY/FIELD.png if absent.
     step : int
         Which of the steps that are there, from 0; negative numbers count from the last one.
     scale : float, optional
@@ -45,6 +49,8 @@ def picture(directory, field=None, output=None, step=-1, scale=None, size=(1600,
     cut : bool, optional
         Solids only: take away what is before a plane through the contact patch. If absent: done for fields of
         the bodies when there is contact.
+    smooth : bool
+        Fields of cells are averaged at the nodes of each body; otherwise every cell has one colour.
 
     Returns
     -------
@@ -61,12 +67,13 @@ def picture(directory, field=None, output=None, step=-1, scale=None, size=(1600,
     if skin.dimension(result.bodies) < 2:
         raise InputError(f"{directory}: there are no bodies to draw")
     output = Path(output or Path(directory) / f"{quantity.name}.png")
+    output = output if output.suffix else output.with_suffix(".png")
     with matplotlib.rc_context(_STYLE):
         figure = Figure(figsize=(size[0] / DPI, size[1] / DPI), dpi=DPI, facecolor="white")
         FigureCanvasAgg(figure)
-        _Composition(figure, result, quantity, scale).draw(cut)
+        _Composition(figure, result, quantity, scale, smooth).draw(cut)
         try:
-            figure.savefig(output, dpi=DPI)
+            figure.savefig(output, dpi=DPI, **_SAVE.get(output.suffix.lower(), {}))
         except (OSError, ValueError) as problem:
             raise InputError(f"{output}: the picture cannot be written: {problem}") from problem
     return output
@@ -75,8 +82,10 @@ def picture(directory, field=None, output=None, step=-1, scale=None, size=(1600,
 class _Composition:
     """The parts of one picture and where they go."""
 
-    def __init__(self, figure, result, quantity, scale):
+    def __init__(self, figure, result, quantity, scale, smooth):
         self.figure, self.result, self.quantity = figure, result, quantity
+        smooth = smooth and quantity.place == "bodies" and quantity.at == "cell" and not quantity.whole
+        self.averages = NodeAverages(result.bodies, quantity.values[""]) if smooth else None
         self.solid = skin.dimension(result.bodies) == 3
         self.factor = view.deformation_scale(result) if scale is None else float(scale)
         self.positions = view.deformed(result.bodies, self.factor)
@@ -118,6 +127,8 @@ class _Composition:
 
     def _body_values(self, triangles, cut):
         """Values at the corners of the skin or of a section."""
+        if self.averages is not None:
+            return self.averages.corners(triangles, cut)
         if cut is None or self.quantity.at == "cell":
             return self.quantity.corners("", triangles)
         return cut.interpolate(self.quantity.values[""])[triangles.nodes]
@@ -278,6 +289,7 @@ class _Composition:
         )
         enlarged = "true to scale" if self.factor == 1 else f"displacements × {self.factor:g}"
         notes = [f"time {self.result.time:g}", enlarged] + ["cut open at the contact"] * cut
+        notes += ["cells averaged at the nodes"] * (self.averages is not None)
         self.figure.text(0.03, 0.905, "  ·  ".join(notes), fontsize=9, color=_PALE, va="center")
 
     def _is_magnitude(self):

@@ -1,5 +1,6 @@
 """Which numbers a picture shows: a field by its name, or by the name and one of its components."""
 
+import difflib
 from dataclasses import dataclass
 
 import numpy as np
@@ -81,6 +82,56 @@ class Quantity:
         )
 
 
+class NodeAverages:
+    """A field of cells averaged at the nodes, in each body for itself.
+
+    Parameters
+    ----------
+    piece : Piece
+        The bodies.
+    values : ndarray (n,)
+        Per cell, counted over all blocks.
+    """
+
+    def __init__(self, piece, values):
+        self._n = len(piece.points)
+        body = np.concatenate([np.zeros(0), *piece.cell_data.get("body", [])]).astype(np.int64)
+        self._body = body if len(body) else np.zeros(len(values), dtype=np.int64)
+        size, first = self._n * (self._body.max(initial=0) + 1), 0
+        total, count = np.zeros(size), np.zeros(size)
+        for _, nodes in piece.cells:
+            cells = np.arange(first, first + len(nodes))
+            rows = self._rows(nodes, cells).ravel()
+            total += np.bincount(rows, np.repeat(values[cells], nodes.shape[1]), minlength=size)
+            count += np.bincount(rows, minlength=size)
+            first += len(nodes)
+        self._mean = total / np.maximum(count, 1)
+
+    def _rows(self, nodes, cells):
+        """A node that several bodies share has a mean in each of them."""
+        return nodes + self._n * self._body[cells][:, None]
+
+    def corners(self, triangles, section=None):
+        """Values at the corners of triangles.
+
+        Parameters
+        ----------
+        triangles : Triangles
+        section : Section, optional
+            Whose points the triangles' corners are; nodes of the bodies if absent.
+
+        Returns
+        -------
+        ndarray (nt, 3)
+        """
+        if section is None:
+            return self._mean[self._rows(triangles.nodes, triangles.owner)]
+        owner = np.empty(len(section.ends), dtype=np.int64)
+        owner[triangles.nodes] = triangles.owner[:, None]
+        ends = self._mean[self._rows(section.ends, owner)]
+        return ((1 - section.weight) * ends[:, 0] + section.weight * ends[:, 1])[triangles.nodes]
+
+
 def _arrays(result):
     """All arrays: (place, at) -> name -> part -> ndarray, those of the bodies first."""
     places = {(place, at): {} for place in ("bodies", "surfaces", "points") for at in ("cell", "point")}
@@ -160,7 +211,9 @@ def find(result, name=None):
                     values = {part: _column(array, column) for part, array in arrays.items()}
                     whole = all(array.dtype.kind in "iu" for array in arrays.values())
                     return Quantity(name, place, at, values, whole)
-    raise InputError(f"{result.directory}: no field {name!r}; there are {', '.join(names) or 'none'}")
+    near = difflib.get_close_matches(str(name), names, 1)
+    hint = f"; the nearest is {near[0]!r}" if near else ""
+    raise InputError(f"{result.directory}: no field {name!r}, allowed: {', '.join(names) or 'none'}{hint}")
 
 
 def _column(array, column):

@@ -10,6 +10,7 @@ import numpy as np
 from pcontact.runtime.jit import njit
 
 FAR = 1e30
+SHARP = np.cos(np.radians(40.0))  # cosine of the angle between facets from which on their common edge is a crease
 
 
 @dataclass
@@ -91,8 +92,8 @@ def render(corners, values, beyond, edges, window, shape):
         Values at the corners, interpolated between them.
     beyond : ndarray (nt, 3) or None
         What lies where this is positive, interpolated likewise, is cut away.
-    edges : ndarray of bool (nt, 3)
-        The sides to be drawn, side k from corner k to corner k + 1.
+    edges : ndarray of int (nt, 3)
+        1: side k, from corner k to corner k + 1, is to be drawn; 2: its corner k is, which is on a neighbour's line.
     window : tuple of 4 floats
         Left, right, bottom, top of the picture in the view [length].
     shape : tuple of int
@@ -159,6 +160,12 @@ def _draw(corners, values, beyond, edges, triangle, depth, value, line):
                     distance = min(distance, a * height_a)
                 if edges[t, 2] == 1:
                     distance = min(distance, b * height_b)
+                if edges[t, 0] == 2:
+                    distance = min(distance, np.hypot(x - ax, y - ay))
+                if edges[t, 1] == 2:
+                    distance = min(distance, np.hypot(x - bx, y - by))
+                if edges[t, 2] == 2:
+                    distance = min(distance, np.hypot(x - cx, y - cy))
                 line[row, column] = distance
 
 
@@ -175,16 +182,30 @@ def shading(corners):
     ndarray (nt,)
         0.62 to 1.
     """
+    lamp = np.array([-0.35, 0.55, 0.76])
+    return 0.62 + 0.38 * np.clip(slopes(corners) @ (lamp / np.linalg.norm(lamp)), 0.0, 1.0)
+
+
+def slopes(corners):
+    """Unit normals of triangles, turned toward the viewer.
+
+    Parameters
+    ----------
+    corners : ndarray (nt, 3, 3)
+        Corners in the view.
+
+    Returns
+    -------
+    ndarray (nt, 3)
+    """
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     length = np.linalg.norm(normal, axis=1)
     normal /= np.where(length > 0, length, 1)[:, None]
-    normal *= np.where(normal[:, 2:] < 0, -1.0, 1.0)
-    lamp = np.array([-0.35, 0.55, 0.76])
-    return 0.62 + 0.38 * np.clip(normal @ (lamp / np.linalg.norm(lamp)), 0.0, 1.0)
+    return normal * np.where(normal[:, 2:] < 0, -1.0, 1.0)
 
 
 def outlines(labels, width):
-    """Pixels at the border between different labels.
+    """Pixels at the border between different labels, on the side of the larger one.
 
     Parameters
     ----------
@@ -198,10 +219,37 @@ def outlines(labels, width):
     """
     border = np.zeros(labels.shape, dtype=bool)
     for step in range(1, width + 1):
-        across = labels[:, step:] != labels[:, :-step]
-        along = labels[step:] != labels[:-step]
-        border[:, step:] |= across
-        border[step:] |= along
+        border[:, step:] |= labels[:, step:] > labels[:, :-step]
+        border[:, :-step] |= labels[:, :-step] > labels[:, step:]
+        border[step:] |= labels[step:] > labels[:-step]
+        border[:-step] |= labels[:-step] > labels[step:]
+    return border
+
+
+def creases(triangle, normals, width):
+    """Pixels at sharp edges: the rim of a lid, the edges of a block.
+
+    Parameters
+    ----------
+    triangle : ndarray of int64 (height, width)
+        As in `Buffers`.
+    normals : ndarray (nt, 3)
+        Of the triangles, from `slopes`.
+    width : int
+        Width of the line in pixels.
+
+    Returns
+    -------
+    ndarray of bool (height, width)
+    """
+    border = np.zeros(triangle.shape, dtype=bool)
+    for step in range(1, width + 1):
+        for one, other in (((slice(None), slice(step, None)), (slice(None), slice(None, -step))),
+                           ((slice(step, None),), (slice(None, -step),))):  # fmt: skip
+            a, b = triangle[one], triangle[other]
+            near = (a != b) & (a >= 0) & (b >= 0)
+            near[near] = np.einsum("ni,ni->n", normals[a[near]], normals[b[near]]) < SHARP
+            border[one] |= near
     return border
 
 

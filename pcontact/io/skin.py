@@ -8,7 +8,6 @@ import numpy as np
 from pcontact.element.reference import CELLS, MESHIO_NAMES, edge_nodes, facet_nodes, reference_nodes
 
 _CELLS = {name: key for key, name in MESHIO_NAMES.items()}
-_QUAD = np.array([(0, 1, 2), (0, 2, 3)])
 _HEXAHEDRON = np.array([(0, 1, 2, 6), (0, 2, 3, 6), (0, 3, 7, 6), (0, 7, 4, 6), (0, 4, 5, 6), (0, 5, 1, 6)])
 _OTHERS = np.array([(1, 2, 3), (0, 2, 3), (0, 1, 3), (0, 1, 2)])
 
@@ -23,8 +22,9 @@ class Triangles:
         Points of each triangle.
     owner : ndarray of int64 (nt,)
         The cell it belongs to, counted over all blocks.
-    edges : ndarray of bool (nt, 3)
-        Is the side from corner k to corner k + 1 an edge of the mesh, or does it only divide a polygon.
+    edges : ndarray of int64 (nt, 3)
+        1: the side from corner k to corner k + 1 is an edge of the mesh; 0: it only divides a polygon; 2: so does it,
+        but corner k is on an edge, of which no side belongs to the triangle.
     """
 
     nodes: np.ndarray
@@ -67,21 +67,23 @@ class Section:
 
 
 def _triangle_table(cell, degree):
-    """Triangles of a plane cell (n, 3), and which of their sides are the cell's edges (n, 3)."""
+    """Triangles of a plane cell (n, 3), and their sides (n, 3) as in `Triangles`."""
     if cell == "triangle":
         table = np.array([(0, 1, 2)] if degree == 1 else [(0, 3, 5), (3, 1, 4), (5, 4, 2), (3, 4, 5)])
+    elif degree == 1:
+        table = np.array([(0, 1, 2), (0, 2, 3)])
     else:
-        quads = [(0, 1, 2, 3)] if degree == 1 else [(0, 4, 8, 7), (4, 1, 5, 8), (8, 5, 2, 6), (7, 8, 6, 3)]
-        table = np.array(quads)[:, _QUAD].reshape(-1, 3)
+        # divided from the corners to the centre, so that each triangle has its part of an edge
+        table = np.array([(k, m, 8) for k, m in zip((0, 4, 1, 5, 2, 6, 3, 7), (4, 1, 5, 2, 6, 3, 7, 0), strict=True)])
     ends, middle = edge_nodes(cell), CELLS[cell].n_vertices
     lines = (
         [{a, b} for a, b in ends]
         if degree == 1
         else [{e, middle + i} for i, ab in enumerate(ends) for e in ab]
     )
-    return table, np.array(
-        [[{row[k], row[(k + 1) % 3]} in lines for k in range(3)] for row in table.tolist()]
-    )
+    edges = np.array([[int({row[k], row[(k + 1) % 3]} in lines) for k in range(3)] for row in table.tolist()])
+    edges[~edges.any(axis=1)] = 2
+    return table, edges
 
 
 def _tetrahedron_table(cell, degree):
@@ -143,7 +145,7 @@ def _split(cell, degree, nodes, owner):
 
 def _joined(parts):
     """One `Triangles` of several parts; they may be none."""
-    empty = (np.zeros((0, 3), np.int64), np.zeros(0, np.int64), np.zeros((0, 3), bool))
+    empty = (np.zeros((0, 3), np.int64), np.zeros(0, np.int64), np.zeros((0, 3), np.int64))
     return Triangles(*(np.concatenate(arrays) for arrays in zip(empty, *parts, strict=True)))
 
 
@@ -276,4 +278,4 @@ def _cut(ends, parts, tets, faces, owner, alone):
         ]
     for pairs, edges in figures:
         ends.append(tets[:, np.array(pairs)].reshape(-1, 2))
-        parts.append((np.zeros((len(tets), 3), np.int64), owner, np.column_stack(edges)))
+        parts.append((np.zeros((len(tets), 3), np.int64), owner, np.column_stack(edges).astype(np.int64)))

@@ -180,9 +180,9 @@ def orient(path, points, blocks, tags, parts):
         Cells without volume; cells whose Jacobian changes sign; reversed cells among others that are not.
     """
     sense = np.concatenate([_senses(points, block) for block in blocks])
-    _refuse(path, points, blocks, tags, sense == FLAT, "has no volume")
+    _refuse(path, points, blocks, tags, sense == FLAT, "has no volume", "cells with a volume")
     what = "is inverted: its Jacobian changes sign"
-    _refuse(path, points, blocks, tags, sense == MIXED, what)
+    _refuse(path, points, blocks, tags, sense == MIXED, what, "cells that are not folded or twisted")
     if not np.any(sense == REVERSED):
         return
     offsets = np.cumsum([0] + [len(block.nodes) for block in blocks])
@@ -194,7 +194,7 @@ def orient(path, points, blocks, tags, parts):
     wrong = np.where(2 * reversed_count > count, POSITIVE, REVERSED)
     bad = ~turned[group] & (reversed_count[group] > 0) & (sense == wrong[group])
     what = "is inverted: its Jacobian has the opposite sign of its neighbours'"
-    _refuse(path, points, blocks, tags, bad, what)
+    _refuse(path, points, blocks, tags, bad, what, "nodes of all cells in the same sense")
     for block, first in zip(blocks, offsets[:-1], strict=True):
         rows = np.flatnonzero(turned[group[first : first + len(block.nodes)]])
         block.nodes[rows] = block.nodes[rows][:, mirror(block.cell, block.degree)]
@@ -212,16 +212,32 @@ def _connected_parts(points, blocks, parts, offsets):
     return label(tables, len(every))
 
 
-def _refuse(path, points, blocks, tags, bad, what):
-    """Raise an InputError naming the first bad cell, its centroid and the number of bad cells."""
-    if not bad.any():
-        return
-    number = int(np.flatnonzero(bad)[0])
+def cell_name(points, blocks, tags, number):
+    """A cell in the words of a message, such as ``cell 7 (quadrilateral at (0.5, 1.5))``.
+
+    Parameters
+    ----------
+    points : ndarray, (n_points, d) float64
+    blocks : list of Block
+    tags : ndarray, (n_cells,) int64, or None
+        The file's own cell numbers; None: numbered from 1.
+    number : int
+
+    Returns
+    -------
+    str
+    """
     row = number
     for block in blocks:
         if row < len(block.nodes):
             break
         row -= len(block.nodes)
     centroid = ", ".join(f"{x:g}" for x in points[block.vertices[row]].mean(axis=0))
-    named = f"cell {tags[number]} ({block.cell} at ({centroid}))"
-    raise InputError(f"{path}: {named} {what} ({bad.sum()} in all)")
+    return f"cell {number + 1 if tags is None else tags[number]} ({block.cell} at ({centroid}))"
+
+
+def _refuse(path, points, blocks, tags, bad, what, allowed):
+    """Raise an InputError naming the first bad cell, its centroid and the number of bad cells."""
+    if bad.any():
+        named = cell_name(points, blocks, tags, int(np.flatnonzero(bad)[0]))
+        raise InputError(f"{path}: {named} {what} ({bad.sum()} in all); allowed: {allowed}")

@@ -1,5 +1,6 @@
 """Reading of .msh files through gmsh's own library, whatever their version (1 to 4.1, text or binary)."""
 
+import re
 from contextlib import contextmanager
 
 import numpy as np
@@ -69,12 +70,15 @@ def read_gmsh(path):
     InputError
         If gmsh cannot read the file.
     """
-    major, listed = _header(path)
+    major, listed, names = _header(path)
     with _model(path):
         points, tags, made_for_point = _nodes(path)
         if major < 4 and listed not in (None, len(tags)):
             # gmsh drops them, but it does not write such a file
-            raise InputError(f"{path}: {listed - len(tags)} of {listed} nodes are in no element; remove them")
+            raise InputError(
+                f"{path}: {_first_loose(path, listed, tags)} is in no element ({listed - len(tags)} in all); "
+                "allowed: nodes of elements, remove the others"
+            )
         tables, table_of = _tables(path, tags)
         file = FileMesh(points, tags, made_for_point, tables)
         groups = gmsh.model.getPhysicalGroups()
@@ -86,6 +90,7 @@ def read_gmsh(path):
             for entity in np.unique(np.abs(members)):
                 for table in table_of.get((dim, int(entity)), []):
                     file.add(dim, name, table, np.arange(len(tables[table].tags)))
+    file.declared = names
     for table in tables:
         # elements that belong to no group but were saved are construction, too
         file.free[table.nodes] = True
@@ -93,23 +98,52 @@ def read_gmsh(path):
 
 
 def _header(path):
-    """Major version of the format and, for version 2, the number of nodes that it announces.
+    """Major version of the format, for version 2 the number of nodes that it announces, names of groups.
 
     What is no mesh is kept from gmsh, which would run it as a script.
     """
     with open(path, "rb") as stream:
-        head = stream.read(1 << 16).decode("latin-1")
+        raw = stream.read(1 << 16)
+    head = raw.decode("latin-1")
     mark = head.find("$MeshFormat")
     if head.lstrip()[:4] == "$NOD":
-        return 1, None
+        return 1, None, []
     if head.lstrip()[:1] != "$" or mark < 0:
-        raise InputError(f'{path}: not a gmsh mesh: it does not begin with "$MeshFormat"')
+        raise InputError(f'{path}: not a gmsh mesh; allowed: a .msh file, it begins with "$MeshFormat"')
     number = head[mark:].split()[1:2]
     if not number or not number[0][:1].isdigit():
-        raise InputError(f'{path}: no version number after "$MeshFormat"')
+        raise InputError(f'{path}: no version number after "$MeshFormat"; allowed: version 1 to 4.1')
     nodes = head.find("$Nodes")
     count = head[nodes:].split()[1:2] if nodes >= 0 else []
-    return int(number[0][0]), int(count[0]) if count and count[0].isdigit() else None
+    section = raw.decode("utf-8", "replace").partition("$PhysicalNames")[2].partition("$EndPhysicalNames")[0]
+    names = [(int(dim), name) for dim, name in re.findall(r'^\s*([0-3])\s+\d+\s+"(.*)"', section, re.MULTILINE)]
+    return int(number[0][0]), int(count[0]) if count and count[0].isdigit() else None, names
+
+
+def _first_loose(path, listed, tags):
+    """The first node of a version 2 file that is not among the tags (n,), in the words of a message."""
+    data = path.read_bytes()
+    binary = data.split(None, 3)[2] == b"1"
+    start = data.index(b"\n", data.index(b"\n", data.index(b"$Nodes")) + 1) + 1
+    try:
+        if binary:
+            table = np.frombuffer(data, [("tag", "<i4"), ("x", "<f8", 3)], listed, start)
+            numbers, x = table["tag"], table["x"]
+        else:
+            table = np.array(data[start : data.index(b"$EndNodes")].split(), dtype=float).reshape(listed, 4)
+            numbers, x = table[:, 0].astype(np.int64), table[:, 1:]
+    except ValueError:
+        return f"one of {listed} nodes"
+    lost = np.flatnonzero(~np.isin(numbers, tags))
+    if not len(lost):
+        return "a number that two nodes have"
+    return f"node {numbers[lost[0]]} at ({', '.join(f'{c:g}' for c in x[lost[0]])})"
+
+
+def _cut_short(path):
+    """Whether a file does not end with the end of a section."""
+    lines = path.read_bytes()[-200:].split()
+    return not lines or not lines[-1].startswith(b"$End")
 
 
 @contextmanager
@@ -126,7 +160,8 @@ def _model(path):
         try:
             gmsh.open(str(path))
         except Exception as error:  # gmsh knows no other class
-            raise InputError(f"{path}: gmsh cannot read it: {' '.join(str(error).split())}") from None
+            reason = "the file is cut short" if _cut_short(path) else " ".join(str(error).split())
+            raise InputError(f"{path}: gmsh cannot read it: {reason}; allowed: a complete .msh file") from None
         yield
     finally:
         if not was_running:
@@ -149,7 +184,7 @@ def _nodes(path):
         of_point.append(np.full(len(numbers), dim == 0))
     tags = np.concatenate(tags)
     if len(tags) == 0:
-        raise InputError(f"{path}: the file holds no nodes")
+        raise InputError(f"{path}: the file holds no nodes; allowed: nodes and cells")
     tags, order = np.unique(tags, return_index=True)
     return np.concatenate(points)[order], tags, np.concatenate(of_point)[order]
 
@@ -165,7 +200,10 @@ def _tables(path, tags):
             rows = np.minimum(np.searchsorted(tags, nodes), len(tags) - 1)
             lost = tags[rows] != nodes
             if lost.any():
-                raise InputError(f"{path}: node {nodes[lost][0]} of an element is not in the file")
+                row = int(np.flatnonzero(lost.any(axis=1))[0])
+                raise InputError(
+                    f"{path}: element {numbers[row]} refers to node {nodes[lost][0]}; allowed: nodes of the file"
+                )
             name = _KINDS.get(kind) or gmsh.model.mesh.getElementProperties(kind)[0]
             table_of.setdefault((dim, entity), []).append(len(tables))
             tables.append(Table(name, dim, rows, numbers.astype(np.int64), part))

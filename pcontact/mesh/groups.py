@@ -76,6 +76,8 @@ class FileMesh:
         Rows of `points`.
     repeats : bool
         The format repeats an element once per group that it is in.
+    declared : list of (int, str)
+        (dimension, name) of the groups that the file names; some may be empty.
     """
 
     points: np.ndarray
@@ -85,6 +87,7 @@ class FileMesh:
     groups: dict = field(default_factory=dict)
     point_groups: dict = field(default_factory=dict)
     repeats: bool = False
+    declared: list = field(default_factory=list)
 
     def add(self, dim, name, table, rows):
         """Put rows (n,) of a table into the group `name` of dimension `dim`."""
@@ -138,6 +141,8 @@ class RawMesh:
         Nodes of groups of dimension 0 and, in three dimensions, of groups of edges; ascending.
     edge_groups : dict of str to ndarray (n, 2) int64
         Vertices of the edges of those groups, from which `complete` knows the new nodes of a group.
+    tags : ndarray (n_cells,) int64, optional
+        The file's own cell numbers, for messages; without them cells are numbered from 1.
     """
 
     path: Path
@@ -148,6 +153,7 @@ class RawMesh:
     facet_groups: dict = field(default_factory=dict)
     node_groups: dict = field(default_factory=dict)
     edge_groups: dict = field(default_factory=dict)
+    tags: np.ndarray | None = None
 
     @property
     def offsets(self):
@@ -343,6 +349,7 @@ def _group_facets(file, raw, new_number, name, table, rows):
     if len(lost):
         raise InputError(
             f'{raw.path}: group "{name}": facet {table.tags[rows[lost[0]]]} with nodes '
-            f"{', '.join(map(str, file.tags[corners[lost[0]]]))} belongs to no cell ({len(lost)} in all)"
+            f"{', '.join(map(str, file.tags[corners[lost[0]]]))} belongs to no cell ({len(lost)} in all); "
+            f"allowed: facets of cells of dimension {raw.dim}"
         )
     return cells, local

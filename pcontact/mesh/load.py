@@ -3,7 +3,7 @@
 import numpy as np
 
 from pcontact.mesh.complete import complete
-from pcontact.mesh.components import components
+from pcontact.mesh.components import cell_name, components
 from pcontact.mesh.distribute import distribute
 from pcontact.mesh.groups import facet_multiplicity
 from pcontact.mesh.reader import read_mesh
@@ -11,13 +11,8 @@ from pcontact.runtime.errors import InputError
 from pcontact.runtime.parallel import on_root
 
 
-def _centre(raw, cell):
-    first = 0
-    for block in raw.blocks:
-        if cell < first + len(block.nodes):
-            return raw.points[block.nodes[cell - first]].mean(axis=0)
-        first += len(block.nodes)
-    return None
+def _named(raw, cell):
+    return cell_name(raw.points, raw.blocks, raw.tags, int(cell))
 
 
 def _bodies(raw, regions):
@@ -29,18 +24,17 @@ def _bodies(raw, regions):
         taken = cells[body[cells] >= 0]
         if len(taken):
             raise InputError(
-                f"{raw.path}: {len(taken)} cells of region {region!r} are also in body "
-                f"{regions[body[taken[0]]]!r}; allowed: every cell in one body"
+                f"{raw.path}: {_named(raw, taken[0])} of body {region!r} is also in body "
+                f"{regions[body[taken[0]]]!r} ({len(taken)} in all); allowed: every cell in one body"
             )
         body[cells] = number
     homeless = np.flatnonzero(body < 0)
     if len(homeless):
         names = [name for name, cells in raw.cell_groups.items() if np.isin(homeless[0], cells)]
-        where = f" (in group {names[0]!r})" if names else ""
+        where = f"of group {names[0]!r}" if names else "of no group"
         raise InputError(
-            f"{raw.path}: {len(homeless)} cells are in no body, the first one at "
-            f"{np.array2string(_centre(raw, homeless[0]), precision=6)}{where}; allowed: every cell in a [[bodies]] "
-            "region"
+            f"{raw.path}: {_named(raw, homeless[0])} {where} is in no body ({len(homeless)} in all); "
+            "allowed: every cell in the region of one of the [[bodies]]"
         )
     return body
 
@@ -48,11 +42,12 @@ def _bodies(raw, regions):
 def _check_contact_facets(raw, surfaces):
     for name in surfaces:
         cells, local = raw.facet_groups[name]
-        inside = int(np.sum(facet_multiplicity(raw, cells, local) > 1))
-        if inside:
+        inside = np.flatnonzero(facet_multiplicity(raw, cells, local) > 1)
+        if len(inside):
             raise InputError(
-                f"{raw.path}: contact surface {name!r} has {inside} facets between two cells; allowed: facets on the "
-                "boundary of a body (bodies in contact must not share nodes)"
+                f"{raw.path}: contact surface {name!r} has {len(inside)} facets between two cells, the first one at "
+                f"{_named(raw, cells[inside[0]])}; allowed: facets on the boundary of a body (bodies in contact must "
+                "not share nodes)"
             )
 
 
@@ -97,6 +92,8 @@ def load_mesh(comm, path, order, regions, surfaces, check, weight=0.0):
     InputError
         On every rank.
     """
+    if not 0.0 <= weight < np.inf:
+        raise InputError(f"command line: -partition_weight: found {weight:g}; allowed: a number >= 0")
 
     def prepare():
         raw = read_mesh(path)

@@ -14,7 +14,7 @@ import numpy as np
 
 from pcontact.element.reference import CELLS
 from pcontact.mesh.complete import complete, fill, number_rows, with_gaps
-from pcontact.mesh.components import components, orient
+from pcontact.mesh.components import cell_name, components, orient
 from pcontact.mesh.gmsh_reader import available, read_gmsh
 from pcontact.mesh.groups import (
     KINDS,
@@ -65,8 +65,11 @@ def read_mesh(path):
         facets without cells; or it is two-dimensional and not in a plane z = const.
     """
     path = Path(path)
-    if not path.is_file():
-        raise InputError(f"{path}: no such mesh file")
+    try:
+        with open(path, "rb"):
+            pass
+    except OSError as error:
+        raise InputError(f"{path}: found {error.strerror.lower()}; allowed: a mesh file that can be read") from None
     file = None
     if path.suffix.lower() == ".msh" and available():
         file = read_gmsh(path)
@@ -79,16 +82,20 @@ def _read_meshio(path):
     """What meshio makes of a file; its messages go to the log, its failures become an InputError."""
     suffix, known = path.suffix.lower(), sorted(meshio.extension_to_filetypes)
     if not any(path.name.lower().endswith(extension) for extension in known):
-        raise InputError(f'{path}: unknown mesh file type "{suffix}"; known are {", ".join(known)}')
+        raise InputError(f'{path}: found the unknown mesh file type "{suffix}"; allowed: {", ".join(known)}')
     said = io.StringIO()
     try:
         with redirect_stdout(said), redirect_stderr(said):
             mesh = meshio.read(path)
     except ModuleNotFoundError as error:
-        raise InputError(f'{path}: reading this file needs the Python package "{error.name}"') from None
+        allowed = "another file type, or that package installed"
+        raise InputError(f'{path}: needs the Python package "{error.name}"; allowed: {allowed}') from None
     except (Exception, SystemExit) as error:  # meshio's readers fail in any way, and end the program
         reason = said.getvalue() if isinstance(error, SystemExit) else f"{type(error).__name__}: {error}"
-        raise InputError(f"{path}: cannot be read as {suffix}: {' '.join(reason.split())}") from None
+        reason = " ".join(reason.split()) or "no reason given"
+        raise InputError(
+            f"{path}: cannot be read as {suffix}: {reason}; allowed: a complete file of that type"
+        ) from None
     if said.getvalue().strip():
         log.debug("%s: %s", path, " ".join(said.getvalue().split()))
     return mesh
@@ -116,7 +123,7 @@ def from_meshio(mesh, path):
         There are no nodes, or an element refers to one that does not exist.
     """
     if not np.size(mesh.points):
-        raise InputError(f"{path}: the file holds no nodes")
+        raise InputError(f"{path}: the file holds no nodes; allowed: nodes and cells")
     points = np.zeros((len(mesh.points), 3))
     points[:, : mesh.points.shape[1]] = mesh.points
     is_gmsh = path.suffix.lower() == ".msh"
@@ -126,9 +133,12 @@ def from_meshio(mesh, path):
         first += len(block)
         ragged = block.type.startswith("polyhedron")
         nodes = np.zeros((len(block), 0), np.int64) if ragged else np.asarray(block.data).astype(np.int64)
-        if nodes.size and not 0 <= nodes.min() <= nodes.max() < len(points):
+        lost = np.argwhere((nodes < 0) | (nodes >= len(points)))
+        if len(lost):
+            row, column = lost[0]
             raise InputError(
-                f"{path}: an element of type {block.type} refers to a node that is not in the file"
+                f"{path}: element {tags[row]} ({block.type}) refers to node {nodes[row, column] + 1}; "
+                f"allowed: the {len(points)} nodes of the file"
             )
         tables.append(Table(block.type, block.dim, nodes, tags))
     tags = np.arange(1, len(points) + 1)
@@ -177,6 +187,7 @@ def _families(mesh, file):
 def _numbers(mesh, file):
     """Groups that cell data give by number; 0 means no group."""
     names = {(int(v[1]), int(v[0])): name for name, v in mesh.field_data.items() if np.size(v) == 2}
+    file.declared = [(dim, name) for (dim, _), name in names.items()]
     keys = _TAG_KEYS if hasattr(mesh, "cell_tags") else (*_TAG_KEYS, "cell_tags")
     for key in keys:
         for k, values in enumerate(mesh.cell_data.get(key, [])):
@@ -209,9 +220,22 @@ def _build(file, path):
     if any(np.any(block.nodes < 0) for block in quadratic):
         points = fill(points, quadratic)[0]
     orient(path, points, blocks, tags, parts)
-    raw = RawMesh(path, dim, np.ascontiguousarray(points), blocks, groups)
+    raw = RawMesh(path, dim, np.ascontiguousarray(points), blocks, groups, tags=tags)
     lower_groups(file, raw, new_number)
+    _empty_groups(file, raw)
     return raw
+
+
+def _empty_groups(file, raw):
+    """Groups that have a name and nothing else, so that a scene that uses them hears what they are."""
+    for dim, name in file.declared:
+        none = np.zeros(0, dtype=np.int64)
+        if dim == raw.dim:
+            raw.cell_groups.setdefault(name, none)
+        elif dim == raw.dim - 1:
+            raw.facet_groups.setdefault(name, (none, none))
+        elif dim < raw.dim:
+            raw.node_groups.setdefault(name, none)
 
 
 def _dimension(file, path):
@@ -223,14 +247,14 @@ def _dimension(file, path):
     if dim < 2:
         held = ", ".join(f"{n} {kind}" for (_, kind), n in counts.items()) or "no elements"
         raise InputError(
-            f"{path}: no cells of dimension 2 or 3: the file holds {held} "
+            f"{path}: the file holds {held}; allowed: cells of dimension 2 or 3 "
             "(gmsh saves only what is in a physical group)"
         )
     grouped = {(d, file.tables[k].kind) for (d, _), parts in file.groups.items() for k, _ in parts}
     for (d, kind), n in sorted(counts.items(), reverse=True):
         if n and kind not in KINDS and (d == dim or (d == dim - 1 and (d, kind) in grouped)):
             allowed = ", ".join(k for k, (cell, _) in KINDS.items() if CELLS[cell].dim == d)
-            raise InputError(f'{path}: {n} elements of the unsupported type "{kind}"; allowed are {allowed}')
+            raise InputError(f'{path}: {n} elements of the unsupported type "{kind}"; allowed: {allowed}')
     return dim
 
 
@@ -238,8 +262,8 @@ def _check_points(file, path):
     bad = np.flatnonzero(~np.isfinite(file.points).all(axis=1))
     if len(bad):
         raise InputError(
-            f"{path}: node {file.tags[bad[0]]} has a coordinate that is not a finite number "
-            f"({len(bad)} in all)"
+            f"{path}: {_node(file, bad[0])} has a coordinate that is not a finite number "
+            f"({len(bad)} in all); allowed: finite coordinates"
         )
 
 
@@ -274,8 +298,8 @@ def _check_repeated_nodes(file, path, blocks, tags):
         if len(rows):
             node = file.tags[nodes[rows[0], 1:][same[rows[0]]][0]]
             raise InputError(
-                f"{path}: cell {tags[first + rows[0]]} ({block.cell}) is degenerate: it has node {node} "
-                f"more than once ({len(rows)} in all)"
+                f"{path}: {cell_name(file.points, blocks, tags, first + rows[0])} is degenerate: it has node {node} "
+                f"more than once ({len(rows)} in all); allowed: different nodes"
             )
         first += len(block.nodes)
 
@@ -316,7 +340,7 @@ def _check_duplicates(path, blocks, tags, n_points):
     if len(rows):
         raise InputError(
             f"{path}: cell {tags[rows[0]]} has the same nodes as cell {tags[first[rows[0]]]} "
-            f"({len(rows)} in all)"
+            f"({len(rows)} in all); allowed: each cell once"
         )
 
 
@@ -331,13 +355,13 @@ def _check_nodes(file, path, used, dim):
         if len(lost):
             raise InputError(
                 f'{path}: group "{name}": {_node(file, lost[0])} belongs to no cell of dimension {dim} '
-                f"({len(np.unique(lost))} in all)"
+                f"({len(np.unique(lost))} in all); allowed: groups of nodes of cells"
             )
     lost = np.flatnonzero(~used & ~file.free)
     if len(lost):
         raise InputError(
             f"{path}: {_node(file, lost[0])} belongs to no cell of dimension {dim} ({len(lost)} in all); "
-            "remove the nodes that no cell needs"
+            "allowed: nodes of cells, remove the others"
         )
 
 
@@ -350,8 +374,8 @@ def _plane(path, points):
     span = np.ptp(points, axis=0)
     if span[2] > 1e-9 * max(span[0], span[1]):
         raise InputError(
-            f"{path}: the cells are two-dimensional but not in a plane z = const: z goes from "
-            f"{points[:, 2].min():g} to {points[:, 2].max():g} "
+            f"{path}: the cells are two-dimensional and z goes from {points[:, 2].min():g} to "
+            f"{points[:, 2].max():g}; allowed: a plane z = const "
             "(a three-dimensional mesh needs its volumes in a physical group)"
         )
     return np.ascontiguousarray(points[:, :2])

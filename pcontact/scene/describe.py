@@ -64,6 +64,10 @@ def _contact(contact: Contact) -> str:
     law = "frictionless"
     if contact.friction:
         law = f"Coulomb friction {contact.friction:g}"
+        if contact.friction_limit is not None:
+            law += f" up to {contact.friction_limit:g}"
+        if contact.adhesion:
+            law += f" plus adhesion {contact.adhesion:g}"
     elif contact.tresca:
         law = f"Tresca friction {contact.tresca:g}"
     words = [partners, law, contact.formulation.replace("_", " ")]

@@ -118,7 +118,11 @@ class Contact:
     friction : float or None
         Coulomb coefficient; None or 0 is frictionless.
     tresca : float or None
-        Instead of `friction`: a fixed bound of the tangential traction [stress].
+        Instead of `friction`: a fixed bound of the tangential traction, on the whole surface [stress].
+    friction_limit : float or None
+        With `friction`: the tangential traction is never larger [stress].
+    adhesion : float or None
+        With `friction`: tangential traction that closed points bear without any pressure [stress].
     bilateral : bool
         No separation: the gap stays closed, in tension too.
     unbiased : bool
@@ -129,6 +133,8 @@ class Contact:
         Nitsche variant 1, 0 or -1.
     gamma0 : float or None
         Dimensionless parameter; None is chosen from the material and the element.
+    alpha : float or None
+        Parameter of the tangential terms over that of the normal ones.
     quadrature : int or None
         Degree of the facet quadrature; None is chosen from the element.
     search : str or None
@@ -140,7 +146,7 @@ class Contact:
 
     Notes
     -----
-    The last seven are None when not said, so that the command line comes before the scene and the scene
+    The last eight are None when not said, so that the command line comes before the scene and the scene
     before `CONTACT_DEFAULTS`; `pcontact.scene.validate.resolve_contacts` applies that order.
     """
 
@@ -150,11 +156,14 @@ class Contact:
     name: str | None = None
     friction: float | None = None
     tresca: float | None = None
+    friction_limit: float | None = None
+    adhesion: float | None = None
     bilateral: bool = False
     unbiased: bool = False
     formulation: str | None = None
     theta: float | None = None
     gamma0: float | None = None
+    alpha: float | None = None
     quadrature: int | None = None
     search: str | None = None
     search_radius: float | None = None
@@ -170,6 +179,7 @@ CONTACT_DEFAULTS = {
     "formulation": "nitsche",
     "theta": 0.0,
     "gamma0": None,
+    "alpha": 1.0,
     "quadrature": None,
     "search": "closest_point",
     "search_radius": None,

@@ -24,8 +24,6 @@ UNSUPPORTED = (
     (MeshSpec, "kinematics", lambda mesh: mesh.kinematics == "plane_stress", "plane stress"),
     (MeshSpec, "kinematics", lambda mesh: mesh.kinematics == "axisymmetric", "axial symmetry"),
     (Material, "yield_stress", lambda material: material.yield_stress is not None, "plasticity"),
-    (Contact, "friction", lambda contact: bool(contact.friction), "Coulomb friction"),
-    (Contact, "tresca", lambda contact: bool(contact.tresca), "Tresca friction"),
     (Contact, "unbiased", lambda contact: contact.unbiased, "unbiased contact"),
     (Contact, "target", lambda contact: contact.target == contact.source, "self contact"),
     (
@@ -235,6 +233,9 @@ def _check_contact(scene, where, contact):
         raise input_error(scene.where, where, found, "exactly one of target, obstacle")
     if contact.friction is not None and contact.tresca is not None:
         raise input_error(scene.where, where, "both friction and tresca", "at most one of friction, tresca")
+    for key in ("friction_limit", "adhesion"):
+        if getattr(contact, key) is not None and contact.friction is None:
+            raise input_error(scene.where, f"{where}.{key}", f"{key} without friction", "friction as well")
     if contact.unbiased and contact.obstacle is not None:
         raise input_error(
             scene.where, f"{where}.unbiased", "true with an obstacle", "false, an obstacle has no facets"

@@ -1,0 +1,223 @@
+"""Nitsche's method with friction: compiled kernels at the quadrature points of the source.
+
+Notation of every kernel, one row per quadrature point p on facet f = facet[p]:
+
+* jump  [[u]] = u(X) - u(Y),  gap  g = g0 - [[u]] . n,  slip  D_T = (I - n n)([[u]] - w) with w the jump at the end of the
+  last load step on the same pair of points, plus what a rigid obstacle has moved since
+* traction of the source  t = sigma(u) n_X,  T[v] = sigma(v) n_X
+* G = gamma (n n + alpha (I - n n)),  augmented traction  tau = t + gamma g n - alpha gamma D_T,  P = project(tau)
+
+    residual   R  = - int P . [[v]] + theta int (P - t) . G^-1 T[v]
+    tangent    K  = int [[v]] . D (G [[w]] - T[w]) - theta T[v] . G^-1 (D G [[w]] + (I - D) T[w]),   D = dP/dtau
+
+as in Chouly, Mlika, Renard (2018), with the matrix G^-1 as the weight of the adjoint term, so that theta = 1 stays
+symmetric when alpha is not 1. A point without partner has P = 0. ``cells`` and ``targets`` hold numbers into ``u`` (n, d);
+a pair with an obstacle has targets of width 0.
+"""
+
+import numpy as np
+
+from pcontact.assembly.graph import find
+from pcontact.contact.laws import project
+from pcontact.runtime.jit import njit
+
+
+@njit
+def jumps(u, cells, targets, facet, shape, target_shape, out):
+    """Jump [[u]] (np, d) [length] of the displacement u (n, d)."""
+    d = u.shape[1]
+    for p in range(len(facet)):
+        f = facet[p]
+        for i in range(d):
+            value = 0.0
+            for a in range(cells.shape[1]):
+                value += shape[p, a] * u[cells[f, a], i]
+            for m in range(targets.shape[1]):
+                value -= target_shape[p, m] * u[targets[p, m], i]
+            out[p, i] = value
+
+
+@njit
+def tractions(u, cells, facet, grad, lame, normal_x, out):
+    """Boundary traction t = sigma(u) n_X (np, d) [stress] of linear elasticity."""
+    d = u.shape[1]
+    slope = np.zeros((d, d))
+    for p in range(len(facet)):
+        f = facet[p]
+        lam, mu = lame[f, 0], lame[f, 1]
+        slope[:] = 0.0
+        for a in range(cells.shape[1]):
+            node = cells[f, a]
+            for i in range(d):
+                for j in range(d):
+                    slope[i, j] += u[node, i] * grad[p, a, j]
+        trace = 0.0
+        for i in range(d):
+            trace += slope[i, i]
+        for i in range(d):
+            value = lam * trace * normal_x[p, i]
+            for j in range(d):
+                value += mu * (slope[i, j] + slope[j, i]) * normal_x[p, j]
+            out[p, i] = value
+
+
+@njit
+def augment(traction, jump, before, gap0, normal, gamma, alpha, facet, tau):
+    """Augmented traction tau (np, d) [stress]; ``before`` (np, d) is the jump from which slip counts."""
+    d = normal.shape[1]
+    for p in range(len(facet)):
+        stiff = gamma[facet[p]]
+        along, along_slip = 0.0, 0.0
+        for i in range(d):
+            along += jump[p, i] * normal[p, i]
+            along_slip += (jump[p, i] - before[p, i]) * normal[p, i]
+        for i in range(d):
+            slip = jump[p, i] - before[p, i] - along_slip * normal[p, i]
+            tau[p, i] = traction[p, i] + stiff * ((gap0[p] - along) * normal[p, i] - alpha * slip)
+
+
+@njit
+def project_all(law, bilateral, paired, normal, tau, out):
+    """Traction P (np, d) of all points; returns their status (np,)."""
+    d = normal.shape[1]
+    status = np.zeros(len(paired), dtype=np.int64)
+    derivative = np.zeros((d, d))
+    for p in range(len(paired)):
+        out[p] = 0.0
+        if paired[p]:
+            status[p] = project(law, bilateral, normal[p], tau[p], out[p], derivative)
+    return status
+
+
+@njit
+def _node_operator(grad, lam, mu, normal_x, out):
+    """out[i, j] = d t_i / d u_j of one node, from its shape gradient (d,)."""
+    d = len(normal_x)
+    along = 0.0
+    for i in range(d):
+        along += grad[i] * normal_x[i]
+    for i in range(d):
+        for j in range(d):
+            out[i, j] = lam * normal_x[i] * grad[j] + mu * grad[i] * normal_x[j]
+        out[i, i] += mu * along
+
+
+@njit
+def add_residual(
+    theta, alpha, law, bilateral, paired, jxw, gamma, traction, tau, cells, targets, facet, shape, target_shape, grad,
+    lame, normal_x, normal, out,
+):
+    """Add the residual of the pair to ``out`` (n, d) [force]."""
+    d = normal.shape[1]
+    force, weight, derivative, operator = np.zeros(d), np.zeros(d), np.zeros((d, d)), np.zeros((d, d))
+    for p in range(len(facet)):
+        f = facet[p]
+        force[:] = 0.0
+        if paired[p]:
+            project(law, bilateral, normal[p], tau[p], force, derivative)
+        if theta != 0.0:
+            _weigh(force, traction[p], normal[p], gamma[f], alpha, theta * jxw[p], weight)
+        for a in range(cells.shape[1]):
+            node = cells[f, a]
+            if theta != 0.0:
+                _node_operator(grad[p, a], lame[f, 0], lame[f, 1], normal_x[p], operator)
+                for j in range(d):
+                    for i in range(d):
+                        out[node, j] += weight[i] * operator[i, j]
+            for i in range(d):
+                out[node, i] -= jxw[p] * shape[p, a] * force[i]
+        for m in range(targets.shape[1]):
+            node = targets[p, m]
+            for i in range(d):
+                out[node, i] += jxw[p] * target_shape[p, m] * force[i]
+
+
+@njit
+def _weigh(force, traction, normal, gamma, alpha, factor, out):
+    """out = factor G^-1 (P - t)."""
+    d = len(normal)
+    along = 0.0
+    for i in range(d):
+        along += (force[i] - traction[i]) * normal[i]
+    for i in range(d):
+        across = force[i] - traction[i] - along * normal[i]
+        out[i] = factor / gamma * (along * normal[i] + across / alpha)
+
+
+@njit
+def add_tangent(
+    theta, alpha, law, bilateral, paired, jxw, gamma, tau, cells, targets, facet, shape, target_shape, grad, lame,
+    normal_x, normal, rowptr, columns, values,
+):
+    """Add the generalised Jacobian of the pair to block values (nnz, d, d); returns how many entries had no place."""
+    d, nn, nt = normal.shape[1], cells.shape[1], targets.shape[1]
+    force, slope, stiff, inverse = np.zeros(d), np.zeros((d, d)), np.zeros((d, d)), np.zeros((d, d))
+    operator, pull, weak = np.zeros((nn + nt, d, d)), np.zeros((nn + nt, d, d)), np.zeros((nn + nt, d, d))
+    part = np.zeros(nn + nt)
+    missing = 0
+    for p in range(len(facet)):
+        f = facet[p]
+        slope[:] = 0.0
+        touches = paired[p] and project(law, bilateral, normal[p], tau[p], force, slope) > 0
+        if not touches and theta == 0.0:
+            continue
+        _stiffness(slope, normal[p], gamma[f], alpha, stiff, inverse)
+        width = nn + nt if touches else nn
+        for a in range(nn):
+            part[a] = shape[p, a]
+            _node_operator(grad[p, a], lame[f, 0], lame[f, 1], normal_x[p], operator[a])
+        for m in range(nt):
+            part[nn + m] = -target_shape[p, m]
+        _columns(theta, width, part, operator, slope, stiff, inverse, pull, weak)
+        for r in range(width):
+            row = cells[f, r] if r < nn else targets[p, r - nn]
+            for c in range(width):
+                column = cells[f, c] if c < nn else targets[p, c - nn]
+                k = find(columns, rowptr[row], rowptr[row + 1], column)
+                if k < 0:
+                    missing += 1
+                    continue
+                for i in range(d):
+                    for j in range(d):
+                        value = part[r] * pull[c, i, j]
+                        if theta != 0.0:
+                            for m in range(d):
+                                value -= theta * operator[r, m, i] * weak[c, m, j]
+                        values[k, i, j] += jxw[p] * value
+    return missing
+
+
+@njit
+def _stiffness(slope, normal, gamma, alpha, stiff, inverse):
+    """stiff = D G,  inverse = G^-1."""
+    d = len(normal)
+    for i in range(d):
+        along = 0.0
+        for m in range(d):
+            along += slope[i, m] * normal[m]
+        for j in range(d):
+            nn = normal[i] * normal[j]
+            unit = 1.0 if i == j else 0.0
+            stiff[i, j] = gamma * (alpha * slope[i, j] + (1.0 - alpha) * along * normal[j])
+            inverse[i, j] = (nn + (unit - nn) / alpha) / gamma
+
+
+@njit
+def _columns(theta, width, part, operator, slope, stiff, inverse, pull, weak):
+    """For every node: pull = D (G N - T),  weak = G^-1 (D G N + (I - D) T)."""
+    d = slope.shape[0]
+    for c in range(width):
+        for i in range(d):
+            for j in range(d):
+                through = 0.0
+                for m in range(d):
+                    through += slope[i, m] * operator[c, m, j]
+                pull[c, i, j] = part[c] * stiff[i, j] - through
+        if theta == 0.0:
+            continue
+        for i in range(d):
+            for j in range(d):
+                value = 0.0
+                for m in range(d):
+                    value += inverse[i, m] * (pull[c, m, j] + operator[c, m, j])
+                weak[c, i, j] = value
