@@ -44,9 +44,12 @@ def override(scene, options):
     from_scene, _ = options.propose(scene.petsc)
     get = options.get
     scene.mesh.order = get("mesh_order", scene.mesh.order, int, (1, 2), "degree of the displacement")
-    scene.steps.count = get("steps_count", scene.steps.count, int, text="equal load steps to start with")
-    scene.steps.min_step = get("steps_min", scene.steps.min_step, float, text="smallest load step [time]")
+    count, shortest = scene.steps.count, scene.steps.min_step
+    scene.steps.count = get("steps_count", count, int, text="equal load steps to start with", positive=True)
+    scene.steps.min_step = get("steps_min", shortest, float, text="smallest load step [time]", positive=True)
     scene.output.fields = get("output_fields", scene.output.fields, bool, text="write fields of every step")
+    text = "load steps between two checkpoints"
+    scene.output.checkpoint_every = get("checkpoint_every", scene.output.checkpoint_every, int, text=text)
     numerics = {
         "formulation": (str, "nitsche"),
         "theta": (float, "variant of Nitsche's method: 1, 0, -1"),
@@ -129,7 +132,7 @@ def contact_items(scene, space, constants, free):
             obstacle = contact.obstacle
             functions = obstacle_functions(scene, number) if obstacle.shape == "level_set" else None
             target = RigidObstacle(
-                obstacle, amplitude(obstacle.amplitude, scene.steps.end), size_of(space.mesh), functions, contact.name
+                obstacle, amplitude(obstacle.amplitude, scene.steps.end), size_of(space.mesh), functions
             )
         floats = bool(set().union(*sides) & set(free))
         radius = _radius(space, contact, floats)

@@ -21,8 +21,7 @@ pcontact {version}: contact between elastic bodies with Nitsche's method, in par
 
   pcontact run SCENE.toml [-o DIR] [options]       solve; results in DIR (default: the scene's name)
   pcontact check SCENE.toml [options]              read scene and mesh, solve nothing, say what is modelled
-  pcontact view DIR [-field NAME] [-o FILE.png]    a picture of the deformed bodies
-                    [-step N] [-scale X]
+  pcontact view DIR [-field NAME] [-o FILE.png]    a picture of the deformed bodies, from the results in DIR
   mpirun -n 4 pcontact run SCENE.toml ...          the same on four ranks
 
 Options (they win over the scene; the scene's [petsc] table wins over the program's defaults):
@@ -37,6 +36,15 @@ Options (they win over the scene; the scene's [petsc] table wins over the progra
   -partition_weight X                              work of a contact facet in units of a cell's, in the partition
   -snes_monitor, -snes_rtol X, -snes_linesearch_type bt|cp|basic|l2, -ksp_type, -pc_type gamg|hypre|ml|lu, ...
                                                    any option of PETSc; -help with a scene lists them
+Options of view:
+  -field NAME                                      contact_pressure, equivalent_stress, displacement_z, stress_xx, ...;
+                                                   a name that does not exist lists them all
+  -step N                                          1 is the first step, -1 the last (the default)
+  -scale X                                         factor of the displacements (default: 1, or a round number)
+  -cut true|false                                  solids cut open at the contact (default: for fields of the bodies)
+  -smooth true|false                               fields of cells averaged at the nodes (default), or as they are
+  -size 1600x1000                                  width and height in pixels
+  -o FILE                                          .png, .jpg, .svg, .pdf, ... (default: DIR/NAME.png)
 Exit status: 0 all steps converged, 1 a step did not converge, 2 the input is wrong.
 """
 OURS = ("o", "help", "h", "field", "step", "scale")
@@ -65,7 +73,7 @@ def parse(arguments):
     if command not in ("run", "check", "view"):
         near = difflib.get_close_matches(command, ["run", "check", "view"], 1)
         hint = f"; the nearest is {near[0]!r}" if near else ""
-        raise InputError(f"command line: found {command!r}, allowed: run, check, view{hint}")
+        raise InputError(f"command line: found {command!r}; allowed: run, check, view{hint}")
     options, operand = {}, None
     while rest:
         word = rest.pop(0)
@@ -75,11 +83,14 @@ def parse(arguments):
         elif operand is None:
             operand = word
         else:
-            raise InputError(f"command line: second operand: found {word!r}, allowed: pcontact {command} ONE [options]")
+            raise InputError(f"command line: second operand: found {word!r}; allowed: pcontact {command} ONE [options]")
+    if options.get("o") == "":
+        raise InputError("command line: -o: found nothing; allowed: a directory (run), a file (view)")
     if operand is None and not {"h", "help"} & set(options):
         what = "a directory" if command == "view" else "a scene file"
-        raise InputError(f"command line: pcontact {command}: found no operand, allowed: {what}")
-    return ("help" if operand is None else command), operand, options
+        raise InputError(f"command line: pcontact {command}: found no operand; allowed: {what}")
+    help_ = operand is None or (command == "view" and {"h", "help"} & set(options))
+    return ("help" if help_ else command), operand, options
 
 
 def _number(word):

@@ -6,10 +6,12 @@ from pathlib import Path
 
 import pcontact
 from pcontact import build
+from pcontact.io.checkpoint import Checkpoint, read_checkpoint
 from pcontact.io.observers import Fields, Records, Terminal
 from pcontact.runtime import log
-from pcontact.runtime.errors import StepFailure
+from pcontact.runtime.errors import StepFailure, require_writable
 from pcontact.runtime.options import Options
+from pcontact.runtime.parallel import on_root
 from pcontact.runtime.petsc import MPI
 from pcontact.scene import describe
 from pcontact.solve.newton import Newton
@@ -41,6 +43,7 @@ class Simulation:
         self.start = clock.perf_counter()
         self.timing = dict.fromkeys(("search", "assembly", "linear", "solve", "output"), 0.0)
         self.comm, self.options = comm, Options()
+        self.restart = self.options.get("restart", None, str, text="directory of an earlier run that goes on")
         self.scene, self.from_scene = build.override(scene, self.options)
         self.mesh = build.read(self.scene, comm, self.options)
         self.problem, colours, self.floating = build.assemble(self.scene, self.mesh)
@@ -65,18 +68,27 @@ class Simulation:
         bool
             Whether all steps converged.
         """
-        scene = self.scene
-        watch = [Terminal(scene.steps.end), *observers]
-        if directory is not None:
-            directory = Path(directory)
-            watch.insert(0, Records(directory, self.comm.rank, self._head(), self._times))
-            if scene.output.fields:
-                watch.insert(0, Fields(directory, self.problem, self.timing))
-        self._announce()
+        scene, space = self.scene, self.problem.space
+        resumed = None if self.restart is None else read_checkpoint(self.restart, space)
+        since = None if resumed is None else resumed.time
         stops = [t for load in [*scene.displacements, *scene.loads] for t, _ in (load.amplitude or [])]
         schedule = Schedule(scene.steps.end, scene.steps.count, scene.steps.smallest_step, stops)
+        watch = [Terminal(scene.steps.end), *observers]
+        if directory is not None:
+            on_root(self.comm, require_writable, directory)
+            directory, output = Path(directory), scene.output
+            if output.checkpoint:
+                first = None if resumed is None else resumed.first
+                watch.insert(0, Checkpoint(directory, space, schedule, output.checkpoint_every, first))
+            watch.insert(0, Records(directory, self.comm.rank, self._head(), self._times, since))
+            if output.fields:
+                watch.insert(0, Fields(directory, self.problem, self.timing, since))
+        self._announce()
         recorder = Recorder(self.problem, scene.output.probes)
         self.stepper = Stepper(self.problem, self.newton, schedule, watch, recorder, self.timing)
+        if resumed is not None:
+            self.stepper.resume(resumed.number, resumed.time, resumed.first, resumed.size, resumed.values)
+            log.info("restart from %s at time %g after %d steps", self.restart, resumed.time, resumed.number)
         converged = True
         try:
             self.stepper.run()

@@ -1,5 +1,8 @@
 """Pictures: what is seen, where solids are cut, which field is meant, and that files come out."""
 
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 from matplotlib import colormaps
@@ -10,8 +13,9 @@ from pcontact.element.reference import CELLS, MESHIO_NAMES, reference_nodes
 from pcontact.io import paint, raster, skin, view
 from pcontact.io.fields import Cloud, FieldWriter, Piece
 from pcontact.io.picture import picture
-from pcontact.io.quantity import Quantity, available, find
+from pcontact.io.quantity import NodeAverages, Quantity, available, find
 from pcontact.io.result import Result, load_result
+from pcontact.io.show import show
 from pcontact.runtime.errors import InputError
 
 SOLIDS = [(cell, degree) for cell in ("tetrahedron", "hexahedron") for degree in (1, 2)]
@@ -208,7 +212,7 @@ def test_a_contact_without_facets_is_no_obstacle(tmp_path):
 def test_nothing_is_written_of_a_picture_that_cannot_be(solid_run, tmp_path):
     with pytest.raises(
         InputError,
-        match=r"no field 'strain', allowed: body, equivalent_stress, stress_xx, .*contact_pressure.*nearest",
+        match=r"no field 'strain'; allowed: body, equivalent_stress, stress_xx, .*contact_pressure",
     ):
         picture(solid_run, "strain")
     with pytest.raises(InputError, match="no such directory"):
@@ -218,6 +222,110 @@ def test_nothing_is_written_of_a_picture_that_cannot_be(solid_run, tmp_path):
     with pytest.raises(InputError, match="cannot be written"):
         picture(solid_run, output=tmp_path / "a.blob", size=SMALL)
     assert not list(tmp_path.glob("*.png"))
+
+
+@pytest.mark.parametrize(
+    "options, message",
+    [
+        ({"filed": "gap"}, "-filed: no such option of pcontact view; allowed: -o, -field, .*; the nearest is -field"),
+        ({"step": "last"}, "-step: found 'last'; allowed: a whole number"),
+        ({"step": "0"}, "no step 0; allowed: 1 to 1, or -1"),
+        ({"scale": "-2"}, "-scale: found '-2'; allowed: a number >= 0"),
+        ({"cut": "maybe"}, "-cut: found 'maybe'; allowed: true | false"),
+        ({"size": "100"}, "-size: found '100'; allowed: WIDTHxHEIGHT"),
+        ({"field": ""}, "-field: found nothing"),
+        ({"field": "displacment"}, "no field 'displacment'; allowed: .*; the nearest is 'displacement'"),
+    ],
+)
+def test_options_of_the_command_line_that_are_wrong(solid_run, options, message):
+    with pytest.raises(InputError, match=message):
+        show(str(solid_run), options)
+    assert not list(solid_run.glob("*.png"))
+
+
+def test_options_of_the_command_line(solid_run):
+    options = {"field": "equivalent_stress", "step": "1", "scale": "2", "cut": "false", "smooth": "", "size": "480x320"}
+    path = show(str(solid_run), {**options, "o": str(solid_run / "shot")})
+    assert path == solid_run / "shot.png"
+    assert imread(path).shape[:2] == (320, 480)
+
+
+def test_a_scene_is_no_result(tmp_path):
+    with pytest.raises(InputError, match=r"found scene\.toml; allowed: the output directory of a run"):
+        show("scene.toml", {})
+
+
+def test_a_run_does_not_import_what_draws():
+    """Nor what reads meshes of other programs: every start would wait for it."""
+    code = "import sys, pcontact.cli; print([m for m in ('matplotlib', 'PIL', 'meshio', 'scipy') if m in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
+
+
+def test_averages_at_nodes_stay_in_their_body():
+    """Two squares that share an edge, of one body or of two."""
+    points = np.array([[0, 0], [1, 0], [2, 0], [0, 1], [1, 1], [2, 1]], dtype=float)
+    piece = Piece(points, [("quad", np.array([[0, 1, 4, 3], [1, 2, 5, 4]]))])
+    triangles = skin.surface(piece)
+    right = triangles.owner == 1
+    values = NodeAverages(piece, np.array([1.0, 3.0])).corners(triangles)
+    np.testing.assert_array_equal(np.unique(values[right]), [2.0, 3.0])
+    piece.cell_data["body"] = [np.array([0, 1])]
+    values = NodeAverages(piece, np.array([1.0, 3.0])).corners(triangles)
+    np.testing.assert_array_equal(np.unique(values[right]), [3.0])
+
+
+def test_averages_on_a_section():
+    """A field of cells that is a linear function of the middles keeps its value at the middle of a section."""
+    points, cells, _ = bricks(4)
+    piece = Piece(points, [("hexahedron", cells)])
+    cut = skin.section(piece, points[:, 0] - 0.6)
+    x = cut.interpolate(points)[cut.triangles.nodes]
+    averages = NodeAverages(piece, points[cells].mean(axis=1) @ [1.0, 0.0, 2.0])
+    inner = (np.abs(x[..., 1:] - 0.5) < 0.2501).all(axis=2)
+    np.testing.assert_allclose(averages.corners(cut.triangles, cut)[inner], (x @ [1.0, 0.0, 2.0])[inner])
+
+
+def test_outlines_are_on_the_side_of_the_body_all_around():
+    labels = np.full((8, 8), -1)
+    labels[2:6, 2:6] = 0
+    expected = np.zeros((8, 8), dtype=bool)
+    expected[2:6, 2:6] = True
+    expected[3:5, 3:5] = False
+    np.testing.assert_array_equal(raster.outlines(labels, 1), expected)
+
+
+def test_sharp_edges_are_drawn():
+    normals = np.array([[0, 0, 1.0], [0, 0.2, 0.98], [0, 1.0, 0]])
+    triangle = np.repeat([[0, 0, 1, 1, 2, 2, -1, -1]], 3, axis=0)
+    np.testing.assert_array_equal(np.flatnonzero(raster.creases(triangle, normals, 1)[1]), [4])
+
+
+@pytest.mark.parametrize("cell", ["triangle", "quadrilateral"])
+def test_edges_of_curved_cells_have_no_gaps(cell):
+    """Wherever a pixel is near an edge of a cell of degree 2, it is near a line that is drawn."""
+    points = 20 * np.pad(reference_nodes(cell, 2), ((0, 0), (0, 1))) + [30.0, 30.0, 0.0]
+    table, edges = skin.TRIANGLES[cell, 2]
+    seen = raster.render(points[table], np.zeros((len(table), 3)), None, edges, (0, 60, 0, 60), (60, 60))
+    middle = len(CELLS[cell].edges) + CELLS[cell].n_vertices
+    rows, columns = np.nonzero(seen.triangle >= 0)
+    centre = np.column_stack([columns, rows]) + 0.5
+    for node in points[CELLS[cell].n_vertices : middle, :2]:
+        distance = np.linalg.norm(centre - node, axis=1)
+        near = distance < 1.0
+        assert near.any()
+        assert (seen.line[rows[near], columns[near]] <= distance[near] + 1e-9).all()
+
+
+def test_pressed_part_of_a_round_surface():
+    """A quarter circle is as high as wide; what counts is the part under pressure."""
+    angle = np.linspace(-np.pi / 2, 0, 19)
+    points = np.column_stack([np.cos(angle), 1 + np.sin(angle), 0 * angle])
+    cells = np.column_stack([np.arange(18), np.arange(1, 19)])
+    piece = Piece(points, [("line", cells)], {}, {"contact_pressure": [(np.arange(18) < 3).astype(float)]})
+    axis, (low, high) = view.along({"pair": piece}, {"pair": points})
+    assert axis == 0
+    assert (low, high) == pytest.approx((0.0, 1.5 * np.sin(np.pi / 12)), abs=1e-12)
 
 
 def test_a_field_is_found_by_name_and_component(solid_run):
@@ -242,6 +350,15 @@ def test_small_displacements_are_enlarged_large_ones_are_not(solid_run):
     result.bodies.point_data["displacement"] *= 100
     assert view.deformation_scale(result) == 1.0
     result.bodies.point_data["displacement"] *= 0
+    assert view.deformation_scale(result) == 1.0
+
+
+def test_displacements_are_not_enlarged_where_bodies_of_different_shape_touch(solid_run):
+    result = load_result(solid_run)
+    largest = np.linalg.norm(result.bodies.point_data["displacement"], axis=1).max()
+    result.points["pair"].data["gap"] = np.array([np.nan, 0.0, 0.4 * largest])
+    assert view.deformation_scale(result) == 50.0
+    result.points["pair"].data["gap"] = np.array([np.nan, 0.0, 10 * largest])
     assert view.deformation_scale(result) == 1.0
 
 

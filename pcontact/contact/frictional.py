@@ -11,8 +11,8 @@ class FrictionalItem(ContactItem):
     """Contact with friction of one pair by Nitsche's method.
 
     The slip of a load step is the change of the tangential jump on the present pair of points since the committed
-    displacement (and the motion of a rigid obstacle since the committed time), so a point that is handed to another target
-    facet carries nothing over and loses nothing.
+    displacement (and the motion of a rigid obstacle since the committed time), so a point that is handed to another
+    target facet carries nothing over and loses nothing.
 
     Parameters
     ----------
@@ -58,7 +58,8 @@ class FrictionalItem(ContactItem):
         traction, tau, _ = self._tau(values)
         friction.add_residual(
             self.theta, self.alpha, self.law, self.bilateral, p.paired, source.jxw, self.gamma, traction, tau, p.cells,
-            p.targets, source.facet, source.shape, p.target_shape, source.grad, source.lame, source.normal, p.normal, local,
+            p.targets, source.facet, source.shape, p.target_shape, source.grad, source.lame, source.normal, p.normal,
+            local,
         )  # fmt: skip
 
     def _augmented(self, values):

@@ -10,6 +10,7 @@ from pcontact.contact.exchange import find_partners
 from pcontact.contact.laws import OPEN, SLIP
 from pcontact.contact.nitsche import add_residual, add_tangent, evaluate, traction_operator
 from pcontact.contact.summary import summarise
+from pcontact.runtime.parallel import together
 from pcontact.runtime.petsc import MPI
 
 # theta = -1 is coercive for any value; below 1 multigrid fails for quadratic hexahedra
@@ -138,7 +139,8 @@ class ContactItem:
         self._new_pattern()
 
     def _against_obstacle(self, x, time):
-        gap, normal = self.target.gap(x, time)
+        # a level set of the user's may fail on some ranks only
+        gap, normal = together(self.space.comm, self.target.gap, x, time)
         paired = np.einsum("pd,pd->p", normal, self.source.normal) >= FACING
         return gap, normal, paired & (np.abs(gap) <= self.radius)
 

@@ -41,9 +41,9 @@ def friction_law(contact):
 
 
 @njit
-def bound(law, tau_n):
+def bound(law, tau_n, closed):
     """The bound rho of the tangential traction, and its derivative with respect to tau_n."""
-    if tau_n > 0.0 and law[3] == 0.0:
+    if not closed and law[3] == 0.0:
         return 0.0, 0.0
     rho = law[0] - law[1] * min(tau_n, 0.0)
     if rho > law[2]:
@@ -80,7 +80,7 @@ def project(law, bilateral, normal, tau, traction, derivative):
     for i in range(d):
         length += (tau[i] - tau_n * normal[i]) ** 2
     length = np.sqrt(length)
-    rho, slope = bound(law, tau_n)
+    rho, slope = bound(law, tau_n, closed)
     tangential = closed or law[3] > 0.0
     stick = tangential and length <= rho
     push = tau_n if closed else 0.0

@@ -2,8 +2,6 @@
 
 import numpy as np
 
-from pcontact.runtime.errors import InputError
-
 
 def _unit(v):
     return v / np.linalg.norm(v, axis=-1, keepdims=True)
@@ -37,18 +35,13 @@ def _round(obstacle, axis):
     return distance
 
 
-def _level_set(function, gradient, size, name):
+def _level_set(function, gradient, size):
     step = 1e-6 * size
 
     def distance(x, time):
-        value = np.asarray(function(x, time), dtype=float)
-        if value.shape != (len(x),) or not np.all(np.isfinite(value)):
-            raise InputError(
-                f"scene: {name}.obstacle.function: found an array of shape {value.shape} or values that are not "
-                f"finite, allowed: ({len(x)},) finite signed distances"
-            )
+        value = function(x, time)
         if gradient is not None:
-            slope = np.asarray(gradient(x, time), dtype=float)
+            slope = gradient(x, time)
         else:
             slope = np.empty_like(x)
             for axis in range(x.shape[1]):
@@ -72,12 +65,10 @@ class RigidObstacle:
     size : float
         Size of the model [length], for difference quotients of a level set without gradient.
     functions : (callable, callable or None), optional
-        Level set and gradient.
-    name : str
-        For messages.
+        Level set and gradient, see :func:`pcontact.scene.function.obstacle_functions`.
     """
 
-    def __init__(self, obstacle, amplitude, size, functions=None, name="contact"):
+    def __init__(self, obstacle, amplitude, size, functions=None):
         self._amplitude = amplitude
         shift = obstacle.displacement
         self._shift = None if shift is None else np.asarray(shift, dtype=float)
@@ -88,10 +79,10 @@ class RigidObstacle:
         elif obstacle.shape == "cylinder":
             self._distance = _round(obstacle, _unit(np.asarray(obstacle.axis, dtype=float)))
         else:
-            self._distance = _level_set(*functions, size, name)
+            self._distance = _level_set(*functions, size)
 
     def moved(self, start, end):
-        """What the obstacle moves between two times (d,) or scalar zero [length]; what a level set does is not known."""
+        """What the obstacle moves between two times (d,) or zero [length]; what a level set does is not known."""
         if self._shift is None:
             return 0.0
         return self._shift * (self._amplitude.factor(end) - self._amplitude.factor(start))

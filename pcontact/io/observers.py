@@ -64,13 +64,15 @@ class Records:
         Seconds, read at every write.
     finish : callable
         Returns the timing block of the report. *Collective.*
+    resume_time : float, optional
+        Rows of an earlier run up to this time are kept.
     """
 
-    def __init__(self, directory, rank, head, finish):
+    def __init__(self, directory, rank, head, finish, resume_time=None):
         self._rank, self._finish = rank, finish
         if rank == 0:
-            self._history = History(directory / "history.csv")
-            self.report = Report(directory / "report.json")
+            self._history = History(directory / "history.csv", resume_time)
+            self.report = Report(directory / "report.json", resume_time)
             self.report.data.update(head)
 
     def step(self, step, u, record):
@@ -101,10 +103,12 @@ class Fields:
     problem : pcontact.solve.problem.Problem
     timing : dict
         ``output`` seconds are added.
+    resume_time : float, optional
+        Steps of an earlier run up to this time are kept.
     """
 
-    def __init__(self, directory, problem, timing):
-        self._writer = FieldWriter(directory, problem.space.comm)
+    def __init__(self, directory, problem, timing, resume_time=None):
+        self._writer = FieldWriter(directory, problem.space.comm, resume_time)
         self._problem, self._timing = problem, timing
 
     def step(self, step, u, record):

@@ -10,6 +10,7 @@ from pcontact.io import raster, skin
 FINE = 2  # pixels computed per pixel shown, in each direction
 INK = np.array(to_rgb("#1c2733"), dtype=np.float32)
 GREYS = np.array([to_rgb(name) for name in ("#c6cdd4", "#ddd6ca", "#cbd5c8", "#d8cdd4")], dtype=np.float32)
+# amounts that start at nothing
 _COLOURS = {"contact_pressure": "YlOrRd", "pressure": "YlOrRd", "equivalent_plastic_strain": "magma_r"}
 _KINDS = (
     "#d8dde2",
@@ -206,7 +207,8 @@ def colour_scale(quantity, colormaps):
     if low < 0 < high and min(-low, high) > 0.02 * (high - low):
         limit = max(-low, high)
         return ColourScale(colormaps["RdBu_r"], Normalize(-limit, limit), extend, [])
-    if low >= 0 and low < 0.5 * high:
+    # an amount that is nearly the same everywhere is shown as that
+    if low >= 0 and (low < 0.5 * high or quantity.name in _COLOURS):
         low = 0.0
     if high <= 0 and high > 0.5 * low:
         high = 0.0

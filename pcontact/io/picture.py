@@ -1,5 +1,6 @@
 """A picture of the deformed bodies, without a display and without ParaView."""
 
+import textwrap
 from pathlib import Path
 
 import matplotlib
@@ -41,7 +42,7 @@ def picture(
     output : str or Path, optional
         The picture, of a type that matplotlib writes (without an ending: PNG); DIRECTORY/FIELD.png if absent.
     step : int
-        Which of the steps that are there, from 0; negative numbers count from the last one.
+        Which of the steps that are there, from 1; negative numbers count from the last one.
     scale : float, optional
         Factor of the displacements; if absent 1, or a round number that makes small ones seen.
     size : tuple of int
@@ -204,9 +205,8 @@ class _Composition:
 
     def _profile(self, axes, panel):
         """Plane bodies: the contact surfaces as coloured lines, and the values over their length."""
-        pieces = self.result.surfaces
-        spread = [np.ptp(self.surfaces[name], axis=0) for name in self.quantity.values]
-        across = int(np.argmax(np.max(spread, axis=0)[:2]))
+        pieces = {name: self.result.surfaces[name] for name in self.quantity.values}
+        across, window = view.along(pieces, self.surfaces)
         for name in self.quantity.values:
             nodes, owner = skin.lines(pieces[name])
             ends = self.surfaces[name][nodes]
@@ -228,7 +228,7 @@ class _Composition:
             )
             panel.add_collection(LineCollection(bars, colors=_INK, linewidths=1.1))
         panel.autoscale_view()
-        panel.margins(x=0.02)
+        panel.set_xlim(*window)
         if self.colours.kinds:
             panel.set_yticks(self.colours.kinds, labels=map(self.quantity.word, self.colours.kinds))
         panel.set_xlabel("xy"[across])
@@ -303,6 +303,8 @@ class _Composition:
         mappable = ScalarMappable(scale.norm, scale.colours)
         bar = self.figure.colorbar(mappable, cax=axes, extend=scale.extend)
         bar.outline.set_linewidth(0.5)
+        name = textwrap.fill(self.quantity.label, 16)
+        self.figure.text(0.985, sum(_BAR[1::2]) + 0.025, name, fontsize=8, color=_PALE, ha="right", va="bottom")
         if scale.kinds:
             kinds = scale.kinds if len(scale.kinds) <= 16 else scale.kinds[:: len(scale.kinds) // 8]
             bar.set_ticks(kinds, labels=[self.quantity.word(kind) for kind in kinds])

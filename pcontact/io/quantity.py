@@ -213,7 +213,7 @@ def find(result, name=None):
                     return Quantity(name, place, at, values, whole)
     near = difflib.get_close_matches(str(name), names, 1)
     hint = f"; the nearest is {near[0]!r}" if near else ""
-    raise InputError(f"{result.directory}: no field {name!r}, allowed: {', '.join(names) or 'none'}{hint}")
+    raise InputError(f"{result.directory}: no field {name!r}; allowed: {', '.join(names) or 'none'}{hint}")
 
 
 def _column(array, column):

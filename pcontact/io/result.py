@@ -47,7 +47,7 @@ def load_result(directory, step=-1):
     directory : str or Path
         The output directory of a run.
     step : int
-        Which of the steps that are there, from 0; negative numbers count from the last one.
+        Which of the steps that are there, from 1; negative numbers count from the last one.
 
     Returns
     -------
@@ -67,9 +67,10 @@ def load_result(directory, step=-1):
     try:
         entries = vtu.read_pvd(index)
         times = sorted({float(entry["timestep"]) for entry in entries})
-        if not -len(times) <= step < len(times):
-            raise InputError(f"{index}: no step {step}; there are {len(times)}, counted from 0")
-        time = times[step]
+        if step == 0 or abs(step) > len(times):
+            allowed = f"1 to {len(times)}, or -1 (the last) to {-len(times)}"
+            raise InputError(f"{index}: no step {step}; allowed: {allowed}")
+        time = times[step - 1 if step > 0 else step]
         grids = {
             (entry["group"], entry["name"].partition(": ")[2]): _read(directory / entry["file"])
             for entry in entries

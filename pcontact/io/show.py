@@ -44,16 +44,16 @@ def show(directory, options):
             near = difflib.get_close_matches(name, OPTIONS, 1)
             hint = f"; the nearest is -{near[0]}" if near else ""
             allowed = ", ".join(f"-{key}" for key in OPTIONS)
-            raise InputError(f"command line: -{name}: pcontact view has no such option, allowed: {allowed}{hint}")
+            raise InputError(f"command line: -{name}: no such option of pcontact view; allowed: {allowed}{hint}")
     values = {name: _value(name, text) for name, text in options.items()}
     if not Path(directory).is_dir() and Path(directory).suffix in (".toml", ".pvd"):
-        raise InputError(f"command line: pcontact view: found {directory}, allowed: the output directory of a run")
+        raise InputError(f"command line: pcontact view: found {directory}; allowed: the output directory of a run")
     try:
         from pcontact.io.picture import picture
     except ModuleNotFoundError as error:
         if error.name != "matplotlib":
             raise
-        raise InputError(f"{directory}: drawing a picture needs the Python package matplotlib") from None
+        raise InputError("pcontact view: found no Python package matplotlib; allowed: pip install matplotlib") from None
     values["output"] = values.pop("o", None)
     return picture(directory, **values)
 
@@ -62,9 +62,7 @@ def _value(name, text):
     """The value of an option as `picture` takes it."""
     try:
         if name == "step":
-            # the terminal and the files count from 1
-            number = int(text)
-            value = number - 1 if number > 0 else number if number < 0 else None
+            value = int(text)
         elif name == "scale":
             value = float(text)
             value = value if value >= 0 and math.isfinite(value) else None
@@ -78,5 +76,6 @@ def _value(name, text):
     except ValueError:
         value = None
     if value is None:
-        raise InputError(f"command line: -{name}: found {text!r}, allowed: {OPTIONS[name]}")
+        found = repr(text) if text else "nothing"
+        raise InputError(f"command line: -{name}: found {found}; allowed: {OPTIONS[name]}")
     return value

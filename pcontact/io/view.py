@@ -29,6 +29,9 @@ class Patch:
 def deformation_scale(result):
     """How much to enlarge displacements: not at all if they are seen as they are.
 
+    Nor where bodies of different shape touch: with the gap between them left as it is, enlarged displacements would
+    push one into the other. Surfaces that fit each other everywhere have gaps no larger than the displacements.
+
     Parameters
     ----------
     result : Result
@@ -43,7 +46,8 @@ def deformation_scale(result):
         return 1.0
     size = np.linalg.norm(np.ptp(result.bodies.points, axis=0))
     largest = np.linalg.norm(displacement, axis=1).max()
-    if not 0 < largest < 0.01 * size:
+    gaps = np.concatenate([np.zeros(1), *(cloud.data.get("gap", []) for cloud in result.points.values())])
+    if not 0 < largest < 0.01 * size or np.nanmax(gaps) > 0.5 * largest:
         return 1.0
     wanted = 0.05 * size / largest
     power = 10.0 ** np.floor(np.log10(wanted))
@@ -101,6 +105,40 @@ def contact_patch(surfaces, positions):
     total, parts = np.linalg.norm(force.sum(axis=0)), np.linalg.norm(force, axis=1).sum()
     normal = force.sum(axis=0) / total if total > 0.2 * parts else np.zeros(3)
     return Patch(middle[touching], normal)
+
+
+def along(pieces, positions):
+    """The coordinate along which contact surfaces of plane bodies extend, and the part of it under pressure.
+
+    Parameters
+    ----------
+    pieces : dict of str to Piece
+    positions : dict of str to ndarray (n, 3)
+        Their points as they are drawn.
+
+    Returns
+    -------
+    axis : int
+        0 or 1.
+    ends : tuple of 2 floats
+        The part under pressure with a border of half its length, but not beyond the surfaces; all of them if there
+        is no pressure [length].
+    """
+    all_, touching = [], []
+    for name, piece in pieces.items():
+        nodes, owner = skin.lines(piece)
+        corners = positions[name][nodes]
+        all_.append(corners.reshape(-1, 3))
+        blocks = piece.cell_data.get("contact_pressure")
+        if blocks:
+            touching.append(corners[np.concatenate(blocks)[owner] > 0].reshape(-1, 3))
+    all_ = np.concatenate(all_)
+    near = np.concatenate([np.zeros((0, 3)), *touching])
+    near = near if len(near) else all_
+    axis = int(np.argmax(np.ptp(near, axis=0)[:2]))
+    low, high = near[:, axis].min(), near[:, axis].max()
+    border = 0.5 * (high - low)
+    return axis, (max(low - border, all_[:, axis].min()), min(high + border, all_[:, axis].max()))
 
 
 def up_axis(patch):

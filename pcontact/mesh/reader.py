@@ -5,11 +5,11 @@ Groups keep their names; a group that has only a number is called "point_5", "cu
 "volume_3", after the dimension of its elements. A name may stand for groups of several dimensions.
 """
 
+import importlib
 import io
 from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
 
-import meshio
 import numpy as np
 
 from pcontact.element.reference import CELLS
@@ -80,7 +80,13 @@ def read_mesh(path):
 
 def _read_meshio(path):
     """What meshio makes of a file; its messages go to the log, its failures become an InputError."""
-    suffix, known = path.suffix.lower(), sorted(meshio.extension_to_filetypes)
+    suffix = path.suffix.lower()
+    try:
+        # a tenth of a second that a gmsh file does not need
+        meshio = importlib.import_module("meshio")
+    except ModuleNotFoundError as error:
+        raise InputError(f'{path}: reading this file needs the Python package "{error.name}"') from None
+    known = sorted(meshio.extension_to_filetypes)
     if not any(path.name.lower().endswith(extension) for extension in known):
         raise InputError(f'{path}: found the unknown mesh file type "{suffix}"; allowed: {", ".join(known)}')
     said = io.StringIO()
@@ -245,9 +251,9 @@ def _dimension(file, path):
         counts[table.dim, table.kind] = counts.get((table.dim, table.kind), 0) + len(table.tags)
     dim = max((d for (d, _), n in counts.items() if n), default=0)
     if dim < 2:
-        held = ", ".join(f"{n} {kind}" for (_, kind), n in counts.items()) or "no elements"
+        held = ", ".join(f"{n} of type {kind}" for (_, kind), n in counts.items()) or "nothing"
         raise InputError(
-            f"{path}: the file holds {held}; allowed: cells of dimension 2 or 3 "
+            f"{path}: the elements of the file are {held}; allowed: cells of dimension 2 or 3 "
             "(gmsh saves only what is in a physical group)"
         )
     grouped = {(d, file.tables[k].kind) for (d, _), parts in file.groups.items() for k, _ in parts}

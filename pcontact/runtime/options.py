@@ -1,7 +1,13 @@
 """The one reader of the options database: the command line wins over the scene, which wins over defaults."""
 
+import re
+
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.petsc import PETSc, option_used
+
+KINDS = {str: "a word", int: "an integer", float: "a number", bool: "true | false"}
+# PETSc's error codes for arguments that are wrong or out of range, unknown types, missing factorisations
+OPTION_FAULTS = (62, 63, 86, 92)
 
 
 class Options:
@@ -21,7 +27,7 @@ class Options:
         """Whether the user set the option."""
         return self._db.hasName(name)
 
-    def get(self, name, default, kind=str, allowed=None, text=""):
+    def get(self, name, default, kind=str, allowed=None, text="", positive=False):
         """Value of an option.
 
         Parameters
@@ -35,6 +41,8 @@ class Options:
             The values allowed.
         text : str
             Help.
+        positive : bool
+            Only numbers above zero are allowed.
 
         Raises
         ------
@@ -51,10 +59,13 @@ class Options:
             else:
                 value = kind(raw)
         except (ValueError, PETSc.Error):
-            raise InputError(f"command line: -{name}: found {raw!r}, allowed: {kind.__name__}") from None
-        if allowed is not None and value not in allowed:
-            choices = ", ".join(str(a) for a in allowed)
-            raise InputError(f"command line: -{name}: found {raw!r}, allowed: {choices}")
+            value = None
+        choices = KINDS[kind] if allowed is None else " | ".join(str(a) for a in allowed)
+        if positive:
+            choices += " > 0"
+        if value is None or (allowed is not None and value not in allowed) or (positive and not value > 0):
+            found = repr(raw) if raw else "nothing"
+            raise InputError(f"command line: -{name}: found {found}; allowed: {choices}")
         return value
 
     def propose(self, defaults):
@@ -79,6 +90,26 @@ class Options:
                 self._db.setValue(name, "" if value is None or value is True or value == "true" else value)
                 applied[name] = value
         return applied, kept_out
+
+    def fault(self, error):
+        """What PETSc's complaint about an option is to the user.
+
+        Parameters
+        ----------
+        error : PETSc.Error
+
+        Returns
+        -------
+        InputError or None
+            Names the options whose values PETSc complains about; None when it complains about something else.
+        """
+        if error.ierr not in OPTION_FAULTS:
+            return None
+        what = re.sub(r"^\[\d+\] *", "", str(error).strip().splitlines()[-1]).rstrip(". ")
+        words = re.findall(r"[^\s,;:()]+", what)
+        names = [f"-{name} {value}" for name, value in self._db.getAll().items() if value and value in words]
+        found = f"{', '.join(names)}: {what}" if names else what
+        return InputError(f"PETSc options: found {found}; allowed: what -help lists")
 
     def withdraw(self, names):
         """Take options back out of the database."""

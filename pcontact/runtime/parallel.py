@@ -26,6 +26,23 @@ def on_root(comm, function, *args):
     return result
 
 
+def together(comm, function, *args):
+    """Call a function on every rank; an input error of any rank is raised on all. *Collective.*
+
+    Returns
+    -------
+    object
+        What the function returned on this rank.
+    """
+    result, message = None, None
+    try:
+        result = function(*args)
+    except InputError as error:
+        message = str(error)
+    agree(comm, message)
+    return result
+
+
 def agree(comm, message):
     """Raise an :class:`InputError` on every rank when any rank has one. *Collective.*
 

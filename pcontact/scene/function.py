@@ -1,7 +1,11 @@
-"""Functions that a scene names as "FILE.py:NAME"."""
+"""Functions that a scene names as "FILE.py:NAME", and the watch over what they return."""
 
 import importlib.util
+import traceback
 from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
 
 from pcontact.scene.messages import input_error, shown
 from pcontact.scene.model import Scene, place
@@ -19,9 +23,9 @@ def obstacle_functions(scene: Scene, index: int) -> tuple[Callable, Callable | N
 
     Returns
     -------
-    function : callable
+    function : Watched
         phi(x (n, d), t) -> (n,) signed distance, positive in free space [length].
-    gradient : callable or None
+    gradient : Watched or None
         (x (n, d), t) -> (n, d).
 
     Raises
@@ -33,25 +37,91 @@ def obstacle_functions(scene: Scene, index: int) -> tuple[Callable, Callable | N
     where = f"{place('contacts', index, contact.name)}.obstacle"
     gradient = contact.obstacle.gradient
     return (
-        _load(scene, f"{where}.function", contact.obstacle.function),
-        None if gradient is None else _load(scene, f"{where}.gradient", gradient),
+        _load(scene, f"{where}.function", contact.obstacle.function, False),
+        None if gradient is None else _load(scene, f"{where}.gradient", gradient, True),
     )
 
 
-def _load(scene, key, reference):
+class Watched:
+    """A function of the user's; what it must not do becomes an input error.
+
+    Parameters
+    ----------
+    function : callable
+        (x (n, d), t) -> array.
+    file, key : str
+        Scene and key, for messages.
+    name : str
+        What the scene calls the function.
+    vector : bool
+        It returns (n, d) values rather than (n,).
+    """
+
+    def __init__(self, function: Callable, file: str, key: str, name: str, vector: bool):
+        self.function, self.file, self.key, self.name, self.vector = function, file, key, name, vector
+
+    def __call__(self, x, time):
+        """Values of the function.
+
+        Parameters
+        ----------
+        x : ndarray (n, d)
+            Points [length].
+        time : float
+
+        Returns
+        -------
+        ndarray (n,) or (n, d)
+
+        Raises
+        ------
+        InputError
+            On the rank where it happens: the function stops, its values have the wrong shape or are not finite.
+        """
+        shape = x.shape if self.vector else x.shape[:1]
+        allowed = f"{'a gradient' if self.vector else 'one distance'} per point, an array of shape {shape}"
+        at = f"at time {time:g}"
+        try:
+            with np.errstate(all="ignore"):  # what is not finite is found below
+                value = self.function(x.copy(), time)
+            value = np.asarray(value, dtype=float)
+        except (Exception, SystemExit) as error:  # whatever the user's function raises is a fault of the input
+            raise self._error(f"{_stop(error)} {at}", allowed) from None
+        if value.shape != shape:
+            raise self._error(f"an array of shape {value.shape} {at}", allowed)
+        bad = np.flatnonzero(~np.isfinite(value.reshape(len(x), -1)).all(axis=1))
+        if len(bad):
+            point = ", ".join(f"{c:g}" for c in x[bad[0]])
+            first = np.array2string(value[bad[0]], separator=", ")
+            raise self._error(f"the value {first} at the point ({point}) {at}", "finite numbers")
+        return value
+
+    def _error(self, found, allowed):
+        return input_error(self.file, self.key, f"{self.name!r}, {found}", allowed)
+
+
+def _stop(error):
+    """What ended the user's code, and in which of its lines."""
+    frames = [frame for frame in traceback.extract_tb(error.__traceback__) if frame.filename != __file__]
+    line = f" in line {frames[-1].lineno} of {Path(frames[-1].filename).name}" if frames else ""
+    return f"{type(error).__name__}{f': {error}' if str(error) else ''}{line}"
+
+
+def _load(scene, key, reference, vector):
     if callable(reference):
-        return reference
+        name = getattr(reference, "__name__", type(reference).__name__)
+        return Watched(reference, scene.where, key, name, vector)
     file, _, name = reference.rpartition(":")
     path = scene.folder / file
     spec = importlib.util.spec_from_file_location(path.stem, path)
     module = importlib.util.module_from_spec(spec)
     try:
         spec.loader.exec_module(module)
-    except Exception as error:  # whatever the user's file raises is a fault of the input
+    except (Exception, SystemExit) as error:  # whatever the user's file raises is a fault of the input
         found = f"{reference!r}, the file stops with {type(error).__name__}: {error}"
         raise input_error(scene.where, key, found, "a Python file that can be imported") from error
     function = getattr(module, name, None)
     if not callable(function):
         found = f"{reference!r}, where {name} is {shown(function)}"
         raise input_error(scene.where, key, found, f"a function {name}(x, t) in {path}")
-    return function
+    return Watched(function, scene.where, key, reference, vector)

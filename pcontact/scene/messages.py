@@ -38,6 +38,11 @@ def shown(value: object) -> str:
     return f"{kind(value)} {text.lower() if isinstance(value, bool) else text}"
 
 
+def cut(text: str) -> str:
+    """Text in quotation marks, shortened to fit a line."""
+    return _SHORT.repr(text)
+
+
 def closeness(name: str, known: str) -> float:
     """Likeness of two names from 0 to 1, whatever their case."""
     return difflib.SequenceMatcher(None, name.lower(), known.lower()).ratio()

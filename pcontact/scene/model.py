@@ -257,10 +257,11 @@ class Steps:
 
 @dataclass
 class Output:
-    """What is written: fields of every step, checkpoints, and the groups whose displacement is reported."""
+    """What is written: fields of every step, checkpoints of every n-th, the groups whose displacement is reported."""
 
     fields: bool = True
     checkpoint: bool = False
+    checkpoint_every: int = 1
     probes: Sequence[str] = ()
 
 

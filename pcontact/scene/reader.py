@@ -5,7 +5,7 @@ import tomllib
 from dataclasses import MISSING, fields
 from pathlib import Path
 
-from pcontact.scene.messages import closeness, input_error, nearest, shown
+from pcontact.scene.messages import closeness, cut, input_error, nearest, shown
 from pcontact.scene.model import LIST_TABLES, SINGLE_TABLES, Contact, Material, Obstacle, Scene, place
 from pcontact.scene.validate import validate
 
@@ -56,9 +56,13 @@ def read_scene(path: str | Path) -> Scene:
 
 
 def _parse(path):
+    text = ""
     try:
+        if path.is_dir():
+            raise input_error(str(path), "file", "a directory", "a scene file (TOML)")
         # -sig: some editors put a byte order mark first, which TOML does not know
-        return tomllib.loads(path.read_text(encoding="utf-8-sig"))
+        text = path.read_text(encoding="utf-8-sig")
+        return tomllib.loads(text)
     except OSError as error:
         raise input_error(
             str(path), "file", (error.strerror or str(error)).lower(), "a scene file (TOML)"
@@ -71,10 +75,15 @@ def _parse(path):
         message = str(error)
     match = re.search(r" \(at (line \d+, column \d+|end of document)\)$", message)
     where = match.group(1) if match else "somewhere"
-    allowed = "TOML"
+    found = message[: match.start()] if match else message
+    found = found[:1].lower() + found[1:]
+    if where.startswith("line"):
+        line = text.replace("\r\n", "\n").split("\n")[int(where.split()[1].rstrip(",")) - 1]
+        found += f" in {cut(line.strip())}"
+    allowed = "TOML: tables such as [mesh], keys such as order = 1, names in quotation marks"
     if "immutable" in message:
         allowed = "all keys inside the braces { ... }, or all of them dotted, not both"
-    raise input_error(str(path), where, message[: match.start()] if match else message, allowed)
+    raise input_error(str(path), where, found, allowed)
 
 
 def _keys(cls):

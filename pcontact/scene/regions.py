@@ -3,6 +3,8 @@
 from collections.abc import Mapping
 from pathlib import Path
 
+import numpy as np
+
 from pcontact.scene.messages import input_error, listed, unknown_name
 from pcontact.scene.model import Body, Contact, Displacement, Load, MeshSpec, Obstacle, Scene, tables
 
@@ -75,6 +77,7 @@ def check_regions(
             _require(scene, f"{where}.source", table.source, groups, ("facets",), mesh_path)
             if table.target is not None:
                 _require(scene, f"{where}.target", table.target, groups, ("facets",), mesh_path)
+                _check_apart(scene, where, table, facet_groups)
         elif isinstance(table, Displacement):
             _require(scene, f"{where}.region", table.region, groups, tuple(groups), mesh_path)
         elif isinstance(table, Load):
@@ -96,7 +99,7 @@ def _require(scene, key, name, groups, kinds, mesh_path):
         for group, ids in groups[kind].items():
             known[group] = known.get(group, 0) + _size(ids)
     words = "a group" if len(kinds) == len(groups) else _KINDS[kinds[0]]
-    allowed = f"the name of {words} of {mesh_path}: {listed(known)}"
+    allowed = f"the name of {words} of {mesh_path}: {listed(group for group, size in known.items() if size)}"
     if name not in known:
         other = next((_KINDS[kind] for kind in groups if name in groups[kind]), None)
         if other is not None:
@@ -105,4 +108,21 @@ def _require(scene, key, name, groups, kinds, mesh_path):
             scene.where, key, unknown_name(name, f"no such group in {mesh_path}", known), allowed
         )
     if known[name] == 0:
-        raise input_error(scene.where, key, f"{name!r}, an empty group", f"{words} that is not empty")
+        raise input_error(scene.where, key, f"{name!r}, an empty group", allowed)
+
+
+def _check_apart(scene, where, contact, facet_groups):
+    """Source and target have no facet in common, unless they are the same."""
+    source, target = facet_groups[contact.source], facet_groups[contact.target]
+    if contact.source == contact.target or isinstance(source, int) or isinstance(target, int):
+        return
+    common = np.isin(_keys(*source), _keys(*target)).sum()
+    if common:
+        found = f"{contact.target!r}, which has {common} of the facets of {contact.source!r}"
+        allowed = f"a surface that shares no facet with {contact.source!r}"
+        raise input_error(scene.where, f"{where}.target", found, allowed)
+
+
+def _keys(cells, local):
+    """A number for every facet of a surface; a cell has fewer than eight."""
+    return np.asarray(cells) * 8 + np.asarray(local)

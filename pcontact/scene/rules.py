@@ -258,8 +258,9 @@ RULES: dict[type, dict[str, Rule]] = {
         "body_force": optional(VECTOR),
         "amplitude": optional(AMPLITUDE),
     },
-    Steps: {"end": POSITIVE, "count": integer(1), "min_step": optional(POSITIVE)},
-    Output: {"fields": BOOLEAN, "checkpoint": BOOLEAN, "probes": sequence("a list of names of groups", TEXT)},
+    Steps: {"end": POSITIVE, "count": integer(1, 1_000_000), "min_step": optional(POSITIVE)},
+    Output: {"fields": BOOLEAN, "checkpoint": BOOLEAN, "checkpoint_every": integer(1),
+             "probes": sequence("a list of names of groups", TEXT)},
 }
 
 # per obstacle shape: the keys that must be there, the keys that may be there; every shape may move

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import replace
 
-from pcontact.scene.messages import input_error, listed, nearest, shown, unknown_name
+from pcontact.scene.messages import closeness, input_error, listed, nearest, shown, unknown_name
 from pcontact.scene.model import (
     CONTACT_DEFAULTS,
     LIST_TABLES,
@@ -13,11 +13,13 @@ from pcontact.scene.model import (
     Material,
     MeshSpec,
     Obstacle,
-    Output,
     Scene,
     tables,
 )
 from pcontact.scene.rules import MOTION_KEYS, OBSTACLE_KEYS, OPTION, RULES, TEXT, apply
+
+ALIKE = 0.5  # likeness of two file names above which one may be meant by the other
+SMALLEST = 1e-12  # of the run: the shortest step
 
 # What can be described but is not modelled yet: table, key, does the table ask for it, in words
 UNSUPPORTED = (
@@ -32,7 +34,6 @@ UNSUPPORTED = (
         lambda contact: contact.formulation not in (None, "nitsche"),
         "a formulation other than nitsche",
     ),
-    (Output, "checkpoint", lambda output: output.checkpoint, "checkpoint and restart"),
 )
 
 
@@ -88,8 +89,10 @@ def require_supported(scene: Scene) -> None:
     """
     found = unsupported(scene)
     if found:
+        more = f" (and {len(found) - 1} more: {', '.join(found[1:])})" if found[1:] else ""
+        key, _, said = found[0].partition(" = ")
         raise input_error(
-            scene.where, ", ".join(found), "what this program does not model yet", "leave it out"
+            scene.where, key, f"{said}, which this program does not model yet{more}", "leave it out"
         )
 
 
@@ -181,12 +184,20 @@ def _check_values(scene):
 
 
 def _check_mesh_file(scene):
-    if scene.mesh_path.is_file():
-        return
-    folder = scene.mesh_path.parent
-    files = [path.name for path in folder.iterdir() if path.is_file()] if folder.is_dir() else []
-    best = nearest(scene.mesh_path.name, files)
-    what = "no such file" + ("" if best is None else f", the nearest is {best!r}")
+    """The file is there. Its folder may be one that cannot be looked into."""
+    folder, best, what = scene.mesh_path.parent, None, "no such file"
+    try:
+        if scene.mesh_path.is_file():
+            return
+        if scene.mesh_path.exists():
+            what = "a directory" if scene.mesh_path.is_dir() else "not a file"
+        else:
+            files = [path.name for path in folder.iterdir() if path.is_file() and path != scene.path]
+            best = nearest(scene.mesh_path.name, files)
+    except OSError as error:
+        what = error.strerror.lower()
+    if best is not None and closeness(best, scene.mesh_path.name) >= ALIKE:
+        what += f", the nearest is {best!r}"
     raise input_error(
         scene.where,
         "mesh.file",
@@ -300,4 +311,10 @@ def _check_steps(scene):
         found = f"{steps.min_step!r}, longer than a step"
         raise input_error(
             scene.where, "steps.min_step", found, f"at most end / count = {steps.end / steps.count:g}"
+        )
+    if steps.smallest_step < SMALLEST * steps.end:
+        # shorter ones drown in the rounding error of the time: a run would not get on
+        found = f"{steps.smallest_step!r}"
+        raise input_error(
+            scene.where, "steps.min_step", found, f"at least {SMALLEST:g} end = {SMALLEST * steps.end:g}"
         )

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pcontact.runtime.errors import InputError
 from pcontact.runtime.petsc import PETSc, keep_preconditioner, line_search_limit
 from pcontact.solve.linear import Reuse, refresh_smoother, solver_defaults
 
@@ -92,8 +91,7 @@ class Newton:
         try:
             self.snes.setFromOptions()
         except PETSc.Error as error:
-            what = str(error).strip().splitlines()[-1]
-            raise InputError(f"PETSc options: {what}; allowed: see -help") from error
+            raise options.fault(error) or error from None
         lags = options.given("snes_lag_preconditioner")
         text = "Krylov iterations that a preconditioner may lose before it is renewed; -1: always renew"
         patience = options.get("pc_patience", 10, int, text=text)
@@ -141,6 +139,14 @@ class Newton:
             return reasons.CONVERGED_FNORM_RELATIVE
         return reasons.ITERATING
 
+    def _renew_preconditioner(self):
+        """A load step is solved alike whatever came before it, as in a restarted run: GAMG remembers even when reset."""
+        pc = PETSc.PC().create(comm=self.problem.space.comm)
+        pc.setOptionsPrefix(self.snes.getOptionsPrefix())
+        self.snes.getKSP().reset()
+        self.snes.getKSP().setPC(pc)
+        pc.setFromOptions()
+
     def solve(self, u):
         """Solve for the displacement at the problem's time, from ``u``. *Collective.*
 
@@ -155,12 +161,16 @@ class Newton:
         """
         # eight rounding errors per sum of some eighty terms: what an exact solution would leave
         self._floor = 8.0 * self.problem.roundoff(u)
-        # a step is solved alike whatever came before it, as in a restarted run
+        self._renew_preconditioner()
         if self._reuse is not None:
             self._reuse.forget()
         start, before = clock.perf_counter(), self.timing["assembly"]
         self.norms = []
-        self.snes.solve(None, u)
+        try:
+            self.snes.solve(None, u)
+        except PETSc.Error as error:
+            # solvers inside solvers read their options when they are first used
+            raise self._options.fault(error) or error from None
         self.timing["linear"] += clock.perf_counter() - start - (self.timing["assembly"] - before)
         reason = self.snes.getConvergedReason()
         if len(self.norms) < 2:

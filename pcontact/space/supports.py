@@ -48,11 +48,12 @@ class Supports:
                 before = self.which[nodes, axis]
                 for other in np.unique(before[before >= 0]):
                     if self._differ(number, int(other), axis):
-                        at = space.points[nodes[before == other][0]]
+                        at = ", ".join(f"{c:g}" for c in space.points[nodes[before == other][0]])
                         message = message or (
-                            f"{source}: displacements[{number}].value ({displacement.region}): component {axis} "
-                            f"differs from displacements[{other}] ({displacements[other].region}) at the common point "
-                            f"{np.array2string(at, precision=6)}; allowed: one value per point and direction"
+                            f"{source}: displacements[{number}] ({displacement.region}).value: found {value:g} in "
+                            f"direction {axis} at the point ({at}), where displacements[{other}] "
+                            f"({displacements[other].region}) prescribes {displacements[other].value[axis]:g}; "
+                            "allowed: one value (and one amplitude) per point and direction"
                         )
                 self.which[nodes, axis] = number
         agree(space.comm, message)

@@ -40,6 +40,15 @@ class Schedule:
         """Whether the run has ended."""
         return self.time >= self.end * (1.0 - 1e-12)
 
+    @property
+    def size(self):
+        """Load step that is tried next [time]."""
+        return self._step
+
+    def resume(self, time, size):
+        """Go on from a time with a load step that an earlier run had reached."""
+        self.time, self._step = time, min(size, self._largest)
+
     def accept(self, target, iterations):
         """The step to ``target`` converged in some Newton iterations."""
         self.time = target

@@ -63,6 +63,27 @@ class Stepper:
         self.problem, self.newton, self.schedule = problem, newton, schedule
         self.observers, self.recorder, self.timing = observers, recorder, timing
         self.u = problem.space.vector()
+        self._number = 0
+
+    def resume(self, number, time, first, size, values):
+        """Go on from the committed state of an earlier run. *Collective.*
+
+        Parameters
+        ----------
+        number : int
+            Load steps that are done.
+        time, first, size : float
+            Time of the state, end of the very first load step, next load step [time].
+        values : ndarray (n_owned, d)
+            Displacement of the owned nodes [length].
+        """
+        for item in self.problem.items:
+            # an initial overlap is that of the first search
+            item.detect(self.u, first)
+            item.commit(self.u, time)
+        self.u.setArray(values.ravel())
+        self.schedule.resume(time, size)
+        self._number = number
 
     def run(self):
         """All load steps. *Collective.*
@@ -72,7 +93,7 @@ class Stepper:
         StepFailure
             When a step does not converge at the smallest size.
         """
-        number, cutbacks = 0, 0
+        number, cutbacks = self._number, 0
         while not self.schedule.done:
             target = self.schedule.next()
             committed = self.u.copy()

@@ -1,0 +1,218 @@
+"""checkpoint.h5: what a run needs to go on, written aside and put in place at once.
+
+The state of a run is the committed displacement and the time: friction counts slip from them. Rows are kept in the
+order in which the ranks wrote them, each with the node number that all ranks, of any number, agree on.
+"""
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+
+import h5py
+import numpy as np
+
+from pcontact.runtime.parallel import agree
+
+NAME, VERSION = "checkpoint.h5", 1
+ROWS = 1 << 20  # rows that are read at a time
+
+
+@dataclass
+class Resumed:
+    """Where a run goes on.
+
+    Attributes
+    ----------
+    number : int
+        Load steps that are done.
+    time : float
+    first : float
+        Time at which the first load step ended.
+    size : float
+        Load step that the schedule had reached [time].
+    values : ndarray (n_owned, d)
+        Committed displacement of the owned nodes [length].
+    """
+
+    number: int
+    time: float
+    first: float
+    size: float
+    values: np.ndarray
+
+
+def _keys(space):
+    """Numbers of the owned nodes that do not depend on the ranks."""
+    return space.mesh.file_nodes[space.mesh_nodes[space.owned_local]]
+
+
+class Checkpoint:
+    """Writes the state of a run after a load step. An observer.
+
+    Parameters
+    ----------
+    directory : str or pathlib.Path
+    space : pcontact.space.space.Space
+    schedule : pcontact.stepping.schedule.Schedule
+    every : int
+        Load steps between two checkpoints; the last one is always written.
+    first : float, optional
+        Time at which the first load step ended, if this run continues another.
+    """
+
+    def __init__(self, directory, space, schedule, every=1, first=None):
+        self.path, self._space, self._schedule = Path(directory) / NAME, space, schedule
+        self._every, self._first = every, first
+
+    def step(self, step, u, record):
+        """Write the state. *Collective.*
+
+        Raises
+        ------
+        InputError
+            On every rank, when the file cannot be written.
+        """
+        if self._first is None:
+            self._first = step.time
+        if step.number % self._every and not self._schedule.done:
+            return
+        comm, aside = self._space.comm, self.path.with_name(NAME + ".part")
+        # whether rank 0 can write is settled before the others wait for it
+        file = self._guarded(self._open, aside, step)
+        try:
+            self._guarded(self._rows, file, u)
+        finally:
+            if file is not None:
+                file.close()
+        self._guarded(self._place, aside)
+        comm.Barrier()
+
+    def _guarded(self, function, *args):
+        """Call a function; what goes wrong with the file is an input error on every rank. *Collective.*"""
+        result = message = None
+        try:
+            result = function(*args)
+        except OSError as error:
+            message = f"{self.path}: cannot be written ({error.strerror or error}), allowed: a place to write to"
+        agree(self._space.comm, message)
+        return result
+
+    def _open(self, aside, step):
+        if self._space.comm.rank != 0:
+            return None
+        self.path.parent.mkdir(parents=True, exist_ok=True)
+        file = h5py.File(aside, "w")
+        self._head(file, step)
+        return file
+
+    def _place(self, aside):
+        """Put the file in place once the disk has it."""
+        if self._space.comm.rank == 0:
+            with open(aside, "rb") as stream:
+                os.fsync(stream.fileno())
+            os.replace(aside, self.path)
+
+    def cut(self, target, outcome):
+        """Nothing is written."""
+
+    def end(self, converged):
+        """All is written already."""
+
+    def _head(self, file, step):
+        space = self._space
+        file.attrs.update({
+            "version": VERSION, "number": step.number, "time": step.time, "first": self._first,
+            "size": self._schedule.size, "degree": space.degree, "dim": space.dim, "nodes": space.numbering.n_total,
+        })  # fmt: skip
+        file.create_dataset("node", (space.numbering.n_total,), np.int64)
+        file.create_dataset("displacement", (space.numbering.n_total, space.dim), np.float64)
+
+    def _rows(self, file, u):
+        """One rank after the other hands its rows to rank 0: memory for one more rank's rows is enough."""
+        space, comm = self._space, self._space.comm
+        keys = np.ascontiguousarray(_keys(space))
+        values = u.getArray(readonly=True).reshape(-1, space.dim).copy()
+        if comm.rank != 0:
+            comm.recv(source=0)
+            comm.Send(keys, dest=0)
+            comm.Send(values, dest=0)
+            return
+        failure = None
+        for rank in range(comm.size):
+            start, stop = space.numbering.ranges[rank : rank + 2]
+            if rank > 0:
+                keys, values = np.empty(stop - start, np.int64), np.empty((stop - start, space.dim))
+                comm.send(None, dest=rank)
+                comm.Recv(keys, source=rank)
+                comm.Recv(values, source=rank)
+            try:
+                if failure is None:
+                    file["node"][start:stop], file["displacement"][start:stop] = keys, values
+            except OSError as error:
+                # the other ranks still have to be heard
+                failure = error
+        if failure is not None:
+            raise failure
+
+
+def read_checkpoint(directory, space):
+    """State of an earlier run, on any number of ranks. *Collective.*
+
+    Parameters
+    ----------
+    directory : str or pathlib.Path
+        Holds checkpoint.h5.
+    space : pcontact.space.space.Space
+
+    Returns
+    -------
+    Resumed
+
+    Raises
+    ------
+    InputError
+        On every rank: there is no checkpoint, it is no checkpoint, or one of another mesh or degree.
+    """
+    path, message, resumed = Path(directory) / NAME, None, None
+    try:
+        with h5py.File(path, "r") as file:
+            message = _mismatch(path, dict(file.attrs), space)
+            if message is None:
+                head = file.attrs
+                values, found = _pick(file, _keys(space), space.dim)
+                resumed = Resumed(
+                    int(head["number"]), float(head["time"]), float(head["first"]), float(head["size"]), values
+                )
+                if found < len(values):
+                    message = f"{path}: found no row for {len(values) - found} nodes, allowed: one of this mesh"
+    except FileNotFoundError:
+        message = f"-restart {directory}: found no {NAME} there, allowed: the results of an earlier run"
+    except (OSError, KeyError) as error:
+        message = f"{path}: found no readable checkpoint ({error}), allowed: a file that pcontact wrote"
+    agree(space.comm, message)
+    return resumed
+
+
+def _mismatch(path, head, space):
+    """What forbids to continue from a checkpoint; None if nothing."""
+    wanted = {"version": VERSION, "dim": space.dim, "degree": space.degree, "nodes": space.numbering.n_total}
+    for key, value in wanted.items():
+        if head.get(key) != value:
+            return f"{path}: {key}: found {head.get(key)}, allowed: {value}, as in this run"
+    return None
+
+
+def _pick(file, keys, dim):
+    """Rows (n, d) of some nodes, and how many were there."""
+    values, order, found = np.zeros((len(keys), dim)), np.argsort(keys), 0
+    ordered = keys[order]
+    for start in range(0, file["node"].shape[0], ROWS):
+        nodes = file["node"][start : start + ROWS]
+        rows = file["displacement"][start : start + ROWS]
+        place = np.searchsorted(ordered, nodes)
+        here = place < len(ordered)
+        here[here] = ordered[place[here]] == nodes[here]
+        values[order[place[here]]] = rows[here]
+        found += int(here.sum())
+    return values, found
+

@@ -1,0 +1,242 @@
+"""Laws of friction: the projection and its derivative against plain numpy, what defines it, its kinks."""
+
+import numpy as np
+import pytest
+
+from pcontact.contact.laws import OPEN, SLIP, STICK, friction_law, project
+from pcontact.scene.model import Contact
+
+# keys of a contact, for tractions of about 1
+LAWS = {
+    "coulomb": {"friction": 0.3},
+    "steep": {"friction": 1.5},
+    "limit": {"friction": 0.3, "friction_limit": 0.4},
+    "adhesion": {"friction": 0.3, "adhesion": 0.2},
+    "all": {"friction": 0.3, "friction_limit": 0.5, "adhesion": 0.2},
+    "tresca": {"tresca": 0.6},
+}
+# projections onto a fixed convex set
+CONVEX = ["tresca"]
+
+
+def law_of(name):
+    return friction_law(Contact("a", "b", **LAWS[name]))
+
+
+def limit_of(name):
+    """Largest tangential traction."""
+    return LAWS[name].get("friction_limit", LAWS[name].get("tresca", np.inf))
+
+
+def numpy_projection(name, bilateral, normal, tau):
+    """P, D, status as they stand in FORMULATION 1.2 and 1.4."""
+    keys = LAWS[name]
+    nn = np.outer(normal, normal)
+    across = np.eye(len(normal)) - nn
+    tau_n, tau_t = tau @ normal, across @ tau
+    closed = bilateral or tau_n <= 0.0
+    pressure = max(-tau_n, 0.0)
+    if "tresca" in keys:
+        rho, growth = keys["tresca"], 0.0
+    elif not closed:
+        return np.zeros_like(tau), np.zeros_like(nn), OPEN
+    else:
+        free = keys.get("adhesion", 0.0) + keys["friction"] * pressure
+        rho = min(free, limit_of(name))
+        growth = keys["friction"] if free <= limit_of(name) and tau_n <= 0.0 else 0.0
+    push, h = (tau_n * normal, nn) if closed else (np.zeros_like(tau), np.zeros_like(nn))
+    length = np.linalg.norm(tau_t)
+    if length <= rho:
+        return push + tau_t, h + across, STICK
+    s = tau_t / length
+    d = h + rho / length * (across - np.outer(s, s)) - growth * np.outer(s, normal)
+    return push + rho * s, d, SLIP
+
+
+def compiled(name, bilateral, normal, tau):
+    """P, D, status of the compiled kernel, which must write all of its results."""
+    p, d = np.full_like(tau, np.nan), np.full((len(tau), len(tau)), np.nan)
+    status = project(law_of(name), bilateral, normal, tau, p, d)
+    return p, d, status
+
+
+def draws(d, n=300, seed=3):
+    """Random unit normals and tractions (n, d), tangential parts from far below to far above the bounds."""
+    rng = np.random.default_rng(seed)
+    normal = rng.normal(size=(n, d))
+    normal /= np.linalg.norm(normal, axis=1)[:, None]
+    tau = rng.normal(size=(n, d))
+    tau -= np.einsum("pd,pd->p", tau, normal)[:, None] * normal
+    tau *= (np.exp(rng.uniform(-3.0, 2.0, n)) / np.linalg.norm(tau, axis=1))[:, None]
+    return normal, tau + rng.normal(size=n)[:, None] * normal
+
+
+def split(normal, tau):
+    """Normal and tangential part."""
+    return tau @ normal, tau - (tau @ normal) * normal
+
+
+cases = pytest.mark.parametrize(
+    "name, bilateral, d", [(name, b, d) for name in LAWS for b in (False, True) for d in (2, 3)]
+)
+
+
+def test_rows_of_the_laws():
+    assert friction_law(Contact("a", "b")) is None
+    assert friction_law(Contact("a", "b", friction=0.0)) is None
+    assert friction_law(Contact("a", "b", friction=0.0, friction_limit=1.0)) is None
+    for name, row in {
+        "coulomb": [0.0, 0.3, np.inf, 0.0],
+        "limit": [0.0, 0.3, 0.4, 0.0],
+        "adhesion": [0.2, 0.3, np.inf, 0.0],
+        "all": [0.2, 0.3, 0.5, 0.0],
+        "tresca": [0.6, 0.0, 0.6, 1.0],
+    }.items():
+        law = law_of(name)
+        assert law.dtype == np.float64
+        np.testing.assert_array_equal(law, row)
+    sticky = friction_law(Contact("a", "b", friction=0.0, adhesion=0.2))
+    np.testing.assert_array_equal(sticky, [0.2, 0.0, np.inf, 0.0])
+
+
+@cases
+def test_projection_is_that_of_numpy(name, bilateral, d):
+    seen = set()
+    for normal, tau in zip(*draws(d), strict=True):
+        p, derivative, status = compiled(name, bilateral, normal, tau)
+        expected = numpy_projection(name, bilateral, normal, tau)
+        np.testing.assert_allclose(p, expected[0], atol=1e-14)
+        np.testing.assert_allclose(derivative, expected[1], atol=1e-13)
+        assert status == expected[2]
+        limited = np.linalg.norm(split(normal, p)[1]) > limit_of(name) * (1.0 - 1e-12)
+        seen.add((status, bool(tau @ normal > 0.0), bool(limited)))
+    assert {s for s, _, _ in seen} == ({STICK, SLIP} if bilateral or name == "tresca" else {OPEN, STICK, SLIP})
+    if name in ("limit", "all"):
+        assert {(SLIP, False, False), (SLIP, False, True)} <= seen
+    if name == "tresca":
+        assert {(s, tension) for s, tension, _ in seen} == {(s, t) for s in (STICK, SLIP) for t in (False, True)}
+    # without pressure nothing but adhesion holds
+    assert ((STICK, True, False) in seen) == (name == "tresca" or (bilateral and "adhesion" in LAWS[name]))
+
+
+@cases
+def test_derivative_is_that_of_differences(name, bilateral, d):
+    """Away from the kinks: where the derivative changes little between the two ends of the difference."""
+    h, n_compared = 1e-5, 0
+    for normal, tau in zip(*draws(d), strict=True):
+        derivative = compiled(name, bilateral, normal, tau)[1]
+        ends = [[compiled(name, bilateral, normal, tau + s * h * e) for s in (1, -1)] for e in np.eye(d)]
+        if max(np.abs(end[1] - derivative).max() for pair in ends for end in pair) > 1e-2:
+            continue
+        slope = np.column_stack([(plus[0] - minus[0]) / (2.0 * h) for plus, minus in ends])
+        np.testing.assert_allclose(derivative, slope, atol=1e-6)
+        n_compared += 1
+    assert n_compared > 250
+
+
+@cases
+def test_projection_is_the_closest_admissible_traction(name, bilateral, d):
+    """Bound respected; nothing admissible is closer; a projected traction stays where it is."""
+    law = LAWS[name]
+    rng = np.random.default_rng(8)
+    for normal, tau in zip(*draws(d), strict=True):
+        p, _, status = compiled(name, bilateral, normal, tau)
+        p_n, p_t = split(normal, p)
+        tau_n, tau_t = split(normal, tau)
+        assert p_n == pytest.approx(tau_n if bilateral else min(tau_n, 0.0), abs=1e-14)
+        if status == OPEN:
+            assert np.all(p == 0.0)
+            continue
+        if "tresca" in law:
+            rho = law["tresca"]
+        else:
+            rho = min(law.get("adhesion", 0.0) + law["friction"] * max(-p_n, 0.0), limit_of(name))
+        assert np.linalg.norm(p_t) <= rho + 1e-14
+        if status == STICK:
+            np.testing.assert_allclose(p_t, tau_t, atol=1e-14)
+        else:
+            assert np.linalg.norm(p_t) == pytest.approx(rho, abs=1e-14)
+            assert p_t @ tau_t == pytest.approx(np.linalg.norm(p_t) * np.linalg.norm(tau_t), abs=1e-13)
+        for _ in range(5):
+            other = split(normal, rng.normal(size=d))[1]
+            other *= rho * rng.random() / np.linalg.norm(other)
+            assert (tau_t - p_t) @ (other - p_t) <= 1e-14
+        np.testing.assert_allclose(compiled(name, bilateral, normal, p)[0], p, atol=1e-15)
+
+
+@cases
+def test_projection_does_not_expand(name, bilateral, d):
+    """|dP_T| <= |dtau_T| + F |dtau_n| on either side of opening; where the bound is fixed, firmly non-expansive."""
+    normals, tau = draws(d)
+    rng = np.random.default_rng(9)
+    factor = LAWS[name].get("friction", 0.0)
+    for normal, a in zip(normals, tau, strict=True):
+        b = a + rng.normal(size=d) * 10.0 ** rng.uniform(-3, 0)
+        (p, _, at_a), (q, _, at_b) = compiled(name, bilateral, normal, a), compiled(name, bilateral, normal, b)
+        step, change = b - a, q - p
+        if name in CONVEX:
+            assert change @ step >= change @ change - 1e-13
+        # an adhesion is lost at once when the point opens
+        if "adhesion" in LAWS[name] and OPEN in (at_a, at_b):
+            continue
+        (step_n, step_t), (change_n, change_t) = split(normal, step), split(normal, change)
+        assert abs(change_n) <= abs(step_n) + 1e-14
+        assert np.linalg.norm(change_t) <= np.linalg.norm(step_t) + factor * abs(step_n) + 1e-14
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_kinks(d):
+    """tau_n = 0 is closed, |tau_T| = rho sticks; numbers without rounding."""
+    normal, along, one = np.eye(d)[-1], np.eye(d)[0], np.eye(d)
+    nn = np.outer(normal, normal)
+    half = np.array([0.0, 0.5, np.inf, 0.0])
+    fixed = np.array([5.0, 0.0, 5.0, 1.0])
+    capped = np.array([0.0, 0.5, 5.0, 0.0])
+    p, derivative = np.empty(d), np.empty((d, d))
+
+    def at(law, tau, bilateral=False):
+        status = project(law, bilateral, normal, np.ascontiguousarray(tau), p, derivative)
+        assert np.all(np.isfinite(p)) and np.all(np.isfinite(derivative))
+        return status
+
+    for law in (half, fixed, capped):
+        # nothing at all: tied, so that the first tangent holds bodies that just touch
+        assert at(law, np.zeros(d)) == STICK
+        np.testing.assert_array_equal(p, 0.0)
+        np.testing.assert_array_equal(derivative, one)
+        # on the cone
+        tau = 5.0 * along - 10.0 * normal
+        assert at(law, tau) == STICK
+        np.testing.assert_array_equal(p, tau)
+        np.testing.assert_array_equal(derivative, one)
+        # no slip, under pressure
+        assert at(law, -3.0 * normal) == STICK
+        np.testing.assert_array_equal(derivative, one)
+    # no pressure, but a tangential traction: closed, slips, and none of it is left
+    for bilateral in (False, True):
+        assert at(half, 2.0 * along, bilateral) == SLIP
+        np.testing.assert_array_equal(p, 0.0)
+        np.testing.assert_array_equal(derivative, nn - 0.5 * np.outer(along, normal))
+    # at the limit: it counts as not yet limited
+    assert at(capped, 8.0 * along - 10.0 * normal) == SLIP
+    np.testing.assert_array_equal(p, 5.0 * along - 10.0 * normal)
+    turn = 5.0 / 8.0 * (one - nn - np.outer(along, along))
+    np.testing.assert_allclose(derivative, nn + turn - 0.5 * np.outer(along, normal), atol=1e-15)
+    # a fixed bound holds where the point is open, too
+    assert at(fixed, 3.0 * along + normal) == STICK
+    np.testing.assert_array_equal(p, 3.0 * along)
+    np.testing.assert_array_equal(derivative, one - nn)
+    assert at(half, 1e-300 * normal) == OPEN
+    np.testing.assert_array_equal(derivative, 0.0)
+
+
+def test_nothing_is_undefined_for_numbers_near_zero():
+    """Squares of tiny numbers vanish; lengths of zero divide nothing."""
+    normal = np.array([0.6, 0.0, 0.8])
+    values = [0.0, 1e-300, -1e-300, 1e-160, -1e-160, 1.0, -1.0]
+    for name in LAWS:
+        for a in values:
+            for b in values:
+                for bilateral in (False, True):
+                    p, derivative, _ = compiled(name, bilateral, normal, np.array([a, b, a]))
+                    assert np.all(np.isfinite(p)) and np.all(np.isfinite(derivative))
