@@ -221,6 +221,15 @@ def test_orientation_in_the_plane_and_in_space():
     np.testing.assert_allclose(r.xi, [[0.25, 0.25]] * 2)
 
 
+@pytest.mark.parametrize(("x", "gap"), [([1.002, -0.02], -0.02), ([1.05, -0.02], None), ([1.05, 0.02], 0.0539)])
+def test_beside_the_border_is_not_behind(x, gap):
+    """Beyond the end of a side: deep below and hardly beyond is behind it, far beyond is not, above is open."""
+    r = search(np.array([[[1.0, 0.0], [0.0, 0.0]]]), 0, [x], [[0.0, -1.0]])
+    assert (r.facet[0] >= 0) == (gap is not None)
+    if gap is not None:
+        assert r.gap[0] == pytest.approx(gap, rel=0.01)
+
+
 def test_straight_degree_2_facets_match_degree_1():
     rng = np.random.default_rng(5)
     for low, high in ((0, 1), (2, 3)):

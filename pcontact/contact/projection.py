@@ -15,7 +15,8 @@ point is outside, reversed when inside. The side is decided by the sum of the no
 the closest point, each weighted by its angle there (Baerentzen and Aanaes, IEEE TVCG 11, 2005). A point that
 touches (offset below 1e-9 of the facet size) gets the mean of those normals. A projection held at an edge
 counts only if no neighbour at that edge has a nearer point, accepted or not; one at the border of the surface
-has no neighbour, and is left to the facing rule.
+has no neighbour, and is left to the facing rule. A point inside whose offset leaves the cone of the normals at its
+closest point by more than some 25 degrees is not behind the surface but beside its border: it has no partner there.
 """
 
 from typing import NamedTuple

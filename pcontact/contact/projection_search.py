@@ -24,6 +24,7 @@ from pcontact.runtime.jit import njit_exact
 TIE = 1e-10  # of the facet size: distances that count as equal
 TOUCH = 1e-9  # of the facet size: offsets that have no direction, and how far over a border a point may hang
 SAME_POINT = 1e-6  # of the facet size: closest points of neighbours that count as one
+BEHIND = 0.9  # how far an offset that leads out of a body may leave the cone of the normals at its end (in cosines)
 ROUNDING = 1e-15  # of the largest coordinate: what a stored coordinate is worth
 # columns of the table of solved facets: distance, gap, reference coordinates, y - x (3), target normal (3),
 # contact normal (3), interior (0 or 1), angle at y, facet size, rounding length
@@ -59,7 +60,7 @@ def search_all(rays, tree, x_facets, kinds, ids, own, points, normals, radii, fa
                 _sort(group, n_group, leaves, tree.order, ids)
                 if not rays:
                     for i in range(n_group):
-                        _set_normal(found, group, n_group, found[group[i]])
+                        _set_normal(found, group, n_group, found[group[i]], facing > 0.0)
                 winner, ended = -1, False
                 for i in range(n_group):
                     slot = group[i]
@@ -309,13 +310,13 @@ def _is_passed_by(found, leaves, slot, count, tree, x_facets, kinds, x, p, nodes
 
 
 @njit_exact
-def _set_normal(found, group, count, row):
-    """Contact normal and gap of one facet of a group, see the head of `projection`."""
+def _set_normal(found, group, count, row, strict):
+    """Contact normal and gap of one facet of a group, see the head of `projection`; no normal: no partner."""
     touching = row[DISTANCE] <= TOUCH * row[SIZE] + row[SLACK]
     if row[INTERIOR] > 0.0 and not touching:
         n0, n1, n2 = -row[NY], -row[NY + 1], -row[NY + 2]
     else:
-        m0, m1, m2, same = 0.0, 0.0, 0.0, (SAME_POINT * row[SIZE] + row[SLACK]) ** 2
+        m0, m1, m2, same, cone = 0.0, 0.0, 0.0, (SAME_POINT * row[SIZE] + row[SLACK]) ** 2, 1.0
         for i in range(count):
             other = found[group[i]]
             c0, c1, c2 = other[R] - row[R], other[R + 1] - row[R + 1], other[R + 2] - row[R + 2]
@@ -323,11 +324,20 @@ def _set_normal(found, group, count, row):
                 w = other[ANGLE]
                 m0, m1, m2 = m0 + w * other[NY], m1 + w * other[NY + 1], m2 + w * other[NY + 2]
         length = np.sqrt(m0 * m0 + m1 * m1 + m2 * m2)
+        for i in range(count):
+            other = found[group[i]]
+            c0, c1, c2 = other[R] - row[R], other[R + 1] - row[R + 1], other[R + 2] - row[R + 2]
+            if c0 * c0 + c1 * c1 + c2 * c2 <= same:
+                cone = min(cone, m0 * other[NY] + m1 * other[NY + 1] + m2 * other[NY + 2])
         if not touching:
             # outside, the offset looks against the normals
-            inside = row[R] * m0 + row[R + 1] * m1 + row[R + 2] * m2 > 0.0
+            along = row[R] * m0 + row[R + 1] * m1 + row[R + 2] * m2
+            inside = along > 0.0
             length = -row[DISTANCE] if inside else row[DISTANCE]
             n0, n1, n2 = row[R] / length, row[R + 1] / length, row[R + 2] / length
+            if strict and inside and along < BEHIND * cone * row[DISTANCE]:
+                # out of the cone of the normals: below the border of the target but beside it, not behind it
+                n0, n1, n2 = 0.0, 0.0, 0.0
         elif length > 0.0:
             n0, n1, n2 = -m0 / length, -m1 / length, -m2 / length
         else:

@@ -28,13 +28,14 @@ class Terminal:
         """Print the step."""
         parts = [
             f"step {step.number}  time {step.time:.6g}  newton {step.newton}  krylov {step.krylov}  "
-            f"residual {step.residual:.2e}"
+            f"residual {step.residual:.2e}  imbalance {record['imbalance']:.1e}"
         ]
         for name, c in record["contacts"].items():
+            at = " ".join(f"{v + 0.0:.4g}" for v in c["deepest"])
             parts.append(
-                f"{name}: open {c['open']} stick {c['stick']} slip {c['slip']}  "
-                f"penetration {c['max_penetration']:.3e}  pressure {c['max_pressure']:.6g}  "
-                f"force {' '.join(f'{v:.6g}' for v in c['force'])}"
+                f"{name}: open {c['open']} stick {c['stick']} slip {c['slip']} flipped {c['flipped']}  "
+                f"penetration {c['max_penetration']:.3e} at ({at})  pressure {c['max_pressure']:.6g}  "
+                f"force {' '.join(f'{v + 0.0:.6g}' for v in c['force'])}"
             )
         log.info("%s", " | ".join(parts))
         self._progress.to(step.time)
@@ -42,8 +43,9 @@ class Terminal:
     def cut(self, target, outcome):
         """Print why."""
         log.info(
-            "step to time %.6g cut back: %s after %d iterations, residual %.3e from %.3e",
+            "step to time %.6g cut back: %s after %d iterations, residual %.3e from %.3e%s%s",
             target, outcome.reason, outcome.newton, outcome.residual, outcome.initial,
+            "; " if outcome.detail else "", outcome.detail,
         )  # fmt: skip
 
     def end(self, converged):

@@ -149,7 +149,7 @@ def from_meshio(mesh, path):
         tables.append(Table(block.type, block.dim, nodes, tags))
     tags = np.arange(1, len(points) + 1)
     file = FileMesh(points, tags, np.full(len(points), is_gmsh), tables, repeats=is_gmsh)
-    _sets(mesh, file)
+    _sets(mesh, file, path)
     _families(mesh, file)
     _numbers(mesh, file)
     if path.suffix.lower() in _EXODUS and not file.groups:
@@ -159,22 +159,27 @@ def from_meshio(mesh, path):
     return file
 
 
-def _sets(mesh, file):
+def _sets(mesh, file, path):
     """Named sets of cells and points. A set may mix dimensions."""
     for name, parts in mesh.cell_sets.items():
-        if name.startswith("gmsh:"):
+        if str(name).startswith("gmsh:"):
             continue
         for k, rows in enumerate(parts):
             if rows is not None and len(rows):
-                file.add(file.tables[k].dim, name, k, _rows(rows))
+                file.add(file.tables[k].dim, str(name), k, _rows(rows, len(file.tables[k].tags), name, path))
     for name, rows in mesh.point_sets.items():
         if len(rows):
-            file.point_groups[name] = _rows(rows)
+            file.point_groups[str(name)] = _rows(rows, len(file.points), name, path)
 
 
-def _rows(rows):
+def _rows(rows, bound, name, path):
     rows = np.asarray(rows).ravel()
-    return np.flatnonzero(rows) if rows.dtype == bool else rows.astype(np.int64)
+    rows = np.flatnonzero(rows) if rows.dtype == bool else rows.astype(np.int64)
+    if len(rows) and not 0 <= rows.min() <= rows.max() < bound:
+        raise InputError(
+            f'{path}: group "{name}" refers to what is not in the file; allowed: nodes and elements of the file'
+        )
+    return rows
 
 
 def _families(mesh, file):

@@ -27,6 +27,8 @@ class Outcome:
     reason : str
     residual, initial : float
         Last and first norm of the residual [force].
+    detail : str
+        Of a solve that did not converge: where the residual is largest, and which pairs were changing.
     """
 
     converged: bool
@@ -35,6 +37,7 @@ class Outcome:
     reason: str
     residual: float
     initial: float
+    detail: str = ""
 
 
 class Newton:
@@ -184,4 +187,16 @@ class Newton:
             reason=REASONS.get(reason, str(reason)),
             residual=self.norms[-1] if self.norms else float("nan"),
             initial=self.norms[0] if self.norms else float("nan"),
+            detail="" if reason > 0 else self._detail(),
         )
+
+    def _detail(self):
+        """What a user should look at. *Collective.*"""
+        value, point, body = self.problem.worst(self._f)
+        parts = [f"largest residual {value:.3e} at {np.array2string(point, precision=4)} in body {body}"]
+        for item in self.problem.items[1:]:
+            last = np.array(([0, 0, 0] + item.flips)[-3:])
+            last = item.space.comm.allreduce(last)
+            if last.any():
+                parts.append(f"contact {item.name}: {last[0]}, {last[1]}, {last[2]} points changed in the last iterations")
+        return "; ".join(parts)

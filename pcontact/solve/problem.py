@@ -114,6 +114,46 @@ class Problem:
         total.setArray(bulk.magnitude(u).ravel())
         return np.finfo(float).eps * total.norm()
 
+    def worst(self, f):
+        """Where a residual vector is largest. *Collective.*
+
+        Parameters
+        ----------
+        f : PETSc.Vec
+
+        Returns
+        -------
+        value : float
+            [force]
+        point : ndarray (d,)
+            Reference position [length].
+        body : str
+        """
+        space, mesh = self.space, self.space.mesh
+        size = np.linalg.norm(f.getArray(readonly=True).reshape(-1, space.dim), axis=1)
+        size = np.where(np.isfinite(size), size, np.inf)
+        own, k = (-1.0, None, ""), int(np.argmax(size)) if len(size) else -1
+        if k >= 0:
+            node = space.owned_local[k]
+            own = (float(size[k]), space.points[node], mesh.component_names[space.component[node]])
+        return max(space.comm.allgather(own), key=lambda entry: entry[0])
+
+    def imbalance(self, record):
+        """Sum of all forces on the bodies, relative to the largest of them [1]. *Collective.*
+
+        Parameters
+        ----------
+        record : dict
+            With ``reactions`` and ``contacts`` of a step.
+        """
+        applied = self.space.comm.allreduce(self.external(self.time).sum(axis=0))
+        obstacles = {item.name for item in self.items[1:] if item.rigid}
+        forces = [np.asarray(force) for force in record["reactions"].values()]
+        forces += [-np.asarray(pair["force"]) for name, pair in record["contacts"].items() if name in obstacles]
+        inner = [np.asarray(pair["force"]) for pair in record["contacts"].values()]
+        largest = max(float(np.linalg.norm(force)) for force in [applied, *forces, *inner])
+        return float(np.linalg.norm(applied + sum(forces))) / largest if largest > 0.0 else 0.0
+
     def reactions(self, u):
         """Support forces that the surroundings exert, by region. *Collective.*
 

@@ -43,7 +43,7 @@ class Recorder:
             As in ``report.json``.
         """
         problem = self._problem
-        return {
+        record = {
             "time": step.time,
             "newton": step.newton,
             "krylov": step.krylov,
@@ -53,6 +53,7 @@ class Recorder:
             "probes": {name: self._probe(nodes, u) for name, nodes in self._probes.items()},
             "plastic": {"max_equivalent_strain": 0.0, "yielded_volume": 0.0},
         }
+        return {**record, "imbalance": problem.imbalance(record)}
 
     def _probe(self, nodes, u):
         space = self._problem.space

@@ -118,7 +118,8 @@ class Stepper:
             if not self.schedule.cut(target):
                 raise StepFailure(
                     f"the step from time {self.schedule.time:.6g} to {target:.6g} did not converge ({outcome.reason}, "
-                    f"residual {outcome.residual:.3e} after {outcome.newton} iterations, first {outcome.initial:.3e})"
+                    f"residual {outcome.residual:.3e} after {outcome.newton} iterations, first {outcome.initial:.3e}"
+                    f"{'; ' if outcome.detail else ''}{outcome.detail})"
                 )
 
     def _attempt(self, target, before):
