@@ -316,7 +316,7 @@ def _set_normal(found, group, count, row, strict):
     if row[INTERIOR] > 0.0 and not touching:
         n0, n1, n2 = -row[NY], -row[NY + 1], -row[NY + 2]
     else:
-        m0, m1, m2, same, cone = 0.0, 0.0, 0.0, (SAME_POINT * row[SIZE] + row[SLACK]) ** 2, 1.0
+        m0, m1, m2, same, cone = 0.0, 0.0, 0.0, (SAME_POINT * row[SIZE] + row[SLACK]) ** 2, np.inf
         for i in range(count):
             other = found[group[i]]
             c0, c1, c2 = other[R] - row[R], other[R + 1] - row[R + 1], other[R + 2] - row[R + 2]

@@ -5,9 +5,6 @@ Groups keep their names; a group that has only a number is called "point_5", "cu
 "volume_3", after the dimension of its elements. A name may stand for groups of several dimensions.
 """
 
-import importlib
-import io
-from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
 
 import numpy as np
@@ -19,31 +16,15 @@ from pcontact.mesh.gmsh_reader import available, read_gmsh
 from pcontact.mesh.groups import (
     KINDS,
     Block,
-    FileMesh,
     RawMesh,
-    Table,
     cell_groups,
-    default_name,
     facet_multiplicity,
     lower_groups,
 )
-from pcontact.runtime import log
+from pcontact.mesh.meshio_reader import from_meshio, read_meshio
 from pcontact.runtime.errors import InputError
 
 __all__ = ["Block", "RawMesh", "complete", "components", "facet_multiplicity", "from_meshio", "read_mesh"]
-
-# cell data that number groups, by format
-_TAG_KEYS = (
-    "gmsh:physical",
-    "medit:ref",
-    "nastran:ref",
-    "avsucd:material",
-    "netgen:index",
-    "su2:tag",
-    "ugrid:ref",
-    "tetgen:ref",
-)
-_EXODUS = (".e", ".exo", ".ex2")
 
 
 def read_mesh(path):
@@ -74,139 +55,8 @@ def read_mesh(path):
     if path.suffix.lower() == ".msh" and available():
         file = read_gmsh(path)
     if file is None:
-        file = from_meshio(_read_meshio(path), path)
+        file = from_meshio(read_meshio(path), path)
     return _build(file, path)
-
-
-def _read_meshio(path):
-    """What meshio makes of a file; its messages go to the log, its failures become an InputError."""
-    suffix = path.suffix.lower()
-    try:
-        # a tenth of a second that a gmsh file does not need
-        meshio = importlib.import_module("meshio")
-    except ModuleNotFoundError as error:
-        raise InputError(f'{path}: reading this file needs the Python package "{error.name}"') from None
-    known = sorted(meshio.extension_to_filetypes)
-    if not any(path.name.lower().endswith(extension) for extension in known):
-        raise InputError(f'{path}: found the unknown mesh file type "{suffix}"; allowed: {", ".join(known)}')
-    said = io.StringIO()
-    try:
-        with redirect_stdout(said), redirect_stderr(said):
-            mesh = meshio.read(path)
-    except ModuleNotFoundError as error:
-        allowed = "another file type, or that package installed"
-        raise InputError(f'{path}: needs the Python package "{error.name}"; allowed: {allowed}') from None
-    except (Exception, SystemExit) as error:  # meshio's readers fail in any way, and end the program
-        reason = said.getvalue() if isinstance(error, SystemExit) else f"{type(error).__name__}: {error}"
-        reason = " ".join(reason.split()) or "no reason given"
-        raise InputError(
-            f"{path}: cannot be read as {suffix}: {reason}; allowed: a complete file of that type"
-        ) from None
-    if said.getvalue().strip():
-        log.debug("%s: %s", path, " ".join(said.getvalue().split()))
-    return mesh
-
-
-def from_meshio(mesh, path):
-    """Elements and groups of a mesh of meshio's.
-
-    Groups come from cell and point sets, from the families of MED files, and from cell data that number
-    groups (named by the field data where these know the number).
-
-    Parameters
-    ----------
-    mesh : meshio.Mesh
-    path : Path
-
-    Returns
-    -------
-    FileMesh
-        Elements and nodes are numbered from 1 in the order of the file: meshio does not keep its numbers.
-
-    Raises
-    ------
-    InputError
-        There are no nodes, or an element refers to one that does not exist.
-    """
-    if not np.size(mesh.points):
-        raise InputError(f"{path}: the file holds no nodes; allowed: nodes and cells")
-    points = np.zeros((len(mesh.points), 3))
-    points[:, : mesh.points.shape[1]] = mesh.points
-    is_gmsh = path.suffix.lower() == ".msh"
-    tables, first = [], 1
-    for block in mesh.cells:
-        tags = np.arange(first, first + len(block))
-        first += len(block)
-        ragged = block.type.startswith("polyhedron")
-        nodes = np.zeros((len(block), 0), np.int64) if ragged else np.asarray(block.data).astype(np.int64)
-        lost = np.argwhere((nodes < 0) | (nodes >= len(points)))
-        if len(lost):
-            row, column = lost[0]
-            raise InputError(
-                f"{path}: element {tags[row]} ({block.type}) refers to node {nodes[row, column] + 1}; "
-                f"allowed: the {len(points)} nodes of the file"
-            )
-        tables.append(Table(block.type, block.dim, nodes, tags))
-    tags = np.arange(1, len(points) + 1)
-    file = FileMesh(points, tags, np.full(len(points), is_gmsh), tables, repeats=is_gmsh)
-    _sets(mesh, file, path)
-    _families(mesh, file)
-    _numbers(mesh, file)
-    if path.suffix.lower() in _EXODUS and not file.groups:
-        # the blocks of such a file are its bodies, but meshio drops their names
-        for k, table in enumerate(tables):
-            file.add(table.dim, default_name(table.dim, k + 1), k, np.arange(len(table.tags)))
-    return file
-
-
-def _sets(mesh, file, path):
-    """Named sets of cells and points. A set may mix dimensions."""
-    for name, parts in mesh.cell_sets.items():
-        if str(name).startswith("gmsh:"):
-            continue
-        for k, rows in enumerate(parts):
-            if rows is not None and len(rows):
-                file.add(file.tables[k].dim, str(name), k, _rows(rows, len(file.tables[k].tags), name, path))
-    for name, rows in mesh.point_sets.items():
-        if len(rows):
-            file.point_groups[str(name)] = _rows(rows, len(file.points), name, path)
-
-
-def _rows(rows, bound, name, path):
-    rows = np.asarray(rows).ravel()
-    rows = np.flatnonzero(rows) if rows.dtype == bool else rows.astype(np.int64)
-    if len(rows) and not 0 <= rows.min() <= rows.max() < bound:
-        raise InputError(
-            f'{path}: group "{name}" refers to what is not in the file; allowed: nodes and elements of the file'
-        )
-    return rows
-
-
-def _families(mesh, file):
-    """Groups of a MED file: each cell and point has a family, and a family is in any number of groups."""
-    for family, names in getattr(mesh, "cell_tags", {}).items():
-        for k, values in enumerate(mesh.cell_data.get("cell_tags", [])):
-            rows = np.flatnonzero(values == family)
-            for name in names if len(rows) else ():
-                file.add(file.tables[k].dim, name, k, rows)
-    for family, names in getattr(mesh, "point_tags", {}).items():
-        rows = np.flatnonzero(mesh.point_data.get("point_tags", np.zeros(0)) == family)
-        for name in names if len(rows) else ():
-            file.point_groups[name] = np.union1d(file.point_groups.get(name, rows), rows)
-
-
-def _numbers(mesh, file):
-    """Groups that cell data give by number; 0 means no group."""
-    names = {(int(v[1]), int(v[0])): name for name, v in mesh.field_data.items() if np.size(v) == 2}
-    file.declared = [(dim, name) for (dim, _), name in names.items()]
-    keys = _TAG_KEYS if hasattr(mesh, "cell_tags") else (*_TAG_KEYS, "cell_tags")
-    for key in keys:
-        for k, values in enumerate(mesh.cell_data.get(key, [])):
-            dim, values = file.tables[k].dim, np.ravel(values)
-            chosen = np.isfinite(values) & (values != 0) & (values == np.round(values))
-            for value in np.unique(values[chosen]):
-                name = names.get((dim, int(value)), default_name(dim, int(value)))
-                file.add(dim, name, k, np.flatnonzero(values == value))
 
 
 def _build(file, path):

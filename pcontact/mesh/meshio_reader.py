@@ -1,0 +1,167 @@
+"""Reading of mesh files through meshio: every format but gmsh's, and that one too where gmsh is missing."""
+
+import importlib
+import io
+from contextlib import redirect_stderr, redirect_stdout
+
+import numpy as np
+
+from pcontact.element.reference import n_nodes
+from pcontact.mesh.groups import KINDS, FileMesh, Table, default_name
+from pcontact.runtime import log
+from pcontact.runtime.errors import InputError
+
+# cell data that number groups, by format
+_TAG_KEYS = (
+    "gmsh:physical",
+    "medit:ref",
+    "nastran:ref",
+    "avsucd:material",
+    "netgen:index",
+    "su2:tag",
+    "ugrid:ref",
+    "tetgen:ref",
+)
+_EXODUS = (".e", ".exo", ".ex2")
+_INCOMPLETE = {"quad8": 8, "hexahedron20": 20}  # nodes of cells that are filled up later
+_INSTALL = "another file type, or that package installed"
+
+
+def read_meshio(path):
+    """What meshio makes of a file; its messages go to the log, its failures become an InputError."""
+    suffix = path.suffix.lower()
+    try:
+        # a tenth of a second that a gmsh file does not need
+        meshio = importlib.import_module("meshio")
+    except ModuleNotFoundError as error:
+        raise InputError(f'{path}: needs the Python package "{error.name}"; allowed: {_INSTALL}') from None
+    known = sorted(meshio.extension_to_filetypes)
+    if not any(path.name.lower().endswith(extension) for extension in known):
+        raise InputError(f'{path}: found the unknown mesh file type "{suffix}"; allowed: {", ".join(known)}')
+    said = io.StringIO()
+    try:
+        with redirect_stdout(said), redirect_stderr(said):
+            mesh = meshio.read(path)
+    except ModuleNotFoundError as error:
+        raise InputError(f'{path}: needs the Python package "{error.name}"; allowed: {_INSTALL}') from None
+    except (Exception, SystemExit) as error:  # meshio's readers fail in any way, and end the program
+        reason = said.getvalue() if isinstance(error, SystemExit) else f"{type(error).__name__}: {error}"
+        reason = " ".join(reason.split()) or "no reason given"
+        raise InputError(
+            f"{path}: cannot be read as {suffix}: {reason}; allowed: a complete file of that type"
+        ) from None
+    if said.getvalue().strip():
+        log.debug("%s: %s", path, " ".join(said.getvalue().split()))
+    return mesh
+
+
+def from_meshio(mesh, path):
+    """Elements and groups of a mesh of meshio's.
+
+    Groups come from cell and point sets, from the families of MED files, and from cell data that number
+    groups (named by the field data where these know the number).
+
+    Parameters
+    ----------
+    mesh : meshio.Mesh
+    path : Path
+
+    Returns
+    -------
+    FileMesh
+        Elements and nodes are numbered from 1 in the order of the file: meshio does not keep its numbers.
+
+    Raises
+    ------
+    InputError
+        There are no nodes, or an element refers to one that does not exist.
+    """
+    if not np.size(mesh.points):
+        raise InputError(f"{path}: the file holds no nodes; allowed: nodes and cells")
+    points = np.zeros((len(mesh.points), 3))
+    points[:, : mesh.points.shape[1]] = mesh.points
+    is_gmsh = path.suffix.lower() == ".msh"
+    tables, first = [], 1
+    for block in mesh.cells:
+        tags = np.arange(first, first + len(block))
+        first += len(block)
+        tables.append(Table(block.type, block.dim, _nodes(block, tags, len(points), path), tags))
+    tags = np.arange(1, len(points) + 1)
+    file = FileMesh(points, tags, np.full(len(points), is_gmsh), tables, repeats=is_gmsh)
+    _sets(mesh, file, path)
+    _families(mesh, file)
+    _numbers(mesh, file)
+    if path.suffix.lower() in _EXODUS and not file.groups:
+        # the blocks of such a file are its bodies, but meshio drops their names
+        for k, table in enumerate(tables):
+            file.add(table.dim, default_name(table.dim, k + 1), k, np.arange(len(table.tags)))
+    return file
+
+
+def _nodes(block, tags, n_points, path):
+    """Nodes (n, k) of a block of elements of meshio's, checked."""
+    if block.type.startswith("polyhedron"):
+        return np.zeros((len(block), 0), np.int64)
+    nodes = np.asarray(block.data)
+    width = _INCOMPLETE.get(block.type) or (n_nodes(*KINDS[block.type]) if block.type in KINDS else nodes.shape[-1])
+    if nodes.shape != (len(block), width):
+        raise InputError(f"{path}: elements of type {block.type} lack nodes; allowed: {width} nodes each")
+    nodes = nodes.astype(np.int64)
+    lost = np.argwhere((nodes < 0) | (nodes >= n_points))
+    if len(lost):
+        row, column = lost[0]
+        raise InputError(
+            f"{path}: element {tags[row]} ({block.type}) refers to node {nodes[row, column] + 1}; "
+            f"allowed: the {n_points} nodes of the file"
+        )
+    return nodes
+
+
+def _sets(mesh, file, path):
+    """Named sets of cells and points. A set may mix dimensions."""
+    for name, parts in mesh.cell_sets.items():
+        if str(name).startswith("gmsh:"):
+            continue
+        for k, rows in enumerate(parts):
+            if rows is not None and len(rows):
+                file.add(file.tables[k].dim, str(name), k, _rows(rows, len(file.tables[k].tags), name, path))
+    for name, rows in mesh.point_sets.items():
+        if len(rows):
+            file.point_groups[str(name)] = _rows(rows, len(file.points), name, path)
+
+
+def _rows(rows, bound, name, path):
+    rows = np.asarray(rows).ravel()
+    rows = np.flatnonzero(rows) if rows.dtype == bool else rows.astype(np.int64)
+    if len(rows) and not 0 <= rows.min() <= rows.max() < bound:
+        raise InputError(
+            f'{path}: group "{name}" refers to what is not in the file; allowed: nodes and elements of the file'
+        )
+    return rows
+
+
+def _families(mesh, file):
+    """Groups of a MED file: each cell and point has a family, and a family is in any number of groups."""
+    for family, names in getattr(mesh, "cell_tags", {}).items():
+        for k, values in enumerate(mesh.cell_data.get("cell_tags", [])):
+            rows = np.flatnonzero(values == family)
+            for name in names if len(rows) else ():
+                file.add(file.tables[k].dim, name, k, rows)
+    for family, names in getattr(mesh, "point_tags", {}).items():
+        rows = np.flatnonzero(mesh.point_data.get("point_tags", np.zeros(0)) == family)
+        for name in names if len(rows) else ():
+            file.point_groups[name] = np.union1d(file.point_groups.get(name, rows), rows)
+
+
+def _numbers(mesh, file):
+    """Groups that cell data give by number; 0 means no group."""
+    names = {(int(v[1]), int(v[0])): name for name, v in mesh.field_data.items() if np.size(v) == 2}
+    file.declared = [(dim, name) for (dim, _), name in names.items()]
+    keys = _TAG_KEYS if hasattr(mesh, "cell_tags") else (*_TAG_KEYS, "cell_tags")
+    for key in keys:
+        for k, values in enumerate(mesh.cell_data.get(key, [])):
+            dim, values = file.tables[k].dim, np.ravel(values)
+            chosen = np.isfinite(values) & (values != 0) & (values == np.round(values))
+            for value in np.unique(values[chosen]):
+                name = names.get((dim, int(value)), default_name(dim, int(value)))
+                file.add(dim, name, k, np.flatnonzero(values == value))
