@@ -30,9 +30,12 @@ Options (they win over the scene; the scene's [petsc] table wins over the progra
   -contact_quadrature N                            degree of the quadrature on source facets
   -contact_search closest_point|ray_tracing        how a source point finds its partner
   -contact_formulation nitsche                     formulation, all pairs
+  -contact_alpha X                                 tangential over normal Nitsche parameter, all pairs with friction
   -mesh_order 1|2                                  degree of the displacement
   -steps_count N, -steps_min X                     load steps to start with, smallest load step
   -output_fields true|false                        fields of every step
+  -restart DIR, -checkpoint_every N                go on from the checkpoint in DIR; load steps between two checkpoints
+  -pc_patience N                                   Krylov iterations a preconditioner may lose before it is renewed
   -partition_weight X                              work of a contact facet in units of a cell's, in the partition
   -snes_monitor, -snes_rtol X, -snes_linesearch_type bt|cp|basic|l2, -ksp_type, -pc_type gamg|hypre|ml|lu, ...
                                                    any option of PETSc; -help with a scene lists them

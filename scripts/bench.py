@@ -1,9 +1,9 @@
 """What contact costs: a ball on a block against one linear elastic solve on the same mesh, in the same run.
 
-    mpirun -n 2 python scripts/bench.py [--unknowns 200000] [--theta 0] [-o bench_results] [any option]
+    mpirun -n 2 python scripts/bench.py [--unknowns 200000] [--theta 0] [--friction 0.3] [any option]
 
 Both solves use the same Krylov method and preconditioner; the elastic one (body forces, no contact) goes to a relative
-tolerance of 1e-8. Prints ratios, writes bench.json.
+tolerance of 1e-8. With friction, the same press is solved with and without it. Prints ratios, writes bench.json.
 """
 
 import numpy as np
@@ -16,7 +16,7 @@ from pcontact.scene.model import Body, Contact, Displacement, Load, Material, Me
 from pcontact.simulation import Simulation
 
 
-def scene(mesh, theta, contact):
+def scene(mesh, theta, contact, friction=None):
     """The ball on the block, in contact or (the reference) under body forces."""
     result = Scene(
         mesh=MeshSpec(mesh),
@@ -31,7 +31,7 @@ def scene(mesh, theta, contact):
         output=Output(fields=False),
     )
     if contact:
-        result.contacts = [Contact("ball_skin", "block_top", name="ball-block", theta=theta)]
+        result.contacts = [Contact("ball_skin", "block_top", name="ball-block", theta=theta, friction=friction)]
     else:
         result.loads = [Load(region, body_force=[0.3, -0.2, 1.0]) for region in ("ball", "block")]
         result.petsc = {"ksp_rtol": "1e-8", "snes_type": "ksponly"}
@@ -71,6 +71,21 @@ def run(description):
     return result
 
 
+def ratios(rows):
+    """What the comparison is about, from the rows of the table."""
+    contact = rows["contact"]
+    result = {
+        "contact_to_elastic": contact["solve"] / rows["elastic"]["linear"],
+        "assembly_share_of_run": contact["assembly"] / contact["total"],
+        "search_share_of_run": contact["search"] / contact["total"],
+        "assembly_share_of_solve": contact["assembly"] / contact["solve"],
+        "search_share_of_solve": contact["search"] / contact["solve"],
+    }
+    if "friction" in rows:
+        result["friction_to_frictionless"] = rows["friction"]["solve"] / contact["solve"]
+    return result
+
+
 def compare(args):
     """The comparison. Returns the exit status."""
     unknowns = 5000 if args.tiny else args.unknowns
@@ -83,25 +98,18 @@ def compare(args):
     options.setValue("ksp_type", contact["ksp"])
     if contact["ksp"] != "cg":
         options.setValue("ksp_pc_side", "right")
-    elastic = run(scene(mesh, args.theta, False))
-    result = {
-        "ranks": comm.size,
-        "triad_gb_per_s": triad(comm),
-        "elastic": elastic,
-        "contact": contact,
-        "ratios": {
-            "contact_to_elastic": contact["solve"] / elastic["linear"],
-            "assembly_share_of_run": contact["assembly"] / contact["total"],
-            "search_share_of_run": contact["search"] / contact["total"],
-            "assembly_share_of_solve": contact["assembly"] / contact["solve"],
-            "search_share_of_solve": contact["search"] / contact["solve"],
-        },
-    }
+    rows = {"elastic": run(scene(mesh, args.theta, False)), "contact": contact}
+    for name in ("ksp_type", "ksp_pc_side"):
+        options.delValue(name)
+    if args.friction:
+        run(scene(mesh, args.theta, True, args.friction))
+        rows["friction"] = run(scene(mesh, args.theta, True, args.friction))
+    result = {"ranks": comm.size, "triad_gb_per_s": triad(comm), **rows, "ratios": ratios(rows)}
     log.info("")
     columns = ("unknowns", "newton", "krylov", "setup", "search", "assembly", "linear", "solve", "total")
     log.info("%-9s" + " %9s" * len(columns), "", *columns)
-    for name in ("elastic", "contact"):
-        cells = [f"{v:9d}" if isinstance(v, int) else f"{v:9.3f}" for v in (result[name][c] for c in columns)]
+    for name, row in rows.items():
+        cells = [f"{v:9d}" if isinstance(v, int) else f"{v:9.3f}" for v in (row[c] for c in columns)]
         log.info("%-9s %s", name, " ".join(cells))
     log.info("%s + %s, %d ranks, triad %.1f GB/s", contact["ksp"], contact["pc"], comm.size, result["triad_gb_per_s"])
     shares = {key: 100.0 * value for key, value in result["ratios"].items() if "share" in key}
@@ -109,6 +117,8 @@ def compare(args):
     log.info(
         "assembly %.1f %%, search %.1f %% of the run; %.1f %%, %.1f %% of the contact solve", *shares.values()
     )
+    if args.friction:
+        log.info("with friction %g / without: %.2f", args.friction, result["ratios"]["friction_to_frictionless"])
     write_json(args.o / "bench.json", result)
     return 0
 
@@ -117,4 +127,5 @@ if __name__ == "__main__":
     PARSER = make_parser(__doc__, "bench_results")
     PARSER.add_argument("--unknowns", type=int, default=200_000)
     PARSER.add_argument("--theta", type=float, default=0.0)
+    PARSER.add_argument("--friction", type=float, default=0.0)
     main(compare, PARSER)

@@ -2,8 +2,8 @@
 
 Notation of every kernel, one row per quadrature point p on facet f = facet[p]:
 
-* jump  [[u]] = u(X) - u(Y),  gap  g = g0 - [[u]] . n,  slip  D_T = (I - n n)([[u]] - w) with w the jump at the end of the
-  last load step on the same pair of points, plus what a rigid obstacle has moved since
+* jump  [[u]] = u(X) - u(Y),  gap  g = g0 - [[u]] . n,  slip  D_T = (I - n n)([[u]] - w) with w the jump at the end of
+  the last load step on the same pair of points, plus what a rigid obstacle has moved since
 * traction of the source  t = sigma(u) n_X,  T[v] = sigma(v) n_X
 * G = gamma (n n + alpha (I - n n)),  augmented traction  tau = t + gamma g n - alpha gamma D_T,  P = project(tau)
 
@@ -11,8 +11,8 @@ Notation of every kernel, one row per quadrature point p on facet f = facet[p]:
     tangent    K  = int [[v]] . D (G [[w]] - T[w]) - theta T[v] . G^-1 (D G [[w]] + (I - D) T[w]),   D = dP/dtau
 
 as in Chouly, Mlika, Renard (2018), with the matrix G^-1 as the weight of the adjoint term, so that theta = 1 stays
-symmetric when alpha is not 1. A point without partner has P = 0. ``cells`` and ``targets`` hold numbers into ``u`` (n, d);
-a pair with an obstacle has targets of width 0.
+symmetric when alpha is not 1. A point without partner has P = 0. ``cells`` and ``targets`` hold numbers into ``u``
+(n, d); a pair with an obstacle has targets of width 0.
 """
 
 import numpy as np

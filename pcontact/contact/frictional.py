@@ -16,7 +16,7 @@ class FrictionalItem(ContactItem):
 
     Parameters
     ----------
-    law : ndarray (4,)
+    law : ndarray (3,)
         See `pcontact.contact.laws`.
     alpha : float
         Tangential over normal Nitsche parameter [1].
@@ -35,7 +35,8 @@ class FrictionalItem(ContactItem):
             self._before += self.target.moved(self.time, time)
 
     def _couples(self, closed):
-        return self.pairing.paired & (closed | (self.law[3] > 0.0))
+        # a bound that does not follow the pressure acts wherever there is a partner
+        return self.pairing.paired & (closed | (self.law[1] == 0.0))
 
     def _jump(self, values):
         p, source = self.pairing, self.source

@@ -1,14 +1,14 @@
 """Laws of friction: the bound of the tangential traction, and the projection on what the law admits.
 
-A law is one row of numbers ``(base, coefficient, limit, always)``. The bound at an augmented pressure p = [-tau_n]_+ is
+A law is one row of numbers ``(base, coefficient, limit)``. The bound follows the normal part of the augmented traction,
 
-    rho(p) = min(base + coefficient p, limit)
+    rho(tau_n) = base - coefficient tau_n,   at least 0 and at most the limit
 
-where the point is closed, and zero where it is open. With ``always`` the bound holds at open points too.
-
-* Coulomb: (0, F, inf, 0); with a cap s: (0, F, s, 0); with an adhesion c that no load asks for: (c, F, s, 0).
-* Tresca: (s, 0, s, 1). The bound holds on the whole surface, as in the literature; a bound that ended where the point
-  opens would make the traction jump.
+* Coulomb: (0, F, inf); with a cap s: (0, F, s).
+* Coulomb with an adhesion c that no load asks for: (c, F, s), Mohr's straight line. It ends in tension, at tau_n = c / F,
+  where a point has opened by a small part of its facet: a bound that ended with the pressure would make the traction jump
+  when a point opens, and some problems would have no solution.
+* Tresca: (s, 0, s). The bound holds on the whole surface, as in the literature.
 
 A further law is a further form of :func:`bound`, with its derivative; nothing else knows of it.
 """
@@ -21,7 +21,7 @@ OPEN, STICK, SLIP = 0, 1, 2
 
 
 def friction_law(contact):
-    """The row of numbers (4,) of a contact's law; None where it is frictionless.
+    """The row of numbers (3,) of a contact's law; None where it is frictionless.
 
     Parameters
     ----------
@@ -29,26 +29,26 @@ def friction_law(contact):
 
     Returns
     -------
-    ndarray (4,) or None
-        base [stress], coefficient [1], limit [stress], always [0 or 1].
+    ndarray (3,) or None
+        base [stress], coefficient [1], limit [stress].
     """
     if contact.tresca:
-        return np.array([contact.tresca, 0.0, contact.tresca, 1.0])
+        return np.array([contact.tresca, 0.0, contact.tresca])
     if contact.friction or contact.adhesion:
         limit = np.inf if contact.friction_limit is None else contact.friction_limit
-        return np.array([contact.adhesion or 0.0, contact.friction, limit, 0.0])
+        return np.array([contact.adhesion or 0.0, contact.friction, limit])
     return None
 
 
 @njit
-def bound(law, tau_n, closed):
+def bound(law, tau_n):
     """The bound rho of the tangential traction, and its derivative with respect to tau_n."""
-    if not closed and law[3] == 0.0:
+    rho = law[0] - law[1] * tau_n
+    if rho < 0.0:
         return 0.0, 0.0
-    rho = law[0] - law[1] * min(tau_n, 0.0)
     if rho > law[2]:
         return law[2], 0.0
-    return rho, -law[1] if tau_n <= 0.0 else 0.0
+    return rho, -law[1]
 
 
 @njit
@@ -57,7 +57,7 @@ def project(law, bilateral, normal, tau, traction, derivative):
 
     Parameters
     ----------
-    law : ndarray (4,)
+    law : ndarray (3,)
     bilateral : bool
         No separation.
     normal, tau : ndarray (d,)
@@ -80,8 +80,8 @@ def project(law, bilateral, normal, tau, traction, derivative):
     for i in range(d):
         length += (tau[i] - tau_n * normal[i]) ** 2
     length = np.sqrt(length)
-    rho, slope = bound(law, tau_n, closed)
-    tangential = closed or law[3] > 0.0
+    rho, slope = bound(law, tau_n)
+    tangential = closed or rho > 0.0
     stick = tangential and length <= rho
     push = tau_n if closed else 0.0
     along = closed * 1.0

@@ -6,8 +6,8 @@ from pcontact.runtime.errors import InputError
 from pcontact.runtime.petsc import PETSc, option_used
 
 KINDS = {str: "a word", int: "an integer", float: "a number", bool: "true | false"}
-# PETSc's error codes for arguments that are wrong or out of range, unknown types, missing factorisations
-OPTION_FAULTS = (62, 63, 86, 92)
+# PETSc's error codes: arguments that are wrong or out of range, names that are not known, missing factorisations
+OPTION_FAULTS = (62, 63, 83, 86, 92)
 
 
 class Options:

@@ -125,6 +125,23 @@ def keep_preconditioner(snes, keep):
     _check(_lib.SNESSetLagPreconditioner(ctypes.c_void_p(snes.handle), lag), "SNESSetLagPreconditioner")
 
 
+def forget_pattern(ksp):
+    """Have the preconditioner of a Krylov method take its matrix for a new one at its next set-up.
+
+    Parameters
+    ----------
+    ksp : PETSc.KSP
+        Its operators must be set again before it is used (SNES does so after every Jacobian).
+
+    Notes
+    -----
+    A preconditioner knows a new pattern by a counter of the matrix. Since about 3.19 that counter starts at the same
+    number whenever a distributed matrix is preallocated again, and factorisations and products of the old pattern
+    would be filled with the new values, beyond their ends.
+    """
+    ksp.getPC().setOperators(None, None)
+
+
 def reset_partitioner():
     """Make the graph partitioner forget earlier calls, whose random numbers PT-Scotch would continue."""
     reset = getattr(_lib, "SCOTCH_randomReset", None)

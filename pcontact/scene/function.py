@@ -1,9 +1,9 @@
 """Functions that a scene names as "FILE.py:NAME", and the watch over what they return."""
 
-import importlib.util
 import traceback
 from collections.abc import Callable
 from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 
@@ -113,10 +113,11 @@ def _load(scene, key, reference, vector):
         return Watched(reference, scene.where, key, name, vector)
     file, _, name = reference.rpartition(":")
     path = scene.folder / file
-    spec = importlib.util.spec_from_file_location(path.stem, path)
-    module = importlib.util.module_from_spec(spec)
+    module = ModuleType(path.stem)
+    module.__file__ = str(path)
     try:
-        spec.loader.exec_module(module)
+        # an import would leave compiled code beside the scene, and several ranks would write it
+        exec(compile(path.read_bytes(), str(path), "exec"), vars(module))
     except (Exception, SystemExit) as error:  # whatever the user's file raises is a fault of the input
         found = f"{reference!r}, the file stops with {type(error).__name__}: {error}"
         raise input_error(scene.where, key, found, "a Python file that can be imported") from error

@@ -3,6 +3,8 @@
 
 import numpy as np
 
+from pcontact.runtime.petsc import forget_pattern
+
 
 class Reuse:
     """Decides when the preconditioner is set up again: when Krylov needs more iterations than a fresh one would.
@@ -50,7 +52,9 @@ def refresh_smoother(ksp, matrix):
     """
     pc = ksp.getPC()
     if pc.getType() in ("gamg", "ml", "mg"):
-        pc.getMGSmoother(pc.getMGLevels() - 1).setOperators(matrix, matrix)
+        smoother = pc.getMGSmoother(pc.getMGLevels() - 1)
+        forget_pattern(smoother)
+        smoother.setOperators(matrix, matrix)
 
 
 def solver_defaults(symmetric, mumps):

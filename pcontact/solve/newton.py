@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pcontact.runtime.petsc import PETSc, keep_preconditioner, line_search_limit
+from pcontact.runtime.petsc import PETSc, forget_pattern, keep_preconditioner, line_search_limit
 from pcontact.solve.linear import Reuse, refresh_smoother, solver_defaults
 
 REASONS = {
@@ -109,7 +109,10 @@ class Newton:
 
     def _tangent(self, snes, x, matrix, preconditioner):
         start = clock.perf_counter()
+        changes = self.problem.pattern_changes
         self.problem.tangent(x)
+        if self.problem.pattern_changes != changes:
+            forget_pattern(snes.getKSP())
         self.timing["assembly"] += clock.perf_counter() - start
         if self._reuse is not None:
             keep = self._reuse.keep(snes.getKSP())

@@ -139,7 +139,7 @@ class Problem:
         return max(space.comm.allgather(own), key=lambda entry: entry[0])
 
     def imbalance(self, record):
-        """Sum of all forces on the bodies, relative to the largest of them [1]. *Collective.*
+        """Sum of all forces on the bodies, and the largest of them [force]. *Collective.*
 
         Parameters
         ----------
@@ -152,7 +152,7 @@ class Problem:
         forces += [-np.asarray(pair["force"]) for name, pair in record["contacts"].items() if name in obstacles]
         inner = [np.asarray(pair["force"]) for pair in record["contacts"].values()]
         largest = max(float(np.linalg.norm(force)) for force in [applied, *forces, *inner])
-        return float(np.linalg.norm(applied + sum(forces))) / largest if largest > 0.0 else 0.0
+        return float(np.linalg.norm(applied + sum(forces))), largest
 
     def reactions(self, u):
         """Support forces that the surroundings exert, by region. *Collective.*
