@@ -18,7 +18,7 @@ root=${BASH_SOURCE[0]%/*}
 [[ $root == "${BASH_SOURCE[0]}" ]] && root=.
 root=$(cd "$root/.." && pwd -P)
 
-apt_packages=(python3-petsc4py-real python3-mpi4py python3-h5py-mpi python3-venv openmpi-bin
+apt_packages=(python3-petsc4py-real python3-mpi4py python3-h5py python3-h5py-mpi python3-venv openmpi-bin
               libgl1 libglu1-mesa libxcursor1 libxinerama1 libxft2 libxrender1)   # the lib* are for gmsh
 modules=(numba gmsh meshio h5py matplotlib tqdm pytest ruff importlinter)         # import-linter's module
 petsc_glob=/usr/lib/petscdir/petsc*/*-real/lib/python3/dist-packages/petsc4py
@@ -187,7 +187,8 @@ install_packages() {
 import sys
 from importlib.util import find_spec
 
-wanted = [name for name in sys.argv[1:] if find_spec(name) is None]
+# a directory without __init__.py is found too; it is what Debian 13 leaves of an h5py that is installed by half
+wanted = [name for name in sys.argv[1:] if getattr(find_spec(name), "origin", None) is None]
 # what `pip install -e` builds with
 if find_spec("setuptools") is None:
     wanted.append("setuptools")
@@ -228,7 +229,7 @@ set_up() {
     fi
     python=$prefix/bin/python3
     install_packages
-    quietly "$python" -c 'import numba, gmsh, meshio, h5py, matplotlib, petsc4py, mpi4py' ||
+    quietly "$python" -c 'import numba, gmsh, meshio, h5py, matplotlib, petsc4py, mpi4py; h5py.File' ||
         fail "the set-up is not complete (above)"
     write_stamp
     say "done"

@@ -19,14 +19,16 @@ TIMEOUT = 60
 
 def environment():
     """That of a fresh shell: nothing of the MPI job that the tests may run in."""
-    job = re.compile("PMIX_|PRTE_(?!MCA_rmaps)|OMPI_COMM_|OPAL_")
-    keep = {k: v for k, v in os.environ.items() if not job.match(k)}
+    keep = {
+        k: v for k, v in os.environ.items() if not k.startswith(("PMIX_", "PRTE_", "OMPI_COMM_", "OPAL_"))
+    }
     keep["PYTHONPATH"] = os.pathsep.join([str(ROOT), *filter(None, [keep.get("PYTHONPATH")])])
     return {
         **keep,
         "OMPI_ALLOW_RUN_AS_ROOT": "1",
         "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1",
         "OMPI_MCA_rmaps_base_oversubscribe": "1",
+        "PRTE_MCA_rmaps_default_mapping_policy": ":oversubscribe",  # the same for Open MPI 5
         "OMP_NUM_THREADS": "1",
     }
 

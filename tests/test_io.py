@@ -1,5 +1,6 @@
 """The files a run leaves: fields, history, report, and the fields read back."""
 
+import base64
 import csv
 import json
 import math
@@ -147,6 +148,15 @@ def test_a_resumed_run_keeps_the_steps_before_it(shared_tmp):
     )
 
 
+def meshio_reads_raw_data():
+    """meshio joins base64 texts with their padding, which newer versions of Python no longer stop at."""
+    try:
+        return base64.b64decode("QQ==QUJD") == b"A"
+    except ValueError:
+        return False
+
+
+@pytest.mark.skipif(not meshio_reads_raw_data(), reason="meshio's reader of raw data fails with this Python")
 def test_meshio_reads_the_pieces(tmp_path):
     FieldWriter(tmp_path, MPI.COMM_SELF).write(1, 1.0, square_piece())
     mesh = meshio.read(tmp_path / "fields" / "bodies_000001_0000.vtu")

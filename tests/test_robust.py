@@ -107,7 +107,7 @@ def test_held_by_friction_alone(shared_tmp, run, theta, dim):
 @pytest.mark.parametrize("friction", [0.3, 0.9, 1.5])
 @pytest.mark.parametrize("theta", THETAS)
 def test_exactly_on_the_kink(shared_tmp, run, theta, friction):
-    """Matching blocks that touch with no force for two steps, then are pressed: all points at the vertex of the cone."""
+    """Matching blocks that touch with no force for two steps, then are pressed: points at the vertex of the cone."""
     on_root(blocks_file, shared_tmp / "b.msh", "quadrilateral", 4, 4)
     press = Displacement("upper_top", ["free", -0.01], [(0, 0), (0.5, 0), (1, 1)])
     pair = Contact("upper_bottom", "lower_top", friction=friction, theta=theta, name="pair")
@@ -160,7 +160,8 @@ def _counts(record):
 def test_steps_ten_times_too_large(shared_tmp, run, theta):
     """One step instead of ten, with a search radius that only admits a tenth: cut back, then grown again."""
     on_root(one_block, shared_tmp / "b.msh", 2, 6)
-    floor = Contact("bottom", obstacle=plane([0, -0.5], [0, 1]), name="floor", friction=0.9, theta=theta, search_radius=0.15)
+    law = {"friction": 0.9, "theta": theta, "search_radius": 0.15}
+    floor = Contact("bottom", obstacle=plane([0, -0.5], [0, 1]), name="floor", **law)
     drop = Displacement("top", [0.1, -0.52])
     records, cuts = run(scene(shared_tmp / "b.msh", [floor], displacements=[drop]))
     sizes = np.diff([0.0, *(r["time"] for r in records)])

@@ -5,9 +5,9 @@ A law is one row of numbers ``(base, coefficient, limit)``. The bound follows th
     rho(tau_n) = base - coefficient tau_n,   at least 0 and at most the limit
 
 * Coulomb: (0, F, inf); with a cap s: (0, F, s).
-* Coulomb with an adhesion c that no load asks for: (c, F, s), Mohr's straight line. It ends in tension, at tau_n = c / F,
-  where a point has opened by a small part of its facet: a bound that ended with the pressure would make the traction jump
-  when a point opens, and some problems would have no solution.
+* Coulomb with an adhesion c that no load asks for: (c, F, s), Mohr's straight line. It ends in tension, at
+  tau_n = c / F, where a point has opened by a small part of its facet: a bound that ended with the pressure would make
+  the traction jump when a point opens, and some problems would have no solution.
 * Tresca: (s, 0, s). The bound holds on the whole surface, as in the literature.
 
 A further law is a further form of :func:`bound`, with its derivative; nothing else knows of it.

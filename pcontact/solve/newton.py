@@ -146,7 +146,7 @@ class Newton:
         return reasons.ITERATING
 
     def _renew_preconditioner(self):
-        """A load step is solved alike whatever came before it, as in a restarted run: GAMG remembers even when reset."""
+        """A load step is solved alike whatever came before it, as in a restarted run; a reset GAMG remembers."""
         pc = PETSc.PC().create(comm=self.problem.space.comm)
         pc.setOptionsPrefix(self.snes.getOptionsPrefix())
         self.snes.getKSP().reset()
@@ -201,5 +201,6 @@ class Newton:
             last = np.array(([0, 0, 0] + item.flips)[-3:])
             last = item.space.comm.allreduce(last)
             if last.any():
-                parts.append(f"contact {item.name}: {last[0]}, {last[1]}, {last[2]} points changed in the last iterations")
+                counts = ", ".join(str(n) for n in last)
+                parts.append(f"contact {item.name}: {counts} points changed in the last iterations")
         return "; ".join(parts)
