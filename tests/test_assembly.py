@@ -398,13 +398,13 @@ def test_conflicting_supports_are_refused_on_every_rank(both):
     d = space.dim
     first = Displacement("lower_bottom", [0.0] * d)
     with pytest.raises(
-        InputError, match=r"displacements\[1\].*left.*component 0.*displacements\[0\].*allowed"
+        InputError, match=r"displacements\[1\].*left.*direction 0.*displacements\[0\].*allowed"
     ) as info:
         supports_of(space, first, Displacement("left", [0.1] + ["free"] * (d - 1)))
     assert len(set(WORLD.allgather(str(info.value)))) == 1
     # the same value twice is no conflict, another history of the same value is
     supports_of(space, first, Displacement("left", [0.0] * d))
-    with pytest.raises(InputError, match="component 0 differs"):
+    with pytest.raises(InputError, match="in direction 0 at the point"):
         supports_of(
             space,
             Displacement("lower_bottom", [1.0] * d),
