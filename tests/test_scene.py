@@ -674,6 +674,9 @@ def test_gradient_that_misbehaves(tmp_path):
     _, gradient = obstacle_functions(built(tmp_path, contacts=[Contact("a", obstacle=obstacle)]), 0)
     key = "contacts[0] (a-level_set).obstacle.gradient: found '<lambda>'"
     refused(lambda: gradient(np.ones((3, 2)), 0.0), key, "shape (3,)", "a gradient per point", "(3, 2)")
+    obstacle.gradient = lambda x, t: 0 * x
+    _, gradient = obstacle_functions(built(tmp_path, contacts=[Contact("a", obstacle=obstacle)]), 0)
+    refused(lambda: gradient(np.ones((3, 2)), 0.0), key, "zero at all 3 points", "free space")
 
 
 # ---------------------------------------------------------------- numerics: command line, scene, default

@@ -36,6 +36,11 @@ def has_package(name):
 # option for the longest step of a line search
 line_search_limit = "snes_linesearch_maxlambda" if version >= (3, 24) else "snes_linesearch_maxstep"
 
+# reason of SNES for a residual that is not finite; the name changed between 3.22 and 3.26
+diverged_nan = getattr(PETSc.SNES.ConvergedReason, "DIVERGED_FNORM_NAN", None) or (
+    PETSc.SNES.ConvergedReason.DIVERGED_FUNCTION_NANORINF
+)
+
 
 def _check(code, what):
     if code != 0:

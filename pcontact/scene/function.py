@@ -94,6 +94,9 @@ class Watched:
             point = ", ".join(f"{c:g}" for c in x[bad[0]])
             first = np.array2string(value[bad[0]], separator=", ")
             raise self._error(f"the value {first} at the point ({point}) {at}", "finite numbers")
+        # on a ridge of the distance it may vanish, but not at every point
+        if self.vector and len(x) > 1 and not value.any():
+            raise self._error(f"zero at all {len(x)} points {at}", "a gradient, which points into free space")
         return value
 
     def _error(self, found, allowed):
