@@ -120,7 +120,7 @@ def contact_items(scene, space, constants, free):
     edges : set of (int, int)
         Pairs of components.
     """
-    items, edges = [], set()
+    items, edges, touching = [], set(), set()
     for number, contact in enumerate(scene.contacts):
         source = source_surface(space, contact.source, constants, contact.quadrature)
         sides = [_components(space, source)]
@@ -134,6 +134,7 @@ def contact_items(scene, space, constants, free):
             target = RigidObstacle(
                 obstacle, amplitude(obstacle.amplitude, scene.steps.end), size_of(space.mesh), functions
             )
+        touching.update(*sides)
         floats = bool(set().union(*sides) & set(free))
         radius = _radius(space, contact, floats)
         if space.dim == 2 and contact.target is not None:
@@ -143,6 +144,9 @@ def contact_items(scene, space, constants, free):
             items.append(ContactItem(space, contact, source, target, radius, floats))
         else:
             items.append(FrictionalItem(space, contact, source, target, radius, law, contact.alpha, floats))
+    for k in sorted(set(free) - touching):
+        name = space.mesh.component_names[k]
+        log.warning("body %s: no contact pair can hold the %d rigid modes that no support holds", name, free[k])
     return items, edges
 
 

@@ -229,7 +229,7 @@ def test_what_cannot_be_continued(mesh, shared_tmp):
         (shared_tmp / "broken" / NAME).write_bytes(b"no such thing")
     WORLD.Barrier()
     for path, place, said in (
-        (other, out, "nodes: found 49, allowed: 36"),
+        (other, out, "nodes: found 49; allowed: 36"),
         (mesh, shared_tmp / "nowhere", "found no checkpoint.h5 there"),
         (mesh, shared_tmp / "broken", "found no readable checkpoint"),
     ):

@@ -93,7 +93,7 @@ class Checkpoint:
         try:
             result = function(*args)
         except OSError as error:
-            message = f"{self.path}: cannot be written ({error.strerror or error}), allowed: a place to write to"
+            message = f"{self.path}: cannot be written ({error.strerror or error}); allowed: a place to write to"
         agree(self._space.comm, message)
         return result
 
@@ -184,11 +184,11 @@ def read_checkpoint(directory, space):
                     int(head["number"]), float(head["time"]), float(head["first"]), float(head["size"]), values
                 )
                 if found < len(values):
-                    message = f"{path}: found no row for {len(values) - found} nodes, allowed: one of this mesh"
+                    message = f"{path}: found no row for {len(values) - found} nodes; allowed: one of this mesh"
     except FileNotFoundError:
-        message = f"-restart {directory}: found no {NAME} there, allowed: the results of an earlier run"
+        message = f"-restart {directory}: found no {NAME} there; allowed: the results of an earlier run"
     except (OSError, KeyError) as error:
-        message = f"{path}: found no readable checkpoint ({error}), allowed: a file that pcontact wrote"
+        message = f"{path}: found no readable checkpoint ({error}); allowed: a file that pcontact wrote"
     agree(space.comm, message)
     return resumed
 
@@ -198,7 +198,7 @@ def _mismatch(path, head, space):
     wanted = {"version": VERSION, "dim": space.dim, "degree": space.degree, "nodes": space.numbering.n_total}
     for key, value in wanted.items():
         if head.get(key) != value:
-            return f"{path}: {key}: found {head.get(key)}, allowed: {value}, as in this run"
+            return f"{path}: {key}: found {head.get(key)}; allowed: {value}, as in this run"
     return None
 
 
