@@ -9,7 +9,11 @@ the flat side, free to move along x, so Q is known beforehand and P is measured;
 equal material). The closed form is evaluated for this P, and for the P = 10 that the displacement was chosen for.
 
 A step counts as slip the whole tangential motion of a pair of points, also of one that it closes. Curved surfaces that
-close turn into a common tangent, so pressing in few steps leaves tractions that the closed form does not have.
+close turn into a common tangent, so pressing in few steps leaves tractions that the closed form does not have: c is 5 %
+off after one step, 0.5 % after ten.
+
+With cells of degree 1 the stress is constant in a cell, and where the edge of the stick zone falls is known to a facet.
+c therefore comes from a fit inside the stick zone, and the variation of the profile is that of the facets' means.
 """
 
 from pathlib import Path
@@ -23,9 +27,9 @@ from pcontact.runtime.errors import InputError
 from pcontact.scene.model import Body, Contact, Displacement, Load, Material, MeshSpec, Output, Scene, Steps
 
 CASE = CASES["cylinders"]
-WIDTH = 16.0  # of the flat side
 SHEAR = 0.05851  # traction along the flat side [stress]
-DISPLACEMENT = -0.18801  # of the upper flat side: P = 10 on the default mesh
+FORCE = 16.0 * SHEAR  # on the whole side [force / length]
+DISPLACEMENT = -0.18817  # of the upper flat side: P = 10 on the default mesh
 THETAS = (1.0, 0.0, -1.0)
 OPEN, STICK, SLIP = 0, 1, 2
 
@@ -58,10 +62,10 @@ def closed_form(x: np.ndarray, load: float, shear: float, mu: float) -> tuple[fl
 
 
 def make_scene(mesh: Path, args, theta: float) -> Scene:
-    """The scene; `args` has order, mu, press, hold, steps, gamma0, fields. Time counts the steps."""
-    pressed, begin, end = args.press, args.press + args.hold, args.press + args.hold + args.steps
-    down = [[0.0, 0.0], [float(pressed), 1.0], [float(end), 1.0]]
-    along = [[0.0, 0.0], [float(begin), 0.0], [float(end), 1.0]]
+    """The scene; `args` has order, mu, gamma0, displacement, press, steps, fields. Time counts the steps."""
+    pressed, end = float(args.press), float(args.press + args.steps)
+    down = [[0.0, 0.0], [pressed, 1.0], [end, 1.0]]
+    along = [[0.0, 0.0], [pressed, 0.0], [end, 1.0]]
     return Scene(
         mesh=MeshSpec(mesh, order=args.order),
         materials={"elastic": Material(CASE.E, CASE.nu)},
@@ -72,7 +76,7 @@ def make_scene(mesh: Path, args, theta: float) -> Scene:
             Displacement("upper_flat", [FREE, args.displacement], down),
         ],
         loads=[Load("upper_flat", traction=[SHEAR, 0.0], amplitude=along)],
-        steps=Steps(end=float(end), count=end),
+        steps=Steps(end=end, count=args.press + args.steps),
         output=Output(fields=args.fields),
         # Coulomb's law is not monotone: the critical point that suits contact without friction is no measure of a step
         petsc={"snes_linesearch_type": "bt"},
@@ -114,7 +118,8 @@ def points_of(simulation) -> dict[str, np.ndarray] | None:
         ``x``, ``tangential`` (against the shear that acts on the source) and ``pressure`` [stress], ``status``,
         ``weight``, ``facet`` (a number per facet).
     """
-    comm, item = simulation.comm, simulation.problem.items[1]
+    comm = simulation.comm
+    item = next(item for item in simulation.problem.items if hasattr(item, "state"))
     state, facet = item.state(simulation.stepper.u), item.source.facet
     before = comm.scan(len(item.source.size)) - len(item.source.size)
     # the tangent that is normal to n = (0, -1) is (1, 0)
@@ -148,8 +153,12 @@ def stick_fit(points: dict[str, np.ndarray], mu: float) -> tuple[float, float]:
     c, middle : float
         [length]; not a number where nothing sticks.
     """
-    radius = 0.5 * points["weight"][points["status"] == STICK].sum()
-    inner = np.abs(points["x"]) < INNER * radius
+    sticks = points["status"] == STICK
+    radius = 0.5 * points["weight"][sticks].sum()
+    if radius == 0.0:
+        return float("nan"), float("nan")
+    about = np.average(points["x"][sticks], weights=points["weight"][sticks])
+    inner = np.abs(points["x"] - about) < INNER * radius
     if inner.sum() < 4:
         return float("nan"), float("nan")
     square = (mu * points["pressure"] - points["tangential"])[inner] ** 2
@@ -159,7 +168,7 @@ def stick_fit(points: dict[str, np.ndarray], mu: float) -> tuple[float, float]:
 
 
 def edge_traction(points: dict[str, np.ndarray], c: float, a: float) -> float:
-    """Traction at the edges of the stick zone, from the profile tau^2 of the slip zones, linear in x^2, at abs(x) = c."""
+    """Traction at abs(x) = c, the edges of the stick zone, from tau^2 of the slip zones, which is linear in x^2."""
     r = np.abs(points["x"])
     slips = (points["status"] == SLIP) & (r > c) & (r < INNER * a)
     if slips.sum() < 3:
@@ -176,16 +185,15 @@ def variation(values: np.ndarray) -> float:
 def measure(points: dict[str, np.ndarray], load: float, mu: float) -> dict[str, float]:
     """What is compared with the closed form for P = `load`."""
     weight, status = points["weight"], points["status"]
-    shear = SHEAR * WIDTH
     radius = 0.5 * weight[status > OPEN].sum()
     a, p0 = fit(np.abs(points["x"]), points["pressure"], weight, radius)
     c, middle = stick_fit(points, mu)
     means = facet_means(points)
     ratios = {}
     for name, values in (("points", points), ("facets", means)):
-        exact = closed_form(values["x"], load, shear, mu)[2]
+        exact = closed_form(values["x"], load, FORCE, mu)[2]
         ratios[f"variation_{name}"] = variation(values["tangential"]) / variation(exact)
-    c_exact, edge_exact, _ = closed_form(means["x"], load, shear, mu)
+    c_exact, edge_exact, _ = closed_form(means["x"], load, FORCE, mu)
     a_hertz, p0_hertz = CASE.from_force(load)
     return {
         "a_fit": a, "a_hertz": a_hertz, "p0_fit": p0, "p0_hertz": p0_hertz,
@@ -201,8 +209,9 @@ def solve(mesh: Path, args, theta: float, directory: Path | None = None) -> tupl
     Returns
     -------
     result : dict
-        See `measure`; ``load`` is P, ``applied`` and ``force`` the shear that acts on the flat side and that goes through
-        the contact, ``balance`` their relative difference, ``steps`` the history, ``newton`` the iterations of each step.
+        See `measure`; ``load`` is P, ``applied`` and ``force`` the shear that acts on the flat side and that goes
+        through the contact, ``balance`` their relative difference, ``steps`` the history, ``newton`` the iterations
+        of each step.
     points : dict or None
         See `points_of`.
     converged : bool
@@ -212,7 +221,7 @@ def solve(mesh: Path, args, theta: float, directory: Path | None = None) -> tupl
         points = points_of(simulation)
         last = history.steps[-1] if history.steps else {"force": [np.nan, np.nan], "reaction": [np.nan, np.nan]}
         result = {"theta": theta, "unknowns": simulation.problem.space.n_dofs, "steps": history.steps}
-        result.update(load=-last["reaction"][1], force=last["force"][0], applied=SHEAR * WIDTH)
+        result.update(load=-last["reaction"][1], force=last["force"][0], applied=FORCE)
         result["newton"] = [step["newton"] for step in history.steps]
         result["balance"] = abs(result["force"] / result["applied"] - 1.0)
         if converged:
@@ -241,7 +250,7 @@ def report(rows: list[dict], args) -> None:
                       " ".join(map(str, steps[:shear])), " ".join(map(str, steps[shear:]))])  # fmt: skip
     header = ["theta", "unknowns", "a", "of Hertz", "p0", "of Hertz", "Newton, pressing", "Newton, shear"]
     print_table("pressure, iterations", header, table)
-    c, edge, _ = closed_form(np.zeros(1), CASE.force, SHEAR * WIDTH, args.mu)
+    c, edge, _ = closed_form(np.zeros(1), CASE.force, FORCE, args.mu)
     log.info("closed form for P = %g: c = %.6f, traction at its edge %.6f", CASE.force, c, edge)
 
 
@@ -252,9 +261,10 @@ def plot(path: Path, rows: list[dict], profiles: list[dict | None], mu: float) -
         colours, marks = ("#c8553d", "#2f6690", "#588b3f"), (".", "x", "+")
         x = np.linspace(-1.3, 1.3, 2001) * rows[0]["a_hertz"]
         load = rows[0]["load"]
-        axes.plot(x, closed_form(x, load, SHEAR * WIDTH, mu)[2], color="#1c2733", lw=1, label="closed form")
+        axes.plot(x, closed_form(x, load, FORCE, mu)[2], color="#1c2733", lw=1, label="closed form")
         a, p0 = CASE.from_force(load)
-        axes.plot(x, mu * p0 * np.sqrt(np.maximum(1.0 - (x / a) ** 2, 0.0)), "--", color="#8a949c", lw=0.8, label="mu p")
+        bound = mu * p0 * np.sqrt(np.maximum(1.0 - (x / a) ** 2, 0.0))
+        axes.plot(x, bound, "--", color="#8a949c", lw=0.8, label="mu p")
         for row, points, colour, mark in zip(rows, profiles, colours, marks, strict=False):
             near = np.abs(points["x"]) < 1.3 * a
             label = f"theta = {row['theta']:g}"
@@ -276,14 +286,14 @@ def check(args) -> None:
     least = SHEAR / CASE.pressure
     if not args.mu > least:
         raise InputError(f"command line: --mu: found {args.mu}, allowed: more than q / p = {least:.6g}")
-    for name, smallest in (("press", 1), ("hold", 0), ("steps", 1)):
+    for name, smallest in (("press", 1), ("steps", 1)):
         found = getattr(args, name)
         if found < smallest:
             raise InputError(f"command line: --{name}: found {found}, allowed: at least {smallest}")
     if args.h is None:
         args.h = CASE.half_width / (11.0 if args.tiny else 22.0)
     if args.tiny:
-        args.press, args.steps = min(args.press, 4), min(args.steps, 2)
+        args.press, args.steps = min(args.press, 2), 1
 
 
 def generate(path: Path, args) -> Path:
@@ -305,7 +315,7 @@ def run(args) -> int:
     if rows:
         report(rows, args)
         plot(args.o / "traction.png", rows, profiles, args.mu)
-    keep = ("h", "order", "mu", "gamma0", "press", "hold", "steps", "displacement")
+    keep = ("h", "order", "mu", "gamma0", "displacement", "press", "steps")
     write_json(args.o / "cattaneo_mindlin.json", {**{key: getattr(args, key) for key in keep}, "variants": rows})
     return 0 if good else 1
 
@@ -320,8 +330,7 @@ def make_options():
     add("--gamma0", type=float, help="dimensionless Nitsche parameter")
     add("--mu", type=float, default=0.2, help="coefficient of friction (0.2)")
     add("--displacement", type=float, default=DISPLACEMENT, help="of the upper flat side (that of P = 10)")
-    add("--press", type=int, default=8, help="steps that press (8)")
-    add("--hold", type=int, default=1, help="steps after them, which renew the search (1)")
+    add("--press", type=int, default=10, help="steps that press (10)")
     add("--steps", type=int, default=5, help="steps that shear (5)")
     add("--fields", action="store_true", help="write fields, for pcontact view and ParaView")
     return parser

@@ -48,9 +48,7 @@ def bound(keys, normal, area):
     return min(force, keys.get("friction_limit", np.inf) * area)
 
 
-def scene(
-    path, dim, keys, drag=0.002, hold="pressure", count=40, guided=True, fields=False, petsc=None, **contact
-):
+def scene(path, dim, keys, drag=0.002, hold="pressure", count=40, guided=True, fields=False, petsc=None, **contact):
     """The scene on a mesh of :func:`make`.
 
     Parameters

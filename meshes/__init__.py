@@ -9,6 +9,7 @@ from .beam import beam
 from .blocks import one_block, overclosed_cubes, two_blocks
 from .disk_on_block import disk_on_block
 from .hertz import ball_on_block, cylinder_on_block, cylinders, two_balls
+from .ironing import ironing
 from .rings import rings
 
 GENERATORS = {
@@ -24,6 +25,7 @@ GENERATORS = {
         cylinder_on_block,
         two_balls,
         ball_on_block,
+        ironing,
     )
 }
 

@@ -35,6 +35,7 @@ CORNERS = {
 }
 ROUND = {"upper": "upper_skin upper_flat", "lower": "lower_skin lower_flat"}
 BLOCK = "block_top block_bottom block_sides"
+FOOT = "slab_top slab_bottom slab_sides indenter_top indenter_skin indenter_sides"
 
 # name, arguments, bodies, groups of facets that make up the whole boundary
 CASES = [
@@ -108,6 +109,9 @@ CASES = [
         "ball block",
         "ball_skin ball_top symmetry_x symmetry_y " + BLOCK,
     ),
+    ("ironing", {"h": 0.2}, "slab indenter", FOOT),
+    ("ironing", {"dim": 3, "h": 0.3}, "slab indenter", FOOT),
+    ("ironing", {"dim": 3, "h": 0.4, "cell": "tetrahedron"}, "slab indenter", FOOT),
 ]
 IDS = [f"{name}-{k}" for k, (name, *_) in enumerate(CASES)]
 
@@ -236,6 +240,8 @@ def test_ring_meshes_do_not_match(read):
         ("two_balls", {"h": 6.0}, "upper_skin", (0, 0, 50), 50),
         ("two_balls", {"h": 6.0}, "lower_skin", (0, 0, -50), 50),
         ("ball_on_block", {"h": 0.15}, "ball_skin", (0, 0, 1), 1),
+        ("ironing", {"h": 0.2, "cell": "triangle"}, "indenter_skin", (0, 1, 0), 1),
+        ("ironing", {"dim": 3, "h": 0.3}, "indenter_skin", (0, 0, 1), 1),
     ],
 )
 def test_degree_two_nodes_lie_on_the_curve(read, name, arguments, group, centre, radius):

@@ -7,7 +7,6 @@ from drivers import slider
 from drivers._common import make_mesh
 from meshes import one_block
 from pcontact.runtime.petsc import MPI
-from pcontact.scene.model import Load, Steps
 from pcontact.simulation import Simulation
 
 WORLD, SELF = MPI.COMM_WORLD, MPI.COMM_SELF
@@ -27,7 +26,8 @@ class Watch(slider.Loop):
     def step(self, step, u, record):
         super().step(step, u, record)
         state = self.simulation.problem.items[1].state(u)
-        across = state["traction"] - np.einsum("pd,pd->p", state["traction"], state["normal"])[:, None] * state["normal"]
+        traction, normal = state["traction"], state["normal"]
+        across = traction - np.einsum("pd,pd->p", traction, normal)[:, None] * normal
         row = self.rows[-1]
         row["rubbed"] = self.comm.allreduce(float(np.sum(np.linalg.norm(across, axis=1) * state["weight"])))
         row["support"] = record["reactions"].get("top")
@@ -92,17 +92,13 @@ def test_slides_with_much_friction(tmp_path, dim, theta):
 @pytest.mark.parametrize("theta", [1.0, 0.0, -1.0])
 @pytest.mark.parametrize("hold", ["pressure", "flat"])
 def test_sliding_friction_is_mu_times_what_presses(tmp_path, hold, theta):
-    """In space with free sides, that bulge: the sizes of the tractions add up to mu N, the directions come later."""
+    """In space with free sides, that bulge: the sizes of the tractions add up to mu N."""
     path = mesh(tmp_path / "block.msh", 3)
     rows = loop(path, 3, {"friction": MU}, hold=hold, guided=False, count=20, drag=0.02, theta=theta)
     found = slider.sliding(rows)
     assert len(found) >= 8
     for row in found:
         assert row["rubbed"] == pytest.approx(MU * row["normal"], rel=1e-12)
-    # the way back, where the block rubs off what it bulged
-    short = [1.0 - abs(row["force"]) / row["bound"] for row in found if 0.4 < row["time"] <= 0.8]
-    assert all(b < a for a, b in zip(short, short[1:], strict=False))
-    assert short[-1] < 1e-4
 
 
 @pytest.mark.parametrize("theta", [1.0, 0.0, -1.0])
@@ -125,48 +121,6 @@ def test_each_law_has_its_force(tmp_path, law, force, dim, theta):
         assert row["bound"] == pytest.approx(force, rel=1e-8)
 
 
-def stiffness(path, dim, **said):
-    """Tangential force over displacement of the block that cannot slip. Collective."""
-    rows = loop(path, dim, {"friction": 1e6}, count=20, **said)
-    pressed, first = rows[3], rows[4]
-    assert first["slip"] == 0
-    return (first["force"] - pressed["force"]) / (first["drag"] - pressed["drag"])
-
-
-@pytest.mark.parametrize("theta", [1.0, 0.0, -1.0])
-@pytest.mark.parametrize("dim", [2, 3])
-def test_sticks_when_it_is_reversed(tmp_path, dim, theta):
-    """With the slope of the block that cannot slip."""
-    path = mesh(tmp_path / "block.msh", dim)
-    rows = loop(path, dim, {"friction": MU}, count=40, theta=theta)
-    slope = stiffness(path, dim, theta=theta)
-    for k in [k for k, row in enumerate(rows) if row["time"] in (0.4, 0.8)]:
-        before, after = rows[k], rows[k + 1]
-        assert before["stick"] == 0 and after["slip"] == 0
-        assert abs(after["force"]) < MU * N
-        assert (after["force"] - before["force"]) / (after["drag"] - before["drag"]) == pytest.approx(slope, rel=1e-6)
-
-
-@pytest.mark.parametrize("theta", [1.0, 0.0, -1.0])
-def test_a_force_below_the_bound_moves_it_no_further(tmp_path, theta):
-    """A force is ramped up to mu N / 2 and stays: the block gives way elastically, and then not at all."""
-
-    def push(case):
-        case.displacements = []
-        case.loads = [
-            Load("top", pressure=N, amplitude=[(0, 0), (1, 1), (30, 1)]),
-            Load("top", traction=[0.5 * MU * N, 0.0], amplitude=[(0, 0), (1, 0), (3, 1), (30, 1)]),
-        ]
-        case.steps = Steps(30.0, 30)
-
-    rows = loop(mesh(tmp_path / "block.msh", 2), 2, {"friction": MU}, change=push, theta=theta)
-    rows = [row for row in rows if row["time"] >= 3.0]
-    assert rows[0]["force"] == pytest.approx(0.5 * MU * N, rel=1e-8)
-    assert rows[0]["stick"] > 0 and rows[0]["slip"] < rows[0]["stick"]
-    for row in rows[1:]:
-        assert row["drag"] == pytest.approx(rows[0]["drag"], rel=1e-7)
-
-
 @parallel
 @pytest.mark.parametrize(
     ("dim", "law", "theta"), [(2, "coulomb", 0.0), (2, "adhesion", 1.0), (2, "tresca", -1.0), (3, "coulomb", 0.0)]
@@ -174,13 +128,16 @@ def test_a_force_below_the_bound_moves_it_no_further(tmp_path, theta):
 def test_ranks_do_not_matter(shared_tmp, dim, law, theta):
     """The history against that of one rank."""
     path, keys = mesh(shared_tmp / "block.msh", dim), slider.law_keys(law, MU)
-    said = {"count": 20, "guided": False, "theta": theta, "petsc": {"snes_rtol": "1e-11"}}
+    # inexact linear solves would make Newton's path another on every number of ranks
+    tight = {"snes_rtol": "1e-11", "snes_ksp_ew": "false", "ksp_rtol": "1e-10"}
+    said = {"count": 20, "guided": False, "theta": theta, "petsc": tight}
     one = loop(path, dim, keys, SELF, **said)
     WORLD.Barrier()
     all_ = loop(path, dim, keys, WORLD, **said)
     for a, b in zip(one, all_, strict=True):
         assert abs(a["newton"] - b["newton"]) <= 1
-        assert [a[key] for key in ("time", "open", "stick", "slip")] == [b[key] for key in ("time", "open", "stick", "slip")]
+        for key in ("time", "open", "stick", "slip"):
+            assert a[key] == b[key]
         assert np.array_equal(a["status"], b["status"])
         for key in ("force", "normal", "rubbed"):
             assert a[key] == pytest.approx(b[key], abs=1e-9 * a["bound"])

@@ -21,6 +21,12 @@ version = PETSc.Sys.getVersion()[:2]
 
 _lib = ctypes.CDLL(PETSc.__file__)
 
+# newer versions list unused options when they end, also those that are pcontact's own; pcontact names the others itself
+_options = PETSc.Options()
+if not _options.hasName("options_left"):
+    _options.setValue("options_left", False)
+_options.getBool("options_left", False)
+
 
 def has_package(name):
     """Whether this PETSc was built with an external package.
@@ -140,7 +146,7 @@ def forget_pattern(ksp):
 
     Notes
     -----
-    A preconditioner knows a new pattern by a counter of the matrix. Since about 3.19 that counter starts at the same
+    A preconditioner knows a new pattern by a counter of the matrix. In 3.22 and 3.26 that counter starts at the same
     number whenever a distributed matrix is preallocated again, and factorisations and products of the old pattern
     would be filled with the new values, beyond their ends.
     """
