@@ -139,16 +139,21 @@ def sliding(rows):
 
 def _plot(rows, title):
     def paint(axes):
-        time, drag, force, limit = (np.array([r[k] for r in rows]) for k in ("time", "drag", "force", "bound"))
-        for ax, x, label in zip(axes, (time, drag), ("time", "displacement of the top"), strict=True):
+        moved = [row for row in rows if row["time"] >= DRAG[1][0]]
+        for ax, part, key, text in (
+            (axes[0], rows, "time", "time"),
+            (axes[1], moved, "drag", "displacement of the top"),
+        ):
+            x, force, limit = (np.array([row[name] for row in part]) for name in (key, "force", "bound"))
             ax.plot(x, force, "o-", ms=3, label="tangential force")
             order = np.argsort(x, kind="stable")
             for sign in (1, -1):
                 ax.plot(x[order], sign * limit[order], "k--", lw=0.8, label="bound" if sign > 0 else None)
-            ax.set_xlabel(label)
+            ax.set_xlabel(text)
+            ax.locator_params(axis="x", nbins=5)
             ax.grid(alpha=0.3)
         axes[0].set_ylabel("tangential force")
-        axes[0].legend(fontsize="small")
+        axes[0].legend(fontsize="small", loc="lower left")
         axes[1].set_title(title, fontsize="small")
 
     return paint
