@@ -79,7 +79,8 @@ class Simulation:
             directory, output = Path(directory), scene.output
             if output.checkpoint:
                 first = None if resumed is None else resumed.first
-                watch.insert(0, Checkpoint(directory, space, self.problem.items, schedule, output.checkpoint_every, first))
+                items, every = self.problem.items, output.checkpoint_every
+                watch.insert(0, Checkpoint(directory, space, items, schedule, every, first))
             watch.insert(0, Records(directory, self.comm.rank, self._head(), self._times, since))
             if output.fields:
                 watch.insert(0, Fields(directory, self.problem, self.timing, since))

@@ -4,7 +4,7 @@ import numpy as np
 
 from pcontact.contact import friction
 from pcontact.contact.item import ContactItem
-from pcontact.contact.laws import OPEN
+from pcontact.contact.laws import OPEN, STICK
 from pcontact.runtime.parallel import matching
 
 # a law whose bound nothing reaches
@@ -20,8 +20,10 @@ class FrictionalItem(ContactItem):
 
         lag = (t_T - P_T) / (alpha gamma),
 
-    small with the mesh. The lag is kept with the source point and taken off the next reference. Each load step would
-    otherwise start from the jump as it is, and stick would creep by the lag in every step.
+    small with the mesh. The lag is taken off the next reference. Each load step would otherwise start from the jump as
+    it is, and stick would creep by the lag in every step. Points that stick carry the lag's local average, over the
+    patches of the shape functions: its changes from point to point are those of the stress of the cells and of meshes
+    that do not match, and would add up from step to step. Points that slip carry their own: they stay at their bound.
 
     Parameters
     ----------
@@ -53,8 +55,27 @@ class FrictionalItem(ContactItem):
         traction, tau, _ = self._tau(p.exchange.gather(u))
         force, status = self._project(tau)
         lag = (traction - force) / (self.alpha * self.gamma[self.source.facet])[:, None]
+        stick = status == STICK
+        lag = np.where(stick[:, None], self._average(lag, stick), lag)
         lag -= np.einsum("pd,pd->p", lag, p.normal)[:, None] * p.normal
         self._lag = np.where((status > OPEN)[:, None], lag, 0.0)
+
+    def _average(self, values, chosen):
+        """Means of values (np, d) of chosen points over the patches of the nodes, at all points. *Collective.*"""
+        p, source = self.pairing, self.source
+        nodes = p.cells[source.facet]
+        # shape functions of degree 2 change their sign
+        share = np.abs(source.shape)
+        weight = share * np.where(chosen, source.jxw, 0.0)[:, None]
+        sums = []
+        for density in (values, np.ones_like(values)):
+            local = np.zeros((len(p.exchange.nodes), self.space.dim))
+            np.add.at(local, nodes, weight[:, :, None] * density[:, None, :])
+            total = self.space.vector()
+            p.exchange.add(local, total)
+            sums.append(p.exchange.gather(total))
+        mean = sums[0] / np.where(sums[1] > 0.0, sums[1], 1.0)
+        return np.einsum("pa,pad->pd", share, mean[nodes]) / share.sum(axis=1)[:, None]
 
     def memory(self):
         """What the next load step needs to know of this one, apart from the displacement.

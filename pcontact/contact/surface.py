@@ -62,7 +62,7 @@ class SourceSurface:
     components: np.ndarray
 
     def point_keys(self):
-        """Numbers (np,) of the points that do not depend on the ranks. The points of a facet come one after the other."""
+        """Numbers (np,) of the points, the same on any ranks. The points of a facet come one after the other."""
         first = np.searchsorted(self.facet, self.facet)
         return self.facet_ids[self.facet] * POINTS + np.arange(len(self.facet)) - first
 

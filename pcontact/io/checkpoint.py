@@ -159,7 +159,7 @@ class Checkpoint:
             self._table(file, name, np.ascontiguousarray(keys, np.int64), np.ascontiguousarray(values, np.float64))
 
     def _table(self, file, name, keys, values):
-        """One rank after the other hands its rows to rank 0: memory for one more rank's rows is enough. *Collective.*"""
+        """Ranks hand their rows to rank 0 in turn: memory for one more rank's rows is enough. *Collective.*"""
         comm = self._space.comm
         counts = comm.allgather(len(keys))
         if comm.rank != 0:

@@ -1,7 +1,7 @@
 """Semi-smooth Newton by SNES."""
 
 import time as clock
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -13,6 +13,8 @@ REASONS = {
     for name, value in vars(PETSc.SNES.ConvergedReason).items()
     if isinstance(value, int)
 }
+# part of the first residual to which a load step is solved as if nothing could slip
+HELD_GOAL = 0.1
 
 
 @dataclass
@@ -40,6 +42,11 @@ class Outcome:
     detail: str = ""
 
 
+def _together(first, second):
+    """The second of two solves of a load step, with the iterations of both."""
+    return replace(second, newton=first.newton + second.newton, krylov=first.krylov + second.krylov)
+
+
 class Newton:
     """SNES on a :class:`pcontact.solve.problem.Problem`.
 
@@ -53,7 +60,8 @@ class Newton:
     timing : dict of str to float
         ``assembly`` and ``linear`` seconds are added.
     loose : bool
-        Whether supports leave a body free: what holds it changes with every iteration, and so must the preconditioner.
+        Whether supports leave a body free: what holds it changes with every iteration, and so must the preconditioner;
+        with friction, a load step is first solved roughly as if closed points could not slip.
 
     Attributes
     ----------
@@ -101,7 +109,9 @@ class Newton:
         text = "Krylov iterations that a preconditioner may lose before it is renewed; -1: always renew"
         patience = options.get("pc_patience", 10, int, text=text)
         self._reuse = None if lags or direct or loose or patience < 0 else Reuse(patience)
-        self._floor = 0.0
+        self._floor, self._goal, self._first = 0.0, None, None
+        self._holds = [item for item in problem.items if hasattr(item, "hold")]
+        self._hold_first = loose and bool(self._holds)
         self.norms = []
 
     def _residual(self, snes, x, f):
@@ -139,11 +149,13 @@ class Newton:
             return diverged_nan
         if iteration == 0:
             self.norms = []
+        if self._first is None:
+            self._first = norm
         self.norms.append(norm)
         rtol, atol, _, _ = snes.getTolerances()
         if norm <= max(atol, self._floor):
             return reasons.CONVERGED_FNORM_ABS
-        if iteration > 0 and norm <= rtol * self.norms[0]:
+        if iteration > 0 and norm <= (self._goal or rtol) * self._first:
             return reasons.CONVERGED_FNORM_RELATIVE
         return reasons.ITERATING
 
@@ -172,6 +184,34 @@ class Newton:
         self._renew_preconditioner()
         if self._reuse is not None:
             self._reuse.forget()
+        self._first, before = None, u.copy() if self._holds else None
+        if self._hold_first:
+            return self._stick_first(u, before)
+        outcome = self._run(u)
+        if outcome.converged or not self._holds:
+            return outcome
+        before.copy(u)
+        return _together(outcome, self._stick_first(u, before))
+
+    def _stick_first(self, u, before):
+        """Solve as if no closed point could slip, roughly, then with the law.
+
+        Newton can cycle between the two ways in which all points of a body may slip; from a state in which they stick,
+        each goes the way in which its traction exceeds the bound.
+        """
+        self._goal = HELD_GOAL
+        for item in self._holds:
+            item.hold(True)
+        held = self._run(u)
+        for item in self._holds:
+            item.hold(False)
+        self._goal = None
+        if not held.converged:
+            before.copy(u)
+        return _together(held, self._run(u))
+
+    def _run(self, u):
+        """One SNES solve. *Collective.*"""
         start, before = clock.perf_counter(), self.timing["assembly"]
         self.norms = []
         try:
