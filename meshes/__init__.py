@@ -9,8 +9,10 @@ from .beam import beam
 from .blocks import one_block, overclosed_cubes, two_blocks
 from .disk_on_block import disk_on_block
 from .hertz import ball_on_block, cylinder_on_block, cylinders, two_balls
+from .indent import indent
 from .ironing import ironing
 from .rings import rings
+from .thick_cylinder import cylinder_strip, thick_cylinder
 
 GENERATORS = {
     function.__name__: function
@@ -26,6 +28,9 @@ GENERATORS = {
         two_balls,
         ball_on_block,
         ironing,
+        thick_cylinder,
+        cylinder_strip,
+        indent,
     )
 }
 

@@ -8,6 +8,8 @@ import pytest
 
 import meshes
 from meshes.__main__ import main
+from pcontact.element.quadrature import quadrature
+from pcontact.element.shape import shape_gradient
 
 DIMENSION = {"vertex": 0, "line": 1, "triangle": 2, "quad": 2, "tetra": 3, "hexahedron": 3}
 VERTICES = {"line": 2, "triangle": 3, "quad": 4, "tetra": 4, "hexahedron": 8}
@@ -35,6 +37,8 @@ CORNERS = {
 }
 ROUND = {"upper": "upper_skin upper_flat", "lower": "lower_skin lower_flat"}
 BLOCK = "block_top block_bottom block_sides"
+PIPE = "inner outer side_x side_y"
+DENT = "block_top block_bottom block_side"
 FOOT = "slab_top slab_bottom slab_sides indenter_top indenter_skin indenter_sides"
 
 # name, arguments, bodies, groups of facets that make up the whole boundary
@@ -112,6 +116,28 @@ CASES = [
     ("ironing", {"h": 0.2}, "slab indenter", FOOT),
     ("ironing", {"dim": 3, "h": 0.3}, "slab indenter", FOOT),
     ("ironing", {"dim": 3, "h": 0.4, "cell": "tetrahedron"}, "slab indenter", FOOT),
+    ("thick_cylinder", {"n": (3, 4), "grading": 3.0}, "body", PIPE),
+    ("thick_cylinder", {"n": (3, 4), "cell": "triangle"}, "body", PIPE),
+    ("thick_cylinder", {"dim": 3, "n": (3, 4), "height": 40.0}, "body", PIPE + " front back"),
+    (
+        "thick_cylinder",
+        {"dim": 3, "n": (3, 4), "layers": 2, "height": 40.0, "cell": "tetrahedron"},
+        "body",
+        PIPE + " front back",
+    ),
+    ("cylinder_strip", {"n": (4, 2)}, "body", "inner outer bottom top"),
+    ("cylinder_strip", {"n": (4, 2), "cell": "triangle", "inner": 0.0, "height": 80.0}, "body", "inner outer bottom top"),
+    ("indent", {"h": 0.2}, "block", "axis " + DENT),
+    ("indent", {"h": 0.2, "radius": 1.0}, "block ball", "axis ball_skin ball_top " + DENT),
+    ("indent", {"h": 0.2, "radius": 1.0, "cell": "triangle"}, "block ball", "axis ball_skin ball_top " + DENT),
+    ("indent", {"dim": 3, "h": 0.25}, "block", "side_x side_y " + DENT),
+    ("indent", {"dim": 3, "h": 0.25, "radius": 1.0}, "block ball", "side_x side_y ball_skin ball_top " + DENT),
+    (
+        "indent",
+        {"dim": 3, "h": 0.2, "radius": 1.0, "cell": "tetrahedron"},
+        "block ball",
+        "side_x side_y ball_skin ball_top " + DENT,
+    ),
 ]
 IDS = [f"{name}-{k}" for k, (name, *_) in enumerate(CASES)]
 
@@ -323,3 +349,96 @@ def test_command(tmp_path, capsys):
     assert len(Read(tmp_path / "a.msh").groups["lower"][0][1]) == 12
     assert main(["two_blocks", "-o", str(tmp_path / "b.msh"), "--cell", "hexahedron"]) == 2
     assert not (tmp_path / "b.msh").exists()
+
+
+def measure(mesh, body, order):
+    """Area or volume of a body; all Jacobians have to be positive."""
+    total = 0.0
+    for kind, nodes in mesh.groups[body]:
+        cell = {"quad": "quadrilateral", "tetra": "tetrahedron"}.get(kind, kind)
+        points, weights = quadrature(cell, 6)
+        x = mesh.points[nodes][..., : DIMENSION[kind]]
+        jacobians = np.einsum("ena,qnb->eqab", x, shape_gradient(cell, order, points))
+        determinants = np.linalg.det(jacobians)
+        assert determinants.min() > 0
+        total += (determinants @ weights).sum()
+    return total
+
+
+def outward(mesh, group):
+    """Area-weighted normals (n, 3) and centres (n, 3) of the facets of a group, by their vertices."""
+    normals, centres = [], []
+    for kind, nodes in mesh.groups[group]:
+        x = mesh.points[nodes[:, : VERTICES[kind]]]
+        if kind == "line":
+            t = x[:, 1] - x[:, 0]
+            normals.append(np.column_stack([t[:, 1], -t[:, 0], 0 * t[:, 0]]))
+        else:
+            normals.append(0.5 * np.cross(x[:, 1] - x[:, 0], x[:, 2] - x[:, 0]))
+        centres.append(x.mean(axis=1))
+    return np.concatenate(normals), np.concatenate(centres)
+
+
+QUARTER = 0.25 * np.pi * (200.0**2 - 100.0**2)
+
+
+@pytest.mark.parametrize(
+    ("name", "arguments", "body", "expected"),
+    [
+        ("thick_cylinder", {"n": (4, 8), "grading": 2.5}, "body", QUARTER),
+        ("thick_cylinder", {"n": (4, 8), "cell": "triangle"}, "body", QUARTER),
+        ("thick_cylinder", {"dim": 3, "n": (3, 8), "layers": 2}, "body", 10 * QUARTER),
+        ("thick_cylinder", {"dim": 3, "n": (3, 8), "cell": "tetrahedron"}, "body", 10 * QUARTER),
+        ("cylinder_strip", {"grading": 3.0, "cell": "triangle"}, "body", 1000.0),
+        ("indent", {"h": 0.2, "cell": "triangle"}, "block", 25.0),
+        ("indent", {"dim": 3, "h": 0.25}, "block", 125.0),
+        ("indent", {"dim": 3, "h": 0.2, "cell": "tetrahedron"}, "block", 125.0),
+        ("indent", {"h": 0.2, "radius": 1.0}, "ball", 0.25 * np.pi),
+        ("indent", {"dim": 3, "h": 0.2, "radius": 1.0}, "ball", np.pi / 6),
+    ],
+)
+@pytest.mark.parametrize("order", [1, 2])
+def test_areas_and_volumes(read, name, arguments, body, expected, order):
+    # A round body loses a part of the order of the angle squared to straight sides, of the fourth power to parabolas.
+    flat = body != "ball" and name != "thick_cylinder"
+    tolerance = 1e-12 if flat else {1: 0.06, 2: 1e-3}[order]
+    assert measure(read(name, order, **arguments), body, order) == pytest.approx(expected, rel=tolerance)
+
+
+def test_thick_cylinder_is_graded_and_round(read):
+    for arguments in ({}, {"dim": 3, "cell": "tetrahedron"}):
+        mesh = read("thick_cylinder", 2, n=(4, 5), grading=4.0, **arguments)
+        for group, radius in (("inner", 100.0), ("outer", 200.0)):
+            assert np.hypot(*mesh.x(group).T[:2]) == pytest.approx(radius, rel=1e-14)
+        size = np.diff(np.unique(np.round(mesh.x("side_y")[:, 0], 9)))[::2]
+        assert size[-1] / size[0] == pytest.approx(4.0) and size[1:] / size[:-1] == pytest.approx(4 ** (1 / 3))
+
+
+@pytest.mark.parametrize(
+    ("name", "arguments", "group", "direction"),
+    [
+        ("thick_cylinder", {"n": (3, 4)}, "side_x", (-1, 0, 0)),
+        ("thick_cylinder", {"dim": 3, "n": (3, 4), "cell": "tetrahedron"}, "side_y", (0, -1, 0)),
+        ("thick_cylinder", {"dim": 3, "n": (3, 4)}, "back", (0, 0, 1)),
+        ("thick_cylinder", {"dim": 3, "n": (3, 4), "cell": "tetrahedron"}, "front", (0, 0, -1)),
+        ("cylinder_strip", {}, "outer", (1, 0, 0)),
+        ("indent", {"h": 0.2}, "block_bottom", (0, -1, 0)),
+        ("indent", {"dim": 3, "h": 0.25}, "block_top", (0, 0, 1)),
+        ("indent", {"dim": 3, "h": 0.25}, "side_x", (-1, 0, 0)),
+    ],
+)
+def test_facets_look_outward(read, name, arguments, group, direction):
+    normals, _ = outward(read(name, 1, **arguments), group)
+    assert normals @ np.array(direction) == pytest.approx(np.linalg.norm(normals, axis=1))
+
+
+@pytest.mark.parametrize("arguments", [{}, {"cell": "triangle"}, {"dim": 3}, {"dim": 3, "cell": "tetrahedron"}])
+def test_indented_block_is_fine_at_the_origin(read, arguments):
+    mesh = read("indent", 1, h=0.125, **arguments)
+    x = mesh.x("block")
+    vertical = arguments.get("dim", 2) - 1
+    on_axis = np.all(np.abs(np.delete(x, vertical, axis=1)) < 1e-12, axis=1)
+    depth = np.sort(-x[on_axis, vertical])
+    size = np.diff(depth)
+    assert size[depth[1:] < 0.51] == pytest.approx(0.125, rel=0.25)
+    assert depth[-1] == 5.0 and 0.5 < size.max() < 1.5
