@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from .beam import beam
 from .blocks import one_block, overclosed_cubes, two_blocks
+from .clip import CLIP, ClipShape, clip
 from .disk_on_block import disk_on_block
 from .hertz import ball_on_block, cylinder_on_block, cylinders, two_balls
 from .indent import indent
@@ -31,7 +32,8 @@ GENERATORS = {
         thick_cylinder,
         cylinder_strip,
         indent,
+        clip,
     )
 }
 
-__all__ = ["GENERATORS", *GENERATORS]
+__all__ = ["CLIP", "GENERATORS", "ClipShape", *GENERATORS]

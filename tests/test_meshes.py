@@ -39,6 +39,8 @@ ROUND = {"upper": "upper_skin upper_flat", "lower": "lower_skin lower_flat"}
 BLOCK = "block_top block_bottom block_sides"
 PIPE = "inner outer side_x side_y"
 DENT = "block_top block_bottom block_side"
+SNAP = "clip_root clip_skin clip_sides catch_skin catch_base catch_sides"
+SNAP_ENDS = " clip_front clip_back catch_front catch_back"
 FOOT = "slab_top slab_bottom slab_sides indenter_top indenter_skin indenter_sides"
 
 # name, arguments, bodies, groups of facets that make up the whole boundary
@@ -126,7 +128,12 @@ CASES = [
         PIPE + " front back",
     ),
     ("cylinder_strip", {"n": (4, 2)}, "body", "inner outer bottom top"),
-    ("cylinder_strip", {"n": (4, 2), "cell": "triangle", "inner": 0.0, "height": 80.0}, "body", "inner outer bottom top"),
+    (
+        "cylinder_strip",
+        {"n": (4, 2), "cell": "triangle", "inner": 0.0, "height": 80.0},
+        "body",
+        "inner outer bottom top",
+    ),
     ("indent", {"h": 0.2}, "block", "axis " + DENT),
     ("indent", {"h": 0.2, "radius": 1.0}, "block ball", "axis ball_skin ball_top " + DENT),
     ("indent", {"h": 0.2, "radius": 1.0, "cell": "triangle"}, "block ball", "axis ball_skin ball_top " + DENT),
@@ -138,6 +145,10 @@ CASES = [
         "block ball",
         "side_x side_y ball_skin ball_top " + DENT,
     ),
+    ("clip", {"h": 0.2}, "clip catch", SNAP),
+    ("clip", {"h": 0.2, "cell": "quadrilateral"}, "clip catch", SNAP),
+    ("clip", {"dim": 3, "h": 0.2}, "clip catch", SNAP + SNAP_ENDS),
+    ("clip", {"dim": 3, "h": 0.1, "cell": "tetrahedron", "width": 0.6}, "clip catch", SNAP + SNAP_ENDS),
 ]
 IDS = [f"{name}-{k}" for k, (name, *_) in enumerate(CASES)]
 
@@ -442,3 +453,53 @@ def test_indented_block_is_fine_at_the_origin(read, arguments):
     size = np.diff(depth)
     assert size[depth[1:] < 0.51] == pytest.approx(0.125, rel=0.25)
     assert depth[-1] == 5.0 and 0.5 < size.max() < 1.5
+
+
+def distance(points, segments):
+    """Smallest distance of points (n, 2) from segments (m, 2, 2)."""
+    a, along = segments[:, 0], segments[:, 1] - segments[:, 0]
+    s = np.clip(np.einsum("nmi,mi->nm", points[:, None] - a, along) / (along**2).sum(axis=1), 0.0, 1.0)
+    return np.linalg.norm(points[:, None] - a - s[..., None] * along, axis=2).min()
+
+
+def apart(mesh, shift):
+    """Distance between the skins of the clip, moved in x, and of the catch (degree 2)."""
+    halves = [mesh.groups[key][0][1][:, [[0, 2], [2, 1]]].reshape(-1, 2) for key in ("clip_skin", "catch_skin")]
+    clip, catch = (mesh.points[ends][..., :2] for ends in halves)
+    clip = clip + [shift, 0.0]
+    return min(distance(clip[:, 0], catch), distance(catch[:, 0], clip))
+
+
+@pytest.mark.parametrize("shape", [meshes.CLIP, meshes.ClipShape(length=12.0, overlap=0.5, ramp=35.0, retention=60.0)])
+@pytest.mark.parametrize("cell", ["triangle", "quadrilateral"])
+def test_clip_starts_and_ends_free(read, shape, cell):
+    mesh = read("clip", 2, h=0.1, cell=cell, shape=shape)
+    assert apart(mesh, 0.0) == pytest.approx(shape.clearance, abs=2e-3)
+    assert apart(mesh, shape.first_touch) == pytest.approx(0.0, abs=2e-3)
+    assert apart(mesh, shape.passed) == pytest.approx(0.0, abs=2e-3)
+    assert apart(mesh, shape.travel) == pytest.approx(shape.clearance, abs=2e-3)
+    hook, nose = mesh.x("clip_skin") + [shape.travel, 0.0, 0.0], mesh.x("catch_skin")
+    assert hook[hook[:, 1] > shape.nose_bottom, 0].min() > nose[nose[:, 1] < shape.nose_bottom + 1e-6, 0].max()
+    assert hook[:, 1].max() - nose[:, 1].min() == pytest.approx(shape.overlap)
+    assert np.diff(np.sort(mesh.x("clip_root")[:, 1])).max() < 0.25
+    assert mesh.x("clip_root")[:, 0].max() == -shape.root_length
+
+
+def test_clip_extruded(read):
+    plane = measure(read("clip", 2, h=0.2), "clip", 2), measure(read("clip", 2, h=0.2), "catch", 2)
+    for cell in ("tetrahedron", "hexahedron"):
+        mesh = read("clip", 2, dim=3, h=0.2, cell=cell, width=2.0, layers=2)
+        assert measure(mesh, "clip", 2) == pytest.approx(2.0 * plane[0], rel=1e-4)
+        assert measure(mesh, "catch", 2) == pytest.approx(2.0 * plane[1], rel=1e-4)
+        assert np.ptp(mesh.x("clip_back")[:, 2]) == 0.0 and mesh.x("catch_back")[0, 2] == 2.0
+        for group, direction in (("clip_root", (-1, 0, 0)), ("catch_base", (0, 1, 0)), ("clip_front", (0, 0, -1))):
+            normals, _ = outward(mesh, group)
+            assert normals @ np.array(direction) == pytest.approx(np.linalg.norm(normals, axis=1))
+
+
+def test_clip_that_cannot_snap(tmp_path):
+    for wrong in ({"overlap": 0.9}, {"catch_ramp": 40.0}, {"radius": 0.6}):
+        with pytest.raises(ValueError, match="clip"):
+            meshes.ClipShape(**wrong)
+    with pytest.raises(ValueError, match="ClipShape"):
+        meshes.clip(tmp_path / "c.msh", shape=3)
