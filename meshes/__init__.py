@@ -13,6 +13,7 @@ from .hertz import ball_on_block, cylinder_on_block, cylinders, two_balls
 from .indent import indent
 from .ironing import ironing
 from .rings import rings
+from .spring import c_strip, spring
 from .thick_cylinder import cylinder_strip, thick_cylinder
 
 GENERATORS = {
@@ -33,6 +34,8 @@ GENERATORS = {
         cylinder_strip,
         indent,
         clip,
+        spring,
+        c_strip,
     )
 }
 

@@ -107,9 +107,7 @@ class ClipShape:
         radius + clearance away from it.
         """
         turn, angle = np.radians(self.ramp), np.radians(self.catch_ramp)
-        centre = np.array(
-            [self.crest_start + self.crest - self.radius * np.tan(0.5 * turn), self.top - self.radius]
-        )
+        centre = np.array([self.crest_start + self.crest - self.radius * np.tan(0.5 * turn), self.top - self.radius])
         normal = np.array([np.sin(angle), np.cos(angle)])  # from the hook to the ramp
         # (corner - centre) . normal = radius + clearance, the corner at the height of the nose's bottom.
         away = self.radius + self.clearance - (self.nose_bottom - centre[1]) * normal[1]
@@ -278,7 +276,7 @@ def clip(
     """A snap-fit clip and its catch, in the plane or extruded to z in [0, width].
 
     To be moved by shape.travel in x at its root: the hook rides up the catch's ramp, passes under the nose and snaps in
-    behind it. `ClipShape` tells the numbers; `meshes.clip.CLIP` are those of the default: travel 2.297, first touch at
+    behind it. `ClipShape` tells the numbers; `meshes.CLIP` has those of the default: travel 2.297, first touch at
     0.16. Usable levels for a study: h = 0.1, 0.05, 0.025.
 
     Groups: clip, catch; clip_root (its rear, to be moved), clip_skin (front edge, ramp, crest, retention face and a bit

@@ -184,14 +184,33 @@ def name_boundary(grid: Grid, rest: str | None = None, **where: Callable[[np.nda
     where : for every group a condition on the nodes x (n_facets, nodes of a facet, 3) of facets, which answers for
         every node or for every facet; a facet is in when all its nodes are, and in the first of several groups
     """
-    left, groups = boundary(grid), {}
+    groups, left = _sorted_out(grid, boundary(grid), where)
+    if rest is not None:
+        groups[rest] = left
+    return replace(grid, groups={**grid.groups, **groups})
+
+
+def split_group(grid: Grid, name: str, **where: Callable[[np.ndarray], np.ndarray]) -> Grid:
+    """Move those facets of a group that meet a condition (see `name_boundary`) into groups of their own."""
+    groups, left = _sorted_out(grid, grid.groups[name], where)
+    return replace(grid, groups={**grid.groups, **groups, name: left})
+
+
+def _sorted_out(grid: Grid, left: np.ndarray, where: dict) -> tuple[dict[str, np.ndarray], np.ndarray]:
+    groups = {}
     for name, condition in where.items():
         inside = np.asarray(condition(grid.points[left]))
         inside = inside.all(axis=1) if inside.ndim == 2 else inside
         groups[name], left = left[inside], left[~inside]
-    if rest is not None:
-        groups[rest] = left
-    return replace(grid, groups={**grid.groups, **groups})
+    return groups, left
+
+
+def name_inside(grid: Grid, name: str, condition: Callable[[np.ndarray], np.ndarray]) -> Grid:
+    """Name all facets whose nodes fulfil a condition (see `name_boundary`), also those between two cells, each once."""
+    found = facets(grid)
+    found = found[np.asarray(condition(grid.points[found])).all(axis=1)]
+    _, first = np.unique(np.sort(_vertices(grid, found), axis=1), axis=0, return_index=True)
+    return replace(grid, groups={**grid.groups, name: found[np.sort(first)]})
 
 
 def near(axis: int, value: float, tolerance: float = 1e-9) -> Callable[[np.ndarray], np.ndarray]:
@@ -251,7 +270,7 @@ def sweep(
     flat : the plane grid; its groups become the groups of the faces swept by them
     layers : cells along the path
     place : puts the points x (n, 2) of the section at the parameters s (m,), from 0 to 1, into space: (m, n, 3)
-    start, end : names of the first and the last section
+    start, end : names of the first and the last section, which may be the same
     """
     n, order = len(flat.points), flat.order
     points = place(flat.points[:, :2], np.linspace(0.0, 1.0, order * layers + 1)).reshape(-1, 3)
@@ -269,7 +288,8 @@ def sweep(
         groups[name] = outside[side & np.isin(low * n + high, ends[:, 0] * n + ends[:, 1])]
     for name, last in ((start, 0), (end, order * layers)):
         if name is not None:
-            groups[name] = outside[~side & np.all(layer == last, axis=1)]
+            found = outside[~side & np.all(layer == last, axis=1)]
+            groups[name] = np.concatenate([groups[name], found]) if name in groups else found
     return replace(grid, groups=groups)
 
 
@@ -315,6 +335,8 @@ def add(grid: Grid) -> tuple[int, dict[str, int]]:
     mesh.addElementsByType(body, _kind(grid.cell, grid.order)[0], [], (first + grid.cells).ravel())
     tags = {}
     for name, found in grid.groups.items():
+        if not len(found):
+            continue
         tags[name] = gmsh.model.addDiscreteEntity(dim - 1)
         kind = _kind(_FACET[grid.cell], grid.order)[0]
         mesh.addElementsByType(tags[name], kind, [], (first + found).ravel())

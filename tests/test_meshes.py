@@ -8,6 +8,7 @@ import pytest
 
 import meshes
 from meshes.__main__ import main
+from meshes.spring import Helix
 from pcontact.element.quadrature import quadrature
 from pcontact.element.shape import shape_gradient
 
@@ -41,6 +42,7 @@ PIPE = "inner outer side_x side_y"
 DENT = "block_top block_bottom block_side"
 SNAP = "clip_root clip_skin clip_sides catch_skin catch_base catch_sides"
 SNAP_ENDS = " clip_front clip_back catch_front catch_back"
+C_STRIP = "strip_inner strip_outer lip_upper lip_lower"
 FOOT = "slab_top slab_bottom slab_sides indenter_top indenter_skin indenter_sides"
 
 # name, arguments, bodies, groups of facets that make up the whole boundary
@@ -149,6 +151,11 @@ CASES = [
     ("clip", {"h": 0.2, "cell": "quadrilateral"}, "clip catch", SNAP),
     ("clip", {"dim": 3, "h": 0.2}, "clip catch", SNAP + SNAP_ENDS),
     ("clip", {"dim": 3, "h": 0.1, "cell": "tetrahedron", "width": 0.6}, "clip catch", SNAP + SNAP_ENDS),
+    ("spring", {"h": 1.0, "coils": 1.5}, "spring", "spring_skin end_bottom end_top"),
+    ("spring", {"h": 1.0, "coils": 3.0, "ends": "closed"}, "spring", "spring_skin end_bottom end_top"),
+    ("spring", {"h": 0.5, "coils": 2.5, "ends": "ground"}, "spring", "spring_skin end_bottom end_top wire_ends"),
+    ("c_strip", {"n": (2, 16), "split": True}, "strip_upper strip_lower", C_STRIP + " back"),
+    ("c_strip", {"n": (2, 24), "cell": "triangle", "split": True}, "strip_upper strip_lower", C_STRIP + " back"),
 ]
 IDS = [f"{name}-{k}" for k, (name, *_) in enumerate(CASES)]
 
@@ -344,7 +351,13 @@ def test_too_few_unknowns(tmp_path):
 
 @pytest.mark.parametrize(
     ("name", "arguments"),
-    [("ball_on_block", {"h": 0.15}), ("rings", {}), ("cylinders", {"h": 0.3, "cell": "quadrilateral"})],
+    [
+        ("ball_on_block", {"h": 0.15}),
+        ("rings", {}),
+        ("cylinders", {"h": 0.3, "cell": "quadrilateral"}),
+        ("indent", {"dim": 3, "h": 0.25, "radius": 1.0}),
+        ("clip", {"dim": 3, "h": 0.2, "cell": "tetrahedron", "layers": 2}),
+    ],
 )
 def test_same_file_every_time(tmp_path, name, arguments):
     first, second = (meshes.GENERATORS[name](tmp_path / f"{k}.msh", **arguments).read_bytes() for k in "ab")
@@ -385,7 +398,7 @@ def outward(mesh, group):
             t = x[:, 1] - x[:, 0]
             normals.append(np.column_stack([t[:, 1], -t[:, 0], 0 * t[:, 0]]))
         else:
-            normals.append(0.5 * np.cross(x[:, 1] - x[:, 0], x[:, 2] - x[:, 0]))
+            normals.append(0.5 * np.cross(x[:, 2] - x[:, 0], x[:, 3 % x.shape[1]] - x[:, 1]))
         centres.append(x.mean(axis=1))
     return np.concatenate(normals), np.concatenate(centres)
 
@@ -503,3 +516,76 @@ def test_clip_that_cannot_snap(tmp_path):
             meshes.ClipShape(**wrong)
     with pytest.raises(ValueError, match="ClipShape"):
         meshes.clip(tmp_path / "c.msh", shape=3)
+
+
+def test_spring_volume_and_ends(read):
+    mesh = read("spring", 2, h=1.0, coils=1.5)
+    length = 1.5 * np.hypot(16.0 * np.pi, 5.0)
+    assert measure(mesh, "spring", 2) == pytest.approx(np.pi * length, rel=1e-3)  # Pappus
+    normals, _ = outward(mesh, "end_bottom")
+    slope = np.array([0.0, -16.0 * np.pi, -5.0]) / np.hypot(16.0 * np.pi, 5.0)
+    assert normals / np.linalg.norm(normals, axis=1)[:, None] == pytest.approx(np.tile(slope, (len(normals), 1)))
+    r = np.hypot(*mesh.x("spring").T[:2])
+    assert (r.min(), r.max()) == pytest.approx((7.0, 9.0), abs=0.01)
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_ground_spring_stands_on_flat_ends(read, order):
+    mesh = read("spring", order, h=0.5, coils=2.5, ends="ground")
+    x = mesh.x("spring")
+    height = (2.5 - 2.0) * 5.0 + 2.0 * 2.2 - 2 * 0.3
+    for group, z, direction in (("end_bottom", 0.0, -1.0), ("end_top", height, 1.0)):
+        assert np.all(mesh.x(group)[:, 2] == mesh.x(group)[0, 2]) and mesh.x(group)[0, 2] == pytest.approx(z)
+        normals, _ = outward(mesh, group)
+        assert np.all(normals[:, 2] * direction > 0) and np.abs(normals[:, :2]).max() < 1e-12
+        # The cut runs along 0.59 turns (0.65 of the wire at 1.1 of it per turn), its mean width is about 1.65.
+        assert 0.7 < np.abs(normals[:, 2]).sum() / (0.59 * np.pi * 16.0 * 1.65) < 1.0
+    assert x[:, 2].min() == 0.0 and x[:, 2].max() == pytest.approx(height)
+    assert measure(mesh, "spring", order) < np.pi * 2.5 * np.hypot(16.0 * np.pi, 5.0)
+
+
+def test_coils_of_a_spring_are_apart():
+    t = np.linspace(0.0, 3.0, 400)
+    for ends, pitch in (("open", 5.0), ("closed", 2.2), ("ground", 2.2)):
+        helix = Helix(2.0, 16.0, 4.0, 5.0, ends, 1.0, 0.1)
+        (below, slope), (above, _) = helix.rise(t), helix.rise(t + 1.0)
+        # The pitch begins to change a quarter of a turn before the closed ones are over.
+        assert pitch - 1e-12 < (above - below).min() < pitch + 0.14
+        assert slope == pytest.approx(np.gradient(below, t), abs=0.05)
+
+
+@pytest.mark.parametrize("cell", ["triangle", "quadrilateral"])
+def test_whole_and_cut_strip_are_the_same(read, cell):
+    whole, cut = (read("c_strip", 2, n=(2, 16), cell=cell, split=split) for split in (False, True))
+    area = (2 * np.pi - np.radians(10.0)) * 10.0
+    both = measure(cut, "strip_upper", 2) + measure(cut, "strip_lower", 2)
+    assert measure(whole, "strip", 2) == pytest.approx(area, rel=1e-4) and both == pytest.approx(area, rel=1e-4)
+    assert len(cut.points) - len(whole.points) == len(whole.nodes("back")) == 5
+    assert np.all(whole.x("back")[:, 1] == 0.0) and whole.x("back")[:, 0].max() < -9.0
+    for mesh in (whole, cut):
+        for group, side in (("lip_upper", 1.0), ("lip_lower", -1.0)):
+            angle = np.arctan2(*mesh.x(group).T[1::-1])
+            assert angle == pytest.approx(side * np.radians(5.0)) and len(angle) == 5
+            normals, _ = outward(mesh, group)
+            assert np.all(normals[:, 1] * side < 0)
+        assert np.hypot(*mesh.x("strip_inner").T[:2]) == pytest.approx(9.5)
+        assert np.hypot(*mesh.x("strip_outer").T[:2]) == pytest.approx(10.5)
+
+
+@pytest.mark.parametrize(
+    ("name", "arguments"),
+    [
+        ("thick_cylinder", {"n": (0, 4)}),
+        ("thick_cylinder", {"inner": 0.0}),
+        ("cylinder_strip", {"inner": 3.0, "outer": 2.0}),
+        ("indent", {"h": 1.0}),
+        ("spring", {"ends": "round"}),
+        ("spring", {"pitch": 2.0}),
+        ("spring", {"coils": 2.0, "ends": "ground"}),
+        ("c_strip", {"gap": 360.0}),
+    ],
+)
+def test_wrong_dimensions(tmp_path, name, arguments):
+    with pytest.raises(ValueError, match=name):
+        meshes.GENERATORS[name](tmp_path / "w.msh", **arguments)
+    assert not (tmp_path / "w.msh").exists()
