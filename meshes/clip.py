@@ -24,8 +24,8 @@ class ClipShape:
     reaches down to thickness + height - overlap. Both have a ramp, a flat crest and a retention face.
 
     With E = 2000, nu = 0.35 a beam of these dimensions in plane strain, clamped at its root and bent by `overlap`, has
-    a bending stress of 3 E thickness overlap / (2 length^2 (1 - nu^2)) = 42 there. The clip itself, whose root gives way
-    and whose hook is longer than the beam, has an equivalent stress of 33 above the fillets (elastic, no friction).
+    a bending stress of 3 E thickness overlap / (2 length^2 (1 - nu^2)) = 42 there. The clip itself, whose root gives
+    way and whose hook is longer than the beam, has an equivalent stress of 33 at the fillets (elastic, no friction).
 
     Attributes
     ----------
