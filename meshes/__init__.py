@@ -7,10 +7,14 @@ from __future__ import annotations
 
 from .beam import beam
 from .blocks import one_block, overclosed_cubes, two_blocks
+from .clip import CLIP, ClipShape, clip
 from .disk_on_block import disk_on_block
 from .hertz import ball_on_block, cylinder_on_block, cylinders, two_balls
+from .indent import indent
 from .ironing import ironing
 from .rings import rings
+from .spring import c_strip, spring
+from .thick_cylinder import cylinder_strip, thick_cylinder
 
 GENERATORS = {
     function.__name__: function
@@ -26,7 +30,13 @@ GENERATORS = {
         two_balls,
         ball_on_block,
         ironing,
+        thick_cylinder,
+        cylinder_strip,
+        indent,
+        clip,
+        spring,
+        c_strip,
     )
 }
 
-__all__ = ["GENERATORS", *GENERATORS]
+__all__ = ["CLIP", "GENERATORS", "ClipShape", *GENERATORS]

@@ -8,6 +8,10 @@ import pytest
 
 import meshes
 from meshes.__main__ import main
+from meshes.spring import Helix
+from pcontact.element.quadrature import quadrature
+from pcontact.element.shape import shape_gradient
+from pcontact.mesh.reader import read_mesh
 
 DIMENSION = {"vertex": 0, "line": 1, "triangle": 2, "quad": 2, "tetra": 3, "hexahedron": 3}
 VERTICES = {"line": 2, "triangle": 3, "quad": 4, "tetra": 4, "hexahedron": 8}
@@ -35,6 +39,11 @@ CORNERS = {
 }
 ROUND = {"upper": "upper_skin upper_flat", "lower": "lower_skin lower_flat"}
 BLOCK = "block_top block_bottom block_sides"
+PIPE = "inner outer side_x side_y"
+DENT = "block_top block_bottom block_side"
+SNAP = "clip_root clip_skin clip_sides catch_skin catch_base catch_sides"
+SNAP_ENDS = " clip_front clip_back catch_front catch_back"
+C_STRIP = "strip_inner strip_outer lip_upper lip_lower"
 FOOT = "slab_top slab_bottom slab_sides indenter_top indenter_skin indenter_sides"
 
 # name, arguments, bodies, groups of facets that make up the whole boundary
@@ -112,6 +121,42 @@ CASES = [
     ("ironing", {"h": 0.2}, "slab indenter", FOOT),
     ("ironing", {"dim": 3, "h": 0.3}, "slab indenter", FOOT),
     ("ironing", {"dim": 3, "h": 0.4, "cell": "tetrahedron"}, "slab indenter", FOOT),
+    ("thick_cylinder", {"n": (3, 4), "grading": 3.0}, "body", PIPE),
+    ("thick_cylinder", {"n": (3, 4), "cell": "triangle"}, "body", PIPE),
+    ("thick_cylinder", {"dim": 3, "n": (3, 4), "height": 40.0}, "body", PIPE + " front back"),
+    (
+        "thick_cylinder",
+        {"dim": 3, "n": (3, 4), "layers": 2, "height": 40.0, "cell": "tetrahedron"},
+        "body",
+        PIPE + " front back",
+    ),
+    ("cylinder_strip", {"n": (4, 2)}, "body", "inner outer bottom top"),
+    (
+        "cylinder_strip",
+        {"n": (4, 2), "cell": "triangle", "inner": 0.0, "height": 80.0},
+        "body",
+        "inner outer bottom top",
+    ),
+    ("indent", {"h": 0.2}, "block", "axis " + DENT),
+    ("indent", {"h": 0.2, "radius": 1.0}, "block ball", "axis ball_skin ball_top " + DENT),
+    ("indent", {"h": 0.2, "radius": 1.0, "cell": "triangle"}, "block ball", "axis ball_skin ball_top " + DENT),
+    ("indent", {"dim": 3, "h": 0.25}, "block", "side_x side_y " + DENT),
+    ("indent", {"dim": 3, "h": 0.25, "radius": 1.0}, "block ball", "side_x side_y ball_skin ball_top " + DENT),
+    (
+        "indent",
+        {"dim": 3, "h": 0.2, "radius": 1.0, "cell": "tetrahedron"},
+        "block ball",
+        "side_x side_y ball_skin ball_top " + DENT,
+    ),
+    ("clip", {"h": 0.2}, "clip catch", SNAP),
+    ("clip", {"h": 0.2, "cell": "quadrilateral"}, "clip catch", SNAP),
+    ("clip", {"dim": 3, "h": 0.2}, "clip catch", SNAP + SNAP_ENDS),
+    ("clip", {"dim": 3, "h": 0.1, "cell": "tetrahedron", "width": 0.6}, "clip catch", SNAP + SNAP_ENDS),
+    ("spring", {"h": 1.0, "coils": 1.5}, "spring", "spring_skin end_bottom end_top"),
+    ("spring", {"h": 1.0, "coils": 3.0, "ends": "closed"}, "spring", "spring_skin end_bottom end_top"),
+    ("spring", {"h": 0.5, "coils": 2.5, "ends": "ground"}, "spring", "spring_skin end_bottom end_top wire_ends"),
+    ("c_strip", {"n": (2, 16), "split": True}, "strip_upper strip_lower", C_STRIP + " back"),
+    ("c_strip", {"n": (2, 24), "cell": "triangle", "split": True}, "strip_upper strip_lower", C_STRIP + " back"),
 ]
 IDS = [f"{name}-{k}" for k, (name, *_) in enumerate(CASES)]
 
@@ -125,7 +170,7 @@ class Read:
     """A mesh read back: points (n, 3), groups as {name: [(cell name, nodes)]} and their dimension."""
 
     def __init__(self, path):
-        mesh = meshio.read(path)
+        self.path, mesh = path, meshio.read(path)
         self.points = mesh.points
         self.groups = {
             name: [
@@ -186,6 +231,8 @@ def test_cells_are_good_and_bodies_apart(read, name, arguments, bodies, boundary
             assert corner_jacobians(mesh.points, kind, cells).min() > 0.1
     linear = {"line", "triangle", "quad", "tetra", "hexahedron"}
     assert mesh.kinds <= linear | {"vertex"} if order == 1 else mesh.kinds.isdisjoint(linear)
+    # The program's reader refuses cells whose Jacobian changes sign, and facets that belong to no cell.
+    assert set(read_mesh(mesh.path).cell_groups) == set(bodies.split())
 
 
 @pytest.mark.parametrize(("name", "arguments", "bodies", "boundary"), CASES, ids=IDS)
@@ -307,7 +354,13 @@ def test_too_few_unknowns(tmp_path):
 
 @pytest.mark.parametrize(
     ("name", "arguments"),
-    [("ball_on_block", {"h": 0.15}), ("rings", {}), ("cylinders", {"h": 0.3, "cell": "quadrilateral"})],
+    [
+        ("ball_on_block", {"h": 0.15}),
+        ("rings", {}),
+        ("cylinders", {"h": 0.3, "cell": "quadrilateral"}),
+        ("indent", {"dim": 3, "h": 0.25, "radius": 1.0}),
+        ("clip", {"dim": 3, "h": 0.2, "cell": "tetrahedron", "layers": 2}),
+    ],
 )
 def test_same_file_every_time(tmp_path, name, arguments):
     first, second = (meshes.GENERATORS[name](tmp_path / f"{k}.msh", **arguments).read_bytes() for k in "ab")
@@ -323,3 +376,219 @@ def test_command(tmp_path, capsys):
     assert len(Read(tmp_path / "a.msh").groups["lower"][0][1]) == 12
     assert main(["two_blocks", "-o", str(tmp_path / "b.msh"), "--cell", "hexahedron"]) == 2
     assert not (tmp_path / "b.msh").exists()
+
+
+def measure(mesh, body, order):
+    """Area or volume of a body; all Jacobians have to be positive."""
+    total = 0.0
+    for kind, nodes in mesh.groups[body]:
+        cell = {"quad": "quadrilateral", "tetra": "tetrahedron"}.get(kind, kind)
+        points, weights = quadrature(cell, 6)
+        x = mesh.points[nodes][..., : DIMENSION[kind]]
+        jacobians = np.einsum("ena,qnb->eqab", x, shape_gradient(cell, order, points))
+        determinants = np.linalg.det(jacobians)
+        assert determinants.min() > 0
+        total += (determinants @ weights).sum()
+    return total
+
+
+def outward(mesh, group):
+    """Area-weighted normals (n, 3) and centres (n, 3) of the facets of a group, by their vertices."""
+    normals, centres = [], []
+    for kind, nodes in mesh.groups[group]:
+        x = mesh.points[nodes[:, : VERTICES[kind]]]
+        if kind == "line":
+            t = x[:, 1] - x[:, 0]
+            normals.append(np.column_stack([t[:, 1], -t[:, 0], 0 * t[:, 0]]))
+        else:
+            normals.append(0.5 * np.cross(x[:, 2] - x[:, 0], x[:, 3 % x.shape[1]] - x[:, 1]))
+        centres.append(x.mean(axis=1))
+    return np.concatenate(normals), np.concatenate(centres)
+
+
+QUARTER = 0.25 * np.pi * (200.0**2 - 100.0**2)
+
+
+@pytest.mark.parametrize(
+    ("name", "arguments", "body", "expected"),
+    [
+        ("thick_cylinder", {"n": (4, 8), "grading": 2.5}, "body", QUARTER),
+        ("thick_cylinder", {"n": (4, 8), "cell": "triangle"}, "body", QUARTER),
+        ("thick_cylinder", {"dim": 3, "n": (3, 8), "layers": 2}, "body", 10 * QUARTER),
+        ("thick_cylinder", {"dim": 3, "n": (3, 8), "cell": "tetrahedron"}, "body", 10 * QUARTER),
+        ("cylinder_strip", {"grading": 3.0, "cell": "triangle"}, "body", 1000.0),
+        ("indent", {"h": 0.2, "cell": "triangle"}, "block", 25.0),
+        ("indent", {"dim": 3, "h": 0.25}, "block", 125.0),
+        ("indent", {"dim": 3, "h": 0.2, "cell": "tetrahedron"}, "block", 125.0),
+        ("indent", {"h": 0.2, "radius": 1.0}, "ball", 0.25 * np.pi),
+        ("indent", {"dim": 3, "h": 0.2, "radius": 1.0}, "ball", np.pi / 6),
+    ],
+)
+@pytest.mark.parametrize("order", [1, 2])
+def test_areas_and_volumes(read, name, arguments, body, expected, order):
+    # A round body loses a part of the order of the angle squared to straight sides, of the fourth power to parabolas.
+    flat = body != "ball" and name != "thick_cylinder"
+    tolerance = 1e-12 if flat else {1: 0.06, 2: 1e-3}[order]
+    assert measure(read(name, order, **arguments), body, order) == pytest.approx(expected, rel=tolerance)
+
+
+def test_thick_cylinder_is_graded_and_round(read):
+    for arguments in ({}, {"dim": 3, "cell": "tetrahedron"}):
+        mesh = read("thick_cylinder", 2, n=(4, 5), grading=4.0, **arguments)
+        for group, radius in (("inner", 100.0), ("outer", 200.0)):
+            assert np.hypot(*mesh.x(group).T[:2]) == pytest.approx(radius, rel=1e-14)
+        size = np.diff(np.unique(np.round(mesh.x("side_y")[:, 0], 9)))[::2]
+        assert size[-1] / size[0] == pytest.approx(4.0) and size[1:] / size[:-1] == pytest.approx(4 ** (1 / 3))
+
+
+@pytest.mark.parametrize(
+    ("name", "arguments", "group", "direction"),
+    [
+        ("thick_cylinder", {"n": (3, 4)}, "side_x", (-1, 0, 0)),
+        ("thick_cylinder", {"dim": 3, "n": (3, 4), "cell": "tetrahedron"}, "side_y", (0, -1, 0)),
+        ("thick_cylinder", {"dim": 3, "n": (3, 4)}, "back", (0, 0, 1)),
+        ("thick_cylinder", {"dim": 3, "n": (3, 4), "cell": "tetrahedron"}, "front", (0, 0, -1)),
+        ("cylinder_strip", {}, "outer", (1, 0, 0)),
+        ("indent", {"h": 0.2}, "block_bottom", (0, -1, 0)),
+        ("indent", {"dim": 3, "h": 0.25}, "block_top", (0, 0, 1)),
+        ("indent", {"dim": 3, "h": 0.25}, "side_x", (-1, 0, 0)),
+    ],
+)
+def test_facets_look_outward(read, name, arguments, group, direction):
+    normals, _ = outward(read(name, 1, **arguments), group)
+    assert normals @ np.array(direction) == pytest.approx(np.linalg.norm(normals, axis=1))
+
+
+@pytest.mark.parametrize("arguments", [{}, {"cell": "triangle"}, {"dim": 3}, {"dim": 3, "cell": "tetrahedron"}])
+def test_indented_block_is_fine_at_the_origin(read, arguments):
+    mesh = read("indent", 1, h=0.125, **arguments)
+    x = mesh.x("block")
+    vertical = arguments.get("dim", 2) - 1
+    on_axis = np.all(np.abs(np.delete(x, vertical, axis=1)) < 1e-12, axis=1)
+    depth = np.sort(-x[on_axis, vertical])
+    size = np.diff(depth)
+    assert size[depth[1:] < 0.51] == pytest.approx(0.125, rel=0.25)
+    assert depth[-1] == 5.0 and 0.5 < size.max() < 1.5
+
+
+def distance(points, segments):
+    """Smallest distance of points (n, 2) from segments (m, 2, 2)."""
+    a, along = segments[:, 0], segments[:, 1] - segments[:, 0]
+    s = np.clip(np.einsum("nmi,mi->nm", points[:, None] - a, along) / (along**2).sum(axis=1), 0.0, 1.0)
+    return np.linalg.norm(points[:, None] - a - s[..., None] * along, axis=2).min()
+
+
+def apart(mesh, shift):
+    """Distance between the skins of the clip, moved in x, and of the catch (degree 2)."""
+    halves = [mesh.groups[key][0][1][:, [[0, 2], [2, 1]]].reshape(-1, 2) for key in ("clip_skin", "catch_skin")]
+    clip, catch = (mesh.points[ends][..., :2] for ends in halves)
+    clip = clip + [shift, 0.0]
+    return min(distance(clip[:, 0], catch), distance(catch[:, 0], clip))
+
+
+@pytest.mark.parametrize("shape", [meshes.CLIP, meshes.ClipShape(length=12.0, overlap=0.5, ramp=35.0, retention=60.0)])
+@pytest.mark.parametrize("cell", ["triangle", "quadrilateral"])
+def test_clip_starts_and_ends_free(read, shape, cell):
+    mesh = read("clip", 2, h=0.1, cell=cell, shape=shape)
+    assert apart(mesh, 0.0) == pytest.approx(shape.clearance, abs=2e-3)
+    assert apart(mesh, shape.first_touch) == pytest.approx(0.0, abs=2e-3)
+    assert apart(mesh, shape.passed) == pytest.approx(0.0, abs=2e-3)
+    assert apart(mesh, shape.travel) == pytest.approx(shape.clearance, abs=2e-3)
+    hook, nose = mesh.x("clip_skin") + [shape.travel, 0.0, 0.0], mesh.x("catch_skin")
+    assert hook[hook[:, 1] > shape.nose_bottom, 0].min() > nose[nose[:, 1] < shape.nose_bottom + 1e-6, 0].max()
+    assert hook[:, 1].max() - nose[:, 1].min() == pytest.approx(shape.overlap)
+    assert np.diff(np.sort(mesh.x("clip_root")[:, 1])).max() < 0.25
+    assert mesh.x("clip_root")[:, 0].max() == -shape.root_length
+
+
+def test_clip_extruded(read):
+    plane = measure(read("clip", 2, h=0.2), "clip", 2), measure(read("clip", 2, h=0.2), "catch", 2)
+    for cell in ("tetrahedron", "hexahedron"):
+        mesh = read("clip", 2, dim=3, h=0.2, cell=cell, width=2.0, layers=2)
+        assert measure(mesh, "clip", 2) == pytest.approx(2.0 * plane[0], rel=1e-4)
+        assert measure(mesh, "catch", 2) == pytest.approx(2.0 * plane[1], rel=1e-4)
+        assert np.ptp(mesh.x("clip_back")[:, 2]) == 0.0 and mesh.x("catch_back")[0, 2] == 2.0
+        for group, direction in (("clip_root", (-1, 0, 0)), ("catch_base", (0, 1, 0)), ("clip_front", (0, 0, -1))):
+            normals, _ = outward(mesh, group)
+            assert normals @ np.array(direction) == pytest.approx(np.linalg.norm(normals, axis=1))
+
+
+def test_clip_that_cannot_snap(tmp_path):
+    for wrong in ({"overlap": 0.9}, {"catch_ramp": 40.0}, {"radius": 0.6}):
+        with pytest.raises(ValueError, match="clip"):
+            meshes.ClipShape(**wrong)
+    with pytest.raises(ValueError, match="ClipShape"):
+        meshes.clip(tmp_path / "c.msh", shape=3)
+
+
+def test_spring_volume_and_ends(read):
+    mesh = read("spring", 2, h=1.0, coils=1.5)
+    length = 1.5 * np.hypot(16.0 * np.pi, 5.0)
+    assert measure(mesh, "spring", 2) == pytest.approx(np.pi * length, rel=1e-3)  # Pappus
+    normals, _ = outward(mesh, "end_bottom")
+    slope = np.array([0.0, -16.0 * np.pi, -5.0]) / np.hypot(16.0 * np.pi, 5.0)
+    assert normals / np.linalg.norm(normals, axis=1)[:, None] == pytest.approx(np.tile(slope, (len(normals), 1)))
+    r = np.hypot(*mesh.x("spring").T[:2])
+    assert (r.min(), r.max()) == pytest.approx((7.0, 9.0), abs=0.01)
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_ground_spring_stands_on_flat_ends(read, order):
+    mesh = read("spring", order, h=0.5, coils=2.5, ends="ground")
+    x = mesh.x("spring")
+    height = (2.5 - 2.0) * 5.0 + 2.0 * 2.2 - 2 * 0.3
+    for group, z, direction in (("end_bottom", 0.0, -1.0), ("end_top", height, 1.0)):
+        assert np.all(mesh.x(group)[:, 2] == mesh.x(group)[0, 2]) and mesh.x(group)[0, 2] == pytest.approx(z)
+        normals, _ = outward(mesh, group)
+        assert np.all(normals[:, 2] * direction > 0) and np.abs(normals[:, :2]).max() < 1e-12
+        # The cut runs along 0.59 turns (0.65 of the wire at 1.1 of it per turn), its mean width is about 1.65.
+        assert 0.5 < np.abs(normals[:, 2]).sum() / (0.59 * np.pi * 16.0 * 1.65) < 1.0
+    assert x[:, 2].min() == 0.0 and x[:, 2].max() == pytest.approx(height)
+    assert measure(mesh, "spring", order) < np.pi * 2.5 * np.hypot(16.0 * np.pi, 5.0)
+
+
+def test_coils_of_a_spring_are_apart():
+    t = np.linspace(0.0, 3.0, 400)
+    for ends, pitch in (("open", 5.0), ("closed", 2.2), ("ground", 2.2)):
+        helix = Helix(2.0, 16.0, 4.0, 5.0, ends, 1.0, 0.1)
+        (below, slope), (above, _) = helix.rise(t), helix.rise(t + 1.0)
+        # The pitch begins to change a quarter of a turn before the closed ones are over.
+        assert pitch - 1e-12 < (above - below).min() < pitch + 0.14
+        assert slope == pytest.approx(np.gradient(below, t), abs=0.05)
+
+
+@pytest.mark.parametrize("cell", ["triangle", "quadrilateral"])
+def test_whole_and_cut_strip_are_the_same(read, cell):
+    whole, cut = (read("c_strip", 2, n=(2, 16), cell=cell, split=split) for split in (False, True))
+    area = (2 * np.pi - np.radians(10.0)) * 10.0
+    both = measure(cut, "strip_upper", 2) + measure(cut, "strip_lower", 2)
+    assert measure(whole, "strip", 2) == pytest.approx(area, rel=1e-4) and both == pytest.approx(area, rel=1e-4)
+    assert len(cut.points) - len(whole.points) == len(whole.nodes("back")) == 5
+    assert np.all(whole.x("back")[:, 1] == 0.0) and whole.x("back")[:, 0].max() < -9.0
+    for mesh in (whole, cut):
+        for group, side in (("lip_upper", 1.0), ("lip_lower", -1.0)):
+            angle = np.arctan2(*mesh.x(group).T[1::-1])
+            assert angle == pytest.approx(side * np.radians(5.0)) and len(angle) == 5
+            normals, _ = outward(mesh, group)
+            assert np.all(normals[:, 1] * side < 0)
+        assert np.hypot(*mesh.x("strip_inner").T[:2]) == pytest.approx(9.5)
+        assert np.hypot(*mesh.x("strip_outer").T[:2]) == pytest.approx(10.5)
+
+
+@pytest.mark.parametrize(
+    ("name", "arguments"),
+    [
+        ("thick_cylinder", {"n": (0, 4)}),
+        ("thick_cylinder", {"inner": 0.0}),
+        ("cylinder_strip", {"inner": 3.0, "outer": 2.0}),
+        ("indent", {"h": 1.0}),
+        ("spring", {"ends": "round"}),
+        ("spring", {"pitch": 2.0}),
+        ("spring", {"coils": 2.0, "ends": "ground"}),
+        ("c_strip", {"gap": 360.0}),
+    ],
+)
+def test_wrong_dimensions(tmp_path, name, arguments):
+    with pytest.raises(ValueError, match=name):
+        meshes.GENERATORS[name](tmp_path / "w.msh", **arguments)
+    assert not (tmp_path / "w.msh").exists()
