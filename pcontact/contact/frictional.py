@@ -48,7 +48,9 @@ class FrictionalItem(ContactItem):
         """Boundary traction, augmented traction, jump (np, d)."""
         p, source = self.pairing, self.source
         traction, tau, jump = np.empty_like(source.x), np.empty_like(source.x), self._jump(values)
-        friction.tractions(values, p.cells, source.facet, source.grad, source.lame, source.normal, traction)
+        friction.tractions(
+            values, p.cells, source.facet, source.grad, source.volumetric, source.mu, source.normal, traction
+        )
         friction.augment(
             traction, jump, self._before, p.gap0, p.normal, self.gamma, self.alpha, source.facet, tau
         )
@@ -59,8 +61,8 @@ class FrictionalItem(ContactItem):
         traction, tau, _ = self._tau(values)
         friction.add_residual(
             self.theta, self.alpha, self.law, self.bilateral, p.paired, source.jxw, self.gamma, traction, tau, p.cells,
-            p.targets, source.facet, source.shape, p.target_shape, source.grad, source.lame, source.normal, p.normal,
-            local,
+            p.targets, source.facet, source.shape, p.target_shape, source.grad, source.volumetric, source.mu,
+            source.normal, p.normal, local,
         )  # fmt: skip
 
     def _augmented(self, values):
@@ -79,8 +81,8 @@ class FrictionalItem(ContactItem):
         p, source = self.pairing, self.source
         return friction.add_tangent(
             self.theta, self.alpha, self.law, self.bilateral, p.paired, source.jxw, self.gamma, tau, p.cells, p.targets,
-            source.facet, source.shape, p.target_shape, source.grad, source.lame, source.normal, p.normal,
-            self._rowptr, self._columns, local,
+            source.facet, source.shape, p.target_shape, source.grad, source.volumetric, source.mu, source.normal,
+            p.normal, self._rowptr, self._columns, local,
         )  # fmt: skip
 
     def state(self, u):
