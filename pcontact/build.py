@@ -15,6 +15,8 @@ from pcontact.material.elastic import in_plane, lame
 from pcontact.mesh.load import load_mesh
 from pcontact.mesh.mesh import bounding_box, size_of
 from pcontact.runtime import log
+from pcontact.runtime.parallel import agree
+from pcontact.runtime.petsc import MPI
 from pcontact.scene import (
     amplitude,
     check_dimension,
@@ -27,7 +29,7 @@ from pcontact.scene import (
 from pcontact.scene.validate import require_supported
 from pcontact.solve.problem import Problem
 from pcontact.space.modes import colour, component_frames, floating
-from pcontact.space.space import Space
+from pcontact.space.space import AXIS, Space
 from pcontact.space.supports import Supports
 
 # stiffness of the aid for bodies that nothing holds, as a part of the P-wave modulus over size squared, per volume
@@ -114,6 +116,19 @@ def _components(space, side):
     return set().union(*space.comm.allgather(set(np.unique(side.components).tolist())))
 
 
+def _require_area(scene, space, contact, source):
+    """Refuse a source on the axis of symmetry: its facets have no area. *Collective.*"""
+    if not space.axisymmetric:
+        return
+    largest = space.comm.allreduce(float(np.max(space.points[:, 0], initial=0.0)), op=MPI.MAX)
+    count = len(np.unique(source.facet[source.x[:, 0] <= AXIS * largest]))
+    message = (
+        f"{scene.where}: contacts ({contact.name}).source: found {contact.source!r} with {count} facets on the axis of "
+        "symmetry, where they have no area; allowed: facets with x > 0"
+    )
+    agree(space.comm, message if count else None)
+
+
 def contact_items(scene, space, constants, free):
     """One item per contact pair, and which components can meet. *Collective.*
 
@@ -135,6 +150,7 @@ def contact_items(scene, space, constants, free):
     items, edges, touching = [], set(), set()
     for number, contact in enumerate(scene.contacts):
         source = source_surface(space, contact.source, constants, contact.quadrature)
+        _require_area(scene, space, contact, source)
         sides = [_components(space, source)]
         if contact.target is not None:
             target = target_surface(space, contact.target)

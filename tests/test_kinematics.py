@@ -476,6 +476,13 @@ def test_nodes_on_the_axis_stay_there(tmp_path):
         Simulation(scene_of(tmp_path, value="0.1"))
 
 
+def test_no_contact_on_the_axis(tmp_path):
+    scene = scene_of(tmp_path)
+    scene.contacts = [Contact("left", obstacle=Obstacle("plane", point=[-1.0, 0.0], normal=[1.0, 0.0]))]
+    with pytest.raises(InputError, match=r"contacts \(left-plane\).source: found 'left' with 2 facets on the axis"):
+        Simulation(scene)
+
+
 @pytest.mark.parametrize("lower", [0.0, 1.0])
 def test_only_the_axial_translation_is_a_rigid_mode(tmp_path, lower):
     for value, left in ((["free", "free"], {0: 1}), (["free", 0.0], {})):
