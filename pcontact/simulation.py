@@ -69,7 +69,7 @@ class Simulation:
             Whether all steps converged.
         """
         scene, space = self.scene, self.problem.space
-        resumed = None if self.restart is None else read_checkpoint(self.restart, space)
+        resumed = None if self.restart is None else read_checkpoint(self.restart, space, self.problem.items)
         since = None if resumed is None else resumed.time
         stops = [t for load in [*scene.displacements, *scene.loads] for t, _ in (load.amplitude or [])]
         schedule = Schedule(scene.steps.end, scene.steps.count, scene.steps.smallest_step, stops)
@@ -79,7 +79,7 @@ class Simulation:
             directory, output = Path(directory), scene.output
             if output.checkpoint:
                 first = None if resumed is None else resumed.first
-                watch.insert(0, Checkpoint(directory, space, schedule, output.checkpoint_every, first))
+                watch.insert(0, Checkpoint(directory, space, self.problem.items, schedule, output.checkpoint_every, first))
             watch.insert(0, Records(directory, self.comm.rank, self._head(), self._times, since))
             if output.fields:
                 watch.insert(0, Fields(directory, self.problem, self.timing, since))
@@ -88,6 +88,7 @@ class Simulation:
         self.stepper = Stepper(self.problem, self.newton, schedule, watch, recorder, self.timing)
         if resumed is not None:
             self.stepper.resume(resumed.number, resumed.time, resumed.first, resumed.size, resumed.values)
+            resumed.recall(self.problem.items)
             log.info("restart from %s at time %g after %d steps", self.restart, resumed.time, resumed.number)
         converged = True
         try:

@@ -206,7 +206,7 @@ def test_killed_at_any_moment(tmp_path):
             time.sleep(0.001)
         process.wait()
         with h5py.File(out / NAME, "r") as file:
-            assert file["displacement"].shape == (49, 2)
+            assert file["displacement/value"].shape == (49, 2)
         lives, restart = lives + 1, ["-restart", str(out)]
     subprocess.run([*command, str(out), *restart], check=True, capture_output=True)
     full, pieced = (json.loads((tmp_path / name / "report.json").read_text()) for name in ("full", "out"))

@@ -7,6 +7,7 @@ from drivers import slider
 from drivers._common import make_mesh
 from meshes import one_block
 from pcontact.runtime.petsc import MPI
+from pcontact.scene.model import Load
 from pcontact.simulation import Simulation
 
 WORLD, SELF = MPI.COMM_WORLD, MPI.COMM_SELF
@@ -141,3 +142,48 @@ def test_ranks_do_not_matter(shared_tmp, dim, law, theta):
         assert np.array_equal(a["status"], b["status"])
         for key in ("force", "normal", "rubbed"):
             assert a[key] == pytest.approx(b[key], abs=1e-9 * a["bound"])
+
+
+@pytest.mark.parametrize("theta", [1.0, 0.0, -1.0])
+@pytest.mark.parametrize("dim", [2, 3])
+def test_sticks_as_stiffly_after_every_reversal(tmp_path, dim, theta):
+    """The slope of force over way is that of the block glued to the plane, in small steps and in large ones."""
+    path = mesh(tmp_path / "block.msh", dim)
+
+    def slopes(friction, count, drag, turns):
+        rows = loop(path, dim, {"friction": friction}, count=count, theta=theta, drag=drag)
+        pairs = [(a, b) for a, b in zip(rows, rows[1:], strict=False) if a["time"] == pytest.approx(turns, abs=1e-9)]
+        assert pairs and all(b["slip"] == b["open"] == 0 for _, b in pairs)
+        return [(b["force"] - a["force"]) / (b["drag"] - a["drag"]) for a, b in pairs]
+
+    (glued,) = slopes(100.0, 10, 1e-6, 0.2)
+    for count in (40, 160):
+        for turns in (0.4, 0.8):
+            assert slopes(MU, count, 0.004, turns) == [pytest.approx(glued, rel=1e-6)]
+
+
+@pytest.mark.parametrize("theta", [1.0, 0.0, -1.0])
+def test_a_force_below_the_bound_moves_nothing_in_time(tmp_path, theta):
+    """Pulled by 0.6 of what friction bears, in few steps or in many, then held: the block stays where it is."""
+    path = mesh(tmp_path / "block.msh", 2)
+    places = []
+    for count in (4, 32):
+        case = slider.scene(path, 2, {"friction": MU}, count=count, theta=theta)
+        case.displacements = []
+        pull = [(0.0, 0.0), (0.25, 0.0), (0.5, 1.0), (1.0, 1.0)]
+        case.loads = [
+            Load("top", pressure=N, amplitude=[(0.0, 0.0), (0.25, 1.0), (1.0, 1.0)]),
+            Load("top", traction=[0.6 * MU * N, 0.0], amplitude=pull),
+        ]
+        watch = Watch({"friction": MU}, WORLD)
+        watch.simulation = simulation = Simulation(case, WORLD)
+        try:
+            assert simulation.run(None, [watch])
+        finally:
+            simulation.close()
+        held = [row for row in watch.rows if row["time"] > 0.49]
+        # the edges of the block bear more than the middle, and slip
+        assert held[-1]["slip"] < 0.2 * held[-1]["stick"]
+        assert held[-1]["drag"] == pytest.approx(held[0]["drag"], rel=1e-7)
+        places.append(held[-1]["drag"])
+    assert places[1] == pytest.approx(places[0], rel=1e-5)

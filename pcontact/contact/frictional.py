@@ -5,14 +5,23 @@ import numpy as np
 from pcontact.contact import friction
 from pcontact.contact.item import ContactItem
 from pcontact.contact.laws import OPEN
+from pcontact.runtime.parallel import matching
+
+# a law whose bound nothing reaches
+HELD = np.array([0.0, 1e8, np.inf])
 
 
 class FrictionalItem(ContactItem):
     """Contact with friction of one pair by Nitsche's method.
 
-    The slip of a load step is the change of the tangential jump on the present pair of points since the committed
-    displacement (and the motion of a rigid obstacle since the committed time), so a point that is handed to another
-    target facet carries nothing over and loses nothing.
+    The slip of a load step counts from the tangential jump of the committed displacement on the present pair of points
+    (plus what a rigid obstacle has moved since the committed time), so a point that is handed to another target facet
+    loses nothing. Traction and law agree weakly: at a point that sticks the jump differs from its reference by
+
+        lag = (t_T - P_T) / (alpha gamma),
+
+    small with the mesh. The lag is kept with the source point and taken off the next reference. Each load step would
+    otherwise start from the jump as it is, and stick would creep by the lag in every step.
 
     Parameters
     ----------
@@ -27,12 +36,54 @@ class FrictionalItem(ContactItem):
     def __init__(self, space, contact, source, target, radius, law, alpha=1.0, floats=False):
         super().__init__(space, contact, source, target, radius, floats)
         self.law, self.alpha = law, float(alpha)
+        self._law = law
+        self._lag = np.zeros_like(source.x)
 
     def _begin(self, u, time):
-        """Remember the jump from which the slip of the step counts."""
-        self._before = self._jump(self.pairing.exchange.gather(u))
+        """Remember the jump at the beginning of the step, and the one from which the law counts slip."""
+        self._start = self._jump(self.pairing.exchange.gather(u))
         if self.rigid:
-            self._before += self.target.moved(self.time, time)
+            self._start += self.target.moved(self.time, time)
+        self._before = self._start - self._lag
+
+    def commit(self, u, time):
+        """End the load step: keep by how much the jump lags behind the law. *Collective.*"""
+        super().commit(u, time)
+        p = self.pairing
+        traction, tau, _ = self._tau(p.exchange.gather(u))
+        force, status = self._project(tau)
+        lag = (traction - force) / (self.alpha * self.gamma[self.source.facet])[:, None]
+        lag -= np.einsum("pd,pd->p", lag, p.normal)[:, None] * p.normal
+        self._lag = np.where((status > OPEN)[:, None], lag, 0.0)
+
+    def memory(self):
+        """What the next load step needs to know of this one, apart from the displacement.
+
+        Returns
+        -------
+        dict of str to (ndarray (n,), ndarray (n, m))
+            Keys of rows, the same on any number of ranks, and their values; rows of zeros are left out.
+        """
+        rows = np.flatnonzero(self._lag.any(axis=1))
+        return {"lag": (self.source.point_keys()[rows], self._lag[rows])}
+
+    def recall(self, name, chunks):
+        """Take back what :meth:`memory` gave.
+
+        Parameters
+        ----------
+        name : str
+        chunks : iterable of (ndarray (n,), ndarray (n, m))
+            The rows of all ranks, a part at a time.
+        """
+        self._lag[:] = 0.0
+        keys = self.source.point_keys()
+        for rows, values in matching(keys, chunks):
+            self._lag[rows] = values
+
+    def hold(self, held):
+        """Let closed points stick whatever the law says, or give them back to it."""
+        self._law = HELD if held else self.law
 
     def _couples(self, closed):
         # a bound that does not follow the pressure acts wherever there is a partner
@@ -60,7 +111,7 @@ class FrictionalItem(ContactItem):
         p, source = self.pairing, self.source
         traction, tau, _ = self._tau(values)
         friction.add_residual(
-            self.theta, self.alpha, self.law, self.bilateral, p.paired, source.jxw, self.gamma, traction, tau, p.cells,
+            self.theta, self.alpha, self._law, self.bilateral, p.paired, source.jxw, self.gamma, traction, tau, p.cells,
             p.targets, source.facet, source.shape, p.target_shape, source.grad, source.volumetric, source.mu,
             source.normal, p.normal, local,
         )  # fmt: skip
@@ -73,16 +124,16 @@ class FrictionalItem(ContactItem):
     def _project(self, tau):
         traction = np.empty_like(tau)
         status = friction.project_all(
-            self.law, self.bilateral, self.pairing.paired, self.pairing.normal, tau, traction
+            self._law, self.bilateral, self.pairing.paired, self.pairing.normal, tau, traction
         )
         return traction, status
 
     def _add_tangent(self, tau, local):
         p, source = self.pairing, self.source
         return friction.add_tangent(
-            self.theta, self.alpha, self.law, self.bilateral, p.paired, source.jxw, self.gamma, tau, p.cells, p.targets,
-            source.facet, source.shape, p.target_shape, source.grad, source.volumetric, source.mu, source.normal,
-            p.normal, self._rowptr, self._columns, local,
+            self.theta, self.alpha, self._law, self.bilateral, p.paired, source.jxw, self.gamma, tau, p.cells,
+            p.targets, source.facet, source.shape, p.target_shape, source.grad, source.volumetric, source.mu,
+            source.normal, p.normal, self._rowptr, self._columns, local,
         )  # fmt: skip
 
     def state(self, u):
@@ -98,7 +149,7 @@ class FrictionalItem(ContactItem):
         p = self.pairing
         _, tau, jump = self._tau(p.exchange.gather(u))
         traction, status = self._project(tau)
-        slip = jump - self._before
+        slip = jump - self._start
         slip -= np.einsum("pd,pd->p", slip, p.normal)[:, None] * p.normal
         state["status"] = np.where(state["status"] > OPEN, status, OPEN)
         return {**state, "traction": traction, "slip": np.where(p.paired[:, None], slip, 0.0)}

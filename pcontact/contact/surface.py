@@ -15,6 +15,8 @@ from pcontact.element.trace import trace_constant
 
 # facets per cell at most: global facet number = cell number * FACETS + local facet
 FACETS = 6
+# points per facet at most
+POINTS = 1 << 20
 
 
 @dataclass
@@ -77,6 +79,11 @@ class SourceSurface:
         self.volumetric = self.own[self.facet][:, None, None] * dilatation(self.grad, hoop)
         if self.shared is not None:
             self.volumetric += self.shared[self.facet]
+
+    def point_keys(self):
+        """Numbers (np,) of the points that do not depend on the ranks. The points of a facet come one after the other."""
+        first = np.searchsorted(self.facet, self.facet)
+        return self.facet_ids[self.facet] * POINTS + np.arange(len(self.facet)) - first
 
 
 def default_quadrature(facet, degree):

@@ -1,7 +1,7 @@
 """checkpoint.h5: what a run needs to go on, written aside and put in place at once.
 
-The state of a run is the committed displacement and the time: friction counts slip from them. Rows are kept in the
-order in which the ranks wrote them, each with the node number that all ranks, of any number, agree on.
+The state of a run is the committed displacement, the time, and what the items remember of their points. Rows are kept
+in the order in which the ranks wrote them, each with a number that all ranks, of any number, agree on.
 """
 
 import os
@@ -11,9 +11,9 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from pcontact.runtime.parallel import agree
+from pcontact.runtime.parallel import agree, matching
 
-NAME, VERSION = "checkpoint.h5", 1
+NAME, VERSION = "checkpoint.h5", 2
 ROWS = 1 << 20  # rows that are read at a time
 
 
@@ -32,6 +32,7 @@ class Resumed:
         Load step that the schedule had reached [time].
     values : ndarray (n_owned, d)
         Committed displacement of the owned nodes [length].
+    path : pathlib.Path
     """
 
     number: int
@@ -39,6 +40,24 @@ class Resumed:
     first: float
     size: float
     values: np.ndarray
+    path: Path
+
+    def recall(self, items):
+        """Give the items back what they remembered."""
+        with h5py.File(self.path, "r") as file:
+            for item in _remembering(items):
+                for name, table in file["memory"][item.name].items():
+                    item.recall(name, _chunks(table["key"], table["value"]))
+
+
+def _remembering(items):
+    return [item for item in items if hasattr(item, "memory")]
+
+
+def _chunks(keys, values):
+    """Rows of two datasets, a part at a time."""
+    for start in range(0, keys.shape[0], ROWS):
+        yield keys[start : start + ROWS], values[start : start + ROWS]
 
 
 def _keys(space):
@@ -53,6 +72,8 @@ class Checkpoint:
     ----------
     directory : str or pathlib.Path
     space : pcontact.space.space.Space
+    items : list
+        Those with a ``memory`` are asked for it.
     schedule : pcontact.stepping.schedule.Schedule
     every : int
         Load steps between two checkpoints; the last one is always written.
@@ -60,9 +81,9 @@ class Checkpoint:
         Time at which the first load step ended, if this run continues another.
     """
 
-    def __init__(self, directory, space, schedule, every=1, first=None):
+    def __init__(self, directory, space, items, schedule, every=1, first=None):
         self.path, self._space, self._schedule = Path(directory) / NAME, space, schedule
-        self._every, self._first = every, first
+        self._items, self._every, self._first = _remembering(items), every, first
 
     def step(self, step, u, record):
         """Write the state. *Collective.*
@@ -124,38 +145,51 @@ class Checkpoint:
             "version": VERSION, "number": step.number, "time": step.time, "first": self._first,
             "size": self._schedule.size, "degree": space.degree, "dim": space.dim, "nodes": space.numbering.n_total,
         })  # fmt: skip
-        file.create_dataset("node", (space.numbering.n_total,), np.int64)
-        file.create_dataset("displacement", (space.numbering.n_total, space.dim), np.float64)
+        file.create_group("memory")
+
+    def _tables(self, u):
+        """Name, keys (n,) and values (n, m) of every table."""
+        yield "displacement", _keys(self._space), u.getArray(readonly=True).reshape(-1, self._space.dim)
+        for item in self._items:
+            for name, (keys, values) in item.memory().items():
+                yield f"memory/{item.name}/{name}", keys, values
 
     def _rows(self, file, u):
-        """One rank after the other hands its rows to rank 0: memory for one more rank's rows is enough."""
-        space, comm = self._space, self._space.comm
-        keys = np.ascontiguousarray(_keys(space))
-        values = u.getArray(readonly=True).reshape(-1, space.dim).copy()
+        for name, keys, values in self._tables(u):
+            self._table(file, name, np.ascontiguousarray(keys, np.int64), np.ascontiguousarray(values, np.float64))
+
+    def _table(self, file, name, keys, values):
+        """One rank after the other hands its rows to rank 0: memory for one more rank's rows is enough. *Collective.*"""
+        comm = self._space.comm
+        counts = comm.allgather(len(keys))
         if comm.rank != 0:
             comm.recv(source=0)
             comm.Send(keys, dest=0)
             comm.Send(values, dest=0)
             return
-        failure = None
-        for rank in range(comm.size):
-            start, stop = space.numbering.ranges[rank : rank + 2]
+        failure, start = None, 0
+        for rank, count in enumerate(counts):
             if rank > 0:
-                keys, values = np.empty(stop - start, np.int64), np.empty((stop - start, space.dim))
+                keys, values = np.empty(count, np.int64), np.empty((count, *values.shape[1:]))
                 comm.send(None, dest=rank)
                 comm.Recv(keys, source=rank)
                 comm.Recv(values, source=rank)
             try:
+                if rank == 0:
+                    group = file.create_group(name)
+                    group.create_dataset("key", (sum(counts),), np.int64)
+                    group.create_dataset("value", (sum(counts), *values.shape[1:]), np.float64)
                 if failure is None:
-                    file["node"][start:stop], file["displacement"][start:stop] = keys, values
+                    group["key"][start : start + count], group["value"][start : start + count] = keys, values
             except OSError as error:
                 # the other ranks still have to be heard
                 failure = error
+            start += count
         if failure is not None:
             raise failure
 
 
-def read_checkpoint(directory, space):
+def read_checkpoint(directory, space, items):
     """State of an earlier run, on any number of ranks. *Collective.*
 
     Parameters
@@ -163,6 +197,7 @@ def read_checkpoint(directory, space):
     directory : str or pathlib.Path
         Holds checkpoint.h5.
     space : pcontact.space.space.Space
+    items : list
 
     Returns
     -------
@@ -176,12 +211,12 @@ def read_checkpoint(directory, space):
     path, message, resumed = Path(directory) / NAME, None, None
     try:
         with h5py.File(path, "r") as file:
-            message = _mismatch(path, dict(file.attrs), space)
+            message = _mismatch(path, dict(file.attrs), space) or _forgotten(path, file, items)
             if message is None:
                 head = file.attrs
                 values, found = _pick(file, _keys(space), space.dim)
                 resumed = Resumed(
-                    int(head["number"]), float(head["time"]), float(head["first"]), float(head["size"]), values
+                    int(head["number"]), float(head["time"]), float(head["first"]), float(head["size"]), values, path
                 )
                 if found < len(values):
                     message = f"{path}: found no row for {len(values) - found} nodes; allowed: one of this mesh"
@@ -202,17 +237,20 @@ def _mismatch(path, head, space):
     return None
 
 
+def _forgotten(path, file, items):
+    """What an item needs to know and the checkpoint does not hold; None if nothing."""
+    missing = [item.name for item in _remembering(items) if item.name not in file["memory"]]
+    if not missing:
+        return None
+    found = ", ".join(file["memory"]) or "none"
+    return f"{path}: friction of {', '.join(missing)}: found {found}; allowed: a run with the same friction"
+
+
 def _pick(file, keys, dim):
     """Rows (n, d) of some nodes, and how many were there."""
-    values, order, found = np.zeros((len(keys), dim)), np.argsort(keys), 0
-    ordered = keys[order]
-    for start in range(0, file["node"].shape[0], ROWS):
-        nodes = file["node"][start : start + ROWS]
-        rows = file["displacement"][start : start + ROWS]
-        place = np.searchsorted(ordered, nodes)
-        here = place < len(ordered)
-        here[here] = ordered[place[here]] == nodes[here]
-        values[order[place[here]]] = rows[here]
-        found += int(here.sum())
+    values, found = np.zeros((len(keys), dim)), 0
+    table = file["displacement"]
+    for rows, part in matching(keys, _chunks(table["key"], table["value"])):
+        values[rows] = part
+        found += len(rows)
     return values, found
-

@@ -181,3 +181,28 @@ class NodeExchange:
         self._scatter.scatter(
             self._local, vector, addv=PETSc.InsertMode.ADD_VALUES, mode=PETSc.ScatterMode.REVERSE
         )
+
+
+def matching(keys, chunks):
+    """Rows of other ranks' tables that belong here.
+
+    Parameters
+    ----------
+    keys : ndarray (n,)
+        Of the rows of this rank, each once.
+    chunks : iterable of (ndarray (m,), ndarray (m, k))
+        Keys and values, a part of the table at a time.
+
+    Yields
+    ------
+    rows : ndarray
+        Of this rank.
+    values : ndarray (len(rows), k)
+    """
+    order = np.argsort(keys)
+    ordered = keys[order]
+    for found, values in chunks:
+        place = np.searchsorted(ordered, found)
+        here = place < len(ordered)
+        here[here] = ordered[place[here]] == found[here]
+        yield order[place[here]], values[here]
