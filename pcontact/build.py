@@ -10,15 +10,26 @@ from pcontact.contact.laws import friction_law
 from pcontact.contact.obstacle import RigidObstacle
 from pcontact.contact.pieces import cut_source
 from pcontact.contact.surface import source_surface, target_surface
-from pcontact.material.elastic import lame
+from pcontact.element.reference import CELLS
+from pcontact.material.elastic import in_plane, lame
 from pcontact.mesh.load import load_mesh
 from pcontact.mesh.mesh import bounding_box, size_of
 from pcontact.runtime import log
-from pcontact.scene import amplitude, check_dimension, check_regions, obstacle_functions, resolve_contacts, validate
+from pcontact.runtime.parallel import agree
+from pcontact.runtime.petsc import MPI
+from pcontact.scene import (
+    amplitude,
+    check_dimension,
+    check_radius,
+    check_regions,
+    obstacle_functions,
+    resolve_contacts,
+    validate,
+)
 from pcontact.scene.validate import require_supported
 from pcontact.solve.problem import Problem
 from pcontact.space.modes import colour, component_frames, floating
-from pcontact.space.space import Space
+from pcontact.space.space import AXIS, Space
 from pcontact.space.supports import Supports
 
 # stiffness of the aid for bodies that nothing holds, as a part of the P-wave modulus over size squared, per volume
@@ -72,6 +83,9 @@ def read(scene, comm, options):
 
     def check(raw):
         check_dimension(scene, raw.dim)
+        if scene.mesh.kinematics == "axisymmetric":
+            used = np.unique(np.concatenate([b.nodes.ravel() for b in raw.blocks]))
+            check_radius(scene, raw.points[used], raw.path)
         check_regions(scene, raw.cell_groups, raw.facet_groups, raw.node_groups, raw.path)
 
     regions = [b.region for b in scene.bodies]
@@ -102,6 +116,19 @@ def _components(space, side):
     return set().union(*space.comm.allgather(set(np.unique(side.components).tolist())))
 
 
+def _require_area(scene, space, contact, source):
+    """Refuse a source on the axis of symmetry: its facets have no area. *Collective.*"""
+    if not space.axisymmetric:
+        return
+    largest = space.comm.allreduce(float(np.max(space.points[:, 0], initial=0.0)), op=MPI.MAX)
+    count = len(np.unique(source.facet[source.x[:, 0] <= AXIS * largest]))
+    message = (
+        f"{scene.where}: contacts ({contact.name}).source: found {contact.source!r} with {count} facets on the axis of "
+        "symmetry, where they have no area; allowed: facets with x > 0"
+    )
+    agree(space.comm, message if count else None)
+
+
 def contact_items(scene, space, constants, free):
     """One item per contact pair, and which components can meet. *Collective.*
 
@@ -123,6 +150,7 @@ def contact_items(scene, space, constants, free):
     items, edges, touching = [], set(), set()
     for number, contact in enumerate(scene.contacts):
         source = source_surface(space, contact.source, constants, contact.quadrature)
+        _require_area(scene, space, contact, source)
         sides = [_components(space, source)]
         if contact.target is not None:
             target = target_surface(space, contact.target)
@@ -166,6 +194,27 @@ def _aid(space, scene, constants, free):
     return lumped_volume(space) * stiffness[space.component[space.owned_local]]
 
 
+def averaged_bodies(scene, space):
+    """Regions of the bodies that have cells with mean dilatation. *Collective.*"""
+    mine = {block.body for block in space.mesh.blocks if len(block.nodes) and space.averages(block)}
+    bodies = set().union(*space.comm.allgather(mine))
+    return [body.region for number, body in enumerate(scene.bodies) if number in bodies]
+
+
+def _warn_of_locking(scene, space):
+    """Say which bodies are too stiff because their simplices of degree 1 lock. *Collective.*"""
+    mine = {block.body for block in space.mesh.blocks if len(block.nodes) and not CELLS[block.cell].is_tensor}
+    bodies = set().union(*space.comm.allgather(mine)) if space.degree == 1 else set()
+    for number in sorted(bodies):
+        body = scene.bodies[number]
+        if scene.locks(body):
+            log.warning(
+                "body %s: nu = %g makes triangles and tetrahedra of degree 1 much too stiff (locking); remedy: "
+                "order = 2, or quadrilaterals or hexahedra",
+                body.region, scene.materials[body.material].nu,
+            )  # fmt: skip
+
+
 def assemble(scene, mesh):
     """The problem of a scene on its mesh. *Collective.*
 
@@ -178,8 +227,11 @@ def assemble(scene, mesh):
         Components that nothing holds, and how many rigid modes they have left.
     """
     end = scene.steps.end
-    constants = [lame(scene.materials[b.material].E, scene.materials[b.material].nu) for b in scene.bodies]
-    space = Space(mesh, scene.mesh.order)
+    kinematics, materials = scene.mesh.kinematics, [scene.materials[b.material] for b in scene.bodies]
+    constants = [in_plane(*lame(material.E, material.nu), kinematics) for material in materials]
+    averaged = [number for number, body in enumerate(scene.bodies) if scene.averages(body)]
+    space = Space(mesh, scene.mesh.order, kinematics, averaged)
+    _warn_of_locking(scene, space)
     supports = Supports(
         space, scene.displacements, [amplitude(d.amplitude, end) for d in scene.displacements], scene.where
     )

@@ -13,7 +13,7 @@ from pcontact.runtime import log
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.parallel import on_root
 from pcontact.runtime.petsc import MPI
-from pcontact.scene import describe, read_scene
+from pcontact.scene import read_scene
 from pcontact.simulation import Simulation
 
 USAGE = """\
@@ -137,7 +137,7 @@ def check_scene(scene):
     """Print what a scene models, its sizes, what nothing holds. *Collective.*"""
     simulation = Simulation(scene)
     space, mesh, comm = simulation.problem.space, simulation.mesh, simulation.comm
-    active, left_out = describe(simulation.scene, mesh.dim)
+    active, left_out = simulation.describe()
     log.info("%s", simulation.scene.title or "untitled")
     log.info("modelled: %s", "\n          ".join(active))
     log.info("left out: %s", ", ".join(left_out))

@@ -105,8 +105,12 @@ class Simulation:
         """Take this run's solver defaults back out of the options database, for the next scene."""
         self.options.withdraw([*self.newton.applied, *self.from_scene])
 
+    def describe(self):
+        """What is modelled and what is left out, see :func:`pcontact.scene.describe`. *Collective.*"""
+        return describe(self.scene, self.mesh.dim, build.averaged_bodies(self.scene, self.problem.space))
+
     def _head(self):
-        active, left_out = describe(self.scene, self.mesh.dim)
+        active, left_out = self.describe()
         return {
             "title": self.scene.title,
             "version": pcontact.__version__,

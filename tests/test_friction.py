@@ -54,7 +54,10 @@ class Points:
         chosen = [8 + rng.permutation(6)[:targets] for _ in range(n_points)]
         self.targets = np.array(chosen, dtype=np.int64).reshape(n_points, targets)
         self.shape, self.target_shape = rng.random((n_points, nn)), rng.random((n_points, targets))
-        self.grad, self.lame = rng.normal(size=(n_points, nn, d)), 0.5 + rng.random((n_facets, 2))
+        self.grad, (lam, self.mu) = rng.normal(size=(n_points, nn, d)), 0.5 + rng.random((n_facets, 2)).T
+        # not parallel to the gradients: hoop strain, mean dilatation
+        other = 0.3 * np.random.default_rng(seed + 1).normal(size=self.grad.shape)
+        self.volumetric = lam[self.facet][:, None, None] * (self.grad + other)
         normals = rng.normal(size=(2, n_points, d))
         self.normal_x, self.normal = normals / np.linalg.norm(normals, axis=2)[:, :, None]
         self.jxw, self.gamma = 0.1 + rng.random(n_points), 1.0 + rng.random(n_facets)
@@ -77,10 +80,11 @@ class Points:
         rows, one = len(self.facet), np.eye(self.d)
         jump, traction = (np.zeros((rows, self.d, self.n, self.d)) for _ in range(2))
         for p in range(rows):
-            tensor = elasticity(*self.lame[self.facet[p]], self.d)
+            tensor = elasticity(0.0, self.mu[self.facet[p]], self.d)
             for a, node in enumerate(self.cells[self.facet[p]]):
                 jump[p, :, node] += self.shape[p, a] * one
                 traction[p, :, node] += np.einsum("ijkl,l,j->ik", tensor, self.grad[p, a], self.normal_x[p])
+                traction[p, :, node] += np.outer(self.normal_x[p], self.volumetric[p, a])
             for m, node in enumerate(self.targets[p]):
                 jump[p, :, node] -= self.target_shape[p, m] * one
         return jump.reshape(rows, self.d, -1), traction.reshape(rows, self.d, -1)
@@ -89,7 +93,9 @@ class Points:
         """Traction, jump, tau of the compiled kernels."""
         traction, jump, tau = (np.full_like(self.normal, np.nan) for _ in range(3))
         friction.jumps(u, self.cells, self.targets, self.facet, self.shape, self.target_shape, jump)
-        friction.tractions(u, self.cells, self.facet, self.grad, self.lame, self.normal_x, traction)
+        friction.tractions(
+            u, self.cells, self.facet, self.grad, self.volumetric, self.mu, self.normal_x, traction
+        )
         friction.augment(
             traction, jump, self.before, self.gap0, self.normal, self.gamma, self.alpha, self.facet, tau
         )
@@ -101,8 +107,8 @@ class Points:
         out = np.zeros((self.n, self.d))
         friction.add_residual(
             theta, self.alpha, law, bilateral, self.paired, self.jxw, self.gamma, traction, tau, self.cells,
-            self.targets, self.facet, self.shape, self.target_shape, self.grad, self.lame, self.normal_x, self.normal,
-            out,
+            self.targets, self.facet, self.shape, self.target_shape, self.grad, self.volumetric, self.mu, self.normal_x,
+            self.normal, out,
         )  # fmt: skip
         return out.ravel()
 
@@ -112,8 +118,8 @@ class Points:
         values = np.zeros((len(columns), self.d, self.d))
         missing = friction.add_tangent(
             theta, self.alpha, law, bilateral, self.paired, self.jxw, self.gamma, self.evaluate(u)[2], self.cells,
-            self.targets, self.facet, self.shape, self.target_shape, self.grad, self.lame, self.normal_x, self.normal,
-            rowptr, columns, values,
+            self.targets, self.facet, self.shape, self.target_shape, self.grad, self.volumetric, self.mu, self.normal_x,
+            self.normal, rowptr, columns, values,
         )  # fmt: skip
         return rowptr, columns, values, missing
 

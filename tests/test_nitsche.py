@@ -162,13 +162,14 @@ def test_traction_operator(d):
     rng = np.random.default_rng(5)
     n_points, nn = 6, 5
     grad, u = rng.normal(size=(n_points, nn, d)), rng.normal(size=(nn, d))
-    facet, constants = np.array([0, 0, 0, 1, 1, 1]), np.array([[3.0, 2.0], [0.5, 7.0]])
+    facet, mu, volumetric = np.array([0, 0, 0, 1, 1, 1]), np.array([2.0, 7.0]), rng.normal(size=grad.shape)
     normals = rng.normal(size=(2, n_points, d))
     normal_x, normal = normals / np.linalg.norm(normals, axis=2)[:, :, None]
     out = np.empty_like(grad)
-    traction_operator(grad, facet, constants, normal_x, normal, out)
+    traction_operator(grad, volumetric, facet, mu, normal_x, normal, out)
     for p in range(n_points):
-        sigma = np.einsum("ijkl,ak,al->ij", elasticity(*constants[facet[p]], d), u, grad[p])
+        sigma = np.einsum("ijkl,ak,al->ij", elasticity(0.0, mu[facet[p]], d), u, grad[p])
+        sigma += np.sum(volumetric[p] * u) * np.eye(d)
         assert np.sum(out[p] * u) == pytest.approx(normal[p] @ sigma @ normal_x[p], rel=1e-12)
 
 

@@ -2,9 +2,10 @@
 
 import numpy as np
 
-from pcontact.assembly.geometry import chunks
+from pcontact.assembly.geometry import chunks, hoop
 from pcontact.assembly.graph import find, multiply, node_graph
 from pcontact.assembly.pattern import OwnedRows
+from pcontact.element.dilatation import squares
 from pcontact.material.elastic import mean_stress
 from pcontact.runtime.jit import njit
 
@@ -56,6 +57,35 @@ def add_stiffness(grad, jxw, cells, lam, mu, rowptr, columns, values):
                             values[k, i, j] += block[j, i]
 
 
+@njit
+def add_squares(operators, weights, cells, rowptr, columns, values):
+    """Add sum_m w_m A_m (x) A_m of cells to block rows, see `pcontact.element.dilatation.squares`.
+
+    Parameters
+    ----------
+    operators : ndarray (nc, m, nn, d)
+    weights : ndarray (nc, m)
+    cells : ndarray (nc, nn)
+        Local nodes.
+    rowptr, columns : ndarray
+        Local pattern.
+    values : ndarray (nnz, d, d)
+        Added in place.
+    """
+    nm, nn, d = operators.shape[1], operators.shape[2], operators.shape[3]
+    for c in range(cells.shape[0]):
+        for a in range(nn):
+            row = cells[c, a]
+            for b in range(nn):
+                k = find(columns, rowptr[row], rowptr[row + 1], cells[c, b])
+                for i in range(d):
+                    for j in range(d):
+                        value = 0.0
+                        for m in range(nm):
+                            value += weights[c, m] * operators[c, m, a, i] * operators[c, m, b, j]
+                        values[k, i, j] += value
+
+
 class ElasticBulk:
     """Item of all elastic bodies.
 
@@ -63,7 +93,7 @@ class ElasticBulk:
     ----------
     space : pcontact.space.space.Space
     constants : list of (float, float)
-        Lame constants of each body of the scene [stress].
+        Lame constants of each body of the scene [stress], see `pcontact.material.elastic.in_plane` for plane stress.
 
     Attributes
     ----------
@@ -85,8 +115,14 @@ class ElasticBulk:
         local = np.zeros((len(columns), space.dim, space.dim))
         for number, block in enumerate(space.mesh.blocks):
             lam, mu = constants[block.body]
-            for rows, grad, jxw, _ in chunks(space, number):
-                add_stiffness(grad, jxw, space.cells[number][rows], lam, mu, rowptr, columns, local)
+            averaged = space.averages(block)
+            plain = not (averaged or space.axisymmetric)
+            for rows, grad, jxw, shapes in chunks(space, number):
+                cells = space.cells[number][rows]
+                add_stiffness(grad, jxw, cells, lam if plain else 0.0, mu, rowptr, columns, local)
+                if not plain:
+                    ring = hoop(space, number, rows, shapes)
+                    add_squares(*squares(grad, jxw, ring, averaged, lam, mu), cells, rowptr, columns, local)
         owned = OwnedRows(space.numbering, space.exchanger, space.nodes, rowptr, columns)
         self.rowptr, self.columns = owned.rowptr, owned.columns
         self.values = owned.sum(local)
@@ -126,14 +162,23 @@ class ElasticBulk:
         Returns
         -------
         list of (ndarray (nc, 6), ndarray (nc,))
-            For each block stress (XX, YY, ZZ, XY, YZ, XZ) and volume.
+            For each block stress (XX, YY, ZZ, XY, YZ, XZ) and volume. With axial symmetry XX is the radial, YY the
+            axial, ZZ the hoop stress, and the volume that of the whole ring.
         """
         nodal = self.space.local.gather(u)
         result = []
         for number, block in enumerate(self.space.mesh.blocks):
             lam, mu = self.constants[block.body]
             stress, volume = np.zeros((len(block.nodes), 6)), np.zeros(len(block.nodes))
-            for rows, grad, jxw, _ in chunks(self.space, number):
-                mean_stress(grad, jxw, nodal, self.space.cells[number][rows], lam, mu, stress[rows], volume[rows])
+            for rows, grad, jxw, shapes in chunks(self.space, number):
+                cells = self.space.cells[number][rows]
+                mean_stress(grad, jxw, nodal, cells, lam, mu, stress[rows], volume[rows])
+                ring = hoop(self.space, number, rows, shapes)
+                if ring is not None:
+                    strain = np.einsum("cq,cqa,ca->c", jxw, ring, nodal[cells, 0]) / volume[rows]
+                    stress[rows, :3] += lam * strain[:, None]
+                    stress[rows, 2] += 2.0 * mu * strain
+            if self.space.kinematics == "plane_stress":
+                stress[:, 2] = 0.0
             result.append((stress, volume))
         return result

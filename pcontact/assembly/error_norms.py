@@ -47,18 +47,32 @@ class SurfaceError(NamedTuple):
 
 
 def _energy_density(gradient, lam, mu):
-    """2 x elastic energy density (n,) [stress] of displacement gradients (n, d, d), plane strain in 2D."""
+    """2 x elastic energy density (n,) [stress] of displacement gradients (n, d, d).
+
+    Plane strain in 2D, plane stress with its own lam, axial symmetry with the hoop strain as the third diagonal entry.
+    """
     strain = 0.5 * (gradient + gradient.transpose(0, 2, 1))
     return lam * np.trace(strain, axis1=1, axis2=2) ** 2 + 2.0 * mu * np.einsum("nij,nij->n", strain, strain)
 
 
-def _chunk_sums(x, grad, jxw, at, values, nodal, exact, body, constants):
+def _with_hoop(gradient, u, radius):
+    """Gradients (n, 3, 3) with the hoop strain."""
+    full = np.zeros((len(u), 3, 3))
+    full[:, :2, :2], full[:, 2, 2] = gradient, u[:, 0] / radius
+    return full
+
+
+def _chunk_sums(x, grad, jxw, at, values, nodal, exact, body, constants, axisymmetric):
     """The four squares summed over a chunk of cells."""
     n, d = jxw.size, nodal.shape[-1]
     points = np.einsum("qa,cad->cqd", at, x).reshape(n, d)
     u = np.einsum("qa,cad->cqd", values, nodal).reshape(n, d)
     slope = np.einsum("cai,cqaj->cqij", nodal, grad).reshape(n, d, d)
     exact_u, exact_slope = exact(points, body)
+    if axisymmetric:
+        radius = points[:, 0]
+        slope, exact_slope = _with_hoop(slope, u, radius), _with_hoop(exact_slope, exact_u, radius)
+        jxw = 2.0 * np.pi * jxw * radius.reshape(jxw.shape)
     integrands = (
         _energy_density(slope - exact_slope, *constants),
         _energy_density(exact_slope, *constants),
@@ -102,7 +116,9 @@ def bulk_error(space, constants, u, exact, degree=None):
             grad, jxw = np.empty((len(x), *dshape.shape)), np.empty((len(x), len(weights)))
             gradients(x, dgeo, dshape, weights, grad, jxw)
             cells = nodal[space.cells[number][rows]]
-            sums += _chunk_sums(x, grad, jxw, at, values, cells, exact, block.body, constants[block.body])
+            sums += _chunk_sums(
+                x, grad, jxw, at, values, cells, exact, block.body, constants[block.body], space.axisymmetric
+            )
     return BulkError(*np.sqrt(space.comm.allreduce(sums, op=MPI.SUM)).tolist())
 
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from pcontact.element.dilatation import hoop_operator
 from pcontact.element.geometry import gradients
 from pcontact.element.quadrature import quadrature
 from pcontact.element.reference import CELLS
@@ -10,12 +11,44 @@ from pcontact.element.shape import shape, shape_gradient
 CHUNK = 8192
 
 
-def bulk_degree(cell, degree, geometry_degree):
-    """Quadrature degree that integrates the stiffness: exact on straight simplices, full Gauss on tensor cells."""
+def bulk_degree(cell, degree, geometry_degree, axisymmetric=False):
+    """Quadrature degree that integrates the stiffness: exact on straight simplices, full Gauss on tensor cells.
+
+    With axial symmetry the weight r and the hoop strain u_r / r come in: simplices take two degrees more.
+    """
     simplex = CELLS[cell].n_vertices == CELLS[cell].dim + 1
     if not simplex:
         return 2 * degree if geometry_degree == 1 else 2 * max(degree, 2)
-    return max(2 * (degree - 1), 0) if geometry_degree == 1 else 4
+    return (max(2 * (degree - 1), 0) if geometry_degree == 1 else 4) + 2 * axisymmetric
+
+
+def _rule(space, number):
+    """Node table and degree of the geometry, quadrature points and weights of a block's cells."""
+    mesh, block = space.mesh, space.mesh.blocks[number]
+    table, geometry_degree = mesh.geometry_nodes(block)
+    degree = bulk_degree(block.cell, space.degree, geometry_degree, space.axisymmetric)
+    return table, geometry_degree, *quadrature(block.cell, degree)
+
+
+def _radius(space, number, rows):
+    table, geometry_degree, xi, _ = _rule(space, number)
+    return space.mesh.points[table[rows], 0] @ shape(space.mesh.blocks[number].cell, geometry_degree, xi).T
+
+
+def hoop(space, number, rows, values):
+    """N / r (nc, nq, nn) of cells with axial symmetry, where u_r N / r is the hoop strain; None without [1/length].
+
+    Parameters
+    ----------
+    space : pcontact.space.space.Space
+    number : int
+        Block.
+    rows : slice
+        Cells, as in `chunks`.
+    values : ndarray (nq, nn)
+        Shape functions.
+    """
+    return hoop_operator(values, _radius(space, number, rows)) if space.axisymmetric else None
 
 
 def chunks(space, number):
@@ -33,13 +66,12 @@ def chunks(space, number):
     grad : ndarray (nc, nq, nn, d)
         Physical shape gradients [1/length]. Overwritten by the next chunk.
     jxw : ndarray (nc, nq)
-        Quadrature weight times Jacobian.
+        Quadrature weight times Jacobian, with axial symmetry times 2 pi r.
     values : ndarray (nq, nn)
         Shape functions.
     """
     mesh, block = space.mesh, space.mesh.blocks[number]
-    table, geometry_degree = mesh.geometry_nodes(block)
-    xi, weights = quadrature(block.cell, bulk_degree(block.cell, space.degree, geometry_degree))
+    table, geometry_degree, xi, weights = _rule(space, number)
     dgeo = np.ascontiguousarray(shape_gradient(block.cell, geometry_degree, xi))
     dshape = np.ascontiguousarray(shape_gradient(block.cell, space.degree, xi))
     values = shape(block.cell, space.degree, xi)
@@ -50,4 +82,6 @@ def chunks(space, number):
         grad = np.empty((len(x), nq, nn, mesh.dim))
         jxw = np.empty((len(x), nq))
         gradients(x, dgeo, dshape, weights, grad, jxw)
+        if space.axisymmetric:
+            jxw *= 2.0 * np.pi * _radius(space, number, rows)
         yield rows, grad, jxw, values

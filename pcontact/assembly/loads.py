@@ -15,11 +15,12 @@ def _facet_force(space, facets, load):
     xi, weights = quadrature(CELLS[block.cell].facet, 2 * space.degree + 2 * (geometry_degree - 1))
     x = np.ascontiguousarray(mesh.points[table[facets.cells]])
     at = facet_geometry(block.cell, x, facets.local, geometry_degree, space.degree, xi, weights)
+    weight = at.jxw * space.circumference(at.points)
     if load.pressure is not None:
         density = -float(load.pressure) * at.normals
     else:
         density = np.broadcast_to(np.asarray(load.traction, dtype=float), at.normals.shape)
-    return space.cells[facets.block][facets.cells], np.einsum("fq,fqn,fqd->fnd", at.jxw, at.shape, density)
+    return space.cells[facets.block][facets.cells], np.einsum("fq,fqn,fqd->fnd", weight, at.shape, density)
 
 
 def load_vector(space, load):
@@ -34,7 +35,8 @@ def load_vector(space, load):
     Returns
     -------
     ndarray (n_owned, d)
-        Forces [force] of the owned nodes, and nothing for prescribed components is taken out here.
+        Forces [force] of the owned nodes (of the whole circumference with axial symmetry), and nothing for prescribed
+        components is taken out here.
     """
     local = np.zeros((space.n_local, space.dim))
     if load.body_force is not None:

@@ -38,26 +38,25 @@ def jumps(u, cells, targets, facet, shape, target_shape, out):
 
 
 @njit
-def tractions(u, cells, facet, grad, lame, normal_x, out):
-    """Boundary traction t = sigma(u) n_X (np, d) [stress] of linear elasticity."""
+def tractions(u, cells, facet, grad, volumetric, mu, normal_x, out):
+    """Boundary traction t = sigma(u) n_X (np, d) [stress] of linear elasticity, sigma = (P . u) I + 2 mu eps."""
     d = u.shape[1]
     slope = np.zeros((d, d))
     for p in range(len(facet)):
         f = facet[p]
-        lam, mu = lame[f, 0], lame[f, 1]
+        shear = mu[f]
         slope[:] = 0.0
+        bulk = 0.0
         for a in range(cells.shape[1]):
             node = cells[f, a]
             for i in range(d):
+                bulk += volumetric[p, a, i] * u[node, i]
                 for j in range(d):
                     slope[i, j] += u[node, i] * grad[p, a, j]
-        trace = 0.0
         for i in range(d):
-            trace += slope[i, i]
-        for i in range(d):
-            value = lam * trace * normal_x[p, i]
+            value = bulk * normal_x[p, i]
             for j in range(d):
-                value += mu * (slope[i, j] + slope[j, i]) * normal_x[p, j]
+                value += shear * (slope[i, j] + slope[j, i]) * normal_x[p, j]
             out[p, i] = value
 
 
@@ -90,22 +89,22 @@ def project_all(law, bilateral, paired, normal, tau, out):
 
 
 @njit
-def _node_operator(grad, lam, mu, normal_x, out):
-    """out[i, j] = d t_i / d u_j of one node, from its shape gradient (d,)."""
+def _node_operator(grad, volumetric, mu, normal_x, out):
+    """out[i, j] = d t_i / d u_j of one node, from its shape gradient and volumetric operator (d,)."""
     d = len(normal_x)
     along = 0.0
     for i in range(d):
         along += grad[i] * normal_x[i]
     for i in range(d):
         for j in range(d):
-            out[i, j] = lam * normal_x[i] * grad[j] + mu * grad[i] * normal_x[j]
+            out[i, j] = normal_x[i] * volumetric[j] + mu * grad[i] * normal_x[j]
         out[i, i] += mu * along
 
 
 @njit
 def add_residual(
     theta, alpha, law, bilateral, paired, jxw, gamma, traction, tau, cells, targets, facet, shape, target_shape, grad,
-    lame, normal_x, normal, out,
+    volumetric, mu, normal_x, normal, out,
 ):
     """Add the residual of the pair to ``out`` (n, d) [force]."""
     d = normal.shape[1]
@@ -120,7 +119,7 @@ def add_residual(
         for a in range(cells.shape[1]):
             node = cells[f, a]
             if theta != 0.0:
-                _node_operator(grad[p, a], lame[f, 0], lame[f, 1], normal_x[p], operator)
+                _node_operator(grad[p, a], volumetric[p, a], mu[f], normal_x[p], operator)
                 for j in range(d):
                     for i in range(d):
                         out[node, j] += weight[i] * operator[i, j]
@@ -146,8 +145,8 @@ def _weigh(force, traction, normal, gamma, alpha, factor, out):
 
 @njit
 def add_tangent(
-    theta, alpha, law, bilateral, paired, jxw, gamma, tau, cells, targets, facet, shape, target_shape, grad, lame,
-    normal_x, normal, rowptr, columns, values,
+    theta, alpha, law, bilateral, paired, jxw, gamma, tau, cells, targets, facet, shape, target_shape, grad,
+    volumetric, mu, normal_x, normal, rowptr, columns, values,
 ):
     """Add the generalised Jacobian of the pair to block values (nnz, d, d); returns how many entries had no place."""
     d, nn, nt = normal.shape[1], cells.shape[1], targets.shape[1]
@@ -165,7 +164,7 @@ def add_tangent(
         width = nn + nt if touches else nn
         for a in range(nn):
             part[a] = shape[p, a]
-            _node_operator(grad[p, a], lame[f, 0], lame[f, 1], normal_x[p], operator[a])
+            _node_operator(grad[p, a], volumetric[p, a], mu[f], normal_x[p], operator[a])
         for m in range(nt):
             part[nn + m] = -target_shape[p, m]
         _columns(theta, width, part, operator, slope, stiff, inverse, pull, weak)

@@ -120,7 +120,9 @@ class FrictionalItem(ContactItem):
         """Boundary traction, augmented traction, jump (np, d)."""
         p, source = self.pairing, self.source
         traction, tau, jump = np.empty_like(source.x), np.empty_like(source.x), self._jump(values)
-        friction.tractions(values, p.cells, source.facet, source.grad, source.lame, source.normal, traction)
+        friction.tractions(
+            values, p.cells, source.facet, source.grad, source.volumetric, source.mu, source.normal, traction
+        )
         friction.augment(
             traction, jump, self._before, p.gap0, p.normal, self.gamma, self.alpha, source.facet, tau
         )
@@ -131,8 +133,8 @@ class FrictionalItem(ContactItem):
         traction, tau, _ = self._tau(values)
         friction.add_residual(
             self.theta, self.alpha, self._law, self.bilateral, p.paired, source.jxw, self.gamma, traction, tau, p.cells,
-            p.targets, source.facet, source.shape, p.target_shape, source.grad, source.lame, source.normal, p.normal,
-            local,
+            p.targets, source.facet, source.shape, p.target_shape, source.grad, source.volumetric, source.mu,
+            source.normal, p.normal, local,
         )  # fmt: skip
 
     def _augmented(self, values):
@@ -150,9 +152,9 @@ class FrictionalItem(ContactItem):
     def _add_tangent(self, tau, local):
         p, source = self.pairing, self.source
         return friction.add_tangent(
-            self.theta, self.alpha, self._law, self.bilateral, p.paired, source.jxw, self.gamma, tau, p.cells, p.targets,
-            source.facet, source.shape, p.target_shape, source.grad, source.lame, source.normal, p.normal,
-            self._rowptr, self._columns, local,
+            self.theta, self.alpha, self._law, self.bilateral, p.paired, source.jxw, self.gamma, tau, p.cells,
+            p.targets, source.facet, source.shape, p.target_shape, source.grad, source.volumetric, source.mu,
+            source.normal, p.normal, self._rowptr, self._columns, local,
         )  # fmt: skip
 
     def state(self, u):

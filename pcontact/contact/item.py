@@ -165,7 +165,7 @@ class ContactItem:
             places = targets
         cells = np.ascontiguousarray(np.searchsorted(unique, source_nodes).astype(np.int64))
         b = np.empty_like(source.grad)
-        traction_operator(source.grad, source.facet, source.lame, source.normal, normal, b)
+        traction_operator(source.grad, source.volumetric, source.facet, source.mu, source.normal, normal, b)
         shape = np.ascontiguousarray(np.where(paired[:, None], shape, 0.0))
         places = np.ascontiguousarray(np.where(paired[:, None], places, 0).astype(np.int64))
         self.pairing = Pairing(

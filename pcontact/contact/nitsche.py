@@ -21,26 +21,28 @@ from pcontact.runtime.jit import njit
 
 
 @njit
-def traction_operator(grad, facet, lame, normal_x, normal, out):
+def traction_operator(grad, volumetric, facet, mu, normal_x, normal, out):
     """b (np, nn, d): derivative of the normal component of the elastic boundary traction.
 
     Parameters
     ----------
     grad : ndarray (np, nn, d)
         Shape gradients of the parent cell [1/length].
+    volumetric : ndarray (np, nn, d)
+        Volumetric operator P of the parent cell, lam G in plane strain [stress/length].
     facet : ndarray (np,)
-    lame : ndarray (nf, 2)
-        [stress]
+    mu : ndarray (nf,)
+        Shear modulus [stress].
     normal_x : ndarray (np, d)
         Outward normal of the source facet.
     normal : ndarray (np, d)
         Contact normal.
     out : ndarray (np, nn, d)
-        lam (n_X . n) G_a + mu ((G_a . n_X) n + (G_a . n) n_X) [stress/length].
+        (n_X . n) P_a + mu ((G_a . n_X) n + (G_a . n) n_X) [stress/length].
     """
     d = grad.shape[2]
     for p in range(grad.shape[0]):
-        lam, mu = lame[facet[p], 0], lame[facet[p], 1]
+        shear = mu[facet[p]]
         cosine = 0.0
         for i in range(d):
             cosine += normal_x[p, i] * normal[p, i]
@@ -51,7 +53,7 @@ def traction_operator(grad, facet, lame, normal_x, normal, out):
                 along_x += grad[p, a, i] * normal_x[p, i]
                 along_n += grad[p, a, i] * normal[p, i]
             for i in range(d):
-                out[p, a, i] = lam * cosine * grad[p, a, i] + mu * (
+                out[p, a, i] = cosine * volumetric[p, a, i] + shear * (
                     along_x * normal[p, i] + along_n * normal_x[p, i]
                 )
 

@@ -138,5 +138,5 @@ def cut_source(space, source, name, target, radius, method, degree=None):
         c = np.flatnonzero(part == k)
         x[c], normal[c], length, v, g = _at(space, facets, row[c], s[c])
         values[c, : v.shape[1]], grad[c, : v.shape[1]] = v, g
-        jxw[c] = w[c] * length
+        jxw[c] = w[c] * length * space.circumference(x[c])
     return dataclasses.replace(source, facet=facet, x=x, normal=normal, jxw=jxw, shape=values, grad=grad)

@@ -1,10 +1,12 @@
 """The two sides of a contact pair on one rank: quadrature points of the source, facets of the target."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
+from pcontact.assembly.geometry import bulk_degree
 from pcontact.contact.facet_maps import KIND
+from pcontact.element.dilatation import dilatation, factors, hoop_operator, mean_dilatation
 from pcontact.element.geometry import facet_geometry
 from pcontact.element.quadrature import quadrature
 from pcontact.element.reference import CELLS, facet_nodes, reference_nodes
@@ -32,13 +34,17 @@ class SourceSurface:
     x, normal : ndarray (np, d)
         Reference position [length] and outward unit normal.
     jxw : ndarray (np,)
-        Quadrature weight times area element.
+        Quadrature weight times area element, with axial symmetry times 2 pi r.
     shape : ndarray (np, nn)
         Shape functions of the parent cell.
     grad : ndarray (np, nn, d)
         Their physical gradients [1/length].
-    lame : ndarray (nf, 2)
-        Lame constants of the parent cells [stress].
+    mu : ndarray (nf,)
+        Shear modulus of the parent cells [stress].
+    own : ndarray (nf,)
+        Factor of the dilatation operator at the point in the volumetric operator [stress].
+    shared : ndarray (nf, nn, d) or None
+        What the mean dilatation of the parent cells adds to it [stress/length].
     trace : ndarray (nf,)
         Constant of the trace inequality of the parent cell, times the number of its facets in the surface
         [stress/length].
@@ -46,6 +52,9 @@ class SourceSurface:
         Diameter of the facets [length].
     components : ndarray (nf,)
         Connected component of the parent cell.
+    axisymmetric : bool
+    volumetric : ndarray (np, nn, d)
+        Volumetric operator P, see `pcontact.element.dilatation` [stress/length]; follows from the others.
     """
 
     cells: np.ndarray
@@ -56,10 +65,20 @@ class SourceSurface:
     jxw: np.ndarray
     shape: np.ndarray
     grad: np.ndarray
-    lame: np.ndarray
+    mu: np.ndarray
+    own: np.ndarray
+    shared: np.ndarray | None
     trace: np.ndarray
     size: np.ndarray
     components: np.ndarray
+    axisymmetric: bool = False
+    volumetric: np.ndarray = field(init=False)
+
+    def __post_init__(self):
+        hoop = hoop_operator(self.shape, self.x[:, 0]) if self.axisymmetric else None
+        self.volumetric = self.own[self.facet][:, None, None] * dilatation(self.grad, hoop)
+        if self.shared is not None:
+            self.volumetric += self.shared[self.facet]
 
     def point_keys(self):
         """Numbers (np,) of the points, the same on any ranks. The points of a facet come one after the other."""
@@ -100,6 +119,14 @@ def _part(space, facets, constants, quadrature_degree):
     local = np.ascontiguousarray(facets.local, dtype=np.int64)
     at = facet_geometry(block.cell, coordinates, local, geometry_degree, space.degree, xi, weights)
     lam, mu = constants[block.body]
+    averaged, shared = space.averages(block), None
+    own, factor = factors(lam, mu, averaged)
+    if averaged:
+        order = bulk_degree(block.cell, space.degree, geometry_degree, space.axisymmetric)
+        shared = factor * mean_dilatation(
+            block.cell, coordinates, geometry_degree, space.degree, order, space.axisymmetric
+        )
+    kind = space.axisymmetric, averaged
     nf, nq = at.jxw.shape
     corners = mesh.points[mesh.facet_nodes(facets)]
     return {
@@ -108,11 +135,13 @@ def _part(space, facets, constants, quadrature_degree):
         "facet": np.repeat(np.arange(nf), nq),
         "x": at.points.reshape(nf * nq, -1),
         "normal": at.normals.reshape(nf * nq, -1),
-        "jxw": at.jxw.ravel(),
+        "jxw": (at.jxw * space.circumference(at.points)).ravel(),
         "shape": at.shape.reshape(nf * nq, -1),
         "grad": at.gradients.reshape(nf * nq, -1, mesh.dim),
-        "lame": np.tile([lam, mu], (nf, 1)),
-        "trace": trace_constant(block.cell, coordinates, local, geometry_degree, space.degree, lam, mu),
+        "mu": np.full(nf, mu),
+        "own": np.full(nf, own),
+        "shared": shared,
+        "trace": trace_constant(block.cell, coordinates, local, geometry_degree, space.degree, lam, mu, *kind),
         "size": np.linalg.norm(corners.max(axis=1) - corners.min(axis=1), axis=1),
         "components": block.components[facets.cells],
     }
@@ -140,7 +169,8 @@ def source_surface(space, name, constants, quadrature_degree=None):
         empty = np.zeros
         return SourceSurface(
             empty((0, d + 1), np.int64), empty(0, np.int64), empty(0, np.int64), empty((0, d)), empty((0, d)),
-            empty(0), empty((0, d + 1)), empty((0, d + 1, d)), empty((0, 2)), empty(0), empty(0), empty(0, np.int64),
+            empty(0), empty((0, d + 1)), empty((0, d + 1, d)), empty(0), empty(0), None, empty(0), empty(0),
+            empty(0, np.int64), space.axisymmetric,
         )  # fmt: skip
     width = max(p["cells"].shape[1] for p in parts)
     first = 0
@@ -149,11 +179,21 @@ def source_surface(space, name, constants, quadrature_degree=None):
         first += len(p["cells"])
         p["cells"] = _pad(p["cells"], width, index=True)
         p["shape"], p["grad"] = _pad(p["shape"], width), _pad(p["grad"], width)
+    shared = _joined([p.pop("shared") for p in parts], [p["cells"].shape for p in parts], d)
     joined = {key: np.ascontiguousarray(np.concatenate([p[key] for p in parts])) for key in parts[0]}
     # a cell's energy bounds the traction on all its facets of the surface together
     _, place, count = np.unique(joined["facet_ids"] // FACETS, return_inverse=True, return_counts=True)
     joined["trace"] *= count[place]
-    return SourceSurface(**joined)
+    return SourceSurface(**joined, shared=shared, axisymmetric=space.axisymmetric)
+
+
+def _joined(parts, shapes, d):
+    """Operators of all facets, zero for those that have none; None if no facet has one."""
+    if all(part is None for part in parts):
+        return None
+    width = max(columns for _, columns in shapes)
+    parts = [np.zeros((rows, width, d)) if p is None else p for p, (rows, _) in zip(parts, shapes, strict=True)]
+    return np.concatenate([_pad(p, width) for p in parts])
 
 
 @dataclass

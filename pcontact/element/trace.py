@@ -3,11 +3,14 @@
 lambda_F = max over v of int_F |sigma(v) n|^2 / int_E sigma(v) : eps(v)        [stress / length]
 
 with the elastic stress of the parent cell E of facet F: what coercivity needs, whatever the shape of the cell
-and the moduli (Warburton and Hesthaven 2003 for the polynomial inequality on simplices).
+and the moduli (Warburton and Hesthaven 2003 for the polynomial inequality on simplices). With axial symmetry both
+integrals have the weight r, the energy has the hoop strain, and nodes on the axis do not move along r; with mean
+dilatation stress and energy are those of `pcontact.element.dilatation`.
 """
 
 import numpy as np
 
+from pcontact.element.dilatation import dilatation, factors, hoop_operator, mean_dilatation, squares
 from pcontact.element.geometry import facet_geometry, gradients
 from pcontact.element.quadrature import quadrature
 from pcontact.element.reference import CELLS, facet_nodes, n_nodes, reference_nodes
@@ -18,17 +21,19 @@ from pcontact.runtime.jit import njit
 _STRAIGHT = 1e-8
 # A rigid mode is one whose energy is below this fraction of the stiffness.
 _RIGID = 1e-12
+# A node is on the axis of symmetry if its radius is below this fraction of the cell's extent.
+_AXIS = 1e-8
 # Facets treated at once: their local matrices stay in the cache.
 _BATCH = 256
 
 
-def trace_constant(cell, x, local_facet, geometry_degree, degree, lam, mu):
+def trace_constant(cell, x, local_facet, geometry_degree, degree, lam, mu, axisymmetric=False, averaged=False):
     """Trace constant of facets.
 
     Parameters
     ----------
     cell : str
-        Parent cell, of dimension 2 (plane strain) or 3.
+        Parent cell, of dimension 2 (plane strain; plane stress with its own lam) or 3.
     x : ndarray, (nf, ng, d)
         Coordinates of the geometry nodes of each facet's parent cell [length].
     local_facet : ndarray, (nf,) int
@@ -37,12 +42,17 @@ def trace_constant(cell, x, local_facet, geometry_degree, degree, lam, mu):
         Degree of the geometry and of the displacement.
     lam, mu : float or ndarray, (nf,)
         Lame constants [stress].
+    axisymmetric : bool
+        Axial symmetry, the first coordinate is the radius.
+    averaged : bool
+        Mean dilatation.
 
     Returns
     -------
     ndarray, (nf,) float64
         lambda_F [stress / length]. On straight simplices in closed form, p (p + d - 1) / d (lam + 2 mu) |F| /
-        |E| with p the degree; elsewhere the largest eigenvalue of the local problem, without its rigid modes.
+        |E| with p the degree, unless there is axial symmetry; elsewhere the largest eigenvalue of the local problem,
+        without its rigid modes.
 
     Raises
     ------
@@ -57,10 +67,11 @@ def trace_constant(cell, x, local_facet, geometry_degree, degree, lam, mu):
     for members, on_degree in ((straight, 1), (~straight, geometry_degree)):
         kept = np.flatnonzero(members)
         nodes = x[kept, : n_nodes(cell, on_degree)]
-        if on_degree == 1 and not CELLS[cell].is_tensor:
+        if on_degree == 1 and not (CELLS[cell].is_tensor or axisymmetric):
             result[kept] = _closed_form(cell, nodes, local_facet[kept], degree) * (lam + 2.0 * mu)[kept]
         else:
-            result[kept] = _in_batches(cell, nodes, local_facet[kept], on_degree, degree, lam[kept], mu[kept])
+            kind = axisymmetric, averaged
+            result[kept] = _in_batches(cell, nodes, local_facet[kept], on_degree, degree, lam[kept], mu[kept], kind)
     return result
 
 
@@ -85,62 +96,100 @@ def _closed_form(cell, x, local_facet, degree):
     return degree * (degree + dim - 1) * root / det
 
 
-def _in_batches(cell, x, local_facet, geometry_degree, degree, lam, mu):
+def _in_batches(cell, x, local_facet, geometry_degree, degree, lam, mu, kind):
     """`_largest` of a few facets at a time, (nf,)."""
     result = np.empty(len(x))
     for start in range(0, len(x), _BATCH):
         part = slice(start, start + _BATCH)
-        arguments = x[part], local_facet[part], geometry_degree, degree, lam[part], mu[part]
+        arguments = x[part], local_facet[part], geometry_degree, degree, lam[part], mu[part], kind
         result[part] = _largest(cell, *arguments)
     return result
 
 
-def _largest(cell, x, local_facet, geometry_degree, degree, lam, mu):
+def _largest(cell, x, local_facet, geometry_degree, degree, lam, mu, kind=(False, False)):
     """Largest eigenvalue of the local problem, (nf,).
 
     With K the stiffness of the cell and H the weighted tractions, max |H v|^2 / v.K v = max eigenvalue of
     H K^+ H^T. As H vanishes on the rigid modes, K^+ may be replaced by the inverse of K plus any stiffness on
     them. Coordinates and moduli are scaled to one first, so that nothing depends on the units.
     """
-    x = x - x.mean(axis=1, keepdims=True)  # the rotations below turn about this point
     extent, modulus = np.ptp(x, axis=1).max(axis=1), lam + 2.0 * mu
-    x, lam, mu = x / extent[:, None, None], lam / modulus, mu / modulus
+    middle = x.mean(axis=1, keepdims=True)  # the rotations below turn about this point
+    if kind[0]:
+        middle[:, :, 0] = 0.0  # radii stay what they are
+    x, lam, mu = (x - middle) / extent[:, None, None], lam / modulus, mu / modulus
     # exact on parallelepipeds; one point more per direction where the Jacobian varies
     order = 2 * degree + 2 * (geometry_degree - 1)
-    stiffness = _stiffness(cell, x, geometry_degree, degree, order, lam, mu)
-    tractions = _tractions(cell, x, local_facet, geometry_degree, degree, order, lam, mu)
+    layout = cell, geometry_degree, degree, order
+    stiffness = _stiffness(layout, x, lam, mu, kind)
+    tractions = _tractions(layout, x, local_facet, lam, mu, kind)
     nodes = np.einsum("na,cai->cni", shape(cell, geometry_degree, reference_nodes(cell, degree)), x)
+    if kind[0]:
+        _hold_axis(nodes[:, :, 0] <= _AXIS, stiffness, tractions)
+        nodes -= nodes.mean(axis=1, keepdims=True)
     stiffness += _rigid_stiffness(nodes, stiffness)
     compliance = np.empty((len(x), tractions.shape[1], tractions.shape[1]))
     _compliance(stiffness, np.ascontiguousarray(tractions.transpose(0, 2, 1)), compliance)
     return np.linalg.eigvalsh(compliance)[:, -1] * modulus / extent
 
 
-def _stiffness(cell, x, geometry_degree, degree, order, lam, mu):
+def _hold_axis(held, stiffness, tractions):
+    """Take the radial displacement of nodes (nf, nn) on the axis out of both operators."""
+    nf, nn = held.shape
+    free = np.ones((nf, nn, 2))
+    free[:, :, 0] = ~held
+    free = free.reshape(nf, 2 * nn)
+    diagonal = np.einsum("cii->ci", stiffness)
+    kept = np.where(free > 0.0, 0.0, diagonal)
+    stiffness *= free[:, :, None] * free[:, None, :]
+    diagonal += kept
+    tractions *= free[:, None, :]
+
+
+def _stiffness(layout, x, lam, mu, kind):
     """Elastic stiffness, (nf, nn d, nn d), node by node."""
+    cell, geometry_degree, degree, order = layout
+    axisymmetric, averaged = kind
     points, weights = quadrature(cell, order)
     dgeo, dshape = shape_gradient(cell, geometry_degree, points), shape_gradient(cell, degree, points)
     grad, jxw = np.empty((len(x), *dshape.shape)), np.empty((len(x), len(weights)))
     if not gradients(x, dgeo, dshape, weights, grad, jxw) > 0.0:
         raise ValueError(f"trace constant: a {cell} is inverted or degenerate")
     size = dshape.shape[1] * dshape.shape[2]
-    stiffness = np.empty((len(x), size, size))
-    _elastic(grad.reshape(len(x), -1, size), jxw, lam, mu, x.shape[2], stiffness)
+    stiffness, hoop, plain = np.empty((len(x), size, size)), None, not any(kind)
+    if axisymmetric:
+        radius = x[:, :, 0] @ shape(cell, geometry_degree, points).T
+        jxw, hoop = jxw * radius, hoop_operator(shape(cell, degree, points), radius)
+    _elastic(grad.reshape(len(x), -1, size), jxw, lam if plain else 0.0 * lam, mu, x.shape[2], stiffness)
+    if not plain:
+        operators, factor = squares(grad, jxw, hoop, averaged, lam, mu)
+        operators = operators.reshape(len(x), -1, size)
+        stiffness += operators.transpose(0, 2, 1) @ (factor[:, :, None] * operators)
     return stiffness
 
 
-def _tractions(cell, x, local_facet, geometry_degree, degree, order, lam, mu):
+def _tractions(layout, x, local_facet, lam, mu, kind):
     """Tractions of the shape functions at facet points times the root of the weight, (nf, nq d, nn d)."""
+    cell, geometry_degree, degree, order = layout
+    axisymmetric, averaged = kind
     xi, weights = quadrature(CELLS[cell].facet, order)
     facets = facet_geometry(cell, x, local_facet, geometry_degree, degree, xi, weights)
-    normals, grad = facets.normals, facets.gradients
+    normals, grad, weight, hoop = facets.normals, facets.gradients, facets.jxw, None
     nf, nq, nn, dim = grad.shape
-    root = np.sqrt(facets.jxw)[:, :, None, None]
-    lam, mu = lam[:, None, None, None], mu[:, None, None, None]
+    if axisymmetric:
+        radius = facets.points[..., 0]
+        weight, hoop = weight * radius, hoop_operator(facets.shape, radius)
+    own, shared = factors(lam[:, None, None, None], mu[:, None, None, None], averaged)
+    volumetric = own * dilatation(grad, hoop)
+    if averaged:
+        middle = mean_dilatation(cell, x, geometry_degree, degree, order, axisymmetric)
+        volumetric = volumetric + shared * middle[:, None]
+    root = np.sqrt(weight)[:, :, None, None]
+    mu = mu[:, None, None, None]
     result = np.empty((nf, nq, dim, nn, dim))
     along = root * mu * np.einsum("fqai,fqi->fqa", grad, normals)[..., None]
     for k in range(dim):
-        result[:, :, k] = root * lam * normals[:, :, k, None, None] * grad
+        result[:, :, k] = root * normals[:, :, k, None, None] * volumetric
         result[:, :, k] += root * mu * grad[..., k, None] * normals[:, :, None, :]
         result[:, :, k, :, k] += along[..., 0]
     return result.reshape(nf, nq * dim, nn * dim)

@@ -17,6 +17,15 @@ def lame(young, poisson):
     return lam, mu
 
 
+def in_plane(lam, mu, kinematics):
+    """Lame constants that give the stress in the plane of the mesh from the strain in it.
+
+    In plane stress  eps_33 = -lam / (lam + 2 mu) (eps_11 + eps_22),  hence lam* = 2 lam mu / (lam + 2 mu); all other
+    kinematics keep the constants.
+    """
+    return (2.0 * lam * mu / (lam + 2.0 * mu), mu) if kinematics == "plane_stress" else (lam, mu)
+
+
 @njit
 def mean_stress(grad, jxw, nodal, cells, lam, mu, out, volume):
     """Volume average of the stress of each cell, plane strain in 2D.

@@ -16,7 +16,7 @@ from pcontact.scene.model import (
     Steps,
 )
 from pcontact.scene.reader import read_scene
-from pcontact.scene.regions import check_dimension, check_regions
+from pcontact.scene.regions import check_dimension, check_radius, check_regions
 from pcontact.scene.validate import require_supported, resolve_contacts, unsupported, validate
 
 __all__ = [
@@ -33,6 +33,7 @@ __all__ = [
     "Steps",
     "amplitude",
     "check_dimension",
+    "check_radius",
     "check_regions",
     "describe",
     "obstacle_functions",

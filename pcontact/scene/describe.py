@@ -1,5 +1,7 @@
 """What a scene switches on and what it leaves out, in words."""
 
+from collections.abc import Sequence
+
 from pcontact.scene.model import Contact, Scene
 from pcontact.scene.validate import resolve_contacts
 
@@ -21,7 +23,9 @@ _FEATURES = (
 )
 
 
-def describe(scene: Scene, dim: int | None = None) -> tuple[list[str], list[str]]:
+def describe(
+    scene: Scene, dim: int | None = None, averaged: Sequence[str] = ()
+) -> tuple[list[str], list[str]]:
     """What is modelled and what is left out.
 
     Parameters
@@ -30,6 +34,8 @@ def describe(scene: Scene, dim: int | None = None) -> tuple[list[str], list[str]
         A valid scene; numerics that it does not say are described by their defaults.
     dim : int or None
         Space dimension of the mesh, where it is known.
+    averaged : sequence of str
+        Bodies that have cells with mean dilatation.
 
     Returns
     -------
@@ -41,6 +47,8 @@ def describe(scene: Scene, dim: int | None = None) -> tuple[list[str], list[str]
         active.append("von Mises plasticity: " + ", ".join(_plastic(scene)))
     if scene.mesh.kinematics != "plane_strain" or dim == 2:
         active.append(scene.mesh.kinematics.replace("_", " "))
+    if averaged:
+        active.append("mean dilatation: " + ", ".join(averaged))
     active += [_contact(contact) for contact in resolve_contacts(scene, {}).contacts]
     for key in ("pressure", "traction", "body_force"):
         regions = [load.region for load in scene.loads if getattr(load, key) is not None]

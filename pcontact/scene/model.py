@@ -9,6 +9,9 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+# Poisson's ratio above which cells of degree 1 are too stiff
+LOCKING = 0.45
+
 Table = Sequence[Sequence[float]]  # rows of (time, factor)
 Function = str | Callable  # "module.py:name" beside the scene, or the function itself
 
@@ -24,12 +27,17 @@ class MeshSpec:
     order : int
         Degree of the displacement, 1 or 2.
     kinematics : str
-        2D only: "plane_strain", "plane_stress" or "axisymmetric"; the default says nothing about a 3D mesh.
+        2D only: "plane_strain", "plane_stress" or "axisymmetric" (x is the radius, y the axis); the default says
+        nothing about a 3D mesh.
+    mean_dilatation : bool or None
+        Quadrilaterals and hexahedra of degree 1 take the mean volume change of the cell, which cures locking; None:
+        in bodies that are nearly incompressible or may yield, see :meth:`Scene.averages`.
     """
 
     file: str | Path
     order: int = 1
     kinematics: str = "plane_strain"
+    mean_dilatation: bool | None = None
 
 
 @dataclass
@@ -312,6 +320,18 @@ class Scene:
     def mesh_path(self) -> Path:
         """The mesh file."""
         return self.folder / self.mesh.file
+
+    def locks(self, body: Body) -> bool:
+        """Whether cells of degree 1 are too stiff in a body: Poisson's ratio is near 0.5, and not in plane stress."""
+        return self.mesh.kinematics != "plane_stress" and self.materials[body.material].nu > LOCKING
+
+    def averages(self, body: Body) -> bool:
+        """Whether a body's quadrilaterals and hexahedra of degree 1 take their mean dilatation."""
+        if self.mesh.kinematics == "plane_stress":
+            return False
+        if self.mesh.mean_dilatation is not None:
+            return self.mesh.mean_dilatation
+        return self.locks(body) or self.materials[body.material].yield_stress is not None
 
 
 SINGLE_TABLES = {"mesh": MeshSpec, "steps": Steps, "output": Output}

@@ -8,6 +8,8 @@ import numpy as np
 from pcontact.scene.messages import input_error, listed, unknown_name
 from pcontact.scene.model import Body, Contact, Displacement, Load, MeshSpec, Obstacle, Scene, tables
 
+# part of the largest radius by which rounding may put a node on the wrong side of the axis
+ROUNDING = 1e-9
 _VECTORS = {
     Displacement: ("value",),
     Load: ("traction", "body_force"),
@@ -43,6 +45,29 @@ def check_dimension(scene: Scene, dim: int) -> None:
         if isinstance(table, Obstacle) and table.shape == "cylinder" and dim == 2:
             allowed = '"plane" | "sphere" (a circle) | "level_set"'
             raise input_error(scene.where, f"{where}.shape", '"cylinder" with a 2D mesh', allowed)
+
+
+def check_radius(scene: Scene, points: np.ndarray, mesh_path: str | Path) -> None:
+    """Check that the mesh of a scene with axial symmetry lies on one side of its axis.
+
+    Parameters
+    ----------
+    scene : Scene
+        A valid scene.
+    points : ndarray (n, d)
+        Nodes of the cells.
+    mesh_path : str or pathlib.Path
+        For the message.
+
+    Raises
+    ------
+    InputError
+        A node has x < 0.
+    """
+    wrong = points[:, 0] < -ROUNDING * np.abs(points[:, 0]).max(initial=0.0)
+    if wrong.any():
+        found = f'"axisymmetric" with {wrong.sum()} nodes of {mesh_path} at x < 0, down to {points[:, 0].min():g}'
+        raise input_error(scene.where, "mesh.kinematics", found, "a mesh in x >= 0: x is the radius, y the axis")
 
 
 def check_regions(

@@ -205,6 +205,7 @@ RULES: dict[type, dict[str, Rule]] = {
         "file": Rule("the name of a mesh file beside the scene", _file),
         "order": integer(1, 2),
         "kinematics": choice("plane_strain", "plane_stress", "axisymmetric"),
+        "mean_dilatation": optional(BOOLEAN),
     },
     Material: {
         "E": POSITIVE,

@@ -11,7 +11,6 @@ from pcontact.scene.model import (
     Contact,
     Load,
     Material,
-    MeshSpec,
     Obstacle,
     Scene,
     tables,
@@ -23,8 +22,6 @@ SMALLEST = 1e-12  # of the run: the shortest step
 
 # What can be described but is not modelled yet: table, key, does the table ask for it, in words
 UNSUPPORTED = (
-    (MeshSpec, "kinematics", lambda mesh: mesh.kinematics == "plane_stress", "plane stress"),
-    (MeshSpec, "kinematics", lambda mesh: mesh.kinematics == "axisymmetric", "axial symmetry"),
     (Material, "yield_stress", lambda material: material.yield_stress is not None, "plasticity"),
     (Contact, "unbiased", lambda contact: contact.unbiased, "unbiased contact"),
     (Contact, "target", lambda contact: contact.target == contact.source, "self contact"),
@@ -54,6 +51,9 @@ def validate(scene: Scene) -> None:
     _check_types(scene)
     _check_values(scene)
     _check_mesh_file(scene)
+    if scene.mesh.mean_dilatation and scene.mesh.kinematics == "plane_stress":
+        found = 'true with kinematics = "plane_stress"'
+        raise input_error(scene.where, "mesh.mean_dilatation", found, "false, plane stress does not lock")
     _check_bodies(scene)
     for where, table in tables(scene):
         if isinstance(table, Material):

@@ -152,7 +152,10 @@ class Problem:
         forces += [-np.asarray(pair["force"]) for name, pair in record["contacts"].items() if name in obstacles]
         inner = [np.asarray(pair["force"]) for pair in record["contacts"].values()]
         largest = max(float(np.linalg.norm(force)) for force in [applied, *forces, *inner])
-        return float(np.linalg.norm(applied + sum(forces))), largest
+        total = applied + sum(forces)
+        if self.space.axisymmetric:
+            total[0] = 0.0  # radial forces are borne by the ring
+        return float(np.linalg.norm(total)), largest
 
     def reactions(self, u):
         """Support forces that the surroundings exert, by region. *Collective.*

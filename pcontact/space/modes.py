@@ -80,7 +80,7 @@ def near_null_space(space, colours):
     Returns
     -------
     PETSc.NullSpace
-        Orthonormal vectors.
+        Orthonormal vectors. With axial symmetry those of the plane: smooth, though only one of them costs no energy.
     """
     centre, scale = component_frames(space)
     own = space.owned_local
@@ -107,18 +107,22 @@ def near_null_space(space, colours):
 def floating(space, supports):
     """Components that the supports do not hold, with the number of rigid modes left. *Collective.*
 
+    With axial symmetry the only rigid mode is the translation along the axis.
+
     Returns
     -------
     dict of int to int
     """
     centre, scale = component_frames(space)
     size = np.where(scale > 0, scale, 1.0)
-    n_modes = 3 if space.dim == 2 else 6
+    n_modes = 1 if space.axisymmetric else 3 if space.dim == 2 else 6
     gram = np.zeros((space.mesh.n_components, n_modes, n_modes))
     nodes, axes = np.nonzero(supports.fixed)
     component = space.component[nodes]
     modes = rigid_modes(space.points, centre[space.component], 1.0)
     modes[space.dim :] /= size[space.component][None, :, None]
+    if space.axisymmetric:
+        modes = modes[1:2]
     rows = modes[:, nodes, axes].T
     np.add.at(gram, component, rows[:, :, None] * rows[:, None, :])
     space.comm.Allreduce(MPI.IN_PLACE, gram, op=MPI.SUM)

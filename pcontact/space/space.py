@@ -4,8 +4,11 @@ import numpy as np
 
 from pcontact.element.reference import CELLS, facet_nodes, n_nodes
 from pcontact.runtime.parallel import Exchanger, NodeExchange
-from pcontact.runtime.petsc import PETSc
+from pcontact.runtime.petsc import MPI, PETSc
 from pcontact.space.numbering import Numbering
+
+# a node is on the axis of symmetry if its radius is below this part of the largest
+AXIS = 1e-9
 
 
 class Space:
@@ -16,9 +19,15 @@ class Space:
     mesh : pcontact.mesh.mesh.Mesh
     degree : int
         At most the degree of the mesh's node layout.
+    kinematics : {"plane_strain", "plane_stress", "axisymmetric"}
+        How a plane mesh stands for a body; a mesh in space has nothing but the default. With axial symmetry x is the
+        radius, y the axis, and all integrals go around the whole circumference.
+    averaged : sequence of int
+        Bodies whose quadrilaterals and hexahedra of degree 1 take the mean dilatation of the cell.
 
     Attributes
     ----------
+    axisymmetric : bool
     cells : list of ndarray (n_cells, n_nodes)
         For each block of the mesh, local space nodes.
     mesh_nodes : ndarray (n_local,)
@@ -35,7 +44,9 @@ class Space:
     The constructor is *Collective*. Degrees of freedom are interlaced: dof = d * node + direction.
     """
 
-    def __init__(self, mesh, degree):
+    def __init__(self, mesh, degree, kinematics="plane_strain", averaged=()):
+        self.kinematics, self.axisymmetric = kinematics, kinematics == "axisymmetric"
+        self._averaged = frozenset(averaged)
         self.mesh, self.comm, self.dim, self.degree = mesh, mesh.comm, mesh.dim, degree
         self.exchanger = Exchanger(mesh.comm)
         tables = [b.nodes[:, : n_nodes(b.cell, degree)] for b in mesh.blocks]
@@ -68,6 +79,22 @@ class Space:
     def n_dofs(self):
         """Unknowns of the whole problem, prescribed ones included."""
         return self.numbering.n_total * self.dim
+
+    def averages(self, block):
+        """Whether the cells of a block take their mean dilatation."""
+        return block.body in self._averaged and self.degree == 1 and CELLS[block.cell].is_tensor
+
+    def circumference(self, points):
+        """Length 2 pi r of the circles through points (..., d) with axial symmetry, 1 otherwise."""
+        return 2.0 * np.pi * points[..., 0] if self.axisymmetric else 1.0
+
+    def on_axis(self):
+        """Flags (n_local,) of the nodes on the axis of symmetry; none without one. *Collective.*"""
+        if not self.axisymmetric:
+            return np.zeros(self.n_local, dtype=bool)
+        radius = self.points[:, 0]
+        largest = self.comm.allreduce(float(np.max(radius, initial=0.0)), op=MPI.MAX)
+        return radius <= AXIS * largest
 
     def vector(self):
         """A distributed vector of zeros, block size d. *Collective.*"""

@@ -20,16 +20,20 @@ class Supports:
     Attributes
     ----------
     which : ndarray (n_local, d)
-        Number of the displacement that prescribes the component, -1 where it is free.
+        Number of the displacement that prescribes the component, -1 where it is free. On the axis of symmetry the
+        radial component is held at zero; what no displacement prescribes there has the number after the last.
     regions : list of str
         Region of each displacement.
 
     Raises
     ------
     InputError
-        When two displacements want different values of the same component at the same node.
+        When two displacements want different values of the same component at the same node, or one wants another
+        radial displacement than zero on the axis of symmetry.
 
-    Notes ----- The constructor is *Collective*. Rows and columns of prescribed components are replaced by a multiple
+    Notes
+    -----
+    The constructor is *Collective*. Rows and columns of prescribed components are replaced by a multiple
     of the identity and the displacement satisfies them before each solve, so the matrix stays symmetric.
     """
 
@@ -56,10 +60,25 @@ class Supports:
                             "allowed: one value (and one amplitude) per point and direction"
                         )
                 self.which[nodes, axis] = number
-        agree(space.comm, message)
         self._table = np.array(
-            [[0.0 if v == "free" else float(v) for v in d.value] for d in displacements]
-        ).reshape(-1, space.dim)
+            [[0.0 if v == "free" else float(v) for v in d.value] for d in displacements] + [[0.0] * space.dim]
+        )
+        off_axis = self._hold_axis(space, source)
+        agree(space.comm, message or off_axis)
+
+    def _hold_axis(self, space, source):
+        """Radial displacement zero on the axis of symmetry; returns what is wrong with it, or None. *Collective.*"""
+        axis = space.on_axis()
+        prescribed = np.unique(self.which[axis, 0])
+        self.which[axis & (self.which[:, 0] < 0), 0] = len(self.regions)
+        for number in prescribed[prescribed >= 0]:
+            if self._table[number, 0] != 0.0:
+                return (
+                    f"{source}: displacements[{number}] ({self.regions[number]}).value: found "
+                    f"{self._table[number, 0]:g} in direction 0 on the axis of symmetry; allowed: 0 or 'free', x is "
+                    "the radius"
+                )
+        return None
 
     def _differ(self, first, second, axis):
         pair = [(self._displacements[k].value[axis], self._amplitudes[k]) for k in (first, second)]
@@ -78,7 +97,7 @@ class Supports:
         for axis in range(out.shape[1]):
             on = self.which[:, axis] >= 0
             number = self.which[on, axis]
-            factors = np.array([a.factor(time) for a in self._amplitudes])
+            factors = np.array([*(a.factor(time) for a in self._amplitudes), 0.0])
             out[on, axis] = self._table[number, axis] * factors[number]
         return out
 

@@ -1,0 +1,284 @@
+"""Mean dilatation of quadrilaterals and hexahedra: no locking, exact patches, coercive contact, when it is chosen."""
+
+import numpy as np
+import pytest
+from small import DIMENSION, SELF, bend, block_file, dense_item, make_space, numpy_gradients, vector_of
+from test_kinematics import DIRECT, cylinder, mesh, nodal, solved, strip
+
+from meshes.blocks import one_block, two_blocks
+from pcontact.assembly.bulk import ElasticBulk
+from pcontact.assembly.error_norms import bulk_error
+from pcontact.contact.frictional import FrictionalItem
+from pcontact.contact.item import ContactItem
+from pcontact.contact.obstacle import RigidObstacle
+from pcontact.contact.surface import source_surface
+from pcontact.element.quadrature import quadrature
+from pcontact.material.elastic import lame
+from pcontact.runtime.errors import InputError
+from pcontact.runtime.petsc import MPI
+from pcontact.scene import amplitude, validate
+from pcontact.scene.model import Body, Contact, Displacement, Load, Material, MeshSpec, Obstacle, Output, Scene
+from pcontact.simulation import Simulation
+from pcontact.space.space import Space
+
+WORLD = MPI.COMM_WORLD
+SOFT = 0.4999
+TENSOR = ["quadrilateral", "hexahedron"]
+
+
+# -- locking ------------------------------------------
+
+
+def radial_error(folder, n, mean_dilatation, nu=SOFT):
+    """Relative L2 error of the thick cylinder. Collective."""
+    scene = strip(folder / f"{n}.msh", n, "quadrilateral", nu=nu, mean_dilatation=mean_dilatation)
+
+    def look(simulation):
+        space = simulation.problem.space
+        error = bulk_error(space, [lame(210e3, nu)], simulation.stepper.u, lambda x, body: cylinder(x, body, nu))
+        return error.displacement / error.displacement_of_exact
+
+    return solved(scene, look)
+
+
+@pytest.mark.parallel
+def test_thick_cylinder(shared_tmp):
+    """Axial symmetry, nu = 0.4999: order 2 with, 80 % too stiff without; usual nu: no difference."""
+    errors = [radial_error(shared_tmp, n, None) for n in (8, 16)]
+    assert errors[0] < 2e-3 and np.log2(errors[0] / errors[1]) > 1.8
+    assert radial_error(shared_tmp, 8, False) > 0.7
+    usual = [radial_error(shared_tmp, 8, chosen, 0.3) for chosen in (None, False, True)]
+    assert usual[0] == usual[1] and max(usual) < 5e-3
+
+
+def bending(folder, dim, cell, order=1, n=4, **more):
+    """Cantilever 1 x 4, clamped at the left, sheared at the right; deflection of the end. Collective."""
+    size = (4.0, *[1.0] * (dim - 1))
+    cells = (4 * n, *[2 if dim == 3 else n] * (dim - 2), n)
+    path = mesh(one_block, folder / f"{cell}{n}.msh", dim, cells, cell, size=size)
+    # a slice in space: no strain across it
+    across = [Displacement(side, ["free", 0.0, "free"]) for side in ("front", "back")] if dim == 3 else []
+    scene = Scene(
+        mesh=MeshSpec(path, order=order, **more),
+        materials={"m": Material(1000.0, SOFT)},
+        bodies=[Body("block", "m")],
+        displacements=[Displacement("left", [0.0] * dim), *across],
+        loads=[Load("right", traction=[*[0.0] * (dim - 1), 1.0])],
+        output=Output(fields=False, probes=["right"]),
+        petsc=DIRECT,
+    )
+
+    def look(simulation):
+        u, x = nodal(simulation)
+        end = x[:, 0] > 4.0 - 1e-9
+        return float(np.mean(u[end, -1])) if end.any() else np.nan
+
+    return solved(scene, look)
+
+
+@pytest.mark.parametrize("dim, cell", [(2, "quadrilateral"), (3, "hexahedron")])
+def test_bending(tmp_path, dim, cell):
+    """nu = 0.4999, against quadratic cells of twice the fineness."""
+    exact = bending(tmp_path, 2, "quadrilateral", order=2, n=8)
+    assert bending(tmp_path, dim, cell) == pytest.approx(exact, rel=0.05)
+    assert bending(tmp_path, dim, cell, n=8 if dim == 2 else 6) == pytest.approx(exact, rel=0.02)
+    assert bending(tmp_path, dim, cell, mean_dilatation=False) < 0.35 * exact
+
+
+# -- operators ----------------------------------------
+
+
+@pytest.fixture(scope="module", params=TENSOR)
+def spaces(request, tmp_path_factory):
+    """A bent box without and with mean dilatation, on one rank."""
+    path = block_file(tmp_path_factory.mktemp("b") / "b.msh", request.param, 2)
+    plain = make_space(SELF, path, ["block"], 1, bend)
+    return plain, Space(plain.mesh, 1, averaged=[0])
+
+
+def test_stiffness(spaces):
+    """int (lam + 2/3 mu) mean(div u)^2 + 2 mu |dev eps|^2, cell by cell, from the quadrature of the plain one."""
+    plain, averaged = spaces
+    lam, mu = 3.0, 2.0
+    k = {
+        "mean": dense_item(ElasticBulk(averaged, [(lam, mu)]), plain.vector()),
+        "shear": dense_item(ElasticBulk(plain, [(-2.0 / 3.0 * mu, mu)]), plain.vector()),
+    }
+    difference = k["mean"] - k["shear"]
+    np.testing.assert_allclose(difference, difference.T, atol=1e-12)
+    values, cells = np.linalg.eigvalsh(difference), len(plain.cells[0])
+    # one square for each cell (a checkerboard of them may be dependent) and nothing else
+    assert np.sum(values > 1e-10) <= cells and values[0] > -1e-11
+    x = plain.points[plain.owned_local]
+    volume = sum(v.sum() for _, v in ElasticBulk(plain, [(lam, mu)]).stress(plain.vector()))
+    blow = x.ravel() @ difference @ x.ravel()
+    assert blow == pytest.approx((lam + 2.0 / 3.0 * mu) * plain.dim**2 * volume, rel=1e-12)
+
+
+def test_uniform_strain_is_the_same(spaces):
+    plain, averaged = spaces
+    d, rng = plain.dim, np.random.default_rng(0)
+    u = vector_of(plain, plain.points[plain.owned_local] @ rng.normal(size=(d, d)))
+    results = []
+    for space in (plain, averaged):
+        bulk, out = ElasticBulk(space, [(3.0, 2.0)]), np.zeros((space.n_owned, d))
+        bulk.residual(u, out)
+        results.append((out, bulk.stress(u)[0][0]))
+    for one, other in zip(*results, strict=True):
+        np.testing.assert_allclose(one, other, atol=1e-12)
+
+
+def test_only_rigid_modes_cost_nothing(spaces):
+    _, averaged = spaces
+    values = np.linalg.eigvalsh(dense_item(ElasticBulk(averaged, [lame(1.0, SOFT)]), averaged.vector()))
+    n = 3 if averaged.dim == 2 else 6
+    assert np.abs(values[:n]).max() < 1e-12 * values[-1] and values[n] > 1e-7 * values[-1]
+
+
+def test_pressure_at_facets(spaces):
+    """(lam + 2/3 mu) mean(div u) - 2/3 mu div u of the parent cell, for any displacement."""
+    _, space = spaces
+    lam, mu, rng = 3.0, 2.0, np.random.default_rng(1)
+    surface = source_surface(space, "bottom", [(lam, mu)])
+    u = rng.normal(size=space.points.shape)
+    values = u[surface.cells[surface.facet]]
+    grad, weight, _ = numpy_gradients(space, 0, *quadrature(space.mesh.blocks[0].cell, 2))
+    divergence = np.einsum("cqad,cad->cq", grad, u[space.cells[0]])
+    mean = np.sum(weight * divergence, axis=1) / np.sum(weight, axis=1)
+    row = {tuple(nodes): c for c, nodes in enumerate(space.cells[0].tolist())}
+    parent = np.array([row[tuple(nodes)] for nodes in surface.cells.tolist()])[surface.facet]
+    expected = (lam + 2 / 3 * mu) * mean[parent] - 2 / 3 * mu * np.einsum("pad,pad->p", surface.grad, values)
+    np.testing.assert_allclose(np.einsum("pad,pad->p", surface.volumetric, values), expected, atol=1e-11)
+
+
+def lowest(space, theta, gamma0, kind, nu):
+    """Smallest eigenvalue of the symmetric part of K_bulk + K_contact of a closed pair over the largest."""
+    constants, d = [lame(1.0, nu)], space.dim
+    obstacle = Obstacle("plane", point=[0.0] * d, normal=[*[0.0] * (d - 1), 1.0])
+    contact = Contact("bottom", obstacle=obstacle, theta=theta, gamma0=gamma0, bilateral=True)
+    rigid = RigidObstacle(obstacle, amplitude(None, 1.0), 1.0)
+    more = {} if kind is ContactItem else {"law": np.array([0.0, 1e300, np.inf])}
+    item = kind(space, contact, source_surface(space, "bottom", constants), rigid, 1.0, **more)
+    zero = space.vector()
+    item.detect(zero, 1.0)
+    k = dense_item(ElasticBulk(space, constants), zero) + dense_item(item, zero)
+    eigenvalues = np.linalg.eigvalsh(0.5 * (k + k.T))
+    return eigenvalues[0] / eigenvalues[-1]
+
+
+@pytest.mark.parametrize("kind", [ContactItem, FrictionalItem])
+@pytest.mark.parametrize("theta", [1.0, 0.0])
+@pytest.mark.parametrize("nu", [0.3, SOFT])
+@pytest.mark.parametrize(
+    "cell, kinematics",
+    [("quadrilateral", "plane_strain"), ("quadrilateral", "axisymmetric"), ("hexahedron", "plane_strain")],
+)
+def test_coercive(tmp_path, cell, kinematics, nu, theta, kind):
+    """Stable from gamma0 = (1 + theta)^2 / 4, not far below."""
+    path = one_block(tmp_path / "b.msh", DIMENSION[cell], 1, cell, lower=1.0)
+    lowered = make_space(SELF, path, ["block"], 1, lambda x: x - np.eye(x.shape[1])[-1])
+    space, bound = Space(lowered.mesh, 1, kinematics, [0]), (1.0 + theta) ** 2 / 4.0
+    assert lowest(space, theta, 1.01 * bound, kind, nu) > -1e-12
+    assert lowest(space, theta, 0.5 * bound, kind, nu) < -1e-6
+
+
+# -- patch tests --------------------------------------
+
+
+@pytest.mark.parallel
+@pytest.mark.parametrize("friction", [None, 0.3])
+@pytest.mark.parametrize("theta", [1.0, 0.0, -1.0])
+@pytest.mark.parametrize("cell", TENSOR)
+def test_two_blocks(shared_tmp, cell, theta, friction):
+    """Uniform pressure between matching meshes, nu = 0.49."""
+    d, young, nu, pressure = DIMENSION[cell], 10.0, 0.49, 0.1
+    path = mesh(two_blocks, shared_tmp / "b.msh", d, 2, 2, cell)
+    planes = [Displacement("left", [0.0, *["free"] * (d - 1)])]
+    if d == 3:
+        planes.append(Displacement("front", ["free", 0.0, "free"]))
+    scene = Scene(
+        mesh=MeshSpec(path),
+        materials={"m": Material(young, nu)},
+        bodies=[Body("lower", "m"), Body("upper", "m")],
+        contacts=[Contact("upper_bottom", "lower_top", theta=theta, friction=friction, name="c")],
+        displacements=[Displacement("lower_bottom", [*["free"] * (d - 1), 0.0]), *planes],
+        loads=[Load("upper_top", pressure=pressure)],
+        output=Output(fields=False),
+        petsc={"snes_rtol": "1e-10"},
+    )
+
+    def look(simulation):
+        assert "mean dilatation: lower, upper" in simulation.describe()[0]
+        stress = simulation.problem.items[0].stress(simulation.stepper.u)
+        return *nodal(simulation), stress, simulation.problem.items[1].summary(simulation.stepper.u)
+
+    u, x, stress, pair = solved(scene, look)
+    flat = nu * (1 + nu) if d == 2 else nu
+    down = 1 - nu**2 if d == 2 else 1.0
+    expected = pressure / young * x * [*[flat] * (d - 1), -down]
+    np.testing.assert_allclose(u, expected, atol=1e-9)
+    assert pair["max_pressure"] == pytest.approx(pressure, rel=1e-7)
+    for values, _ in stress:
+        np.testing.assert_allclose(values[:, d - 1], -pressure, rtol=1e-7)
+
+
+# -- when it is chosen --------------------------------
+
+
+def block(folder, cell, nu, order=1, **more):
+    path = block_file(folder / f"{cell}.msh", cell)
+    return Scene(
+        mesh=MeshSpec(path, order=order, **more),
+        materials={"m": Material(1.0, nu)},
+        bodies=[Body("block", "m")],
+        displacements=[Displacement("bottom", [0.0] * DIMENSION[cell])],
+    )
+
+
+@pytest.mark.parametrize(
+    "cell, nu, order, said, chosen",
+    [
+        ("quadrilateral", 0.3, 1, {}, False),
+        ("quadrilateral", 0.46, 1, {}, True),
+        ("hexahedron", 0.46, 1, {}, True),
+        ("quadrilateral", 0.46, 1, {"kinematics": "axisymmetric"}, True),
+        ("quadrilateral", 0.46, 1, {"kinematics": "plane_stress"}, False),
+        ("quadrilateral", 0.46, 2, {}, False),
+        ("triangle", 0.46, 1, {}, False),
+        ("quadrilateral", 0.46, 1, {"mean_dilatation": False}, False),
+        ("quadrilateral", 0.3, 1, {"mean_dilatation": True}, True),
+    ],
+)
+def test_choice(tmp_path, cell, nu, order, said, chosen):
+    simulation = Simulation(block(tmp_path, cell, nu, order, **said))
+    assert ("mean dilatation: block" in simulation.describe()[0]) == chosen
+    assert simulation.problem.space.averages(simulation.mesh.blocks[0]) == chosen
+    simulation.close()
+
+
+def test_bodies_that_may_yield(tmp_path):
+    scene = block(tmp_path, "quadrilateral", 0.3)
+    scene.materials["m"].yield_stress = 1.0
+    assert scene.averages(scene.bodies[0]) and not scene.locks(scene.bodies[0])
+
+
+@pytest.mark.parametrize("cell, nu, order, kinematics, warned", [
+    ("triangle", 0.46, 1, "plane_strain", True),
+    ("tetrahedron", 0.46, 1, "plane_strain", True),
+    ("triangle", 0.46, 1, "axisymmetric", True),
+    ("triangle", 0.46, 1, "plane_stress", False),
+    ("triangle", 0.46, 2, "plane_strain", False),
+    ("triangle", 0.45, 1, "plane_strain", False),
+    ("quadrilateral", 0.46, 1, "plane_strain", False),
+])  # fmt: skip
+def test_warning_for_simplices(tmp_path, monkeypatch, cell, nu, order, kinematics, warned):
+    said = []
+    monkeypatch.setattr("pcontact.build.log.warning", lambda text, *args: said.append(text % args))
+    Simulation(block(tmp_path, cell, nu, order, kinematics=kinematics)).close()
+    assert [("locking" in text and "order = 2, or quadrilaterals" in text) for text in said] == [True] * warned
+
+
+def test_plane_stress_is_refused(tmp_path):
+    scene = block(tmp_path, "quadrilateral", 0.3, kinematics="plane_stress", mean_dilatation=True)
+    with pytest.raises(InputError, match="mesh.mean_dilatation: found true with kinematics"):
+        validate(scene)
