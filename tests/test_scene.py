@@ -733,7 +733,6 @@ def test_unsupported_are_all_named(write):
 @pytest.mark.parametrize(
     ("old", "new", "entry"),
     [
-        ("nu = 0.25", "nu = 0.25\nyield_stress = 1", "materials.steel.yield_stress = 1.0"),
         ('"block_top"', '"block_top"\nunbiased = true', "contacts[0] (ball_skin-block_top).unbiased = True"),
         ('"block_top"', '"ball_skin"', "contacts[0] (ball_skin-ball_skin).target = 'ball_skin'"),
         ('"block_top"', '"block_top"\nformulation = "penalty"',
