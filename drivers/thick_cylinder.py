@@ -13,7 +13,10 @@ Lame's elastic cylinder (R. Hill, The Mathematical Theory of Plasticity, 1950, c
 D. R. J. Owen, Computational Methods for Plasticity, 2008, section 7.5.1).
 
 The form takes the axial stress for the mean of the other two, as if elastic volume changes were none in the plastic
-zone. That is not so for von Mises and nu = 0.3, and shows near the limit: see DIFFERENCE.
+zone. That is not so for von Mises and nu = 0.3: fine meshes and load steps do not converge to it but to CONVERGED,
+0.47 % more at p = 0.18 and 2.25 % more at 0.19 (strip of 64 and 128 cells of degree 2). It is not the load step: with
+1, 2, 8, 32, 80 steps from one pressure to the next the difference at 0.18 is 0.486, 0.481, 0.471, 0.468, 0.467 %, at
+0.19 2.41, 2.37, 2.28, 2.26, 2.25 %. With nu = 0.4999 (``--nu``) it is 0.0001 % at 0.18, 0.003 % at 0.19.
 
 Models: a quarter of the section in the plane (quadrilaterals, triangles), a slice of it in space (hexahedra,
 tetrahedra), a strip of the meridian with axial symmetry. The limit load is that at which a load step cannot be solved
@@ -31,6 +34,8 @@ from pcontact.scene.model import Body, Displacement, Load, Material, MeshSpec, O
 
 PRESSURES = (0.10, 0.12, 0.14, 0.16, 0.18, 0.19)
 HEIGHT = 10.0  # along the axis
+# u_r(b) with von Mises and nu = 0.3, to about one unit of the last digit: what meshes and load steps converge to
+CONVERGED = {0.10: 0.0577778, 0.12: 0.070420, 0.14: 0.087287, 0.16: 0.111644, 0.18: 0.154017, 0.19: 0.20535}
 CHECKED = 0.18  # pressure at which the displacement is asked to be right
 KINEMATICS = ("plane", "axisymmetric", "space")
 CELLS = {
@@ -240,6 +245,7 @@ def limit_by_pressure(args, path, form):
     # the failure is what is looked for, and few iterations tell
     case = scene(path, args.kinematics, args.order, table, form, 15, petsc={"snes_max_it": "25"})
     case.steps.min_step = 1e-3
+    log.info("the limit load: the pressure rises until no load step can be solved, however small")
     with running(case, None, [curve]) as (_, converged):
         if converged:
             log.info("no limit load up to %g", table[-1])
@@ -286,13 +292,14 @@ def _percent(value, reference):
 
 
 def compare(form, rows, pressures):
-    """Rows of a table: pressure, computed u_r(b), closed form, difference in percent, and of the plastic zone."""
-    table = []
+    """Rows of a table: pressure, computed u_r(b), closed form, difference in percent from it and from CONVERGED, c."""
+    table, known = [], CONVERGED if form == Cylinder() else {}
     for p, row in zip(pressures, at_pressures(rows, pressures), strict=True):
         if row is not None:
             exact = form.displacement(p)
             numbers = {"pressure": p, "computed": row["outer"], "closed": exact}
             numbers |= {"percent": _percent(row["outer"], exact), "front": form.front(p)}
+            numbers["of_converged"] = _percent(row["outer"], known.get(p, float("nan")))
             table.append({**numbers, "newton": row["newton"], "cutbacks": row["cutbacks"]})
     return table
 
@@ -359,8 +366,9 @@ def run(args):
     converged, rows, hoop = load_and_unload(args, path, form)
     table = compare(form, rows, args.pressures)
     title = f"thick cylinder, {args.kinematics}, {args.cell}, degree {args.order}, {args.n} cells, nu {args.nu:g}"
-    columns = ["pressure", "computed", "closed", "percent", "front", "newton", "cutbacks"]
-    print_table(f"{title}: u_r(b)", columns, [[row[key] for key in columns] for row in table])
+    columns = ["pressure", "computed", "closed", "percent", "of_converged", "front", "newton", "cutbacks"]
+    header = ["p", "computed", "closed form", "difference %", "of converged %", "c", "newton", "cutbacks"]
+    print_table(f"{title}: u_r(b)", header, [[row[key] for key in columns] for row in table])
     residual = MPI.COMM_WORLD.bcast(residual_error(form, hoop, args.pressures[-1]))
     if residual is not None:
         header = ["largest", "mean"]
@@ -375,10 +383,14 @@ def run(args):
 
 
 def good(args, table, limit):
-    """Whether the numbers are as asked for, where they have to be: not with hardening, nor with cells that lock."""
+    """Whether the numbers are as asked for, where they have to be: not with hardening, nor with cells that lock.
+
+    The displacement may be near the closed form or near what it converges to.
+    """
     if args.tiny or args.hardening or (args.order == 1 and args.cell in ("triangle", "tetrahedron")):
         return True
-    near = all(abs(row["percent"]) < 0.5 for row in table if row["pressure"] == CHECKED)
+    checked = [row for row in table if row["pressure"] == CHECKED]
+    near = all(abs(row["percent"]) < 0.5 or abs(row["of_converged"]) < 0.5 for row in checked)
     return near and (limit is None or abs(limit["percent"]) < 1.0)
 
 
@@ -389,7 +401,7 @@ def make_options():
     add("--kinematics", choices=KINEMATICS, default="plane", help="quarter of the section, strip, or slice (plane)")
     add("--cell", choices=sorted(set(sum(CELLS.values(), ()))), help="kind of cells (quadrilateral, hexahedron)")
     add("--order", type=int, choices=(1, 2), default=1, help="degree of displacement and geometry")
-    add("--n", type=int, default=8, help="cells across the wall (8)")
+    add("--n", type=int, default=16, help="cells across the wall (16)")
     add("--nu", type=float, default=0.3, help="Poisson's ratio (0.3)")
     add("--hardening", type=float, default=0.0, help="isotropic hardening (0)")
     add("--pressures", type=float, nargs="+", default=list(PRESSURES), help="of the table; then the load is taken off")
