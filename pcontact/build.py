@@ -48,11 +48,9 @@ def override(scene, options):
     -------
     Scene
         Valid, with the numerics of all contacts resolved, and nothing in it that is not modelled.
-    list of str
-        Options that the scene entered.
     """
     validate(scene)
-    from_scene, _ = options.propose(scene.petsc)
+    options.propose(scene.petsc)
     get = options.get
     scene.mesh.order = get("mesh_order", scene.mesh.order, int, (1, 2), "degree of the displacement")
     count, shortest = scene.steps.count, scene.steps.min_step
@@ -73,7 +71,7 @@ def override(scene, options):
     validate(scene)
     scene = resolve_contacts(scene, {key: value for key, value in said.items() if value is not None})
     require_supported(scene)
-    return scene, list(from_scene)
+    return scene
 
 
 def read(scene, comm, options):

@@ -44,14 +44,22 @@ class Simulation:
         self.timing = dict.fromkeys(("search", "assembly", "linear", "solve", "output"), 0.0)
         self.comm, self.options = comm, Options()
         self.restart = self.options.get("restart", None, str, text="directory of an earlier run that goes on")
-        self.scene, self.from_scene = build.override(scene, self.options)
-        self.mesh = build.read(self.scene, comm, self.options)
+        try:
+            self._set_up(scene)
+        except BaseException:
+            # what this scene entered is not for the next one
+            self.close()
+            raise
+        self.timing["setup"] = clock.perf_counter() - self.start
+
+    def _set_up(self, scene):
+        self.scene = build.override(scene, self.options)
+        self.mesh = build.read(self.scene, self.comm, self.options)
         self.problem, colours, self.floating = build.assemble(self.scene, self.mesh)
         # slip of Coulomb's law makes the tangent unsymmetric for every theta; that of Tresca's does not
         symmetric = all(c.theta == 1.0 and not c.friction for c in self.scene.contacts)
         modes = near_null_space(self.problem.space, colours)
         self.newton = Newton(self.problem, self.options, symmetric, modes, self.timing, bool(self.floating))
-        self.timing["setup"] = clock.perf_counter() - self.start
 
     def run(self, directory=None, observers=()):
         """All load steps. *Collective.*
@@ -102,8 +110,8 @@ class Simulation:
         return converged
 
     def close(self):
-        """Take this run's solver defaults back out of the options database, for the next scene."""
-        self.options.withdraw([*self.newton.applied, *self.from_scene])
+        """Take what this run entered back out of the options database, for the next scene."""
+        self.options.withdraw()
 
     def describe(self):
         """What is modelled and what is left out, see :func:`pcontact.scene.describe`. *Collective.*"""
