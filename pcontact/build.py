@@ -3,6 +3,7 @@
 import numpy as np
 
 from pcontact.assembly.bulk import ElasticBulk
+from pcontact.assembly.geometry import chunks
 from pcontact.assembly.loads import load_vector, lumped_volume
 from pcontact.contact.frictional import FrictionalItem
 from pcontact.contact.item import ContactItem
@@ -57,6 +58,8 @@ def override(scene, options):
     scene.steps.count = get("steps_count", count, int, text="equal load steps to start with", positive=True)
     scene.steps.min_step = get("steps_min", shortest, float, text="smallest load step [time]", positive=True)
     scene.output.fields = get("output_fields", scene.output.fields, bool, text="write fields of every step")
+    text = "write fields of the cells averaged at the nodes too"
+    scene.output.smooth = get("output_smooth", scene.output.smooth, bool, text=text)
     text = "load steps between two checkpoints"
     scene.output.checkpoint_every = get("checkpoint_every", scene.output.checkpoint_every, int, text=text)
     numerics = {
@@ -199,17 +202,31 @@ def averaged_bodies(scene, space):
     return [body.region for number, body in enumerate(scene.bodies) if number in bodies]
 
 
+def yielding_volume(scene, space):
+    """Volume of the bodies that may yield [length^d]. *Collective.*"""
+    own = [
+        float(jxw.sum())
+        for number, block in enumerate(space.mesh.blocks)
+        if scene.yields(scene.bodies[block.body])
+        for _, _, jxw, _ in chunks(space, number)
+    ]
+    return space.comm.allreduce(sum(own))
+
+
 def _warn_of_locking(scene, space):
     """Say which bodies are too stiff because their simplices of degree 1 lock. *Collective.*"""
     mine = {block.body for block in space.mesh.blocks if len(block.nodes) and not CELLS[block.cell].is_tensor}
     bodies = set().union(*space.comm.allgather(mine)) if space.degree == 1 else set()
     for number in sorted(bodies):
         body = scene.bodies[number]
-        if scene.locks(body):
+        cause = f"nu = {scene.materials[body.material].nu:g} makes" if scene.locks(body) else None
+        if cause is None and scene.yields(body) and space.kinematics != "plane_stress":
+            cause = "plastic flow, which keeps the volume, makes"
+        if cause is not None:
             log.warning(
-                "body %s: nu = %g makes triangles and tetrahedra of degree 1 much too stiff (locking); remedy: "
+                "body %s: %s triangles and tetrahedra of degree 1 much too stiff (locking); remedy: "
                 "order = 2, or quadrilaterals or hexahedra",
-                body.region, scene.materials[body.material].nu,
+                body.region, cause,
             )  # fmt: skip
 
 

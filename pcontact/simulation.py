@@ -81,7 +81,7 @@ class Simulation:
         since = None if resumed is None else resumed.time
         stops = [t for load in [*scene.displacements, *scene.loads] for t, _ in (load.amplitude or [])]
         schedule = Schedule(scene.steps.end, scene.steps.count, scene.steps.smallest_step, stops)
-        watch = [Terminal(scene.steps.end), *observers]
+        watch = [Terminal(scene.steps.end, build.yielding_volume(scene, space)), *observers]
         if directory is not None:
             on_root(self.comm, require_writable, directory)
             directory, output = Path(directory), scene.output
@@ -91,7 +91,7 @@ class Simulation:
                 watch.insert(0, Checkpoint(directory, space, items, schedule, every, first))
             watch.insert(0, Records(directory, self.comm.rank, self._head(), self._times, since))
             if output.fields:
-                watch.insert(0, Fields(directory, self.problem, self.timing, since))
+                watch.insert(0, Fields(directory, self.problem, self.timing, output.smooth, since))
         self._announce()
         recorder = Recorder(self.problem, scene.output.probes)
         self.stepper = Stepper(self.problem, self.newton, schedule, watch, recorder, self.timing)
