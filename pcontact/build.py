@@ -5,14 +5,18 @@ import numpy as np
 from pcontact.assembly.bulk import ElasticBulk
 from pcontact.assembly.geometry import chunks
 from pcontact.assembly.loads import load_vector, lumped_volume
+from pcontact.assembly.plastic import PlasticBulk
 from pcontact.contact.frictional import FrictionalItem
 from pcontact.contact.item import ContactItem
 from pcontact.contact.laws import friction_law
 from pcontact.contact.obstacle import RigidObstacle
 from pcontact.contact.pieces import cut_source
+from pcontact.contact.plastic_trace import PlasticTrace
 from pcontact.contact.surface import source_surface, target_surface
 from pcontact.element.reference import CELLS
 from pcontact.material.elastic import in_plane, lame
+from pcontact.material.hardening import hardening_curve
+from pcontact.material.plastic import plastic_constants
 from pcontact.mesh.load import load_mesh
 from pcontact.mesh.mesh import bounding_box, size_of
 from pcontact.runtime import log
@@ -130,7 +134,30 @@ def _require_area(scene, space, contact, source):
     agree(space.comm, message if count else None)
 
 
-def contact_items(scene, space, constants, free):
+def bulk_item(scene, space, constants):
+    """The item of all bodies: an elastic one unless a body may yield. *Collective.*"""
+    materials = []
+    for body in scene.bodies:
+        material = scene.materials[body.material]
+        if material.yield_stress is None:
+            materials.append(None)
+            continue
+        row = plastic_constants(*lame(material.E, material.nu), material.kinematic_hardening)
+        materials.append((row, hardening_curve(material.yield_stress, material.hardening)))
+    if not any(materials):
+        return ElasticBulk(space, constants)
+    return PlasticBulk(space, constants, materials)
+
+
+def _trace(space, bulk, source, contact):
+    """What plasticity adds to the traction of a source; None where its cells cannot yield. *Collective.*"""
+    if not isinstance(bulk, PlasticBulk):
+        return None
+    trace = PlasticTrace(space, bulk, source, contact.source)
+    return trace if space.comm.allreduce(trace.parts, op=MPI.SUM) else None
+
+
+def contact_items(scene, space, constants, free, bulk):
     """One item per contact pair, and which components can meet. *Collective.*
 
     Parameters
@@ -141,6 +168,7 @@ def contact_items(scene, space, constants, free):
         Lame constants of each body [stress].
     free : dict of int to int
         Components that the supports do not hold.
+    bulk : ElasticBulk or PlasticBulk
 
     Returns
     -------
@@ -168,11 +196,11 @@ def contact_items(scene, space, constants, free):
         radius = _radius(space, contact, floats)
         if space.dim == 2 and contact.target is not None:
             source = cut_source(space, source, contact.source, target, radius, contact.search, contact.quadrature)
-        law = friction_law(contact)
+        law, trace = friction_law(contact), _trace(space, bulk, source, contact)
         if law is None:
-            items.append(ContactItem(space, contact, source, target, radius, floats))
+            items.append(ContactItem(space, contact, source, target, radius, floats, trace))
         else:
-            items.append(FrictionalItem(space, contact, source, target, radius, law, contact.alpha, floats))
+            items.append(FrictionalItem(space, contact, source, target, radius, law, contact.alpha, floats, trace))
     for k in sorted(set(free) - touching):
         name = space.mesh.component_names[k]
         log.warning("body %s: no contact pair can hold the %d rigid modes that no support holds", name, free[k])
@@ -252,10 +280,11 @@ def assemble(scene, mesh):
     )
     forces = [(load_vector(space, load), amplitude(load.amplitude, end)) for load in scene.loads]
     free = floating(space, supports)
-    contacts, edges = contact_items(scene, space, constants, free)
+    bulk = bulk_item(scene, space, constants)
+    contacts, edges = contact_items(scene, space, constants, free, bulk)
     for k, modes in free.items():
         log.info("body %s: %d rigid modes that no support holds", mesh.component_names[k], modes)
-    items = [ElasticBulk(space, constants), *contacts]
+    items = [bulk, *contacts]
     problem = Problem(space, items, supports, forces, _aid(space, scene, constants, free))
     # modes of their own cost a set-up that grows with their square; only bodies that nothing holds are worth it
     loose = {(a, b) for a, b in edges if a in free or b in free}

@@ -57,7 +57,9 @@ class Simulation:
         self.mesh = build.read(self.scene, self.comm, self.options)
         self.problem, colours, self.floating = build.assemble(self.scene, self.mesh)
         # slip of Coulomb's law makes the tangent unsymmetric for every theta; that of Tresca's does not
+        # where a source yields, the traction's derivative is not the adjoint operator, that of elasticity
         symmetric = all(c.theta == 1.0 and not c.friction for c in self.scene.contacts)
+        symmetric = symmetric and not any(getattr(item, "plastic", None) for item in self.problem.items)
         modes = near_null_space(self.problem.space, colours)
         self.newton = Newton(self.problem, self.options, symmetric, modes, self.timing, bool(self.floating))
 

@@ -23,6 +23,7 @@ from pcontact.contact.frictional import FrictionalItem
 from pcontact.contact.item import ContactItem
 from pcontact.contact.laws import OPEN, SLIP, STICK, friction_law
 from pcontact.contact.obstacle import RigidObstacle
+from pcontact.contact.plastic_trace import no_operators
 from pcontact.contact.surface import source_surface, target_surface
 from pcontact.material.elastic import lame
 from pcontact.runtime.petsc import MPI
@@ -118,8 +119,8 @@ class Points:
         values = np.zeros((len(columns), self.d, self.d))
         missing = friction.add_tangent(
             theta, self.alpha, law, bilateral, self.paired, self.jxw, self.gamma, self.evaluate(u)[2], self.cells,
-            self.targets, self.facet, self.shape, self.target_shape, self.grad, self.volumetric, self.mu, self.normal_x,
-            self.normal, rowptr, columns, values,
+            self.targets, self.facet, self.shape, self.target_shape, self.grad, self.volumetric, self.mu,
+            *no_operators(self.shape.shape[1], self.d), self.normal_x, self.normal, rowptr, columns, values,
         )  # fmt: skip
         return rowptr, columns, values, missing
 

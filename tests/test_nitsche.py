@@ -20,6 +20,7 @@ from pcontact.assembly.graph import node_graph
 from pcontact.contact.item import ContactItem
 from pcontact.contact.nitsche import add_residual, add_tangent, evaluate, traction_operator
 from pcontact.contact.obstacle import RigidObstacle
+from pcontact.contact.plastic_trace import no_operators
 from pcontact.contact.surface import source_surface, target_surface
 from pcontact.material.elastic import lame
 from pcontact.scene import amplitude
@@ -114,6 +115,7 @@ class Random:
             self.shape,
             self.target_shape,
             self.b,
+            *self.elastic(),
             self.normal,
             rowptr,
             columns,
@@ -121,6 +123,11 @@ class Random:
         )
         assert missing == 0
         return dense(rowptr, columns, values, self.n)
+
+    def elastic(self):
+        """Nothing yields."""
+        at, rows = no_operators(self.b.shape[1], self.d)
+        return at, rows[:, :, 0]
 
     def operators(self):
         """Jump along the normal and traction as matrices (np, n d)."""
@@ -217,6 +224,7 @@ def test_tangent_counts_what_has_no_place():
         points.shape,
         points.target_shape,
         points.b,
+        *points.elastic(),
         points.normal,
         rowptr,
         columns,

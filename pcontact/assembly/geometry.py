@@ -35,6 +35,25 @@ def _radius(space, number, rows):
     return space.mesh.points[table[rows], 0] @ shape(space.mesh.blocks[number].cell, geometry_degree, xi).T
 
 
+def n_points(space, number):
+    """Number of quadrature points of a block's cells."""
+    return len(_rule(space, number)[3])
+
+
+def some_cells(space, number, rows):
+    """Gradients (n, nq, nn, d) and N / r (n, nq, nn) of some cells of a block, and the points (nq, d) of the rule.
+
+    N / r is None without axial symmetry.
+    """
+    mesh, block = space.mesh, space.mesh.blocks[number]
+    table, geometry_degree, xi, weights = _rule(space, number)
+    dshape = np.ascontiguousarray(shape_gradient(block.cell, space.degree, xi))
+    grad, jxw = np.empty((len(rows), *dshape.shape)), np.empty((len(rows), len(weights)))
+    x = np.ascontiguousarray(mesh.points[table[rows]])
+    gradients(x, np.ascontiguousarray(shape_gradient(block.cell, geometry_degree, xi)), dshape, weights, grad, jxw)
+    return grad, hoop(space, number, rows, shape(block.cell, space.degree, xi)), xi
+
+
 def hoop(space, number, rows, values):
     """N / r (nc, nq, nn) of cells with axial symmetry, where u_r N / r is the hoop strain; None without [1/length].
 
@@ -43,8 +62,8 @@ def hoop(space, number, rows, values):
     space : pcontact.space.space.Space
     number : int
         Block.
-    rows : slice
-        Cells, as in `chunks`.
+    rows : slice or ndarray
+        Cells.
     values : ndarray (nq, nn)
         Shape functions.
     """

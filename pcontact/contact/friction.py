@@ -8,11 +8,11 @@ Notation of every kernel, one row per quadrature point p on facet f = facet[p]:
 * G = gamma (n n + alpha (I - n n)),  augmented traction  tau = t + gamma g n - alpha gamma D_T,  P = project(tau)
 
     residual   R  = - int P . [[v]] + theta int (P - t) . G^-1 T[v]
-    tangent    K  = int [[v]] . D (G [[w]] - T[w]) - theta T[v] . G^-1 (D G [[w]] + (I - D) T[w]),   D = dP/dtau
+    tangent    K  = int [[v]] . D (G [[w]] - S[w]) - theta T[v] . G^-1 (D G [[w]] + (I - D) S[w]),   D = dP/dtau
 
-as in Chouly, Mlika, Renard (2018), with the matrix G^-1 as the weight of the adjoint term, so that theta = 1 stays
-symmetric when alpha is not 1. A point without partner has P = 0. ``cells`` and ``targets`` hold numbers into ``u``
-(n, d); a pair with an obstacle has targets of width 0.
+with S = dt/du, which is T unless the cell yields, as in Chouly, Mlika, Renard (2018), with the matrix G^-1 as the
+weight of the adjoint term, so that theta = 1 stays symmetric when alpha is not 1. A point without partner has P = 0.
+``cells`` and ``targets`` hold numbers into ``u`` (n, d); a pair with an obstacle has targets of width 0.
 """
 
 import numpy as np
@@ -146,12 +146,16 @@ def _weigh(force, traction, normal, gamma, alpha, factor, out):
 @njit
 def add_tangent(
     theta, alpha, law, bilateral, paired, jxw, gamma, tau, cells, targets, facet, shape, target_shape, grad,
-    volumetric, mu, normal_x, normal, rowptr, columns, values,
+    volumetric, mu, at, extra, normal_x, normal, rowptr, columns, values,
 ):
-    """Add the generalised Jacobian of the pair to block values (nnz, d, d); returns how many entries had no place."""
+    """Add the generalised Jacobian of the pair to block values (nnz, d, d); returns how many entries had no place.
+
+    ``at`` (np,) and ``extra`` (n, nn, d, d) are what plasticity adds to T in S, see `pcontact.contact.plastic_trace`.
+    """
     d, nn, nt = normal.shape[1], cells.shape[1], targets.shape[1]
     force, slope, stiff, inverse = np.zeros(d), np.zeros((d, d)), np.zeros((d, d)), np.zeros((d, d))
-    operator, pull, weak = np.zeros((nn + nt, d, d)), np.zeros((nn + nt, d, d)), np.zeros((nn + nt, d, d))
+    operator, real = np.zeros((nn + nt, d, d)), np.zeros((nn + nt, d, d))
+    pull, weak = np.zeros((nn + nt, d, d)), np.zeros((nn + nt, d, d))
     part = np.zeros(nn + nt)
     missing = 0
     for p in range(len(facet)):
@@ -165,9 +169,12 @@ def add_tangent(
         for a in range(nn):
             part[a] = shape[p, a]
             _node_operator(grad[p, a], volumetric[p, a], mu[f], normal_x[p], operator[a])
+            real[a] = operator[a]
+            if len(at) > 0 and at[p] >= 0:
+                real[a] += extra[at[p], a]
         for m in range(nt):
             part[nn + m] = -target_shape[p, m]
-        _columns(theta, width, part, operator, slope, stiff, inverse, pull, weak)
+        _columns(theta, width, part, real, slope, stiff, inverse, pull, weak)
         for r in range(width):
             row = cells[f, r] if r < nn else targets[p, r - nn]
             for c in range(width):

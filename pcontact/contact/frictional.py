@@ -35,8 +35,8 @@ class FrictionalItem(ContactItem):
         See `ContactItem`.
     """
 
-    def __init__(self, space, contact, source, target, radius, law, alpha=1.0, floats=False):
-        super().__init__(space, contact, source, target, radius, floats)
+    def __init__(self, space, contact, source, target, radius, law, alpha=1.0, floats=False, plastic=None):
+        super().__init__(space, contact, source, target, radius, floats, plastic)
         self.law, self.alpha = law, float(alpha)
         self._law = law
         self._lag = np.zeros_like(source.x)
@@ -123,6 +123,8 @@ class FrictionalItem(ContactItem):
         friction.tractions(
             values, p.cells, source.facet, source.grad, source.volumetric, source.mu, source.normal, traction
         )
+        if self.plastic is not None:
+            traction += self.plastic.traction(values, p.cells)
         friction.augment(
             traction, jump, self._before, p.gap0, p.normal, self.gamma, self.alpha, source.facet, tau
         )
@@ -149,12 +151,12 @@ class FrictionalItem(ContactItem):
         )
         return traction, status
 
-    def _add_tangent(self, tau, local):
+    def _add_tangent(self, tau, operators, local):
         p, source = self.pairing, self.source
         return friction.add_tangent(
             self.theta, self.alpha, self._law, self.bilateral, p.paired, source.jxw, self.gamma, tau, p.cells,
             p.targets, source.facet, source.shape, p.target_shape, source.grad, source.volumetric, source.mu,
-            source.normal, p.normal, self._rowptr, self._columns, local,
+            *operators, source.normal, p.normal, self._rowptr, self._columns, local,
         )  # fmt: skip
 
     def state(self, u):

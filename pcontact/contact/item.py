@@ -9,6 +9,7 @@ from pcontact.assembly.pattern import OwnedRows
 from pcontact.contact.exchange import find_partners
 from pcontact.contact.laws import OPEN, SLIP
 from pcontact.contact.nitsche import add_residual, add_tangent, evaluate, traction_operator
+from pcontact.contact.plastic_trace import no_operators
 from pcontact.contact.summary import summarise
 from pcontact.runtime.parallel import together
 from pcontact.runtime.petsc import MPI
@@ -65,6 +66,8 @@ class ContactItem:
         Search radius [length].
     floats : bool
         Whether a body of the pair is not held by supports.
+    plastic : pcontact.contact.plastic_trace.PlasticTrace, optional
+        Where cells of the source may yield.
 
     Attributes
     ----------
@@ -76,7 +79,7 @@ class ContactItem:
 
     changes = True
 
-    def __init__(self, space, contact, source, target, radius, floats=False):
+    def __init__(self, space, contact, source, target, radius, floats=False, plastic=None):
         self.space, self.contact, self.source, self.target = space, contact, source, target
         self.name, self.theta, self.radius = contact.name, float(contact.theta), radius
         self.gamma0 = contact.gamma0 if contact.gamma0 is not None else GAMMA0[self.theta]
@@ -85,7 +88,7 @@ class ContactItem:
         self.time = 0.0
         self.flips = []
         self._status = None
-        self.floats = floats
+        self.floats, self.plastic = floats, plastic
         self.bilateral = contact.bilateral
         self.version = 0
         self.offset = None
@@ -215,6 +218,20 @@ class ContactItem:
         )
         return traction, gap
 
+    def _contact(self, values):
+        """Normal traction and gap (np,) at displacements (n, d)."""
+        traction, gap = self._evaluate(values)
+        if self.plastic is not None:
+            p = self.pairing
+            traction += np.einsum("pd,pd->p", self.plastic.traction(values, p.cells), p.normal)
+        return traction, gap
+
+    def _operators(self, values):
+        """What plasticity adds to the derivative of the traction, see `PlasticTrace.operators`."""
+        if self.plastic is None:
+            return no_operators(self.source.shape.shape[1], self.space.dim)
+        return self.plastic.operators(values, self.pairing.cells)
+
     def residual(self, u, out):
         """Add the pair's forces on the owned nodes to ``out`` (n_owned, d). *Collective.*"""
         p = self.pairing
@@ -227,7 +244,7 @@ class ContactItem:
 
     def _add_residual(self, values, local):
         p, source = self.pairing, self.source
-        traction, gap = self._evaluate(values)
+        traction, gap = self._contact(values)
         add_residual(
             self.theta, self.bilateral, p.paired, source.jxw, self.gamma, traction, gap, p.cells, p.targets,
             source.facet, source.shape, p.target_shape, p.b, p.normal, local,
@@ -247,23 +264,27 @@ class ContactItem:
         self._status = status
         d = self.space.dim
         local = np.zeros((len(self._columns), d, d))
-        missing = self._add_tangent(tau, local)
+        missing = self._add_tangent(tau, self._operators(values), local)
         if missing:
             raise RuntimeError(f"contact {self.name}: {missing} entries of the tangent outside the pattern")
         return self._owned.sum(local)
 
     def _augmented(self, values):
         """What the tangent is made from, and the status (np,) of the points."""
-        traction, gap = self._evaluate(values)
+        traction, gap = self._contact(values)
         tau = traction + self.gamma[self.source.facet] * gap
         closed = self.pairing.paired & ((tau <= 0.0) | self.bilateral)
         return tau, np.where(closed, SLIP, OPEN)
 
-    def _add_tangent(self, tau, local):
+    def _add_tangent(self, tau, operators, local):
         p, source = self.pairing, self.source
+        at, extra = operators
+        points = np.flatnonzero(at >= 0)
+        across = np.einsum("kaij,ki->kaj", extra, p.normal[points[np.argsort(at[points])]])
         return add_tangent(
             self.theta, self.bilateral, p.paired, source.jxw, self.gamma, tau, p.cells, p.targets,
-            source.facet, source.shape, p.target_shape, p.b, p.normal, self._rowptr, self._columns, local,
+            source.facet, source.shape, p.target_shape, p.b, at, np.ascontiguousarray(across), p.normal, self._rowptr,
+            self._columns, local,
         )  # fmt: skip
 
     def commit(self, u, time):
@@ -286,7 +307,7 @@ class ContactItem:
         if not self.floats:
             return 1.0
         p, source, comm = self.pairing, self.source, self.space.comm
-        traction, gap = self._evaluate(p.exchange.gather(u))
+        traction, gap = self._contact(p.exchange.gather(u))
         _, moved = self._evaluate(p.exchange.gather(y))
         approach = moved - p.gap0
         part = self.radius / max(float(np.max(np.abs(approach), initial=0.0)), 1e-300)
@@ -316,7 +337,7 @@ class ContactItem:
             (0 open, 2 slip), ``weight`` (area of the point), ``x`` (reference position), ``paired``.
         """
         p, source = self.pairing, self.source
-        traction, gap = self._evaluate(p.exchange.gather(u))
+        traction, gap = self._contact(p.exchange.gather(u))
         tau = traction + self.gamma[source.facet] * gap
         closed = p.paired & ((tau <= 0.0) | self.bilateral)
         pressure = np.where(closed, -tau, 0.0)

@@ -7,11 +7,11 @@ Notation of every kernel, one row per quadrature point p on facet f = facet[p]:
 * gap  g = g0 - N u,  augmented traction  tau = t_n + gamma g,  P = min(tau, 0)
 
     residual   R  = - int P N . v + (theta / gamma) int (P - t_n) b . v
-    tangent    K  = int H (gamma N N^T - N b^T - theta b N^T) - theta / gamma (1 - H) b b^T,   H = 1 where tau <= 0
+    tangent    K  = int H (gamma N N^T - N c^T - theta b N^T) - theta / gamma (1 - H) b c^T,   H = 1 where tau <= 0
 
-which is (R) and its generalised derivative with the normal parts alone (Chouly, Hild 2013). A point without partner
-has P = 0. Bilateral contact (no separation) has H = 1 and P = tau always. ``cells`` and ``targets`` hold numbers into
-``u`` (n, d); a pair with an obstacle has targets of width 0.
+with c = dt_n/du, which is b unless the cell yields; this is (R) and its generalised derivative with the normal parts
+alone (Chouly, Hild 2013). A point without partner has P = 0. Bilateral contact (no separation) has H = 1 and P = tau
+always. ``cells`` and ``targets`` hold numbers into ``u`` (n, d); a pair with an obstacle has targets of width 0.
 """
 
 import numpy as np
@@ -107,12 +107,15 @@ def add_residual(
 
 @njit
 def add_tangent(
-    theta, bilateral, paired, jxw, gamma, tau, cells, targets, facet, shape, target_shape, b, normal, rowptr, columns,
-    values,
+    theta, bilateral, paired, jxw, gamma, tau, cells, targets, facet, shape, target_shape, b, at, extra, normal, rowptr,
+    columns, values,
 ):
-    """Add the generalised Jacobian of the pair to block values (nnz, d, d); returns how many entries had no place."""
+    """Add the generalised Jacobian of the pair to block values (nnz, d, d); returns how many entries had no place.
+
+    ``at`` (np,) and ``extra`` (n, nn, d) are what plasticity adds to b in c, see `pcontact.contact.plastic_trace`.
+    """
     d, nn, nt = normal.shape[1], cells.shape[1], targets.shape[1]
-    jump, trac = _vectors(nn + nt, d)
+    jump, trac, slope = np.zeros((nn + nt, d)), np.zeros((nn + nt, d)), np.zeros((nn + nt, d))
     missing = 0
     for p in range(len(facet)):
         f = facet[p]
@@ -123,6 +126,9 @@ def add_tangent(
             for i in range(d):
                 jump[a, i] = shape[p, a] * normal[p, i]
                 trac[a, i] = b[p, a, i]
+                slope[a, i] = b[p, a, i]
+                if len(at) > 0 and at[p] >= 0:
+                    slope[a, i] += extra[at[p], a, i]
         for m in range(nt):
             for i in range(d):
                 jump[nn + m, i] = -target_shape[p, m] * normal[p, i]
@@ -141,18 +147,11 @@ def add_tangent(
                         if closed:
                             value = (
                                 g * jump[r, i] * jump[c, j]
-                                - jump[r, i] * trac[c, j]
+                                - jump[r, i] * slope[c, j]
                                 - theta * trac[r, i] * jump[c, j]
                             )
                         else:
-                            value = -theta / g * trac[r, i] * trac[c, j]
+                            value = -theta / g * trac[r, i] * slope[c, j]
                         values[k, i, j] += w * value
     return missing
 
-
-@njit
-def _vectors(n, d):
-    """Two work arrays (n, d); the traction of target nodes stays zero."""
-    a = np.zeros((n, d))
-    b = np.zeros((n, d))
-    return a, b

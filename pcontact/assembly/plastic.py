@@ -1,0 +1,208 @@
+"""The bulk item of scenes in which a body may yield."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pcontact.assembly.bulk import ElasticBulk
+from pcontact.assembly.geometry import chunks, hoop, n_points
+from pcontact.assembly.graph import node_graph
+from pcontact.assembly.pattern import OwnedRows, positions
+from pcontact.assembly.plastic_kernels import add_forces, add_mean_excess, add_tangent, commit
+from pcontact.runtime.parallel import matching
+from pcontact.runtime.petsc import MPI
+
+NO_RING = np.zeros((0, 0, 0))
+
+
+@dataclass
+class PlasticState:
+    """Material and internal variables of the cells of one block.
+
+    Attributes
+    ----------
+    constants (3,), curve (k, 3), plane_stress
+        See `pcontact.material.plastic.return_map`.
+    strain : ndarray (nc, nq, m)
+        Committed plastic strain at the quadrature points, Mandel components.
+    p : ndarray (nc, nq)
+        Committed equivalent plastic strain.
+    """
+
+    constants: np.ndarray
+    curve: np.ndarray
+    plane_stress: bool
+    strain: np.ndarray
+    p: np.ndarray
+
+    @property
+    def material(self):
+        """What kernels need of the material."""
+        return self.constants, self.curve, self.plane_stress
+
+
+class PlasticBulk(ElasticBulk):
+    """Item of all bodies, where some may yield.
+
+    Forces and stiffness are those of :class:`ElasticBulk` and, in the cells of bodies that may yield, the excess of the
+    stress over linear elasticity. Only these cells have internal variables. Residual and tangent are functions of the
+    displacement and the committed state.
+
+    Parameters
+    ----------
+    space : pcontact.space.space.Space
+    constants : list of (float, float)
+        See :class:`ElasticBulk`.
+    materials : list of (ndarray (3,), ndarray (k, 3)) or None
+        Constants and hardening curve of each body (`pcontact.material.plastic`); None for elastic bodies.
+
+    Attributes
+    ----------
+    states : dict of int to PlasticState
+        By block.
+
+    Notes
+    -----
+    *Collective.*
+    """
+
+    changes = True
+    name = "bodies that may yield"
+
+    def __init__(self, space, constants, materials):
+        super().__init__(space, constants)
+        self.states = {}
+        for number, block in enumerate(space.mesh.blocks):
+            if materials[block.body] is not None:
+                self.states[number] = self._virgin(number, *materials[block.body])
+        rowptr, columns = node_graph([space.cells[number] for number in self.states], space.n_local)
+        owned = OwnedRows(space.numbering, space.exchanger, space.nodes, rowptr, columns)
+        self._pattern, self._owned = (rowptr, columns), owned
+        self._place = positions(owned.rowptr, owned.columns, self.rowptr, self.columns)
+
+    def _virgin(self, number, constants, curve):
+        space = self.space
+        nc, m = len(space.cells[number]), 6 if space.dim == 3 else 4
+        nq, plane_stress = n_points(space, number), space.kinematics == "plane_stress"
+        return PlasticState(constants, curve, plane_stress, np.zeros((nc, nq, m)), np.zeros((nc, nq)))
+
+    def _chunks(self):
+        """State, rows, gradients, weights, N / r and cells of the chunks of all cells that may yield."""
+        space = self.space
+        for number, state in self.states.items():
+            for rows, grad, jxw, shapes in chunks(space, number):
+                ring = hoop(space, number, rows, shapes)
+                ring = NO_RING if ring is None else np.ascontiguousarray(ring)
+                yield number, state, rows, grad, np.ascontiguousarray(jxw), ring, space.cells[number][rows]
+
+    def _forces(self, u, absolute):
+        nodal = self.space.local.gather(u)
+        local = np.zeros_like(nodal)
+        for _, state, rows, grad, jxw, ring, cells in self._chunks():
+            add_forces(
+                grad, jxw, ring, nodal, cells, *state.material, state.strain[rows], state.p[rows], absolute, local
+            )
+        total = self.space.vector()
+        self.space.local.add(local, total)
+        return total.getArray(readonly=True).reshape(-1, self.space.dim)
+
+    def residual(self, u, out):
+        """Add the internal forces of the owned nodes to ``out`` (n_owned, d). *Collective.*
+
+        A point that cannot be integrated leaves NaN.
+        """
+        super().residual(u, out)
+        out += self._forces(u, False)
+
+    def magnitude(self, u):
+        """Sum of the absolute terms of :meth:`residual` (n_owned, d): the scale of rounding errors. *Collective.*"""
+        return super().magnitude(u) + self._forces(u, True)
+
+    def tangent(self, u):
+        """Values (nnz, d, d) on :meth:`pattern`. *Collective.*"""
+        nodal = self.space.local.gather(u)
+        d = self.space.dim
+        local, count = np.zeros((len(self._pattern[1]), d, d)), 0
+        for _, state, rows, grad, jxw, ring, cells in self._chunks():
+            count += add_tangent(
+                grad, jxw, ring, nodal, cells, *state.material, state.strain[rows], state.p[rows], *self._pattern, local
+            )
+        if not self.space.comm.allreduce(count, op=MPI.SUM):
+            return self.values
+        values = self.values.copy()
+        values[self._place] += self._owned.sum(local)
+        return values
+
+    def commit(self, u, time):
+        """Take the internal variables to a displacement. *Collective.*"""
+        nodal = self.space.local.gather(u)
+        for _, state, rows, grad, _, ring, cells in self._chunks():
+            commit(grad, ring, nodal, cells, *state.material, state.strain[rows], state.p[rows])
+
+    def memory(self):
+        """Internal variables of the cells that have yielded, for a checkpoint.
+
+        Returns
+        -------
+        dict of str to (ndarray (n,), ndarray (n, nq (m + 1)))
+            By block: cell numbers; plastic strain and equivalent plastic strain of their points.
+        """
+        tables = {}
+        for number, state in self.states.items():
+            rows = np.flatnonzero(state.p.any(axis=1))
+            values = np.concatenate([state.strain[rows], state.p[rows][:, :, None]], axis=2)
+            tables[str(number)] = self.space.mesh.blocks[number].ids[rows], values.reshape(len(rows), -1)
+        return tables
+
+    def recall(self, name, chunks):
+        """Take back what :meth:`memory` gave, see `pcontact.contact.frictional.FrictionalItem.recall`."""
+        number = int(name)
+        state = self.states[number]
+        state.strain[:], state.p[:] = 0.0, 0.0
+        nq, m = state.strain.shape[1:]
+        for rows, values in matching(self.space.mesh.blocks[number].ids, chunks):
+            points = values.reshape(len(rows), nq, m + 1)
+            state.strain[rows], state.p[rows] = points[:, :, :m], points[:, :, m]
+
+    # -- report -------------------------------------------------------------------------------------------------
+
+    def stress(self, u):
+        """Mean stress and volume of every cell, see :meth:`ElasticBulk.stress`. *Collective.*"""
+        result = super().stress(u)
+        nodal = self.space.local.gather(u)
+        for number, state, rows, grad, jxw, ring, cells in self._chunks():
+            add_mean_excess(
+                grad, jxw, ring, nodal, cells, *state.material, state.strain[rows], state.p[rows],
+                result[number][0][rows],
+            )  # fmt: skip
+        return result
+
+    def plastic_strain(self):
+        """Mean equivalent plastic strain of every cell.
+
+        Returns
+        -------
+        list of ndarray (nc,)
+            For each block.
+        """
+        result = [np.zeros(len(cells)) for cells in self.space.cells]
+        for number, state, rows, _, jxw, _, _ in self._chunks():
+            result[number][rows] = np.sum(jxw * state.p[rows], axis=1) / jxw.sum(axis=1)
+        return result
+
+    def plasticity(self):
+        """How far bodies have yielded. *Collective.*
+
+        Returns
+        -------
+        largest : float
+            Equivalent plastic strain.
+        volume : float
+            Of the points that have yielded [length^d, with axial symmetry length^3].
+        """
+        largest, volume = 0.0, 0.0
+        for _, state, rows, _, jxw, _, _ in self._chunks():
+            largest = max(largest, float(np.max(state.p[rows], initial=0.0)))
+            volume += float(np.sum(jxw[state.p[rows] > 0.0]))
+        comm = self.space.comm
+        return comm.allreduce(largest, op=MPI.MAX), comm.allreduce(volume, op=MPI.SUM)

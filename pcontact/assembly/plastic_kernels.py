@@ -1,0 +1,218 @@
+"""Compiled kernels of bodies that may yield: what plasticity adds to linear elasticity, cell by cell.
+
+Elastic forces and stiffness are integrated once. Only the excess of the stress over linear elasticity, which is zero
+where nothing ever yielded, is integrated here, with its consistent tangent (`pcontact.material.plastic`). The excess is
+a deviator (in plane stress it has no 33 component): a mean dilatation of the cell does not see it.
+
+Common arguments, one row per cell c and quadrature point q:
+
+    grad (nc, nq, nn, d), jxw (nc, nq)       shape gradients and weights
+    ring (nc, nq, nn)                        N / r with axial symmetry, else (0, 0, 0)
+    nodal (n, d), cells (nc, nn)             displacement, and numbers into it
+    constants, curve, plane_stress           the material, see `pcontact.material.plastic.return_map`
+    plastic_strain (nc, nq, m), p (nc, nq)   the committed state
+"""
+
+import numpy as np
+
+from pcontact.assembly.graph import find
+from pcontact.material.mandel import HALF
+from pcontact.material.plastic import flows, return_map
+from pcontact.runtime.jit import njit, njit_inline
+
+
+@njit_inline
+def strain_at(nodal, cells, grad, ring, c, q, strain):
+    """Mandel strain (m,) of a point, see `pcontact.material.mandel`."""
+    d = nodal.shape[1]
+    strain[:] = 0.0
+    for a in range(cells.shape[1]):
+        node = cells[c, a]
+        x, y = grad[c, q, a, 0], grad[c, q, a, 1]
+        u, v = nodal[node, 0], nodal[node, 1]
+        strain[0] += u * x
+        strain[1] += v * y
+        strain[3] += HALF * (u * y + v * x)
+        if d == 3:
+            z, w = grad[c, q, a, 2], nodal[node, 2]
+            strain[2] += w * z
+            strain[4] += HALF * (v * z + w * y)
+            strain[5] += HALF * (u * z + w * x)
+        elif ring.shape[0] > 0:
+            strain[2] += u * ring[c, q, a]
+
+
+@njit_inline
+def fill_operator(grad, ring, c, q, out):
+    """Strain operator (m, nn, d) of a point: strain = sum over the nodes of out[:, a, :] u_a."""
+    nn, d = grad.shape[2], grad.shape[3]
+    out[:] = 0.0
+    for a in range(nn):
+        x, y = grad[c, q, a, 0], grad[c, q, a, 1]
+        out[0, a, 0] = x
+        out[1, a, 1] = y
+        out[3, a, 0] = HALF * y
+        out[3, a, 1] = HALF * x
+        if d == 3:
+            z = grad[c, q, a, 2]
+            out[2, a, 2] = z
+            out[4, a, 1] = HALF * z
+            out[4, a, 2] = HALF * y
+            out[5, a, 0] = HALF * z
+            out[5, a, 2] = HALF * x
+        elif ring.shape[0] > 0:
+            out[2, a, 0] = ring[c, q, a]
+
+
+@njit
+def add_forces(grad, jxw, ring, nodal, cells, constants, curve, plane_stress, plastic_strain, p, absolute, out):
+    """Add the nodal forces of the excess to ``out`` (n, d) [force], or the sizes of their terms (``absolute``)."""
+    nq, nn, d = grad.shape[1], grad.shape[2], grad.shape[3]
+    m = plastic_strain.shape[2]
+    strain, excess, work, tangent = np.zeros(m), np.zeros(m), np.zeros(m), np.zeros((m, m))
+    operator = np.zeros((m, nn, d))
+    for c in range(cells.shape[0]):
+        for q in range(nq):
+            strain_at(nodal, cells, grad, ring, c, q, strain)
+            if p[c, q] == 0.0 and not flows(constants, curve, plane_stress, strain, plastic_strain[c, q], 0.0, work):
+                continue
+            return_map(
+                constants, curve, plane_stress, strain, plastic_strain[c, q], p[c, q], False, work, excess, tangent
+            )
+            fill_operator(grad, ring, c, q, operator)
+            for a in range(nn):
+                for i in range(d):
+                    force = 0.0
+                    for k in range(m):
+                        term = operator[k, a, i] * excess[k]
+                        force += abs(term) if absolute else term
+                    out[cells[c, a], i] += jxw[c, q] * force
+
+
+@njit
+def add_tangent(grad, jxw, ring, nodal, cells, constants, curve, plane_stress, plastic_strain, p, rowptr, columns, out):
+    """Add the derivative of the forces to block values (nnz, d, d); returns how many cells yield."""
+    nq, nn, d = grad.shape[1], grad.shape[2], grad.shape[3]
+    m = plastic_strain.shape[2]
+    strain, excess, work, tangent = np.zeros(m), np.zeros(m), np.zeros(m), np.zeros((m, m))
+    operator, pulled = np.zeros((m, nn, d)), np.zeros((m, nn, d))
+    stiffness = np.zeros((nn, nn, d, d))
+    count = 0
+    for c in range(cells.shape[0]):
+        touched = False
+        for q in range(nq):
+            strain_at(nodal, cells, grad, ring, c, q, strain)
+            if not flows(constants, curve, plane_stress, strain, plastic_strain[c, q], p[c, q], work):
+                continue
+            _, yields = return_map(
+                constants, curve, plane_stress, strain, plastic_strain[c, q], p[c, q], True, work, excess, tangent
+            )
+            if not yields:
+                continue
+            if not touched:
+                stiffness[:] = 0.0
+                touched = True
+            fill_operator(grad, ring, c, q, operator)
+            _pull(tangent, operator, jxw[c, q], pulled)
+            _square(operator, pulled, stiffness)
+        if touched:
+            count += 1
+            for a in range(nn):
+                row = cells[c, a]
+                for b in range(nn):
+                    k = find(columns, rowptr[row], rowptr[row + 1], cells[c, b])
+                    for i in range(d):
+                        for j in range(d):
+                            out[k, i, j] += stiffness[a, b, i, j]
+    return count
+
+
+@njit
+def _pull(tangent, operator, weight, out):
+    """out = weight C B."""
+    m, nn, d = operator.shape
+    for k in range(m):
+        for a in range(nn):
+            for i in range(d):
+                value = 0.0
+                for n in range(m):
+                    value += tangent[k, n] * operator[n, a, i]
+                out[k, a, i] = weight * value
+
+
+@njit
+def _square(operator, pulled, out):
+    """Add B^T (C B) to ``out`` (nn, nn, d, d)."""
+    m, nn, d = operator.shape
+    for a in range(nn):
+        for b in range(nn):
+            for i in range(d):
+                for j in range(d):
+                    value = 0.0
+                    for k in range(m):
+                        value += operator[k, a, i] * pulled[k, b, j]
+                    out[a, b, i, j] += value
+
+
+@njit
+def commit(grad, ring, nodal, cells, constants, curve, plane_stress, plastic_strain, p):
+    """Let the state of all points, in place, follow the displacement."""
+    m = plastic_strain.shape[2]
+    strain, excess, work, tangent = np.zeros(m), np.zeros(m), np.zeros(m), np.zeros((m, m))
+    for c in range(cells.shape[0]):
+        for q in range(grad.shape[1]):
+            strain_at(nodal, cells, grad, ring, c, q, strain)
+            if flows(constants, curve, plane_stress, strain, plastic_strain[c, q], p[c, q], work):
+                p[c, q], _ = return_map(
+                    constants, curve, plane_stress, strain, plastic_strain[c, q], p[c, q], False,
+                    plastic_strain[c, q], excess, tangent,
+                )  # fmt: skip
+
+
+@njit
+def add_mean_excess(grad, jxw, ring, nodal, cells, constants, curve, plane_stress, plastic_strain, p, out):
+    """Add the volume average of the excess of each cell to ``out`` (nc, 6), XX, YY, ZZ, XY, YZ, XZ [stress]."""
+    m = plastic_strain.shape[2]
+    strain, excess, work, tangent = np.zeros(m), np.zeros(m), np.zeros(m), np.zeros((m, m))
+    for c in range(cells.shape[0]):
+        volume = 0.0
+        for q in range(grad.shape[1]):
+            volume += jxw[c, q]
+        for q in range(grad.shape[1]):
+            strain_at(nodal, cells, grad, ring, c, q, strain)
+            if p[c, q] == 0.0 and not flows(constants, curve, plane_stress, strain, plastic_strain[c, q], 0.0, work):
+                continue
+            return_map(
+                constants, curve, plane_stress, strain, plastic_strain[c, q], p[c, q], False, work, excess, tangent
+            )
+            for k in range(m):
+                factor = 1.0 if k < 3 else HALF
+                out[c, k] += factor * jxw[c, q] / volume * excess[k]
+
+
+@njit
+def excess_at(
+    nodal, cells, grad, ring, constants, curve, plane_stress, plastic_strain, p, want_tangent, excess, tangent
+):
+    """Excess (nc, nq, m) of cells and, if wanted, its derivative (nc, nq, m, m); flags (nc,) of those that yield.
+
+    Both are overwritten.
+    """
+    nc, nq, m = excess.shape
+    strain, work = np.zeros(m), np.zeros(m)
+    unused = np.zeros((m, m))
+    yielding = np.zeros(nc, dtype=np.bool_)
+    excess[:] = 0.0
+    if want_tangent:
+        tangent[:] = 0.0
+    for c in range(nc):
+        for q in range(nq):
+            strain_at(nodal, cells, grad, ring, c, q, strain)
+            if p[c, q] == 0.0 and not flows(constants, curve, plane_stress, strain, plastic_strain[c, q], 0.0, work):
+                continue
+            _, yields = return_map(
+                constants, curve, plane_stress, strain, plastic_strain[c, q], p[c, q], want_tangent, work,
+                excess[c, q], tangent[c, q] if want_tangent else unused,
+            )  # fmt: skip
+            yielding[c] |= yields
+    return yielding

@@ -1,0 +1,211 @@
+"""Traction at contact where the parent cell may yield.
+
+The stress in excess of linear elasticity is taken from the parent cell's own quadrature points and extrapolated to the
+facet: facets have no internal variables of their own, and the tangent is the cell's. The elastic part of the traction
+is that of an elastic body. Extrapolation is by the polynomials that the cell's points determine: constants for
+simplices of degree 1, linear functions for those of degree 2, products of degree k for tensor cells of degree k.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pcontact.assembly.geometry import some_cells
+from pcontact.assembly.plastic import NO_RING, PlasticState
+from pcontact.assembly.plastic_kernels import excess_at, fill_operator
+from pcontact.element.reference import CELLS, reference_nodes
+from pcontact.material.mandel import HALF
+from pcontact.runtime.jit import njit, njit_inline
+
+
+def _monomials(cell, degree, xi):
+    """Values (n, nb) of the polynomials of extrapolation at reference points (n, d)."""
+    d = xi.shape[1]
+    powers = np.stack(np.meshgrid(*[np.arange(degree + 1)] * d, indexing="ij"), axis=-1).reshape(-1, d)
+    if not CELLS[cell].is_tensor:
+        powers = powers[powers.sum(axis=1) <= degree]
+    return np.prod(xi[:, None, :] ** powers[None], axis=2)
+
+
+def extrapolation(cell, degree, points, xi):
+    """Matrix (np, nq) that takes values at a cell's quadrature points to other points of it.
+
+    Parameters
+    ----------
+    cell : str
+    degree : int
+        Of the displacement.
+    points : ndarray (nq, d)
+        Quadrature points in the reference domain.
+    xi : ndarray (np, d)
+        Other points there.
+    """
+    order = degree if CELLS[cell].is_tensor else degree - 1
+    return _monomials(cell, order, xi) @ np.linalg.pinv(_monomials(cell, order, points))
+
+
+@njit_inline
+def _row(i, normal, k):
+    """Entry (i, k) of the matrix that takes Mandel components of a stress to the traction on a normal."""
+    if k < 3:
+        return normal[i] if i == k else 0.0
+    if k == 3:
+        return HALF * normal[1 - i] if i < 2 else 0.0
+    if k == 4:
+        return HALF * normal[3 - i] if i > 0 else 0.0
+    return HALF * normal[2 - i] if i != 1 else 0.0
+
+
+@njit
+def _add_tractions(excess, matrix, facet, points, normal, out):
+    """Add the extrapolated excess (nf, nq, m) times the outward normal at the points to ``out`` (np, d)."""
+    d = out.shape[1]
+    for n in range(len(points)):
+        p = points[n]
+        for q in range(excess.shape[1]):
+            for k in range(excess.shape[2]):
+                stress = matrix[n, q] * excess[facet[n], q, k]
+                for i in range(d):
+                    out[p, i] += _row(i, normal[p], k) * stress
+
+
+@njit
+def _add_operators(tangent, yields, grad, ring, matrix, facet, points, normal, first, at, out):
+    """Derivative of the excess traction of the points on facets that yield, from row ``first`` of ``out`` on."""
+    nq, nn, d = grad.shape[1], grad.shape[2], grad.shape[3]
+    m = tangent.shape[2]
+    operator, pulled = np.zeros((m, nn, d)), np.zeros((nq, m, nn, d))
+    last, row = -1, first
+    for n in range(len(points)):
+        f, p = facet[n], points[n]
+        if not yields[f]:
+            continue
+        if f != last:
+            last = f
+            for q in range(nq):
+                fill_operator(grad, ring, f, q, operator)
+                for k in range(m):
+                    for a in range(nn):
+                        for j in range(d):
+                            value = 0.0
+                            for other in range(m):
+                                value += tangent[f, q, k, other] * operator[other, a, j]
+                            pulled[q, k, a, j] = value
+        at[p] = row
+        for q in range(nq):
+            for k in range(m):
+                for i in range(d):
+                    factor = matrix[n, q] * _row(i, normal[p], k)
+                    if factor != 0.0:
+                        for a in range(nn):
+                            for j in range(d):
+                                out[row, a, i, j] += factor * pulled[q, k, a, j]
+        row += 1
+
+
+@dataclass
+class _Part:
+    """Facets of the source whose parent cells belong to one block that may yield."""
+
+    state: PlasticState
+    rows: np.ndarray
+    facets: slice
+    grad: np.ndarray
+    ring: np.ndarray
+    points: np.ndarray
+    facet: np.ndarray
+    matrix: np.ndarray
+
+
+class PlasticTrace:
+    """Excess traction at the quadrature points of a source.
+
+    Parameters
+    ----------
+    space : pcontact.space.space.Space
+    bulk : pcontact.assembly.plastic.PlasticBulk
+        Holds the committed internal variables.
+    source : pcontact.contact.surface.SourceSurface
+    name : str
+        Its facet group.
+    """
+
+    def __init__(self, space, bulk, source, name):
+        self._source, self._parts, first = source, [], 0
+        for facets in space.mesh.facet_groups.get(name, []):
+            last = first + len(facets.cells)
+            if facets.block in bulk.states:
+                self._parts.append(self._part(space, bulk, facets, slice(first, last)))
+            first = last
+
+    @property
+    def parts(self):
+        """Number of blocks of parent cells on this rank that may yield."""
+        return len(self._parts)
+
+    def _part(self, space, bulk, facets, which):
+        source, cell = self._source, space.mesh.blocks[facets.block].cell
+        rows = np.ascontiguousarray(facets.cells)
+        grad, ring, rule = some_cells(space, facets.block, rows)
+        points = np.flatnonzero((source.facet >= which.start) & (source.facet < which.stop))
+        xi = source.shape[points, : grad.shape[2]] @ reference_nodes(cell, space.degree)
+        return _Part(
+            bulk.states[facets.block], rows, which, grad, NO_RING if ring is None else np.ascontiguousarray(ring),
+            points, source.facet[points] - which.start, extrapolation(cell, space.degree, rule, xi),
+        )  # fmt: skip
+
+    def _excess(self, part, values, cells, want_tangent):
+        nf, nq, m = len(part.rows), *part.state.strain.shape[1:]
+        excess = np.zeros((nf, nq, m))
+        tangent = np.zeros((nf, nq, m, m) if want_tangent else (0, 0, m, m))
+        nodes = np.ascontiguousarray(cells[part.facets, : part.grad.shape[2]])
+        yields = excess_at(
+            values, nodes, part.grad, part.ring, *part.state.material, part.state.strain[part.rows],
+            part.state.p[part.rows], want_tangent, excess, tangent,
+        )  # fmt: skip
+        return excess, tangent, yields
+
+    def traction(self, values, cells):
+        """Excess traction (np, d) [stress].
+
+        Parameters
+        ----------
+        values : ndarray (n, d)
+            Displacements.
+        cells : ndarray (nf, nn)
+            Nodes of the parent cells of all facets of the source, numbers into ``values``.
+        """
+        out = np.zeros_like(self._source.x)
+        for part in self._parts:
+            excess, _, _ = self._excess(part, values, cells, False)
+            _add_tractions(excess, part.matrix, part.facet, part.points, self._source.normal, out)
+        return out
+
+    def operators(self, values, cells):
+        """Derivatives of the excess traction with respect to the parent cell's displacements.
+
+        Returns
+        -------
+        at : ndarray (np,)
+            Row of each point in ``rows``; -1 where the cell is elastic.
+        rows : ndarray (n, nn, d, d)
+            d t_i / d u_aj [stress/length].
+        """
+        source, found, count = self._source, [], 0
+        at = np.full(len(source.facet), -1, dtype=np.int64)
+        for part in self._parts:
+            _, tangent, yields = self._excess(part, values, cells, True)
+            found.append((part, tangent, yields, count))
+            count += int(np.sum(yields[part.facet]))
+        rows = np.zeros((count, source.shape.shape[1], *[source.x.shape[1]] * 2))
+        for part, tangent, yields, first in found:
+            _add_operators(
+                tangent, yields, part.grad, part.ring, part.matrix, part.facet, part.points, source.normal, first, at,
+                rows,
+            )  # fmt: skip
+        return at, rows
+
+
+def no_operators(n_nodes, d):
+    """What :meth:`PlasticTrace.operators` gives where nothing can yield: no row for any point."""
+    return np.zeros(0, dtype=np.int64), np.zeros((0, n_nodes, d, d))
