@@ -15,7 +15,7 @@ from pcontact.contact.plastic_trace import PlasticTrace
 from pcontact.contact.surface import source_surface, target_surface
 from pcontact.element.reference import CELLS
 from pcontact.material.elastic import in_plane, lame
-from pcontact.material.hardening import hardening_curve
+from pcontact.material.hardening import hardening_curve, hardening_table
 from pcontact.material.plastic import plastic_constants
 from pcontact.mesh.load import load_mesh
 from pcontact.mesh.mesh import bounding_box, size_of
@@ -139,11 +139,14 @@ def bulk_item(scene, space, constants):
     materials = []
     for body in scene.bodies:
         material = scene.materials[body.material]
-        if material.yield_stress is None:
+        if not material.plastic:
             materials.append(None)
             continue
         row = plastic_constants(*lame(material.E, material.nu), material.kinematic_hardening)
-        materials.append((row, hardening_curve(material.yield_stress, material.hardening)))
+        if material.hardening_curve is not None:
+            materials.append((row, hardening_table(material.hardening_curve)))
+        else:
+            materials.append((row, hardening_curve(material.yield_stress, material.hardening)))
     if not any(materials):
         return ElasticBulk(space, constants)
     return PlasticBulk(space, constants, materials)

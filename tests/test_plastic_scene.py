@@ -129,14 +129,14 @@ def test_description(scene_file, material, hardening):
 
 
 def block(folder, cell, order=1, name="block.msh", **more):
-    """A scene of one block pressed by its own weight."""
+    """A scene of one block, pressed unless said otherwise."""
     path, d = folder / name, DIMENSION[cell]
     on_root(WORLD, block_file, path, cell, 3)
-    said = {"mesh": MeshSpec(path, order=order), "output": Output(), **more}
+    press = [Displacement("bottom", [0.0] * d), Displacement("top", [0.0] * (d - 1) + [-0.02])]
+    said = {"mesh": MeshSpec(path, order=order), "displacements": press, **more}
     return Scene(
         materials={"m": Material(10.0, 0.3)},
         bodies=[Body("block", "m")],
-        displacements=[Displacement("bottom", [0.0] * d), Displacement("top", [0.0] * (d - 1) + [-0.02])],
         **said,
     )
 
@@ -237,6 +237,40 @@ def test_no_such_fields_without_plasticity(tmp_path):
     simulation.run(tmp_path / "out")
     simulation.close()
     assert not any("plastic" in name or "smooth" in name for name in available(load_result(tmp_path / "out")))
+
+
+@pytest.mark.parallel
+@pytest.mark.parametrize("material, strain, stress", [
+    ({"hardening_curve": [[0.0, 1.0], [0.01, 1.5]]}, 0.015, 1.5),
+    ({"hardening_curve": [[0.0, 1.0], [0.01, 1.5]], "kinematic_hardening": 20.0}, 0.0125, 1.75),
+    ({"yield_stress": 1.0, "hardening": 50.0}, 0.04 / 3.0, 5.0 / 3.0),
+])  # fmt: skip
+def test_a_strip_that_yields(shared_tmp, monkeypatch, material, strain, stress):
+    """A strip pulled by 3 %: stress and plastic strain of the tension test in everything that comes out."""
+    said = []
+    monkeypatch.setattr("pcontact.io.observers.log.info", lambda text, *args: said.append(text % args))
+    scene = block(
+        shared_tmp, "quadrilateral",
+        displacements=[Displacement("left", [0.0, "free"]), Displacement("bottom", ["free", 0.0]),
+                       Displacement("right", [0.03, "free"])],
+        output=Output(smooth=True), petsc={"snes_rtol": "1e-12"},
+    )  # fmt: skip
+    scene.mesh.kinematics, scene.materials["m"] = "plane_stress", Material(100.0, 0.3, **material)
+    simulation = Simulation(scene)
+    assert simulation.run(shared_tmp / "out")
+    simulation.close()
+    WORLD.Barrier()
+    report = json.loads((shared_tmp / "out" / "report.json").read_text())
+    assert any("von Mises plasticity: block" in line for line in report["model"]["active"])
+    (step,) = report["steps"]
+    assert step["plastic"] == pytest.approx({"max_equivalent_strain": strain, "yielded_volume": 1.0})
+    assert step["reactions"]["right"][0] == pytest.approx(stress)
+    result = load_result(shared_tmp / "out")
+    for name, value in {"equivalent_plastic_strain": strain, "equivalent_stress": stress, "stress_xx": stress}.items():
+        smooth = name.replace("_xx", "") + "_smooth" + ("_xx" if name.endswith("_xx") else "")
+        for field in (name, smooth):
+            np.testing.assert_allclose(find(result, field).values[""], value, rtol=1e-8)
+    assert any(f"yielded 100.0 % (max strain {strain:.4g})" in line for line in said)
 
 
 # -- means at the nodes ----------------------------------------
