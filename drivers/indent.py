@@ -24,7 +24,7 @@ from pcontact.scene.model import Body, Contact, Displacement, Material, MeshSpec
 E_MODULUS, NU, YIELD, HARDENING = 210e3, 0.3, 300.0, 1000.0
 RADIUS, DEPTH = 5.0, 0.02
 CELLS = {2: ("quadrilateral", "triangle"), 3: ("hexahedron", "tetrahedron")}
-AWAY = 0.5  # how far the ball is above the block in the end, over the depth
+AWAY = 1.5  # way back in the end, over that of the load steps up
 COUNTS = ("newton", "krylov", "cutbacks")
 
 
@@ -43,18 +43,18 @@ def path_of(steps, unload, back):
     steps : int
         Load steps down; a step is a unit of time.
     unload : int
-        Load steps up by `back`, after which one takes the ball away; zero: it stays.
+        Load steps up by `back`, and one more by half of that; zero: the ball stays.
     back : float
         Part of the depth.
     """
     table = [(0.0, 0.0), (float(steps), 1.0)]
     if unload:
-        table += [(float(steps + unload), 1.0 - back), (steps + unload + 1.0, -AWAY)]
+        table += [(float(steps + unload), 1.0 - back), (steps + unload + 1.0, 1.0 - AWAY * back)]
     return table, steps + (unload + 1 if unload else 0)
 
 
 def scene(path, dim=2, *, friction=0.0, material=None, radius=RADIUS, depth=DEPTH, ball=None, source="block", steps=10,
-          unload=4, back=0.2, order=1, fields=False, petsc=None, **contact):  # fmt: skip
+          unload=5, back=0.25, order=1, fields=False, petsc=None, **contact):  # fmt: skip
     """The scene on a mesh of :func:`meshes.indent`.
 
     Parameters
@@ -302,8 +302,8 @@ def make_options():
     add("--ball", type=float, help="Young's modulus of a meshed ball (absent: rigid)")
     add("--source", default="block", choices=["block", "ball"], help="where integrals are taken, with --ball")
     add("--steps", type=int, default=10, help="load steps down (10)")
-    add("--unload", type=int, default=4, help="load steps up, before the one that takes the ball away (4); 0: none")
-    add("--back", type=float, default=0.2, help="part of the depth that the ball goes up in these (0.2)")
+    add("--unload", type=int, default=5, help="load steps up, before one that takes the ball away (5); 0: none")
+    add("--back", type=float, default=0.25, help="part of the depth that the ball goes up in these (0.25)")
     add("--no_fields", action="store_true", help="write no fields and pictures")
     add("--levels", type=int, default=1, help="for --refine")
     return parser

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pcontact.runtime.petsc import PETSc, diverged_nan, forget_pattern, keep_preconditioner, line_search_limit
+from pcontact.runtime.petsc import MPI, PETSc, diverged_nan, forget_pattern, keep_preconditioner, line_search_limit
 from pcontact.solve.linear import Reuse, refresh_smoother, solver_defaults
 
 REASONS = {
@@ -15,6 +15,8 @@ REASONS = {
 }
 # part of the first residual to which a load step is solved as if nothing could slip
 HELD_GOAL = 0.1
+# the same where bodies yield, for contact as it was before the load step, and then with sticking points
+GLUED_GOALS = 0.1, 0.01
 
 
 @dataclass
@@ -112,6 +114,8 @@ class Newton:
         self._floor, self._goal, self._first = 0.0, None, None
         self._holds = [item for item in problem.items if hasattr(item, "hold")]
         self._hold_first = loose and bool(self._holds)
+        yields = any(getattr(item, "states", None) for item in problem.items)
+        self._glues = [item for item in problem.items if hasattr(item, "glue")] if yields else []
         self.norms = []
 
     def _residual(self, snes, x, f):
@@ -184,14 +188,52 @@ class Newton:
         self._renew_preconditioner()
         if self._reuse is not None:
             self._reuse.forget()
-        self._first, before = None, u.copy() if self._holds else None
+        self._first, before = None, u.copy() if self._holds or self._glues else None
         if self._hold_first:
             return self._stick_first(u, before)
-        outcome = self._run(u)
+        outcome = self._glued_first(u, before) if self._touches() else self._run(u)
         if outcome.converged or not self._holds:
             return outcome
         before.copy(u)
         return _together(outcome, self._stick_first(u, before))
+
+    def _touches(self):
+        """Whether bodies may yield and points were closed at the end of the last load step. *Collective.*"""
+        closed = any(item.closed.any() for item in self._glues)
+        return bool(self._glues) and self.problem.space.comm.allreduce(closed, op=MPI.LOR)
+
+    def _glued_first(self, u, before):
+        """Solve roughly with all points open or closed as before the load step, then as if none could slip, then all.
+
+        A support moves farther in a load step than contact gives way: where it goes back, all points are open at first,
+        the bodies spring back altogether, yield, and hit again. Elastic bodies recover from that, others cycle.
+        """
+        self.problem.residual(u, self._f)
+        first = self._f.norm()
+        outcome = self._roughly(u, self._glues, GLUED_GOALS[0])
+        good = outcome.converged
+        if good and self._holds:
+            outcome = _together(outcome, self._roughly(u, [], GLUED_GOALS[1]))
+            good = outcome.converged
+        if not good:
+            before.copy(u)
+        self._first = first
+        return _together(outcome, self._run(u))
+
+    def _roughly(self, u, glues, goal):
+        """Solve to a part of the first residual as if no closed point could slip, with some pairs glued."""
+        for item in glues:
+            item.glue(True)
+        for item in self._holds:
+            item.hold(True)
+        self._goal = goal
+        outcome = self._run(u)
+        self._goal = None
+        for item in self._holds:
+            item.hold(False)
+        for item in glues:
+            item.glue(False)
+        return outcome
 
     def _stick_first(self, u, before):
         """Solve as if no closed point could slip, roughly, then with the law.
@@ -199,13 +241,7 @@ class Newton:
         Newton can cycle between the two ways in which all points of a body may slip; from a state in which they stick,
         each goes the way in which its traction exceeds the bound.
         """
-        self._goal = HELD_GOAL
-        for item in self._holds:
-            item.hold(True)
-        held = self._run(u)
-        for item in self._holds:
-            item.hold(False)
-        self._goal = None
+        held = self._roughly(u, [], HELD_GOAL)
         if not held.converged:
             before.copy(u)
         return _together(held, self._run(u))
