@@ -13,7 +13,18 @@ from itertools import pairwise
 
 import numpy as np
 
-from drivers._common import draw, log, main, make_mesh, make_parser, print_table, running, write_json
+from drivers._common import (
+    contact_points,
+    draw,
+    log,
+    main,
+    make_mesh,
+    make_parser,
+    observed_rates,
+    print_table,
+    running,
+    write_json,
+)
 from meshes import indent
 from pcontact.io.picture import picture
 from pcontact.runtime.errors import InputError
@@ -35,8 +46,11 @@ def metal(yield_stress=YIELD, hardening=HARDENING, kinematic=0.0, E=E_MODULUS):
     return Material(E, NU, yield_stress=yield_stress, hardening=hardening, kinematic_hardening=kinematic)
 
 
-def path_of(steps, unload, back):
+def path_of(steps, unload, back, grading=1.5):
     """Amplitude of the ball's motion and number of load steps.
+
+    The ball goes down with a power of time: the first load step from the untouched surface is the hardest one, and the
+    block yields at a depth that is small against all others.
 
     Parameters
     ----------
@@ -46,15 +60,17 @@ def path_of(steps, unload, back):
         Load steps up by `back`, and one more by half of that; zero: the ball stays.
     back : float
         Part of the depth.
+    grading : float
+        1: equal steps down; 2: equal steps of the contact radius.
     """
-    table = [(0.0, 0.0), (float(steps), 1.0)]
+    table = [(float(k), (k / steps) ** grading) for k in range(steps + 1)]
     if unload:
         table += [(float(steps + unload), 1.0 - back), (steps + unload + 1.0, 1.0 - AWAY * back)]
     return table, steps + (unload + 1 if unload else 0)
 
 
 def scene(path, dim=2, *, friction=0.0, material=None, radius=RADIUS, depth=DEPTH, ball=None, source="block", steps=10,
-          unload=5, back=0.25, order=1, fields=False, petsc=None, **contact):  # fmt: skip
+          unload=5, back=0.25, grading=1.5, order=1, fields=False, petsc=None, **contact):  # fmt: skip
     """The scene on a mesh of :func:`meshes.indent`.
 
     Parameters
@@ -72,7 +88,7 @@ def scene(path, dim=2, *, friction=0.0, material=None, radius=RADIUS, depth=DEPT
         Young's modulus of a ball that is in the mesh; None: a rigid obstacle.
     source : "block" or "ball"
         Where the integrals are taken, with a ball in the mesh.
-    steps, unload, back
+    steps, unload, back, grading
         See :func:`path_of`.
     order : int
         Degree of the displacement.
@@ -81,7 +97,7 @@ def scene(path, dim=2, *, friction=0.0, material=None, radius=RADIUS, depth=DEPT
     petsc : dict of str to str, optional
     contact : further keys of :class:`pcontact.scene.model.Contact`
     """
-    amplitude, count = path_of(steps, unload, back)
+    amplitude, count = path_of(steps, unload, back, grading)
     across, free = [0.0] * (dim - 1), ["free"] * (dim - 1)
     held = [Displacement("block_bottom", [0.0] * dim)]
     if dim == 3:
@@ -212,7 +228,7 @@ def _plot(rows, profile, args):
             axes[1].axhline(value, color="k", ls=":", lw=0.8)
         x = np.linspace(0.0, max(x), 100)
         axes[1].plot(x, 4.0 / (3.0 * np.pi) * x, "k--", lw=0.8, label="elastic (Hertz)")
-        axes[1].set(xlabel="E* a / (R yield stress)", ylabel="mean pressure / yield stress", ylim=(0.0, 3.4))
+        axes[1].set(xlabel="E* a / (R yield stress)", ylabel="mean pressure / yield stress", ylim=(0.0, 3.6))
         near = profile[profile[:, 0] < 3.0 * max(row["radius"] for row in down)]
         axes[2].plot(*near.T, ".", ms=3, color="#c8553d", label="at the end")
         r = near[near[:, 0] ** 2 < 2.0 * args.radius * args.depth, 0]
@@ -220,16 +236,17 @@ def _plot(rows, profile, args):
         axes[2].set(xlabel="distance from the axis", ylabel="height of the surface")
         for ax in axes:
             ax.grid(alpha=0.3)
+            ax.locator_params(axis="x", nbins=5)
             ax.legend(fontsize="small")
 
     return paint
 
 
 def _pictures(directory, rows, steps):
-    """Equivalent stress at the full depth and in the end. Rank 0."""
+    """Equivalent stress at the full depth, and the enlarged imprint. Rank 0."""
     full = sum(row["time"] <= steps for row in rows)
-    for name, step in (("pressed", full), ("imprint", len(rows))):
-        picture(directory, field="equivalent_stress", step=step, output=directory / f"{name}.png")
+    picture(directory, field="equivalent_stress", step=full, output=directory / "pressed.png")
+    picture(directory, field="equivalent_plastic_strain", output=directory / "imprint.png", scale=10.0, cut=False)
 
 
 def make(args, dim, h, name):
@@ -242,7 +259,7 @@ def make(args, dim, h, name):
 def said_of(args):
     """Keys of :func:`scene` from the command line."""
     material = metal(args.yield_stress, args.hardening, args.kinematic)
-    keys = ("friction", "radius", "depth", "ball", "source", "steps", "order", "theta")
+    keys = ("friction", "radius", "depth", "ball", "source", "steps", "grading", "order", "theta")
     return {"material": material, **{key: getattr(args, key) for key in keys}}
 
 
@@ -270,10 +287,90 @@ def solve(args, dim, h):
             "imprint": profile}  # fmt: skip
 
 
+def pressures(args, h, edges, yields):
+    """Mean contact pressure of the rings between some radii at the full depth, and where the top begins to be elastic.
+
+    Parameters
+    ----------
+    h : float
+        Element size.
+    edges : ndarray (n + 1,)
+        Radii, ends of facets of this mesh.
+    yields : bool
+        Or the block is elastic.
+
+    Returns
+    -------
+    pressure : ndarray (n,)
+    plastic : float
+        Radius up to which cells of the top have yielded since they were pressed; zero: none. *Collective.*
+    """
+    said = said_of(args)
+    said["material"] = said["material"] if yields else metal(0.0)
+    case = scene(make(args, 2, h, f"refine_{h:g}.msh"), 2, unload=0, **said)
+    with running(case) as (simulation, converged):
+        points = contact_points(simulation)
+        outer = _yielded_radius(simulation) if yields else 0.0
+    if not converged:
+        raise InputError("command line: --refine: a load step did not converge; allowed: more --steps")
+    if points is None:
+        return np.zeros(len(edges) - 1), outer
+    place = np.searchsorted(edges, points["x"][:, 0]) - 1
+    inside = place < len(edges) - 1
+    weight, place = points["weight"][inside], place[inside]
+    sums = [np.bincount(place, value, len(edges) - 1) for value in (weight * points["pressure"][inside], weight)]
+    return sums[0] / sums[1], outer
+
+
+def _yielded_radius(simulation):
+    """Largest distance from the axis of a cell at the block's top that has yielded. *Collective.*"""
+    mesh, largest = simulation.mesh, 0.0
+    height = -1e-9 * float(np.ptp(mesh.points[:, 1])) if len(mesh.points) else 0.0
+    for block, strain in zip(mesh.blocks, simulation.problem.items[0].plastic_strain(), strict=True):
+        x = mesh.points[block.nodes]
+        some = (x[:, :, 1] >= height).any(axis=1) & (strain > 0.0)
+        largest = max(largest, float(x[some, :, 0].max(initial=0.0)))
+    return simulation.comm.allreduce(largest, op=MPI.MAX)
+
+
+def refine(args):
+    """Contact pressure on finer and finer meshes against the finest, of the block and of an elastic one. *Collective.*
+
+    Differences are of the means over rings one facet of the coarsest mesh wide, weighted by area, relative to the norm
+    of the finest: in the whole contact, and in the quarter of its radius at the edge.
+    """
+    coarse = args.h or 0.05
+    edges = coarse * np.arange(round(args.fine / coarse) + 1)
+    sizes, table = [coarse / 2**k for k in range(args.levels)], []
+    for name, yields in (("yields", True), ("elastic", False)):
+        runs = [pressures(args, h, edges, yields) for h in sizes]
+        profiles = MPI.COMM_WORLD.bcast(np.array([p for p, _ in runs]))
+        area = np.diff(edges**2)
+        edge = edges[1:][profiles[-1] > 0.0].max()
+        parts = {"whole": np.ones(len(area), dtype=bool), "edge": (edges[:-1] >= 0.75 * edge) & (edges[:-1] < edge)}
+        scale = np.sqrt(np.sum(area * profiles[-1] ** 2))
+        errors = {
+            key: [float(np.sqrt(np.sum((area * (p - profiles[-1]) ** 2)[part])) / scale) for p in profiles[:-1]]
+            for key, part in parts.items()
+        }
+        for k, h in enumerate(sizes[:-1]):
+            row = {"block": name, "h": h, "contact": float(edge), "yielded": runs[k][1]}
+            for key, values in errors.items():
+                row |= {key: values[k], f"{key}_rate": observed_rates(sizes[:-1], values)[k]}
+            table.append(row)
+    columns = list(table[0])
+    rows = [[row[key] for key in columns] for row in table]
+    print_table(f"contact pressure against h = {sizes[-1]:g}", columns, rows)
+    write_json(args.o / "refine.json", {"sizes": sizes, "table": table})
+    return 0
+
+
 def run(args):
     """All dimensions, or the refinement; 1 when a step fails or the forces do not balance."""
-    if min(args.steps, args.levels) < 1 or args.unload < 0 or not 0.0 < args.back:
-        raise InputError("command line: --steps, --levels, --unload, --back: allowed: at least 1, 1, 0, above 0")
+    if args.steps < 1 or args.levels < 3 or args.unload < 0 or not 0.0 < args.back:
+        raise InputError("command line: --steps, --levels, --unload, --back: allowed: at least 1, 3, 0, above 0")
+    if args.refine:
+        return refine(args)
     if args.tiny:
         args.dim, args.h, args.steps, args.unload, args.no_fields = [2], 0.1, 4, 2, True
     results = [solve(args, dim, args.h or (0.025 if dim == 2 else 0.06)) for dim in args.dim]
@@ -302,10 +399,12 @@ def make_options():
     add("--ball", type=float, help="Young's modulus of a meshed ball (absent: rigid)")
     add("--source", default="block", choices=["block", "ball"], help="where integrals are taken, with --ball")
     add("--steps", type=int, default=10, help="load steps down (10)")
+    add("--grading", type=float, default=1.5, help="power of the way over the load steps down (1.5); 1: equal")
     add("--unload", type=int, default=5, help="load steps up, before one that takes the ball away (5); 0: none")
     add("--back", type=float, default=0.25, help="part of the depth that the ball goes up in these (0.25)")
     add("--no_fields", action="store_true", help="write no fields and pictures")
-    add("--levels", type=int, default=1, help="for --refine")
+    add("--refine", action="store_true", help="contact pressure with axial symmetry on refined meshes, nothing else")
+    add("--levels", type=int, default=4, help="with --refine: meshes, each of half the size (4)")
     return parser
 
 

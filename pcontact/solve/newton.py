@@ -16,7 +16,7 @@ REASONS = {
 # part of the first residual to which a load step is solved as if nothing could slip
 HELD_GOAL = 0.1
 # the same where bodies yield, for contact as it was before the load step, and then with sticking points
-GLUED_GOALS = 0.1, 0.01
+GLUED_GOALS = 0.1, 0.005
 
 
 @dataclass
