@@ -113,7 +113,7 @@ def add_tangent(grad, jxw, ring, nodal, cells, constants, curve, plane_stress, p
                 stiffness[:] = 0.0
                 touched = True
             fill_operator(grad, ring, c, q, operator)
-            _pull(tangent, operator, jxw[c, q], pulled)
+            pull(tangent, operator, jxw[c, q], pulled)
             _square(operator, pulled, stiffness)
         if touched:
             count += 1
@@ -128,7 +128,7 @@ def add_tangent(grad, jxw, ring, nodal, cells, constants, curve, plane_stress, p
 
 
 @njit
-def _pull(tangent, operator, weight, out):
+def pull(tangent, operator, weight, out):
     """out = weight C B."""
     m, nn, d = operator.shape
     for k in range(m):

@@ -144,6 +144,14 @@ class FrictionalItem(ContactItem):
         _, status = self._project(tau)
         return tau, status
 
+    def _weights(self, values):
+        traction, tau, _ = self._tau(values)
+        normal, source = self.pairing.normal, self.source
+        rest = self._project(tau)[0] - traction
+        along = np.einsum("pd,pd->p", rest, normal)[:, None] * normal
+        factor = self.theta * source.jxw / self.gamma[source.facet]
+        return factor[:, None] * (along + (rest - along) / self.alpha)
+
     def _project(self, tau):
         traction = np.empty_like(tau)
         status = friction.project_all(
