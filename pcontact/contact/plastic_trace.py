@@ -145,8 +145,8 @@ def _add_curvature(
     nf, nq, m = weights.shape
     nn, d = grad.shape[2], grad.shape[3]
     strain, work, second = np.zeros(m), np.zeros((2, m)), np.zeros((m, m))
-    operator, pulled = np.zeros((m, nn, d)), np.zeros((m, nn, d))
-    missing = 0
+    operator, pulled = np.zeros((m, nn, d)), np.zeros((m, nn * d))
+    flat, missing = operator.reshape(m, nn * d), 0
     for f in range(nf):
         for q in range(nq):
             strain_at(nodal, cells, grad, ring, f, q, strain)
@@ -155,7 +155,7 @@ def _add_curvature(
             ):
                 continue
             fill_operator(grad, ring, f, q, operator)
-            pull(second, operator, 1.0, pulled)
+            pull(second, flat, 1.0, pulled)
             for a in range(nn):
                 row = cells[f, a]
                 for b in range(nn):
@@ -167,7 +167,7 @@ def _add_curvature(
                         for j in range(d):
                             value = 0.0
                             for n in range(m):
-                                value += operator[n, a, i] * pulled[n, b, j]
+                                value += operator[n, a, i] * pulled[n, b * d + j]
                             out[k, i, j] += value
     return missing
 
