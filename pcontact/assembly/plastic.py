@@ -151,7 +151,8 @@ class PlasticBulk(ElasticBulk):
         for number, state in self.states.items():
             rows = np.flatnonzero(state.p.any(axis=1))
             values = np.concatenate([state.strain[rows], state.p[rows][:, :, None]], axis=2)
-            tables[str(number)] = self.space.mesh.blocks[number].ids[rows], values.reshape(len(rows), -1)
+            width = values.shape[1] * values.shape[2]
+            tables[str(number)] = self.space.mesh.blocks[number].ids[rows], values.reshape(len(rows), width)
         return tables
 
     def recall(self, name, chunks):
