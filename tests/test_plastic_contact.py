@@ -30,6 +30,7 @@ from pcontact.space.space import Space
 
 WORLD = MPI.COMM_WORLD
 THETAS = [1.0, 0.0, -1.0]
+ADJOINTS = [(1.0, "elastic"), (0.0, "elastic"), (-1.0, "elastic"), (1.0, "consistent"), (-1.0, "consistent")]
 SOFT = lame(10.0, 0.3)
 # cell, degree, kinematics, mean dilatation
 CASES = [
@@ -113,10 +114,10 @@ def check(errors):
 
 
 @pytest.mark.parametrize("partner", ["body", "plane"])
-@pytest.mark.parametrize("theta", THETAS)
+@pytest.mark.parametrize("theta, adjoint", ADJOINTS)
 @pytest.mark.parametrize("name", ["none", "coulomb", "limit"])
 @every_case
-def test_tangent(space, name, theta, partner):
+def test_tangent(space, name, theta, adjoint, partner):
     """Open, sticking, slipping, mixed, in the second load step of a body that has yielded in the first."""
     d = space.dim
     if partner == "body":
@@ -125,7 +126,8 @@ def test_tangent(space, name, theta, partner):
         normal = [*[0.0] * (d - 1), 1.0]
         side = {"obstacle": Obstacle("plane", point=normal, normal=normal)}
     side |= LAWS.get(name, {})
-    contact = Contact("upper_bottom", theta=theta, alpha=0.7, gamma0=1.0, search="closest_point", **side)
+    side |= {"theta": theta, "adjoint": adjoint, "alpha": 0.7, "gamma0": 1.0, "search": "closest_point"}
+    contact = Contact("upper_bottom", **side)
     material = plastic_constants(*SOFT, 0.4), hardening_curve(0.05, 1.0)
     bulk, item = items(space, contact, [None, material], SOFT, 0.3)
     law = name if name in LAWS else "coulomb"
@@ -141,6 +143,9 @@ def test_tangent(space, name, theta, partner):
         u = first + motion(space, depth + 0.01, slide, tilt, seed=3, noise=0.006)
         before = [s.p.copy() for s in bulk.states.values()]
         curved += check(taylor(bulk, item, u, law, directions))
+        if adjoint == "consistent" and theta == 1.0 and name == "none":
+            k = dense_item(item, vector_of(space, u))
+            np.testing.assert_allclose(k, k.T, atol=1e-13 * max(np.abs(k).max(), 1.0))
         seen |= set(phases(item, u, law)[:, 0])
         for a, s in zip(before, bulk.states.values(), strict=True):
             np.testing.assert_array_equal(a, s.p)
