@@ -279,14 +279,14 @@ def test_pressed_on_a_plane(shared_tmp, kinematics, held, hardening, kinematic, 
 # -- coercivity ---------------------------------------
 
 
-def lowest(space, theta, gamma0, kind, hardening, size):
+def lowest(space, theta, gamma0, kind, hardening, size, adjoint="elastic"):
     """Smallest over largest eigenvalue of the symmetric part of the tangent; all points closed, all yield.
 
     The strain is that of a block pressed on the plane, ``size`` times as far as to first yield in plane strain.
     """
     d = space.dim
     plane = Obstacle("plane", point=[0.0] * d, normal=[*[0.0] * (d - 1), 1.0])
-    contact = Contact("bottom", obstacle=plane, theta=theta, gamma0=gamma0, bilateral=True)
+    contact = Contact("bottom", obstacle=plane, theta=theta, gamma0=gamma0, adjoint=adjoint, bilateral=True)
     if kind is FrictionalItem:
         contact.friction = 1e9
     material = plastic_constants(*STIFF), hardening_curve(0.5, hardening)
@@ -334,3 +334,13 @@ def test_coercive_with_the_elastic_adjoint(one_cell, kind, theta):
     free = one_cell.dim == 3 or one_cell.kinematics == "plane_stress"
     if free and kind is ContactItem and one_cell.degree == 1:
         assert lowest(one_cell, theta, 100.0, kind, 0.02, 1.6) < -1e-8
+
+
+@pytest.mark.parametrize("hardening", [100.0, 2.0, 0.0])
+@pytest.mark.parametrize("theta", [1.0, -1.0])
+@pytest.mark.parametrize("kind", [ContactItem, FrictionalItem])
+@cells(*(case for case in CASES if case[2] == "plane_strain"), ("quadrilateral", 1, "plane_stress", False))
+def test_coercive_with_the_consistent_adjoint(one_cell, kind, theta, hardening):
+    """Down to perfect plasticity, from little more than the elastic bound (1 for theta = 1)."""
+    for gamma0 in (1.2, GAMMA0[theta]):
+        assert lowest(one_cell, theta, gamma0, kind, hardening, 1.6, "consistent") > -1e-12
