@@ -191,7 +191,7 @@ def cases(args):
 def solve(args, dim, h, directory, fields):
     """Whether all steps of a case converged, and its history. *Collective.*"""
     cell = args.cell if args.cell and len(args.dim) == 1 else CELL[dim]
-    path = make_mesh(clip, args.o / f"clip_{dim}d_{h:g}.msh", dim, h, 1, cell, width=WIDTH)
+    path = make_mesh(clip, args.o / f"clip_{dim}d_{h:g}.msh", dim, h, args.geometry, cell, width=WIDTH)
     history = History(1.0 if dim == 2 else WIDTH)
     keys = {"yield_stress": args.yield_stress, "hardening": args.hardening, "order": args.order, "pull": args.pull}
     count = 30 if args.tiny else args.steps
@@ -247,6 +247,7 @@ if __name__ == "__main__":
     parser.add_argument("--h", type=float, nargs="+", default=None, help=text)
     parser.add_argument("--cell", default=None, help="quadrilateral, triangle, hexahedron, tetrahedron")
     parser.add_argument("--order", type=int, default=1, choices=[1, 2], help="degree of the displacement")
+    parser.add_argument("--geometry", type=int, default=2, choices=[1, 2], help="degree of the mesh")
     parser.add_argument("--friction", type=float, default=0.2, help="coefficient of friction")
     parser.add_argument("--yield-stress", type=float, default=25.0, help="0: elastic")
     parser.add_argument("--hardening", type=float, default=50.0, help="d(yield stress) / d(plastic strain)")
