@@ -3,6 +3,7 @@
 import numpy as np
 
 from pcontact.assembly.bulk import ElasticBulk
+from pcontact.assembly.geometry import chunks
 from pcontact.assembly.loads import load_vector, lumped_volume
 from pcontact.assembly.plastic import PlasticBulk
 from pcontact.contact.frictional import FrictionalItem
@@ -14,7 +15,7 @@ from pcontact.contact.plastic_trace import PlasticTrace
 from pcontact.contact.surface import source_surface, target_surface
 from pcontact.element.reference import CELLS
 from pcontact.material.elastic import in_plane, lame
-from pcontact.material.hardening import hardening_curve
+from pcontact.material.hardening import hardening_curve, hardening_table
 from pcontact.material.plastic import plastic_constants
 from pcontact.mesh.load import load_mesh
 from pcontact.mesh.mesh import bounding_box, size_of
@@ -52,17 +53,17 @@ def override(scene, options):
     -------
     Scene
         Valid, with the numerics of all contacts resolved, and nothing in it that is not modelled.
-    list of str
-        Options that the scene entered.
     """
     validate(scene)
-    from_scene, _ = options.propose(scene.petsc)
+    options.propose(scene.petsc)
     get = options.get
     scene.mesh.order = get("mesh_order", scene.mesh.order, int, (1, 2), "degree of the displacement")
     count, shortest = scene.steps.count, scene.steps.min_step
     scene.steps.count = get("steps_count", count, int, text="equal load steps to start with", positive=True)
     scene.steps.min_step = get("steps_min", shortest, float, text="smallest load step [time]", positive=True)
     scene.output.fields = get("output_fields", scene.output.fields, bool, text="write fields of every step")
+    text = "write fields of the cells averaged at the nodes too"
+    scene.output.smooth = get("output_smooth", scene.output.smooth, bool, text=text)
     text = "load steps between two checkpoints"
     scene.output.checkpoint_every = get("checkpoint_every", scene.output.checkpoint_every, int, text=text)
     numerics = {
@@ -77,7 +78,7 @@ def override(scene, options):
     validate(scene)
     scene = resolve_contacts(scene, {key: value for key, value in said.items() if value is not None})
     require_supported(scene)
-    return scene, list(from_scene)
+    return scene
 
 
 def read(scene, comm, options):
@@ -138,11 +139,14 @@ def bulk_item(scene, space, constants):
     materials = []
     for body in scene.bodies:
         material = scene.materials[body.material]
-        if material.yield_stress is None:
+        if not material.plastic:
             materials.append(None)
             continue
         row = plastic_constants(*lame(material.E, material.nu), material.kinematic_hardening)
-        materials.append((row, hardening_curve(material.yield_stress, material.hardening)))
+        if material.hardening_curve is not None:
+            materials.append((row, hardening_table(material.hardening_curve)))
+        else:
+            materials.append((row, hardening_curve(material.yield_stress, material.hardening)))
     if not any(materials):
         return ElasticBulk(space, constants)
     return PlasticBulk(space, constants, materials)
@@ -229,17 +233,31 @@ def averaged_bodies(scene, space):
     return [body.region for number, body in enumerate(scene.bodies) if number in bodies]
 
 
+def yielding_volume(scene, space):
+    """Volume of the bodies that may yield [length^d]. *Collective.*"""
+    own = [
+        float(jxw.sum())
+        for number, block in enumerate(space.mesh.blocks)
+        if scene.yields(scene.bodies[block.body])
+        for _, _, jxw, _ in chunks(space, number)
+    ]
+    return space.comm.allreduce(sum(own))
+
+
 def _warn_of_locking(scene, space):
     """Say which bodies are too stiff because their simplices of degree 1 lock. *Collective.*"""
     mine = {block.body for block in space.mesh.blocks if len(block.nodes) and not CELLS[block.cell].is_tensor}
     bodies = set().union(*space.comm.allgather(mine)) if space.degree == 1 else set()
     for number in sorted(bodies):
         body = scene.bodies[number]
-        if scene.locks(body):
+        cause = f"nu = {scene.materials[body.material].nu:g} makes" if scene.locks(body) else None
+        if cause is None and scene.yields(body) and space.kinematics != "plane_stress":
+            cause = "plastic flow, which keeps the volume, makes"
+        if cause is not None:
             log.warning(
-                "body %s: nu = %g makes triangles and tetrahedra of degree 1 much too stiff (locking); remedy: "
+                "body %s: %s triangles and tetrahedra of degree 1 much too stiff (locking); remedy: "
                 "order = 2, or quadrilaterals or hexahedra",
-                body.region, scene.materials[body.material].nu,
+                body.region, cause,
             )  # fmt: skip
 
 

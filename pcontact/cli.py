@@ -34,6 +34,7 @@ Options (they win over the scene; the scene's [petsc] table wins over the progra
   -mesh_order 1|2                                  degree of the displacement
   -steps_count N, -steps_min X                     load steps to start with, smallest load step
   -output_fields true|false                        fields of every step
+  -output_smooth true|false                        with them the fields of the cells averaged at the nodes
   -restart DIR, -checkpoint_every N                go on from the checkpoint in DIR; load steps between two checkpoints
   -pc_patience N                                   Krylov iterations a preconditioner may lose before it is renewed
   -partition_weight X                              work of a contact facet in units of a cell's, in the partition

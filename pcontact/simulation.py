@@ -44,8 +44,17 @@ class Simulation:
         self.timing = dict.fromkeys(("search", "assembly", "linear", "solve", "output"), 0.0)
         self.comm, self.options = comm, Options()
         self.restart = self.options.get("restart", None, str, text="directory of an earlier run that goes on")
-        self.scene, self.from_scene = build.override(scene, self.options)
-        self.mesh = build.read(self.scene, comm, self.options)
+        try:
+            self._set_up(scene)
+        except BaseException:
+            # what this scene entered is not for the next one
+            self.close()
+            raise
+        self.timing["setup"] = clock.perf_counter() - self.start
+
+    def _set_up(self, scene):
+        self.scene = build.override(scene, self.options)
+        self.mesh = build.read(self.scene, self.comm, self.options)
         self.problem, colours, self.floating = build.assemble(self.scene, self.mesh)
         # slip of Coulomb's law makes the tangent unsymmetric for every theta; that of Tresca's does not
         # where a source yields, the traction's derivative is not the adjoint operator, that of elasticity
@@ -53,7 +62,6 @@ class Simulation:
         symmetric = symmetric and not any(getattr(item, "plastic", None) for item in self.problem.items)
         modes = near_null_space(self.problem.space, colours)
         self.newton = Newton(self.problem, self.options, symmetric, modes, self.timing, bool(self.floating))
-        self.timing["setup"] = clock.perf_counter() - self.start
 
     def run(self, directory=None, observers=()):
         """All load steps. *Collective.*
@@ -75,7 +83,7 @@ class Simulation:
         since = None if resumed is None else resumed.time
         stops = [t for load in [*scene.displacements, *scene.loads] for t, _ in (load.amplitude or [])]
         schedule = Schedule(scene.steps.end, scene.steps.count, scene.steps.smallest_step, stops)
-        watch = [Terminal(scene.steps.end), *observers]
+        watch = [Terminal(scene.steps.end, build.yielding_volume(scene, space)), *observers]
         if directory is not None:
             on_root(self.comm, require_writable, directory)
             directory, output = Path(directory), scene.output
@@ -85,7 +93,7 @@ class Simulation:
                 watch.insert(0, Checkpoint(directory, space, items, schedule, every, first))
             watch.insert(0, Records(directory, self.comm.rank, self._head(), self._times, since))
             if output.fields:
-                watch.insert(0, Fields(directory, self.problem, self.timing, since))
+                watch.insert(0, Fields(directory, self.problem, self.timing, output.smooth, since))
         self._announce()
         recorder = Recorder(self.problem, scene.output.probes)
         self.stepper = Stepper(self.problem, self.newton, schedule, watch, recorder, self.timing)
@@ -104,8 +112,8 @@ class Simulation:
         return converged
 
     def close(self):
-        """Take this run's solver defaults back out of the options database, for the next scene."""
-        self.options.withdraw([*self.newton.applied, *self.from_scene])
+        """Take what this run entered back out of the options database, for the next scene."""
+        self.options.withdraw()
 
     def describe(self):
         """What is modelled and what is left out, see :func:`pcontact.scene.describe`. *Collective.*"""

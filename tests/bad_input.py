@@ -131,6 +131,14 @@ CASES = {
     ),
     "negative modulus": Case([r"materials\.m\.E", "-1000", "allowed"], scene=swapped("1000.0", "-1000.0")),
     "incompressible": Case([r"materials\.m\.nu", "0.5", "allowed"], scene=swapped("0.3", "0.5")),
+    "two laws of hardening": Case(
+        [r"materials\.m\.yield_stress", "2.0 together with hardening_curve", "allowed: either"],
+        scene=swapped("nu = 0.3", "nu = 0.3\nyield_stress = 2.0\nhardening_curve = [[0, 2], [1, 3]]"),
+    ),
+    "hardening curve that falls": Case(
+        [r"materials\.m\.hardening_curve", "stresses decrease in entry 1", "allowed: a list of .*pairs"],
+        scene=swapped("nu = 0.3", "nu = 0.3\nhardening_curve = [[0, 2], [1, 1.5]]"),
+    ),
     "text for a number": Case(
         [r"materials\.m\.E", "'steel'|\"steel\"", "allowed"], scene=swapped("1000.0", '"steel"')
     ),
@@ -203,6 +211,7 @@ OPTIONS = {
     "theta": option(["command line: -contact_theta: found a number 3"], "-contact_theta", "3"),
     "theta in words": option(["-contact_theta: found 'abc'", "a number"], "-contact_theta", "abc"),
     "order": option(["command line: -mesh_order: found 'x'", r"1 \| 2"], "-mesh_order", "x"),
+    "smoothing": option(["command line: -output_smooth: found 'maybe'", "true \\| false"], "-output_smooth", "maybe"),
     "negative steps": option(["command line: -steps_count: found '-2'"], "-steps_count", "-2"),
     "negative weight": option(["command line: -partition_weight: found -1"], "-partition_weight", "-1"),
     "ksp": option(["-ksp_type nonsense"], "-ksp_type", "nonsense"),

@@ -747,7 +747,8 @@ def test_unsupported(write, old, new, entry):
 @pytest.mark.parametrize(
     "more",
     ['search = "ray_tracing"', "friction = 0.1", "tresca = 0.1", "[output]\ncheckpoint = true",
-     'interference = "adjust"', "friction = 0", 'formulation = "nitsche"',
+     'interference = "adjust"', "friction = 0", "[materials.alu]\nE = 70e3\nnu = 0.3\nyield_stress = 250",
+     'formulation = "nitsche"',
      "[output]\ncheckpoint = false", "gamma0 = 0.1\ntheta = -1\nquadrature = 4"],
 )  # fmt: skip
 def test_supported(write, more):
@@ -858,7 +859,7 @@ def test_default_ramp():
 def test_describe_full(full):
     active, left_out = describe(full, 3)
     assert "small strain elasticity: block, ball" in active
-    assert "von Mises plasticity: block" in active
+    assert "small strain von Mises plasticity: block (isotropic hardening)" in active
     assert "pressure: block_top" in active and "body force: ball" in active
     assert any(
         "ball_skin -> block_top, Coulomb friction 0.3, nitsche, theta 0, gamma0 10" in line for line in active

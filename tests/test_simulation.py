@@ -8,7 +8,7 @@ import pytest
 from small import DIMENSION, blocks_file
 
 from pcontact.runtime.errors import InputError, StepFailure
-from pcontact.runtime.petsc import MPI
+from pcontact.runtime.petsc import MPI, PETSc
 from pcontact.scene.model import (
     Body,
     Contact,
@@ -323,8 +323,11 @@ def test_more_ranks_than_cells_run_through(mesh_file, run, shared_tmp):
 def test_wrong_input_in_python_is_refused_on_every_rank(mesh_file):
     scene = scene_of(mesh_file("quadrilateral"), "quadrilateral")
     scene.contacts[0].source = "upper_botom"
+    before = PETSc.Options().getAll()
     with pytest.raises(InputError, match="upper_botom.*upper_bottom"):
         Simulation(scene)
+    # nothing of the scene is left for the next one
+    assert PETSc.Options().getAll() == before
     assert WORLD.allreduce(1) == WORLD.size
 
 

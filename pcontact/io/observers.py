@@ -8,6 +8,7 @@ from pcontact.element.reference import MESHIO_NAMES
 from pcontact.io.fields import Cloud, FieldWriter, Piece
 from pcontact.io.history import History
 from pcontact.io.report import Report
+from pcontact.io.smooth import NodeMeans
 from pcontact.material.elastic import equivalent_stress
 from pcontact.runtime import log
 
@@ -19,10 +20,12 @@ class Terminal:
     ----------
     end : float
         Time at which the run ends.
+    volume : float
+        Of the bodies that may yield; 0 without any [length^d].
     """
 
-    def __init__(self, end):
-        self._progress = log.Progress(end, "load")
+    def __init__(self, end, volume=0.0):
+        self._progress, self._volume = log.Progress(end, "load"), volume
 
     def step(self, step, u, record):
         """Print the step."""
@@ -30,6 +33,10 @@ class Terminal:
             f"step {step.number}  time {step.time:.6g}  newton {step.newton}  krylov {step.krylov}  "
             f"residual {step.residual:.2e}  imbalance {record['imbalance']:.1e}"
         ]
+        if self._volume > 0.0:
+            plastic = record["plastic"]
+            part, strain = plastic["yielded_volume"] / self._volume, plastic["max_equivalent_strain"]
+            parts.append(f"yielded {100.0 * part:.1f} % (max strain {strain:.4g})")
         for name, c in record["contacts"].items():
             at = " ".join(f"{v + 0.0:.4g}" for v in c["deepest"])
             parts.append(
@@ -105,13 +112,16 @@ class Fields:
     problem : pcontact.solve.problem.Problem
     timing : dict
         ``output`` seconds are added.
+    smooth : bool
+        Write the fields of the cells averaged at the nodes too.
     resume_time : float, optional
         Steps of an earlier run up to this time are kept.
     """
 
-    def __init__(self, directory, problem, timing, resume_time=None):
+    def __init__(self, directory, problem, timing, smooth=False, resume_time=None):
         self._writer = FieldWriter(directory, problem.space.comm, resume_time)
         self._problem, self._timing = problem, timing
+        self._means = NodeMeans(problem.space) if smooth else None
 
     def step(self, step, u, record):
         """Write the step. *Collective.*"""
@@ -131,18 +141,24 @@ class Fields:
         """All is written already."""
 
     def _bodies(self, u):
-        space = self._problem.space
-        mesh = space.mesh
-        stress = self._problem.items[0].stress(u)
-        cells, data = [], {"stress": [], "equivalent_stress": [], "body": [], "rank": []}
-        for number, block in enumerate(mesh.blocks):
-            table = space.cells[number]
-            cells.append((MESHIO_NAMES[(block.cell, space.degree)], table))
-            data["stress"].append(stress[number][0])
-            data["equivalent_stress"].append(equivalent_stress(stress[number][0]))
-            data["body"].append(np.full(len(table), block.body, dtype=np.int32))
-            data["rank"].append(np.full(len(table), space.comm.rank, dtype=np.int32))
-        return Piece(space.points, cells, {"displacement": space.local.gather(u)}, data)
+        space, bulk = self._problem.space, self._problem.items[0]
+        blocks, stress = space.mesh.blocks, bulk.stress(u)
+        data = {
+            "stress": [values for values, _ in stress],
+            "equivalent_stress": [equivalent_stress(values) for values, _ in stress],
+        }
+        if hasattr(bulk, "plastic_strain"):
+            data["equivalent_plastic_strain"] = bulk.plastic_strain()
+        points, tables, nodal = space.points, space.cells, {"displacement": space.local.gather(u)}
+        if self._means is not None:
+            means = self._means(data, [volume for _, volume in stress])
+            nodes, tables = self._means.nodes, self._means.cells
+            points, nodal = points[nodes], {"displacement": nodal["displacement"][nodes]}
+            nodal.update({f"{name}_smooth": values for name, values in means.items()})
+        data["body"] = [np.full(len(block.nodes), block.body, dtype=np.int32) for block in blocks]
+        data["rank"] = [np.full(len(block.nodes), space.comm.rank, dtype=np.int32) for block in blocks]
+        names = [MESHIO_NAMES[(block.cell, space.degree)] for block in blocks]
+        return Piece(points, list(zip(names, tables, strict=True)), nodal, data)
 
     def _surface(self, item, state, u):
         """Source facets with the means of their quadrature points."""

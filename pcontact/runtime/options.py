@@ -17,11 +17,13 @@ class Options:
     ----------
     known : dict of str to str
         Help text of every option that the program asked for.
+    entered : list of str
+        Options that `propose` put into the database.
     """
 
     def __init__(self):
         self._db = PETSc.Options()
-        self.known = {}
+        self.known, self.entered = {}, []
 
     def given(self, name):
         """Whether the user set the option."""
@@ -89,6 +91,7 @@ class Options:
                 # a flag without value is true for PETSc, and the only way to ask for a monitor
                 self._db.setValue(name, "" if value is None or value is True or value == "true" else value)
                 applied[name] = value
+                self.entered.append(name)
         return applied, kept_out
 
     def fault(self, error):
@@ -111,10 +114,11 @@ class Options:
         found = f"{', '.join(names)}: {what}" if names else what
         return InputError(f"PETSc options: found {found}; allowed: what -help lists")
 
-    def withdraw(self, names):
-        """Take options back out of the database."""
-        for name in names:
+    def withdraw(self):
+        """Take all that was proposed back out of the database."""
+        for name in self.entered:
             self._db.delValue(name)
+        self.entered.clear()
 
     def unused(self, ours=()):
         """Options that the user gave and nothing asked for.

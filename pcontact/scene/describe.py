@@ -7,7 +7,19 @@ from pcontact.scene.validate import resolve_contacts
 
 
 def _plastic(scene):
-    return [body.region for body in scene.bodies if scene.materials[body.material].yield_stress is not None]
+    """Bodies that may yield, and how each hardens."""
+    return [
+        f"{body.region} ({_hardening(scene.materials[body.material])})" for body in scene.bodies if scene.yields(body)
+    ]
+
+
+def _hardening(material):
+    kinds = {
+        "tabulated": material.hardening_curve is not None,
+        "isotropic": material.hardening > 0,
+        "kinematic": material.kinematic_hardening > 0,
+    }
+    return (" and ".join(kind for kind, has in kinds.items() if has) or "no") + " hardening"
 
 
 # physics that a scene may or may not ask for, and whether it does
@@ -44,7 +56,7 @@ def describe(
     """
     active = ["small strain elasticity: " + ", ".join(body.region for body in scene.bodies)]
     if _plastic(scene):
-        active.append("von Mises plasticity: " + ", ".join(_plastic(scene)))
+        active.append("small strain von Mises plasticity: " + ", ".join(_plastic(scene)))
     if scene.mesh.kinematics != "plane_strain" or dim == 2:
         active.append(scene.mesh.kinematics.replace("_", " "))
     if averaged:

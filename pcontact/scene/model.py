@@ -12,7 +12,7 @@ from pathlib import Path
 # Poisson's ratio above which cells of degree 1 are too stiff
 LOCKING = 0.45
 
-Table = Sequence[Sequence[float]]  # rows of (time, factor)
+Table = Sequence[Sequence[float]]  # rows of (time, factor), or of (strain, stress)
 Function = str | Callable  # "module.py:name" beside the scene, or the function itself
 
 
@@ -42,18 +42,21 @@ class MeshSpec:
 
 @dataclass
 class Material:
-    """Isotropic elasticity, and von Mises plasticity with linear hardening where `yield_stress` is given.
+    """Isotropic elasticity; von Mises plasticity as well where `yield_stress` or `hardening_curve` is given.
 
     Parameters
     ----------
     E, nu : float
         Young's modulus [stress] and Poisson's ratio.
     yield_stress : float or None
-        Uniaxial yield stress; None is elastic.
+        Uniaxial yield stress [stress]; None: elastic, or see `hardening_curve`.
     hardening : float
         Isotropic: d(yield stress) / d(equivalent plastic strain) [stress].
     kinematic_hardening : float
         Prager: d(uniaxial back stress) / d(equivalent plastic strain) [stress].
+    hardening_curve : sequence of (strain, stress) or None
+        Instead of `yield_stress` and `hardening`: equivalent plastic strain, from 0 on, and the uniaxial yield stress
+        there [stress]; linear between the points, constant beyond the last.
     """
 
     E: float
@@ -61,6 +64,12 @@ class Material:
     yield_stress: float | None = None
     hardening: float = 0.0
     kinematic_hardening: float = 0.0
+    hardening_curve: Table | None = None
+
+    @property
+    def plastic(self) -> bool:
+        """Whether it may yield."""
+        return self.yield_stress is not None or self.hardening_curve is not None
 
 
 @dataclass
@@ -265,12 +274,26 @@ class Steps:
 
 @dataclass
 class Output:
-    """What is written: fields of every step, checkpoints of every n-th, the groups whose displacement is reported."""
+    """What is written.
+
+    Parameters
+    ----------
+    fields : bool
+        Fields of every step.
+    checkpoint : bool
+    checkpoint_every : int
+        Load steps between two checkpoints.
+    probes : sequence of str
+        Groups whose displacement is reported.
+    smooth : bool
+        With the fields those of the cells averaged at the nodes, in each body for itself.
+    """
 
     fields: bool = True
     checkpoint: bool = False
     checkpoint_every: int = 1
     probes: Sequence[str] = ()
+    smooth: bool = False
 
 
 @dataclass
@@ -321,6 +344,10 @@ class Scene:
         """The mesh file."""
         return self.folder / self.mesh.file
 
+    def yields(self, body: Body) -> bool:
+        """Whether a body may yield."""
+        return self.materials[body.material].plastic
+
     def locks(self, body: Body) -> bool:
         """Whether cells of degree 1 are too stiff in a body: Poisson's ratio is near 0.5, and not in plane stress."""
         return self.mesh.kinematics != "plane_stress" and self.materials[body.material].nu > LOCKING
@@ -331,7 +358,7 @@ class Scene:
             return False
         if self.mesh.mean_dilatation is not None:
             return self.mesh.mean_dilatation
-        return self.locks(body) or self.materials[body.material].yield_stress is not None
+        return self.locks(body) or self.yields(body)
 
 
 SINGLE_TABLES = {"mesh": MeshSpec, "steps": Steps, "output": Output}

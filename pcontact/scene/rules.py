@@ -165,6 +165,22 @@ def _amplitude(value):
     return rows
 
 
+def _hardening_curve(value):
+    rows = _entries(value, sequence("", number(), (2,)), None)
+    if not rows:
+        raise ValueError
+    if rows[0][0] != 0:
+        raise ValueError(f"whose first strain is {rows[0][0]:g}")
+    if rows[0][1] <= 0:
+        raise ValueError(f"whose first stress is {rows[0][1]:g}")
+    for index in range(1, len(rows)):
+        if rows[index][0] <= rows[index - 1][0]:
+            raise ValueError(f"whose strains do not increase in entry {index}")
+        if rows[index][1] < rows[index - 1][1]:
+            raise ValueError(f"whose stresses decrease in entry {index}")
+    return rows
+
+
 def option_text(value: object) -> str:
     """A value of the [petsc] table as PETSc's options database takes it."""
     value = _plain(value)
@@ -197,6 +213,11 @@ DIRECTION = sequence(
 )
 FUNCTION = Rule('"FILE.py:NAME", a function in a Python file beside the scene', _function)
 AMPLITUDE = Rule("a list of [time, factor] pairs of finite numbers, times increasing", _amplitude)
+HARDENING_CURVE = Rule(
+    "a list of [equivalent plastic strain, yield stress] pairs, the first strain 0, strains increasing, stresses > 0 "
+    "and not decreasing",
+    _hardening_curve,
+)
 OPTION = Rule("a string, a boolean, a finite number or a list of them", option_text)
 
 RULES: dict[type, dict[str, Rule]] = {
@@ -213,6 +234,7 @@ RULES: dict[type, dict[str, Rule]] = {
         "yield_stress": optional(POSITIVE),
         "hardening": NON_NEGATIVE,
         "kinematic_hardening": NON_NEGATIVE,
+        "hardening_curve": optional(HARDENING_CURVE),
     },
     Body: {"region": TEXT, "material": TEXT},
     Obstacle: {
@@ -260,8 +282,13 @@ RULES: dict[type, dict[str, Rule]] = {
         "amplitude": optional(AMPLITUDE),
     },
     Steps: {"end": POSITIVE, "count": integer(1, 1_000_000), "min_step": optional(POSITIVE)},
-    Output: {"fields": BOOLEAN, "checkpoint": BOOLEAN, "checkpoint_every": integer(1),
-             "probes": sequence("a list of names of groups", TEXT)},
+    Output: {
+        "fields": BOOLEAN,
+        "checkpoint": BOOLEAN,
+        "checkpoint_every": integer(1),
+        "probes": sequence("a list of names of groups", TEXT),
+        "smooth": BOOLEAN,
+    },
 }
 
 # per obstacle shape: the keys that must be there, the keys that may be there; every shape may move

@@ -231,10 +231,17 @@ def _check_unique(scene, key, attribute):
 
 
 def _check_material(scene, where, material):
-    for key in ("hardening", "kinematic_hardening"):
-        if material.yield_stress is None and getattr(material, key) > 0:
-            found = f"{getattr(material, key)!r} without yield_stress"
-            raise input_error(scene.where, f"{where}.{key}", found, f"{key} together with yield_stress")
+    if material.hardening_curve is not None:
+        for key in ("yield_stress", "hardening"):
+            if getattr(material, key):
+                found = f"{getattr(material, key)!r} together with hardening_curve"
+                allowed = "either hardening_curve, or yield_stress with or without hardening"
+                raise input_error(scene.where, f"{where}.{key}", found, allowed)
+    elif not material.plastic:
+        for key, or_else in (("hardening", ""), ("kinematic_hardening", " or hardening_curve")):
+            if getattr(material, key) > 0:
+                found = f"{getattr(material, key)!r} without yield_stress{or_else}"
+                raise input_error(scene.where, f"{where}.{key}", found, f"{key} together with yield_stress{or_else}")
 
 
 def _check_contact(scene, where, contact):

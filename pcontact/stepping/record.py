@@ -51,12 +51,17 @@ class Recorder:
             "reactions": problem.reactions(u),
             "contacts": {item.name: item.summary(u) for item in problem.items if hasattr(item, "summary")},
             "probes": {name: self._probe(nodes, u) for name, nodes in self._probes.items()},
-            "plastic": {"max_equivalent_strain": 0.0, "yielded_volume": 0.0},
+            "plastic": self._plastic(),
         }
         # relative to the largest force of the run: bodies that have parted leave nothing to compare with
         total, largest = problem.imbalance(record)
         self._largest = max(self._largest, largest)
         return {**record, "imbalance": total / self._largest if self._largest > 0.0 else 0.0}
+
+    def _plastic(self):
+        bulk = self._problem.items[0]
+        strain, volume = bulk.plasticity() if hasattr(bulk, "plasticity") else (0.0, 0.0)
+        return {"max_equivalent_strain": float(strain), "yielded_volume": float(volume)}
 
     def _probe(self, nodes, u):
         space = self._problem.space
