@@ -174,7 +174,7 @@ class Newton:
         if len(self.norms) < 2 * CYCLE:
             return False
         before, now = (np.log(part).mean() for part in np.split(np.array(self.norms[-2 * CYCLE :]), 2))
-        return abs(now - before) < 0.02
+        return bool(abs(now - before) < 0.02)
 
     def _renew_preconditioner(self):
         """A load step is solved alike whatever came before it, as in a restarted run; a reset GAMG remembers."""
