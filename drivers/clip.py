@@ -2,8 +2,8 @@
 
 Friction, large sliding, corners that pass each other, and a root that yields: the clip's root is moved along x by the
 travel of :data:`meshes.CLIP` and the catch's base is held, so that the force is what comes out. It grows while the hook
-rides up the ramp of the catch, falls to the friction of the crests, pulls the clip in behind them, and is zero after the
-snap. ``--pull`` pulls the clip back out afterwards and shows the force that holds it.
+rides up the ramp of the catch, falls to the friction of the crests, pulls the clip in behind them, and is zero after
+the snap. ``--pull`` pulls the clip back out afterwards and shows the force that holds it.
 
 The table compares the histories of several meshes: the difference in L2 over the travel from that of the finest one,
 over the norm of that. The meshes are of degree 2, for round corners; with straight facets the force jumps from facet to
