@@ -114,6 +114,11 @@ class PlasticBulk(ElasticBulk):
         super().residual(u, out)
         out += self._forces(u, False)
 
+    def predict(self, u, committed, out):
+        """Add the forces of bodies that go from the committed displacement to ``u`` without yielding. *Collective.*"""
+        super().residual(u, out)
+        out += self._forces(committed, False)
+
     def magnitude(self, u):
         """Sum of the absolute terms of :meth:`residual` (n_owned, d): the scale of rounding errors. *Collective.*"""
         return super().magnitude(u) + self._forces(u, True)

@@ -15,6 +15,8 @@ REASONS = {
 }
 # part of the first residual to which a load step is solved as if nothing could slip
 HELD_GOAL = 0.1
+# iterations, twice, over which a norm of the residual that does not change tells of a cycle
+CYCLE = 6
 
 
 @dataclass
@@ -112,17 +114,22 @@ class Newton:
         self._floor, self._goal, self._first = 0.0, None, None
         self._holds = [item for item in problem.items if hasattr(item, "hold")]
         self._hold_first = loose and bool(self._holds)
+        self._predicting, self._true_first, self._second = False, np.nan, False
         self.norms = []
 
     def _residual(self, snes, x, f):
         start = clock.perf_counter()
         self.problem.residual(x, f)
+        if self._predicting:
+            self._true_first = f.norm()
+            self.problem.predicted(x, f)
         self.timing["assembly"] += clock.perf_counter() - start
 
     def _tangent(self, snes, x, matrix, preconditioner):
         start = clock.perf_counter()
         changes = self.problem.pattern_changes
-        self.problem.tangent(x)
+        self.problem.tangent(x, self._predicting)
+        self._predicting = False
         if self.problem.pattern_changes != changes:
             forget_pattern(snes.getKSP())
         self.timing["assembly"] += clock.perf_counter() - start
@@ -150,14 +157,24 @@ class Newton:
         if iteration == 0:
             self.norms = []
         if self._first is None:
-            self._first = norm
+            # the predicted one may be much larger, and means no more
+            self._first = float(np.fmin(norm, self._true_first))
         self.norms.append(norm)
         rtol, atol, _, _ = snes.getTolerances()
         if norm <= max(atol, self._floor):
             return reasons.CONVERGED_FNORM_ABS
         if iteration > 0 and norm <= (self._goal or rtol) * self._first:
             return reasons.CONVERGED_FNORM_RELATIVE
+        if self._holds and not self._second and self._cycles():
+            return reasons.DIVERGED_LOCAL_MIN
         return reasons.ITERATING
+
+    def _cycles(self):
+        """Whether iterations go in circles: points change their status in turn, and the norm stays where it is."""
+        if len(self.norms) < 2 * CYCLE:
+            return False
+        before, now = (np.log(part).mean() for part in np.split(np.array(self.norms[-2 * CYCLE :]), 2))
+        return bool(abs(now - before) < 0.02)
 
     def _renew_preconditioner(self):
         """A load step is solved alike whatever came before it, as in a restarted run; a reset GAMG remembers."""
@@ -185,9 +202,11 @@ class Newton:
         if self._reuse is not None:
             self._reuse.forget()
         self._first, before = None, u.copy() if self._holds else None
+        self._true_first = np.nan
         if self._hold_first:
             return self._stick_first(u, before)
-        outcome = self._run(u)
+        self._second = False
+        outcome = self._run(u, True)
         if outcome.converged or not self._holds:
             return outcome
         before.copy(u)
@@ -199,20 +218,21 @@ class Newton:
         Newton can cycle between the two ways in which all points of a body may slip; from a state in which they stick,
         each goes the way in which its traction exceeds the bound.
         """
-        self._goal = HELD_GOAL
+        self._goal, self._second = HELD_GOAL, True
         for item in self._holds:
             item.hold(True)
-        held = self._run(u)
+        held = self._run(u, True)
         for item in self._holds:
             item.hold(False)
         self._goal = None
         if not held.converged:
             before.copy(u)
-        return _together(held, self._run(u))
+        return _together(held, self._run(u, not held.converged))
 
-    def _run(self, u):
-        """One SNES solve. *Collective.*"""
+    def _run(self, u, beginning):
+        """One SNES solve, from the beginning of the load step or from elsewhere. *Collective.*"""
         start, before = clock.perf_counter(), self.timing["assembly"]
+        self._predicting = beginning and self.problem.predicts
         self.norms = []
         try:
             self.snes.solve(None, u)

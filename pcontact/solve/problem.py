@@ -36,13 +36,21 @@ class Problem:
         self.matrix = GlobalMatrix(space, supports.fixed)
         self._versions = None
         self.pattern_changes = 0
+        self._committed = None
 
     @property
     def linear(self):
         return not any(item.changes for item in self.items)
 
+    @property
+    def predicts(self):
+        """Whether a load step begins with bodies linearised at the committed displacement, see :meth:`predicted`."""
+        return self._committed is not None
+
     def prescribe(self, u, time):
-        """Enter the prescribed displacements of a time into ``u``."""
+        """Enter the prescribed displacements of a time into ``u``, the committed displacement so far."""
+        if hasattr(self.items[0], "predict"):
+            self._committed = u.copy()
         values = self.supports.values(time)[self.space.owned_local]
         array = u.getArray().reshape(values.shape)
         array[self.fixed] = values[self.fixed]
@@ -74,15 +82,28 @@ class Problem:
         out[self.fixed] = 0.0
         f.setArray(out.ravel())
 
-    def tangent(self, u):
-        """Write the generalised Jacobian at ``u`` into the matrix. *Collective.*"""
+    def predicted(self, u, f):
+        """Residual vector at the beginning of a load step, for bodies that do not yield on the way. *Collective.*
+
+        The prescribed nodes have moved there and their neighbours have not. Taken at its word, that strains a row of
+        cells far beyond the yield stress and makes their tangent soft; elastic cells pass the motion on to the bodies.
+        """
+        out = -self.external(self.time)
+        self.items[0].predict(u, self._committed, out)
+        for item in self.items[1:]:
+            item.residual(u, out)
+        out[self.fixed] = 0.0
+        f.setArray(out.ravel())
+
+    def tangent(self, u, predicted=False):
+        """Write the generalised Jacobian at ``u``, or that of :meth:`predicted`, into the matrix. *Collective.*"""
         bulk, others = self.items[0], self.items[1:]
         values = [item.tangent(u) for item in others]
         versions = [item.version for item in others]
         if versions != self._versions:
             self._renew(bulk, others)
             self._versions = versions
-        self.matrix.write(bulk.tangent(u), self._sum(values), self.aid)
+        self.matrix.write(bulk.tangent(self._committed if predicted else u), self._sum(values), self.aid)
 
     def _renew(self, bulk, others):
         n = self.space.n_owned
