@@ -161,7 +161,7 @@ class PlasticBulk(ElasticBulk):
         return tables
 
     def recall(self, name, chunks):
-        """Take back what :meth:`memory` gave, see `pcontact.contact.frictional.FrictionalItem.recall`."""
+        """Take back what :meth:`memory` gave, see `pcontact.contact.item.ContactItem.recall`."""
         number = int(name)
         state = self.states[number]
         state.strain[:], state.p[:] = 0.0, 0.0

@@ -78,29 +78,23 @@ class FrictionalItem(ContactItem):
         return np.einsum("pa,pad->pd", share, mean[nodes]) / share.sum(axis=1)[:, None]
 
     def memory(self):
-        """What the next load step needs to know of this one, apart from the displacement.
-
-        Returns
-        -------
-        dict of str to (ndarray (n,), ndarray (n, m))
-            Keys of rows, the same on any number of ranks, and their values; rows of zeros are left out.
-        """
+        """See :meth:`ContactItem.memory`."""
         rows = np.flatnonzero(self._lag.any(axis=1))
-        return {"lag": (self.source.point_keys()[rows], self._lag[rows])}
+        return {**super().memory(), "lag": (self.source.point_keys()[rows], self._lag[rows])}
 
     def recall(self, name, chunks):
-        """Take back what :meth:`memory` gave.
-
-        Parameters
-        ----------
-        name : str
-        chunks : iterable of (ndarray (n,), ndarray (n, m))
-            The rows of all ranks, a part at a time.
-        """
+        """See :meth:`ContactItem.recall`."""
+        if name != "lag":
+            super().recall(name, chunks)
+            return
         self._lag[:] = 0.0
-        keys = self.source.point_keys()
-        for rows, values in matching(keys, chunks):
+        for rows, values in matching(self.source.point_keys(), chunks):
             self._lag[rows] = values
+
+    def glue(self, glued):
+        """See :meth:`ContactItem.glue`; closed points stick."""
+        super().glue(glued)
+        self.hold(glued)
 
     def hold(self, held):
         """Let closed points stick whatever the law says, or give them back to it."""

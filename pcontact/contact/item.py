@@ -11,7 +11,7 @@ from pcontact.contact.laws import OPEN, SLIP
 from pcontact.contact.nitsche import add_residual, add_tangent, evaluate, traction_operator
 from pcontact.contact.plastic_trace import no_operators
 from pcontact.contact.summary import summarise
-from pcontact.runtime.parallel import together
+from pcontact.runtime.parallel import matching, together
 from pcontact.runtime.petsc import MPI
 
 # theta = -1 is coercive for any value; below 1 multigrid fails for quadratic hexahedra
@@ -75,6 +75,8 @@ class ContactItem:
         gamma0 times the constant of the trace inequality of the parent cell [stress/length].
     version : int
         Grows when the pattern changes.
+    closed : ndarray (np,) of bool
+        Points that were closed at the end of the last load step.
     """
 
     changes = True
@@ -94,7 +96,7 @@ class ContactItem:
         self.offset = None
         self.candidates = 0
         self.pairing = None
-        self._coupled = np.zeros(len(source.facet), dtype=bool)
+        self._coupled, self.closed = np.zeros((2, len(source.facet)), dtype=bool)
         self._owned = None
         farthest = space.comm.allreduce(float(np.max(np.abs(space.points), initial=0.0)), op=MPI.MAX)
         self._rounding = 64.0 * np.finfo(float).eps * farthest
@@ -307,8 +309,44 @@ class ContactItem:
         )  # fmt: skip
 
     def commit(self, u, time):
-        """End the load step."""
+        """End the load step. *Collective.*"""
         self.time = time
+        _, status = self._augmented(self.pairing.exchange.gather(u))
+        self.closed = status > OPEN
+
+    def glue(self, glued):
+        """Keep points closed or open as they were at the end of the last load step; or let them go."""
+        p = self.pairing
+        if glued:
+            self._free = p.paired, self.bilateral
+            p.paired, self.bilateral = p.paired & self.closed, True
+        else:
+            p.paired, self.bilateral = self._free
+
+    def memory(self):
+        """What the next load step needs to know of this one, apart from the displacement.
+
+        Returns
+        -------
+        dict of str to (ndarray (n,), ndarray (n, m))
+            Keys of rows, the same on any number of ranks, and their values; rows of zeros are left out.
+        """
+        rows = np.flatnonzero(self.closed)
+        return {"closed": (self.source.point_keys()[rows], np.ones((len(rows), 1)))}
+
+    def recall(self, name, chunks):
+        """Take back what :meth:`memory` gave under a name.
+
+        Parameters
+        ----------
+        name : str
+        chunks : iterable of (ndarray (n,), ndarray (n, m))
+            The rows of all ranks, a part at a time.
+        """
+        if name == "closed":
+            self.closed[:] = False
+            for rows, _ in matching(self.source.point_keys(), chunks):
+                self.closed[rows] = True
 
     # -- steps of bodies that nothing holds ---------------------------------------------------------------------
 

@@ -88,6 +88,10 @@ class Newton:
             "snes_max_it": 50,
             **solver_defaults(symmetric, True),
         }
+        plastic = hasattr(problem.items[0], "predict")
+        if plastic and options.get("snes_linesearch_type", defaults["snes_linesearch_type"]) == "cp":
+            # one secant step creeps where many points open and yield at once; where one is enough no more are made
+            defaults["snes_linesearch_max_it"] = 3
         direct = options.get("pc_type", "gamg") in ("lu", "cholesky")
         if problem.linear or direct:
             defaults["ksp_rtol"] = 1e-10

@@ -1,5 +1,7 @@
 """The discrete problem: sums the items into a residual and a matrix, with supports and external forces."""
 
+from contextlib import contextmanager, nullcontext
+
 import numpy as np
 
 from pcontact.assembly.matrix import GlobalMatrix
@@ -83,22 +85,40 @@ class Problem:
         f.setArray(out.ravel())
 
     def predicted(self, u, f):
-        """Residual vector at the beginning of a load step, for bodies that do not yield on the way. *Collective.*
+        """Residual vector at the beginning of a load step, for bodies that do not yield on the way, and points that
+        stay open or closed. *Collective.*
 
         The prescribed nodes have moved there and their neighbours have not. Taken at its word, that strains a row of
         cells far beyond the yield stress and makes their tangent soft; elastic cells pass the motion on to the bodies.
+        Obstacles have moved, too: where one goes back, all points would open, and the bodies spring back and hit again.
         """
         out = -self.external(self.time)
         self.items[0].predict(u, self._committed, out)
-        for item in self.items[1:]:
-            item.residual(u, out)
+        with self._glued():
+            for item in self.items[1:]:
+                item.residual(u, out)
         out[self.fixed] = 0.0
         f.setArray(out.ravel())
+
+    @contextmanager
+    def _glued(self):
+        """Pairs with points closed at the end of the last load step keep them so, and the others open. *Collective.*"""
+        pairs, comm = self.items[1:], self.space.comm
+        closed = comm.allreduce(np.array([item.closed.any() for item in pairs], dtype=bool), op=MPI.LOR)
+        glued = [item for item, any_closed in zip(pairs, closed, strict=True) if any_closed]
+        for item in glued:
+            item.glue(True)
+        try:
+            yield
+        finally:
+            for item in glued:
+                item.glue(False)
 
     def tangent(self, u, predicted=False):
         """Write the generalised Jacobian at ``u``, or that of :meth:`predicted`, into the matrix. *Collective.*"""
         bulk, others = self.items[0], self.items[1:]
-        values = [item.tangent(u) for item in others]
+        with self._glued() if predicted else nullcontext():
+            values = [item.tangent(u) for item in others]
         versions = [item.version for item in others]
         if versions != self._versions:
             self._renew(bulk, others)
