@@ -13,8 +13,8 @@ REASONS = {
     for name, value in vars(PETSc.SNES.ConvergedReason).items()
     if isinstance(value, int)
 }
-# part of the first residual to which a load step is solved as if nothing could slip
-HELD_GOAL = 0.1
+# part of the first residual to which a load step is solved as if nothing could slip; the same where bodies may yield
+HELD_GOAL, HELD_GOAL_PLASTIC = 0.1, 0.005
 # iterations, twice, over which a norm of the residual that does not change tells of a cycle
 CYCLE = 6
 
@@ -169,7 +169,7 @@ class Newton:
             return reasons.CONVERGED_FNORM_ABS
         if iteration > 0 and norm <= (self._goal or rtol) * self._first:
             return reasons.CONVERGED_FNORM_RELATIVE
-        if self._holds and not self._second and self._cycles():
+        if self._holds and (self._goal or not self._second) and self._cycles():
             return reasons.DIVERGED_LOCAL_MIN
         return reasons.ITERATING
 
@@ -208,21 +208,22 @@ class Newton:
         self._first, before = None, u.copy() if self._holds else None
         self._true_first = np.nan
         if self._hold_first:
-            return self._stick_first(u, before)
+            return self._stick_first(u, before, False)
         self._second = False
         outcome = self._run(u, True)
         if outcome.converged or not self._holds:
             return outcome
         before.copy(u)
-        return _together(outcome, self._stick_first(u, before))
+        return _together(outcome, self._stick_first(u, before, True))
 
-    def _stick_first(self, u, before):
+    def _stick_first(self, u, before, failed):
         """Solve as if no closed point could slip, roughly, then with the law.
 
         Newton can cycle between the two ways in which all points of a body may slip; from a state in which they stick,
-        each goes the way in which its traction exceeds the bound.
+        each goes the way in which its traction exceeds the bound. ``failed``: the law alone was tried already.
         """
-        self._goal, self._second = HELD_GOAL, True
+        self._goal = HELD_GOAL_PLASTIC if self.problem.predicts else HELD_GOAL
+        self._second = True
         for item in self._holds:
             item.hold(True)
         held = self._run(u, True)
@@ -230,6 +231,9 @@ class Newton:
             item.hold(False)
         self._goal = None
         if not held.converged:
+            if failed:
+                # the law alone did no better
+                return held
             before.copy(u)
         return _together(held, self._run(u, not held.converged))
 

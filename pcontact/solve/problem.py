@@ -104,8 +104,8 @@ class Problem:
     def _glued(self):
         """Pairs with points closed at the end of the last load step keep them so, and the others open. *Collective.*"""
         pairs, comm = self.items[1:], self.space.comm
-        closed = comm.allreduce(np.array([item.closed.any() for item in pairs], dtype=bool), op=MPI.LOR)
-        glued = [item for item, any_closed in zip(pairs, closed, strict=True) if any_closed]
+        closed = comm.allreduce(np.array([item.closed.sum() for item in pairs], dtype=np.int64), op=MPI.SUM)
+        glued = [item for item, count in zip(pairs, closed, strict=True) if count]
         for item in glued:
             item.glue(True)
         try:
