@@ -71,6 +71,7 @@ def override(scene, options):
         "theta": (float, "variant of Nitsche's method: 1, 0, -1"),
         "gamma0": (float, "dimensionless Nitsche parameter"),
         "alpha": (float, "tangential over normal Nitsche parameter"),
+        "adjoint": (str, "elastic or consistent: adjoint operator of theta = 1, -1 where cells yield"),
         "quadrature": (int, "degree of the quadrature on source facets"),
         "search": (str, "closest_point or ray_tracing"),
     }

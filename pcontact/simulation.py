@@ -81,7 +81,9 @@ class Simulation:
         scene, space = self.scene, self.problem.space
         resumed = None if self.restart is None else read_checkpoint(self.restart, space, self.problem.items)
         since = None if resumed is None else resumed.time
-        stops = [t for load in [*scene.displacements, *scene.loads] for t, _ in (load.amplitude or [])]
+        obstacles = [contact.obstacle for contact in scene.contacts if contact.obstacle is not None]
+        moved = [*scene.displacements, *scene.loads, *obstacles]
+        stops = [t for one in moved for t, _ in (one.amplitude or [])]
         schedule = Schedule(scene.steps.end, scene.steps.count, scene.steps.smallest_step, stops)
         watch = [Terminal(scene.steps.end, build.yielding_volume(scene, space)), *observers]
         if directory is not None:

@@ -120,7 +120,7 @@ class Points:
         missing = friction.add_tangent(
             theta, self.alpha, law, bilateral, self.paired, self.jxw, self.gamma, self.evaluate(u)[2], self.cells,
             self.targets, self.facet, self.shape, self.target_shape, self.grad, self.volumetric, self.mu,
-            *no_operators(self.shape.shape[1], self.d), self.normal_x, self.normal, rowptr, columns, values,
+            *no_operators(self.shape.shape[1], self.d), False, self.normal_x, self.normal, rowptr, columns, values,
         )  # fmt: skip
         return rowptr, columns, values, missing
 

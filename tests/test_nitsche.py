@@ -127,7 +127,7 @@ class Random:
     def elastic(self):
         """Nothing yields."""
         at, rows = no_operators(self.b.shape[1], self.d)
-        return at, rows[:, :, 0]
+        return at, rows[:, :, 0], False
 
     def operators(self):
         """Jump along the normal and traction as matrices (np, n d)."""

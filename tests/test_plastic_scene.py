@@ -26,6 +26,7 @@ from pcontact.runtime.petsc import MPI
 from pcontact.scene import describe, read_scene, unsupported, validate
 from pcontact.scene.model import Body, Displacement, Material, MeshSpec, Output, Scene
 from pcontact.simulation import Simulation
+from pcontact.solve.newton import Newton
 from pcontact.space.space import Space
 
 WORLD = MPI.COMM_WORLD
@@ -345,3 +346,46 @@ def test_bodies_that_share_nodes_keep_their_stress(tmp_path):
         body[nodes] = numbers[:, None]
     np.testing.assert_allclose(stress, np.array([0.1, 0.02])[body], rtol=1e-8)
     np.testing.assert_allclose(moved, np.interp(bodies.points[:, 1], [0, 1, 2], [0, 0.01, 0.03]))
+
+
+# -- solve ----------------------------------------
+
+
+@pytest.mark.parallel
+@pytest.mark.parametrize("cell, degree", [("quadrilateral", 1), ("triangle", 2), ("hexahedron", 1)])
+def test_a_body_that_is_only_moved(shared_tmp, cell, degree):
+    """The first row of cells does not yield on the way, however far its nodes are moved in a load step."""
+    path = shared_tmp / "block.msh"
+    on_root(WORLD, block_file, path, cell, 4)
+    way = [10.0, *[0.0] * (DIMENSION[cell] - 1)]
+    simulation = Simulation(
+        Scene(
+            mesh=MeshSpec(path, order=degree),
+            materials={"m": Material(1000.0, 0.3, yield_stress=1.0)},
+            bodies=[Body("block", "m")],
+            displacements=[Displacement("left", way)],
+            petsc={"ksp_rtol": "1e-10", "snes_ksp_ew": "false"},
+        )
+    )
+    records = []
+    watch = SimpleNamespace(step=lambda step, u, record: records.append(record), end=lambda converged: None)
+    assert simulation.run(None, [watch])
+    moved = simulation.stepper.u.getArray().reshape(-1, DIMENSION[cell])
+    simulation.close()
+    assert [record["newton"] for record in records] == [1]
+    assert records[0]["plastic"]["max_equivalent_strain"] == 0.0
+    np.testing.assert_allclose(moved, np.tile(way, (len(moved), 1)), atol=1e-6)
+
+
+def test_a_cycle_is_told_from_progress():
+    newton = Newton.__new__(Newton)
+    for norms, cycle in [
+        ([1.85, 1.87, 1.86] * 4, True),
+        ([1.0, 2.0, 4.0] * 4, True),
+        ([1.85, 1.87, 1.86] * 3, False),  # too short to tell
+        ([100.0, *[1.85, 1.87, 1.86] * 4], True),
+        (0.9 ** np.arange(12), False),
+        (1.1 ** np.arange(12), False),
+    ]:
+        newton.norms = list(norms)
+        assert newton._cycles() is bool(cycle)

@@ -114,6 +114,11 @@ class PlasticBulk(ElasticBulk):
         super().residual(u, out)
         out += self._forces(u, False)
 
+    def predict(self, u, committed, out):
+        """Add the forces of bodies that go from the committed displacement to ``u`` without yielding. *Collective.*"""
+        super().residual(u, out)
+        out += self._forces(committed, False)
+
     def magnitude(self, u):
         """Sum of the absolute terms of :meth:`residual` (n_owned, d): the scale of rounding errors. *Collective.*"""
         return super().magnitude(u) + self._forces(u, True)
@@ -151,7 +156,8 @@ class PlasticBulk(ElasticBulk):
         for number, state in self.states.items():
             rows = np.flatnonzero(state.p.any(axis=1))
             values = np.concatenate([state.strain[rows], state.p[rows][:, :, None]], axis=2)
-            tables[str(number)] = self.space.mesh.blocks[number].ids[rows], values.reshape(len(rows), -1)
+            width = values.shape[1] * values.shape[2]
+            tables[str(number)] = self.space.mesh.blocks[number].ids[rows], values.reshape(len(rows), width)
         return tables
 
     def recall(self, name, chunks):

@@ -95,8 +95,8 @@ def add_tangent(grad, jxw, ring, nodal, cells, constants, curve, plane_stress, p
     nq, nn, d = grad.shape[1], grad.shape[2], grad.shape[3]
     m = plastic_strain.shape[2]
     strain, excess, work, tangent = np.zeros(m), np.zeros(m), np.zeros(m), np.zeros((m, m))
-    operator, pulled = np.zeros((m, nn, d)), np.zeros((m, nn, d))
-    stiffness = np.zeros((nn, nn, d, d))
+    operator, pulled = np.zeros((m, nn, d)), np.zeros((m, nn * d))
+    flat, stiffness = operator.reshape(m, nn * d), np.zeros((nn * d, nn * d))
     count = 0
     for c in range(cells.shape[0]):
         touched = False
@@ -113,8 +113,8 @@ def add_tangent(grad, jxw, ring, nodal, cells, constants, curve, plane_stress, p
                 stiffness[:] = 0.0
                 touched = True
             fill_operator(grad, ring, c, q, operator)
-            _pull(tangent, operator, jxw[c, q], pulled)
-            _square(operator, pulled, stiffness)
+            pull(tangent, flat, jxw[c, q], pulled)
+            _square(flat, pulled, stiffness)
         if touched:
             count += 1
             for a in range(nn):
@@ -123,35 +123,34 @@ def add_tangent(grad, jxw, ring, nodal, cells, constants, curve, plane_stress, p
                     k = find(columns, rowptr[row], rowptr[row + 1], cells[c, b])
                     for i in range(d):
                         for j in range(d):
-                            out[k, i, j] += stiffness[a, b, i, j]
+                            out[k, i, j] += stiffness[a * d + i, b * d + j]
     return count
 
 
 @njit
-def _pull(tangent, operator, weight, out):
-    """out = weight C B."""
-    m, nn, d = operator.shape
+def pull(tangent, operator, weight, out):
+    """out = weight C B, with B and the result as (m, nn d)."""
+    m, n = operator.shape
+    out[:] = 0.0
     for k in range(m):
-        for a in range(nn):
-            for i in range(d):
-                value = 0.0
-                for n in range(m):
-                    value += tangent[k, n] * operator[n, a, i]
-                out[k, a, i] = weight * value
+        for other in range(m):
+            factor = weight * tangent[k, other]
+            if factor != 0.0:
+                for j in range(n):
+                    out[k, j] += factor * operator[other, j]
 
 
 @njit
 def _square(operator, pulled, out):
-    """Add B^T (C B) to ``out`` (nn, nn, d, d)."""
-    m, nn, d = operator.shape
-    for a in range(nn):
-        for b in range(nn):
-            for i in range(d):
-                for j in range(d):
-                    value = 0.0
-                    for k in range(m):
-                        value += operator[k, a, i] * pulled[k, b, j]
-                    out[a, b, i, j] += value
+    """Add B^T (C B) to ``out`` (nn d, nn d)."""
+    m, n = operator.shape
+    for i in range(n):
+        for k in range(m):
+            factor = operator[k, i]
+            # half of the strain operator is zero
+            if factor != 0.0:
+                for j in range(n):
+                    out[i, j] += factor * pulled[k, j]
 
 
 @njit

@@ -146,17 +146,19 @@ def _weigh(force, traction, normal, gamma, alpha, factor, out):
 @njit
 def add_tangent(
     theta, alpha, law, bilateral, paired, jxw, gamma, tau, cells, targets, facet, shape, target_shape, grad,
-    volumetric, mu, at, extra, normal_x, normal, rowptr, columns, values,
+    volumetric, mu, at, extra, consistent, normal_x, normal, rowptr, columns, values,
 ):
     """Add the generalised Jacobian of the pair to block values (nnz, d, d); returns how many entries had no place.
 
-    ``at`` (np,) and ``extra`` (n, nn, d, d) are what plasticity adds to T in S, see `pcontact.contact.plastic_trace`.
+    ``at`` (np,) and ``extra`` (n, nn, d, d) are what plasticity adds to T in S, see `pcontact.contact.plastic_trace`;
+    with a ``consistent`` adjoint S stands in the place of T.
     """
     d, nn, nt = normal.shape[1], cells.shape[1], targets.shape[1]
     force, slope, stiff, inverse = np.zeros(d), np.zeros((d, d)), np.zeros((d, d)), np.zeros((d, d))
     operator, real = np.zeros((nn + nt, d, d)), np.zeros((nn + nt, d, d))
     pull, weak = np.zeros((nn + nt, d, d)), np.zeros((nn + nt, d, d))
     part = np.zeros(nn + nt)
+    adjoint = real if consistent else operator
     missing = 0
     for p in range(len(facet)):
         f = facet[p]
@@ -188,7 +190,7 @@ def add_tangent(
                         value = part[r] * pull[c, i, j]
                         if theta != 0.0:
                             for m in range(d):
-                                value -= theta * operator[r, m, i] * weak[c, m, j]
+                                value -= theta * adjoint[r, m, i] * weak[c, m, j]
                         values[k, i, j] += jxw[p] * value
     return missing
 

@@ -91,6 +91,11 @@ class FrictionalItem(ContactItem):
         for rows, values in matching(self.source.point_keys(), chunks):
             self._lag[rows] = values
 
+    def glue(self, glued):
+        """See :meth:`ContactItem.glue`; closed points stick."""
+        super().glue(glued)
+        self.hold(glued)
+
     def hold(self, held):
         """Let closed points stick whatever the law says, or give them back to it."""
         self._law = HELD if held else self.law
@@ -132,6 +137,14 @@ class FrictionalItem(ContactItem):
         _, tau, _ = self._tau(values)
         _, status = self._project(tau)
         return tau, status
+
+    def _weights(self, values):
+        traction, tau, _ = self._tau(values)
+        normal, source = self.pairing.normal, self.source
+        rest = self._project(tau)[0] - traction
+        along = np.einsum("pd,pd->p", rest, normal)[:, None] * normal
+        factor = self.theta * source.jxw / self.gamma[source.facet]
+        return factor[:, None] * (along + (rest - along) / self.alpha)
 
     def _project(self, tau):
         traction = np.empty_like(tau)

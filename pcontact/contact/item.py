@@ -229,10 +229,23 @@ class ContactItem:
         return traction, gap
 
     def _operators(self, values):
-        """What plasticity adds to the derivative of the traction, see `PlasticTrace.operators`."""
+        """What plasticity adds to the derivative of the traction, and whether to that of the adjoint, too."""
         if self.plastic is None:
-            return no_operators(self.source.shape.shape[1], self.space.dim)
-        return self.plastic.operators(values, self.pairing.cells)
+            return *no_operators(self.source.shape.shape[1], self.space.dim), False
+        return *self.plastic.operators(values, self.pairing.cells), self.consistent
+
+    @property
+    def consistent(self):
+        """Whether the adjoint operator is the derivative of the traction where cells yield."""
+        return self.plastic is not None and self.theta != 0.0 and self.contact.adjoint == "consistent"
+
+    def _weights(self, values):
+        """What the adjoint operator is tested with: theta G^-1 (P - t) (np, d), times the weights of the points."""
+        traction, gap = self._contact(values)
+        gamma, p = self.gamma[self.source.facet], self.pairing
+        tau = traction + gamma * gap
+        pressure = np.where(p.paired & ((tau < 0.0) | self.bilateral), tau, 0.0)
+        return (self.theta / gamma * (pressure - traction) * self.source.jxw)[:, None] * p.normal
 
     def residual(self, u, out):
         """Add the pair's forces on the owned nodes to ``out`` (n_owned, d). *Collective.*"""
@@ -240,6 +253,8 @@ class ContactItem:
         values = p.exchange.gather(u)
         local = np.zeros_like(values)
         self._add_residual(values, local)
+        if self.consistent:
+            self.plastic.add_adjoint(values, p.cells, self._weights(values), local)
         total = self.space.vector()
         p.exchange.add(local, total)
         out += total.getArray(readonly=True).reshape(out.shape)
@@ -267,6 +282,10 @@ class ContactItem:
         d = self.space.dim
         local = np.zeros((len(self._columns), d, d))
         missing = self._add_tangent(tau, self._operators(values), local)
+        if self.consistent:
+            missing += self.plastic.add_curvature(
+                values, p.cells, self._weights(values), self._rowptr, self._columns, local
+            )
         if missing:
             raise RuntimeError(f"contact {self.name}: {missing} entries of the tangent outside the pattern")
         return self._owned.sum(local)
@@ -280,13 +299,13 @@ class ContactItem:
 
     def _add_tangent(self, tau, operators, local):
         p, source = self.pairing, self.source
-        at, extra = operators
+        at, extra, consistent = operators
         points = np.flatnonzero(at >= 0)
         across = np.einsum("kaij,ki->kaj", extra, p.normal[points[np.argsort(at[points])]])
         return add_tangent(
             self.theta, self.bilateral, p.paired, source.jxw, self.gamma, tau, p.cells, p.targets,
-            source.facet, source.shape, p.target_shape, p.b, at, np.ascontiguousarray(across), p.normal, self._rowptr,
-            self._columns, local,
+            source.facet, source.shape, p.target_shape, p.b, at, np.ascontiguousarray(across), consistent, p.normal,
+            self._rowptr, self._columns, local,
         )  # fmt: skip
 
     def commit(self, u, time):

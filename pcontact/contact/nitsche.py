@@ -107,12 +107,13 @@ def add_residual(
 
 @njit
 def add_tangent(
-    theta, bilateral, paired, jxw, gamma, tau, cells, targets, facet, shape, target_shape, b, at, extra, normal, rowptr,
-    columns, values,
+    theta, bilateral, paired, jxw, gamma, tau, cells, targets, facet, shape, target_shape, b, at, extra, consistent,
+    normal, rowptr, columns, values,
 ):
     """Add the generalised Jacobian of the pair to block values (nnz, d, d); returns how many entries had no place.
 
-    ``at`` (np,) and ``extra`` (n, nn, d) are what plasticity adds to b in c, see `pcontact.contact.plastic_trace`.
+    ``at`` (np,) and ``extra`` (n, nn, d) are what plasticity adds to b in c, see `pcontact.contact.plastic_trace`; with
+    a ``consistent`` adjoint c stands in the place of b.
     """
     d, nn, nt = normal.shape[1], cells.shape[1], targets.shape[1]
     jump, trac, slope = np.zeros((nn + nt, d)), np.zeros((nn + nt, d)), np.zeros((nn + nt, d))
@@ -129,6 +130,8 @@ def add_tangent(
                 slope[a, i] = b[p, a, i]
                 if len(at) > 0 and at[p] >= 0:
                     slope[a, i] += extra[at[p], a, i]
+                    if consistent:
+                        trac[a, i] = slope[a, i]
         for m in range(nt):
             for i in range(d):
                 jump[nn + m, i] = -target_shape[p, m] * normal[p, i]

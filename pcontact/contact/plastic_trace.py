@@ -2,7 +2,11 @@
 
 The stress in excess of linear elasticity is taken from the parent cell's own quadrature points and extrapolated to the
 facet: facets have no internal variables of their own, and the tangent is the cell's. The elastic part of the traction
-is that of an elastic body. Extrapolation is by the polynomials that the cell's points determine: constants for
+is that of an elastic body.
+
+The adjoint operator of theta = 1 and -1 is that of elasticity, or (``adjoint = "consistent"``) the derivative of the
+traction. The residual is continuous at yield with the first; with the second the tangent has the second derivative of
+the stress. Extrapolation is by the polynomials that the cell's points determine: constants for
 simplices of degree 1, linear functions for those of degree 2, products of degree k for tensor cells of degree k.
 """
 
@@ -11,10 +15,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from pcontact.assembly.geometry import some_cells
+from pcontact.assembly.graph import find
 from pcontact.assembly.plastic import NO_RING, PlasticState
-from pcontact.assembly.plastic_kernels import excess_at, fill_operator
+from pcontact.assembly.plastic_kernels import excess_at, fill_operator, pull, strain_at
 from pcontact.element.reference import CELLS, reference_nodes
 from pcontact.material.mandel import HALF
+from pcontact.material.plastic import second_derivative
 from pcontact.runtime.jit import njit, njit_inline
 
 
@@ -101,6 +107,69 @@ def _add_operators(tangent, yields, grad, ring, matrix, facet, points, normal, f
                             for j in range(d):
                                 out[row, a, i, j] += factor * pulled[q, k, a, j]
         row += 1
+
+
+@njit
+def _add_adjoint(at, rows, weights, cells, facet, out):
+    """Add the excess operators times vectors (np, d) at the points to ``out`` (n, d)."""
+    d = weights.shape[1]
+    for p in range(len(at)):
+        if at[p] < 0:
+            continue
+        for a in range(cells.shape[1]):
+            node = cells[facet[p], a]
+            for j in range(d):
+                for i in range(d):
+                    out[node, j] += weights[p, i] * rows[at[p], a, i, j]
+
+
+@njit
+def _gather(matrix, facet, points, normal, weights, out):
+    """Mandel stresses (nf, nq, m), by whose work the vectors (np, d) at the points test the traction."""
+    for n in range(len(points)):
+        p = points[n]
+        for q in range(out.shape[1]):
+            for k in range(out.shape[2]):
+                for i in range(weights.shape[1]):
+                    out[facet[n], q, k] += matrix[n, q] * _row(i, normal[p], k) * weights[p, i]
+
+
+@njit
+def _add_curvature(
+    weights, grad, ring, nodal, cells, constants, curve, plane_stress, plastic_strain, p, rowptr, columns, out
+):
+    """Add second derivatives of the stress tested with ``weights`` (nf, nq, m) to block values (nnz, d, d).
+
+    Returns how many entries had no place.
+    """
+    nf, nq, m = weights.shape
+    nn, d = grad.shape[2], grad.shape[3]
+    strain, work, second = np.zeros(m), np.zeros((2, m)), np.zeros((m, m))
+    operator, pulled = np.zeros((m, nn, d)), np.zeros((m, nn * d))
+    flat, missing = operator.reshape(m, nn * d), 0
+    for f in range(nf):
+        for q in range(nq):
+            strain_at(nodal, cells, grad, ring, f, q, strain)
+            if not second_derivative(
+                constants, curve, plane_stress, strain, plastic_strain[f, q], p[f, q], weights[f, q], work, second
+            ):
+                continue
+            fill_operator(grad, ring, f, q, operator)
+            pull(second, flat, 1.0, pulled)
+            for a in range(nn):
+                row = cells[f, a]
+                for b in range(nn):
+                    k = find(columns, rowptr[row], rowptr[row + 1], cells[f, b])
+                    if k < 0:
+                        missing += 1
+                        continue
+                    for i in range(d):
+                        for j in range(d):
+                            value = 0.0
+                            for n in range(m):
+                                value += operator[n, a, i] * pulled[n, b * d + j]
+                            out[k, i, j] += value
+    return missing
 
 
 @dataclass
@@ -204,6 +273,40 @@ class PlasticTrace:
                 rows,
             )  # fmt: skip
         return at, rows
+
+
+    def add_adjoint(self, values, cells, weights, out):
+        """Add the excess operators, tested with vectors at the points, to nodal forces.
+
+        Parameters
+        ----------
+        values, cells
+            As in :meth:`traction`.
+        weights : ndarray (np, d)
+            [length^(d-1)]
+        out : ndarray (n, d)
+        """
+        at, rows = self.operators(values, cells)
+        _add_adjoint(at, rows, weights, cells, self._source.facet, out)
+
+    def add_curvature(self, values, cells, weights, rowptr, columns, out):
+        """Add the derivative of :meth:`add_adjoint` at constant weights to block values (nnz, d, d).
+
+        Returns
+        -------
+        int
+            Entries that have no place in the pattern.
+        """
+        missing = 0
+        for part in self._parts:
+            state, tested = part.state, np.zeros((len(part.rows), *part.state.strain.shape[1:]))
+            _gather(part.matrix, part.facet, part.points, self._source.normal, weights, tested)
+            nodes = np.ascontiguousarray(cells[part.facets, : part.grad.shape[2]])
+            missing += _add_curvature(
+                tested, part.grad, part.ring, values, nodes, *state.material, state.strain[part.rows],
+                state.p[part.rows], rowptr, columns, out,
+            )  # fmt: skip
+        return missing
 
 
 def no_operators(n_nodes, d):

@@ -152,6 +152,8 @@ class Contact:
         Dimensionless parameter; None is chosen from the material and the element.
     alpha : float or None
         Parameter of the tangential terms over that of the normal ones.
+    adjoint : str or None
+        "elastic" or "consistent": operator of the theta terms where source cells yield.
     quadrature : int or None
         Degree of the facet quadrature; None is chosen from the element.
     search : str or None
@@ -181,6 +183,7 @@ class Contact:
     theta: float | None = None
     gamma0: float | None = None
     alpha: float | None = None
+    adjoint: str | None = None
     quadrature: int | None = None
     search: str | None = None
     search_radius: float | None = None
@@ -197,6 +200,7 @@ CONTACT_DEFAULTS = {
     "theta": 0.0,
     "gamma0": None,
     "alpha": 1.0,
+    "adjoint": "elastic",
     "quadrature": None,
     "search": "closest_point",
     "search_radius": None,

@@ -264,6 +264,7 @@ RULES: dict[type, dict[str, Rule]] = {
         "theta": optional(THETA),
         "gamma0": optional(POSITIVE),
         "alpha": optional(POSITIVE),
+        "adjoint": optional(choice("elastic", "consistent")),
         "quadrature": optional(integer(1, 20)),
         "search": optional(choice("closest_point", "ray_tracing")),
         "search_radius": optional(POSITIVE),

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pcontact.runtime.petsc import MPI, PETSc, diverged_nan, forget_pattern, keep_preconditioner, line_search_limit
+from pcontact.runtime.petsc import PETSc, diverged_nan, forget_pattern, keep_preconditioner, line_search_limit
 from pcontact.solve.linear import Reuse, refresh_smoother, solver_defaults
 
 REASONS = {
@@ -13,10 +13,10 @@ REASONS = {
     for name, value in vars(PETSc.SNES.ConvergedReason).items()
     if isinstance(value, int)
 }
-# part of the first residual to which a load step is solved as if nothing could slip
-HELD_GOAL = 0.1
-# the same where bodies yield, for contact as it was before the load step, and then with sticking points
-GLUED_GOALS = 0.1, 0.005
+# part of the first residual to which a load step is solved as if nothing could slip; the same where bodies may yield
+HELD_GOAL, HELD_GOAL_PLASTIC = 0.1, 0.005
+# iterations, twice, over which a norm of the residual that does not change tells of a cycle
+CYCLE = 6
 
 
 @dataclass
@@ -88,6 +88,10 @@ class Newton:
             "snes_max_it": 50,
             **solver_defaults(symmetric, True),
         }
+        plastic = hasattr(problem.items[0], "predict")
+        if plastic and options.get("snes_linesearch_type", defaults["snes_linesearch_type"]) == "cp":
+            # one secant step creeps where many points open and yield at once; where one is enough no more are made
+            defaults["snes_linesearch_max_it"] = 3
         direct = options.get("pc_type", "gamg") in ("lu", "cholesky")
         if problem.linear or direct:
             defaults["ksp_rtol"] = 1e-10
@@ -114,19 +118,22 @@ class Newton:
         self._floor, self._goal, self._first = 0.0, None, None
         self._holds = [item for item in problem.items if hasattr(item, "hold")]
         self._hold_first = loose and bool(self._holds)
-        yields = any(getattr(item, "states", None) for item in problem.items)
-        self._glues = [item for item in problem.items if hasattr(item, "glue")] if yields else []
+        self._predicting, self._true_first, self._second = False, np.nan, False
         self.norms = []
 
     def _residual(self, snes, x, f):
         start = clock.perf_counter()
         self.problem.residual(x, f)
+        if self._predicting:
+            self._true_first = f.norm()
+            self.problem.predicted(x, f)
         self.timing["assembly"] += clock.perf_counter() - start
 
     def _tangent(self, snes, x, matrix, preconditioner):
         start = clock.perf_counter()
         changes = self.problem.pattern_changes
-        self.problem.tangent(x)
+        self.problem.tangent(x, self._predicting)
+        self._predicting = False
         if self.problem.pattern_changes != changes:
             forget_pattern(snes.getKSP())
         self.timing["assembly"] += clock.perf_counter() - start
@@ -154,14 +161,24 @@ class Newton:
         if iteration == 0:
             self.norms = []
         if self._first is None:
-            self._first = norm
+            # the predicted one may be much larger, and means no more
+            self._first = float(np.fmin(norm, self._true_first))
         self.norms.append(norm)
         rtol, atol, _, _ = snes.getTolerances()
         if norm <= max(atol, self._floor):
             return reasons.CONVERGED_FNORM_ABS
         if iteration > 0 and norm <= (self._goal or rtol) * self._first:
             return reasons.CONVERGED_FNORM_RELATIVE
+        if self._holds and (self._goal or not self._second) and self._cycles():
+            return reasons.DIVERGED_LOCAL_MIN
         return reasons.ITERATING
+
+    def _cycles(self):
+        """Whether iterations go in circles: points change their status in turn, and the norm stays where it is."""
+        if len(self.norms) < 2 * CYCLE:
+            return False
+        before, now = (np.log(part).mean() for part in np.split(np.array(self.norms[-2 * CYCLE :]), 2))
+        return bool(abs(now - before) < 0.02)
 
     def _renew_preconditioner(self):
         """A load step is solved alike whatever came before it, as in a restarted run; a reset GAMG remembers."""
@@ -188,67 +205,42 @@ class Newton:
         self._renew_preconditioner()
         if self._reuse is not None:
             self._reuse.forget()
-        self._first, before = None, u.copy() if self._holds or self._glues else None
+        self._first, before = None, u.copy() if self._holds else None
+        self._true_first = np.nan
         if self._hold_first:
-            return self._stick_first(u, before)
-        outcome = self._glued_first(u, before) if self._touches() else self._run(u)
+            return self._stick_first(u, before, False)
+        self._second = False
+        outcome = self._run(u, True)
         if outcome.converged or not self._holds:
             return outcome
         before.copy(u)
-        return _together(outcome, self._stick_first(u, before))
+        return _together(outcome, self._stick_first(u, before, True))
 
-    def _touches(self):
-        """Whether bodies may yield and points were closed at the end of the last load step. *Collective.*"""
-        closed = any(item.closed.any() for item in self._glues)
-        return bool(self._glues) and self.problem.space.comm.allreduce(closed, op=MPI.LOR)
-
-    def _glued_first(self, u, before):
-        """Solve roughly with all points open or closed as before the load step, then as if none could slip, then all.
-
-        A support moves farther in a load step than contact gives way: where it goes back, all points are open at first,
-        the bodies spring back altogether, yield, and hit again. Elastic bodies recover from that, others cycle.
-        """
-        self.problem.residual(u, self._f)
-        first = self._f.norm()
-        outcome = self._roughly(u, self._glues, GLUED_GOALS[0])
-        good = outcome.converged
-        if good and self._holds:
-            outcome = _together(outcome, self._roughly(u, [], GLUED_GOALS[1]))
-            good = outcome.converged
-        if not good:
-            before.copy(u)
-        self._first = first
-        return _together(outcome, self._run(u))
-
-    def _roughly(self, u, glues, goal):
-        """Solve to a part of the first residual as if no closed point could slip, with some pairs glued."""
-        for item in glues:
-            item.glue(True)
-        for item in self._holds:
-            item.hold(True)
-        self._goal = goal
-        outcome = self._run(u)
-        self._goal = None
-        for item in self._holds:
-            item.hold(False)
-        for item in glues:
-            item.glue(False)
-        return outcome
-
-    def _stick_first(self, u, before):
+    def _stick_first(self, u, before, failed):
         """Solve as if no closed point could slip, roughly, then with the law.
 
         Newton can cycle between the two ways in which all points of a body may slip; from a state in which they stick,
-        each goes the way in which its traction exceeds the bound.
+        each goes the way in which its traction exceeds the bound. ``failed``: the law alone was tried already.
         """
-        held = self._roughly(u, [], HELD_GOAL)
+        self._goal = HELD_GOAL_PLASTIC if self.problem.predicts else HELD_GOAL
+        self._second = True
+        for item in self._holds:
+            item.hold(True)
+        held = self._run(u, True)
+        for item in self._holds:
+            item.hold(False)
+        self._goal = None
         if not held.converged:
+            if failed:
+                # the law alone did no better
+                return held
             before.copy(u)
-        return _together(held, self._run(u))
+        return _together(held, self._run(u, not held.converged))
 
-    def _run(self, u):
-        """One SNES solve. *Collective.*"""
+    def _run(self, u, beginning):
+        """One SNES solve, from the beginning of the load step or from elsewhere. *Collective.*"""
         start, before = clock.perf_counter(), self.timing["assembly"]
+        self._predicting = beginning and self.problem.predicts
         self.norms = []
         try:
             self.snes.solve(None, u)

@@ -1,5 +1,7 @@
 """The discrete problem: sums the items into a residual and a matrix, with supports and external forces."""
 
+from contextlib import contextmanager, nullcontext
+
 import numpy as np
 
 from pcontact.assembly.matrix import GlobalMatrix
@@ -36,13 +38,21 @@ class Problem:
         self.matrix = GlobalMatrix(space, supports.fixed)
         self._versions = None
         self.pattern_changes = 0
+        self._committed = None
 
     @property
     def linear(self):
         return not any(item.changes for item in self.items)
 
+    @property
+    def predicts(self):
+        """Whether a load step begins with bodies linearised at the committed displacement, see :meth:`predicted`."""
+        return self._committed is not None
+
     def prescribe(self, u, time):
-        """Enter the prescribed displacements of a time into ``u``."""
+        """Enter the prescribed displacements of a time into ``u``, the committed displacement so far."""
+        if hasattr(self.items[0], "predict"):
+            self._committed = u.copy()
         values = self.supports.values(time)[self.space.owned_local]
         array = u.getArray().reshape(values.shape)
         array[self.fixed] = values[self.fixed]
@@ -74,15 +84,46 @@ class Problem:
         out[self.fixed] = 0.0
         f.setArray(out.ravel())
 
-    def tangent(self, u):
-        """Write the generalised Jacobian at ``u`` into the matrix. *Collective.*"""
+    def predicted(self, u, f):
+        """Residual vector at the beginning of a load step, for bodies that do not yield on the way, and points that
+        stay open or closed. *Collective.*
+
+        The prescribed nodes have moved there and their neighbours have not. Taken at its word, that strains a row of
+        cells far beyond the yield stress and makes their tangent soft; elastic cells pass the motion on to the bodies.
+        Obstacles have moved, too: where one goes back, all points would open, and the bodies spring back and hit again.
+        """
+        out = -self.external(self.time)
+        self.items[0].predict(u, self._committed, out)
+        with self._glued():
+            for item in self.items[1:]:
+                item.residual(u, out)
+        out[self.fixed] = 0.0
+        f.setArray(out.ravel())
+
+    @contextmanager
+    def _glued(self):
+        """Pairs with points closed at the end of the last load step keep them so, and the others open. *Collective.*"""
+        pairs, comm = self.items[1:], self.space.comm
+        closed = comm.allreduce(np.array([item.closed.sum() for item in pairs], dtype=np.int64), op=MPI.SUM)
+        glued = [item for item, count in zip(pairs, closed, strict=True) if count]
+        for item in glued:
+            item.glue(True)
+        try:
+            yield
+        finally:
+            for item in glued:
+                item.glue(False)
+
+    def tangent(self, u, predicted=False):
+        """Write the generalised Jacobian at ``u``, or that of :meth:`predicted`, into the matrix. *Collective.*"""
         bulk, others = self.items[0], self.items[1:]
-        values = [item.tangent(u) for item in others]
+        with self._glued() if predicted else nullcontext():
+            values = [item.tangent(u) for item in others]
         versions = [item.version for item in others]
         if versions != self._versions:
             self._renew(bulk, others)
             self._versions = versions
-        self.matrix.write(bulk.tangent(u), self._sum(values), self.aid)
+        self.matrix.write(bulk.tangent(self._committed if predicted else u), self._sum(values), self.aid)
 
     def _renew(self, bulk, others):
         n = self.space.n_owned
