@@ -15,7 +15,7 @@ REASONS = {
 }
 # part of the first residual to which a load step is solved as if nothing could slip; the same where bodies may yield
 HELD_GOAL, HELD_GOAL_PLASTIC = 0.1, 0.005
-# iterations, twice, over which a norm of the residual that does not change tells of a cycle
+# iterations in which the residual has to fall to half of what it was in as many before, else Newton goes in circles
 CYCLE = 6
 
 
@@ -89,7 +89,8 @@ class Newton:
             **solver_defaults(symmetric, True),
         }
         plastic = hasattr(problem.items[0], "predict")
-        if plastic and options.get("snes_linesearch_type", defaults["snes_linesearch_type"]) == "cp":
+        chosen = not (loose or options.given("snes_linesearch_type"))
+        if plastic and chosen:
             # one secant step creeps where many points open and yield at once; where one is enough no more are made
             defaults["snes_linesearch_max_it"] = 3
         direct = options.get("pc_type", "gamg") in ("lu", "cholesky")
@@ -118,7 +119,10 @@ class Newton:
         self._floor, self._goal, self._first = 0.0, None, None
         self._holds = [item for item in problem.items if hasattr(item, "hold")]
         self._hold_first = loose and bool(self._holds)
-        self._predicting, self._true_first, self._second = False, np.nan, False
+        self._predicting, self._true_first, self._circles = False, np.nan, False
+        # what is tried when Newton goes in circles
+        self._rescues = [self._shortest] if chosen and (self._holds or plastic) else []
+        self._rescues += [self._stick_first] if self._holds else []
         self.norms = []
 
     def _residual(self, snes, x, f):
@@ -169,7 +173,7 @@ class Newton:
             return reasons.CONVERGED_FNORM_ABS
         if iteration > 0 and norm <= (self._goal or rtol) * self._first:
             return reasons.CONVERGED_FNORM_RELATIVE
-        if self._holds and (self._goal or not self._second) and self._cycles():
+        if self._circles and self._cycles():
             return reasons.DIVERGED_LOCAL_MIN
         return reasons.ITERATING
 
@@ -177,8 +181,7 @@ class Newton:
         """Whether iterations go in circles: points change their status in turn, and the norm stays where it is."""
         if len(self.norms) < 2 * CYCLE:
             return False
-        before, now = (np.log(part).mean() for part in np.split(np.array(self.norms[-2 * CYCLE :]), 2))
-        return bool(abs(now - before) < 0.02)
+        return min(self.norms[-CYCLE:]) > 0.5 * min(self.norms[-2 * CYCLE : -CYCLE])
 
     def _renew_preconditioner(self):
         """A load step is solved alike whatever came before it, as in a restarted run; a reset GAMG remembers."""
@@ -205,33 +208,48 @@ class Newton:
         self._renew_preconditioner()
         if self._reuse is not None:
             self._reuse.forget()
-        self._first, before = None, u.copy() if self._holds else None
-        self._true_first = np.nan
+        self._first, self._true_first = None, np.nan
+        before = u.copy() if self._holds or self.problem.predicts else None
         if self._hold_first:
-            return self._stick_first(u, before, False)
-        self._second = False
+            return self._stick_first(u, before)
+        self._circles = before is not None
         outcome = self._run(u, True)
-        if outcome.converged or not self._holds:
-            return outcome
-        before.copy(u)
-        return _together(outcome, self._stick_first(u, before, True))
+        for rescue in self._rescues:
+            if outcome.converged:
+                break
+            before.copy(u)
+            outcome = _together(outcome, rescue(u, before))
+        return outcome
 
-    def _stick_first(self, u, before, failed):
+    def _shortest(self, u, before):
+        """Solve with the line search l2: cp may jump to and fro over a kink of the residual, l2 stops in between."""
+        self._line_search("l2")
+        self._circles = False
+        outcome = self._run(u, True)
+        self._line_search("cp")
+        return outcome
+
+    def _line_search(self, name):
+        options = PETSc.Options(self.snes.getOptionsPrefix())
+        options["snes_linesearch_type"] = name
+        self.snes.setFromOptions()
+
+    def _stick_first(self, u, before):
         """Solve as if no closed point could slip, roughly, then with the law.
 
         Newton can cycle between the two ways in which all points of a body may slip; from a state in which they stick,
-        each goes the way in which its traction exceeds the bound. ``failed``: the law alone was tried already.
+        each goes the way in which its traction exceeds the bound.
         """
         self._goal = HELD_GOAL_PLASTIC if self.problem.predicts else HELD_GOAL
-        self._second = True
+        self._circles = True
         for item in self._holds:
             item.hold(True)
         held = self._run(u, True)
         for item in self._holds:
             item.hold(False)
-        self._goal = None
+        self._goal, self._circles = None, False
         if not held.converged:
-            if failed:
+            if not self._hold_first:
                 # the law alone did no better
                 return held
             before.copy(u)
