@@ -121,7 +121,8 @@ class Newton:
         self._hold_first = loose and bool(self._holds)
         self._predicting, self._true_first, self._circles = False, np.nan, False
         # what is tried when Newton goes in circles
-        self._rescues = [self._shortest] if chosen and (self._holds or plastic) else []
+        self._rescues = [self._glued_first] if plastic else []
+        self._rescues += [self._shortest] if chosen and (self._holds or plastic) else []
         self._rescues += [self._stick_first] if self._holds else []
         self.norms = []
 
@@ -181,7 +182,7 @@ class Newton:
         """Whether iterations go in circles: points change their status in turn, and the norm stays where it is."""
         if len(self.norms) < 2 * CYCLE:
             return False
-        return min(self.norms[-CYCLE:]) > 0.5 * min(self.norms[-2 * CYCLE : -CYCLE])
+        return bool(min(self.norms[-CYCLE:]) > 0.5 * min(self.norms[-2 * CYCLE : -CYCLE]))
 
     def _renew_preconditioner(self):
         """A load step is solved alike whatever came before it, as in a restarted run; a reset GAMG remembers."""
@@ -220,6 +221,27 @@ class Newton:
             before.copy(u)
             outcome = _together(outcome, rescue(u, before))
         return outcome
+
+    def _glued_first(self, u, before):
+        """Solve roughly as if no point could open, close or slip, then as if none could slip, then with the law.
+
+        What cycles where bodies yield is often a point at the border of the contact that closes in one iteration, far
+        from where it was, and opens in the next.
+        """
+        self._goal, self._circles = HELD_GOAL, True
+        with self.problem.glued():
+            outcome = self._run(u, True)
+        if outcome.converged and self._holds:
+            self._goal = HELD_GOAL_PLASTIC
+            for item in self._holds:
+                item.hold(True)
+            outcome = _together(outcome, self._run(u, False))
+            for item in self._holds:
+                item.hold(False)
+        self._goal = None
+        if not outcome.converged:
+            before.copy(u)
+        return _together(outcome, self._run(u, not outcome.converged))
 
     def _shortest(self, u, before):
         """Solve with the line search l2: cp may jump to and fro over a kink of the residual, l2 stops in between."""

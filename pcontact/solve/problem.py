@@ -38,7 +38,7 @@ class Problem:
         self.matrix = GlobalMatrix(space, supports.fixed)
         self._versions = None
         self.pattern_changes = 0
-        self._committed = None
+        self._committed, self._is_glued = None, False
 
     @property
     def linear(self):
@@ -94,30 +94,35 @@ class Problem:
         """
         out = -self.external(self.time)
         self.items[0].predict(u, self._committed, out)
-        with self._glued():
+        with self.glued():
             for item in self.items[1:]:
                 item.residual(u, out)
         out[self.fixed] = 0.0
         f.setArray(out.ravel())
 
     @contextmanager
-    def _glued(self):
+    def glued(self):
         """Pairs with points closed at the end of the last load step keep them so, and the others open. *Collective.*"""
+        if self._is_glued:
+            yield
+            return
         pairs, comm = self.items[1:], self.space.comm
         closed = comm.allreduce(np.array([item.closed.sum() for item in pairs], dtype=np.int64), op=MPI.SUM)
         glued = [item for item, count in zip(pairs, closed, strict=True) if count]
         for item in glued:
             item.glue(True)
+        self._is_glued = True
         try:
             yield
         finally:
+            self._is_glued = False
             for item in glued:
                 item.glue(False)
 
     def tangent(self, u, predicted=False):
         """Write the generalised Jacobian at ``u``, or that of :meth:`predicted`, into the matrix. *Collective.*"""
         bulk, others = self.items[0], self.items[1:]
-        with self._glued() if predicted else nullcontext():
+        with self.glued() if predicted else nullcontext():
             values = [item.tangent(u) for item in others]
         versions = [item.version for item in others]
         if versions != self._versions:
