@@ -6,7 +6,7 @@ stress) of about 40 on the mean pressure stays near 2.8 to 3 times the yield str
 Contact Mechanics, 1985, section 6.3). Taking the ball off is elastic, and an imprint stays.
 
 All forces and areas are those of the whole ball. Contact radius: of the disk with the closed area. The last load step
-takes the ball away altogether. Small strains: the imprint must be shallow.
+takes the ball up half as far again as those before. Small strains: the imprint must be shallow.
 """
 
 from itertools import pairwise

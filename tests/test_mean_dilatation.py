@@ -48,7 +48,8 @@ def test_thick_cylinder(shared_tmp):
     assert errors[0] < 2e-3 and np.log2(errors[0] / errors[1]) > 1.8
     assert radial_error(shared_tmp, 8, False) > 0.7
     usual = [radial_error(shared_tmp, 8, chosen, 0.3) for chosen in (None, False, True)]
-    assert usual[0] == usual[1] and max(usual) < 5e-3
+    # sums over ranks come in any order
+    assert usual[0] == pytest.approx(usual[1], rel=1e-9) and max(usual) < 5e-3
 
 
 def bending(folder, dim, cell, order=1, n=4, **more):
