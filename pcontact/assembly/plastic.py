@@ -8,7 +8,8 @@ from pcontact.assembly.bulk import ElasticBulk
 from pcontact.assembly.geometry import chunks, hoop, n_points
 from pcontact.assembly.graph import node_graph
 from pcontact.assembly.pattern import OwnedRows, positions
-from pcontact.assembly.plastic_kernels import add_forces, add_mean_excess, add_tangent, commit
+from pcontact.assembly.plastic_kernels import add_forces, add_tangent, commit, excess_at
+from pcontact.material.mandel import HALF
 from pcontact.runtime.parallel import matching
 from pcontact.runtime.petsc import MPI
 
@@ -177,10 +178,15 @@ class PlasticBulk(ElasticBulk):
         result = super().stress(u)
         nodal = self.space.local.gather(u)
         for number, state, rows, grad, jxw, ring, cells in self._chunks():
-            add_mean_excess(
-                grad, jxw, ring, nodal, cells, *state.material, state.strain[rows], state.p[rows],
-                result[number][0][rows],
+            m = state.strain.shape[2]
+            excess = np.zeros(state.strain[rows].shape)
+            excess_at(
+                nodal, cells, grad, ring, *state.material, state.strain[rows], state.p[rows], False, excess,
+                np.zeros((0, 0, m, m)),
             )  # fmt: skip
+            mean = np.einsum("cq,cqm->cm", jxw, excess) / jxw.sum(axis=1)[:, None]
+            mean[:, 3:] *= HALF
+            result[number][0][rows, :m] += mean
         return result
 
     def plastic_strain(self):

@@ -114,16 +114,10 @@ def add_tangent(grad, jxw, ring, nodal, cells, constants, curve, plane_stress, p
                 touched = True
             fill_operator(grad, ring, c, q, operator)
             pull(tangent, flat, jxw[c, q], pulled)
-            _square(flat, pulled, stiffness)
+            square(flat, pulled, stiffness)
         if touched:
             count += 1
-            for a in range(nn):
-                row = cells[c, a]
-                for b in range(nn):
-                    k = find(columns, rowptr[row], rowptr[row + 1], cells[c, b])
-                    for i in range(d):
-                        for j in range(d):
-                            out[k, i, j] += stiffness[a * d + i, b * d + j]
+            scatter(stiffness, cells, c, rowptr, columns, out)
     return count
 
 
@@ -141,7 +135,7 @@ def pull(tangent, operator, weight, out):
 
 
 @njit
-def _square(operator, pulled, out):
+def square(operator, pulled, out):
     """Add B^T (C B) to ``out`` (nn d, nn d)."""
     m, n = operator.shape
     for i in range(n):
@@ -151,6 +145,23 @@ def _square(operator, pulled, out):
             if factor != 0.0:
                 for j in range(n):
                     out[i, j] += factor * pulled[k, j]
+
+
+@njit
+def scatter(stiffness, cells, c, rowptr, columns, out):
+    """Add the matrix (nn d, nn d) of cell ``c`` to block values (nnz, d, d); returns how many blocks had no place."""
+    nn, d, missing = cells.shape[1], out.shape[1], 0
+    for a in range(nn):
+        row = cells[c, a]
+        for b in range(nn):
+            k = find(columns, rowptr[row], rowptr[row + 1], cells[c, b])
+            if k < 0:
+                missing += 1
+                continue
+            for i in range(d):
+                for j in range(d):
+                    out[k, i, j] += stiffness[a * d + i, b * d + j]
+    return missing
 
 
 @njit
@@ -166,27 +177,6 @@ def commit(grad, ring, nodal, cells, constants, curve, plane_stress, plastic_str
                     constants, curve, plane_stress, strain, plastic_strain[c, q], p[c, q], False,
                     plastic_strain[c, q], excess, tangent,
                 )  # fmt: skip
-
-
-@njit
-def add_mean_excess(grad, jxw, ring, nodal, cells, constants, curve, plane_stress, plastic_strain, p, out):
-    """Add the volume average of the excess of each cell to ``out`` (nc, 6), XX, YY, ZZ, XY, YZ, XZ [stress]."""
-    m = plastic_strain.shape[2]
-    strain, excess, work, tangent = np.zeros(m), np.zeros(m), np.zeros(m), np.zeros((m, m))
-    for c in range(cells.shape[0]):
-        volume = 0.0
-        for q in range(grad.shape[1]):
-            volume += jxw[c, q]
-        for q in range(grad.shape[1]):
-            strain_at(nodal, cells, grad, ring, c, q, strain)
-            if p[c, q] == 0.0 and not flows(constants, curve, plane_stress, strain, plastic_strain[c, q], 0.0, work):
-                continue
-            return_map(
-                constants, curve, plane_stress, strain, plastic_strain[c, q], p[c, q], False, work, excess, tangent
-            )
-            for k in range(m):
-                factor = 1.0 if k < 3 else HALF
-                out[c, k] += factor * jxw[c, q] / volume * excess[k]
 
 
 @njit

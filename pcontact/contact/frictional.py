@@ -48,17 +48,17 @@ class FrictionalItem(ContactItem):
             self._start += self.target.moved(self.time, time)
         self._before = self._start - self._lag
 
-    def commit(self, u, time):
-        """End the load step: keep by how much the jump lags behind the law. *Collective.*"""
-        super().commit(u, time)
+    def _end(self, values):
+        """Also by how much the jump lags behind the law. *Collective.*"""
         p = self.pairing
-        traction, tau, _ = self._tau(p.exchange.gather(u))
+        traction, tau, _ = self._tau(values)
         force, status = self._project(tau)
+        self.closed = status > OPEN
         lag = (traction - force) / (self.alpha * self.gamma[self.source.facet])[:, None]
         stick = status == STICK
         lag = np.where(stick[:, None], self._average(lag, stick), lag)
         lag -= np.einsum("pd,pd->p", lag, p.normal)[:, None] * p.normal
-        self._lag = np.where((status > OPEN)[:, None], lag, 0.0)
+        self._lag = np.where(self.closed[:, None], lag, 0.0)
 
     def _average(self, values, chosen):
         """Means of values (np, d) of chosen points over the patches of the nodes, at all points. *Collective.*"""

@@ -311,7 +311,11 @@ class ContactItem:
     def commit(self, u, time):
         """End the load step. *Collective.*"""
         self.time = time
-        _, status = self._augmented(self.pairing.exchange.gather(u))
+        self._end(self.pairing.exchange.gather(u))
+
+    def _end(self, values):
+        """Keep what the next load step needs to know of the displacements (n, d). *Collective.*"""
+        _, status = self._augmented(values)
         self.closed = status > OPEN
 
     def glue(self, glued):

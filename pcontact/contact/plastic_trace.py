@@ -6,8 +6,10 @@ is that of an elastic body.
 
 The adjoint operator of theta = 1 and -1 is that of elasticity, or (``adjoint = "consistent"``) the derivative of the
 traction. The residual is continuous at yield with the first; with the second the tangent has the second derivative of
-the stress. Extrapolation is by the polynomials that the cell's points determine: constants for
-simplices of degree 1, linear functions for those of degree 2, products of degree k for tensor cells of degree k.
+the stress.
+
+Extrapolation is by the polynomials that the cell's points determine: constants for simplices of degree 1, linear
+functions for those of degree 2, products of degree k for tensor cells of degree k.
 """
 
 from dataclasses import dataclass
@@ -15,9 +17,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from pcontact.assembly.geometry import some_cells
-from pcontact.assembly.graph import find
 from pcontact.assembly.plastic import NO_RING, PlasticState
-from pcontact.assembly.plastic_kernels import excess_at, fill_operator, pull, strain_at
+from pcontact.assembly.plastic_kernels import excess_at, fill_operator, pull, scatter, square, strain_at
 from pcontact.element.reference import CELLS, reference_nodes
 from pcontact.material.mandel import HALF
 from pcontact.material.plastic import second_derivative
@@ -80,8 +81,8 @@ def _add_operators(tangent, yields, grad, ring, matrix, facet, points, normal, f
     """Derivative of the excess traction of the points on facets that yield, from row ``first`` of ``out`` on."""
     nq, nn, d = grad.shape[1], grad.shape[2], grad.shape[3]
     m = tangent.shape[2]
-    operator, pulled = np.zeros((m, nn, d)), np.zeros((nq, m, nn, d))
-    last, row = -1, first
+    operator, pulled = np.zeros((m, nn, d)), np.zeros((nq, m, nn * d))
+    flat, last, row = operator.reshape(m, nn * d), -1, first
     for n in range(len(points)):
         f, p = facet[n], points[n]
         if not yields[f]:
@@ -90,13 +91,7 @@ def _add_operators(tangent, yields, grad, ring, matrix, facet, points, normal, f
             last = f
             for q in range(nq):
                 fill_operator(grad, ring, f, q, operator)
-                for k in range(m):
-                    for a in range(nn):
-                        for j in range(d):
-                            value = 0.0
-                            for other in range(m):
-                                value += tangent[f, q, k, other] * operator[other, a, j]
-                            pulled[q, k, a, j] = value
+                pull(tangent[f, q], flat, 1.0, pulled[q])
         at[p] = row
         for q in range(nq):
             for k in range(m):
@@ -105,7 +100,7 @@ def _add_operators(tangent, yields, grad, ring, matrix, facet, points, normal, f
                     if factor != 0.0:
                         for a in range(nn):
                             for j in range(d):
-                                out[row, a, i, j] += factor * pulled[q, k, a, j]
+                                out[row, a, i, j] += factor * pulled[q, k, a * d + j]
         row += 1
 
 
@@ -146,8 +141,10 @@ def _add_curvature(
     nn, d = grad.shape[2], grad.shape[3]
     strain, work, second = np.zeros(m), np.zeros((2, m)), np.zeros((m, m))
     operator, pulled = np.zeros((m, nn, d)), np.zeros((m, nn * d))
-    flat, missing = operator.reshape(m, nn * d), 0
+    flat, stiffness, missing = operator.reshape(m, nn * d), np.zeros((nn * d, nn * d)), 0
     for f in range(nf):
+        touched = False
+        stiffness[:] = 0.0
         for q in range(nq):
             strain_at(nodal, cells, grad, ring, f, q, strain)
             if not second_derivative(
@@ -156,19 +153,10 @@ def _add_curvature(
                 continue
             fill_operator(grad, ring, f, q, operator)
             pull(second, flat, 1.0, pulled)
-            for a in range(nn):
-                row = cells[f, a]
-                for b in range(nn):
-                    k = find(columns, rowptr[row], rowptr[row + 1], cells[f, b])
-                    if k < 0:
-                        missing += 1
-                        continue
-                    for i in range(d):
-                        for j in range(d):
-                            value = 0.0
-                            for n in range(m):
-                                value += operator[n, a, i] * pulled[n, b * d + j]
-                            out[k, i, j] += value
+            square(flat, pulled, stiffness)
+            touched = True
+        if touched:
+            missing += scatter(stiffness, cells, f, rowptr, columns, out)
     return missing
 
 
@@ -273,7 +261,6 @@ class PlasticTrace:
                 rows,
             )  # fmt: skip
         return at, rows
-
 
     def add_adjoint(self, values, cells, weights, out):
         """Add the excess operators, tested with vectors at the points, to nodal forces.

@@ -117,8 +117,8 @@ class Newton:
         patience = options.get("pc_patience", 10, int, text=text)
         self._reuse = None if lags or direct or loose or patience < 0 else Reuse(patience)
         self._floor, self._goal, self._first = 0.0, None, None
-        self._holds = [item for item in problem.items if hasattr(item, "hold")]
-        self._hold_first = loose and bool(self._holds)
+        self._holds = any(hasattr(item, "hold") for item in problem.items)
+        self._hold_first = loose and self._holds
         self._predicting, self._true_first, self._circles = False, np.nan, False
         # what is tried when Newton goes in circles
         self._rescues = [self._glued_first] if plastic else []
@@ -233,11 +233,8 @@ class Newton:
             outcome = self._run(u, True)
         if outcome.converged and self._holds:
             self._goal = HELD_GOAL_PLASTIC
-            for item in self._holds:
-                item.hold(True)
-            outcome = _together(outcome, self._run(u, False))
-            for item in self._holds:
-                item.hold(False)
+            with self.problem.held():
+                outcome = _together(outcome, self._run(u, False))
         self._goal = None
         if not outcome.converged:
             before.copy(u)
@@ -264,11 +261,8 @@ class Newton:
         """
         self._goal = HELD_GOAL_PLASTIC if self.problem.predicts else HELD_GOAL
         self._circles = True
-        for item in self._holds:
-            item.hold(True)
-        held = self._run(u, True)
-        for item in self._holds:
-            item.hold(False)
+        with self.problem.held():
+            held = self._run(u, True)
         self._goal, self._circles = None, False
         if not held.converged:
             if not self._hold_first:

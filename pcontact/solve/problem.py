@@ -119,6 +119,18 @@ class Problem:
             for item in glued:
                 item.glue(False)
 
+    @contextmanager
+    def held(self):
+        """Closed points stick, whatever the laws of friction say."""
+        items = [item for item in self.items if hasattr(item, "hold")]
+        for item in items:
+            item.hold(True)
+        try:
+            yield
+        finally:
+            for item in items:
+                item.hold(False)
+
     def tangent(self, u, predicted=False):
         """Write the generalised Jacobian at ``u``, or that of :meth:`predicted`, into the matrix. *Collective.*"""
         bulk, others = self.items[0], self.items[1:]
