@@ -42,7 +42,7 @@ def test_snaps_in(mesh):
     assert result["plastic_strain"] > 1e-3
     # before the bodies touch, the clip moves as it is: no row of cells yields on the way
     free = [row for row in rows if row["travel"] < CLIP.first_touch - 0.01]
-    assert free and all(row["newton"] <= 2 and row["plastic_strain"] == 0.0 for row in free)
+    assert free and all(row["newton"] <= 3 and row["plastic_strain"] == 0.0 for row in free)
 
 
 def test_work_comes_back(mesh):

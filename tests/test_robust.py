@@ -135,7 +135,8 @@ def test_full_reversal(shared_tmp, run, theta, friction):
     press = Displacement("top", ["free", -0.004], [(0, 0), (0.2, 1), (1, 1)])
     floor = Contact("bottom", obstacle=plane([0, 0], [0, 1]), name="floor", friction=friction, theta=theta)
     records, cuts = run(scene(shared_tmp / "b.msh", [floor], count=5, displacements=[drag, press]))
-    assert not cuts and max(r["newton"] for r in records) <= 15
+    # theta = 1 opens the rear on the way and closes it again, point by point
+    assert not cuts and max(r["newton"] for r in records) <= (30 if theta == 1.0 else 12)
     for k, record in enumerate(records):
         force = record["contacts"]["floor"]["force"]
         # all that is closed slips the same way

@@ -53,7 +53,7 @@ class FrictionalItem(ContactItem):
         p = self.pairing
         traction, tau, _ = self._tau(values)
         force, status = self._project(tau)
-        self.closed = status > OPEN
+        self.committed = status
         lag = (traction - force) / (self.alpha * self.gamma[self.source.facet])[:, None]
         stick = status == STICK
         lag = np.where(stick[:, None], self._average(lag, stick), lag)

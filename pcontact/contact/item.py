@@ -1,7 +1,5 @@
 """One contact pair as an item: search, residual, tangent, report."""
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from pcontact.assembly.graph import node_graph
@@ -9,6 +7,7 @@ from pcontact.assembly.pattern import OwnedRows
 from pcontact.contact.exchange import find_partners
 from pcontact.contact.laws import OPEN, SLIP
 from pcontact.contact.nitsche import add_residual, add_tangent, evaluate, traction_operator
+from pcontact.contact.pairing import Pairing
 from pcontact.contact.plastic_trace import no_operators
 from pcontact.contact.summary import summarise
 from pcontact.runtime.parallel import matching, together
@@ -18,38 +17,6 @@ from pcontact.runtime.petsc import MPI
 GAMMA0 = {1.0: 2.0, 0.0: 1.0, -1.0: 1.0}
 # smallest cosine between the normals of a source point and its obstacle
 FACING = 0.1
-
-
-@dataclass
-class Pairing:
-    """Partners of the source points, frozen until the next search.
-
-    Attributes
-    ----------
-    exchange : pcontact.runtime.parallel.NodeExchange
-        Brings the displacement of all nodes of the pair.
-    cells (nf, nn), targets (np, m) : ndarray
-        Numbers into these nodes.
-    paired : ndarray (np,) of bool
-    ids : ndarray (np,)
-        Target facets, for the pattern.
-    normal : ndarray (np, d)
-    b : ndarray (np, nn, d)
-        Traction operator.
-    target_shape : ndarray (np, m)
-    gap0 : ndarray (np,)
-        Gap at zero displacement of the frozen linear gap [length].
-    """
-
-    exchange: object
-    cells: np.ndarray
-    targets: np.ndarray
-    paired: np.ndarray
-    ids: np.ndarray
-    normal: np.ndarray
-    b: np.ndarray
-    target_shape: np.ndarray
-    gap0: np.ndarray
 
 
 class ContactItem:
@@ -75,8 +42,8 @@ class ContactItem:
         gamma0 times the constant of the trace inequality of the parent cell [stress/length].
     version : int
         Grows when the pattern changes.
-    closed : ndarray (np,) of bool
-        Points that were closed at the end of the last load step.
+    committed : ndarray (np,)
+        Status of the points at the end of the last load step, see `pcontact.contact.laws`.
     """
 
     changes = True
@@ -96,7 +63,8 @@ class ContactItem:
         self.offset = None
         self.candidates = 0
         self.pairing = None
-        self._coupled, self.closed = np.zeros((2, len(source.facet)), dtype=bool)
+        self._coupled = np.zeros(len(source.facet), dtype=bool)
+        self.committed = np.full(len(source.facet), OPEN, dtype=np.int64)
         self._owned = None
         farthest = space.comm.allreduce(float(np.max(np.abs(space.points), initial=0.0)), op=MPI.MAX)
         self._rounding = 64.0 * np.finfo(float).eps * farthest
@@ -315,8 +283,22 @@ class ContactItem:
 
     def _end(self, values):
         """Keep what the next load step needs to know of the displacements (n, d). *Collective.*"""
-        _, status = self._augmented(values)
-        self.closed = status > OPEN
+        _, self.committed = self._augmented(values)
+
+    @property
+    def closed(self):
+        """Points (np,) that were closed at the end of the last load step."""
+        return self.committed > OPEN
+
+    def committed_areas(self):
+        """Areas of the points that were open, sticking, slipping at the end of the last load step, of this rank."""
+        return np.bincount(self.committed, self.source.jxw, minlength=3)
+
+    def pulled(self, u):
+        """Area of the points of this rank that were closed and that ``u`` would open. *Collective.*"""
+        traction, gap = self._contact(self.pairing.exchange.gather(u))
+        tau = traction + self.gamma[self.source.facet] * gap
+        return float(np.sum(self.source.jxw[self.closed & (tau > 0.0)]))
 
     def glue(self, glued):
         """Keep points closed or open as they were at the end of the last load step; or let them go."""
@@ -336,7 +318,7 @@ class ContactItem:
             Keys of rows, the same on any number of ranks, and their values; rows of zeros are left out.
         """
         rows = np.flatnonzero(self.closed)
-        return {"closed": (self.source.point_keys()[rows], np.ones((len(rows), 1)))}
+        return {"status": (self.source.point_keys()[rows], self.committed[rows, None].astype(float))}
 
     def recall(self, name, chunks):
         """Take back what :meth:`memory` gave under a name.
@@ -347,10 +329,10 @@ class ContactItem:
         chunks : iterable of (ndarray (n,), ndarray (n, m))
             The rows of all ranks, a part at a time.
         """
-        if name == "closed":
-            self.closed[:] = False
-            for rows, _ in matching(self.source.point_keys(), chunks):
-                self.closed[rows] = True
+        if name == "status":
+            self.committed[:] = OPEN
+            for rows, values in matching(self.source.point_keys(), chunks):
+                self.committed[rows] = values[:, 0]
 
     # -- steps of bodies that nothing holds ---------------------------------------------------------------------
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from pcontact.runtime.parallel import agree, matching
 
-NAME, VERSION = "checkpoint.h5", 2
+NAME, VERSION = "checkpoint.h5", 3
 ROWS = 1 << 20  # rows that are read at a time
 
 

@@ -72,7 +72,9 @@ def solver_defaults(symmetric, mumps):
     dict of str to object
         Option names and values; a value of None is a flag.
 
-    Notes ----- The near-null space attached to the matrix holds the rigid modes of every body, so that aggregates
+    Notes
+    -----
+    The near-null space attached to the matrix holds the rigid modes of every body, so that aggregates
     that straddle a contact represent the bodies' relative motion. Chebyshev/Jacobi smoothing tolerates the empty
     coarse degrees of freedom that this makes; a threshold of 0 drops explicit zeros from the graph.
     """

@@ -14,7 +14,9 @@ REASONS = {
     if isinstance(value, int)
 }
 # part of the first residual to which a load step is solved as if nothing could slip; the same where bodies may yield
-HELD_GOAL, HELD_GOAL_PLASTIC = 0.1, 0.005
+HELD_GOAL, HELD_GOAL_PLASTIC = 0.1, 0.02
+# part of the closed area that would open: the bodies are being taken apart, and to keep them together leads nowhere
+PULLED = 0.1
 # iterations in which the residual has to fall to half of what it was in as many before, else Newton goes in circles
 CYCLE = 6
 
@@ -49,6 +51,13 @@ def _together(first, second):
     return replace(second, newton=first.newton + second.newton, krylov=first.krylov + second.krylov)
 
 
+def cycles(norms):
+    """Whether iterations go in circles: points change their status in turn, and the norm stays where it is."""
+    if len(norms) < 2 * CYCLE:
+        return False
+    return bool(min(norms[-CYCLE:]) > 0.5 * min(norms[-2 * CYCLE : -CYCLE]))
+
+
 class Newton:
     """SNES on a :class:`pcontact.solve.problem.Problem`.
 
@@ -69,6 +78,8 @@ class Newton:
     ----------
     applied, kept_out : dict
         Defaults that were entered into the options database, and those that the user's options kept out.
+    norms : list of float
+        Of the residual [force] at all iterations of the last load step; each new attempt begins with its first one.
     """
 
     def __init__(self, problem, options, symmetric, near_null_space, timing, loose=False):
@@ -89,10 +100,12 @@ class Newton:
             **solver_defaults(symmetric, True),
         }
         plastic = hasattr(problem.items[0], "predict")
+        self._holds = any(hasattr(item, "hold") for item in problem.items)
         chosen = not (loose or options.given("snes_linesearch_type"))
-        if plastic and chosen:
-            # one secant step creeps where many points open and yield at once; where one is enough no more are made
-            defaults["snes_linesearch_max_it"] = 3
+        if (plastic or self._holds) and chosen:
+            # one secant step creeps where many points open and yield at once, and comes ever closer to a kink where
+            # the body turns stiff without ever reaching it
+            defaults["snes_linesearch_max_it"] = 5
         direct = options.get("pc_type", "gamg") in ("lu", "cholesky")
         if problem.linear or direct:
             defaults["ksp_rtol"] = 1e-10
@@ -117,14 +130,13 @@ class Newton:
         patience = options.get("pc_patience", 10, int, text=text)
         self._reuse = None if lags or direct or loose or patience < 0 else Reuse(patience)
         self._floor, self._goal, self._first = 0.0, None, None
-        self._holds = any(hasattr(item, "hold") for item in problem.items)
         self._hold_first = loose and self._holds
         self._predicting, self._true_first, self._circles = False, np.nan, False
-        # what is tried when Newton goes in circles
-        self._rescues = [self._glued_first] if plastic else []
-        self._rescues += [self._shortest] if chosen and (self._holds or plastic) else []
-        self._rescues += [self._stick_first] if self._holds else []
-        self.norms = []
+        # what is tried in turn while Newton goes in circles
+        self._ways = [self._law, self._glued_first] if plastic else [self._law]
+        self._ways += [self._shortest] if chosen and (self._holds or plastic) else []
+        self._ways += [self._stick_first] if self._holds else []
+        self.norms, self._norms = [], []
 
     def _residual(self, snes, x, f):
         start = clock.perf_counter()
@@ -164,25 +176,19 @@ class Newton:
         if not np.isfinite(norm):
             return diverged_nan
         if iteration == 0:
-            self.norms = []
+            self._norms = []
         if self._first is None:
             # the predicted one may be much larger, and means no more
             self._first = float(np.fmin(norm, self._true_first))
-        self.norms.append(norm)
+        self._norms.append(norm)
         rtol, atol, _, _ = snes.getTolerances()
         if norm <= max(atol, self._floor):
             return reasons.CONVERGED_FNORM_ABS
         if iteration > 0 and norm <= (self._goal or rtol) * self._first:
             return reasons.CONVERGED_FNORM_RELATIVE
-        if self._circles and self._cycles():
+        if self._circles and cycles(self._norms):
             return reasons.DIVERGED_LOCAL_MIN
         return reasons.ITERATING
-
-    def _cycles(self):
-        """Whether iterations go in circles: points change their status in turn, and the norm stays where it is."""
-        if len(self.norms) < 2 * CYCLE:
-            return False
-        return bool(min(self.norms[-CYCLE:]) > 0.5 * min(self.norms[-2 * CYCLE : -CYCLE]))
 
     def _renew_preconditioner(self):
         """A load step is solved alike whatever came before it, as in a restarted run; a reset GAMG remembers."""
@@ -209,36 +215,48 @@ class Newton:
         self._renew_preconditioner()
         if self._reuse is not None:
             self._reuse.forget()
-        self._first, self._true_first = None, np.nan
+        self._first, self._true_first, self.norms = None, np.nan, []
         before = u.copy() if self._holds or self.problem.predicts else None
         if self._hold_first:
             return self._stick_first(u, before)
-        self._circles = before is not None
-        outcome = self._run(u, True)
-        for rescue in self._rescues:
+        ways = self._ways
+        if self._holds and self.problem.predicts and self.problem.sticks():
+            ways = [way for way in ways if way != self._law]
+        outcome = ways[0](u, before)
+        for way in ways[1:]:
             if outcome.converged:
                 break
             before.copy(u)
-            outcome = _together(outcome, rescue(u, before))
+            outcome = _together(outcome, way(u, before))
         return outcome
+
+    def _law(self, u, before):
+        """Solve with the law from the beginning."""
+        self._circles = before is not None
+        return self._run(u, True)
 
     def _glued_first(self, u, before):
         """Solve roughly as if no point could open, close or slip, then as if none could slip, then with the law.
 
         What cycles where bodies yield is often a point at the border of the contact that closes in one iteration, far
-        from where it was, and opens in the next.
+        from where it was, and opens in the next; and points that begin to slip one beside the other, where in the end
+        they stick. Where points slip already, or the bodies are being taken apart, this is of no use.
         """
         self._goal, self._circles = HELD_GOAL, True
         with self.problem.glued():
             outcome = self._run(u, True)
-        if outcome.converged and self._holds:
-            self._goal = HELD_GOAL_PLASTIC
-            with self.problem.held():
-                outcome = _together(outcome, self._run(u, False))
+        near = outcome.converged
+        if near and self._holds:
+            near = self.problem.pulled(u) <= PULLED
+            if near:
+                self._goal = HELD_GOAL_PLASTIC
+                with self.problem.held():
+                    outcome = _together(outcome, self._run(u, False))
+                near = outcome.converged
         self._goal = None
-        if not outcome.converged:
+        if not near:
             before.copy(u)
-        return _together(outcome, self._run(u, not outcome.converged))
+        return _together(outcome, self._run(u, not near))
 
     def _shortest(self, u, before):
         """Solve with the line search l2: cp may jump to and fro over a kink of the residual, l2 stops in between."""
@@ -275,7 +293,7 @@ class Newton:
         """One SNES solve, from the beginning of the load step or from elsewhere. *Collective.*"""
         start, before = clock.perf_counter(), self.timing["assembly"]
         self._predicting = beginning and self.problem.predicts
-        self.norms = []
+        self._norms = []
         try:
             self.snes.solve(None, u)
         except PETSc.Error as error:
@@ -283,17 +301,18 @@ class Newton:
             raise self._options.fault(error) or error from None
         self.timing["linear"] += clock.perf_counter() - start - (self.timing["assembly"] - before)
         reason = self.snes.getConvergedReason()
-        if len(self.norms) < 2:
+        if len(self._norms) < 2:
             # a linear solve alone (ksponly) asks for no norm
             self.problem.residual(u, self._f)
-            self.norms = [*self.norms, self._f.norm()]
+            self._norms = [*self._norms, self._f.norm()]
+        self.norms += self._norms
         return Outcome(
             converged=reason > 0,
             newton=self.snes.getIterationNumber(),
             krylov=self.snes.getLinearSolveIterations(),
             reason=REASONS.get(reason, str(reason)),
-            residual=self.norms[-1] if self.norms else float("nan"),
-            initial=self.norms[0] if self.norms else float("nan"),
+            residual=self._norms[-1] if self._norms else float("nan"),
+            initial=self._norms[0] if self._norms else float("nan"),
             detail="" if reason > 0 else self._detail(),
         )
 

@@ -119,6 +119,20 @@ class Problem:
             for item in glued:
                 item.glue(False)
 
+    def sticks(self):
+        """Whether more of the area closed at the end of the last load step stuck than slipped. *Collective.*"""
+        areas = sum((item.committed_areas() for item in self.items[1:] if hasattr(item, "hold")), np.zeros(3))
+        _, stick, slip = self.space.comm.allreduce(areas, op=MPI.SUM)
+        return bool(stick > slip)
+
+    def pulled(self, u):
+        """Part of the area that was closed at the end of the last load step and that ``u`` opens. *Collective.*"""
+        areas = np.zeros(2)
+        for item in self.items[1:]:
+            areas += [item.pulled(u), item.committed_areas()[1:].sum()]
+        opened, closed = self.space.comm.allreduce(areas, op=MPI.SUM)
+        return float(opened / closed) if closed > 0.0 else 0.0
+
     @contextmanager
     def held(self):
         """Closed points stick, whatever the laws of friction say."""
