@@ -14,6 +14,7 @@ from pcontact.runtime.options import Options
 from pcontact.runtime.parallel import on_root
 from pcontact.runtime.petsc import MPI
 from pcontact.scene import describe
+from pcontact.scene.amplitude import drive
 from pcontact.solve.newton import Newton
 from pcontact.space.modes import near_null_space
 from pcontact.stepping.record import Recorder
@@ -98,9 +99,11 @@ class Simulation:
                 watch.insert(0, Fields(directory, self.problem, self.timing, output.smooth, since))
         self._announce()
         recorder = Recorder(self.problem, scene.output.probes)
-        self.stepper = Stepper(self.problem, self.newton, schedule, watch, recorder, self.timing)
+        self.stepper = Stepper(self.problem, self.newton, schedule, watch, recorder, self.timing, drive(scene))
         if resumed is not None:
-            self.stepper.resume(resumed.number, resumed.time, resumed.first, resumed.size, resumed.values)
+            self.stepper.resume(
+                resumed.number, resumed.time, resumed.first, resumed.size, resumed.values, resumed.last
+            )
             resumed.recall(self.problem.items)
             log.info("restart from %s at time %g after %d steps", self.restart, resumed.time, resumed.number)
         converged = True

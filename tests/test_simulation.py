@@ -440,7 +440,7 @@ class MadeUp:
     def imposed(self, u, time):
         return 0.0
 
-    def detect(self, u, time, motion):
+    def detect(self, u, time, motion, ahead):
         self.calls.append(("detect", u.value, time))
 
     def commit(self, u, time):

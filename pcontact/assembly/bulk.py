@@ -149,7 +149,7 @@ class ElasticBulk:
         """Values (nnz, d, d) on :meth:`pattern`."""
         return self.values
 
-    def detect(self, u, time, motion=0.0):
+    def detect(self, u, time, motion=0.0, ahead=None):
         """Nothing to detect."""
         return False
 

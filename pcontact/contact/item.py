@@ -71,8 +71,8 @@ class ContactItem:
 
     # -- search -------------------------------------------------------------------------------------------------
 
-    def detect(self, u, time, motion=0.0):
-        """Find the partner of every source point on the bodies deformed by ``u``, at a time. *Collective.*
+    def detect(self, u, time, motion=0.0, ahead=None):
+        """Find the partner of every source point, at a time. *Collective.*
 
         Parameters
         ----------
@@ -82,9 +82,13 @@ class ContactItem:
             At which the load step ends: obstacles are where they will be.
         motion : float
             What the load step is known to move [length]: points that it may close get their place in the pattern now.
+        ahead : PETSc.Vec, optional
+            Displacement of the bodies among which partners are looked for: where the load step is expected to end. The
+            committed one if absent.
         """
         source, space = self.source, self.space
-        nodal = space.local.gather(u)
+        ahead = u if ahead is None else ahead
+        nodal = space.local.gather(ahead)
         moved = np.einsum("pa,pad->pd", source.shape, nodal[source.cells[source.facet]])
         x = source.x + moved
         if self.rigid:
@@ -104,7 +108,7 @@ class ContactItem:
         # surfaces that touch are closed in the first tangent, whatever the rounding of their coordinates says
         gap = self._adjust(np.where(paired & (np.abs(gap) > self._rounding), gap, 0.0), paired)
         normal = np.where(paired[:, None], normal, source.normal)
-        self._freeze(u, gap, np.ascontiguousarray(normal), paired, ids, nodes, shape)
+        self._freeze(ahead, gap, np.ascontiguousarray(normal), paired, ids, nodes, shape)
         self._begin(u, time)
         size = source.size[source.facet]
         self._coupled = self._couples(gap <= 0.5 * size + np.minimum(motion, size))
@@ -144,7 +148,7 @@ class ContactItem:
         self.pairing = Pairing(
             exchange, cells, places, paired, ids, normal, b, shape, np.zeros(len(gap))
         )
-        # the gap is linear in u from here on and takes the value found at the committed displacement
+        # the gap is linear in u from here on and takes the value found where partners were looked for
         _, at_zero = self._evaluate(exchange.gather(u))
         self.pairing.gap0 = np.ascontiguousarray(gap - at_zero)
 

@@ -33,6 +33,8 @@ class Resumed:
     values : ndarray (n_owned, d)
         Committed displacement of the owned nodes [length].
     path : pathlib.Path
+    last : (float, ndarray (n_owned, d))
+        Time and displacement at the beginning of the last load step.
     """
 
     number: int
@@ -41,6 +43,7 @@ class Resumed:
     size: float
     values: np.ndarray
     path: Path
+    last: tuple
 
     def recall(self, items):
         """Give the items back what they remembered."""
@@ -101,7 +104,7 @@ class Checkpoint:
         # whether rank 0 can write is settled before the others wait for it
         file = self._guarded(self._open, aside, step)
         try:
-            self._guarded(self._rows, file, u)
+            self._guarded(self._rows, file, u, step.before)
         finally:
             if file is not None:
                 file.close()
@@ -143,19 +146,21 @@ class Checkpoint:
         space = self._space
         file.attrs.update({
             "version": VERSION, "number": step.number, "time": step.time, "first": self._first,
-            "size": self._schedule.size, "degree": space.degree, "dim": space.dim, "nodes": space.numbering.n_total,
+            "size": self._schedule.size, "begin": step.begin, "degree": space.degree, "dim": space.dim,
+            "nodes": space.numbering.n_total,
         })  # fmt: skip
         file.create_group("memory")
 
-    def _tables(self, u):
+    def _tables(self, u, before):
         """Name, keys (n,) and values (n, m) of every table."""
-        yield "displacement", _keys(self._space), u.getArray(readonly=True).reshape(-1, self._space.dim)
+        for name, vector in (("displacement", u), ("before", before)):
+            yield name, _keys(self._space), vector.getArray(readonly=True).reshape(-1, self._space.dim)
         for item in self._items:
             for name, (keys, values) in item.memory().items():
                 yield f"memory/{item.name}/{name}", keys, values
 
-    def _rows(self, file, u):
-        for name, keys, values in self._tables(u):
+    def _rows(self, file, u, before):
+        for name, keys, values in self._tables(u, before):
             self._table(file, name, np.ascontiguousarray(keys, np.int64), np.ascontiguousarray(values, np.float64))
 
     def _table(self, file, name, keys, values):
@@ -214,10 +219,12 @@ def read_checkpoint(directory, space, items):
             message = _mismatch(path, dict(file.attrs), space) or _forgotten(path, file, items)
             if message is None:
                 head = file.attrs
-                values, found = _pick(file, _keys(space), space.dim)
+                values, found = _pick(file["displacement"], _keys(space), space.dim)
+                last = float(head["begin"]), _pick(file["before"], _keys(space), space.dim)[0]
                 resumed = Resumed(
-                    int(head["number"]), float(head["time"]), float(head["first"]), float(head["size"]), values, path
-                )
+                    int(head["number"]), float(head["time"]), float(head["first"]), float(head["size"]), values, path,
+                    last,
+                )  # fmt: skip
                 if found < len(values):
                     message = f"{path}: found no row for {len(values) - found} nodes; allowed: one of this mesh"
     except FileNotFoundError:
@@ -246,10 +253,9 @@ def _forgotten(path, file, items):
     return f"{path}: friction of {', '.join(missing)}: found {found}; allowed: a run with the same friction"
 
 
-def _pick(file, keys, dim):
+def _pick(table, keys, dim):
     """Rows (n, d) of some nodes, and how many were there."""
     values, found = np.zeros((len(keys), dim)), 0
-    table = file["displacement"]
     for rows, part in matching(keys, _chunks(table["key"], table["value"])):
         values[rows] = part
         found += len(rows)

@@ -52,3 +52,29 @@ def amplitude(table, end):
     """
     rows = np.array(((0.0, 0.0), (end, 1.0)) if table is None else table, dtype=np.float64)
     return Amplitude(rows[:, 0].copy(), rows[:, 1].copy())
+
+
+def drive(scene):
+    """What moves or loads the bodies of a scene.
+
+    Parameters
+    ----------
+    scene : pcontact.scene.model.Scene
+
+    Returns
+    -------
+    callable
+        Factors (n,) at a time, of all displacements, loads and obstacles that are not zero. A level set of the user's
+        may move with time.
+    """
+    acting = [one.amplitude for one in scene.displacements if any(v != "free" and v for v in one.value)]
+    acting += [one.amplitude for one in scene.loads]
+    obstacles = [pair.obstacle for pair in scene.contacts if pair.obstacle is not None]
+    acting += [one.amplitude for one in obstacles if one.displacement is not None and any(one.displacement)]
+    acting += [None for one in obstacles if one.shape == "level_set"]
+    amplitudes = [amplitude(table, scene.steps.end) for table in acting]
+
+    def factors(time):
+        return np.array([one.factor(time) for one in amplitudes])
+
+    return factors

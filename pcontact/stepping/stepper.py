@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from typing import Protocol
 
 from pcontact.runtime.errors import StepFailure
+from pcontact.runtime.petsc import PETSc
 
 
 @dataclass
@@ -20,6 +21,12 @@ class Step:
     cutbacks : int
         Attempts that failed before it.
     residual : float
+    norms : list of float
+        Of the residual at all iterations.
+    begin : float
+        Time at its beginning.
+    before : PETSc.Vec
+        Displacement at its beginning.
     """
 
     number: int
@@ -29,6 +36,8 @@ class Step:
     cutbacks: int
     residual: float
     norms: list = field(default_factory=list)
+    begin: float = 0.0
+    before: object = None
 
 
 class Observer(Protocol):
@@ -57,15 +66,18 @@ class Stepper:
         Makes the record of a step, see :class:`pcontact.stepping.record.Recorder`.
     timing : dict of str to float
         ``search`` and ``solve`` seconds are added.
+    drive : callable, optional
+        Factors (n,) of all that moves or loads the bodies, at a time. It tells how far the bodies will move on.
     """
 
-    def __init__(self, problem, newton, schedule, observers, recorder, timing):
+    def __init__(self, problem, newton, schedule, observers, recorder, timing, drive=None):
         self.problem, self.newton, self.schedule = problem, newton, schedule
         self.observers, self.recorder, self.timing = observers, recorder, timing
         self.u = problem.space.vector()
         self._number = 0
+        self._drive, self._last = drive, None
 
-    def resume(self, number, time, first, size, values):
+    def resume(self, number, time, first, size, values, last=None):
         """Go on from the committed state of an earlier run. *Collective.*
 
         Parameters
@@ -76,12 +88,18 @@ class Stepper:
             Time of the state, end of the very first load step, next load step [time].
         values : ndarray (n_owned, d)
             Displacement of the owned nodes [length].
+        last : (float, ndarray (n_owned, d)), optional
+            Time and displacement at the beginning of the last load step.
         """
         for item in self.problem.items:
             # an initial overlap is that of the first search
             item.detect(self.u, first)
             item.commit(self.u, time)
         self.u.setArray(values.ravel())
+        if last is not None:
+            before = self.problem.space.vector()
+            before.setArray(last[1].ravel())
+            self._last = last[0], before
         self.schedule.resume(time, size)
         self._number = number
 
@@ -101,11 +119,13 @@ class Stepper:
             if outcome.converged:
                 for item in self.problem.items:
                     item.commit(self.u, target)
+                self._last = self.schedule.time, committed
                 self.schedule.accept(target, outcome.newton)
                 number += 1
                 step = Step(
-                    number, target, outcome.newton, outcome.krylov, cutbacks, outcome.residual, list(self.newton.norms)
-                )
+                    number, target, outcome.newton, outcome.krylov, cutbacks, outcome.residual,
+                    list(self.newton.norms), *self._last,
+                )  # fmt: skip
                 record = self.recorder(step, self.u)
                 for observer in self.observers:
                     observer.step(step, self.u, record)
@@ -125,9 +145,9 @@ class Stepper:
     def _attempt(self, target, before):
         start = clock.perf_counter()
         self.problem.time = target
-        motion = self.problem.imposed(self.u, target)
+        motion, ahead = self.problem.imposed(self.u, target), self._ahead(target)
         for item in self.problem.items:
-            item.detect(self.u, target, motion)
+            item.detect(self.u, target, motion, ahead)
         middle = clock.perf_counter()
         self.problem.prescribe(self.u, target)
         outcome = self.newton.solve(self.u)
@@ -135,6 +155,29 @@ class Stepper:
         self.timing["search"] += middle - start
         self.timing["solve"] += clock.perf_counter() - middle
         return outcome
+
+    def _ahead(self, target):
+        """Displacement if the bodies move on as what drives them does, None where that tells nothing. *Collective.*
+
+        Normals and partners are frozen during a load step. Those of its beginning make forces wrong by an amount of the
+        order of the step, those of its expected end by one of its square.
+        """
+        pairs = self.problem.items[1:]
+        if not pairs or self._last is None or any(item.floats for item in pairs):
+            return None
+        begin, before = self._last
+        past, now, then = (self._drive(time) for time in (begin, self.schedule.time, target))
+        last = now - past
+        part = float((then - now) @ last) / max(float(last @ last), 1e-300)
+        part = min(max(part, -1.0), 2.0)
+        way = self.u.copy()
+        way.axpy(-1.0, before)
+        way.scale(part)
+        # bodies that jump do not go on so
+        if way.norm(PETSc.NormType.NORM_INFINITY) > 0.5 * min(item.radius for item in pairs):
+            return None
+        way.axpy(1.0, self.u)
+        return way
 
     def _check_motion(self, outcome, before):
         """Bodies that moved farther than partners were looked for may have passed through each other."""
