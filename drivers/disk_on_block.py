@@ -17,7 +17,7 @@ from drivers._common import draw, log, main, make_mesh, make_parser, print_table
 from meshes import disk_on_block
 from pcontact.assembly.error_norms import bulk_error
 from pcontact.element.shape import shape, shape_gradient
-from pcontact.runtime.petsc import MPI, has_package, version
+from pcontact.runtime.petsc import MPI, full_steps, has_package
 from pcontact.scene.model import Body, Contact, Displacement, Load, Material, MeshSpec, Output, Scene, Steps
 
 CONSTANTS = [(1.0, 1.0), (1.0, 1.0)]  # lambda, mu of both bodies
@@ -30,7 +30,7 @@ def _solver():
 
     Below the bound of theta = 1 the tangent is not definite, and a Krylov method would give up first.
     """
-    options = {"snes_rtol": "1e-9", "snes_linesearch_type": "none" if version >= (3, 26) else "basic"}
+    options = {"snes_rtol": "1e-9", "snes_linesearch_type": full_steps}
     if MPI.COMM_WORLD.size == 1 or has_package("mumps"):
         options["pc_type"] = "lu"
     return options

@@ -40,6 +40,7 @@ def has_package(name):
 
 
 # option for the longest step of a line search
+full_steps = "none" if version >= (3, 26) else "basic"
 line_search_limit = "snes_linesearch_maxlambda" if version >= (3, 24) else "snes_linesearch_maxstep"
 
 # reason of SNES for a residual that is not finite; the name changed between 3.22 and 3.26

@@ -5,7 +5,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pcontact.runtime.petsc import PETSc, diverged_nan, forget_pattern, keep_preconditioner, line_search_limit
+from pcontact.runtime.petsc import (
+    MPI,
+    PETSc,
+    diverged_nan,
+    forget_pattern,
+    full_steps,
+    keep_preconditioner,
+    line_search_limit,
+)
+from pcontact.solve.line_search import zero_of
 from pcontact.solve.linear import Reuse, refresh_smoother, solver_defaults
 
 REASONS = {
@@ -87,9 +96,8 @@ class Newton:
         self._options = options
         defaults = {
             "snes_type": "newtonls",
-            # the operator is monotone: the zero of F(x + s y) . y is what to look for, |F| may have to rise on the way
-            # a loose body must close many points at once, and steps to that zero would close a few at a time
-            "snes_linesearch_type": "l2" if loose else "cp",
+            # steps are shortened before, see `_shorten`
+            "snes_linesearch_type": full_steps,
             line_search_limit: 1.0,
             # absolute in PETSc: it would call small units converged
             "snes_linesearch_atol": 0.0,
@@ -101,11 +109,7 @@ class Newton:
         }
         plastic = hasattr(problem.items[0], "predict")
         self._holds = any(hasattr(item, "hold") for item in problem.items)
-        chosen = not (loose or options.given("snes_linesearch_type"))
-        if (plastic or self._holds) and chosen:
-            # one secant step creeps where many points open and yield at once, and comes ever closer to a kink where
-            # the body turns stiff without ever reaching it
-            defaults["snes_linesearch_max_it"] = 5
+        chosen = not options.given("snes_linesearch_type")
         direct = options.get("pc_type", "gamg") in ("lu", "cholesky")
         if problem.linear or direct:
             defaults["ksp_rtol"] = 1e-10
@@ -115,7 +119,9 @@ class Newton:
                              "snes_ksp_ew_rtolmax": 1e-3})  # fmt: skip
         self.applied, self.kept_out = options.propose(defaults)
         self.snes = PETSc.SNES().create(comm=problem.space.comm)
-        self._f = problem.space.vector()
+        self._f, self._trial, self._full, self._partly = (problem.space.vector() for _ in range(4))
+        # the residual at the end of a full step, when that has been tried and will be asked for again
+        self._known, self._shortens = None, chosen and not problem.linear
         self.snes.setFunction(self._residual, self._f)
         self.snes.setJacobian(self._tangent, problem.matrix.matrix)
         self.snes.setConvergenceTest(self._test)
@@ -140,7 +146,8 @@ class Newton:
 
     def _residual(self, snes, x, f):
         start = clock.perf_counter()
-        self.problem.residual(x, f)
+        if not self._recall(x, f):
+            self.problem.residual(x, f)
         if self._predicting:
             self._true_first = f.norm()
             self.problem.predicted(x, f)
@@ -168,6 +175,40 @@ class Newton:
         part = self.problem.reach(x, y)
         if part < 1.0:
             y.scale(part)
+        if self._shortens:
+            start = clock.perf_counter()
+            self._shorten(x, y)
+            self.timing["assembly"] += clock.perf_counter() - start
+
+    def _shorten(self, x, y):
+        """Go to where the residual no longer points along the step."""
+        full, partly = self._full, self._partly
+
+        def component(part):
+            f = full if part == 1.0 else partly
+            x.copy(self._trial)
+            self._trial.axpy(-part, y)
+            self.problem.residual(self._trial, f)
+            return f.dot(y)
+
+        part = zero_of(component, self._f.dot(y))
+        if part < 1.0:
+            y.scale(part)
+            return
+        x.copy(self._trial)
+        self._trial.axpy(-1.0, y)
+        self._known = full
+
+    def _recall(self, x, f):
+        """Whether the residual at ``x`` is known already; then it is copied to ``f``. *Collective.*"""
+        known, self._known = self._known, None
+        if known is None:
+            return False
+        same = np.array_equal(x.getArray(readonly=True), self._trial.getArray(readonly=True))
+        same = self.problem.space.comm.allreduce(same, op=MPI.LAND)
+        if same:
+            known.copy(f)
+        return same
 
     def _test(self, snes, iteration, norms):
         """Residual against the first one and against its own rounding errors; the step says nothing here."""
@@ -259,11 +300,12 @@ class Newton:
         return _together(outcome, self._run(u, not near))
 
     def _shortest(self, u, before):
-        """Solve with the line search l2: cp may jump to and fro over a kink of the residual, l2 stops in between."""
+        """Solve with the line search l2, to where the residual is smallest along a step."""
         self._line_search("l2")
-        self._circles = False
+        self._circles = self._shortens = False
         outcome = self._run(u, True)
-        self._line_search("cp")
+        self._line_search(full_steps)
+        self._shortens = True
         return outcome
 
     def _line_search(self, name):

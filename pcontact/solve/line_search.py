@@ -1,0 +1,57 @@
+"""How far to go along a Newton step: to where the residual no longer points along it."""
+
+import numpy as np
+
+# part of the residual's first component along the step that may be left
+ENOUGH = 0.1
+MOST = 8  # residuals per step
+INNER = 0.2  # distance from the ends of the bracket that a new point keeps, in parts of the bracket
+
+
+def zero_of(component, first):
+    """The zero in (0, 1] of a function that is positive at 0, or 1 if it is not negative there.
+
+    Newton's method for a non-smooth equation F(u) = 0 that comes from a monotone operator should go along its step -s y
+    until F(u - s y) . y changes its sign; |F| may have to rise on the way. This function of s has nearly straight
+    pieces with corners where points open, close, stick or slip, and may turn much steeper at one. The secant method
+    then stays before the corner, or jumps to and fro across it; here the zero stays in a bracket (regula falsi with
+    halving, M. Dowell and P. Jarratt, BIT 11, 1971, 168-174), which shrinks by a part each time.
+
+    Parameters
+    ----------
+    component : callable
+        The function.
+    first : float
+        Its value at 0.
+
+    Returns
+    -------
+    float
+        Where its magnitude is at most ``ENOUGH`` of ``first``, or smallest among the points that were tried.
+    """
+    value = component(1.0)
+    if not first > 0.0 or value >= -ENOUGH * first:
+        return 1.0
+    a, fa, b, fb = 0.0, first, 1.0, value
+    best, smallest = 1.0, abs(value)
+    side = 0
+    for _ in range(MOST - 1):
+        slope = fa - fb
+        at = a + (b - a) * (fa / slope if np.isfinite(slope) else 0.5)
+        at = min(max(at, a + INNER * (b - a)), b - INNER * (b - a))
+        value = component(at)
+        if abs(value) < smallest or not np.isfinite(smallest):
+            best, smallest = at, abs(value)
+        if abs(value) <= ENOUGH * first:
+            break
+        if value > 0.0:
+            a, fa = at, value
+            if side > 0:
+                fb *= 0.5
+            side = 1
+        else:
+            b, fb = at, value
+            if side < 0:
+                fa *= 0.5
+            side = -1
+    return best
