@@ -46,12 +46,15 @@ def test_snaps_in(mesh):
 
 
 def test_work_comes_back(mesh):
-    """Elastic and without friction the hook gives back behind the crest what it took before, but for the load steps."""
+    """Elastic and without friction the hook gives back behind the crest what it took before, but for the load steps.
+
+    With partners of the beginning of a load step 69 % and 31 % would be lost.
+    """
     lost = []
     for count in (30, 120):
         push = clip.sampled(history(mesh, friction=0.0, yield_stress=0.0, count=count).rows)
         lost.append(push.sum() / np.maximum(push, 0.0).sum())
-    assert 0.0 < lost[1] < 0.6 * lost[0]
+    assert abs(lost[0]) < 0.2 and abs(lost[1]) < 0.025
 
 
 @pytest.mark.parallel

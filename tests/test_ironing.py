@@ -24,11 +24,9 @@ def forces(path, comm=WORLD, mu=MU, way=WAY, **said):
     return observer.rows
 
 
-def near_friction(result, count):
-    """A normal may be that of the place where the foot was when the load step began: on a circle of radius 1, that
-    tilts it by the way of a load step."""
-    lag = WAY / ((1.0 - ironing.PRESSED) * count)
-    return -0.012 < result["ratio"] - MU < lag + 0.012
+def near_friction(result):
+    """Normals are those of where the foot will be: no load step behind, which would add 0.06 in 20 load steps."""
+    return abs(result["ratio"] - MU) < 0.006
 
 
 @pytest.fixture
@@ -46,14 +44,13 @@ def test_forces_of_the_pair(mesh, theta):
     assert result["cutbacks"] == 0 and result["newton"] < 5.0 and result["newton_max"] <= 7
     moving = [row for row in rows if row["time"] > ironing.PRESSED + 0.1]
     assert all(row["stick"] == 0 and row["slip"] > 0 for row in moving)
-    assert near_friction(result, COUNT)
+    assert near_friction(result)
     assert result["ripple_n"] < 0.015 and result["ripple_t"] < 0.06
 
 
-def test_ratio_tends_to_the_friction(mesh):
-    """With shorter load steps."""
+def test_few_load_steps_do(mesh):
     for count in (20, 80):
-        assert near_friction(ironing.measure(forces(mesh, count=count)), count)
+        assert near_friction(ironing.measure(forces(mesh, count=count)))
 
 
 @pytest.mark.parallel

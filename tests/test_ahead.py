@@ -1,0 +1,109 @@
+"""Where partners are looked for: where a load step is expected to end."""
+
+import numpy as np
+import pytest
+
+from meshes import one_block
+from pcontact.runtime.petsc import MPI
+from pcontact.scene.amplitude import drive
+from pcontact.scene.model import (
+    Body,
+    Contact,
+    Displacement,
+    Load,
+    Material,
+    MeshSpec,
+    Obstacle,
+    Output,
+    Scene,
+    Steps,
+)
+from pcontact.simulation import Simulation
+
+WORLD = MPI.COMM_WORLD
+WAY = 0.02
+
+
+def scene(path, table, end, **more):
+    """A block that moves along its foundation, which is far enough below not to be touched."""
+    ground = Obstacle("plane", point=[0.0, -0.01], normal=[0.0, 1.0])
+    return Scene(
+        mesh=MeshSpec(path),
+        materials={"m": Material(1000.0, 0.3)},
+        bodies=[Body("block", "m")],
+        contacts=[Contact("bottom", obstacle=ground, name="ground")],
+        displacements=[Displacement("block", [WAY, 0.0], table)],
+        steps=Steps(end, int(end)),
+        output=Output(fields=False),
+        **more,
+    )
+
+
+def searches(case):
+    """Time, displacement so far, displacement of the search: of every load step, along x."""
+    simulation, seen = Simulation(case), []
+    item = simulation.problem.items[1]
+    detect = item.detect
+
+    def spy(u, time, motion=0.0, ahead=None):
+        place = u if ahead is None else ahead
+        places = [along_x(vector) for vector in (u, place)]
+        seen.append((time, *places))
+        detect(u, time, motion, ahead)
+
+    item.detect = spy
+    try:
+        assert simulation.run()
+    finally:
+        simulation.close()
+    return seen
+
+
+def along_x(vector):
+    """The value along x, the same for all nodes."""
+    values = vector.getArray(readonly=True).reshape(-1, 2)[:, 0]
+    low, high = (WORLD.allreduce(float(f(values, initial=s)), op=op)
+                 for f, s, op in ((np.min, np.inf, MPI.MIN), (np.max, -np.inf, MPI.MAX)))  # fmt: skip
+    assert high - low < 1e-12
+    return low
+
+
+@pytest.fixture
+def block(shared_tmp):
+    if WORLD.rank == 0:
+        one_block(shared_tmp / "b.msh", 2, (4, 2))
+    WORLD.Barrier()
+    return shared_tmp / "b.msh"
+
+
+@pytest.mark.parallel
+def test_the_search_goes_with_the_amplitudes(block):
+    """Slower, held, back, faster: the place is the one that the block then goes to, where a load step was before that
+    tells the direction.
+    """
+    table = [(0, 0), (1, 1), (2, 1.5), (3, 1.5), (4, 2.0), (5, 1.5), (6, 2.5), (7, 9.0)]
+    factor = dict(table)
+    # without a direction, the committed place; no more than twice the last load step, no more than once back
+    expected = {1: 0.0, 2: 1.5, 3: 1.5, 4: 1.5, 5: 1.5, 6: 2.0, 7: 4.5}
+    for time, so_far, place in searches(scene(block, table, 7.0)):
+        assert so_far == pytest.approx(WAY * factor[round(time) - 1], abs=1e-12)
+        assert place == pytest.approx(WAY * expected[round(time)], abs=1e-12), time
+
+
+def test_bodies_that_jump_do_not_go_on(block):
+    """Farther than half a search radius in a load step: the committed place."""
+    far = scene(block, [(0, 0), (1, 1), (2, 2)], 2.0)
+    far.contacts[0].search_radius = 1.9 * WAY
+    assert [place for _, _, place in searches(far)] == pytest.approx([0.0, WAY], abs=1e-12)
+
+
+def test_what_drives_a_scene(block):
+    """Displacements, loads and moving obstacles; not what is zero, or stands still."""
+    ball = Obstacle("sphere", center=[0.5, 2.0], radius=0.5, displacement=[0.0, -0.1], amplitude=[(0, 0), (4, 2)])
+    wave = Obstacle("level_set", function=lambda x, t: x[:, 1])
+    case = scene(block, [(0, 0), (2, 1), (4, 0)], 4.0, loads=[Load("top", pressure=1.0)])
+    case.displacements.append(Displacement("bottom", ["free", 0.0]))
+    case.contacts += [Contact("top", obstacle=ball, name="ball"), Contact("left", obstacle=wave, name="wave")]
+    factors = drive(case)
+    np.testing.assert_allclose(factors(1.0), [0.5, 0.25, 0.5, 0.25])
+    np.testing.assert_allclose(factors(3.0), [0.5, 0.75, 1.5, 0.75])
