@@ -7,9 +7,8 @@ the snap. ``--pull`` pulls the clip back out afterwards and shows the force that
 
 The table compares the histories of several meshes: the difference in L2 over the travel from that of the finest one,
 over the norm of that. The meshes are of degree 2, for round corners; with straight facets the force jumps from facet to
-facet. Partners are those of the beginning of a load step: with the normals of corners that are behind by a load step,
-the forces are wrong by an amount of the order of the load step. Plane strain, or a clip of width 3 in space. Small
-strains.
+facet. Partners are frozen during a load step, where it is expected to end: where a corner passes another, that is not
+foreseen. Plane strain, or a clip of width 3 in space. Small strains.
 """
 
 from itertools import product

@@ -5,7 +5,7 @@ by a small part of its radius in some load steps, then along half the slab. Once
 the pair is nearly mu times the normal force. Not exactly: both are taken along the axes, and the sole is tilted where
 it is pressed against. What is left of the mesh is a ripple in both forces with the length of a facet; the table tells
 its size, without the slow change on the way between the ends of the slab. What is left of the load steps is seen with
-several ``--count``: the partners of a load step are those of its beginning. Small strains.
+several ``--count``. Small strains.
 """
 
 from itertools import product
