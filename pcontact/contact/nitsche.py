@@ -11,7 +11,9 @@ Notation of every kernel, one row per quadrature point p on facet f = facet[p]:
 
 with c = dt_n/du, which is b unless the cell yields; this is (R) and its generalised derivative with the normal parts
 alone (Chouly, Hild 2013). A point without partner has P = 0. Bilateral contact (no separation) has H = 1 and P = tau
-always. ``cells`` and ``targets`` hold numbers into ``u`` (n, d); a pair with an obstacle has targets of width 0.
+always. ``cells`` and ``targets`` hold numbers into ``u`` (n, d); a pair with an obstacle has targets of width 0. Where
+``b`` has width 0 there is no traction of the source, t_n = c = 0 at theta = 0: the penalty method, see
+`pcontact.contact.penalty`.
 """
 
 import numpy as np
@@ -66,10 +68,13 @@ def evaluate(u, cells, targets, facet, shape, target_shape, b, normal, gap0, tra
         f = facet[p]
         t = 0.0
         g = gap0[p]
-        for a in range(cells.shape[1]):
+        for a in range(b.shape[1]):
             node = cells[f, a]
             for i in range(d):
                 t += b[p, a, i] * u[node, i]
+        for a in range(cells.shape[1]):
+            node = cells[f, a]
+            for i in range(d):
                 g -= shape[p, a] * normal[p, i] * u[node, i]
         for m in range(targets.shape[1]):
             node = targets[p, m]
@@ -98,11 +103,16 @@ def add_residual(
         for a in range(cells.shape[1]):
             node = cells[f, a]
             for i in range(d):
-                out[node, i] += weight * b[p, a, i] - push * shape[p, a] * normal[p, i]
+                out[node, i] -= push * shape[p, a] * normal[p, i]
         for m in range(targets.shape[1]):
             node = targets[p, m]
             for i in range(d):
                 out[node, i] += push * target_shape[p, m] * normal[p, i]
+        if theta == 0.0:
+            continue
+        for a in range(b.shape[1]):
+            for i in range(d):
+                out[cells[f, a], i] += weight * b[p, a, i]
 
 
 @njit
@@ -126,6 +136,8 @@ def add_tangent(
         for a in range(nn):
             for i in range(d):
                 jump[a, i] = shape[p, a] * normal[p, i]
+        for a in range(b.shape[1]):
+            for i in range(d):
                 trac[a, i] = b[p, a, i]
                 slope[a, i] = b[p, a, i]
                 if len(at) > 0 and at[p] >= 0:
