@@ -169,8 +169,15 @@ def _trace(space, bulk, source, contact):
     return trace if space.comm.allreduce(trace.parts, op=MPI.SUM) else None
 
 
-def _item(space, bulk, contact, source, target, radius, floats):
-    """The item of a pair in its formulation. *Collective.*"""
+def pair_item(space, bulk, contact, source, target, radius, floats=False):
+    """The item of a contact in its formulation. *Collective.*
+
+    Parameters
+    ----------
+    bulk : ElasticBulk or PlasticBulk
+    others
+        See `pcontact.contact.item.ContactItem`.
+    """
     law, trace = friction_law(contact), None
     if contact.formulation == "nitsche":
         trace = _trace(space, bulk, source, contact)
@@ -221,7 +228,7 @@ def contact_items(scene, space, constants, free, bulk):
         radius = _radius(space, contact, floats)
         if space.dim == 2 and contact.target is not None:
             source = cut_source(space, source, contact.source, target, radius, contact.search, contact.quadrature)
-        items.append(_item(space, bulk, contact, source, target, radius, floats))
+        items.append(pair_item(space, bulk, contact, source, target, radius, floats))
     for k in sorted(set(free) - touching):
         name = space.mesh.component_names[k]
         log.warning("body %s: no contact pair can hold the %d rigid modes that no support holds", name, free[k])

@@ -5,7 +5,8 @@ Each quadrature point has a multiplier lam [stress], which stands where Nitsche'
     tau = lam + gamma g n - alpha gamma D_T,   update  lam <- P(tau)  at the solution of Newton's method
 
 At a fixed point of the update the gap of closed points and the slip of those that stick are zero, whatever gamma is.
-Multipliers are history, not unknowns: with one at each point there are more of them than the displacement can meet.
+Multipliers are history, not unknowns: with one at each point there are more of them than displacements can meet. The
+part of the pressure that does no work on any displacement stays as the first solution left it.
 Committed ones belong to the end of the last load step; an attempt starts from them, and one that is cut back leaves
 nothing behind.
 """
