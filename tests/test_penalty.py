@@ -351,7 +351,8 @@ def test_multipliers_make_the_pressure_exact(shared_tmp, cell, order):
             assert "uzawa" not in records[0]
             continue
         assert records[0]["uzawa"]["updates"] > 0 and records[0]["uzawa"]["change"] <= rtol
-        assert np.abs(state["gap"]).max(initial=0.0) < 2.0 * rtol * exact / item.gamma.min(initial=np.inf)
+        depth = np.abs(state["gap"]) * item.gamma[item.source.facet]
+        assert np.all(depth < 2.0 * rtol * exact)
 
 
 @pytest.mark.parametrize("formulation", FORMULATIONS)
@@ -488,7 +489,9 @@ def test_restart_gives_the_same_numbers(shared_tmp, formulation):
     assert len(again) == len(full) - STOP
     for a, b in zip(full[STOP:], again, strict=True):
         assert a["time"] == b["time"] and a["newton"] == b["newton"] and counts(a) == counts(b)
-        assert a.get("uzawa") == b.get("uzawa")
+        if formulation == "augmented_lagrangian":
+            assert a["uzawa"]["updates"] == b["uzawa"]["updates"]
+            assert a["uzawa"]["change"] == pytest.approx(b["uzawa"]["change"], rel=1e-6)
         assert difference(a, b) < 1e-12
 
 
