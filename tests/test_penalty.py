@@ -8,7 +8,7 @@ import pytest
 from small import SELF, bend, block_file, blocks_file, dense_item, make_space, vector_of
 from test_friction import CONSTANTS, STEPS, along, check_taylor, motion, obstacle_of, residual_of, tangential
 from test_laws import LAWS, numpy_projection
-from test_restart import STOP, Keep, block, counts, difference
+from test_restart import STOP, Keep, block, counts
 from test_restart import run as run_steps
 
 from meshes import one_block, two_blocks
@@ -492,7 +492,12 @@ def test_restart_gives_the_same_numbers(shared_tmp, formulation):
         if formulation == "augmented_lagrangian":
             assert a["uzawa"]["updates"] == b["uzawa"]["updates"]
             assert a["uzawa"]["change"] == pytest.approx(b["uzawa"]["change"], rel=1e-6)
-        assert difference(a, b) < 1e-12
+        # what multipliers leave of the penetration is near the rounding error of the displacement
+        one, other = (record["contacts"]["floor"]["max_penetration"] for record in (a, b))
+        assert one == pytest.approx(other, rel=1e-12, abs=1e-14)
+        for key in ("force", "max_pressure"):
+            one, other = (np.atleast_1d(record["contacts"]["floor"][key]) for record in (a, b))
+            assert np.abs(one - other).max() < 1e-12 * np.abs(one).max()
 
 
 @pytest.mark.parametrize("update", [1, 2])
