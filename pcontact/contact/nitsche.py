@@ -72,7 +72,8 @@ def evaluate(u, cells, targets, facet, shape, target_shape, b, normal, gap0, tra
             node = cells[f, a]
             for i in range(d):
                 t += b[p, a, i] * u[node, i]
-        for a in range(cells.shape[1]):
+                g -= shape[p, a] * normal[p, i] * u[node, i]
+        for a in range(b.shape[1], cells.shape[1]):
             node = cells[f, a]
             for i in range(d):
                 g -= shape[p, a] * normal[p, i] * u[node, i]
@@ -89,7 +90,7 @@ def add_residual(
     theta, bilateral, paired, jxw, gamma, traction, gap, cells, targets, facet, shape, target_shape, b, normal, out
 ):
     """Add the residual of the pair to ``out`` (n, d) [force]."""
-    d = normal.shape[1]
+    d, traces = normal.shape[1], b.shape[1] if theta != 0.0 else 0
     for p in range(len(facet)):
         f = facet[p]
         tau = traction[p] + gamma[f] * gap[p]
@@ -100,7 +101,11 @@ def add_residual(
         push = pressure * jxw[p]
         if pressure == 0.0 and theta == 0.0:
             continue
-        for a in range(cells.shape[1]):
+        for a in range(traces):
+            node = cells[f, a]
+            for i in range(d):
+                out[node, i] += weight * b[p, a, i] - push * shape[p, a] * normal[p, i]
+        for a in range(traces, cells.shape[1]):
             node = cells[f, a]
             for i in range(d):
                 out[node, i] -= push * shape[p, a] * normal[p, i]
@@ -108,11 +113,6 @@ def add_residual(
             node = targets[p, m]
             for i in range(d):
                 out[node, i] += push * target_shape[p, m] * normal[p, i]
-        if theta == 0.0:
-            continue
-        for a in range(b.shape[1]):
-            for i in range(d):
-                out[cells[f, a], i] += weight * b[p, a, i]
 
 
 @njit
