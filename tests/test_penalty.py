@@ -327,7 +327,7 @@ def test_penetration_is_pressure_over_gamma(shared_tmp, cell, order):
     stiff = YOUNG if d == 3 else YOUNG / (1.0 - POISSON**2)
     for gamma0 in (None, 1.0):
         state, item = solved(pressed(path, d, "penalty", order, gamma0=gamma0), states)[1]
-        assert item.gamma0 == (gamma0 or 100.0)
+        assert item.gamma0 == (gamma0 or 3.0)
         gamma = item.gamma[item.source.facet]
         # corner cells have the same constant, else the pressure would not be uniform
         expected = DEPTH / (1.0 / stiff + 1.0 / gamma)
@@ -364,9 +364,8 @@ def test_axial_symmetry(tmp_path, formulation):
     (record,), (state, item) = solved(scene, states)
     gamma = item.gamma[item.source.facet]
     expected = DEPTH / (1.0 / YOUNG + (1.0 / gamma if formulation == "penalty" else 0.0))
-    # gamma is another one on the axis: the pressure of the penalty method is not uniform to all digits, and multipliers
-    # keep what no displacement feels of the pressure that they begin with
-    np.testing.assert_allclose(state["pressure"], expected, rtol=1e-2)
+    # gamma is another one on the axis: the pressure of the penalty method is not uniform to all digits
+    np.testing.assert_allclose(state["pressure"], expected, rtol=1e-2 if formulation == "penalty" else 1e-6)
     if formulation != "penalty":
         assert record["contacts"]["floor"]["force"][1] == pytest.approx(-np.pi * DEPTH * YOUNG, rel=1e-7)
         np.testing.assert_allclose(state["gap"], 0.0, atol=1e-8 * DEPTH)

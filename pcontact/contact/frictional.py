@@ -3,6 +3,7 @@
 import numpy as np
 
 from pcontact.contact import friction
+from pcontact.contact.averages import patch_means
 from pcontact.contact.item import ContactItem
 from pcontact.contact.laws import OPEN, STICK
 from pcontact.runtime.parallel import matching
@@ -58,26 +59,9 @@ class FrictionalItem(ContactItem):
         lag = (traction - force) / (self.alpha * self.gamma[self.source.facet])[:, None]
         stick = status == STICK
         if self.source.grad.shape[1]:
-            lag = np.where(stick[:, None], self._average(lag, stick), lag)
+            lag = np.where(stick[:, None], patch_means(self.space, p, self.source, lag, stick), lag)
         lag -= np.einsum("pd,pd->p", lag, p.normal)[:, None] * p.normal
         self._lag = np.where(self.closed[:, None], lag, 0.0)
-
-    def _average(self, values, chosen):
-        """Means of values (np, d) of chosen points over the patches of the nodes, at all points. *Collective.*"""
-        p, source = self.pairing, self.source
-        nodes = p.cells[source.facet]
-        # shape functions of degree 2 change their sign
-        share = np.abs(source.shape)
-        weight = share * np.where(chosen, source.jxw, 0.0)[:, None]
-        sums = []
-        for density in (values, np.ones_like(values)):
-            local = np.zeros((len(p.exchange.nodes), self.space.dim))
-            np.add.at(local, nodes, weight[:, :, None] * density[:, None, :])
-            total = self.space.vector()
-            p.exchange.add(local, total)
-            sums.append(p.exchange.gather(total))
-        mean = sums[0] / np.where(sums[1] > 0.0, sums[1], 1.0)
-        return np.einsum("pa,pad->pd", share, mean[nodes]) / share.sum(axis=1)[:, None]
 
     def memory(self):
         """See :meth:`ContactItem.memory`."""

@@ -5,9 +5,11 @@ gamma = gamma0 times the constant of the trace inequality of the parent cell [st
 
 # by theta. theta = -1 is coercive for any value; below 1 multigrid fails for quadratic hexahedra
 GAMMA0 = {1.0: 2.0, 0.0: 1.0, -1.0: 1.0}
-# bodies enter each other by p / gamma: a hundredth of what the pressure does to a layer of cells. Multipliers take that
-# away in a few updates, and leave the smaller number, with which the tangent is better conditioned
-TRACELESS = {"penalty": 100.0, "augmented_lagrangian": 10.0}
+# bodies enter each other by p / gamma, a third of what the pressure does to a layer of cells: the error falls with the
+# mesh. On curved surfaces a larger number makes the gap small at every point and spoils the pressure (cylinder on a
+# block, 10 facets in the half width, error in L2: 19 % with 3, 49 % with 10, 138 % with 100). Multipliers take the
+# penetration away in a few updates, and leave the smaller number
+TRACELESS = {"penalty": 3.0, "augmented_lagrangian": 1.0}
 
 
 def parameter(contact):
