@@ -6,10 +6,12 @@ from pcontact.assembly.bulk import ElasticBulk
 from pcontact.assembly.geometry import chunks
 from pcontact.assembly.loads import load_vector, lumped_volume
 from pcontact.assembly.plastic import PlasticBulk
+from pcontact.contact.augmented import AugmentedFrictionalItem, AugmentedItem
 from pcontact.contact.frictional import FrictionalItem
 from pcontact.contact.item import ContactItem
 from pcontact.contact.laws import friction_law
 from pcontact.contact.obstacle import RigidObstacle
+from pcontact.contact.penalty import without_traction
 from pcontact.contact.pieces import cut_source
 from pcontact.contact.plastic_trace import PlasticTrace
 from pcontact.contact.surface import source_surface, target_surface
@@ -37,6 +39,12 @@ from pcontact.space.modes import colour, component_frames, floating
 from pcontact.space.space import AXIS, Space
 from pcontact.space.supports import Supports
 
+# items of the formulations: without friction, with it
+ITEMS = {
+    "nitsche": (ContactItem, FrictionalItem),
+    "penalty": (ContactItem, FrictionalItem),
+    "augmented_lagrangian": (AugmentedItem, AugmentedFrictionalItem),
+}
 # stiffness of the aid for bodies that nothing holds, as a part of the P-wave modulus over size squared, per volume
 AID = 1e-6
 
@@ -67,10 +75,10 @@ def override(scene, options):
     text = "load steps between two checkpoints"
     scene.output.checkpoint_every = get("checkpoint_every", scene.output.checkpoint_every, int, text=text)
     numerics = {
-        "formulation": (str, "nitsche"),
+        "formulation": (str, "nitsche, penalty or augmented_lagrangian"),
         "theta": (float, "variant of Nitsche's method: 1, 0, -1"),
-        "gamma0": (float, "dimensionless Nitsche parameter"),
-        "alpha": (float, "tangential over normal Nitsche parameter"),
+        "gamma0": (float, "dimensionless parameter of the formulation"),
+        "alpha": (float, "tangential over normal parameter"),
         "adjoint": (str, "elastic or consistent: adjoint operator of theta = 1, -1 where cells yield"),
         "quadrature": (int, "degree of the quadrature on source facets"),
         "search": (str, "closest_point or ray_tracing"),
@@ -161,6 +169,26 @@ def _trace(space, bulk, source, contact):
     return trace if space.comm.allreduce(trace.parts, op=MPI.SUM) else None
 
 
+def pair_item(space, bulk, contact, source, target, radius, floats=False):
+    """The item of a contact in its formulation. *Collective.*
+
+    Parameters
+    ----------
+    bulk : ElasticBulk or PlasticBulk
+    others
+        See `pcontact.contact.item.ContactItem`.
+    """
+    law, trace = friction_law(contact), None
+    if contact.formulation == "nitsche":
+        trace = _trace(space, bulk, source, contact)
+    else:
+        source = without_traction(source)
+    frictionless, frictional = ITEMS[contact.formulation]
+    if law is None:
+        return frictionless(space, contact, source, target, radius, floats, trace)
+    return frictional(space, contact, source, target, radius, law, contact.alpha, floats, trace)
+
+
 def contact_items(scene, space, constants, free, bulk):
     """One item per contact pair, and which components can meet. *Collective.*
 
@@ -200,11 +228,7 @@ def contact_items(scene, space, constants, free, bulk):
         radius = _radius(space, contact, floats)
         if space.dim == 2 and contact.target is not None:
             source = cut_source(space, source, contact.source, target, radius, contact.search, contact.quadrature)
-        law, trace = friction_law(contact), _trace(space, bulk, source, contact)
-        if law is None:
-            items.append(ContactItem(space, contact, source, target, radius, floats, trace))
-        else:
-            items.append(FrictionalItem(space, contact, source, target, radius, law, contact.alpha, floats, trace))
+        items.append(pair_item(space, bulk, contact, source, target, radius, floats))
     for k in sorted(set(free) - touching):
         name = space.mesh.component_names[k]
         log.warning("body %s: no contact pair can hold the %d rigid modes that no support holds", name, free[k])

@@ -26,11 +26,13 @@ pcontact {version}: contact between elastic bodies with Nitsche's method, in par
 
 Options (they win over the scene; the scene's [petsc] table wins over the program's defaults):
   -contact_theta 1|0|-1                            variant of Nitsche's method, all pairs
-  -contact_gamma0 X                                dimensionless Nitsche parameter, all pairs
+  -contact_gamma0 X                                dimensionless parameter, all pairs
   -contact_quadrature N                            degree of the quadrature on source facets
   -contact_search closest_point|ray_tracing        how a source point finds its partner
-  -contact_formulation nitsche                     formulation, all pairs
-  -contact_alpha X                                 tangential over normal Nitsche parameter, all pairs with friction
+  -contact_formulation nitsche|penalty|augmented_lagrangian
+                                                   formulation, all pairs
+  -contact_uzawa_rtol X, -contact_uzawa_max_it N   augmented Lagrangian: when multipliers have settled, updates at most
+  -contact_alpha X                                 tangential over normal parameter, all pairs with friction
   -mesh_order 1|2                                  degree of the displacement
   -steps_count N, -steps_min X                     load steps to start with, smallest load step
   -output_fields true|false                        fields of every step

@@ -20,6 +20,7 @@ from pcontact.space.modes import near_null_space
 from pcontact.stepping.record import Recorder
 from pcontact.stepping.schedule import Schedule
 from pcontact.stepping.stepper import Stepper
+from pcontact.stepping.uzawa import uzawa
 
 
 class Simulation:
@@ -59,10 +60,12 @@ class Simulation:
         self.problem, colours, self.floating = build.assemble(self.scene, self.mesh)
         # slip of Coulomb's law makes the tangent unsymmetric for every theta; that of Tresca's does not
         # where a source yields, the traction's derivative is not the adjoint operator, that of elasticity
-        symmetric = all(c.theta == 1.0 and not c.friction for c in self.scene.contacts)
+        # without a traction of the source there is nothing unsymmetric but the slip
+        symmetric = all((c.theta == 1.0 or c.formulation != "nitsche") and not c.friction for c in self.scene.contacts)
         symmetric = symmetric and not any(getattr(item, "plastic", None) for item in self.problem.items)
         modes = near_null_space(self.problem.space, colours)
         self.newton = Newton(self.problem, self.options, symmetric, modes, self.timing, bool(self.floating))
+        self.settle = uzawa(self.problem.items, self.newton, self.options)
 
     def run(self, directory=None, observers=()):
         """All load steps. *Collective.*
@@ -99,7 +102,9 @@ class Simulation:
                 watch.insert(0, Fields(directory, self.problem, self.timing, output.smooth, since))
         self._announce()
         recorder = Recorder(self.problem, scene.output.probes)
-        self.stepper = Stepper(self.problem, self.newton, schedule, watch, recorder, self.timing, drive(scene))
+        self.stepper = Stepper(
+            self.problem, self.newton, schedule, watch, recorder, self.timing, drive(scene), self.settle
+        )
         if resumed is not None:
             self.stepper.resume(
                 resumed.number, resumed.time, resumed.first, resumed.size, resumed.values, resumed.last

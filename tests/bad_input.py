@@ -196,9 +196,14 @@ CASES = {
         [r"scene\.toml", r"displacements\[2\] \(lower_left\)\.value", "found 0.1 in direction 0", "point", "allowed"],
         scene=SCENE + '[[displacements]]\nregion = "lower_left"\nvalue = [0.1, "free"]\n',
     ),
-    "not modelled": Case(
-        [r"scene\.toml", "formulation", "penalty"],
-        scene=swapped('name = "pair"', 'name = "pair"\nformulation = "penalty"'),
+    "penalty with an adjoint term": Case(
+        [r"scene\.toml", r"contacts\[0\] \(pair\)\.theta", '1 with formulation "penalty"', "allowed: 0"],
+        scene=swapped('name = "pair"', 'name = "pair"\nformulation = "penalty"\ntheta = 1'),
+    ),
+    "updates of multipliers": Case(
+        ["-contact_uzawa_rtol", "found '0'", "allowed: a number > 0"],
+        scene=swapped('name = "pair"', 'name = "pair"\nformulation = "augmented_lagrangian"'),
+        words=("run", "SCENE", "-contact_uzawa_rtol", "0"),
     ),
     "level set that stops": level_set("raise ValueError('far')", "ValueError: far in line 3 of functions.py"),
     "level set that ends the program": level_set("import sys; sys.exit(1)", "SystemExit"),

@@ -12,9 +12,10 @@ from test_plastic_bars import BARS, LAME, YIELD, YOUNG, bar, uniaxial
 from pcontact.assembly.geometry import bulk_degree
 from pcontact.assembly.plastic import PlasticBulk
 from pcontact.contact.frictional import FrictionalItem
-from pcontact.contact.item import GAMMA0, ContactItem
+from pcontact.contact.item import ContactItem
 from pcontact.contact.laws import OPEN, SLIP, STICK, friction_law
 from pcontact.contact.obstacle import RigidObstacle
+from pcontact.contact.parameters import GAMMA0
 from pcontact.contact.plastic_trace import PlasticTrace, extrapolation
 from pcontact.contact.surface import source_surface, target_surface
 from pcontact.element.quadrature import quadrature

@@ -274,7 +274,7 @@ def test_kinematics(write, kinematics):
 
 
 @pytest.mark.parametrize("formulation", ["penalty", "augmented_lagrangian"])
-def test_features_to_come_are_read(write, formulation):
+def test_formulations_are_read(write, formulation):
     more = (
         f'formulation = "{formulation}"\nsearch = "ray_tracing"\nunbiased = true\ninterference = "adjust"\n'
     )
@@ -445,6 +445,8 @@ def value_cases():
         ('"nitsche"', '"lagrange"', f"{pair}.formulation", "a string 'lagrange'", '"nitsche" | "penalty" |'),
         ('"nitsche"\ntheta = 0', '"penalty"\ntheta = 1', f"{pair}.theta", '1 with formulation "penalty"',
          "0, or"),
+        ('"nitsche"\ntheta = 0', '"penalty"\nadjoint = "consistent"', f"{pair}.adjoint",
+         "'consistent' with formulation \"penalty\"", "nothing, or"),
         ("theta = 0", "theta = 0.5", f"{pair}.theta", "a number 0.5", "1 | 0 | -1"),
         ("theta = 0", "theta = '0'", f"{pair}.theta", "a string '0'", "1 | 0 | -1"),
         ("gamma0 = 10", "gamma0 = 0", f"{pair}.gamma0", "an integer 0", "a number > 0"),
@@ -720,12 +722,12 @@ def test_resolve_contacts_knows_numerics_only(full):
 
 
 def test_unsupported_are_all_named(write):
-    text = changed(PLAIN, '"block_top"', '"block_top"\nunbiased = true\nformulation = "penalty"')
-    key = "contacts[0] (ball_skin-block_top)"
+    text = changed(PLAIN, '"block_top"', '"ball_skin"\nunbiased = true')
+    key = "contacts[0] (ball_skin-ball_skin)"
     refused(
         lambda: require_supported(read_scene(write(text))),
         f"scene.toml: {key}.unbiased: found True (unbiased contact), which this program does not model yet",
-        f"(and 1 more: {key}.formulation = 'penalty'",
+        f"(and 1 more: {key}.target = 'ball_skin'",
         "leave it out",
     )
 
@@ -735,8 +737,6 @@ def test_unsupported_are_all_named(write):
     [
         ('"block_top"', '"block_top"\nunbiased = true', "contacts[0] (ball_skin-block_top).unbiased = True"),
         ('"block_top"', '"ball_skin"', "contacts[0] (ball_skin-ball_skin).target = 'ball_skin'"),
-        ('"block_top"', '"block_top"\nformulation = "penalty"',
-         "(ball_skin-block_top).formulation = 'penalty'"),
     ],
 )  # fmt: skip
 def test_unsupported(write, old, new, entry):
@@ -748,7 +748,7 @@ def test_unsupported(write, old, new, entry):
     "more",
     ['search = "ray_tracing"', "friction = 0.1", "tresca = 0.1", "[output]\ncheckpoint = true",
      'interference = "adjust"', "friction = 0", "[materials.alu]\nE = 70e3\nnu = 0.3\nyield_stress = 250",
-     'formulation = "nitsche"',
+     'formulation = "nitsche"', 'formulation = "penalty"', 'formulation = "augmented_lagrangian"',
      "[output]\ncheckpoint = false", "gamma0 = 0.1\ntheta = -1\nquadrature = 4"],
 )  # fmt: skip
 def test_supported(write, more):

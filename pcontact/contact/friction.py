@@ -12,7 +12,9 @@ Notation of every kernel, one row per quadrature point p on facet f = facet[p]:
 
 with S = dt/du, which is T unless the cell yields, as in Chouly, Mlika, Renard (2018), with the matrix G^-1 as the
 weight of the adjoint term, so that theta = 1 stays symmetric when alpha is not 1. A point without partner has P = 0.
-``cells`` and ``targets`` hold numbers into ``u`` (n, d); a pair with an obstacle has targets of width 0.
+``cells`` and ``targets`` hold numbers into ``u`` (n, d); a pair with an obstacle has targets of width 0. Where ``grad``
+has width 0 there is no traction of the source, t = S = 0 at theta = 0: the penalty method, see
+`pcontact.contact.penalty`.
 """
 
 import numpy as np
@@ -47,7 +49,7 @@ def tractions(u, cells, facet, grad, volumetric, mu, normal_x, out):
         shear = mu[f]
         slope[:] = 0.0
         bulk = 0.0
-        for a in range(cells.shape[1]):
+        for a in range(grad.shape[1]):
             node = cells[f, a]
             for i in range(d):
                 bulk += volumetric[p, a, i] * u[node, i]
@@ -170,6 +172,7 @@ def add_tangent(
         width = nn + nt if touches else nn
         for a in range(nn):
             part[a] = shape[p, a]
+        for a in range(grad.shape[1]):
             _node_operator(grad[p, a], volumetric[p, a], mu[f], normal_x[p], operator[a])
             real[a] = operator[a]
             if len(at) > 0 and at[p] >= 0:

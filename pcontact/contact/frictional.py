@@ -3,6 +3,7 @@
 import numpy as np
 
 from pcontact.contact import friction
+from pcontact.contact.averages import patch_means
 from pcontact.contact.item import ContactItem
 from pcontact.contact.laws import OPEN, STICK
 from pcontact.runtime.parallel import matching
@@ -12,7 +13,7 @@ HELD = np.array([0.0, 1e8, np.inf])
 
 
 class FrictionalItem(ContactItem):
-    """Contact with friction of one pair by Nitsche's method.
+    """Contact with friction of one pair by Nitsche's method, or by penalty where the source has no traction.
 
     The slip of a load step counts from the tangential jump of the committed displacement on the present pair of points
     (plus what a rigid obstacle has moved since the committed time), so a point that is handed to another target facet
@@ -24,6 +25,7 @@ class FrictionalItem(ContactItem):
     it is, and stick would creep by the lag in every step. Points that stick carry the lag's local average, over the
     patches of the shape functions: its changes from point to point are those of the stress of the cells and of meshes
     that do not match, and would add up from step to step. Points that slip carry their own: they stay at their bound.
+    Without a traction of the source (penalty) the lag is that of the spring which bears the traction, exact at a point.
 
     Parameters
     ----------
@@ -56,26 +58,10 @@ class FrictionalItem(ContactItem):
         self.committed = status
         lag = (traction - force) / (self.alpha * self.gamma[self.source.facet])[:, None]
         stick = status == STICK
-        lag = np.where(stick[:, None], self._average(lag, stick), lag)
+        if self.source.grad.shape[1]:
+            lag = np.where(stick[:, None], patch_means(self.space, p, self.source, lag, stick), lag)
         lag -= np.einsum("pd,pd->p", lag, p.normal)[:, None] * p.normal
         self._lag = np.where(self.closed[:, None], lag, 0.0)
-
-    def _average(self, values, chosen):
-        """Means of values (np, d) of chosen points over the patches of the nodes, at all points. *Collective.*"""
-        p, source = self.pairing, self.source
-        nodes = p.cells[source.facet]
-        # shape functions of degree 2 change their sign
-        share = np.abs(source.shape)
-        weight = share * np.where(chosen, source.jxw, 0.0)[:, None]
-        sums = []
-        for density in (values, np.ones_like(values)):
-            local = np.zeros((len(p.exchange.nodes), self.space.dim))
-            np.add.at(local, nodes, weight[:, :, None] * density[:, None, :])
-            total = self.space.vector()
-            p.exchange.add(local, total)
-            sums.append(p.exchange.gather(total))
-        mean = sums[0] / np.where(sums[1] > 0.0, sums[1], 1.0)
-        return np.einsum("pa,pad->pd", share, mean[nodes]) / share.sum(axis=1)[:, None]
 
     def memory(self):
         """See :meth:`ContactItem.memory`."""
@@ -112,17 +98,22 @@ class FrictionalItem(ContactItem):
 
     def _tau(self, values):
         """Boundary traction, augmented traction, jump (np, d)."""
-        p, source = self.pairing, self.source
-        traction, tau, jump = np.empty_like(source.x), np.empty_like(source.x), self._jump(values)
+        p, tau = self.pairing, np.empty_like(self.source.x)
+        traction, jump = self._traction(values), self._jump(values)
+        friction.augment(
+            traction, jump, self._before, p.gap0, p.normal, self.gamma, self.alpha, self.source.facet, tau
+        )
+        return traction, tau, jump
+
+    def _traction(self, values):
+        """Boundary traction (np, d)."""
+        p, source, traction = self.pairing, self.source, np.empty_like(self.source.x)
         friction.tractions(
             values, p.cells, source.facet, source.grad, source.volumetric, source.mu, source.normal, traction
         )
         if self.plastic is not None:
             traction += self.plastic.traction(values, p.cells)
-        friction.augment(
-            traction, jump, self._before, p.gap0, p.normal, self.gamma, self.alpha, source.facet, tau
-        )
-        return traction, tau, jump
+        return traction
 
     def _add_residual(self, values, local):
         p, source = self.pairing, self.source

@@ -8,19 +8,18 @@ from pcontact.contact.exchange import find_partners
 from pcontact.contact.laws import OPEN, SLIP
 from pcontact.contact.nitsche import add_residual, add_tangent, evaluate, traction_operator
 from pcontact.contact.pairing import Pairing
+from pcontact.contact.parameters import parameter
 from pcontact.contact.plastic_trace import no_operators
 from pcontact.contact.summary import summarise
 from pcontact.runtime.parallel import matching, together
 from pcontact.runtime.petsc import MPI
 
-# theta = -1 is coercive for any value; below 1 multigrid fails for quadratic hexahedra
-GAMMA0 = {1.0: 2.0, 0.0: 1.0, -1.0: 1.0}
 # smallest cosine between the normals of a source point and its obstacle
 FACING = 0.1
 
 
 class ContactItem:
-    """Frictionless contact of one pair by Nitsche's method.
+    """Frictionless contact of one pair by Nitsche's method, or by penalty where the source has no traction.
 
     Parameters
     ----------
@@ -51,7 +50,7 @@ class ContactItem:
     def __init__(self, space, contact, source, target, radius, floats=False, plastic=None):
         self.space, self.contact, self.source, self.target = space, contact, source, target
         self.name, self.theta, self.radius = contact.name, float(contact.theta), radius
-        self.gamma0 = contact.gamma0 if contact.gamma0 is not None else GAMMA0[self.theta]
+        self.gamma0 = parameter(contact)
         self.gamma = self.gamma0 * source.trace
         self.rigid = contact.obstacle is not None
         self.time = 0.0

@@ -11,7 +11,9 @@ Notation of every kernel, one row per quadrature point p on facet f = facet[p]:
 
 with c = dt_n/du, which is b unless the cell yields; this is (R) and its generalised derivative with the normal parts
 alone (Chouly, Hild 2013). A point without partner has P = 0. Bilateral contact (no separation) has H = 1 and P = tau
-always. ``cells`` and ``targets`` hold numbers into ``u`` (n, d); a pair with an obstacle has targets of width 0.
+always. ``cells`` and ``targets`` hold numbers into ``u`` (n, d); a pair with an obstacle has targets of width 0. Where
+``b`` has width 0 there is no traction of the source, t_n = c = 0 at theta = 0: the penalty method, see
+`pcontact.contact.penalty`.
 """
 
 import numpy as np
@@ -66,10 +68,14 @@ def evaluate(u, cells, targets, facet, shape, target_shape, b, normal, gap0, tra
         f = facet[p]
         t = 0.0
         g = gap0[p]
-        for a in range(cells.shape[1]):
+        for a in range(b.shape[1]):
             node = cells[f, a]
             for i in range(d):
                 t += b[p, a, i] * u[node, i]
+                g -= shape[p, a] * normal[p, i] * u[node, i]
+        for a in range(b.shape[1], cells.shape[1]):
+            node = cells[f, a]
+            for i in range(d):
                 g -= shape[p, a] * normal[p, i] * u[node, i]
         for m in range(targets.shape[1]):
             node = targets[p, m]
@@ -84,7 +90,7 @@ def add_residual(
     theta, bilateral, paired, jxw, gamma, traction, gap, cells, targets, facet, shape, target_shape, b, normal, out
 ):
     """Add the residual of the pair to ``out`` (n, d) [force]."""
-    d = normal.shape[1]
+    d, traces = normal.shape[1], b.shape[1] if theta != 0.0 else 0
     for p in range(len(facet)):
         f = facet[p]
         tau = traction[p] + gamma[f] * gap[p]
@@ -95,10 +101,14 @@ def add_residual(
         push = pressure * jxw[p]
         if pressure == 0.0 and theta == 0.0:
             continue
-        for a in range(cells.shape[1]):
+        for a in range(traces):
             node = cells[f, a]
             for i in range(d):
                 out[node, i] += weight * b[p, a, i] - push * shape[p, a] * normal[p, i]
+        for a in range(traces, cells.shape[1]):
+            node = cells[f, a]
+            for i in range(d):
+                out[node, i] -= push * shape[p, a] * normal[p, i]
         for m in range(targets.shape[1]):
             node = targets[p, m]
             for i in range(d):
@@ -126,6 +136,8 @@ def add_tangent(
         for a in range(nn):
             for i in range(d):
                 jump[a, i] = shape[p, a] * normal[p, i]
+        for a in range(b.shape[1]):
+            for i in range(d):
                 trac[a, i] = b[p, a, i]
                 slope[a, i] = b[p, a, i]
                 if len(at) > 0 and at[p] >= 0:

@@ -33,6 +33,8 @@ class Terminal:
             f"step {step.number}  time {step.time:.6g}  newton {step.newton}  krylov {step.krylov}  "
             f"residual {step.residual:.2e}  imbalance {record['imbalance']:.1e}"
         ]
+        if "uzawa" in record:
+            parts.append(f"multipliers: {record['uzawa']['updates']} updates, change {record['uzawa']['change']:.1e}")
         if self._volume > 0.0:
             plastic = record["plastic"]
             part, strain = plastic["yielded_volume"] / self._volume, plastic["max_equivalent_strain"]

@@ -24,12 +24,6 @@ SMALLEST = 1e-12  # of the run: the shortest step
 UNSUPPORTED = (
     (Contact, "unbiased", lambda contact: contact.unbiased, "unbiased contact"),
     (Contact, "target", lambda contact: contact.target == contact.source, "self contact"),
-    (
-        Contact,
-        "formulation",
-        lambda contact: contact.formulation not in (None, "nitsche"),
-        "a formulation other than nitsche",
-    ),
 )
 
 
@@ -262,9 +256,14 @@ def _check_contact(scene, where, contact):
 
 def _check_theta(scene, where, contact):
     """Penalty and augmented Lagrangian have no adjoint term that theta could weigh."""
-    if contact.theta and contact.formulation not in (None, "nitsche"):
-        found = f'{contact.theta:g} with formulation "{contact.formulation}"'
-        raise input_error(scene.where, f"{where}.theta", found, '0, or formulation "nitsche"')
+    if contact.formulation in (None, "nitsche"):
+        return
+    said = f'with formulation "{contact.formulation}"'
+    if contact.theta:
+        raise input_error(scene.where, f"{where}.theta", f"{contact.theta:g} {said}", '0, or formulation "nitsche"')
+    if contact.adjoint == "consistent":
+        allowed = 'nothing, or formulation "nitsche"'
+        raise input_error(scene.where, f"{where}.adjoint", f"'consistent' {said}, which has no adjoint", allowed)
 
 
 def _check_obstacle(scene, where, obstacle):

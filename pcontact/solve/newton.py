@@ -44,6 +44,8 @@ class Outcome:
         Last and first norm of the residual [force].
     detail : str
         Of a solve that did not converge: where the residual is largest, and which pairs were changing.
+    uzawa : dict or None
+        Updates of multipliers around the solve, where there are any, see `pcontact.stepping.uzawa`.
     """
 
     converged: bool
@@ -53,6 +55,7 @@ class Outcome:
     residual: float
     initial: float
     detail: str = ""
+    uzawa: dict | None = None
 
 
 def _together(first, second):
@@ -270,6 +273,13 @@ class Newton:
             before.copy(u)
             outcome = _together(outcome, way(u, before))
         return outcome
+
+    def again(self, u):
+        """Solve on from the solution ``u`` of :meth:`solve`, after multipliers of contact have changed. *Collective.*
+
+        Tolerances remain those of the load step. Returns an :class:`Outcome`.
+        """
+        return self._run(u, False)
 
     def _law(self, u, before):
         """Solve with the law from the beginning."""

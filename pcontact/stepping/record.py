@@ -53,6 +53,8 @@ class Recorder:
             "probes": {name: self._probe(nodes, u) for name, nodes in self._probes.items()},
             "plastic": self._plastic(),
         }
+        if step.uzawa is not None:
+            record["uzawa"] = step.uzawa
         # relative to the largest force of the run: bodies that have parted leave nothing to compare with
         total, largest = problem.imbalance(record)
         self._largest = max(self._largest, largest)

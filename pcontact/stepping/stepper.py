@@ -27,6 +27,8 @@ class Step:
         Time at its beginning.
     before : PETSc.Vec
         Displacement at its beginning.
+    uzawa : dict or None
+        Updates of multipliers, see `pcontact.stepping.uzawa`.
     """
 
     number: int
@@ -38,6 +40,7 @@ class Step:
     norms: list = field(default_factory=list)
     begin: float = 0.0
     before: object = None
+    uzawa: dict | None = None
 
 
 class Observer(Protocol):
@@ -68,14 +71,16 @@ class Stepper:
         ``search`` and ``solve`` seconds are added.
     drive : callable, optional
         Factors (n,) of all that moves or loads the bodies, at a time. It tells how far the bodies will move on.
+    settle : callable, optional
+        Goes on from the solution of a load step, see :class:`pcontact.stepping.uzawa.Uzawa`.
     """
 
-    def __init__(self, problem, newton, schedule, observers, recorder, timing, drive=None):
+    def __init__(self, problem, newton, schedule, observers, recorder, timing, drive=None, settle=None):
         self.problem, self.newton, self.schedule = problem, newton, schedule
         self.observers, self.recorder, self.timing = observers, recorder, timing
         self.u = problem.space.vector()
         self._number = 0
-        self._drive, self._last = drive, None
+        self._drive, self._last, self._settle = drive, None, settle
 
     def resume(self, number, time, first, size, values, last=None):
         """Go on from the committed state of an earlier run. *Collective.*
@@ -120,11 +125,12 @@ class Stepper:
                 for item in self.problem.items:
                     item.commit(self.u, target)
                 self._last = self.schedule.time, committed
-                self.schedule.accept(target, outcome.newton)
+                solves = 1 + outcome.uzawa["updates"] if outcome.uzawa else 1
+                self.schedule.accept(target, outcome.newton // solves)
                 number += 1
                 step = Step(
                     number, target, outcome.newton, outcome.krylov, cutbacks, outcome.residual,
-                    list(self.newton.norms), *self._last,
+                    list(self.newton.norms), *self._last, outcome.uzawa,
                 )  # fmt: skip
                 record = self.recorder(step, self.u)
                 for observer in self.observers:
@@ -151,6 +157,8 @@ class Stepper:
         middle = clock.perf_counter()
         self.problem.prescribe(self.u, target)
         outcome = self.newton.solve(self.u)
+        if self._settle is not None and outcome.converged:
+            outcome = self._settle(self.u, outcome)
         self._check_motion(outcome, before)
         self.timing["search"] += middle - start
         self.timing["solve"] += clock.perf_counter() - middle

@@ -1,0 +1,47 @@
+"""Comparison of the formulations: what is measured, and what each of them is good for on one mesh."""
+
+import numpy as np
+import pytest
+
+from drivers._common import make_directory, parse
+from drivers.compare import CASE, METHODS, make_options, measure, run, solve
+from drivers.hertz import generate
+from pcontact.runtime.errors import InputError
+
+RECORD = {"contacts": {"pair": {"force": [0.0, -0.5 * CASE.force]}}, "probes": {CASE.driven: {"mean": [0.0, -0.1]}}}
+
+
+def test_hertz_has_no_error():
+    a, p0 = CASE.from_force(CASE.force)
+    x = np.linspace(0.0, 1.5 * a, 3001)
+    pressure = p0 * np.sqrt(np.maximum(1.0 - (x / a) ** 2, 0.0))
+    points = {"x": np.column_stack([x, 0.0 * x]), "pressure": pressure, "weight": np.full(len(x), x[1]),
+              "status": 2 * (pressure > 0), "gap": np.where(pressure > 0, -0.002, 0.1)}  # fmt: skip
+    found = measure(points, RECORD)
+    assert found["penetration"] == pytest.approx(0.02)
+    assert max(found["error"], found["oscillation"], found["balance"]) < 1e-10
+    wavy = {**points, "pressure": pressure * (1.0 + 0.1 * np.sign(np.sin(300.0 * x)))}
+    found = measure(wavy, RECORD)
+    assert found["error"] == pytest.approx(0.1, rel=1e-3) and 0.05 < found["oscillation"] < 0.1
+
+
+@pytest.mark.parallel
+def test_formulations_on_one_mesh(shared_tmp):
+    """Forces balance in all; multipliers do away with the penetration of the penalty method, at a better pressure."""
+    mesh = generate(CASE, shared_tmp / "cylinder.msh", CASE.half_width / 5, 1)
+    rows = {name: solve(mesh, name, 1.0, 1) for name in METHODS}
+    for row in rows.values():
+        assert row["converged"] and row["balance"] < 1e-7 and row["error"] < 0.15 and row["newton"] < 40
+    deep = {name: row["penetration"] for name, row in rows.items()}
+    assert deep["penalty"] > 5.0 * deep["theta 0"] > 4.0 * deep["augmented"]
+    assert rows["augmented"]["error"] < rows["theta 0"]["error"] < rows["penalty"]["error"] * 1.1
+    assert 0 < rows["augmented"]["updates"] < 15
+
+
+def test_tiny(tmp_path):
+    args = parse(make_options(), ["--tiny", "-o", str(tmp_path / "out")])
+    make_directory(args.o)
+    assert run(args) == 0
+    assert (args.o / "compare.json").exists() and (args.o / "compare.png").stat().st_size > 1000
+    with pytest.raises(InputError, match="--decades"):
+        run(parse(make_options(), ["--decades", "0"]))
