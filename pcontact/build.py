@@ -13,6 +13,13 @@ from pcontact.contact.obstacle import RigidObstacle
 from pcontact.contact.pieces import cut_source
 from pcontact.contact.plastic_trace import PlasticTrace
 from pcontact.contact.surface import source_surface, target_surface
+from pcontact.contact.unbiased import (
+    UnbiasedFrictionalItem,
+    UnbiasedItem,
+    contacts_of_halves,
+    halved,
+    is_unbiased,
+)
 from pcontact.element.reference import CELLS
 from pcontact.material.elastic import in_plane, lame
 from pcontact.material.hardening import hardening_curve, hardening_table
@@ -161,6 +168,29 @@ def _trace(space, bulk, source, contact):
     return trace if space.comm.allreduce(trace.parts, op=MPI.SUM) else None
 
 
+def _item(space, bulk, contact, source, target, radius, floats, half=False):
+    """The item of a pair, or of a half of an unbiased one. *Collective.*"""
+    if space.dim == 2 and contact.target is not None:
+        source = cut_source(space, source, contact.source, target, radius, contact.search, contact.quadrature)
+    source = halved(source) if half else source
+    law, trace = friction_law(contact), _trace(space, bulk, source, contact)
+    if law is None:
+        return ContactItem(space, contact, source, target, radius, floats, trace)
+    return FrictionalItem(space, contact, source, target, radius, law, contact.alpha, floats, trace)
+
+
+def _unbiased_item(scene, space, bulk, contact, radius, floats):
+    """The item of a pair both surfaces of which are source and target, or of self contact. *Collective.*"""
+    halves = []
+    for one in contacts_of_halves(contact):
+        source = source_surface(space, one.source, bulk.constants, one.quadrature)
+        _require_area(scene, space, one, source)
+        target = target_surface(space, one.target)
+        halves.append(_item(space, bulk, one, source, target, radius, floats, half=True))
+    kind = UnbiasedItem if friction_law(contact) is None else UnbiasedFrictionalItem
+    return kind(contact, halves)
+
+
 def contact_items(scene, space, constants, free, bulk):
     """One item per contact pair, and which components can meet. *Collective.*
 
@@ -198,13 +228,10 @@ def contact_items(scene, space, constants, free, bulk):
         touching.update(*sides)
         floats = bool(set().union(*sides) & set(free))
         radius = _radius(space, contact, floats)
-        if space.dim == 2 and contact.target is not None:
-            source = cut_source(space, source, contact.source, target, radius, contact.search, contact.quadrature)
-        law, trace = friction_law(contact), _trace(space, bulk, source, contact)
-        if law is None:
-            items.append(ContactItem(space, contact, source, target, radius, floats, trace))
+        if is_unbiased(contact):
+            items.append(_unbiased_item(scene, space, bulk, contact, radius, floats))
         else:
-            items.append(FrictionalItem(space, contact, source, target, radius, law, contact.alpha, floats, trace))
+            items.append(_item(space, bulk, contact, source, target, radius, floats))
     for k in sorted(set(free) - touching):
         name = space.mesh.component_names[k]
         log.warning("body %s: no contact pair can hold the %d rigid modes that no support holds", name, free[k])
