@@ -57,28 +57,35 @@ class BothSides:
     ----------
     cells : ndarray (nf,)
         One entry for each facet: its global number.
+    size : ndarray (nf,)
+        Diameter of the facets [length].
     facet : ndarray (np,)
         Facet of each point.
     jxw : ndarray (np,)
         Area of the points.
-    x : ndarray (np, d)
+    x, normal : ndarray (np, d)
+        Reference position [length] and outward unit normal of the points.
     """
 
     cells: np.ndarray
+    size: np.ndarray
     facet: np.ndarray
     jxw: np.ndarray
     x: np.ndarray
+    normal: np.ndarray
 
     @classmethod
     def of(cls, halves):
         """Join the sources of some items."""
         sources = [half.source for half in halves]
-        first = np.cumsum([0, *(len(source.cells) for source in sources)])
+        first = np.cumsum([0, *(len(source.cells) for source in sources)])[:-1]
+        facet = np.concatenate([source.facet + n for source, n in zip(sources, first, strict=True)])
+
+        def joined(key):
+            return np.concatenate([getattr(source, key) for source in sources])
+
         return cls(
-            np.concatenate([source.facet_ids for source in sources]),
-            np.concatenate([source.facet + n for source, n in zip(sources, first[:-1], strict=True)]),
-            np.concatenate([source.jxw for source in sources]) / WEIGHT,
-            np.concatenate([source.x for source in sources]),
+            joined("facet_ids"), joined("size"), facet, joined("jxw") / WEIGHT, joined("x"), joined("normal")
         )
 
 
