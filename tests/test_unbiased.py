@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 from small import DIMENSION, SELF, blocks_file, dense_item, make_space, vector_of
-from test_friction import CONSTANTS, STEPS, by_key, check_taylor, field, motion, pair, residual_of, state_of
+from test_friction import STEPS, by_key, check_taylor, field, motion, pair, residual_of, state_of
 from test_laws import LAWS
 from test_plastic_contact import SOFT, flowing
 from test_plastic_contact import check as check_plastic
@@ -235,8 +235,9 @@ def test_rings(shared_tmp, theta):
         with running(ring_scene(path, 1, theta, unbiased=both_ways, gamma0=None)) as (simulation, converged):
             assert converged
             found.append(measure(simulation))
-    for key in ("energy", "weighted", "plain", "displacement"):
-        assert found[1][key] < 1.15 * found[0][key], key
+    assert found[1]["energy"] < 1.01 * found[0]["energy"]
+    # the pressure at the facets of the other side, which are of another size, counts as well
+    assert found[1]["weighted"] < 1.5 * found[0]["weighted"]
     assert found[1]["mean_pressure"] == pytest.approx(found[0]["mean_pressure"], rel=1e-3)
 
 
