@@ -12,6 +12,7 @@ from pcontact.contact.laws import friction_law
 from pcontact.contact.obstacle import RigidObstacle
 from pcontact.contact.pieces import cut_source
 from pcontact.contact.plastic_trace import PlasticTrace
+from pcontact.contact.self_surface import self_surface
 from pcontact.contact.surface import source_surface, target_surface
 from pcontact.contact.unbiased import (
     UnbiasedFrictionalItem,
@@ -172,6 +173,7 @@ def _item(space, bulk, contact, source, target, radius, floats, half=False):
     """The item of a pair, or of a half of an unbiased one. *Collective.*"""
     if space.dim == 2 and contact.target is not None:
         source = cut_source(space, source, contact.source, target, radius, contact.search, contact.quadrature)
+        target = target.seen_from(source.facet, source.x)
     source = halved(source) if half else source
     law, trace = friction_law(contact), _trace(space, bulk, source, contact)
     if law is None:
@@ -186,6 +188,8 @@ def _unbiased_item(scene, space, bulk, contact, radius, floats):
         source = source_surface(space, one.source, bulk.constants, one.quadrature)
         _require_area(scene, space, one, source)
         target = target_surface(space, one.target)
+        if one.source == one.target:
+            target = self_surface(space, target, source)
         halves.append(_item(space, bulk, one, source, target, radius, floats, half=True))
     kind = UnbiasedItem if friction_law(contact) is None else UnbiasedFrictionalItem
     return kind(contact, halves)
@@ -218,14 +222,15 @@ def contact_items(scene, space, constants, free, bulk):
         if contact.target is not None:
             target = target_surface(space, contact.target)
             sides.append(_components(space, target))
-            edges |= {(a, b) for a in sides[0] for b in sides[1]}
+            edges |= {(a, b) for a in sides[0] for b in sides[1] if a != b}
         else:
             obstacle = contact.obstacle
             functions = obstacle_functions(scene, number) if obstacle.shape == "level_set" else None
             target = RigidObstacle(
                 obstacle, amplitude(obstacle.amplitude, scene.steps.end), size_of(space.mesh), functions
             )
-        touching.update(*sides)
+        if contact.target != contact.source or len(sides[0]) > 1:
+            touching.update(*sides)
         floats = bool(set().union(*sides) & set(free))
         radius = _radius(space, contact, floats)
         if is_unbiased(contact):

@@ -22,7 +22,6 @@ SMALLEST = 1e-12  # of the run: the shortest step
 
 # What can be described but is not modelled yet: table, key, does the table ask for it, in words
 UNSUPPORTED = (
-    (Contact, "target", lambda contact: contact.target == contact.source, "self contact"),
     (
         Contact,
         "formulation",
