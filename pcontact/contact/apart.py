@@ -5,9 +5,9 @@ of its own body behind it. The facing rule of the search (`projection.FACING`) l
 it. Of facets of the point's own connected body these are left out, too:
 
 * facets of the point's own cell, and facets that share a node with the point's facet;
-* facets behind the point, through the material: partners in the undeformed body are in front of the point, or deeper
-  behind it than rounding by a slack of `SLACK` of the facet or of its cell, whichever is smaller, but no more. In the
-  deformed body a point may go deeper: it is the undeformed body that has no overlap.
+* facets behind the point, through the material: in the undeformed body a partner is in front of the point. A slack of
+  `SLACK` of the shortest edge of the facet, or of the depth of its cell if that is less, makes room for surfaces that
+  touch. It is the undeformed body that is asked, for it has no overlap: in the deformed one a point may go deeper.
 
 Parts of a body that are thinner than the search radius thus need no care, nor does a body whose opposite skins lie
 closer to each other than the faces of a gap. An overlap of the undeformed body with itself is not seen. Other bodies in
@@ -21,7 +21,7 @@ import numpy as np
 from pcontact.contact.facet_maps import NODE_COUNTS, fill_shapes
 from pcontact.runtime.jit import njit_exact
 
-# of the size of the facet and of the depth of its cell: overlap of the undeformed body that counts as none
+# of the edges of a facet and of the depth of its cell: overlap of the undeformed body that counts as none
 SLACK = 0.1
 
 

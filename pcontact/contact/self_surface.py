@@ -119,6 +119,12 @@ def _neighbours(space, nodes):
     return split_by_rank(pairs[:, 1], pairs[:, 0])[0]
 
 
+def _shortest(x):
+    """Shortest distance (nf,) between two nodes of facets (nf, m, d), some of which may be there twice."""
+    distance = np.linalg.norm(x[:, :, None] - x[:, None], axis=3)
+    return np.min(np.where(distance > 0.0, distance, np.inf), axis=(1, 2), initial=np.inf)
+
+
 def self_surface(space, target, source):
     """A target surface whose facets are also those of the source. *Collective.*
 
@@ -142,7 +148,7 @@ def self_surface(space, target, source):
     behind = np.einsum("pad,pd->pa", source.x[:, None] - corners[source.facet], source.normal)
     depth = np.full(len(source.cells), np.inf)
     np.minimum.at(depth, source.facet, behind.max(axis=1, initial=0.0))
-    slack = SLACK * np.minimum(source.size, depth)
+    slack = SLACK * np.minimum(_shortest(space.points[nodes]), depth)
     table = np.column_stack([target.ids // FACETS, target.components, slack, space.nodes[nodes]]).astype(float)
     said = {one.name: getattr(target, one.name) for one in fields(TargetSurface)}
     surface = SelfSurface(**{**said, "x": np.ascontiguousarray(x), "nodes": nodes}, table=table)
