@@ -92,17 +92,12 @@ ALONE = {
 }
 
 
-@pytest.mark.parallel
 @pytest.mark.parametrize("search", SEARCHES)
 @pytest.mark.parametrize("cell", list(DIMENSION))
 @pytest.mark.parametrize("shape", ["plate", "block", "wedge", "edge of a knife"])
-def test_a_body_alone_finds_no_partner(shared_tmp, shape, cell, search):
+def test_a_body_alone_finds_no_partner(tmp_path, shape, cell, search):
     """Neither across its edges nor through its material, however thin; nor when it is bent or squeezed."""
-    path = shared_tmp / "b.msh"
-    if WORLD.rank == 0:
-        block_file(path, cell, 4)
-    WORLD.Barrier()
-    space = skin_of(WORLD, path, ALONE[shape])
+    space = skin_of(SELF, block_file(tmp_path / "b.msh", cell, 4), ALONE[shape])
     x = space.points
     bent, squeezed = np.zeros_like(x), np.zeros_like(x)
     bent[:, -1] = 0.2 * x[:, 0] ** 2

@@ -117,9 +117,9 @@ def closest_points(tree, x_facets, kinds, ids, points, normals, radius, facing=F
         Smallest nX . n of a partner, in (0, 1).
     own : (nf,) bool array_like, optional
         Facets that may be partners (default: all). The others take part in the decisions about edges and
-        corners; a rank that is also given the neighbours of its facets (those that share a node) decides as
-        if it had them all, and `better` of all ranks is then exactly the search in the whole surface. A point
-        whose partner would be a facet of others has none here.
+        corners but hide nothing behind them; a rank that is also given the neighbours of its facets (those that
+        share a node) decides as if it had them all, and `better` of all ranks is then exactly the search in the
+        whole surface.
     apart : pcontact.contact.apart.Apart, optional
         The points are on the surface searched (self contact): facets that are no partners although they face the
         point.

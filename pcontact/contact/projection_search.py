@@ -62,7 +62,7 @@ def search_all(rays, tree, x_facets, kinds, ids, own, points, normals, radii, fa
                 if not rays:
                     for i in range(n_group):
                         _set_normal(found, group, n_group, found[group[i]], facing > 0.0)
-                winner, ended = -1, False
+                winner = -1
                 for i in range(n_group):
                     slot = group[i]
                     row = found[slot]
@@ -75,13 +75,11 @@ def search_all(rays, tree, x_facets, kinds, ids, own, points, normals, radii, fa
                         apart, q, facet, kinds[facet], row[U], row[V], row[N], row[N + 1], row[N + 2], shapes
                     ):
                         continue
-                    ended = True
-                    first = winner < 0 or row[INTERIOR] > found[winner, INTERIOR]
-                    if first and own[facet]:
+                    # one of the others may be held at an edge whose neighbours are not known here: it hides nothing
+                    if own[facet] and (winner < 0 or row[INTERIOR] > found[winner, INTERIOR]):
                         winner = slot
                 if winner >= 0:
                     _write(partners, q, x, found[winner], tree.order[leaves[winner]], ids)
-                if ended:
                     break
                 n_group = 0
                 continue

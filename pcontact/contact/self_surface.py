@@ -140,8 +140,7 @@ def self_surface(space, target, source):
     SelfSurface
         As the points of the source see it.
     """
-    widths = np.array([target.x.shape[1], target.nodes.shape[1]])
-    widths = space.comm.allreduce(widths, op=MPI.MAX)
+    widths = [int(space.comm.allreduce(table.shape[1], op=MPI.MAX)) for table in (target.x, target.nodes)]
     x = np.pad(target.x, ((0, 0), (0, widths[0] - target.x.shape[1]), (0, 0)), mode="edge")
     nodes = np.pad(target.nodes, ((0, 0), (0, widths[1] - target.nodes.shape[1])), mode="edge")
     corners = space.points[source.cells]
