@@ -719,13 +719,12 @@ def test_resolve_contacts_knows_numerics_only(full):
 # ---------------------------------------------------------------- what is not modelled yet
 
 
-def test_unsupported_are_all_named(write):
-    text = changed(PLAIN, '"block_top"', '"block_top"\nunbiased = true\nformulation = "penalty"')
+def test_unsupported_are_refused(write):
+    text = changed(PLAIN, '"block_top"', '"block_top"\nformulation = "penalty"')
     key = "contacts[0] (ball_skin-block_top)"
     refused(
         lambda: require_supported(read_scene(write(text))),
-        f"scene.toml: {key}.unbiased: found True (unbiased contact), which this program does not model yet",
-        f"(and 1 more: {key}.formulation = 'penalty'",
+        f"scene.toml: {key}.formulation: found 'penalty' (a formulation other than nitsche), which this program does",
         "leave it out",
     )
 
@@ -733,8 +732,6 @@ def test_unsupported_are_all_named(write):
 @pytest.mark.parametrize(
     ("old", "new", "entry"),
     [
-        ('"block_top"', '"block_top"\nunbiased = true', "contacts[0] (ball_skin-block_top).unbiased = True"),
-        ('"block_top"', '"ball_skin"', "contacts[0] (ball_skin-ball_skin).target = 'ball_skin'"),
         ('"block_top"', '"block_top"\nformulation = "penalty"',
          "(ball_skin-block_top).formulation = 'penalty'"),
     ],
@@ -742,6 +739,18 @@ def test_unsupported_are_all_named(write):
 def test_unsupported(write, old, new, entry):
     (found,) = unsupported(read_scene(write(changed(PLAIN, old, new))))
     assert entry in found
+
+
+@pytest.mark.parametrize(("old", "new", "left"), [
+    ("", "unbiased = true", "self contact"), ('"block_top"', '"ball_skin"', "unbiased contact"),
+])  # fmt: skip
+def test_unbiased_and_self_contact(write, old, new, left):
+    scene = read_scene(write(changed(PLAIN, old, new) if old else PLAIN + new))
+    assert unsupported(scene) == []
+    active, left_out = describe(scene, 2)
+    assert left in left_out and not {"self contact", "unbiased contact"} <= set(left_out)
+    said = "weight 1/2" if left == "self contact" else "ball_skin with itself"
+    assert said in active[2]
 
 
 @pytest.mark.parametrize(

@@ -1,7 +1,5 @@
 """Unbiased contact: patch test, swapped surfaces, tangents against differences, rings, memory, ranks."""
 
-import json
-
 import numpy as np
 import pytest
 from small import DIMENSION, SELF, blocks_file, dense_item, make_space, vector_of
@@ -11,6 +9,7 @@ from test_plastic_contact import SOFT, flowing
 from test_plastic_contact import check as check_plastic
 from test_plastic_contact import items as plastic_items
 from test_plastic_contact import taylor as taylor_plastic
+from test_restart import Keep, run
 
 from drivers._common import make_mesh, running
 from drivers.patch import errors, scene
@@ -24,7 +23,6 @@ from pcontact.material.hardening import hardening_curve
 from pcontact.material.plastic import plastic_constants
 from pcontact.runtime.petsc import MPI
 from pcontact.scene.model import Contact, Load, Output
-from pcontact.simulation import Simulation
 
 WORLD = MPI.COMM_WORLD
 THETAS = [1.0, 0.0, -1.0]
@@ -284,19 +282,20 @@ def test_memory_comes_back(stacked):
 
 
 @pytest.mark.parallel
-def test_a_run_writes_one_entry(shared_tmp):
-    """Report, fields of both surfaces and checkpoint of a run; a second run goes on from it."""
+def test_a_run_and_its_restart(shared_tmp):
+    """One entry in report, fields (of both surfaces) and checkpoint; a run that goes on comes to the same numbers."""
     path = make_mesh(two_blocks, shared_tmp / "b.msh", 2, 3, 4, "quadrilateral")
     case = scene(path, 2, unbiased=True, friction=0.3)
+    case.displacements = case.displacements[:2]
+    case.displacements[0].value, case.displacements[1].value = [0.0, 0.0], [0.2, -0.1]
+    case.materials["elastic"].nu = 0.3
     case.output = Output(fields=True, checkpoint=True)
-    case.steps.count = 2
-    simulation = Simulation(case)
-    try:
-        assert simulation.run(shared_tmp / "out")
-    finally:
-        simulation.close()
-    WORLD.Barrier()
-    steps = json.loads((shared_tmp / "out" / "report.json").read_text())["steps"]
-    assert list(steps[-1]["contacts"]) == ["patch"]
-    assert steps[-1]["contacts"]["patch"]["force"][-1] == pytest.approx(-1e5, rel=1e-6)
-    assert list((shared_tmp / "out" / "fields").glob("surface_patch_*.pvtu"))
+    case.steps.count = 6
+    watch = Keep(shared_tmp / "whole", shared_tmp / "kept", WORLD)
+    whole = run(case, WORLD, shared_tmp / "whole", [watch])
+    rest = run(case, WORLD, shared_tmp / "rest", restart=shared_tmp / "kept")
+    a, b = whole[-1]["contacts"], rest[-1]["contacts"]
+    assert list(a) == list(b) == ["patch"] and len(rest) == 2
+    np.testing.assert_allclose(b["patch"]["force"], a["patch"]["force"], rtol=1e-8)
+    assert b["patch"]["slip"] == a["patch"]["slip"] > 0
+    assert list((shared_tmp / "whole" / "fields").glob("surface_patch_*.pvtu"))
