@@ -11,7 +11,9 @@ from test_plastic_contact import items as plastic_items
 from test_plastic_contact import taylor as taylor_plastic
 from test_restart import Keep, run
 
-from drivers._common import make_mesh, running
+from drivers._common import make_mesh, parse, running
+from drivers.hertz import check as check_hertz
+from drivers.hertz import generate, make_options, make_scene
 from drivers.patch import errors, scene
 from drivers.rings import measure, ring_scene
 from meshes import rings, two_blocks
@@ -221,6 +223,27 @@ def test_default_gamma0_is_half_as_large():
 
 
 # -- curved surfaces, several ranks, restart ----------
+
+
+@pytest.mark.parallel
+def test_hertz(shared_tmp):
+    """Two cylinders: the closed form as near as with a source and a target."""
+    args = parse(make_options(), ["--case", "cylinders", "--hold", "1", "--drive", "displacement"])
+    case = check_hertz(args)
+    h = case.half_width / 12
+    path, found = generate(case, shared_tmp / "hertz.msh", h, 1), []
+    for both_ways in (False, True):
+        hertz = make_scene(case, path, args)
+        hertz.contacts[0].unbiased = both_ways
+        with running(hertz) as (simulation, converged):
+            assert converged
+            found.append(simulation.problem.items[1].summary(simulation.stepper.u))
+    one, two = found
+    force = np.linalg.norm(two["force"])
+    assert force == pytest.approx(np.linalg.norm(one["force"]), rel=5e-3)
+    half_width, peak = case.from_force(case.copies * force)
+    assert abs(two["area"] - half_width) < 1.5 * h
+    assert two["max_pressure"] == pytest.approx(peak, rel=0.03)
 
 
 @pytest.mark.parallel
