@@ -189,8 +189,8 @@ def c_strip(
     same as contact of two bodies.
 
     Groups: strip (split: strip_upper, strip_lower); strip_inner, strip_outer (the round faces), lip_upper, lip_lower
-    (the faces of the gap), back (the line y = 0 on the left, across the strip: inside the whole one, where the halves
-    were cut otherwise).
+    (the faces of the gap), lips (both), skin (lips and round faces), back (the line y = 0 on the left, across the
+    strip: inside the whole one, where the halves were cut otherwise).
 
     Parameters
     ----------
@@ -234,6 +234,9 @@ def c_strip(
             group(2, key, [body])
             for name, tag in facets.items():
                 tags.setdefault(name, []).append(tag)
+        tags["lips"] = tags["lip_upper"] + tags["lip_lower"]
+        faces = ("strip_inner", "strip_outer", "lips")
+        tags["skin"] = [tag for name in faces for tag in tags[name]]
         for name, entities in tags.items():
             group(1, name, entities)
         return write(path)

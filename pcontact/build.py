@@ -14,7 +14,15 @@ from pcontact.contact.obstacle import RigidObstacle
 from pcontact.contact.penalty import without_traction
 from pcontact.contact.pieces import cut_source
 from pcontact.contact.plastic_trace import PlasticTrace
+from pcontact.contact.self_surface import self_surface
 from pcontact.contact.surface import source_surface, target_surface
+from pcontact.contact.unbiased import (
+    UnbiasedFrictionalItem,
+    UnbiasedItem,
+    contacts_of_halves,
+    halved,
+    is_unbiased,
+)
 from pcontact.element.reference import CELLS
 from pcontact.material.elastic import in_plane, lame
 from pcontact.material.hardening import hardening_curve, hardening_table
@@ -33,7 +41,6 @@ from pcontact.scene import (
     resolve_contacts,
     validate,
 )
-from pcontact.scene.validate import require_supported
 from pcontact.solve.problem import Problem
 from pcontact.space.modes import colour, component_frames, floating
 from pcontact.space.space import AXIS, Space
@@ -85,9 +92,7 @@ def override(scene, options):
     }
     said = {key: get(f"contact_{key}", None, kind, text=text) for key, (kind, text) in numerics.items()}
     validate(scene)
-    scene = resolve_contacts(scene, {key: value for key, value in said.items() if value is not None})
-    require_supported(scene)
-    return scene
+    return resolve_contacts(scene, {key: value for key, value in said.items() if value is not None})
 
 
 def read(scene, comm, options):
@@ -169,15 +174,21 @@ def _trace(space, bulk, source, contact):
     return trace if space.comm.allreduce(trace.parts, op=MPI.SUM) else None
 
 
-def pair_item(space, bulk, contact, source, target, radius, floats=False):
-    """The item of a contact in its formulation. *Collective.*
+def pair_item(space, bulk, contact, source, target, radius, floats=False, half=False):
+    """The item of a contact in its formulation, or of a half of an unbiased one. *Collective.*
 
     Parameters
     ----------
     bulk : ElasticBulk or PlasticBulk
+    half : bool
+        Whether its integrals have the weight 1/2.
     others
         See `pcontact.contact.item.ContactItem`.
     """
+    if space.dim == 2 and contact.target is not None:
+        source = cut_source(space, source, contact.source, target, radius, contact.search, contact.quadrature)
+        target = target.seen_from(source.facet, source.x)
+    source = halved(source) if half else source
     law, trace = friction_law(contact), None
     if contact.formulation == "nitsche":
         trace = _trace(space, bulk, source, contact)
@@ -187,6 +198,20 @@ def pair_item(space, bulk, contact, source, target, radius, floats=False):
     if law is None:
         return frictionless(space, contact, source, target, radius, floats, trace)
     return frictional(space, contact, source, target, radius, law, contact.alpha, floats, trace)
+
+
+def _unbiased_item(scene, space, bulk, contact, radius, floats):
+    """The item of a pair both surfaces of which are source and target, or of self contact. *Collective.*"""
+    halves = []
+    for one in contacts_of_halves(contact):
+        source = source_surface(space, one.source, bulk.constants, one.quadrature)
+        _require_area(scene, space, one, source)
+        target = target_surface(space, one.target)
+        if one.source == one.target:
+            target = self_surface(space, target, source)
+        halves.append(pair_item(space, bulk, one, source, target, radius, floats, half=True))
+    kind = UnbiasedItem if friction_law(contact) is None else UnbiasedFrictionalItem
+    return kind(contact, halves)
 
 
 def contact_items(scene, space, constants, free, bulk):
@@ -216,19 +241,21 @@ def contact_items(scene, space, constants, free, bulk):
         if contact.target is not None:
             target = target_surface(space, contact.target)
             sides.append(_components(space, target))
-            edges |= {(a, b) for a in sides[0] for b in sides[1]}
+            edges |= {(a, b) for a in sides[0] for b in sides[1] if a != b}
         else:
             obstacle = contact.obstacle
             functions = obstacle_functions(scene, number) if obstacle.shape == "level_set" else None
             target = RigidObstacle(
                 obstacle, amplitude(obstacle.amplitude, scene.steps.end), size_of(space.mesh), functions
             )
-        touching.update(*sides)
+        if contact.target != contact.source or len(sides[0]) > 1:
+            touching.update(*sides)
         floats = bool(set().union(*sides) & set(free))
         radius = _radius(space, contact, floats)
-        if space.dim == 2 and contact.target is not None:
-            source = cut_source(space, source, contact.source, target, radius, contact.search, contact.quadrature)
-        items.append(pair_item(space, bulk, contact, source, target, radius, floats))
+        if is_unbiased(contact):
+            items.append(_unbiased_item(scene, space, bulk, contact, radius, floats))
+        else:
+            items.append(pair_item(space, bulk, contact, source, target, radius, floats))
     for k in sorted(set(free) - touching):
         name = space.mesh.component_names[k]
         log.warning("body %s: no contact pair can hold the %d rigid modes that no support holds", name, free[k])

@@ -25,9 +25,7 @@ from pcontact.scene import (
     describe,
     obstacle_functions,
     read_scene,
-    require_supported,
     resolve_contacts,
-    unsupported,
     validate,
 )
 
@@ -247,7 +245,6 @@ def test_plain_scene_has_defaults(write):
     assert scene.title == "" and scene.petsc == {} and scene.loads == [] and scene.displacements == []
     assert scene.steps == Steps(1.0, 1, None) and scene.output == Output(True, False)
     assert scene.contacts[0].name == "ball_skin-block_top"
-    require_supported(scene)
 
 
 def test_contact_numerics_are_not_said(write):
@@ -718,41 +715,15 @@ def test_resolve_contacts_knows_numerics_only(full):
         resolve_contacts(full, {"friction": 0.1})
 
 
-# ---------------------------------------------------------------- what is not modelled yet
-
-
-def test_unsupported_are_all_named(write):
-    text = changed(PLAIN, '"block_top"', '"ball_skin"\nunbiased = true')
-    key = "contacts[0] (ball_skin-ball_skin)"
-    refused(
-        lambda: require_supported(read_scene(write(text))),
-        f"scene.toml: {key}.unbiased: found True (unbiased contact), which this program does not model yet",
-        f"(and 1 more: {key}.target = 'ball_skin'",
-        "leave it out",
-    )
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "entry"),
-    [
-        ('"block_top"', '"block_top"\nunbiased = true', "contacts[0] (ball_skin-block_top).unbiased = True"),
-        ('"block_top"', '"ball_skin"', "contacts[0] (ball_skin-ball_skin).target = 'ball_skin'"),
-    ],
-)  # fmt: skip
-def test_unsupported(write, old, new, entry):
-    (found,) = unsupported(read_scene(write(changed(PLAIN, old, new))))
-    assert entry in found
-
-
-@pytest.mark.parametrize(
-    "more",
-    ['search = "ray_tracing"', "friction = 0.1", "tresca = 0.1", "[output]\ncheckpoint = true",
-     'interference = "adjust"', "friction = 0", "[materials.alu]\nE = 70e3\nnu = 0.3\nyield_stress = 250",
-     'formulation = "nitsche"', 'formulation = "penalty"', 'formulation = "augmented_lagrangian"',
-     "[output]\ncheckpoint = false", "gamma0 = 0.1\ntheta = -1\nquadrature = 4"],
-)  # fmt: skip
-def test_supported(write, more):
-    assert unsupported(read_scene(write(PLAIN + more))) == []
+@pytest.mark.parametrize(("old", "new", "left"), [
+    ("", "unbiased = true", "self contact"), ('"block_top"', '"ball_skin"', "unbiased contact"),
+])  # fmt: skip
+def test_unbiased_and_self_contact(write, old, new, left):
+    scene = read_scene(write(changed(PLAIN, old, new) if old else PLAIN + new))
+    active, left_out = describe(scene, 2)
+    assert left in left_out and not {"self contact", "unbiased contact"} <= set(left_out)
+    said = "weight 1/2" if left == "self contact" else "ball_skin with itself"
+    assert said in active[2]
 
 
 # ---------------------------------------------------------------- against the mesh

@@ -99,16 +99,18 @@ def route(comm, low, high, points, radius):
     return np.concatenate(asked_points), np.concatenate(asked_ranks)
 
 
-def _project(target, x_facets, boxes, points, normals, radius, method, numbers):
+def _project(target, around, asked, radius, method, numbers):
     """Answers (n, columns) of this rank for some points, and how many facets were tried.
 
     Columns: facet id, distance, gap, interior, facet size, y, normal, nodes, shape; no partner has a distance of inf.
     """
-    tree = build_tree(*boxes)
+    x_facets, kinds, ids, own = around
+    d = x_facets.shape[2]
+    points, normals, about = asked[:, :d], asked[:, d : 2 * d], asked[:, 2 * d :]
+    tree = build_tree(*facet_boxes(x_facets, kinds))
     search = closest_points if method == "closest_point" else ray_tracing
-    p = search(
-        tree, x_facets, target.kinds, target.ids, np.ascontiguousarray(points), np.ascontiguousarray(normals), radius
-    )
+    apart = target.apart(about)
+    p = search(tree, x_facets, kinds, ids, points, normals, radius, own=own, apart=apart)
     found = p.facet >= 0
     facet = np.where(found, p.facet, 0)
     m = target.nodes.shape[1]
@@ -166,14 +168,14 @@ def find_partners(space, target, nodal, points, normals, radius, method):
     if target.nodes.shape[1] < width:
         missing = width - target.nodes.shape[1]
         target.nodes = np.pad(target.nodes, ((0, 0), (0, missing)), mode="edge")
-    boxes = facet_boxes(x_facets, target.kinds)
+    around = target.around(x_facets)
+    asking = np.column_stack([points, normals] if target.about is None else [points, normals, target.about])
     if comm.size == 1:
-        answers, candidates = _project(target, x_facets, boxes, points, normals, radius, method, space.nodes)
+        answers, candidates = _project(target, around, asking, radius, method, space.nodes)
         asked = np.arange(len(points))
     else:
-        asked, answers, candidates = _remote(
-            space, target, x_facets, boxes, points, normals, radius, method, width
-        )
+        boxes = facet_boxes(x_facets, target.kinds)
+        asked, answers, candidates = _remote(space, target, around, boxes, asking, radius, method, width)
     winner = _best(asked, answers, len(points))
     first = 5
     out = np.zeros((len(points), first + 2 * d + 2 * width))
@@ -186,15 +188,15 @@ def find_partners(space, target, nodal, points, normals, radius, method):
     )
 
 
-def _remote(space, target, x_facets, boxes, points, normals, radius, method, width):
+def _remote(space, target, around, boxes, asking, radius, method, width):
     """Ask the ranks whose boxes are near, answer those who ask here."""
-    d = space.dim
-    index, ranks = route(space.comm, *boxes, points, radius)
-    sends, order = split_by_rank(ranks, np.column_stack([points[index], normals[index]]))
-    asked = space.exchanger(sends, np.float64, 2 * d)
+    d, n_columns = space.dim, asking.shape[1]
+    index, ranks = route(space.comm, *boxes, asking[:, :d], radius)
+    sends, order = split_by_rank(ranks, asking[index])
+    asked = space.exchanger(sends, np.float64, n_columns)
     counts = [len(a) for a in asked.values()]
-    joined = np.concatenate(list(asked.values())) if asked else np.zeros((0, 2 * d))
-    answers, candidates = _project(target, x_facets, boxes, joined[:, :d], joined[:, d:], radius, method, space.nodes)
+    joined = np.concatenate(list(asked.values())) if asked else np.zeros((0, n_columns))
+    answers, candidates = _project(target, around, joined, radius, method, space.nodes)
     pieces = np.split(answers, np.cumsum(counts)[:-1]) if asked else []
     columns = 5 + 2 * d + 2 * width
     replies = space.exchanger(dict(zip(asked, pieces, strict=True)), np.float64, columns)

@@ -50,6 +50,8 @@ def _partners(space, parts, part, row, s, search):
         if len(chosen):
             x[chosen], normal[chosen] = _at(space, facets, row[chosen], s[chosen])[:2]
     target, radius, method = search
+    first = np.cumsum([0, *(len(facets.cells) for facets in parts)], dtype=np.int64)
+    target = target.seen_from(first[part] + row, x)
     nodal = np.zeros((space.n_local, space.dim))
     return find_partners(space, target, nodal, x, normal, radius, method).id
 

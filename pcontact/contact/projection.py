@@ -23,6 +23,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from pcontact.contact.apart import nobody, writable
 from pcontact.contact.facet_maps import facet_boxes, simplest_kinds
 from pcontact.contact.projection_search import ROUNDING, TIE, search_all
 from pcontact.contact.tree import build_tree
@@ -95,7 +96,7 @@ def no_partners(points, normals):
     )  # fmt: skip
 
 
-def closest_points(tree, x_facets, kinds, ids, points, normals, radius, facing=FACING, own=None):
+def closest_points(tree, x_facets, kinds, ids, points, normals, radius, facing=FACING, own=None, apart=None):
     """Closest point projection.
 
     Parameters
@@ -116,9 +117,12 @@ def closest_points(tree, x_facets, kinds, ids, points, normals, radius, facing=F
         Smallest nX . n of a partner, in (0, 1).
     own : (nf,) bool array_like, optional
         Facets that may be partners (default: all). The others take part in the decisions about edges and
-        corners; a rank that is also given the neighbours of its facets (those that share a node) decides as
-        if it had them all, and `better` of all ranks is then exactly the search in the whole surface. A point
-        whose partner would be a facet of others has none here.
+        corners but hide nothing behind them; a rank that is also given the neighbours of its facets (those that
+        share a node) decides as if it had them all, and `better` of all ranks is then exactly the search in the
+        whole surface.
+    apart : pcontact.contact.apart.Apart, optional
+        The points are on the surface searched (self contact): facets that are no partners although they face the
+        point.
 
     Returns
     -------
@@ -129,16 +133,16 @@ def closest_points(tree, x_facets, kinds, ids, points, normals, radius, facing=F
     ValueError
         If arrays do not fit together.
     """
-    return _search(False, tree, x_facets, kinds, ids, points, normals, radius, facing, own)
+    return _search(False, tree, x_facets, kinds, ids, points, normals, radius, facing, own, apart)
 
 
-def ray_tracing(tree, x_facets, kinds, ids, points, normals, radius, facing=FACING, own=None):
+def ray_tracing(tree, x_facets, kinds, ids, points, normals, radius, facing=FACING, own=None, apart=None):
     """Partners along the source normal: y = x + g nX, smallest abs(g) <= radius, n = nX.
 
     Only facets with nX . nY <= -facing count. Parameters and result as in `closest_points`; `distance` is
     abs(g).
     """
-    return _search(True, tree, x_facets, kinds, ids, points, normals, radius, facing, own)
+    return _search(True, tree, x_facets, kinds, ids, points, normals, radius, facing, own, apart)
 
 
 def better(a, b):
@@ -169,7 +173,7 @@ def better(a, b):
     return Partners(*merged)._replace(candidates=a.candidates + b.candidates)
 
 
-def _search(rays, tree, x_facets, kinds, ids, points, normals, radius, facing, own):
+def _search(rays, tree, x_facets, kinds, ids, points, normals, radius, facing, own, apart):
     """Check and convert the arguments (one compiled specialisation serves all), run the kernel."""
     points, normals, x_facets = (_floats(array) for array in (points, normals, x_facets))
     kinds, ids = (np.require(array, np.int64, ["C", "W"]) for array in (kinds, ids))
@@ -189,7 +193,8 @@ def _search(rays, tree, x_facets, kinds, ids, points, normals, radius, facing, o
         simple = np.empty_like(kinds)
         simplest_kinds(x_facets, kinds, simple)
         own = np.ones(kinds.size, dtype=np.bool_) if own is None else np.require(own, np.bool_, ["C", "W"])
-        search_all(rays, tree, x_facets, simple, ids, own, points, normals, radii, float(facing), partners)
+        apart = nobody(d) if apart is None else writable(apart)
+        search_all(rays, tree, x_facets, simple, ids, own, points, normals, radii, float(facing), partners, apart)
     return partners
 
 

@@ -8,6 +8,7 @@ chosen. The walk ends with the first group that holds an accepted facet: facets 
 
 import numpy as np
 
+from pcontact.contact.apart import is_own
 from pcontact.contact.facet_maps import (
     SQUARE_CORNERS,
     TRIANGLE_CORNERS,
@@ -33,7 +34,7 @@ INTERIOR, ANGLE, SIZE, SLACK, COLUMNS = 13, 14, 15, 16, 17
 
 
 @njit_exact
-def search_all(rays, tree, x_facets, kinds, ids, own, points, normals, radii, facing, partners):
+def search_all(rays, tree, x_facets, kinds, ids, own, points, normals, radii, facing, partners, apart):
     """Write the partners of all points.
 
     Parameters are those of `projection.closest_points`, with `kinds` simplified
@@ -61,7 +62,7 @@ def search_all(rays, tree, x_facets, kinds, ids, own, points, normals, radii, fa
                 if not rays:
                     for i in range(n_group):
                         _set_normal(found, group, n_group, found[group[i]], facing > 0.0)
-                winner, ended = -1, False
+                winner = -1
                 for i in range(n_group):
                     slot = group[i]
                     row = found[slot]
@@ -69,13 +70,16 @@ def search_all(rays, tree, x_facets, kinds, ids, own, points, normals, radii, fa
                         found, leaves, slot, n_found, tree, x_facets, kinds, x, p, nodes, shapes, jet, grid
                     ):
                         continue
-                    ended = True
-                    first = winner < 0 or row[INTERIOR] > found[winner, INTERIOR]
-                    if first and own[tree.order[leaves[slot]]]:
+                    facet = tree.order[leaves[slot]]
+                    if apart.parts.size > 0 and is_own(
+                        apart, q, facet, kinds[facet], row[U], row[V], row[N], row[N + 1], row[N + 2], shapes
+                    ):
+                        continue
+                    # one of the others may be held at an edge whose neighbours are not known here: it hides nothing
+                    if own[facet] and (winner < 0 or row[INTERIOR] > found[winner, INTERIOR]):
                         winner = slot
                 if winner >= 0:
                     _write(partners, q, x, found[winner], tree.order[leaves[winner]], ids)
-                if ended:
                     break
                 n_group = 0
                 continue

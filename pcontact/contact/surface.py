@@ -225,6 +225,21 @@ class TargetSurface:
     components: np.ndarray
     degree: int
 
+    # what points on the surface itself tell about themselves, see `pcontact.contact.self_surface`
+    about = None
+
+    def seen_from(self, facet, x):
+        """The surface as points of another one see it."""
+        return self
+
+    def around(self, x_facets):
+        """What is searched at deformed coordinates: these, kinds, numbers, which may be partners. *Collective.*"""
+        return x_facets, self.kinds, self.ids, None
+
+    def apart(self, about):
+        """See :class:`pcontact.contact.apart.Apart`; None: no point is on the surface."""
+        return None
+
     def deformed(self, nodal):
         """Coordinates (nf, n, d) of the facets under local nodal displacements (n_local, d)."""
         x = self.x.copy()

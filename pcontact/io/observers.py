@@ -174,7 +174,8 @@ class Fields:
         mean["status"] = np.where(closed > 0, 2, 0)
         mean["area"] = area
         cells, data, first = [], {name: [] for name in mean}, 0
-        for facets in mesh.facet_groups.get(item.contact.source, []):
+        names = getattr(item, "surfaces", (item.contact.source,))
+        for facets in (part for name in names for part in mesh.facet_groups.get(name, [])):
             block = mesh.blocks[facets.block]
             table = space.facet_nodes(facets)
             cells.append((MESHIO_NAMES[(space.facet_kind(block), space.degree)], table))

@@ -17,7 +17,7 @@ from pcontact.scene.model import (
 )
 from pcontact.scene.reader import read_scene
 from pcontact.scene.regions import check_dimension, check_radius, check_regions
-from pcontact.scene.validate import require_supported, resolve_contacts, unsupported, validate
+from pcontact.scene.validate import resolve_contacts, validate
 
 __all__ = [
     "Amplitude",
@@ -38,8 +38,6 @@ __all__ = [
     "describe",
     "obstacle_functions",
     "read_scene",
-    "require_supported",
     "resolve_contacts",
-    "unsupported",
     "validate",
 ]

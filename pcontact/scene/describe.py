@@ -95,4 +95,8 @@ def _contact(contact: Contact) -> str:
         words.append(f"theta {contact.theta:g}")
     words.append("gamma0 from the element" if contact.gamma0 is None else f"gamma0 {contact.gamma0:g}")
     words += [contact.search.replace("_", " "), f"initial overlap: {contact.interference}"]
+    if contact.target == contact.source:
+        words.append("no partners in the same cell, across a shared node or through the material")
+    elif contact.unbiased:
+        words.append("unbiased: both sides are source and target with weight 1/2")
     return f"contact {contact.name}: " + ", ".join(words)

@@ -20,12 +20,6 @@ from pcontact.scene.rules import MOTION_KEYS, OBSTACLE_KEYS, OPTION, RULES, TEXT
 ALIKE = 0.5  # likeness of two file names above which one may be meant by the other
 SMALLEST = 1e-12  # of the run: the shortest step
 
-# What can be described but is not modelled yet: table, key, does the table ask for it, in words
-UNSUPPORTED = (
-    (Contact, "unbiased", lambda contact: contact.unbiased, "unbiased contact"),
-    (Contact, "target", lambda contact: contact.target == contact.source, "self contact"),
-)
-
 
 def validate(scene: Scene) -> None:
     """Check every value of a scene, in place: numbers become float, lists tuples, options strings.
@@ -60,33 +54,6 @@ def validate(scene: Scene) -> None:
     _check_unique(scene, "contacts", "name")
     _check_displacements(scene)
     _check_steps(scene)
-
-
-def unsupported(scene: Scene) -> list[str]:
-    """What a valid scene asks for and the program does not model: key path, value and words of each."""
-    return [
-        f"{where}.{key} = {getattr(table, key)!r} ({words})"
-        for where, table in tables(scene)
-        for cls, key, asked, words in UNSUPPORTED
-        if isinstance(table, cls) and asked(table)
-    ]
-
-
-def require_supported(scene: Scene) -> None:
-    """Refuse a scene that asks for what the program does not model, rather than ignore it.
-
-    Raises
-    ------
-    InputError
-        Names every such key.
-    """
-    found = unsupported(scene)
-    if found:
-        more = f" (and {len(found) - 1} more: {', '.join(found[1:])})" if found[1:] else ""
-        key, _, said = found[0].partition(" = ")
-        raise input_error(
-            scene.where, key, f"{said}, which this program does not model yet{more}", "leave it out"
-        )
 
 
 def resolve_contacts(scene: Scene, overrides: Mapping[str, object]) -> Scene:

@@ -64,7 +64,8 @@ class Uzawa:
 
 def uzawa(items, newton, options):
     """The loop of a problem; None where no item has multipliers."""
-    items = [item for item in items if hasattr(item, "update_multipliers")]
+    halves = [half for item in items for half in getattr(item, "halves", [item])]
+    items = [half for half in halves if hasattr(half, "update_multipliers")]
     if not items:
         return None
     text = "change of the multipliers relative to the traction at which they have settled"

@@ -1,0 +1,103 @@
+"""Self contact: which facets are no partners of a point because they belong to its own neighbourhood.
+
+A point of a surface that is searched for partners on the same surface has its own facet at distance 0, and the far side
+of its own body behind it. The facing rule of the search (`projection.FACING`) leaves out its own facet and those around
+it. Of facets of the point's own connected body these are left out, too:
+
+* facets of the point's own cell, and facets that share a node with the point's facet;
+* facets behind the point, through the material: in the undeformed body a partner is in front of the point. A slack of
+  `SLACK` of the shortest edge of the facet, or of the depth of its cell if that is less, makes room for surfaces that
+  touch. It is the undeformed body that is asked, for it has no overlap: in the deformed one a point may go deeper.
+
+Parts of a body that are thinner than the search radius thus need no care, nor does a body whose opposite skins lie
+closer to each other than the faces of a gap. An overlap of the undeformed body with itself is not seen. Other bodies in
+the same group of facets are partners like any others.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from pcontact.contact.facet_maps import NODE_COUNTS, fill_shapes
+from pcontact.runtime.jit import njit_exact
+
+# of the edges of a facet and of the depth of its cell: overlap of the undeformed body that counts as none
+SLACK = 0.1
+
+
+class Apart(NamedTuple):
+    """Where points and facets are in the undeformed bodies; all arrays empty where points are not on the surface.
+
+    Attributes
+    ----------
+    x : ndarray (np, d)
+        Points [length].
+    cells, parts : ndarray (np,)
+        Global number of the parent cell and connected body of each point's facet.
+    nodes : ndarray (np, k)
+        Global nodes of that facet.
+    slack : ndarray (np,)
+        How deep behind the point a partner may be [length].
+    facet_x : ndarray (nf, m, d)
+        Nodes of the facets searched [length].
+    facet_cells, facet_parts : ndarray (nf,)
+    facet_nodes : ndarray (nf, k)
+    """
+
+    x: np.ndarray
+    cells: np.ndarray
+    parts: np.ndarray
+    nodes: np.ndarray
+    slack: np.ndarray
+    facet_x: np.ndarray
+    facet_cells: np.ndarray
+    facet_parts: np.ndarray
+    facet_nodes: np.ndarray
+
+
+def writable(apart):
+    """As one compiled specialisation takes it."""
+    kinds = {"x": float, "slack": float, "facet_x": float}
+    arrays = apart._asdict().items()
+    return Apart(*(np.require(array, kinds.get(name, np.int64), ["C", "W"]) for name, array in arrays))
+
+
+def nobody(d):
+    """For points that are not on the surface searched."""
+    none, pairs = np.zeros(0), np.zeros((0, 0))
+    return writable(Apart(np.zeros((0, d)), none, none, pairs, none, np.zeros((0, 0, d)), none, none, pairs))
+
+
+@njit_exact
+def is_own(apart, q, facet, kind, u, v, n0, n1, n2, shapes):
+    """Whether a facet belongs to the neighbourhood of point q, see the head of the module.
+
+    Parameters
+    ----------
+    apart : Apart
+    q, facet : int
+    kind : int
+        Of the facet, see `facet_maps`.
+    u, v : float
+        Reference coordinates of the partner.
+    n0, n1, n2 : float
+        Contact normal.
+    shapes : (6, 9) float64
+        Scratch.
+    """
+    if apart.parts[q] != apart.facet_parts[facet]:
+        return False
+    if apart.cells[q] == apart.facet_cells[facet]:
+        return True
+    for i in range(apart.nodes.shape[1]):
+        for j in range(apart.facet_nodes.shape[1]):
+            if apart.nodes[q, i] == apart.facet_nodes[facet, j]:
+                return True
+    fill_shapes(kind, u, v, shapes)
+    gap = 0.0
+    for k in range(apart.x.shape[1]):
+        y = 0.0
+        for i in range(NODE_COUNTS[kind]):
+            y += shapes[0, i] * apart.facet_x[facet, i, k]
+        gap += (y - apart.x[q, k]) * (n0 if k == 0 else (n1 if k == 1 else n2))
+    return gap < -apart.slack[q]

@@ -1,0 +1,155 @@
+"""A surface that is its own target: what its points and facets need to know to tell neighbours from partners."""
+
+from dataclasses import dataclass, field, fields, replace
+
+import numpy as np
+
+from pcontact.contact.apart import SLACK, Apart
+from pcontact.contact.surface import FACETS, TargetSurface
+from pcontact.runtime.parallel import split_by_rank
+from pcontact.runtime.petsc import MPI
+
+
+@dataclass
+class SelfSurface(TargetSurface):
+    """Facets of one rank, with those of other ranks around them.
+
+    Attributes
+    ----------
+    table : ndarray (nf, 3 + m)
+        Of each facet: cell, connected body, slack [length] (see `pcontact.contact.apart`), global nodes.
+    rim : Rim
+    about : ndarray (np, d + 3 + m) or None
+        Of each point that looks for a partner: its place in the undeformed body, and the row of its facet.
+    """
+
+    table: np.ndarray = field(default=None)
+    rim: object = None
+    about: np.ndarray | None = None
+
+    def seen_from(self, facet, x):
+        """The surface as points x (n, d) of its own facets (n,) see it in the undeformed body."""
+        return replace(self, about=np.column_stack([x, self.table[facet]]))
+
+    def around(self, x_facets):
+        """Deformed coordinates, kinds and numbers of the facets of this rank and then of its rim. *Collective.*
+
+        The rim decides with the others whether a projection is held at an edge, as if all facets were on one rank, but
+        holds no partner itself.
+        """
+        rim = self.rim
+        x = np.ascontiguousarray(np.concatenate([x_facets, rim.gather(x_facets)]))
+        kinds, ids = np.concatenate([self.kinds, rim.kinds]), np.concatenate([self.ids, rim.ids])
+        return x, kinds, ids, np.arange(len(x)) < len(x_facets)
+
+    def apart(self, about):
+        """Where points, of any rank, and the facets of :meth:`around` are in the undeformed bodies."""
+        d = self.x.shape[2]
+        table = np.concatenate([self.table, self.rim.table])
+        x = np.concatenate([self.x, self.rim.x])
+        point = about[:, d:]
+        return Apart(
+            about[:, :d], point[:, 0], point[:, 1], point[:, 3:], point[:, 2], x, table[:, 0], table[:, 1], table[:, 3:]
+        )
+
+
+class Rim:
+    """Facets of other ranks that share a node with one of this rank's, and the plan that brings their coordinates.
+
+    Parameters
+    ----------
+    space : pcontact.space.space.Space
+    surface : SelfSurface
+        Its ``x`` and ``table`` have the same width on all ranks.
+
+    Attributes
+    ----------
+    kinds, ids, x, table
+        As those of the surface.
+
+    Notes
+    -----
+    *Collective.*
+    """
+
+    def __init__(self, space, surface):
+        self._exchanger = space.exchanger
+        nodes = surface.table[:, 3:].astype(np.int64)
+        shared = _neighbours(space, nodes)
+        self._rows = {rank: np.flatnonzero(np.isin(nodes, there).any(axis=1)) for rank, there in shared.items()}
+        statics = np.column_stack([surface.kinds, surface.ids, surface.table]).astype(float)
+        columns = self._bring(statics)
+        self.kinds, self.ids = (np.ascontiguousarray(columns[:, k].astype(np.int64)) for k in (0, 1))
+        self.table = columns[:, 2:]
+        self.x = self.gather(surface.x)
+
+    def _bring(self, values):
+        """Rows (n, columns) of the rim out of those of all ranks' surfaces (nf, columns). *Collective.*"""
+        sends = {rank: values[rows] for rank, rows in self._rows.items()}
+        received = self._exchanger(sends, np.float64, values.shape[1])
+        return np.concatenate([np.zeros((0, values.shape[1])), *received.values()])
+
+    def gather(self, x_facets):
+        """Coordinates (n, m, d) of the rim's facets. *Collective.*"""
+        shape = x_facets.shape[1:]
+        return self._bring(x_facets.reshape(len(x_facets), shape[0] * shape[1])).reshape(-1, *shape)
+
+
+def _neighbours(space, nodes):
+    """Other ranks whose facets have nodes of these (nf, m), and which, by rank. *Collective.*
+
+    The owner of a node hears of all ranks that have facets with it and tells each of them of the others.
+    """
+    mine = np.unique(nodes)
+    sends, _ = split_by_rank(space.numbering.owner(mine), mine)
+    heard = space.exchanger(sends, np.int64, 1)
+    node = np.concatenate([np.zeros(0, np.int64), *(part.ravel() for part in heard.values())])
+    rank = np.concatenate([np.zeros(0, np.int64), *(np.full(len(part), r) for r, part in heard.items())])
+    order = np.argsort(node, kind="stable")
+    node, rank = node[order], rank[order]
+    _, first, place, count = np.unique(node, return_index=True, return_inverse=True, return_counts=True)
+    # every rank of a node with every other
+    one = np.repeat(np.arange(len(node)), count[place])
+    start = np.cumsum(count[place]) - count[place]
+    other = first[place[one]] + np.arange(len(one)) - start[one]
+    pairs = np.column_stack([node[one], rank[other]])[rank[one] != rank[other]]
+    sends, _ = split_by_rank(rank[one][rank[one] != rank[other]], pairs)
+    told = space.exchanger(sends, np.int64, 2)
+    pairs = np.concatenate([np.zeros((0, 2), np.int64), *told.values()])
+    return split_by_rank(pairs[:, 1], pairs[:, 0])[0]
+
+
+def _shortest(x):
+    """Shortest distance (nf,) between two nodes of facets (nf, m, d), some of which may be there twice."""
+    distance = np.linalg.norm(x[:, :, None] - x[:, None], axis=3)
+    return np.min(np.where(distance > 0.0, distance, np.inf), axis=(1, 2), initial=np.inf)
+
+
+def self_surface(space, target, source):
+    """A target surface whose facets are also those of the source. *Collective.*
+
+    Parameters
+    ----------
+    space : pcontact.space.space.Space
+    target : TargetSurface
+    source : SourceSurface
+        Of the same facet group.
+
+    Returns
+    -------
+    SelfSurface
+        As the points of the source see it.
+    """
+    widths = [int(space.comm.allreduce(table.shape[1], op=MPI.MAX)) for table in (target.x, target.nodes)]
+    x = np.pad(target.x, ((0, 0), (0, widths[0] - target.x.shape[1]), (0, 0)), mode="edge")
+    nodes = np.pad(target.nodes, ((0, 0), (0, widths[1] - target.nodes.shape[1])), mode="edge")
+    corners = space.points[source.cells]
+    behind = np.einsum("pad,pd->pa", source.x[:, None] - corners[source.facet], source.normal)
+    depth = np.full(len(source.cells), np.inf)
+    np.minimum.at(depth, source.facet, behind.max(axis=1, initial=0.0))
+    slack = SLACK * np.minimum(_shortest(space.points[nodes]), depth)
+    table = np.column_stack([target.ids // FACETS, target.components, slack, space.nodes[nodes]]).astype(float)
+    said = {one.name: getattr(target, one.name) for one in fields(TargetSurface)}
+    surface = SelfSurface(**{**said, "x": np.ascontiguousarray(x), "nodes": nodes}, table=table)
+    surface.rim = Rim(space, surface)
+    return surface.seen_from(source.facet, source.x)

@@ -1,0 +1,256 @@
+"""Unbiased contact: both surfaces are source and target, half and half (Chouly, Mlika, Renard 2017).
+
+A pair of bodies has two halves: the points of each surface look for partners on the other, and all integrals of a
+half, those of the theta terms too, have the weight 1/2. Each half has the tractions, normals, gaps and the gamma of its
+own source; forces balance since every half acts on the jump. Self contact has one half: all points of the surface look
+for partners on it, so that both of two places that touch have theirs.
+
+With weight 1/2 the residual is monotone for gamma > (1 + theta)^2 / 8 times the constant of the trace inequality, half
+of what contact with a source and a target needs; the default gamma0 is half as large, too.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from pcontact.assembly.pattern import positions, union
+from pcontact.contact.parameters import parameter
+from pcontact.contact.summary import summarise
+
+WEIGHT = 0.5
+# what the halves are called in a checkpoint
+SIDES = ("source", "target")
+
+
+def is_unbiased(contact):
+    """Whether a contact is made of halves: it says so, or it is self contact."""
+    return contact.unbiased or contact.target == contact.source
+
+
+def halved(source):
+    """A source surface (SourceSurface) whose quadrature weights are halved, and with them all terms."""
+    return replace(source, jxw=WEIGHT * source.jxw)
+
+
+def contacts_of_halves(contact):
+    """The contacts (one or two) that make up an unbiased one: from each surface to the other.
+
+    Parameters
+    ----------
+    contact : pcontact.scene.model.Contact
+        With its numerics resolved.
+    """
+    gamma0 = contact.gamma0
+    if gamma0 is None and contact.formulation in (None, "nitsche"):
+        gamma0 = WEIGHT * parameter(contact)
+    forth = replace(contact, gamma0=gamma0)
+    if contact.source == contact.target:
+        return [forth]
+    return [forth, replace(forth, source=contact.target, target=contact.source)]
+
+
+@dataclass
+class BothSides:
+    """What observers need to know of the sources of all halves.
+
+    Attributes
+    ----------
+    cells : ndarray (nf,)
+        One entry for each facet: its global number.
+    size : ndarray (nf,)
+        Diameter of the facets [length].
+    facet : ndarray (np,)
+        Facet of each point.
+    jxw : ndarray (np,)
+        Area of the points.
+    x, normal : ndarray (np, d)
+        Reference position [length] and outward unit normal of the points.
+    """
+
+    cells: np.ndarray
+    size: np.ndarray
+    facet: np.ndarray
+    jxw: np.ndarray
+    x: np.ndarray
+    normal: np.ndarray
+
+    @classmethod
+    def of(cls, halves):
+        """Join the sources of some items."""
+        sources = [half.source for half in halves]
+        first = np.cumsum([0, *(len(source.cells) for source in sources)])[:-1]
+        facet = np.concatenate([source.facet + n for source, n in zip(sources, first, strict=True)])
+
+        def joined(key):
+            return np.concatenate([getattr(source, key) for source in sources])
+
+        return cls(
+            joined("facet_ids"), joined("size"), facet, joined("jxw") / WEIGHT, joined("x"), joined("normal")
+        )
+
+
+class UnbiasedItem:
+    """The halves of an unbiased contact pair, or the one half of self contact, as one item.
+
+    Parameters
+    ----------
+    contact : pcontact.scene.model.Contact
+        As the scene has it.
+    halves : list of ContactItem
+        Of :func:`contacts_of_halves`, with :func:`halved` sources.
+
+    Attributes
+    ----------
+    surfaces : tuple of str
+        Facet groups of the sources of the halves.
+    """
+
+    changes, rigid = True, False
+
+    def __init__(self, contact, halves):
+        first = halves[0]
+        self.contact, self.halves = contact, halves
+        self.name, self.space, self.theta, self.gamma0 = first.name, first.space, first.theta, first.gamma0
+        self.radius, self.floats = first.radius, any(half.floats for half in halves)
+        self.surfaces = tuple(half.contact.source for half in halves)
+        self.source = BothSides.of(halves)
+        self.gamma = np.concatenate([half.gamma for half in halves])
+        traces = [half.plastic for half in halves if half.plastic is not None]
+        self.plastic = traces or None
+        self._versions = None
+
+    @property
+    def version(self):
+        """Grows when the pattern changes."""
+        return sum(half.version for half in self.halves)
+
+    @property
+    def candidates(self):
+        """Facets that the searches of this rank tried."""
+        return sum(half.candidates for half in self.halves)
+
+    @property
+    def flips(self):
+        """Points of this rank whose status changed in each Newton iteration."""
+        return [sum(counts) for counts in zip(*(half.flips for half in self.halves), strict=True)]
+
+    @property
+    def closed(self):
+        """Points (np,) that were closed at the end of the last load step."""
+        return np.concatenate([half.closed for half in self.halves])
+
+    # -- a load step: see `ContactItem`, whose methods these are ------------------------------------------------
+
+    def detect(self, u, time, motion=0.0, ahead=None):
+        """Find the partners of the points of all halves. *Collective.*"""
+        for half in self.halves:
+            half.detect(u, time, motion, ahead)
+
+    def pattern(self):
+        """Owned block rows: rowptr (n_owned + 1,), columns (nnz,)."""
+        self._renew()
+        return self._rowptr, self._columns
+
+    def _renew(self):
+        """Pattern of all halves together, and the places of theirs in it."""
+        versions = [half.version for half in self.halves]
+        if versions == self._versions:
+            return
+        patterns = [half.pattern() for half in self.halves]
+        rowptr, columns = patterns[0]
+        for other in patterns[1:]:
+            rowptr, columns = union(rowptr, columns, *other)
+        self._places = [positions(*pattern, rowptr, columns) for pattern in patterns]
+        self._rowptr, self._columns, self._versions = rowptr, columns, versions
+
+    def residual(self, u, out):
+        """Add the forces of all halves on the owned nodes to ``out`` (n_owned, d). *Collective.*"""
+        for half in self.halves:
+            half.residual(u, out)
+
+    def tangent(self, u):
+        """Values (nnz, d, d) on :meth:`pattern`. *Collective.*"""
+        values = [half.tangent(u) for half in self.halves]
+        self._renew()
+        total = np.zeros((len(self._columns), self.space.dim, self.space.dim))
+        for place, value in zip(self._places, values, strict=True):
+            total[place] += value
+        return total
+
+    def commit(self, u, time):
+        """End the load step. *Collective.*"""
+        for half in self.halves:
+            half.commit(u, time)
+
+    def committed_areas(self):
+        """Areas that were open, sticking, slipping at the end of the last load step: means of both sides."""
+        return sum(half.committed_areas() for half in self.halves)
+
+    def pulled(self, u):
+        """Area that was closed and that ``u`` would open, the mean of both sides. *Collective.*"""
+        return sum(half.pulled(u) for half in self.halves)
+
+    def glue(self, glued):
+        """Keep points closed or open as they were at the end of the last load step; or let them go."""
+        for half in self.halves:
+            half.glue(glued)
+
+    def reach(self, u, y):
+        """Largest part of the Newton step ``-y`` that all halves admit. *Collective.*"""
+        return min([half.reach(u, y) for half in self.halves])
+
+    def motion(self, u, before):
+        """Largest motion of a point along its normal between two displacements [length]. *Collective.*"""
+        return max([half.motion(u, before) for half in self.halves])
+
+    # -- what remains of a load step ------------------------------------------------------------------------------
+
+    def memory(self):
+        """See :meth:`ContactItem.memory`: what the halves remember, under names that begin with their side."""
+        return {
+            f"{side}_{name}": table
+            for side, half in zip(SIDES, self.halves, strict=False)
+            for name, table in half.memory().items()
+        }
+
+    def recall(self, name, chunks):
+        """Take back what :meth:`memory` gave under a name."""
+        side, _, rest = name.partition("_")
+        for key, half in zip(SIDES, self.halves, strict=False):
+            if key == side:
+                half.recall(rest, chunks)
+
+    def state(self, u):
+        """Contact at the points of both surfaces, one after the other. *Collective.*
+
+        Returns
+        -------
+        dict of str to ndarray
+            As for `ContactItem`: ``traction`` acts on the body of the point, ``weight`` is the area of the point.
+        """
+        states = [half.state(u) for half in self.halves]
+        state = {key: np.concatenate([one[key] for one in states]) for key in states[0]}
+        return {**state, "weight": state["weight"] / WEIGHT}
+
+    def summary(self, u):
+        """Numbers of the pair for the report, the same on every rank. *Collective.*
+
+        Force and area are the means of what the two sides say. Self contact has no sides: its force has in every
+        direction the sum of the magnitudes, which is that between two places that touch where there are only two.
+        """
+        states = [half.state(u) for half in self.halves]
+        if len(states) == 1:
+            states[0]["traction"] = -np.abs(states[0]["traction"])
+        else:
+            states[1]["traction"] = -states[1]["traction"]
+        joined = {key: np.concatenate([one[key] for one in states]) for key in states[0]}
+        return summarise(joined, self.flips, self.space.comm)
+
+
+class UnbiasedFrictionalItem(UnbiasedItem):
+    """With friction."""
+
+    def hold(self, held):
+        """Let closed points stick whatever the law says, or give them back to it."""
+        for half in self.halves:
+            half.hold(held)
