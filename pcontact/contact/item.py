@@ -280,6 +280,11 @@ class ContactItem:
             self._rowptr, self._columns, local,
         )  # fmt: skip
 
+    def active_nodes(self):
+        """Owned nodes, global numbers, of the pair at points that were closed in the last tangent. *Collective.*"""
+        closed = self._status > OPEN if self._status is not None else np.zeros(len(self.source.facet), dtype=bool)
+        return self.pairing.touched(self.space, self.source.facet, self.pairing.paired & closed)
+
     def commit(self, u, time):
         """End the load step. *Collective.*"""
         self.time = time
