@@ -140,7 +140,7 @@ def solve(shared_tmp):
             displacements=[Displacement("lower_bottom", [0.0] * 3), Displacement("upper_top", [shift, 0.0, -0.01])],
             contacts=[Contact("upper_bottom", "lower_top", theta=theta, gamma0=gamma0, friction=friction)],
             output=Output(fields=False),
-            petsc={"snes_ksp_ew": "false", "ksp_rtol": "1e-8", "pc_patience": "-1", **petsc},
+            petsc={"snes_ksp_ew": "false", "ksp_rtol": "1e-8", "pc_patience": "-1", "snes_rtol": "1e-11", **petsc},
         )
         simulation, counts = Simulation(scene), []
         snes = simulation.newton.snes
@@ -196,9 +196,9 @@ def test_a_wrong_value(solve):
 
 
 @parallel
-@pytest.mark.parametrize("kind", ["hypre", "ml", "bjacobi"])
+@pytest.mark.parametrize("kind", ["hypre", "ml"])
 def test_around_other_preconditioners(solve, kind):
-    if kind != "bjacobi" and not PETSc.Sys.hasExternalPackage(kind):
+    if not PETSc.Sys.hasExternalPackage(kind):
         pytest.skip(f"PETSc has no {kind}")
     case = {"pc_type": kind, "gamma0": 100.0, "friction": STUCK}
     simulation, counts, _ = solve(**case, pc_contact_filter="true")
