@@ -79,8 +79,6 @@ class GlobalMatrix:
     ----------
     matrix : PETSc.Mat
         AIJ, block size d. Its pattern may be renewed; the object stays.
-    stiffness : ndarray (n_owned, d)
-        Diagonal of the first set of values last written.
     """
 
     def __init__(self, space, fixed):
@@ -95,7 +93,6 @@ class GlobalMatrix:
         self.matrix.setSizes(((n, total), (n, total)), bsize=d)
         self.matrix.setType("mpiaij" if space.comm.size > 1 else "seqaij")
         self._rowptr = None
-        self.stiffness = None
 
     def renew(self, first, second):
         """Give the matrix the union of two patterns, unless it has it already. *Collective.*
@@ -155,7 +152,6 @@ class GlobalMatrix:
         rows = self._rowptr
         at = self._at[0]
         _diagonal_of(rows, self._columns, space.start, at, first, diagonal)
-        self.stiffness = diagonal
         sizes = (int(self._own[-1]) * d * d, int(self._other[-1]) * d * d)
         with local_values(self.matrix, sizes) as (da, oa):
             _write(

@@ -15,6 +15,8 @@ from pcontact.runtime.petsc import MPI
 
 # theta = -1 is coercive for any value; below 1 multigrid fails for quadratic hexahedra
 GAMMA0 = {1.0: 2.0, 0.0: 1.0, -1.0: 1.0}
+# times the default, beyond which multigrid needs twice the iterations
+STIFF = 10.0
 # smallest cosine between the normals of a source point and its obstacle
 FACING = 0.1
 
@@ -279,6 +281,11 @@ class ContactItem:
             source.facet, source.shape, p.target_shape, p.b, at, np.ascontiguousarray(across), consistent, p.normal,
             self._rowptr, self._columns, local,
         )  # fmt: skip
+
+    @property
+    def stiff(self):
+        """Whether multigrid alone fares badly: far more than the default gamma0, or the skew tangent of theta = -1."""
+        return self.theta < 0.0 or self.gamma0 > STIFF * GAMMA0[self.theta]
 
     def active_nodes(self):
         """Owned nodes, global numbers, of the pair at points that were closed in the last tangent. *Collective.*"""

@@ -12,16 +12,12 @@ optimization", arXiv 2505.18576.
 import numpy as np
 
 from pcontact.runtime import log
-from pcontact.runtime.petsc import MPI, PETSc, has_package
+from pcontact.runtime.petsc import PETSc, has_package
 
 MULTIGRID = ("gamg", "hypre", "ml", "mg")
 PREFIX = "contact_filter_"
 # part of the work space that MUMPS adds to its estimate, in per cent
 SPARE = 60
-# The filter doubles the price of an iteration. Multigrid alone needs more than twice the iterations where contact makes
-# the diagonal of a node some ten times as large: gamma0 ten times its default, or a source ten times as stiff as its
-# target.
-STIFF = 10.0
 
 
 class DirectSolve:
@@ -119,8 +115,8 @@ class ContactFilter:
     Parameters
     ----------
     rows : callable
-        Gives the global rows (n,) of this rank that the direct solve takes, sorted, for a matrix; none on all ranks:
-        the inner preconditioner works alone. *Collective.*
+        Gives the global rows (n,) of this rank that the direct solve takes, sorted; none on all ranks: the inner
+        preconditioner works alone. *Collective.*
 
     Attributes
     ----------
@@ -170,7 +166,7 @@ class ContactFilter:
         matrix, other = pc.getOperators()
         self.inner.setOperators(matrix, other)
         self.inner.setUp()
-        self.size = self._direct.factorise(other, self._choose(other))
+        self.size = self._direct.factorise(other, self._choose())
         self._matrix = other
         self._rest, self._step = other.createVecLeft(), other.createVecRight()
 
@@ -201,44 +197,27 @@ class ContactRows:
     Parameters
     ----------
     problem : pcontact.solve.problem.Problem
-    always : bool
-        Otherwise there are none, unless a pair has theta = -1 (multigrid may diverge on what is skew in the tangent,
-        which is large for a small gamma0) or contact makes the diagonal of a node more than ``STIFF`` times as large.
     """
 
-    def __init__(self, problem, always):
-        self._problem = problem
-        self._always = always or any(item.theta < 0.0 for item in problem.items[1:])
-        self._said = False
+    def __init__(self, problem):
+        self._problem, self._said = problem, False
 
-    def __call__(self, matrix):
+    def __call__(self):
         """Global rows (n,) of this rank, sorted. *Collective.*"""
         space = self._problem.space
-        nodes = [item.active_nodes() for item in self._problem.items[1:]]
-        nodes = np.unique(np.concatenate(nodes)) if nodes else np.zeros(0, dtype=np.int64)
-        if not self._always and self._stiffened(matrix, nodes - space.start) <= STIFF:
-            return np.zeros(0, dtype=np.int64)
-        self._say(space.comm.allreduce(len(nodes)) * space.dim)
-        return (nodes[:, None] * space.dim + np.arange(space.dim)).ravel()
-
-    def _stiffened(self, matrix, nodes):
-        """How many times as large contact makes the diagonal of owned nodes, at most. *Collective.*"""
-        space, before = self._problem.space, self._problem.matrix.stiffness
-        now = matrix.getDiagonal().getArray(readonly=True).reshape(before.shape)
-        # sums over directions do not depend on the axes
-        ratio = now[nodes].sum(axis=1) / before[nodes].sum(axis=1)
-        ratio = space.comm.allreduce(float(np.max(ratio, initial=0.0)), op=MPI.MAX)
-        log.debug("contact makes the diagonal up to %.3g times as large", ratio)
-        return ratio
-
-    def _say(self, count):
+        nodes = np.unique(np.concatenate([item.active_nodes() for item in self._problem.items[1:]]))
+        count = space.comm.allreduce(len(nodes)) * space.dim
         if count and not self._said:
             log.info("contact filter: direct solve of %d unknowns at closed points between two multigrid cycles", count)
             self._said = True
+        return (nodes[:, None] * space.dim + np.arange(space.dim)).ravel()
 
 
 def contact_filter(problem, options):
     """The filter of a problem, as the user's options want it; None without.
+
+    It doubles the price of an iteration and adds a factorisation to every Newton iteration, so that by itself it is
+    only put around multigrid, and where a pair is stiff.
 
     Parameters
     ----------
@@ -249,9 +228,11 @@ def contact_filter(problem, options):
     name = "pc_contact_filter"
     # a flag without value is true
     mode = options.get(name, "auto") and options.get(name, "auto", str, ("auto", "true", "false"), text) or "true"
-    if mode == "false" or (mode == "auto" and options.get("pc_type", "gamg") not in MULTIGRID):
+    pairs = problem.items[1:]
+    stiff = options.get("pc_type", "gamg") in MULTIGRID and any(item.stiff for item in pairs)
+    if not pairs or mode == "false" or (mode == "auto" and not stiff):
         return None
-    return ContactFilter(ContactRows(problem, mode == "true"))
+    return ContactFilter(ContactRows(problem))
 
 
 def new_preconditioner(comm, prefix):
