@@ -8,12 +8,14 @@ from pcontact.contact.exchange import find_partners
 from pcontact.contact.laws import OPEN, SLIP
 from pcontact.contact.nitsche import add_residual, add_tangent, evaluate, traction_operator
 from pcontact.contact.pairing import Pairing
-from pcontact.contact.parameters import parameter
+from pcontact.contact.parameters import GAMMA0, parameter
 from pcontact.contact.plastic_trace import no_operators
 from pcontact.contact.summary import summarise
 from pcontact.runtime.parallel import matching, together
 from pcontact.runtime.petsc import MPI
 
+# times the default gamma0, beyond which multigrid needs twice the iterations
+STIFF = 10.0
 # smallest cosine between the normals of a source point and its obstacle
 FACING = 0.1
 
@@ -278,6 +280,16 @@ class ContactItem:
             source.facet, source.shape, p.target_shape, p.b, at, np.ascontiguousarray(across), consistent, p.normal,
             self._rowptr, self._columns, local,
         )  # fmt: skip
+
+    @property
+    def stiff(self):
+        """Whether multigrid alone fares badly: far more than the default gamma0, or the skew tangent of theta = -1."""
+        return self.theta < 0.0 or self.gamma0 > STIFF * GAMMA0[self.theta]
+
+    def active_nodes(self):
+        """Owned nodes, global numbers, of the pair at points that were closed in the last tangent. *Collective.*"""
+        closed = self._status > OPEN if self._status is not None else np.zeros(len(self.source.facet), dtype=bool)
+        return self.pairing.touched(self.space, self.source.facet, self.pairing.paired & closed)
 
     def commit(self, u, time):
         """End the load step. *Collective.*"""

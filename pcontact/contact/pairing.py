@@ -35,3 +35,20 @@ class Pairing:
     b: np.ndarray
     target_shape: np.ndarray
     gap0: np.ndarray
+
+    def touched(self, space, facet, points):
+        """Owned nodes (n,), global numbers, of the source cells and target facets of some points. *Collective.*
+
+        Parameters
+        ----------
+        space : pcontact.space.space.Space
+        facet : ndarray (np,)
+            Source facet of every point.
+        points : ndarray (np,) of bool
+        """
+        local = np.zeros((len(self.exchange.nodes), space.dim))
+        local[self.cells[facet[points]].ravel(), 0] = 1.0
+        local[self.targets[points].ravel(), 0] = 1.0
+        total = space.vector()
+        self.exchange.add(local, total)
+        return space.start + np.flatnonzero(total.getArray(readonly=True)[:: space.dim] > 0.5)

@@ -203,6 +203,15 @@ class UnbiasedItem:
         """Largest motion of a point along its normal between two displacements [length]. *Collective.*"""
         return max([half.motion(u, before) for half in self.halves])
 
+    @property
+    def stiff(self):
+        """Whether multigrid alone fares badly, see :attr:`ContactItem.stiff`."""
+        return any(half.stiff for half in self.halves)
+
+    def active_nodes(self):
+        """Owned nodes, global numbers, of the halves at points that were closed in the last tangent. *Collective.*"""
+        return np.unique(np.concatenate([half.active_nodes() for half in self.halves]))
+
     # -- what remains of a load step ------------------------------------------------------------------------------
 
     def memory(self):

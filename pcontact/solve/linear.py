@@ -4,6 +4,7 @@
 import numpy as np
 
 from pcontact.runtime.petsc import forget_pattern
+from pcontact.solve.filter import preconditioner
 
 
 class Reuse:
@@ -50,7 +51,7 @@ def refresh_smoother(ksp, matrix):
 
     Chebyshev amplifies modes beyond an outdated largest eigenvalue, and the preconditioner is then indefinite.
     """
-    pc = ksp.getPC()
+    pc = preconditioner(ksp)
     if pc.getType() in ("gamg", "ml", "mg"):
         smoother = pc.getMGSmoother(pc.getMGLevels() - 1)
         forget_pattern(smoother)

@@ -14,6 +14,7 @@ from pcontact.runtime.petsc import (
     keep_preconditioner,
     line_search_limit,
 )
+from pcontact.solve.filter import contact_filter, new_preconditioner
 from pcontact.solve.line_search import zero_of
 from pcontact.solve.linear import Reuse, refresh_smoother, solver_defaults
 
@@ -138,6 +139,7 @@ class Newton:
         text = "Krylov iterations that a preconditioner may lose before it is renewed; -1: always renew"
         patience = options.get("pc_patience", 10, int, text=text)
         self._reuse = None if lags or direct or loose or patience < 0 else Reuse(patience)
+        self._filter = contact_filter(problem, options)
         self._floor, self._goal, self._first = 0.0, None, None
         self._hold_first = loose and self._holds
         self._predicting, self._true_first, self._circles = False, np.nan, False
@@ -163,10 +165,15 @@ class Newton:
         self._predicting = False
         if self.problem.pattern_changes != changes:
             forget_pattern(snes.getKSP())
+            if self._filter is not None:
+                self._filter.forget_pattern()
         self.timing["assembly"] += clock.perf_counter() - start
         if self._reuse is not None:
             keep = self._reuse.keep(snes.getKSP())
-            keep_preconditioner(snes, keep)
+            if self._filter is None:
+                keep_preconditioner(snes, keep)
+            else:
+                self._filter.keep(keep)
             if keep:
                 refresh_smoother(snes.getKSP(), matrix)
 
@@ -236,11 +243,12 @@ class Newton:
 
     def _renew_preconditioner(self):
         """A load step is solved alike whatever came before it, as in a restarted run; a reset GAMG remembers."""
-        pc = PETSc.PC().create(comm=self.problem.space.comm)
-        pc.setOptionsPrefix(self.snes.getOptionsPrefix())
-        self.snes.getKSP().reset()
-        self.snes.getKSP().setPC(pc)
-        pc.setFromOptions()
+        ksp, prefix = self.snes.getKSP(), self.snes.getOptionsPrefix()
+        ksp.reset()
+        if self._filter is not None:
+            self._filter.attach(ksp, prefix)
+        else:
+            ksp.setPC(new_preconditioner(ksp.getComm(), prefix))
 
     def solve(self, u):
         """Solve for the displacement at the problem's time, from ``u``. *Collective.*
@@ -261,6 +269,14 @@ class Newton:
             self._reuse.forget()
         self._first, self._true_first, self.norms = None, np.nan, []
         before = u.copy() if self._holds or self.problem.predicts else None
+        try:
+            return self._try_ways(u, before)
+        finally:
+            if self._filter is not None:
+                self._filter.detach(self.snes.getKSP())
+
+    def _try_ways(self, u, before):
+        """One way after the other until one converges. *Collective.*"""
         if self._hold_first:
             return self._stick_first(u, before)
         ways = self._ways
