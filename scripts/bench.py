@@ -11,7 +11,7 @@ machine disturbs less. Prints ratios, writes bench.json.
 
 import numpy as np
 
-from drivers._common import main, make_mesh, make_parser, write_json
+from drivers._common import main, make_mesh, make_parser, print_table, write_json
 from meshes import ball_on_block
 from pcontact.runtime import log
 from pcontact.runtime.petsc import MPI, PETSc
@@ -60,7 +60,7 @@ def run(description):
     if not simulation.run(None):
         raise SystemExit(1)
     snes = simulation.newton.snes
-    timing = simulation._times()
+    timing = simulation.times()
     result = {
         "unknowns": simulation.problem.space.n_dofs,
         "newton": snes.getIterationNumber(),
@@ -69,9 +69,25 @@ def run(description):
         "pc": snes.getKSP().getPC().getType(),
         "solve": timing["search"] + timing["assembly"] + timing["linear"],
         **{key: timing[key] for key in ("setup", "search", "assembly", "linear", "total")},
+        "phases": timing["phases"],
+        "parallel": simulation.costs.parallel(),
+        "memory": simulation.costs.memory(),
     }
     simulation.close()
     return result
+
+
+def phases(row, unit):
+    """Seconds of the phases of a run in units of the linear elastic solve."""
+    return {name: seconds / unit for name, seconds in row["phases"].items()}
+
+
+def print_phases(table):
+    """Phases of all runs, a row each."""
+    names = list(next(iter(table.values())))
+    print_table("phases / linear elastic solve", ["", *names], [
+        [case, *(f"{row[name]:.3f}" for name in names)] for case, row in table.items()
+    ])  # fmt: skip
 
 
 def ratios(rows):
@@ -83,6 +99,7 @@ def ratios(rows):
         "search_share_of_run": contact["search"] / contact["total"],
         "assembly_share_of_solve": contact["assembly"] / contact["solve"],
         "search_share_of_solve": contact["search"] / contact["solve"],
+        "phases_to_elastic": {name: phases(row, rows["elastic"]["linear"]) for name, row in rows.items()},
     }
     if "friction" in rows:
         result["friction_to_frictionless"] = rows["friction"]["solve"] / contact["solve"]
@@ -134,6 +151,7 @@ def compare(args):
     log.info(
         "assembly %.1f %%, search %.1f %% of the run; %.1f %%, %.1f %% of the contact solve", *shares.values()
     )
+    print_phases(result["ratios"]["phases_to_elastic"])
     if args.friction:
         log.info("with friction %g / without: %.2f", args.friction, result["ratios"]["friction_to_frictionless"])
     if args.yield_stress:
