@@ -12,33 +12,11 @@ machine disturbs less. Prints ratios, writes bench.json.
 import numpy as np
 
 from drivers._common import main, make_mesh, make_parser, print_table, write_json
+from drivers.scaling import press
 from meshes import ball_on_block
 from pcontact.runtime import log
 from pcontact.runtime.petsc import MPI, PETSc
-from pcontact.scene.model import Body, Contact, Displacement, Load, Material, MeshSpec, Output, Scene, Steps
 from pcontact.simulation import Simulation
-
-
-def scene(mesh, theta, contact, friction=None, yield_stress=None):
-    """The ball on the block, in contact or (the reference) under body forces."""
-    result = Scene(
-        mesh=MeshSpec(mesh),
-        title="ball on block" if contact else "linear elastic reference",
-        materials={"material": Material(1000.0, 0.3, yield_stress=yield_stress)},
-        bodies=[Body("ball", "material"), Body("block", "material")],
-        displacements=[
-            Displacement("block_bottom", [0.0, 0.0, 0.0]),
-            Displacement("ball_top", [0.0, 0.0, -0.02 if contact else 0.0]),
-        ],
-        steps=Steps(),
-        output=Output(fields=False),
-    )
-    if contact:
-        result.contacts = [Contact("ball_skin", "block_top", name="ball-block", theta=theta, friction=friction)]
-    else:
-        result.loads = [Load(region, body_force=[0.3, -0.2, 1.0]) for region in ("ball", "block")]
-        result.petsc = {"ksp_rtol": "1e-8", "snes_type": "ksponly"}
-    return result
 
 
 def triad(comm, n=20_000_000):
@@ -119,11 +97,11 @@ def compare(args):
     unknowns = 5000 if args.tiny else args.unknowns
     mesh = make_mesh(ball_on_block, args.o / f"ball_{unknowns}.msh", unknowns=unknowns)
     comm, options = MPI.COMM_WORLD, PETSc.Options()
-    scenes = {"contact": scene(mesh, args.theta, True)}
+    scenes = {"contact": press(mesh, args.theta, True)}
     if args.friction:
-        scenes["friction"] = scene(mesh, args.theta, True, args.friction)
+        scenes["friction"] = press(mesh, args.theta, True, args.friction)
     if args.yield_stress:
-        scenes["plastic"] = scene(mesh, args.theta, True, yield_stress=args.yield_stress)
+        scenes["plastic"] = press(mesh, args.theta, True, yield_stress=args.yield_stress)
     # kernels compile (or load) outside the clock
     for case in scenes.values():
         run(case)
@@ -135,7 +113,7 @@ def compare(args):
         options.setValue("ksp_type", contact["ksp"])
         if contact["ksp"] != "cg":
             options.setValue("ksp_pc_side", "right")
-        _keep_fastest(rows, "elastic", run(scene(mesh, args.theta, False)))
+        _keep_fastest(rows, "elastic", run(press(mesh, args.theta, False)))
         for name in ("ksp_type", "ksp_pc_side"):
             options.delValue(name)
     result = {"ranks": comm.size, "triad_gb_per_s": triad(comm), **rows, "ratios": ratios(rows)}
