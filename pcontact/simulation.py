@@ -12,7 +12,7 @@ from pcontact.runtime import log, profile
 from pcontact.runtime.errors import StepFailure, require_writable
 from pcontact.runtime.options import Options
 from pcontact.runtime.parallel import on_root
-from pcontact.runtime.petsc import MPI
+from pcontact.runtime.petsc import MPI, free_garbage
 from pcontact.scene import describe
 from pcontact.scene.amplitude import drive
 from pcontact.solve.newton import Newton
@@ -55,7 +55,8 @@ class Simulation:
         self.timing["setup"] = clock.perf_counter() - self.start
 
     def _set_up(self, scene):
-        # several runs of one process have their own peaks
+        # several runs of one process have their own peaks; what earlier ones left is freed first
+        free_garbage(self.comm)
         profile.forget_peak()
         profile.mark("start")
         self.scene = build.override(scene, self.options)

@@ -74,6 +74,7 @@ class FrictionalItem(ContactItem):
             total = self.space.vector()
             p.exchange.add(local, total)
             sums.append(p.exchange.gather(total))
+            total.destroy()
         mean = sums[0] / np.where(sums[1] > 0.0, sums[1], 1.0)
         return np.einsum("pa,pad->pd", share, mean[nodes]) / share.sum(axis=1)[:, None]
 

@@ -109,6 +109,15 @@ class Space:
         """Plan for the values of any global nodes. *Collective.*"""
         return NodeExchange(self._template, nodes, self.dim)
 
+    def summed(self, plan, values):
+        """Values (n, d) of the nodes of a plan, of all ranks, summed at the owned nodes (n_owned, d). *Collective.*"""
+        total = self.vector()
+        plan.add(values, total)
+        result = total.getArray(readonly=True).reshape(-1, self.dim).copy()
+        # let go of alone, it would stay until the end of the load step
+        total.destroy()
+        return result
+
     def flag(self, local_nodes):
         """Flags (n_local,) of nodes that any rank names, so that shared nodes agree. *Collective.*
 
