@@ -155,7 +155,7 @@ def forget_pattern(ksp):
 
 
 def free_garbage(comm):
-    """Destroy distributed objects that Python has let go of. *Collective.*
+    """Destroy PETSc's objects that Python has let go of. *Collective.*
 
     Parameters
     ----------
@@ -164,9 +164,9 @@ def free_garbage(comm):
     Notes
     -----
     Ranks let go of an object at different times, and its destruction is collective: petsc4py therefore only puts it
-    aside (on more than one rank), and without this call the memory is never given back.
+    aside (in 3.18 on one rank, too), and without this call the memory is never given back.
     """
-    if comm.size > 1 and hasattr(PETSc, "garbage_cleanup"):
+    if hasattr(PETSc, "garbage_cleanup"):
         PETSc.garbage_cleanup(comm)
 
 

@@ -56,7 +56,8 @@ class Space:
         self.mesh_nodes = np.flatnonzero(used)
         self.of_mesh = np.full(len(mesh.points), -1, dtype=np.int64)
         self.of_mesh[self.mesh_nodes] = np.arange(len(self.mesh_nodes))
-        self.cells = [np.ascontiguousarray(self.of_mesh[t]) for t in tables]
+        # where every node of the mesh carries a displacement, the tables are those of the mesh: no copies
+        self.cells = [np.ascontiguousarray(t if used.all() else self.of_mesh[t]) for t in tables]
         self.points = mesh.points[self.mesh_nodes]
         self.component = np.zeros(len(self.mesh_nodes), dtype=np.int64)
         for table, block in zip(self.cells, mesh.blocks, strict=True):
