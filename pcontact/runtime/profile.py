@@ -7,6 +7,7 @@ Phases nest, and each counts the seconds that no inner one takes: together they 
 stages of ``-log_view``, the inner ones events in it; PETSc's own events (``PCSetUp``, ``KSPSolve``) tell the rest.
 """
 
+import ctypes
 import resource
 import time as clock
 from contextlib import contextmanager
@@ -54,7 +55,10 @@ def memory():
 
 
 def forget_peak():
-    """Have the largest resident set begin at the present one, where the system can (Linux)."""
+    """Hand freed memory back to the system, and have the largest resident set begin anew, where Linux can."""
+    trim = getattr(ctypes.CDLL(None), "malloc_trim", None)
+    if trim is not None:
+        trim(0)
     try:
         Path("/proc/self/clear_refs").write_text("5")
     except OSError:
