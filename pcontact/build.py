@@ -29,7 +29,7 @@ from pcontact.material.hardening import hardening_curve, hardening_table
 from pcontact.material.plastic import plastic_constants
 from pcontact.mesh.load import load_mesh
 from pcontact.mesh.mesh import bounding_box, size_of
-from pcontact.runtime import log
+from pcontact.runtime import log, profile
 from pcontact.runtime.parallel import agree
 from pcontact.runtime.petsc import MPI
 from pcontact.scene import (
@@ -161,9 +161,10 @@ def bulk_item(scene, space, constants):
             materials.append((row, hardening_table(material.hardening_curve)))
         else:
             materials.append((row, hardening_curve(material.yield_stress, material.hardening)))
-    if not any(materials):
-        return ElasticBulk(space, constants)
-    return PlasticBulk(space, constants, materials)
+    with profile.phase("bulk_assembly"):
+        if not any(materials):
+            return ElasticBulk(space, constants)
+        return PlasticBulk(space, constants, materials)
 
 
 def _trace(space, bulk, source, contact):

@@ -1,18 +1,18 @@
 """One run: scene -> mesh -> space -> items -> stepper -> observers."""
 
-import resource
 import time as clock
 from pathlib import Path
 
 import pcontact
 from pcontact import build
 from pcontact.io.checkpoint import Checkpoint, read_checkpoint
+from pcontact.io.costs import Costs
 from pcontact.io.observers import Fields, Records, Terminal
-from pcontact.runtime import log
+from pcontact.runtime import log, profile
 from pcontact.runtime.errors import StepFailure, require_writable
 from pcontact.runtime.options import Options
 from pcontact.runtime.parallel import on_root
-from pcontact.runtime.petsc import MPI
+from pcontact.runtime.petsc import MPI, free_garbage
 from pcontact.scene import describe
 from pcontact.scene.amplitude import drive
 from pcontact.solve.newton import Newton
@@ -44,10 +44,11 @@ class Simulation:
     def __init__(self, scene, comm=MPI.COMM_WORLD):
         self.start = clock.perf_counter()
         self.timing = dict.fromkeys(("search", "assembly", "linear", "solve", "output"), 0.0)
-        self.comm, self.options = comm, Options()
+        self.comm, self.options, self.profile = comm, Options(), profile.Profile()
         self.restart = self.options.get("restart", None, str, text="directory of an earlier run that goes on")
         try:
-            self._set_up(scene)
+            with profile.recording(self.profile):
+                self._set_up(scene)
         except BaseException:
             # what this scene entered is not for the next one
             self.close()
@@ -55,9 +56,19 @@ class Simulation:
         self.timing["setup"] = clock.perf_counter() - self.start
 
     def _set_up(self, scene):
+        # several runs of one process have their own peaks; what earlier ones left is freed first
+        free_garbage(self.comm)
+        profile.forget_peak()
+        profile.mark("start")
         self.scene = build.override(scene, self.options)
         self.mesh = build.read(self.scene, self.comm, self.options)
+        with profile.phase("set_up"):
+            self._assemble()
+        profile.mark("set_up")
+
+    def _assemble(self):
         self.problem, colours, self.floating = build.assemble(self.scene, self.mesh)
+        self.costs = Costs(self.profile, self.problem)
         # slip of Coulomb's law makes the tangent unsymmetric for every theta; that of Tresca's does not
         # where a source yields, the traction's derivative is not the adjoint operator, that of elasticity
         # without a traction of the source there is nothing unsymmetric but the slip
@@ -82,6 +93,10 @@ class Simulation:
         bool
             Whether all steps converged.
         """
+        with profile.recording(self.profile):
+            return self._run(directory, observers)
+
+    def _run(self, directory, observers):
         scene, space = self.scene, self.problem.space
         resumed = None if self.restart is None else read_checkpoint(self.restart, space, self.problem.items)
         since = None if resumed is None else resumed.time
@@ -97,7 +112,7 @@ class Simulation:
                 first = None if resumed is None else resumed.first
                 items, every = self.problem.items, output.checkpoint_every
                 watch.insert(0, Checkpoint(directory, space, items, schedule, every, first))
-            watch.insert(0, Records(directory, self.comm.rank, self._head(), self._times, since))
+            watch.insert(0, Records(directory, self.comm.rank, self._head(), self._costs, since))
             if output.fields:
                 watch.insert(0, Fields(directory, self.problem, self.timing, output.smooth, since))
         self._announce()
@@ -119,6 +134,7 @@ class Simulation:
             log.error_line(failure)
         for observer in watch:
             observer.end(converged)
+        self.costs.announce()
         return converged
 
     def close(self):
@@ -147,17 +163,13 @@ class Simulation:
         log.info("modelled: %s", "; ".join(head["model"]["active"]))
         log.info("left out: %s", ", ".join(head["model"]["left_out"]))
 
-    def _times(self):
+    def _costs(self):
+        return {"timing": self.times(), "parallel": self.costs.parallel(), "memory": self.costs.memory()}
+
+    def times(self):
         """Timing block of the report: the slowest rank's seconds, memory summed over ranks. *Collective.*"""
         own = {**self.timing, "total": clock.perf_counter() - self.start}
         names = sorted(own)
-        slowest = self.comm.allreduce([own[n] for n in names], op=_LONGEST)
-        memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
-        return {**dict(zip(names, slowest, strict=True)), "peak_memory_mb": self.comm.allreduce(memory)}
-
-
-def _longest(a, b, datatype=None):
-    return [max(x, y) for x, y in zip(a, b, strict=True)]
-
-
-_LONGEST = MPI.Op.Create(_longest, commute=True)
+        slowest, _ = profile.largest_and_sum(self.comm, names, own)
+        memory = self.comm.allreduce(profile.memory()[0] / 1024.0**2)
+        return {**slowest, "phases": self.costs.phases(), "peak_memory_mb": memory}

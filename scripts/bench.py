@@ -11,34 +11,12 @@ machine disturbs less. Prints ratios, writes bench.json.
 
 import numpy as np
 
-from drivers._common import main, make_mesh, make_parser, write_json
+from drivers._common import main, make_mesh, make_parser, print_table, write_json
+from drivers.scaling import press
 from meshes import ball_on_block
 from pcontact.runtime import log
 from pcontact.runtime.petsc import MPI, PETSc
-from pcontact.scene.model import Body, Contact, Displacement, Load, Material, MeshSpec, Output, Scene, Steps
 from pcontact.simulation import Simulation
-
-
-def scene(mesh, theta, contact, friction=None, yield_stress=None):
-    """The ball on the block, in contact or (the reference) under body forces."""
-    result = Scene(
-        mesh=MeshSpec(mesh),
-        title="ball on block" if contact else "linear elastic reference",
-        materials={"material": Material(1000.0, 0.3, yield_stress=yield_stress)},
-        bodies=[Body("ball", "material"), Body("block", "material")],
-        displacements=[
-            Displacement("block_bottom", [0.0, 0.0, 0.0]),
-            Displacement("ball_top", [0.0, 0.0, -0.02 if contact else 0.0]),
-        ],
-        steps=Steps(),
-        output=Output(fields=False),
-    )
-    if contact:
-        result.contacts = [Contact("ball_skin", "block_top", name="ball-block", theta=theta, friction=friction)]
-    else:
-        result.loads = [Load(region, body_force=[0.3, -0.2, 1.0]) for region in ("ball", "block")]
-        result.petsc = {"ksp_rtol": "1e-8", "snes_type": "ksponly"}
-    return result
 
 
 def triad(comm, n=20_000_000):
@@ -60,7 +38,7 @@ def run(description):
     if not simulation.run(None):
         raise SystemExit(1)
     snes = simulation.newton.snes
-    timing = simulation._times()
+    timing = simulation.times()
     result = {
         "unknowns": simulation.problem.space.n_dofs,
         "newton": snes.getIterationNumber(),
@@ -69,9 +47,25 @@ def run(description):
         "pc": snes.getKSP().getPC().getType(),
         "solve": timing["search"] + timing["assembly"] + timing["linear"],
         **{key: timing[key] for key in ("setup", "search", "assembly", "linear", "total")},
+        "phases": timing["phases"],
+        "parallel": simulation.costs.parallel(),
+        "memory": simulation.costs.memory(),
     }
     simulation.close()
     return result
+
+
+def phases(row, unit):
+    """Seconds of the phases of a run in units of the linear elastic solve."""
+    return {name: seconds / unit for name, seconds in row["phases"].items()}
+
+
+def print_phases(table):
+    """Phases of all runs, a row each."""
+    names = list(next(iter(table.values())))
+    print_table("phases / linear elastic solve", ["", *names], [
+        [case, *(f"{row[name]:.3f}" for name in names)] for case, row in table.items()
+    ])  # fmt: skip
 
 
 def ratios(rows):
@@ -83,6 +77,7 @@ def ratios(rows):
         "search_share_of_run": contact["search"] / contact["total"],
         "assembly_share_of_solve": contact["assembly"] / contact["solve"],
         "search_share_of_solve": contact["search"] / contact["solve"],
+        "phases_to_elastic": {name: phases(row, rows["elastic"]["linear"]) for name, row in rows.items()},
     }
     if "friction" in rows:
         result["friction_to_frictionless"] = rows["friction"]["solve"] / contact["solve"]
@@ -102,11 +97,11 @@ def compare(args):
     unknowns = 5000 if args.tiny else args.unknowns
     mesh = make_mesh(ball_on_block, args.o / f"ball_{unknowns}.msh", unknowns=unknowns)
     comm, options = MPI.COMM_WORLD, PETSc.Options()
-    scenes = {"contact": scene(mesh, args.theta, True)}
+    scenes = {"contact": press(mesh, args.theta, True)}
     if args.friction:
-        scenes["friction"] = scene(mesh, args.theta, True, args.friction)
+        scenes["friction"] = press(mesh, args.theta, True, args.friction)
     if args.yield_stress:
-        scenes["plastic"] = scene(mesh, args.theta, True, yield_stress=args.yield_stress)
+        scenes["plastic"] = press(mesh, args.theta, True, yield_stress=args.yield_stress)
     # kernels compile (or load) outside the clock
     for case in scenes.values():
         run(case)
@@ -118,7 +113,7 @@ def compare(args):
         options.setValue("ksp_type", contact["ksp"])
         if contact["ksp"] != "cg":
             options.setValue("ksp_pc_side", "right")
-        _keep_fastest(rows, "elastic", run(scene(mesh, args.theta, False)))
+        _keep_fastest(rows, "elastic", run(press(mesh, args.theta, False)))
         for name in ("ksp_type", "ksp_pc_side"):
             options.delValue(name)
     result = {"ranks": comm.size, "triad_gb_per_s": triad(comm), **rows, "ratios": ratios(rows)}
@@ -134,6 +129,7 @@ def compare(args):
     log.info(
         "assembly %.1f %%, search %.1f %% of the run; %.1f %%, %.1f %% of the contact solve", *shares.values()
     )
+    print_phases(result["ratios"]["phases_to_elastic"])
     if args.friction:
         log.info("with friction %g / without: %.2f", args.friction, result["ratios"]["friction_to_frictionless"])
     if args.yield_stress:

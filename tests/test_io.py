@@ -258,6 +258,8 @@ def test_report_is_plain_json_after_every_step(tmp_path):
         "model",
         "steps",
         "timing",
+        "parallel",
+        "memory",
     }
     report.add_step(step_row(0.2))
     assert [step["time"] for step in Report(report.path, resume_time=0.1).data["steps"]] == [0.1]

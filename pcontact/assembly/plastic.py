@@ -103,9 +103,7 @@ class PlasticBulk(ElasticBulk):
             add_forces(
                 grad, jxw, ring, nodal, cells, *state.material, state.strain[rows], state.p[rows], absolute, local
             )
-        total = self.space.vector()
-        self.space.local.add(local, total)
-        return total.getArray(readonly=True).reshape(-1, self.space.dim)
+        return self.space.summed(self.space.local, local)
 
     def residual(self, u, out):
         """Add the internal forces of the owned nodes to ``out`` (n_owned, d). *Collective.*

@@ -31,5 +31,6 @@ def patch_means(space, pairing, source, values, chosen):
         total = space.vector()
         pairing.exchange.add(local, total)
         sums.append(pairing.exchange.gather(total))
+        total.destroy()
     mean = sums[0] / np.where(sums[1] > 0.0, sums[1], 1.0)
     return np.einsum("pa,pad->pd", share, mean[nodes]) / share.sum(axis=1)[:, None]

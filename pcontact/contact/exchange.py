@@ -7,6 +7,7 @@ import numpy as np
 from pcontact.contact.facet_maps import facet_boxes
 from pcontact.contact.projection import closest_points, ray_tracing
 from pcontact.contact.tree import build_tree
+from pcontact.runtime import profile
 from pcontact.runtime.parallel import split_by_rank
 from pcontact.runtime.petsc import MPI
 
@@ -65,6 +66,16 @@ def _boxes(low, high):
     return out
 
 
+def _near(boxes, points, radius):
+    """Ranks with a box within the radius of the box around all points: most ranks of many are not looked at again."""
+    if not len(points):
+        return np.zeros(0, dtype=np.int64)
+    d = points.shape[1]
+    apart = np.maximum(boxes[..., :d] - points.max(axis=0), points.min(axis=0) - boxes[..., d:])
+    # boxes that are not there hold NaN, which is not below anything
+    return np.flatnonzero(np.any(np.all(apart <= radius, axis=2), axis=1))
+
+
 def route(comm, low, high, points, radius):
     """Ranks that may hold a partner of each point. *Collective.*
 
@@ -84,9 +95,11 @@ def route(comm, low, high, points, radius):
     """
     d = points.shape[1]
     boxes = np.empty((comm.size, BOXES, 2 * d))
-    comm.Allgather(_boxes(low, high), boxes)
-    asked_points, asked_ranks = [], []
-    for rank in range(comm.size):
+    with profile.phase("exchange"):
+        comm.Allgather(_boxes(low, high), boxes)
+    profile.count(gathered_bytes=boxes.nbytes)
+    asked_points, asked_ranks = [np.zeros(0, dtype=np.int64)], [np.zeros(0, dtype=np.int64)]
+    for rank in _near(boxes, points, radius):
         near = np.zeros(len(points), dtype=bool)
         for box in boxes[rank]:
             if np.isnan(box[0]):
@@ -176,6 +189,7 @@ def find_partners(space, target, nodal, points, normals, radius, method):
     else:
         boxes = facet_boxes(x_facets, target.kinds)
         asked, answers, candidates = _remote(space, target, around, boxes, asking, radius, method, width)
+    profile.count(searches=1, points=len(points), asked=len(asked), candidates=candidates)
     winner = _best(asked, answers, len(points))
     first = 5
     out = np.zeros((len(points), first + 2 * d + 2 * width))

@@ -228,9 +228,7 @@ class ContactItem:
         self._add_residual(values, local)
         if self.consistent:
             self.plastic.add_adjoint(values, p.cells, self._weights(values), local)
-        total = self.space.vector()
-        p.exchange.add(local, total)
-        out += total.getArray(readonly=True).reshape(out.shape)
+        out += self.space.summed(p.exchange, local)
 
     def _add_residual(self, values, local):
         p, source = self.pairing, self.source

@@ -71,10 +71,8 @@ class Records:
     rank : int
     head : dict
         First entries of the report.
-    timing : dict
-        Seconds, read at every write.
     finish : callable
-        Returns the timing block of the report. *Collective.*
+        Returns the blocks of the report on what the run has cost: timing, parallel, memory. *Collective.*
     resume_time : float, optional
         Rows of an earlier run up to this time are kept.
     """
@@ -88,10 +86,10 @@ class Records:
 
     def step(self, step, u, record):
         """Append the step to both files. *Collective.*"""
-        timing = self._finish()
+        costs = self._finish()
         if self._rank == 0:
             self._history.append(record)
-            self.report.data["timing"] = timing
+            self.report.data.update(costs)
             self.report.add_step(record)
 
     def cut(self, target, outcome):
@@ -99,9 +97,9 @@ class Records:
 
     def end(self, converged):
         """Write the verdict. *Collective.*"""
-        timing = self._finish()
+        costs = self._finish()
         if self._rank == 0:
-            self.report.data.update({"converged": converged, "timing": timing})
+            self.report.data.update({"converged": converged, **costs})
             self.report.write()
 
 

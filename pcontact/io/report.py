@@ -49,14 +49,14 @@ class Report:
     ----------
     data : dict
         What the file will hold: title, version, ranks, dofs, cells, converged, model (active, left_out),
-        steps, timing. Free to be added to; numpy types are converted when it is written.
+        steps, timing, parallel, memory. Free to be added to; numpy types are converted when it is written.
     """
 
     def __init__(self, path, resume_time=None):
         self.path = Path(path)
         self.data = {
             "title": "", "version": "", "ranks": 1, "dofs": 0, "cells": 0, "converged": False,
-            "model": {"active": [], "left_out": []}, "steps": [], "timing": {},
+            "model": {"active": [], "left_out": []}, "steps": [], "timing": {}, "parallel": {}, "memory": {},
         }  # fmt: skip
         if resume_time is not None and self.path.exists():
             limit = resume_time + 1e-10 * abs(resume_time)

@@ -1,10 +1,13 @@
 """From the raw mesh on rank 0 to one :class:`Mesh` per rank."""
 
+from collections.abc import Iterable
+
 import numpy as np
 
 from pcontact.element.reference import CELLS
 from pcontact.mesh.mesh import CellBlock, Facets, Mesh
 from pcontact.mesh.partition import partition
+from pcontact.runtime import profile
 
 
 def _morton(points):
@@ -40,37 +43,41 @@ def _cell_tables(raw, body_of_cell):
 
 
 def _pieces(raw, body_of_cell, component, rank_of_cell, size):
-    """What each rank is to get, as a list of dictionaries (on rank 0)."""
+    """What each rank is to get, one dictionary after the other (on rank 0): only one of them is in memory at a time."""
     kinds, block_of_cell = _cell_tables(raw, body_of_cell)
     offsets = np.cumsum([0] + [len(b.nodes) for b in raw.blocks])
-    pieces = [{"kinds": kinds, "blocks": [[] for _ in kinds], "facets": {}, "cells": {}} for _ in range(size)]
+    sorted_cells = []
     for block, first in zip(raw.blocks, offsets[:-1], strict=True):
         ids = np.arange(first, first + len(block.nodes))
         for number in np.unique(block_of_cell[ids]):
             chosen = ids[block_of_cell[ids] == number]
-            order = np.argsort(rank_of_cell[chosen], kind="stable")
-            chosen = chosen[order]
-            cuts = np.searchsorted(rank_of_cell[chosen], np.arange(1, size))
-            for piece, part in zip(pieces, np.split(chosen, cuts), strict=True):
-                piece["blocks"][number].append((block.nodes[part - first], part, component[part]))
-    for name, (cells, local) in raw.facet_groups.items():
-        ranks = rank_of_cell[cells]
-        for rank, piece in enumerate(pieces):
-            mine = ranks == rank
-            piece["facets"][name] = (cells[mine], local[mine])
-    for name, cells in raw.cell_groups.items():
-        ranks = rank_of_cell[cells]
-        for rank, piece in enumerate(pieces):
-            piece["cells"][name] = cells[ranks == rank]
-    for piece in pieces:
-        piece["blocks"] = [_join(parts, *kind, raw) for parts, kind in zip(piece["blocks"], kinds, strict=True)]
-        used = [b[0].ravel() for b in piece["blocks"]]
-        nodes = np.unique(np.concatenate(used))
+            sorted_cells.append((block, first, number, *_by_rank(chosen, rank_of_cell, size)))
+    facets = {name: (*group, *_by_rank(group[0], rank_of_cell, size)[1:]) for name, group in raw.facet_groups.items()}
+    groups = {name: _by_rank(cells, rank_of_cell, size) for name, cells in raw.cell_groups.items()}
+    del block_of_cell
+    for rank in range(size):
+        blocks = [[] for _ in kinds]
+        for block, first, number, chosen, order, cuts in sorted_cells:
+            part = chosen[order[cuts[rank] : cuts[rank + 1]]]
+            blocks[number].append((block.nodes[part - first], part, component[part]))
+        piece = {"kinds": kinds, "facets": {}, "cells": {}}
+        for name, (cells, local, order, cuts) in facets.items():
+            mine = order[cuts[rank] : cuts[rank + 1]]
+            piece["facets"][name] = cells[mine], local[mine]
+        for name, (cells, order, cuts) in groups.items():
+            piece["cells"][name] = cells[order[cuts[rank] : cuts[rank + 1]]]
+        piece["blocks"] = [_join(parts, *kind, raw) for parts, kind in zip(blocks, kinds, strict=True)]
+        nodes = np.unique(np.concatenate([b[0].ravel() for b in piece["blocks"]]))
         piece["nodes"], piece["points"] = nodes, raw.points[nodes]
-        piece["node_groups"] = {
-            name: group[np.isin(group, nodes, assume_unique=False)] for name, group in raw.node_groups.items()
-        }
-    return pieces
+        piece["node_groups"] = {name: group[np.isin(group, nodes)] for name, group in raw.node_groups.items()}
+        yield piece
+
+
+def _by_rank(cells, rank_of_cell, size):
+    """Cells, the order that sorts them by rank (and keeps them in order within), where each rank begins in it."""
+    ranks = rank_of_cell[cells]
+    order = np.argsort(ranks, kind="stable")
+    return cells, order, np.searchsorted(ranks[order], np.arange(size + 1))
 
 
 def _join(parts, cell, body, raw):
@@ -109,6 +116,38 @@ def _locate(blocks, ids):
     return number[at], row[at]
 
 
+def _deal(comm, raw, curved, body_of_cell, component, ranks):
+    """The piece of this rank. *Collective.*"""
+    if comm.rank != 0:
+        return comm.recv(source=0)
+    head = {
+        "dim": raw.dim,
+        "degree": raw.blocks[0].degree,
+        "curved": bool(curved),
+        "n_nodes_total": len(raw.points),
+        "n_cells_total": len(body_of_cell),
+        "n_components": int(component.max()) + 1 if len(component) else 0,
+    }
+    own = None
+    for rank, piece in enumerate(_pieces(raw, body_of_cell, component, ranks, comm.size)):
+        piece["head"] = head
+        if rank == 0:
+            own = piece
+        else:
+            comm.send(piece, dest=rank)
+            profile.sent(1, _size(piece))
+    return own
+
+
+def _size(piece):
+    """Bytes of the arrays in nested dictionaries, lists and tuples."""
+    if isinstance(piece, np.ndarray):
+        return piece.nbytes
+    if isinstance(piece, dict):
+        piece = piece.values()
+    return sum(_size(part) for part in piece) if isinstance(piece, Iterable) and not isinstance(piece, str) else 0
+
+
 def distribute(comm, raw, curved, body_of_cell, component, extra_weight=None):
     """Partition the raw mesh and give every rank its part. *Collective.*
 
@@ -129,19 +168,7 @@ def distribute(comm, raw, curved, body_of_cell, component, extra_weight=None):
     Mesh
     """
     ranks = partition(comm, raw, extra_weight)
-    pieces = None
-    if comm.rank == 0:
-        pieces = _pieces(raw, body_of_cell, component, ranks, comm.size)
-        for piece in pieces:
-            piece["head"] = {
-                "dim": raw.dim,
-                "degree": raw.blocks[0].degree,
-                "curved": bool(curved),
-                "n_nodes_total": len(raw.points),
-                "n_cells_total": len(body_of_cell),
-                "n_components": int(component.max()) + 1 if len(component) else 0,
-            }
-    piece = comm.scatter(pieces, root=0)
+    piece = _deal(comm, raw, curved, body_of_cell, component, ranks)
     blocks, order, new = _build_blocks(piece, piece["points"])
     mesh = Mesh(
         comm=comm,

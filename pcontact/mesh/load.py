@@ -7,6 +7,7 @@ from pcontact.mesh.components import cell_name, components
 from pcontact.mesh.distribute import distribute
 from pcontact.mesh.groups import facet_multiplicity
 from pcontact.mesh.reader import read_mesh
+from pcontact.runtime import profile
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.parallel import on_root
 
@@ -107,8 +108,11 @@ def load_mesh(comm, path, order, regions, surfaces, check, weight=0.0):
         extra = _weights(raw, surfaces, weight) if weight > 0.0 else None
         return raw, curved, body, component, extra, _component_names(component, body, regions)
 
-    prepared = on_root(comm, prepare)
-    raw, curved, body, component, extra, names = prepared or (None,) * 6
-    mesh = distribute(comm, raw, curved, body, component, extra)
+    with profile.phase("read"):
+        raw, curved, body, component, extra, names = on_root(comm, prepare) or (None,) * 6
+    profile.mark("read")
+    with profile.phase("distribute"):
+        mesh = distribute(comm, raw, curved, body, component, extra)
+    profile.mark("distribute")
     mesh.component_names = comm.bcast(names, root=0)
     return mesh

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from pcontact.runtime import profile
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.petsc import MPI, PETSc
 
@@ -94,6 +95,13 @@ class Exchanger:
         dict of int to ndarray (n, columns)
             By source rank, in ascending order of the source.
         """
+        with profile.phase("exchange"):
+            messages, size = self.messages, self.bytes
+            received = self._exchange(sends, np.dtype(dtype), columns)
+            profile.sent(self.messages - messages, self.bytes - size)
+        return received
+
+    def _exchange(self, sends, dtype, columns):
         comm = self.comm
         received = {}
         self._tag = (self._tag + 1) % 16384
@@ -108,7 +116,7 @@ class Exchanger:
             self.messages += 1
             self.bytes += array.nbytes
         if comm.size > 1:
-            self._collect(received, pending, np.dtype(dtype), columns)
+            self._collect(received, pending, dtype, columns)
         return dict(sorted(received.items()))
 
     def _collect(self, received, pending, dtype, columns):
@@ -158,6 +166,11 @@ class NodeExchange:
     dim : int
         Values per node.
 
+    Attributes
+    ----------
+    messages, bytes : int
+        What one call moves between this rank and the owners of its nodes, itself left out.
+
     Notes
     -----
     The constructor is *Collective*, and so are the calls.
@@ -169,18 +182,25 @@ class NodeExchange:
         self._local = PETSc.Vec().createSeq(len(self.nodes) * dim, bsize=dim)
         index = PETSc.IS().createBlock(dim, self.nodes.astype(PETSc.IntType), comm=vector.comm)
         self._scatter = PETSc.Scatter().create(vector, index, self._local, None)
+        owners = np.searchsorted(vector.getOwnershipRanges(), self.nodes * dim, side="right") - 1
+        others = owners[owners != vector.comm.rank]
+        self.messages, self.bytes = len(np.unique(others)), 8 * dim * len(others)
 
     def gather(self, vector):
         """Values of the nodes, as a fresh array (n, dim). *Collective.*"""
-        self._scatter.scatter(vector, self._local, addv=PETSc.InsertMode.INSERT_VALUES)
+        with profile.phase("exchange"):
+            self._scatter.scatter(vector, self._local, addv=PETSc.InsertMode.INSERT_VALUES)
+        profile.sent(self.messages, self.bytes)
         return self._local.getArray(readonly=True).reshape(-1, self.dim).copy()
 
     def add(self, values, vector):
         """Add values (n, dim) of the nodes to the distributed vector. *Collective.*"""
         self._local.setArray(np.asarray(values).ravel())
-        self._scatter.scatter(
-            self._local, vector, addv=PETSc.InsertMode.ADD_VALUES, mode=PETSc.ScatterMode.REVERSE
-        )
+        with profile.phase("exchange"):
+            self._scatter.scatter(
+                self._local, vector, addv=PETSc.InsertMode.ADD_VALUES, mode=PETSc.ScatterMode.REVERSE
+            )
+        profile.sent(self.messages, self.bytes)
 
 
 def matching(keys, chunks):

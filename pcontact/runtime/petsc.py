@@ -154,6 +154,22 @@ def forget_pattern(ksp):
     ksp.getPC().setOperators(None, None)
 
 
+def free_garbage(comm):
+    """Destroy PETSc's objects that Python has let go of. *Collective.*
+
+    Parameters
+    ----------
+    comm : MPI.Comm
+
+    Notes
+    -----
+    Ranks let go of an object at different times, and its destruction is collective: petsc4py therefore only puts it
+    aside (in 3.18 on one rank, too), and without this call the memory is never given back.
+    """
+    if hasattr(PETSc, "garbage_cleanup"):
+        PETSc.garbage_cleanup(comm)
+
+
 def reset_partitioner():
     """Make the graph partitioner forget earlier calls, whose random numbers PT-Scotch would continue."""
     reset = getattr(_lib, "SCOTCH_randomReset", None)

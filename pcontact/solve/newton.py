@@ -10,6 +10,7 @@ from pcontact.runtime.petsc import (
     PETSc,
     diverged_nan,
     forget_pattern,
+    free_garbage,
     full_steps,
     keep_preconditioner,
     line_search_limit,
@@ -265,6 +266,7 @@ class Newton:
         # eight rounding errors per sum of some eighty terms: what an exact solution would leave
         self._floor = 8.0 * self.problem.roundoff(u)
         self._renew_preconditioner()
+        free_garbage(self.problem.space.comm)
         if self._reuse is not None:
             self._reuse.forget()
         self._first, self._true_first, self.norms = None, np.nan, []

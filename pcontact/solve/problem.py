@@ -6,6 +6,7 @@ import numpy as np
 
 from pcontact.assembly.matrix import GlobalMatrix
 from pcontact.assembly.pattern import positions, union
+from pcontact.runtime import profile
 from pcontact.runtime.petsc import MPI
 
 
@@ -74,9 +75,15 @@ class Problem:
     def unbalanced(self, u):
         """Internal plus contact minus external forces (n_owned, d); reactions where prescribed. *Collective.*"""
         out = -self.external(self.time)
-        for item in self.items:
-            item.residual(u, out)
+        with profile.phase("bulk_assembly"):
+            self.items[0].residual(u, out)
+        self._add_contact(u, out)
         return out
+
+    def _add_contact(self, u, out):
+        with profile.phase("contact_assembly"):
+            for item in self.items[1:]:
+                item.residual(u, out)
 
     def residual(self, u, f):
         """Residual vector: zero at prescribed components. *Collective.*"""
@@ -93,10 +100,10 @@ class Problem:
         Obstacles have moved, too: where one goes back, all points would open, and the bodies spring back and hit again.
         """
         out = -self.external(self.time)
-        self.items[0].predict(u, self._committed, out)
+        with profile.phase("bulk_assembly"):
+            self.items[0].predict(u, self._committed, out)
         with self.glued():
-            for item in self.items[1:]:
-                item.residual(u, out)
+            self._add_contact(u, out)
         out[self.fixed] = 0.0
         f.setArray(out.ravel())
 
@@ -148,13 +155,17 @@ class Problem:
     def tangent(self, u, predicted=False):
         """Write the generalised Jacobian at ``u``, or that of :meth:`predicted`, into the matrix. *Collective.*"""
         bulk, others = self.items[0], self.items[1:]
-        with self.glued() if predicted else nullcontext():
+        with self.glued() if predicted else nullcontext(), profile.phase("contact_assembly"):
             values = [item.tangent(u) for item in others]
-        versions = [item.version for item in others]
-        if versions != self._versions:
-            self._renew(bulk, others)
-            self._versions = versions
-        self.matrix.write(bulk.tangent(self._committed if predicted else u), self._sum(values), self.aid)
+        with profile.phase("bulk_assembly"):
+            stiffness = bulk.tangent(self._committed if predicted else u)
+        with profile.phase("matrix"):
+            versions = [item.version for item in others]
+            if versions != self._versions:
+                self._renew(bulk, others)
+                self._versions = versions
+            self.matrix.write(stiffness, self._sum(values), self.aid)
+        profile.mark("assembly")
 
     def _renew(self, bulk, others):
         n = self.space.n_owned

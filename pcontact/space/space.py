@@ -56,7 +56,8 @@ class Space:
         self.mesh_nodes = np.flatnonzero(used)
         self.of_mesh = np.full(len(mesh.points), -1, dtype=np.int64)
         self.of_mesh[self.mesh_nodes] = np.arange(len(self.mesh_nodes))
-        self.cells = [np.ascontiguousarray(self.of_mesh[t]) for t in tables]
+        # where every node of the mesh carries a displacement, the tables are those of the mesh: no copies
+        self.cells = [np.ascontiguousarray(t if used.all() else self.of_mesh[t]) for t in tables]
         self.points = mesh.points[self.mesh_nodes]
         self.component = np.zeros(len(self.mesh_nodes), dtype=np.int64)
         for table, block in zip(self.cells, mesh.blocks, strict=True):
@@ -108,6 +109,15 @@ class Space:
     def exchange(self, nodes):
         """Plan for the values of any global nodes. *Collective.*"""
         return NodeExchange(self._template, nodes, self.dim)
+
+    def summed(self, plan, values):
+        """Values (n, d) of the nodes of a plan, of all ranks, summed at the owned nodes (n_owned, d). *Collective.*"""
+        total = self.vector()
+        plan.add(values, total)
+        result = total.getArray(readonly=True).reshape(-1, self.dim).copy()
+        # let go of alone, it would stay until the end of the load step
+        total.destroy()
+        return result
 
     def flag(self, local_nodes):
         """Flags (n_local,) of nodes that any rank names, so that shared nodes agree. *Collective.*

@@ -4,6 +4,7 @@ import time as clock
 from dataclasses import dataclass, field
 from typing import Protocol
 
+from pcontact.runtime import profile
 from pcontact.runtime.errors import StepFailure
 from pcontact.runtime.petsc import PETSc
 
@@ -132,9 +133,10 @@ class Stepper:
                     number, target, outcome.newton, outcome.krylov, cutbacks, outcome.residual,
                     list(self.newton.norms), *self._last, outcome.uzawa,
                 )  # fmt: skip
-                record = self.recorder(step, self.u)
-                for observer in self.observers:
-                    observer.step(step, self.u, record)
+                with profile.phase("output"):
+                    record = self.recorder(step, self.u)
+                    for observer in self.observers:
+                        observer.step(step, self.u, record)
                 cutbacks = 0
                 continue
             committed.copy(self.u)
@@ -151,15 +153,17 @@ class Stepper:
     def _attempt(self, target, before):
         start = clock.perf_counter()
         self.problem.time = target
-        motion, ahead = self.problem.imposed(self.u, target), self._ahead(target)
-        for item in self.problem.items:
-            item.detect(self.u, target, motion, ahead)
+        with profile.phase("search"):
+            motion, ahead = self.problem.imposed(self.u, target), self._ahead(target)
+            for item in self.problem.items:
+                item.detect(self.u, target, motion, ahead)
         middle = clock.perf_counter()
-        self.problem.prescribe(self.u, target)
-        outcome = self.newton.solve(self.u)
-        if self._settle is not None and outcome.converged:
-            outcome = self._settle(self.u, outcome)
-        self._check_motion(outcome, before)
+        with profile.phase("solve"):
+            self.problem.prescribe(self.u, target)
+            outcome = self.newton.solve(self.u)
+            if self._settle is not None and outcome.converged:
+                outcome = self._settle(self.u, outcome)
+            self._check_motion(outcome, before)
         self.timing["search"] += middle - start
         self.timing["solve"] += clock.perf_counter() - middle
         return outcome
