@@ -15,8 +15,8 @@ from pcontact.runtime.petsc import MPI
 
 # theta = -1 is coercive for any value; below 1 multigrid fails for quadratic hexahedra
 GAMMA0 = {1.0: 2.0, 0.0: 1.0, -1.0: 1.0}
-# times the default, beyond which multigrid needs twice the iterations
-STIFF = 10.0
+# times the default, beyond which multigrid needs more than twice the iterations of one with a filter
+STIFF = 30.0
 # smallest cosine between the normals of a source point and its obstacle
 FACING = 0.1
 
