@@ -14,8 +14,8 @@ from pcontact.contact.summary import summarise
 from pcontact.runtime.parallel import matching, together
 from pcontact.runtime.petsc import MPI
 
-# times the default gamma0, beyond which multigrid needs twice the iterations
-STIFF = 10.0
+# times the default, beyond which multigrid needs more than twice the iterations of one with a filter
+STIFF = 30.0
 # smallest cosine between the normals of a source point and its obstacle
 FACING = 0.1
 
