@@ -175,21 +175,15 @@ def _trace(space, bulk, source, contact):
     return trace if space.comm.allreduce(trace.parts, op=MPI.SUM) else None
 
 
-def pair_item(space, bulk, contact, source, target, radius, floats=False, half=False):
-    """The item of a contact in its formulation, or of a half of an unbiased one. *Collective.*
+def pair_item(space, bulk, contact, source, target, radius, floats=False):
+    """The item of a contact in its formulation. *Collective.*
 
     Parameters
     ----------
     bulk : ElasticBulk or PlasticBulk
-    half : bool
-        Whether its integrals have the weight 1/2.
     others
         See `pcontact.contact.item.ContactItem`.
     """
-    if space.dim == 2 and contact.target is not None:
-        source = cut_source(space, source, contact.source, target, radius, contact.search, contact.quadrature)
-        target = target.seen_from(source.facet, source.x)
-    source = halved(source) if half else source
     law, trace = friction_law(contact), None
     if contact.formulation == "nitsche":
         trace = _trace(space, bulk, source, contact)
@@ -201,6 +195,14 @@ def pair_item(space, bulk, contact, source, target, radius, floats=False, half=F
     return frictional(space, contact, source, target, radius, law, contact.alpha, floats, trace)
 
 
+def _fitted(space, contact, source, target, radius):
+    """Source and target as they see each other: in the plane, facets are cut at the nodes they face. *Collective.*"""
+    if space.dim == 3 or contact.target is None:
+        return source, target
+    source = cut_source(space, source, contact.source, target, radius, contact.search, contact.quadrature)
+    return source, target.seen_from(source.facet, source.x)
+
+
 def _unbiased_item(scene, space, bulk, contact, radius, floats):
     """The item of a pair both surfaces of which are source and target, or of self contact. *Collective.*"""
     halves = []
@@ -210,7 +212,8 @@ def _unbiased_item(scene, space, bulk, contact, radius, floats):
         target = target_surface(space, one.target)
         if one.source == one.target:
             target = self_surface(space, target, source)
-        halves.append(pair_item(space, bulk, one, source, target, radius, floats, half=True))
+        source, target = _fitted(space, one, source, target, radius)
+        halves.append(pair_item(space, bulk, one, halved(source), target, radius, floats))
     kind = UnbiasedItem if friction_law(contact) is None else UnbiasedFrictionalItem
     return kind(contact, halves)
 
@@ -256,6 +259,7 @@ def contact_items(scene, space, constants, free, bulk):
         if is_unbiased(contact):
             items.append(_unbiased_item(scene, space, bulk, contact, radius, floats))
         else:
+            source, target = _fitted(space, contact, source, target, radius)
             items.append(pair_item(space, bulk, contact, source, target, radius, floats))
     for k in sorted(set(free) - touching):
         name = space.mesh.component_names[k]
