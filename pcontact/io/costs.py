@@ -134,6 +134,8 @@ class Costs:
 
 def _work(item):
     """Work of a contact pair on this rank: quadrature points times the unknowns that each of them couples."""
+    if hasattr(item, "halves"):
+        return sum(_work(half) for half in item.halves)
     pairing, n = item.pairing, len(item.source.facet)
     if pairing is None or n == 0:
         return 0
