@@ -58,7 +58,7 @@ def test_fully_plastic(tmp_path, cell, order, friction):
     rows, top = press(mesh(tmp_path, order=order, cell=cell), order=order, friction=friction, steps=8)
     full = rows[7]
     assert 2.6 < full["over_yield"] < 3.4
-    assert max(row["newton"] for row in rows[:8]) <= 10
+    assert max(row["newton"] for row in rows[:8]) <= 12
     assert sum(row["cutbacks"] for row in rows[:8]) == 0
     assert max(row["imbalance"] for row in rows) < 1e-6
     assert full["slip"] == 0 if friction == 0.0 and full["stick"] else full["stick"] + full["slip"] > 0
