@@ -3,7 +3,7 @@
 import numpy as np
 
 # part of the residual's first component along the step that may be left
-ENOUGH = 0.3
+ENOUGH = 0.1
 MOST = 8  # residuals per step
 INNER = 0.2  # distance from the ends of the bracket that a new point keeps, in parts of the bracket
 
