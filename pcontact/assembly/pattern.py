@@ -27,6 +27,39 @@ def positions(ptr_a, col_a, rowptr, columns):
     return position
 
 
+class JoinedPattern:
+    """Union of block patterns with the same rows, and the sum of values on them.
+
+    Parameters
+    ----------
+    patterns : list of (ndarray (n + 1,), ndarray (nnz,))
+        Row pointers and columns.
+    n : int
+        Rows.
+
+    Attributes
+    ----------
+    rowptr, columns : ndarray (n + 1,), (nnz,)
+        The union.
+    """
+
+    def __init__(self, patterns, n):
+        self.rowptr, self.columns = np.zeros(n + 1, dtype=np.int64), np.zeros(0, dtype=np.int64)
+        for pattern in patterns:
+            self.rowptr, self.columns = union(self.rowptr, self.columns, *pattern)
+        self._places = [positions(*pattern, self.rowptr, self.columns) for pattern in patterns]
+
+    def sum(self, values):
+        """Sum (nnz, d, d) of values on the patterns, a list in their order."""
+        if len(values) == 1:
+            return values[0]
+        total = np.zeros((len(self.columns), *values[0].shape[1:]))
+        for place, value in zip(self._places, values, strict=True):
+            total[place] += value
+        return total
+
+
+
 def _sorted_rows(n_rows, rows, columns):
     """Pattern with sorted unique columns from unordered pairs."""
     order = np.lexsort((columns, rows))

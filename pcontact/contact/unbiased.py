@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pcontact.assembly.pattern import positions, union
+from pcontact.assembly.pattern import JoinedPattern
 from pcontact.contact.parameters import parameter
 from pcontact.contact.summary import summarise
 
@@ -148,20 +148,11 @@ class UnbiasedItem:
 
     def pattern(self):
         """Owned block rows: rowptr (n_owned + 1,), columns (nnz,)."""
-        self._renew()
-        return self._rowptr, self._columns
-
-    def _renew(self):
-        """Pattern of all halves together, and the places of theirs in it."""
         versions = [half.version for half in self.halves]
-        if versions == self._versions:
-            return
-        patterns = [half.pattern() for half in self.halves]
-        rowptr, columns = patterns[0]
-        for other in patterns[1:]:
-            rowptr, columns = union(rowptr, columns, *other)
-        self._places = [positions(*pattern, rowptr, columns) for pattern in patterns]
-        self._rowptr, self._columns, self._versions = rowptr, columns, versions
+        if versions != self._versions:
+            self._joined = JoinedPattern([half.pattern() for half in self.halves], self.space.n_owned)
+            self._versions = versions
+        return self._joined.rowptr, self._joined.columns
 
     def residual(self, u, out):
         """Add the forces of all halves on the owned nodes to ``out`` (n_owned, d). *Collective.*"""
@@ -171,11 +162,8 @@ class UnbiasedItem:
     def tangent(self, u):
         """Values (nnz, d, d) on :meth:`pattern`. *Collective.*"""
         values = [half.tangent(u) for half in self.halves]
-        self._renew()
-        total = np.zeros((len(self._columns), self.space.dim, self.space.dim))
-        for place, value in zip(self._places, values, strict=True):
-            total[place] += value
-        return total
+        self.pattern()
+        return self._joined.sum(values)
 
     def commit(self, u, time):
         """End the load step. *Collective.*"""

@@ -5,7 +5,7 @@ from contextlib import contextmanager, nullcontext
 import numpy as np
 
 from pcontact.assembly.matrix import GlobalMatrix
-from pcontact.assembly.pattern import positions, union
+from pcontact.assembly.pattern import JoinedPattern
 from pcontact.runtime import profile
 from pcontact.runtime.petsc import MPI
 
@@ -168,23 +168,13 @@ class Problem:
         profile.mark("assembly")
 
     def _renew(self, bulk, others):
-        n = self.space.n_owned
-        rowptr, columns = np.zeros(n + 1, dtype=np.int64), np.zeros(0, dtype=np.int64)
-        for item in others:
-            rowptr, columns = union(rowptr, columns, *item.pattern())
-        self._places = [positions(*item.pattern(), rowptr, columns) for item in others]
-        self._n_contact = len(columns)
-        if self.matrix.renew(bulk.pattern(), (rowptr, columns)):
+        self._joined = JoinedPattern([item.pattern() for item in others], self.space.n_owned)
+        if self.matrix.renew(bulk.pattern(), (self._joined.rowptr, self._joined.columns)):
             self.pattern_changes += 1
 
     def _sum(self, values):
         d = self.space.dim
-        if len(values) == 1:
-            return values[0]
-        total = np.zeros((self._n_contact, d, d))
-        for place, value in zip(self._places, values, strict=True):
-            total[place] += value
-        return total
+        return self._joined.sum(values) if values else np.zeros((0, d, d))
 
     def reach(self, u, y):
         """Largest part of the Newton step ``-y`` that all pairs admit. *Collective.*"""
