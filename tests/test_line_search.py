@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pcontact.solve.line_search import ENOUGH, MOST, zero_of
+from pcontact.solve.line_search import BEYOND, ENOUGH, FARTHEST, MOST, zero_of
 
 
 def pieces(*points):
@@ -19,10 +19,28 @@ def pieces(*points):
 
 
 def test_a_good_full_step_is_taken():
-    """One residual, no more: the step ends where it should, or before."""
-    for end in (0.0, 0.05, -0.05, 0.7):
+    """One residual, no more: the step ends where it should."""
+    for end in (0.0, BEYOND, -ENOUGH / 2):
         function, asked = pieces((0, 1), (1, end))
         assert zero_of(function, 1.0) == 1.0 and asked == [1.0]
+
+
+def test_a_step_that_ends_too_early_is_prolonged():
+    """To where the secant says, no farther than twice the step, or than is allowed; one residual, no more."""
+    for end, part in ((0.2, 1.25), (0.5, 2.0), (0.7, FARTHEST)):
+        function, asked = pieces((0, 1), (1, end))
+        assert zero_of(function, 1.0) == pytest.approx(part) and asked == [1.0]
+        assert zero_of(function, 1.0, farthest=1.0) == 1.0
+    assert zero_of(lambda at: 1.0 + at, 1.0) == 1.0, "a function that rises has no zero ahead"
+
+
+def test_at_most_a_part_of_a_step_that_goes_too_far():
+    """What is allowed is taken; if that is too much, the zero before it; a full step that is good remains."""
+    function, asked = pieces((0, 1), (0.7, 0.3), (1, -5))
+    assert zero_of(function, 1.0, most=0.5) == 0.5 and asked == [1.0, 0.5]
+    function, _ = pieces((0, 1), (0.2, 0.8), (1, -100))
+    assert abs(zero_of(function, 1.0, most=0.5) - 0.2) < 0.05
+    assert zero_of(lambda at: 1.0 - at, 1.0, most=0.5) == 1.0
 
 
 @pytest.mark.parametrize("corner", [0.05, 0.32, 0.5, 0.95])

@@ -284,6 +284,10 @@ class ContactItem:
         """Whether multigrid alone fares badly: far more than the default gamma0, or the skew tangent of theta = -1."""
         return self.theta < 0.0 or self.gamma0 > STIFF * GAMMA0[self.theta]
 
+    def closed_area(self):
+        """Area of the points of this rank that were closed in the last tangent [length^(d - 1)]."""
+        return float(np.sum(self.source.jxw[self._status > OPEN])) if self._status is not None else 0.0
+
     def active_nodes(self):
         """Owned nodes, global numbers, of the pair at points that were closed in the last tangent. *Collective.*"""
         closed = self._status > OPEN if self._status is not None else np.zeros(len(self.source.facet), dtype=bool)

@@ -196,6 +196,10 @@ class UnbiasedItem:
         """Whether multigrid alone fares badly, see :attr:`ContactItem.stiff`."""
         return any(half.stiff for half in self.halves)
 
+    def closed_area(self):
+        """Area of the points of this rank that were closed in the last tangent [length^(d - 1)]."""
+        return sum(half.closed_area() for half in self.halves)
+
     def active_nodes(self):
         """Owned nodes, global numbers, of the halves at points that were closed in the last tangent. *Collective.*"""
         return np.unique(np.concatenate([half.active_nodes() for half in self.halves]))

@@ -4,12 +4,14 @@ import numpy as np
 
 # part of the residual's first component along the step that may be left
 ENOUGH = 0.1
+# part that is left behind a full step for which it is worth to go beyond it, and how far one goes at most
+BEYOND, FARTHEST = 0.03, 2.0
 MOST = 8  # residuals per step
 INNER = 0.2  # distance from the ends of the bracket that a new point keeps, in parts of the bracket
 
 
-def zero_of(component, first):
-    """The zero in (0, 1] of a function that is positive at 0, or 1 if it is not negative there.
+def zero_of(component, first, most=1.0, farthest=FARTHEST):
+    """The zero in (0, 2] of a function that is positive at 0, or 1 if it is not negative there.
 
     Newton's method for a non-smooth equation F(u) = 0 that comes from a monotone operator should go along its step -s y
     until F(u - s y) . y changes its sign; |F| may have to rise on the way. This function of s has nearly straight
@@ -17,12 +19,19 @@ def zero_of(component, first):
     then stays before the corner, or jumps to and fro across it; here the zero stays in a bracket (regula falsi with
     halving, M. Dowell and P. Jarratt, BIT 11, 1971, 168-174), which shrinks by a part each time.
 
+    Behind a full step the function is followed by one secant: where a contact loses points from its rim, iteration by
+    iteration, it remains positive there.
+
     Parameters
     ----------
     component : callable
         The function.
     first : float
         Its value at 0.
+    most : float
+        Where to go at most if a full step goes too far.
+    farthest : float
+        Where to go at most if it does not.
 
     Returns
     -------
@@ -30,10 +39,17 @@ def zero_of(component, first):
         Where its magnitude is at most ``ENOUGH`` of ``first``, or smallest among the points that were tried.
     """
     value = component(1.0)
-    if not first > 0.0 or value >= -ENOUGH * first:
+    if not first > 0.0:
         return 1.0
-    a, fa, b, fb = 0.0, first, 1.0, value
-    best, smallest = 1.0, abs(value)
+    if value >= -ENOUGH * first:
+        left = value / first
+        return min(1.0 / (1.0 - left), farthest) if BEYOND < left < 1.0 else 1.0
+    if most < 1.0:
+        value = component(most)
+        if value >= -ENOUGH * first:
+            return most
+    a, fa, b, fb = 0.0, first, most, value
+    best, smallest = most, abs(value)
     side = 0
     for _ in range(MOST - 1):
         slope = fa - fb

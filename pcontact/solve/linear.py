@@ -6,12 +6,15 @@ import numpy as np
 from pcontact.runtime.petsc import forget_pattern
 from pcontact.solve.filter import preconditioner
 
+# the area in contact may grow by this factor before the preconditioner is set up again
+GROWN = 2.0
+
 
 class Reuse:
     """Decides when the preconditioner is set up again: when Krylov needs more iterations than a fresh one would.
 
     A set-up costs as much as some twenty Krylov iterations, and a few points that open or close hardly change what a
-    preconditioner is worth. Counts decide, not clocks: a run repeats itself.
+    preconditioner is worth; many that close do. Counts decide, not clocks: a run repeats itself.
 
     Parameters
     ----------
@@ -25,24 +28,28 @@ class Reuse:
 
     def forget(self):
         """Have the next solve set up its preconditioner."""
-        self._rate, self._fresh = None, True
+        self._rate, self._fresh, self._area = None, True, 0.0
 
-    def keep(self, ksp):
+    def keep(self, ksp, area):
         """Whether the next solve keeps the preconditioner. To be asked once before each solve.
 
         Parameters
         ----------
         ksp : PETSc.KSP
             With the iterations of the last solve.
+        area : float
+            That is in contact.
         """
-        if self._rate is None:
-            self._rate = np.inf
+        if self._rate is None or area > GROWN * self._area:
+            self._rate, self._fresh, self._area = np.inf, True, area
             return False
         decades = max(-np.log10(ksp.getTolerances()[0]), 0.1)
         iterations = ksp.getIterationNumber()
         if self._fresh:
             self._rate = iterations / decades
         self._fresh = iterations > self._rate * decades + self.patience
+        if self._fresh:
+            self._area = area
         return not self._fresh
 
 
@@ -58,15 +65,14 @@ def refresh_smoother(ksp, matrix):
         smoother.setOperators(matrix, matrix)
 
 
-def solver_defaults(symmetric, mumps):
+def solver_defaults(symmetric, ranks):
     """Options proposed for the Krylov method and the preconditioner.
 
     Parameters
     ----------
     symmetric : bool
         Whether the tangent is symmetric positive definite: theta = 1 (or no contact) without friction.
-    mumps : bool
-        Whether PETSc has MUMPS, for the coarse problem of several ranks.
+    ranks : int
 
     Returns
     -------
@@ -91,6 +97,9 @@ def solver_defaults(symmetric, mumps):
         "mg_levels_ksp_max_it": 2,
         "ksp_max_it": 500,
     }
+    if ranks == 1:
+        # Galerkin products in half the time; the default of several ranks is as fast
+        options["matptap_via"] = "rap"
     if symmetric:
         options.update({"ksp_type": "cg", "ksp_norm_type": "unpreconditioned"})
     else:

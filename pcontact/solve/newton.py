@@ -16,7 +16,7 @@ from pcontact.runtime.petsc import (
     line_search_limit,
 )
 from pcontact.solve.filter import contact_filter, new_preconditioner
-from pcontact.solve.line_search import zero_of
+from pcontact.solve.line_search import FARTHEST, zero_of
 from pcontact.solve.linear import Reuse, refresh_smoother, solver_defaults
 
 REASONS = {
@@ -30,6 +30,10 @@ HELD_GOAL, HELD_GOAL_PLASTIC = 0.1, 0.02
 PULLED = 0.1
 # iterations in which the residual has to fall to half of what it was in as many before, else Newton goes in circles
 CYCLE = 6
+# part of the first Newton step of a load step that is taken where all of it goes too far. Bodies that touch along curved
+# surfaces, moved by half their approach, overlap on the area on which they will be in contact: Hertz, approach a^2 / R,
+# overlap a^2 / (2 R). From there the statuses of nearly all points are right; moved all the way, twice as many close.
+APPROACH = 0.5
 
 
 @dataclass
@@ -101,7 +105,7 @@ class Newton:
         self._options = options
         defaults = {
             "snes_type": "newtonls",
-            # steps are shortened before, see `_shorten`
+            # steps are shortened before, see `_stretch`
             "snes_linesearch_type": full_steps,
             line_search_limit: 1.0,
             # absolute in PETSc: it would call small units converged
@@ -110,7 +114,7 @@ class Newton:
             "snes_atol": 0.0,
             "snes_stol": 0.0,
             "snes_max_it": 50,
-            **solver_defaults(symmetric, True),
+            **solver_defaults(symmetric, problem.space.comm.size),
         }
         plastic = hasattr(problem.items[0], "predict")
         self._holds = any(hasattr(item, "hold") for item in problem.items)
@@ -126,7 +130,7 @@ class Newton:
         self.snes = PETSc.SNES().create(comm=problem.space.comm)
         self._f, self._trial, self._full, self._partly = (problem.space.vector() for _ in range(4))
         # the residual at the end of a full step, when that has been tried and will be asked for again
-        self._known, self._shortens = None, chosen and not problem.linear
+        self._known, self._stretches = None, chosen and not problem.linear
         self.snes.setFunction(self._residual, self._f)
         self.snes.setJacobian(self._tangent, problem.matrix.matrix)
         self.snes.setConvergenceTest(self._test)
@@ -143,7 +147,7 @@ class Newton:
         self._filter = contact_filter(problem, options)
         self._floor, self._goal, self._first = 0.0, None, None
         self._hold_first = loose and self._holds
-        self._predicting, self._true_first, self._circles = False, np.nan, False
+        self._predicting, self._begins, self._true_first, self._circles = False, False, np.nan, False
         # what is tried in turn while Newton goes in circles
         self._ways = [self._law, self._glued_first] if plastic else [self._law]
         self._ways += [self._shortest] if chosen and (self._holds or plastic) else []
@@ -170,7 +174,7 @@ class Newton:
                 self._filter.forget_pattern()
         self.timing["assembly"] += clock.perf_counter() - start
         if self._reuse is not None:
-            keep = self._reuse.keep(snes.getKSP())
+            keep = self._reuse.keep(snes.getKSP(), self.problem.closed_area())
             if self._filter is None:
                 keep_preconditioner(snes, keep)
             else:
@@ -186,13 +190,13 @@ class Newton:
         part = self.problem.reach(x, y)
         if part < 1.0:
             y.scale(part)
-        if self._shortens:
+        if self._stretches:
             start = clock.perf_counter()
-            self._shorten(x, y)
+            self._stretch(x, y, 1.0 if part < 1.0 else FARTHEST)
             self.timing["assembly"] += clock.perf_counter() - start
 
-    def _shorten(self, x, y):
-        """Go to where the residual no longer points along the step."""
+    def _stretch(self, x, y, farthest):
+        """Go to where the residual no longer points along the step; in the first one, not too far, see `APPROACH`."""
         full, partly = self._full, self._partly
 
         def component(part):
@@ -202,8 +206,9 @@ class Newton:
             self.problem.residual(self._trial, f)
             return f.dot(y)
 
-        part = zero_of(component, self._f.dot(y))
-        if part < 1.0:
+        part = zero_of(component, self._f.dot(y), APPROACH if self._begins else 1.0, farthest)
+        self._begins = False
+        if part != 1.0:
             y.scale(part)
             return
         x.copy(self._trial)
@@ -330,10 +335,10 @@ class Newton:
     def _shortest(self, u, before):
         """Solve with the line search l2, to where the residual is smallest along a step."""
         self._line_search("l2")
-        self._circles = self._shortens = False
+        self._circles = self._stretches = False
         outcome = self._run(u, True)
         self._line_search(full_steps)
-        self._shortens = True
+        self._stretches = True
         return outcome
 
     def _line_search(self, name):
@@ -362,7 +367,7 @@ class Newton:
     def _run(self, u, beginning):
         """One SNES solve, from the beginning of the load step or from elsewhere. *Collective.*"""
         start, before = clock.perf_counter(), self.timing["assembly"]
-        self._predicting = beginning and self.problem.predicts
+        self._predicting, self._begins = beginning and self.problem.predicts, beginning
         self._norms = []
         try:
             self.snes.solve(None, u)

@@ -167,6 +167,11 @@ class Problem:
             self.matrix.write(stiffness, self._sum(values), self.aid)
         profile.mark("assembly")
 
+    def closed_area(self):
+        """Area of all points that were closed in the last tangent [length^(d - 1)]. *Collective.*"""
+        own = sum(item.closed_area() for item in self.items[1:])
+        return self.space.comm.allreduce(own, op=MPI.SUM) if len(self.items) > 1 else 0.0
+
     def _renew(self, bulk, others):
         self._joined = JoinedPattern([item.pattern() for item in others], self.space.n_owned)
         if self.matrix.renew(bulk.pattern(), (self._joined.rowptr, self._joined.columns)):
