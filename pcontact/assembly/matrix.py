@@ -1,5 +1,7 @@
 """The global matrix: one AIJ matrix whose values are written in place from the items' blocks."""
 
+import weakref
+
 import numpy as np
 
 from pcontact.assembly.pattern import positions, union
@@ -28,14 +30,16 @@ def _scalar_pattern(rowptr, columns, d, start, end, i, j, own, other):
 
 
 @njit
-def _write(rowptr, columns, start, end, own, other, fixed_row, fixed_column, diagonal, extra, at_a, a, at_b, b, da, oa):
-    """Write blocks a[at_a[k]] + b[at_b[k]] into the value arrays of the two local matrices.
+def _write(
+    rows, rowptr, columns, start, end, own, other, fixed_row, fixed_column, diagonal, extra, at_a, a, at_b, b, da, oa
+):
+    """Write blocks a[at_a[k]] + b[at_b[k]] of some rows into the value arrays of the two local matrices.
 
     Rows and columns of prescribed components become ``diagonal`` times the identity; ``extra`` (n_rows,) is added to
     the diagonal.
     """
     d = fixed_row.shape[1]
-    for row in range(len(rowptr) - 1):
+    for row in rows:
         n_own = own[row + 1] - own[row]
         n_other = other[row + 1] - other[row]
         base_own, base_other = own[row] * d * d, other[row] * d * d
@@ -66,6 +70,10 @@ def _write(rowptr, columns, start, end, own, other, fixed_row, fixed_column, dia
                 k_other += 1
 
 
+def _nothing():
+    """In place of a reference to values while none have been written."""
+
+
 class GlobalMatrix:
     """Sum of two sets of block values, with supports, as a PETSc matrix.
 
@@ -93,6 +101,8 @@ class GlobalMatrix:
         self.matrix.setSizes(((n, total), (n, total)), bsize=d)
         self.matrix.setType("mpiaij" if space.comm.size > 1 else "seqaij")
         self._rowptr = None
+        # the first set as it was written last: where it has not changed, only rows of the second are written
+        self._written = _nothing
 
     def renew(self, first, second):
         """Give the matrix the union of two patterns, unless it has it already. *Collective.*
@@ -117,7 +127,8 @@ class GlobalMatrix:
         changed = not self._space.comm.allreduce(int(same), op=MPI.MIN)
         if changed:
             self._preallocate(rowptr, columns)
-        self._at = []
+        self._at, self._written = [], _nothing
+        self._second_rows = np.flatnonzero(np.diff(second[0]))
         for ptr, cols in (first, second):
             at = np.full(len(columns), -1, dtype=np.int64)
             at[positions(ptr, cols, rowptr, columns)] = np.arange(len(cols))
@@ -143,20 +154,22 @@ class GlobalMatrix:
         Parameters
         ----------
         first, second : ndarray (nnz, d, d)
-            On the patterns given to :meth:`renew`.
+            On the patterns given to :meth:`renew`. The same object as before, as the first, has the same values.
         extra : ndarray (n_owned,)
             Added to the diagonal of free components.
         """
         space, d = self._space, self._space.dim
-        diagonal = np.zeros((space.n_owned, d))
-        rows = self._rowptr
-        at = self._at[0]
-        _diagonal_of(rows, self._columns, space.start, at, first, diagonal)
+        at, rows = self._at[0], self._second_rows
+        if self._written() is not first:
+            rows = np.arange(space.n_owned)
+            self._diagonal = np.zeros((space.n_owned, d))
+            _diagonal_of(self._rowptr, self._columns, space.start, at, first, self._diagonal)
+            self._written = weakref.ref(first)
         sizes = (int(self._own[-1]) * d * d, int(self._other[-1]) * d * d)
         with local_values(self.matrix, sizes) as (da, oa):
             _write(
-                rows, self._columns, space.start, space.start + space.n_owned, self._own, self._other, self._fixed_row,
-                self._fixed_column, diagonal, extra, at, first, self._at[1], second, da, oa,
+                rows, self._rowptr, self._columns, space.start, space.start + space.n_owned, self._own, self._other,
+                self._fixed_row, self._fixed_column, self._diagonal, extra, at, first, self._at[1], second, da, oa,
             )  # fmt: skip
 
 

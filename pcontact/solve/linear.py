@@ -1,6 +1,5 @@
 """Defaults of the linear solver, per situation; the user's own options win."""
 
-
 import numpy as np
 
 from pcontact.runtime.petsc import forget_pattern

@@ -30,9 +30,10 @@ HELD_GOAL, HELD_GOAL_PLASTIC = 0.1, 0.02
 PULLED = 0.1
 # iterations in which the residual has to fall to half of what it was in as many before, else Newton goes in circles
 CYCLE = 6
-# part of the first Newton step of a load step that is taken where all of it goes too far. Bodies that touch along curved
-# surfaces, moved by half their approach, overlap on the area on which they will be in contact: Hertz, approach a^2 / R,
-# overlap a^2 / (2 R). From there the statuses of nearly all points are right; moved all the way, twice as many close.
+# part of the first Newton step of a load step that is taken where all of it goes too far. Bodies that touch along
+# curved surfaces, moved by half their approach, overlap on the area on which they will be in contact: Hertz, approach
+# a^2 / R, overlap a^2 / (2 R). From there the statuses of nearly all points are right; moved all the way, twice as
+# many close.
 APPROACH = 0.5
 
 
