@@ -154,6 +154,7 @@ class Simulation:
             "dofs": self.problem.space.n_dofs,
             "cells": self.mesh.n_cells_total,
             "model": {"active": active, "left_out": left_out},
+            "solver": self.newton.solver,
         }
 
     def _announce(self):
@@ -162,6 +163,12 @@ class Simulation:
         log.info("%d unknowns, %d cells, %d ranks", head["dofs"], head["cells"], head["ranks"])
         log.info("modelled: %s", "; ".join(head["model"]["active"]))
         log.info("left out: %s", ", ".join(head["model"]["left_out"]))
+        solver = head["solver"]
+        log.info(
+            "linear solver: %s + %s, %d rigid modes, tangent %ssymmetric, contact filter %s, set-up %s",
+            solver["krylov"], solver["preconditioner"], solver["rigid_modes"], "" if solver["symmetric"] else "not ",
+            "on" if solver["contact_filter"] else "off", "kept while it serves" if solver["reused"] else "always new",
+        )  # fmt: skip
 
     def _costs(self):
         return {"timing": self.times(), "parallel": self.costs.parallel(), "memory": self.costs.memory()}

@@ -139,6 +139,17 @@ def add_blocks(values, position, out):
 
 
 @njit
+def add_chosen_blocks(values, chosen, position, out):
+    """out[position[k]] += values[chosen[k]] for blocks (n, d, d)."""
+    d = values.shape[1]
+    for k in range(len(position)):
+        p, v = position[k], chosen[k]
+        for a in range(d):
+            for b in range(d):
+                out[p, a, b] += values[v, a, b]
+
+
+@njit
 def multiply(rowptr, columns, values, x, y):
     """y = A x for a block pattern: values (nnz, d, d), x (n_columns, d), y (n_rows, d)."""
     d = values.shape[1]

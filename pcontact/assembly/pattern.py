@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from pcontact.assembly.graph import add_blocks, locate_rows, merge_rows
+from pcontact.assembly.graph import add_blocks, add_chosen_blocks, locate_rows, merge_rows
 from pcontact.runtime.parallel import split_by_rank
 
 
@@ -139,7 +139,7 @@ class OwnedRows:
         """
         d = values.shape[1]
         out = np.zeros((len(self.columns), d, d))
-        add_blocks(values[self._own_index], self._own_position, out)
+        add_chosen_blocks(values, self._own_index, self._own_position, out)
         sends = {rank: values[index].reshape(-1, d * d) for rank, index in self._send_index.items()}
         for rank, part in self._exchanger(sends, np.float64, d * d).items():
             add_blocks(part.reshape(-1, d, d), self._received_position[rank], out)

@@ -126,31 +126,44 @@ def add_tangent(
     a ``consistent`` adjoint c stands in the place of b.
     """
     d, nn, nt = normal.shape[1], cells.shape[1], targets.shape[1]
-    jump, trac, slope = np.zeros((nn + nt, d)), np.zeros((nn + nt, d)), np.zeros((nn + nt, d))
+    # the block of rows r and columns c is w (jump[r] (x) push[c] - trac[r] (x) pull[c])
+    jump, push = np.zeros((nn + nt, d)), np.zeros((nn + nt, d))
+    trac, pull = np.zeros((nn + nt, d)), np.zeros((nn + nt, d))
     missing = 0
     for p in range(len(facet)):
         f = facet[p]
         closed = paired[p] and (bilateral or tau[p] <= 0.0)
         if not closed and theta == 0.0:
             continue
+        w, g = jxw[p], gamma[f]
         for a in range(nn):
             for i in range(d):
-                jump[a, i] = shape[p, a] * normal[p, i]
-        for a in range(b.shape[1]):
-            for i in range(d):
-                trac[a, i] = b[p, a, i]
-                slope[a, i] = b[p, a, i]
-                if len(at) > 0 and at[p] >= 0:
-                    slope[a, i] += extra[at[p], a, i]
-                    if consistent:
-                        trac[a, i] = slope[a, i]
+                jump[a, i] = w * shape[p, a] * normal[p, i] if closed else 0.0
         for m in range(nt):
             for i in range(d):
-                jump[nn + m, i] = -target_shape[p, m] * normal[p, i]
+                jump[nn + m, i] = -w * target_shape[p, m] * normal[p, i] if closed else 0.0
+        for r in range(nn + nt):
+            for i in range(d):
+                slope, adjoint = 0.0, 0.0
+                if r < b.shape[1]:
+                    slope = adjoint = b[p, r, i]
+                    if len(at) > 0 and at[p] >= 0:
+                        slope += extra[at[p], r, i]
+                        if consistent:
+                            adjoint = slope
+                push[r, i] = g * jump[r, i] / w - slope
+                trac[r, i] = theta * adjoint
+                pull[r, i] = jump[r, i] if closed else w / g * slope
         width = nn + nt if closed else nn
-        w, g = jxw[p], gamma[f]
         for r in range(width):
             row = cells[f, r] if r < nn else targets[p, r - nn]
+            if theta == 0.0:
+                # nodes of the cell that are not on the facet feel nothing
+                still = True
+                for i in range(d):
+                    still = still and jump[r, i] == 0.0
+                if still:
+                    continue
             for c in range(width):
                 column = cells[f, c] if c < nn else targets[p, c - nn]
                 k = find(columns, rowptr[row], rowptr[row + 1], column)
@@ -159,14 +172,6 @@ def add_tangent(
                     continue
                 for i in range(d):
                     for j in range(d):
-                        if closed:
-                            value = (
-                                g * jump[r, i] * jump[c, j]
-                                - jump[r, i] * slope[c, j]
-                                - theta * trac[r, i] * jump[c, j]
-                            )
-                        else:
-                            value = -theta / g * trac[r, i] * slope[c, j]
-                        values[k, i, j] += w * value
+                        values[k, i, j] += jump[r, i] * push[c, j] - trac[r, i] * pull[c, j]
     return missing
 

@@ -1,8 +1,8 @@
-"""Defaults of the linear solver, per situation; the user's own options win."""
+"""Defaults of the solvers, per situation; the user's own options win."""
 
 import numpy as np
 
-from pcontact.runtime.petsc import forget_pattern
+from pcontact.runtime.petsc import forget_pattern, full_steps, line_search_limit
 from pcontact.solve.filter import preconditioner
 
 # the area in contact may grow by this factor before the preconditioner is set up again
@@ -104,3 +104,38 @@ def solver_defaults(symmetric, ranks):
     else:
         options.update({"ksp_type": "gmres", "ksp_gmres_restart": 60, "ksp_pc_side": "right"})
     return options
+
+
+def newton_defaults(linear, direct):
+    """Options proposed for SNES and the tolerance of its linear solves.
+
+    Parameters
+    ----------
+    linear : bool
+        Whether one iteration will do.
+    direct : bool
+        Whether the linear systems are factorised.
+
+    Returns
+    -------
+    dict of str to object
+    """
+    options = {
+        "snes_type": "newtonls",
+        # steps are shortened or prolonged before, see `pcontact.solve.line_search`
+        "snes_linesearch_type": full_steps,
+        line_search_limit: 1.0,
+        # absolute in PETSc: it would call small units converged
+        "snes_linesearch_atol": 0.0,
+        "snes_rtol": 1e-8,
+        "snes_atol": 0.0,
+        "snes_stol": 0.0,
+        "snes_max_it": 50,
+    }
+    if linear or direct:
+        return {**options, "ksp_rtol": 1e-10}
+    # at 1e-2 the directions are too poor for stick and slip: twice the iterations, each with its set-up
+    return {
+        **options, "snes_ksp_ew": True, "snes_ksp_ew_version": 2, "snes_ksp_ew_rtol0": 1e-3,
+        "snes_ksp_ew_rtolmax": 1e-3,
+    }  # fmt: skip

@@ -13,11 +13,10 @@ from pcontact.runtime.petsc import (
     free_garbage,
     full_steps,
     keep_preconditioner,
-    line_search_limit,
 )
 from pcontact.solve.filter import contact_filter, new_preconditioner
 from pcontact.solve.line_search import FARTHEST, zero_of
-from pcontact.solve.linear import Reuse, refresh_smoother, solver_defaults
+from pcontact.solve.linear import Reuse, newton_defaults, refresh_smoother, solver_defaults
 
 REASONS = {
     value: name.lower().replace("_", " ")
@@ -95,6 +94,9 @@ class Newton:
 
     Attributes
     ----------
+    solver : dict
+        What solves the linear systems: ``krylov``, ``preconditioner``, ``rigid_modes`` (near-null space),
+        ``symmetric`` (tangent), ``contact_filter``, ``reused`` (set-up kept between Newton iterations).
     applied, kept_out : dict
         Defaults that were entered into the options database, and those that the user's options kept out.
     norms : list of float
@@ -104,29 +106,11 @@ class Newton:
     def __init__(self, problem, options, symmetric, near_null_space, timing, loose=False):
         self.problem, self.timing = problem, timing
         self._options = options
-        defaults = {
-            "snes_type": "newtonls",
-            # steps are shortened before, see `_stretch`
-            "snes_linesearch_type": full_steps,
-            line_search_limit: 1.0,
-            # absolute in PETSc: it would call small units converged
-            "snes_linesearch_atol": 0.0,
-            "snes_rtol": 1e-8,
-            "snes_atol": 0.0,
-            "snes_stol": 0.0,
-            "snes_max_it": 50,
-            **solver_defaults(symmetric, problem.space.comm.size),
-        }
         plastic = hasattr(problem.items[0], "predict")
         self._holds = any(hasattr(item, "hold") for item in problem.items)
         chosen = not options.given("snes_linesearch_type")
         direct = options.get("pc_type", "gamg") in ("lu", "cholesky")
-        if problem.linear or direct:
-            defaults["ksp_rtol"] = 1e-10
-        else:
-            # at 1e-2 the directions are too poor for stick and slip: twice the iterations, each with its set-up
-            defaults.update({"snes_ksp_ew": True, "snes_ksp_ew_version": 2, "snes_ksp_ew_rtol0": 1e-3,
-                             "snes_ksp_ew_rtolmax": 1e-3})  # fmt: skip
+        defaults = newton_defaults(problem.linear, direct) | solver_defaults(symmetric, problem.space.comm.size)
         self.applied, self.kept_out = options.propose(defaults)
         self.snes = PETSc.SNES().create(comm=problem.space.comm)
         self._f, self._trial, self._full, self._partly = (problem.space.vector() for _ in range(4))
@@ -146,6 +130,7 @@ class Newton:
         patience = options.get("pc_patience", 10, int, text=text)
         self._reuse = None if lags or direct or loose or patience < 0 else Reuse(patience)
         self._filter = contact_filter(problem, options)
+        self.solver = self._solver(symmetric, len(near_null_space.getVecs()))
         self._floor, self._goal, self._first = 0.0, None, None
         self._hold_first = loose and self._holds
         self._predicting, self._begins, self._true_first, self._circles = False, False, np.nan, False
@@ -154,6 +139,16 @@ class Newton:
         self._ways += [self._shortest] if chosen and (self._holds or plastic) else []
         self._ways += [self._stick_first] if self._holds else []
         self.norms, self._norms = [], []
+
+    def _solver(self, symmetric, modes):
+        return {
+            "krylov": self.snes.getKSP().getType(),
+            "preconditioner": self._options.get("pc_type", "gamg"),
+            "rigid_modes": modes,
+            "symmetric": symmetric,
+            "contact_filter": self._filter is not None,
+            "reused": self._reuse is not None,
+        }
 
     def _residual(self, snes, x, f):
         start = clock.perf_counter()
