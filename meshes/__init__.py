@@ -9,6 +9,7 @@ from .beam import beam
 from .blocks import one_block, overclosed_cubes, two_blocks
 from .clip import CLIP, ClipShape, clip
 from .disk_on_block import disk_on_block
+from .dome import dome_on_block
 from .hertz import ball_on_block, cylinder_on_block, cylinders, two_balls
 from .indent import indent
 from .ironing import ironing
@@ -25,6 +26,7 @@ GENERATORS = {
         beam,
         rings,
         disk_on_block,
+        dome_on_block,
         cylinders,
         cylinder_on_block,
         two_balls,

@@ -9,27 +9,12 @@ plasticity (perfect, of both bodies). --repeat runs all of them in turn and keep
 machine disturbs less. Prints ratios, writes bench.json.
 """
 
-import numpy as np
-
 from drivers._common import main, make_mesh, make_parser, print_table, write_json
-from drivers.scaling import press
+from drivers.scaling import press, triad
 from meshes import ball_on_block
 from pcontact.runtime import log
 from pcontact.runtime.petsc import MPI, PETSc
 from pcontact.simulation import Simulation
-
-
-def triad(comm, n=20_000_000):
-    """Memory bandwidth of all ranks together [GB/s]: a = b + s c, best of five."""
-    a, b, c = np.zeros(n), np.ones(n), np.ones(n)
-    best = np.inf
-    for _ in range(5):
-        comm.Barrier()
-        start = MPI.Wtime()
-        np.multiply(c, 3.0, out=a)
-        np.add(a, b, out=a)
-        best = min(best, comm.allreduce(MPI.Wtime() - start, op=MPI.MAX))
-    return comm.size * 5 * 8 * n / best / 1e9
 
 
 def run(description):

@@ -15,9 +15,10 @@ from pcontact.runtime.petsc import MPI
 WORLD = MPI.COMM_WORLD
 
 
-def row(ranks, size, case="elastic", solve=1.0, converged=True):
+def row(ranks, size, case="elastic", solve=1.0, converged=True, cells="tetrahedra"):
     """A row with what the series look at."""
-    return {"ranks": ranks, "size": size, "case": case, "converged": converged, "seconds": {"solve": solve}}
+    seconds = {"solve": solve}
+    return {"ranks": ranks, "size": size, "cells": cells, "case": case, "converged": converged, "seconds": seconds}
 
 
 def test_rows_come_together():
