@@ -97,6 +97,13 @@ def _write(file, raw, curved):
     file.attrs["complete"] = 1
 
 
+def mesh_sizes(raw):
+    """What a mesh holds, in the words of a message."""
+    kinds = ", ".join(f"{len(block.nodes)} cells ({block.cell})" for block in raw.blocks)
+    groups = len({*raw.cell_groups, *raw.facet_groups, *raw.node_groups})
+    return f"{len(raw.points)} nodes, {kinds}, degree {raw.blocks[0].degree}, {groups} groups"
+
+
 def convert(path, target=None, order=1):
     """Read a mesh, check it, and write it as HDF5.
 
@@ -130,6 +137,9 @@ def convert(path, target=None, order=1):
         raw = complete(raw, 2)
     part = target.with_name(target.name + ".part")
     try:
+        # says why in fewer words than HDF5
+        with open(part, "wb"):
+            pass
         with h5py.File(part, "w") as file:
             _write(file, raw, curved)
         os.replace(part, target)
