@@ -42,7 +42,7 @@ Options (they win over the scene; the scene's [petsc] table wins over the progra
   -restart DIR, -checkpoint_every N                go on from the checkpoint in DIR; load steps between two checkpoints
   -pc_patience N                                   Krylov iterations a preconditioner may lose before it is renewed
   -pc_contact_filter auto|true|false               direct solve at closed points between two multigrid cycles
-  -partition bisection|graph                       who cuts the mesh: planes, which spread contact, or PETSc's partitioner
+  -partition bisection|graph                       the mesh is cut by planes, which spread contact, or by PETSc
   -partition_weight X                              work of a contact facet in units of a cell's, for bisection
   -snes_monitor, -snes_rtol X, -snes_linesearch_type bt|cp|basic|l2, -ksp_type, -pc_type gamg|hypre|ml|lu, ...
                                                    any option of PETSc; -help with a scene lists them

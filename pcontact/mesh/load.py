@@ -126,9 +126,11 @@ def load_mesh(comm, path, order, regions, pairs, check, weight=WEIGHT, method="b
             piece, names = _read_slices(comm, path, order, regions, surfaces, check, pairs)
         else:
             piece, names = _read_whole(comm, path, order, regions, surfaces, check)
+    profile.give_back()
     profile.mark("read")
     with profile.phase("distribute"):
         mesh = deal(piece, pairs, weight, method)
+    profile.give_back()
     profile.mark("distribute")
     mesh.component_names = names
     return mesh
