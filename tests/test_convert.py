@@ -90,6 +90,25 @@ def test_degree_1_of_cells_completed_to_degree_2(shared_tmp):
 
 
 @parallel
+@pytest.mark.parametrize("order", [1, 2])
+def test_cells_of_two_types(shared_tmp, order):
+    """A quadrilateral and two triangles, and their groups."""
+    path = shared_tmp / "mesh.msh"
+
+    def make():
+        cells = [CELLS[0], (2, 2, (5, 6, 7)), (2, 2, (5, 7, 8))]
+        path.write_text(mesh_text(elements=cells + FACETS))
+        convert(path, order=order)
+
+    on_root(WORLD, make)
+    meshes = [
+        load_mesh(WORLD, p, order, ["lower", "upper"], PAIRS, lambda mesh: None) for p in (path, path.with_suffix(".h5"))
+    ]
+    same_parts(*meshes)
+    assert [WORLD.allreduce(len(b.nodes)) for b in meshes[0].blocks] == [1, 2]
+
+
+@parallel
 def test_no_rank_has_it_all(shared_tmp):
     """Every rank reads its share of cells and nodes."""
     _, path = files(shared_tmp, "hexahedron")

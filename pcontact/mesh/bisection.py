@@ -29,8 +29,8 @@ class Cells:
     Attributes
     ----------
     comm : MPI.Comm
-    centres : ndarray (n, d)
-        Positions [length].
+    centres : ndarray (n, d + k)
+        Positions [length], and k further coordinates, which are cut along, too.
     ids : ndarray (n,) int64
         Numbers, each once on all ranks together.
     work : ndarray (n,) int64
@@ -41,6 +41,8 @@ class Cells:
         Vertices (m, k, d) of cells given by their rows (m,).
     contact_weight : float
         Work of contact 1, which is part of ``work``.
+    dim : int, optional
+        d, if there are further coordinates.
     """
 
     comm: object
@@ -50,8 +52,10 @@ class Cells:
     contact: np.ndarray
     corners: Callable
     contact_weight: float = 0.0
+    dim: int | None = None
 
     def __post_init__(self):
+        self.dim = self.centres.shape[1] if self.dim is None else self.dim
         self.n_total = self.comm.allreduce(len(self.ids))
 
 

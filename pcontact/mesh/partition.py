@@ -4,6 +4,8 @@ import numpy as np
 
 from pcontact.element.reference import CELLS
 from pcontact.mesh.bisection import UNIT, Cells, bisect
+from pcontact.mesh.depth import Depths
+from pcontact.mesh.mesh import bounding_box
 from pcontact.mesh.near import contact_facets
 from pcontact.mesh.slices import Corners
 from pcontact.runtime.petsc import MPI, PETSC_GRAPHS, PETSc, has_package, reset_partitioner
@@ -72,6 +74,17 @@ def _work(piece, facets, weight):
     return np.round(UNIT * (cell + weight * facets)).astype(np.int64)
 
 
+def _add_depths(exchanger, piece, corners):
+    """Distances from the ends and middles of the bodies as further coordinates of the cells. *Collective.*"""
+    depths = Depths(exchanger, piece, corners.nodes, corners.tables)
+    box = bounding_box(piece.comm, corners.centres)
+    levels = depths().astype(float)
+    most = piece.comm.allreduce(float(levels.max(initial=0.0)), op=MPI.MAX)
+    # as long as the box, so that a tilt means the same in all of them
+    levels *= float(np.max(box[1] - box[0])) / max(most, 1.0)
+    corners.extend(np.column_stack([levels, depths.radii(corners.points, corners.centres, box)]))
+
+
 def partition(exchanger, piece, pairs=(), weight=WEIGHT, method="bisection"):
     """Rank of every cell of a slice. *Collective.*
 
@@ -102,9 +115,16 @@ def partition(exchanger, piece, pairs=(), weight=WEIGHT, method="bisection"):
     known = any(has_package(name) for name in PETSC_GRAPHS) or PETSc.Options().hasName("petscpartitioner_type")
     if method == "graph" and one and known:
         return _by_graph(exchanger, piece)
+    return by_bisection(exchanger, piece, pairs, weight, comm.size)
+
+
+def by_bisection(exchanger, piece, pairs, weight, count):
+    """Part, 0 to ``count`` - 1, of every cell of a slice; see :func:`partition`. *Collective.*"""
     corners = Corners(piece, exchanger)
     facets = np.zeros(len(piece.ids), dtype=np.int64)
     if weight > 0.0 and pairs:
         facets = contact_facets(piece, corners, pairs)
+    _add_depths(exchanger, piece, corners)
     work = _work(piece, facets, weight)
-    return bisect(Cells(comm, corners.centres, piece.ids, work, facets, corners, weight * UNIT), comm.size)
+    cells = Cells(piece.comm, corners.centres, piece.ids, work, facets, corners, weight * UNIT, piece.dim)
+    return bisect(cells, count)

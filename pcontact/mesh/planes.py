@@ -16,7 +16,7 @@ UNEVEN = 0.05
 # contact that is less than this part of the work need not be balanced as well
 SMALL = 0.02
 # allowed deviation of the work of a part from its share after all cuts
-SLACK = 0.04
+SLACK = 0.06
 # directions of a cut are tilted a little: cells of a regular mesh have their centres in planes
 TILT = 1e-4 * np.array([0.7548776662466927, 0.5698402909980532, 0.4301597090019468])
 # coordinates are sums of integers of so many bits where axes of inertia are made of them
@@ -49,7 +49,7 @@ def reduced(comm, array, op):
 
 
 @njit_exact
-def _moments(slot, q, out):
+def moments(slot, q, out):
     """Add coordinates (n, d) int64 and their products to the sums (n_parts, 1 + d + d * d) of their parts."""
     d = q.shape[1]
     for c in range(slot.shape[0]):
@@ -76,16 +76,27 @@ def _axes(sums, dim):
     return out
 
 
-def _candidates(comm, box, n_parts, *clouds):
-    """Directions (n_parts, n, d) to try: axes, diagonals, and axes of inertia of the clouds. *Collective.*"""
+def _wide(normals, width):
+    """Directions (..., d) with zeros for further coordinates."""
+    more = [(0, 0)] * (normals.ndim - 1) + [(0, width - normals.shape[-1])]
+    return np.pad(normals, more)
+
+
+def _candidates(comm, box, dim, n_parts, *clouds):
+    """Directions (n_parts, n, width) to try. *Collective.*
+
+    Axes, diagonals, and axes of inertia of the clouds; further coordinates and their differences.
+    """
     low, high = box
-    dim, span = len(low), float(np.max(high - low)) or 1.0
-    fixed = np.broadcast_to(directions(dim), (n_parts, *directions(dim).shape))
-    parts = [fixed]
+    span, width = float(np.max((high - low)[:dim])) or 1.0, len(low)
+    single = np.eye(width)[dim:]
+    pairs = [a - b for k, a in enumerate(single) for b in single[k + 1 :]]
+    fixed = np.concatenate([_wide(directions(dim), width), single, np.reshape(pairs, (-1, width))])
+    parts = [np.broadcast_to(fixed, (n_parts, *fixed.shape))]
     for slot, points in clouds:
         sums = np.zeros((n_parts, 1 + dim + dim * dim), dtype=np.int64)
-        _moments(slot, ((points - low) * (2**MOMENT_BITS / span)).astype(np.int64), sums)
-        parts.append(_axes(reduced(comm, sums, MPI.SUM), dim))
+        moments(slot, ((points - low)[:, :dim] * (2**MOMENT_BITS / span)).astype(np.int64), sums)
+        parts.append(_wide(_axes(reduced(comm, sums, MPI.SUM), dim), width))
     # roots of matrices may differ between machines in their last digits
     return comm.bcast(np.concatenate(parts, axis=1), root=0)
 
@@ -218,7 +229,7 @@ class Chooser:
         cells, n_parts = self.cells, len(shares)
         own, near = slot[self.rows], slot[self.touching]
         touching = cells.centres[self.touching]
-        normals = _candidates(self.comm, self.box, n_parts, (own, self.centres), (near, touching))
+        normals = _candidates(self.comm, self.box, cells.dim, n_parts, (own, self.centres), (near, touching))
         low, high = np.full((2, n_parts, normals.shape[1]), np.inf)
         high *= -1.0
         _extents(own, self.corners, normals, low, high)
@@ -233,7 +244,7 @@ class Chooser:
         chosen = None
         if self.comm.rank == 0:
             # a plane between bodies meets no cell, and is not for nothing
-            least = 0.1 * np.maximum(counts, 1) ** (1.0 - 1.0 / normals.shape[2])
+            least = 0.1 * np.maximum(counts, 1) ** (1.0 - 1.0 / cells.dim)
             k, reached = _best(shares, *np.cumsum(sums, axis=3), least, self.slack, self.weight)
-            chosen = normals[np.arange(n_parts), k] + TILT[: normals.shape[2]], reached
+            chosen = normals[np.arange(n_parts), k] + _wide(TILT[: cells.dim], normals.shape[2]), reached
         return self.comm.bcast(chosen, root=0)

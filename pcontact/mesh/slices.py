@@ -194,39 +194,55 @@ class Corners:
     ----------
     centres : ndarray (n, d)
         Means of the vertices.
+    nodes : ndarray (n_nodes,)
+        Places of the vertices, ascending.
+    points : ndarray (n_nodes, d)
+        Their coordinates, and what was added by `extend`.
+    tables : list of ndarray
+        Vertices of the cells of every block, by their positions in ``nodes``.
     """
 
     def __init__(self, piece, exchanger):
         tables = [b.nodes[:, : CELLS[b.cell].n_vertices] for b in piece.blocks]
-        nodes = nodes_of(tables, piece.n_nodes_total)
-        self._points = fetch(exchanger, piece.point_starts, piece.points, nodes)
-        self._tables, self._starts, self._cells = places(nodes, tables, piece.n_nodes_total), piece.starts, piece.blocks
-        self.centres = np.empty((len(piece.ids), piece.dim))
-        for table, first in zip(self._tables, self._starts[:-1], strict=True):
-            means(self._points, np.ascontiguousarray(table), self.centres[first : first + len(table)])
+        self.nodes = nodes_of(tables, piece.n_nodes_total)
+        self.points = fetch(exchanger, piece.point_starts, piece.points, self.nodes)
+        self.tables = places(self.nodes, tables, piece.n_nodes_total)
+        self._starts, self._cells, self._dim = piece.starts, piece.blocks, piece.dim
+        self._average()
+
+    def _average(self):
+        self.centres = np.empty((self._starts[-1], self.points.shape[1]))
+        for table, first in zip(self.tables, self._starts[:-1], strict=True):
+            means(self.points, np.ascontiguousarray(table), self.centres[first : first + len(table)])
+
+    def extend(self, more):
+        """Take values (n_nodes, k) of the vertices for further coordinates."""
+        self.points = np.column_stack([self.points, more])
+        self._average()
 
     def _by_block(self, rows):
         number = np.searchsorted(self._starts, rows, side="right") - 1
-        for k, table in enumerate(self._tables):
+        for k, table in enumerate(self.tables):
             chosen = np.flatnonzero(number == k)
             yield k, chosen, table, rows[chosen] - self._starts[k]
 
     def __call__(self, rows):
         """Coordinates (n, k, d) of the vertices of cells; the last is repeated where a cell has fewer than others."""
-        width = max((table.shape[1] for table in self._tables), default=1)
-        out = np.empty((len(rows), width, self._points.shape[1]))
+        width = max((table.shape[1] for table in self.tables), default=1)
+        out = np.empty((len(rows), width, self.points.shape[1]))
         for _, chosen, table, own in self._by_block(rows):
             wide = np.minimum(np.arange(width), table.shape[1] - 1)
-            out[chosen] = self._points[table[own][:, wide]]
+            out[chosen] = self.points[table[own][:, wide]]
         return out
 
     def boxes(self, rows, local):
         """Corners (n, d), (n, d) of the boxes around facets, and the means (n, d) of their vertices."""
-        low, high, mean = np.empty((3, len(rows), self._points.shape[1]))
+        points = self.points[:, : self._dim]
+        low, high, mean = np.empty((3, len(rows), self._dim))
         for k, chosen, table, own in self._by_block(rows):
             if len(chosen):
                 vertices = np.take_along_axis(table[own], facet_nodes(self._cells[k].cell, 1)[local[chosen]], axis=1)
-                x = self._points[vertices]
+                x = points[vertices]
                 low[chosen], high[chosen], mean[chosen] = x.min(axis=1), x.max(axis=1), x.mean(axis=1)
         return low, high, mean
 
