@@ -102,7 +102,8 @@ def test_cells_of_two_types(shared_tmp, order):
 
     on_root(WORLD, make)
     meshes = [
-        load_mesh(WORLD, p, order, ["lower", "upper"], PAIRS, lambda mesh: None) for p in (path, path.with_suffix(".h5"))
+        load_mesh(WORLD, p, order, ["lower", "upper"], PAIRS, lambda mesh: None)
+        for p in (path, path.with_suffix(".h5"))
     ]
     same_parts(*meshes)
     assert [WORLD.allreduce(len(b.nodes)) for b in meshes[0].blocks] == [1, 2]

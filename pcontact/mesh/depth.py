@@ -1,7 +1,7 @@
 """How far nodes are from the ends of their body, in cells, along which long and bent bodies are cut across; and from
 the place where its cells are densest, around which few cells are cut.
 
-Distances are whole numbers, found level by level on all ranks together, and do not depend on which rank has which cell.
+Distances are whole numbers, found by all ranks together, and do not depend on which rank has which cell.
 """
 
 import numpy as np
@@ -15,6 +15,8 @@ from pcontact.runtime.petsc import MPI
 ENDS = 2
 # numbers of cells are below 2^NUMBER
 NUMBER = 40
+# the level of a node that has not been reached
+FAR = np.int64(2**20)
 
 
 @njit
@@ -36,29 +38,39 @@ def _cells_of_nodes(table, n_nodes):
 
 
 @njit
-def _grow(table, offsets, cells, seen, level, queue, first, end, steps):
-    """Give the nodes of cells around those of the queue from first to end their levels; so many steps, or all (-1).
+def _spread(table, offsets, cells, expanded, level, waiting, start, changed):
+    """Lower the levels of nodes to one more than those of nodes with a common cell, beginning at some nodes.
 
-    Returns where the new nodes begin and end in the queue.
+    expanded (n_cells,): level from which a cell was last seen. waiting (n_nodes,) bool: in the queue. changed
+    (n_nodes,) bool: set where a level is lowered.
     """
-    while first < end and steps != 0:
-        last = end
-        for k in range(first, last):
-            node = queue[k]
-            for at in range(offsets[node], offsets[node + 1]):
-                c = cells[at]
-                if seen[c]:
-                    continue
-                seen[c] = True
-                for v in range(table.shape[1]):
-                    other = table[c, v]
-                    if level[other] < 0:
-                        level[other] = level[node] + 1
+    size = level.shape[0] + 1
+    queue = np.empty(size, dtype=np.int64)
+    first, end = 0, 0
+    for node in start:
+        if not waiting[node]:
+            waiting[node] = True
+            queue[end] = node
+            end += 1
+    while first != end:
+        node = queue[first]
+        first = (first + 1) % size
+        waiting[node] = False
+        here = level[node]
+        for at in range(offsets[node], offsets[node + 1]):
+            c = cells[at]
+            if expanded[c] <= here:
+                continue
+            expanded[c] = here
+            for v in range(table.shape[1]):
+                other = table[c, v]
+                if level[other] > here + 1:
+                    level[other] = here + 1
+                    changed[other] = True
+                    if not waiting[other]:
+                        waiting[other] = True
                         queue[end] = other
-                        end += 1
-        first = last
-        steps -= 1
-    return first, end
+                        end = (end + 1) % size
 
 
 def _sharing(exchanger, starts, nodes):
@@ -115,9 +127,12 @@ class Depths:
     def __init__(self, exchanger, piece, nodes, tables):
         self._exchanger, self.comm, self._nodes = exchanger, piece.comm, nodes
         width = max(table.shape[1] for table in tables)
-        # a vertex twice does no harm
-        padded = [table[:, np.minimum(np.arange(width), table.shape[1] - 1)] for table in tables if len(table)]
-        self._table = np.concatenate([np.zeros((0, width), dtype=np.int64), *padded])
+        if len(tables) == 1:
+            self._table = np.ascontiguousarray(tables[0])
+        else:
+            # a vertex twice does no harm
+            padded = [table[:, np.minimum(np.arange(width), table.shape[1] - 1)] for table in tables]
+            self._table = np.concatenate(padded)
         self._around = _cells_of_nodes(self._table, len(nodes))
         self._ids, self._component, self._count = piece.ids, piece.component, piece.n_components
         alone = self.comm.allreduce(int(len(self._ids) > 0)) <= 1
@@ -131,36 +146,39 @@ class Depths:
         return np.flatnonzero(reduced(self.comm, best, MPI.MAX)[self._component] == key)
 
     def _from(self, rows):
-        """Levels (n_nodes,) of all nodes, 0 at those of some cells. *Collective.*"""
-        n = len(self._nodes)
-        level, queue, seen = np.full(n, -1, dtype=np.int64), np.empty(n, dtype=np.int64), np.zeros(len(self._ids), bool)
-        start = np.unique(self._table[rows])
-        level[start], queue[: len(start)] = 0, start
-        first, end = 0, len(start)
-        if self._shared is None:
-            _grow(self._table, *self._around, seen, level, queue, first, end, -1)
-            return level
-        end = self._told(level, queue, 0, end)
-        while self.comm.allreduce(end - first):
-            first, end = _grow(self._table, *self._around, seen, level, queue, first, end, 1)
-            end = self._told(level, queue, first, end)
-        return level
+        """Levels (n_nodes,) of all nodes, 0 at those of some cells. *Collective.*
 
-    def _told(self, level, queue, first, end):
-        """Tell other ranks of new nodes (first to end in the queue) that they have, too; the new end. *Collective.*"""
+        Every rank goes as far as it can by itself; nodes of several ranks then have the least of their levels, until
+        none is lowered any more.
+        """
+        n = len(self._nodes)
+        level, expanded = np.full(n, FAR), np.full(len(self._ids), FAR)
+        waiting, changed = np.zeros((2, n), dtype=bool)
+        start = np.unique(self._table[rows])
+        level[start], changed[start] = 0, True
+        while True:
+            _spread(self._table, *self._around, expanded, level, waiting, start, changed)
+            if self._shared is None:
+                return level
+            start = self._told(level, changed)
+            if not self.comm.allreduce(len(start)):
+                return level
+
+    def _told(self, level, changed):
+        """Nodes whose level is lowered by what other ranks say of theirs. *Collective.*"""
         local, ranks = self._shared
-        fresh = np.zeros(len(level), dtype=bool)
-        fresh[queue[first:end]] = True
-        chosen = np.flatnonzero(fresh[local])
+        chosen = np.flatnonzero(changed[local])
         rows = np.column_stack([self._nodes[local[chosen]], level[local[chosen]]])
         received = self._exchanger(split_by_rank(ranks[chosen], rows)[0], np.int64, 2)
-        for table in received.values():
-            at = np.searchsorted(self._nodes, table[:, 0])
-            new = level[at] < 0
-            level[at[new]] = table[new, 1]
-            queue[end : end + new.sum()] = at[new]
-            end += int(new.sum())
-        return end
+        changed[:] = False
+        table = np.concatenate([np.zeros((0, 2), dtype=np.int64), *received.values()])
+        at = np.searchsorted(self._nodes, table[:, 0])
+        lower = table[:, 1] < level[at]
+        at = at[lower]
+        np.minimum.at(level, at, table[lower, 1])
+        at = np.unique(at)
+        # those that a third rank has will hear of it from the one that told us
+        return at[np.argsort(level[at], kind="stable")]
 
     def radii(self, points, centres, box):
         """Distances (n_nodes,) [length] from the middle of the component, which is where most cells are. *Collective.*

@@ -31,10 +31,10 @@ def _own_cells(exchanger, piece, ranks):
     """
     kinds, starts = _kinds(piece), piece.starts
     groups = bits(list(piece.cell_groups), piece.cell_groups, len(piece.ids))
-    tables = {key: [np.zeros((0, 2 + groups.shape[1] + width), np.int64)] for key, width in kinds.items()}
+    tables = {key: [] for key in kinds}
     for block, first in zip(piece.blocks, starts[:-1], strict=True):
         cells = slice(first, first + len(block.nodes))
-        for key in kinds:
+        for key, width in kinds.items():
             if key[0] != block.cell:
                 continue
             chosen = np.flatnonzero(piece.body[cells] == key[1])
@@ -43,11 +43,15 @@ def _own_cells(exchanger, piece, ranks):
                 at, rows = chosen[part] + first, block.nodes[chosen[part]]
                 return np.column_stack([piece.ids[at], piece.component[at], groups[at], rows])
 
-            tables[key] += to_owners(exchanger, ranks[cells][chosen], table)
+            width += 2 + groups.shape[1]
+            tables[key].append(to_owners(exchanger, ranks[cells][chosen], table, width))
         block.nodes = block.nodes[:0]
     result = {}
     for key in list(tables):
-        table = np.concatenate(tables.pop(key))
+        parts = tables.pop(key)
+        # two types of a file can be one here: complete cells, and those that have been filled
+        table = parts[0] if len(parts) == 1 else np.concatenate(parts)
+        del parts
         if np.any(np.diff(table[:, 0]) < 0):
             table = table[np.argsort(table[:, 0])]
         result[key] = table
@@ -61,10 +65,9 @@ def _own_facets(exchanger, piece, ranks):
     for k, (rows, local) in enumerate(piece.facet_groups.values()):
         parts.append((rows, local, np.full(len(rows), k)))
     rows, local, group = (np.concatenate(column) for column in zip(*parts, strict=True))
-    received = to_owners(
-        exchanger, ranks[rows], lambda part: np.column_stack([piece.ids[rows[part]], local[part], group[part]])
+    table = to_owners(
+        exchanger, ranks[rows], lambda part: np.column_stack([piece.ids[rows[part]], local[part], group[part]]), 3
     )
-    table = np.concatenate([np.zeros((0, 3), dtype=np.int64), *received])
     return table[np.lexsort(table.T)]
 
 
@@ -82,17 +85,22 @@ def _own_nodes(exchanger, piece, tables):
 
 
 def _blocks(cells, n_bits, tables, points):
-    """Blocks of cells along a Z curve, and the columns of their groups."""
+    """Blocks of cells along a Z curve, and the columns of their groups. Cells and tables are used up."""
     blocks, groups = [], []
-    for ((cell, body), rows), nodes in zip(cells.items(), tables, strict=True):
+    for cell, body in list(cells):
+        rows, nodes = cells.pop((cell, body)), tables.pop(0)
         if len(nodes):
             centre = np.empty((len(nodes), points.shape[1]))
             means(points, np.ascontiguousarray(nodes[:, : CELLS[cell].n_vertices]), centre)
             order = z_order(centre)
         else:
             order = np.zeros(0, dtype=np.int64)
-        blocks.append(CellBlock(cell, body, np.ascontiguousarray(nodes[order]), rows[order, 0], rows[order, 1]))
-        groups.append(rows[order, 2 : 2 + n_bits])
+        rest = rows[:, : 2 + n_bits].copy()
+        del rows
+        nodes = np.ascontiguousarray(nodes[order])
+        rest = rest[order]
+        blocks.append(CellBlock(cell, body, nodes, rest[:, 0].copy(), rest[:, 1].copy()))
+        groups.append(rest[:, 2:])
     return blocks, groups
 
 
@@ -149,7 +157,7 @@ def deal(piece, pairs=(), weight=WEIGHT, method="bisection"):
     nodes, points, ids, node_bits = _own_nodes(exchanger, piece, tables)
     exchanger.comm.Free()
     piece.points = piece.points[:0]
-    tables = places(nodes, tables, piece.n_nodes_total)
+    tables = list(places(nodes, tables, piece.n_nodes_total))
     blocks, cell_bits = _blocks(cells, n_bits, tables, points)
     order, _ = as_met([block.nodes for block in blocks], len(nodes))
     mesh = Mesh(points=np.ascontiguousarray(points[order]), file_nodes=ids[order], blocks=blocks, **head)

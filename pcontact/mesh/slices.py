@@ -277,8 +277,8 @@ def rounds(comm, n, most):
     return [slice(k * most, min((k + 1) * most, n)) for k in range(count)]
 
 
-def to_owners(exchanger, ranks, table, most=1 << 19):
-    """Rows of a table (n, k) int64 on the ranks they go to. *Collective.*
+def to_owners(exchanger, ranks, table, width, most=1 << 19):
+    """Rows of a table (n, width) int64 on the ranks they go to. *Collective.*
 
     Parameters
     ----------
@@ -286,16 +286,21 @@ def to_owners(exchanger, ranks, table, most=1 << 19):
     ranks : ndarray (n,)
     table : callable
         Rows of the table for a slice: only a part of the table is in memory at a time.
+    width : int
     most : int
         Rows of a part.
 
     Returns
     -------
-    list of ndarray (m, k)
+    ndarray (m, width)
     """
-    received = []
-    for part in rounds(exchanger.comm, len(ranks), most):
-        rows = table(part)
-        sends, _ = split_by_rank(ranks[part], rows)
-        received += exchanger(sends, np.int64, rows.shape[1]).values()
+    comm = exchanger.comm
+    counts = np.bincount(ranks, minlength=comm.size)
+    comm.Allreduce(MPI.IN_PLACE, counts, op=MPI.SUM)
+    received, end = np.empty((counts[comm.rank], width), dtype=np.int64), 0
+    for part in rounds(comm, len(ranks), most):
+        sends, _ = split_by_rank(ranks[part], table(part))
+        for rows in exchanger(sends, np.int64, width).values():
+            received[end : end + len(rows)] = rows
+            end += len(rows)
     return received
