@@ -82,9 +82,7 @@ def test_the_same_mesh_on_every_rank(shared_tmp, cell, degree, order, asked):
 def test_degree_1_of_cells_completed_to_degree_2(shared_tmp):
     """The middle nodes are left in the file."""
     path, stored = files(shared_tmp, "hexahedron", 1, 2)
-    meshes = [
-        load_mesh(WORLD, p, 1, ["lower", "upper"], PAIRS, lambda mesh: None) for p in (path, stored)
-    ]
+    meshes = [load_mesh(WORLD, p, 1, ["lower", "upper"], PAIRS, lambda mesh: None) for p in (path, stored)]
     same_parts(*meshes)
     assert meshes[1].degree == 1 and meshes[1].n_nodes_total > meshes[0].n_nodes_total
 

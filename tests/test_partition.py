@@ -23,9 +23,7 @@ PAIRS = [("upper_bottom", "lower_top", None)]
 
 def grid(*counts):
     """Centres of the cells of a grid with unit cells."""
-    return np.stack(np.meshgrid(*[np.arange(n) + 0.5 for n in counts], indexing="ij"), axis=-1).reshape(
-        -1, len(counts)
-    )
+    return np.stack(np.meshgrid(*[np.arange(n) + 0.5 for n in counts], indexing="ij"), axis=-1).reshape(-1, len(counts))
 
 
 def boxes(centres):

@@ -14,6 +14,8 @@ from pcontact.runtime.petsc import MPI, PETSC_GRAPHS, PETSc, has_package, reset_
 WORK = {"triangle": 1.0, "quadrilateral": 2.0, "tetrahedron": 1.0, "hexahedron": 5.0}
 # work of a contact facet in units of a cell's
 WEIGHT = 4.0
+# more is no different
+HEAVY = 1e6
 METHODS = ("bisection", "graph")
 
 
@@ -71,7 +73,8 @@ def _work(piece, facets, weight):
     least = min(WORK[block.cell] for block in piece.blocks)
     for block, first in zip(piece.blocks, piece.starts[:-1], strict=True):
         cell[first : first + len(block.nodes)] = WORK[block.cell] / least
-    return np.round(UNIT * (cell + weight * facets)).astype(np.int64)
+    # sums of whole numbers of 64 bits are exact
+    return np.round(UNIT * (cell + min(weight, HEAVY) * facets)).astype(np.int64)
 
 
 def _add_depths(exchanger, piece, corners):
