@@ -29,11 +29,13 @@ from pcontact.material.hardening import hardening_curve, hardening_table
 from pcontact.material.plastic import plastic_constants
 from pcontact.mesh.load import load_mesh
 from pcontact.mesh.mesh import bounding_box, size_of
+from pcontact.mesh.partition import METHODS, WEIGHT
 from pcontact.runtime import log, profile
 from pcontact.runtime.parallel import agree
 from pcontact.runtime.petsc import MPI
 from pcontact.scene import (
     amplitude,
+    check_apart,
     check_dimension,
     check_radius,
     check_regions,
@@ -95,20 +97,32 @@ def override(scene, options):
     return resolve_contacts(scene, {key: value for key, value in said.items() if value is not None})
 
 
+def _pairs(scene):
+    """Source, target (None: an obstacle) and search radius of all contacts, both ways where both sides are sources."""
+    pairs = []
+    for contact in scene.contacts:
+        pairs.append((contact.source, contact.target, contact.search_radius))
+        if contact.unbiased and contact.target not in (None, contact.source):
+            pairs.append((contact.target, contact.source, contact.search_radius))
+    return pairs
+
+
 def read(scene, comm, options):
     """The distributed mesh of a scene. *Collective.*"""
-    surfaces = sorted({s for c in scene.contacts for s in (c.source, c.target) if s is not None})
-    weight = options.get("partition_weight", 0.0, float, text="work of a contact facet in units of a cell's")
+    pairs = _pairs(scene)
+    weight = options.get("partition_weight", WEIGHT, float, text="work of a contact facet in units of a cell's")
+    given = "graph" if options.given("petscpartitioner_type") else "bisection"
+    method = options.get("partition", given, str, METHODS, "who cuts the mesh")
 
-    def check(raw):
-        check_dimension(scene, raw.dim)
+    def check(mesh):
+        check_dimension(scene, mesh.dim)
         if scene.mesh.kinematics == "axisymmetric":
-            used = np.unique(np.concatenate([b.nodes.ravel() for b in raw.blocks]))
-            check_radius(scene, raw.points[used], raw.path)
-        check_regions(scene, raw.cell_groups, raw.facet_groups, raw.node_groups, raw.path)
+            check_radius(scene, mesh.points, mesh.path)
+        check_regions(scene, mesh.cell_groups, mesh.facet_groups, mesh.node_groups, mesh.path)
+        check_apart(scene, getattr(mesh, "common", {}))
 
     regions = [b.region for b in scene.bodies]
-    return load_mesh(comm, scene.mesh_path, scene.mesh.order, regions, surfaces, check, weight)
+    return load_mesh(comm, scene.mesh_path, scene.mesh.order, regions, pairs, check, weight, method)
 
 
 def _radius(space, contact, floats):

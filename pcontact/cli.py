@@ -1,4 +1,4 @@
-"""The command line: ``pcontact run | check | view``."""
+"""The command line: ``pcontact run | check | convert | view``."""
 
 import difflib
 import sys
@@ -9,6 +9,7 @@ import numpy as np
 
 from pcontact import __version__
 from pcontact.io.show import show
+from pcontact.mesh.store import convert, mesh_sizes
 from pcontact.runtime import log
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.parallel import on_root
@@ -21,6 +22,7 @@ pcontact {version}: contact between elastic bodies with Nitsche's method, in par
 
   pcontact run SCENE.toml [-o DIR] [options]       solve; results in DIR (default: the scene's name)
   pcontact check SCENE.toml [options]              read scene and mesh, solve nothing, say what is modelled
+  pcontact convert MESH [-o FILE.h5] [--order 2]   check a mesh and write it for reading in parallel (beside MESH)
   pcontact view DIR [-field NAME] [-o FILE.png]    a picture of the deformed bodies, from the results in DIR
   mpirun -n 4 pcontact run SCENE.toml ...          the same on four ranks
 
@@ -40,9 +42,13 @@ Options (they win over the scene; the scene's [petsc] table wins over the progra
   -restart DIR, -checkpoint_every N                go on from the checkpoint in DIR; load steps between two checkpoints
   -pc_patience N                                   Krylov iterations a preconditioner may lose before it is renewed
   -pc_contact_filter auto|true|false               direct solve at closed points between two multigrid cycles
-  -partition_weight X                              work of a contact facet in units of a cell's, in the partition
+  -partition bisection|graph                       the mesh is cut by planes, which spread contact, or by PETSc
+  -partition_weight X                              work of a contact facet in units of a cell's, for bisection
   -snes_monitor, -snes_rtol X, -snes_linesearch_type bt|cp|basic|l2, -ksp_type, -pc_type gamg|hypre|ml|lu, ...
                                                    any option of PETSc; -help with a scene lists them
+Options of convert:
+  --order 1|2                                      2: cells completed to degree 2, for a displacement of that degree
+  -o FILE.h5                                       to be named in the scene: [mesh] file = "FILE.h5"
 Options of view:
   -field NAME                                      contact_pressure, equivalent_stress, displacement_z, stress_xx, ...;
                                                    a name that does not exist lists them all
@@ -55,6 +61,8 @@ Options of view:
 Exit status: 0 all steps converged, 1 a step did not converge, 2 the input is wrong.
 """
 OURS = ("o", "help", "h", "field", "step", "scale")
+COMMANDS = ("run", "check", "convert", "view")
+OPERANDS = {"run": "a scene file", "check": "a scene file", "convert": "a mesh file", "view": "a directory"}
 
 
 def parse(arguments):
@@ -77,10 +85,10 @@ def parse(arguments):
     if not arguments or arguments[0] in ("-h", "--help", "-help"):
         return "help", None, {}
     command, rest = arguments[0], list(arguments[1:])
-    if command not in ("run", "check", "view"):
-        near = difflib.get_close_matches(command, ["run", "check", "view"], 1)
+    if command not in COMMANDS:
+        near = difflib.get_close_matches(command, COMMANDS, 1)
         hint = f"; the nearest is {near[0]!r}" if near else ""
-        raise InputError(f"command line: found {command!r}; allowed: run, check, view{hint}")
+        raise InputError(f"command line: found {command!r}; allowed: {', '.join(COMMANDS)}{hint}")
     options, operand = {}, None
     while rest:
         word = rest.pop(0)
@@ -92,11 +100,10 @@ def parse(arguments):
         else:
             raise InputError(f"command line: second operand: found {word!r}; allowed: pcontact {command} ONE [options]")
     if options.get("o") == "":
-        raise InputError("command line: -o: found nothing; allowed: a directory (run), a file (view)")
+        raise InputError("command line: -o: found nothing; allowed: a directory (run), a file (convert, view)")
     if operand is None and not {"h", "help"} & set(options):
-        what = "a directory" if command == "view" else "a scene file"
-        raise InputError(f"command line: pcontact {command}: found no operand; allowed: {what}")
-    help_ = operand is None or (command == "view" and {"h", "help"} & set(options))
+        raise InputError(f"command line: pcontact {command}: found no operand; allowed: {OPERANDS[command]}")
+    help_ = operand is None or (command in ("convert", "view") and {"h", "help"} & set(options))
     return ("help" if help_ else command), operand, options
 
 
@@ -165,6 +172,21 @@ def check_scene(scene):
     log.info("held by supports: %s", ", ".join(held) or "no body")
 
 
+def convert_mesh(path, options):
+    """Write a mesh for reading in parallel, and say what it holds. *Collective.*"""
+    name = next((name for name in ("order", "mesh_order") if name in options), None)
+    order = options.get(name, "1")
+    if order not in ("1", "2"):
+        raise InputError(f"command line: -{name}: found {order!r}; allowed: 1 | 2")
+
+    def work():
+        target, raw = convert(path, options.get("o"), int(order))
+        return target, mesh_sizes(raw)
+
+    target, sizes = on_root(MPI.COMM_WORLD, work) or (None, None)
+    log.info("wrote %s: %s", target, sizes)
+
+
 def _execute(command, operand, options):
     if command == "help":
         if MPI.COMM_WORLD.rank == 0:
@@ -173,6 +195,9 @@ def _execute(command, operand, options):
     comm = MPI.COMM_WORLD
     if command == "view":
         log.info("wrote %s", on_root(comm, show, operand, options))
+        return 0
+    if command == "convert":
+        convert_mesh(operand, options)
         return 0
     scene = read_scene(operand)
     if command == "check":

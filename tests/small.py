@@ -35,7 +35,7 @@ def bend(points, amount=0.08):
     return moved
 
 
-def make_space(comm, path, regions, degree=1, change=None, weight=None):
+def make_space(comm, path, regions, degree=1, change=None):
     """Space on the mesh of a file whose points were changed before the mesh was completed. Collective.
 
     Parameters
@@ -46,10 +46,8 @@ def make_space(comm, path, regions, degree=1, change=None, weight=None):
     degree : int
     change : callable, optional
         Of the points of the file.
-    weight : callable, optional
-        Extra weight (n_cells,) of the raw mesh's cells.
     """
-    arguments = (None,) * 5
+    arguments = (None,) * 4
     if comm.rank == 0:
         raw = read_mesh(path)
         raw.points = raw.points if change is None else np.ascontiguousarray(change(raw.points))
@@ -59,7 +57,7 @@ def make_space(comm, path, regions, degree=1, change=None, weight=None):
         body = np.zeros(sum(len(b.nodes) for b in raw.blocks), dtype=np.int64)
         for number, region in enumerate(regions):
             body[raw.cell_groups[region]] = number
-        arguments = (raw, curved, body, components(raw), None if weight is None else weight(raw))
+        arguments = (raw, curved, body, components(raw))
     mesh = distribute(comm, *arguments)
     mesh.component_names = [f"part {k}" for k in range(mesh.n_components)]
     return Space(mesh, degree)

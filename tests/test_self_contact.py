@@ -51,7 +51,7 @@ def skin_of(comm, path, change=None, degree=1, regions=("block",)):
         groups = [g for name, g in raw.facet_groups.items() if name.rpartition("_")[2] in SIDES]
         raw.facet_groups["skin"] = tuple(np.concatenate(parts) for parts in zip(*groups, strict=True))
         arguments = (raw, False, body, components(raw))
-    mesh = distribute(comm, *arguments, None)
+    mesh = distribute(comm, *arguments)
     mesh.component_names = [f"part {k}" for k in range(mesh.n_components)]
     return Space(mesh, degree)
 
@@ -263,7 +263,7 @@ def test_tangent(tmp_path, theta, friction):
     """Of lips that overlap in part: the derivative, symmetric for theta = 1; forces balance."""
     path = c_strip(tmp_path / "strip.msh", (2, 8), gap=2.0)
     raw = read_mesh(path)
-    mesh = distribute(SELF, raw, False, np.zeros(len(raw.blocks[0].nodes), dtype=np.int64), components(raw), None)
+    mesh = distribute(SELF, raw, False, np.zeros(len(raw.blocks[0].nodes), dtype=np.int64), components(raw))
     mesh.component_names = ["strip"]
     space = Space(mesh, 1)
     contact = Contact("skin", "skin", theta=theta, search="closest_point", gamma0=1.0, friction=friction)

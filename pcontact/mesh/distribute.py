@@ -1,109 +1,107 @@
-"""From the raw mesh on rank 0 to one :class:`Mesh` per rank."""
-
-from collections.abc import Iterable
+"""From slices of a mesh, wherever they are, to one :class:`Mesh` per rank."""
 
 import numpy as np
 
 from pcontact.element.reference import CELLS
+from pcontact.mesh.curve import as_met, z_order
 from pcontact.mesh.mesh import CellBlock, Facets, Mesh
-from pcontact.mesh.partition import partition
-from pcontact.runtime import profile
+from pcontact.mesh.partition import WEIGHT, partition
+from pcontact.mesh.slices import bits, fetch, has_bit, means, nodes_of, places, to_owners, whole
+from pcontact.runtime.parallel import Exchanger
+from pcontact.runtime.petsc import MPI
 
 
-def _morton(points):
-    """Order of points (n, d) along a Z curve: neighbours in space become neighbours in memory."""
-    if len(points) == 0:
-        return np.zeros(0, dtype=np.int64)
-    d = points.shape[1]
-    low, high = points.min(axis=0), points.max(axis=0)
-    bits = 62 // d if d == 2 else 20
-    span = np.where(high > low, high - low, 1.0)
-    cells = ((points - low) / span * (2**bits - 1)).astype(np.uint64)
-    key = np.zeros(len(points), dtype=np.uint64)
-    for bit in range(bits):
-        for axis in range(d):
-            key |= ((cells[:, axis] >> np.uint64(bit)) & np.uint64(1)) << np.uint64(bit * d + axis)
-    return np.argsort(key, kind="stable")
+def _kinds(piece):
+    """(cell name, body) of every block to make, and the widths of their node tables. *Collective.*"""
+    n_bodies = piece.comm.allreduce(int(piece.body.max(initial=-1)) + 1, op=MPI.MAX)
+    there = np.zeros((len(piece.blocks), n_bodies), dtype=bool)
+    for k, (block, first) in enumerate(zip(piece.blocks, piece.starts[:-1], strict=True)):
+        there[k, piece.body[first : first + len(block.nodes)]] = True
+    piece.comm.Allreduce(MPI.IN_PLACE, there, op=MPI.LOR)
+    kinds = {}
+    for k, body in zip(*np.nonzero(there), strict=True):
+        kinds.setdefault((piece.blocks[k].cell, int(body)), piece.blocks[k].nodes.shape[1])
+    return kinds
 
 
-def _cell_tables(raw, body_of_cell):
-    """(cell name, body) of every block to make, the same on all ranks, and the block of every cell."""
-    kinds, block_of_cell, first = [], [], 0
-    for block in raw.blocks:
-        bodies = body_of_cell[first : first + len(block.nodes)]
-        first += len(block.nodes)
-        numbers = np.empty(len(bodies), dtype=np.int64)
-        for body in np.unique(bodies):
-            key = (block.cell, int(body))
-            if key not in kinds:
-                kinds.append(key)
-            numbers[bodies == body] = kinds.index(key)
-        block_of_cell.append(numbers)
-    return kinds, np.concatenate(block_of_cell)
+def _own_cells(exchanger, piece, ranks):
+    """Rows (number, component, groups, nodes) of the cells of this rank, a table per kind. *Collective.*
+
+    The slice loses its cells.
+    """
+    kinds, starts = _kinds(piece), piece.starts
+    groups = bits(list(piece.cell_groups), piece.cell_groups, len(piece.ids))
+    tables = {key: [] for key in kinds}
+    for block, first in zip(piece.blocks, starts[:-1], strict=True):
+        cells = slice(first, first + len(block.nodes))
+        for key, width in kinds.items():
+            if key[0] != block.cell:
+                continue
+            chosen = np.flatnonzero(piece.body[cells] == key[1])
+
+            def table(part, block=block, chosen=chosen, first=first):
+                at, rows = chosen[part] + first, block.nodes[chosen[part]]
+                return np.column_stack([piece.ids[at], piece.component[at], groups[at], rows])
+
+            width += 2 + groups.shape[1]
+            tables[key].append(to_owners(exchanger, ranks[cells][chosen], table, width))
+        block.nodes = block.nodes[:0]
+    result = {}
+    for key in list(tables):
+        parts = tables.pop(key)
+        # two types of a file can be one here: complete cells, and those that have been filled
+        table = parts[0] if len(parts) == 1 else np.concatenate(parts)
+        del parts
+        if np.any(np.diff(table[:, 0]) < 0):
+            table = table[np.argsort(table[:, 0])]
+        result[key] = table
+    return result, groups.shape[1]
 
 
-def _pieces(raw, body_of_cell, component, rank_of_cell, size):
-    """What each rank is to get, one dictionary after the other (on rank 0): only one of them is in memory at a time."""
-    kinds, block_of_cell = _cell_tables(raw, body_of_cell)
-    offsets = np.cumsum([0] + [len(b.nodes) for b in raw.blocks])
-    sorted_cells = []
-    for block, first in zip(raw.blocks, offsets[:-1], strict=True):
-        ids = np.arange(first, first + len(block.nodes))
-        for number in np.unique(block_of_cell[ids]):
-            chosen = ids[block_of_cell[ids] == number]
-            sorted_cells.append((block, first, number, *_by_rank(chosen, rank_of_cell, size)))
-    facets = {name: (*group, *_by_rank(group[0], rank_of_cell, size)[1:]) for name, group in raw.facet_groups.items()}
-    groups = {name: _by_rank(cells, rank_of_cell, size) for name, cells in raw.cell_groups.items()}
-    del block_of_cell
-    for rank in range(size):
-        blocks = [[] for _ in kinds]
-        for block, first, number, chosen, order, cuts in sorted_cells:
-            part = chosen[order[cuts[rank] : cuts[rank + 1]]]
-            blocks[number].append((block.nodes[part - first], part, component[part]))
-        piece = {"kinds": kinds, "facets": {}, "cells": {}}
-        for name, (cells, local, order, cuts) in facets.items():
-            mine = order[cuts[rank] : cuts[rank + 1]]
-            piece["facets"][name] = cells[mine], local[mine]
-        for name, (cells, order, cuts) in groups.items():
-            piece["cells"][name] = cells[order[cuts[rank] : cuts[rank + 1]]]
-        piece["blocks"] = [_join(parts, *kind, raw) for parts, kind in zip(blocks, kinds, strict=True)]
-        nodes = np.unique(np.concatenate([b[0].ravel() for b in piece["blocks"]]))
-        piece["nodes"], piece["points"] = nodes, raw.points[nodes]
-        piece["node_groups"] = {name: group[np.isin(group, nodes)] for name, group in raw.node_groups.items()}
-        yield piece
+def _own_facets(exchanger, piece, ranks):
+    """Rows (cell number, local facet number, group) of the facets of this rank's cells, by group. *Collective.*"""
+    none = np.zeros(0, dtype=np.int64)
+    parts = [(none, none, none)]
+    for k, (rows, local) in enumerate(piece.facet_groups.values()):
+        parts.append((rows, local, np.full(len(rows), k)))
+    rows, local, group = (np.concatenate(column) for column in zip(*parts, strict=True))
+    table = to_owners(
+        exchanger, ranks[rows], lambda part: np.column_stack([piece.ids[rows[part]], local[part], group[part]]), 3
+    )
+    return table[np.lexsort(table.T)]
 
 
-def _by_rank(cells, rank_of_cell, size):
-    """Cells, the order that sorts them by rank (and keeps them in order within), where each rank begins in it."""
-    ranks = rank_of_cell[cells]
-    order = np.argsort(ranks, kind="stable")
-    return cells, order, np.searchsorted(ranks[order], np.arange(size + 1))
+def _own_nodes(exchanger, piece, tables):
+    """Nodes of this rank's cells: places, coordinates, numbers, columns of groups. *Collective.*"""
+    nodes = nodes_of(tables, piece.n_nodes_total)
+    points = fetch(exchanger, piece.point_starts, piece.points, nodes)
+    if not piece.node_groups and piece.node_ids is None:
+        return nodes, points, nodes, np.zeros((len(nodes), 0), dtype=np.int64)
+    first = piece.point_starts[piece.comm.rank]
+    ids = piece.node_ids if piece.node_ids is not None else first + np.arange(len(piece.points))
+    groups = bits(list(piece.node_groups), piece.node_groups, len(piece.points))
+    known = fetch(exchanger, piece.point_starts, np.column_stack([ids, groups]), nodes)
+    return nodes, points, np.ascontiguousarray(known[:, 0]), known[:, 1:]
 
 
-def _join(parts, cell, body, raw):
-    width = next(b.nodes.shape[1] for b in raw.blocks if b.cell == cell)
-    nodes = [p[0] for p in parts] or [np.zeros((0, width), dtype=np.int64)]
-    ids = [p[1] for p in parts] or [np.zeros(0, dtype=np.int64)]
-    components = [p[2] for p in parts] or [np.zeros(0, dtype=np.int64)]
-    return np.concatenate(nodes), np.concatenate(ids), np.concatenate(components)
-
-
-def _build_blocks(piece, points):
-    """Blocks with local node numbers; cells along a Z curve, nodes in the order in which cells meet them."""
-    blocks, seen = [], []
-    for (cell, body), (nodes, ids, components) in zip(piece["kinds"], piece["blocks"], strict=True):
-        local = np.searchsorted(piece["nodes"], nodes)
-        centre = points[local[:, : CELLS[cell].n_vertices]].mean(axis=1) if len(local) else np.zeros((0, 1))
-        order = _morton(centre)
-        blocks.append(CellBlock(cell, body, local[order], ids[order], components[order]))
-        seen.append(local[order].ravel())
-    nodes, first = np.unique(np.concatenate(seen), return_index=True)
-    order = nodes[np.argsort(first, kind="stable")]
-    new = np.empty(len(order), dtype=np.int64)
-    new[order] = np.arange(len(order))
-    for block in blocks:
-        block.nodes = np.ascontiguousarray(new[block.nodes])
-    return blocks, order, new
+def _blocks(cells, n_bits, tables, points):
+    """Blocks of cells along a Z curve, and the columns of their groups. Cells and tables are used up."""
+    blocks, groups = [], []
+    for cell, body in list(cells):
+        rows, nodes = cells.pop((cell, body)), tables.pop(0)
+        if len(nodes):
+            centre = np.empty((len(nodes), points.shape[1]))
+            means(points, np.ascontiguousarray(nodes[:, : CELLS[cell].n_vertices]), centre)
+            order = z_order(centre)
+        else:
+            order = np.zeros(0, dtype=np.int64)
+        rest = rows[:, : 2 + n_bits].copy()
+        del rows
+        nodes = np.ascontiguousarray(nodes[order])
+        rest = rest[order]
+        blocks.append(CellBlock(cell, body, nodes, rest[:, 0].copy(), rest[:, 1].copy()))
+        groups.append(rest[:, 2:])
+    return blocks, groups
 
 
 def _locate(blocks, ids):
@@ -116,40 +114,59 @@ def _locate(blocks, ids):
     return number[at], row[at]
 
 
-def _deal(comm, raw, curved, body_of_cell, component, ranks):
-    """The piece of this rank. *Collective.*"""
-    if comm.rank != 0:
-        return comm.recv(source=0)
+def _name_groups(mesh, piece, cell_bits, facets, node_bits, file_order):
+    """Fill the groups of the mesh; facets in the order of cells, nodes in that of their numbers."""
+    for k, name in enumerate(piece.cell_groups):
+        mesh.cell_groups[name] = [np.flatnonzero(has_bit(columns, k)) for columns in cell_bits]
+    ends = np.searchsorted(facets[:, 2], np.arange(len(piece.facet_groups) + 1))
+    number, row = _locate(mesh.blocks, facets[:, 0])
+    for k, name in enumerate(piece.facet_groups):
+        mine = slice(ends[k], ends[k + 1])
+        block, cells, local = number[mine], row[mine], facets[mine, 1]
+        mesh.facet_groups[name] = [
+            Facets(b, cells[block == b], local[block == b]) for b in range(len(mesh.blocks)) if np.any(block == b)
+        ]
+    for k, name in enumerate(piece.node_groups):
+        mesh.node_groups[name] = file_order[has_bit(node_bits, k)[file_order]]
+
+
+def deal(piece, pairs=(), weight=WEIGHT, method="bisection"):
+    """Partition a mesh and give every rank its cells. *Collective.*
+
+    Parameters
+    ----------
+    piece : pcontact.mesh.slices.MeshSlice
+        Loses its cells.
+    pairs, weight, method
+        See :func:`pcontact.mesh.partition.partition`.
+
+    Returns
+    -------
+    Mesh
+    """
+    exchanger = Exchanger(piece.comm)
+    ranks = partition(exchanger, piece, pairs, weight, method)
+    facets = _own_facets(exchanger, piece, ranks)
+    cells, n_bits = _own_cells(exchanger, piece, ranks)
     head = {
-        "dim": raw.dim,
-        "degree": raw.blocks[0].degree,
-        "curved": bool(curved),
-        "n_nodes_total": len(raw.points),
-        "n_cells_total": len(body_of_cell),
-        "n_components": int(component.max()) + 1 if len(component) else 0,
-    }
-    own = None
-    for rank, piece in enumerate(_pieces(raw, body_of_cell, component, ranks, comm.size)):
-        piece["head"] = head
-        if rank == 0:
-            own = piece
-        else:
-            comm.send(piece, dest=rank)
-            profile.sent(1, _size(piece))
-    return own
+        "comm": piece.comm, "dim": piece.dim, "degree": piece.degree, "curved": piece.curved,
+        "n_nodes_total": piece.n_nodes_total, "n_cells_total": piece.n_cells_total,
+        "n_components": piece.n_components,
+    }  # fmt: skip
+    tables = [rows[:, 2 + n_bits :] for rows in cells.values()]
+    nodes, points, ids, node_bits = _own_nodes(exchanger, piece, tables)
+    exchanger.comm.Free()
+    piece.points = piece.points[:0]
+    tables = list(places(nodes, tables, piece.n_nodes_total))
+    blocks, cell_bits = _blocks(cells, n_bits, tables, points)
+    order, _ = as_met([block.nodes for block in blocks], len(nodes))
+    mesh = Mesh(points=np.ascontiguousarray(points[order]), file_nodes=ids[order], blocks=blocks, **head)
+    _name_groups(mesh, piece, cell_bits, facets, node_bits[order], np.argsort(ids[order], kind="stable"))
+    return mesh
 
 
-def _size(piece):
-    """Bytes of the arrays in nested dictionaries, lists and tuples."""
-    if isinstance(piece, np.ndarray):
-        return piece.nbytes
-    if isinstance(piece, dict):
-        piece = piece.values()
-    return sum(_size(part) for part in piece) if isinstance(piece, Iterable) and not isinstance(piece, str) else 0
-
-
-def distribute(comm, raw, curved, body_of_cell, component, extra_weight=None):
-    """Partition the raw mesh and give every rank its part. *Collective.*
+def distribute(comm, raw, curved, body_of_cell, component, pairs=(), weight=WEIGHT, method="bisection"):
+    """Partition the raw mesh on rank 0 and give every rank its part. *Collective.*
 
     Parameters
     ----------
@@ -160,31 +177,13 @@ def distribute(comm, raw, curved, body_of_cell, component, extra_weight=None):
         On rank 0: whether the geometry is of second order.
     body_of_cell, component : ndarray (n_cells,) or None
         On rank 0: body number in the scene, and connected component.
-    extra_weight : ndarray (n_cells,), optional
-        On rank 0: see :func:`pcontact.mesh.partition.partition`.
+    pairs, weight, method
+        See :func:`pcontact.mesh.partition.partition`.
 
     Returns
     -------
     Mesh
     """
-    ranks = partition(comm, raw, extra_weight)
-    piece = _deal(comm, raw, curved, body_of_cell, component, ranks)
-    blocks, order, new = _build_blocks(piece, piece["points"])
-    mesh = Mesh(
-        comm=comm,
-        points=np.ascontiguousarray(piece["points"][order]),
-        file_nodes=piece["nodes"][order],
-        blocks=blocks,
-        **piece["head"],
-    )
-    for name, (cells, local) in piece["facets"].items():
-        number, row = _locate(blocks, cells)
-        mesh.facet_groups[name] = [
-            Facets(k, row[number == k], local[number == k]) for k in range(len(blocks)) if np.any(number == k)
-        ]
-    for name, cells in piece["cells"].items():
-        number, row = _locate(blocks, cells)
-        mesh.cell_groups[name] = [row[number == k] for k in range(len(blocks))]
-    for name, group in piece["node_groups"].items():
-        mesh.node_groups[name] = new[np.searchsorted(piece["nodes"], group)]
-    return mesh
+    piece = whole(comm, raw, curved, body_of_cell, component)
+    del raw, body_of_cell, component
+    return deal(piece, pairs, weight, method)

@@ -189,17 +189,32 @@ def _nodes(path):
     return np.concatenate(points)[order], tags, np.concatenate(of_point)[order]
 
 
+def _lookup(tags):
+    """A function that gives the rows of numbers (any shape) among tags (n,), ascending; -1 where there is none."""
+    span = int(tags[-1]) + 2
+    if span > 8 * len(tags) or tags[0] < 0:
+
+        def search(numbers):
+            rows = np.minimum(np.searchsorted(tags, numbers), len(tags) - 1)
+            return np.where(tags[rows] == numbers, rows, -1)
+
+        return search
+    table = np.full(span, -1, dtype=np.int64)
+    table[tags] = np.arange(len(tags))
+    return lambda numbers: table[np.clip(numbers, 0, span - 1)]
+
+
 def _tables(path, tags):
     """All elements, entity by entity, and the tables of every (dimension, entity)."""
-    tables, table_of = [], {}
+    tables, table_of, rows_of = [], {}, _lookup(tags)
     for part, (dim, entity) in enumerate(gmsh.model.getEntities()):
         for kind, numbers, nodes in zip(*gmsh.model.mesh.getElements(dim, entity), strict=True):
             nodes = nodes.reshape(len(numbers), -1).astype(np.int64)
             if kind in _VTK_ORDER:
                 nodes = nodes[:, _VTK_ORDER[kind]]
-            rows = np.minimum(np.searchsorted(tags, nodes), len(tags) - 1)
-            lost = tags[rows] != nodes
-            if lost.any():
+            rows = rows_of(nodes)
+            if rows.min(initial=0) < 0:
+                lost = rows < 0
                 row = int(np.flatnonzero(lost.any(axis=1))[0])
                 raise InputError(
                     f"{path}: element {numbers[row]} refers to node {nodes[lost][0]}; allowed: nodes of the file"

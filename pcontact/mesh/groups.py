@@ -12,6 +12,7 @@ import numpy as np
 from pcontact.element.reference import CELLS, facet_nodes, n_nodes
 from pcontact.mesh.complete import number_rows
 from pcontact.runtime.errors import InputError
+from pcontact.runtime.jit import njit
 
 # element types that the program knows, by meshio's names: (cell, degree); quad8 and hexahedron20 are filled
 KINDS = {
@@ -166,6 +167,18 @@ def default_name(dim, tag):
     return f"{DIMENSION_NAMES[dim]}_{tag}"
 
 
+@njit
+def _wanted_cells(wanted, nodes, n_corners, least):
+    """Whether cells, whose vertices are their first nodes, have at least so many wanted vertices, (n,) bool."""
+    out = np.empty(nodes.shape[0], dtype=np.bool_)
+    for c in range(nodes.shape[0]):
+        count = 0
+        for v in range(n_corners):
+            count += wanted[nodes[c, v]]
+        out[c] = count >= least
+    return out
+
+
 def _candidates(blocks, wanted, n_vertices):
     """Facets whose vertices are all wanted: vertices (n, k), cell numbers (n,), local numbers (n,)."""
     parts, first = [], 0
@@ -173,7 +186,7 @@ def _candidates(blocks, wanted, n_vertices):
         facet = CELLS[CELLS[block.cell].facet]
         if facet.n_vertices == n_vertices:
             table, vertices = facet_nodes(block.cell, 1), block.vertices
-            near = np.flatnonzero(wanted[vertices].sum(axis=1) >= n_vertices)
+            near = np.flatnonzero(_wanted_cells(wanted, block.nodes, vertices.shape[1], n_vertices))
             corners = vertices[near][:, table]
             row, local = np.nonzero(wanted[corners].all(axis=2))
             parts.append((corners[row, local], first + near[row], local))

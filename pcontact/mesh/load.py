@@ -4,12 +4,15 @@ import numpy as np
 
 from pcontact.mesh.complete import complete
 from pcontact.mesh.components import cell_name, components
-from pcontact.mesh.distribute import distribute
+from pcontact.mesh.distribute import deal
 from pcontact.mesh.groups import facet_multiplicity
+from pcontact.mesh.partition import WEIGHT
 from pcontact.mesh.reader import read_mesh
+from pcontact.mesh.slices import whole
+from pcontact.mesh.stored import Stored, is_stored
 from pcontact.runtime import profile
 from pcontact.runtime.errors import InputError
-from pcontact.runtime.parallel import on_root
+from pcontact.runtime.parallel import on_root, together
 
 
 def _named(raw, cell):
@@ -52,21 +55,42 @@ def _check_contact_facets(raw, surfaces):
             )
 
 
-def _weights(raw, surfaces, weight):
-    extra = np.zeros(sum(len(b.nodes) for b in raw.blocks))
-    for name in surfaces:
-        np.add.at(extra, raw.facet_groups[name][0], weight)
-    return extra
-
-
 def _component_names(component, body, regions):
-    names = []
-    for k in range(int(component.max()) + 1):
-        names.append(" + ".join(regions[b] for b in np.unique(body[component == k])))
-    return names
+    pairs = np.unique(component * len(regions) + body)
+    names = [[] for _ in range(int(component.max()) + 1)]
+    for k, b in zip(*np.divmod(pairs, len(regions)), strict=True):
+        names[k].append(regions[b])
+    return [" + ".join(name) for name in names]
 
 
-def load_mesh(comm, path, order, regions, surfaces, check, weight=0.0):
+def _read_whole(comm, path, order, regions, surfaces, check):
+    """All of a mesh on rank 0. *Collective.*"""
+
+    def prepare():
+        raw = read_mesh(path)
+        check(raw)
+        body = _bodies(raw, regions)
+        _check_contact_facets(raw, surfaces)
+        curved = any(b.degree == 2 for b in raw.blocks)
+        if curved or order == 2:
+            raw = complete(raw, 2)
+        component = components(raw)
+        return (raw, curved, body, component), _component_names(component, body, regions)
+
+    arguments, names = on_root(comm, prepare) or ((None,) * 4, None)
+    return whole(comm, *arguments), comm.bcast(names, root=0)
+
+
+def _read_slices(comm, path, order, regions, surfaces, check, pairs):
+    """A slice of a converted mesh on every rank. *Collective.*"""
+    stored = Stored(comm, path, order)
+    together(comm, check, stored.summary(pairs))
+    stored.set_bodies(regions)
+    stored.check_surfaces(surfaces)
+    return stored.piece, stored.component_names(regions)
+
+
+def load_mesh(comm, path, order, regions, pairs, check, weight=WEIGHT, method="bisection"):
     """Read, check and distribute a mesh. *Collective.*
 
     Parameters
@@ -77,12 +101,13 @@ def load_mesh(comm, path, order, regions, surfaces, check, weight=0.0):
         Degree of the displacement.
     regions : list of str
         Cell group of each body.
-    surfaces : list of str
-        Facet groups that are in contact.
+    pairs : list of (str, str or None, float or None)
+        Contact pairs: source and target surfaces and search radius, see :func:`pcontact.mesh.near.contact_facets`.
     check : callable
-        Called on rank 0 with the raw mesh before anything else is done with it; may raise InputError.
-    weight : float
-        Work of a contact facet in the partition, in units of the work of a cell; 0: contact does not weigh.
+        Called before anything else is done with the mesh; may raise InputError. Its argument is a
+        :class:`pcontact.mesh.groups.RawMesh`, on rank 0; or a :class:`pcontact.mesh.stored.Summary`, on every rank.
+    weight, method
+        See :func:`pcontact.mesh.partition.partition`.
 
     Returns
     -------
@@ -95,24 +120,17 @@ def load_mesh(comm, path, order, regions, surfaces, check, weight=0.0):
     """
     if not 0.0 <= weight < np.inf:
         raise InputError(f"command line: -partition_weight: found {weight:g}; allowed: a number >= 0")
-
-    def prepare():
-        raw = read_mesh(path)
-        check(raw)
-        body = _bodies(raw, regions)
-        _check_contact_facets(raw, surfaces)
-        curved = any(b.degree == 2 for b in raw.blocks)
-        if curved or order == 2:
-            raw = complete(raw, 2)
-        component = components(raw)
-        extra = _weights(raw, surfaces, weight) if weight > 0.0 else None
-        return raw, curved, body, component, extra, _component_names(component, body, regions)
-
+    surfaces = sorted({name for source, target, _ in pairs for name in (source, target) if name is not None})
     with profile.phase("read"):
-        raw, curved, body, component, extra, names = on_root(comm, prepare) or (None,) * 6
+        if is_stored(path):
+            piece, names = _read_slices(comm, path, order, regions, surfaces, check, pairs)
+        else:
+            piece, names = _read_whole(comm, path, order, regions, surfaces, check)
+    profile.give_back()
     profile.mark("read")
     with profile.phase("distribute"):
-        mesh = distribute(comm, raw, curved, body, component, extra)
+        mesh = deal(piece, pairs, weight, method)
+    profile.give_back()
     profile.mark("distribute")
-    mesh.component_names = comm.bcast(names, root=0)
+    mesh.component_names = names
     return mesh

@@ -3,71 +3,41 @@
 import numpy as np
 
 from pcontact.element.reference import CELLS
-from pcontact.runtime.petsc import MPI, PETSc, has_package, reset_partitioner
+from pcontact.mesh.bisection import UNIT, Cells, bisect
+from pcontact.mesh.depth import Depths
+from pcontact.mesh.mesh import bounding_box
+from pcontact.mesh.near import contact_facets
+from pcontact.mesh.slices import Corners
+from pcontact.runtime.petsc import MPI, PETSC_GRAPHS, PETSc, has_package, reset_partitioner
+
+# work of a cell in a mesh of several types; those that it has are taken relative to the least
+WORK = {"triangle": 1.0, "quadrilateral": 2.0, "tetrahedron": 1.0, "hexahedron": 5.0}
+# work of a contact facet in units of a cell's
+WEIGHT = 4.0
+# more is no different
+HEAVY = 1e6
+METHODS = ("bisection", "graph")
 
 
-def centroids(raw):
-    """Mean of each cell's vertices, shape (n_cells, d)."""
-    parts = [raw.points[b.nodes[:, : CELLS[b.cell].n_vertices]].mean(axis=1) for b in raw.blocks]
-    return np.concatenate(parts)
+def _gathered(exchanger, piece):
+    """Vertices (n, k) of all cells by their places in the file, on rank 0; none elsewhere. *Collective.*"""
+    sends = {0: piece.blocks[0].nodes[:, : CELLS[piece.blocks[0].cell].n_vertices]}
+    for block in piece.blocks[1:]:
+        sends[0] = np.concatenate([sends[0], block.nodes[:, : sends[0].shape[1]]])
+    width = sends[0].shape[1]
+    parts = exchanger(sends if len(sends[0]) else {}, np.int64, width)
+    return np.concatenate([np.zeros((0, width), dtype=np.int64), *parts.values()])
 
 
-def bisect(points, weights, count):
-    """Weighted recursive coordinate bisection.
+def _graph(comm, dim, cells):
+    """Rank of all cells, on rank 0, by DMPlex and whatever graph partitioner PETSc has. *Collective.*
 
-    Cuts the longest extent at the weighted median until there are ``count`` parts. It sees only coordinates, so cells
-    of two bodies that face each other tend to share a part.
-
-    Parameters
-    ----------
-    points : ndarray (n, d)
-    weights : ndarray (n,)
-    count : int
-
-    Returns
-    -------
-    ndarray (n,) of int
-        Part of each point, 0 to count - 1.
+    cells (n, k): vertices, on rank 0; none elsewhere.
     """
-    part = np.zeros(len(points), dtype=np.int64)
-    todo = [(np.arange(len(points)), 0, count)]
-    while todo:
-        index, first, parts = todo.pop()
-        part[index] = first
-        if parts == 1 or len(index) == 0:
-            continue
-        left = parts // 2
-        x = points[index]
-        axis = int(np.argmax(x.max(axis=0) - x.min(axis=0)))
-        # stable order on the coordinate, so that the cut does not depend on anything but the mesh
-        order = index[np.argsort(x[:, axis], kind="stable")]
-        total = np.cumsum(weights[order])
-        # the cut nearest to the wanted share; no part goes without a point while another one has two
-        cut = np.searchsorted(total - 0.5 * weights[order], total[-1] * left / parts)
-        spare = len(index) - (parts - left)
-        cut = int(np.clip(cut, *sorted((left, spare))))
-        cut = min(max(cut, 0), len(index))
-        todo.append((order[:cut], first, left))
-        todo.append((order[cut:], first + left, parts - left))
-    return part
-
-
-def _plex_partition(comm, raw):
-    """Partition by DMPlex and whatever graph partitioner PETSc has. *Collective.*"""
-    dim = comm.bcast(raw.dim if comm.rank == 0 else None, root=0)
-    if comm.rank == 0:
-        block = raw.blocks[0]
-        cell = CELLS[block.cell]
-        cells = np.concatenate([b.nodes[:, : cell.n_vertices] for b in raw.blocks])
-        used, cells = np.unique(cells, return_inverse=True)
-        cells = cells.reshape(-1, cell.n_vertices).astype(PETSc.IntType)
-        points = np.ascontiguousarray(raw.points[used])
-        corners = comm.bcast(cell.n_vertices, root=0)
-    else:
-        corners = comm.bcast(None, root=0)
-        cells, points = np.zeros((0, corners), dtype=PETSc.IntType), np.zeros((0, dim))
-    n_cells = len(cells)
-    dm = PETSc.DMPlex().createFromCellList(dim, cells, points, interpolate=False, comm=comm)
+    used, numbers = np.unique(cells, return_inverse=True)
+    numbers = numbers.reshape(cells.shape).astype(PETSc.IntType)
+    points = np.zeros((len(used), dim))
+    dm = PETSc.DMPlex().createFromCellList(dim, numbers, points, interpolate=False, comm=comm)
     # the same mesh is cut the same way, whatever this process has run before
     reset_partitioner()
     dm.getPartitioner().setFromOptions()
@@ -81,41 +51,83 @@ def _plex_partition(comm, raw):
     sf.reduceEnd(MPI.INT, mine, rank_of_point, MPI.REPLACE)
     sf.destroy()
     dm.destroy()
-    return rank_of_point[:n_cells].astype(np.int64)
+    return rank_of_point[: len(cells)].astype(np.int64)
 
 
-def partition(comm, raw, extra_weight):
-    """Rank of every cell. *Collective.*
+def _by_graph(exchanger, piece):
+    """Rank of every cell of the slice, by a graph partitioner on rank 0. *Collective.*"""
+    comm = piece.comm
+    ranks = _graph(comm, piece.dim, _gathered(exchanger, piece))
+    counts = comm.gather(len(piece.ids), root=0)
+    sends = {}
+    if comm.rank == 0:
+        ends = np.cumsum(counts)
+        sends = {r: part for r, part in enumerate(np.split(ranks, ends[:-1])) if len(part)}
+    received = exchanger(sends, np.int64, 1)
+    return received[0].ravel() if received else np.zeros(0, dtype=np.int64)
+
+
+def _work(piece, facets, weight):
+    """Work (n,) of the cells of a slice in whole numbers of `UNIT`."""
+    cell = np.empty(len(piece.ids))
+    least = min(WORK[block.cell] for block in piece.blocks)
+    for block, first in zip(piece.blocks, piece.starts[:-1], strict=True):
+        cell[first : first + len(block.nodes)] = WORK[block.cell] / least
+    # sums of whole numbers of 64 bits are exact
+    return np.round(UNIT * (cell + min(weight, HEAVY) * facets)).astype(np.int64)
+
+
+def _add_depths(exchanger, piece, corners):
+    """Distances from the ends and middles of the bodies as further coordinates of the cells. *Collective.*"""
+    depths = Depths(exchanger, piece, corners.nodes, corners.tables)
+    box = bounding_box(piece.comm, corners.centres)
+    levels = depths().astype(float)
+    most = piece.comm.allreduce(float(levels.max(initial=0.0)), op=MPI.MAX)
+    # as long as the box, so that a tilt means the same in all of them
+    levels *= float(np.max(box[1] - box[0])) / max(most, 1.0)
+    corners.extend(np.column_stack([levels, depths.radii(corners.points, corners.centres, box)]))
+
+
+def partition(exchanger, piece, pairs=(), weight=WEIGHT, method="bisection"):
+    """Rank of every cell of a slice. *Collective.*
 
     Parameters
     ----------
-    comm : MPI.Comm
-    raw : RawMesh or None
-        On rank 0.
-    extra_weight : ndarray (n_cells,) or None
-        On rank 0: work of each cell beyond 1; None or zero: cells weigh the same.
+    exchanger : pcontact.runtime.parallel.Exchanger
+    piece : pcontact.mesh.slices.MeshSlice
+    pairs : list of (str, str or None, float or None)
+        Contact pairs, see :func:`pcontact.mesh.near.contact_facets`.
+    weight : float
+        Work of a contact facet in units of a cell's; 0: contact does not weigh and need not be spread evenly.
+    method : {"bisection", "graph"}
+        Planes that weigh cells and contact, see :mod:`pcontact.mesh.bisection`; or DMPlex with the graph partitioner of
+        this PETSc (``-petscpartitioner_type``) on rank 0, by which all cells weigh the same.
 
     Returns
     -------
-    ndarray (n_cells,) or None
-        On rank 0.
+    ndarray (n,) of int64
 
-    Notes ----- Equal weights and one cell type: DMPlex with the partitioner of this PETSc
-    (``-petscpartitioner_type``). Weights, several cell types, or no graph partitioner: :func:`bisect`.
+    Notes
+    -----
+    Several cell types, or a PETSc without graph partitioner, are left to bisection.
     """
+    comm = piece.comm
     if comm.size == 1:
-        return np.zeros(sum(len(b.nodes) for b in raw.blocks), dtype=np.int64)
-    plain = None
-    if comm.rank == 0:
-        weighted = extra_weight is not None and bool(np.any(extra_weight > 0))
-        plain = not weighted and len({b.cell for b in raw.blocks}) == 1
-    plain = comm.bcast(plain, root=0)
-    graph = any(has_package(name) for name in ("ptscotch", "parmetis", "chaco"))
-    if plain and (graph or PETSc.Options().hasName("petscpartitioner_type")):
-        assigned = _plex_partition(comm, raw)
-        return assigned if comm.rank == 0 else None
-    if comm.rank != 0:
-        return None
-    centres = centroids(raw)
-    weights = 1.0 + (extra_weight if extra_weight is not None else np.zeros(len(centres)))
-    return bisect(centres, weights, comm.size)
+        return np.zeros(len(piece.ids), dtype=np.int64)
+    one = len({block.cell for block in piece.blocks}) == 1
+    known = any(has_package(name) for name in PETSC_GRAPHS) or PETSc.Options().hasName("petscpartitioner_type")
+    if method == "graph" and one and known:
+        return _by_graph(exchanger, piece)
+    return by_bisection(exchanger, piece, pairs, weight, comm.size)
+
+
+def by_bisection(exchanger, piece, pairs, weight, count):
+    """Part, 0 to ``count`` - 1, of every cell of a slice; see :func:`partition`. *Collective.*"""
+    corners = Corners(piece, exchanger)
+    facets = np.zeros(len(piece.ids), dtype=np.int64)
+    if weight > 0.0 and pairs:
+        facets = contact_facets(piece, corners, pairs)
+    _add_depths(exchanger, piece, corners)
+    work = _work(piece, facets, weight)
+    cells = Cells(piece.comm, corners.centres, piece.ids, work, facets, corners, weight * UNIT, piece.dim)
+    return bisect(cells, count)

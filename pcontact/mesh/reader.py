@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from pcontact.element.reference import CELLS
-from pcontact.mesh.complete import complete, fill, number_rows, with_gaps
+from pcontact.mesh.complete import complete, fill, number_rows, sorted_rows, with_gaps
 from pcontact.mesh.components import cell_name, components, orient
 from pcontact.mesh.gmsh_reader import available, read_gmsh
 from pcontact.mesh.groups import (
@@ -153,7 +153,7 @@ def _blocks(file, dim):
 def _check_repeated_nodes(file, path, blocks, tags):
     first = 0
     for block in blocks:
-        nodes = np.sort(block.nodes, axis=1)
+        nodes = sorted_rows(block.nodes)
         same = (nodes[:, 1:] == nodes[:, :-1]) & (nodes[:, 1:] >= 0)
         rows = np.flatnonzero(same.any(axis=1))
         if len(rows):

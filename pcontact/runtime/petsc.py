@@ -28,6 +28,10 @@ if not _options.hasName("options_left"):
 _options.getBool("options_left", False)
 
 
+# packages that cut graphs
+PETSC_GRAPHS = ("ptscotch", "parmetis", "chaco")
+
+
 def has_package(name):
     """Whether this PETSc was built with an external package.
 

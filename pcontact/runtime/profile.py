@@ -54,11 +54,16 @@ def memory():
     return peak, resident
 
 
-def forget_peak():
-    """Hand freed memory back to the system, and have the largest resident set begin anew, where Linux can."""
+def give_back():
+    """Hand freed memory back to the system, where the C library can: other ranks of the machine may need it."""
     trim = getattr(ctypes.CDLL(None), "malloc_trim", None)
     if trim is not None:
         trim(0)
+
+
+def forget_peak():
+    """Hand freed memory back to the system, and have the largest resident set begin anew, where Linux can."""
+    give_back()
     try:
         Path("/proc/self/clear_refs").write_text("5")
     except OSError:

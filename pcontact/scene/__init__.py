@@ -16,7 +16,7 @@ from pcontact.scene.model import (
     Steps,
 )
 from pcontact.scene.reader import read_scene
-from pcontact.scene.regions import check_dimension, check_radius, check_regions
+from pcontact.scene.regions import check_apart, check_dimension, check_radius, check_regions
 from pcontact.scene.validate import resolve_contacts, validate
 
 __all__ = [
@@ -32,6 +32,7 @@ __all__ = [
     "Scene",
     "Steps",
     "amplitude",
+    "check_apart",
     "check_dimension",
     "check_radius",
     "check_regions",

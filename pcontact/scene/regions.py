@@ -141,11 +141,32 @@ def _check_apart(scene, where, contact, facet_groups):
     source, target = facet_groups[contact.source], facet_groups[contact.target]
     if contact.source == contact.target or isinstance(source, int) or isinstance(target, int):
         return
-    common = np.isin(_keys(*source), _keys(*target)).sum()
+    _refuse_common(scene, where, contact, int(np.isin(_keys(*source), _keys(*target)).sum()))
+
+
+def _refuse_common(scene, where, contact, common):
     if common:
         found = f"{contact.target!r}, which has {common} of the facets of {contact.source!r}"
         allowed = f"a surface that shares no facet with {contact.source!r}"
         raise input_error(scene.where, f"{where}.target", found, allowed)
+
+
+def check_apart(scene: Scene, common: Mapping[tuple[str, str], int]) -> None:
+    """Check that source and target have no facet in common, where that has been counted.
+
+    Parameters
+    ----------
+    scene : Scene
+        A valid scene.
+    common : mapping of (source, target) to int
+
+    Raises
+    ------
+    InputError
+    """
+    for where, table in tables(scene):
+        if isinstance(table, Contact):
+            _refuse_common(scene, where, table, common.get((table.source, table.target), 0))
 
 
 def _keys(cells, local):

@@ -1,0 +1,306 @@
+"""A mesh on its way from a file to the ranks that own its cells: every rank holds some of it, or rank 0 everything."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from pcontact.element.reference import CELLS, facet_nodes
+from pcontact.runtime.jit import njit, njit_exact
+from pcontact.runtime.parallel import split_by_rank
+from pcontact.runtime.petsc import MPI
+
+# groups per column of bits
+COLUMN = 62
+
+
+@dataclass
+class SliceBlock:
+    """Cells of one type, a contiguous part of those in the file.
+
+    Attributes
+    ----------
+    cell : str
+    nodes : ndarray (n, n_nodes) int64
+        Places of the nodes in the file.
+    """
+
+    cell: str
+    nodes: np.ndarray
+
+
+@dataclass
+class MeshSlice:
+    """What one rank holds of a mesh before it is dealt.
+
+    The rows of all blocks together are the *rows* of the slice. Cells and nodes have a place in the file and a number,
+    by which the program knows them; the places are in the order of the rows and ranks.
+
+    Attributes
+    ----------
+    comm : MPI.Comm
+    path : pathlib.Path
+    dim, degree : int
+    curved : bool
+    blocks : list of SliceBlock
+        The same types on every rank, in the same order.
+    ids : ndarray (n,) int64
+        Numbers of the cells.
+    body, component : ndarray (n,) int64
+    points : ndarray (n_points, dim)
+        Coordinates [length] of some nodes.
+    point_starts : ndarray (size + 1,) int64
+        Places of the nodes that each rank has.
+    n_nodes_total, n_cells_total, n_components : int
+    node_ids : ndarray (n_points,) int64, optional
+        Numbers of these nodes; their places if absent (on all ranks).
+    cell_groups : dict of str to ndarray
+        Rows.
+    facet_groups : dict of str to (ndarray, ndarray)
+        Rows and local facet numbers.
+    node_groups : dict of str to ndarray
+        Rows of ``points``.
+    """
+
+    comm: object
+    path: Path
+    dim: int
+    degree: int
+    curved: bool
+    blocks: list
+    ids: np.ndarray
+    body: np.ndarray
+    component: np.ndarray
+    points: np.ndarray
+    point_starts: np.ndarray
+    n_nodes_total: int
+    n_cells_total: int
+    n_components: int
+    node_ids: np.ndarray | None = None
+    cell_groups: dict = field(default_factory=dict)
+    facet_groups: dict = field(default_factory=dict)
+    node_groups: dict = field(default_factory=dict)
+
+    @property
+    def starts(self):
+        """ndarray (n_blocks + 1,) : first row of every block."""
+        return np.cumsum([0] + [len(block.nodes) for block in self.blocks])
+
+
+def whole(comm, raw, curved, body, component):
+    """The slices of a mesh that rank 0 has read: everything there, nothing elsewhere. *Collective.*
+
+    Parameters
+    ----------
+    comm : MPI.Comm
+    raw, curved, body, component
+        On rank 0; see :func:`pcontact.mesh.distribute.distribute`.
+
+    Returns
+    -------
+    MeshSlice
+    """
+    head = None
+    if comm.rank == 0:
+        head = {
+            "path": raw.path, "dim": raw.dim, "degree": raw.blocks[0].degree, "curved": bool(curved),
+            "n_nodes_total": len(raw.points), "n_cells_total": len(body),
+            "n_components": int(component.max()) + 1 if len(component) else 0,
+            "cells": [(b.cell, b.nodes.shape[1]) for b in raw.blocks],
+            "groups": [list(raw.cell_groups), list(raw.facet_groups), list(raw.node_groups)],
+        }  # fmt: skip
+    head = comm.bcast(head, root=0)
+    cells, groups = head.pop("cells"), head.pop("groups")
+    none = np.zeros(0, dtype=np.int64)
+    starts = np.full(comm.size + 1, head["n_nodes_total"], dtype=np.int64)
+    starts[0] = 0
+    if comm.rank == 0:
+        return MeshSlice(
+            comm, blocks=[SliceBlock(b.cell, b.nodes) for b in raw.blocks],
+            ids=np.arange(len(body), dtype=np.int64), body=np.asarray(body), component=component, points=raw.points,
+            point_starts=starts, cell_groups=raw.cell_groups, facet_groups=raw.facet_groups,
+            node_groups=raw.node_groups, **head,
+        )  # fmt: skip
+    return MeshSlice(
+        comm, blocks=[SliceBlock(cell, np.zeros((0, width), dtype=np.int64)) for cell, width in cells],
+        ids=none, body=none, component=none, points=np.zeros((0, head["dim"])), point_starts=starts,
+        cell_groups=dict.fromkeys(groups[0], none), facet_groups=dict.fromkeys(groups[1], (none, none)),
+        node_groups=dict.fromkeys(groups[2], none), **head,
+    )  # fmt: skip
+
+
+@njit
+def _flag(nodes, flags):
+    for k in range(nodes.shape[0]):
+        flags[nodes[k]] = True
+
+
+def nodes_of(tables, n_total):
+    """Nodes in some tables (n, k), ascending, each once."""
+    count = sum(table.size for table in tables)
+    if 8 * count < n_total:
+        return np.unique(np.concatenate([np.zeros(0, dtype=np.int64), *(t.ravel() for t in tables)]))
+    # a flag per node is small against the tables
+    flags = np.zeros(n_total, dtype=np.bool_)
+    for table in tables:
+        _flag(np.ascontiguousarray(table).ravel(), flags)
+    return np.flatnonzero(flags)
+
+
+def places(nodes, tables, n_total):
+    """Tables with positions in ``nodes`` (ascending) in place of nodes."""
+    count = sum(table.size for table in tables)
+    if 8 * count < n_total:
+        return [np.searchsorted(nodes, table) for table in tables]
+    if len(nodes) == n_total:
+        return tables
+    number = np.empty(n_total, dtype=np.int64)
+    number[nodes] = np.arange(len(nodes))
+    return [number[table] for table in tables]
+
+
+def fetch(exchanger, starts, values, nodes):
+    """Values of nodes, from the ranks that have them. *Collective.*
+
+    Parameters
+    ----------
+    exchanger : pcontact.runtime.parallel.Exchanger
+    starts : ndarray (size + 1,)
+        See `MeshSlice.point_starts`.
+    values : ndarray (n_points, k)
+        Of the nodes that this rank has.
+    nodes : ndarray (n,)
+        Places, ascending.
+
+    Returns
+    -------
+    ndarray (n, k)
+    """
+    rank, size = exchanger.comm.rank, exchanger.comm.size
+    if size == 1:
+        return values if len(nodes) == len(values) else values[nodes]
+    cuts = np.searchsorted(nodes, starts)
+    asked = {r: nodes[cuts[r] : cuts[r + 1]] for r in range(size) if cuts[r + 1] > cuts[r]}
+    asked = exchanger(asked, np.int64, 1)
+    replies = {r: values[n.ravel() - starts[rank]] for r, n in asked.items()}
+    answers = exchanger(replies, values.dtype, values.shape[1])
+    return np.concatenate([np.zeros((0, values.shape[1]), dtype=values.dtype), *answers.values()])
+
+
+class Corners:
+    """Vertices of the cells of a slice. *Collective.*
+
+    Attributes
+    ----------
+    centres : ndarray (n, d)
+        Means of the vertices.
+    nodes : ndarray (n_nodes,)
+        Places of the vertices, ascending.
+    points : ndarray (n_nodes, d)
+        Their coordinates, and what was added by `extend`.
+    tables : list of ndarray
+        Vertices of the cells of every block, by their positions in ``nodes``.
+    """
+
+    def __init__(self, piece, exchanger):
+        tables = [b.nodes[:, : CELLS[b.cell].n_vertices] for b in piece.blocks]
+        self.nodes = nodes_of(tables, piece.n_nodes_total)
+        self.points = fetch(exchanger, piece.point_starts, piece.points, self.nodes)
+        self.tables = places(self.nodes, tables, piece.n_nodes_total)
+        self._starts, self._cells, self._dim = piece.starts, piece.blocks, piece.dim
+        self._average()
+
+    def _average(self):
+        self.centres = np.empty((self._starts[-1], self.points.shape[1]))
+        for table, first in zip(self.tables, self._starts[:-1], strict=True):
+            means(self.points, np.ascontiguousarray(table), self.centres[first : first + len(table)])
+
+    def extend(self, more):
+        """Take values (n_nodes, k) of the vertices for further coordinates."""
+        self.points = np.column_stack([self.points, more])
+        self._average()
+
+    def _by_block(self, rows):
+        number = np.searchsorted(self._starts, rows, side="right") - 1
+        for k, table in enumerate(self.tables):
+            chosen = np.flatnonzero(number == k)
+            yield k, chosen, table, rows[chosen] - self._starts[k]
+
+    def __call__(self, rows):
+        """Coordinates (n, k, d) of the vertices of cells; the last is repeated where a cell has fewer than others."""
+        width = max((table.shape[1] for table in self.tables), default=1)
+        out = np.empty((len(rows), width, self.points.shape[1]))
+        for _, chosen, table, own in self._by_block(rows):
+            wide = np.minimum(np.arange(width), table.shape[1] - 1)
+            out[chosen] = self.points[table[own][:, wide]]
+        return out
+
+    def boxes(self, rows, local):
+        """Corners (n, d), (n, d) of the boxes around facets, and the means (n, d) of their vertices."""
+        points = self.points[:, : self._dim]
+        low, high, mean = np.empty((3, len(rows), self._dim))
+        for k, chosen, table, own in self._by_block(rows):
+            if len(chosen):
+                vertices = np.take_along_axis(table[own], facet_nodes(self._cells[k].cell, 1)[local[chosen]], axis=1)
+                x = points[vertices]
+                low[chosen], high[chosen], mean[chosen] = x.min(axis=1), x.max(axis=1), x.mean(axis=1)
+        return low, high, mean
+
+
+@njit_exact
+def means(points, table, out):
+    """Means (n, d) of the points of every row of a table (n, k)."""
+    for c in range(table.shape[0]):
+        for i in range(points.shape[1]):
+            total = 0.0
+            for v in range(table.shape[1]):
+                total += points[table[c, v], i]
+            out[c, i] = total / table.shape[1]
+
+
+def bits(names, groups, n):
+    """Columns (n, k) int64 that say which of the groups (rows, by name) something is in."""
+    out = np.zeros((n, -(-len(names) // COLUMN)), dtype=np.int64)
+    for k, name in enumerate(names):
+        out[groups[name], k // COLUMN] |= np.int64(1) << np.int64(k % COLUMN)
+    return out
+
+
+def has_bit(columns, k):
+    """Whether group k is in the columns (n, m) of :func:`bits`."""
+    return (columns[:, k // COLUMN] >> np.int64(k % COLUMN)) & 1 == 1
+
+
+def rounds(comm, n, most):
+    """Slices of n rows, at most so many at a time, equally many on all ranks. *Collective.*"""
+    count = comm.allreduce(-(-n // most), op=MPI.MAX)
+    return [slice(k * most, min((k + 1) * most, n)) for k in range(count)]
+
+
+def to_owners(exchanger, ranks, table, width, most=1 << 19):
+    """Rows of a table (n, width) int64 on the ranks they go to. *Collective.*
+
+    Parameters
+    ----------
+    exchanger : pcontact.runtime.parallel.Exchanger
+    ranks : ndarray (n,)
+    table : callable
+        Rows of the table for a slice: only a part of the table is in memory at a time.
+    width : int
+    most : int
+        Rows of a part.
+
+    Returns
+    -------
+    ndarray (m, width)
+    """
+    comm = exchanger.comm
+    counts = np.bincount(ranks, minlength=comm.size)
+    comm.Allreduce(MPI.IN_PLACE, counts, op=MPI.SUM)
+    received, end = np.empty((counts[comm.rank], width), dtype=np.int64), 0
+    for part in rounds(comm, len(ranks), most):
+        sends, _ = split_by_rank(ranks[part], table(part))
+        for rows in exchanger(sends, np.int64, width).values():
+            received[end : end + len(rows)] = rows
+            end += len(rows)
+    return received

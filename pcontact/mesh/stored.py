@@ -1,0 +1,262 @@
+"""Reading of what `pcontact convert` writes: every rank takes a part, and no rank has the whole mesh."""
+
+from bisect import bisect_left
+from dataclasses import dataclass
+from pathlib import Path
+
+import h5py
+import numpy as np
+
+from pcontact.element.reference import CELLS, n_nodes
+from pcontact.mesh.slices import MeshSlice, SliceBlock
+from pcontact.mesh.store import FORMAT, SUFFIX, VERSION
+from pcontact.runtime.errors import InputError
+from pcontact.runtime.parallel import agree, together
+from pcontact.runtime.petsc import MPI
+
+MADE = "a file made by pcontact convert"
+
+
+def is_stored(path):
+    """Whether a mesh is a converted one, by its name."""
+    return Path(path).suffix.lower() == SUFFIX
+
+
+@dataclass
+class Summary:
+    """What a scene is checked against: sizes of the groups in place of their members.
+
+    Attributes
+    ----------
+    path : pathlib.Path
+    dim : int
+    points : ndarray (n, d)
+        Those with the least and the largest coordinates of every rank, and all with x < 0.
+    cell_groups, facet_groups, node_groups : dict of str to int
+    common : dict of (str, str) to int
+        Facets that two surfaces have both.
+    """
+
+    path: Path
+    dim: int
+    points: np.ndarray
+    cell_groups: dict
+    facet_groups: dict
+    node_groups: dict
+    common: dict
+
+
+def _open(path):
+    try:
+        with open(path, "rb"):
+            pass
+        file = h5py.File(path, "r")
+    except OSError as error:
+        plain = (error.strerror or "").lower()
+        if "truncated" in str(error):
+            raise InputError(f"{path}: found a file that is cut short; allowed: {MADE}, all of it") from None
+        found = plain if plain and "signature" not in str(error) else "a file that is not HDF5"
+        raise InputError(f"{path}: found {found}; allowed: {MADE}") from None
+    kind, version = file.attrs.get("format"), file.attrs.get("version")
+    message = None
+    if kind != FORMAT:
+        message = "found HDF5 of another kind"
+    elif version != VERSION:
+        message = f"found version {version} of the format; allowed: version {VERSION}, convert the mesh again"
+    elif "complete" not in file.attrs:
+        message = "found a file that is cut short"
+    if message is not None:
+        file.close()
+        raise InputError(f"{path}: {message}" + ("" if "allowed" in message else f"; allowed: {MADE}"))
+    return file
+
+
+def _share(total, comm):
+    """First of each rank's share (size + 1,), as even as can be."""
+    return np.arange(comm.size + 1, dtype=np.int64) * total // comm.size
+
+
+def _groups(file, kind, column):
+    """Name, group and number of entries of all groups of a kind."""
+    groups = file[f"groups/{kind}"]
+    for k in range(len(groups)):
+        group = groups[str(k)]
+        yield group.attrs["name"], group, len(group[column])
+
+
+def _members(group, column, first, end):
+    """Rows of a group whose (ascending) entries are from first to end - 1, as a slice."""
+    return slice(bisect_left(group[column], first), bisect_left(group[column], end))
+
+
+class Stored:
+    """A converted mesh, of which this rank has a slice.
+
+    Parameters
+    ----------
+    comm : MPI.Comm
+    path : str or pathlib.Path
+    order : int
+        Degree of the displacement.
+
+    Attributes
+    ----------
+    piece : MeshSlice
+        Without bodies.
+
+    Raises
+    ------
+    InputError
+        On every rank. The constructor is *Collective*.
+    """
+
+    def __init__(self, comm, path, order):
+        self.comm, self.path = comm, Path(path)
+        self.piece = together(comm, self._read, order)
+
+    def _read(self, order):
+        with _open(self.path) as file:
+            try:
+                return self._slice(file, order)
+            except (KeyError, OSError, ValueError) as error:
+                reason = " ".join(str(error).split())
+                raise InputError(f"{self.path}: found a damaged file ({reason}); allowed: {MADE}") from None
+
+    def _slice(self, file, order):
+        comm, head = self.comm, file.attrs
+        if order == 2 and head["degree"] == 1:
+            raise InputError(
+                f"{self.path}: found cells of degree 1 and a displacement of degree 2; "
+                f"allowed: order 1, or a file made by pcontact convert --order 2"
+            )
+        degree = 2 if head["curved"] else order
+        starts, shares = _share(int(head["cells"]), comm), _share(int(head["nodes"]), comm)
+        self._first, end = int(starts[comm.rank]), int(starts[comm.rank + 1])
+        low, high = int(shares[comm.rank]), int(shares[comm.rank + 1])
+        blocks, at = [], 0
+        for k in range(len(file["blocks"])):
+            table = file[f"blocks/{k}"]
+            cell = table.attrs["cell"]
+            a, b = (min(max(x - at, 0), len(table)) for x in (self._first, end))
+            blocks.append(SliceBlock(cell, table[a:b, : n_nodes(cell, degree)].astype(np.int64)))
+            at += len(table)
+        cells = file["cells"]
+        piece = MeshSlice(
+            comm, self.path, int(head["dim"]), degree, bool(head["curved"]), blocks,
+            cells["ids"][self._first : end].astype(np.int64), np.zeros(end - self._first, dtype=np.int64),
+            cells["components"][self._first : end].astype(np.int64), file["points"][low:high], shares,
+            int(head["nodes"]), int(head["cells"]), int(head["components"]),
+            node_ids=file["node_ids"][low:high].astype(np.int64),
+        )  # fmt: skip
+        self._read_groups(file, piece, end, low, high)
+        return piece
+
+    def _read_groups(self, file, piece, end, low, high):
+        self._sizes, self._between = {"cells": {}, "facets": {}, "nodes": {}}, {}
+        for name, group, size in _groups(file, "cells", "cells"):
+            mine = _members(group, "cells", self._first, end)
+            piece.cell_groups[name] = group["cells"][mine].astype(np.int64) - self._first
+            self._sizes["cells"][name] = size
+        for name, group, size in _groups(file, "facets", "cells"):
+            mine = _members(group, "cells", self._first, end)
+            rows = group["cells"][mine].astype(np.int64) - self._first
+            piece.facet_groups[name] = rows, group["local"][mine].astype(np.int64)
+            self._between[name] = group["between"][mine] > 0
+            self._sizes["facets"][name] = size
+        for name, group, size in _groups(file, "nodes", "nodes"):
+            mine = _members(group, "nodes", low, high)
+            piece.node_groups[name] = group["nodes"][mine].astype(np.int64) - low
+            self._sizes["nodes"][name] = size
+
+    def summary(self, pairs):
+        """What a scene is checked against. *Collective.*
+
+        Parameters
+        ----------
+        pairs : list of (str, str or None, float or None)
+            Source and target surfaces.
+
+        Returns
+        -------
+        Summary
+        """
+        comm, x = self.comm, self.piece.points
+        kept = np.zeros(len(x), dtype=bool)
+        if len(x):
+            kept = x[:, 0] < 0.0
+            kept[[np.argmin(x[:, 0]), np.argmax(x[:, 0])]] = True
+        common, groups = {}, self.piece.facet_groups
+        for source, target, _ in pairs:
+            if target not in (None, source) and source in groups and target in groups:
+                a, b = (rows * 8 + local for rows, local in (groups[source], groups[target]))
+                common[source, target] = comm.allreduce(len(np.intersect1d(a, b)))
+        points = np.concatenate(comm.allgather(x[kept]))
+        return Summary(self.path, self.piece.dim, points, *self._sizes.values(), common)
+
+    def named(self, row):
+        """A cell of this rank in the words of a message."""
+        number = int(np.searchsorted(self.piece.starts, row, side="right")) - 1
+        block = self.piece.blocks[number]
+        vertices = block.nodes[row - self.piece.starts[number], : CELLS[block.cell].n_vertices]
+        with _open(self.path) as file:
+            order = np.argsort(vertices)
+            centre = file["points"][vertices[order]].mean(axis=0)
+            tag = file["cells/tags"][self._first + row]
+        return f"cell {tag} ({block.cell} at ({', '.join(f'{x:g}' for x in centre)}))"
+
+    def _refuse(self, rows, message):
+        """Raise an InputError, about the first of the rows of all ranks and their number, if there are any."""
+        total = self.comm.allreduce(len(rows))
+        if total:
+            agree(self.comm, message(rows[0], total) if len(rows) else None)
+
+    def set_bodies(self, regions):
+        """Give the cells their bodies, the numbers of cell groups in a list. *Collective.*
+
+        Raises
+        ------
+        InputError
+            A cell is in no body, or in two.
+        """
+        body = np.full(len(self.piece.ids), -1, dtype=np.int64)
+        for number, region in enumerate(regions):
+            cells = self.piece.cell_groups[region]
+            self._refuse(
+                cells[body[cells] >= 0],
+                lambda row, n, region=region: (
+                    f"{self.path}: {self.named(row)} of body {region!r} is also in body "
+                    f"{regions[body[row]]!r} ({n} in all); allowed: every cell in one body"
+                ),
+            )
+            body[cells] = number
+
+        def homeless(row, n):
+            names = [name for name, cells in self.piece.cell_groups.items() if np.isin(row, cells)]
+            where = f"of group {names[0]!r}" if names else "of no group"
+            return (
+                f"{self.path}: {self.named(row)} {where} is in no body ({n} in all); "
+                "allowed: every cell in the region of one of the [[bodies]]"
+            )
+
+        self._refuse(np.flatnonzero(body < 0), homeless)
+        self.piece.body = body
+
+    def check_surfaces(self, surfaces):
+        """Refuse contact surfaces with facets between two cells. *Collective.*"""
+        for name in surfaces:
+            rows = self.piece.facet_groups[name][0][self._between[name]]
+            self._refuse(
+                rows,
+                lambda row, n, name=name: (
+                    f"{self.path}: contact surface {name!r} has {n} facets between two cells, the first one at "
+                    f"{self.named(row)}; allowed: facets on the boundary of a body (bodies in contact must "
+                    "not share nodes)"
+                ),
+            )
+
+    def component_names(self, regions):
+        """Body, or bodies, of every connected component. *Collective.*"""
+        there = np.zeros((self.piece.n_components, len(regions)), dtype=bool)
+        there[self.piece.component, self.piece.body] = True
+        self.comm.Allreduce(MPI.IN_PLACE, there, op=MPI.LOR)
+        return [" + ".join(regions[b] for b in np.flatnonzero(row)) for row in there]
