@@ -19,7 +19,8 @@ def ironed(path, count, again, comm=WORLD, change=None):
     PETSc.Options().setValue("contact_search_again", again)
     forces, simulation = Forces(), None
     try:
-        simulation = Simulation(scene(path, mu=0.3, depth=0.05, way=0.5, count=count), comm)
+        case = scene(path, mu=0.3, depth=0.05, way=0.5, count=count, petsc={"snes_rtol": "1e-11"})
+        simulation = Simulation(case, comm)
         (item,) = simulation.problem.items[1:]
         searches, detect = [], item.detect
 
