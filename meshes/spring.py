@@ -28,6 +28,7 @@ class Helix:
     ends: str
     closed: float
     gap: float
+    top: float | None = None
 
     @property
     def closed_pitch(self) -> float:
@@ -53,16 +54,21 @@ class Helix:
         area += np.maximum(t - a - _BLEND, 0.0) - np.maximum(t - b - _BLEND, 0.0)
         return self.start + low * t + (self.pitch - low) * area, low + (self.pitch - low) * step
 
+    def width(self, t: np.ndarray) -> np.ndarray:
+        """Diameter of the centre line."""
+        return self.diameter + ((self.top or self.diameter) - self.diameter) * t / self.coils
+
     def place(self, x: np.ndarray, s: np.ndarray) -> np.ndarray:
         """The points x (n, 2) of the section at the parameters s (m,); see `sweep`."""
         t = self.coils * s
         z, slope = self.rise(t)
-        angle, radius = 2.0 * np.pi * t, 0.5 * self.diameter
+        angle, radius = 2.0 * np.pi * t, 0.5 * self.width(t)
+        # a cone is narrow: its sections stand across the circle
         tangent = np.column_stack([-radius * np.sin(angle), radius * np.cos(angle), slope / (2.0 * np.pi)])
         tangent /= np.linalg.norm(tangent, axis=1)[:, None]
         inward = np.column_stack([-np.cos(angle), -np.sin(angle), 0.0 * angle])
         upward = np.cross(tangent, inward)
-        centre = -radius * inward + z[:, None] * [0.0, 0.0, 1.0]
+        centre = -radius[:, None] * inward + z[:, None] * [0.0, 0.0, 1.0]
         across, along = np.tile(x[:, 0], (len(s), 1)), np.tile(x[:, 1], (len(s), 1))
         if self.ends == "ground":
             across, along = self._ground(across, along, -z / upward[:, 2])
@@ -123,12 +129,14 @@ def spring(
     closed: float = 1.0,
     gap: float = 0.1,
     along: float | None = None,
+    top: float | None = None,
 ) -> Path:
-    """A helical spring of round wire around the z-axis: hexahedra swept along the wire.
+    """A helical or conical spring of round wire around the z-axis: hexahedra swept along the wire.
 
-    Groups: spring; spring_skin; end_bottom, end_top. Open and closed ends: the ends are the sections of the wire.
-    Ground ends: they are the flat faces z = 0 and z = height, the sections of the wire are called wire_ends. The flat
-    groups hold the facets that lie in the plane entirely (half of the cut at h = wire / 4, three quarters at wire / 8).
+    Groups: spring; spring_skin; end_bottom, end_top; skin (all facets). Open and closed ends: the ends are the sections
+    of the wire. Ground ends: they are the flat faces z = 0 and z = height, the sections of the wire are called
+    wire_ends. The flat groups hold the facets that lie in the plane entirely (half of the cut at h = wire / 4, three
+    quarters at wire / 8).
 
     Parameters
     ----------
@@ -143,11 +151,12 @@ def spring(
     closed : turns at each end that are closed
     gap : between closed coils, in units of the wire
     along : element size along the wire; default 2 h
+    top : diameter of the centre line at the upper end, if another than at the lower one: a cone
     """
     check_cell("spring", "hexahedron", 3, order)
     check_choice("spring", "ends", ends, _ENDS)
-    if not 0 < h or not 0 < wire < diameter or not coils > 0 or not gap >= 0:
-        raise ValueError(f"mesh 'spring': h {h}, wire {wire}, diameter {diameter}, coils {coils}, gap {gap}")
+    if not 0 < h or not 0 < wire < min(diameter, top or diameter) or not coils > 0 or not gap >= 0:
+        raise ValueError(f"mesh 'spring': h {h}, wire {wire}, diameter {diameter}, top {top}, coils {coils}, gap {gap}")
     if coils > 1 and pitch <= 1.02 * wire:
         raise ValueError(f"mesh 'spring': pitch {pitch}; expected more than 1.02 times the wire {wire}")
     if ends != "open" and not (closed >= 0.5 and coils >= 2 * closed + _BLEND):
@@ -155,9 +164,9 @@ def spring(
             f"mesh 'spring': {coils} coils, {closed} of them closed at each end; expected 0.5 or more, "
             f"and {_BLEND} more coils than the closed ones"
         )
-    helix = Helix(wire, diameter, coils, pitch, ends, closed, gap)
+    helix = Helix(wire, diameter, coils, pitch, ends, closed, gap, top)
     n, rim = max(2, round(0.25 * np.pi * wire / h)), max(1, round(0.5 * (1.0 - _CORE) * wire / h))
-    layers = max(2, round(np.hypot(np.pi * diameter, pitch) * coils / (along or 2.0 * h)))
+    layers = max(2, round(np.hypot(np.pi * max(diameter, top or 0.0), pitch) * coils / (along or 2.0 * h)))
     with gmsh_model("spring"):
         flat = _section(0.5 * wire, n, rim, order)
         if ends == "ground":
@@ -169,6 +178,7 @@ def spring(
         group(3, "spring", [body])
         for key, tag in facets.items():
             group(2, key, [tag])
+        group(2, "skin", list(facets.values()))
         return write(path)
 
 

@@ -18,6 +18,7 @@ from pcontact.scene.amplitude import drive
 from pcontact.solve.newton import Newton
 from pcontact.space.modes import near_null_space
 from pcontact.stepping.record import Recorder
+from pcontact.stepping.renewal import renewal
 from pcontact.stepping.schedule import Schedule
 from pcontact.stepping.stepper import Stepper
 from pcontact.stepping.uzawa import uzawa
@@ -77,6 +78,7 @@ class Simulation:
         modes = near_null_space(self.problem.space, colours)
         self.newton = Newton(self.problem, self.options, symmetric, modes, self.timing, bool(self.floating))
         self.settle = uzawa(self.problem.items, self.newton, self.options)
+        self.renew = renewal(self.problem, self.newton, self.options)
 
     def run(self, directory=None, observers=()):
         """All load steps. *Collective.*
@@ -118,7 +120,7 @@ class Simulation:
         self._announce()
         recorder = Recorder(self.problem, scene.output.probes)
         self.stepper = Stepper(
-            self.problem, self.newton, schedule, watch, recorder, self.timing, drive(scene), self.settle
+            self.problem, self.newton, schedule, watch, recorder, self.timing, drive(scene), self.settle, self.renew
         )
         if resumed is not None:
             self.stepper.resume(

@@ -117,13 +117,13 @@ def _project(target, around, asked, radius, method, numbers):
 
     Columns: facet id, distance, gap, interior, facet size, y, normal, nodes, shape; no partner has a distance of inf.
     """
-    x_facets, kinds, ids, own = around
+    x_facets, kinds, ids, own, corners = around
     d = x_facets.shape[2]
     points, normals, about = asked[:, :d], asked[:, d : 2 * d], asked[:, 2 * d :]
     tree = build_tree(*facet_boxes(x_facets, kinds))
     search = closest_points if method == "closest_point" else ray_tracing
     apart = target.apart(about)
-    p = search(tree, x_facets, kinds, ids, points, normals, radius, own=own, apart=apart)
+    p = search(tree, x_facets, kinds, ids, points, normals, radius, own=own, apart=apart, corners=corners)
     found = p.facet >= 0
     facet = np.where(found, p.facet, 0)
     m = target.nodes.shape[1]
@@ -197,7 +197,12 @@ def find_partners(space, target, nodal, points, normals, radius, method):
     out[winner >= 0] = answers[winner[winner >= 0]]
     y, normal, nodes, shape = np.split(out[:, first:], [d, 2 * d, 2 * d + width], axis=1)
     return Found(
-        out[:, 0].astype(np.int64), y.copy(), normal.copy(), out[:, 2].copy(), nodes.astype(np.int64), shape.copy(),
+        out[:, 0].astype(np.int64),
+        y.copy(),
+        normal.copy(),
+        out[:, 2].copy(),
+        nodes.astype(np.int64),
+        shape.copy(),
         candidates,
     )
 

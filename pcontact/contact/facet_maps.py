@@ -27,6 +27,25 @@ SQUARE_CORNERS = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
 # which 1D function (0: left end, 1: right end, 2: middle) makes node i of the nine-node quadrilateral, per
 # direction
 TENSOR = np.array([[0, 0], [1, 0], [1, 1], [0, 1], [2, 0], [1, 2], [2, 1], [0, 2], [2, 2]], dtype=np.int64)
+# in Bezier form: pairs of control points whose differences make the tangents along u and v; how many, per direction
+ALONG_U = np.zeros((7, 6, 2), dtype=np.int64)
+ALONG_V = np.zeros((7, 6, 2), dtype=np.int64)
+DIFFERENCES = np.array([1, 2, 1, 3, 2, 6, 2], dtype=np.int64)
+for _kind, _u, _v in (
+    (SEGMENT2, [(0, 1)], [(0, 0)]),
+    (SEGMENT3, [(0, 2), (2, 1)], [(0, 0)]),
+    (TRIANGLE3, [(0, 1)], [(0, 2)]),
+    (TRIANGLE6, [(0, 3), (3, 1), (5, 4)], [(0, 5), (3, 4), (5, 2)]),
+    (QUADRILATERAL4, [(0, 1), (3, 2)], [(0, 3), (1, 2)]),
+    (
+        QUADRILATERAL9,
+        [(0, 4), (4, 1), (7, 8), (8, 5), (3, 6), (6, 2)],
+        [(0, 7), (7, 3), (4, 8), (8, 6), (1, 5), (5, 2)],
+    ),
+    (PARALLELOGRAM, [(0, 1), (3, 2)], [(0, 3), (1, 2)]),
+):
+    ALONG_U[_kind, : len(_u)], ALONG_V[_kind, : len(_v)] = _u, _v
+CORNERS = np.array([2, 2, 3, 3, 4, 4, 4], dtype=np.int64)
 
 
 @njit_exact
@@ -235,7 +254,7 @@ def _fill_boxes(x_facets, kinds, lower, upper):
             origin = x_facets[f, 0, k]
             for i in range(NODE_COUNTS[kind]):
                 nodes[i] = x_facets[f, i, k] - origin
-            _to_bezier(kind, nodes)
+            to_bezier(kind, nodes)
             low, high = 0.0, 0.0
             for i in range(NODE_COUNTS[kind]):
                 low, high = min(low, nodes[i]), max(high, nodes[i])
@@ -245,7 +264,7 @@ def _fill_boxes(x_facets, kinds, lower, upper):
 
 
 @njit_exact
-def _to_bezier(kind, x):
+def to_bezier(kind, x):
     """Replace nodal values by Bezier coefficients, whose convex hull contains the facet."""
     if kind == SEGMENT3:
         x[2] = 2.0 * x[2] - 0.5 * (x[0] + x[1])
@@ -296,3 +315,10 @@ def simplest_kinds(x_facets, kinds, simple):
                 twist = max(twist, abs(difference))
             if twist <= slack:
                 simple[f] = PARALLELOGRAM
+
+
+@njit_exact
+def difference(b, ends):
+    """Difference (three floats) of two of the points b (n, 3)."""
+    i, j = ends[0], ends[1]
+    return b[j, 0] - b[i, 0], b[j, 1] - b[i, 1], b[j, 2] - b[i, 2]

@@ -5,14 +5,18 @@ In every kernel `nodes` (9, 3) are the facet's nodes relative to its node 0 (`fa
 
 The closest point of a facet is either interior, hence a stationary point of the distance, or lies on an edge.
 Edges are solved exactly (straight: closed form; quadratic: all roots of a cubic). Interiors are solved in
-closed form where the map is affine, otherwise by Newton's method from every local minimum of the distance on
-a 5 x 5 grid and from the closest point of the edges; where Newton wants to leave the facet the edges hold the
-answer.
+closed form where the map is affine; otherwise, unless control points exclude them, by Newton's method from every
+local minimum of the distance on a 5 x 5 grid and from the closest point of the edges; where Newton wants to leave
+the facet the edges hold the answer.
 """
 
 import numpy as np
 
 from pcontact.contact.facet_maps import (
+    ALONG_U,
+    ALONG_V,
+    DIFFERENCES,
+    NODE_COUNTS,
     PARALLELOGRAM,
     QUADRILATERAL9,
     SEGMENT2,
@@ -24,6 +28,7 @@ from pcontact.contact.facet_maps import (
     clamp,
     fill_jet,
     is_triangle,
+    to_bezier,
 )
 from pcontact.runtime.jit import njit_exact
 
@@ -212,8 +217,35 @@ def _distance2(jet, p):
 
 
 @njit_exact
+def _may_be_inside(kind, nodes, p, scratch):
+    """Whether the distance can be stationary inside a facet; `scratch` is (6, 9).
+
+    The derivatives (y - p) . dy/du and (y - p) . dy/dv are, in Bezier form, positive combinations of products of
+    control points and their differences: where all products have one sign there is no zero.
+    """
+    for k in range(3):
+        for i in range(NODE_COUNTS[kind]):
+            scratch[k, i] = nodes[i, k] - p[k]
+        to_bezier(kind, scratch[k])
+    for table in (ALONG_U, ALONG_V):
+        low, high = np.inf, -np.inf
+        for j in range(DIFFERENCES[kind]):
+            a, b = table[kind, j, 0], table[kind, j, 1]
+            t0, t1, t2 = scratch[0, b] - scratch[0, a], scratch[1, b] - scratch[1, a], scratch[2, b] - scratch[2, a]
+            for i in range(NODE_COUNTS[kind]):
+                product = scratch[0, i] * t0 + scratch[1, i] * t1 + scratch[2, i] * t2
+                low, high = min(low, product), max(high, product)
+        if low > 0.0 or high < 0.0:
+            return False
+    return True
+
+
+@njit_exact
 def _closest_on_curved(kind, nodes, p, shapes, jet, grid):
     """Global minimum of the distance over a curved or bilinear facet."""
+    best_u, best_v, best2 = _closest_on_edges(kind, nodes, p)
+    if not _may_be_inside(kind, nodes, p, shapes):
+        return best_u, best_v
     for i in range(GRID):
         for j in range(GRID):
             grid[i, j] = np.inf
@@ -221,7 +253,6 @@ def _closest_on_curved(kind, nodes, p, shapes, jet, grid):
                 u, v = grid_point(kind, i, j)
                 fill_jet(kind, u, v, nodes, 1, shapes, jet)
                 grid[i, j] = _distance2(jet, p)
-    best_u, best_v, best2 = _closest_on_edges(kind, nodes, p)
     edge_u, edge_v = best_u, best_v
     for start in range(GRID * GRID + 1):
         i, j = start // GRID, start % GRID

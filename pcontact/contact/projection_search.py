@@ -4,11 +4,15 @@ A heap holds, by distance, tree nodes and facets (with the distance of their box
 already solved (with their own distance). Solved facets therefore leave the heap in the order of their
 distance; those that agree within a tolerance form a group, in which normals are combined and the winner is
 chosen. The walk ends with the first group that holds an accepted facet: facets behind it are never solved.
+
+What cannot hold a partner (`cones`) is set aside, and solved only where it meets a facet that may: there its normals
+count, and whether it is nearer.
 """
 
 import numpy as np
 
 from pcontact.contact.apart import is_own
+from pcontact.contact.cones import holds_none, is_behind
 from pcontact.contact.facet_maps import (
     SQUARE_CORNERS,
     TRIANGLE_CORNERS,
@@ -20,7 +24,7 @@ from pcontact.contact.facet_maps import (
 )
 from pcontact.contact.projection_facets import GRID, closest_on_facet
 from pcontact.contact.projection_rays import ray_on_facet
-from pcontact.runtime.jit import njit_exact
+from pcontact.runtime.jit import njit_exact, njit_inline
 
 TIE = 1e-10  # of the facet size: distances that count as equal
 TOUCH = 1e-9  # of the facet size: offsets that have no direction, and how far over a border a point may hang
@@ -28,36 +32,68 @@ SAME_POINT = 1e-6  # of the facet size: closest points of neighbours that count 
 BEHIND = 0.9  # how far an offset that leads out of a body may leave the cone of the normals at its end (in cosines)
 ROUNDING = 1e-15  # of the largest coordinate: what a stored coordinate is worth
 # columns of the table of solved facets: distance, gap, reference coordinates, y - x (3), target normal (3),
-# contact normal (3), interior (0 or 1), angle at y, facet size, rounding length
+# contact normal (3), interior (0 or 1), angle at y, facet size, rounding length, whether it is no partner (0 or 1)
 DISTANCE, GAP, U, V, R, NY, N = 0, 1, 2, 3, 4, 7, 10
-INTERIOR, ANGLE, SIZE, SLACK, COLUMNS = 13, 14, 15, 16, 17
+INTERIOR, ANGLE, SIZE, SLACK, LOST, COLUMNS = 13, 14, 15, 16, 17, 18
 
 
 @njit_exact
-def search_all(rays, tree, x_facets, kinds, ids, own, points, normals, radii, facing, partners, apart):
+def search_all(rays, tree, x_facets, kinds, ids, own, points, normals, radii, facing, partners, apart, cones):
     """Write the partners of all points.
 
     Parameters are those of `projection.closest_points`, with `kinds` simplified
     (`facet_maps.simplest_kinds`), `radii` (np,), and `rays` True for ray tracing; `partners` comes filled for
     points without a partner.
     """
-    n_nodes, nf, d = tree.child.size, kinds.size, points.shape[1]
+    n_nodes, nf = tree.child.size, kinds.size
     # heap items: nodes, then facets in the order of the leaves, then rows of `found`
     keys, items = np.empty(n_nodes + 2 * nf), np.empty(n_nodes + 2 * nf, dtype=np.int64)
     found, leaves, group = np.zeros((nf, COLUMNS)), np.empty(nf, dtype=np.int64), np.empty(nf, dtype=np.int64)
     nodes, shapes, jet, grid = np.zeros((9, 3)), np.zeros((6, 9)), np.zeros((6, 3)), np.empty((GRID, GRID))
     x, n, p = np.zeros(3), np.zeros(3), np.zeros(3)
+    # nodes and facets that hold no partner, but perhaps a neighbour of one: walked only beside a facet that may win
+    aside = np.empty(n_nodes + nf, dtype=np.int64)
+    on_it = apart.parts.size > 0
     for q in range(points.shape[0]):
         rounding = _load_point(points, normals, q, x, n)
         if not rounding < np.inf:
             continue
-        radius, n_queue, n_found, n_group, nearest, limit = radii[q], 0, 0, 0, 0.0, 0.0
-        key = _bound(rays, tree.lower, tree.upper, 0, x, n, facing, rounding)
-        if key <= radius:
-            n_queue = _push(keys, items, n_queue, key, 0)
+        radius, n_queue, n_found, n_group, nearest, limit, n_aside = radii[q], 0, 0, 0, 0.0, 0.0, 0
+        n_queue = _push(keys, items, n_queue, 0.0, 0)
         while n_queue > 0 or n_group > 0:
             key, item = (keys[0], items[0]) if n_queue > 0 else (np.inf, -1)
             if n_group > 0 and not key <= limit:
+                n_more = 0
+                if n_aside > 0:
+                    for i in range(n_group):
+                        row, leaf = found[group[i]], leaves[group[i]]
+                        if row[LOST] > 0.0 or not _asks(row):
+                            continue
+                        side = _side(row, cones.axis, cones.cosine, n_nodes + leaf)
+                        row[LOST] = _loses(row, side, n, facing)
+                        if on_it and row[LOST] == 0.0:
+                            row[LOST] = _is_own_on(apart, q, tree.order[leaf], kinds, row, side, shapes)
+                        if row[LOST] == 0.0 and _is_passed_by(
+                            found, leaves, group[i], n_found, tree, x_facets, kinds, x, p, nodes, shapes, jet, grid
+                        ):
+                            row[LOST] = 1.0
+                        if row[LOST] > 0.0:
+                            continue
+                        n_aside, n_more = _fetch(
+                            found, row, n_found, n_more, leaves, aside, n_aside, tree, x_facets, kinds, facing,
+                            rounding, x, n, p, nodes, shapes, jet, grid,
+                        )  # fmt: skip
+                    joined = n_group
+                    for slot in range(n_found, n_found + n_more):
+                        tie = TIE * found[slot, SIZE] + rounding
+                        if found[slot, DISTANCE] <= radius and abs(found[slot, DISTANCE] - nearest) <= tie:
+                            limit = max(limit, nearest * (1.0 + 1e-14) + tie)
+                            group[n_group] = slot
+                            n_group += 1
+                    n_found += n_more
+                    partners.candidates[q] += n_more
+                    if n_group > joined:
+                        continue
                 _sort(group, n_group, leaves, tree.order, ids)
                 if not rays:
                     for i in range(n_group):
@@ -65,14 +101,14 @@ def search_all(rays, tree, x_facets, kinds, ids, own, points, normals, radii, fa
                 winner = -1
                 for i in range(n_group):
                     slot = group[i]
-                    row = found[slot]
-                    if n[0] * row[N] + n[1] * row[N + 1] + n[2] * row[N + 2] < facing or _is_passed_by(
-                        found, leaves, slot, n_found, tree, x_facets, kinds, x, p, nodes, shapes, jet, grid
-                    ):
-                        continue
-                    facet = tree.order[leaves[slot]]
-                    if apart.parts.size > 0 and is_own(
-                        apart, q, facet, kinds[facet], row[U], row[V], row[N], row[N + 1], row[N + 2], shapes
+                    row, facet = found[slot], tree.order[leaves[slot]]
+                    if (
+                        row[LOST] > 0.0
+                        or n[0] * row[N] + n[1] * row[N + 1] + n[2] * row[N + 2] < facing
+                        or (on_it and _is_own(apart, q, facet, kinds[facet], row, N, 1.0, shapes))
+                        or _is_passed_by(
+                            found, leaves, slot, n_found, tree, x_facets, kinds, x, p, nodes, shapes, jet, grid
+                        )
                     ):
                         continue
                     # one of the others may be held at an edge whose neighbours are not known here: it hides nothing
@@ -85,17 +121,44 @@ def search_all(rays, tree, x_facets, kinds, ids, own, points, normals, radii, fa
                 continue
             n_queue = _pop(keys, items, n_queue)
             if item < n_nodes:
-                n_queue = _expand(rays, tree, item, x, n, facing, rounding, radius, keys, items, n_queue)
+                n_queue, n_aside = _expand(
+                    rays,
+                    tree,
+                    item,
+                    x,
+                    n,
+                    facing,
+                    rounding,
+                    radius,
+                    keys,
+                    items,
+                    n_queue,
+                    cones,
+                    apart,
+                    q,
+                    aside,
+                    n_aside,
+                )
             elif item < n_nodes + nf:
-                facet, row = tree.order[item - n_nodes], found[n_found]
+                row = found[n_found]
                 partners.candidates[q] += 1
-                load_nodes(x_facets, facet, kinds[facet], nodes)
-                size2 = 0.0
-                for k in range(d):
-                    p[k] = x[k] - x_facets[facet, 0, k]
-                    size2 += (tree.facet_upper[item - n_nodes, k] - tree.facet_lower[item - n_nodes, k]) ** 2
-                row[SIZE], row[SLACK] = np.sqrt(size2), rounding
-                _solve(rays, kinds[facet], nodes, p, n, facing, shapes, jet, grid, row)
+                _solve(
+                    rays,
+                    tree,
+                    item - n_nodes,
+                    x_facets,
+                    kinds,
+                    x,
+                    n,
+                    facing,
+                    rounding,
+                    p,
+                    nodes,
+                    shapes,
+                    jet,
+                    grid,
+                    row,
+                )
                 if row[DISTANCE] <= radius and row[DISTANCE] < np.inf:
                     leaves[n_found] = item - n_nodes
                     n_queue = _push(keys, items, n_queue, row[DISTANCE], n_nodes + nf + n_found)
@@ -107,6 +170,13 @@ def search_all(rays, tree, x_facets, kinds, ids, own, points, normals, radii, fa
                 limit = max(limit, nearest * (1.0 + 1e-14) + TIE * found[slot, SIZE] + rounding)
                 group[n_group] = slot
                 n_group += 1
+
+
+@njit_exact
+def _is_own(apart, q, facet, kind, row, column, factor, shapes):
+    """`apart.is_own` with a multiple of three columns of a solved facet as the normal."""
+    n0, n1, n2 = factor * row[column], factor * row[column + 1], factor * row[column + 2]
+    return is_own(apart, q, facet, kind, row[U], row[V], n0, n1, n2, shapes)
 
 
 @njit_exact
@@ -156,26 +226,125 @@ def _pop(keys, items, count):
 
 
 @njit_exact
-def _expand(rays, tree, node, x, n, facing, rounding, radius, keys, items, count):
-    """Push the children of a node, or the facets of a leaf, that may hold a partner; return the new count."""
-    if tree.child[node] >= 0:
-        for child in range(tree.child[node], tree.child[node] + 2):
-            key = _bound(rays, tree.lower, tree.upper, child, x, n, facing, rounding)
-            if key <= radius:
-                count = _push(keys, items, count, key, child)
-        return count
-    for i in range(tree.first[node], tree.last[node]):
-        key = _bound(rays, tree.facet_lower, tree.facet_upper, i, x, n, facing, rounding)
-        if key <= radius:
-            count = _push(keys, items, count, key, tree.child.size + i)
-    return count
+def _expand(rays, tree, node, x, n, facing, rounding, radius, keys, items, count, cones, apart, q, aside, n_aside):
+    """Push the children of a node, or the facets of a leaf, that may hold a partner; return the new counts."""
+    inner = tree.child[node] >= 0
+    lower, upper = (tree.lower, tree.upper) if inner else (tree.facet_lower, tree.facet_upper)
+    first, last = (tree.child[node], tree.child[node] + 2) if inner else (tree.first[node], tree.last[node])
+    shift = 0 if inner else tree.child.size
+    known, on_it = cones.cosine.size > 0 and not rays, apart.parts.size > 0
+    axes, cosines, sines, parts = cones.axis, cones.cosine, cones.sine, cones.parts
+    low0, high0, xq = cones.lower, cones.upper, apart.x[q if on_it else 0 : (q if on_it else 0) + 1]
+    part, slack = (apart.parts[q], apart.slack[q]) if on_it else (-1, 0.0)
+    for i in range(first, last):
+        item = shift + i
+        if rays:
+            key = _ray_bound(lower, upper, i, x, n, rounding)
+        else:
+            key = _bound(lower, upper, i, x, n, facing, rounding)
+        if not key <= radius:
+            continue
+        if known and (
+            holds_none(axes, cosines, sines, item, lower, upper, i, x, n, facing)
+            or (on_it and is_behind(axes, cosines, sines, parts, low0, high0, item, part, xq[0], slack))
+        ):
+            aside[n_aside] = item
+            n_aside += 1
+        else:
+            count = _push(keys, items, count, key, item)
+    return count, n_aside
 
 
 @njit_exact
-def _bound(rays, lower, upper, row, x, n, facing, rounding):
+def _asks(row):
+    """Whether the contact normal of a solved facet depends on its neighbours: held at an edge, or touching."""
+    return not row[INTERIOR] > 0.0 or row[DISTANCE] <= TOUCH * row[SIZE] + row[SLACK]
+
+
+@njit_exact
+def _side(row, axes, cosines, item):
+    """The multiple of the offset r of a facet held at an edge that is its contact normal, if it has one.
+
+    It is along r, and against a normal of the cone. Returns -1 / |r| (inside), 1 / |r| (outside), 0 (along no normal of
+    the cone: a neighbour is nearer), inf (not known).
+    """
+    if cosines[item] < 0.0 or row[DISTANCE] <= TOUCH * row[SIZE] + row[SLACK]:
+        return np.inf
+    along = row[R] * axes[item, 0] + row[R + 1] * axes[item, 1] + row[R + 2] * axes[item, 2]
+    if abs(along) < cosines[item] * row[DISTANCE]:
+        return 0.0
+    return -1.0 / row[DISTANCE] if along > 0.0 else 1.0 / row[DISTANCE]
+
+
+@njit_exact
+def _loses(row, side, n, facing):
+    """1 if a facet held at an edge has no contact normal that faces the point, else 0."""
+    if side == np.inf:
+        return 0.0
+    cosine = side * (n[0] * row[R] + n[1] * row[R + 1] + n[2] * row[R + 2])
+    return 0.0 if side != 0.0 and cosine >= facing - 1e-9 else 1.0
+
+
+@njit_exact
+def _is_own_on(apart, q, facet, kinds, row, side, shapes):
+    """1 if a facet belongs to the point's neighbourhood on the side that is known, else 0."""
+    if side == np.inf:
+        return 0.0
+    return 1.0 if _is_own(apart, q, facet, kinds[facet], row, R, side, shapes) else 0.0
+
+
+@njit_exact
+def _fetch(
+    found, row, n_found, count, leaves, aside, n_aside, tree, x_facets, kinds, facing, rounding,
+    x, n, p, nodes, shapes, jet, grid,
+):  # fmt: skip
+    """Solve the facets set aside at the nearest point of a solved facet.
+
+    They hold no partner, but their normals count there, and whether they are nearer. Returns how many are left aside,
+    and how many rows of `found` there are from `n_found` on (they were `count`).
+    """
+    n_nodes, k = tree.child.size, 0
+    lower, upper, facet_lower, facet_upper = tree.lower, tree.upper, tree.facet_lower, tree.facet_upper
+    slack = SAME_POINT * row[SIZE] + row[SLACK]
+    while k < n_aside:
+        item = aside[k]
+        if item < n_nodes:
+            away = _distance_to_box(lower, upper, item, x, row)
+        else:
+            away = _distance_to_box(facet_lower, facet_upper, item - n_nodes, x, row)
+        if away > slack:
+            k += 1
+            continue
+        n_aside -= 1
+        aside[k] = aside[n_aside]
+        if item >= n_nodes:
+            leaf, other = item - n_nodes, found[n_found + count]
+            _solve(False, tree, leaf, x_facets, kinds, x, n, facing, rounding, p, nodes, shapes, jet, grid, other)
+            leaves[n_found + count] = leaf
+            count += 1
+            continue
+        first, last, shift = tree.child[item], tree.child[item] + 2, 0
+        if first < 0:
+            first, last, shift = tree.first[item], tree.last[item], n_nodes
+        for child in range(first, last):
+            aside[n_aside] = shift + child
+            n_aside += 1
+    return n_aside, count
+
+
+@njit_inline
+def _distance_to_box(lower, upper, row, x, solved):
+    """Distance (largest component) between a box and the point x + r of a solved facet."""
+    away = 0.0
+    for k in range(lower.shape[1]):
+        y = x[k] + solved[R + k]
+        away = max(away, lower[row, k] - y, y - upper[row, k])
+    return away
+
+
+@njit_inline
+def _bound(lower, upper, row, x, n, facing, rounding):
     """Lower bound of the distance of any accepted partner inside a box; inf: there is none."""
-    if rays:
-        return _ray_bound(lower, upper, row, x, n, rounding)
     distance2, along, reach, size = 0.0, 0.0, 0.0, 0.0
     for k in range(lower.shape[1]):
         low, high = lower[row, k] - x[k], upper[row, k] - x[k]
@@ -186,9 +355,8 @@ def _bound(rays, lower, upper, row, x, n, facing, rounding):
     # small to have a direction): a box outside the cone holds no partner, nor a neighbour that shares a
     # partner's point
     distance = np.sqrt(distance2)
-    if facing > 0.0 and abs(along) + reach < facing * (distance - 1e-8 * size - 4.0 * rounding):
-        return np.inf
-    return distance * (1.0 - 1e-14)
+    outside = facing > 0.0 and abs(along) + reach < facing * (distance - 1e-8 * size - 4.0 * rounding)
+    return np.inf if outside else distance * (1.0 - 1e-14)
 
 
 @njit_exact
@@ -212,15 +380,20 @@ def _ray_bound(lower, upper, row, x, n, rounding):
 
 
 @njit_exact
-def _solve(rays, kind, nodes, p, n, facing, shapes, jet, grid, row):
+def _solve(rays, tree, leaf, x_facets, kinds, x, n, facing, rounding, p, nodes, shapes, jet, grid, row):
     """Fill the row of one facet; distance inf if it is no partner whatever its neighbours are."""
-    row[DISTANCE], row[INTERIOR], row[ANGLE] = np.inf, 1.0, 1.0
+    facet = tree.order[leaf]
+    kind, size2 = kinds[facet], 0.0
+    load_nodes(x_facets, facet, kind, nodes)
+    for k in range(x_facets.shape[2]):
+        p[k] = x[k] - x_facets[facet, 0, k]
+        size2 += (tree.facet_upper[leaf, k] - tree.facet_lower[leaf, k]) ** 2
+    row[SIZE], row[SLACK] = np.sqrt(size2), rounding
+    row[DISTANCE], row[INTERIOR], row[ANGLE], row[LOST] = np.inf, 1.0, 1.0, 0.0
     if not row[SIZE] > 0.0:
         return
     if rays:
-        g, row[U], row[V] = ray_on_facet(
-            kind, nodes, p, n, facing, 1e-12 * row[SIZE] + row[SLACK], shapes, jet, grid
-        )
+        g, row[U], row[V] = ray_on_facet(kind, nodes, p, n, facing, 1e-12 * row[SIZE] + row[SLACK], shapes, jet, grid)
         row[DISTANCE], row[GAP] = abs(g), g
         for k in range(3):
             row[R + k], row[N + k] = g * n[k], n[k]
@@ -292,15 +465,13 @@ def _is_passed_by(found, leaves, slot, count, tree, x_facets, kinds, x, p, nodes
     if row[INTERIOR] > 0.0 or row[DISTANCE] <= TOUCH * row[SIZE] + row[SLACK]:
         return False
     d, slack = x_facets.shape[2], SAME_POINT * row[SIZE] + row[SLACK]
+    lower, upper = tree.facet_lower, tree.facet_upper
     nearer = row[DISTANCE] * (1.0 - 1e-14) - TIE * row[SIZE] - row[SLACK]
     for other in range(count):
         if not found[other, DISTANCE] < nearer:
             continue
-        leaf, away = leaves[other], 0.0
-        for k in range(d):
-            y = x[k] + row[R + k]
-            away = max(away, tree.facet_lower[leaf, k] - y, y - tree.facet_upper[leaf, k])
-        if away > slack:
+        leaf = leaves[other]
+        if _distance_to_box(lower, upper, leaf, x, row) > slack:
             continue
         facet = tree.order[leaf]
         load_nodes(x_facets, facet, kinds[facet], nodes)

@@ -32,7 +32,7 @@ class SelfSurface(TargetSurface):
         return replace(self, about=np.column_stack([x, self.table[facet]]))
 
     def around(self, x_facets):
-        """Deformed coordinates, kinds and numbers of the facets of this rank and then of its rim. *Collective.*
+        """Deformed coordinates, kinds, numbers, ownership and nodes of the facets here and of the rim. *Collective.*
 
         The rim decides with the others whether a projection is held at an edge, as if all facets were on one rank, but
         holds no partner itself.
@@ -40,7 +40,8 @@ class SelfSurface(TargetSurface):
         rim = self.rim
         x = np.ascontiguousarray(np.concatenate([x_facets, rim.gather(x_facets)]))
         kinds, ids = np.concatenate([self.kinds, rim.kinds]), np.concatenate([self.ids, rim.ids])
-        return x, kinds, ids, np.arange(len(x)) < len(x_facets)
+        nodes = np.concatenate([self.table, rim.table])[:, 3:].astype(np.int64)
+        return x, kinds, ids, np.arange(len(x)) < len(x_facets), nodes
 
     def apart(self, about):
         """Where points, of any rank, and the facets of :meth:`around` are in the undeformed bodies."""

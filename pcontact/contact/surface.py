@@ -233,8 +233,8 @@ class TargetSurface:
         return self
 
     def around(self, x_facets):
-        """What is searched at deformed coordinates: these, kinds, numbers, which may be partners. *Collective.*"""
-        return x_facets, self.kinds, self.ids, None
+        """What is searched: deformed coordinates, kinds, numbers, which may be partners, nodes. *Collective.*"""
+        return x_facets, self.kinds, self.ids, None, self.nodes
 
     def apart(self, about):
         """See :class:`pcontact.contact.apart.Apart`; None: no point is on the surface."""

@@ -74,14 +74,16 @@ class Stepper:
         Factors (n,) of all that moves or loads the bodies, at a time. It tells how far the bodies will move on.
     settle : callable, optional
         Goes on from the solution of a load step, see :class:`pcontact.stepping.uzawa.Uzawa`.
+    renew : callable, optional
+        Before that, looks for partners again, see :class:`pcontact.stepping.renewal.Renewal`.
     """
 
-    def __init__(self, problem, newton, schedule, observers, recorder, timing, drive=None, settle=None):
+    def __init__(self, problem, newton, schedule, observers, recorder, timing, drive=None, settle=None, renew=None):
         self.problem, self.newton, self.schedule = problem, newton, schedule
         self.observers, self.recorder, self.timing = observers, recorder, timing
         self.u = problem.space.vector()
         self._number = 0
-        self._drive, self._last, self._settle = drive, None, settle
+        self._drive, self._last, self._settle, self._renew = drive, None, settle, renew
 
     def resume(self, number, time, first, size, values, last=None):
         """Go on from the committed state of an earlier run. *Collective.*
@@ -161,6 +163,8 @@ class Stepper:
         with profile.phase("solve"):
             self.problem.prescribe(self.u, target)
             outcome = self.newton.solve(self.u)
+            if self._renew is not None and outcome.converged:
+                outcome = self._renew(self.u, before, (target, motion, ahead), outcome)
             if self._settle is not None and outcome.converged:
                 outcome = self._settle(self.u, outcome)
             self._check_motion(outcome, before)

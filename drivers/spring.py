@@ -1,0 +1,224 @@
+"""A helical spring is compressed between two plates until its coils close on each other.
+
+The wire is round, its end coils are closed and ground flat; ``--top`` makes a cone of the helix. The ground faces sit
+on their plates and the upper one comes down. The plates, rigid planes, press on the rest of the skin as well: end coils
+roll up on them, and coils meet by self contact. The force grows slowly at first, by the textbook's k = G d^4 / (8 D^3
+n), and steeply once the coils are closed (solid length). ``--friction`` acts between the coils and at the plates,
+``--yield-stress`` and ``--hardening`` make the wire yield.
+
+n counts the turns between the closed ones, which are taken as the only ones that give way. Until they touch, the
+closed ones give way as well: the initial stiffness is that of the formula with all turns, and approaches the other one
+when the gap between the end coils (a tenth of a wire) has closed. The table has both.
+
+Linear kinematics: strains and rotations are small. The wire is twisted by (pitch - wire) / (coil radius) per turn until
+the coils close, 0.08 by default; the helix neither widens nor unwinds as it is compressed, and coils meet where the
+undeformed helix puts them. Long springs would buckle; here they do not.
+
+The table has for every load step the largest penetration at a quadrature point over the diameter of the wire. As
+partners are those at the end that was expected for the load step, they are looked for once more at the end of the run.
+"""
+
+import numpy as np
+
+from drivers._common import draw, log, main, make_mesh, make_parser, print_table, running, write_json
+from meshes import spring
+from meshes.spring import Helix
+from pcontact.io.picture import picture
+from pcontact.runtime.parallel import on_root
+from pcontact.runtime.petsc import MPI
+from pcontact.scene.model import Body, Contact, Displacement, Material, MeshSpec, Obstacle, Output, Scene, Steps
+
+E_MODULUS, NU = 206e3, 0.3
+# A coil is so much softer than its wire that multigrid needs hundreds of iterations, and that the first residual of a
+# load step, that of moved ends, is a million times the forces. The fronts of a direct solver are as small as a section.
+PETSC = {"pc_type": "lu", "pc_factor_mat_solver_type": "mumps", "snes_rtol": "1e-11"}
+CLOSED, GAP = 1.0, 0.1  # turns at each end that are closed, and the gap between them in wires
+
+
+def helix(args, pitch=None, gap=GAP):
+    """The centre line of the spring, or of another pitch."""
+    top = None if args.top is None else 2.0 * args.top
+    return Helix(args.wire, 2.0 * args.radius, args.coils, pitch or args.pitch, "ground", CLOSED, gap, top)
+
+
+def closing_travel(args):
+    """Travel at which all coils lie on each other [length]."""
+    return helix(args).height - helix(args, args.wire, 0.0).height
+
+
+def textbook(args, closed=CLOSED):
+    """Stiffness by the formula [force/length], without so many turns at each end; for a cone with the mean of D^3."""
+    turns = np.linspace(closed, args.coils - closed, 201)
+    cubes = helix(args).width(0.5 * (turns[1:] + turns[:-1])) ** 3
+    shear = E_MODULUS / (2.0 * (1.0 + NU))
+    return float(shear * args.wire**4 / (8.0 * cubes.mean() * (args.coils - 2.0 * closed)))
+
+
+def scene(path, args, travel, fields=False):
+    """The scene on a mesh of :func:`meshes.spring` with ground ends.
+
+    Parameters
+    ----------
+    path : mesh file
+    args : argparse.Namespace
+        Of the command line.
+    travel : float
+        Of the upper plate [length].
+    fields : bool
+        Whether fields are written.
+    """
+    plastic = {"yield_stress": args.yield_stress, "hardening": args.hardening} if args.yield_stress else {}
+    height, friction = helix(args).height, args.friction or None
+    lower = Obstacle("plane", point=[0.0, 0.0, 0.0], normal=[0.0, 0.0, 1.0])
+    upper = Obstacle(
+        "plane", point=[0.0, 0.0, height], normal=[0.0, 0.0, -1.0], displacement=[0.0, 0.0, -travel]
+    )
+    return Scene(
+        title=f"Helical spring, {args.coils:g} turns",
+        mesh=MeshSpec(path, order=args.order),
+        materials={"steel": Material(E_MODULUS, NU, **plastic)},
+        bodies=[Body("spring", "steel")],
+        contacts=[
+            Contact("spring_skin", obstacle=lower, name="lower plate", friction=friction),
+            Contact("spring_skin", obstacle=upper, name="upper plate", friction=friction),
+            Contact("skin", "skin", name="coils", friction=friction),
+        ],
+        displacements=[
+            Displacement("end_bottom", [0.0, 0.0, 0.0]),
+            Displacement("end_top", [0.0, 0.0, -travel]),
+        ],
+        steps=Steps(count=args.steps),
+        output=Output(fields=fields, probes=["end_top"]),
+        petsc=dict(PETSC),
+    )
+
+
+class History:
+    """Observer: rows (a dict per load step).
+
+    Parameters
+    ----------
+    travel, wire : float
+        Travel at the end of the run and diameter of the wire [length].
+    """
+
+    def __init__(self, travel, wire):
+        self.rows, self.cuts, self._travel, self._wire = [], [], travel, wire
+
+    def step(self, step, u, record):
+        """Keep the step's numbers."""
+        # plates act on what is not held, supports on the ground faces
+        pairs = record["contacts"]
+        force = pairs["upper plate"]["force"][2] - record["reactions"]["end_top"][2]
+        below = record["reactions"]["end_bottom"][2] - pairs["lower plate"]["force"][2]
+        row = {"time": step.time, "travel": step.time * self._travel, "force": force}
+        row["imbalance"] = abs(force - below) / max(abs(force), 1e-300)
+        row["penetration"] = max(pair["max_penetration"] for pair in pairs.values()) / self._wire
+        row.update(area=pairs["coils"]["area"], between=pairs["coils"]["force"][2])
+        row.update(closed=pairs["coils"]["stick"] + pairs["coils"]["slip"])
+        row["plastic_strain"] = record["plastic"]["max_equivalent_strain"] if record.get("plastic") else 0.0
+        row.update(newton=step.newton, krylov=step.krylov, cutbacks=step.cutbacks)
+        self.rows.append({key: float(value) if isinstance(value, np.generic) else value for key, value in row.items()})
+
+    def cut(self, target, outcome):
+        """Keep why."""
+        self.cuts.append({"time": target, "reason": outcome.reason, "newton": outcome.newton, "detail": outcome.detail})
+
+    def end(self, converged):
+        """Nothing to do."""
+
+
+def left_inside(simulation):
+    """Largest penetration of all pairs among the partners of the end of the run [length]. *Collective.*"""
+    deepest, u = 0.0, simulation.stepper.u
+    for item in simulation.problem.items[1:]:
+        item.detect(u, simulation.problem.time)
+        gap = item.state(u)["gap"]
+        deepest = max(deepest, float(np.nanmax(-gap, initial=0.0)) if np.isfinite(gap).any() else 0.0)
+    return simulation.comm.allreduce(deepest, op=MPI.MAX)
+
+
+def _pictures(directory, rows):
+    """Before and closed, coloured by the equivalent stress. Rank 0."""
+    for name, step in (("open", 1), ("closed", len(rows))):
+        picture(
+            directory, field="equivalent_stress", step=step, scale=1.0, cut=False, output=directory / f"{name}.png"
+        )
+
+
+def _plot(rows, formula):
+    def paint(axes):
+        travel, force = ([0.0, *(row[key] for row in rows)] for key in ("travel", "force"))
+        axes.plot(travel, force, ".-", lw=1, label="computed")
+        axes.plot(travel, formula * np.array(travel), "k:", lw=1, label="G d^4 / (8 D^3 n)")
+        axes.set_xlabel("travel")
+        axes.set_ylabel("force")
+        axes.set_ylim(0.0, None)
+        axes.legend()
+        axes.grid(alpha=0.3)
+
+    return paint
+
+
+def measure(rows, args):
+    """Numbers of a run."""
+    formula, every, first = textbook(args), textbook(args, 0.0), rows[0]
+    initial = first["force"] / first["travel"]
+    last = (rows[-1]["force"] - rows[-2]["force"]) / (rows[-1]["travel"] - rows[-2]["travel"]) if rows[1:] else initial
+    result = {"textbook": formula, "textbook, all turns": every, "initial": initial}
+    result.update({"initial / textbook": initial / formula, "initial / textbook, all turns": initial / every})
+    result["last / initial"] = last / initial
+    result.update(force=rows[-1]["force"], area=rows[-1]["area"])
+    result["penetration"] = max(row["penetration"] for row in rows)
+    result.update({key: sum(row[key] for row in rows) for key in ("newton", "krylov", "cutbacks")})
+    result["newton_max"] = max(row["newton"] for row in rows)
+    result["imbalance"] = max(row["imbalance"] for row in rows)
+    return result
+
+
+def run(args):
+    """One run; 1 when a step fails."""
+    if args.tiny:
+        args.coils, args.h, args.along, args.steps, args.radius = 2.5, 0.5, 2.0, 2, 3.0
+    travel = closing_travel(args) * args.travel
+    sizes = {key: getattr(args, key) for key in ("wire", "coils", "pitch", "along")}
+    path = make_mesh(
+        spring, args.o / "spring.msh", args.h, 2 if args.order == 2 else 1, diameter=2.0 * args.radius, ends="ground",
+        closed=CLOSED, gap=GAP, top=None if args.top is None else 2.0 * args.top, **sizes,
+    )  # fmt: skip
+    history = History(travel, args.wire)
+    with running(scene(path, args, travel, not args.no_fields), args.o / "run", [history]) as (simulation, converged):
+        unknowns = simulation.problem.space.vector().getSize()
+        left = left_inside(simulation) / args.wire
+    rows = history.rows
+    columns = ["travel", "force", "newton", "krylov", "cutbacks", "penetration", "area", "plastic_strain"]
+    print_table(f"spring, {unknowns} unknowns", columns, [[row[key] for key in columns] for row in rows])
+    result = {"unknowns": unknowns, "travel": travel, "converged": converged, "left": left}
+    if rows:
+        result.update(measure(rows, args))
+        draw(args.o / "spring.png", _plot(rows, result["textbook"]))
+        if not args.no_fields:
+            on_root(MPI.COMM_WORLD, _pictures, args.o / "run", rows)
+    print_table("the run", ["", ""], [[key, value] for key, value in result.items()])
+    write_json(args.o / "spring.json", {"result": result, "rows": rows, "cuts": history.cuts})
+    log.info("plot and pictures in %s", args.o)
+    return 0 if converged else 1
+
+
+if __name__ == "__main__":
+    parser = make_parser(__doc__, "spring_results")
+    parser.add_argument("--coils", type=float, default=5.0, help="all turns, two of them closed at the ends")
+    parser.add_argument("--radius", type=float, default=5.0, help="of the centre line of the coils")
+    parser.add_argument("--top", type=float, default=None, help="of the uppermost coil: a cone")
+    parser.add_argument("--wire", type=float, default=1.0, help="diameter of the wire")
+    parser.add_argument("--pitch", type=float, default=1.4, help="rise per turn between the closed coils")
+    parser.add_argument("--h", type=float, default=0.25, help="element size in the section of the wire")
+    parser.add_argument("--along", type=float, default=None, help="element size along the wire; default 2 h")
+    parser.add_argument("--order", type=int, default=1, choices=[1, 2], help="degree of the displacement")
+    parser.add_argument("--friction", type=float, default=0.0, help="between coils and at the plates")
+    parser.add_argument("--yield-stress", type=float, default=0.0, help="of the wire; 0: elastic")
+    parser.add_argument("--hardening", type=float, default=2000.0, help="of a wire that yields")
+    parser.add_argument("--travel", type=float, default=0.96, help="in units of that which closes all coils")
+    parser.add_argument("--steps", type=int, default=24, help="load steps")
+    parser.add_argument("--no-fields", action="store_true", help="write neither fields nor pictures")
+    main(run, parser)
