@@ -11,7 +11,7 @@ from pcontact.material.elastic import in_plane, lame
 from pcontact.material.hardening import hardening_curve, hardening_table
 from pcontact.material.plastic import plastic_constants
 from pcontact.mesh.load import load_mesh
-from pcontact.pairs import contact_items
+from pcontact.pairs import contact_items, tied_items
 from pcontact.runtime import log, profile
 from pcontact.scene import (
     amplitude,
@@ -71,7 +71,7 @@ def override(scene, options):
 
 def read(scene, comm, options):
     """The distributed mesh of a scene. *Collective.*"""
-    surfaces = sorted({s for c in scene.contacts for s in (c.source, c.target) if s is not None})
+    surfaces = sorted({s for c in scene.contacts if not c.all for s in (c.source, c.target) if s is not None})
     weight = options.get("partition_weight", 0.0, float, text="work of a contact facet in units of a cell's")
 
     def check(raw):
@@ -155,6 +155,16 @@ def _warn_of_locking(scene, space):
             )  # fmt: skip
 
 
+def _announce(mesh, free):
+    """Say which bodies no support holds, and with how many modes."""
+    kinds = {}
+    for k, modes in free.items():
+        kinds.setdefault((mesh.component_names[k], modes), []).append(k)
+    for (name, modes), parts in kinds.items():
+        times = f", {len(parts)} times" if len(parts) > 1 else ""
+        log.info("body %s: %d rigid modes that no support holds%s", name, modes, times)
+
+
 def assemble(scene, mesh):
     """The problem of a scene on its mesh. *Collective.*
 
@@ -176,11 +186,11 @@ def assemble(scene, mesh):
         space, scene.displacements, [amplitude(d.amplitude, end) for d in scene.displacements], scene.where
     )
     forces = [(load_vector(space, load), amplitude(load.amplitude, end)) for load in scene.loads]
-    free = floating(space, supports)
     bulk = bulk_item(scene, space, constants)
-    contacts, edges = contact_items(scene, space, constants, free, bulk)
-    for k, modes in free.items():
-        log.info("body %s: %d rigid modes that no support holds", mesh.component_names[k], modes)
+    tied = tied_items(scene, space, constants, bulk)
+    free = floating(space, supports)
+    contacts, edges = contact_items(scene, space, constants, supports, free, bulk, tied)
+    _announce(mesh, free)
     items = [bulk, *contacts]
     problem = Problem(space, items, supports, forces, _aid(space, scene, constants, free))
     # modes of their own cost a set-up that grows with their square; only bodies that nothing holds are worth it

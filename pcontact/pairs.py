@@ -3,6 +3,7 @@
 import numpy as np
 
 from pcontact.assembly.plastic import PlasticBulk
+from pcontact.contact.all_surfaces import burdened, components_of, meetings, outer_surfaces, paired_elsewhere
 from pcontact.contact.augmented import AugmentedFrictionalItem, AugmentedItem
 from pcontact.contact.frictional import FrictionalItem
 from pcontact.contact.item import ContactItem
@@ -13,6 +14,7 @@ from pcontact.contact.pieces import cut_source
 from pcontact.contact.plastic_trace import PlasticTrace
 from pcontact.contact.self_surface import self_surface
 from pcontact.contact.surface import source_surface, target_surface
+from pcontact.contact.tied import AugmentedTiedItem, TiedItem
 from pcontact.contact.unbiased import (
     UnbiasedFrictionalItem,
     UnbiasedItem,
@@ -25,13 +27,16 @@ from pcontact.runtime import log
 from pcontact.runtime.parallel import agree
 from pcontact.runtime.petsc import MPI
 from pcontact.scene import amplitude, obstacle_functions
+from pcontact.scene.messages import input_error
+from pcontact.scene.model import OUTER
+from pcontact.space.modes import component_frames, join
 from pcontact.space.space import AXIS
 
-# items of the formulations: without friction, with it
+# items of the formulations: without friction, with it, tied
 ITEMS = {
-    "nitsche": (ContactItem, FrictionalItem),
-    "penalty": (ContactItem, FrictionalItem),
-    "augmented_lagrangian": (AugmentedItem, AugmentedFrictionalItem),
+    "nitsche": (ContactItem, FrictionalItem, TiedItem),
+    "penalty": (ContactItem, FrictionalItem, TiedItem),
+    "augmented_lagrangian": (AugmentedItem, AugmentedFrictionalItem, AugmentedTiedItem),
 }
 
 
@@ -39,24 +44,23 @@ def _radius(space, contact, floats):
     """Search radius [length]. *Collective.*
 
     The user's; or 0.15 of the extent of the smaller surface, the farthest that bodies may move in a load step. A body
-    that nothing holds may have to look farther for a partner: half the extent.
+    that nothing holds may have to look farther for a partner: half the extent. Where all surfaces may meet, the extent
+    is that of the smallest body.
     """
     if contact.search_radius is not None:
         return contact.search_radius
     mesh, extents = space.mesh, []
     if contact.target is None:
         return size_of(mesh)
+    if contact.all:
+        _, scale = component_frames(space)
+        return (0.5 if floats else 0.15) * 2.0 * float(np.min(scale))
     for name in (contact.source, contact.target):
         nodes = [mesh.facet_nodes(f).ravel() for f in mesh.facet_groups.get(name, [])]
         nodes = np.concatenate(nodes) if nodes else np.zeros(0, dtype=np.int64)
         low, high = bounding_box(mesh.comm, mesh.points[nodes])
         extents.append(float(np.linalg.norm(high - low)))
     return (0.5 if floats else 0.15) * min(extents)
-
-
-def _components(space, side):
-    """Connected components that a surface belongs to. *Collective.*"""
-    return set().union(*space.comm.allgather(set(np.unique(side.components).tolist())))
 
 
 def _require_area(scene, space, contact, source):
@@ -94,10 +98,11 @@ def pair_item(space, bulk, contact, source, target, radius, floats=False):
         trace = _trace(space, bulk, source, contact)
     else:
         source = without_traction(source)
-    frictionless, frictional = ITEMS[contact.formulation]
+    frictionless, frictional, tied = ITEMS[contact.formulation]
     if law is None:
         return frictionless(space, contact, source, target, radius, floats, trace)
-    return frictional(space, contact, source, target, radius, law, contact.alpha, floats, trace)
+    kind = tied if contact.tied else frictional
+    return kind(space, contact, source, target, radius, law, contact.alpha, floats, trace)
 
 
 def _fitted(space, contact, source, target, radius):
@@ -108,7 +113,7 @@ def _fitted(space, contact, source, target, radius):
     return source, target.seen_from(source.facet, source.x)
 
 
-def _unbiased_item(scene, space, bulk, contact, radius, floats):
+def _unbiased_item(scene, space, bulk, contact, supports, radius, floats):
     """The item of a pair both surfaces of which are source and target, or of self contact. *Collective.*"""
     halves = []
     for one in contacts_of_halves(contact):
@@ -116,14 +121,75 @@ def _unbiased_item(scene, space, bulk, contact, radius, floats):
         _require_area(scene, space, one, source)
         target = target_surface(space, one.target)
         if one.source == one.target:
-            target = self_surface(space, target, source)
+            sides = paired_elsewhere(space, scene.contacts, target.ids) if contact.all else None
+            target = self_surface(space, target, source, contact.meets_itself, sides)
         source, target = _fitted(space, one, source, target, radius)
+        if contact.all:
+            source = source.mute(burdened(space, supports, scene.loads, source))
         halves.append(pair_item(space, bulk, one, halved(source), target, radius, floats))
     kind = UnbiasedItem if friction_law(contact) is None else UnbiasedFrictionalItem
     return kind(contact, halves)
 
 
-def contact_items(scene, space, constants, free, bulk):
+def _tied_radius(space, source, target):
+    """Largest extent of a facet [length]: what is farther away is not tied. *Collective.*"""
+    extent = np.linalg.norm(target.x.max(axis=1) - target.x.min(axis=1), axis=1) if len(target.x) else np.zeros(0)
+    own = max(float(np.max(source.size, initial=0.0)), float(np.max(extent, initial=0.0)))
+    return space.comm.allreduce(own, op=MPI.MAX)
+
+
+def tied_items(scene, space, constants, bulk):
+    """Items of the tied pairs. Bodies that they join are one connected component from here on. *Collective.*
+
+    Parameters
+    ----------
+    scene, space, constants, bulk
+        As in :func:`contact_items`.
+
+    Returns
+    -------
+    dict of int to TiedItem
+        By the number of the contact in the scene.
+    """
+    items, joined = {}, []
+    for number, contact in enumerate(scene.contacts):
+        if not contact.tied:
+            continue
+        source = source_surface(space, contact.source, constants, contact.quadrature)
+        _require_area(scene, space, contact, source)
+        target = target_surface(space, contact.target)
+        radius = contact.search_radius or _tied_radius(space, source, target)
+        source, target = _fitted(space, contact, source, target, radius)
+        item = pair_item(space, bulk, contact, source, target, radius)
+        item.detect(space.vector(), 0.0)
+        tied, points = item.count()
+        if not tied:
+            raise input_error(
+                scene.where, f"contacts[{number}] ({contact.name}).tied",
+                f"no point of {contact.source!r} with a partner on {contact.target!r} within {radius:.4g}",
+                "surfaces that face each other, or a larger search_radius",
+            )  # fmt: skip
+        log.info("contact %s: %d of %d points are tied", contact.name, tied, points)
+        items[number] = item
+        joined.append(item.joined())
+    if items:
+        join(space, np.concatenate(joined))
+    return items
+
+
+def _sides(space, contact):
+    """Connected components of the surfaces of a contact, one set for each surface. *Collective.*"""
+    return [components_of(space, name) for name in (contact.source, contact.target) if name is not None]
+
+
+def _rigid(scene, space, number):
+    """The obstacle of a contact. *Collective.*"""
+    obstacle = scene.contacts[number].obstacle
+    functions = obstacle_functions(scene, number) if obstacle.shape == "level_set" else None
+    return RigidObstacle(obstacle, amplitude(obstacle.amplitude, scene.steps.end), size_of(space.mesh), functions)
+
+
+def contact_items(scene, space, constants, supports, free, bulk, tied):
     """One item per contact pair, and which components can meet. *Collective.*
 
     Parameters
@@ -132,9 +198,12 @@ def contact_items(scene, space, constants, free, bulk):
     space : pcontact.space.space.Space
     constants : list of (float, float)
         Lame constants of each body [stress].
+    supports : pcontact.space.supports.Supports
     free : dict of int to int
         Components that the supports do not hold.
     bulk : ElasticBulk or PlasticBulk
+    tied : dict of int to TiedItem
+        Of :func:`tied_items`.
 
     Returns
     -------
@@ -143,29 +212,27 @@ def contact_items(scene, space, constants, free, bulk):
         Pairs of components.
     """
     items, edges, touching = [], set(), set()
+    if any(contact.all for contact in scene.contacts):
+        space.mesh.facet_groups[OUTER] = outer_surfaces(space)
     for number, contact in enumerate(scene.contacts):
-        source = source_surface(space, contact.source, constants, contact.quadrature)
-        _require_area(scene, space, contact, source)
-        sides = [_components(space, source)]
-        if contact.target is not None:
-            target = target_surface(space, contact.target)
-            sides.append(_components(space, target))
-            edges |= {(a, b) for a in sides[0] for b in sides[1] if a != b}
-        else:
-            obstacle = contact.obstacle
-            functions = obstacle_functions(scene, number) if obstacle.shape == "level_set" else None
-            target = RigidObstacle(
-                obstacle, amplitude(obstacle.amplitude, scene.steps.end), size_of(space.mesh), functions
-            )
-        if contact.target != contact.source or len(sides[0]) > 1:
-            touching.update(*sides)
+        if contact.tied:
+            items.append(tied[number])
+            continue
+        sides = _sides(space, contact)
         floats = bool(set().union(*sides) & set(free))
         radius = _radius(space, contact, floats)
+        if contact.obstacle is None:
+            edges |= meetings(space, sides, radius)
+        if contact.target != contact.source or len(sides[0]) > 1:
+            touching.update(*sides)
         if is_unbiased(contact):
-            items.append(_unbiased_item(scene, space, bulk, contact, radius, floats))
-        else:
-            source, target = _fitted(space, contact, source, target, radius)
-            items.append(pair_item(space, bulk, contact, source, target, radius, floats))
+            items.append(_unbiased_item(scene, space, bulk, contact, supports, radius, floats))
+            continue
+        source = source_surface(space, contact.source, constants, contact.quadrature)
+        _require_area(scene, space, contact, source)
+        target = target_surface(space, contact.target) if contact.obstacle is None else _rigid(scene, space, number)
+        source, target = _fitted(space, contact, source, target, radius)
+        items.append(pair_item(space, bulk, contact, source, target, radius, floats))
     for k in sorted(set(free) - touching):
         name = space.mesh.component_names[k]
         log.warning("body %s: no contact pair can hold the %d rigid modes that no support holds", name, free[k])

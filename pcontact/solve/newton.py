@@ -18,6 +18,7 @@ from pcontact.runtime.petsc import (
 from pcontact.solve.filter import contact_filter, new_preconditioner
 from pcontact.solve.line_search import zero_of
 from pcontact.solve.linear import Reuse, refresh_smoother, solver_defaults
+from pcontact.solve.problem import can_slip
 
 REASONS = {
     value: name.lower().replace("_", " ")
@@ -113,7 +114,7 @@ class Newton:
             **solver_defaults(symmetric, True),
         }
         plastic = hasattr(problem.items[0], "predict")
-        self._holds = any(hasattr(item, "hold") for item in problem.items)
+        self._holds = any(can_slip(item) for item in problem.items)
         chosen = not options.given("snes_linesearch_type")
         direct = options.get("pc_type", "gamg") in ("lu", "cholesky")
         if problem.linear or direct:

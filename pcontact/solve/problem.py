@@ -10,6 +10,11 @@ from pcontact.runtime import profile
 from pcontact.runtime.petsc import MPI
 
 
+def can_slip(item):
+    """Whether an item has a law of friction that can be held."""
+    return getattr(item, "hold", None) is not None
+
+
 class Problem:
     """Residual and generalised Jacobian of one load step.
 
@@ -128,7 +133,7 @@ class Problem:
 
     def sticks(self):
         """Whether more of the area closed at the end of the last load step stuck than slipped. *Collective.*"""
-        areas = sum((item.committed_areas() for item in self.items[1:] if hasattr(item, "hold")), np.zeros(3))
+        areas = sum((item.committed_areas() for item in self.items[1:] if can_slip(item)), np.zeros(3))
         _, stick, slip = self.space.comm.allreduce(areas, op=MPI.SUM)
         return bool(stick > slip)
 
@@ -143,7 +148,7 @@ class Problem:
     @contextmanager
     def held(self):
         """Closed points stick, whatever the laws of friction say."""
-        items = [item for item in self.items if hasattr(item, "hold")]
+        items = [item for item in self.items if can_slip(item)]
         for item in items:
             item.hold(True)
         try:
