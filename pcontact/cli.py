@@ -165,7 +165,7 @@ def check_scene(scene):
             "[stress/length], search radius %.4g",
             item.name, facets, points, item.theta, item.gamma0, low, high, item.radius,
         )  # fmt: skip
-        if item.contact.all:
+        if item.contact.all and item.contact.obstacle is None:
             low, high = component_boxes(space)
             near = near_pairs(low, high, item.radius)
             log.info("contact %s: %d surfaces, %d pairs of them near enough to meet%s", item.name, len(low), len(near),

@@ -232,6 +232,8 @@ def contact_items(scene, space, constants, supports, free, bulk, tied):
         _require_area(scene, space, contact, source)
         target = target_surface(space, contact.target) if contact.obstacle is None else _rigid(scene, space, number)
         source, target = _fitted(space, contact, source, target, radius)
+        if contact.all:
+            source = source.mute(burdened(space, supports, scene.loads, source))
         items.append(pair_item(space, bulk, contact, source, target, radius, floats))
     for k in sorted(set(free) - touching):
         name = space.mesh.component_names[k]

@@ -147,7 +147,8 @@ class Contact:
     unbiased : bool
         Both sides are source and target.
     all : bool
-        Instead of `source` and `target`: the boundary of every body against that of every other one.
+        Instead of `source` and `target`: the boundary of every body against that of every other one. With `obstacle`,
+        instead of `source`: that of every body against the obstacle.
     self_contact : bool or None
         Whether a body is its own partner, too; None: yes where `target` is `source`, no with `all`.
     tied : bool
@@ -202,7 +203,7 @@ class Contact:
 
     def __post_init__(self):
         if self.name is None and self.all:
-            self.name = "all"
+            self.name = "all" if self.obstacle is None else f"all-{getattr(self.obstacle, 'shape', 'obstacle')}"
         elif self.name is None and isinstance(self.source, str):
             partner = self.target if self.target is not None else getattr(self.obstacle, "shape", "obstacle")
             self.name = f"{self.source}-{partner}"
@@ -210,7 +211,9 @@ class Contact:
     @property
     def meets_itself(self) -> bool:
         """Whether a body is its own partner."""
-        return self.target == self.source if self.self_contact is None and not self.all else bool(self.self_contact)
+        if self.self_contact is None:
+            return not self.all and self.target == self.source
+        return self.self_contact
 
 
 CONTACT_DEFAULTS = {

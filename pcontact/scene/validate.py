@@ -99,7 +99,7 @@ def resolve_contacts(scene: Scene, overrides: Mapping[str, object]) -> Scene:
 
 
 def _numerics(contact, said):
-    values = {"source": OUTER, "target": OUTER} if contact.all else {}
+    values = {"source": OUTER, "target": OUTER if contact.obstacle is None else None} if contact.all else {}
     for key, default in CONTACT_DEFAULTS.items():
         own = getattr(contact, key)
         values[key] = said.get(key, default if own is None else own)
@@ -227,8 +227,8 @@ def _check_contact(scene, where, contact):
         raise input_error(
             scene.where, f"{where}.unbiased", "true with an obstacle", "false, an obstacle has no facets"
         )
-    if contact.self_contact is not None and not contact.all and contact.target != contact.source:
-        found = f"{str(contact.self_contact).lower()} with two surfaces"
+    if contact.self_contact is not None and (contact.obstacle or not (contact.all or contact.target == contact.source)):
+        found = f"{str(contact.self_contact).lower()} with {'an obstacle' if contact.obstacle else 'two surfaces'}"
         raise input_error(scene.where, f"{where}.self_contact", found, "all = true, or the same source and target")
     if contact.tied:
         _check_tied(scene, where, contact)
@@ -237,13 +237,13 @@ def _check_contact(scene, where, contact):
 
 def _check_all(scene, where, contact):
     """All surfaces need no name of any, and can hold together as little as one body can be tied to itself."""
-    for key in ("source", "target", "obstacle"):
+    for key in ("source", "target"):
         value = getattr(contact, key)
         if value not in (None, OUTER):
             found = f"{shown(value)} together with all = true"
             raise input_error(scene.where, f"{where}.{key}", found, "all, or source with target or obstacle")
     for key in ("bilateral", "tied"):
-        if getattr(contact, key):
+        if getattr(contact, key) and contact.obstacle is None:
             raise input_error(scene.where, f"{where}.{key}", "true together with all = true", "pairs of two surfaces")
     if contact.theta and len(scene.contacts) > 1:
         # what other pairs do to a facet would be missing in the adjoint term
@@ -251,7 +251,9 @@ def _check_all(scene, where, contact):
     pairs = sum(other.target is not None and not other.all for other in scene.contacts)
     if pairs > MOST_PAIRS:
         raise input_error(scene.where, f"{where}.all", f"true beside {pairs} other pairs", f"at most {MOST_PAIRS}")
-    first = next(index for index, other in enumerate(scene.contacts) if other.all)
+    if contact.obstacle is not None:
+        return
+    first = next(k for k, other in enumerate(scene.contacts) if other.all and other.obstacle is None)
     if scene.contacts[first] is not contact:
         raise input_error(scene.where, f"{where}.all", f"true a second time, as in contacts[{first}]", "once")
 
