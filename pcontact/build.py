@@ -21,6 +21,7 @@ from pcontact.scene import (
     resolve_contacts,
     validate,
 )
+from pcontact.solve.bodies import MOST_COLOURS
 from pcontact.solve.problem import Problem
 from pcontact.space.modes import colour, component_frames, floating
 from pcontact.space.space import Space
@@ -195,4 +196,7 @@ def assemble(scene, mesh):
     problem = Problem(space, items, supports, forces, _aid(space, scene, constants, free))
     # modes of their own cost a set-up that grows with their square; only bodies that nothing holds are worth it
     loose = {(a, b) for a, b in edges if a in free or b in free}
-    return problem, colour(mesh.n_components, loose), free
+    colours = colour(mesh.n_components, loose)
+    if colours.max(initial=0) >= MOST_COLOURS:
+        colours, problem.loose = np.zeros_like(colours), sorted(free)
+    return problem, colours, free

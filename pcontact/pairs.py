@@ -44,8 +44,8 @@ def _radius(space, contact, floats):
     """Search radius [length]. *Collective.*
 
     The user's; or 0.15 of the extent of the smaller surface, the farthest that bodies may move in a load step. A body
-    that nothing holds may have to look farther for a partner: half the extent. Where all surfaces may meet, the extent
-    is that of the smallest body.
+    that nothing holds may have to look farther for a partner: half the extent. Where all surfaces may meet, 0.15 of
+    the extent of the smallest body: the search takes longer the farther it goes.
     """
     if contact.search_radius is not None:
         return contact.search_radius
@@ -54,7 +54,7 @@ def _radius(space, contact, floats):
         return size_of(mesh)
     if contact.all:
         _, scale = component_frames(space)
-        return (0.5 if floats else 0.15) * 2.0 * float(np.min(scale))
+        return 0.3 * float(np.min(scale))
     for name in (contact.source, contact.target):
         nodes = [mesh.facet_nodes(f).ravel() for f in mesh.facet_groups.get(name, [])]
         nodes = np.concatenate(nodes) if nodes else np.zeros(0, dtype=np.int64)
@@ -222,8 +222,11 @@ def contact_items(scene, space, constants, supports, free, bulk, tied):
         floats = bool(set().union(*sides) & set(free))
         radius = _radius(space, contact, floats)
         if contact.obstacle is None:
-            edges |= meetings(space, sides, radius)
-        if contact.target != contact.source or len(sides[0]) > 1:
+            near = meetings(space, sides, radius)
+            edges |= near
+        if contact.all and contact.obstacle is None:
+            touching.update(*near)
+        elif contact.target != contact.source or len(sides[0]) > 1:
             touching.update(*sides)
         if is_unbiased(contact):
             items.append(_unbiased_item(scene, space, bulk, contact, supports, radius, floats))
@@ -237,5 +240,8 @@ def contact_items(scene, space, constants, supports, free, bulk, tied):
         items.append(pair_item(space, bulk, contact, source, target, radius, floats))
     for k in sorted(set(free) - touching):
         name = space.mesh.component_names[k]
-        log.warning("body %s: no contact pair can hold the %d rigid modes that no support holds", name, free[k])
+        text = "body %s: no contact pair can hold the %d rigid modes that no support holds"
+        if any(contact.all for contact in scene.contacts):
+            text += " (or nothing is near enough: a larger search_radius)"
+        log.warning(text, name, free[k])
     return items, edges

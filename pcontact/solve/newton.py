@@ -15,6 +15,7 @@ from pcontact.runtime.petsc import (
     keep_preconditioner,
     line_search_limit,
 )
+from pcontact.solve.bodies import body_filter
 from pcontact.solve.filter import contact_filter, new_preconditioner
 from pcontact.solve.line_search import zero_of
 from pcontact.solve.linear import Reuse, refresh_smoother, solver_defaults
@@ -141,7 +142,7 @@ class Newton:
         text = "Krylov iterations that a preconditioner may lose before it is renewed; -1: always renew"
         patience = options.get("pc_patience", 10, int, text=text)
         self._reuse = None if lags or direct or loose or patience < 0 else Reuse(patience)
-        self._filter = contact_filter(problem, options)
+        self._filter = body_filter(problem, options) or contact_filter(problem, options)
         self._floor, self._goal, self._first = 0.0, None, None
         self._hold_first = loose and self._holds
         self._predicting, self._true_first, self._circles = False, np.nan, False

@@ -35,11 +35,13 @@ class Problem:
         Time at which the load step ends.
     linear : bool
         Whether the tangent is constant.
+    loose : sequence of int
+        Bodies whose rigid motions get a coarse space, see `pcontact.solve.bodies`.
     """
 
     def __init__(self, space, items, supports, forces, aid):
         self.space, self.items, self.supports, self.forces, self.aid = space, items, supports, forces, aid
-        self.time = 0.0
+        self.time, self.loose = 0.0, ()
         self.fixed = np.ascontiguousarray(supports.fixed[space.owned_local])
         self.matrix = GlobalMatrix(space, supports.fixed)
         self._versions = None
