@@ -2,7 +2,7 @@
 
 Every body rests on those below it in full layers, and no support holds any. All of them are one region of the mesh,
 and one contact of all surfaces (``all = true``) finds who touches whom: the number of items, matrices and searches is
-that of two bodies. Neighbours overlap by one per cent of their diameter to begin with, which is taken as the unloaded
+that of two bodies. Neighbours overlap by a per cent or so of their diameter to begin with, which is the unloaded
 state (``interference = "adjust"``): they start with a small patch of contact.
 """
 
@@ -18,6 +18,8 @@ from pcontact.runtime.petsc import MPI
 from pcontact.scene.model import Body, Contact, Load, Material, MeshSpec, Obstacle, Output, Scene, Steps
 
 E_MODULUS, NU, HARDENING = 1000.0, 0.3, 20.0
+# of the cells [radii]
+SIZES = {2: 0.26, 3: 0.35}
 # largest force on a body that may be left, relative to the force of the floor
 BALANCE = 1e-5
 
@@ -149,6 +151,11 @@ def costs(simulation):
     }
 
 
+def default_overlap(dim, h):
+    """Overlap [diameters] with which facets of the size h, which are inside the circle or sphere, touch well."""
+    return max(0.01, h**2 / 6.0) if dim == 2 else max(0.01, h**2 / 4.0)
+
+
 def check(args):
     """Refuse what no heap can be made of."""
     if args.hollow and 3 in args.dim:
@@ -164,10 +171,11 @@ def _picture(directory):
 def solve(args, dim, count):
     """One heap: its history and costs. *Collective.*"""
     name = f"{dim}d_{count}"
-    said = {"h": args.h or (0.26 if dim == 2 else 0.35), "hollow": args.hollow if dim == 2 else 0.0}
-    path = make_mesh(heap, args.o / f"{name}.msh", dim, count, order=args.geometry, overlap=args.overlap, **said)
+    h = args.h or SIZES[dim]
+    overlap = default_overlap(dim, h) if args.overlap is None else args.overlap
+    path = make_mesh(heap, args.o / f"{name}.msh", dim, count, h, args.hollow, None, args.geometry, overlap)
     case = scene(path, dim, count, args.friction, args.press, args.weight, args.yield_stress, args.steps, args.order,
-                 args.overlap, fields=not args.tiny)  # fmt: skip
+                 overlap, fields=not args.tiny)  # fmt: skip
     history = History(dim, args.press)
     with running(case, args.o / name, [history]) as (simulation, converged):
         found = {"dim": dim, "converged": converged, "cutbacks": history.cuts, **costs(simulation)}
@@ -221,7 +229,8 @@ if __name__ == "__main__":
     parser.add_argument("--count", type=int, nargs="+", default=[20], help="bodies, at least; layers are full")
     parser.add_argument("--h", type=float, default=None, help="size of the cells (default: 0.26 or 0.35 radii)")
     parser.add_argument("--hollow", type=float, default=0.0, help="in the plane: inner over outer radius of tubes")
-    parser.add_argument("--overlap", type=float, default=0.01, help="of neighbours to begin with, in diameters")
+    text = "of neighbours to begin with, in diameters (default: a small patch of contact)"
+    parser.add_argument("--overlap", type=float, default=None, help=text)
     parser.add_argument("--order", type=int, default=1, choices=[1, 2], help="degree of the displacement")
     parser.add_argument("--geometry", type=int, default=1, choices=[1, 2], help="degree of the mesh")
     parser.add_argument("--friction", type=float, default=0.2, help="coefficient of friction")

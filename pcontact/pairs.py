@@ -113,6 +113,11 @@ def _fitted(space, contact, source, target, radius):
     return source, target.seen_from(source.facet, source.x)
 
 
+def _muted(scene, space, supports, contact, source):
+    """The source of a contact of all surfaces; facets with a load or support take part without their traction."""
+    return source.mute(burdened(space, supports, scene.loads, source, friction_law(contact) is not None))
+
+
 def _unbiased_item(scene, space, bulk, contact, supports, radius, floats):
     """The item of a pair both surfaces of which are source and target, or of self contact. *Collective.*"""
     halves = []
@@ -125,7 +130,7 @@ def _unbiased_item(scene, space, bulk, contact, supports, radius, floats):
             target = self_surface(space, target, source, contact.meets_itself, sides)
         source, target = _fitted(space, one, source, target, radius)
         if contact.all:
-            source = source.mute(burdened(space, supports, scene.loads, source))
+            source = _muted(scene, space, supports, contact, source)
         halves.append(pair_item(space, bulk, one, halved(source), target, radius, floats))
     kind = UnbiasedItem if friction_law(contact) is None else UnbiasedFrictionalItem
     return kind(contact, halves)
@@ -236,7 +241,7 @@ def contact_items(scene, space, constants, supports, free, bulk, tied):
         target = target_surface(space, contact.target) if contact.obstacle is None else _rigid(scene, space, number)
         source, target = _fitted(space, contact, source, target, radius)
         if contact.all:
-            source = source.mute(burdened(space, supports, scene.loads, source))
+            source = _muted(scene, space, supports, contact, source)
         items.append(pair_item(space, bulk, contact, source, target, radius, floats))
     for k in sorted(set(free) - touching):
         name = space.mesh.component_names[k]

@@ -2,8 +2,9 @@
 
 One item, one search and one tree per rank serve all bodies, however many there are; which of them touch is what the
 search finds. Other pairs of the scene come first: two surfaces that a pair brings together are no partners here, but
-each of them meets all others. Facets that carry a load, or whose nodes have a prescribed displacement, have a traction
-that is not that of contact alone: they take part without it, as in the penalty method.
+each of them meets all others. Facets that carry a load, or whose nodes have a prescribed displacement along the normal
+(with friction: any), have a traction that is not that of contact alone: they take part without it, as in the penalty
+method.
 """
 
 import numpy as np
@@ -13,6 +14,9 @@ from pcontact.mesh.mesh import Facets
 from pcontact.mesh.outer import outer_facets
 from pcontact.scene.model import OUTER
 from pcontact.space.modes import component_boxes, near_pairs
+
+# cosine between a facet's normal and a direction along which its displacement says nothing of its normal traction
+ALONG = 1e-3
 
 
 def outer_surfaces(space):
@@ -67,7 +71,7 @@ def paired_elsewhere(space, contacts, ids):
     return marks
 
 
-def burdened(space, supports, loads, source):
+def burdened(space, supports, loads, source, tangential):
     """Facets (nf,) of the outer surfaces with a load, or with a prescribed displacement of all their nodes.
 
     Parameters
@@ -77,10 +81,14 @@ def burdened(space, supports, loads, source):
     loads : list of pcontact.scene.model.Load
     source : pcontact.contact.surface.SourceSurface
         The outer surfaces.
+    tangential : bool
+        Whether displacements along the facet count, too: with friction.
     """
-    fixed = supports.fixed
-    parts = [fixed[space.facet_nodes(f)].all(axis=1).any(axis=1) for f in space.mesh.facet_groups.get(OUTER, [])]
-    flags = np.concatenate([np.zeros(0, dtype=bool), *parts])
+    parts = [supports.fixed[space.facet_nodes(f)].all(axis=1) for f in space.mesh.facet_groups.get(OUTER, [])]
+    fixed = np.concatenate([np.zeros((0, space.dim), dtype=bool), *parts])
+    normal = np.zeros(fixed.shape)
+    np.maximum.at(normal, source.facet, np.abs(source.normal))
+    flags = (fixed & ((normal > ALONG) | tangential)).any(axis=1)
     for load in loads:
         if load.body_force is None:
             flags |= np.isin(source.facet_ids, facet_ids(space, load.region))

@@ -1,8 +1,8 @@
 """Rigid motions of many loose bodies as a coarse space of their own, around multigrid.
 
-Bodies that contact alone holds move against each other at little cost. Each has three rigid modes (six in space) that a
-multigrid cycle hardly sees unless the modes of all bodies are among its near-null vectors. Bodies that touch
-need vectors of their own then; the size of the coarse matrices grows with the number of vectors, and the set-up with its
+Bodies that contact alone holds move against each other at little cost. Each has three rigid modes (six in space) that
+a multigrid cycle hardly sees unless the modes of all bodies are among its near-null vectors. Bodies that touch need
+vectors of their own then; the size of the coarse matrices grows with the number of vectors, and the set-up with its
 square. Here the near-null space stays that of one body. With Z the rigid modes of the loose bodies,
 Q = Z (Z^T A Z)^-1 Z^T and B one cycle of multigrid,
 
