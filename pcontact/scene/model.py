@@ -147,8 +147,7 @@ class Contact:
     unbiased : bool
         Both sides are source and target.
     all : bool
-        Instead of `source` and `target`: the boundary of every body against that of every other one. With `obstacle`,
-        instead of `source`: that of every body against the obstacle.
+        The boundary of every body against that of every other one or, with `obstacle`, against that.
     self_contact : bool or None
         Whether a body is its own partner, too; None: yes where `target` is `source`, no with `all`.
     tied : bool
@@ -211,9 +210,7 @@ class Contact:
     @property
     def meets_itself(self) -> bool:
         """Whether a body is its own partner."""
-        if self.self_contact is None:
-            return not self.all and self.target == self.source
-        return self.self_contact
+        return bool(self.self_contact if self.all or self.self_contact is not None else self.target == self.source)
 
 
 CONTACT_DEFAULTS = {
