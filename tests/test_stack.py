@@ -90,11 +90,11 @@ def test_ranks_do_not_matter(shared_tmp):
 
 
 def test_cost_per_point_does_not_grow_with_the_bodies(tmp_path):
-    """Items, near-null vectors and candidates per point of five bodies and of twenty-one."""
+    """Items, near-null vectors and candidates per point of 21 bodies and of 60."""
     found = []
-    for count in (5, 20):
+    for count in (20, 60):
         path = make_mesh(heap, tmp_path / f"h{count}.msh", 2, count, 0.4)
         found.append(solved(path, count=count)[1])
     assert found[0]["items"] == found[1]["items"] and found[0]["near_null"] == found[1]["near_null"] == 3
     # a body inside a heap has more neighbours than one at its rim
-    assert found[1]["candidates"] < 1.5 * found[0]["candidates"]
+    assert found[1]["candidates"] < 1.3 * found[0]["candidates"], found
