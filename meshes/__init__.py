@@ -10,6 +10,7 @@ from .blocks import one_block, overclosed_cubes, two_blocks
 from .clip import CLIP, ClipShape, clip
 from .disk_on_block import disk_on_block
 from .dome import dome_on_block
+from .heap import heap
 from .hertz import ball_on_block, cylinder_on_block, cylinders, two_balls
 from .indent import indent
 from .ironing import ironing
@@ -38,6 +39,7 @@ GENERATORS = {
         clip,
         spring,
         c_strip,
+        heap,
     )
 }
 

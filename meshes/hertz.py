@@ -256,6 +256,7 @@ def ball_on_block(
     growth: float = 0.35,
     coarse: float | None = None,
     mismatch: float = 1.25,
+    halvings: int = 0,
 ) -> Path:
     """Half a ball, its plane disk up, on the middle of a block; they touch at the origin. Tetrahedra.
 
@@ -278,6 +279,8 @@ def ball_on_block(
     growth : growth of the size per unit length
     coarse : largest size; default 10 h, at most radius / 4
     mismatch : size of the block in units of the ball's
+    halvings : how often the edges of the whole mesh are halved at the end, the new nodes put on the ball: for meshes
+        of millions of cells, of which gmsh makes the coarse ones only (it takes 5 kB per cell)
     """
     check_cell("ball_on_block", "tetrahedron", 3, order)
     check_choice("ball_on_block", "symmetry", symmetry, ("quarter", "none"))
@@ -287,7 +290,10 @@ def ball_on_block(
         if unknowns is None:
             _mesh_ball_on_block(grading, block, quarter, order)
         else:
-            _meet_unknowns(unknowns, grading, block, quarter, order)
+            # halves have nearly eight times the nodes
+            _meet_unknowns(round(unknowns / 8**halvings), grading, block, quarter, order)
+        for _ in range(halvings):
+            gmsh.model.mesh.refine()
         return write(path)
 
 

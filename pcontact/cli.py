@@ -16,6 +16,7 @@ from pcontact.runtime.parallel import on_root
 from pcontact.runtime.petsc import MPI
 from pcontact.scene import read_scene
 from pcontact.simulation import Simulation
+from pcontact.space.modes import component_boxes, near_pairs
 
 USAGE = """\
 pcontact {version}: contact between elastic bodies with Nitsche's method, in parallel on PETSc
@@ -163,13 +164,33 @@ def check_scene(scene):
         facets, points = comm.allreduce(len(item.source.cells)), comm.allreduce(len(item.source.facet))
         low = comm.allreduce(float(np.min(item.gamma, initial=np.inf)), op=MPI.MIN)
         high = comm.allreduce(float(np.max(item.gamma, initial=0.0)), op=MPI.MAX)
+        if item.contact.tied:
+            log.info("contact %s: %d source facets, %d of %d points tied", item.name, facets, *item.count())
+            continue
         log.info(
             "contact %s: %d source facets, %d quadrature points, theta %g, gamma0 %g, gamma %.4g to %.4g "
             "[stress/length], search radius %.4g",
             item.name, facets, points, item.theta, item.gamma0, low, high, item.radius,
         )  # fmt: skip
+        if item.contact.all and item.contact.obstacle is None:
+            low, high = component_boxes(space)
+            near = near_pairs(low, high, item.radius)
+            log.info("contact %s: %d surfaces, %d pairs of them near enough to meet%s", item.name, len(low), len(near),
+                     _named(mesh.component_names, near))  # fmt: skip
     held = [name for k, name in enumerate(mesh.component_names) if k not in simulation.floating]
-    log.info("held by supports: %s", ", ".join(held) or "no body")
+    log.info("held by supports: %s", _counted(held) or "no body")
+
+
+def _counted(names):
+    """Names, each once, and how often where several bodies have the same."""
+    count = {name: names.count(name) for name in dict.fromkeys(names)}
+    return ", ".join(f"{name} ({n} times)" if n > 1 else name for name, n in count.items())
+
+
+def _named(names, pairs):
+    """Names of pairs of bodies for a message, each once."""
+    words = _counted([" - ".join(sorted((names[a], names[b]))) for a, b in pairs.tolist()])
+    return f": {words}" if words else ""
 
 
 def convert_mesh(path, options):

@@ -167,9 +167,9 @@ class Simulation:
         log.info("left out: %s", ", ".join(head["model"]["left_out"]))
         solver = head["solver"]
         log.info(
-            "linear solver: %s + %s, %d rigid modes, tangent %ssymmetric, contact filter %s, set-up %s",
+            "linear solver: %s + %s, %d rigid modes, tangent %ssymmetric, filter %s, set-up %s",
             solver["krylov"], solver["preconditioner"], solver["rigid_modes"], "" if solver["symmetric"] else "not ",
-            "on" if solver["contact_filter"] else "off", "kept while it serves" if solver["reused"] else "always new",
+            solver["filter"], "kept while it serves" if solver["reused"] else "always new",
         )  # fmt: skip
 
     def _costs(self):

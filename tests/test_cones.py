@@ -29,7 +29,7 @@ def same(surface, nodal, points, normals, radius, about=None):
     """Compares both searches; facets tried per point without and with cones."""
     x, kinds, ids, own, corners = surface.around(np.ascontiguousarray(surface.deformed(nodal)))
     tree = build_tree(*facet_boxes(x, kinds))
-    apart = None if about is None else surface.apart(about)
+    apart = None if about is None else surface.apart(about, tree)
     all_, some = (
         closest_points(tree, x, kinds, ids, points, normals, radius, own=own, apart=apart, corners=said)
         for said in (None, corners)

@@ -13,11 +13,11 @@ from test_restart import run as run_steps
 
 from meshes import one_block, two_blocks
 from pcontact.assembly.bulk import ElasticBulk
-from pcontact.build import pair_item
 from pcontact.contact.laws import OPEN, SLIP, STICK
 from pcontact.contact.obstacle import RigidObstacle
 from pcontact.contact.penalty import without_traction
 from pcontact.contact.surface import source_surface, target_surface
+from pcontact.pairs import pair_item
 from pcontact.runtime.parallel import on_root
 from pcontact.runtime.petsc import MPI, PETSc
 from pcontact.scene import amplitude

@@ -12,6 +12,9 @@ it. Of facets of the point's own connected body these are left out, too:
 Parts of a body that are thinner than the search radius thus need no care, nor does a body whose opposite skins lie
 closer to each other than the faces of a gap. An overlap of the undeformed body with itself is not seen. Other bodies in
 the same group of facets are partners like any others.
+
+Where bodies are to meet others only, a point passes by whole branches of the tree that hold nothing but its own body.
+Two surfaces that another pair of the scene brings together are no partners here, see `clash`.
 """
 
 from typing import NamedTuple
@@ -42,6 +45,12 @@ class Apart(NamedTuple):
         Nodes of the facets searched [length].
     facet_cells, facet_parts : ndarray (nf,)
     facet_nodes : ndarray (nf, k)
+    sides : ndarray (np,)
+        Which surfaces of other pairs of the scene the facet of each point is in, see `clash`.
+    facet_sides : ndarray (nf,)
+    whole : ndarray (n,)
+        Where bodies are no partners of themselves: the connected body that a node of the tree, and after the nodes a
+        facet in the order of the tree, belongs to; -1: several. Else empty.
     """
 
     x: np.ndarray
@@ -53,6 +62,9 @@ class Apart(NamedTuple):
     facet_cells: np.ndarray
     facet_parts: np.ndarray
     facet_nodes: np.ndarray
+    sides: np.ndarray
+    facet_sides: np.ndarray
+    whole: np.ndarray
 
 
 def writable(apart):
@@ -65,7 +77,34 @@ def writable(apart):
 def nobody(d):
     """For points that are not on the surface searched."""
     none, pairs = np.zeros(0), np.zeros((0, 0))
-    return writable(Apart(np.zeros((0, d)), none, none, pairs, none, np.zeros((0, 0, d)), none, none, pairs))
+    none_of = np.zeros((0, d)), none, none, pairs, none, np.zeros((0, 0, d)), none, none, pairs, none, none, none
+    return writable(Apart(*none_of))
+
+
+def whole_branches(tree, parts):
+    """Body that each node of a tree, and each facet in the tree's order, belongs to; -1: several.
+
+    Parameters
+    ----------
+    tree : pcontact.contact.tree.Tree
+    parts : ndarray (nf,)
+        Connected body of each facet.
+
+    Returns
+    -------
+    ndarray (n_nodes + nf,) int64
+    """
+    ordered = parts[tree.order]
+    changes = np.cumsum(np.concatenate([[0], ordered[1:] != ordered[:-1]])) if len(ordered) else ordered
+    uniform = changes[tree.first] == changes[tree.last - 1]
+    return np.concatenate([np.where(uniform, ordered[tree.first], -1), ordered]).astype(np.int64)
+
+
+@njit_exact
+def clash(one, other):
+    """Whether another pair brings two facets together: bit 2 k is for the source of pair k, 2 k + 1 for its target."""
+    even = 0x5555555555555555
+    return one & (((other >> 1) & even) | ((other & even) << 1)) != 0
 
 
 @njit_exact
@@ -85,6 +124,8 @@ def is_own(apart, q, facet, kind, u, v, n0, n1, n2, shapes):
     shapes : (6, 9) float64
         Scratch.
     """
+    if clash(apart.sides[q], apart.facet_sides[facet]):
+        return True
     if apart.parts[q] != apart.facet_parts[facet]:
         return False
     if apart.cells[q] == apart.facet_cells[facet]:

@@ -122,7 +122,7 @@ def _project(target, around, asked, radius, method, numbers):
     points, normals, about = asked[:, :d], asked[:, d : 2 * d], asked[:, 2 * d :]
     tree = build_tree(*facet_boxes(x_facets, kinds))
     search = closest_points if method == "closest_point" else ray_tracing
-    apart = target.apart(about)
+    apart = target.apart(about, tree)
     p = search(tree, x_facets, kinds, ids, points, normals, radius, own=own, apart=apart, corners=corners)
     found = p.facet >= 0
     facet = np.where(found, p.facet, 0)

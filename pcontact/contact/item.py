@@ -107,7 +107,7 @@ class ContactItem:
             nodes, shape = found.nodes, found.shape
             self.candidates += found.candidates
         # surfaces that touch are closed in the first tangent, whatever the rounding of their coordinates says
-        gap = self._adjust(np.where(paired & (np.abs(gap) > self._rounding), gap, 0.0), paired)
+        gap = self._adjust(np.where(paired & (np.abs(gap) > self._rounding), gap, 0.0), paired, x)
         normal = np.where(paired[:, None], normal, source.normal)
         self._freeze(ahead, gap, np.ascontiguousarray(normal), paired, ids, nodes, shape)
         self._begin(u, time)
@@ -122,11 +122,15 @@ class ContactItem:
         paired = np.einsum("pd,pd->p", normal, self.source.normal) >= FACING
         return gap, normal, paired & (np.abs(gap) <= self.radius)
 
-    def _adjust(self, gap, paired):
+    def _adjust(self, gap, paired, x):
         """An initial overlap that is to be adjusted away is added to the gap for good."""
         if self.contact.interference != "adjust":
             return gap
-        if self.offset is None:
+        if self.offset is None and self.rigid:
+            # that with the obstacle where it is before it moves
+            initial, _, near = self._against_obstacle(x, self.time)
+            self.offset = np.where(near, np.maximum(-initial, 0.0), 0.0)
+        elif self.offset is None:
             self.offset = np.where(paired, np.maximum(-gap, 0.0), 0.0)
         return gap + self.offset
 

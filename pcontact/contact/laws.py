@@ -18,6 +18,8 @@ import numpy as np
 from pcontact.runtime.jit import njit
 
 OPEN, STICK, SLIP = 0, 1, 2
+# the law of tied surfaces: a bound that nothing reaches
+TIED = np.array([np.inf, 0.0, np.inf])
 
 
 def friction_law(contact):
@@ -32,6 +34,8 @@ def friction_law(contact):
     ndarray (3,) or None
         base [stress], coefficient [1], limit [stress].
     """
+    if contact.tied:
+        return TIED
     if contact.tresca:
         return np.array([contact.tresca, 0.0, contact.tresca])
     if contact.friction or contact.adhesion:

@@ -204,7 +204,9 @@ class PlasticTrace:
         source, cell = self._source, space.mesh.blocks[facets.block].cell
         rows = np.ascontiguousarray(facets.cells)
         grad, ring, rule = some_cells(space, facets.block, rows)
-        points = np.flatnonzero((source.facet >= which.start) & (source.facet < which.stop))
+        # facets without a shear modulus take part without their traction
+        speaks = source.mu[source.facet] > 0.0
+        points = np.flatnonzero((source.facet >= which.start) & (source.facet < which.stop) & speaks)
         xi = source.shape[points, : grad.shape[2]] @ reference_nodes(cell, space.degree)
         return _Part(
             bulk.states[facets.block], rows, which, grad, NO_RING if ring is None else np.ascontiguousarray(ring),

@@ -120,6 +120,8 @@ def search_all(rays, tree, x_facets, kinds, ids, own, points, normals, radii, fa
                 n_group = 0
                 continue
             n_queue = _pop(keys, items, n_queue)
+            if item < apart.whole.size and apart.whole[item] == apart.parts[q]:
+                continue  # nothing but the point's own body
             if item < n_nodes:
                 n_queue, n_aside = _expand(
                     rays,

@@ -4,10 +4,13 @@ from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
 
-from pcontact.contact.apart import SLACK, Apart
+from pcontact.contact.apart import SLACK, Apart, whole_branches
 from pcontact.contact.surface import FACETS, TargetSurface
 from pcontact.runtime.parallel import split_by_rank
 from pcontact.runtime.petsc import MPI
+
+# columns of the table before the nodes
+NODES = 4
 
 
 @dataclass
@@ -16,16 +19,19 @@ class SelfSurface(TargetSurface):
 
     Attributes
     ----------
-    table : ndarray (nf, 3 + m)
-        Of each facet: cell, connected body, slack [length] (see `pcontact.contact.apart`), global nodes.
+    table : ndarray (nf, 4 + m)
+        Of each facet: cell, connected body, slack [length], sides (see `pcontact.contact.apart`), global nodes.
     rim : Rim
-    about : ndarray (np, d + 3 + m) or None
+    about : ndarray (np, d + 4 + m) or None
         Of each point that looks for a partner: its place in the undeformed body, and the row of its facet.
+    meets_itself : bool
+        Whether a body is its own partner.
     """
 
     table: np.ndarray = field(default=None)
     rim: object = None
     about: np.ndarray | None = None
+    meets_itself: bool = True
 
     def seen_from(self, facet, x):
         """The surface as points x (n, d) of its own facets (n,) see it in the undeformed body."""
@@ -40,18 +46,20 @@ class SelfSurface(TargetSurface):
         rim = self.rim
         x = np.ascontiguousarray(np.concatenate([x_facets, rim.gather(x_facets)]))
         kinds, ids = np.concatenate([self.kinds, rim.kinds]), np.concatenate([self.ids, rim.ids])
-        nodes = np.concatenate([self.table, rim.table])[:, 3:].astype(np.int64)
+        nodes = np.concatenate([self.table, rim.table])[:, NODES:].astype(np.int64)
         return x, kinds, ids, np.arange(len(x)) < len(x_facets), nodes
 
-    def apart(self, about):
-        """Where points, of any rank, and the facets of :meth:`around` are in the undeformed bodies."""
+    def apart(self, about, tree):
+        """Where points, of any rank, and the facets of :meth:`around`, in a tree, are in the undeformed bodies."""
         d = self.x.shape[2]
         table = np.concatenate([self.table, self.rim.table])
         x = np.concatenate([self.x, self.rim.x])
         point = about[:, d:]
+        whole = np.zeros(0) if self.meets_itself else whole_branches(tree, table[:, 1])
         return Apart(
-            about[:, :d], point[:, 0], point[:, 1], point[:, 3:], point[:, 2], x, table[:, 0], table[:, 1], table[:, 3:]
-        )
+            about[:, :d], point[:, 0], point[:, 1], point[:, NODES:], point[:, 2], x, table[:, 0], table[:, 1],
+            table[:, NODES:], point[:, 3], table[:, 3], whole,
+        )  # fmt: skip
 
 
 class Rim:
@@ -75,7 +83,7 @@ class Rim:
 
     def __init__(self, space, surface):
         self._exchanger = space.exchanger
-        nodes = surface.table[:, 3:].astype(np.int64)
+        nodes = surface.table[:, NODES:].astype(np.int64)
         shared = _neighbours(space, nodes)
         self._rows = {rank: np.flatnonzero(np.isin(nodes, there).any(axis=1)) for rank, there in shared.items()}
         statics = np.column_stack([surface.kinds, surface.ids, surface.table]).astype(float)
@@ -126,7 +134,7 @@ def _shortest(x):
     return np.min(np.where(distance > 0.0, distance, np.inf), axis=(1, 2), initial=np.inf)
 
 
-def self_surface(space, target, source):
+def self_surface(space, target, source, meets_itself=True, sides=None):
     """A target surface whose facets are also those of the source. *Collective.*
 
     Parameters
@@ -135,6 +143,10 @@ def self_surface(space, target, source):
     target : TargetSurface
     source : SourceSurface
         Of the same facet group.
+    meets_itself : bool
+        Whether a body is its own partner.
+    sides : ndarray (nf,), optional
+        Surfaces of other pairs that the facets are in, see `pcontact.contact.apart.clash`.
 
     Returns
     -------
@@ -149,8 +161,10 @@ def self_surface(space, target, source):
     depth = np.full(len(source.cells), np.inf)
     np.minimum.at(depth, source.facet, behind.max(axis=1, initial=0.0))
     slack = SLACK * np.minimum(_shortest(space.points[nodes]), depth)
-    table = np.column_stack([target.ids // FACETS, target.components, slack, space.nodes[nodes]]).astype(float)
+    sides = np.zeros(len(nodes)) if sides is None else sides
+    table = np.column_stack([target.ids // FACETS, target.components, slack, sides, space.nodes[nodes]]).astype(float)
     said = {one.name: getattr(target, one.name) for one in fields(TargetSurface)}
-    surface = SelfSurface(**{**said, "x": np.ascontiguousarray(x), "nodes": nodes}, table=table)
+    said.update(x=np.ascontiguousarray(x), nodes=nodes, table=table, meets_itself=meets_itself)
+    surface = SelfSurface(**said)
     surface.rim = Rim(space, surface)
     return surface.seen_from(source.facet, source.x)

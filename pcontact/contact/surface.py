@@ -1,6 +1,6 @@
 """The two sides of a contact pair on one rank: quadrature points of the source, facets of the target."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -79,6 +79,12 @@ class SourceSurface:
         self.volumetric = self.own[self.facet][:, None, None] * dilatation(self.grad, hoop)
         if self.shared is not None:
             self.volumetric += self.shared[self.facet]
+
+    def mute(self, facets):
+        """The same surface, some facets (nf,) of which have no traction, as in the penalty method."""
+        kept = ~facets
+        shared = None if self.shared is None else self.shared * kept[:, None, None]
+        return replace(self, mu=self.mu * kept, own=self.own * kept, shared=shared)
 
     def point_keys(self):
         """Numbers (np,) of the points, the same on any ranks. The points of a facet come one after the other."""
@@ -236,7 +242,7 @@ class TargetSurface:
         """What is searched: deformed coordinates, kinds, numbers, which may be partners, nodes. *Collective.*"""
         return x_facets, self.kinds, self.ids, None, self.nodes
 
-    def apart(self, about):
+    def apart(self, about, tree):
         """See :class:`pcontact.contact.apart.Apart`; None: no point is on the surface."""
         return None
 

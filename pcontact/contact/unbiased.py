@@ -16,6 +16,7 @@ import numpy as np
 from pcontact.assembly.pattern import JoinedPattern
 from pcontact.contact.parameters import parameter
 from pcontact.contact.summary import summarise
+from pcontact.runtime.petsc import MPI
 
 WEIGHT = 0.5
 # what the halves are called in a checkpoint
@@ -245,7 +246,18 @@ class UnbiasedItem:
         else:
             states[1]["traction"] = -states[1]["traction"]
         joined = {key: np.concatenate([one[key] for one in states]) for key in states[0]}
-        return summarise(joined, self.flips, self.space.comm)
+        summary = summarise(joined, self.flips, self.space.comm)
+        return {**summary, "bodies": self._on_bodies(u)} if self.contact.all else summary
+
+    def _on_bodies(self, u):
+        """Force on every body that others touch, the same on every rank; they add up to zero. *Collective.*"""
+        space, mesh = self.space, self.space.mesh
+        nodal, table = np.zeros((space.n_owned, space.dim)), np.zeros((mesh.n_components, space.dim))
+        self.residual(u, nodal)
+        np.subtract.at(table, space.component[space.owned_local], nodal)
+        table = space.comm.allreduce(table, op=MPI.SUM)
+        touched = np.flatnonzero(np.any(table != 0.0, axis=1))
+        return [{"number": int(k), "body": mesh.component_names[k], "force": table[k].tolist()} for k in touched]
 
 
 class UnbiasedFrictionalItem(UnbiasedItem):

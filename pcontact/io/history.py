@@ -19,7 +19,8 @@ def flatten(values, prefix=""):
     ----------
     values : dict
         Scalars, sequences of numbers and dicts of these. Sequences of up to three numbers become ``NAME_x``,
-        ``NAME_y``, ``NAME_z``, longer ones ``NAME_0``, ``NAME_1``, ...; a dict's keys are joined by dots.
+        ``NAME_y``, ``NAME_z``, longer ones ``NAME_0``, ``NAME_1``, ...; a dict's keys are joined by dots. Lists of
+        dicts, which the report has, are left out.
     prefix : str
         Goes before every name.
 
@@ -32,6 +33,8 @@ def flatten(values, prefix=""):
         name = f"{prefix}{key}"
         if isinstance(value, dict):
             scalars.update(flatten(value, f"{name}."))
+        elif isinstance(value, list) and value and isinstance(value[0], dict):
+            continue
         elif isinstance(value, (list, tuple, np.ndarray)) and np.ndim(value):
             suffixes = _AXES if len(value) <= len(_AXES) else range(len(value))
             parts = zip(suffixes, value, strict=False)

@@ -22,14 +22,20 @@ def _hardening(material):
     return (" and ".join(kind for kind, has in kinds.items() if has) or "no") + " hardening"
 
 
+def _is_unbiased(contact):
+    return contact.unbiased or (contact.all and contact.obstacle is None)
+
+
 # physics that a scene may or may not ask for, and whether it does
 _FEATURES = (
     ("contact", lambda scene: bool(scene.contacts)),
     ("friction", lambda scene: any(contact.friction or contact.tresca for contact in scene.contacts)),
     ("plasticity", lambda scene: bool(_plastic(scene))),
     ("rigid obstacles", lambda scene: any(contact.obstacle is not None for contact in scene.contacts)),
-    ("self contact", lambda scene: any(contact.target == contact.source for contact in scene.contacts)),
-    ("unbiased contact", lambda scene: any(contact.unbiased for contact in scene.contacts)),
+    ("self contact", lambda scene: any(contact.meets_itself for contact in scene.contacts)),
+    ("contact of all surfaces", lambda scene: any(contact.all and not contact.obstacle for contact in scene.contacts)),
+    ("tied surfaces", lambda scene: any(contact.tied for contact in scene.contacts)),
+    ("unbiased contact", lambda scene: any(_is_unbiased(contact) for contact in scene.contacts)),
     ("finite strain", lambda scene: False),
     ("inertia", lambda scene: False),
 )
@@ -76,12 +82,16 @@ def _contact(contact: Contact) -> str:
     """One line: partners, law, numerics."""
     if contact.obstacle is not None:
         moving = "moving " if contact.obstacle.displacement is not None else ""
-        partners = f"{contact.source} -> {moving}rigid {contact.obstacle.shape.replace('_', ' ')}"
+        source = "every body" if contact.all else contact.source
+        partners = f"{source} -> {moving}rigid {contact.obstacle.shape.replace('_', ' ')}"
+    elif contact.all:
+        partners = f"every body with every other one{' and itself' if contact.meets_itself else ''}"
     elif contact.target == contact.source:
         partners = f"{contact.source} with itself"
+        partners += "" if contact.meets_itself else ", bodies with others only"
     else:
         partners = f"{contact.source} {'<->' if contact.unbiased else '->'} {contact.target}"
-    law = "frictionless"
+    law = "tied" if contact.tied else "frictionless"
     if contact.friction:
         law = f"Coulomb friction {contact.friction:g}"
         if contact.friction_limit is not None:
@@ -94,9 +104,10 @@ def _contact(contact: Contact) -> str:
     if contact.formulation == "nitsche":
         words.append(f"theta {contact.theta:g}")
     words.append("gamma0 from the element" if contact.gamma0 is None else f"gamma0 {contact.gamma0:g}")
-    words += [contact.search.replace("_", " "), f"initial overlap: {contact.interference}"]
-    if contact.target == contact.source:
+    words += [contact.search.replace("_", " ")]
+    words += ["gap or overlap stay"] if contact.tied else [f"initial overlap: {contact.interference}"]
+    if contact.meets_itself:
         words.append("no partners in the same cell, across a shared node or through the material")
-    elif contact.unbiased:
+    if _is_unbiased(contact):
         words.append("unbiased: both sides are source and target with weight 1/2")
     return f"contact {contact.name}: " + ", ".join(words)

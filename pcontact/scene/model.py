@@ -11,6 +11,8 @@ from pathlib import Path
 
 # Poisson's ratio above which cells of degree 1 are too stiff
 LOCKING = 0.45
+# group of facets that a contact of all surfaces takes: the whole boundary of all bodies
+OUTER = "outer surfaces"
 
 Table = Sequence[Sequence[float]]  # rows of (time, factor), or of (strain, stress)
 Function = str | Callable  # "module.py:name" beside the scene, or the function itself
@@ -124,8 +126,8 @@ class Contact:
 
     Parameters
     ----------
-    source : str
-        Group of facets where the integrals are taken.
+    source : str or None
+        Group of facets where the integrals are taken; None with `all`.
     target : str or None
         Group of facets where points are projected; the same name as `source` is self contact.
     obstacle : Obstacle or None
@@ -144,6 +146,12 @@ class Contact:
         No separation: the gap stays closed, in tension too.
     unbiased : bool
         Both sides are source and target.
+    all : bool
+        The boundary of every body against that of every other one or, with `obstacle`, against that.
+    self_contact : bool or None
+        Whether a body is its own partner, too; None: yes where `target` is `source`, no with `all`.
+    tied : bool
+        The surfaces are glued together as they are.
     formulation : str or None
         "nitsche", "penalty" or "augmented_lagrangian".
     theta : float or None
@@ -169,7 +177,7 @@ class Contact:
     before `CONTACT_DEFAULTS`; `pcontact.scene.validate.resolve_contacts` applies that order.
     """
 
-    source: str
+    source: str | None = None
     target: str | None = None
     obstacle: Obstacle | None = None
     name: str | None = None
@@ -179,6 +187,9 @@ class Contact:
     adhesion: float | None = None
     bilateral: bool = False
     unbiased: bool = False
+    all: bool = False
+    self_contact: bool | None = None
+    tied: bool = False
     formulation: str | None = None
     theta: float | None = None
     gamma0: float | None = None
@@ -190,9 +201,16 @@ class Contact:
     interference: str | None = None
 
     def __post_init__(self):
-        if self.name is None and isinstance(self.source, str):
+        if self.name is None and self.all:
+            self.name = "all" if self.obstacle is None else f"all-{getattr(self.obstacle, 'shape', 'obstacle')}"
+        elif self.name is None and isinstance(self.source, str):
             partner = self.target if self.target is not None else getattr(self.obstacle, "shape", "obstacle")
             self.name = f"{self.source}-{partner}"
+
+    @property
+    def meets_itself(self) -> bool:
+        """Whether a body is its own partner."""
+        return bool(self.self_contact if self.all or self.self_contact is not None else self.target == self.source)
 
 
 CONTACT_DEFAULTS = {

@@ -98,7 +98,7 @@ def check_regions(
     for where, table in tables(scene):
         if isinstance(table, Body):
             _require(scene, f"{where}.region", table.region, groups, ("cells",), mesh_path)
-        elif isinstance(table, Contact):
+        elif isinstance(table, Contact) and not table.all:
             _require(scene, f"{where}.source", table.source, groups, ("facets",), mesh_path)
             if table.target is not None:
                 _require(scene, f"{where}.target", table.target, groups, ("facets",), mesh_path)

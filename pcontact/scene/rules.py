@@ -251,7 +251,7 @@ RULES: dict[type, dict[str, Rule]] = {
         "amplitude": optional(AMPLITUDE),
     },
     Contact: {
-        "source": TEXT,
+        "source": optional(TEXT),
         "target": optional(TEXT),
         "name": TEXT,
         "friction": optional(NON_NEGATIVE),
@@ -260,6 +260,9 @@ RULES: dict[type, dict[str, Rule]] = {
         "adhesion": optional(NON_NEGATIVE),
         "bilateral": BOOLEAN,
         "unbiased": BOOLEAN,
+        "all": BOOLEAN,
+        "self_contact": optional(BOOLEAN),
+        "tied": BOOLEAN,
         "formulation": optional(choice("nitsche", "penalty", "augmented_lagrangian")),
         "theta": optional(THETA),
         "gamma0": optional(POSITIVE),

@@ -7,6 +7,7 @@ from pcontact.scene.messages import closeness, input_error, listed, nearest, sho
 from pcontact.scene.model import (
     CONTACT_DEFAULTS,
     LIST_TABLES,
+    OUTER,
     SINGLE_TABLES,
     Contact,
     Load,
@@ -18,6 +19,7 @@ from pcontact.scene.model import (
 from pcontact.scene.rules import MOTION_KEYS, OBSTACLE_KEYS, OPTION, RULES, TEXT, apply
 
 ALIKE = 0.5  # likeness of two file names above which one may be meant by the other
+MOST_PAIRS = 26  # of two surfaces beside a contact of all: a bit for each surface fits into the digits of a number
 SMALLEST = 1e-12  # of the run: the shortest step
 
 
@@ -89,13 +91,15 @@ def resolve_contacts(scene: Scene, overrides: Mapping[str, object]) -> Scene:
     contacts = [replace(contact, **_numerics(contact, said)) for contact in scene.contacts]
     resolved = replace(scene, contacts=contacts)
     for where, table in tables(resolved):
+        if isinstance(table, Contact) and table.all:
+            _check_all(resolved, where, table)
         if isinstance(table, Contact):
             _check_theta(resolved, where, table)
     return resolved
 
 
 def _numerics(contact, said):
-    values = {}
+    values = {"source": OUTER, "target": OUTER if contact.obstacle is None else None} if contact.all else {}
     for key, default in CONTACT_DEFAULTS.items():
         own = getattr(contact, key)
         values[key] = said.get(key, default if own is None else own)
@@ -128,6 +132,9 @@ def _check_types(scene):
 
 
 def _check_values(scene):
+    for where, table in tables(scene):
+        if isinstance(table, Contact) and table.source is None and not table.all:
+            apply(TEXT, None, scene.where, f"{where}.source")
     scene.title = apply(RULES[Scene]["title"], scene.title, scene.where, "title")
     for where, table in tables(scene):
         for key, rule in RULES[type(table)].items():
@@ -206,7 +213,9 @@ def _check_material(scene, where, material):
 
 
 def _check_contact(scene, where, contact):
-    if (contact.target is None) == (contact.obstacle is None):
+    if contact.all:
+        _check_all(scene, where, contact)
+    elif (contact.target is None) == (contact.obstacle is None):
         found = "neither target nor obstacle" if contact.target is None else "both target and obstacle"
         raise input_error(scene.where, where, found, "exactly one of target, obstacle")
     if contact.friction is not None and contact.tresca is not None:
@@ -218,7 +227,46 @@ def _check_contact(scene, where, contact):
         raise input_error(
             scene.where, f"{where}.unbiased", "true with an obstacle", "false, an obstacle has no facets"
         )
+    if contact.self_contact is not None and (contact.obstacle or not (contact.all or contact.target == contact.source)):
+        found = f"{str(contact.self_contact).lower()} with {'an obstacle' if contact.obstacle else 'two surfaces'}"
+        raise input_error(scene.where, f"{where}.self_contact", found, "all = true, or the same source and target")
+    if contact.tied:
+        _check_tied(scene, where, contact)
     _check_theta(scene, where, contact)
+
+
+def _check_all(scene, where, contact):
+    """All surfaces need no name of any, and can hold together as little as one body can be tied to itself."""
+    for key in ("source", "target"):
+        value = getattr(contact, key)
+        if value not in (None, OUTER):
+            found = f"{shown(value)} together with all = true"
+            raise input_error(scene.where, f"{where}.{key}", found, "all, or source with target or obstacle")
+    for key in ("bilateral", "tied"):
+        if getattr(contact, key) and contact.obstacle is None:
+            raise input_error(scene.where, f"{where}.{key}", "true together with all = true", "pairs of two surfaces")
+    if contact.theta and len(scene.contacts) > 1:
+        # what other pairs do to a facet would be missing in the adjoint term
+        raise input_error(scene.where, f"{where}.theta", f"{contact.theta:g} beside other contacts", "0")
+    pairs = sum(other.target is not None and not other.all for other in scene.contacts)
+    if pairs > MOST_PAIRS:
+        raise input_error(scene.where, f"{where}.all", f"true beside {pairs} other pairs", f"at most {MOST_PAIRS}")
+    if contact.obstacle is not None:
+        return
+    first = next(k for k, other in enumerate(scene.contacts) if other.all and other.obstacle is None)
+    if scene.contacts[first] is not contact:
+        raise input_error(scene.where, f"{where}.all", f"true a second time, as in contacts[{first}]", "once")
+
+
+def _check_tied(scene, where, contact):
+    """What is glued neither slides nor opens, and needs two surfaces."""
+    for key in ("friction", "tresca", "bilateral", "unbiased", "obstacle", "interference"):
+        value = getattr(contact, key)
+        if value and value != CONTACT_DEFAULTS.get(key):
+            found = f"{'an obstacle' if key == 'obstacle' else shown(value)} together with tied = true"
+            raise input_error(scene.where, f"{where}.{key}", found, "nothing: tied surfaces stay as they are")
+    if contact.target == contact.source:
+        raise input_error(scene.where, f"{where}.target", f"{contact.target!r} with tied = true", "another surface")
 
 
 def _check_theta(scene, where, contact):

@@ -14,9 +14,11 @@ from pcontact.runtime.petsc import (
     full_steps,
     keep_preconditioner,
 )
+from pcontact.solve.bodies import BodyFilter, body_filter
 from pcontact.solve.filter import contact_filter, new_preconditioner
 from pcontact.solve.line_search import FARTHEST, zero_of
 from pcontact.solve.linear import Reuse, newton_defaults, refresh_smoother, solver_defaults
+from pcontact.solve.problem import can_slip
 
 REASONS = {
     value: name.lower().replace("_", " ")
@@ -96,7 +98,7 @@ class Newton:
     ----------
     solver : dict
         What solves the linear systems: ``krylov``, ``preconditioner``, ``rigid_modes`` (near-null space),
-        ``symmetric`` (tangent), ``contact_filter``, ``reused`` (set-up kept between Newton iterations).
+        ``symmetric`` (tangent), ``filter`` (none, contact, bodies), ``reused`` (set-up kept between iterations).
     applied, kept_out : dict
         Defaults that were entered into the options database, and those that the user's options kept out.
     norms : list of float
@@ -107,7 +109,7 @@ class Newton:
         self.problem, self.timing = problem, timing
         self._options = options
         plastic = hasattr(problem.items[0], "predict")
-        self._holds = any(hasattr(item, "hold") for item in problem.items)
+        self._holds = any(can_slip(item) for item in problem.items)
         chosen = not options.given("snes_linesearch_type")
         direct = options.get("pc_type", "gamg") in ("lu", "cholesky")
         defaults = newton_defaults(problem.linear, direct) | solver_defaults(symmetric, problem.space.comm.size)
@@ -129,7 +131,7 @@ class Newton:
         text = "Krylov iterations that a preconditioner may lose before it is renewed; -1: always renew"
         patience = options.get("pc_patience", 10, int, text=text)
         self._reuse = None if lags or direct or loose or patience < 0 else Reuse(patience)
-        self._filter = contact_filter(problem, options)
+        self._filter = body_filter(problem, options) or contact_filter(problem, options)
         self.solver = self._solver(symmetric, len(near_null_space.getVecs()))
         self._floor, self._goal, self._first = 0.0, None, None
         self._hold_first = loose and self._holds
@@ -146,7 +148,7 @@ class Newton:
             "preconditioner": self._options.get("pc_type", "gamg"),
             "rigid_modes": modes,
             "symmetric": symmetric,
-            "contact_filter": self._filter is not None,
+            "filter": {type(None): "none", BodyFilter: "bodies"}.get(type(self._filter), "contact"),
             "reused": self._reuse is not None,
         }
 

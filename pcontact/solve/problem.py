@@ -10,6 +10,11 @@ from pcontact.runtime import profile
 from pcontact.runtime.petsc import MPI
 
 
+def can_slip(item):
+    """Whether an item has a law of friction that can be held."""
+    return getattr(item, "hold", None) is not None
+
+
 class Problem:
     """Residual and generalised Jacobian of one load step.
 
@@ -30,11 +35,13 @@ class Problem:
         Time at which the load step ends.
     linear : bool
         Whether the tangent is constant.
+    loose : sequence of int
+        Bodies whose rigid motions get a coarse space, see `pcontact.solve.bodies`.
     """
 
     def __init__(self, space, items, supports, forces, aid):
         self.space, self.items, self.supports, self.forces, self.aid = space, items, supports, forces, aid
-        self.time = 0.0
+        self.time, self.loose = 0.0, ()
         self.fixed = np.ascontiguousarray(supports.fixed[space.owned_local])
         self.matrix = GlobalMatrix(space, supports.fixed)
         self._versions = None
@@ -128,7 +135,7 @@ class Problem:
 
     def sticks(self):
         """Whether more of the area closed at the end of the last load step stuck than slipped. *Collective.*"""
-        areas = sum((item.committed_areas() for item in self.items[1:] if hasattr(item, "hold")), np.zeros(3))
+        areas = sum((item.committed_areas() for item in self.items[1:] if can_slip(item)), np.zeros(3))
         _, stick, slip = self.space.comm.allreduce(areas, op=MPI.SUM)
         return bool(stick > slip)
 
@@ -143,7 +150,7 @@ class Problem:
     @contextmanager
     def held(self):
         """Closed points stick, whatever the laws of friction say."""
-        items = [item for item in self.items if hasattr(item, "hold")]
+        items = [item for item in self.items if can_slip(item)]
         for item in items:
             item.hold(True)
         try:

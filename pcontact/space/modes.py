@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from pcontact.mesh.components import label
 from pcontact.runtime.petsc import MPI, PETSc
 
 
@@ -32,8 +33,8 @@ def rigid_modes(points, centre, scale):
     return modes
 
 
-def component_frames(space):
-    """Centre (n_components, d) and size (n_components,) of every connected component. *Collective.*"""
+def component_boxes(space):
+    """Corners (n_components, d), (n_components, d) of the box around every connected component. *Collective.*"""
     mesh, d = space.mesh, space.dim
     low = np.full((mesh.n_components, d), np.inf)
     high = np.full((mesh.n_components, d), -np.inf)
@@ -41,7 +42,61 @@ def component_frames(space):
     np.maximum.at(high, space.component, space.points)
     space.comm.Allreduce(MPI.IN_PLACE, low, op=MPI.MIN)
     space.comm.Allreduce(MPI.IN_PLACE, high, op=MPI.MAX)
+    return low, high
+
+
+def component_frames(space):
+    """Centre (n_components, d) and size (n_components,) of every connected component. *Collective.*"""
+    low, high = component_boxes(space)
     return 0.5 * (low + high), 0.5 * np.linalg.norm(high - low, axis=1)
+
+
+def near_pairs(low, high, distance):
+    """Pairs (n, 2) of boxes that are no farther apart than a distance.
+
+    Parameters
+    ----------
+    low, high : ndarray (m, d)
+        Corners [length].
+    distance : float
+        [length]
+
+    Notes
+    -----
+    Boxes are swept along their first direction: the cost is that of the boxes side by side, not of all pairs.
+    """
+    order = np.argsort(low[:, 0], kind="stable")
+    low, high = low[order], high[order]
+    end = np.searchsorted(low[:, 0], high[:, 0] + distance, side="right")
+    count = np.maximum(end - np.arange(len(low)) - 1, 0)
+    first = np.repeat(np.arange(len(low)), count)
+    start = np.cumsum(count) - count
+    second = first + 1 + np.arange(len(first)) - start[first]
+    apart = np.maximum(low[second] - high[first], low[first] - high[second])
+    near = np.all(apart <= distance, axis=1)
+    return np.sort(np.column_stack([order[first[near]], order[second[near]]]), axis=1)
+
+
+def join(space, pairs):
+    """From here on, connected components that are tied to each other are one.
+
+    Parameters
+    ----------
+    space : Space
+        Its components and those of its mesh get new numbers and names.
+    pairs : ndarray (n, 2)
+        The same on all ranks.
+    """
+    mesh = space.mesh
+    n = mesh.n_components
+    number = label([np.column_stack([np.arange(n), np.arange(n)]), pairs], n)[:n]
+    names = [dict.fromkeys([]) for _ in range(int(number.max(initial=-1)) + 1)]
+    for old, new in enumerate(number):
+        names[new].update(dict.fromkeys(mesh.component_names[old].split(" + ")))
+    mesh.n_components, mesh.component_names = len(names), [" + ".join(words) for words in names]
+    space.component = number[space.component]
+    for block in mesh.blocks:
+        block.components = number[block.components]
 
 
 def colour(n_components, edges):

@@ -1,0 +1,74 @@
+"""The outer surface of all bodies: the facets that one cell alone has."""
+
+import numpy as np
+
+from pcontact.element.reference import facet_nodes
+from pcontact.mesh.mesh import Facets
+from pcontact.runtime.parallel import split_by_rank
+
+
+def _mixed(numbers):
+    """Numbers (n,) as 64 bits that look like random ones (S. Vigna's splitmix64)."""
+    z = np.asarray(numbers).astype(np.uint64) + np.uint64(0x9E3779B97F4A7C15)
+    z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+    z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    return z ^ (z >> np.uint64(31))
+
+
+def _once(keys):
+    """Which of some keys (n,) are there once."""
+    _, place, count = np.unique(keys, return_inverse=True, return_counts=True)
+    return count[place] == 1
+
+
+def outer_facets(mesh, exchanger):
+    """Facets of this rank's cells that no other cell of any rank has. *Collective.*
+
+    Parameters
+    ----------
+    mesh : pcontact.mesh.mesh.Mesh
+    exchanger : pcontact.runtime.parallel.Exchanger
+
+    Returns
+    -------
+    list of Facets
+
+    Notes
+    -----
+    A facet is known by the sum of its vertices' mixed numbers: no sorting, and 64 bits are enough for billions of
+    facets. What is single on this rank is asked for at the rank that its key falls to; that is the surface of the part,
+    not its volume.
+    """
+    keys, owners = [np.zeros(0, dtype=np.uint64)], []
+    for number, block in enumerate(mesh.blocks):
+        table = facet_nodes(block.cell, 1)
+        with np.errstate(over="ignore"):
+            marks = _mixed(mesh.file_nodes)[block.nodes[:, table]].sum(axis=2)
+        keys.append(marks.ravel())
+        owners.append((number, *marks.shape))
+    keys = np.concatenate(keys)
+    outer = _once(keys)
+    chosen = np.flatnonzero(outer)
+    outer[chosen] = _nowhere_else(exchanger, keys[chosen])
+    result, first = [], 0
+    for number, n_cells, n_facets in owners:
+        part = outer[first : first + n_cells * n_facets].reshape(n_cells, n_facets)
+        first += part.size
+        cells, local = np.nonzero(part)
+        if len(cells):
+            result.append(Facets(number, cells, local))
+    return result
+
+
+def _nowhere_else(exchanger, keys):
+    """Which of some keys (n,) no other rank has. *Collective.*"""
+    size = exchanger.comm.size
+    sends, order = split_by_rank((keys % np.uint64(size)).astype(np.int64), keys.view(np.int64))
+    heard = exchanger(sends, np.int64, 1)
+    single = _once(np.concatenate([np.zeros(0, np.int64), *(part.ravel() for part in heard.values())]))
+    cuts = np.cumsum([len(part) for part in heard.values()])[:-1]
+    replies = dict(zip(heard, np.split(single.astype(np.int64), cuts), strict=True)) if heard else {}
+    told = exchanger(replies, np.int64, 1)
+    answer = np.zeros(len(keys), dtype=bool)
+    answer[order] = np.concatenate([np.zeros(0, np.int64), *(told[rank].ravel() for rank in sorted(sends))]) > 0
+    return answer

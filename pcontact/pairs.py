@@ -1,0 +1,252 @@
+"""From the contacts of a scene to items: surfaces, search radii, formulations."""
+
+import numpy as np
+
+from pcontact.assembly.plastic import PlasticBulk
+from pcontact.contact.all_surfaces import burdened, components_of, meetings, outer_surfaces, paired_elsewhere
+from pcontact.contact.augmented import AugmentedFrictionalItem, AugmentedItem
+from pcontact.contact.frictional import FrictionalItem
+from pcontact.contact.item import ContactItem
+from pcontact.contact.laws import friction_law
+from pcontact.contact.obstacle import RigidObstacle
+from pcontact.contact.penalty import without_traction
+from pcontact.contact.pieces import cut_source
+from pcontact.contact.plastic_trace import PlasticTrace
+from pcontact.contact.self_surface import self_surface
+from pcontact.contact.surface import source_surface, target_surface
+from pcontact.contact.tied import AugmentedTiedItem, TiedItem
+from pcontact.contact.unbiased import (
+    UnbiasedFrictionalItem,
+    UnbiasedItem,
+    contacts_of_halves,
+    halved,
+    is_unbiased,
+)
+from pcontact.mesh.mesh import bounding_box, size_of
+from pcontact.runtime import log
+from pcontact.runtime.parallel import agree
+from pcontact.runtime.petsc import MPI
+from pcontact.scene import amplitude, obstacle_functions
+from pcontact.scene.messages import input_error
+from pcontact.scene.model import OUTER
+from pcontact.space.modes import component_frames, join
+from pcontact.space.space import AXIS
+
+# items of the formulations: without friction, with it, tied
+ITEMS = {
+    "nitsche": (ContactItem, FrictionalItem, TiedItem),
+    "penalty": (ContactItem, FrictionalItem, TiedItem),
+    "augmented_lagrangian": (AugmentedItem, AugmentedFrictionalItem, AugmentedTiedItem),
+}
+
+
+def _radius(space, contact, floats):
+    """Search radius [length]. *Collective.*
+
+    The user's; or 0.15 of the extent of the smaller surface, the farthest that bodies may move in a load step. A body
+    that nothing holds may have to look farther for a partner: half the extent. Where all surfaces may meet, 0.15 of
+    the extent of the smallest body: the search takes longer the farther it goes.
+    """
+    if contact.search_radius is not None:
+        return contact.search_radius
+    mesh, extents = space.mesh, []
+    if contact.target is None:
+        return size_of(mesh)
+    if contact.all:
+        _, scale = component_frames(space)
+        return 0.3 * float(np.min(scale))
+    for name in (contact.source, contact.target):
+        nodes = [mesh.facet_nodes(f).ravel() for f in mesh.facet_groups.get(name, [])]
+        nodes = np.concatenate(nodes) if nodes else np.zeros(0, dtype=np.int64)
+        low, high = bounding_box(mesh.comm, mesh.points[nodes])
+        extents.append(float(np.linalg.norm(high - low)))
+    return (0.5 if floats else 0.15) * min(extents)
+
+
+def _require_area(scene, space, contact, source):
+    """Refuse a source on the axis of symmetry: its facets have no area. *Collective.*"""
+    if not space.axisymmetric:
+        return
+    largest = space.comm.allreduce(float(np.max(space.points[:, 0], initial=0.0)), op=MPI.MAX)
+    count = len(np.unique(source.facet[source.x[:, 0] <= AXIS * largest]))
+    message = (
+        f"{scene.where}: contacts ({contact.name}).source: found {contact.source!r} with {count} facets on the axis of "
+        "symmetry, where they have no area; allowed: facets with x > 0"
+    )
+    agree(space.comm, message if count else None)
+
+
+def _trace(space, bulk, source, contact):
+    """What plasticity adds to the traction of a source; None where its cells cannot yield. *Collective.*"""
+    if not isinstance(bulk, PlasticBulk):
+        return None
+    trace = PlasticTrace(space, bulk, source, contact.source)
+    return trace if space.comm.allreduce(trace.parts, op=MPI.SUM) else None
+
+
+def pair_item(space, bulk, contact, source, target, radius, floats=False):
+    """The item of a contact in its formulation. *Collective.*
+
+    Parameters
+    ----------
+    bulk : ElasticBulk or PlasticBulk
+    others
+        See `pcontact.contact.item.ContactItem`.
+    """
+    law, trace = friction_law(contact), None
+    if contact.formulation == "nitsche":
+        trace = _trace(space, bulk, source, contact)
+    else:
+        source = without_traction(source)
+    frictionless, frictional, tied = ITEMS[contact.formulation]
+    if law is None:
+        return frictionless(space, contact, source, target, radius, floats, trace)
+    kind = tied if contact.tied else frictional
+    return kind(space, contact, source, target, radius, law, contact.alpha, floats, trace)
+
+
+def _fitted(space, contact, source, target, radius):
+    """Source and target as they see each other: in the plane, facets are cut at the nodes they face. *Collective.*"""
+    if space.dim == 3 or contact.target is None:
+        return source, target
+    source = cut_source(space, source, contact.source, target, radius, contact.search, contact.quadrature)
+    return source, target.seen_from(source.facet, source.x)
+
+
+def _muted(scene, space, supports, contact, source):
+    """The source of a contact of all surfaces; facets with a load or support take part without their traction."""
+    return source.mute(burdened(space, supports, scene.loads, source, friction_law(contact) is not None))
+
+
+def _unbiased_item(scene, space, bulk, contact, supports, radius, floats):
+    """The item of a pair both surfaces of which are source and target, or of self contact. *Collective.*"""
+    halves = []
+    for one in contacts_of_halves(contact):
+        source = source_surface(space, one.source, bulk.constants, one.quadrature)
+        _require_area(scene, space, one, source)
+        target = target_surface(space, one.target)
+        if one.source == one.target:
+            sides = paired_elsewhere(space, scene.contacts, target.ids) if contact.all else None
+            target = self_surface(space, target, source, contact.meets_itself, sides)
+        source, target = _fitted(space, one, source, target, radius)
+        if contact.all:
+            source = _muted(scene, space, supports, contact, source)
+        halves.append(pair_item(space, bulk, one, halved(source), target, radius, floats))
+    kind = UnbiasedItem if friction_law(contact) is None else UnbiasedFrictionalItem
+    return kind(contact, halves)
+
+
+def _tied_radius(space, source, target):
+    """Largest extent of a facet [length]: what is farther away is not tied. *Collective.*"""
+    extent = np.linalg.norm(target.x.max(axis=1) - target.x.min(axis=1), axis=1) if len(target.x) else np.zeros(0)
+    own = max(float(np.max(source.size, initial=0.0)), float(np.max(extent, initial=0.0)))
+    return space.comm.allreduce(own, op=MPI.MAX)
+
+
+def tied_items(scene, space, constants, bulk):
+    """Items of the tied pairs. Bodies that they join are one connected component from here on. *Collective.*
+
+    Parameters
+    ----------
+    scene, space, constants, bulk
+        As in :func:`contact_items`.
+
+    Returns
+    -------
+    dict of int to TiedItem
+        By the number of the contact in the scene.
+    """
+    items, joined = {}, []
+    for number, contact in enumerate(scene.contacts):
+        if not contact.tied:
+            continue
+        source = source_surface(space, contact.source, constants, contact.quadrature)
+        _require_area(scene, space, contact, source)
+        target = target_surface(space, contact.target)
+        radius = contact.search_radius or _tied_radius(space, source, target)
+        source, target = _fitted(space, contact, source, target, radius)
+        item = pair_item(space, bulk, contact, source, target, radius)
+        item.detect(space.vector(), 0.0)
+        tied, points = item.count()
+        if not tied:
+            raise input_error(
+                scene.where, f"contacts[{number}] ({contact.name}).tied",
+                f"no point of {contact.source!r} with a partner on {contact.target!r} within {radius:.4g}",
+                "surfaces that face each other, or a larger search_radius",
+            )  # fmt: skip
+        log.info("contact %s: %d of %d points are tied", contact.name, tied, points)
+        items[number] = item
+        joined.append(item.joined())
+    if items:
+        join(space, np.concatenate(joined))
+    return items
+
+
+def _sides(space, contact):
+    """Connected components of the surfaces of a contact, one set for each surface. *Collective.*"""
+    return [components_of(space, name) for name in (contact.source, contact.target) if name is not None]
+
+
+def _rigid(scene, space, number):
+    """The obstacle of a contact. *Collective.*"""
+    obstacle = scene.contacts[number].obstacle
+    functions = obstacle_functions(scene, number) if obstacle.shape == "level_set" else None
+    return RigidObstacle(obstacle, amplitude(obstacle.amplitude, scene.steps.end), size_of(space.mesh), functions)
+
+
+def contact_items(scene, space, constants, supports, free, bulk, tied):
+    """One item per contact pair, and which components can meet. *Collective.*
+
+    Parameters
+    ----------
+    scene : pcontact.scene.model.Scene
+    space : pcontact.space.space.Space
+    constants : list of (float, float)
+        Lame constants of each body [stress].
+    supports : pcontact.space.supports.Supports
+    free : dict of int to int
+        Components that the supports do not hold.
+    bulk : ElasticBulk or PlasticBulk
+    tied : dict of int to TiedItem
+        Of :func:`tied_items`.
+
+    Returns
+    -------
+    items : list of ContactItem
+    edges : set of (int, int)
+        Pairs of components.
+    """
+    items, edges, touching = [], set(), set()
+    if any(contact.all for contact in scene.contacts):
+        space.mesh.facet_groups[OUTER] = outer_surfaces(space)
+    for number, contact in enumerate(scene.contacts):
+        if contact.tied:
+            items.append(tied[number])
+            continue
+        sides = _sides(space, contact)
+        floats = bool(set().union(*sides) & set(free))
+        radius = _radius(space, contact, floats)
+        if contact.obstacle is None:
+            near = meetings(space, sides, radius)
+            edges |= near
+        if contact.all and contact.obstacle is None:
+            touching.update(*near)
+        elif contact.target != contact.source or len(sides[0]) > 1:
+            touching.update(*sides)
+        if is_unbiased(contact):
+            items.append(_unbiased_item(scene, space, bulk, contact, supports, radius, floats))
+            continue
+        source = source_surface(space, contact.source, constants, contact.quadrature)
+        _require_area(scene, space, contact, source)
+        target = target_surface(space, contact.target) if contact.obstacle is None else _rigid(scene, space, number)
+        source, target = _fitted(space, contact, source, target, radius)
+        if contact.all:
+            source = _muted(scene, space, supports, contact, source)
+        items.append(pair_item(space, bulk, contact, source, target, radius, floats))
+    for k in sorted(set(free) - touching):
+        name = space.mesh.component_names[k]
+        text = "body %s: no contact pair can hold the %d rigid modes that no support holds"
+        if any(contact.all for contact in scene.contacts):
+            text += " (or nothing is near enough: a larger search_radius)"
+        log.warning(text, name, free[k])
+    return items, edges
