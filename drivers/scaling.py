@@ -36,6 +36,7 @@ CELLS = {
     "hexahedra2": ("hexahedron", 2),
 }
 KEY = ("ranks", "size", "cells", "case")
+LARGE = 1_500_000  # unknowns from which a mesh of tetrahedra is halved once after meshing
 WARM = 1500  # unknowns of the mesh on which kernels compile (or load) outside the clock
 PHASES = ("read", "distribute", "set_up", "search", "bulk_assembly", "contact_assembly", "matrix", "exchange",
           "preconditioner", "krylov")  # fmt: skip
@@ -348,7 +349,9 @@ def mesh_of(args, size: int, cells: str = "tetrahedra") -> Path:
     path = args.o / (f"{name}_{size}.msh" if order == 1 else f"{name}{order}_{size}.msh")
     make = {"tetrahedron": ball_on_block, "hexahedron": dome_on_block}[cell]
     there = MPI.COMM_WORLD.bcast(path.exists())
-    return path if there else make_mesh(make, path, unknowns=size, order=order)
+    # gmsh cannot make the largest ones in the memory of a small machine
+    more = {"halvings": 1} if cells == "tetrahedra" and size > LARGE else {}
+    return path if there else make_mesh(make, path, unknowns=size, order=order, **more)
 
 
 def run(args) -> int:

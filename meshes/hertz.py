@@ -25,6 +25,7 @@ from .bodies import (
     name_block,
     name_round,
 )
+from .halve import write_halved
 from .tools import (
     check_cell,
     check_choice,
@@ -279,10 +280,12 @@ def ball_on_block(
     growth : growth of the size per unit length
     coarse : largest size; default 10 h, at most radius / 4
     mismatch : size of the block in units of the ball's
-    halvings : how often the edges of the whole mesh are halved at the end, the new nodes put on the ball: for meshes
-        of millions of cells, of which gmsh makes the coarse ones only (it takes 5 kB per cell)
+    halvings : how often the edges of the whole mesh are halved at the end, the new nodes on the ball's skin
+        put on the ball: for meshes of millions of cells (gmsh takes 5 kB per cell to make one); degree 1 only
     """
     check_cell("ball_on_block", "tetrahedron", 3, order)
+    if halvings and order != 1:
+        raise ValueError(f"mesh 'ball_on_block': order {order} with halvings; expected order 1")
     check_choice("ball_on_block", "symmetry", symmetry, ("quarter", "none"))
     quarter = symmetry == "quarter"
     grading = _Grading(h, contact_radius or 0.2 * radius, growth, coarse, mismatch, radius)
@@ -292,9 +295,15 @@ def ball_on_block(
         else:
             # halves have nearly eight times the nodes
             _meet_unknowns(round(unknowns / 8**halvings), grading, block, quarter, order)
-        for _ in range(halvings):
-            gmsh.model.mesh.refine()
+        if halvings:
+            centre = np.array([0.0, 0.0, radius])
+            return write_halved(path, halvings, lambda x: _onto_sphere(x, centre, radius), "ball_skin")
         return write(path)
+
+
+def _onto_sphere(x: np.ndarray, centre: np.ndarray, radius: float) -> np.ndarray:
+    away = x - centre
+    return centre + radius * away / np.linalg.norm(away, axis=1)[:, None]
 
 
 def _mesh_ball_on_block(grading: _Grading, block: Sequence[float], quarter: bool, order: int) -> int:

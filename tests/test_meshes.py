@@ -10,6 +10,7 @@ import meshes
 from meshes.__main__ import main
 from meshes.spring import Helix
 from pcontact.element.quadrature import quadrature
+from pcontact.element.reference import facet_nodes
 from pcontact.element.shape import shape_gradient
 from pcontact.mesh.reader import read_mesh
 
@@ -592,3 +593,19 @@ def test_wrong_dimensions(tmp_path, name, arguments):
     with pytest.raises(ValueError, match=name):
         meshes.GENERATORS[name](tmp_path / "w.msh", **arguments)
     assert not (tmp_path / "w.msh").exists()
+
+
+def test_a_ball_with_halved_edges(tmp_path):
+    """As many cells as asked for, none turned over, new nodes of the skin on the ball, all groups filled."""
+    raw = read_mesh(meshes.ball_on_block(tmp_path / "h.msh", unknowns=40_000, halvings=1))
+    assert 3 * len(raw.points) == pytest.approx(40_000, rel=0.2)
+    x = raw.points[raw.blocks[0].nodes]
+    volume = np.linalg.det(x[:, 1:] - x[:, :1]) / 6.0
+    assert volume.min() > 0.0 and volume.sum() == pytest.approx(4.0 + 2.0 * np.pi / 3.0, rel=0.02)
+    cells, local = raw.facet_groups["ball_skin"]
+    nodes = raw.blocks[0].nodes[cells[:, None], facet_nodes("tetrahedron", 1)[local]]
+    np.testing.assert_allclose(np.linalg.norm(raw.points[nodes] - [0.0, 0.0, 1.0], axis=2), 1.0, rtol=1e-12)
+    assert all(len(group[0]) for group in raw.facet_groups.values())
+    np.testing.assert_allclose(raw.points[raw.node_groups["ball_tip"]], 0.0, atol=1e-12)
+    with pytest.raises(ValueError, match="order 2 with halvings"):
+        meshes.ball_on_block(tmp_path / "h.msh", order=2, halvings=1)
