@@ -26,7 +26,8 @@ import numpy as np
 from pcontact.contact.apart import nobody, writable
 from pcontact.contact.cones import no_cones, normal_cones
 from pcontact.contact.facet_maps import facet_boxes, simplest_kinds
-from pcontact.contact.projection_search import ROUNDING, TIE, search_all
+from pcontact.contact.projection_search import TIE, search_all
+from pcontact.contact.projection_walk import ROUNDING
 from pcontact.contact.tree import build_tree
 
 # cosine: normals up to 78 degrees apart may be partners; sideways neighbours beyond a border may not

@@ -12,7 +12,6 @@ count, and whether it is nearer.
 import numpy as np
 
 from pcontact.contact.apart import is_own
-from pcontact.contact.cones import holds_none, is_behind
 from pcontact.contact.facet_maps import (
     SQUARE_CORNERS,
     TRIANGLE_CORNERS,
@@ -24,13 +23,13 @@ from pcontact.contact.facet_maps import (
 )
 from pcontact.contact.projection_facets import GRID, closest_on_facet
 from pcontact.contact.projection_rays import ray_on_facet
+from pcontact.contact.projection_walk import expand, load_point, pop, push
 from pcontact.runtime.jit import njit_exact, njit_inline
 
 TIE = 1e-10  # of the facet size: distances that count as equal
 TOUCH = 1e-9  # of the facet size: offsets that have no direction, and how far over a border a point may hang
 SAME_POINT = 1e-6  # of the facet size: closest points of neighbours that count as one
 BEHIND = 0.9  # how far an offset that leads out of a body may leave the cone of the normals at its end (in cosines)
-ROUNDING = 1e-15  # of the largest coordinate: what a stored coordinate is worth
 # columns of the table of solved facets: distance, gap, reference coordinates, y - x (3), target normal (3),
 # contact normal (3), interior (0 or 1), angle at y, facet size, rounding length, whether it is no partner (0 or 1)
 DISTANCE, GAP, U, V, R, NY, N = 0, 1, 2, 3, 4, 7, 10
@@ -55,11 +54,11 @@ def search_all(rays, tree, x_facets, kinds, ids, own, points, normals, radii, fa
     aside = np.empty(n_nodes + nf, dtype=np.int64)
     on_it = apart.parts.size > 0
     for q in range(points.shape[0]):
-        rounding = _load_point(points, normals, q, x, n)
+        rounding = load_point(points, normals, q, x, n)
         if not rounding < np.inf:
             continue
         radius, n_queue, n_found, n_group, nearest, limit, n_aside = radii[q], 0, 0, 0, 0.0, 0.0, 0
-        n_queue = _push(keys, items, n_queue, 0.0, 0)
+        n_queue = push(keys, items, n_queue, 0.0, 0)
         while n_queue > 0 or n_group > 0:
             key, item = (keys[0], items[0]) if n_queue > 0 else (np.inf, -1)
             if n_group > 0 and not key <= limit:
@@ -119,51 +118,24 @@ def search_all(rays, tree, x_facets, kinds, ids, own, points, normals, radii, fa
                     break
                 n_group = 0
                 continue
-            n_queue = _pop(keys, items, n_queue)
+            n_queue = pop(keys, items, n_queue)
             if item < apart.whole.size and apart.whole[item] == apart.parts[q]:
                 continue  # nothing but the point's own body
             if item < n_nodes:
-                n_queue, n_aside = _expand(
-                    rays,
-                    tree,
-                    item,
-                    x,
-                    n,
-                    facing,
-                    rounding,
-                    radius,
-                    keys,
-                    items,
-                    n_queue,
-                    cones,
-                    apart,
-                    q,
-                    aside,
+                n_queue, n_aside = expand(
+                    rays, tree, item, x, n, facing, rounding, radius, keys, items, n_queue, cones, apart, q, aside,
                     n_aside,
-                )
+                )  # fmt: skip
             elif item < n_nodes + nf:
                 row = found[n_found]
                 partners.candidates[q] += 1
                 _solve(
-                    rays,
-                    tree,
-                    item - n_nodes,
-                    x_facets,
-                    kinds,
-                    x,
-                    n,
-                    facing,
-                    rounding,
-                    p,
-                    nodes,
-                    shapes,
-                    jet,
-                    grid,
+                    rays, tree, item - n_nodes, x_facets, kinds, x, n, facing, rounding, p, nodes, shapes, jet, grid,
                     row,
-                )
+                )  # fmt: skip
                 if row[DISTANCE] <= radius and row[DISTANCE] < np.inf:
                     leaves[n_found] = item - n_nodes
-                    n_queue = _push(keys, items, n_queue, row[DISTANCE], n_nodes + nf + n_found)
+                    n_queue = push(keys, items, n_queue, row[DISTANCE], n_nodes + nf + n_found)
                     n_found += 1
             else:
                 slot = item - n_nodes - nf
@@ -179,82 +151,6 @@ def _is_own(apart, q, facet, kind, row, column, factor, shapes):
     """`apart.is_own` with a multiple of three columns of a solved facet as the normal."""
     n0, n1, n2 = factor * row[column], factor * row[column + 1], factor * row[column + 2]
     return is_own(apart, q, facet, kind, row[U], row[V], n0, n1, n2, shapes)
-
-
-@njit_exact
-def _load_point(points, normals, q, x, n):
-    """Copy a point and its normal, made a unit vector; return the rounding length, inf if unusable."""
-    offset, length2 = 0.0, 0.0
-    for k in range(points.shape[1]):
-        x[k], n[k] = points[q, k], normals[q, k]
-        offset, length2 = offset + abs(x[k]), length2 + n[k] * n[k]
-    if not (0.0 < length2 < np.inf and offset < np.inf):
-        return np.inf
-    length = np.sqrt(length2)
-    for k in range(points.shape[1]):
-        n[k] /= length
-    return ROUNDING * offset
-
-
-@njit_exact
-def _push(keys, items, count, key, item):
-    """Add to the heap; return its size."""
-    i = count
-    while i > 0:
-        parent = (i - 1) // 2
-        if keys[parent] <= key:
-            break
-        keys[i], items[i] = keys[parent], items[parent]
-        i = parent
-    keys[i], items[i] = key, item
-    return count + 1
-
-
-@njit_exact
-def _pop(keys, items, count):
-    """Remove the first of the heap; return its size."""
-    count -= 1
-    key, item, i = keys[count], items[count], 0
-    while 2 * i + 1 < count:
-        child = 2 * i + 1
-        if child + 1 < count and keys[child + 1] < keys[child]:
-            child += 1
-        if key <= keys[child]:
-            break
-        keys[i], items[i] = keys[child], items[child]
-        i = child
-    keys[i], items[i] = key, item
-    return count
-
-
-@njit_exact
-def _expand(rays, tree, node, x, n, facing, rounding, radius, keys, items, count, cones, apart, q, aside, n_aside):
-    """Push the children of a node, or the facets of a leaf, that may hold a partner; return the new counts."""
-    inner = tree.child[node] >= 0
-    lower, upper = (tree.lower, tree.upper) if inner else (tree.facet_lower, tree.facet_upper)
-    first, last = (tree.child[node], tree.child[node] + 2) if inner else (tree.first[node], tree.last[node])
-    shift = 0 if inner else tree.child.size
-    known, on_it = cones.cosine.size > 0 and not rays, apart.parts.size > 0
-    axes, cosines, sines, parts = cones.axis, cones.cosine, cones.sine, cones.parts
-    low0, high0, xq = cones.lower, cones.upper, apart.x[q if on_it else 0 : (q if on_it else 0) + 1]
-    part, slack = (apart.parts[q], apart.slack[q]) if on_it else (-1, 0.0)
-    for i in range(first, last):
-        item = shift + i
-        if rays:
-            key = _ray_bound(lower, upper, i, x, n, rounding)
-        else:
-            key = _bound(lower, upper, i, x, n, facing, rounding)
-        if not key <= radius:
-            continue
-        if known and (
-            holds_none(axes, cosines, sines, item, lower, upper, i, x, n, facing)
-            or (on_it and is_behind(axes, cosines, sines, parts, low0, high0, item, part, xq[0], slack))
-        ):
-            aside[n_aside] = item
-            n_aside += 1
-        else:
-            count = _push(keys, items, count, key, item)
-    return count, n_aside
 
 
 @njit_exact
@@ -342,43 +238,6 @@ def _distance_to_box(lower, upper, row, x, solved):
         y = x[k] + solved[R + k]
         away = max(away, lower[row, k] - y, y - upper[row, k])
     return away
-
-
-@njit_inline
-def _bound(lower, upper, row, x, n, facing, rounding):
-    """Lower bound of the distance of any accepted partner inside a box; inf: there is none."""
-    distance2, along, reach, size = 0.0, 0.0, 0.0, 0.0
-    for k in range(lower.shape[1]):
-        low, high = lower[row, k] - x[k], upper[row, k] - x[k]
-        out, half = max(low, -high, 0.0), 0.5 * (high - low)
-        distance2, size = distance2 + out * out, size + half
-        along, reach = along + 0.5 * (low + high) * n[k], reach + half * abs(n[k])
-    # the contact normal is along the offset, and must stay in the double cone about nX (but for offsets too
-    # small to have a direction): a box outside the cone holds no partner, nor a neighbour that shares a
-    # partner's point
-    distance = np.sqrt(distance2)
-    outside = facing > 0.0 and abs(along) + reach < facing * (distance - 1e-8 * size - 4.0 * rounding)
-    return np.inf if outside else distance * (1.0 - 1e-14)
-
-
-@njit_exact
-def _ray_bound(lower, upper, row, x, n, rounding):
-    """Smallest abs(t) for which x + t n is in a box that is a little enlarged; inf: it misses."""
-    diagonal, start, end = 0.0, -np.inf, np.inf
-    for k in range(lower.shape[1]):
-        diagonal += upper[row, k] - lower[row, k]
-    slack = 1e-8 * diagonal + 4.0 * rounding
-    for k in range(lower.shape[1]):
-        low, high = lower[row, k] - x[k] - slack, upper[row, k] - x[k] + slack
-        if n[k] == 0.0:
-            if low > 0.0 or high < 0.0:
-                return np.inf
-        else:
-            a, b = low / n[k], high / n[k]
-            start, end = max(start, min(a, b)), min(end, max(a, b))
-    if start > end:
-        return np.inf
-    return max(start, -end, 0.0)
 
 
 @njit_exact

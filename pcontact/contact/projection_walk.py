@@ -1,0 +1,121 @@
+"""The walk of the tree of facets: a heap of boxes by their distance, and what bounds that distance from below."""
+
+import numpy as np
+
+from pcontact.contact.cones import holds_none, is_behind
+from pcontact.runtime.jit import njit_exact, njit_inline
+
+ROUNDING = 1e-15  # of the largest coordinate: what a stored coordinate is worth
+
+
+@njit_exact
+def load_point(points, normals, q, x, n):
+    """Copy a point and its normal, made a unit vector; return the rounding length, inf if unusable."""
+    offset, length2 = 0.0, 0.0
+    for k in range(points.shape[1]):
+        x[k], n[k] = points[q, k], normals[q, k]
+        offset, length2 = offset + abs(x[k]), length2 + n[k] * n[k]
+    if not (0.0 < length2 < np.inf and offset < np.inf):
+        return np.inf
+    length = np.sqrt(length2)
+    for k in range(points.shape[1]):
+        n[k] /= length
+    return ROUNDING * offset
+
+
+@njit_exact
+def push(keys, items, count, key, item):
+    """Add to the heap; return its size."""
+    i = count
+    while i > 0:
+        parent = (i - 1) // 2
+        if keys[parent] <= key:
+            break
+        keys[i], items[i] = keys[parent], items[parent]
+        i = parent
+    keys[i], items[i] = key, item
+    return count + 1
+
+
+@njit_exact
+def pop(keys, items, count):
+    """Remove the first of the heap; return its size."""
+    count -= 1
+    key, item, i = keys[count], items[count], 0
+    while 2 * i + 1 < count:
+        child = 2 * i + 1
+        if child + 1 < count and keys[child + 1] < keys[child]:
+            child += 1
+        if key <= keys[child]:
+            break
+        keys[i], items[i] = keys[child], items[child]
+        i = child
+    keys[i], items[i] = key, item
+    return count
+
+
+@njit_exact
+def expand(rays, tree, node, x, n, facing, rounding, radius, keys, items, count, cones, apart, q, aside, n_aside):
+    """Push the children of a node, or the facets of a leaf, that may hold a partner; return the new counts."""
+    inner = tree.child[node] >= 0
+    lower, upper = (tree.lower, tree.upper) if inner else (tree.facet_lower, tree.facet_upper)
+    first, last = (tree.child[node], tree.child[node] + 2) if inner else (tree.first[node], tree.last[node])
+    shift = 0 if inner else tree.child.size
+    known, on_it = cones.cosine.size > 0 and not rays, apart.parts.size > 0
+    axes, cosines, sines, parts = cones.axis, cones.cosine, cones.sine, cones.parts
+    low0, high0, xq = cones.lower, cones.upper, apart.x[q if on_it else 0 : (q if on_it else 0) + 1]
+    part, slack = (apart.parts[q], apart.slack[q]) if on_it else (-1, 0.0)
+    for i in range(first, last):
+        item = shift + i
+        if rays:
+            key = ray_bound(lower, upper, i, x, n, rounding)
+        else:
+            key = bound(lower, upper, i, x, n, facing, rounding)
+        if not key <= radius:
+            continue
+        if known and (
+            holds_none(axes, cosines, sines, item, lower, upper, i, x, n, facing)
+            or (on_it and is_behind(axes, cosines, sines, parts, low0, high0, item, part, xq[0], slack))
+        ):
+            aside[n_aside] = item
+            n_aside += 1
+        else:
+            count = push(keys, items, count, key, item)
+    return count, n_aside
+
+
+@njit_inline
+def bound(lower, upper, row, x, n, facing, rounding):
+    """Lower bound of the distance of any accepted partner inside a box; inf: there is none."""
+    distance2, along, reach, size = 0.0, 0.0, 0.0, 0.0
+    for k in range(lower.shape[1]):
+        low, high = lower[row, k] - x[k], upper[row, k] - x[k]
+        out, half = max(low, -high, 0.0), 0.5 * (high - low)
+        distance2, size = distance2 + out * out, size + half
+        along, reach = along + 0.5 * (low + high) * n[k], reach + half * abs(n[k])
+    # the contact normal is along the offset, and must stay in the double cone about nX (but for offsets too
+    # small to have a direction): a box outside the cone holds no partner, nor a neighbour that shares a
+    # partner's point
+    distance = np.sqrt(distance2)
+    outside = facing > 0.0 and abs(along) + reach < facing * (distance - 1e-8 * size - 4.0 * rounding)
+    return np.inf if outside else distance * (1.0 - 1e-14)
+
+
+@njit_exact
+def ray_bound(lower, upper, row, x, n, rounding):
+    """Smallest abs(t) for which x + t n is in a box that is a little enlarged; inf: it misses."""
+    diagonal, start, end = 0.0, -np.inf, np.inf
+    for k in range(lower.shape[1]):
+        diagonal += upper[row, k] - lower[row, k]
+    slack = 1e-8 * diagonal + 4.0 * rounding
+    for k in range(lower.shape[1]):
+        low, high = lower[row, k] - x[k] - slack, upper[row, k] - x[k] + slack
+        if n[k] == 0.0:
+            if low > 0.0 or high < 0.0:
+                return np.inf
+        else:
+            a, b = low / n[k], high / n[k]
+            start, end = max(start, min(a, b)), min(end, max(a, b))
+    if start > end:
+        return np.inf
+    return max(start, -end, 0.0)
