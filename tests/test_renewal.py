@@ -8,7 +8,7 @@ from drivers.ironing import Forces, scene
 from meshes import ironing
 from pcontact.runtime.petsc import MPI, PETSc
 from pcontact.simulation import Simulation
-from pcontact.solve.newton import Outcome
+from pcontact.solve.outcome import Outcome
 from pcontact.stepping.renewal import Renewal
 
 WORLD = MPI.COMM_WORLD

@@ -22,7 +22,7 @@ from pcontact.scene.model import (
     Steps,
 )
 from pcontact.simulation import Simulation
-from pcontact.solve.newton import Outcome
+from pcontact.solve.outcome import Outcome
 from pcontact.stepping.schedule import Schedule
 from pcontact.stepping.stepper import Stepper
 

@@ -1,7 +1,6 @@
 """Semi-smooth Newton by SNES."""
 
 import time as clock
-from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -18,6 +17,7 @@ from pcontact.solve.bodies import BodyFilter, body_filter
 from pcontact.solve.filter import contact_filter, new_preconditioner
 from pcontact.solve.line_search import FARTHEST, zero_of
 from pcontact.solve.linear import Reuse, newton_defaults, refresh_smoother, solver_defaults
+from pcontact.solve.outcome import Outcome, cycles, together
 from pcontact.solve.problem import can_slip
 
 REASONS = {
@@ -29,53 +29,11 @@ REASONS = {
 HELD_GOAL, HELD_GOAL_PLASTIC = 0.1, 0.02
 # part of the closed area that would open: the bodies are being taken apart, and to keep them together leads nowhere
 PULLED = 0.1
-# iterations in which the residual has to fall to half of what it was in as many before, else Newton goes in circles
-CYCLE = 6
 # part of the first Newton step of a load step that is taken where all of it goes too far. Bodies that touch along
 # curved surfaces, moved by half their approach, overlap on the area on which they will be in contact: Hertz, approach
 # a^2 / R, overlap a^2 / (2 R). From there the statuses of nearly all points are right; moved all the way, twice as
 # many close.
 APPROACH = 0.5
-
-
-@dataclass
-class Outcome:
-    """How a solve ended.
-
-    Attributes
-    ----------
-    converged : bool
-    newton, krylov : int
-        Iterations.
-    reason : str
-    residual, initial : float
-        Last and first norm of the residual [force].
-    detail : str
-        Of a solve that did not converge: where the residual is largest, and which pairs were changing.
-    uzawa : dict or None
-        Updates of multipliers around the solve, where there are any, see `pcontact.stepping.uzawa`.
-    """
-
-    converged: bool
-    newton: int
-    krylov: int
-    reason: str
-    residual: float
-    initial: float
-    detail: str = ""
-    uzawa: dict | None = None
-
-
-def _together(first, second):
-    """The second of two solves of a load step, with the iterations of both."""
-    return replace(second, newton=first.newton + second.newton, krylov=first.krylov + second.krylov)
-
-
-def cycles(norms):
-    """Whether iterations go in circles: points change their status in turn, and the norm stays where it is."""
-    if len(norms) < 2 * CYCLE:
-        return False
-    return bool(min(norms[-CYCLE:]) > 0.5 * min(norms[-2 * CYCLE : -CYCLE]))
 
 
 class Newton:
@@ -292,7 +250,7 @@ class Newton:
             if outcome.converged:
                 break
             before.copy(u)
-            outcome = _together(outcome, way(u, before))
+            outcome = together(outcome, way(u, before))
         return outcome
 
     def again(self, u):
@@ -323,12 +281,12 @@ class Newton:
             if near:
                 self._goal = HELD_GOAL_PLASTIC
                 with self.problem.held():
-                    outcome = _together(outcome, self._run(u, False))
+                    outcome = together(outcome, self._run(u, False))
                 near = outcome.converged
         self._goal = None
         if not near:
             before.copy(u)
-        return _together(outcome, self._run(u, not near))
+        return together(outcome, self._run(u, not near))
 
     def _shortest(self, u, before):
         """Solve with the line search l2, to where the residual is smallest along a step."""
@@ -360,7 +318,7 @@ class Newton:
                 # the law alone did no better
                 return held
             before.copy(u)
-        return _together(held, self._run(u, not held.converged))
+        return together(held, self._run(u, not held.converged))
 
     def _run(self, u, beginning):
         """One SNES solve, from the beginning of the load step or from elsewhere. *Collective.*"""
