@@ -90,26 +90,26 @@ def route(comm, low, high, points, radius):
 
     Returns
     -------
-    point, rank : ndarray (n,)
-        Pairs of a point and a rank to ask.
+    point, rank, distance : ndarray (n,)
+        Pairs of a point and a rank to ask, and how far the nearest of its boxes is from the point [length].
     """
     d = points.shape[1]
     boxes = np.empty((comm.size, BOXES, 2 * d))
     with profile.phase("exchange"):
         comm.Allgather(_boxes(low, high), boxes)
     profile.count(gathered_bytes=boxes.nbytes)
-    asked_points, asked_ranks = [np.zeros(0, dtype=np.int64)], [np.zeros(0, dtype=np.int64)]
+    none = np.zeros(0, dtype=np.int64)
+    found = [(none, none, np.zeros(0))]
     for rank in _near(boxes, points, radius):
-        near = np.zeros(len(points), dtype=bool)
+        nearest = np.full(len(points), np.inf)
         for box in boxes[rank]:
             if np.isnan(box[0]):
                 continue
             away = np.maximum(np.maximum(box[:d] - points, points - box[d:]), 0.0)
-            near |= np.einsum("pd,pd->p", away, away) <= radius * radius
-        index = np.flatnonzero(near)
-        asked_points.append(index)
-        asked_ranks.append(np.full(len(index), rank))
-    return np.concatenate(asked_points), np.concatenate(asked_ranks)
+            nearest = np.minimum(nearest, np.einsum("pd,pd->p", away, away))
+        index = np.flatnonzero(nearest <= radius * radius)
+        found.append((index, np.full(len(index), rank), np.sqrt(nearest[index])))
+    return tuple(np.concatenate(columns) for columns in zip(*found, strict=True))
 
 
 def _project(target, around, asked, radius, method, numbers):
@@ -208,16 +208,38 @@ def find_partners(space, target, nodal, points, normals, radius, method):
 
 
 def _remote(space, target, around, boxes, asking, radius, method, width):
-    """Ask the ranks whose boxes are near, answer those who ask here."""
-    d, n_columns = space.dim, asking.shape[1]
-    index, ranks = route(space.comm, *boxes, asking[:, :d], radius)
-    sends, order = split_by_rank(ranks, asking[index])
+    """Ask the ranks whose boxes are near, answer those who ask here.
+
+    # what is as near, up to rounding, may still win: an interior projection does, and the smaller number
+    heard of: most points ask one rank, however many have facets within the search radius.
+    """
+    d = space.dim
+    point, rank, away = route(space.comm, *boxes, asking[:, :d], radius)
+    order = np.lexsort((rank, rank != space.comm.rank, away, point))
+    first = np.zeros(len(point), dtype=bool)
+    first[order[np.unique(point[order], return_index=True)[1]]] = True
+    farthest = np.full(len(asking), float(radius))
+    asked, answers, candidates = _ask(
+        space, target, around, asking, point[first], rank[first], farthest, method, width
+    )
+    # what is as near, up to rounding, may still win: as an interior projection, or by its smaller number
+    farthest[asked] = np.minimum(farthest[asked], answers[:, 1] * (1.0 + 1e-12) + 1e-9 * answers[:, 4])
+    more = ~first & (away <= farthest[point])
+    more = _ask(space, target, around, asking, point[more], rank[more], farthest, method, width)
+    return np.concatenate([asked, more[0]]), np.concatenate([answers, more[1]]), candidates + more[2]
+
+
+def _ask(space, target, around, asking, point, rank, radius, method, width):
+    """Send points to ranks, with their search radii (np,), and bring back the answers. *Collective.*"""
+    d, n_columns = space.dim, asking.shape[1] + 1
+    sends, order = split_by_rank(rank, np.column_stack([asking[point], radius[point]]))
     asked = space.exchanger(sends, np.float64, n_columns)
     counts = [len(a) for a in asked.values()]
     joined = np.concatenate(list(asked.values())) if asked else np.zeros((0, n_columns))
-    answers, candidates = _project(target, around, joined, radius, method, space.nodes)
+    radii = np.ascontiguousarray(joined[:, -1])
+    answers, candidates = _project(target, around, joined[:, :-1], radii, method, space.nodes)
     pieces = np.split(answers, np.cumsum(counts)[:-1]) if asked else []
     columns = 5 + 2 * d + 2 * width
     replies = space.exchanger(dict(zip(asked, pieces, strict=True)), np.float64, columns)
     back = [replies[r] for r in sorted(sends)]
-    return index[order], np.concatenate(back) if back else np.zeros((0, columns)), candidates
+    return point[order], np.concatenate(back) if back else np.zeros((0, columns)), candidates

@@ -239,8 +239,12 @@ class TargetSurface:
         return self
 
     def around(self, x_facets):
-        """What is searched: deformed coordinates, kinds, numbers, which may be partners, nodes. *Collective.*"""
-        return x_facets, self.kinds, self.ids, None, self.nodes
+        """What is searched: deformed coordinates, kinds, numbers, which may be partners, nodes. *Collective.*
+
+        Without the nodes there are no cones of normals (`pcontact.contact.cones`): where a surface meets another one,
+        the search tries fewer than two facets per point, and cones would cost more than they save.
+        """
+        return x_facets, self.kinds, self.ids, None, None
 
     def apart(self, about, tree):
         """See :class:`pcontact.contact.apart.Apart`; None: no point is on the surface."""
