@@ -210,8 +210,8 @@ def find_partners(space, target, nodal, points, normals, radius, method):
 def _remote(space, target, around, boxes, asking, radius, method, width):
     """Ask the ranks whose boxes are near, answer those who ask here.
 
-    # what is as near, up to rounding, may still win: an interior projection does, and the smaller number
-    heard of: most points ask one rank, however many have facets within the search radius.
+    First each point asks the rank with the nearest box, then those others whose boxes are nearer than the partner that
+    it has heard of: most points ask one rank, however many have facets within the search radius.
     """
     d = space.dim
     point, rank, away = route(space.comm, *boxes, asking[:, :d], radius)

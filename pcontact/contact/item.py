@@ -20,6 +20,10 @@ STIFF = 30.0
 FACING = 0.1
 
 
+# facets ahead, in their own sizes, that get their place in the pattern before they close
+FORESEEN = 4.0
+
+
 class ContactItem:
     """Frictionless contact of one pair by Nitsche's method, or by penalty where the source has no traction.
 
@@ -112,7 +116,8 @@ class ContactItem:
         self._freeze(ahead, gap, np.ascontiguousarray(normal), paired, ids, nodes, shape)
         self._begin(u, time)
         size = source.size[source.facet]
-        self._coupled = self._couples(gap <= 0.5 * size + np.minimum(motion, size))
+        # half of the motion closes points (see APPROACH in `pcontact.solve.newton`) before contact pushes them back
+        self._coupled = self._couples(gap <= 0.5 * size + np.minimum(0.55 * motion, FORESEEN * size))
         self.flips, self._status = [], None
         self._new_pattern()
 
