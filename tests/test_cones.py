@@ -7,6 +7,7 @@ from test_friction import CONSTANTS
 from test_self_contact import ALONE, annulus, skin_of
 
 from meshes import spring
+from pcontact.contact.cones import normal_cones
 from pcontact.contact.facet_maps import facet_boxes
 from pcontact.contact.projection import closest_points
 from pcontact.contact.self_surface import self_surface
@@ -29,10 +30,12 @@ def same(surface, nodal, points, normals, radius, about=None):
     """Compares both searches; facets tried per point without and with cones."""
     x, kinds, ids, own, corners = surface.around(np.ascontiguousarray(surface.deformed(nodal)))
     tree = build_tree(*facet_boxes(x, kinds))
-    apart = None if about is None else surface.apart(about, tree)
+    apart = surface.apart(tree)
+    cones = normal_cones(tree, x, kinds, corners, None if about is None else apart)
+    apart = None if about is None else surface.placed(apart, about)
     all_, some = (
-        closest_points(tree, x, kinds, ids, points, normals, radius, own=own, apart=apart, corners=said)
-        for said in (None, corners)
+        closest_points(tree, x, kinds, ids, points, normals, radius, own=own, apart=apart, cones=said)
+        for said in (None, cones)
     )
     np.testing.assert_array_equal(some.id, all_.id)
     for key in ("xi", "y", "normal", "gap"):

@@ -73,6 +73,7 @@ def normal_cones(tree, x_facets, kinds, corners, apart=None):
     corners : (nf, k) int64
         Numbers of the facets' nodes, those of the corners first: neighbours share numbers.
     apart : pcontact.contact.apart.Apart, optional
+        Of the facets; that of points is not read.
 
     Returns
     -------
@@ -88,7 +89,7 @@ def normal_cones(tree, x_facets, kinds, corners, apart=None):
     _fill_nodes(tree, cones)
     angle = cones[:, 3]
     axes = np.ascontiguousarray(cones[:, :3]), np.where(angle < ALL, np.cos(angle), -1.0), np.sin(angle)
-    if apart is None or not apart.parts.size:
+    if apart is None or not apart.facet_parts.size:
         return Cones(*axes, *no_cones(d)[3:])
     lower, upper = (np.empty((n_nodes + nf, d)) for _ in range(2))
     parts = np.empty(n_nodes + nf, dtype=np.int64)

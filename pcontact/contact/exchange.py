@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from pcontact.contact.cones import normal_cones
 from pcontact.contact.facet_maps import facet_boxes
 from pcontact.contact.projection import closest_points, ray_tracing
 from pcontact.contact.tree import build_tree
@@ -112,29 +113,39 @@ def route(comm, low, high, points, radius):
     return tuple(np.concatenate(columns) for columns in zip(*found, strict=True))
 
 
-def _project(target, around, asked, radius, method, numbers):
-    """Answers (n, columns) of this rank for some points, and how many facets were tried.
+class _Searched:
+    """Facets of this rank under a displacement, with what a search needs and all rounds of it share."""
 
-    Columns: facet id, distance, gap, interior, facet size, y, normal, nodes, shape; no partner has a distance of inf.
-    """
-    x_facets, kinds, ids, own, corners = around
-    d = x_facets.shape[2]
-    points, normals, about = asked[:, :d], asked[:, d : 2 * d], asked[:, 2 * d :]
-    tree = build_tree(*facet_boxes(x_facets, kinds))
-    search = closest_points if method == "closest_point" else ray_tracing
-    apart = target.apart(about, tree)
-    p = search(tree, x_facets, kinds, ids, points, normals, radius, own=own, apart=apart, corners=corners)
-    found = p.facet >= 0
-    facet = np.where(found, p.facet, 0)
-    m = target.nodes.shape[1]
-    if len(target.kinds):
-        weights = target.shape(facet, p.xi)
-        nodes = numbers[target.nodes[facet]]
-    else:
-        weights, nodes = np.zeros((len(points), m)), np.zeros((len(points), m))
-    distance = np.where(found, p.distance, np.inf)
-    out = np.column_stack([p.id, distance, p.gap, p.interior, p.size, p.y, p.normal, nodes, weights]).astype(float)
-    return out, int(p.candidates.sum())
+    def __init__(self, target, x_facets, method, numbers):
+        self._target, self._numbers = target, numbers
+        self._facets = x, kinds, _, self._own, corners = target.around(x_facets)
+        self._tree = build_tree(*facet_boxes(x, kinds))
+        self._apart, self._cones = target.apart(self._tree), None
+        self._search = closest_points if method == "closest_point" else ray_tracing
+        if corners is not None and len(kinds) and self._search is closest_points:
+            self._cones = normal_cones(self._tree, x, kinds, corners, self._apart)
+
+    def project(self, asked, radius):
+        """Answers (n, columns) of this rank for some points, and how many facets were tried.
+
+        Columns: facet id, distance, gap, interior, facet size, y, normal, nodes, shape; no partner: a distance of inf.
+        """
+        target, (x, kinds, ids) = self._target, self._facets[:3]
+        d = x.shape[2]
+        points, normals, about = asked[:, :d], asked[:, d : 2 * d], asked[:, 2 * d :]
+        apart = None if self._apart is None else target.placed(self._apart, about)
+        p = self._search(
+            self._tree, x, kinds, ids, points, normals, radius, own=self._own, apart=apart, cones=self._cones
+        )
+        found = p.facet >= 0
+        facet = np.where(found, p.facet, 0)
+        weights = nodes = np.zeros((len(points), target.nodes.shape[1]))
+        if len(target.kinds):
+            weights = target.shape(facet, p.xi)
+            nodes = self._numbers[target.nodes[facet]]
+        distance = np.where(found, p.distance, np.inf)
+        out = np.column_stack([p.id, distance, p.gap, p.interior, p.size, p.y, p.normal, nodes, weights])
+        return out.astype(float), int(p.candidates.sum())
 
 
 def _best(points, answers, n_points):
@@ -181,14 +192,14 @@ def find_partners(space, target, nodal, points, normals, radius, method):
     if target.nodes.shape[1] < width:
         missing = width - target.nodes.shape[1]
         target.nodes = np.pad(target.nodes, ((0, 0), (0, missing)), mode="edge")
-    around = target.around(x_facets)
+    searched = _Searched(target, x_facets, method, space.nodes)
     asking = np.column_stack([points, normals] if target.about is None else [points, normals, target.about])
     if comm.size == 1:
-        answers, candidates = _project(target, around, asking, radius, method, space.nodes)
+        answers, candidates = searched.project(asking, radius)
         asked = np.arange(len(points))
     else:
         boxes = facet_boxes(x_facets, target.kinds)
-        asked, answers, candidates = _remote(space, target, around, boxes, asking, radius, method, width)
+        asked, answers, candidates = _remote(space, searched, boxes, asking, radius, width)
     profile.count(searches=1, points=len(points), asked=len(asked), candidates=candidates)
     winner = _best(asked, answers, len(points))
     first = 5
@@ -207,7 +218,7 @@ def find_partners(space, target, nodal, points, normals, radius, method):
     )
 
 
-def _remote(space, target, around, boxes, asking, radius, method, width):
+def _remote(space, searched, boxes, asking, radius, width):
     """Ask the ranks whose boxes are near, answer those who ask here.
 
     First each point asks the rank with the nearest box, then those others whose boxes are nearer than the partner that
@@ -219,17 +230,15 @@ def _remote(space, target, around, boxes, asking, radius, method, width):
     first = np.zeros(len(point), dtype=bool)
     first[order[np.unique(point[order], return_index=True)[1]]] = True
     farthest = np.full(len(asking), float(radius))
-    asked, answers, candidates = _ask(
-        space, target, around, asking, point[first], rank[first], farthest, method, width
-    )
+    asked, answers, candidates = _ask(space, searched, asking, point[first], rank[first], farthest, width)
     # what is as near, up to rounding, may still win: as an interior projection, or by its smaller number
     farthest[asked] = np.minimum(farthest[asked], answers[:, 1] * (1.0 + 1e-12) + 1e-9 * answers[:, 4])
     more = ~first & (away <= farthest[point])
-    more = _ask(space, target, around, asking, point[more], rank[more], farthest, method, width)
+    more = _ask(space, searched, asking, point[more], rank[more], farthest, width)
     return np.concatenate([asked, more[0]]), np.concatenate([answers, more[1]]), candidates + more[2]
 
 
-def _ask(space, target, around, asking, point, rank, radius, method, width):
+def _ask(space, searched, asking, point, rank, radius, width):
     """Send points to ranks, with their search radii (np,), and bring back the answers. *Collective.*"""
     d, n_columns = space.dim, asking.shape[1] + 1
     sends, order = split_by_rank(rank, np.column_stack([asking[point], radius[point]]))
@@ -237,7 +246,7 @@ def _ask(space, target, around, asking, point, rank, radius, method, width):
     counts = [len(a) for a in asked.values()]
     joined = np.concatenate(list(asked.values())) if asked else np.zeros((0, n_columns))
     radii = np.ascontiguousarray(joined[:, -1])
-    answers, candidates = _project(target, around, joined[:, :-1], radii, method, space.nodes)
+    answers, candidates = searched.project(joined[:, :-1], radii)
     pieces = np.split(answers, np.cumsum(counts)[:-1]) if asked else []
     columns = 5 + 2 * d + 2 * width
     replies = space.exchanger(dict(zip(asked, pieces, strict=True)), np.float64, columns)

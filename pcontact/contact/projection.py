@@ -24,7 +24,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pcontact.contact.apart import nobody, writable
-from pcontact.contact.cones import no_cones, normal_cones
+from pcontact.contact.cones import no_cones
 from pcontact.contact.facet_maps import facet_boxes, simplest_kinds
 from pcontact.contact.projection_search import TIE, search_all
 from pcontact.contact.projection_walk import ROUNDING
@@ -99,7 +99,7 @@ def no_partners(points, normals):
 
 
 def closest_points(
-    tree, x_facets, kinds, ids, points, normals, radius, facing=FACING, own=None, apart=None, corners=None
+    tree, x_facets, kinds, ids, points, normals, radius, facing=FACING, own=None, apart=None, cones=None
 ):
     """Closest point projection.
 
@@ -127,9 +127,9 @@ def closest_points(
     apart : pcontact.contact.apart.Apart, optional
         The points are on the surface searched (self contact): facets that are no partners although they face the
         point.
-    corners : (nf, k) array_like of int, optional
-        Numbers of the facets' corners, then perhaps of other nodes: facets that share a corner are neighbours. With
-        them, facets of the same partners are left out early.
+    cones : pcontact.contact.cones.Cones, optional
+        Of these facets and these places: facets that can hold no partner are left out early, and partners stay the
+        same.
 
     Returns
     -------
@@ -140,16 +140,16 @@ def closest_points(
     ValueError
         If arrays do not fit together.
     """
-    return _search(False, tree, x_facets, kinds, ids, points, normals, radius, facing, own, apart, corners)
+    return _search(False, tree, x_facets, kinds, ids, points, normals, radius, facing, own, apart, cones)
 
 
-def ray_tracing(tree, x_facets, kinds, ids, points, normals, radius, facing=FACING, own=None, apart=None, corners=None):
+def ray_tracing(tree, x_facets, kinds, ids, points, normals, radius, facing=FACING, own=None, apart=None, cones=None):
     """Partners along the source normal: y = x + g nX, smallest abs(g) <= radius, n = nX.
 
     Only facets with nX . nY <= -facing count. Parameters and result as in `closest_points`; `distance` is
     abs(g).
     """
-    return _search(True, tree, x_facets, kinds, ids, points, normals, radius, facing, own, apart, corners)
+    return _search(True, tree, x_facets, kinds, ids, points, normals, radius, facing, own, apart, cones)
 
 
 def better(a, b):
@@ -180,7 +180,7 @@ def better(a, b):
     return Partners(*merged)._replace(candidates=a.candidates + b.candidates)
 
 
-def _search(rays, tree, x_facets, kinds, ids, points, normals, radius, facing, own, apart, corners):
+def _search(rays, tree, x_facets, kinds, ids, points, normals, radius, facing, own, apart, cones):
     """Check and convert the arguments (one compiled specialisation serves all), run the kernel."""
     points, normals, x_facets = (_floats(array) for array in (points, normals, x_facets))
     kinds, ids = (np.require(array, np.int64, ["C", "W"]) for array in (kinds, ids))
@@ -201,8 +201,7 @@ def _search(rays, tree, x_facets, kinds, ids, points, normals, radius, facing, o
         simplest_kinds(x_facets, kinds, simple)
         own = np.ones(kinds.size, dtype=np.bool_) if own is None else np.require(own, np.bool_, ["C", "W"])
         apart = nobody(d) if apart is None else writable(apart)
-        known = corners is not None and not rays
-        cones = normal_cones(tree, x_facets, kinds, corners, apart) if known else no_cones(d)
+        cones = no_cones(d) if cones is None or rays else cones
         search_all(
             rays, tree, x_facets, simple, ids, own, points, normals, radii, float(facing), partners, apart, cones
         )

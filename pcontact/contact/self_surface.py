@@ -4,7 +4,7 @@ from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
 
-from pcontact.contact.apart import SLACK, Apart, whole_branches
+from pcontact.contact.apart import SLACK, nobody, whole_branches, writable
 from pcontact.contact.surface import FACETS, TargetSurface
 from pcontact.runtime.parallel import split_by_rank
 from pcontact.runtime.petsc import MPI
@@ -49,17 +49,22 @@ class SelfSurface(TargetSurface):
         nodes = np.concatenate([self.table, rim.table])[:, NODES:].astype(np.int64)
         return x, kinds, ids, np.arange(len(x)) < len(x_facets), nodes
 
-    def apart(self, about, tree):
-        """Where points, of any rank, and the facets of :meth:`around`, in a tree, are in the undeformed bodies."""
-        d = self.x.shape[2]
+    def apart(self, tree):
+        """Where the facets of :meth:`around`, in a tree, are in the undeformed bodies; without points."""
         table = np.concatenate([self.table, self.rim.table])
-        x = np.concatenate([self.x, self.rim.x])
-        point = about[:, d:]
         whole = np.zeros(0) if self.meets_itself else whole_branches(tree, table[:, 1])
-        return Apart(
-            about[:, :d], point[:, 0], point[:, 1], point[:, NODES:], point[:, 2], x, table[:, 0], table[:, 1],
-            table[:, NODES:], point[:, 3], table[:, 3], whole,
+        facets = nobody(self.x.shape[2])._replace(
+            facet_x=np.concatenate([self.x, self.rim.x]), facet_cells=table[:, 0], facet_parts=table[:, 1],
+            facet_nodes=table[:, NODES:], facet_sides=table[:, 3], whole=whole,
         )  # fmt: skip
+        return writable(facets)
+
+    def placed(self, apart, about):
+        """The same with points of any rank, from their rows of :attr:`about`."""
+        d = self.x.shape[2]
+        point = about[:, d:]
+        points = {"cells": point[:, 0], "parts": point[:, 1], "slack": point[:, 2], "sides": point[:, 3]}
+        return writable(apart._replace(x=about[:, :d], nodes=point[:, NODES:], **points))
 
 
 class Rim:

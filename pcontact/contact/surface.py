@@ -246,7 +246,7 @@ class TargetSurface:
         """
         return x_facets, self.kinds, self.ids, None, None
 
-    def apart(self, about, tree):
+    def apart(self, tree):
         """See :class:`pcontact.contact.apart.Apart`; None: no point is on the surface."""
         return None
 
