@@ -244,6 +244,12 @@ def print_table(title: str, header: Sequence[str], rows: Sequence[Sequence[objec
         log.info("  %s", "  ".join(word.rjust(width) for word, width in zip(row, widths, strict=True)))
 
 
+def markdown(header: Sequence[str], rows: Sequence[Sequence[object]]) -> list[str]:
+    """Lines of a table in Markdown; floats have five digits."""
+    lines = ["| " + " | ".join(header) + " |", "|" + "---|" * len(header)]
+    return lines + ["| " + " | ".join(_cell(value) for value in row) + " |" for row in rows]
+
+
 def _plain(value):
     """Numpy's scalars and arrays, and paths, for JSON."""
     if isinstance(value, np.ndarray | np.generic):
@@ -285,6 +291,7 @@ __all__ = [
     "make_directory",
     "make_mesh",
     "make_parser",
+    "markdown",
     "observed_rates",
     "parse",
     "print_table",

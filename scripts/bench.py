@@ -10,10 +10,11 @@ machine disturbs less. Prints ratios, writes bench.json.
 """
 
 from drivers._common import main, make_mesh, make_parser, print_table, write_json
-from drivers.scaling import press, triad
+from drivers._press import make_scene
+from drivers.scaling import triad
 from meshes import ball_on_block
 from pcontact.runtime import log
-from pcontact.runtime.petsc import MPI, PETSc
+from pcontact.runtime.petsc import MPI
 from pcontact.simulation import Simulation
 
 
@@ -81,12 +82,13 @@ def compare(args):
     """The comparison. Returns the exit status."""
     unknowns = 5000 if args.tiny else args.unknowns
     mesh = make_mesh(ball_on_block, args.o / f"ball_{unknowns}.msh", unknowns=unknowns)
-    comm, options = MPI.COMM_WORLD, PETSc.Options()
-    scenes = {"contact": press(mesh, args.theta, True)}
+    comm = MPI.COMM_WORLD
+    numbers = args.theta, args.friction, args.yield_stress
+    scenes = {"contact": make_scene(mesh, "elastic", args.theta)}
     if args.friction:
-        scenes["friction"] = press(mesh, args.theta, True, args.friction)
+        scenes["friction"] = make_scene(mesh, "frictional", *numbers)
     if args.yield_stress:
-        scenes["plastic"] = press(mesh, args.theta, True, yield_stress=args.yield_stress)
+        scenes["plastic"] = make_scene(mesh, "plastic", *numbers)
     # kernels compile (or load) outside the clock
     for case in scenes.values():
         run(case)
@@ -95,12 +97,7 @@ def compare(args):
         for name, case in scenes.items():
             _keep_fastest(rows, name, run(case))
         contact = rows["contact"]
-        options.setValue("ksp_type", contact["ksp"])
-        if contact["ksp"] != "cg":
-            options.setValue("ksp_pc_side", "right")
-        _keep_fastest(rows, "elastic", run(press(mesh, args.theta, False)))
-        for name in ("ksp_type", "ksp_pc_side"):
-            options.delValue(name)
+        _keep_fastest(rows, "elastic", run(make_scene(mesh, "linear", args.theta)))
     result = {"ranks": comm.size, "triad_gb_per_s": triad(comm), **rows, "ratios": ratios(rows)}
     log.info("")
     columns = ("unknowns", "newton", "krylov", "setup", "search", "assembly", "linear", "solve", "total")

@@ -1,6 +1,6 @@
 """How near to the roof assembly runs: seconds, unknowns per second, and bytes against the memory bandwidth.
 
-    mpirun -n 2 python scripts/bench_assembly.py [--unknowns 200000] [--friction 0.3] [--yield-stress 5] [-o DIR]
+    mpirun -n 2 python scripts/bench_assembly.py [--unknowns 200000] [--friction 0.3 | --yield-stress 5] [-o DIR]
 
 The ball on the block is solved; at the solution every kernel of a Newton step runs five times on all ranks together,
 and the fastest counts. Bytes are those that the kernel cannot do without: its arrays read or written once (what it adds
@@ -11,7 +11,8 @@ Prints a table, writes assembly.json.
 import numpy as np
 
 from drivers._common import main, make_mesh, make_parser, print_table, write_json
-from drivers.scaling import press, triad
+from drivers._press import make_scene
+from drivers.scaling import triad
 from meshes import ball_on_block
 from pcontact.assembly.bulk import ElasticBulk
 from pcontact.runtime.petsc import MPI
@@ -82,7 +83,8 @@ def run(args):
     comm = MPI.COMM_WORLD
     unknowns = 5000 if args.tiny else args.unknowns
     mesh = make_mesh(ball_on_block, args.o / f"ball_{unknowns}.msh", unknowns=unknowns)
-    simulation = Simulation(press(mesh, args.theta, True, args.friction, args.yield_stress))
+    case = "plastic" if args.yield_stress else "frictional" if args.friction else "elastic"
+    simulation = Simulation(make_scene(mesh, case, args.theta, args.friction, args.yield_stress))
     if not simulation.run(None):
         return 1
     roof, rows = triad(comm, 20_000 if args.tiny else 20_000_000), []
@@ -111,6 +113,7 @@ if __name__ == "__main__":
     add = parser.add_argument
     add("--unknowns", type=int, default=200_000)
     add("--theta", type=float, choices=(1.0, 0.0, -1.0), default=0.0)
-    add("--friction", type=float, default=None)
-    add("--yield-stress", type=float, default=None)
+    law = parser.add_mutually_exclusive_group()
+    law.add_argument("--friction", type=float)
+    law.add_argument("--yield-stress", type=float)
     main(run, parser)

@@ -26,7 +26,7 @@ from pcontact.runtime.petsc import MPI
 from pcontact.scene import describe, read_scene, validate
 from pcontact.scene.model import Body, Displacement, Material, MeshSpec, Output, Scene
 from pcontact.simulation import Simulation
-from pcontact.solve.outcome import cycles
+from pcontact.solve.outcome import cycles, repeats
 from pcontact.space.space import Space
 
 WORLD = MPI.COMM_WORLD
@@ -387,3 +387,12 @@ def test_a_cycle_is_told_from_progress():
         (1.1 ** np.arange(12), True),
     ]:
         assert cycles(list(norms)) is bool(cycle)
+
+
+@pytest.mark.parametrize("period", [1, 2, 3])
+def test_repeated_norms(period):
+    """Two rounds through the same states are a circle; a norm that still falls, however slowly, is not."""
+    states = np.array([5.0, 3.0, 2.0])[np.arange(12) % period]
+    assert repeats([9.0, *states])
+    assert not repeats(list(states[:11]))
+    assert not repeats(list(states * 0.99 ** np.arange(12)))

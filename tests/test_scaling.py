@@ -7,7 +7,9 @@ import numpy as np
 import pytest
 
 from drivers._common import parse
-from drivers.scaling import CASES, PHASES, efficiencies, keep, load, make_options, merged, plot, run, series, sizes_of
+from drivers._press import CASES
+from drivers._scaling import PHASES, efficiencies, plot, series
+from drivers.scaling import keep, load, make_options, merged, run, sizes_of
 from pcontact.runtime import profile
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.petsc import MPI

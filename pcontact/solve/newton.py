@@ -17,7 +17,7 @@ from pcontact.solve.bodies import BodyFilter, body_filter
 from pcontact.solve.filter import contact_filter, new_preconditioner
 from pcontact.solve.line_search import FARTHEST, zero_of
 from pcontact.solve.linear import Reuse, newton_defaults, refresh_smoother, solver_defaults
-from pcontact.solve.outcome import Outcome, cycles, together
+from pcontact.solve.outcome import Outcome, cycles, repeats, together
 from pcontact.solve.problem import can_slip
 
 REASONS = {
@@ -98,7 +98,7 @@ class Newton:
         self._ways = [self._law, self._glued_first] if plastic else [self._law]
         self._ways += [self._shortest] if chosen and (self._holds or plastic) else []
         self._ways += [self._stick_first] if self._holds else []
-        self.norms, self._norms = [], []
+        self.norms, self._norms, self._solved = [], [], []
 
     def _solver(self, symmetric, modes):
         return {
@@ -189,7 +189,8 @@ class Newton:
         if not np.isfinite(norm):
             return diverged_nan
         if iteration == 0:
-            self._norms = []
+            self._norms, self._solved = [], []
+        self._solved.append(snes.getLinearSolveIterations())
         if self._first is None:
             # the predicted one may be much larger, and means no more
             self._first = float(np.fmin(norm, self._true_first))
@@ -199,7 +200,7 @@ class Newton:
             return reasons.CONVERGED_FNORM_ABS
         if iteration > 0 and norm <= (self._goal or rtol) * self._first:
             return reasons.CONVERGED_FNORM_RELATIVE
-        if self._circles and cycles(self._norms):
+        if (self._circles and cycles(self._norms)) or repeats(self._norms):
             return reasons.DIVERGED_LOCAL_MIN
         return reasons.ITERATING
 
@@ -324,7 +325,7 @@ class Newton:
         """One SNES solve, from the beginning of the load step or from elsewhere. *Collective.*"""
         start, before = clock.perf_counter(), self.timing["assembly"]
         self._predicting, self._begins = beginning and self.problem.predicts, beginning
-        self._norms = []
+        self._norms, self._solved = [], [0]
         try:
             self.snes.solve(None, u)
         except PETSc.Error as error:
@@ -345,6 +346,7 @@ class Newton:
             residual=self._norms[-1] if self._norms else float("nan"),
             initial=self._norms[0] if self._norms else float("nan"),
             detail="" if reason > 0 else self._detail(),
+            hardest=int(np.diff([*self._solved, self.snes.getLinearSolveIterations()]).max(initial=0)),
         )
 
     def _detail(self):

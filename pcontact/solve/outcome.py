@@ -3,7 +3,10 @@
 from dataclasses import dataclass, replace
 
 # iterations in which the residual has to fall to half of what it was in as many before, else Newton goes in circles
+# (and a multiple of two and three: short circles come back to where they were)
 CYCLE = 6
+# relative difference of norms that are the same
+SAME = 1e-3
 
 
 @dataclass
@@ -15,6 +18,8 @@ class Outcome:
     converged : bool
     newton, krylov : int
         Iterations.
+    hardest : int
+        Krylov iterations of the linear solve that took most.
     reason : str
     residual, initial : float
         Last and first norm of the residual [force].
@@ -32,11 +37,17 @@ class Outcome:
     initial: float
     detail: str = ""
     uzawa: dict | None = None
+    hardest: int = 0
 
 
 def together(first, second):
     """The second of two solves of a load step, with the iterations of both."""
-    return replace(second, newton=first.newton + second.newton, krylov=first.krylov + second.krylov)
+    return replace(
+        second,
+        newton=first.newton + second.newton,
+        krylov=first.krylov + second.krylov,
+        hardest=max(first.hardest, second.hardest),
+    )
 
 
 def cycles(norms):
@@ -44,3 +55,9 @@ def cycles(norms):
     if len(norms) < 2 * CYCLE:
         return False
     return bool(min(norms[-CYCLE:]) > 0.5 * min(norms[-2 * CYCLE : -CYCLE]))
+
+
+def repeats(norms):
+    """Whether iterations have gone through the same few states twice: the norms come back, one by one."""
+    last, before = norms[-CYCLE:], norms[-2 * CYCLE : -CYCLE]
+    return len(before) == CYCLE and all(abs(a - b) <= SAME * b for a, b in zip(last, before, strict=True))

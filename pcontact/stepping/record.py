@@ -47,6 +47,7 @@ class Recorder:
             "time": step.time,
             "newton": step.newton,
             "krylov": step.krylov,
+            "krylov_most": step.hardest,
             "cutbacks": step.cutbacks,
             "reactions": problem.reactions(u),
             "contacts": {item.name: item.summary(u) for item in problem.items if hasattr(item, "summary")},

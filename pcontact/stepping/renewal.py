@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 from pcontact.runtime import profile
+from pcontact.solve.outcome import together
 
 # Newton iterations after which a new search has changed nothing worth another one
 SETTLED = 1
@@ -37,7 +38,7 @@ class Renewal:
             The committed displacement.
         search : tuple (time, motion, ahead)
             What the items were told for the first search.
-        outcome : pcontact.solve.newton.Outcome
+        outcome : pcontact.solve.outcome.Outcome
             Of that solution, which converged.
 
         Returns
@@ -50,12 +51,12 @@ class Renewal:
             solved = u.copy()
             self._search(before, time, motion, solved)
             then = self.newton.again(u)
-            total = {"newton": outcome.newton + then.newton, "krylov": outcome.krylov + then.krylov}
+            both = together(outcome, then)
             if not then.converged:
                 solved.copy(u)
                 self._search(before, time, motion, ahead)
-                return replace(outcome, **total)
-            outcome, ahead = replace(then, **total), solved
+                return replace(outcome, newton=both.newton, krylov=both.krylov, hardest=both.hardest)
+            outcome, ahead = both, solved
             if then.newton <= SETTLED:
                 break
         return outcome

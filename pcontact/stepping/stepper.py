@@ -30,6 +30,8 @@ class Step:
         Displacement at its beginning.
     uzawa : dict or None
         Updates of multipliers, see `pcontact.stepping.uzawa`.
+    hardest : int
+        Krylov iterations of the linear solve that took most.
     """
 
     number: int
@@ -42,6 +44,7 @@ class Step:
     begin: float = 0.0
     before: object = None
     uzawa: dict | None = None
+    hardest: int = 0
 
 
 class Observer(Protocol):
@@ -133,7 +136,7 @@ class Stepper:
                 number += 1
                 step = Step(
                     number, target, outcome.newton, outcome.krylov, cutbacks, outcome.residual,
-                    list(self.newton.norms), *self._last, outcome.uzawa,
+                    list(self.newton.norms), *self._last, outcome.uzawa, outcome.hardest,
                 )  # fmt: skip
                 with profile.phase("output"):
                     record = self.recorder(step, self.u)

@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 from pcontact.runtime import log
+from pcontact.solve.outcome import together
 
 # of the traction; Newton's method starts anew, near its solution, with each update
 RTOL, MAX_IT = 1e-4, 30
@@ -35,7 +36,7 @@ class Uzawa:
         ----------
         u : PETSc.Vec
             Overwritten.
-        outcome : pcontact.solve.newton.Outcome
+        outcome : pcontact.solve.outcome.Outcome
             Of that solution, which converged.
 
         Returns
@@ -51,7 +52,7 @@ class Uzawa:
                 break
             then = self.newton.again(u)
             updates += 1
-            outcome = replace(then, newton=outcome.newton + then.newton, krylov=outcome.krylov + then.krylov)
+            outcome = together(outcome, then)
             if not outcome.converged:
                 break
         if outcome.converged and change > self.rtol:
