@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from pcontact import __version__
+from pcontact.io.prices import prices
 from pcontact.io.show import show
 from pcontact.mesh.store import convert, mesh_sizes
 from pcontact.runtime import log
@@ -160,7 +161,9 @@ def check_scene(scene):
         log.info("body %s: %d cells (%s), material %s", body.region, count, ", ".join(kinds), body.material)
     log.info("%d unknowns, degree %d, %s geometry, %d connected bodies", space.n_dofs, space.degree,
              "curved" if mesh.curved else "straight", mesh.n_components)  # fmt: skip
+    undeformed = space.vector()
     for item in simulation.problem.items[1:]:
+        item.detect(undeformed, 0.0, 0.0)
         facets, points = comm.allreduce(len(item.source.cells)), comm.allreduce(len(item.source.facet))
         low = comm.allreduce(float(np.min(item.gamma, initial=np.inf)), op=MPI.MIN)
         high = comm.allreduce(float(np.max(item.gamma, initial=0.0)), op=MPI.MAX)
@@ -172,6 +175,12 @@ def check_scene(scene):
             "[stress/length], search radius %.4g",
             item.name, facets, points, item.theta, item.gamma0, low, high, item.radius,
         )  # fmt: skip
+        paired, least, most = _gaps(item, comm)
+        if paired:
+            log.info("contact %s: %d points have a partner, gaps %.4g to %.4g (negative: overlap)", item.name, paired,
+                     least, most)  # fmt: skip
+        else:
+            log.info("contact %s: no point has a partner in the undeformed bodies", item.name)
         if item.contact.all and item.contact.obstacle is None:
             low, high = component_boxes(space)
             near = near_pairs(low, high, item.radius)
@@ -179,6 +188,15 @@ def check_scene(scene):
                      _named(mesh.component_names, near))  # fmt: skip
     held = [name for k, name in enumerate(mesh.component_names) if k not in simulation.floating]
     log.info("held by supports: %s", _counted(held) or "no body")
+    log.info("costs: %s", "\n       ".join(prices(simulation.problem, simulation.scene)))
+
+
+def _gaps(item, comm):
+    """Number of points with a partner in the undeformed bodies, least and largest gap. *Collective.*"""
+    pairings = [half.pairing for half in getattr(item, "halves", [item])]
+    own = np.concatenate([p.gap0[p.paired] for p in pairings])
+    least = comm.allreduce(float(np.min(own, initial=np.inf)), op=MPI.MIN)
+    return comm.allreduce(len(own)), least, comm.allreduce(float(np.max(own, initial=-np.inf)), op=MPI.MAX)
 
 
 def _counted(names):

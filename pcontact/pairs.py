@@ -3,7 +3,7 @@
 import numpy as np
 
 from pcontact.assembly.plastic import PlasticBulk
-from pcontact.contact.all_surfaces import burdened, components_of, meetings, outer_surfaces, paired_elsewhere
+from pcontact.contact.all_surfaces import burdened, meetings, outer_surfaces, paired_elsewhere
 from pcontact.contact.augmented import AugmentedFrictionalItem, AugmentedItem
 from pcontact.contact.frictional import FrictionalItem
 from pcontact.contact.item import ContactItem
@@ -13,7 +13,7 @@ from pcontact.contact.penalty import without_traction
 from pcontact.contact.pieces import cut_source
 from pcontact.contact.plastic_trace import PlasticTrace
 from pcontact.contact.self_surface import self_surface
-from pcontact.contact.surface import source_surface, target_surface
+from pcontact.contact.surface import components_of, source_surface, target_surface
 from pcontact.contact.tied import AugmentedTiedItem, TiedItem
 from pcontact.contact.unbiased import (
     UnbiasedFrictionalItem,

@@ -7,9 +7,11 @@ import pcontact
 from pcontact import build
 from pcontact.io.checkpoint import Checkpoint, read_checkpoint
 from pcontact.io.costs import Costs
+from pcontact.io.counters import Counters
 from pcontact.io.observers import Fields, Records, Terminal
 from pcontact.runtime import log, profile
 from pcontact.runtime.errors import StepFailure, require_writable
+from pcontact.runtime.jit import CALLS
 from pcontact.runtime.options import Options
 from pcontact.runtime.parallel import on_root
 from pcontact.runtime.petsc import MPI, free_garbage
@@ -45,7 +47,7 @@ class Simulation:
     def __init__(self, scene, comm=MPI.COMM_WORLD):
         self.start = clock.perf_counter()
         self.timing = dict.fromkeys(("search", "assembly", "linear", "solve", "output"), 0.0)
-        self.comm, self.options, self.profile = comm, Options(), profile.Profile()
+        self.comm, self.options, self.profile, self.calls = comm, Options(), profile.Profile(), CALLS.copy()
         self.restart = self.options.get("restart", None, str, text="directory of an earlier run that goes on")
         try:
             with profile.recording(self.profile):
@@ -69,7 +71,7 @@ class Simulation:
 
     def _assemble(self):
         self.problem, colours, self.floating = build.assemble(self.scene, self.mesh)
-        self.costs = Costs(self.profile, self.problem)
+        self.costs, self.counters = Costs(self.profile, self.problem), Counters(self.problem, self.calls)
         # slip of Coulomb's law makes the tangent unsymmetric for every theta; that of Tresca's does not
         # where a source yields, the traction's derivative is not the adjoint operator, that of elasticity
         # without a traction of the source there is nothing unsymmetric but the slip
@@ -173,7 +175,8 @@ class Simulation:
         )  # fmt: skip
 
     def _costs(self):
-        return {"timing": self.times(), "parallel": self.costs.parallel(), "memory": self.costs.memory()}
+        costs = {"timing": self.times(), "parallel": self.costs.parallel(), "memory": self.costs.memory()}
+        return {**costs, "counters": self.counters()}
 
     def times(self):
         """Timing block of the report: the slowest rank's seconds, memory summed over ranks. *Collective.*"""

@@ -22,8 +22,8 @@ from pcontact.contact import friction
 from pcontact.contact.frictional import FrictionalItem
 from pcontact.contact.item import ContactItem
 from pcontact.contact.laws import OPEN, SLIP, STICK, friction_law
+from pcontact.contact.nitsche import no_operators
 from pcontact.contact.obstacle import RigidObstacle
-from pcontact.contact.plastic_trace import no_operators
 from pcontact.contact.surface import source_surface, target_surface
 from pcontact.material.elastic import lame
 from pcontact.runtime.petsc import MPI

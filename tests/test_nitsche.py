@@ -18,9 +18,8 @@ from small import (
 from pcontact.assembly.bulk import ElasticBulk
 from pcontact.assembly.graph import node_graph
 from pcontact.contact.item import ContactItem
-from pcontact.contact.nitsche import add_residual, add_tangent, evaluate, traction_operator
+from pcontact.contact.nitsche import add_residual, add_tangent, evaluate, no_operators, traction_operator
 from pcontact.contact.obstacle import RigidObstacle
-from pcontact.contact.plastic_trace import no_operators
 from pcontact.contact.surface import source_surface, target_surface
 from pcontact.material.elastic import lame
 from pcontact.scene import amplitude

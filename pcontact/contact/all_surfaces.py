@@ -34,13 +34,6 @@ def outer_surfaces(space):
     return result
 
 
-def components_of(space, name):
-    """Connected components that a group of facets belongs to. *Collective.*"""
-    mesh = space.mesh
-    own = {int(k) for f in mesh.facet_groups.get(name, []) for k in np.unique(mesh.blocks[f.block].components[f.cells])}
-    return set().union(*space.comm.allgather(own))
-
-
 def facet_ids(space, name):
     """Global numbers (n,) of the facets of a group on this rank."""
     mesh = space.mesh

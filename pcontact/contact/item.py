@@ -6,10 +6,9 @@ from pcontact.assembly.graph import node_graph
 from pcontact.assembly.pattern import OwnedRows
 from pcontact.contact.exchange import find_partners
 from pcontact.contact.laws import OPEN, SLIP
-from pcontact.contact.nitsche import add_residual, add_tangent, evaluate, traction_operator
+from pcontact.contact.nitsche import add_residual, add_tangent, evaluate, no_operators, traction_operator
 from pcontact.contact.pairing import Pairing
 from pcontact.contact.parameters import GAMMA0, parameter
-from pcontact.contact.plastic_trace import no_operators
 from pcontact.contact.summary import summarise
 from pcontact.runtime.parallel import matching, together
 from pcontact.runtime.petsc import MPI

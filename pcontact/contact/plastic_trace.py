@@ -296,8 +296,3 @@ class PlasticTrace:
                 state.p[part.rows], rowptr, columns, out,
             )  # fmt: skip
         return missing
-
-
-def no_operators(n_nodes, d):
-    """What :meth:`PlasticTrace.operators` gives where nothing can yield: no row for any point."""
-    return np.zeros(0, dtype=np.int64), np.zeros((0, n_nodes, d, d))

@@ -267,6 +267,13 @@ class TargetSurface:
         return out
 
 
+def components_of(space, name):
+    """Connected components that a group of facets belongs to. *Collective.*"""
+    mesh = space.mesh
+    own = {int(k) for f in mesh.facet_groups.get(name, []) for k in np.unique(mesh.blocks[f.block].components[f.cells])}
+    return set().union(*space.comm.allgather(own))
+
+
 def target_surface(space, name):
     """Facets of a facet group, ready to be searched.
 

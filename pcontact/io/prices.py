@@ -1,0 +1,58 @@
+"""What the pieces of a scene hold, and what others would add: for a user who has not decided yet."""
+
+from pcontact.assembly.geometry import n_points
+from pcontact.io.counters import Counters
+from pcontact.runtime.jit import CALLS
+
+MB = 1024.0**2
+# seconds of a load step over those without the piece, ball on block (docs/performance.md)
+FRICTION_TIMES, PLASTIC_TIMES = "0.8 to 1.6", "2.2 to 2.9"
+
+
+def friction_bytes(d):
+    """Of a quadrature point: lag, slip reference and the jump before the step, d numbers each."""
+    return 3 * 8 * d
+
+
+def plastic_bytes(d):
+    """Of a quadrature point of the cells: plastic strain (6 components, 4 in the plane) and its accumulated norm."""
+    return 8 * (7 if d == 3 else 5)
+
+
+def prices(problem, scene):
+    """Lines for the user. *Collective.*
+
+    Parameters
+    ----------
+    problem : pcontact.solve.problem.Problem
+    scene : pcontact.scene.model.Scene
+
+    Returns
+    -------
+    list of str
+    """
+    space, counts = problem.space, Counters(problem, CALLS)()
+    lines = []
+    for name, table in counts["bytes"].items():
+        size, points = sum(table.values()), counts["points"].get(name)
+        each = f", {size / points:.0f} bytes at each of {points} points" if points else ""
+        lines.append(f"{name}: {size / MB:.3g} MB{each or f', {size / space.n_dofs:.0f} bytes per unknown'}")
+    cells = space.comm.allreduce(sum(n_points(space, k) * len(table) for k, table in enumerate(space.cells)))
+    contacts = [contact for contact in scene.contacts if not contact.tied]
+    smooth = [contact.name for contact in contacts if not (contact.friction or contact.tresca)]
+    points = sum(counts["points"].get(name, 0) for name in smooth)
+    if points:
+        lines.append(_more("friction", points, friction_bytes(space.dim), FRICTION_TIMES))
+    if not any(scene.yields(body) for body in scene.bodies):
+        lines.append(_more("plasticity of all bodies", cells, plastic_bytes(space.dim), PLASTIC_TIMES))
+    biased = [contact.name for contact in contacts if contact.obstacle is None and not contact.unbiased
+              and not contact.all and contact.source != contact.target]  # fmt: skip
+    if biased:
+        size = sum(sum(counts["bytes"][name].values()) for name in biased)
+        lines.append(f"left out, unbiased contact: about {size / MB:.3g} MB, and twice the search and contact assembly")
+    return lines
+
+
+def _more(name, points, size, times):
+    return (f"left out, {name}: {points * size / MB:.3g} MB for the state ({size} bytes at each of {points} points), "
+            f"a load step {times} times as long")  # fmt: skip

@@ -1,0 +1,202 @@
+"""A scene pays nothing for physics that it does not use: its counters are those of a program that does not have it.
+
+Each piece of physics is taken out of the program: whatever its modules define, wherever it has been imported, is
+replaced by something that fails when it is called. A scene without the piece must run, with the same counters.
+"""
+
+import inspect
+import sys
+from dataclasses import replace
+
+import pytest
+from numba.core.registry import CPUDispatcher
+
+from meshes.blocks import two_blocks
+from pcontact.contact.item import ContactItem
+from pcontact.io.counters import held
+from pcontact.io.prices import friction_bytes, plastic_bytes, prices
+from pcontact.runtime.parallel import on_root
+from pcontact.runtime.petsc import MPI
+from pcontact.scene.model import Body, Contact, Displacement, Material, MeshSpec, Obstacle, Output, Scene, Steps
+from pcontact.simulation import Simulation
+
+WORLD = MPI.COMM_WORLD
+# modules of each piece; names in them that other physics uses, too, or that ask whether a scene has the piece
+PIECES = {
+    "friction": (("contact.friction", "contact.frictional", "contact.laws"), ("friction_law",)),
+    "plasticity": (
+        ("material.plastic", "material.hardening", "assembly.plastic", "assembly.plastic_kernels",
+         "contact.plastic_trace"),
+        (),
+    ),
+    "self contact": (("contact.self_surface", "contact.apart", "contact.cones"),
+        ("nobody", "writable", "no_cones", "Apart", "Cones")),
+    # bodies near enough to meet are found for any pair
+    "all surfaces": (("contact.all_surfaces",), ("meetings", "near_pairs", "component_boxes")),
+    "tied surfaces": (("contact.tied",), ()),
+    "unbiased contact": (("contact.unbiased",), ("is_unbiased",)),
+    "penalty": (("contact.penalty",), ()),
+    "augmented Lagrangian": (("contact.augmented",), ()),
+    "obstacles": (("contact.obstacle",), ()),
+}  # fmt: skip
+
+
+def scene(path, **contact):
+    """A block on another one, pressed sideways a little."""
+    pair = Contact(**{"source": "upper_bottom", "target": "lower_top", "name": "pair"} | contact)
+    return Scene(
+        mesh=MeshSpec(path),
+        materials={"soft": Material(1000.0, 0.3), "yields": Material(1000.0, 0.3, yield_stress=8.0, hardening=100.0)},
+        bodies=[Body("lower", "soft"), Body("upper", "soft")],
+        contacts=[pair],
+        displacements=[
+            Displacement("lower_bottom", [0.0, 0.0, 0.0]),
+            Displacement("upper_top", [0.005, 0.0, -0.02]),
+        ],
+        steps=Steps(count=2),
+        output=Output(fields=False),
+    )
+
+
+def with_piece(path, piece):
+    """The scene with a piece of physics."""
+    lowest = Contact("lower_bottom", obstacle=Obstacle("plane", [0.0, 0.0, 0.0], [0.0, 0.0, 1.0]), name="floor")
+    if piece == "plasticity":
+        result = scene(path)
+        result.bodies = [replace(body, material="yields") for body in result.bodies]
+        return result
+    if piece == "obstacles":
+        result = scene(path)
+        result.contacts.append(lowest)
+        return result
+    return scene(path, **{
+        "friction": {"friction": 0.4},
+        "self contact": {"source": "upper_bottom", "target": "upper_bottom"},
+        "all surfaces": {"source": None, "target": None, "all": True},
+        "tied surfaces": {"tied": True},
+        "unbiased contact": {"unbiased": True},
+        "penalty": {"formulation": "penalty"},
+        "augmented Lagrangian": {"formulation": "augmented_lagrangian"},
+    }[piece])  # fmt: skip
+
+
+def take_out(monkeypatch, piece):
+    """Replace a piece of physics, in all modules that know it, by something that fails."""
+    modules, kept = PIECES[piece]
+    gone = {}
+    for name in modules:
+        module = sys.modules[f"pcontact.{name}"]
+        for key, thing in vars(module).items():
+            own = getattr(thing, "__module__", None) == module.__name__
+            if own and key not in kept and (inspect.isclass(thing) or callable(thing)):
+                gone[id(thing)] = thing
+    replaced = 0
+    for module in [module for name, module in sys.modules.items() if name.startswith("pcontact")]:
+        for key, thing in list(vars(module).items()):
+            if id(thing) not in gone:
+                continue
+            replaced += 1
+            if inspect.isclass(thing):
+                # those derived from it go with it, and tables that hold it
+                monkeypatch.setattr(thing, "__init__", _missing(piece, key))
+            else:
+                # a kernel that other kernels call is compiled already
+                monkeypatch.setattr(module, key, _missing(piece, key))
+    assert replaced >= len(gone) > 0
+
+
+def _missing(piece, key):
+    def fail(*arguments, **named):
+        raise AssertionError(f"{piece}: {key} was called")
+
+    return fail
+
+
+def counters(case, comm=WORLD):
+    """Counters of a run, and messages and points searched."""
+    simulation = Simulation(case, comm)
+    try:
+        assert simulation.run(None)
+        counts, parallel = simulation.counters(), simulation.costs.parallel()
+        sent = {name: entry["messages"] for name, entry in parallel["exchange"].items()}
+        return {**counts, "search": parallel["search"], "messages": sent}
+    finally:
+        simulation.close()
+
+
+@pytest.fixture
+def mesh(shared_tmp):
+    path = shared_tmp / "blocks.msh"
+    on_root(WORLD, two_blocks, path, 3, 2, 3, "hexahedron")
+    return path
+
+
+@pytest.mark.parallel
+@pytest.mark.parametrize("piece", list(PIECES))
+def test_what_is_left_out_costs_nothing(mesh, piece, monkeypatch):
+    # what compiles, or is read from a cache, does so here
+    counters(scene(mesh))
+    before = counters(scene(mesh))
+    take_out(monkeypatch, piece)
+    assert counters(scene(mesh)) == before
+
+
+@pytest.mark.parametrize("piece", list(PIECES))
+def test_what_is_used_is_counted(mesh, piece, monkeypatch):
+    """The other way round: a scene with the piece has other counters, and does not run without it."""
+    case = with_piece(mesh, piece)
+    assert counters(case)["bytes"] != counters(scene(mesh))["bytes"]
+    take_out(monkeypatch, piece)
+    with pytest.raises(AssertionError, match=piece):
+        counters(with_piece(mesh, piece))
+
+
+@pytest.mark.parallel
+def test_elastic_frictionless_contact_has_no_state(mesh):
+    """What is committed is the status of the points; nothing tangential, nothing plastic, in any item."""
+    simulation = Simulation(scene(mesh), WORLD)
+    simulation.run(None)
+    bulk, pair = simulation.problem.items
+    shared = simulation.problem.space, simulation.mesh
+    assert type(pair) is ContactItem
+    assert not {name for name in held(bulk, shared) if "state" in name or "strain" in name}
+    tangential = ("lag", "start", "before", "law", "slip", "tangent", "multiplier")
+    assert not [name for name in held(pair, shared) if any(word in name for word in tangential)]
+    kernels = simulation.counters()["kernels"]
+    assert not [name for name in kernels if name.split(".")[0] in ("friction", "plastic", "plastic_kernels")]
+    simulation.close()
+
+
+def test_kernels_are_counted():
+    """Kernels called from Python count, all kinds of decorator."""
+    from_python = [thing for thing in vars(sys.modules["pcontact.contact.nitsche"]).values()
+                   if isinstance(thing, CPUDispatcher)]  # fmt: skip
+    assert from_python and all(hasattr(kernel, "title") for kernel in from_python)
+
+
+@pytest.mark.parallel
+def test_what_check_foretells(mesh):
+    """State of friction and plasticity, in bytes."""
+    plain, rough, yielding = (counters(case) for case in (
+        scene(mesh), with_piece(mesh, "friction"), with_piece(mesh, "plasticity")
+    ))  # fmt: skip
+    points, law = plain["points"]["pair"], 24 * WORLD.size
+    # the slip of one more direction may couple other points, hence other patterns
+    patterns = ("columns", "rowptr", "owned.")
+    others = {name for name in rough["bytes"]["pair"] if not name.startswith(patterns)}
+    more = sum(rough["bytes"]["pair"][name] - plain["bytes"]["pair"].get(name, 0) for name in others)
+    assert more == friction_bytes(3) * points + law
+    (name,) = set(yielding["points"]) - {"pair"}
+    state = {key: size for key, size in yielding["bytes"][name].items() if key in ("states.strain", "states.p")}
+    assert len(state) == 2 and sum(state.values()) == plastic_bytes(3) * yielding["points"][name]
+
+
+def test_prices_of_what_is_left_out(mesh):
+    simulation = Simulation(scene(mesh))
+    for item in simulation.problem.items:
+        item.detect(simulation.problem.space.vector(), 0.0, 0.0)
+    lines = " ".join(prices(simulation.problem, simulation.scene))
+    assert all(f"left out, {piece}" in lines for piece in ("friction", "plasticity", "unbiased"))
+    simulation.scene.contacts[0].friction = 0.2
+    assert "left out, friction" not in " ".join(prices(simulation.problem, simulation.scene))
+    simulation.close()
