@@ -53,7 +53,8 @@ on_ranks() {
 total=$EPOCHREALTIME
 part "ruff" one ruff check --output-format concise .
 part "floors" one lint-imports
-part "serial" pytest python3 -m pytest -q --color=no -p no:cacheprovider
+# two workers, each on its own
+part "serial" pytest python3 -m pytest -q --color=no -p no:cacheprovider -n 2 --dist worksteal
 if [[ ${1:-} != fast ]]; then
     for n in 2 3 4; do
         part "parallel, $n ranks" pytest on_ranks "$n" python3 -m pytest -q --color=no -p no:cacheprovider -m parallel

@@ -11,9 +11,16 @@ import sys
 import time
 from pathlib import Path
 
-import numpy as np
-import pytest
-from mpi4py import MPI
+# a worker of pytest-xdist inherits what MPI told its parent, and would take itself for that process
+INHERITED = ("PMIX_", "PRTE_", "ORTE_", "OPAL_", "OMPI_COMM_", "OMPI_APP_", "OMPI_MCA_ess", "OMPI_MCA_orte",
+             "OMPI_MCA_pmix")  # fmt: skip
+if "PYTEST_XDIST_WORKER" in os.environ:
+    for variable in [name for name in os.environ if name.startswith(INHERITED)]:
+        del os.environ[variable]
+
+import numpy as np  # noqa: E402
+import pytest  # noqa: E402
+from mpi4py import MPI  # noqa: E402
 
 WORLD = MPI.COMM_WORLD
 PASSED, SKIPPED, FAILED = 0, 1, 2
