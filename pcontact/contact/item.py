@@ -9,6 +9,7 @@ from pcontact.contact.laws import OPEN, SLIP
 from pcontact.contact.nitsche import add_residual, add_tangent, evaluate, no_operators, traction_operator
 from pcontact.contact.pairing import Pairing
 from pcontact.contact.parameters import GAMMA0, parameter
+from pcontact.contact.standing import Standing
 from pcontact.contact.summary import summarise
 from pcontact.runtime.parallel import matching, together
 from pcontact.runtime.petsc import MPI
@@ -23,7 +24,7 @@ FACING = 0.1
 FORESEEN = 4.0
 
 
-class ContactItem:
+class ContactItem(Standing):
     """Frictionless contact of one pair by Nitsche's method, or by penalty where the source has no traction.
 
     Parameters
@@ -309,30 +310,6 @@ class ContactItem:
     def _end(self, values):
         """Keep what the next load step needs to know of the displacements (n, d). *Collective.*"""
         _, self.committed = self._augmented(values)
-
-    @property
-    def closed(self):
-        """Points (np,) that were closed at the end of the last load step."""
-        return self.committed > OPEN
-
-    def committed_areas(self):
-        """Areas of the points that were open, sticking, slipping at the end of the last load step, of this rank."""
-        return np.bincount(self.committed, self.source.jxw, minlength=3)
-
-    def pulled(self, u):
-        """Area of the points of this rank that were closed and that ``u`` would open. *Collective.*"""
-        traction, gap = self._contact(self.pairing.exchange.gather(u))
-        tau = traction + self.gamma[self.source.facet] * gap
-        return float(np.sum(self.source.jxw[self.closed & (tau > 0.0)]))
-
-    def glue(self, glued):
-        """Keep points closed or open as they were at the end of the last load step; or let them go."""
-        p = self.pairing
-        if glued:
-            self._free = p.paired, self.bilateral
-            p.paired, self.bilateral = p.paired & self.closed, True
-        else:
-            p.paired, self.bilateral = self._free
 
     def memory(self):
         """What the next load step needs to know of this one, apart from the displacement.

@@ -179,6 +179,10 @@ class UnbiasedItem:
         """Area that was closed and that ``u`` would open, the mean of both sides. *Collective.*"""
         return sum(half.pulled(u) for half in self.halves)
 
+    def misled(self, before, u):
+        """Area that supports alone open or close, the mean of both sides. *Collective.*"""
+        return sum(half.misled(before, u) for half in self.halves)
+
     def glue(self, glued):
         """Keep points closed or open as they were at the end of the last load step; or let them go."""
         for half in self.halves:

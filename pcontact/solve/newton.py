@@ -66,7 +66,7 @@ class Newton:
     def __init__(self, problem, options, symmetric, near_null_space, timing, loose=False):
         self.problem, self.timing = problem, timing
         self._options = options
-        plastic = hasattr(problem.items[0], "predict")
+        plastic = problem.yields
         self._holds = any(can_slip(item) for item in problem.items)
         chosen = not options.given("snes_linesearch_type")
         direct = options.get("pc_type", "gamg") in ("lu", "cholesky")
@@ -232,7 +232,7 @@ class Newton:
         if self._reuse is not None:
             self._reuse.forget()
         self._first, self._true_first, self.norms = None, np.nan, []
-        before = u.copy() if self._holds or self.problem.predicts else None
+        before = u.copy() if self._holds or self.problem.yields else None
         try:
             return self._try_ways(u, before)
         finally:
@@ -244,7 +244,7 @@ class Newton:
         if self._hold_first:
             return self._stick_first(u, before)
         ways = self._ways
-        if self._holds and self.problem.predicts and self.problem.sticks():
+        if self._holds and self.problem.yields and self.problem.sticks():
             ways = [way for way in ways if way != self._law]
         outcome = ways[0](u, before)
         for way in ways[1:]:
@@ -309,7 +309,7 @@ class Newton:
         Newton can cycle between the two ways in which all points of a body may slip; from a state in which they stick,
         each goes the way in which its traction exceeds the bound.
         """
-        self._goal = HELD_GOAL_PLASTIC if self.problem.predicts else HELD_GOAL
+        self._goal = HELD_GOAL_PLASTIC if self.problem.yields else HELD_GOAL
         self._circles = True
         with self.problem.held():
             held = self._run(u, True)

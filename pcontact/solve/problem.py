@@ -46,21 +46,41 @@ class Problem:
         self.matrix = GlobalMatrix(space, supports.fixed)
         self._versions = None
         self.pattern_changes = 0
-        self._committed, self._is_glued = None, False
+        self._committed, self._is_glued, self._misled = None, False, []
 
     @property
     def linear(self):
         return not any(item.changes for item in self.items)
 
     @property
+    def yields(self):
+        """Whether bodies may yield."""
+        return hasattr(self.items[0], "predict")
+
+    @property
     def predicts(self):
-        """Whether a load step begins with bodies linearised at the committed displacement, see :meth:`predicted`."""
+        """Whether the load step begins with what :meth:`predicted` says."""
         return self._committed is not None
 
     def prescribe(self, u, time):
-        """Enter the prescribed displacements of a time into ``u``, the committed displacement so far."""
-        if hasattr(self.items[0], "predict"):
-            self._committed = u.copy()
+        """Enter the prescribed displacements of a time into ``u``, the committed displacement so far. *Collective.*
+
+        Decides whether the load step begins with a prediction: where bodies may yield, and where supports that move
+        alone open or close points.
+        """
+        moves = not self.linear and self.imposed(u, time) > 0.0
+        before = u.copy() if self.yields or moves else None
+        self._enter(u, time)
+        self._misled = self._misled_pairs(before, u) if moves else []
+        self._committed = before if self.yields or self._misled else None
+
+    def _misled_pairs(self, before, u):
+        pairs = self.items[1:]
+        areas = np.array([item.misled(before, u) for item in pairs])
+        areas = self.space.comm.allreduce(areas, op=MPI.SUM)
+        return [item for item, area in zip(pairs, areas, strict=True) if area > 0.0]
+
+    def _enter(self, u, time):
         values = self.supports.values(time)[self.space.owned_local]
         array = u.getArray().reshape(values.shape)
         array[self.fixed] = values[self.fixed]
@@ -104,11 +124,15 @@ class Problem:
 
         The prescribed nodes have moved there and their neighbours have not. Taken at its word, that strains a row of
         cells far beyond the yield stress and makes their tangent soft; elastic cells pass the motion on to the bodies.
-        Obstacles have moved, too: where one goes back, all points would open, and the bodies spring back and hit again.
+        Points at or near those nodes would open or close, which the bodies' motion undoes at once. Obstacles have
+        moved, too: where one goes back, all points would open, and the bodies spring back and hit again.
         """
         out = -self.external(self.time)
         with profile.phase("bulk_assembly"):
-            self.items[0].predict(u, self._committed, out)
+            if self.yields:
+                self.items[0].predict(u, self._committed, out)
+            else:
+                self.items[0].residual(u, out)
         with self.glued():
             self._add_contact(u, out)
         out[self.fixed] = 0.0
@@ -116,13 +140,16 @@ class Problem:
 
     @contextmanager
     def glued(self):
-        """Pairs with points closed at the end of the last load step keep them so, and the others open. *Collective.*"""
+        """Pairs with points closed at the end of the last load step keep them so, and the others open. *Collective.*
+
+        Pairs without closed points are left to the law, unless supports that move have closed some of them.
+        """
         if self._is_glued:
             yield
             return
         pairs, comm = self.items[1:], self.space.comm
         closed = comm.allreduce(np.array([item.closed.sum() for item in pairs], dtype=np.int64), op=MPI.SUM)
-        glued = [item for item, count in zip(pairs, closed, strict=True) if count]
+        glued = [item for item, count in zip(pairs, closed, strict=True) if count or item in self._misled]
         for item in glued:
             item.glue(True)
         self._is_glued = True
