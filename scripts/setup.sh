@@ -20,7 +20,7 @@ root=$(cd "$root/.." && pwd -P)
 
 apt_packages=(python3-petsc4py-real python3-mpi4py python3-h5py python3-h5py-mpi python3-venv openmpi-bin
               libgl1 libglu1-mesa libxcursor1 libxinerama1 libxft2 libxrender1)   # the lib* are for gmsh
-modules=(numba gmsh meshio h5py matplotlib tqdm pytest xdist ruff importlinter)         # import-linter's module
+modules=(numba gmsh meshio h5py matplotlib tqdm pytest xdist ruff importlinter)         # two are called otherwise, see below
 petsc_glob=/usr/lib/petscdir/petsc*/*-real/lib/python3/dist-packages/petsc4py
 stamp_name=pcontact-setup
 venv_mark=pcontact-venv                                                           # in a venv that was made here
@@ -198,6 +198,7 @@ print(*wanted)
 PY
     )
     wanted=${wanted/importlinter/import-linter}
+    wanted=${wanted/xdist/pytest-xdist}
     if [[ -n $wanted ]]; then
         say "pip install $wanted"
         quietly "$python" -m pip install -q --disable-pip-version-check --no-input -c "$constraints" $wanted ||
