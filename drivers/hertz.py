@@ -144,14 +144,22 @@ CASES = {
 }  # fmt: skip
 
 
-def generate(case: Case, path: Path, h: float | None, order: int, unknowns: int | None = None) -> Path:
-    """The mesh of a case with element size `h` at the contact, or with a number of unknowns. *Collective.*"""
+def generate(
+    case: Case, path: Path, h: float | None, order: int, unknowns: int | None = None, finer: float | None = None
+) -> Path:
+    """The mesh of a case with element size `h` at the contact, or with a number of unknowns. *Collective.*
+
+    `finer` has the elements far from the contact grow less, too, by this factor.
+    """
     options: dict = {"order": order}
     if case.dim == 2:
         # far from the contact an eighth of the radius is fine enough: a and p0 change by less than 0.1 %
         options.update(half=True, coarse=1.0)
     else:
         options["symmetry"] = "quarter"
+    if finer is not None:
+        options["growth"] = min(0.5, (0.25 if case.dim == 2 else 0.35) / finer)
+        options["coarse"] = min(2.0, 1.0 / finer) if case.dim == 2 else None
     options["contact_radius"] = 1.5 * case.half_width
     if unknowns is not None:
         options["unknowns"] = unknowns

@@ -14,6 +14,7 @@ from pcontact.mesh.load import load_mesh
 from pcontact.mesh.partition import METHODS, WEIGHT
 from pcontact.pairs import contact_items, tied_items
 from pcontact.runtime import log, profile
+from pcontact.runtime.presets import PRESETS
 from pcontact.scene import (
     amplitude,
     check_apart,
@@ -33,13 +34,15 @@ from pcontact.space.supports import Supports
 AID = 1e-6
 
 
-def override(scene, options):
+def override(scene, options, accuracy):
     """The scene with what the command line says. Options of the scene enter the database unless the user set them.
 
     Parameters
     ----------
     scene : pcontact.scene.model.Scene
     options : pcontact.runtime.options.Options
+    accuracy : pcontact.runtime.presets.Choice
+        Told the preset, it notes what that chose.
 
     Returns
     -------
@@ -49,7 +52,9 @@ def override(scene, options):
     validate(scene)
     options.propose(scene.petsc)
     get = options.get
-    scene.mesh.order = get("mesh_order", scene.mesh.order, int, (1, 2), "degree of the displacement")
+    accuracy.name = get("accuracy", scene.accuracy, str, tuple(PRESETS), "preset: what pays for a draft, or more")
+    order = get("mesh_order", None, int, (1, 2), "degree of the displacement")
+    scene.mesh.order = order or accuracy.key("order", scene.mesh.order, order) or scene.mesh.order or 1
     count, shortest = scene.steps.count, scene.steps.min_step
     scene.steps.count = get("steps_count", count, int, text="equal load steps to start with", positive=True)
     scene.steps.min_step = get("steps_min", shortest, float, text="smallest load step [time]", positive=True)
@@ -69,7 +74,9 @@ def override(scene, options):
     }
     said = {key: get(f"contact_{key}", None, kind, text=text) for key, (kind, text) in numerics.items()}
     validate(scene)
-    return resolve_contacts(scene, {key: value for key, value in said.items() if value is not None})
+    proposed = {key: accuracy.key(key, [getattr(c, key) for c in scene.contacts], said[key]) for key in numerics}
+    given = ({key: value for key, value in one.items() if value is not None} for one in (said, proposed))
+    return resolve_contacts(scene, *given)
 
 
 def _pairs(scene):

@@ -29,6 +29,7 @@ pcontact {version}: contact between elastic bodies with Nitsche's method, in par
   mpirun -n 4 pcontact run SCENE.toml ...          the same on four ranks
 
 Options (they win over the scene; the scene's [petsc] table wins over the program's defaults):
+  -accuracy draft|standard|fine                    what is not said is set to what pays, see docs/accuracy.md
   -contact_theta 1|0|-1                            variant of Nitsche's method, all pairs
   -contact_gamma0 X                                dimensionless parameter, all pairs
   -contact_quadrature N                            degree of the quadrature on source facets
@@ -140,7 +141,7 @@ def run_scene(scene, directory, observers=()):
     simulation = Simulation(scene)
     converged = simulation.run(directory, observers)
     # a default that found no use (of a preconditioner that the user replaced) is not the user's mistake
-    for name in simulation.options.unused([*OURS, *simulation.newton.applied]):
+    for name in simulation.options.unused([*OURS, *simulation.newton.applied, *simulation.accuracy.chosen]):
         near = difflib.get_close_matches(name, simulation.options.known, 1)
         log.warning("option -%s was not used%s", name, f"; the nearest is -{near[0]}" if near else "")
     return simulation, converged
@@ -154,6 +155,8 @@ def check_scene(scene):
     log.info("%s", simulation.scene.title or "untitled")
     log.info("modelled: %s", "\n          ".join(active))
     log.info("left out: %s", ", ".join(left_out))
+    for line in simulation.accuracy.lines():
+        log.info("%s", line)
     cells = np.array([comm.allreduce(len(b.nodes)) for b in mesh.blocks])
     for k, body in enumerate(simulation.scene.bodies):
         count = sum(int(n) for n, b in zip(cells, mesh.blocks, strict=True) if b.body == k)

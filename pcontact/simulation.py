@@ -15,6 +15,7 @@ from pcontact.runtime.jit import CALLS
 from pcontact.runtime.options import Options
 from pcontact.runtime.parallel import on_root
 from pcontact.runtime.petsc import MPI, free_garbage
+from pcontact.runtime.presets import Choice
 from pcontact.scene import describe
 from pcontact.scene.amplitude import drive
 from pcontact.solve.newton import Newton
@@ -63,7 +64,8 @@ class Simulation:
         free_garbage(self.comm)
         profile.forget_peak()
         profile.mark("start")
-        self.scene = build.override(scene, self.options)
+        self.accuracy = Choice()
+        self.scene = build.override(scene, self.options, self.accuracy)
         self.mesh = build.read(self.scene, self.comm, self.options)
         with profile.phase("set_up"):
             self._assemble()
@@ -78,6 +80,7 @@ class Simulation:
         symmetric = all((c.theta == 1.0 or c.formulation != "nitsche") and not c.friction for c in self.scene.contacts)
         symmetric = symmetric and not any(getattr(item, "plastic", None) for item in self.problem.items)
         modes = near_null_space(self.problem.space, colours)
+        self.accuracy.propose(self.options, self.problem.linear)
         self.newton = Newton(self.problem, self.options, symmetric, modes, self.timing, bool(self.floating))
         self.settle = uzawa(self.problem.items, self.newton, self.options)
         self.renew = renewal(self.problem, self.newton, self.options)
@@ -157,6 +160,7 @@ class Simulation:
             "ranks": self.comm.size,
             "dofs": self.problem.space.n_dofs,
             "cells": self.mesh.n_cells_total,
+            "accuracy": self.accuracy.report(),
             "model": {"active": active, "left_out": left_out},
             "solver": self.newton.solver,
         }
@@ -165,6 +169,8 @@ class Simulation:
         head = self._head()
         log.info("pcontact %s: %s", head["version"], head["title"] or "untitled")
         log.info("%d unknowns, %d cells, %d ranks", head["dofs"], head["cells"], head["ranks"])
+        for line in self.accuracy.lines():
+            log.info("%s", line)
         log.info("modelled: %s", "; ".join(head["model"]["active"]))
         log.info("left out: %s", ", ".join(head["model"]["left_out"]))
         solver = head["solver"]

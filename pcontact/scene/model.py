@@ -26,8 +26,8 @@ class MeshSpec:
     ----------
     file : str or pathlib.Path
         Mesh file, relative to the scene's folder.
-    order : int
-        Degree of the displacement, 1 or 2.
+    order : int or None
+        Degree of the displacement, 1 or 2; None: 1, unless a preset of accuracy says otherwise.
     kinematics : str
         2D only: "plane_strain", "plane_stress" or "axisymmetric" (x is the radius, y the axis); the default says
         nothing about a 3D mesh.
@@ -37,7 +37,7 @@ class MeshSpec:
     """
 
     file: str | Path
-    order: int = 1
+    order: int | None = None
     kinematics: str = "plane_strain"
     mean_dilatation: bool | None = None
 
@@ -335,6 +335,8 @@ class Scene:
     petsc : dict of str to str
         Options of this scene, without the leading dash; the command line wins.
     title : str
+    accuracy : str or None
+        Preset, see `pcontact.runtime.presets`; None: none.
     path : pathlib.Path or None
         The scene file; None when the scene was built in Python.
     """
@@ -349,6 +351,7 @@ class Scene:
     output: Output = field(default_factory=Output)
     petsc: dict[str, str] = field(default_factory=dict)
     title: str = ""
+    accuracy: str | None = None
     path: Path | None = None
 
     @property

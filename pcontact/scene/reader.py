@@ -44,6 +44,7 @@ def read_scene(path: str | Path) -> Scene:
     scene = Scene(
         path=path,
         title=data.get("title", ""),
+        accuracy=data.get("accuracy"),
         mesh=_table("mesh", data.get("mesh", {}), file),
         materials=_materials(data.get("materials", {}), file),
         steps=_table("steps", data.get("steps", {}), file),

@@ -10,6 +10,7 @@ import os
 from collections.abc import Callable
 from typing import NamedTuple
 
+from pcontact.runtime.presets import PRESETS
 from pcontact.scene.messages import input_error, kind, shown
 from pcontact.scene.model import (
     Body,
@@ -221,10 +222,10 @@ HARDENING_CURVE = Rule(
 OPTION = Rule("a string, a boolean, a finite number or a list of them", option_text)
 
 RULES: dict[type, dict[str, Rule]] = {
-    Scene: {"title": ANY_TEXT},
+    Scene: {"title": ANY_TEXT, "accuracy": optional(choice(*PRESETS))},
     MeshSpec: {
         "file": Rule("the name of a mesh file beside the scene", _file),
-        "order": integer(1, 2),
+        "order": optional(integer(1, 2)),
         "kinematics": choice("plane_strain", "plane_stress", "axisymmetric"),
         "mean_dilatation": optional(BOOLEAN),
     },

@@ -58,7 +58,9 @@ def validate(scene: Scene) -> None:
     _check_steps(scene)
 
 
-def resolve_contacts(scene: Scene, overrides: Mapping[str, object]) -> Scene:
+def resolve_contacts(
+    scene: Scene, overrides: Mapping[str, object], proposed: Mapping[str, object] | None = None
+) -> Scene:
     """Fill in the numerics of every pair: the command line wins over the scene, the scene over the defaults.
 
     Parameters
@@ -68,6 +70,8 @@ def resolve_contacts(scene: Scene, overrides: Mapping[str, object]) -> Scene:
     overrides : mapping of str to value
         What the command line says, for all pairs: keys of `CONTACT_DEFAULTS` (``{"theta": -1}`` for
         ``-contact_theta -1``). None is "not said".
+    proposed : mapping of str to value, optional
+        What a preset says; it stands before the defaults.
 
     Returns
     -------
@@ -88,7 +92,7 @@ def resolve_contacts(scene: Scene, overrides: Mapping[str, object]) -> Scene:
         for key, value in overrides.items()
         if value is not None
     }
-    contacts = [replace(contact, **_numerics(contact, said)) for contact in scene.contacts]
+    contacts = [replace(contact, **_numerics(contact, said, proposed)) for contact in scene.contacts]
     resolved = replace(scene, contacts=contacts)
     for where, table in tables(resolved):
         if isinstance(table, Contact) and table.all:
@@ -98,9 +102,9 @@ def resolve_contacts(scene: Scene, overrides: Mapping[str, object]) -> Scene:
     return resolved
 
 
-def _numerics(contact, said):
+def _numerics(contact, said, proposed):
     values = {"source": OUTER, "target": OUTER if contact.obstacle is None else None} if contact.all else {}
-    for key, default in CONTACT_DEFAULTS.items():
+    for key, default in {**CONTACT_DEFAULTS, **(proposed or {})}.items():
         own = getattr(contact, key)
         values[key] = said.get(key, default if own is None else own)
     return values
@@ -135,7 +139,8 @@ def _check_values(scene):
     for where, table in tables(scene):
         if isinstance(table, Contact) and table.source is None and not table.all:
             apply(TEXT, None, scene.where, f"{where}.source")
-    scene.title = apply(RULES[Scene]["title"], scene.title, scene.where, "title")
+    for key, rule in RULES[Scene].items():
+        setattr(scene, key, apply(rule, getattr(scene, key), scene.where, key))
     for where, table in tables(scene):
         for key, rule in RULES[type(table)].items():
             setattr(table, key, apply(rule, getattr(table, key), scene.where, f"{where}.{key}"))

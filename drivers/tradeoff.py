@@ -1,0 +1,147 @@
+"""The trade of speed for accuracy, measured: which settings pay, on scenes with known answers.
+
+    mpirun -n 2 python drivers/tradeoff.py -o tradeoff
+    mpirun -n 2 python drivers/tradeoff.py -o tradeoff --promise
+
+On rings, Hertz's cylinders and ball, Cattaneo and Mindlin's cylinders, Hill's cylinder and an elastoplastic
+indentation (`drivers/_trade_cases.py`) mesh and degree are varied together, and around a base of each degree one
+setting after the other (`KNOBS` in `drivers/_trade_runs.py`); then all of those that made the base cheaper without
+more error, together, and the presets of `-accuracy`, on all meshes. Each run is a row of tradeoff.json: errors,
+processor's and wall seconds of set-up and solve, memory, unknowns, iterations. Seconds become a cost by those of one
+linear elastic solve (contact replaced by body forces, relative tolerance 1e-8) in the same run, of one mesh of the
+scene, or of the row's own. accuracy_tables.md has the Pareto front of each scene and norm, what each setting does
+alone, the presets, and what these promise; NAME.png shows the fronts.
+
+--promise runs the presets on scenes that are not in the sweep and compares errors and costs with the promises that an
+earlier sweep left in the same directory.
+
+Kernels are compiled or loaded by a run outside the clock; runs shorter than a second are repeated, the fastest counts.
+"""
+
+import json
+import sys
+from pathlib import Path
+
+from drivers._common import log, main, make_parser, print_table, write_json
+from drivers._trade_cases import CASES, HELD_OUT, Case, tiny
+from drivers._trade_report import ALLOWED, cost, fronts, judged, plot, promises, tell, write_tables
+from drivers._trade_runs import PRESETS, Runner, sweep
+from pcontact.runtime.errors import InputError
+from pcontact.runtime.parallel import on_root
+from pcontact.runtime.petsc import MPI
+
+FEW = {"snes": (1e-2,)}
+
+
+def summary(case: Case, rows: list[dict], clock: str) -> dict:
+    """What the rows of a scene say: fronts (labels), promises, the preset `standard` against the best."""
+    found = fronts(rows, case.quantities, clock)
+    return {
+        "fronts": {
+            key: [{"label": row["label"], "cost": cost(row, clock), "error": row["errors"][key]} for row in line]
+            for key, line in found.items()
+        },
+        "promises": promises(case, rows, case.quantities, clock),
+        "standard": judged(rows, case.quantities, clock),
+    }
+
+
+def sweep_all(args) -> int:
+    """All scenes; 1 where `standard` costs more than it may."""
+    rows, cases, good = {}, {}, True
+    command = "mpirun -n N python drivers/" + " ".join([Path(sys.argv[0]).name, *sys.argv[1:]])
+    for name in args.cases:
+        case = cases[name] = tiny(CASES[name]) if args.tiny else CASES[name]
+        run = Runner(name, case, args.o, lambda row, case=case: tell(row, case.quantities, args.clock),
+                     1 if args.tiny else 3)  # fmt: skip
+        run.prepare()
+        sweep(run, FEW if args.tiny else None)
+        rows[name] = run.rows
+        plot(args.o / f"{name}.png", case, run.rows, args.clock)
+        table = summary(case, run.rows, args.clock)["standard"]
+        if table:
+            columns = ("label", "quantity", "error", "cost", "best", "best_cost", "ratio")
+            title = f"{name}: standard against the cheapest setting with the same error (at most {ALLOWED:g})"
+            print_table(title, columns, [[row[key] for key in columns] for row in table])
+        good = good and all(row["ratio"] <= ALLOWED for row in documented(case, table))
+        # at once: a run that is killed leaves what it has
+        data = {one: {"rows": some, **summary(cases[one], some, args.clock)} for one, some in rows.items()}
+        write_json(args.o / "tradeoff.json", {"clock": args.clock, "ranks": MPI.COMM_WORLD.size, "scenes": data})
+        write_tables(args.o / "accuracy_tables.md", cases, rows, args.clock, command)
+    log.info("tables, plots and rows in %s", args.o)
+    return 0 if good or args.tiny else 1
+
+
+def documented(case, table: list[dict]) -> list[dict]:
+    """Of what `judged` tells the rows of the mesh that `standard` is documented on."""
+    return [row for row in table if (row["size"], row["degree"]) == case.promised["standard"]]
+
+
+def load(path: Path) -> dict:
+    """What an earlier sweep left. *Collective.*
+
+    Raises
+    ------
+    InputError
+    """
+
+    def read():
+        try:
+            return json.loads(path.read_text())["scenes"]
+        except (OSError, ValueError, KeyError, TypeError) as error:
+            text = f"{path}: found {type(error).__name__}, allowed: the file of an earlier sweep, see -o"
+            raise InputError(text) from None
+
+    return MPI.COMM_WORLD.bcast(on_root(MPI.COMM_WORLD, read))
+
+
+def keep_promises(args) -> int:
+    """The presets on scenes that are not in the sweep; 1 where a promise does not hold."""
+    kinds = {CASES[name].kind: one["promises"] for name, one in load(args.o / "tradeoff.json").items()}
+    table, rows = [], []
+    for name, case in HELD_OUT.items():
+        promised = kinds.get(case.kind, {})
+        if not promised:
+            log.info("%s: no scene of its class (%s) in the sweep", name, case.kind)
+            continue
+        run = Runner(name, case, args.o, lambda row, case=case: tell(row, case.quantities, args.clock))
+        run.prepare()
+        for preset in PRESETS:
+            one = promised.get(preset)
+            if one is None:
+                continue
+            row = run(one["size"], one["degree"], accuracy=preset)
+            rows.append(row)
+            found = {"cost": cost(row, args.clock, own=True), **row["errors"]}
+            for key, bound in {"cost": one["cost"], **one["errors"]}.items():
+                if key in found:
+                    verdict = "held" if found[key] <= bound else "broken"
+                    table.append([name, case.kind, preset, row["label"], key, bound, found[key], verdict])
+                elif not row["converged"]:
+                    table.append([name, case.kind, preset, row["label"], key, bound, float("nan"), "broken"])
+    header = ["scene", "class", "preset", "run", "quantity", "promised", "found", ""]
+    print_table("promises on scenes that are not in the sweep", header, table)
+    named = [dict(zip(header, row, strict=True)) for row in table]
+    write_json(args.o / "promise.json", {"clock": args.clock, "table": named, "rows": rows})
+    return 0 if table and all(row[-1] == "held" for row in table) else 1
+
+
+def run(args) -> int:
+    """The sweep, or the promises."""
+    if args.tiny:
+        args.cases = ["rings"]
+    return keep_promises(args) if args.promise else sweep_all(args)
+
+
+def make_options():
+    """The parser of this driver."""
+    parser = make_parser(__doc__, "tradeoff_results")
+    add = parser.add_argument
+    add("--cases", nargs="+", choices=list(CASES), default=list(CASES), help="scenes (all)")
+    add("--clock", choices=("cpu", "wall"), default="wall", help="what costs are made of (wall); the JSON keeps both")
+    add("--promise", action="store_true", help="presets on scenes outside of the sweep, against the sweep in -o")
+    return parser
+
+
+if __name__ == "__main__":
+    main(run, make_options())
