@@ -236,9 +236,8 @@ def _shear_scene(path, degree, steps):
 
 
 def _shear_mesh(directory, facets, degree):
-    path = directory / f"sheared_{facets}_{degree}.msh"
-    case = cattaneo_mindlin.CASE
-    return hertz.generate(case, path, case.half_width / facets, degree, finer=facets / 20)
+    args = SimpleNamespace(h=cattaneo_mindlin.CASE.half_width / facets, order=degree)
+    return cattaneo_mindlin.generate(directory / f"sheared_{facets}_{degree}.msh", args, facets / 20)
 
 
 def _shear_errors(simulation, reference):

@@ -294,9 +294,15 @@ def check(args) -> None:
         args.press, args.steps = min(args.press, 2), 1
 
 
-def generate(path: Path, args) -> Path:
-    """The mesh; far from the contact an eighth of the radius is fine enough. *Collective.*"""
-    return make_mesh(cylinders, path, h=args.h, order=args.order, contact_radius=1.5 * CASE.half_width, coarse=1.0)
+def generate(path: Path, args, finer: float = 1.0) -> Path:
+    """The mesh; far from the contact an eighth of the radius is fine enough. *Collective.*
+
+    `finer` has the elements far from the contact grow less, too, by this factor.
+    """
+    return make_mesh(
+        cylinders, path, h=args.h, order=args.order, contact_radius=1.5 * CASE.half_width,
+        coarse=min(2.0, 1.0 / finer), growth=min(0.5, 0.25 / finer),
+    )  # fmt: skip
 
 
 def run(args) -> int:

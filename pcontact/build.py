@@ -42,7 +42,7 @@ def override(scene, options, accuracy):
     scene : pcontact.scene.model.Scene
     options : pcontact.runtime.options.Options
     accuracy : pcontact.runtime.presets.Choice
-        Told the preset, it notes what that chose.
+        Told the preset.
 
     Returns
     -------
@@ -53,8 +53,7 @@ def override(scene, options, accuracy):
     options.propose(scene.petsc)
     get = options.get
     accuracy.name = get("accuracy", scene.accuracy, str, tuple(PRESETS), "preset: what pays for a draft, or more")
-    order = get("mesh_order", None, int, (1, 2), "degree of the displacement")
-    scene.mesh.order = order or accuracy.key("order", scene.mesh.order, order) or scene.mesh.order or 1
+    scene.mesh.order = get("mesh_order", scene.mesh.order, int, (1, 2), "degree of the displacement")
     count, shortest = scene.steps.count, scene.steps.min_step
     scene.steps.count = get("steps_count", count, int, text="equal load steps to start with", positive=True)
     scene.steps.min_step = get("steps_min", shortest, float, text="smallest load step [time]", positive=True)
@@ -74,9 +73,7 @@ def override(scene, options, accuracy):
     }
     said = {key: get(f"contact_{key}", None, kind, text=text) for key, (kind, text) in numerics.items()}
     validate(scene)
-    proposed = {key: accuracy.key(key, [getattr(c, key) for c in scene.contacts], said[key]) for key in numerics}
-    given = ({key: value for key, value in one.items() if value is not None} for one in (said, proposed))
-    return resolve_contacts(scene, *given)
+    return resolve_contacts(scene, {key: value for key, value in said.items() if value is not None})
 
 
 def _pairs(scene):
@@ -106,7 +103,7 @@ def read(scene, comm, options):
         check_apart(scene, getattr(mesh, "common", {}))
 
     regions = [b.region for b in scene.bodies]
-    return load_mesh(comm, scene.mesh_path, scene.mesh.order, regions, pairs, check, weight, method)
+    return load_mesh(comm, scene.mesh_path, scene.mesh.order or 1, regions, pairs, check, weight, method)
 
 
 def bulk_item(scene, space, constants):

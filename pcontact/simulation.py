@@ -67,6 +67,7 @@ class Simulation:
         self.accuracy = Choice()
         self.scene = build.override(scene, self.options, self.accuracy)
         self.mesh = build.read(self.scene, self.comm, self.options)
+        self.scene.mesh.order = self.accuracy.order(self.scene.mesh.order, self.mesh.curved)
         with profile.phase("set_up"):
             self._assemble()
         profile.mark("set_up")

@@ -15,7 +15,7 @@ from pcontact.scene.validate import validate
 
 def scene_of(folder, accuracy=None, **petsc):
     scene = ring_scene(make_mesh(rings, folder / "rings.msh", n=8, order=2), 1, 0.0, gamma0=None)
-    scene.accuracy, scene.petsc = accuracy, petsc
+    scene.accuracy, scene.petsc, scene.mesh.order = accuracy, petsc, None
     return scene
 
 
@@ -53,22 +53,27 @@ def test_options_win(shared_tmp):
         database.delValue("accuracy")
 
 
-def test_keys(monkeypatch):
-    """A key of the scene: the preset's value where nobody says one, of one pair or of all."""
-    keys = {"order": 2, "quadrature": 3}
-    monkeypatch.setitem(PRESETS, "standard", PRESETS["standard"].__class__({}, 1e-2, 1e-5, keys))
-    choice = Choice()
-    choice.name = "standard"
-    assert (
-        choice.key("order", None) == 2
-        and choice.key("quadrature", [None, 7]) == 3
-        and choice.key("theta", None) is None
-    )
-    assert choice.chosen == keys and choice.overridden == {"quadrature": 7}
-    other = Choice()
-    other.name = "standard"
-    assert other.key("order", 1) is None and other.key("quadrature", [None, 7], 9) is None
-    assert not other.chosen and other.overridden == {"order": 1, "quadrature": 9}
+def test_degree():
+    """Degree 2 on a mesh of degree 2, unless the user says one; none of it without a preset."""
+    for name, curved, said, asked, chosen, overridden in (
+        ("standard", True, None, 2, {"mesh_order": 2}, {}), ("standard", False, None, 1, {"mesh_order": 1}, {}),
+        ("draft", True, None, 1, {"mesh_order": 1}, {}), ("fine", True, 1, 1, {}, {"mesh_order": 1}),
+        ("fine", True, 2, 2, {}, {}), (None, True, None, 1, {}, {}), (None, False, 2, 2, {}, {}),
+    ):  # fmt: skip
+        choice = Choice()
+        choice.name = name
+        assert choice.order(said, curved) == asked
+        assert (choice.chosen, choice.overridden) == (chosen, overridden)
+
+
+@pytest.mark.parallel
+def test_degree_of_a_run(shared_tmp):
+    """The mesh of the rings is of degree 2."""
+    for order, asked in ((None, 2), (1, 1)):
+        scene = scene_of(shared_tmp, "standard")
+        scene.mesh.order = order
+        with running(scene) as (simulation, converged):
+            assert converged and simulation.problem.space.degree == asked
 
 
 def test_linear_and_direct():

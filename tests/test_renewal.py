@@ -68,7 +68,7 @@ def test_a_run_that_fails_leaves_what_was_there(path):
     """The load step keeps the solution and the partners of the search before."""
 
     def fail(simulation):
-        simulation.newton.again = lambda u: (u.set(1e3), Outcome(False, 2, 2, "made up", 1.0, 1.0))[1]
+        simulation.newton.again = lambda u, near: (u.set(1e3), Outcome(False, 2, 2, "made up", 1.0, 1.0))[1]
 
     rows, counts = ironed(path, 4, 3, change=fail)
     once, _ = ironed(path, 4, 0)
@@ -93,7 +93,7 @@ def test_a_flip_between_two_sets_ends():
     class Flipping:
         runs = 0
 
-        def again(self, u):
+        def again(self, u, near):
             self.runs += 1
             return Outcome(True, 5, 5, "", 0.0, 1.0)
 

@@ -27,7 +27,7 @@ class MeshSpec:
     file : str or pathlib.Path
         Mesh file, relative to the scene's folder.
     order : int or None
-        Degree of the displacement, 1 or 2; None: 1, unless a preset of accuracy says otherwise.
+        Degree of the displacement, 1 or 2; None: 1, or what a preset of accuracy says.
     kinematics : str
         2D only: "plane_strain", "plane_stress" or "axisymmetric" (x is the radius, y the axis); the default says
         nothing about a 3D mesh.

@@ -58,9 +58,7 @@ def validate(scene: Scene) -> None:
     _check_steps(scene)
 
 
-def resolve_contacts(
-    scene: Scene, overrides: Mapping[str, object], proposed: Mapping[str, object] | None = None
-) -> Scene:
+def resolve_contacts(scene: Scene, overrides: Mapping[str, object]) -> Scene:
     """Fill in the numerics of every pair: the command line wins over the scene, the scene over the defaults.
 
     Parameters
@@ -70,8 +68,6 @@ def resolve_contacts(
     overrides : mapping of str to value
         What the command line says, for all pairs: keys of `CONTACT_DEFAULTS` (``{"theta": -1}`` for
         ``-contact_theta -1``). None is "not said".
-    proposed : mapping of str to value, optional
-        What a preset says; it stands before the defaults.
 
     Returns
     -------
@@ -92,7 +88,7 @@ def resolve_contacts(
         for key, value in overrides.items()
         if value is not None
     }
-    contacts = [replace(contact, **_numerics(contact, said, proposed)) for contact in scene.contacts]
+    contacts = [replace(contact, **_numerics(contact, said)) for contact in scene.contacts]
     resolved = replace(scene, contacts=contacts)
     for where, table in tables(resolved):
         if isinstance(table, Contact) and table.all:
@@ -102,9 +98,9 @@ def resolve_contacts(
     return resolved
 
 
-def _numerics(contact, said, proposed):
+def _numerics(contact, said):
     values = {"source": OUTER, "target": OUTER if contact.obstacle is None else None} if contact.all else {}
-    for key, default in {**CONTACT_DEFAULTS, **(proposed or {})}.items():
+    for key, default in CONTACT_DEFAULTS.items():
         own = getattr(contact, key)
         values[key] = said.get(key, default if own is None else own)
     return values

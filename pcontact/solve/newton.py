@@ -92,7 +92,7 @@ class Newton:
         self._filter = body_filter(problem, options) or contact_filter(problem, options)
         self.solver = self._solver(symmetric, len(near_null_space.getVecs()))
         self._floor, self._goal, self._first = 0.0, None, None
-        self._hold_first = loose and self._holds
+        self._hold_first, self._near = loose and self._holds, False
         self._predicting, self._begins, self._true_first, self._circles = False, False, np.nan, False
         # what is tried in turn while Newton goes in circles
         self._ways = [self._law, self._glued_first] if plastic else [self._law]
@@ -198,7 +198,7 @@ class Newton:
         rtol, atol, _, _ = snes.getTolerances()
         if norm <= max(atol, self._floor):
             return reasons.CONVERGED_FNORM_ABS
-        if iteration > 0 and norm <= (self._goal or rtol) * self._first:
+        if (iteration > 0 or self._near) and norm <= (self._goal or rtol) * self._first:
             return reasons.CONVERGED_FNORM_RELATIVE
         if (self._circles and cycles(self._norms)) or repeats(self._norms):
             return reasons.DIVERGED_LOCAL_MIN
@@ -254,12 +254,17 @@ class Newton:
             outcome = together(outcome, way(u, before))
         return outcome
 
-    def again(self, u):
-        """Solve on from the solution ``u`` of :meth:`solve`, after multipliers of contact have changed. *Collective.*
+    def again(self, u, near=False):
+        """Solve on from the solution ``u`` of :meth:`solve`, after multipliers or partners have changed. *Collective.*
 
-        Tolerances remain those of the load step. Returns an :class:`Outcome`.
+        Tolerances remain those of the load step; with `near`, a ``u`` that meets them already is left as it is. Returns
+        an :class:`Outcome`.
         """
-        return self._run(u, False)
+        self._near = near
+        try:
+            return self._run(u, False)
+        finally:
+            self._near = False
 
     def _law(self, u, before):
         """Solve with the law from the beginning."""

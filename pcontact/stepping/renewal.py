@@ -50,7 +50,7 @@ class Renewal:
         for _ in range(self.most):
             solved = u.copy()
             self._search(before, time, motion, solved)
-            then = self.newton.again(u)
+            then = self.newton.again(u, near=True)
             both = together(outcome, then)
             if not then.converged:
                 solved.copy(u)
