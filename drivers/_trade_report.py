@@ -6,9 +6,8 @@ import numpy as np
 
 from drivers._common import draw, log
 from drivers._pareto import cheapest, front, rounded_up
-from drivers._trade_cases import NORMS, Case
+from drivers._trade_cases import SCALARS, Case
 from drivers._trade_runs import PRESETS
-from pcontact.runtime.petsc import MPI
 
 MARGIN = 1.5  # promises are this much above what the sweep found, and rounded up
 ALLOWED = 1.5  # cost of `standard` over the least cost that the sweep found for the same error
@@ -34,6 +33,11 @@ def fronts(rows: list[dict], quantities: tuple, clock: str) -> dict[str, list[di
     return found
 
 
+def norms(quantities: tuple) -> tuple:
+    """Those that are norms: single numbers are small by luck where they cross their exact value."""
+    return tuple(key for key in quantities if key not in SCALARS)
+
+
 def preset_of(row: dict) -> str | None:
     """The preset of a row that has nothing but one."""
     return row["knobs"].get("accuracy") if len(row["knobs"]) == 1 else None
@@ -52,7 +56,7 @@ def judged(rows: list[dict], quantities: tuple, clock: str, name: str = "standar
     for row in all_rows:
         if preset_of(row) != name:
             continue
-        for key in (key for key in quantities if key in NORMS):
+        for key in norms(quantities):
             best = all_rows[cheapest(costs, [one["errors"][key] for one in all_rows], row["errors"][key])]
             own, least = cost(row, clock), cost(best, clock)
             table.append({
@@ -99,7 +103,7 @@ def markdown(header: list[str], rows: list[list]) -> list[str]:
 def _front_lines(found, clock):
     lines = []
     for key, rows in found.items():
-        if key in NORMS:
+        if key not in SCALARS:
             table = [
                 [row["label"], cost(row, clock), cost(row, clock, own=True), row["errors"][key], row["unknowns"],
                  float(row["memory_mb"]), row["newton"], row["krylov"]]
@@ -162,16 +166,27 @@ def promise_lines(found: dict[str, dict[str, dict]]) -> list[str]:
     return markdown(["class", "preset", "mesh", "cost, its own mesh", *names], table) if table else []
 
 
-def write_tables(path: Path, cases: dict[str, Case], rows: dict[str, list[dict]], clock: str, command: str) -> None:
-    """All tables as Markdown, as they stand in docs/accuracy.md. Rank 0 writes."""
-    if MPI.COMM_WORLD.rank != 0:
-        return
+def tables(cases: dict[str, Case], rows: dict[str, list[dict]], data: dict, pictures: str) -> str:
+    """All tables as Markdown, as they stand in docs/accuracy.md.
+
+    Parameters
+    ----------
+    cases : dict of str to Case
+    rows : dict of str to list of dict
+    data : dict
+        ``clock``, ``ranks``, ``command``; ``promise``, where that has been run: its header and rows.
+    pictures : str
+        What the names of the plots begin with.
+    """
+    clock = data["clock"]
     promised = {case.kind: promises(case, rows[name], case.quantities, clock) for name, case in cases.items()}
-    lines = [f"`{command}`, {'processor' if clock == 'cpu' else 'wall'} time, {MPI.COMM_WORLD.size} ranks.", ""]
+    lines = [f"`{data['command']}`, {'processor' if clock == 'cpu' else 'wall'} time, {data['ranks']} ranks.", ""]
     lines += ["## Promises", "", *promise_lines(promised), ""]
+    if data.get("promise"):
+        lines += ["On scenes that are not in the sweep (`--promise`):", "", *markdown(*data["promise"]), ""]
     for name, case in cases.items():
         unit = next((row[f"unit_{clock}"] for row in rows[name]), float("nan"))
-        lines += [f"## {case.title} (`{name}`)", "", f"![]({name}.png)", ""]
+        lines += [f"## {case.title} (`{name}`)", "", f"![]({pictures}{name}.png)", ""]
         failed = len(rows[name]) - len(good(rows[name]))
         lines += [f"Unit of cost: {unit:.3g} s, a linear elastic solve with {case.unit:g} facets, degree 1. "
                   f"{len(rows[name])} runs, {failed} did not converge.", ""]  # fmt: skip
@@ -179,7 +194,7 @@ def write_tables(path: Path, cases: dict[str, Case], rows: dict[str, list[dict]]
         lines += _preset_lines(rows[name], case.quantities, clock)
         lines += _judged_lines(judged(rows[name], case.quantities, clock))
         lines += _change_lines(case, rows[name], case.quantities, clock)
-    path.write_text("\n".join(lines).rstrip() + "\n")
+    return "\n".join(lines).rstrip() + "\n"
 
 
 def tell(row: dict, quantities: tuple, clock: str) -> None:
@@ -194,12 +209,12 @@ def tell(row: dict, quantities: tuple, clock: str) -> None:
 # -- plots ----------------------------------------------------------------------------------------------------------
 
 
-def plot(path: Path, case: Case, rows: list[dict], clock: str) -> None:
+def plot(path: Path, case: Case, rows: list[dict], clock: str, quantities: tuple) -> None:
     """Error over cost of all settings, the front in colour, its points numbered and named."""
     found, rows = fronts(rows, case.quantities, clock), good(rows)
 
     def paint(axes):
-        for axis, key in zip(np.atleast_1d(axes), case.quantities, strict=True):
+        for axis, key in zip(np.atleast_1d(axes), quantities, strict=True):
             axis.loglog([cost(row, clock) for row in rows], [row["errors"][key] for row in rows], "o", ms=3,
                         color="#b8bec4")  # fmt: skip
             for name, colour in COLOURS.items():
@@ -218,4 +233,4 @@ def plot(path: Path, case: Case, rows: list[dict], clock: str) -> None:
             axis.legend(fontsize=6, frameon=False)
             axis.grid(alpha=0.2)
 
-    draw(path, paint, columns=len(case.quantities), size=(4.2, 5.4))
+    draw(path, paint, columns=len(quantities), size=(4.2, 5.4))

@@ -98,7 +98,8 @@ def timed(scene: Scene, measure=None, repeat: int = 3) -> dict:
     -------
     dict
         ``converged``, ``unknowns``, ``newton``, ``krylov``, ``cpu`` and ``wall`` [s] of the set-up and the solve on
-        the slowest rank, ``memory_mb`` (peak of all ranks), ``errors`` (empty where it did not converge).
+        the slowest rank, ``memory_mb`` (peak of all ranks beyond what they held before), ``errors`` (empty where it
+        did not converge).
     """
     row, spent, comm = None, 0.0, MPI.COMM_WORLD
     for _ in range(repeat):
@@ -112,10 +113,11 @@ def timed(scene: Scene, measure=None, repeat: int = 3) -> dict:
             cpu = comm.allreduce(clock.process_time() - cpu + simulation.cpu_set_up, op=MPI.MAX)
             wall = comm.allreduce(clock.perf_counter() - wall + simulation.wall_set_up, op=MPI.MAX)
             if row is None:
+                memory = simulation.costs.memory()
                 row = {
                     "converged": converged, "unknowns": simulation.problem.space.n_dofs, "newton": counts.newton,
                     "krylov": counts.krylov, "cpu": cpu, "wall": wall,
-                    "memory_mb": simulation.costs.memory()["solve"]["peak_mb"],
+                    "memory_mb": max(memory["solve"]["peak_mb"] - memory["start"]["resident_mb"], 0.0),
                     "errors": measure(simulation) if measure is not None and converged else {},
                 }  # fmt: skip
             row |= {"cpu": min(row["cpu"], cpu), "wall": min(row["wall"], wall)}

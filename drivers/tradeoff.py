@@ -12,6 +12,8 @@ linear elastic solve (contact replaced by body forces, relative tolerance 1e-8) 
 scene, or of the row's own. accuracy_tables.md has the Pareto front of each scene and norm, what each setting does
 alone, the presets, and what these promise; NAME.png shows the fronts.
 
+--publish docs/accuracy.md puts tables and plots of the sweep in -o into that document.
+
 --promise runs the presets on scenes that are not in the sweep and compares errors and costs with the promises that an
 earlier sweep left in the same directory.
 
@@ -19,18 +21,20 @@ Kernels are compiled or loaded by a run outside the clock; runs shorter than a s
 """
 
 import json
+import shutil
 import sys
 from pathlib import Path
 
 from drivers._common import log, main, make_parser, print_table, write_json
-from drivers._trade_cases import CASES, HELD_OUT, Case, tiny
-from drivers._trade_report import ALLOWED, cost, fronts, judged, plot, promises, tell, write_tables
+from drivers._trade_cases import CASES, HELD_OUT, SCALARS, Case, tiny
+from drivers._trade_report import ALLOWED, cost, fronts, judged, norms, plot, promises, tables, tell
 from drivers._trade_runs import PRESETS, Runner, sweep
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.parallel import on_root
 from pcontact.runtime.petsc import MPI
 
 FEW = {"snes": (1e-2,)}
+MARK = "<!-- What follows is written by drivers/tradeoff.py with the option publish. -->"
 
 
 def summary(case: Case, rows: list[dict], clock: str) -> dict:
@@ -57,7 +61,9 @@ def sweep_all(args) -> int:
         run.prepare()
         sweep(run, FEW if args.tiny else None)
         rows[name] = run.rows
-        plot(args.o / f"{name}.png", case, run.rows, args.clock)
+        single = tuple(key for key in case.quantities if key in SCALARS)
+        plot(args.o / f"{name}.png", case, run.rows, args.clock, norms(case.quantities))
+        plot(args.o / f"{name}_numbers.png", case, run.rows, args.clock, single)
         table = summary(case, run.rows, args.clock)["standard"]
         if table:
             columns = ("label", "quantity", "error", "cost", "best", "best_cost", "ratio")
@@ -66,8 +72,10 @@ def sweep_all(args) -> int:
         good = good and all(row["ratio"] <= ALLOWED for row in documented(case, table))
         # at once: a run that is killed leaves what it has
         data = {one: {"rows": some, **summary(cases[one], some, args.clock)} for one, some in rows.items()}
-        write_json(args.o / "tradeoff.json", {"clock": args.clock, "ranks": MPI.COMM_WORLD.size, "scenes": data})
-        write_tables(args.o / "accuracy_tables.md", cases, rows, args.clock, command)
+        head = {"clock": args.clock, "ranks": MPI.COMM_WORLD.size, "command": command}
+        write_json(args.o / "tradeoff.json", {**head, "scenes": data})
+        if MPI.COMM_WORLD.rank == 0:
+            (args.o / "accuracy_tables.md").write_text(tables(cases, rows, head, ""))
     log.info("tables, plots and rows in %s", args.o)
     return 0 if good or args.tiny else 1
 
@@ -87,7 +95,8 @@ def load(path: Path) -> dict:
 
     def read():
         try:
-            return json.loads(path.read_text())["scenes"]
+            data = json.loads(path.read_text())
+            return {key: data[key] for key in ("clock", "ranks", "command", "scenes")}
         except (OSError, ValueError, KeyError, TypeError) as error:
             text = f"{path}: found {type(error).__name__}, allowed: the file of an earlier sweep, see -o"
             raise InputError(text) from None
@@ -97,7 +106,7 @@ def load(path: Path) -> dict:
 
 def keep_promises(args) -> int:
     """The presets on scenes that are not in the sweep; 1 where a promise does not hold."""
-    kinds = {CASES[name].kind: one["promises"] for name, one in load(args.o / "tradeoff.json").items()}
+    kinds = {CASES[name].kind: one["promises"] for name, one in load(args.o / "tradeoff.json")["scenes"].items()}
     table, rows = [], []
     for name, case in HELD_OUT.items():
         promised = kinds.get(case.kind, {})
@@ -126,10 +135,46 @@ def keep_promises(args) -> int:
     return 0 if table and all(row[-1] == "held" for row in table) else 1
 
 
+def publish(args) -> int:
+    """Put the tables and plots of an earlier sweep into a document, in place of what follows its line `MARK`.
+
+    Raises
+    ------
+    InputError
+        The document has no such line, or cannot be written.
+    """
+    data = load(args.o / "tradeoff.json")
+
+    def write():
+        try:
+            head, mark, _ = args.publish.read_text().partition(MARK)
+        except OSError as error:
+            raise InputError(f"command line: --publish {args.publish}: found {error.strerror}") from None
+        if not mark:
+            raise InputError(f"{args.publish}: found no line {MARK!r}, allowed: a document with one")
+        found = args.o / "promise.json"
+        if found.exists():
+            table = json.loads(found.read_text())["table"]
+            data["promise"] = [
+                list(table[0]),
+                [[float("nan") if c is None else c for c in row.values()] for row in table],
+            ]
+        cases = {name: CASES[name] for name in data["scenes"]}
+        rows = {name: one["rows"] for name, one in data["scenes"].items()}
+        args.publish.write_text(f"{head}{MARK}\n\n{tables(cases, rows, data, 'accuracy_')}")
+        for name in cases:
+            shutil.copy(args.o / f"{name}.png", args.publish.parent / f"accuracy_{name}.png")
+
+    on_root(MPI.COMM_WORLD, write)
+    return 0
+
+
 def run(args) -> int:
-    """The sweep, or the promises."""
+    """The sweep, the promises, or the document."""
     if args.tiny:
         args.cases = ["rings"]
+    if args.publish is not None:
+        return publish(args)
     return keep_promises(args) if args.promise else sweep_all(args)
 
 
@@ -140,6 +185,7 @@ def make_options():
     add("--cases", nargs="+", choices=list(CASES), default=list(CASES), help="scenes (all)")
     add("--clock", choices=("cpu", "wall"), default="wall", help="what costs are made of (wall); the JSON keeps both")
     add("--promise", action="store_true", help="presets on scenes outside of the sweep, against the sweep in -o")
+    add("--publish", type=Path, metavar="FILE", help="tables and plots of the sweep in -o into this document")
     return parser
 
 

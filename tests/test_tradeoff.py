@@ -12,7 +12,7 @@ from drivers._trade_cases import CASES, HELD_OUT, linear
 from drivers._trade_report import judged, promises
 from drivers._trade_runs import changed, paying
 from drivers.rings import ring_scene
-from drivers.tradeoff import make_options, run
+from drivers.tradeoff import MARK, make_options, run
 from meshes import one_block, rings
 from pcontact.runtime.errors import InputError
 from pcontact.scene.model import Body, Displacement, Load, Material, MeshSpec, Output, Scene
@@ -122,5 +122,15 @@ def test_tiny(tmp_path):
     assert all(one[key] > 0 for one in data["rows"] for key in keys)
     assert "front, pressure" in (args.o / "accuracy_tables.md").read_text()
     assert (args.o / "rings.png").stat().st_size > 1000
-    with pytest.raises(InputError, match="earlier sweep"):
-        run(parse(make_options(), ["--promise", "-o", str(tmp_path)]))
+    document = tmp_path / "docs.md"
+    document.write_text(f"What stands before.\n{MARK}\nold\n")
+    options = ["--publish", str(document), "-o"]
+    assert run(parse(make_options(), [*options, str(args.o)])) == 0
+    text = document.read_text()
+    assert text.startswith(f"What stands before.\n{MARK}\n") and "old" not in text
+    assert "front, pressure" in text and "(accuracy_rings.png)" in text and (tmp_path / "accuracy_rings.png").exists()
+    with pytest.raises(InputError, match="no line '<!-- What follows"):
+        run(parse(make_options(), ["--publish", str(args.o / "accuracy_tables.md"), "-o", str(args.o)]))
+    for mode in (options, ["--promise", "-o"]):
+        with pytest.raises(InputError, match="earlier sweep"):
+            run(parse(make_options(), [*mode, str(tmp_path)]))
