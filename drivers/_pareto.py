@@ -5,13 +5,15 @@ from collections.abc import Sequence
 import numpy as np
 
 
-def front(costs: Sequence[float], errors: Sequence[float]) -> list[int]:
+def front(costs: Sequence[float], errors: Sequence[float], gain: float = 0.0) -> list[int]:
     """Positions of the pairs that no other pair beats in both, by growing cost.
 
     Parameters
     ----------
     costs, errors : sequence of float (n,)
         Pairs that are not finite are left out. Of equal pairs the first one counts.
+    gain : float
+        Part by which the error has to fall from one to the next: less is not worth a place.
 
     Returns
     -------
@@ -21,7 +23,7 @@ def front(costs: Sequence[float], errors: Sequence[float]) -> list[int]:
     cost, error = np.asarray(costs, dtype=float), np.asarray(errors, dtype=float)
     found, best = [], np.inf
     for k in np.lexsort((error, cost)):
-        if np.isfinite(cost[k]) and error[k] < best:
+        if np.isfinite(cost[k]) and error[k] < best and error[k] <= (1.0 - gain) * best:
             found.append(int(k))
             best = error[k]
     return found

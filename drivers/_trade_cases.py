@@ -149,9 +149,9 @@ def contact_errors(simulation, pressure: Callable, peak: float, area: float, for
 # -- rings ----------------------------------------------------------------------------------------------------------
 
 
-def _rings_mesh(delta, directory, n, degree):
+def _rings_mesh(delta, cell, directory, n, degree):
     # circles of degree 2 for both degrees: with chords the gaps between them are all that is seen
-    return make_mesh(rings_mesh, directory / f"rings_{delta:g}_{n}.msh", n=n, order=2, delta=delta)
+    return make_mesh(rings_mesh, directory / f"rings_{cell}_{delta:g}_{n}.msh", n=n, cell=cell, order=2, delta=delta)
 
 
 def _rings_scene(pressure, path, degree, steps):
@@ -169,10 +169,10 @@ def _rings_errors(pressure, delta, simulation, reference):
     return {"energy": energy(simulation, exact), **found}
 
 
-def rings_case(title, pressure, delta) -> Case:
+def rings_case(title, pressure, delta, cell="quadrilateral") -> Case:
     """Two rings under a pressure, or shrunk onto each other."""
     return Case(
-        title, "smooth", {1: (8, 16, 32, 64), 2: (8, 16, 32)}, {1: 32, 2: 16}, 32, 1, partial(_rings_mesh, delta),
+        title, "smooth", {1: (8, 16, 32, 64), 2: (8, 16, 32)}, {1: 32, 2: 16}, 32, 1, partial(_rings_mesh, delta, cell),
         partial(_rings_scene, pressure), partial(_rings_errors, pressure, delta), {"steps": (2, 4), "straight": ()},
         finer=({"again": 1},), promised={"draft": (16, 1), "standard": (16, 2), "fine": (32, 2)},
     )  # fmt: skip
@@ -227,11 +227,11 @@ def hertz_case(title, name, sizes, base, unit, overkill, promised) -> Case:
 
 # -- Cattaneo and Mindlin -------------------------------------------------------------------------------------------
 
-MU, SHEARS = 0.2, 2
+SHEARS = 2  # load steps of the tangential force
 
 
-def _shear_scene(path, degree, steps):
-    args = SimpleNamespace(order=degree, mu=MU, gamma0=None, displacement=cattaneo_mindlin.DISPLACEMENT, press=steps,
+def _shear_scene(mu, path, degree, steps):
+    args = SimpleNamespace(order=degree, mu=mu, gamma0=None, displacement=cattaneo_mindlin.DISPLACEMENT, press=steps,
                            steps=SHEARS, fields=False)  # fmt: skip
     return cattaneo_mindlin.make_scene(path, args, None)
 
@@ -241,7 +241,7 @@ def _shear_mesh(directory, facets, degree):
     return cattaneo_mindlin.generate(directory / f"sheared_{facets}_{degree}.msh", args, facets / 20)
 
 
-def _shear_errors(simulation, reference):
+def _shear_errors(mu, simulation, reference):
     case, shear = cattaneo_mindlin.CASE, cattaneo_mindlin.FORCE
     load = float((reference.points["pressure"] * reference.points["weight"]).sum())
     a, p0 = case.from_force(load)
@@ -249,30 +249,28 @@ def _shear_errors(simulation, reference):
         simulation, lambda x: p0 * np.sqrt(np.maximum(1.0 - (x[:, 0] / a) ** 2, 0.0)), p0, 2.0 * a, load
     )
     points = simulation.comm.bcast(cattaneo_mindlin.points_of(simulation))
-    c, _, exact = cattaneo_mindlin.closed_form(points["x"], load, shear, MU)
+    c, _, exact = cattaneo_mindlin.closed_form(points["x"], load, shear, mu)
     weight = points["weight"]
     off, norm = (float(weight @ value**2) for value in (points["tangential"] - exact, exact))
-    stick = cattaneo_mindlin.stick_fit(points, MU)[0]
+    stick = cattaneo_mindlin.stick_fit(points, mu)[0]
     found |= {"shear": float(np.sqrt(off / norm)), "stick": relative(stick, c)}
     return {"energy": energy(simulation, reference), **found}
 
 
 # -- Hill -----------------------------------------------------------------------------------------------------------
 
-PRESSURE = thick_cylinder.CHECKED
-
 
 def _hill_mesh(directory, n, degree):
     return thick_cylinder.make(directory / f"hill_{n}_{degree}.msh", "plane", "quadrilateral", degree, n)
 
 
-def _hill_scene(path, degree, steps):
-    return thick_cylinder.scene(path, "plane", degree, (PRESSURE,), steps=steps)
+def _hill_scene(pressure, path, degree, steps):
+    return thick_cylinder.scene(path, "plane", degree, (pressure,), steps=steps)
 
 
-def _hill_errors(simulation, reference):
+def _hill_errors(pressure, simulation, reference):
     outer = rings.meanradial_displacement(simulation, "outer")
-    exact = thick_cylinder.CONVERGED[PRESSURE]
+    exact = thick_cylinder.CONVERGED[pressure]
     return {"energy": energy(simulation, reference), "outer": relative(outer, exact)}
 
 
@@ -287,8 +285,8 @@ def _indent_mesh(directory, facets, degree):
                      growth=5.0 / facets)  # fmt: skip
 
 
-def _indent_scene(path, degree, steps):
-    return indent.scene(path, 2, unload=0, order=degree, steps=steps)
+def _indent_scene(hardening, path, degree, steps):
+    return indent.scene(path, 2, material=indent.metal(hardening=hardening), unload=0, order=degree, steps=steps)
 
 
 def _rings_of(points, values):
@@ -316,42 +314,61 @@ def _overkill_errors(simulation, reference):
 
 LINE = {"draft": (10, 1), "standard": (10, 2), "fine": (20, 2)}
 POINT = {"draft": (8, 1), "standard": (4, 2), "fine": (8, 2)}
-CASES = {
-    "rings": rings_case("rings, Lame", rings.PRESSURE, 0.0),
-    "hertz2d": hertz_case(
-        "cylinders, Hertz", "cylinders", {1: (5, 10, 20, 40), 2: (5, 10, 20)}, {1: 20, 2: 10}, 20, (40, 2, 4),
-        LINE,
-    ),
-    "hertz3d": hertz_case(
-        "ball on block, Hertz", "ball_on_block", {1: (4, 8, 16), 2: (4, 8)}, {1: 8, 2: 4}, 8, (12, 2, 2),
-        POINT,
-    ),
-    "cattaneo": Case(
-        "Cattaneo and Mindlin", "friction", {1: (6, 11, 22), 2: (6, 11)}, {1: 11, 2: 6}, 11, 10, _shear_mesh,
-        _shear_scene, _shear_errors, {"steps": (3, 5, 20), "again": (1,)}, (22, 2, 20),
+
+
+def shear_case(title, mu, overkill) -> Case:
+    """Cattaneo and Mindlin with a coefficient of friction."""
+    return Case(
+        title, "friction", {1: (6, 11, 22), 2: (6, 11)}, {1: 11, 2: 6}, 11, 10, _shear_mesh, partial(_shear_scene, mu),
+        partial(_shear_errors, mu), {"steps": (3, 5, 20), "again": (1,)}, overkill,
         quantities=(*NORMS, "shear", *CONTACT_SCALARS, "stick"), finer=({"steps": 20},),
         promised={"draft": (6, 1), "standard": (6, 2), "fine": (11, 2)},
-    ),
-    "hill": Case(
-        "thick cylinder, Hill", "plastic", {1: (4, 8, 16, 32), 2: (4, 8, 16)}, {1: 16, 2: 8}, 16, 8, _hill_mesh,
-        _hill_scene, _hill_errors, {"steps": (2, 4, 16), "quadrature": (), "theta": (), "gamma0": (), "again": ()},
-        (32, 2, 32), quantities=("energy", "outer"), finer=({"steps": 16},),
-        promised={"draft": (8, 1), "standard": (8, 2), "fine": (16, 2)},
-    ),
-    "indent": Case(
-        "indentation", "plastic contact", {1: (5, 10, 20, 40), 2: (5, 10, 20)}, {1: 20, 2: 10}, 20, 10, _indent_mesh,
-        _indent_scene, _overkill_errors, {"steps": (5, 20, 40)}, (80, 1, 40),
-        finer=({"steps": 20}, {"steps": 40}), promised={"draft": (10, 1), "standard": (10, 2), "fine": (20, 2)},
-    ),
-}  # fmt: skip
+    )  # fmt: skip
 
-# scenes that no setting was chosen on
+
+def hill_case(title, pressure) -> Case:
+    """Hill's cylinder under a pressure."""
+    return Case(
+        title, "plastic", {1: (4, 8, 16, 32), 2: (4, 8, 16)}, {1: 16, 2: 8}, 16, 8, _hill_mesh,
+        partial(_hill_scene, pressure), partial(_hill_errors, pressure),
+        {"steps": (2, 4, 16), "quadrature": (), "theta": (), "gamma0": (), "again": ()}, (32, 2, 32),
+        quantities=("energy", "outer"), finer=({"steps": 16},),
+        promised={"draft": (8, 1), "standard": (8, 2), "fine": (16, 2)},
+    )  # fmt: skip
+
+
+def indent_case(title, hardening, overkill) -> Case:
+    """A ball pressed into a block with some hardening, axially symmetric."""
+    return Case(
+        title, "plastic contact", {1: (5, 10, 20, 40), 2: (5, 10, 20)}, {1: 20, 2: 10}, 20, 10, _indent_mesh,
+        partial(_indent_scene, hardening), _overkill_errors, {"steps": (5, 20, 40)}, overkill,
+        finer=({"steps": 20}, {"steps": 40}), promised={"draft": (10, 1), "standard": (10, 2), "fine": (20, 2)},
+    )  # fmt: skip
+
+
+CASES = {
+    "rings": rings_case("rings, Lame", rings.PRESSURE, 0.0),
+    "shrink_fit": rings_case("rings shrunk onto each other, Lame", 0.0, 6e-4),
+    "hertz2d": hertz_case(
+        "cylinders, Hertz", "cylinders", {1: (5, 10, 20, 40), 2: (5, 10, 20)}, {1: 20, 2: 10}, 20, (40, 2, 4), LINE
+    ),
+    "hertz3d": hertz_case(
+        "ball on block, Hertz", "ball_on_block", {1: (4, 8, 16), 2: (4, 8)}, {1: 8, 2: 4}, 8, (12, 2, 2), POINT
+    ),
+    "cattaneo": shear_case("Cattaneo and Mindlin", 0.2, (22, 2, 20)),
+    "hill": hill_case("thick cylinder, Hill", thick_cylinder.CHECKED),
+    "indent": indent_case("indentation", indent.HARDENING, (80, 1, 40)),
+}
+# scenes that no setting was chosen on, one of every class
 HELD_OUT = {
-    "shrink_fit": rings_case("rings, shrunk onto each other", 0.0, 6e-4),
+    "rings_of_triangles": rings_case("rings of triangles, shrunk on and pressed", 5e6, 3e-4, "triangle"),
     "cylinder_on_block": hertz_case(
         "cylinder on block, Hertz", "cylinder_on_block", {1: (10,), 2: (10, 20)}, {}, 20, (40, 2, 4), LINE
     ),
     "two_balls": hertz_case("two balls, Hertz", "two_balls", {1: (8,), 2: (4, 8)}, {}, 8, (12, 2, 2), POINT),
+    "rougher": shear_case("Cattaneo and Mindlin, friction 0.3", 0.3, (16, 2, 20)),
+    "hill_less": hill_case("thick cylinder, Hill, less pressure", 0.16),
+    "perfect": indent_case("indentation, no hardening", 0.0, (40, 1, 40)),
 }
 
 

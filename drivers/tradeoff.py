@@ -27,7 +27,7 @@ from pathlib import Path
 
 from drivers._common import log, main, make_parser, print_table, write_json
 from drivers._trade_cases import CASES, HELD_OUT, SCALARS, Case, tiny
-from drivers._trade_report import ALLOWED, cost, fronts, judged, norms, plot, promises, tables, tell
+from drivers._trade_report import ALLOWED, by_class, cost, fronts, judged, norms, plot, promises, tables, tell
 from drivers._trade_runs import PRESETS, Runner, sweep
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.parallel import on_root
@@ -106,7 +106,8 @@ def load(path: Path) -> dict:
 
 def keep_promises(args) -> int:
     """The presets on scenes that are not in the sweep; 1 where a promise does not hold."""
-    kinds = {CASES[name].kind: one["promises"] for name, one in load(args.o / "tradeoff.json")["scenes"].items()}
+    scenes = load(args.o / "tradeoff.json")["scenes"]
+    kinds = by_class({name: CASES[name] for name in scenes}, {k: one["rows"] for k, one in scenes.items()}, args.clock)
     table, rows = [], []
     for name, case in HELD_OUT.items():
         promised = kinds.get(case.kind, {})

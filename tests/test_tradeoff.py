@@ -23,6 +23,7 @@ def test_front():
     # 2.0 with 4 beats 2.0 with 5, 5.0 is dearer than 4.0 for the same error, what is no number is left out
     assert front(cost, error) == [1, 4, 0]
     assert front([], []) == []
+    assert front([1.0, 2.0, 3.0], [1.0, 0.995, 0.9], 0.01) == [0, 2]
     some = np.random.default_rng(1).random((50, 2))
     on = front(*some.T)
     assert np.all(np.diff(some[on, 0]) > 0) and np.all(np.diff(some[on, 1]) < 0)
