@@ -11,6 +11,7 @@ from drivers._trade_runs import PRESETS
 
 MARGIN = 1.5  # promises are this much above what the sweep found, and rounded up
 SAME = 0.01  # errors that differ by less than this part are the same
+ALL = "all norms"
 ALLOWED = 1.5  # cost of `standard` over the least cost that the sweep found for the same error
 COLOURS = {"draft": "#d9a441", "standard": "#c8553d", "fine": "#8a6bbf"}
 
@@ -45,26 +46,28 @@ def preset_of(row: dict) -> str | None:
 
 
 def judged(rows: list[dict], quantities: tuple, clock: str, name: str = "standard") -> list[dict]:
-    """A preset on every mesh against the cheapest setting of the sweep with the same error in a norm, or a smaller one.
+    """A preset on every mesh against the cheapest setting of the sweep with the same errors in norms, or smaller ones.
 
     Returns
     -------
     list of dict
-        ``label``, ``quantity``, ``error``, ``cost``, ``best`` (its label), ``best_cost``, ``ratio``.
+        ``label``, ``quantity`` (a norm, or `ALL` of them at once), ``error``, ``cost``, ``best`` (its label),
+        ``best_cost``, ``ratio``.
     """
-    table, all_rows = [], good(rows)
-    costs = [cost(row, clock) for row in all_rows]
-    for row in all_rows:
+    table, everything = [], good(rows)
+    costs, keys = [cost(row, clock) for row in everything], norms(quantities)
+    for row in everything:
         if preset_of(row) != name:
             continue
-        for key in norms(quantities):
-            errors = [one["errors"][key] for one in all_rows]
-            best = all_rows[cheapest(costs, errors, (1.0 + SAME) * row["errors"][key])]
+        for quantity, some in ((ALL, keys), *((key, (key,)) for key in keys)):
+            # how much larger than those of the preset the errors of the others are
+            larger = [max(one["errors"][key] / row["errors"][key] for key in some) for one in everything]
+            best = everything[cheapest(costs, larger, 1.0 + SAME)]
             own, least = cost(row, clock), cost(best, clock)
             table.append({
-                "label": row["label"], "size": row["size"], "degree": row["degree"], "quantity": key,
-                "error": row["errors"][key], "cost": own, "best": best["label"], "best_cost": least,
-                "ratio": own / least,
+                "label": row["label"], "size": row["size"], "degree": row["degree"], "quantity": quantity,
+                "error": row["errors"].get(quantity, float("nan")), "cost": own, "best": best["label"],
+                "best_cost": least, "ratio": own / least,
             })  # fmt: skip
     return table
 

@@ -27,7 +27,7 @@ from pathlib import Path
 
 from drivers._common import log, main, make_parser, print_table, write_json
 from drivers._trade_cases import CASES, HELD_OUT, SCALARS, Case, tiny
-from drivers._trade_report import ALLOWED, by_class, cost, fronts, judged, norms, plot, promises, tables, tell
+from drivers._trade_report import ALL, ALLOWED, by_class, cost, fronts, judged, norms, plot, promises, tables, tell
 from drivers._trade_runs import PRESETS, Runner, sweep
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.parallel import on_root
@@ -81,8 +81,9 @@ def sweep_all(args) -> int:
 
 
 def documented(case, table: list[dict]) -> list[dict]:
-    """Of what `judged` tells the rows of the mesh that `standard` is documented on."""
-    return [row for row in table if (row["size"], row["degree"]) == case.promised["standard"]]
+    """Of what `judged` tells the row of the mesh that `standard` is documented on, all norms at once."""
+    asked = (ALL, *case.promised["standard"])
+    return [row for row in table if (row["quantity"], row["size"], row["degree"]) == asked]
 
 
 def load(path: Path) -> dict:

@@ -61,8 +61,16 @@ def test_what_pays():
 
 def test_judged_and_promises():
     rows = [row(16, 2, 6.0, 0.1, accuracy="standard"), row(8, 2, 4.0, 0.09), row(8, 1, 1.0, 0.2)]
-    table = judged(rows, ("energy", "force"), "cpu")
-    assert [one["ratio"] for one in table] == [1.5]
+    table = judged(rows, ("energy", "pressure", "force"), "cpu")
+    assert [(one["quantity"], one["ratio"]) for one in table] == [
+        ("all norms", 1.5),
+        ("energy", 1.5),
+        ("pressure", 1.5),
+    ]
+    # one that is as good in one norm only is not as good
+    rows[1]["errors"]["pressure"] = 0.2
+    table = judged(rows, ("energy", "pressure", "force"), "cpu")
+    assert [one["ratio"] for one in table] == [1.0, 1.5, 1.0]
     found = promises(CASES["rings"], rows, ("energy",), "cpu")
     # half as much again, rounded up: 0.15, and 4.5 linear elastic solves on the same mesh
     assert found == {"standard": {"size": 16, "degree": 2, "cost": 5.0, "errors": {"energy": 0.15}}}

@@ -32,7 +32,7 @@ class Preset:
 # the end (a displacement that is prescribed far from the contact): 1e-3 and 1e-2 stop such steps too early.
 PRESETS = {
     "draft": Preset({"snes_rtol": 1e-4}, 1e-2, 1e-5, 1),
-    "standard": Preset({"snes_rtol": 1e-5, "contact_search_again": 1}, 1e-3, 1e-7, 2),
+    "standard": Preset({"snes_rtol": 1e-4, "contact_search_again": 1}, 1e-3, 1e-7, 2),
     "fine": Preset({"snes_rtol": 1e-7, "contact_search_again": 4}, 1e-3, 1e-9, 2),
 }
 
