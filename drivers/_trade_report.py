@@ -257,7 +257,8 @@ def plot(path: Path, case: Case, rows: list[dict], clock: str, quantities: tuple
                               textcoords="offset points")  # fmt: skip
             names = "\n".join(f"{k} {row['label']}" for k, row in enumerate(line, 1))
             axis.text(0.0, -0.2, names, transform=axis.transAxes, fontsize=5.5, va="top")
-            axis.set(title=f"{case.title}: {key}", xlabel="cost / linear elastic solve", ylabel="relative error")
+            axis.set(xlabel="cost / linear elastic solve", ylabel="relative error")
+            axis.set_title(f"{case.title}: {key}", fontsize=8)
             axis.legend(fontsize=6, frameon=False)
             axis.grid(alpha=0.2)
 

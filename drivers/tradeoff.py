@@ -52,7 +52,8 @@ def summary(case: Case, rows: list[dict], clock: str) -> dict:
 
 def sweep_all(args) -> int:
     """All scenes; 1 where `standard` costs more than it may."""
-    rows, cases, good = {}, {}, True
+    rows, cases = kept(args)
+    good = True
     command = "mpirun -n N python drivers/" + " ".join([Path(sys.argv[0]).name, *sys.argv[1:]])
     for name in args.cases:
         case = cases[name] = tiny(CASES[name]) if args.tiny else CASES[name]
@@ -78,6 +79,16 @@ def sweep_all(args) -> int:
             (args.o / "accuracy_tables.md").write_text(tables(cases, rows, head, ""))
     log.info("tables, plots and rows in %s", args.o)
     return 0 if good or args.tiny else 1
+
+
+def kept(args) -> tuple[dict, dict]:
+    """Rows and cases of an earlier sweep in the same directory that are not to be run again. *Collective.*"""
+    path = args.o / "tradeoff.json"
+    if args.tiny or not MPI.COMM_WORLD.bcast(path.exists()):
+        return {}, {}
+    found = load(path)["scenes"]
+    rows = {name: one["rows"] for name, one in found.items() if name not in args.cases and name in CASES}
+    return rows, {name: CASES[name] for name in rows}
 
 
 def documented(case, table: list[dict]) -> list[dict]:

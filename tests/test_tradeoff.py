@@ -12,7 +12,7 @@ from drivers._trade_cases import CASES, HELD_OUT, linear
 from drivers._trade_report import judged, promises
 from drivers._trade_runs import changed, paying
 from drivers.rings import ring_scene
-from drivers.tradeoff import MARK, make_options, run
+from drivers.tradeoff import MARK, kept, make_options, run
 from meshes import one_block, rings
 from pcontact.runtime.errors import InputError
 from pcontact.scene.model import Body, Displacement, Load, Material, MeshSpec, Output, Scene
@@ -143,3 +143,13 @@ def test_tiny(tmp_path):
     for mode in (options, ["--promise", "-o"]):
         with pytest.raises(InputError, match="earlier sweep"):
             run(parse(make_options(), [*mode, str(tmp_path)]))
+
+
+def test_scenes_one_after_the_other(tmp_path):
+    """A sweep of some scenes keeps what an earlier one found of others."""
+    data = {"clock": "cpu", "ranks": 1, "command": "", "scenes": {name: {"rows": [name]} for name in ("hill", "rings")}}
+    (tmp_path / "tradeoff.json").write_text(json.dumps(data))
+    args = parse(make_options(), ["--cases", "rings", "-o", str(tmp_path)])
+    assert kept(args) == ({"hill": ["hill"]}, {"hill": CASES["hill"]})
+    assert kept(parse(make_options(), ["--tiny", "-o", str(tmp_path)])) == ({}, {})
+    assert kept(parse(make_options(), ["-o", str(tmp_path / "new")])) == ({}, {})
