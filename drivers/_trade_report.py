@@ -9,7 +9,7 @@ from drivers._pareto import cheapest, front, rounded_up
 from drivers._trade_cases import SCALARS, Case
 from drivers._trade_runs import PRESETS
 
-MARGIN = 1.5  # promises are this much above what the sweep found, and rounded up
+MARGIN, MARGIN_COST = 1.5, 2.0  # promises are this much above what the sweep found, and rounded up
 SAME = 0.01  # errors that differ by less than this part are the same
 ALL = "all norms"
 ALLOWED = 1.5  # cost of `standard` over the least cost that the sweep found for the same error
@@ -86,7 +86,7 @@ def promises(case: Case, rows: list[dict], quantities: tuple, clock: str) -> dic
         if name is None or case.promised.get(name) != (row["size"], row["degree"]):
             continue
         result[name] = {
-            "size": row["size"], "degree": row["degree"], "cost": rounded_up(MARGIN * cost(row, clock, own=True)),
+            "size": row["size"], "degree": row["degree"], "cost": rounded_up(MARGIN_COST * cost(row, clock, own=True)),
             "errors": {key: rounded_up(MARGIN * row["errors"][key]) for key in quantities},
         }  # fmt: skip
         # a single number may be right by luck; what is promised of it is no less than of the norm that it hangs on
