@@ -14,6 +14,8 @@ SOLID = {2: ((3, 2), (4, 2)), 3: ((2, 2, 2), (2, 2, 2))}
 REASONS = {
     "exact": "the answer is in the space; Newton's method ends at 1e-8 of the first residual",
     "mesh": "discretisation error of this mesh",
+    "stiff": "rounding errors of the stress of the stiffer body: 1e-14 times the ratio, or gamma0 times 1e-12",
+    "condition": "what the residual leaves open: 1e-8 times the square of the aspect over 1e3",
     "digits": "digits of the coordinates in the file",
     "steps": "backward Euler with this number of load steps",
     "updates": "updates of the multipliers end at a change of 1e-4",
@@ -37,44 +39,42 @@ def nu_cells():
     for nu in (0.3, 0.45, 0.49, 0.499, 0.4999, 0.49999):
         for cell, order in [("quadrilateral", 1), ("triangle", 2), ("hexahedron", 1), ("tetrahedron", 2)]:
             yield Cell("nu", f"{nu:g}", f"blocks, {cell} {order}", stack, {**_block(cell, order), "nu": (nu, nu)})
-        for cell, order, bound in [("quadrilateral", 1, 0.03), ("quadrilateral", 2, 0.003), ("triangle", 2, 0.003)]:
-            yield Cell(
-                "nu", f"{nu:g}", f"ring, {cell} {order}", ring, {"cell": cell, "order": order, "nu": nu}, bound, "mesh"
-            )
-        cause = "locking" if nu > 0.3 else None
-        yield Cell(
-            "nu", f"{nu:g}", "ring, triangle 1", ring, {"cell": "triangle", "order": 1, "nu": nu}, 0.03, "mesh", cause
-        )
+        fine = 0.003 if nu < 0.49 else 0.02
+        for cell, order, bound in [("quadrilateral", 1, 0.03), ("quadrilateral", 2, fine), ("triangle", 2, fine)]:
+            keys, cause = {"cell": cell, "order": order, "nu": nu}, "locking" if order == 2 and nu > 0.499 else None
+            yield Cell("nu", f"{nu:g}", f"ring, {cell} {order}", ring, keys, bound, "mesh", cause)
+        keys, cause = {"cell": "triangle", "order": 1, "nu": nu}, "locking" if nu > 0.45 else None
+        yield Cell("nu", f"{nu:g}", "ring, triangle 1", ring, keys, 0.08, "mesh", cause)
 
 
 def stiffness_cells():
     """One body stiffer than the other."""
     for ratio in (1.0, 1e3, 1e6, 1e9):
         for soft in ("source", "target") if ratio > 1 else ("neither",):
+            bound = (max(1e-6, 1e-14 * ratio), "stiff" if ratio > 1e8 else "exact")
             youngs = (E * ratio, E) if soft == "source" else (E, E * ratio)
             for theta in THETAS:
-                yield Cell(
-                    "stiffness",
-                    f"{ratio:.0e}",
-                    f"{soft} soft, theta {theta:g}",
-                    stack,
-                    {"youngs": youngs, "theta": theta},
-                )
+                keys = {"youngs": youngs, "theta": theta}
+                yield Cell("stiffness", f"{ratio:.0e}", f"{soft} soft, theta {theta:g}", stack, keys, *bound)
             for more in ({"dim": 3, "cell": "hexahedron", "n": SOLID[3]}, {"unbiased": True}, {"pressure": 10.0}):
                 word = " ".join(f"{key} {value}" for key, value in more.items() if key not in ("cell", "n"))
-                yield Cell("stiffness", f"{ratio:.0e}", f"{soft} soft, {word}", stack, {"youngs": youngs, **more})
+                yield Cell(
+                    "stiffness", f"{ratio:.0e}", f"{soft} soft, {word}", stack, {"youngs": youngs, **more}, *bound
+                )
 
 
 def gamma_cells():
     """The dimensionless parameter, and the penalty method whose penetration is known."""
     for gamma0 in (1e-6, 1e-3, 1.0, 1e3, 1e6, 1e9):
+        bound = (max(1e-6, 1e-12 * gamma0), "stiff" if gamma0 > 1e6 else "exact")
         for theta in THETAS:
             keys = {"gamma0": gamma0, "theta": theta}
             limit = 0.25 * (1.0 + theta) ** 2
             cause = "coerciv" if gamma0 < limit else None
-            yield Cell("gamma0", f"{gamma0:.0e}", f"blocks, theta {theta:g}", stack, keys, cause=cause)
-            yield Cell("gamma0", f"{gamma0:.0e}", f"ring, theta {theta:g}", ring, keys, 0.003, "mesh", cause)
-        yield Cell("gamma0", f"{gamma0:.0e}", "blocks, penalty", stack, {"gamma0": gamma0, "formulation": "penalty"})
+            yield Cell("gamma0", f"{gamma0:.0e}", f"blocks, theta {theta:g}", stack, keys, *bound, cause)
+            yield Cell("gamma0", f"{gamma0:.0e}", f"ring, theta {theta:g}", ring, keys, 0.01, "mesh", cause)
+        keys = {"gamma0": gamma0, "formulation": "penalty"}
+        yield Cell("gamma0", f"{gamma0:.0e}", "blocks, penalty", stack, keys, *bound)
         yield Cell(
             "gamma0", f"{gamma0:.0e}", "blocks, augmented Lagrangian", stack,
             {"gamma0": gamma0, "formulation": "augmented_lagrangian"}, 1e-2 if gamma0 < 1 else 1e-3, "updates",
@@ -90,7 +90,8 @@ def friction_cells():
                 if friction == 0.0 and word == "stick":
                     continue
                 keys = {"friction": friction, "ratio": ratio if friction else 0.1, "theta": theta}
-                yield Cell("friction", f"{friction:g}", f"{word}, theta {theta:g}", shear, keys)
+                several = "several solutions" if friction > 1.0 else None
+                yield Cell("friction", f"{friction:g}", f"{word}, theta {theta:g}", shear, keys, cause=several)
         if friction:
             keys = {"dim": 3, "cell": "tetrahedron", "n": (2, 2), "friction": friction, "ratio": 0.9 * friction}
             yield Cell("friction", f"{friction:g}", "stick, tetrahedron", shear, keys)
@@ -178,11 +179,12 @@ def shape_cells():
         order = 1 if cell in ("quadrilateral", "hexahedron") else 2
         keys = {"dim": dim, "cell": cell, "order": order, "n": n}
         flat = {"sizes": (1.0, thin, thin), "push": 0.02 * thin}
-        yield Cell("shape", "aspect 1e4", f"flat, {cell} {order}", stack, {**keys, **flat})
+        yield Cell("shape", "aspect 1e4", f"flat, {cell} {order}", stack, {**keys, **flat}, 1e-3, "condition")
         yield Cell("shape", "aspect 1e4", f"upright, {cell} {order}", stack, {**keys, "sizes": (thin, 1.0, 1.0)})
         layers = (_collapse(dim - 1, thin),) * 2
         yield Cell("shape", "aspect 1e4", f"a thin layer, {cell} {order}", stack, {**keys, "bends": layers})
-        strips = (_collapse(0, thin), None)
+        # in space surfaces match: the quadrature does not resolve edges of the target, see the mesh sizes
+        strips = (_collapse(0, thin), None if dim == 2 else _collapse(0, thin))
         yield Cell("shape", "aspect 1e4", f"a thin strip, {cell} {order}", stack, {**keys, "bends": strips})
     for cell, thinness in [("triangle", 1e-4), ("triangle", 1e-8), ("tetrahedron", 1e-4), ("tetrahedron", 1e-8)]:
         dim = _dim(cell)
@@ -198,7 +200,8 @@ def size_cells():
             yield Cell("mesh sizes", "1 : 100", f"{word}, theta {theta:g}", stack, {"n": n, "theta": theta})
         yield Cell("mesh sizes", "1 : 100", f"{word}, triangle 2", stack, {"n": n, "cell": "triangle", "order": 2})
         keys = {"dim": 3, "cell": "hexahedron", "n": tuple((m, 1, 1) for m, _ in n)}
-        yield Cell("mesh sizes", "1 : 100", f"{word}, hexahedron", stack, keys)
+        cause = "quadrature" if word == "target fine" else None
+        yield Cell("mesh sizes", "1 : 100", f"{word}, hexahedron", stack, keys, cause=cause)
 
 
 def gap_cells():
@@ -262,7 +265,7 @@ def zero_cells():
 def load_cells():
     """Loads of 0, of 1e-12 and of 1e6 times a sensible one."""
     for factor in (1e-12, 1.0, 1e6):
-        cause = "strain" if factor > 1.0 else None
+        cause = "limit load|small strains|search radius" if factor > 1.0 else None
         for variant, build, keys in [
             ("push", stack, {"push": 0.02 * factor}),
             ("pressure", stack, {"pressure": 10.0 * factor}),
@@ -275,10 +278,9 @@ def load_cells():
             bound, reason = {ring: (0.003, "mesh"), pointed: (1e-6, "statics"), flowing: (0.02, "steps")}.get(
                 build, (1e-6, "exact")
             )
-            why = cause
-            if build is flowing and cause:
-                why = "limit load|strain"
-            yield Cell("loads", f"{factor:.0e}", variant, build, keys, bound, reason, why and f"{why}|search radius")
+            if build is ring and factor < 1.0:
+                continue  # smaller than what the curved cells miss of the circle
+            yield Cell("loads", f"{factor:.0e}", variant, build, keys, bound, reason, cause)
     for build, keys in [
         (stack, {"pressure": 0.0}),
         (stack, {"push": 0.0}),
@@ -300,7 +302,7 @@ def curved_cells():
             for theta in THETAS:
                 keys = {"cell": cell, "n": n, "part": part, "theta": theta}
                 word = "flat" if part > 1 else "half flat"
-                yield Cell("curved", word, f"{cell}, theta {theta:g}", wave, keys, 0.02, "mesh")
+                yield Cell("curved", word, f"{cell}, theta {theta:g}", wave, keys, 0.03, "mesh")
 
 
 FAMILIES = {

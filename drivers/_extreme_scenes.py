@@ -327,7 +327,10 @@ def flowing_strain(load, nu, hardening):
         dz = nu - nz * flow
         return np.array([dz, 1.0 - nu * dz + ny * flow])
 
-    first = 1.0 / np.sqrt(1.0 - nu + nu**2)
+    first, limit = 1.0 / np.sqrt(1.0 - nu + nu**2), 2.0 / np.sqrt(3.0)
+    if 0.0 < hardening < 1e-4 and load > limit:
+        # far on the straight line of hardening, n_y = sqrt(3) / 2; what came before is a few parts in 1e4 of it
+        return (load / limit - 1.0) / hardening / limit
     if load <= first:
         return load * (1.0 - nu**2)
     state, steps = np.array([nu * first, first * (1.0 - nu**2)]), 4000
@@ -350,7 +353,7 @@ def flowing(
     floor = Obstacle("plane", point=((np.zeros(2) + frame.shift) * frame.length).tolist(), normal=[0.0, 1.0])
     load, first = level * 2.0 / np.sqrt(3.0), 1.0 / np.sqrt(0.79)
     # elastic at once, then in steps
-    path_of = [(0, 0), (0.125, min(first / load, 0.5)), (1, 1)]
+    path_of = [(0, 0), (0.125, min(first / load, 1.0)), (1, 1)]
     material = Material(
         E * frame.stress, 0.3, yield_stress=YIELD * frame.stress, hardening=hardening * E * frame.stress
     )

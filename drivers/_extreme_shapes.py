@@ -106,14 +106,12 @@ def pointed(
         Brick("lower", [*base, -1.0], [*[0.5] * (dim - 1), 0.0], [n] * dim, cell, 1, lower),
         Brick("upper", [0.0] * dim, ones, [n] * dim, cell, 1, lambda x: upper(x) + gap * np.eye(dim)[-1]),
     ]
-    path = _mesh(folder, parts, Frame())
-    faces = ("left", "bottom") if dim == 2 else ("left", "front", "bottom")
+    faces = ("left", "bottom") if dim == 2 or kind.startswith("edge") else ("left", "front", "bottom")
     below = ("top",) if kind == "corner on face" else ("top", "right")
-    chosen = {"upper": [f"upper_{f}" for f in faces], "lower": [f"lower_{f}" for f in below]}
-    if kind in ("edge on edge", "edge along edge"):
-        chosen["upper"] = ["upper_left", "upper_bottom"]
-    other = {"upper": "lower", "lower": "upper"}[source]
-    contacts = [Contact(a, b, name=f"{a}-{b}", **contact) for a in chosen[source] for b in chosen[other]]
+    skins = {"upper_skin": [f"upper_{f}" for f in faces], "lower_skin": [f"lower_{f}" for f in below]}
+    path = make_mesh(bricks, folder / "mesh.msh", parts, None, skins)
+    sides = ("upper_skin", "lower_skin") if source == "upper" else ("lower_skin", "upper_skin")
+    contacts = [Contact(*sides, name="pair", **contact)]
     hold = ["upper_top", "upper_right", *(["upper_back"] if dim == 3 else [])]
     supports = [Displacement(name, [*[0.0] * (dim - 1), "free"]) for name in hold]
     bottom = ["lower_bottom"] if kind == "corner on face" else ["lower_bottom", "lower_left"]

@@ -63,7 +63,12 @@ def _grid(brick: Brick, place: Callable | None) -> Grid:
     return grid
 
 
-def bricks(path: str | Path, parts: Sequence[Brick], place: Callable[[np.ndarray], np.ndarray] | None = None) -> Path:
+def bricks(
+    path: str | Path,
+    parts: Sequence[Brick],
+    place: Callable[[np.ndarray], np.ndarray] | None = None,
+    skins: dict[str, Sequence[str]] | None = None,
+) -> Path:
     """Boxes that share no node.
 
     Groups: those of every box, see `Brick`, and left, right, ... with the sides of all of them.
@@ -73,9 +78,11 @@ def bricks(path: str | Path, parts: Sequence[Brick], place: Callable[[np.ndarray
     path : file to write
     parts : the boxes, of one dimension
     place : applied to the points (n, dim) of all boxes at the end
+    skins : further groups, each of some sides, such as {"corner": ["NAME_left", "NAME_bottom"]}
     """
     dim = len(parts[0].lower)
     together: dict[str, list[int]] = {side: [] for side in SIDES[dim]}
+    of_side: dict[str, int] = {}
     with gmsh_model("bricks"):
         for brick in parts:
             body, tags = add(_grid(brick, place))
@@ -84,6 +91,8 @@ def bricks(path: str | Path, parts: Sequence[Brick], place: Callable[[np.ndarray
                 tag = tags[f"{brick.name}_{side}"]
                 group(dim - 1, f"{brick.name}_{side}", [tag])
                 together[side].append(tag)
-        for side, found in together.items():
-            group(dim - 1, side, found)
+                of_side[f"{brick.name}_{side}"] = tag
+        together.update({name: [of_side[side] for side in sides] for name, sides in (skins or {}).items()})
+        for name, found in together.items():
+            group(dim - 1, name, found)
         return write(path)

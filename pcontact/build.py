@@ -24,6 +24,7 @@ from pcontact.scene import (
     resolve_contacts,
     validate,
 )
+from pcontact.scene.model import POOR
 from pcontact.solve.bodies import MOST_COLOURS
 from pcontact.solve.problem import Problem
 from pcontact.space.modes import colour, component_frames, floating
@@ -163,6 +164,8 @@ def _warn_of_locking(scene, space):
     """Say which bodies are too stiff because their simplices of degree 1 lock. *Collective.*"""
     mine = {block.body for block in space.mesh.blocks if len(block.nodes) and not CELLS[block.cell].is_tensor}
     bodies = set().union(*space.comm.allgather(mine)) if space.degree == 1 else set()
+    if space.degree == 2 and space.kinematics != "plane_stress":
+        _warn_of_stress(scene)
     for number in sorted(bodies):
         body = scene.bodies[number]
         cause = f"nu = {scene.materials[body.material].nu:g} makes" if scene.locks(body) else None
@@ -173,6 +176,18 @@ def _warn_of_locking(scene, space):
                 "body %s: %s triangles and tetrahedra of degree 1 much too stiff (locking); remedy: "
                 "order = 2, or quadrilaterals or hexahedra",
                 body.region, cause,
+            )  # fmt: skip
+
+
+def _warn_of_stress(scene):
+    """Say in which bodies the pressure is much less accurate than the displacement."""
+    for body in scene.bodies:
+        nu = scene.materials[body.material].nu
+        if nu > POOR:
+            log.warning(
+                "body %s: nu = %g: cells of degree 2 multiply errors of the volume change by %.0f in stress and "
+                "contact pressure (locking); remedy: order = 1 with quadrilaterals or hexahedra (mean dilatation)",
+                body.region, nu, nu / (1.0 - 2.0 * nu),
             )  # fmt: skip
 
 

@@ -9,6 +9,7 @@ from pcontact.contact.frictional import FrictionalItem
 from pcontact.contact.item import ContactItem
 from pcontact.contact.laws import friction_law
 from pcontact.contact.obstacle import RigidObstacle
+from pcontact.contact.parameters import coercive, parameter
 from pcontact.contact.penalty import without_traction
 from pcontact.contact.pieces import cut_source
 from pcontact.contact.plastic_trace import PlasticTrace
@@ -31,6 +32,12 @@ from pcontact.scene.messages import input_error
 from pcontact.scene.model import OUTER
 from pcontact.space.modes import component_frames, join
 from pcontact.space.space import AXIS
+
+# coefficient of friction up to which a solution is unique in most problems (of a half space in plane strain: up to
+# sqrt(3 - 4 nu) / (2 - 2 nu), 0.87 to 1)
+UNIQUE = 1.0
+# facets of a source in space that are larger than the target's by this factor spoil the quadrature
+COARSE = 3.0
 
 # items of the formulations: without friction, with it, tied
 ITEMS = {
@@ -182,6 +189,39 @@ def tied_items(scene, space, constants, bulk):
     return items
 
 
+def _warn(space, contact, item):
+    """Say what makes the answer of a pair doubtful. *Collective.*"""
+    bound = coercive(float(contact.theta))
+    if contact.formulation == "nitsche" and parameter(contact) < bound:
+        log.warning(
+            "contact %s: gamma0 = %g is below %g, the bound above which theta = %g is coercive: the pressure may be "
+            "wrong; remedy: a larger gamma0, or theta = -1, which has no bound",
+            contact.name, parameter(contact), bound, contact.theta,
+        )  # fmt: skip
+    if contact.friction is not None and contact.friction > UNIQUE:
+        log.warning(
+            "contact %s: friction = %g: beyond about %g Coulomb's law may have several solutions, or none; this is one",
+            contact.name, contact.friction, UNIQUE,
+        )  # fmt: skip
+    if space.dim == 2 or contact.obstacle is not None or is_unbiased(contact) or contact.all:
+        return
+    extents = np.linalg.norm(np.ptp(item.target.x, axis=1), axis=1) if len(item.target.x) else np.zeros(0)
+    sizes = [_typical(space, values) for values in (item.source.size, extents)]
+    if sizes[0] > COARSE * sizes[1] > 0.0:
+        log.warning(
+            "contact %s: facets of the source %r are %.0f times as large as those of the target %r, whose edges the "
+            "quadrature does not resolve: the pressure may be wrong; remedy: exchange source and target",
+            contact.name, contact.source, sizes[0] / sizes[1], contact.target,
+        )  # fmt: skip
+
+
+def _typical(space, sizes):
+    """Geometric mean of positive sizes of facets of all ranks [length]. *Collective.*"""
+    sizes = sizes[sizes > 0.0]
+    total, count = space.comm.allreduce(np.array([np.sum(np.log(sizes)), len(sizes)]), op=MPI.SUM)
+    return float(np.exp(total / count)) if count else 0.0
+
+
 def _sides(space, contact):
     """Connected components of the surfaces of a contact, one set for each surface. *Collective.*"""
     return [components_of(space, name) for name in (contact.source, contact.target) if name is not None]
@@ -235,6 +275,7 @@ def contact_items(scene, space, constants, supports, free, bulk, tied):
             touching.update(*sides)
         if is_unbiased(contact):
             items.append(_unbiased_item(scene, space, bulk, contact, supports, radius, floats))
+            _warn(space, contact, items[-1])
             continue
         source = source_surface(space, contact.source, constants, contact.quadrature)
         _require_area(scene, space, contact, source)
@@ -243,6 +284,7 @@ def contact_items(scene, space, constants, supports, free, bulk, tied):
         if contact.all:
             source = _muted(scene, space, supports, contact, source)
         items.append(pair_item(space, bulk, contact, source, target, radius, floats))
+        _warn(space, contact, items[-1])
     for k in sorted(set(free) - touching):
         name = space.mesh.component_names[k]
         text = "body %s: no contact pair can hold the %d rigid modes that no support holds"

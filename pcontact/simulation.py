@@ -62,6 +62,7 @@ class Simulation:
     def _set_up(self, scene):
         # several runs of one process have their own peaks; what earlier ones left is freed first
         free_garbage(self.comm)
+        log.forget_warnings()
         profile.forget_peak()
         profile.mark("start")
         self.accuracy = Choice()

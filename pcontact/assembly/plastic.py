@@ -143,6 +143,16 @@ class PlasticBulk(ElasticBulk):
         for _, state, rows, grad, _, ring, cells in self._chunks():
             commit(grad, ring, nodal, cells, *state.material, state.strain[rows], state.p[rows])
 
+    def flowing(self, u):
+        """Part of the volume that may yield which yields between the committed displacement and ``u``. *Collective.*"""
+        nodal, sums = self.space.local.gather(u), np.zeros(2)
+        for _, state, rows, grad, jxw, ring, cells in self._chunks():
+            strain, p = state.strain[rows].copy(), state.p[rows].copy()
+            commit(grad, ring, nodal, cells, *state.material, strain, p)
+            sums += [np.sum(jxw[~(p <= state.p[rows])]), np.sum(jxw)]
+        flowing, volume = self.space.comm.allreduce(sums, op=MPI.SUM)
+        return float(flowing / volume) if volume > 0.0 else 0.0
+
     def memory(self):
         """Internal variables of the cells that have yielded, for a checkpoint.
 

@@ -11,6 +11,7 @@ from pcontact.contact.pairing import Pairing
 from pcontact.contact.parameters import GAMMA0, parameter
 from pcontact.contact.standing import Standing
 from pcontact.contact.summary import summarise
+from pcontact.runtime import log
 from pcontact.runtime.parallel import matching, together
 from pcontact.runtime.petsc import MPI
 
@@ -65,7 +66,7 @@ class ContactItem(Standing):
         self.floats, self.plastic = floats, plastic
         self.bilateral = contact.bilateral
         self.version = 0
-        self.offset = None
+        self.offset, self._deep = None, False
         self.candidates = 0
         self.pairing = None
         self._coupled = np.zeros(len(source.facet), dtype=bool)
@@ -125,7 +126,19 @@ class ContactItem(Standing):
         # a level set of the user's may fail on some ranks only
         gap, normal = together(self.space.comm, self.target.gap, x, time)
         paired = np.einsum("pd,pd->p", normal, self.source.normal) >= FACING
+        self._warn_of_depth(paired & (gap < -self.radius))
         return gap, normal, paired & (np.abs(gap) <= self.radius)
+
+    def _warn_of_depth(self, deep):
+        """Say that points (np,) are so far inside the obstacle that they have no partner. *Collective.*"""
+        count = self.space.comm.allreduce(int(np.sum(deep)))
+        if count and not self._deep:
+            self._deep = True
+            log.warning(
+                "contact %s: %d points are deeper in the obstacle than the search radius %.4g: they take no part; "
+                "remedy: search_radius, or smaller load steps",
+                self.name, count, self.radius,
+            )  # fmt: skip
 
     def _adjust(self, gap, paired, x):
         """An initial overlap that is to be adjusted away is added to the gap for good."""
@@ -247,6 +260,21 @@ class ContactItem(Standing):
             source.facet, source.shape, p.target_shape, p.b, p.normal, local,
         )  # fmt: skip
 
+    def add_magnitude(self, u, out):
+        """Add the sum of the absolute terms of :meth:`residual` to ``out`` (n_owned, d): the scale of rounding errors.
+        *Collective.*
+        """
+        p, source = self.pairing, self.source
+        values = np.abs(p.exchange.gather(u))
+        own, other = np.abs(source.shape), np.abs(p.target_shape)
+        cells = p.cells[source.facet]
+        size = np.einsum("pa,pad->p", own, values[cells]) + np.einsum("pm,pmd->p", other, values[p.targets])
+        size = np.where(p.paired, size + np.abs(p.gap0), 0.0) * self.gamma[source.facet] * source.jxw
+        local = np.zeros_like(values)
+        np.add.at(local, cells, (size[:, None] * own)[:, :, None])
+        np.add.at(local, p.targets, (size[:, None] * other)[:, :, None])
+        out += self.space.summed(p.exchange, local)
+
     def tangent(self, u):
         """Values (nnz, d, d) on :meth:`pattern`, which grows when a point closes that was thought far. *Collective.*"""
         p = self.pairing
@@ -339,18 +367,19 @@ class ContactItem(Standing):
     # -- steps of bodies that nothing holds ---------------------------------------------------------------------
 
     def reach(self, u, y):
-        """Largest part of the Newton step ``-y`` after which the pair still makes sense. *Collective.*
+        """Part of the Newton step ``-y`` to take so that the pair makes sense after it. *Collective.*
 
-        While no point is closed, a body that nothing holds may go until its nearest point has just closed (a tenth of
-        a facet deep); afterwards its points may move by a search radius, beyond which their partners mean nothing.
+        While no point is closed, a body that nothing holds goes until its nearest point has just closed (a tenth of
+        a facet deep), be that less or more than the step, in which what it is given to lean on is of no size;
+        afterwards its points may move by a search radius, beyond which their partners mean nothing.
 
         Returns
         -------
-        float
-            At most 1; always 1 for pairs of bodies that supports hold.
+        float or None
+            At most 1 once a point is closed; None, no say, for pairs of bodies that supports hold.
         """
         if not self.floats:
-            return 1.0
+            return None
         p, source, comm = self.pairing, self.source, self.space.comm
         traction, gap = self._contact(p.exchange.gather(u))
         _, moved = self._evaluate(p.exchange.gather(y))
@@ -360,7 +389,9 @@ class ContactItem(Standing):
         if not comm.allreduce(bool(closed.any()), op=MPI.LOR):
             coming = p.paired & (approach > 0.0)
             depth = gap[coming] + 0.1 * source.size[source.facet[coming]]
-            part = min(part, float(np.min(depth / approach[coming], initial=np.inf)))
+            touch = comm.allreduce(float(np.min(depth / approach[coming], initial=np.inf)), op=MPI.MIN)
+            part = comm.allreduce(part, op=MPI.MIN)
+            return min(touch, part) if touch < np.inf else min(1.0, part)
         return min(1.0, comm.allreduce(part, op=MPI.MIN))
 
     def motion(self, u, before):
@@ -378,8 +409,9 @@ class ContactItem(Standing):
         Returns
         -------
         dict of str to ndarray
-            ``pressure`` [stress], ``gap`` [length], ``traction`` (np, 3) acting on the source, ``normal``, ``status``
-            (0 open, 2 slip), ``weight`` (area of the point), ``x`` (reference position), ``paired``.
+            ``pressure`` [stress], ``gap`` [length] (without a partner the search radius: nothing is as near as that),
+            ``traction`` (np, d) acting on the source, ``normal``, ``status`` (0 open, 2 slip), ``weight`` (area of the
+            point), ``x`` (reference position), ``paired``.
         """
         p, source = self.pairing, self.source
         traction, gap = self._contact(p.exchange.gather(u))
@@ -388,13 +420,14 @@ class ContactItem(Standing):
         pressure = np.where(closed, -tau, 0.0)
         return {
             "pressure": pressure,
-            "gap": np.where(p.paired, gap, np.nan),
+            "gap": np.where(p.paired, gap, self.radius),
             "traction": -pressure[:, None] * p.normal,
             "normal": p.normal,
             "status": np.where(closed, SLIP, OPEN),
             "weight": source.jxw,
             "x": source.x,
             "normal_stress": traction,
+            "paired": p.paired,
         }
 
     def summary(self, u):

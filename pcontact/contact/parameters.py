@@ -12,6 +12,11 @@ GAMMA0 = {1.0: 2.0, 0.0: 1.0, -1.0: 1.0}
 TRACELESS = {"penalty": 3.0, "augmented_lagrangian": 1.0}
 
 
+def coercive(theta):
+    """gamma0 above which Nitsche's method is coercive on any mesh, for a source and a target: (1 + theta)^2 / 4."""
+    return 0.25 * (1.0 + theta) ** 2
+
+
 def parameter(contact):
     """gamma0 of a contact.
 

@@ -160,6 +160,11 @@ class UnbiasedItem:
         for half in self.halves:
             half.residual(u, out)
 
+    def add_magnitude(self, u, out):
+        """See :meth:`ContactItem.add_magnitude`. *Collective.*"""
+        for half in self.halves:
+            half.add_magnitude(u, out)
+
     def tangent(self, u):
         """Values (nnz, d, d) on :meth:`pattern`. *Collective.*"""
         values = [half.tangent(u) for half in self.halves]
@@ -189,8 +194,9 @@ class UnbiasedItem:
             half.glue(glued)
 
     def reach(self, u, y):
-        """Largest part of the Newton step ``-y`` that all halves admit. *Collective.*"""
-        return min([half.reach(u, y) for half in self.halves])
+        """See :meth:`ContactItem.reach`. *Collective.*"""
+        parts = [half.reach(u, y) for half in self.halves]
+        return min([part for part in parts if part is not None], default=None)
 
     def motion(self, u, before):
         """Largest motion of a point along its normal between two displacements [length]. *Collective.*"""

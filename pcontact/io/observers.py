@@ -89,7 +89,7 @@ class Records:
         costs = self._finish()
         if self._rank == 0:
             self._history.append(record)
-            self.report.data.update(costs)
+            self.report.data.update(costs, warnings=log.warnings())
             self.report.add_step(record)
 
     def cut(self, target, outcome):
@@ -99,7 +99,7 @@ class Records:
         """Write the verdict. *Collective.*"""
         costs = self._finish()
         if self._rank == 0:
-            self.report.data.update({"converged": converged, **costs})
+            self.report.data.update({"converged": converged, "warnings": log.warnings(), **costs})
             self.report.write()
 
 
@@ -184,5 +184,5 @@ class Fields:
 
 
 def _cloud(state):
-    keys = ("pressure", "gap", "traction", "normal", "status", "weight")
+    keys = ("pressure", "gap", "traction", "normal", "status", "weight", "paired")
     return Cloud(state["x"], {key: state[key] for key in keys})

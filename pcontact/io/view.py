@@ -46,7 +46,9 @@ def deformation_scale(result):
         return 1.0
     size = np.linalg.norm(np.ptp(result.bodies.points, axis=0))
     largest = np.linalg.norm(displacement, axis=1).max()
-    gaps = np.concatenate([np.zeros(1), *(cloud.data.get("gap", []) for cloud in result.points.values())])
+    met = [cloud.data for cloud in result.points.values() if "gap" in cloud.data]
+    # where there is no partner the gap is not known
+    gaps = np.concatenate([np.zeros(1), *(data["gap"][data.get("paired", data["gap"] * 0 + 1) > 0] for data in met)])
     if not 0 < largest < 0.01 * size or np.nanmax(gaps) > 0.5 * largest:
         return 1.0
     wanted = 0.05 * size / largest

@@ -43,6 +43,7 @@ class _State:
     rank = 0
     speaks = True
     stream = None
+    warnings = ()
 
 
 def setup(rank=0, stream=None, level="info", all_ranks=False):
@@ -82,8 +83,21 @@ def info(message, *args):
 
 
 def warning(message, *args):
-    """Log a line marked as a warning."""
+    """Log a line marked as a warning, and keep it for the report."""
+    text = message % args if args else message
+    if text not in _State.warnings:
+        _State.warnings = (*_State.warnings, text)
     LOGGER.warning(message, *args)
+
+
+def warnings():
+    """Lines of all warnings since :func:`forget_warnings`, each once."""
+    return list(_State.warnings)
+
+
+def forget_warnings():
+    """A new run begins."""
+    _State.warnings = ()
 
 
 def debug(message, *args):

@@ -94,6 +94,20 @@ class Options:
                 self.entered.append(name)
         return applied, kept_out
 
+    def replace(self, values):
+        """Enter other defaults in the place of those proposed; what the user set stays.
+
+        Parameters
+        ----------
+        values : dict of str to object
+            As for :meth:`propose`.
+        """
+        for name in values:
+            if name in self.entered:
+                self._db.delValue(name)
+                self.entered.remove(name)
+        self.propose(values)
+
     def fault(self, error):
         """What PETSc's complaint about an option is to the user.
 

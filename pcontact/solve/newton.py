@@ -14,6 +14,8 @@ from pcontact.runtime.petsc import (
     keep_preconditioner,
 )
 from pcontact.solve.bodies import BodyFilter, body_filter
+from pcontact.solve.causes import causes
+from pcontact.solve.direct import Rescue
 from pcontact.solve.filter import contact_filter, new_preconditioner
 from pcontact.solve.line_search import FARTHEST, zero_of
 from pcontact.solve.linear import Reuse, newton_defaults, refresh_smoother, solver_defaults
@@ -34,6 +36,10 @@ PULLED = 0.1
 # a^2 / R, overlap a^2 / (2 R). From there the statuses of nearly all points are right; moved all the way, twice as
 # many close.
 APPROACH = 0.5
+# the forces of a solution are known to this part of the first residual at best
+ROUNDED = 1e-10
+# where Newton's method no longer gets on, so many times the rounding errors that are expected end it
+NEARLY = 100.0
 
 
 class Newton:
@@ -69,9 +75,11 @@ class Newton:
         plastic = problem.yields
         self._holds = any(can_slip(item) for item in problem.items)
         chosen = not options.given("snes_linesearch_type")
+        lags = options.given("snes_lag_preconditioner")
         direct = options.get("pc_type", "gamg") in ("lu", "cholesky")
         defaults = newton_defaults(problem.linear, direct) | solver_defaults(symmetric, problem.space.comm.size)
         self.applied, self.kept_out = options.propose(defaults)
+        self._rescue = Rescue(options, problem.space, "pc_type" in self.kept_out or lags)
         self.snes = PETSc.SNES().create(comm=problem.space.comm)
         self._f, self._trial, self._full, self._partly = (problem.space.vector() for _ in range(4))
         # the residual at the end of a full step, when that has been tried and will be asked for again
@@ -85,7 +93,6 @@ class Newton:
             self.snes.setFromOptions()
         except PETSc.Error as error:
             raise options.fault(error) or error from None
-        lags = options.given("snes_lag_preconditioner")
         text = "Krylov iterations that a preconditioner may lose before it is renewed; -1: always renew"
         patience = options.get("pc_patience", 10, int, text=text)
         self._reuse = None if lags or direct or loose or patience < 0 else Reuse(patience)
@@ -144,11 +151,11 @@ class Newton:
         array[self.problem.fixed] = 0.0
         y.assemble()
         part = self.problem.reach(x, y)
-        if part < 1.0:
+        if part != 1.0:
             y.scale(part)
         if self._stretches:
             start = clock.perf_counter()
-            self._stretch(x, y, 1.0 if part < 1.0 else FARTHEST)
+            self._stretch(x, y, 1.0 if part != 1.0 else FARTHEST)
             self.timing["assembly"] += clock.perf_counter() - start
 
     def _stretch(self, x, y, farthest):
@@ -183,7 +190,7 @@ class Newton:
         return same
 
     def _test(self, snes, iteration, norms):
-        """Residual against the first one and against its own rounding errors; the step says nothing here."""
+        """Residual against the first one, the forces at work and its rounding errors; the step says nothing here."""
         norm = norms[2]
         reasons = PETSc.SNES.ConvergedReason
         if not np.isfinite(norm):
@@ -196,13 +203,28 @@ class Newton:
             self._first = float(np.fmin(norm, self._true_first))
         self._norms.append(norm)
         rtol, atol, _, _ = snes.getTolerances()
+        if iteration > 0 and norm > 0.5 * self._norms[-2]:
+            # it no longer falls: what may be left at this displacement, not at that of the beginning
+            self._floor = 8.0 * self.problem.roundoff(snes.getSolution())
         if norm <= max(atol, self._floor):
             return reasons.CONVERGED_FNORM_ABS
         if (iteration > 0 or self._near) and norm <= (self._goal or rtol) * self._first:
-            return reasons.CONVERGED_FNORM_RELATIVE
+            if self._goal or norm <= rtol * self._forces(snes.getSolution()):
+                return reasons.CONVERGED_FNORM_RELATIVE
+            if iteration > 0 and norm <= NEARLY * self._floor and norm > 0.5 * self._norms[-2]:
+                return reasons.CONVERGED_FNORM_ABS
         if (self._circles and cycles(self._norms)) or repeats(self._norms):
             return reasons.DIVERGED_LOCAL_MIN
         return reasons.ITERATING
+
+    def _forces(self, u):
+        """What a residual is small against: the forces at work, not those of a first guess. *Collective.*
+
+        The first residual is that of bodies the supports of which have moved while their inside has not, or which
+        overlap by all of a gap that is to close: a stiff body, a nearly incompressible one or a large gamma make it
+        many orders of magnitude larger than any force of the solution, and all that presses then hides behind it.
+        """
+        return max(self.problem.acting(u), ROUNDED * self._first)
 
     def _renew_preconditioner(self):
         """A load step is solved alike whatever came before it, as in a restarted run; a reset GAMG remembers."""
@@ -232,12 +254,26 @@ class Newton:
         if self._reuse is not None:
             self._reuse.forget()
         self._first, self._true_first, self.norms = None, np.nan, []
-        before = u.copy() if self._holds or self.problem.yields else None
+        before = u.copy()
         try:
-            return self._try_ways(u, before)
+            outcome = self._try_ways(u, before)
+            if self._rescue.saves(outcome):
+                self._turn_direct()
+                before.copy(u)
+                outcome = together(outcome, self._try_ways(u, before))
+            return outcome
         finally:
             if self._filter is not None:
                 self._filter.detach(self.snes.getKSP())
+
+    def _turn_direct(self):
+        """Take the direct solver that the options hold by now. *Collective.*"""
+        if self._filter is not None:
+            self._filter.detach(self.snes.getKSP())
+        self._filter = self._reuse = None
+        keep_preconditioner(self.snes, False)
+        self.snes.setFromOptions()
+        self._renew_preconditioner()
 
     def _try_ways(self, u, before):
         """One way after the other until one converges. *Collective.*"""
@@ -268,7 +304,7 @@ class Newton:
 
     def _law(self, u, before):
         """Solve with the law from the beginning."""
-        self._circles = before is not None
+        self._circles = self._holds or self.problem.predicts
         return self._run(u, True)
 
     def _glued_first(self, u, before):
@@ -350,14 +386,15 @@ class Newton:
             reason=REASONS.get(reason, str(reason)),
             residual=self._norms[-1] if self._norms else float("nan"),
             initial=self._norms[0] if self._norms else float("nan"),
-            detail="" if reason > 0 else self._detail(),
+            detail="" if reason > 0 else self._detail(REASONS.get(reason, "")),
             hardest=int(np.diff([*self._solved, self.snes.getLinearSolveIterations()]).max(initial=0)),
         )
 
-    def _detail(self):
+    def _detail(self, reason):
         """What a user should look at. *Collective.*"""
         value, point, body = self.problem.worst(self._f)
-        parts = [f"largest residual {value:.3e} at {np.array2string(point, precision=4)} in body {body}"]
+        parts = causes(self.problem, self.snes.getSolution(), reason)
+        parts.append(f"largest residual {value:.3e} at {np.array2string(point, precision=4)} in body {body}")
         for item in self.problem.items[1:]:
             last = np.array(([0, 0, 0] + item.flips)[-3:])
             last = item.space.comm.allreduce(last)

@@ -216,15 +216,30 @@ class Problem:
         return self._joined.sum(values) if values else np.zeros((0, d, d))
 
     def reach(self, u, y):
-        """Largest part of the Newton step ``-y`` that all pairs admit. *Collective.*"""
-        return min([item.reach(u, y) for item in self.items[1:]], default=1.0)
+        """Part of the Newton step ``-y`` that all pairs admit; more than 1 where loose bodies touch nothing yet.
+        *Collective.*
+        """
+        parts = [item.reach(u, y) for item in self.items[1:]]
+        # nothing holds a loose body before it touches something: it goes there whatever its load is
+        return min([part for part in parts if part is not None], default=1.0)
 
     def roundoff(self, u):
         """Norm of the rounding errors that the residual at ``u`` may carry [force]. *Collective.*"""
-        bulk = self.items[0]
-        total = self.space.vector()
-        total.setArray(bulk.magnitude(u).ravel())
+        total, size = self.space.vector(), self.items[0].magnitude(u)
+        for item in self.items[1:]:
+            item.add_magnitude(u, size)
+        total.setArray(size.ravel())
         return np.finfo(float).eps * total.norm()
+
+    def acting(self, u):
+        """Largest of the norms of external forces, support forces and contact forces at ``u`` [force]. *Collective.*"""
+        external = -self.external(self.time)
+        contact, bulk = np.zeros_like(external), np.zeros_like(external)
+        self.items[0].residual(u, bulk)
+        self._add_contact(u, contact)
+        supports = np.where(self.fixed, external + contact + bulk, 0.0)
+        own = np.array([np.sum(force**2) for force in (external, contact, supports)])
+        return float(np.sqrt(np.max(self.space.comm.allreduce(own, op=MPI.SUM))))
 
     def worst(self, f):
         """Where a residual vector is largest. *Collective.*

@@ -1,0 +1,43 @@
+"""Why a load step may have failed: what a user can see only with difficulty."""
+
+from pcontact.mesh.mesh import size_of
+from pcontact.runtime.petsc import PETSc
+from pcontact.solve.direct import FAILED
+
+# part of the volume that may yield from which on a limit load is near
+YIELDED = 0.5
+
+
+def causes(problem, u, reason):
+    """Sentences on the state in which Newton's method has ended without success. *Collective.*
+
+    Parameters
+    ----------
+    problem : pcontact.solve.problem.Problem
+    u : PETSc.Vec
+    reason : str
+        Of SNES.
+
+    Returns
+    -------
+    list of str
+    """
+    found = []
+    size = size_of(problem.space.mesh)
+    moved = u.norm(PETSc.NormType.NORM_INFINITY)
+    if not moved <= size:
+        found.append(
+            f"displacements of {moved:.3g}, more than the size of the bodies ({size:.3g}): the load is too large for "
+            "small strains, or nothing holds a body"
+        )
+    bulk = problem.items[0]
+    if hasattr(bulk, "flowing"):
+        part = bulk.flowing(u)
+        if part >= YIELDED:
+            found.append(f"{100.0 * part:.0f} % of what may yield does: the load may be beyond the limit load")
+    if reason == FAILED:
+        found.append(
+            "the tangent is singular or nearly so: bodies that nothing holds, a limit load, or a gamma0 below the "
+            "bound of coercivity; another solver: -pc_type lu"
+        )
+    return found

@@ -1,0 +1,69 @@
+"""Direct solves in the place of multigrid, where that fails: nearly incompressible bodies, cells of extreme aspect.
+
+Multigrid with point smoothers has no answer to 1 / (1 - 2 nu) = 5e4, or to cells that are ten thousand times as long as
+high. The factors of a matrix have; they cost memory that grows faster than the number of unknowns, so that only
+problems of moderate size take them unasked.
+"""
+
+from pcontact.runtime import log
+from pcontact.runtime.petsc import has_package
+
+# unknowns up to which the program turns to a direct solver by itself, by the dimension of space: about 1 GB
+MOST = {2: 400_000, 3: 60_000}
+# what SNES calls a linear solve that failed, and Newton's method that gets nowhere: on badly scaled tangents residuals
+# of the Krylov method are small where corrections are still wrong
+FAILED = "diverged linear solve"
+HOPEFUL = (FAILED, "diverged max it")
+
+
+class Rescue:
+    """Turns a run to a direct solver when its Krylov method has failed, once and for all.
+
+    Parameters
+    ----------
+    options : pcontact.runtime.options.Options
+        That have proposed the present solver.
+    space : pcontact.space.space.Space
+    chosen : bool
+        Whether the user chose the preconditioner: it then stays.
+    """
+
+    def __init__(self, options, space, chosen):
+        text = "direct solver where Krylov's method fails, if the user chose no preconditioner: true, false"
+        wanted = options.get("pc_rescue", True, bool, text=text)
+        self._options, self._space = options, space
+        self._serial = space.comm.size == 1
+        able = self._serial or has_package("mumps")
+        self.possible = bool(wanted and able and not chosen and space.n_dofs <= MOST[space.dim])
+        self.active = False
+
+    def saves(self, outcome):
+        """Whether a solve that ended so should be tried again with the direct solver; if so, it is chosen from here on.
+
+        Parameters
+        ----------
+        outcome : pcontact.solve.outcome.Outcome
+        """
+        if outcome.converged or outcome.reason not in HOPEFUL or self.active or not self.possible:
+            return False
+        what = "the Krylov method failed" if outcome.reason == FAILED else "Newton's method did not converge"
+        log.info("%s with multigrid: direct solver from here on (-pc_rescue false: never)", what)
+        self.active = True
+        self._options.replace(direct_options(has_package("mumps")))
+        return True
+
+
+def direct_options(mumps):
+    """Options of a direct solver with iterative refinement by GMRES.
+
+    Parameters
+    ----------
+    mumps : bool
+        Whether PETSc has MUMPS.
+    """
+    options = {"pc_type": "lu", "ksp_type": "gmres", "ksp_pc_side": "right", "ksp_norm_type": "unpreconditioned"}
+    if mumps:
+        options["pc_factor_mat_solver_type"] = "mumps"
+        # pivots may fill the factors more than foreseen
+        options["mat_mumps_icntl_14"] = 100
+    return options
