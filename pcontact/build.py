@@ -24,15 +24,18 @@ from pcontact.scene import (
     resolve_contacts,
     validate,
 )
-from pcontact.scene.model import POOR
+from pcontact.scene.messages import input_error
+from pcontact.scene.model import POOR, REFUSED
 from pcontact.solve.bodies import MOST_COLOURS
 from pcontact.solve.problem import Problem
 from pcontact.space.modes import colour, component_frames, floating
 from pcontact.space.space import Space
 from pcontact.space.supports import Supports
 
-# stiffness of the aid for bodies that nothing holds, as a part of the P-wave modulus over size squared, per volume
-AID = 1e-6
+# stiffness of the aid for bodies that nothing holds, as a part of the modulus over size squared, per volume. Newton's
+# method nears the answer by the aid over the stiffness of what the body leans on in each iteration: the modulus of a
+# body more than CONTRAST times as stiff as the softest does not count, down to LEAST of the body's own
+AID, CONTRAST, LEAST = 1e-6, 100.0, 1e-12
 
 
 def override(scene, options, accuracy):
@@ -134,11 +137,14 @@ def _aid(space, scene, constants, free):
     modulus = np.zeros(space.mesh.n_components)
     for block in space.mesh.blocks:
         lam, mu = constants[block.body]
-        modulus[block.components] = lam + 2.0 * mu
+        # the P-wave modulus, unless the body is nearly incompressible
+        modulus[block.components] = min(lam + 2.0 * mu, 4.0 * mu)
     modulus = np.array(space.comm.allgather(modulus)).max(axis=0)
+    softest = np.min(modulus)
     stiffness = np.zeros(space.mesh.n_components)
     for k in free:
-        stiffness[k] = AID * modulus[k] / scale[k] ** 2
+        aid = max(AID * min(modulus[k], CONTRAST * softest), LEAST * modulus[k])
+        stiffness[k] = aid / scale[k] ** 2
     return lumped_volume(space) * stiffness[space.component[space.owned_local]]
 
 
@@ -168,6 +174,13 @@ def _warn_of_locking(scene, space):
         _warn_of_stress(scene)
     for number in sorted(bodies):
         body = scene.bodies[number]
+        if scene.locks(body) and scene.materials[body.material].nu > REFUSED:
+            nu = scene.materials[body.material].nu
+            raise input_error(
+                scene.where, f"materials.{body.material}.nu",
+                f"{nu:g} in triangles or tetrahedra of degree 1 (body {body.region}), far too stiff then (locking)",
+                f"order = 2, or quadrilaterals or hexahedra, or nu <= {REFUSED:g}",
+            )  # fmt: skip
         cause = f"nu = {scene.materials[body.material].nu:g} makes" if scene.locks(body) else None
         if cause is None and scene.yields(body) and space.kinematics != "plane_stress":
             cause = "plastic flow, which keeps the volume, makes"

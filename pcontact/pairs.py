@@ -205,8 +205,10 @@ def _warn(space, contact, item):
         )  # fmt: skip
     if space.dim == 2 or contact.obstacle is not None or is_unbiased(contact) or contact.all:
         return
-    extents = np.linalg.norm(np.ptp(item.target.x, axis=1), axis=1) if len(item.target.x) else np.zeros(0)
-    sizes = [_typical(space, values) for values in (item.source.size, extents)]
+    source, x = item.source, item.target.x
+    spanned = np.linalg.norm(np.cross(x[:, 1] - x[:, 0], x[:, 2] - x[:, 0]), axis=1)
+    areas = np.bincount(source.facet, source.jxw, minlength=len(source.cells))
+    sizes = [_typical(space, np.sqrt(values)) for values in (areas, spanned)]
     if sizes[0] > COARSE * sizes[1] > 0.0:
         log.warning(
             "contact %s: facets of the source %r are %.0f times as large as those of the target %r, whose edges the "

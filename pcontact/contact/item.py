@@ -11,12 +11,16 @@ from pcontact.contact.pairing import Pairing
 from pcontact.contact.parameters import GAMMA0, parameter
 from pcontact.contact.standing import Standing
 from pcontact.contact.summary import summarise
-from pcontact.runtime import log
 from pcontact.runtime.parallel import matching, together
 from pcontact.runtime.petsc import MPI
 
 # times the default, beyond which multigrid needs more than twice the iterations of one with a filter
 STIFF = 30.0
+# how deep a loose body goes that is brought to where it touches, in parts of a step on what it is given to lean on, a
+# millionth of its own stiffness (`pcontact.build`)
+GENTLE = 1e-5
+# steps prolonged more than this end before it touches, after this part of the way
+FAR, NEARLY = 30.0, 0.99
 # smallest cosine between the normals of a source point and its obstacle
 FACING = 0.1
 
@@ -48,6 +52,8 @@ class ContactItem(Standing):
         gamma0 times the constant of the trace inequality of the parent cell [stress/length].
     version : int
         Grows when the pattern changes.
+    deep : int
+        Points of this rank deeper in the obstacle than the search radius: they have no partner.
     committed : ndarray (np,)
         Status of the points at the end of the last load step, see `pcontact.contact.laws`.
     """
@@ -66,7 +72,7 @@ class ContactItem(Standing):
         self.floats, self.plastic = floats, plastic
         self.bilateral = contact.bilateral
         self.version = 0
-        self.offset, self._deep = None, False
+        self.offset, self.deep = None, 0
         self.candidates = 0
         self.pairing = None
         self._coupled = np.zeros(len(source.facet), dtype=bool)
@@ -126,19 +132,8 @@ class ContactItem(Standing):
         # a level set of the user's may fail on some ranks only
         gap, normal = together(self.space.comm, self.target.gap, x, time)
         paired = np.einsum("pd,pd->p", normal, self.source.normal) >= FACING
-        self._warn_of_depth(paired & (gap < -self.radius))
+        self.deep = int(np.sum(paired & (gap < -self.radius)))
         return gap, normal, paired & (np.abs(gap) <= self.radius)
-
-    def _warn_of_depth(self, deep):
-        """Say that points (np,) are so far inside the obstacle that they have no partner. *Collective.*"""
-        count = self.space.comm.allreduce(int(np.sum(deep)))
-        if count and not self._deep:
-            self._deep = True
-            log.warning(
-                "contact %s: %d points are deeper in the obstacle than the search radius %.4g: they take no part; "
-                "remedy: search_radius, or smaller load steps",
-                self.name, count, self.radius,
-            )  # fmt: skip
 
     def _adjust(self, gap, paired, x):
         """An initial overlap that is to be adjusted away is added to the gap for good."""
@@ -265,11 +260,14 @@ class ContactItem(Standing):
         *Collective.*
         """
         p, source = self.pairing, self.source
-        values = np.abs(p.exchange.gather(u))
+        values = p.exchange.gather(u)
+        _, status = self._augmented(values)
+        values = np.abs(values)
         own, other = np.abs(source.shape), np.abs(p.target_shape)
         cells = p.cells[source.facet]
         size = np.einsum("pa,pad->p", own, values[cells]) + np.einsum("pm,pmd->p", other, values[p.targets])
-        size = np.where(p.paired, size + np.abs(p.gap0), 0.0) * self.gamma[source.facet] * source.jxw
+        # open points bear nothing, however far they are
+        size = np.where(status > OPEN, size + np.abs(p.gap0), 0.0) * self.gamma[source.facet] * source.jxw
         local = np.zeros_like(values)
         np.add.at(local, cells, (size[:, None] * own)[:, :, None])
         np.add.at(local, p.targets, (size[:, None] * other)[:, :, None])
@@ -388,8 +386,14 @@ class ContactItem(Standing):
         closed = p.paired & (traction + self.gamma[source.facet] * gap <= 0.0)
         if not comm.allreduce(bool(closed.any()), op=MPI.LOR):
             coming = p.paired & (approach > 0.0)
-            depth = gap[coming] + 0.1 * source.size[source.facet[coming]]
-            touch = comm.allreduce(float(np.min(depth / approach[coming], initial=np.inf)), op=MPI.MIN)
+            depth, gap, approach = 0.1 * source.size[source.facet[coming]], gap[coming], approach[coming]
+            touch = comm.allreduce(float(np.min((gap + depth) / approach, initial=np.inf)), op=MPI.MIN)
+            if 1.0 < touch < np.inf:
+                # the less the load, and the step, the less deep: else what has just closed springs back
+                depth = np.minimum(depth, GENTLE * approach)
+                touch = max(1.0, comm.allreduce(float(np.min((gap + depth) / approach, initial=np.inf)), op=MPI.MIN))
+                # what the load has bent is prolonged, too: to be put right before anything touches
+                touch *= 1.0 if touch < FAR else NEARLY
             part = comm.allreduce(part, op=MPI.MIN)
             return min(touch, part) if touch < np.inf else min(1.0, part)
         return min(1.0, comm.allreduce(part, op=MPI.MIN))

@@ -11,6 +11,8 @@ from pathlib import Path
 
 # Poisson's ratio above which cells of degree 1 are too stiff
 LOCKING = 0.45
+# above which those of simplices are nonsense: half as stiff again as they should be, or more
+REFUSED = 0.495
 # and above which the stress of cells of degree 2 has lost its digits to their volume change
 POOR = 0.499
 # group of facets that a contact of all surfaces takes: the whole boundary of all bodies

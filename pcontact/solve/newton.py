@@ -98,7 +98,7 @@ class Newton:
         self._reuse = None if lags or direct or loose or patience < 0 else Reuse(patience)
         self._filter = body_filter(problem, options) or contact_filter(problem, options)
         self.solver = self._solver(symmetric, len(near_null_space.getVecs()))
-        self._floor, self._goal, self._first = 0.0, None, None
+        self._floor, self._least, self._goal, self._first = 0.0, 0.0, None, None
         self._hold_first, self._near = loose and self._holds, False
         self._predicting, self._begins, self._true_first, self._circles = False, False, np.nan, False
         # what is tried in turn while Newton goes in circles
@@ -196,7 +196,7 @@ class Newton:
         if not np.isfinite(norm):
             return diverged_nan
         if iteration == 0:
-            self._norms, self._solved = [], []
+            self._norms, self._solved, self._floor = [], [], self._least
         self._solved.append(snes.getLinearSolveIterations())
         if self._first is None:
             # the predicted one may be much larger, and means no more
@@ -248,7 +248,7 @@ class Newton:
         Outcome
         """
         # eight rounding errors per sum of some eighty terms: what an exact solution would leave
-        self._floor = 8.0 * self.problem.roundoff(u)
+        self._least = 8.0 * self.problem.roundoff(u)
         self._renew_preconditioner()
         free_garbage(self.problem.space.comm)
         if self._reuse is not None:
@@ -304,7 +304,7 @@ class Newton:
 
     def _law(self, u, before):
         """Solve with the law from the beginning."""
-        self._circles = self._holds or self.problem.predicts
+        self._circles = self._holds or self.problem.yields
         return self._run(u, True)
 
     def _glued_first(self, u, before):

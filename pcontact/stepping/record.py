@@ -2,7 +2,11 @@
 
 import numpy as np
 
+from pcontact.runtime import log
 from pcontact.runtime.petsc import MPI
+
+# part of the largest force of the run that may be out of balance without a word
+UNBALANCED = 0.05
 
 
 class Recorder:
@@ -59,7 +63,14 @@ class Recorder:
         # relative to the largest force of the run: bodies that have parted leave nothing to compare with
         total, largest = problem.imbalance(record)
         self._largest = max(self._largest, largest)
-        return {**record, "imbalance": total / self._largest if self._largest > 0.0 else 0.0}
+        imbalance = total / self._largest if self._largest > 0.0 else 0.0
+        if imbalance > UNBALANCED:
+            log.warning(
+                "time %g: the forces are out of balance by %.2g %% of the largest of the run: rounding errors of the "
+                "stresses hide them, the displacements are right only where they are imposed",
+                step.time, 100.0 * imbalance,
+            )  # fmt: skip
+        return {**record, "imbalance": imbalance}
 
     def _plastic(self):
         bulk = self._problem.items[0]

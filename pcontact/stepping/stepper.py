@@ -202,6 +202,14 @@ class Stepper:
         """Bodies that moved farther than partners were looked for may have passed through each other."""
         if not outcome.converged:
             return
+        for item in self.problem.items[1:]:
+            deep = self.problem.space.comm.allreduce(getattr(item, "deep", 0))
+            if deep:
+                outcome.converged = False
+                outcome.reason = (
+                    f"contact {item.name}: {deep} points are deeper in the obstacle than the search radius "
+                    f"{item.radius:.4g}"
+                )
         for item in self.problem.items:
             if hasattr(item, "motion") and item.motion(self.u, before) > item.radius:
                 outcome.converged = False
