@@ -14,7 +14,7 @@ SOLID = {2: ((3, 2), (4, 2)), 3: ((2, 2, 2), (2, 2, 2))}
 REASONS = {
     "exact": "the answer is in the space; Newton's method ends at 1e-8 of the first residual",
     "mesh": "discretisation error of this mesh",
-    "stiff": "rounding errors of the stress of the stiffer body: 1e-14 times the ratio, or gamma0 times 1e-12",
+    "stiff": "rounding errors of the stress of the stiffer body: 1e-13 times the ratio, or gamma0 times 1e-12",
     "condition": "what the residual leaves open: 1e-8 times the square of the aspect over 1e3",
     "digits": "digits of the coordinates in the file",
     "loose": "a load of 1e-12 on a body that first falls by 1e-4: 16 digits of the stress leave so much of it",
@@ -52,7 +52,7 @@ def stiffness_cells():
     """One body stiffer than the other."""
     for ratio in (1.0, 1e3, 1e6, 1e9):
         for soft in ("source", "target") if ratio > 1 else ("neither",):
-            bound = (max(1e-6, 1e-14 * ratio), "stiff" if ratio > 1e8 else "exact")
+            bound = (max(1e-6, 1e-13 * ratio), "stiff" if ratio > 1e8 else "exact")
             youngs = (E * ratio, E) if soft == "source" else (E, E * ratio)
             for theta in THETAS:
                 keys = {"youngs": youngs, "theta": theta}
