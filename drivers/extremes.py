@@ -18,6 +18,20 @@ from pcontact.runtime.petsc import MPI
 COLUMNS = ("family", "setting", "variant", "deviation", "bound", "why", "newton", "krylov", "verdict", "message")
 
 
+HEAD = """# Extremes
+
+What `scripts/extremes.sh` writes: {summary}.
+
+Every cell is a small scene whose answer is known from a closed form or from statics; the program's defaults apply
+unless the cell says otherwise. A cell is right when the largest relative deviation of its pressures, forces and
+displacements is within the bound, refused when the program ends with a message that names the cause, warned when the
+deviation is larger and a warning, which is in the report too, names the cause. A number that is not finite in any file
+would be WRONG. Newton and Krylov iterations are those of all load steps, cut ones included. Why a bound is what it is:
+
+{why}
+"""
+
+
 def cells_of(families, every=1):
     """The cells of some families; every n-th of each."""
     for name in families:
@@ -58,18 +72,8 @@ def run(args):
         write_json(args.o / "extremes.json", {"verdict": HANG, "cell": cell.name, "rows": rows})
         rows.append(run_cell(cell, args.o / "cell"))
         row = rows[-1]
-        deviation = (
-            "" if row["deviation"] is None else f", deviation {row['deviation']:.1e} of at most {row['bound']:.0e}"
-        )
-        log.info(
-            "%d/%d %s: %s%s%s",
-            number + 1,
-            len(cells),
-            cell.name,
-            row["verdict"],
-            deviation,
-            f" ({row['text']})" * bool(row["text"]),
-        )
+        line = _row(row)
+        log.info("%d/%d %s: %s", number + 1, len(cells), cell.name, " ".join(str(line[k]) for k in (8, 3, 9)))
     print_table("extremes", COLUMNS, [_row(row) for row in rows])
     found = counts(rows)
     summary = f"{len(rows)} cells: " + ", ".join(f"{count} {verdict}" for verdict, count in sorted(found.items()))
@@ -77,7 +81,7 @@ def run(args):
     write_json(args.o / "extremes.json", {"cells": len(rows), "verdicts": found, "reasons": REASONS, "rows": rows})
     if MPI.COMM_WORLD.rank == 0:
         why = "".join(f"* {key}: {text}\n" for key, text in REASONS.items())
-        Path(args.o / "extremes.md").write_text(f"{summary}. Why a bound is what it is:\n\n{why}\n{markdown(rows)}")
+        Path(args.o / "extremes.md").write_text(HEAD.format(summary=summary, why=why) + markdown(rows))
     return 1 if {WRONG, HANG} & found.keys() else 0
 
 
