@@ -282,7 +282,7 @@ def load_cells():
                 build, (1e-6, "exact")
             )
             if build is pointed and factor < 1.0:
-                bound, reason, cause = 1e-2, "loose", "out of balance"
+                bound, reason, cause = 1e-2, "loose", "rounding errors"
             if build is ring and factor < 1.0:
                 continue  # smaller than what the curved cells miss of the circle
             yield Cell("loads", f"{factor:.0e}", variant, build, keys, bound, reason, cause)

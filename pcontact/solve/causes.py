@@ -8,7 +8,7 @@ from pcontact.solve.direct import FAILED
 YIELDED = 0.5
 
 
-def causes(problem, u, reason):
+def causes(problem, u, reason, norm):
     """Sentences on the state in which Newton's method has ended without success. *Collective.*
 
     Parameters
@@ -17,6 +17,8 @@ def causes(problem, u, reason):
     u : PETSc.Vec
     reason : str
         Of SNES.
+    norm : float
+        Of the residual [force].
 
     Returns
     -------
@@ -30,6 +32,8 @@ def causes(problem, u, reason):
             f"displacements of {moved:.3g}, more than the size of the bodies ({size:.3g}): the load is too large for "
             "small strains, or nothing holds a body"
         )
+    elif min(norm, problem.loaded() or norm) <= 8.0 * problem.roundoff(u):
+        found.append("rounding errors of the stresses hide the rest: the load is too small for these displacements")
     bulk = problem.items[0]
     if hasattr(bulk, "flowing"):
         part = bulk.flowing(u)

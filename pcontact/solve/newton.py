@@ -36,10 +36,9 @@ PULLED = 0.1
 # a^2 / R, overlap a^2 / (2 R). From there the statuses of nearly all points are right; moved all the way, twice as
 # many close.
 APPROACH = 0.5
-# the forces of a solution are known to this part of the first residual at best
-ROUNDED = 1e-10
-# where Newton's method no longer gets on, so many times the rounding errors that are expected end it
-NEARLY = 100.0
+# the forces of a solution are known to this part of the first residual at best; so many times the expected rounding
+# errors end a method that no longer gets on; they may hide this part of the forces at work at most
+ROUNDED, NEARLY, BALANCED = 1e-10, 100.0, 0.05
 
 
 class Newton:
@@ -206,7 +205,9 @@ class Newton:
         if iteration > 0 and norm > 0.5 * self._norms[-2]:
             # it no longer falls: what may be left at this displacement, not at that of the beginning
             self._floor = 8.0 * self.problem.roundoff(snes.getSolution())
-        if norm <= max(atol, self._floor):
+        # where bodies run away, so do the rounding errors of their stresses: no excuse for forces out of balance
+        hidden = norm <= self._floor and norm <= BALANCED * self.problem.acting(snes.getSolution())
+        if hidden or norm <= max(atol, self._least):
             return reasons.CONVERGED_FNORM_ABS
         if (iteration > 0 or self._near) and norm <= (self._goal or rtol) * self._first:
             if self._goal or norm <= rtol * self._forces(snes.getSolution()):
@@ -220,9 +221,8 @@ class Newton:
     def _forces(self, u):
         """What a residual is small against: the forces at work, not those of a first guess. *Collective.*
 
-        The first residual is that of bodies the supports of which have moved while their inside has not, or which
-        overlap by all of a gap that is to close: a stiff body, a nearly incompressible one or a large gamma make it
-        many orders of magnitude larger than any force of the solution, and all that presses then hides behind it.
+        The first residual is that of bodies whose supports have moved while their inside has not: a stiff one, or a
+        large gamma, makes it many orders of magnitude larger than any force of the solution, which hides behind it.
         """
         return max(self.problem.acting(u), ROUNDED * self._first)
 
@@ -393,7 +393,7 @@ class Newton:
     def _detail(self, reason):
         """What a user should look at. *Collective.*"""
         value, point, body = self.problem.worst(self._f)
-        parts = causes(self.problem, self.snes.getSolution(), reason)
+        parts = causes(self.problem, self.snes.getSolution(), reason, self._norms[-1] if self._norms else np.inf)
         parts.append(f"largest residual {value:.3e} at {np.array2string(point, precision=4)} in body {body}")
         for item in self.problem.items[1:]:
             last = np.array(([0, 0, 0] + item.flips)[-3:])

@@ -231,6 +231,11 @@ class Problem:
         total.setArray(size.ravel())
         return np.finfo(float).eps * total.norm()
 
+    def loaded(self):
+        """Norm of the external forces [force]. *Collective.*"""
+        own = float(np.sum(self.external(self.time) ** 2))
+        return float(np.sqrt(self.space.comm.allreduce(own, op=MPI.SUM)))
+
     def acting(self, u):
         """Largest of the norms of external forces, support forces and contact forces at ``u`` [force]. *Collective.*"""
         external = -self.external(self.time)
