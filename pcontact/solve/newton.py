@@ -203,9 +203,7 @@ class Newton:
         self._norms.append(norm)
         rtol, atol, _, _ = snes.getTolerances()
         if iteration > 0 and norm > 0.5 * self._norms[-2]:
-            # it no longer falls: what may be left at this displacement, not at that of the beginning
             self._floor = 8.0 * self.problem.roundoff(snes.getSolution())
-        # where bodies run away, so do the rounding errors of their stresses: no excuse for forces out of balance
         hidden = norm <= self._floor and norm <= BALANCED * self.problem.acting(snes.getSolution())
         if hidden or norm <= max(atol, self._least):
             return reasons.CONVERGED_FNORM_ABS
@@ -219,10 +217,8 @@ class Newton:
         return reasons.ITERATING
 
     def _forces(self, u):
-        """What a residual is small against: the forces at work, not those of a first guess. *Collective.*
-
-        The first residual is that of bodies whose supports have moved while their inside has not: a stiff one, or a
-        large gamma, makes it many orders of magnitude larger than any force of the solution, which hides behind it.
+        """What a residual is small against: the forces at work. The first residual, of bodies whose supports alone have
+        moved, is many orders of magnitude larger where one is stiff, or gamma large. *Collective.*
         """
         return max(self.problem.acting(u), ROUNDED * self._first)
 
