@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pcontact
 from pcontact import build
+from pcontact.io.accuracy import Accuracy, label
 from pcontact.io.checkpoint import Checkpoint, read_checkpoint
 from pcontact.io.costs import Costs
 from pcontact.io.counters import Counters
@@ -113,6 +114,7 @@ class Simulation:
         stops = [t for one in moved for t, _ in (one.amplitude or [])]
         schedule = Schedule(scene.steps.end, scene.steps.count, scene.steps.smallest_step, stops)
         watch = [Terminal(scene.steps.end, build.yielding_volume(scene, space)), *observers]
+        accuracy = Accuracy(self.problem, scene, self.newton) if scene.output.estimate else None
         if directory is not None:
             on_root(self.comm, require_writable, directory)
             directory, output = Path(directory), scene.output
@@ -122,7 +124,9 @@ class Simulation:
                 watch.insert(0, Checkpoint(directory, space, items, schedule, every, first))
             watch.insert(0, Records(directory, self.comm.rank, self._head(), self._costs, since))
             if output.fields:
-                watch.insert(0, Fields(directory, self.problem, self.timing, output.smooth, since))
+                watch.insert(0, Fields(directory, self.problem, self.timing, output.smooth, since, accuracy))
+        if accuracy is not None:
+            watch.insert(0, accuracy)
         self._announce()
         recorder = Recorder(self.problem, scene.output.probes)
         self.stepper = Stepper(
@@ -155,7 +159,9 @@ class Simulation:
 
     def _head(self):
         active, left_out = self.describe()
+        estimate = {"estimate": {"label": label(self.scene)}} if self.scene.output.estimate else {}
         return {
+            **estimate,
             "title": self.scene.title,
             "version": pcontact.__version__,
             "ranks": self.comm.size,

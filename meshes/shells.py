@@ -1,0 +1,76 @@
+"""Two concentric spherical shells, an eighth of each, whose meshes do not match on the sphere they share."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import gmsh
+import numpy as np
+
+from .tools import check_cell, finish, gmsh_model, group, unstructured
+
+
+def _octant(small: float, large: float) -> int:
+    """The volume between two spheres in the first octant."""
+    occ, right = gmsh.model.occ, 0.5 * np.pi
+    outer = occ.addSphere(0.0, 0.0, 0.0, large, angle1=0.0, angle2=right, angle3=right)
+    inner = occ.addSphere(0.0, 0.0, 0.0, small, angle1=0.0, angle2=right, angle3=right)
+    return occ.cut([(3, outer)], [(3, inner)])[0][0][1]
+
+
+def shells(
+    path: str | Path,
+    radii: Sequence[float] = (1.0, 0.6, 0.3),
+    h: float = 0.15,
+    cell: str = "tetrahedron",
+    *,
+    order: int = 1,
+    mismatch: float = 0.8,
+) -> Path:
+    """Eighths of two concentric shells, the inner one in the hole of the outer one.
+
+    Groups: outer, inner; outer_skin, outer_inner_skin (the hole of the outer shell), inner_outer_skin, inner_skin;
+    symmetry_x, symmetry_y, symmetry_z (on x = 0, ...).
+
+    Parameters
+    ----------
+    path : file to write
+    radii : outer radius, radius of the sphere of contact, radius of the hole
+    h : element size of the outer shell
+    cell : tetrahedron
+    order : 1 or 2, degree of the geometry
+    mismatch : element size of the inner shell in units of h
+    """
+    check_cell("shells", cell, 3, order)
+    if cell != "tetrahedron":
+        raise ValueError(f"mesh 'shells': cell '{cell}'; allowed: tetrahedron")
+    large, middle, small = radii
+    if not large > middle > small > 0:
+        raise ValueError(f"mesh 'shells': radii {tuple(radii)}; expected three decreasing positive numbers")
+    with gmsh_model("shells"):
+        bodies = {"outer": (_octant(middle, large), middle, large, h)}
+        bodies["inner"] = (_octant(small, middle), small, middle, mismatch * h)
+        gmsh.model.occ.synchronize()
+        planes = {0: [], 1: [], 2: []}
+        for name, (volume, low, high, size) in bodies.items():
+            group(3, name, [volume])
+            skins = {low: [], high: []}
+            for _, face in gmsh.model.getBoundary([(3, volume)], oriented=False):
+                box = np.array(gmsh.model.getBoundingBox(2, face))
+                flat = [k for k in range(3) if box[k + 3] - box[k] < 1e-3 * large]
+                if flat:
+                    planes[flat[0]].append(face)
+                else:
+                    skins[high if box[3:].max() > 0.5 * (low + high) else low].append(face)
+            far, near = ("skin", "inner_skin") if name == "outer" else ("outer_skin", "skin")
+            group(2, f"{name}_{far}", skins[high])
+            group(2, f"{name}_{near}", skins[low])
+            points = gmsh.model.getBoundary([(3, volume)], recursive=True)
+            gmsh.model.mesh.setSize(points, size)
+        for axis, faces in planes.items():
+            group(2, f"symmetry_{'xyz'[axis]}", faces)
+        gmsh.option.setNumber("Mesh.MeshSizeExtendFromBoundary", 1)
+        gmsh.option.setNumber("Mesh.MeshSizeFromPoints", 1)
+        unstructured(cell)
+        return finish(path, 3, order)
