@@ -1,4 +1,4 @@
-"""Two concentric spherical shells, an eighth of each, whose meshes do not match on the sphere they share."""
+"""Round bodies in space, one in the hole of the other: spherical shells and tubes whose meshes do not match."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from pathlib import Path
 import gmsh
 import numpy as np
 
+from .rings import ring_bodies
 from .tools import check_cell, finish, gmsh_model, group, unstructured
 
 
@@ -73,4 +74,53 @@ def shells(
         gmsh.option.setNumber("Mesh.MeshSizeExtendFromBoundary", 1)
         gmsh.option.setNumber("Mesh.MeshSizeFromPoints", 1)
         unstructured(cell)
+        return finish(path, 3, order)
+
+
+def tubes(
+    path: str | Path,
+    radii: Sequence[float] = (1.0, 0.6, 0.2),
+    n: int = 8,
+    cell: str = "hexahedron",
+    *,
+    order: int = 1,
+    height: float = 0.3,
+) -> Path:
+    """Quarters of two concentric tubes along z, the inner one in the hole of the outer one; structured meshes.
+
+    Groups as for `shells`: outer, inner; outer_skin, outer_inner_skin, inner_outer_skin, inner_skin; symmetry_x,
+    symmetry_y, and symmetry_z (both ends).
+
+    Parameters
+    ----------
+    path : file to write
+    radii : outer radius, radius of contact, radius of the hole
+    n : cells of the outer tube around; those across and along follow from their shape
+    cell : hexahedron
+    order : 1 or 2, degree of the geometry
+    height : along z
+    """
+    check_cell("tubes", cell, 3, order)
+    if cell != "hexahedron":
+        raise ValueError(f"mesh 'tubes': cell '{cell}'; allowed: hexahedron")
+    large, middle, small = radii
+    if not large > middle > small > 0:
+        raise ValueError(f"mesh 'tubes': radii {tuple(radii)}; expected three decreasing positive numbers")
+    with gmsh_model("tubes"):
+        inner, outer = ring_bodies(radii, n)
+        sides = {"symmetry_x": [], "symmetry_y": [], "symmetry_z": []}
+        for name, ring in (("outer", outer), ("inner", inner)):
+            layers = max(1, round(height / (0.5 * np.pi * ring.large / ring.around)))
+            face = ring.faces[0]
+            top, body, *around = gmsh.model.geo.extrude([(2, face)], 0, 0, height, numElements=[layers], recombine=True)
+            gmsh.model.geo.synchronize()
+            group(3, name, [body[1]])
+            on_y, skin, on_x, hole = (tag for _, tag in around)
+            far, near = ("skin", "inner_skin") if name == "outer" else ("outer_skin", "skin")
+            group(2, f"{name}_{far}", [skin])
+            group(2, f"{name}_{near}", [hole])
+            for key, tags in (("symmetry_x", [on_x]), ("symmetry_y", [on_y]), ("symmetry_z", [face, top[1]])):
+                sides[key] += tags
+        for name, tags in sides.items():
+            group(2, name, tags)
         return finish(path, 3, order)

@@ -114,7 +114,7 @@ class Simulation:
         stops = [t for one in moved for t, _ in (one.amplitude or [])]
         schedule = Schedule(scene.steps.end, scene.steps.count, scene.steps.smallest_step, stops)
         watch = [Terminal(scene.steps.end, build.yielding_volume(scene, space)), *observers]
-        accuracy = Accuracy(self.problem, scene, self.newton) if scene.output.estimate else None
+        self.accuracy = accuracy = Accuracy(self.problem, scene, self.newton) if scene.output.estimate else None
         if directory is not None:
             on_root(self.comm, require_writable, directory)
             directory, output = Path(directory), scene.output
@@ -162,6 +162,7 @@ class Simulation:
         estimate = {"estimate": {"label": label(self.scene)}} if self.scene.output.estimate else {}
         return {
             **estimate,
+            "mesh": str(Path(self.scene.mesh_path).resolve()),
             "title": self.scene.title,
             "version": pcontact.__version__,
             "ranks": self.comm.size,

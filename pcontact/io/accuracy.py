@@ -46,6 +46,8 @@ class Accuracy:
     ----------
     cells : list of ndarray (nc,)
         Estimate of every cell of each block after the last step [sqrt(energy)].
+    last : dict or None
+        What was added to the record of the last step.
 
     Notes
     -----
@@ -55,13 +57,14 @@ class Accuracy:
     def __init__(self, problem, scene, newton):
         loads = [(load, amplitude(load.amplitude, scene.steps.end)) for load in scene.loads]
         self._problem, self._newton, self.cells = problem, newton, []
+        self.last = None
         self._estimator = Estimator(problem, loads)
 
     def step(self, step, u, record):
         """Estimate. *Collective.*"""
         estimate = self._estimator(u, step.time)
         self.cells = estimate.cells
-        record["estimate"] = {
+        self.last = record["estimate"] = {
             "absolute": estimate.absolute,
             "relative": estimate.relative,
             "energy_norm": estimate.energy,

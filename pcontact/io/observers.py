@@ -164,6 +164,7 @@ class Fields:
             nodal.update({f"{name}_smooth": values for name, values in means.items()})
         if self._accuracy is not None:
             data["error_estimate"] = self._accuracy.cells
+            data["cell_number"] = [block.ids for block in blocks]
         data["body"] = [np.full(len(block.nodes), block.body, dtype=np.int32) for block in blocks]
         data["rank"] = [np.full(len(block.nodes), space.comm.rank, dtype=np.int32) for block in blocks]
         names = [MESHIO_NAMES[(block.cell, space.degree)] for block in blocks]
