@@ -273,8 +273,9 @@ def _paint(axes, results):
         axes[0].loglog([r["unknowns"] for r in rows], [r["error"] / r["energy_norm"] for r in rows], style, mfc="none",
                        color=f"C{number % 10}")  # fmt: skip
         axes[0].loglog([r["unknowns"] for r in rows], [r["relative"] for r in rows], ":", color=f"C{number % 10}")
+        label = f"{one['case']}, {one['degree']}, {one['theta']:g}"
         axes[1].semilogx([r["unknowns"] for r in rows], [r["effectivity"] for r in rows], style, mfc="none",
-                         color=f"C{number % 10}", label=f"{one['case']}, {one['degree']}, {one['theta']:g}")  # fmt: skip
+                         color=f"C{number % 10}", label=label)  # fmt: skip
     axes[0].set(xlabel="unknowns", ylabel="relative error; dotted: estimate")
     axes[1].axhspan(0.5, 3.0, color="0.93")
     axes[1].set(xlabel="unknowns", ylabel="effectivity", ylim=(0, 3.2))

@@ -76,27 +76,6 @@ def _name_axes(inner: _Ring, outer: _Ring, symmetry: str) -> None:
         group(1, f"{name}_axis_x", ring.radial[1::2])
 
 
-def ring_bodies(
-    radii: Sequence[float],
-    n: int,
-    cell: str = "quadrilateral",
-    sectors: int = 1,
-    mismatch: float = 1.4,
-    delta: float = 0.0,
-) -> tuple[_Ring, _Ring]:
-    """Draw the inner and the outer ring; the arguments are those of `rings`, with the number of quarters."""
-    large, middle, small = radii
-    n_inner = max(1, round(mismatch * n))
-    if mismatch != 1 and n_inner % n == 0:
-        n_inner += 1
-    across = [
-        max(1, round((b - a) * count / (0.25 * np.pi * (a + b))))
-        for a, b, count in ((small, middle, n_inner), (middle, large, n))
-    ]
-    inner = _Ring(small, middle + delta, n_inner, across[0], sectors, cell)
-    return inner, _Ring(middle, large, n, across[1], sectors, cell)
-
-
 def rings(
     path: str | Path,
     radii: Sequence[float] = (1.0, 0.6, 0.2),
@@ -134,8 +113,17 @@ def rings(
     large, middle, small = radii
     if not large > middle > small > 0:
         raise ValueError(f"mesh 'rings': radii {tuple(radii)}; expected three decreasing positive numbers")
+    n_inner = max(1, round(mismatch * n))
+    if mismatch != 1 and n_inner % n == 0:
+        n_inner += 1
+    across = [
+        max(1, round((b - a) * count / (0.25 * np.pi * (a + b))))
+        for a, b, count in ((small, middle, n_inner), (middle, large, n))
+    ]
+    sectors = {"quarter": 1, "none": 4}[symmetry]
     with gmsh_model("rings"):
-        inner, outer = ring_bodies(radii, n, cell, {"quarter": 1, "none": 4}[symmetry], mismatch, delta)
+        inner = _Ring(small, middle + delta, n_inner, across[0], sectors, cell)
+        outer = _Ring(middle, large, n, across[1], sectors, cell)
         for name, ring in (("outer", outer), ("inner", inner)):
             group(2, name, ring.faces)
         for name, curves in (

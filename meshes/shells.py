@@ -8,8 +8,8 @@ from pathlib import Path
 import gmsh
 import numpy as np
 
-from .rings import ring_bodies
-from .tools import check_cell, finish, gmsh_model, group, unstructured
+from .grid import add, lattice, name_boundary, near, sweep, upright
+from .tools import check_cell, finish, gmsh_model, group, unstructured, write
 
 
 def _octant(small: float, large: float) -> int:
@@ -106,21 +106,36 @@ def tubes(
     large, middle, small = radii
     if not large > middle > small > 0:
         raise ValueError(f"mesh 'tubes': radii {tuple(radii)}; expected three decreasing positive numbers")
+    facets = {}
     with gmsh_model("tubes"):
-        inner, outer = ring_bodies(radii, n)
-        sides = {"symmetry_x": [], "symmetry_y": [], "symmetry_z": []}
-        for name, ring in (("outer", outer), ("inner", inner)):
-            layers = max(1, round(height / (0.5 * np.pi * ring.large / ring.around)))
-            face = ring.faces[0]
-            top, body, *around = gmsh.model.geo.extrude([(2, face)], 0, 0, height, numElements=[layers], recombine=True)
-            gmsh.model.geo.synchronize()
-            group(3, name, [body[1]])
-            on_y, skin, on_x, hole = (tag for _, tag in around)
-            far, near = ("skin", "inner_skin") if name == "outer" else ("outer_skin", "skin")
-            group(2, f"{name}_{far}", [skin])
-            group(2, f"{name}_{near}", [hole])
-            for key, tags in (("symmetry_x", [on_x]), ("symmetry_y", [on_y]), ("symmetry_z", [face, top[1]])):
-                sides[key] += tags
-        for name, tags in sides.items():
+        for name, low, high, around in (("outer", middle, large, n), ("inner", small, middle, round(1.4 * n) + 1)):
+            grid = _tube(low, high, around, order)
+            grid = sweep(grid, max(1, round(height * around / (0.5 * np.pi * high))), upright(height), "front", "back")
+            tag, sides = add(grid)
+            group(3, name, [tag])
+            far, close = ("skin", "inner_skin") if name == "outer" else ("outer_skin", "skin")
+            group(2, f"{name}_{far}", [sides["far"]])
+            group(2, f"{name}_{close}", [sides["close"]])
+            for key, side in (("x", "side_x"), ("y", "side_y"), ("z", "front"), ("z", "back")):
+                facets.setdefault(f"symmetry_{key}", []).append(sides[side])
+        for name, tags in facets.items():
             group(2, name, tags)
-        return finish(path, 3, order)
+        return write(path)
+
+
+def _tube(low: float, high: float, around: int, order: int):
+    """Quadrilaterals of a quarter of a ring, its sides named."""
+    across = max(1, round((high - low) * around / (0.25 * np.pi * (low + high))))
+    r = np.linspace(low, high, order * across + 1)[:, None]
+    t = 0.5 * np.pi * np.linspace(0.0, 1.0, order * around + 1)
+    c, s = np.cos(t), np.sin(t)
+    c[-1] = s[0] = 0.0
+    grid = lattice(np.stack([r * c, r * s, np.zeros((len(r), len(t)))], axis=-1), order, "quadrilateral")
+    mean = 0.5 * (low + high)
+    return name_boundary(
+        grid,
+        side_x=near(0, 0.0),
+        side_y=near(1, 0.0),
+        close=lambda x: np.hypot(x[..., 0], x[..., 1]).max(axis=1) < mean,
+        far=lambda x: np.hypot(x[..., 0], x[..., 1]).min(axis=1) > mean,
+    )

@@ -175,8 +175,10 @@ def refine(raw, marked):
     points[new[created]] = np.einsum("cva,cad->cvd", at, raw.points[nodes[parent]])[created]
     groups = {d: (new, {name: np.isin(parent, ids) for name, ids in raw.cell_groups.items()})}
     for dim, elements, members in _lower(raw):
-        parts, origin, _ = edges.halve(elements)
-        groups[dim] = parts, {name: flags[origin] for name, flags in members.items()}
+        if dim > 0:
+            elements, origin, _ = edges.halve(elements)
+            members = {name: flags[origin] for name, flags in members.items()}
+        groups[dim] = elements, members
     refined = Refined(d, degree, points, new, parent, place, groups)
     if degree == 2:
         _raise_degree(refined, raw.points[nodes[parent]])
