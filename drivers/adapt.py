@@ -126,7 +126,7 @@ def _paint(axes, curves):
 def run(args):
     """Both ways, all degrees; exit status."""
     if args.tiny:
-        args.h, args.most, args.finest = 0.5, 400, 2500
+        args.h, args.most, args.finest, args.part = 0.5, 200, 800, 0.8
     if args.finest < 2 * args.most:
         raise InputError(f"command line: --finest: found {args.finest}; allowed: at least twice --most")
     finest, good = series(args, 2, "adaptive", args.finest)

@@ -46,7 +46,8 @@ def test_bubbles(cell, degree):
 
 
 @pytest.mark.parametrize("dim, hoop", [(2, False), (2, True), (3, False)])
-def test_local_problems(dim, hoop):
+@pytest.mark.parametrize("shared", [0.0, 2.0])
+def test_local_problems(dim, hoop, shared):
     """The kernel against dense matrices."""
     rng = np.random.default_rng(2)
     nc, nq, nb, parts, lam, mu = 2, 7, 3, 2, 1.7, 0.6
@@ -56,7 +57,7 @@ def test_local_problems(dim, hoop):
     fixed = np.zeros((nc, nb, dim), dtype=bool)
     fixed[1, 2, 0] = fixed[0, 0, 1] = True
     out = np.empty((nc, parts + 1))
-    energies(grad, ring, jxw, lam, mu, loads, fixed, out)
+    energies(grad, ring, jxw, lam, shared, mu, loads, fixed, out)
     c4 = elasticity(lam, mu, 3)
     for c in range(nc):
         full = np.zeros((nq, nb, dim, 3, 3))
@@ -65,6 +66,8 @@ def test_local_problems(dim, hoop):
         if hoop:
             full[:, :, 0, 2, 2] = ring[c]
         matrix = np.einsum("q,qaimn,mnkl,qbjkl->aibj", jxw[c], full, c4, full).reshape(nb * dim, nb * dim)
+        mean = np.einsum("q,qaikk->ai", jxw[c], full).ravel()
+        matrix += shared / jxw[c].sum() * np.outer(mean, mean)
         free = ~fixed[c].ravel()
         for k, b in enumerate([*loads[c], loads[c].sum(axis=0)]):
             b = b.ravel()[free]

@@ -27,7 +27,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pcontact.assembly.bulk import ElasticBulk
-from pcontact.element.dilatation import hoop_operator
+from pcontact.element.dilatation import factors, hoop_operator
 from pcontact.element.geometry import facet_geometry, gradients
 from pcontact.element.quadrature import quadrature
 from pcontact.element.reference import CELLS, facet_nodes, facet_points
@@ -326,7 +326,8 @@ class Estimator:
         dshape = np.ascontiguousarray(shape_gradient(block.cell, space.degree, xi))
         tests, dtests = bubbles(block.cell, space.degree, xi)
         dtests, geo = np.ascontiguousarray(dtests), shape(block.cell, geometry_degree, xi)
-        out, lame = np.zeros((len(block.nodes), len(PARTS) + 1)), self.bulk.constants[block.body]
+        out, (lam, mu) = np.zeros((len(block.nodes), len(PARTS) + 1)), self.bulk.constants[block.body]
+        own, shared = factors(lam, mu, space.averages(block))
         force = self._body_force(number, time)
         for rows in self._parts(number, dtests.size + dshape.size):
             x = np.ascontiguousarray(mesh.points[table[rows]])
@@ -345,7 +346,7 @@ class Estimator:
             loads[:, INTERIOR] -= _work(sigma, around, test, ring, jxw)
             if force is not None:
                 loads[:, INTERIOR] += (jxw @ tests)[:, :, None] * force[rows][:, None, :]
-            energies(test, ring, jxw, *lame, loads, self._fixed(number, rows), out[rows])
+            energies(test, ring, jxw, own, shared, mu, loads, self._fixed(number, rows), out[rows])
         return out
 
     def _body_force(self, number, time):

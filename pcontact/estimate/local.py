@@ -6,10 +6,12 @@ from pcontact.runtime.jit import njit
 
 
 @njit
-def _assemble(grad, ring, jxw, c, lam, mu, out):
+def _assemble(grad, ring, jxw, c, lam, shared, mu, out):
     """Stiffness (n, n) of cell c for the test functions; the lower triangle is enough."""
     nq, nb, d = grad.shape[1], grad.shape[2], grad.shape[3]
     out[:, :] = 0.0
+    if shared != 0.0:
+        _add_mean(grad, ring, jxw, c, shared, out)
     for q in range(nq):
         w = jxw[c, q]
         for a in range(nb):
@@ -29,6 +31,23 @@ def _assemble(grad, ring, jxw, c, lam, mu, out):
                         if i == 0 and j == 0:
                             value += 2.0 * mu * hoop_a * hoop_b
                         out[a * d + i, b * d + j] += w * value
+
+
+@njit
+def _add_mean(grad, ring, jxw, c, shared, out):
+    """Add the energy of the mean dilatation of cell c."""
+    nq, nb, d = grad.shape[1], grad.shape[2], grad.shape[3]
+    mean, volume = np.zeros(nb * d), 0.0
+    for q in range(nq):
+        volume += jxw[c, q]
+        for a in range(nb):
+            for i in range(d):
+                mean[a * d + i] += jxw[c, q] * grad[c, q, a, i]
+            if ring.shape[0]:
+                mean[a * d] += jxw[c, q] * ring[c, q, a]
+    for a in range(nb * d):
+        for b in range(nb * d):
+            out[a, b] += shared / volume * mean[a] * mean[b]
 
 
 @njit
@@ -61,7 +80,7 @@ def _square(a, b):
 
 
 @njit
-def energies(grad, ring, jxw, lam, mu, loads, fixed, out):
+def energies(grad, ring, jxw, lam, shared, mu, loads, fixed, out):
     """Squared energy norms of the solutions of the cells' local problems.
 
     Find e with  int sigma(e) : eps(v) = load(v)  for all test functions v of the cell.
@@ -73,8 +92,9 @@ def energies(grad, ring, jxw, lam, mu, loads, fixed, out):
     ring : ndarray (nc, nq, nb), or (0, 0, 0)
         Test functions over radius with axial symmetry [1/length].
     jxw : ndarray (nc, nq)
-    lam, mu : float
-        Lame constants [stress].
+    lam, shared, mu : float
+        Factors of the dilatation and of its mean, see `pcontact.element.dilatation.factors`, and shear modulus
+        [stress].
     loads : ndarray (nc, n_parts, nb, d)
         Residual of each kind, tested [force].
     fixed : ndarray (nc, nb, d) of bool
@@ -86,7 +106,7 @@ def energies(grad, ring, jxw, lam, mu, loads, fixed, out):
     n = nb * d
     matrix, vector = np.zeros((n, n)), np.zeros(n)
     for c in range(nc):
-        _assemble(grad, ring, jxw, c, lam, mu, matrix)
+        _assemble(grad, ring, jxw, c, lam, shared, mu, matrix)
         for a in range(nb):
             for i in range(d):
                 if fixed[c, a, i]:
