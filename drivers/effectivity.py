@@ -61,8 +61,8 @@ SIZES = {
     "hertz-ball_on_block": (0.08, 0.06, 0.045),
     "mean-plane-quadrilateral": (4, 8, 16),
     "mean-space-hexahedron": (2, 4, 8),
-    **{f"blocks-plane-{kind}": (6, 12, 24) for kind in BLOCKS},
-    **{f"blocks-space-{kind}": (2, 3, 4) for kind in BLOCKS},
+    **{f"blocks-plane-{kind}": (6, 12) for kind in BLOCKS},
+    **{f"blocks-space-{kind}": (2, 3) for kind in BLOCKS},
 }
 TINY = ("rings-triangle", "tubes-hexahedron", "blocks-plane-friction")
 # cases that have no theta
