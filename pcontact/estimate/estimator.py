@@ -72,11 +72,6 @@ class Estimate:
     surfaces: dict
     cells: list
 
-    @property
-    def relative(self):
-        """Of the norm of the displacement."""
-        return self.absolute / self.energy if self.energy > 0.0 else float("nan")
-
 
 def volume_rule(cell, geometry_degree, degree, axisymmetric):
     """Quadrature that integrates the energy of the test functions."""

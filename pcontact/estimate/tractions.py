@@ -190,7 +190,9 @@ def _fit(own, facet, count, weight, values):
     matrix, right = np.zeros((nf, k, k)), np.zeros((nf, k, values.shape[1]))
     np.add.at(matrix, facet, weight[:, None, None] * own[:, :, None] * own[:, None, :])
     np.add.at(right, facet, weight[:, None, None] * own[:, :, None] * values[:, None, :])
-    matrix[:, np.arange(k), np.arange(k)] += np.where(kept, 0.0, 1.0)
+    # points in a line, and points without weight, leave coefficients open: the smallest ones are taken
+    size = np.bincount(facet, weight, minlength=nf)[:, None]
+    matrix[:, np.arange(k), np.arange(k)] += np.where(kept & (size > 0.0), 1e-10 * size, 1.0)
     return np.linalg.solve(matrix, right)
 
 
