@@ -91,7 +91,7 @@ def series(args, degree, way, most):
         with running(punch_scene(path, degree), directory) as (simulation, converged):
             if not converged:
                 return rows, False
-            estimate = simulation.accuracy.last
+            estimate = simulation.error_estimate.last
             rows.append({"unknowns": simulation.problem.space.n_dofs, "cells": simulation.mesh.n_cells_total,
                          "potential": potential(simulation), "estimate": estimate["absolute"],
                          "energy_norm": estimate["energy_norm"], "algebraic": estimate["algebraic"]})  # fmt: skip

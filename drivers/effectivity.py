@@ -297,7 +297,7 @@ def measure(name, size, degree, theta, folder):
         if not converged:
             raise InputError(f"{name}: a load step did not converge; allowed: other sizes")
         row = {"size": size, "cells": simulation.mesh.n_cells_total, "unknowns": simulation.problem.space.n_dofs,
-               **simulation.accuracy.last}  # fmt: skip
+               **simulation.error_estimate.last}  # fmt: skip
         if exact is not None:
             materials = [scene.materials[body.material] for body in scene.bodies]
             constants = [in_plane(*lame(one.E, one.nu), kinematics) for one in materials]

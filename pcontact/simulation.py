@@ -5,10 +5,10 @@ from pathlib import Path
 
 import pcontact
 from pcontact import build
-from pcontact.io.accuracy import Accuracy, label
 from pcontact.io.checkpoint import Checkpoint, read_checkpoint
 from pcontact.io.costs import Costs
 from pcontact.io.counters import Counters
+from pcontact.io.error_estimate import ErrorEstimate, label
 from pcontact.io.observers import Fields, Records, Terminal
 from pcontact.runtime import log, profile
 from pcontact.runtime.errors import StepFailure, require_writable
@@ -114,7 +114,8 @@ class Simulation:
         stops = [t for one in moved for t, _ in (one.amplitude or [])]
         schedule = Schedule(scene.steps.end, scene.steps.count, scene.steps.smallest_step, stops)
         watch = [Terminal(scene.steps.end, build.yielding_volume(scene, space)), *observers]
-        self.accuracy = accuracy = Accuracy(self.problem, scene, self.newton) if scene.output.estimate else None
+        estimate = ErrorEstimate(self.problem, scene, self.newton) if scene.output.estimate else None
+        self.error_estimate = estimate
         if directory is not None:
             on_root(self.comm, require_writable, directory)
             directory, output = Path(directory), scene.output
@@ -124,9 +125,9 @@ class Simulation:
                 watch.insert(0, Checkpoint(directory, space, items, schedule, every, first))
             watch.insert(0, Records(directory, self.comm.rank, self._head(), self._costs, since))
             if output.fields:
-                watch.insert(0, Fields(directory, self.problem, self.timing, output.smooth, since, accuracy))
-        if accuracy is not None:
-            watch.insert(0, accuracy)
+                watch.insert(0, Fields(directory, self.problem, self.timing, output.smooth, since, estimate))
+        if estimate is not None:
+            watch.insert(0, estimate)
         self._announce()
         recorder = Recorder(self.problem, scene.output.probes)
         self.stepper = Stepper(

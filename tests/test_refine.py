@@ -158,7 +158,7 @@ def solve(scene, directory):
     simulation = Simulation(scene)
     try:
         assert simulation.run(directory)
-        return simulation.accuracy.last
+        return simulation.error_estimate.last
     finally:
         simulation.close()
 

@@ -120,15 +120,15 @@ class Fields:
         Write the fields of the cells averaged at the nodes too.
     resume_time : float, optional
         Steps of an earlier run up to this time are kept.
-    accuracy : pcontact.io.accuracy.Accuracy, optional
+    estimate : pcontact.io.error_estimate.ErrorEstimate, optional
         Observer that has estimated the error of the step before.
     """
 
-    def __init__(self, directory, problem, timing, smooth=False, resume_time=None, accuracy=None):
+    def __init__(self, directory, problem, timing, smooth=False, resume_time=None, estimate=None):
         self._writer = FieldWriter(directory, problem.space.comm, resume_time)
         self._problem, self._timing = problem, timing
         self._means = NodeMeans(problem.space) if smooth else None
-        self._accuracy = accuracy
+        self._estimate = estimate
 
     def step(self, step, u, record):
         """Write the step. *Collective.*"""
@@ -162,8 +162,8 @@ class Fields:
             nodes, tables = self._means.nodes, self._means.cells
             points, nodal = points[nodes], {"displacement": nodal["displacement"][nodes]}
             nodal.update({f"{name}_smooth": values for name, values in means.items()})
-        if self._accuracy is not None:
-            data["error_estimate"] = self._accuracy.cells
+        if self._estimate is not None:
+            data["error_estimate"] = self._estimate.cells
             data["cell_number"] = [block.ids for block in blocks]
         data["body"] = [np.full(len(block.nodes), block.body, dtype=np.int32) for block in blocks]
         data["rank"] = [np.full(len(block.nodes), space.comm.rank, dtype=np.int32) for block in blocks]

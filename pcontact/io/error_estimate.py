@@ -34,7 +34,7 @@ def label(scene):
     return "; ".join(words)
 
 
-class Accuracy:
+class ErrorEstimate:
     """Adds ``estimate`` to the record of every step. It has to be the first observer.
 
     Parameters
