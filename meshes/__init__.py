@@ -14,7 +14,9 @@ from .heap import heap
 from .hertz import ball_on_block, cylinder_on_block, cylinders, two_balls
 from .indent import indent
 from .ironing import ironing
+from .punch import punch
 from .rings import rings
+from .shells import shells, tubes
 from .spring import c_strip, spring
 from .thick_cylinder import cylinder_strip, thick_cylinder
 
@@ -40,6 +42,9 @@ GENERATORS = {
         spring,
         c_strip,
         heap,
+        punch,
+        shells,
+        tubes,
     )
 }
 

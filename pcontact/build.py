@@ -64,6 +64,8 @@ def override(scene, options, accuracy):
     scene.output.fields = get("output_fields", scene.output.fields, bool, text="write fields of every step")
     text = "write fields of the cells averaged at the nodes too"
     scene.output.smooth = get("output_smooth", scene.output.smooth, bool, text=text)
+    text = "estimate the error of the displacement after every step"
+    scene.output.estimate = get("output_estimate", scene.output.estimate, bool, text=text)
     text = "load steps between two checkpoints"
     scene.output.checkpoint_every = get("checkpoint_every", scene.output.checkpoint_every, int, text=text)
     numerics = {

@@ -1,4 +1,4 @@
-"""The command line: ``pcontact run | check | convert | view``."""
+"""The command line: ``pcontact run | check | convert | refine | view``."""
 
 import difflib
 import sys
@@ -9,6 +9,7 @@ import numpy as np
 
 from pcontact import __version__
 from pcontact.io.prices import prices
+from pcontact.io.refine import refine_run
 from pcontact.io.show import show
 from pcontact.mesh.store import convert, mesh_sizes
 from pcontact.runtime import log
@@ -25,6 +26,7 @@ pcontact {version}: contact between elastic bodies with Nitsche's method, in par
   pcontact run SCENE.toml [-o DIR] [options]       solve; results in DIR (default: the scene's name)
   pcontact check SCENE.toml [options]              read scene and mesh, solve nothing, say what is modelled
   pcontact convert MESH [-o FILE.h5] [--order 2]   check a mesh and write it for reading in parallel (beside MESH)
+  pcontact refine DIR [-o FILE.msh] [options]      a finer mesh where the error estimate of the run in DIR is large
   pcontact view DIR [-field NAME] [-o FILE.png]    a picture of the deformed bodies, from the results in DIR
   mpirun -n 4 pcontact run SCENE.toml ...          the same on four ranks
 
@@ -42,6 +44,7 @@ Options (they win over the scene; the scene's [petsc] table wins over the progra
   -steps_count N, -steps_min X                     load steps to start with, smallest load step
   -output_fields true|false                        fields of every step
   -output_smooth true|false                        with them the fields of the cells averaged at the nodes
+  -output_estimate true|false                      error estimate of every step, in the report and the fields
   -restart DIR, -checkpoint_every N                go on from the checkpoint in DIR; load steps between two checkpoints
   -pc_patience N                                   Krylov iterations a preconditioner may lose before it is renewed
   -pc_contact_filter auto|true|false               direct solve at closed points between two multigrid cycles
@@ -52,6 +55,12 @@ Options (they win over the scene; the scene's [petsc] table wins over the progra
 Options of convert:
   --order 1|2                                      2: cells completed to degree 2, for a displacement of that degree
   -o FILE.h5                                       to be named in the scene: [mesh] file = "FILE.h5"
+Options of refine (the run has estimate = true in [output], or -output_estimate):
+  -part X                                          triangles, tetrahedra: cells with this part of the squared error are
+                                                   refined (0.5)
+  -geometry FILE.geo, -error X                     instead, gmsh makes a new mesh, for X times the error of now (0.5)
+  -step N                                          whose estimate; 1 is the first step, -1 the last (the default)
+  -o FILE.msh                                      default: DIR/refined.msh
 Options of view:
   -field NAME                                      contact_pressure, equivalent_stress, displacement_z, stress_xx, ...;
                                                    a name that does not exist lists them all
@@ -64,8 +73,14 @@ Options of view:
 Exit status: 0 all steps converged, 1 a step did not converge, 2 the input is wrong.
 """
 OURS = ("o", "help", "h", "field", "step", "scale")
-COMMANDS = ("run", "check", "convert", "view")
-OPERANDS = {"run": "a scene file", "check": "a scene file", "convert": "a mesh file", "view": "a directory"}
+COMMANDS = ("run", "check", "convert", "refine", "view")
+OPERANDS = {
+    "run": "a scene file",
+    "check": "a scene file",
+    "convert": "a mesh file",
+    "refine": "a directory",
+    "view": "a directory",
+}
 
 
 def parse(arguments):
@@ -106,7 +121,7 @@ def parse(arguments):
         raise InputError("command line: -o: found nothing; allowed: a directory (run), a file (convert, view)")
     if operand is None and not {"h", "help"} & set(options):
         raise InputError(f"command line: pcontact {command}: found no operand; allowed: {OPERANDS[command]}")
-    help_ = operand is None or (command in ("convert", "view") and {"h", "help"} & set(options))
+    help_ = operand is None or (command in ("convert", "refine", "view") and {"h", "help"} & set(options))
     return ("help" if help_ else command), operand, options
 
 
@@ -237,6 +252,9 @@ def _execute(command, operand, options):
     comm = MPI.COMM_WORLD
     if command == "view":
         log.info("wrote %s", on_root(comm, show, operand, options))
+        return 0
+    if command == "refine":
+        log.info("wrote %s", on_root(comm, refine_run, operand, options))
         return 0
     if command == "convert":
         convert_mesh(operand, options)

@@ -8,6 +8,7 @@ from pcontact import build
 from pcontact.io.checkpoint import Checkpoint, read_checkpoint
 from pcontact.io.costs import Costs
 from pcontact.io.counters import Counters
+from pcontact.io.error_estimate import ErrorEstimate, label
 from pcontact.io.observers import Fields, Records, Terminal
 from pcontact.runtime import log, profile
 from pcontact.runtime.errors import StepFailure, require_writable
@@ -114,6 +115,8 @@ class Simulation:
         stops = [t for one in moved for t, _ in (one.amplitude or [])]
         schedule = Schedule(scene.steps.end, scene.steps.count, scene.steps.smallest_step, stops)
         watch = [Terminal(scene.steps.end, build.yielding_volume(scene, space)), *observers]
+        estimate = ErrorEstimate(self.problem, scene, self.newton) if scene.output.estimate else None
+        self.error_estimate = estimate
         if directory is not None:
             on_root(self.comm, require_writable, directory)
             directory, output = Path(directory), scene.output
@@ -123,7 +126,9 @@ class Simulation:
                 watch.insert(0, Checkpoint(directory, space, items, schedule, every, first))
             watch.insert(0, Records(directory, self.comm.rank, self._head(), self._costs, since))
             if output.fields:
-                watch.insert(0, Fields(directory, self.problem, self.timing, output.smooth, since))
+                watch.insert(0, Fields(directory, self.problem, self.timing, output.smooth, since, estimate))
+        if estimate is not None:
+            watch.insert(0, estimate)
         self._announce()
         recorder = Recorder(self.problem, scene.output.probes)
         self.stepper = Stepper(
@@ -156,7 +161,10 @@ class Simulation:
 
     def _head(self):
         active, left_out = self.describe()
+        estimate = {"estimate": {"label": label(self.scene)}} if self.scene.output.estimate else {}
         return {
+            **estimate,
+            "mesh": str(Path(self.scene.mesh_path).resolve()),
             "title": self.scene.title,
             "version": pcontact.__version__,
             "ranks": self.comm.size,

@@ -228,7 +228,8 @@ OPTIONS = {
         ["-mesh_order", "'7'", r"allowed: 1 \| 2"], words=("check", "SCENE", "-mesh_order", "7")
     ),
     "command": Case(
-        ["command line", "'rum'", "allowed: run, check, convert, view", "nearest is 'run'"], words=("rum", "SCENE")
+        ["command line", "'rum'", "allowed: run, check, convert, refine, view", "nearest is 'run'"],
+        words=("rum", "SCENE"),
     ),
     "no operand": Case(["pcontact run", "no operand", "a scene file"], words=("run",)),
     "two operands": Case(["second operand", "allowed"], words=("run", "SCENE", "SCENE")),

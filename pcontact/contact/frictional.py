@@ -159,13 +159,14 @@ class FrictionalItem(ContactItem):
         -------
         dict of str to ndarray
             As for `ContactItem`, with ``status`` 0 open, 1 stick, 2 slip, and ``slip`` (np, d), the tangential slip of
-            the load step [length].
+            the load step [length], and ``own_traction`` (np, d), that of the source's stress.
         """
         state = super().state(u)
         p = self.pairing
-        _, tau, jump = self._tau(p.exchange.gather(u))
+        own, tau, jump = self._tau(p.exchange.gather(u))
         traction, status = self._project(tau)
         slip = jump - self._start
         slip -= np.einsum("pd,pd->p", slip, p.normal)[:, None] * p.normal
         state["status"] = np.where(state["status"] > OPEN, status, OPEN)
-        return {**state, "traction": traction, "slip": np.where(p.paired[:, None], slip, 0.0)}
+        slip = np.where(p.paired[:, None], slip, 0.0)
+        return {**state, "traction": traction, "own_traction": own, "slip": slip}

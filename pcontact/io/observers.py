@@ -39,6 +39,8 @@ class Terminal:
             plastic = record["plastic"]
             part, strain = plastic["yielded_volume"] / self._volume, plastic["max_equivalent_strain"]
             parts.append(f"yielded {100.0 * part:.1f} % (max strain {strain:.4g})")
+        if "estimate" in record:
+            parts.append(f"error {100.0 * record['estimate']['relative']:.3g} %")
         for name, c in record["contacts"].items():
             at = " ".join(f"{v + 0.0:.4g}" for v in c["deepest"])
             parts.append(
@@ -90,6 +92,8 @@ class Records:
         if self._rank == 0:
             self._history.append(record)
             self.report.data.update(costs, warnings=log.warnings())
+            if "estimate" in record:
+                self.report.data["estimate"].update(record["estimate"])
             self.report.add_step(record)
 
     def cut(self, target, outcome):
@@ -116,12 +120,15 @@ class Fields:
         Write the fields of the cells averaged at the nodes too.
     resume_time : float, optional
         Steps of an earlier run up to this time are kept.
+    estimate : pcontact.io.error_estimate.ErrorEstimate, optional
+        Observer that has estimated the error of the step before.
     """
 
-    def __init__(self, directory, problem, timing, smooth=False, resume_time=None):
+    def __init__(self, directory, problem, timing, smooth=False, resume_time=None, estimate=None):
         self._writer = FieldWriter(directory, problem.space.comm, resume_time)
         self._problem, self._timing = problem, timing
         self._means = NodeMeans(problem.space) if smooth else None
+        self._estimate = estimate
 
     def step(self, step, u, record):
         """Write the step. *Collective.*"""
@@ -155,6 +162,9 @@ class Fields:
             nodes, tables = self._means.nodes, self._means.cells
             points, nodal = points[nodes], {"displacement": nodal["displacement"][nodes]}
             nodal.update({f"{name}_smooth": values for name, values in means.items()})
+        if self._estimate is not None:
+            data["error_estimate"] = self._estimate.cells
+            data["cell_number"] = [block.ids for block in blocks]
         data["body"] = [np.full(len(block.nodes), block.body, dtype=np.int32) for block in blocks]
         data["rank"] = [np.full(len(block.nodes), space.comm.rank, dtype=np.int32) for block in blocks]
         names = [MESHIO_NAMES[(block.cell, space.degree)] for block in blocks]

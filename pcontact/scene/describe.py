@@ -75,6 +75,8 @@ def describe(
     if scene.displacements:
         regions = dict.fromkeys(item.region for item in scene.displacements)
         active.append("prescribed displacement: " + ", ".join(regions))
+    if scene.output.estimate:
+        active.append("error estimate of every step")
     return active, [name for name, asked in _FEATURES if not asked(scene)]
 
 

@@ -313,6 +313,8 @@ class Output:
         Groups whose displacement is reported.
     smooth : bool
         With the fields those of the cells averaged at the nodes, in each body for itself.
+    estimate : bool
+        Estimate the error of the displacement after every step.
     """
 
     fields: bool = True
@@ -320,6 +322,7 @@ class Output:
     checkpoint_every: int = 1
     probes: Sequence[str] = ()
     smooth: bool = False
+    estimate: bool = False
 
 
 @dataclass

@@ -293,6 +293,7 @@ RULES: dict[type, dict[str, Rule]] = {
         "checkpoint_every": integer(1),
         "probes": sequence("a list of names of groups", TEXT),
         "smooth": BOOLEAN,
+        "estimate": BOOLEAN,
     },
 }
 

@@ -1,0 +1,374 @@
+"""Error estimate over error, in the energy norm, where the error is known.
+
+    rings       two rings in contact, plane strain, Lame's solution (drivers/rings.py)
+    tubes       the same in space, hexahedra
+    shells      two spherical shells in contact, in space, tetrahedra, Lame's solution for spheres
+    cylinder    a thick cylinder under pressure, without contact: in space, and with axial symmetry
+    mean        the same with nu = 0.4999 and mean dilatation, in the norm of its energy
+    hertz       a cylinder on a block (plane) and a ball on a block (space); the error is that against a solution of
+                degree 2 on the mesh whose cells are all halved, with the same straight sides
+    blocks      one on the other, pressed and sheared, singular at the corners: Coulomb and Tresca friction, unbiased
+                contact, tied surfaces, a target 1000 times as stiff; the error as for Hertz
+
+A case, a degree and a theta take one row per mesh. The cells of the round cases are curved (degree 2), but for Hertz.
+"""
+
+from argparse import Namespace
+from functools import partial
+
+import numpy as np
+
+from drivers import hertz, rings, thick_cylinder
+from drivers._common import draw, log, main, make_mesh, make_parser, observed_rates, print_table, running, write_json
+from meshes import rings as ring_mesh
+from meshes import two_blocks
+from meshes.shells import shells, tubes
+from pcontact.assembly.bulk import ElasticBulk
+from pcontact.assembly.error_norms import bulk_error
+from pcontact.element.reference import CELLS
+from pcontact.element.shape import shape
+from pcontact.material.elastic import in_plane, lame
+from pcontact.mesh.complete import complete
+from pcontact.mesh.reader import read_mesh
+from pcontact.mesh.refine import SIMPLEX, refine
+from pcontact.mesh.remesh import write_refined
+from pcontact.runtime.errors import InputError
+from pcontact.runtime.parallel import on_root
+from pcontact.runtime.petsc import MPI
+from pcontact.scene.model import Body, Contact, Displacement, Load, Material, MeshSpec, Output, Scene
+
+DIRECT = {"pc_type": "lu", "ksp_type": "preonly", "pc_factor_mat_solver_type": "mumps"}
+LARGE, MIDDLE, SMALL = 1.0, 0.6, 0.3
+E, NU, PRESSURE = 1e9, 0.2, 1e7
+BLOCKS = {
+    "friction": {"friction": 0.3},
+    "tresca": {"tresca": 0.02},
+    "unbiased": {"unbiased": True},
+    "tied": {"tied": True},
+    "stiff": {},
+}
+# element sizes or numbers of cells, from coarse to fine, those of --tiny first
+SIZES = {
+    "rings-quadrilateral": (8, 16, 32),
+    "rings-triangle": (8, 16, 32),
+    "tubes-hexahedron": (4, 8, 12),
+    "shells-tetrahedron": (0.2, 0.13, 0.09),
+    "cylinder-space-hexahedron": (2, 4, 8),
+    "cylinder-space-tetrahedron": (2, 4, 8),
+    "cylinder-axisymmetric-quadrilateral": (4, 8, 16),
+    "cylinder-axisymmetric-triangle": (4, 8, 16),
+    "hertz-cylinder_on_block": (0.4, 0.2, 0.1),
+    "hertz-ball_on_block": (0.08, 0.06, 0.045),
+    "mean-plane-quadrilateral": (4, 8, 16),
+    "mean-space-hexahedron": (2, 4, 8),
+    **{f"blocks-plane-{kind}": (6, 12) for kind in BLOCKS},
+    **{f"blocks-space-{kind}": (2, 3) for kind in BLOCKS},
+}
+TINY = ("rings-triangle", "tubes-hexahedron", "blocks-plane-friction")
+# cases that have no theta
+ONCE = ("cylinder", "mean", "blocks")
+
+
+def _shell(a, b, p_in, p_out):
+    """Constants A, B [stress], [stress length^3] of a shell: sigma_rr = A - B / r^3."""
+    return (p_in * a**3 - p_out * b**3) / (b**3 - a**3), (p_in - p_out) * (a * b) ** 3 / (b**3 - a**3)
+
+
+def _stretch(constants, r):
+    """Radial displacement over radius."""
+    a, b = constants
+    return ((1.0 - 2.0 * NU) * a + 0.5 * (1.0 + NU) * b / r**3) / E
+
+
+def shell_constants():
+    """Of the outer and the inner shell, whose contact pressure closes the gap."""
+    opened = _stretch(_shell(MIDDLE, LARGE, 0.0, PRESSURE), MIDDLE)
+    outer, inner = _stretch(_shell(MIDDLE, LARGE, 1.0, 0.0), MIDDLE), _stretch(_shell(SMALL, MIDDLE, 0.0, 1.0), MIDDLE)
+    p = -opened / (outer - inner)
+    return _shell(MIDDLE, LARGE, p, PRESSURE), _shell(SMALL, MIDDLE, 0.0, p)
+
+
+def shell_exact(x, body):
+    """Displacement (n, 3) and its gradient (n, 3, 3) at points x (n, 3)."""
+    constants, r = shell_constants()[body], np.linalg.norm(x, axis=1)
+    value, slope = _stretch(constants, r), -1.5 * (1.0 + NU) * constants[1] / (E * r**5)
+    return value[:, None] * x, value[:, None, None] * np.eye(3) + slope[:, None, None] * x[:, :, None] * x[:, None, :]
+
+
+def in_space(exact):
+    """A plane displacement as one in space."""
+
+    def full(x, body):
+        u, slope = exact(np.ascontiguousarray(x[:, :2]), body)
+        wide = np.zeros((len(x), 3, 3))
+        wide[:, :2, :2] = slope
+        return np.column_stack([u, np.zeros(len(x))]), wide
+
+    return full
+
+
+def _round_scene(path, degree, theta, title):
+    """Two round bodies in space under an outer pressure."""
+    sides = [[0.0 if i == k else "free" for i in range(3)] for k in range(3)]
+    return Scene(
+        title=f"{title}, degree {degree}, theta {theta:g}",
+        mesh=MeshSpec(path, order=degree),
+        materials={"m": Material(E, NU)},
+        bodies=[Body("outer", "m"), Body("inner", "m")],
+        contacts=[Contact("inner_outer_skin", "outer_inner_skin", name="round", theta=theta)],
+        displacements=[Displacement(f"symmetry_{axis}", side) for axis, side in zip("xyz", sides, strict=True)],
+        loads=[Load("outer_skin", pressure=PRESSURE)],
+        output=Output(fields=False),
+    )
+
+
+def _cylinder_exact(form, pressure, dim, x, body):
+    """Lame's displacement (n, d) and its gradient; with axial symmetry (dim 1) x is the radius."""
+    factor = pressure * form.a**2 * (1.0 + form.nu) / (form.E * (form.b**2 - form.a**2))
+    plane = 1 if dim == 1 else 2
+    r2 = np.sum(x[:, :plane] ** 2, axis=1)
+    d = x.shape[1]
+    u, slope = np.zeros_like(x), np.zeros((len(x), d, d))
+    value = factor * (1.0 - 2.0 * form.nu + form.b**2 / r2)
+    u[:, :plane] = value[:, None] * x[:, :plane]
+    outer = x[:, :plane, None] * x[:, None, :plane]
+    slope[:, :plane, :plane] = value[:, None, None] * np.eye(plane)
+    slope[:, :plane, :plane] -= (2.0 * factor * form.b**2 / r2**2)[:, None, None] * outer
+    return u, slope
+
+
+def prepare(name, size, degree, theta, folder):
+    """Scene, mesh and exact solution (None for Hertz) of a case. *Collective.*"""
+    kind, _, rest = name.partition("-")
+    if kind == "hertz":
+        return _hertz(rest, size, degree, theta, folder)
+    if kind == "blocks":
+        return _blocks(*rest.split("-"), size, degree, theta, folder), None
+    if kind in ("cylinder", "mean"):
+        kinematics, cell = rest.split("-")
+        form = thick_cylinder.Cylinder(10.0, 20.0, 210e3, 0.3 if kind == "cylinder" else 0.4999, 1e9)
+        path = thick_cylinder.make(folder / f"{name}_{size}.msh", kinematics, cell, 2, size, form)
+        scene = thick_cylinder.scene(path, kinematics, degree, [100.0], form, 1, elastic=True)
+        dim = {"axisymmetric": 1, "plane": 2, "space": 3}[kinematics]
+        if kind == "mean":
+            scene.mesh.mean_dilatation = True
+            scene.petsc = DIRECT
+        return scene, partial(_cylinder_exact, form, 100.0, dim)
+    if kind == "rings":
+        path = make_mesh(ring_mesh, folder / f"{name}_{size}.msh", n=size, cell=rest, order=2)
+        scene = rings.ring_scene(path, degree, theta)
+        return scene, partial(rings.exact, constants=rings.ring_constants())
+    if kind == "tubes":
+        path = make_mesh(tubes, folder / f"{name}_{size}.msh", n=size, order=2)
+        exact = partial(rings.exact, constants=rings.ring_constants())
+        return _round_scene(path, degree, theta, kind), in_space(exact)
+    path = make_mesh(shells, folder / f"{name}_{size}.msh", (LARGE, MIDDLE, SMALL), h=size, order=2)
+    return _round_scene(path, degree, theta, kind), shell_exact
+
+
+def _blocks(place, kind, n, degree, theta, folder):
+    """Two blocks of triangles or tetrahedra whose meshes do not match."""
+    dim = 2 if place == "plane" else 3
+    cell = "triangle" if dim == 2 else "tetrahedron"
+    path = make_mesh(two_blocks, folder / f"blocks_{dim}_{n}.msh", dim, n, n + (n + 1) // 2, cell)
+    return Scene(
+        title=f"blocks, {kind}, degree {degree}",
+        mesh=MeshSpec(path, order=degree),
+        materials={"soft": Material(10.0, 0.3), "stiff": Material(10000.0, 0.3)},
+        bodies=[Body("lower", "stiff" if kind == "stiff" else "soft"), Body("upper", "soft")],
+        contacts=[Contact("upper_bottom", "lower_top", name="face", theta=theta, **BLOCKS[kind])],
+        displacements=[
+            Displacement("lower_bottom", [0.0] * dim),
+            Displacement("upper_top", [0.02] + [0.0] * (dim - 2) + [-0.05]),
+        ],
+        output=Output(fields=False),
+        petsc=DIRECT,
+    )
+
+
+def _hertz(rest, size, degree, theta, folder):
+    case = hertz.CASES[rest]
+    if case.dim == 2:
+        case = case.scaled(0.5)
+    arguments = Namespace(case=rest, order=degree, theta=theta, gamma0=None, drive="displacement", steps=1, hold=2,
+                          fields=False)  # fmt: skip
+    path = hertz.generate(case, folder / f"{rest}_{size}.msh", size, 1)
+    return hertz.make_scene(case, path, arguments), None
+
+
+def _keys(points, body, unit):
+    """Numbers of points that tell them apart, those of different bodies too: rows (n, d + 1)."""
+    return np.column_stack([np.rint(points / unit).astype(np.int64), body])
+
+
+def _match(keys, others):
+    """Row of each key in a table that has it."""
+    _, number = np.unique(np.concatenate([others, keys]), axis=0, return_inverse=True)
+    place = np.empty(number.max() + 1, dtype=np.int64)
+    place[number[: len(others)]] = np.arange(len(others))
+    return place[number[len(others) :]]
+
+
+def _gathered(simulation, unit):
+    """Keys and displacements of all nodes, on rank 0. *Collective.*"""
+    space, body = simulation.problem.space, _bodies(simulation)
+    own = space.owned_local
+    values = simulation.stepper.u.getArray(readonly=True).reshape(-1, space.dim).copy()
+    parts = simulation.comm.gather((_keys(space.points[own], body[own], unit), values))
+    return None if parts is None else [np.concatenate(column) for column in zip(*parts, strict=True)]
+
+
+def _bodies(simulation):
+    """Body (n_local,) of every node."""
+    space = simulation.problem.space
+    body = np.zeros(space.n_local, dtype=np.int64)
+    for block, cells in zip(space.mesh.blocks, space.cells, strict=True):
+        body[cells] = block.body
+    return body
+
+
+def finer(simulation, path, unit):
+    """Write the mesh with all cells halved, and prolong the displacement to its nodes of degree 2. *Collective.*
+
+    Returns
+    -------
+    keys (n, d + 1), values (n, d)
+        Of all nodes, on every rank.
+    """
+    scene, comm, degree = simulation.scene, simulation.comm, simulation.problem.space.degree
+    coarse = _gathered(simulation, unit)
+
+    def work():
+        keys, values = coarse
+        raw = read_mesh(scene.mesh_path)
+        d = raw.dim
+        body = np.concatenate([np.zeros(len(block.nodes), np.int64) for block in raw.blocks])
+        for number, part in enumerate(scene.bodies):
+            body[raw.cell_groups[part.region]] = number
+        fine = refine(raw, np.ones(len(body), dtype=bool))
+        write_refined(path, fine)
+        layout = complete(raw, degree) if degree == 2 else raw
+        nodes = np.concatenate([block.nodes for block in layout.blocks])
+        u = values[_match(_keys(layout.points[nodes].reshape(-1, d), np.repeat(body, nodes.shape[1]), unit), keys)]
+        u = u.reshape(*nodes.shape, d)[fine.parent]
+        kind = SIMPLEX[d]
+        corners = fine.place
+        middles = np.stack([corners[:, list(e)].mean(axis=1) for e in CELLS[kind].edges], axis=1)
+        at = np.concatenate([corners, middles], axis=1)
+        count = at.shape[1]
+        table = shape(kind, degree, at.reshape(-1, d + 1)[:, 1:]).reshape(len(at), count, -1)
+        geometry = raw.points[np.concatenate([block.nodes for block in raw.blocks])][fine.parent]
+        x = np.einsum("cka,cad->ckd", at, geometry)
+        found = _keys(x.reshape(-1, d), np.repeat(body[fine.parent], count), unit)
+        return found, np.einsum("cka,cad->ckd", table, u).reshape(-1, d)
+
+    return comm.bcast(on_root(comm, work))
+
+
+def against_finer(simulation, name, size, degree, theta, folder):
+    """Energy norm of the difference to the solution on a finer mesh. *Collective.*"""
+    unit = 1e-8
+    path = folder / f"{name}_fine.msh"
+    keys, values = finer(simulation, path, unit)
+    scene, _ = prepare(name, size, 2, theta, folder)
+    scene.mesh = MeshSpec(path, order=2)
+    with running(scene) as (fine, converged):
+        if not converged:
+            return float("nan")
+        space = fine.problem.space
+        own = space.owned_local
+        rows = _match(_keys(space.points[own], _bodies(fine)[own], unit), keys)
+        difference = fine.stepper.u.copy()
+        array = difference.getArray().reshape(-1, space.dim)
+        array -= values[rows]
+        difference.assemble()
+        forces = np.zeros((space.n_owned, space.dim))
+        ElasticBulk.residual(fine.problem.items[0], difference, forces)
+        own_work = float(np.vdot(forces, difference.getArray(readonly=True)))
+        return float(np.sqrt(fine.comm.allreduce(own_work, op=MPI.SUM)))
+
+
+def measure(name, size, degree, theta, folder):
+    """One mesh: a dict. *Collective.*"""
+    scene, exact = prepare(name, size, degree, theta, folder)
+    scene.output.estimate = True
+    kinematics = scene.mesh.kinematics
+    with running(scene) as (simulation, converged):
+        if not converged:
+            raise InputError(f"{name}: a load step did not converge; allowed: other sizes")
+        row = {"size": size, "cells": simulation.mesh.n_cells_total, "unknowns": simulation.problem.space.n_dofs,
+               **simulation.error_estimate.last}  # fmt: skip
+        if exact is not None:
+            materials = [scene.materials[body.material] for body in scene.bodies]
+            constants = [in_plane(*lame(one.E, one.nu), kinematics) for one in materials]
+            error = bulk_error(simulation.problem.space, constants, simulation.stepper.u, exact, averaged=True)
+            row["error"] = error.energy
+        else:
+            row["error"] = against_finer(simulation, name, size, degree, theta, folder)
+    row["effectivity"] = row["absolute"] / row["error"]
+    return row
+
+
+def _paint(axes, results):
+    for number, one in enumerate(results):
+        rows = one["meshes"]
+        style = {1: "o-", 2: "s--"}[one["degree"]]
+        axes[0].loglog([r["unknowns"] for r in rows], [r["error"] / r["energy_norm"] for r in rows], style, mfc="none",
+                       color=f"C{number % 10}")  # fmt: skip
+        axes[0].loglog([r["unknowns"] for r in rows], [r["relative"] for r in rows], ":", color=f"C{number % 10}")
+        label = f"{one['case']}, {one['degree']}, {one['theta']:g}"
+        axes[1].semilogx([r["unknowns"] for r in rows], [r["effectivity"] for r in rows], style, mfc="none",
+                         color=f"C{number % 10}", label=label)  # fmt: skip
+    axes[0].set(xlabel="unknowns", ylabel="relative error; dotted: estimate")
+    axes[1].axhspan(0.5, 3.0, color="0.93")
+    axes[1].set(xlabel="unknowns", ylabel="effectivity", ylim=(0, 3.2))
+    axes[1].legend(fontsize=4, ncols=2)
+
+
+def run(args):
+    """All cases; exit status."""
+    results = []
+    for name in TINY if args.tiny else args.case:
+        sizes = SIZES[name][: 1 if args.tiny else args.meshes]
+        thetas = [0.0] if args.tiny or name.startswith(ONCE) else args.theta
+        for degree in [1] if name.startswith("mean") else args.degree:
+            for theta in thetas:
+                rows = [measure(name, size, degree, theta, args.o) for size in sizes]
+                widths = [size if size < 1 else 1.0 / size for size in sizes]
+                for key in ("error", "absolute"):
+                    for row, rate in zip(rows, observed_rates(widths, [r[key] for r in rows]), strict=True):
+                        row[f"{key}_rate"] = rate
+                results.append({"case": name, "degree": degree, "theta": theta, "meshes": rows})
+                _table(results[-1])
+    every = [row["effectivity"] for one in results for row in one["meshes"]]
+    log.info("effectivity: %.3f to %.3f", min(every), max(every))
+    write_json(args.o / "effectivity.json", {"effectivity": [min(every), max(every)], "results": results})
+    draw(args.o / "effectivity.png", partial(_paint, results=results), columns=2)
+    return 0
+
+
+def _table(one):
+    parts = ("interior", "jumps", "neumann", "contact", "friction")
+    header = ["size", "cells", "unknowns", "error", "rate", "estimate", "rate", "effectivity", *parts, "algebraic"]
+    rows = [
+        [row[k] for k in ("size", "cells", "unknowns")]
+        + [row["error"] / row["energy_norm"], row["error_rate"], row["relative"], row["absolute_rate"]]
+        + [row["effectivity"], *(row["parts"][k] / row["absolute"] for k in parts), row["algebraic"] / row["absolute"]]
+        for row in one["meshes"]
+    ]
+    print_table(f"{one['case']}, degree {one['degree']}, theta {one['theta']:g}", header, rows)
+
+
+def parser():
+    """The driver's options."""
+    p = make_parser(__doc__, "effectivity_results")
+    add = p.add_argument
+    add("--case", nargs="+", default=list(SIZES), choices=list(SIZES), help="all, if nothing is said")
+    add("--degree", type=int, nargs="+", default=[1, 2], choices=[1, 2], help="of the displacement")
+    add("--theta", type=float, nargs="+", default=[1.0, 0.0, -1.0], choices=[1.0, 0.0, -1.0])
+    add("--meshes", type=int, default=3, choices=[1, 2, 3], help="of each case")
+    return p
+
+
+if __name__ == "__main__":
+    main(run, parser())

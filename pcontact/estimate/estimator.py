@@ -1,0 +1,366 @@
+"""How accurate a displacement is: an estimate of its error in the energy norm, from local problems on every cell.
+
+With u_h the computed displacement, P the traction that contact exerts on the bodies and t = sigma(u_h) n, the error is
+driven by residuals: of equilibrium inside cells, f + div sigma; of the traction between cells, which jumps; on the
+boundary, what loads prescribe and t does not meet, g - t; on surfaces of contact P - t, in the direction of contact and
+across it. These are the residuals of Chouly, Fabre, Hild, Pousin, Renard (2018); there their norms are weighted with
+the size of the cell, here each is measured by the elastic displacement that it brings about in the cell (Bank and
+Weiser 1985): on every cell K find e in the space of `pcontact.estimate.bubbles` with
+
+    int_K sigma(e) : eps(v) = int_K f . v - sigma(u_h) : eps(v) + int_dK s . v
+
+where s is g on loaded facets, P on surfaces of contact (on the target what the source's points pass on), and between
+cells one traction common to both: that of the stress averaged at the nodes. The mean of both sides' own tractions does
+as well in the plane, but not on tetrahedra of degree 1, where it makes the estimate three times the error. Where
+materials meet, each side has averages of its own, and a side takes of their difference the part that its stiffness is
+of the sum of both. No constant is left to choose, and integration by parts stands in for second derivatives:
+
+    interior   f + div sigma   as   int_K f . v - sigma(u_h) : eps(v) + int_dK t . v
+    jumps      s - t           on facets between cells, and both sides of tied surfaces
+    neumann    g - t           on the free and loaded boundary
+    contact    P - t           along the direction of contact, without friction also across it
+    friction   P - t           across it
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pcontact.assembly.bulk import ElasticBulk
+from pcontact.element.dilatation import factors, hoop_operator
+from pcontact.element.geometry import facet_geometry, gradients
+from pcontact.element.quadrature import quadrature
+from pcontact.element.reference import CELLS, facet_nodes, facet_points
+from pcontact.element.shape import shape, shape_gradient
+from pcontact.estimate.bubbles import bubbles, supports
+from pcontact.estimate.facets import FacetPairs, facet_rule
+from pcontact.estimate.local import energies
+from pcontact.estimate.recovery import Recovery
+from pcontact.estimate.stress import BlockStress
+from pcontact.estimate.tractions import Cells, halves, on_source, on_target, source_facets
+from pcontact.runtime.petsc import MPI
+
+PARTS = ("interior", "jumps", "neumann", "contact", "friction")
+INTERIOR, JUMPS, NEUMANN, CONTACT, FRICTION = range(len(PARTS))
+# numbers per cell and quadrature point in one chunk
+CHUNK = 2**21
+
+
+@dataclass
+class Estimate:
+    """Of one displacement, the same on every rank but for the cells.
+
+    Attributes
+    ----------
+    absolute : float
+        Energy norm of the error, sqrt(int sigma(e) : eps(e)).
+    energy : float
+        The same norm of the displacement.
+    parts : dict of str to float
+        What each kind of residual brings about alone.
+    surfaces : dict of str to dict of str to float
+        For each pair of Nitsche's method the residual P - t on the source, ``contact`` along and ``friction`` across
+        its direction, in the norm sqrt(int |.|^2 / lambda) with the constant lambda of the trace inequality
+        [sqrt(energy)].
+    cells : list of ndarray (nc,)
+        Contribution of every cell of each block; their squares sum to that of ``absolute``.
+    """
+
+    absolute: float
+    energy: float
+    parts: dict
+    surfaces: dict
+    cells: list
+
+
+def volume_rule(cell, geometry_degree, degree, axisymmetric):
+    """Quadrature that integrates the energy of the test functions."""
+    simplex = not CELLS[cell].is_tensor
+    return quadrature(cell, 2 * degree + 2 * (geometry_degree - 1) * simplex + (2 - 2 * simplex) + 2 * axisymmetric)
+
+
+class Estimator:
+    """Estimates the error of displacements of one problem.
+
+    Parameters
+    ----------
+    problem : pcontact.solve.problem.Problem
+    loads : list of (pcontact.scene.model.Load, pcontact.scene.amplitude.Amplitude)
+        With their factors of time.
+
+    Notes
+    -----
+    The constructor is *Collective*, and so are the calls.
+    """
+
+    def __init__(self, problem, loads):
+        self.problem, self.space, self._loads = problem, problem.space, loads
+        self.bulk, self.items = problem.items[0], problem.items[1:]
+        self._pairs = FacetPairs(self.space)
+        self._recovery = Recovery(self.space)
+        names = {half.contact.target for item in self.items for half in halves(item)} - {None}
+        self._cells = Cells(self.space, sorted(names))
+        self._kind = self._kinds()
+
+    # -- set-up ---------------------------------------------------------------------------------------------------
+
+    def _kinds(self):
+        """For each block, whose residual (normal, tangential) a facet's is, as parts (nc, nf, 2); -1: none."""
+        space, result = self.space, []
+        for block in space.mesh.blocks:
+            result.append(np.full((len(block.nodes), len(CELLS[block.cell].facets), 2), NEUMANN, dtype=np.int64))
+        for item in self.items:
+            for half in halves(item):
+                for name in (half.contact.source, half.contact.target):
+                    facets = source_facets(space, name) if name is not None else np.zeros((0, 3), np.int64)
+                    for number in np.unique(facets[:, 0]):
+                        _, cells, local = facets[facets[:, 0] == number].T
+                        result[number][cells, local] = self._parts_of(item)
+        return result
+
+    @staticmethod
+    def _parts_of(item):
+        """Parts of the residual along and across the direction of contact."""
+        if item.contact.tied:
+            return JUMPS, JUMPS
+        return (CONTACT, FRICTION) if hasattr(halves(item)[0], "law") else (CONTACT, CONTACT)
+
+    # -- residuals ------------------------------------------------------------------------------------------------
+
+    def __call__(self, u, time):
+        """Estimate the error of a displacement at the end of a load step. *Collective.*
+
+        Parameters
+        ----------
+        u : PETSc.Vec
+        time : float
+
+        Returns
+        -------
+        Estimate
+        """
+        space = self.space
+        nodal = space.local.gather(u)
+        tested = [np.zeros((len(b.nodes), len(PARTS), *self._width(b))) for b in space.mesh.blocks]
+        self._add_facets(nodal, time, tested)
+        surfaces = {}
+        for item in self.items:
+            states = [half.state(u) for half in halves(item)]
+            self._add_contact(item, states, tested)
+            if item.contact.formulation == "nitsche":
+                surfaces[item.name] = self._on_surface(item, states)
+        squares = [self._solve(number, nodal, time, t) for number, t in enumerate(tested)]
+        total = sum((s.sum(axis=0) for s in squares), np.zeros(len(PARTS) + 1))
+        total = np.sqrt(space.comm.allreduce(total, op=MPI.SUM))
+        parts = dict(zip(PARTS, total[:-1].tolist(), strict=True))
+        return Estimate(float(total[-1]), self._energy(u), parts, surfaces, [np.sqrt(s[:, -1]) for s in squares])
+
+    def _width(self, block):
+        nb = bubbles(block.cell, self.space.degree, np.zeros((1, self.space.dim)))[0].shape[1]
+        return nb, self.space.dim
+
+    def norm(self, v):
+        """Energy norm of a displacement of elastic bodies. *Collective.*"""
+        out = np.zeros((self.space.n_owned, self.space.dim))
+        ElasticBulk.residual(self.bulk, v, out)
+        return self._root(v, out)
+
+    def _energy(self, u):
+        out = np.zeros((self.space.n_owned, self.space.dim))
+        self.bulk.residual(u, out)
+        return self._root(u, out)
+
+    def _root(self, u, out):
+        work = float(np.vdot(out, u.getArray(readonly=True)))
+        return float(np.sqrt(max(self.space.comm.allreduce(work, op=MPI.SUM), 0.0)))
+
+    def _parts(self, number, points):
+        """Chunks of a block's cells."""
+        n, size = len(self.space.mesh.blocks[number].nodes), max(CHUNK // points, 1)
+        return [slice(first, min(first + size, n)) for first in range(0, n, size)]
+
+    def _tractions(self, number, nodal):
+        """sigma n (nc, nf, nq, d) and quadrature weights (nc, nf, nq), normals (nc, nf, nq, d) of a block's facets."""
+        space, mesh = self.space, self.space.mesh
+        block = mesh.blocks[number]
+        table, geometry_degree = mesh.geometry_nodes(block)
+        xi, weights = facet_rule(block.cell, space.degree)
+        on_cell = facet_points(block.cell, xi)
+        shape_ = len(block.nodes), len(on_cell), len(weights)
+        traction, normal, jxw = np.empty((*shape_, mesh.dim)), np.empty((*shape_, mesh.dim)), np.empty(shape_)
+        for rows in self._parts(number, len(weights) * space.cells[number].shape[1] * mesh.dim):
+            x = np.ascontiguousarray(mesh.points[table[rows]])
+            stress = BlockStress(space, self.bulk, number, rows, nodal)
+            for f, at_xi in enumerate(on_cell):
+                local = np.full(len(x), f, dtype=np.int64)
+                at = facet_geometry(block.cell, x, local, geometry_degree, space.degree, xi, weights)
+                radius = at.points[:, :, 0] if space.axisymmetric else None
+                sigma, _ = stress(at.gradients, shape(block.cell, space.degree, at_xi), radius, at_xi)
+                traction[rows, f] = np.einsum("cqij,cqj->cqi", sigma, at.normals)
+                normal[rows, f] = at.normals
+                jxw[rows, f] = at.jxw * space.circumference(at.points)
+        return traction, normal, jxw
+
+    def _add_facets(self, nodal, time, tested):
+        """Residuals of all facets but for the tractions of contact. *Collective.*"""
+        space, mesh = self.space, self.space.mesh
+        own = [self._tractions(number, nodal) for number in range(len(mesh.blocks))]
+        stiffness = [self.bulk.constants[b.body][0] + 2.0 * self.bulk.constants[b.body][1] for b in mesh.blocks]
+        flat, width = [], max([0, *(t.shape[2] * t.shape[3] for t, _, _ in own)])
+        width = space.comm.allreduce(width, op=MPI.MAX)
+        flux = self._flux(nodal, own)
+        for number in range(len(own)):
+            values = self._pairs.canonical(number, flux[number])
+            table = np.zeros((values.shape[0] * values.shape[1], width + 1))
+            table[:, 0] = stiffness[number]
+            n = values.shape[2] * values.shape[3]
+            table[:, 1 : 1 + n] = values.reshape(len(table), n)
+            flat.append(table)
+        other = self._pairs.other_side(np.concatenate([np.zeros((0, width + 1)), *flat]))
+        for number, (traction, normal, jxw) in enumerate(own):
+            first, last = self._pairs.first[number : number + 2]
+            n = traction.shape[2] * traction.shape[3]
+            theirs = other[first:last, 1 : 1 + n].reshape(traction.shape)
+            theirs = self._pairs.canonical(number, theirs, back=True)
+            inner = self._pairs.inner[first:last].reshape(traction.shape[:2])
+            share = stiffness[number] / (stiffness[number] + other[first:last, 0])
+            share = share.reshape(inner.shape)[:, :, None, None]
+            jump = ((1.0 - share) * flux[number] - share * theirs - traction) * inner[:, :, None, None]
+            outer = self._outer(number, time, traction, normal, inner)
+            self._test(number, traction, jump, outer, jxw, tested[number])
+
+    def _flux(self, nodal, own):
+        """Traction (nc, nf, nq, d) of the averaged stress at each block's facets. *Collective.*"""
+        result = []
+        for number, sigma in enumerate(self._recovery(self.bulk, nodal)):
+            block = self.space.mesh.blocks[number]
+            points = facet_points(block.cell, facet_rule(block.cell, self.space.degree)[0])
+            values = shape(block.cell, self.space.degree, points.reshape(-1, self.space.dim))
+            at = np.einsum("pa,caij->cpij", values, sigma).reshape(*own[number][0].shape, self.space.dim)
+            result.append(np.einsum("cfqij,cfqj->cfqi", at, own[number][1]))
+        return result
+
+    def _outer(self, number, time, traction, normal, inner):
+        """Residual g - t (n_parts, nc, nf, nq, d) of the facets on the boundary."""
+        space, along = self.space, np.sum(traction * normal, axis=3, keepdims=True) * normal
+        result = {}
+        for k, value in ((0, -along), (1, along - traction)):
+            for part in (JUMPS, NEUMANN, CONTACT, FRICTION):
+                on = (self._kind[number][:, :, k] == part) & ~inner
+                if on.any():
+                    result[part] = result.get(part, 0.0) + value * on[:, :, None, None]
+        for load, amplitude in self._loads:
+            for facets in space.mesh.facet_groups.get(load.region, []) if load.body_force is None else []:
+                if facets.block != number or not len(facets.cells):
+                    continue
+                where = facets.cells, facets.local
+                if load.pressure is not None:
+                    density = -load.pressure * normal[where]
+                else:
+                    density = np.broadcast_to(np.asarray(load.traction, dtype=float), normal[where].shape)
+                result.setdefault(NEUMANN, np.zeros_like(traction))[where] += amplitude.factor(time) * density
+        return result
+
+    def _test(self, number, traction, jump, outer, jxw, tested):
+        """Test the residuals of a block's facets with the functions on them."""
+        block, degree = self.space.mesh.blocks[number], self.space.degree
+        points = facet_points(block.cell, facet_rule(block.cell, degree)[0])
+        for f, at in enumerate(points):
+            values = bubbles(block.cell, degree, at)[0]
+            weight = jxw[:, f, :, None]
+            for part, residual in ((INTERIOR, traction), (JUMPS, jump), *outer.items()):
+                tested[:, part] += np.matmul(values.T, weight * residual[:, f])
+
+    def _add_contact(self, item, states, tested):
+        """Tractions of contact. *Collective.*"""
+        normal_part, across_part = self._parts_of(item)
+        for half, state in zip(halves(item), states, strict=True):
+            sides = [on_source(self.space, half, state)]
+            if not half.rigid:
+                part = 0.5 if hasattr(item, "halves") else 1.0
+                sides.append(on_target(self.space, half, state, self._cells, part))
+            for number, forces in ((n, f) for side in sides for n, f in side.items()):
+                values = bubbles(self.space.mesh.blocks[number].cell, self.space.degree, forces.xi)[0]
+                along = np.sum(forces.force * forces.normal, axis=1)[:, None] * forces.normal
+                for part, force in ((normal_part, along), (across_part, forces.force - along)):
+                    np.add.at(tested[number], (forces.rows, part), values[:, :, None] * force[:, None, :])
+
+    def _on_surface(self, item, states):
+        """The residual P - t of a pair, weighted; see :class:`Estimate`. *Collective.*"""
+        sums = np.zeros(2)
+        for half, state in zip(halves(item), states, strict=True):
+            source, normal = half.source, half.pairing.normal
+            weight = state["weight"] / source.trace[source.facet]
+            sums[0] += weight @ (state["pressure"] + state["normal_stress"]) ** 2
+            if "own_traction" in state:
+                rest = state["traction"] - state["own_traction"]
+                sums[1] += weight @ (np.sum(rest**2, axis=1) - np.sum(rest * normal, axis=1) ** 2)
+        contact, friction = np.sqrt(np.maximum(self.space.comm.allreduce(sums, op=MPI.SUM), 0.0)).tolist()
+        return {"contact": contact, "friction": friction}
+
+    # -- local problems -------------------------------------------------------------------------------------------
+
+    def _fixed(self, number, rows):
+        """Components (n, nb, d) of test functions that supports hold."""
+        space, block = self.space, self.space.mesh.blocks[number]
+        held = self.problem.supports.fixed[space.cells[number][rows]]
+        first, last = self._pairs.first[number : number + 2]
+        outer = ~self._pairs.inner[first:last].reshape(len(block.nodes), -1)[rows]
+        facets = held[:, facet_nodes(block.cell, space.degree)].all(axis=2)
+        facets &= outer[:, :, None] | held.all(axis=1)[:, None, :]
+        on = supports(block.cell, space.degree)
+        return np.einsum("bf,cfi->cbi", on.astype(float), facets.astype(float)) > 0.5
+
+    def _solve(self, number, nodal, time, tested):
+        """Squared energies (nc, n_parts + 1) of a block's local problems."""
+        space, mesh = self.space, self.space.mesh
+        block = mesh.blocks[number]
+        table, geometry_degree = mesh.geometry_nodes(block)
+        xi, weights = volume_rule(block.cell, geometry_degree, space.degree, space.axisymmetric)
+        dgeo = np.ascontiguousarray(shape_gradient(block.cell, geometry_degree, xi))
+        dshape = np.ascontiguousarray(shape_gradient(block.cell, space.degree, xi))
+        tests, dtests = bubbles(block.cell, space.degree, xi)
+        dtests, geo = np.ascontiguousarray(dtests), shape(block.cell, geometry_degree, xi)
+        out, (lam, mu) = np.zeros((len(block.nodes), len(PARTS) + 1)), self.bulk.constants[block.body]
+        own, shared = factors(lam, mu, space.averages(block))
+        force = self._body_force(number, time)
+        for rows in self._parts(number, dtests.size + dshape.size):
+            x = np.ascontiguousarray(mesh.points[table[rows]])
+            jxw, radius = np.empty((len(x), len(weights))), None
+            grad, test = np.empty((len(x), *dshape.shape)), np.empty((len(x), *dtests.shape))
+            gradients(x, dgeo, dshape, weights, grad, jxw)
+            gradients(x, dgeo, dtests, weights, test, jxw)
+            ring = np.zeros((0, 0, 0))
+            if space.axisymmetric:
+                radius = x[:, :, 0] @ geo.T
+                jxw *= 2.0 * np.pi * radius
+                ring = np.ascontiguousarray(hoop_operator(tests, radius))
+            stress = BlockStress(space, self.bulk, number, rows, nodal)
+            sigma, around = stress(grad, shape(block.cell, space.degree, xi), radius, xi)
+            loads = np.ascontiguousarray(tested[rows])
+            loads[:, INTERIOR] -= _work(sigma, around, test, ring, jxw)
+            if force is not None:
+                loads[:, INTERIOR] += (jxw @ tests)[:, :, None] * force[rows][:, None, :]
+            energies(test, ring, jxw, own, shared, mu, loads, self._fixed(number, rows), out[rows])
+        return out
+
+    def _body_force(self, number, time):
+        """Force density (nc, d) in a block's cells, None where there is none."""
+        total = None
+        for load, amplitude in self._loads:
+            groups = self.space.mesh.cell_groups.get(load.region, []) if load.body_force is not None else []
+            if number < len(groups) and len(groups[number]):
+                if total is None:
+                    total = np.zeros((len(self.space.mesh.blocks[number].nodes), self.space.dim))
+                total[groups[number]] += amplitude.factor(time) * np.asarray(load.body_force, dtype=float)
+        return total
+
+
+def _work(sigma, around, test, ring, jxw):
+    """int sigma : eps(v) (nc, nb, d) for all test functions."""
+    nc, nq, nb, d = test.shape
+    weighted = (jxw[:, :, None, None] * sigma).transpose(0, 1, 3, 2).reshape(nc, nq * d, d)
+    work = np.matmul(test.transpose(0, 2, 1, 3).reshape(nc, nb, nq * d), weighted)
+    if around is not None:
+        work[:, :, 0] += np.einsum("cq,cq,cqb->cb", jxw, around, ring)
+    return work

@@ -1,0 +1,129 @@
+"""The local problems: elasticity of one cell at a time, small dense systems, all cells of a block in one call."""
+
+import numpy as np
+
+from pcontact.runtime.jit import njit
+
+
+@njit
+def _assemble(grad, ring, jxw, c, lam, shared, mu, out):
+    """Stiffness (n, n) of cell c for the test functions; the lower triangle is enough."""
+    nq, nb, d = grad.shape[1], grad.shape[2], grad.shape[3]
+    out[:, :] = 0.0
+    if shared != 0.0:
+        _add_mean(grad, ring, jxw, c, shared, out)
+    for q in range(nq):
+        w = jxw[c, q]
+        for a in range(nb):
+            hoop_a = ring[c, q, a] if ring.shape[0] else 0.0
+            for b in range(a + 1):
+                hoop_b = ring[c, q, b] if ring.shape[0] else 0.0
+                dot = 0.0
+                for i in range(d):
+                    dot += grad[c, q, a, i] * grad[c, q, b, i]
+                for i in range(d):
+                    left = grad[c, q, a, i] + (hoop_a if i == 0 else 0.0)
+                    for j in range(d):
+                        right = grad[c, q, b, j] + (hoop_b if j == 0 else 0.0)
+                        value = lam * left * right + mu * grad[c, q, a, j] * grad[c, q, b, i]
+                        if i == j:
+                            value += mu * dot
+                        if i == 0 and j == 0:
+                            value += 2.0 * mu * hoop_a * hoop_b
+                        out[a * d + i, b * d + j] += w * value
+
+
+@njit
+def _add_mean(grad, ring, jxw, c, shared, out):
+    """Add the energy of the mean dilatation of cell c."""
+    nq, nb, d = grad.shape[1], grad.shape[2], grad.shape[3]
+    mean, volume = np.zeros(nb * d), 0.0
+    for q in range(nq):
+        volume += jxw[c, q]
+        for a in range(nb):
+            for i in range(d):
+                mean[a * d + i] += jxw[c, q] * grad[c, q, a, i]
+            if ring.shape[0]:
+                mean[a * d] += jxw[c, q] * ring[c, q, a]
+    for a in range(nb * d):
+        for b in range(nb * d):
+            out[a, b] += shared / volume * mean[a] * mean[b]
+
+
+@njit
+def _factorise(a):
+    """Cholesky factor of the lower triangle, in place."""
+    n = a.shape[0]
+    for j in range(n):
+        s = a[j, j]
+        for k in range(j):
+            s -= a[j, k] * a[j, k]
+        a[j, j] = np.sqrt(s)
+        for i in range(j + 1, n):
+            s = a[i, j]
+            for k in range(j):
+                s -= a[i, k] * a[j, k]
+            a[i, j] = s / a[j, j]
+
+
+@njit
+def _square(a, b):
+    """b . A^-1 b from the Cholesky factor of A; b is overwritten."""
+    total = 0.0
+    for i in range(a.shape[0]):
+        s = b[i]
+        for k in range(i):
+            s -= a[i, k] * b[k]
+        b[i] = s / a[i, i]
+        total += b[i] * b[i]
+    return total
+
+
+@njit
+def energies(grad, ring, jxw, lam, shared, mu, loads, fixed, out):
+    """Squared energy norms of the solutions of the cells' local problems.
+
+    Find e with  int sigma(e) : eps(v) = load(v)  for all test functions v of the cell.
+
+    Parameters
+    ----------
+    grad : ndarray (nc, nq, nb, d)
+        Physical gradients of the test functions [1/length].
+    ring : ndarray (nc, nq, nb), or (0, 0, 0)
+        Test functions over radius with axial symmetry [1/length].
+    jxw : ndarray (nc, nq)
+    lam, shared, mu : float
+        Factors of the dilatation and of its mean, see `pcontact.element.dilatation.factors`, and shear modulus
+        [stress].
+    loads : ndarray (nc, n_parts, nb, d)
+        Residual of each kind, tested [force].
+    fixed : ndarray (nc, nb, d) of bool
+        Components that supports hold.
+    out : ndarray (nc, n_parts + 1)
+        Output [energy]: of each kind alone, and last of their sum.
+    """
+    nc, parts, nb, d = loads.shape
+    n = nb * d
+    matrix, vector = np.zeros((n, n)), np.zeros(n)
+    for c in range(nc):
+        _assemble(grad, ring, jxw, c, lam, shared, mu, matrix)
+        for a in range(nb):
+            for i in range(d):
+                if fixed[c, a, i]:
+                    row = a * d + i
+                    matrix[row, :] = 0.0
+                    matrix[:, row] = 0.0
+                    matrix[row, row] = 1.0
+        _factorise(matrix)
+        for part in range(parts + 1):
+            for a in range(nb):
+                for i in range(d):
+                    value = 0.0
+                    if not fixed[c, a, i]:
+                        if part < parts:
+                            value = loads[c, part, a, i]
+                        else:
+                            for k in range(parts):
+                                value += loads[c, k, a, i]
+                    vector[a * d + i] = value
+            out[c, part] = _square(matrix, vector)

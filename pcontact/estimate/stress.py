@@ -1,0 +1,113 @@
+"""Stress at any points of cells: of the elastic displacement, and of cells that have yielded."""
+
+import numpy as np
+
+from pcontact.assembly.geometry import bulk_degree, some_cells
+from pcontact.assembly.plastic import NO_RING
+from pcontact.assembly.plastic_kernels import excess_at
+from pcontact.contact.plastic_trace import extrapolation
+from pcontact.element.dilatation import factors, hoop_operator, mean_dilatation
+from pcontact.material.mandel import HALF
+
+# rows and columns of Mandel components; the third entry is across the plane in two dimensions
+PLACES = ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))
+
+
+class BlockStress:
+    """Stress of some cells of a block under a displacement.
+
+    Parameters
+    ----------
+    space : pcontact.space.space.Space
+    bulk : pcontact.assembly.bulk.ElasticBulk
+        After the load step has been committed: cells that yield do so in the state at its end.
+    number : int
+        Block.
+    rows : slice
+        Cells.
+    nodal : ndarray (n_local, d)
+    """
+
+    def __init__(self, space, bulk, number, rows, nodal):
+        block = space.mesh.blocks[number]
+        self.space, self.block, self.degree = space, block, space.degree
+        self.lam, self.mu = bulk.constants[block.body]
+        self.u = nodal[space.cells[number][rows]]
+        averaged = space.averages(block)
+        self.own, shared = factors(self.lam, self.mu, averaged)
+        self.shared = None
+        if averaged:
+            table, degree = space.mesh.geometry_nodes(block)
+            order = bulk_degree(block.cell, space.degree, degree, space.axisymmetric)
+            x = np.ascontiguousarray(space.mesh.points[table[rows]])
+            mean = mean_dilatation(block.cell, x, degree, space.degree, order, space.axisymmetric)
+            self.shared = shared * np.einsum("cad,cad->c", mean, self.u)
+        state = getattr(bulk, "states", {}).get(number)
+        self.excess = None if state is None else _excess(space, state, number, rows, nodal)
+
+    def __call__(self, grad, values, radius, xi):
+        """Stress at points.
+
+        Parameters
+        ----------
+        grad : ndarray (nc, nq, nn, d)
+            Physical shape gradients [1/length].
+        values : ndarray (nq, nn)
+            Shape functions.
+        radius : ndarray (nc, nq) or None
+            With axial symmetry.
+        xi : ndarray (nq, d)
+            The points in the reference cell.
+
+        Returns
+        -------
+        stress : ndarray (nc, nq, d, d)
+        around : ndarray (nc, nq) or None
+            Hoop stress with axial symmetry.
+        """
+        d = grad.shape[3]
+        slope = np.matmul(self.u.transpose(0, 2, 1)[:, None], grad)
+        trace, ring = np.trace(slope, axis1=2, axis2=3), None
+        if radius is not None:
+            ring = np.einsum("cqa,ca->cq", hoop_operator(values, radius), self.u[:, :, 0])
+            trace = trace + ring
+        volumetric = self.own * trace
+        if self.shared is not None:
+            volumetric = volumetric + self.shared[:, None]
+        stress = self.mu * (slope + slope.transpose(0, 1, 3, 2))
+        stress += volumetric[:, :, None, None] * np.eye(d)
+        around = None if ring is None else volumetric + 2.0 * self.mu * ring
+        if self.excess is not None:
+            excess, points = self.excess
+            around = _add_excess(np.matmul(extrapolation(self.block.cell, self.degree, points, xi), excess),
+                                 stress, around)  # fmt: skip
+        return stress, around
+
+
+def _excess(space, state, number, rows, nodal):
+    """Excess (nc, nq, m) over elasticity at the bulk's own points, and these points (nq, d)."""
+    cells = np.arange(len(space.cells[number]))[rows]
+    grad, ring, xi = some_cells(space, number, cells)
+    ring = NO_RING if ring is None else np.ascontiguousarray(ring)
+    m = state.strain.shape[2]
+    excess = np.zeros(state.strain[rows].shape)
+    excess_at(
+        nodal, space.cells[number][rows], grad, ring, *state.material, state.strain[rows], state.p[rows], False, excess,
+        np.zeros((0, 0, m, m)),
+    )  # fmt: skip
+    return excess, xi
+
+
+def _add_excess(excess, stress, around):
+    """Add Mandel components (nc, nq, m) to tensors; returns the hoop stress."""
+    d = stress.shape[2]
+    for k in range(excess.shape[2]):
+        i, j = PLACES[k]
+        if max(i, j) < d:
+            value = excess[:, :, k] * (1.0 if i == j else HALF)
+            stress[:, :, i, j] += value
+            if i != j:
+                stress[:, :, j, i] += value
+        elif around is not None:
+            around = around + excess[:, :, k]
+    return around

@@ -1,0 +1,224 @@
+"""Contact tractions as forces at points of cells: on the source where they are integrated, and on the target."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pcontact.contact.surface import FACETS
+from pcontact.element.geometry import facet_geometry
+from pcontact.element.reference import CELLS, facet_nodes, facet_points, reference_nodes
+from pcontact.estimate.facets import facet_rule
+from pcontact.runtime.parallel import split_by_rank
+
+# least part of a facet that has partners, for it to be taken as covered
+COVERED = 0.7
+
+
+@dataclass
+class PointForces:
+    """Forces at points of one block's cells.
+
+    Attributes
+    ----------
+    rows : ndarray (n,)
+        Cells.
+    xi : ndarray (n, d)
+        Reference coordinates.
+    force, normal : ndarray (n, d)
+        [force], and the direction of contact.
+    """
+
+    rows: np.ndarray
+    xi: np.ndarray
+    force: np.ndarray
+    normal: np.ndarray
+
+
+def halves(item):
+    """The one-sided items that an item consists of."""
+    return getattr(item, "halves", [item])
+
+
+def source_facets(space, name):
+    """Block, cell and local number (n, 3) of the facets of a group, in the order of a source surface."""
+    parts = [
+        np.column_stack([np.full(len(f.cells), f.block), f.cells, f.local])
+        for f in space.mesh.facet_groups.get(name, [])
+    ]
+    return np.concatenate([np.zeros((0, 3), np.int64), *parts])
+
+
+def on_source(space, item, state):
+    """Forces of a one-sided item on its source.
+
+    Parameters
+    ----------
+    space : pcontact.space.space.Space
+    item : pcontact.contact.item.ContactItem
+    state : dict
+        Of ``item.state``.
+
+    Returns
+    -------
+    dict of int to PointForces
+        By block.
+    """
+    source, result = item.source, {}
+    place = source_facets(space, item.contact.source)[source.facet]
+    for number in np.unique(place[:, 0]):
+        p = np.flatnonzero(place[:, 0] == number)
+        block, rows = space.mesh.blocks[number], place[p, 1]
+        reference = reference_nodes(block.cell, space.degree)
+        # columns of the source may be some nodes of the cell only, in any order
+        own = space.cells[number][rows][:, :, None] == source.cells[source.facet[p]][:, None, :]
+        xi = np.einsum("pa,pad->pd", source.shape[p], reference[np.argmax(own, axis=1)])
+        force = state["traction"][p, : space.dim] * state["weight"][p, None]
+        result[int(number)] = PointForces(rows, xi, force, source.normal[p])
+    return result
+
+
+class Cells:
+    """Where cells are: on which rank, and where there.
+
+    Parameters
+    ----------
+    space : pcontact.space.space.Space
+    names : sequence of str
+        Facet groups whose parent cells may be asked for.
+
+    Notes
+    -----
+    The constructor is *Collective*.
+    """
+
+    def __init__(self, space, names):
+        self.space = space
+        facets = np.concatenate([np.zeros((0, 3), np.int64), *(source_facets(space, name) for name in names)])
+        place = np.unique(facets[:, :2], axis=0)
+        ids = np.array([space.mesh.blocks[b].ids[c] for b, c in place], dtype=np.int64)
+        order = np.argsort(ids)
+        self._ids, self._place = ids[order], place[order]
+        if space.comm.size == 1:
+            return
+        sends, _ = split_by_rank(self._home(self._ids), self._ids)
+        told = space.exchanger(sends, np.int64, 1)
+        ids = np.concatenate([np.zeros(0, np.int64), *(t.ravel() for t in told.values())])
+        ranks = np.concatenate([np.zeros(0, np.int64), *(np.full(len(t), r) for r, t in told.items())])
+        order = np.argsort(ids)
+        self._known, self._rank = ids[order], ranks[order]
+
+    def _home(self, ids):
+        return ids * self.space.comm.size // self.space.mesh.n_cells_total
+
+    def deliver(self, ids, table):
+        """Bring rows of a table (n, k) to the ranks that have the cells (n,). *Collective.*
+
+        Returns
+        -------
+        place : ndarray (m, 2)
+            Block and row of the cells here.
+        table : ndarray (m, k)
+        """
+        space = self.space
+        if space.comm.size > 1:
+            width = table.shape[1] + 1
+            rows = np.column_stack([ids, table])
+            sends, _ = split_by_rank(self._home(ids), rows)
+            rows = np.concatenate([np.zeros((0, width)), *space.exchanger(sends, np.float64, width).values()])
+            owner = self._rank[np.searchsorted(self._known, rows[:, 0].astype(np.int64))]
+            sends, _ = split_by_rank(owner, rows)
+            rows = np.concatenate([np.zeros((0, width)), *space.exchanger(sends, np.float64, width).values()])
+            ids, table = rows[:, 0].astype(np.int64), rows[:, 1:]
+        return self._place[np.searchsorted(self._ids, ids)], table
+
+
+def on_target(space, item, state, cells, part=1.0):
+    """Forces of a one-sided item on its target, brought to the ranks of the target's cells. *Collective.*
+
+    Parameters
+    ----------
+    space, item, state
+        See :func:`on_source`.
+    cells : Cells
+    part : float
+        What the weights of the points make of an area: 1/2 for unbiased contact.
+
+    Returns
+    -------
+    dict of int to PointForces
+    """
+    p, d = item.pairing, space.dim
+    # in space points without a force count, too: they tell how much of a facet has partners
+    acting = np.flatnonzero(p.paired if d == 3 else p.paired & state["traction"].any(axis=1))
+    weight = state["weight"][acting]
+    force = -state["traction"][acting, :d] * weight[:, None]
+    width = 3 if d == 2 else 9
+    shape = np.zeros((len(acting), width))
+    shape[:, : p.target_shape.shape[1]] = p.target_shape[acting]
+    ids = p.ids[acting]
+    table = np.column_stack([ids % FACETS, weight / part, force, p.normal[acting], shape])
+    place, table = cells.deliver(ids // FACETS, table)
+    local, weight, result = table[:, 0].astype(np.int64), table[:, 1], {}
+    for number in np.unique(place[:, 0]):
+        n = np.flatnonzero(place[:, 0] == number)
+        block = space.mesh.blocks[number]
+        nodes = facet_nodes(block.cell, space.degree)[local[n]]
+        shape = table[n, 2 + 2 * d : 2 + 2 * d + nodes.shape[1]]
+        xi = np.einsum("pa,pad->pd", shape, reference_nodes(block.cell, space.degree)[nodes])
+        forces = PointForces(place[n, 1], xi, table[n, 2 : 2 + d], table[n, 2 + d : 2 + 2 * d])
+        if d == 3:
+            at = shape @ reference_nodes(CELLS[block.cell].facet, space.degree)
+            forces = _fitted(space, number, local[n], at, weight[n], forces, part)
+        result[int(number)] = forces
+    return result
+
+
+def _powers(xi, degree):
+    """Monomials (n, k) up to a total degree at facet points (n, 2), those of lower degree first."""
+    pairs = [(total - j, j) for total in range(degree + 1) for j in range(total + 1)]
+    return np.stack([xi[:, 0] ** i * xi[:, 1] ** j for i, j in pairs], axis=1)
+
+
+def _fit(own, facet, count, weight, values):
+    """Coefficients (nf, k, m) of the polynomials nearest to values (n, m) at the points of each facet.
+
+    Of a degree with at most half as many coefficients as the facet has points.
+    """
+    k, nf = own.shape[1], len(count)
+    kept = np.arange(k) < np.where(count >= 12, 6, np.where(count >= 6, 3, 1))[:, None]
+    own = own * kept[facet]
+    matrix, right = np.zeros((nf, k, k)), np.zeros((nf, k, values.shape[1]))
+    np.add.at(matrix, facet, weight[:, None, None] * own[:, :, None] * own[:, None, :])
+    np.add.at(right, facet, weight[:, None, None] * own[:, :, None] * values[:, None, :])
+    # points in a line, and points without weight, leave coefficients open: the smallest ones are taken
+    size = np.bincount(facet, weight, minlength=nf)[:, None]
+    matrix[:, np.arange(k), np.arange(k)] += np.where(kept & (size > 0.0), 1e-10 * size, 1.0)
+    return np.linalg.solve(matrix, right)
+
+
+def _fitted(space, number, local, xi, weight, forces, part):
+    """Forces that facets with partners all over get from the polynomial nearest to the traction at the points.
+
+    The points are a quadrature rule of the source's facets, and a poor one on those of another mesh: as forces at
+    points a uniform traction would look like a rough one.
+    """
+    block = space.mesh.blocks[number]
+    facets, inverse, count = np.unique(forces.rows * FACETS + local, return_inverse=True, return_counts=True)
+    cells, sides = np.divmod(facets, FACETS)
+    table, geometry_degree = space.mesh.geometry_nodes(block)
+    points, w = facet_rule(block.cell, space.degree)
+    x = np.ascontiguousarray(space.mesh.points[table[cells]])
+    at = facet_geometry(block.cell, x, sides, geometry_degree, space.degree, points, w)
+    area, have = at.jxw.sum(axis=1), np.bincount(inverse, weight, minlength=len(facets))
+    covered = (have > COVERED * area) & (have < area / COVERED)
+    rest = ~covered[inverse]
+    traction = forces.force / (part * weight)[:, None]
+    fit = _fit(_powers(xi, space.degree), inverse, count, weight, traction)[covered]
+    smooth = part * at.jxw[covered][:, :, None] * np.matmul(_powers(points, space.degree), fit)
+    on_cell = facet_points(block.cell, points)[sides[covered]]
+    return PointForces(
+        np.concatenate([forces.rows[rest], np.repeat(cells[covered], len(points))]),
+        np.concatenate([forces.xi[rest], on_cell.reshape(-1, 3)]),
+        np.concatenate([forces.force[rest], smooth.reshape(-1, 3)]),
+        np.concatenate([forces.normal[rest], -at.normals[covered].reshape(-1, 3)]),
+    )

@@ -1,0 +1,104 @@
+"""Observer that estimates the error of every step: that of the mesh, and apart from it that of the solver."""
+
+from pcontact.estimate.estimator import Estimator
+from pcontact.runtime.petsc import PETSc
+from pcontact.scene import amplitude
+from pcontact.solve.filter import new_preconditioner
+
+# one more Newton step is solved to this part of its right-hand side, with so many iterations at most
+STEP_RTOL, STEP_ITERATIONS = 0.1, 50
+
+
+def label(scene):
+    """What the estimate of a scene's run is, and where theory ends.
+
+    Parameters
+    ----------
+    scene : pcontact.scene.model.Scene
+        With the numerics of its contacts resolved.
+
+    Returns
+    -------
+    str
+    """
+    words = ["error of the displacement in the energy norm, from the mesh alone"]
+    if any(scene.yields(body) for body in scene.bodies):
+        words.append("indicator: no proof under yielding")
+    if any(contact.friction for contact in scene.contacts):
+        words.append("Coulomb friction: the proof is for Tresca friction")
+    others = {c.formulation for c in scene.contacts if c.formulation != "nitsche"}
+    if "penalty" in others:
+        words.append("penalty: the penetration that it admits is not in it")
+    if "augmented_lagrangian" in others:
+        words.append("augmented Lagrangian: what multipliers lack is not in it")
+    return "; ".join(words)
+
+
+class ErrorEstimate:
+    """Adds ``estimate`` to the record of every step. It has to be the first observer.
+
+    Parameters
+    ----------
+    problem : pcontact.solve.problem.Problem
+    scene : pcontact.scene.model.Scene
+    newton : pcontact.solve.newton.Newton
+        Its last linear system tells what Newton's iteration has left over.
+
+    Attributes
+    ----------
+    cells : list of ndarray (nc,)
+        Estimate of every cell of each block after the last step [sqrt(energy)].
+    last : dict or None
+        What was added to the record of the last step.
+
+    Notes
+    -----
+    The constructor is *Collective*.
+    """
+
+    def __init__(self, problem, scene, newton):
+        loads = [(load, amplitude(load.amplitude, scene.steps.end)) for load in scene.loads]
+        self._problem, self._newton, self.cells = problem, newton, []
+        self.last, self._largest = None, 0.0
+        self._estimator = Estimator(problem, loads)
+
+    def step(self, step, u, record):
+        """Estimate. *Collective.*"""
+        estimate = self._estimator(u, step.time)
+        self.cells = estimate.cells
+        # relative to the largest norm of the run: bodies that have been let go have none, but stresses that remain
+        self._largest = max(self._largest, estimate.energy)
+        self.last = record["estimate"] = {
+            "absolute": estimate.absolute,
+            "relative": estimate.absolute / self._largest if self._largest > 0.0 else float("nan"),
+            "energy_norm": estimate.energy,
+            "algebraic": self._algebraic(u),
+            "parts": estimate.parts,
+            "surfaces": estimate.surfaces,
+        }
+
+    def _algebraic(self, u):
+        """Energy norm of the step that Newton's iteration would take next, solved roughly. *Collective.*"""
+        problem, matrix = self._problem, self._problem.matrix.matrix
+        residual, step = problem.space.vector(), problem.space.vector()
+        problem.residual(u, residual)
+        if residual.norm() == 0.0:
+            return 0.0
+        # a solver of its own: that of Newton's iteration is not left alone, its set-up belongs to another matrix
+        ksp = PETSc.KSP().create(comm=problem.space.comm)
+        ksp.setType("gmres")
+        ksp.setPC(new_preconditioner(ksp.getComm(), self._newton.snes.getOptionsPrefix()))
+        ksp.setOperators(matrix, matrix)
+        ksp.setTolerances(rtol=STEP_RTOL, max_it=STEP_ITERATIONS)
+        ksp.solve(residual, step)
+        ksp.destroy()
+        array = step.getArray().reshape(problem.fixed.shape)
+        array[problem.fixed] = 0.0
+        step.assemble()
+        return self._estimator.norm(step)
+
+    def cut(self, target, outcome):
+        """Nothing to estimate."""
+
+    def end(self, converged):
+        """All is done."""

@@ -1,0 +1,160 @@
+"""``pcontact refine``: a better mesh from the error estimate of a finished run."""
+
+import difflib
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+
+from pcontact.element.reference import CELLS, edge_nodes
+from pcontact.estimate.size import at_vertices, edge_lengths, largest_contributions, new_sizes
+from pcontact.io.result import load_result
+from pcontact.mesh.reader import read_mesh
+from pcontact.mesh.refine import refine
+from pcontact.mesh.remesh import remesh, write_refined, write_sizes
+from pcontact.runtime.errors import InputError
+
+OPTIONS = {
+    "o": "a file .msh",
+    "geometry": "a file .geo",
+    "part": "a number > 0 and <= 1",
+    "error": "a number > 0 and < 1",
+    "step": "a whole number: 1 is the first step, -1 the last",
+}
+# part of the squared error whose cells are refined; error wanted of a new mesh over the old one
+PART, ERROR = 0.5, 0.5
+NOT_MATCHING = 1e-6
+
+
+def refine_run(directory, options):
+    """Make the mesh that a command line asks for. Serial.
+
+    Parameters
+    ----------
+    directory : str
+        The output directory of a run with an estimate.
+    options : dict of str to str
+        Without dashes; keys of `OPTIONS`.
+
+    Returns
+    -------
+    str
+        What was written.
+
+    Raises
+    ------
+    InputError
+    """
+    values = {name: _value(name, text) for name, text in options.items()}
+    directory = Path(directory)
+    raw, estimates, degree = read_estimate(directory, values.get("step", -1))
+    target = Path(values.get("o") or directory / "refined.msh")
+    if target.suffix != ".msh":
+        raise InputError(f"command line: -o: found {str(target)!r}; allowed: {OPTIONS['o']}")
+    if not target.parent.is_dir():
+        raise InputError(f"command line: -o: found no directory {str(target.parent)!r}; allowed: one that exists")
+    if "geometry" not in values:
+        if "error" in values:
+            raise InputError("command line: -error without -geometry; allowed: -part, or -geometry and -error")
+        marked = largest_contributions(estimates, values.get("part", PART))
+        refined = refine(raw, marked)
+        write_refined(target, refined)
+        return f"{target}: {len(refined.nodes)} cells from {len(estimates)}, of which {int(marked.sum())} were marked"
+    if "part" in values:
+        raise InputError("command line: -part with -geometry; allowed: -error")
+    return _new_mesh(raw, estimates, degree, target, values)
+
+
+def _new_mesh(raw, estimates, degree, target, values):
+    """Mesh the geometry anew; what was written."""
+    lengths, tables, first = [], [], 0
+    for block in raw.blocks:
+        lengths.append(edge_lengths(raw.points, block.vertices, edge_nodes(block.cell)))
+        tables.append((block.cell, block.vertices))
+    sizes, predicted = new_sizes(estimates, np.concatenate(lengths), degree, raw.dim, values.get("error", ERROR))
+    parts = []
+    for _, table in tables:
+        parts.append(sizes[first : first + len(table)])
+        first += len(table)
+    field = target.with_name(f"{target.stem}_size.pos")
+    write_sizes(field, raw.points, tables, at_vertices(len(raw.points), [t for _, t in tables], parts))
+    groups = {(raw.dim, name) for name in raw.cell_groups} | {(raw.dim - 1, name) for name in raw.facet_groups}
+    groups |= {(1, name) for name in raw.edge_groups}
+    groups |= {(0, name) for name in raw.node_groups if name not in raw.edge_groups}
+    order = max(block.degree for block in raw.blocks)
+    cells = remesh(target, values["geometry"], field, raw.dim, order, groups)
+    return f"{target}: {cells} cells from {len(estimates)}, error expected {predicted:.3g} times that of now; {field}"
+
+
+def read_estimate(directory, step=-1):
+    """The mesh of a run and the estimate of its cells. Serial.
+
+    Parameters
+    ----------
+    directory : pathlib.Path
+    step : int
+        See :func:`pcontact.io.result.load_result`.
+
+    Returns
+    -------
+    raw : pcontact.mesh.groups.RawMesh
+    estimates : ndarray (n_cells,)
+        Of every cell of the mesh [sqrt(energy)].
+    degree : int
+        Of the displacement.
+
+    Raises
+    ------
+    InputError
+    """
+    result = load_result(directory, step)
+    data = result.bodies.cell_data
+    if "error_estimate" not in data:
+        raise InputError(f"{directory}: found no error estimate; allowed: a run with estimate = true in [output]")
+    try:
+        mesh = Path(json.loads((directory / "report.json").read_text(encoding="utf-8"))["mesh"])
+    except (OSError, ValueError, KeyError) as error:
+        raise InputError(f"{directory / 'report.json'}: found no mesh file in it ({error})") from None
+    if mesh.suffix == ".h5":
+        raise InputError(f"{mesh}: found a converted mesh; allowed: a run of the mesh that it was made from")
+    raw = read_mesh(mesh)
+    number = np.concatenate(data["cell_number"])
+    n = sum(len(block.nodes) for block in raw.blocks)
+    estimates, centre = np.zeros(n), np.full((n, raw.dim), np.inf)
+    middle = np.concatenate(
+        [result.bodies.points[t[:, : _corners(name)]].mean(axis=1) for name, t in result.bodies.cells]
+    )
+    if len(number) == n and number.max() < n:
+        estimates[number] = np.concatenate(data["error_estimate"])
+        centre[number] = middle[:, : raw.dim]
+    own = np.concatenate([raw.points[block.vertices].mean(axis=1) for block in raw.blocks])
+    if not np.abs(centre - own).max() <= NOT_MATCHING * max(float(np.ptp(raw.points, axis=0).max()), 1e-300):
+        raise InputError(f"{mesh}: found another mesh than that of the run in {directory}; allowed: the same file")
+    name, table = result.bodies.cells[0]
+    return raw, estimates, 1 if table.shape[1] == _corners(name) else 2
+
+
+def _corners(name):
+    """Vertices of a kind of cell by its name in the fields."""
+    kinds = {"triangle": "triangle", "quad": "quadrilateral", "tetra": "tetrahedron", "hexahedron": "hexahedron"}
+    return CELLS[kinds[name.rstrip("0123456789")]].n_vertices
+
+
+def _value(name, text):
+    """The value of an option."""
+    if name not in OPTIONS:
+        near = difflib.get_close_matches(name, OPTIONS, 1)
+        hint = f"; the nearest is -{near[0]}" if near else ""
+        allowed = ", ".join(f"-{key}" for key in OPTIONS)
+        raise InputError(f"command line: -{name}: no such option of pcontact refine; allowed: {allowed}{hint}")
+    try:
+        value = int(text) if name == "step" else float(text) if name in ("part", "error") else text or None
+    except ValueError:
+        value = None
+    if name in ("part", "error") and value is not None:
+        value = value if math.isfinite(value) and 0.0 < value <= 1.0 and (name, value) != ("error", 1.0) else None
+    if value is None:
+        found = repr(text) if text else "nothing"
+        raise InputError(f"command line: -{name}: found {found}; allowed: {OPTIONS[name]}")
+    return value
