@@ -39,6 +39,8 @@ APPROACH = 0.5
 # the forces of a solution are known to this part of the first residual at best; so many times the expected rounding
 # errors end a method that no longer gets on; they may hide this part of the forces at work at most
 ROUNDED, NEARLY, BALANCED = 1e-10, 100.0, 0.05
+# a residual of this part of the forces at work is small enough, unless the tolerance is looser
+SMALL = 1e-6
 
 
 class Newton:
@@ -208,7 +210,7 @@ class Newton:
         if hidden or norm <= max(atol, self._least):
             return reasons.CONVERGED_FNORM_ABS
         if (iteration > 0 or self._near) and norm <= (self._goal or rtol) * self._first:
-            if self._goal or norm <= rtol * self._forces(snes.getSolution()):
+            if self._goal or norm <= max(rtol, SMALL) * self._forces(snes.getSolution()):
                 return reasons.CONVERGED_FNORM_RELATIVE
             if iteration > 0 and norm <= NEARLY * self._floor and norm > 0.5 * self._norms[-2]:
                 return reasons.CONVERGED_FNORM_ABS
