@@ -11,25 +11,19 @@ from pcontact.contact.pairing import Pairing
 from pcontact.contact.parameters import GAMMA0, parameter
 from pcontact.contact.standing import Standing
 from pcontact.contact.summary import summarise
-from pcontact.runtime.parallel import matching, together
+from pcontact.contact.way import Way
+from pcontact.runtime.parallel import together
 from pcontact.runtime.petsc import MPI
 
 # times the default, beyond which multigrid needs more than twice the iterations of one with a filter
 STIFF = 30.0
-# how deep a loose body goes that is brought to where it touches, in parts of a step on what it is given to lean on, a
-# millionth of its own stiffness (`pcontact.build`)
-GENTLE = 1e-5
-# steps prolonged more than this end before it touches, after this part of the way
-FAR, NEARLY = 30.0, 0.99
 # smallest cosine between the normals of a source point and its obstacle
 FACING = 0.1
-
-
 # facets ahead, in their own sizes, that get their place in the pattern before they close
 FORESEEN = 4.0
 
 
-class ContactItem(Standing):
+class ContactItem(Standing, Way):
     """Frictionless contact of one pair by Nitsche's method, or by penalty where the source has no traction.
 
     Parameters
@@ -336,74 +330,6 @@ class ContactItem(Standing):
     def _end(self, values):
         """Keep what the next load step needs to know of the displacements (n, d). *Collective.*"""
         _, self.committed = self._augmented(values)
-
-    def memory(self):
-        """What the next load step needs to know of this one, apart from the displacement.
-
-        Returns
-        -------
-        dict of str to (ndarray (n,), ndarray (n, m))
-            Keys of rows, the same on any number of ranks, and their values; rows of zeros are left out.
-        """
-        rows = np.flatnonzero(self.closed)
-        return {"status": (self.source.point_keys()[rows], self.committed[rows, None].astype(float))}
-
-    def recall(self, name, chunks):
-        """Take back what :meth:`memory` gave under a name.
-
-        Parameters
-        ----------
-        name : str
-        chunks : iterable of (ndarray (n,), ndarray (n, m))
-            The rows of all ranks, a part at a time.
-        """
-        if name == "status":
-            self.committed[:] = OPEN
-            for rows, values in matching(self.source.point_keys(), chunks):
-                self.committed[rows] = values[:, 0]
-
-    # -- steps of bodies that nothing holds ---------------------------------------------------------------------
-
-    def reach(self, u, y):
-        """Part of the Newton step ``-y`` to take so that the pair makes sense after it. *Collective.*
-
-        While no point is closed, a body that nothing holds goes until its nearest point has just closed (a tenth of
-        a facet deep), be that less or more than the step, in which what it is given to lean on is of no size;
-        afterwards its points may move by a search radius, beyond which their partners mean nothing.
-
-        Returns
-        -------
-        float or None
-            At most 1 once a point is closed; None, no say, for pairs of bodies that supports hold.
-        """
-        if not self.floats:
-            return None
-        p, source, comm = self.pairing, self.source, self.space.comm
-        traction, gap = self._contact(p.exchange.gather(u))
-        _, moved = self._evaluate(p.exchange.gather(y))
-        approach = moved - p.gap0
-        part = self.radius / max(float(np.max(np.abs(approach), initial=0.0)), 1e-300)
-        closed = p.paired & (traction + self.gamma[source.facet] * gap <= 0.0)
-        if not comm.allreduce(bool(closed.any()), op=MPI.LOR):
-            coming = p.paired & (approach > 0.0)
-            depth, gap, approach = 0.1 * source.size[source.facet[coming]], gap[coming], approach[coming]
-            touch = comm.allreduce(float(np.min((gap + depth) / approach, initial=np.inf)), op=MPI.MIN)
-            if 1.0 < touch < np.inf:
-                # the less the load, and the step, the less deep: else what has just closed springs back
-                depth = np.minimum(depth, GENTLE * approach)
-                touch = max(1.0, comm.allreduce(float(np.min((gap + depth) / approach, initial=np.inf)), op=MPI.MIN))
-                # what the load has bent is prolonged, too: to be put right before anything touches
-                touch *= 1.0 if touch < FAR else NEARLY
-            part = comm.allreduce(part, op=MPI.MIN)
-            return min(touch, part) if touch < np.inf else min(1.0, part)
-        return min(1.0, comm.allreduce(part, op=MPI.MIN))
-
-    def motion(self, u, before):
-        """Largest motion of a source point along its normal between two displacements [length]. *Collective.*"""
-        p = self.pairing
-        _, now = self._evaluate(p.exchange.gather(u))
-        _, then = self._evaluate(p.exchange.gather(before))
-        return self.space.comm.allreduce(float(np.max(np.abs(now - then), initial=0.0)), op=MPI.MAX)
 
     # -- report -------------------------------------------------------------------------------------------------
 

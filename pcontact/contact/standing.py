@@ -3,6 +3,7 @@
 import numpy as np
 
 from pcontact.contact.laws import OPEN
+from pcontact.runtime.parallel import matching
 
 
 class Standing:
@@ -45,3 +46,28 @@ class Standing:
             p.paired, self.bilateral = p.paired & self.closed, True
         else:
             p.paired, self.bilateral = self._free
+
+    def memory(self):
+        """What the next load step needs to know of this one, apart from the displacement.
+
+        Returns
+        -------
+        dict of str to (ndarray (n,), ndarray (n, m))
+            Keys of rows, the same on any number of ranks, and their values; rows of zeros are left out.
+        """
+        rows = np.flatnonzero(self.closed)
+        return {"status": (self.source.point_keys()[rows], self.committed[rows, None].astype(float))}
+
+    def recall(self, name, chunks):
+        """Take back what :meth:`memory` gave under a name.
+
+        Parameters
+        ----------
+        name : str
+        chunks : iterable of (ndarray (n,), ndarray (n, m))
+            The rows of all ranks, a part at a time.
+        """
+        if name == "status":
+            self.committed[:] = OPEN
+            for rows, values in matching(self.source.point_keys(), chunks):
+                self.committed[rows] = values[:, 0]

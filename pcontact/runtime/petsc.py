@@ -52,6 +52,13 @@ diverged_nan = getattr(PETSc.SNES.ConvergedReason, "DIVERGED_FNORM_NAN", None) o
     PETSc.SNES.ConvergedReason.DIVERGED_FUNCTION_NANORINF
 )
 
+# what ended Newton's method, in words
+newton_reasons = {
+    value: name.lower().replace("_", " ")
+    for name, value in vars(PETSc.SNES.ConvergedReason).items()
+    if isinstance(value, int)
+}
+
 
 def _check(code, what):
     if code != 0:

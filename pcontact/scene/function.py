@@ -8,7 +8,8 @@ from types import ModuleType
 import numpy as np
 
 from pcontact.scene.messages import input_error, shown
-from pcontact.scene.model import Scene, place
+from pcontact.scene.model import Scene
+from pcontact.scene.places import place
 
 
 def obstacle_functions(scene: Scene, index: int) -> tuple[Callable, Callable | None]:

@@ -5,7 +5,7 @@ numbers into float and lists into tuples. Units are the user's own and must be c
 "not said": what is then assumed stands in the docstrings.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -395,23 +395,3 @@ class Scene:
 
 SINGLE_TABLES = {"mesh": MeshSpec, "steps": Steps, "output": Output}
 LIST_TABLES = {"bodies": Body, "contacts": Contact, "displacements": Displacement, "loads": Load}
-
-
-def place(key: str, index: int, name: object) -> str:
-    """Key path of an entry of a list of tables, such as ``contacts[0] (ball-block)``."""
-    return f"{key}[{index}] ({name})" if isinstance(name, str) and name else f"{key}[{index}]"
-
-
-def tables(scene: Scene) -> Iterator[tuple[str, object]]:
-    """All tables of a scene with their key paths, in the order of a scene file, obstacles included."""
-    yield "mesh", scene.mesh
-    for name, material in scene.materials.items():
-        yield f"materials.{name}", material
-    for key in LIST_TABLES:
-        for index, item in enumerate(getattr(scene, key)):
-            where = place(key, index, item.name if isinstance(item, Contact) else item.region)
-            yield where, item
-            if isinstance(item, Contact) and item.obstacle is not None:
-                yield f"{where}.obstacle", item.obstacle
-    yield "steps", scene.steps
-    yield "output", scene.output

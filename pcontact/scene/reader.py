@@ -6,7 +6,8 @@ from dataclasses import MISSING, fields
 from pathlib import Path
 
 from pcontact.scene.messages import closeness, cut, input_error, nearest, shown
-from pcontact.scene.model import LIST_TABLES, SINGLE_TABLES, Contact, Material, Obstacle, Scene, place
+from pcontact.scene.model import LIST_TABLES, SINGLE_TABLES, Contact, Material, Obstacle, Scene
+from pcontact.scene.places import place
 from pcontact.scene.validate import validate
 
 _HEADERS = {

@@ -6,7 +6,8 @@ from pathlib import Path
 import numpy as np
 
 from pcontact.scene.messages import input_error, listed, unknown_name
-from pcontact.scene.model import Body, Contact, Displacement, Load, MeshSpec, Obstacle, Scene, tables
+from pcontact.scene.model import Body, Contact, Displacement, Load, MeshSpec, Obstacle, Scene
+from pcontact.scene.places import tables
 
 # part of the largest radius by which rounding may put a node on the wrong side of the axis
 ROUNDING = 1e-9

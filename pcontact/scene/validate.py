@@ -14,8 +14,8 @@ from pcontact.scene.model import (
     Material,
     Obstacle,
     Scene,
-    tables,
 )
+from pcontact.scene.places import tables
 from pcontact.scene.rules import MOTION_KEYS, OBSTACLE_KEYS, OPTION, RULES, TEXT, apply
 
 ALIKE = 0.5  # likeness of two file names above which one may be meant by the other

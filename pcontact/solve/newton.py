@@ -12,6 +12,7 @@ from pcontact.runtime.petsc import (
     free_garbage,
     full_steps,
     keep_preconditioner,
+    newton_reasons,
 )
 from pcontact.solve.bodies import BodyFilter, body_filter
 from pcontact.solve.causes import causes
@@ -22,11 +23,6 @@ from pcontact.solve.linear import Reuse, newton_defaults, refresh_smoother, solv
 from pcontact.solve.outcome import Outcome, cycles, repeats, together
 from pcontact.solve.problem import can_slip
 
-REASONS = {
-    value: name.lower().replace("_", " ")
-    for name, value in vars(PETSc.SNES.ConvergedReason).items()
-    if isinstance(value, int)
-}
 # part of the first residual to which a load step is solved as if nothing could slip; the same where bodies may yield
 HELD_GOAL, HELD_GOAL_PLASTIC = 0.1, 0.02
 # part of the closed area that would open: the bodies are being taken apart, and to keep them together leads nowhere
@@ -381,10 +377,10 @@ class Newton:
             converged=reason > 0,
             newton=self.snes.getIterationNumber(),
             krylov=self.snes.getLinearSolveIterations(),
-            reason=REASONS.get(reason, str(reason)),
+            reason=newton_reasons.get(reason, str(reason)),
             residual=self._norms[-1] if self._norms else float("nan"),
             initial=self._norms[0] if self._norms else float("nan"),
-            detail="" if reason > 0 else self._detail(REASONS.get(reason, "")),
+            detail="" if reason > 0 else self._detail(newton_reasons.get(reason, "")),
             hardest=int(np.diff([*self._solved, self.snes.getLinearSolveIterations()]).max(initial=0)),
         )
 

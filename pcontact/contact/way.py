@@ -1,0 +1,56 @@
+"""How far the points of a contact pair go: part of a Newton step that makes sense, and motion in a load step."""
+
+import numpy as np
+
+from pcontact.runtime.petsc import MPI
+
+# how deep a loose body goes that is brought to where it touches, in parts of a step on what it is given to lean on, a
+# millionth of its own stiffness (`pcontact.build`)
+GENTLE = 1e-5
+# steps prolonged more than this end before it touches, after this part of the way
+FAR, NEARLY = 30.0, 0.99
+
+
+class Way:
+    """Part of :class:`pcontact.contact.item.ContactItem`."""
+
+    def reach(self, u, y):
+        """Part of the Newton step ``-y`` to take so that the pair makes sense after it. *Collective.*
+
+        While no point is closed, a body that nothing holds goes until its nearest point has just closed (a tenth of
+        a facet deep), be that less or more than the step, in which what it is given to lean on is of no size;
+        afterwards its points may move by a search radius, beyond which their partners mean nothing.
+
+        Returns
+        -------
+        float or None
+            At most 1 once a point is closed; None, no say, for pairs of bodies that supports hold.
+        """
+        if not self.floats:
+            return None
+        p, source, comm = self.pairing, self.source, self.space.comm
+        traction, gap = self._contact(p.exchange.gather(u))
+        _, moved = self._evaluate(p.exchange.gather(y))
+        approach = moved - p.gap0
+        part = self.radius / max(float(np.max(np.abs(approach), initial=0.0)), 1e-300)
+        closed = p.paired & (traction + self.gamma[source.facet] * gap <= 0.0)
+        if not comm.allreduce(bool(closed.any()), op=MPI.LOR):
+            coming = p.paired & (approach > 0.0)
+            depth, gap, approach = 0.1 * source.size[source.facet[coming]], gap[coming], approach[coming]
+            touch = comm.allreduce(float(np.min((gap + depth) / approach, initial=np.inf)), op=MPI.MIN)
+            if 1.0 < touch < np.inf:
+                # the less the load, and the step, the less deep: else what has just closed springs back
+                depth = np.minimum(depth, GENTLE * approach)
+                touch = max(1.0, comm.allreduce(float(np.min((gap + depth) / approach, initial=np.inf)), op=MPI.MIN))
+                # what the load has bent is prolonged, too: to be put right before anything touches
+                touch *= 1.0 if touch < FAR else NEARLY
+            part = comm.allreduce(part, op=MPI.MIN)
+            return min(touch, part) if touch < np.inf else min(1.0, part)
+        return min(1.0, comm.allreduce(part, op=MPI.MIN))
+
+    def motion(self, u, before):
+        """Largest motion of a source point along its normal between two displacements [length]. *Collective.*"""
+        p = self.pairing
+        _, now = self._evaluate(p.exchange.gather(u))
+        _, then = self._evaluate(p.exchange.gather(before))
+        return self.space.comm.allreduce(float(np.max(np.abs(now - then), initial=0.0)), op=MPI.MAX)

@@ -1,0 +1,25 @@
+"""The tables of a scene and what they are called in messages."""
+
+from collections.abc import Iterator
+
+from pcontact.scene.model import LIST_TABLES, Contact, Scene
+
+
+def place(key: str, index: int, name: object) -> str:
+    """Key path of an entry of a list of tables, such as ``contacts[0] (ball-block)``."""
+    return f"{key}[{index}] ({name})" if isinstance(name, str) and name else f"{key}[{index}]"
+
+
+def tables(scene: Scene) -> Iterator[tuple[str, object]]:
+    """All tables of a scene with their key paths, in the order of a scene file, obstacles included."""
+    yield "mesh", scene.mesh
+    for name, material in scene.materials.items():
+        yield f"materials.{name}", material
+    for key in LIST_TABLES:
+        for index, item in enumerate(getattr(scene, key)):
+            where = place(key, index, item.name if isinstance(item, Contact) else item.region)
+            yield where, item
+            if isinstance(item, Contact) and item.obstacle is not None:
+                yield f"{where}.obstacle", item.obstacle
+    yield "steps", scene.steps
+    yield "output", scene.output
