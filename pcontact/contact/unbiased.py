@@ -198,6 +198,10 @@ class UnbiasedItem:
         parts = [half.reach(u, y) for half in self.halves]
         return min([part for part in parts if part is not None], default=None)
 
+    def strayed(self, u, since):
+        """See :meth:`ContactItem.strayed`: of all halves. *Collective.*"""
+        return max([half.strayed(u, since) for half in self.halves])
+
     def motion(self, u, before):
         """Largest motion of a point along its normal between two displacements [length]. *Collective.*"""
         return max([half.motion(u, before) for half in self.halves])

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from pcontact.contact.laws import OPEN
 from pcontact.runtime.petsc import MPI
 
 # how deep a loose body goes that is brought to where it touches, in parts of a step on what it is given to lean on, a
@@ -54,3 +55,21 @@ class Way:
         _, now = self._evaluate(p.exchange.gather(u))
         _, then = self._evaluate(p.exchange.gather(before))
         return self.space.comm.allreduce(float(np.max(np.abs(now - then), initial=0.0)), op=MPI.MAX)
+
+    def strayed(self, u, since):
+        """How far closed points have gone along or across their partners between two displacements. *Collective.*
+
+        Returns
+        -------
+        float
+            The largest relative displacement, in sizes of the source facets.
+        """
+        p, source = self.pairing, self.source
+        change = p.exchange.gather(u) - p.exchange.gather(since)
+        _, status = self._augmented(p.exchange.gather(u))
+        closed = np.flatnonzero((status > OPEN) & p.paired)
+        facet = source.facet[closed]
+        jump = np.einsum("pa,pad->pd", source.shape[closed], change[p.cells[facet]])
+        jump -= np.einsum("pa,pad->pd", p.target_shape[closed], change[p.targets[closed]])
+        parts = np.linalg.norm(jump, axis=1) / source.size[facet]
+        return self.space.comm.allreduce(float(np.max(parts, initial=0.0)), op=MPI.MAX)

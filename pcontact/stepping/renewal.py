@@ -2,9 +2,14 @@
 
 from dataclasses import replace
 
+import numpy as np
+
 from pcontact.runtime import profile
 from pcontact.solve.outcome import together
 
+# way of closed points since the last search, in sizes of their facets, up to which their partners are good enough: the
+# part of it by which a normal turns on its way to the next facet is of second order
+NEAR = 0.1
 # Newton iterations after which a new search has changed nothing worth another one
 SETTLED = 1
 
@@ -47,7 +52,10 @@ class Renewal:
             With the iterations of all runs.
         """
         time, motion, ahead = search
+        since = before if ahead is None else ahead
         for _ in range(self.most):
+            if self._strayed(u, since) <= NEAR:
+                break
             solved = u.copy()
             self._search(before, time, motion, solved)
             then = self.newton.again(u, near=True)
@@ -56,10 +64,14 @@ class Renewal:
                 solved.copy(u)
                 self._search(before, time, motion, ahead)
                 return replace(outcome, newton=both.newton, krylov=both.krylov, hardest=both.hardest)
-            outcome, ahead = both, solved
+            outcome, ahead, since = both, solved, solved
             if then.newton <= SETTLED:
                 break
         return outcome
+
+    def _strayed(self, u, since):
+        """Farthest way of a closed point since the displacement with which partners were found, in facets."""
+        return max([item.strayed(u, since) for item in self.problem.items[1:]], default=np.inf)
 
     def _search(self, before, time, motion, ahead):
         with profile.phase("search"):
