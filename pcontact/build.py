@@ -75,6 +75,7 @@ def override(scene, options, accuracy):
         "alpha": (float, "tangential over normal parameter"),
         "adjoint": (str, "elastic or consistent: adjoint operator of theta = 1, -1 where cells yield"),
         "quadrature": (int, "degree of the quadrature on source facets"),
+        "cut": (bool, "cut source facets along the edges of the target"),
         "search": (str, "closest_point or ray_tracing"),
     }
     said = {key: get(f"contact_{key}", None, kind, text=text) for key, (kind, text) in numerics.items()}

@@ -112,9 +112,24 @@ def pair_item(space, bulk, contact, source, target, radius, floats=False):
     return kind(space, contact, source, target, radius, law, contact.alpha, floats, trace)
 
 
+def _cuts(space, contact, source, target):
+    """Whether the source's facets are cut along the edges of the target. *Collective.*
+
+    The user's word; or always in the plane, and in space where it pays: where a few points cannot resolve the target,
+    or, with degree 2, anything else is far more accurate. Where bodies meet anywhere the undeformed ones say little.
+    """
+    if contact.target is None:
+        return False
+    if contact.cut is not None or space.dim == 2:
+        return contact.cut is not False
+    if contact.all or contact.target == contact.source:
+        return False
+    return space.degree == 2 or _coarseness(space, source, target) > COARSE
+
+
 def _fitted(space, contact, source, target, radius):
-    """Source and target as they see each other: in the plane, facets are cut at the nodes they face. *Collective.*"""
-    if space.dim == 3 or contact.target is None:
+    """Source and target as they see each other. *Collective.*"""
+    if not _cuts(space, contact, source, target):
         return source, target
     source = cut_source(space, source, contact.source, target, radius, contact.search, contact.quadrature)
     return source, target.seen_from(source.facet, source.x)
@@ -205,16 +220,22 @@ def _warn(space, contact, item):
         )  # fmt: skip
     if space.dim == 2 or contact.obstacle is not None or is_unbiased(contact) or contact.all:
         return
-    source, x = item.source, item.target.x
+    ratio = _coarseness(space, item.source, item.target)
+    if contact.cut is False and ratio > COARSE:
+        log.warning(
+            "contact %s: facets of the source %r are %.0f times as large as those of the target %r, whose edges the "
+            "quadrature does not resolve: the pressure may be wrong; remedy: exchange source and target, or cut = true",
+            contact.name, contact.source, ratio, contact.target,
+        )  # fmt: skip
+
+
+def _coarseness(space, source, target):
+    """How many times larger facets of the source are than those of the target in space; 0 without any. *Collective.*"""
+    x = target.x
     spanned = np.linalg.norm(np.cross(x[:, 1] - x[:, 0], x[:, 2] - x[:, 0]), axis=1)
     areas = np.bincount(source.facet, source.jxw, minlength=len(source.cells))
     sizes = [_typical(space, np.sqrt(values)) for values in (areas, spanned)]
-    if sizes[0] > COARSE * sizes[1] > 0.0:
-        log.warning(
-            "contact %s: facets of the source %r are %.0f times as large as those of the target %r, whose edges the "
-            "quadrature does not resolve: the pressure may be wrong; remedy: exchange source and target",
-            contact.name, contact.source, sizes[0] / sizes[1], contact.target,
-        )  # fmt: skip
+    return sizes[0] / sizes[1] if sizes[1] > 0.0 else 0.0
 
 
 def _typical(space, sizes):

@@ -1,4 +1,4 @@
-"""Source facets in 2D cut where the target facet changes, so that no quadrature rule straddles a kink of the target.
+"""Source facets cut where the target facet changes, so that no quadrature rule straddles a kink of the target.
 
 The trace of the target's displacement along a source facet has a kink (and its gap a corner) wherever the partner moves
 from one target facet to the next. A Gauss rule across such kinks leaves an error in the nodal forces of the target that
@@ -12,9 +12,10 @@ import dataclasses
 import numpy as np
 
 from pcontact.contact.exchange import find_partners
+from pcontact.contact.overlaps import triangles
 from pcontact.contact.surface import default_quadrature
 from pcontact.element.quadrature import quadrature
-from pcontact.element.reference import facet_points
+from pcontact.element.reference import facet_area_vectors, facet_points
 from pcontact.element.shape import shape, shape_gradient
 
 # intervals that each source facet starts with: a target facet shorter than one of them may be missed
@@ -26,20 +27,22 @@ SLIVER = 1e-7
 
 
 def _at(space, facets, rows, s):
-    """Points s (n,) of facets `rows` of one part: position, normal, |dx/ds|, shape and gradients of the parent cell."""
+    """Points s (n, d - 1) of facets `rows` of one part: position, normal, area element, shape functions, gradients."""
     mesh, block = space.mesh, space.mesh.blocks[facets.block]
     table, degree = mesh.geometry_nodes(block)
-    local, every = facets.local[rows], np.arange(len(rows))
-    ends = facet_points(block.cell, np.array([[-1.0], [1.0]]))[local]
-    xi = np.ascontiguousarray(facet_points(block.cell, s[:, None])[local, every])
+    local = facets.local[rows]
+    xi = np.empty((len(s), space.dim))
+    for side in np.unique(local):
+        xi[local == side] = facet_points(block.cell, s[local == side])[side]
     x = mesh.points[table[facets.cells[rows]]]
     jacobian = np.einsum("pai,paj->pij", x, shape_gradient(block.cell, degree, xi))
-    tangent = np.einsum("pij,pj->pi", jacobian, 0.5 * (ends[:, 1] - ends[:, 0]))
-    length = np.linalg.norm(tangent, axis=1)
-    grad = np.einsum("paj,pji->pai", shape_gradient(block.cell, space.degree, xi), np.linalg.inv(jacobian))
+    # Nanson's formula: n dA = det J J^-T N dA_ref
+    inverse = np.linalg.inv(jacobian)
+    vector = np.einsum("p,pji,pj->pi", np.linalg.det(jacobian), inverse, facet_area_vectors(block.cell)[local])
+    area = np.linalg.norm(vector, axis=1)
+    grad = np.einsum("paj,pji->pai", shape_gradient(block.cell, space.degree, xi), inverse)
     position = np.einsum("pa,pai->pi", shape(block.cell, degree, xi), x)
-    normal = np.column_stack([tangent[:, 1], -tangent[:, 0]]) / length[:, None]
-    return position, normal, length, shape(block.cell, space.degree, xi), grad
+    return position, vector / area[:, None], area, shape(block.cell, space.degree, xi), grad
 
 
 def _partners(space, parts, part, row, s, search):
@@ -48,7 +51,7 @@ def _partners(space, parts, part, row, s, search):
     for k, facets in enumerate(parts):
         chosen = np.flatnonzero(part == k)
         if len(chosen):
-            x[chosen], normal[chosen] = _at(space, facets, row[chosen], s[chosen])[:2]
+            x[chosen], normal[chosen] = _at(space, facets, row[chosen], s[chosen, None])[:2]
     target, radius, method = search
     first = np.cumsum([0, *(len(facets.cells) for facets in parts)], dtype=np.int64)
     target = target.seen_from(first[part] + row, x)
@@ -104,13 +107,30 @@ def cuts(space, parts, search):
     return part[facet[start]], row[facet[start]], facet[start], at[start], at[start + 1]
 
 
+def _in_plane(space, parts, search, degree):
+    """Points of all pieces of this rank in the plane: part, row, reference coordinates and weights. *Collective.*"""
+    part, row, _, a, b = cuts(space, parts, search)
+    xi, weights = quadrature("segment", degree or default_quadrature("segment", space.degree))
+    s = 0.5 * (a + b)[:, None] + 0.5 * (b - a)[:, None] * xi[:, 0]
+    return part, row, s[:, :, None], 0.5 * (b - a)[:, None] * weights
+
+
+def _in_space(space, parts, target, degree):
+    """The same in space, of the facets that are cut. *Collective.*"""
+    part, row, corners = triangles(space, parts, target)
+    xi, weights = quadrature("triangle", degree or 2 * space.degree)
+    sides = corners[:, 1:] - corners[:, :1]
+    s = corners[:, :1] + np.einsum("qk,pki->pqi", xi, sides)
+    size = sides[:, 0, 0] * sides[:, 1, 1] - sides[:, 0, 1] * sides[:, 1, 0]
+    return part, row, s, size[:, None] * weights
+
+
 def cut_source(space, source, name, target, radius, method, degree=None):
     """The source surface with a quadrature rule on every piece. *Collective.*
 
     Parameters
     ----------
     space : pcontact.space.space.Space
-        Two-dimensional.
     source : SourceSurface
     name : str
         Its facet group.
@@ -124,21 +144,26 @@ def cut_source(space, source, name, target, radius, method, degree=None):
     Returns
     -------
     SourceSurface
-        The same facets; the cuts are those of the undeformed bodies.
+        The same facets; the cuts are those of the undeformed bodies. Facets that are not cut keep their points.
     """
     parts = space.mesh.facet_groups.get(name, [])
-    part, row, facet, a, b = cuts(space, parts, (target, radius, method))
-    xi, weights = quadrature("segment", degree or default_quadrature("segment", space.degree))
-    nq, nn = len(weights), source.shape.shape[1]
-    s = (0.5 * (a + b)[:, None] + 0.5 * (b - a)[:, None] * xi[:, 0]).ravel()
-    w = (0.5 * (b - a)[:, None] * weights).ravel()
-    part, row, facet = np.repeat(part, nq), np.repeat(row, nq), np.repeat(facet, nq)
-    n, d = len(s), space.dim
+    if space.dim == 2:
+        part, row, s, w = _in_plane(space, parts, (target, radius, method), degree)
+    else:
+        part, row, s, w = _in_space(space, parts, target, degree)
+    nq, nn, d = w.shape[1], source.shape.shape[1], space.dim
+    n, s, w = w.size, s.reshape(-1, d - 1), w.ravel()
+    part, row = np.repeat(part, nq), np.repeat(row, nq)
+    facet = np.cumsum([0, *(len(facets.cells) for facets in parts)], dtype=np.int64)[part] + row
     x, normal, jxw = np.empty((n, d)), np.empty((n, d)), np.empty(n)
     values, grad = np.zeros((n, nn)), np.zeros((n, nn, d))
     for k, facets in enumerate(parts):
         c = np.flatnonzero(part == k)
-        x[c], normal[c], length, v, g = _at(space, facets, row[c], s[c])
+        x[c], normal[c], area, v, g = _at(space, facets, row[c], s[c])
         values[c, : v.shape[1]], grad[c, : v.shape[1]] = v, g
-        jxw[c] = w[c] * length * space.circumference(x[c])
-    return dataclasses.replace(source, facet=facet, x=x, normal=normal, jxw=jxw, shape=values, grad=grad)
+        jxw[c] = w[c] * area * space.circumference(x[c])
+    whole = ~np.isin(source.facet, facet)
+    columns = {"facet": facet, "x": x, "normal": normal, "jxw": jxw, "shape": values, "grad": grad}
+    columns = {key: np.concatenate([getattr(source, key)[whole], value]) for key, value in columns.items()}
+    order = np.argsort(columns["facet"], kind="stable")
+    return dataclasses.replace(source, **{key: value[order] for key, value in columns.items()})

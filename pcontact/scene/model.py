@@ -168,6 +168,8 @@ class Contact:
         "elastic" or "consistent": operator of the theta terms where source cells yield.
     quadrature : int or None
         Degree of the facet quadrature; None is chosen from the element.
+    cut : bool or None
+        Whether source facets are cut along the edges of the target; None is chosen from the element.
     search : str or None
         "closest_point" or "ray_tracing".
     search_radius : float or None
@@ -177,7 +179,7 @@ class Contact:
 
     Notes
     -----
-    The last eight are None when not said, so that the command line comes before the scene and the scene
+    The last nine are None when not said, so that the command line comes before the scene and the scene
     before `CONTACT_DEFAULTS`; `pcontact.scene.validate.resolve_contacts` applies that order.
     """
 
@@ -200,6 +202,7 @@ class Contact:
     alpha: float | None = None
     adjoint: str | None = None
     quadrature: int | None = None
+    cut: bool | None = None
     search: str | None = None
     search_radius: float | None = None
     interference: str | None = None
@@ -224,6 +227,7 @@ CONTACT_DEFAULTS = {
     "alpha": 1.0,
     "adjoint": "elastic",
     "quadrature": None,
+    "cut": None,
     "search": "closest_point",
     "search_radius": None,
     "interference": "resolve",

@@ -270,6 +270,7 @@ RULES: dict[type, dict[str, Rule]] = {
         "alpha": optional(POSITIVE),
         "adjoint": optional(choice("elastic", "consistent")),
         "quadrature": optional(integer(1, 20)),
+        "cut": optional(BOOLEAN),
         "search": optional(choice("closest_point", "ray_tracing")),
         "search_radius": optional(POSITIVE),
         "interference": optional(choice("resolve", "adjust")),

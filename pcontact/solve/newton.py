@@ -34,7 +34,7 @@ PULLED = 0.1
 APPROACH = 0.5
 # the forces of a solution are known to this part of the first residual at best; so many times the expected rounding
 # errors end a method that no longer gets on; they may hide this part of the forces at work at most
-ROUNDED, NEARLY, BALANCED = 1e-10, 100.0, 0.05
+ROUNDED, NEARLY, BALANCED = 1e-10, 100.0, 1e-3
 # a residual of this part of the forces at work is small enough, unless the tolerance is looser
 SMALL = 1e-6
 
@@ -202,22 +202,26 @@ class Newton:
         rtol, atol, _, _ = snes.getTolerances()
         if iteration > 0 and norm > 0.5 * self._norms[-2]:
             self._floor = 8.0 * self.problem.roundoff(snes.getSolution())
-        hidden = norm <= self._floor and norm <= BALANCED * self.problem.acting(snes.getSolution())
-        if hidden or norm <= max(atol, self._least):
+        if norm <= atol or (norm <= max(self._floor, self._least) and self._balanced(snes.getSolution(), norm)):
             return reasons.CONVERGED_FNORM_ABS
         if (iteration > 0 or self._near) and norm <= (self._goal or rtol) * self._first:
             if self._goal or norm <= max(rtol, SMALL) * self._forces(snes.getSolution()):
                 return reasons.CONVERGED_FNORM_RELATIVE
-            if iteration > 0 and norm <= NEARLY * self._floor and norm > 0.5 * self._norms[-2]:
+            stuck = iteration > 0 and norm <= NEARLY * self._floor and norm > 0.5 * self._norms[-2]
+            if stuck and self._balanced(snes.getSolution(), norm):
                 return reasons.CONVERGED_FNORM_ABS
         if (self._circles and cycles(self._norms)) or repeats(self._norms):
             return reasons.DIVERGED_LOCAL_MIN
         return reasons.ITERATING
 
+    def _balanced(self, u, norm):
+        """Whether a residual that rounding errors hide is small against the forces: those of a body that flows without
+        bound exceed any load. Without loads there is nothing to balance. *Collective.*"""
+        return self.problem.loaded() == 0.0 or norm <= BALANCED * self.problem.acting(u)
+
     def _forces(self, u):
         """What a residual is small against: the forces at work. The first residual, of bodies whose supports alone have
-        moved, is many orders of magnitude larger where one is stiff, or gamma large. *Collective.*
-        """
+        moved, is many orders of magnitude larger where one is stiff, or gamma large. *Collective.*"""
         return max(self.problem.acting(u), ROUNDED * self._first)
 
     def _renew_preconditioner(self):

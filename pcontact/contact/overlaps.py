@@ -1,0 +1,222 @@
+"""Source facets in space cut along the edges of the target facets they face: see `pcontact.contact.pieces`.
+
+The corners of target facets, of all ranks, are moved along the normal of a source facet onto it, and the polygons that
+they make there are clipped: neighbours share their corners, so that what they cover fits together to rounding. Edges
+are straight in the facet's reference domain; where facets are curved, or far apart and not parallel, the partner
+changes a little beside the cut, by a length of second order. Facets that face no target nearby keep their rule.
+"""
+
+import numpy as np
+
+from pcontact.contact.exchange import route
+from pcontact.contact.facet_maps import SQUARE_CORNERS, TRIANGLE_CORNERS, facet_boxes
+from pcontact.contact.polygons import tile
+from pcontact.contact.tree import build_tree
+from pcontact.element.reference import CELLS, facet_nodes
+from pcontact.element.shape import shape, shape_gradient
+from pcontact.runtime.jit import njit_exact
+from pcontact.runtime.parallel import split_by_rank
+
+# how far along its normal a facet looks for those it is cut by, over its extent
+REACH = 2.0
+# margin of the boxes for curved facets, over their extent
+MARGIN = 0.05
+# cosine of the angle of a target facet that is not yet seen edge-on
+EDGE_ON = 0.02
+# Newton iterations, of which curved facets need a few
+ITERATIONS = 12
+# corners of the kinds of `pcontact.contact.facet_maps`
+KIND_CORNERS = np.array([2, 2, 3, 3, 4, 4, 4])
+
+
+class _Frames:
+    """Source facets of one part: nodes (n, m, 3), centre, unit normal and two tangents (n, 3), extent (n,)."""
+
+    def __init__(self, space, facets):
+        mesh, block = space.mesh, space.mesh.blocks[facets.block]
+        table, self.degree = mesh.geometry_nodes(block)
+        self.kind = CELLS[block.cell].facet
+        nodes = table[facets.cells[:, None], facet_nodes(block.cell, self.degree)[facets.local]]
+        self.nodes = mesh.points[nodes]
+        centre = _corners(self.kind).mean(axis=0, keepdims=True)
+        self.centre = np.einsum("a,nai->ni", shape(self.kind, self.degree, centre)[0], self.nodes)
+        slope = np.einsum("ak,nai->nik", shape_gradient(self.kind, self.degree, centre)[0], self.nodes)
+        normal = np.cross(slope[:, :, 0], slope[:, :, 1])
+        self.normal = normal / np.linalg.norm(normal, axis=1)[:, None]
+        first = slope[:, :, 0] / np.linalg.norm(slope[:, :, 0], axis=1)[:, None]
+        self.tangents = np.stack([first, np.cross(self.normal, first)], axis=1)
+        self.extent = np.linalg.norm(np.ptp(self.nodes, axis=1), axis=1)
+
+    def boxes(self):
+        """Boxes around the facets and what they may face: two arrays (n, 3)."""
+        way = REACH * self.extent[:, None] * self.normal
+        ends = np.concatenate([self.nodes + way[:, None], self.nodes - way[:, None]], axis=1)
+        margin = MARGIN * self.extent[:, None]
+        return ends.min(axis=1) - margin, ends.max(axis=1) + margin
+
+    def inverse(self, rows, y):
+        """Reference points (n, m, 2) of facets ``rows`` (n,) whose places are beside points y (n, m, 3)."""
+        n, m = y.shape[:2]
+        tangents = np.repeat(self.tangents[rows], m, axis=0)
+        nodes = np.repeat(self.nodes[rows] - self.centre[rows][:, None], m, axis=0)
+        flat = np.einsum("pki,pai->pak", tangents, nodes)
+        aim = np.einsum("pki,pi->pk", tangents, (y - self.centre[rows][:, None]).reshape(n * m, 3))
+        xi = np.tile(_corners(self.kind).mean(axis=0), (n * m, 1))
+        for _ in range(1 if self.kind == "triangle" and self.degree == 1 else ITERATIONS):
+            miss = aim - np.einsum("pa,pak->pk", shape(self.kind, self.degree, xi), flat)
+            slope = np.einsum("pai,pak->pki", shape_gradient(self.kind, self.degree, xi), flat)
+            det = slope[:, 0, 0] * slope[:, 1, 1] - slope[:, 0, 1] * slope[:, 1, 0]
+            with np.errstate(all="ignore"):
+                xi = xi + np.column_stack([
+                    (slope[:, 1, 1] * miss[:, 0] - slope[:, 0, 1] * miss[:, 1]) / det,
+                    (slope[:, 0, 0] * miss[:, 1] - slope[:, 1, 0] * miss[:, 0]) / det,
+                ])  # fmt: skip
+        return xi.reshape(n, m, 2)
+
+
+def _corners(kind):
+    """Vertices (n, 2) of the reference domain, counter-clockwise."""
+    return TRIANGLE_CORNERS if kind == "triangle" else SQUARE_CORNERS
+
+
+@njit_exact
+def _overlapping(lower, upper, child, first, last, facet_lower, facet_upper, low, high, asked, found):
+    """Pairs of a box (low, high) and a facet (place in the tree's order) whose boxes meet; how many there are."""
+    count, stack = 0, np.empty(128, dtype=np.int64)
+    d = lower.shape[1]
+    for q in range(len(low) if len(lower) else 0):
+        stack[0], depth = 0, 1
+        while depth > 0:
+            depth -= 1
+            node, apart = stack[depth], False
+            for k in range(d):
+                apart = apart or lower[node, k] > high[q, k] or upper[node, k] < low[q, k]
+            if apart:
+                continue
+            if child[node] >= 0:
+                stack[depth], stack[depth + 1] = child[node], child[node] + 1
+                depth += 2
+                continue
+            for i in range(first[node], last[node]):
+                apart = False
+                for k in range(d):
+                    apart = apart or facet_lower[i, k] > high[q, k] or facet_upper[i, k] < low[q, k]
+                if not apart:
+                    if count < len(asked):
+                        asked[count], found[count] = q, i
+                    count += 1
+    return count
+
+
+def _meeting(target, tree, low, high):
+    """Rows of the target's facets whose boxes meet some boxes (n, 3): numbers of the box and of the facet."""
+    arguments = *tree[:5], tree.facet_lower, tree.facet_upper, np.ascontiguousarray(low), np.ascontiguousarray(high)
+    none = np.zeros(0, dtype=np.int64)
+    room = _overlapping(*arguments, none, none)
+    asked, found = np.zeros(room, dtype=np.int64), np.zeros(room, dtype=np.int64)
+    _overlapping(*arguments, asked, found)
+    return asked, tree.order[found]
+
+
+def _faced(space, target, low, high):
+    """Target facets of all ranks whose boxes meet those of this rank's source facets. *Collective.*
+
+    Returns
+    -------
+    row : ndarray (n,)
+        Number of the box.
+    number, count : ndarray (n,)
+        Global number of the facet, and how many corners it has.
+    corners : ndarray (n, 4, 3)
+        Padded.
+    """
+    boxes = facet_boxes(target.x, target.kinds)
+    tree = build_tree(*boxes)
+    half = 0.5 * np.linalg.norm(high - low, axis=1)
+    box, rank, away = route(space.comm, *boxes, 0.5 * (low + high), float(np.max(half, initial=0.0)))
+    box, rank = box[away <= half[box]], rank[away <= half[box]]
+    sends, order = split_by_rank(rank, np.column_stack([low[box], high[box]]))
+    place = np.split(box[order], np.cumsum([len(sends[r]) for r in sorted(sends)])[:-1]) if sends else []
+    answers = {}
+    for r, asked in space.exchanger(sends, np.float64, 6).items():
+        query, facet = _meeting(target, tree, asked[:, :3], asked[:, 3:])
+        corners = target.x[facet][:, [0, 1, 2, 3 if target.x.shape[1] > 3 else 2]].reshape(-1, 12)
+        answers[r] = np.column_stack([query, target.ids[facet], KIND_CORNERS[target.kinds[facet]], corners])
+    told = space.exchanger(answers, np.float64, 15)
+    rows = [place[k][told[r][:, 0].astype(np.int64)] for k, r in enumerate(sorted(sends))]
+    heard = np.concatenate([np.zeros((0, 15)), *(told[r] for r in sorted(sends))])
+    row = np.concatenate([np.zeros(0, dtype=np.int64), *rows])
+    return row, heard[:, 1].astype(np.int64), heard[:, 2].astype(np.int64), heard[:, 3:].reshape(-1, 4, 3)
+
+
+def _convex(polygons, corners):
+    """Polygons (n, 4, 2) with their numbers of corners as convex ones: rows, polygons and corners of these."""
+    ahead = np.roll(polygons, -1, axis=1) - polygons
+    turn = ahead[:, :, 0] * np.roll(ahead, -1, axis=1)[:, :, 1] - ahead[:, :, 1] * np.roll(ahead, -1, axis=1)[:, :, 0]
+    bent = (corners == 4) & np.any(turn < 0.0, axis=1)
+    rows = np.flatnonzero(~bent)
+    found = [(rows, polygons[rows], corners[rows])]
+    # turn[i] is that at corner i + 1: the diagonal starts at the corner that turns the other way
+    start = (np.argmin(turn[bent], axis=1) + 1) % 4
+    rows = np.flatnonzero(bent)
+    for half in ([0, 1, 2, 2], [0, 2, 3, 3]):
+        chosen = (start[:, None] + np.array(half)) % 4
+        found.append((rows, polygons[rows[:, None], chosen], np.full(len(rows), 3)))
+    return tuple(np.concatenate(columns) for columns in zip(*found, strict=True))
+
+
+def _polygons(frames, row, number, count, corners):
+    """What target facets cover of source facets: first (nf + 1,), polygons (n, 4, 2), numbers of their corners."""
+    centre = np.where((count == 3)[:, None], corners[:, :3].mean(axis=1), corners.mean(axis=1))
+    away = np.abs(np.einsum("ni,ni->n", centre - frames.centre[row], frames.normal[row]))
+    diagonals = np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
+    diagonals[count == 3] = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])[count == 3]
+    facing = np.einsum("ni,ni->n", diagonals, frames.normal[row])
+    kept = (facing < -EDGE_ON * np.linalg.norm(diagonals, axis=1)) & (away <= REACH * frames.extent[row])
+    row, number, count, corners, away = row[kept], number[kept], count[kept], corners[kept], away[kept]
+    # seen from the source they run the other way round
+    back = np.where((count == 3)[:, None], [2, 1, 0, 0], [3, 2, 1, 0])
+    xi = frames.inverse(row, np.take_along_axis(corners, back[:, :, None], axis=1))
+    domain = _corners(frames.kind)
+    meets = np.all((xi.max(axis=1) > domain.min(axis=0)) & (xi.min(axis=1) < domain.max(axis=0)), axis=1)
+    meets &= np.all(np.isfinite(xi), axis=(1, 2))
+    order = np.flatnonzero(meets)
+    which, polygons, count = _convex(xi[order], count[order])
+    which = order[which]
+    order = np.lexsort((number[which], away[which], row[which]))
+    first = np.searchsorted(row[which][order], np.arange(len(frames.centre) + 1))
+    return first, np.ascontiguousarray(polygons[order]), count[order]
+
+
+def triangles(space, parts, target):
+    """Triangles that tile the source facets of this rank which face a target nearby. *Collective.*
+
+    Parameters
+    ----------
+    space : pcontact.space.space.Space
+        Three-dimensional.
+    parts : list of pcontact.mesh.mesh.Facets
+        The source facets of this rank.
+    target : pcontact.contact.surface.TargetSurface
+
+    Returns
+    -------
+    part, row : ndarray (n,)
+        Part, and row in it, of each triangle's facet.
+    vertices : ndarray (n, 3, 2)
+        In the facet's reference domain.
+    """
+    every = [_Frames(space, facets) for facets in parts]
+    boxes = [frames.boxes() for frames in every] or [(np.zeros((0, 3)), np.zeros((0, 3)))]
+    faced = _faced(space, target, *(np.concatenate(side) for side in zip(*boxes, strict=True)))
+    found, begin = [(np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64), np.zeros((0, 3, 2)))], 0
+    for k, frames in enumerate(every):
+        end = begin + len(frames.centre)
+        own = (faced[0] >= begin) & (faced[0] < end)
+        arguments = _corners(frames.kind), *_polygons(frames, faced[0][own] - begin, *(a[own] for a in faced[1:]))
+        cut, begin = np.zeros(len(frames.centre), dtype=bool), end
+        room = tile(*arguments, cut, np.zeros(0, dtype=np.int64), np.zeros((0, 3, 2)))
+        owners, vertices = np.zeros(room, dtype=np.int64), np.zeros((room, 3, 2))
+        tile(*arguments, cut, owners, vertices)
+        found.append((np.full(room, k), owners, vertices))
+    return tuple(np.concatenate(columns) for columns in zip(*found, strict=True))

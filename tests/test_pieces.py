@@ -1,0 +1,131 @@
+"""Source facets in space cut along the edges of the target: tiles, patch tests, several ranks."""
+
+import numpy as np
+import pytest
+from small import SELF, make_space
+from test_patch import blocks, solve
+
+from drivers.patch import errors, scene
+from pcontact.contact.facet_maps import SQUARE_CORNERS, TRIANGLE_CORNERS
+from pcontact.contact.overlaps import triangles
+from pcontact.contact.pieces import cut_source
+from pcontact.contact.polygons import tile
+from pcontact.contact.surface import source_surface, target_surface
+from pcontact.runtime.petsc import MPI
+
+WORLD = MPI.COMM_WORLD
+ROUNDOFF = 1e-9
+DOMAINS = {"triangle": TRIANGLE_CORNERS, "square": SQUARE_CORNERS}
+
+
+def tiles(domain, polygons, corners):
+    """Triangles (n, 3, 2) of one facet, and whether it was cut."""
+    first, cut = np.array([0, len(corners)]), np.zeros(1, dtype=bool)
+    polygons, corners = np.ascontiguousarray(polygons, dtype=float), np.array(corners, dtype=np.int64)
+    room = tile(domain, first, polygons, corners, cut, np.zeros(0, np.int64), np.zeros((0, 3, 2)))
+    owners, found = np.zeros(room, np.int64), np.zeros((room, 3, 2))
+    assert tile(domain, first, polygons, corners, cut, owners, found) == room
+    return found, bool(cut[0])
+
+
+def areas(found):
+    a, b = found[:, 1] - found[:, 0], found[:, 2] - found[:, 0]
+    return 0.5 * (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
+
+
+def grid(n, turn, low=-2.0, high=2.0):
+    """Triangles of a turned grid that covers both domains."""
+    s = np.linspace(low, high, n + 1)
+    c = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
+    p = [[(s[i + a], s[j + b]) for a, b in corner] for i in range(n) for j in range(n)
+         for corner in (((0, 0), (1, 0), (1, 1), (1, 1)), ((0, 0), (1, 1), (0, 1), (0, 1)))]  # fmt: skip
+    return np.array(p) @ c.T, np.full(2 * n * n, 3)
+
+
+def inside(points, polygon):
+    """How far (n,) points are inside a triangle, negative outside."""
+    ahead = np.roll(polygon, -1, axis=0) - polygon
+    away = points[:, None] - polygon
+    d = ahead[:, 0] * away[..., 1] - ahead[:, 1] * away[..., 0]
+    return d.min(axis=1)
+
+
+@pytest.mark.parametrize("domain", list(DOMAINS))
+@pytest.mark.parametrize("n, turn", [(2, 0.0), (3, 0.4), (11, 1.1), (40, 0.7)])
+def test_tiles_fill_the_facet_and_cross_no_edge(domain, n, turn):
+    polygons, corners = grid(n, turn, -3.0, 3.0)
+    found, cut = tiles(DOMAINS[domain], polygons, corners)
+    whole = 0.5 if domain == "triangle" else 4.0
+    assert cut and np.all(areas(found) > 0.0)
+    assert areas(found).sum() == pytest.approx(whole, rel=1e-13)
+    for corner in found:
+        mean = corner.mean(axis=0)[None]
+        home = int(np.argmax([inside(mean, p[:3])[0] for p in polygons]))
+        assert inside(corner, polygons[home][:3]).min() > -1e-12
+
+
+@pytest.mark.parametrize("domain", list(DOMAINS))
+def test_what_is_not_covered_is_tiled_too(domain):
+    """A target that ends within the facet: its area comes out of some triangles, the rest out of others."""
+    polygons, corners = grid(3, 0.3, -0.1, 0.35)
+    found, cut = tiles(DOMAINS[domain], polygons, corners)
+    assert cut and areas(found).sum() == pytest.approx(0.5 if domain == "triangle" else 4.0, rel=1e-12)
+    means = found.mean(axis=1)
+    covered = np.max([inside(means, p[:3]) for p in polygons], axis=0) > 0.0
+    if domain == "square":
+        assert areas(found[covered]).sum() == pytest.approx(0.45**2, rel=1e-12)
+    assert 0.0 < areas(found[covered]).sum() < areas(found).sum()
+
+
+def test_the_nearest_of_several_layers_counts():
+    near, far = grid(3, 0.3, -3.0, 3.0), grid(4, 0.9, -3.0, 3.0)
+    alone, _ = tiles(SQUARE_CORNERS, *near)
+    both, cut = tiles(SQUARE_CORNERS, np.concatenate([near[0], far[0]]), np.concatenate([near[1], far[1]]))
+    assert cut and areas(both).sum() == pytest.approx(4.0, rel=1e-12)
+    for corner in both:
+        home = int(np.argmax([inside(corner.mean(axis=0)[None], p[:3])[0] for p in near[0]]))
+        assert inside(corner, near[0][home][:3]).min() > -1e-12
+
+
+def test_a_facet_without_target_is_not_cut():
+    polygons, corners = grid(2, 0.0, 5.0, 6.0)
+    found, cut = tiles(SQUARE_CORNERS, polygons, corners)
+    assert not cut and len(found) == 0
+
+
+@pytest.mark.parallel
+@pytest.mark.parametrize("unbiased", [False, True])
+@pytest.mark.parametrize(
+    "cell, upper, order",
+    [("hexahedron", None, 1), ("tetrahedron", None, 1), ("hexahedron", None, 2), ("tetrahedron", None, 2),
+     ("tetrahedron", "hexahedron", 2)],
+)  # fmt: skip
+def test_patch_is_exact_on_any_meshes(shared_tmp, cell, upper, order, unbiased):
+    """A coarse source on a fine target, where whole facets are wrong by percents; by default with degree 2."""
+    path = blocks(shared_tmp, cell, 3, 2, cell_upper=upper)
+    said = {} if order == 2 else {"cut": True}
+    for theta in (1.0, -1.0) if WORLD.size == 1 else (0.0,):
+        assert max(solve(scene(path, 3, order, theta=theta, unbiased=unbiased, **said), errors)) < ROUNDOFF, theta
+    assert max(solve(scene(path, 3, order, unbiased=unbiased, cut=False, quadrature=7), errors)) > 1e-4
+
+
+@pytest.mark.parallel
+@pytest.mark.parametrize("cell", ["tetrahedron", "hexahedron"])
+def test_pieces_are_those_of_one_rank(shared_tmp, cell):
+    """Number, area and moments of all pieces, however the facets of both sides are spread."""
+    path = blocks(shared_tmp, cell, 3, 2)
+    sums = []
+    for comm in (WORLD, SELF):
+        space = make_space(comm, path, ["lower", "upper"])
+        source = source_surface(space, "upper_bottom", [(50.0, 50.0), (50.0, 50.0)])
+        target = target_surface(space, "lower_top")
+        part, _, _ = triangles(space, space.mesh.facet_groups.get("upper_bottom", []), target)
+        cut = cut_source(space, source, "upper_bottom", target, 1.0, "closest_point")
+        own = np.array([len(part), len(cut.facet), cut.jxw.sum(), *(cut.jxw @ cut.x), *(cut.jxw @ cut.x**2)])
+        sums.append(comm.allreduce(own))
+        assert np.all(cut.jxw > 0.0)
+        per_facet = np.bincount(cut.facet, cut.jxw, minlength=len(cut.cells))
+        assert per_facet == pytest.approx(np.bincount(source.facet, source.jxw, minlength=len(cut.cells)), rel=1e-12)
+        assert np.all(np.diff(cut.facet) >= 0)
+    assert sums[0] == pytest.approx(sums[1], rel=1e-12)
+    assert sums[0][0] > 3 * 2 * 2
