@@ -35,6 +35,7 @@ Options (they win over the scene; the scene's [petsc] table wins over the progra
   -contact_theta 1|0|-1                            variant of Nitsche's method, all pairs
   -contact_gamma0 X                                dimensionless parameter, all pairs
   -contact_quadrature N                            degree of the quadrature on source facets
+  -contact_cut true|false                          cut source facets along the edges of the target
   -contact_search closest_point|ray_tracing        how a source point finds its partner
   -contact_formulation nitsche|penalty|augmented_lagrangian
                                                    formulation, all pairs

@@ -38,6 +38,8 @@ from pcontact.space.space import AXIS
 UNIQUE = 1.0
 # facets of a source in space that are larger than the target's by this factor spoil the quadrature
 COARSE = 3.0
+# factor from which on they are cut, unless the user says otherwise
+COARSER = 1.25
 
 # items of the formulations: without friction, with it, tied
 ITEMS = {
@@ -115,8 +117,9 @@ def pair_item(space, bulk, contact, source, target, radius, floats=False):
 def _cuts(space, contact, source, target):
     """Whether the source's facets are cut along the edges of the target. *Collective.*
 
-    The user's word; or always in the plane, and in space where it pays: where a few points cannot resolve the target,
-    or, with degree 2, anything else is far more accurate. Where bodies meet anywhere the undeformed ones say little.
+    The user's word; or always in the plane, and in space where it pays: with degree 2, and where the source, or one of
+    two that are both, is the coarser side. Else the points of whole facets resolve the target well enough for degree 1.
+    Where bodies meet anywhere, the undeformed ones say little.
     """
     if contact.target is None:
         return False
@@ -124,7 +127,7 @@ def _cuts(space, contact, source, target):
         return contact.cut is not False
     if contact.all or contact.target == contact.source:
         return False
-    return space.degree == 2 or _coarseness(space, source, target) > COARSE
+    return space.degree == 2 or is_unbiased(contact) or _coarseness(space, source, target) > COARSER
 
 
 def _fitted(space, contact, source, target, radius):
