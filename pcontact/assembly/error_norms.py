@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pcontact.assembly.geometry import CHUNK
+from pcontact.element.dilatation import components, linear
 from pcontact.element.geometry import gradients
 from pcontact.element.quadrature import quadrature
 from pcontact.element.shape import shape, shape_gradient
@@ -46,18 +47,20 @@ class SurfaceError(NamedTuple):
     largest: float
 
 
-def _energy_density(gradient, lam, mu, weight=None):
+def _energy_density(gradient, lam, mu, weight=None, points=None):
     """2 x elastic energy density (n,) [stress] of displacement gradients (n, d, d).
 
     Plane strain in 2D, plane stress with its own lam, axial symmetry with the hoop strain as the third diagonal entry.
-    With weights (nc, nq) of the points the mean dilatation of a cell stands for the dilatation at its points.
+    With weights (nc, nq) of the points the mean dilatation of a cell stands for the dilatation at its points, with
+    the points (nc, nq, d), too, the linear one.
     """
     strain = 0.5 * (gradient + gradient.transpose(0, 2, 1))
     trace = np.trace(strain, axis1=1, axis2=2)
     density = lam * trace**2 + 2.0 * mu * np.einsum("nij,nij->n", strain, strain)
     if weight is not None:
         own = trace.reshape(weight.shape)
-        mean = np.sum(weight * own, axis=1, keepdims=True) / weight.sum(axis=1, keepdims=True)
+        basis, volume, _, _ = components(weight, points)
+        mean = np.einsum("cqb,cb->cq", basis, np.einsum("cq,cqb,cq->cb", weight, basis, own) / volume[:, None])
         density += (lam + 2.0 / 3.0 * mu) * (mean**2 - own**2).ravel()
     return density
 
@@ -69,7 +72,7 @@ def _with_hoop(gradient, u, radius):
     return full
 
 
-def _chunk_sums(x, grad, jxw, at, values, nodal, exact, body, constants, axisymmetric, averaged):
+def _chunk_sums(x, grad, jxw, at, values, nodal, exact, body, constants, axisymmetric, averaged, on_linear):
     """The four squares summed over a chunk of cells."""
     n, d = jxw.size, nodal.shape[-1]
     points = np.einsum("qa,cad->cqd", at, x).reshape(n, d)
@@ -81,7 +84,9 @@ def _chunk_sums(x, grad, jxw, at, values, nodal, exact, body, constants, axisymm
         slope, exact_slope = _with_hoop(slope, u, radius), _with_hoop(exact_slope, exact_u, radius)
         jxw = 2.0 * np.pi * jxw * radius.reshape(jxw.shape)
     integrands = (
-        _energy_density(slope - exact_slope, *constants, jxw if averaged else None),
+        _energy_density(
+            slope - exact_slope, *constants, jxw if averaged else None, points.reshape(*jxw.shape, d) if on_linear else None
+        ),
         _energy_density(exact_slope, *constants),
         np.sum((u - exact_u) ** 2, axis=1),
         np.sum(exact_u**2, axis=1),
@@ -127,7 +132,7 @@ def bulk_error(space, constants, u, exact, degree=None, averaged=False):
             cells = nodal[space.cells[number][rows]]
             sums += _chunk_sums(
                 x, grad, jxw, at, values, cells, exact, block.body, constants[block.body], space.axisymmetric,
-                averaged and space.averages(block),
+                averaged and space.averages(block), linear(block.cell, space.degree),
             )  # fmt: skip
     return BulkError(*np.sqrt(space.comm.allreduce(sums, op=MPI.SUM)).tolist())
 

@@ -10,7 +10,7 @@ dilatation stress and energy are those of `pcontact.element.dilatation`.
 
 import numpy as np
 
-from pcontact.element.dilatation import dilatation, factors, hoop_operator, mean_dilatation, squares
+from pcontact.element.dilatation import dilatation, factors, hoop_operator, linear, mean_dilatation, squares
 from pcontact.element.geometry import facet_geometry, gradients
 from pcontact.element.quadrature import quadrature
 from pcontact.element.reference import CELLS, facet_nodes, n_nodes, reference_nodes
@@ -51,7 +51,8 @@ def trace_constant(cell, x, local_facet, geometry_degree, degree, lam, mu, axisy
     -------
     ndarray, (nf,) float64
         lambda_F [stress / length]. On straight simplices in closed form, p (p + d - 1) / d (lam + 2 mu) |F| /
-        |E| with p the degree, unless there is axial symmetry; elsewhere the largest eigenvalue of the local problem,
+        |E| with p the degree, unless there is axial symmetry (a mean dilatation does not raise it: its stress is
+        a polynomial of the same degree); elsewhere the largest eigenvalue of the local problem,
         without its rigid modes.
 
     Raises
@@ -162,7 +163,8 @@ def _stiffness(layout, x, lam, mu, kind):
         jxw, hoop = jxw * radius, hoop_operator(shape(cell, degree, points), radius)
     _elastic(grad.reshape(len(x), -1, size), jxw, lam if plain else 0.0 * lam, mu, x.shape[2], stiffness)
     if not plain:
-        operators, factor = squares(grad, jxw, hoop, averaged, lam, mu)
+        at = shape(cell, geometry_degree, points) @ x if averaged and linear(cell, degree) else None
+        operators, factor = squares(grad, jxw, hoop, averaged, lam, mu, at)
         operators = operators.reshape(len(x), -1, size)
         stiffness += operators.transpose(0, 2, 1) @ (factor[:, :, None] * operators)
     return stiffness
@@ -183,7 +185,7 @@ def _tractions(layout, x, local_facet, lam, mu, kind):
     volumetric = own * dilatation(grad, hoop)
     if averaged:
         middle = mean_dilatation(cell, x, geometry_degree, degree, order, axisymmetric)
-        volumetric = volumetric + shared * middle[:, None]
+        volumetric = volumetric + shared * middle.at(facets.points)
     root = np.sqrt(weight)[:, :, None, None]
     mu = mu[:, None, None, None]
     result = np.empty((nf, nq, dim, nn, dim))

@@ -385,11 +385,13 @@ class Scene:
         return self.mesh.kinematics != "plane_stress" and self.materials[body.material].nu > LOCKING
 
     def averages(self, body: Body) -> bool:
-        """Whether a body's quadrilaterals and hexahedra of degree 1 take their mean dilatation."""
+        """Whether a body's cells take their mean dilatation; triangles and tetrahedra of degree 1 never do."""
         if self.mesh.kinematics == "plane_stress":
             return False
         if self.mesh.mean_dilatation is not None:
             return self.mesh.mean_dilatation
+        if self.mesh.order == 2:
+            return self.materials[body.material].nu > POOR
         return self.locks(body) or self.yields(body)
 
 

@@ -23,7 +23,7 @@ class Space:
         How a plane mesh stands for a body; a mesh in space has nothing but the default. With axial symmetry x is the
         radius, y the axis, and all integrals go around the whole circumference.
     averaged : sequence of int
-        Bodies whose quadrilaterals and hexahedra of degree 1 take the mean dilatation of the cell.
+        Bodies whose cells take their mean dilatation, but for triangles and tetrahedra of degree 1.
 
     Attributes
     ----------
@@ -83,7 +83,7 @@ class Space:
 
     def averages(self, block):
         """Whether the cells of a block take their mean dilatation."""
-        return block.body in self._averaged and self.degree == 1 and CELLS[block.cell].is_tensor
+        return block.body in self._averaged and (self.degree == 2 or CELLS[block.cell].is_tensor)
 
     def circumference(self, points):
         """Length 2 pi r of the circles through points (..., d) with axial symmetry, 1 otherwise."""
