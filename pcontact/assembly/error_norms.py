@@ -72,9 +72,10 @@ def _with_hoop(gradient, u, radius):
     return full
 
 
-def _chunk_sums(x, grad, jxw, at, values, nodal, exact, body, constants, axisymmetric, averaged, on_linear):
+def _chunk_sums(x, grad, jxw, at, values, nodal, exact, body, constants, axisymmetric, kind):
     """The four squares summed over a chunk of cells."""
     n, d = jxw.size, nodal.shape[-1]
+    averaged, on_linear = kind
     points = np.einsum("qa,cad->cqd", at, x).reshape(n, d)
     u = np.einsum("qa,cad->cqd", values, nodal).reshape(n, d)
     slope = np.einsum("cai,cqaj->cqij", nodal, grad).reshape(n, d, d)
@@ -83,10 +84,9 @@ def _chunk_sums(x, grad, jxw, at, values, nodal, exact, body, constants, axisymm
         radius = points[:, 0]
         slope, exact_slope = _with_hoop(slope, u, radius), _with_hoop(exact_slope, exact_u, radius)
         jxw = 2.0 * np.pi * jxw * radius.reshape(jxw.shape)
+    middles = points.reshape(*jxw.shape, d) if on_linear else None
     integrands = (
-        _energy_density(
-            slope - exact_slope, *constants, jxw if averaged else None, points.reshape(*jxw.shape, d) if on_linear else None
-        ),
+        _energy_density(slope - exact_slope, *constants, jxw if averaged else None, middles),
         _energy_density(exact_slope, *constants),
         np.sum((u - exact_u) ** 2, axis=1),
         np.sum(exact_u**2, axis=1),
@@ -132,7 +132,7 @@ def bulk_error(space, constants, u, exact, degree=None, averaged=False):
             cells = nodal[space.cells[number][rows]]
             sums += _chunk_sums(
                 x, grad, jxw, at, values, cells, exact, block.body, constants[block.body], space.axisymmetric,
-                averaged and space.averages(block), linear(block.cell, space.degree),
+                (averaged and space.averages(block), linear(block.cell, space.degree)),
             )  # fmt: skip
     return BulkError(*np.sqrt(space.comm.allreduce(sums, op=MPI.SUM)).tolist())
 

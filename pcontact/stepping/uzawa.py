@@ -7,6 +7,8 @@ from pcontact.solve.outcome import together
 
 # of the traction; Newton's method starts anew, near its solution, with each update
 RTOL, MAX_IT = 1e-4, 30
+# part of the last change above which multipliers settle too slowly for the gamma they have
+SLOW = 0.4
 
 
 class Uzawa:
@@ -21,16 +23,19 @@ class Uzawa:
         Change of the multipliers, relative to the traction, at which they have settled.
     max_it : int
         Updates of a load step at most.
+    accept : bool
+        Whether a load step may end with multipliers that have not settled.
     """
 
-    def __init__(self, items, newton, rtol=RTOL, max_it=MAX_IT):
-        self.items, self.newton, self.rtol, self.max_it = items, newton, rtol, max_it
+    def __init__(self, items, newton, rtol=RTOL, max_it=MAX_IT, accept=False):
+        self.items, self.newton, self.rtol, self.max_it, self.accept = items, newton, rtol, max_it, accept
 
     def __call__(self, u, outcome):
         """Go on from the solution with the multipliers of the last load step. *Collective.*
 
-        The displacement and the traction that acts are in equilibrium whatever the number of updates. Multipliers that
-        do not settle (more conditions at the points than the displacement can meet make them creep) are reported.
+        The displacement and the traction that acts are in equilibrium whatever the number of updates, but bodies enter
+        each other. With multipliers that do not settle (more conditions at the points than the displacement can meet
+        make them creep) the load step has not converged, or it ends with a warning.
 
         Parameters
         ----------
@@ -44,22 +49,32 @@ class Uzawa:
         Outcome
             With the iterations of all solves, and ``uzawa``: the ``updates`` and the last ``change``.
         """
-        updates = 0
+        updates, before = 0, [float("inf")] * len(self.items)
         while True:
             last = updates == self.max_it
-            change = max(item.update_multipliers(u, float("inf") if last else self.rtol) for item in self.items)
+            changes = [item.update_multipliers(u, float("inf") if last else self.rtol) for item in self.items]
+            change = max(changes)
             if change <= self.rtol or last:
                 break
+            for item, now, then in zip(self.items, changes, before, strict=True):
+                if now > max(SLOW * then, self.rtol):
+                    item.stiffen()
+            before = changes
             then = self.newton.again(u)
             updates += 1
             outcome = together(outcome, then)
             if not outcome.converged:
                 break
         if outcome.converged and change > self.rtol:
-            log.warning(
-                "multipliers still change by %.1e of the traction after %d updates (-contact_uzawa_rtol %.1e)",
-                change, updates, self.rtol,
-            )  # fmt: skip
+            text = (
+                f"multipliers of contact still change by {change:.1e} of the traction after {updates} updates, more than "
+                f"-contact_uzawa_rtol {self.rtol:.1e}"
+            )
+            if self.accept:
+                log.warning("%s", text)
+            else:
+                text += "; remedy: -contact_uzawa_max_it, or a gamma0 near 1; -contact_uzawa_accept takes it as it is"
+                outcome = replace(outcome, converged=False, reason=text)
         return replace(outcome, uzawa={"updates": updates, "change": change})
 
 
@@ -72,4 +87,6 @@ def uzawa(items, newton, options):
     text = "change of the multipliers relative to the traction at which they have settled"
     rtol = options.get("contact_uzawa_rtol", RTOL, float, text=text, positive=True)
     text = "updates of the multipliers in a load step at most"
-    return Uzawa(items, newton, rtol, options.get("contact_uzawa_max_it", MAX_IT, int, text=text, positive=True))
+    max_it = options.get("contact_uzawa_max_it", MAX_IT, int, text=text, positive=True)
+    text = "end a load step, with a warning, where multipliers have not settled after the last update"
+    return Uzawa(items, newton, rtol, max_it, options.get("contact_uzawa_accept", False, bool, text=text))
