@@ -23,12 +23,15 @@ class Uzawa:
         Change of the multipliers, relative to the traction, at which they have settled.
     max_it : int
         Updates of a load step at most.
+    grow : bool
+        Whether gamma grows where they are slow.
     accept : bool
         Whether a load step may end with multipliers that have not settled.
     """
 
-    def __init__(self, items, newton, rtol=RTOL, max_it=MAX_IT, accept=False):
-        self.items, self.newton, self.rtol, self.max_it, self.accept = items, newton, rtol, max_it, accept
+    def __init__(self, items, newton, rtol=RTOL, max_it=MAX_IT, grow=True, accept=False):
+        self.items, self.newton, self.rtol, self.max_it = items, newton, rtol, max_it
+        self.grow, self.accept = grow, accept
 
     def __call__(self, u, outcome):
         """Go on from the solution with the multipliers of the last load step. *Collective.*
@@ -57,7 +60,7 @@ class Uzawa:
             if change <= self.rtol or last:
                 break
             for item, now, then in zip(self.items, changes, before, strict=True):
-                if now > max(SLOW * then, self.rtol):
+                if self.grow and now > max(SLOW * then, self.rtol):
                     item.stiffen()
             before = changes
             then = self.newton.again(u)
@@ -67,8 +70,8 @@ class Uzawa:
                 break
         if outcome.converged and change > self.rtol:
             text = (
-                f"multipliers of contact still change by {change:.1e} of the traction after {updates} updates, more than "
-                f"-contact_uzawa_rtol {self.rtol:.1e}"
+                f"multipliers of contact still change by {change:.1e} of the traction after {updates} updates, more "
+                f"than -contact_uzawa_rtol {self.rtol:.1e}"
             )
             if self.accept:
                 log.warning("%s", text)
@@ -88,5 +91,7 @@ def uzawa(items, newton, options):
     rtol = options.get("contact_uzawa_rtol", RTOL, float, text=text, positive=True)
     text = "updates of the multipliers in a load step at most"
     max_it = options.get("contact_uzawa_max_it", MAX_IT, int, text=text, positive=True)
+    text = "let gamma grow, up to the default, where multipliers settle slowly"
+    grow = options.get("contact_uzawa_grow", True, bool, text=text)
     text = "end a load step, with a warning, where multipliers have not settled after the last update"
-    return Uzawa(items, newton, rtol, max_it, options.get("contact_uzawa_accept", False, bool, text=text))
+    return Uzawa(items, newton, rtol, max_it, grow, options.get("contact_uzawa_accept", False, bool, text=text))
