@@ -123,7 +123,8 @@ class ElasticBulk:
                 if not plain:
                     ring = hoop(space, number, rows, shapes)
                     at = points_of(space, number, rows) if averaged and linear(block.cell, space.degree) else None
-                    add_squares(*squares(grad, jxw, ring, averaged, lam, mu, at), cells, rowptr, columns, local)
+                    parts = squares(grad, jxw, ring, averaged, space.degree, lam, mu, at)
+                    add_squares(*parts, cells, rowptr, columns, local)
         owned = OwnedRows(space.numbering, space.exchanger, space.nodes, rowptr, columns)
         self.rowptr, self.columns = owned.rowptr, owned.columns
         self.values = owned.sum(local)

@@ -126,7 +126,7 @@ def _part(space, facets, constants, quadrature_degree):
     at = facet_geometry(block.cell, coordinates, local, geometry_degree, space.degree, xi, weights)
     lam, mu = constants[block.body]
     averaged, shared = space.averages(block), None
-    own, factor = factors(lam, mu, averaged)
+    own, factor = factors(lam, mu, averaged, space.degree)
     if averaged:
         order = bulk_degree(block.cell, space.degree, geometry_degree, space.axisymmetric)
         shared = mean_dilatation(block.cell, coordinates, geometry_degree, space.degree, order, space.axisymmetric)

@@ -5,12 +5,15 @@ Everywhere  stress = (P . u) I + mu (grad u + grad u^T)  in the plane or space o
 * plane strain, plane stress (with a lam of its own), space    P_a = lam G_a
 * axial symmetry, x the radius r                               P_a = lam D_a,  D_a = G_a + (N_a / r) e_r
 * mean dilatation M_a = mean of D_a (B-bar; Hughes 1980)       P_a = (lam + 2/3 mu) M_a - 2/3 mu D_a
+* the same in cells of degree 2                                P_a = lam M_a
 
 The cell's mean is its projection of D_a: onto constants in cells of degree 1 and in triangles and tetrahedra of degree
 2, onto the linear functions of the place in quadrilaterals and hexahedra of degree 2 (pairs of displacement and
 pressure that are stable: Boffi, Brezzi, Fortin 2013, chapter 8; for tetrahedra of degree 2 with constants that is not
 proved). It is weighted by volume, with axial symmetry by the radius. The stress with the mean dilatation is that of
-int (lam + 2/3 mu) |M . u|^2 + 2 mu |dev eps(u)|^2,  so that the facet traction fits the energy of the cell.
+int (lam + 2/3 mu) |M . u|^2 + 2 mu |dev eps(u)|^2,  so that the facet traction fits the energy of the cell; with degree
+2 that of  int lam |M . u|^2 + 2 mu |eps(u)|^2:  a tetrahedron of degree 2 has displacements without a deviator whose
+dilatation is linear, with a mean of zero (u = 2 (b . x) x - |x|^2 b), and they must not be free.
 """
 
 from typing import NamedTuple
@@ -112,12 +115,14 @@ def mean(operators, weights, basis, volume):
     return flat.reshape(len(flat), -1, *operators.shape[2:])
 
 
-def factors(lam, mu, averaged):
-    """Factor [stress] of D, and that of its mean, in P."""
+def factors(lam, mu, averaged, degree):
+    """Factor [stress] of D, and that of its mean, in P; with the degree of the displacement."""
+    if averaged and degree == 2:
+        return 0.0 * lam, lam
     return (-2.0 / 3.0 * mu, lam + 2.0 / 3.0 * mu) if averaged else (lam, 0.0 * lam)
 
 
-def squares(grad, jxw, hoop, averaged, lam, mu, x=None):
+def squares(grad, jxw, hoop, averaged, degree, lam, mu, x=None):
     """The energy beside  mu/2 |grad u + grad u^T|^2  as a sum of squares: int ... = sum_m w_m (A_m . u)^2.
 
     Parameters
@@ -129,6 +134,8 @@ def squares(grad, jxw, hoop, averaged, lam, mu, x=None):
         N / r with axial symmetry.
     averaged : bool
         Mean dilatation.
+    degree : int
+        Of the displacement.
     lam, mu : float or ndarray (nc,)
         [stress]
     x : ndarray (nc, nq, d), optional
@@ -141,7 +148,7 @@ def squares(grad, jxw, hoop, averaged, lam, mu, x=None):
     """
     lam, mu = np.reshape(lam, (-1, 1)), np.reshape(mu, (-1, 1))
     operators = [dilatation(grad, hoop)]
-    own, shared = factors(lam, mu, averaged)
+    own, shared = factors(lam, mu, averaged, degree)
     weights = [own * jxw]
     if averaged:
         basis, volume, _, _ = components(jxw, x)

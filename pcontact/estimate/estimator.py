@@ -323,7 +323,7 @@ class Estimator:
         dtests, geo = np.ascontiguousarray(dtests), shape(block.cell, geometry_degree, xi)
         out, (lam, mu) = np.zeros((len(block.nodes), len(PARTS) + 1)), self.bulk.constants[block.body]
         averaged = space.averages(block)
-        own, shared = factors(lam, mu, averaged)
+        own, shared = factors(lam, mu, averaged, space.degree)
         force = self._body_force(number, time)
         for rows in self._parts(number, dtests.size + dshape.size):
             x = np.ascontiguousarray(mesh.points[table[rows]])

@@ -35,7 +35,7 @@ class BlockStress:
         self.lam, self.mu = bulk.constants[block.body]
         self.u = nodal[space.cells[number][rows]]
         averaged = space.averages(block)
-        self.own, shared = factors(self.lam, self.mu, averaged)
+        self.own, shared = factors(self.lam, self.mu, averaged, space.degree)
         self.shared = None
         if averaged:
             table, degree = space.mesh.geometry_nodes(block)
