@@ -206,7 +206,7 @@ CASES = {
         words=("run", "SCENE", "-contact_uzawa_rtol", "0"),
     ),
     "gamma0 below the bound of coercivity": Case(
-        [r"scene\.toml: contacts\[0\] \(pair\)\.gamma0: found 0\.1, below", r"allowed: >= 0\.25", "-allow_unsafe gamma0"],
+        [r"contacts\[0\] \(pair\)\.gamma0: found 0\.1, below", r"allowed: >= 0\.25", "-allow_unsafe gamma0"],
         scene=swapped('name = "pair"', 'name = "pair"\ngamma0 = 0.1\ntheta = 0'),
     ),
     "friction with several solutions": Case(
