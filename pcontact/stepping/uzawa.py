@@ -7,8 +7,9 @@ from pcontact.solve.outcome import together
 
 # of the traction; Newton's method starts anew, near its solution, with each update
 RTOL, MAX_IT = 1e-4, 30
-# part of the last change above which multipliers settle too slowly for the gamma they have
-SLOW = 0.4
+# change up to which a load step may end after the last update, with a warning: bodies enter each other by this part of
+# what pressure does to a layer of cells
+CREEP = 1e-2
 
 
 class Uzawa:
@@ -24,9 +25,9 @@ class Uzawa:
     max_it : int
         Updates of a load step at most.
     grow : bool
-        Whether gamma grows where they are slow.
+        Whether gamma grows with the updates where it is smaller than the default one.
     accept : bool
-        Whether a load step may end with multipliers that have not settled.
+        Whether a load step may end with multipliers that are far from settled.
     """
 
     def __init__(self, items, newton, rtol=RTOL, max_it=MAX_IT, grow=True, accept=False):
@@ -37,8 +38,8 @@ class Uzawa:
         """Go on from the solution with the multipliers of the last load step. *Collective.*
 
         The displacement and the traction that acts are in equilibrium whatever the number of updates, but bodies enter
-        each other. With multipliers that do not settle (more conditions at the points than the displacement can meet
-        make them creep) the load step has not converged, or it ends with a warning.
+        each other. Multipliers that creep (there are more conditions at the points than the displacement can meet) are
+        reported; with those that are far from settled the load step has not converged.
 
         Parameters
         ----------
@@ -52,17 +53,15 @@ class Uzawa:
         Outcome
             With the iterations of all solves, and ``uzawa``: the ``updates`` and the last ``change``.
         """
-        updates, before = 0, [float("inf")] * len(self.items)
+        updates = 0
         while True:
             last = updates == self.max_it
-            changes = [item.update_multipliers(u, float("inf") if last else self.rtol) for item in self.items]
-            change = max(changes)
+            change = max(item.update_multipliers(u, float("inf") if last else self.rtol) for item in self.items)
             if change <= self.rtol or last:
                 break
-            for item, now, then in zip(self.items, changes, before, strict=True):
-                if self.grow and now > max(SLOW * then, self.rtol):
+            if self.grow:
+                for item in self.items:
                     item.stiffen()
-            before = changes
             then = self.newton.again(u)
             updates += 1
             outcome = together(outcome, then)
@@ -70,10 +69,10 @@ class Uzawa:
                 break
         if outcome.converged and change > self.rtol:
             text = (
-                f"multipliers of contact still change by {change:.1e} of the traction after {updates} updates, more "
-                f"than -contact_uzawa_rtol {self.rtol:.1e}"
+                f"multipliers of contact still change by {change:.1e} of the traction after {updates} updates "
+                f"(-contact_uzawa_rtol {self.rtol:.1e})"
             )
-            if self.accept:
+            if self.accept or change <= CREEP:
                 log.warning("%s", text)
             else:
                 text += "; remedy: -contact_uzawa_max_it, or a gamma0 near 1; -contact_uzawa_accept takes it as it is"
@@ -91,7 +90,7 @@ def uzawa(items, newton, options):
     rtol = options.get("contact_uzawa_rtol", RTOL, float, text=text, positive=True)
     text = "updates of the multipliers in a load step at most"
     max_it = options.get("contact_uzawa_max_it", MAX_IT, int, text=text, positive=True)
-    text = "let gamma grow, up to the default, where multipliers settle slowly"
+    text = "let gamma grow with the updates, up to the default"
     grow = options.get("contact_uzawa_grow", True, bool, text=text)
-    text = "end a load step, with a warning, where multipliers have not settled after the last update"
+    text = "end a load step, with a warning, where multipliers are far from settled after the last update"
     return Uzawa(items, newton, rtol, max_it, grow, options.get("contact_uzawa_accept", False, bool, text=text))
