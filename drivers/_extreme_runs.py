@@ -23,7 +23,7 @@ from pcontact.runtime.log import LOGGER
 from pcontact.runtime.parallel import on_root
 from pcontact.runtime.petsc import MPI
 
-RIGHT, REFUSED, WARNED, WRONG, HANG = "right", "refused", "warned", "WRONG", "HANG"
+RIGHT, REFUSED, WRONG, HANG = "right", "refused", "WRONG", "HANG"
 LIMIT = 120.0  # seconds after which a cell hangs
 
 
@@ -38,7 +38,7 @@ class Cell:
     arguments : of the scene
     bound : largest relative deviation from the known answer
     reason : for the bound, a key of `REASONS`
-    cause : what a refusal, or a warning, must name (a regular expression); None: the answer has to be right
+    cause : what a refusal must name (a regular expression); None: the answer has to be right
     """
 
     family: str
@@ -166,7 +166,7 @@ def run_cell(cell, folder, limit=LIMIT):
     warnings = comm.bcast(list(dict.fromkeys(warnings)))
     bad = on_root(comm, not_numbers, folder / "run") if (folder / "run").exists() else []
     bad = comm.bcast(bad)
-    verdict, text = judge(cell, converged, errors, warnings, refusal, bad)
+    verdict, text = judge(cell, converged, errors, refusal, bad)
     return {
         "family": cell.family,
         "setting": cell.setting,
@@ -187,7 +187,7 @@ def run_cell(cell, folder, limit=LIMIT):
     }
 
 
-def judge(cell, converged, errors, warnings, refusal, bad):
+def judge(cell, converged, errors, refusal, bad):
     """Verdict on a run, and the sentence that goes with it."""
     if bad:
         return WRONG, f"not a number in {', '.join(bad)}"
@@ -196,5 +196,4 @@ def judge(cell, converged, errors, warnings, refusal, bad):
         return (REFUSED if named else WRONG), refusal or "no convergence, and no word about it"
     if errors and max(errors.values()) <= cell.bound:
         return RIGHT, ""
-    named = [line for line in warnings if cell.cause is not None and re.search(cell.cause, line)]
-    return (WARNED, named[0]) if named else (WRONG, "; ".join(f"{key} {value:.2e}" for key, value in errors.items()))
+    return WRONG, "; ".join(f"{key} {value:.2e}" for key, value in errors.items())

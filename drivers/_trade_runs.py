@@ -65,6 +65,8 @@ def changed(scene: Scene, knobs: dict) -> Scene:
         if key in ("theta", "gamma0", "quadrature"):
             for contact in scene.contacts:
                 setattr(contact, key, value)
+            # values below the bound of coercivity are tried, too
+            scene.allow_unsafe = ["gamma0"]
         elif key == "krylov":
             if isinstance(value, tuple):
                 petsc |= {"snes_ksp_ew_rtol0": value[1], "snes_ksp_ew_rtolmax": value[1]}

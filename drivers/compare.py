@@ -48,6 +48,9 @@ def make_scene(mesh: Path, name: str, gamma0: float, order: int) -> Scene:
         steps=Steps(end=2.0, count=2, min_step=0.25),
         output=Output(fields=False, probes=[CASE.driven]),
         title=f"{name}, gamma0 {gamma0:g}",
+        # what a gamma0 does is the question here
+        allow_unsafe=["gamma0"],
+        petsc={"contact_uzawa_grow": "false", "contact_uzawa_accept": "true"} if "augmented" in formulation else {},
     )
 
 

@@ -63,6 +63,7 @@ def scene(path, theta=-1.0, gamma0=None, order=1, petsc=None):
         # one step or none: a gamma0 at which Newton's method fails is a result here
         steps=Steps(count=1, min_step=0.6),
         output=Output(fields=False, probes=["pin_0", "disk_tip"]),
+        allow_unsafe=["gamma0"],
         petsc={**_solver(), **(petsc or {})},
     )
 

@@ -60,13 +60,17 @@ SIZES = {
     "hertz-cylinder_on_block": (0.4, 0.2, 0.1),
     "hertz-ball_on_block": (0.08, 0.06, 0.045),
     "mean-plane-quadrilateral": (4, 8, 16),
+    "mean-plane-triangle": (4, 8, 16),
     "mean-space-hexahedron": (2, 4, 8),
+    "mean-space-tetrahedron": (2, 4, 8),
     **{f"blocks-plane-{kind}": (6, 12) for kind in BLOCKS},
     **{f"blocks-space-{kind}": (2, 3) for kind in BLOCKS},
 }
 TINY = ("rings-triangle", "tubes-hexahedron", "blocks-plane-friction")
 # cases that have no theta
 ONCE = ("cylinder", "mean", "blocks")
+# cases whose cells lock with degree 1
+DEGREE_2 = ("mean-plane-triangle", "mean-space-tetrahedron")
 
 
 def _shell(a, b, p_in, p_out):
@@ -331,7 +335,7 @@ def run(args):
     for name in TINY if args.tiny else args.case:
         sizes = SIZES[name][: 1 if args.tiny else args.meshes]
         thetas = [0.0] if args.tiny or name.startswith(ONCE) else args.theta
-        for degree in [1] if name.startswith("mean") else args.degree:
+        for degree in [d for d in args.degree if d == 2 or name not in DEGREE_2]:
             for theta in thetas:
                 rows = [measure(name, size, degree, theta, args.o) for size in sizes]
                 widths = [size if size < 1 else 1.0 / size for size in sizes]

@@ -1,9 +1,9 @@
 """The matrix of extremes: is the answer right, or refused with its cause, where numbers are at the edge of sense?
 
 Every cell is a small scene with a known answer, from a closed form or from statics, and a bound for the deviation. A
-cell is right when the run ends within the bound, refused when the program ends it with a message that names the cause,
-warned when it deviates and a warning names the cause; everything else is WRONG. A number that is not finite in any file
-is WRONG, too, and a cell that takes too long ends the run as HANG.
+cell is right when the run ends within the bound, refused when the program ends it with a message that names the cause;
+everything else is WRONG, a wrong answer with a warning, too. A number that is not finite in any file is WRONG, and a
+cell that takes too long ends the run as HANG.
 """
 
 from itertools import islice
@@ -20,13 +20,14 @@ COLUMNS = ("family", "setting", "variant", "deviation", "bound", "why", "newton"
 
 HEAD = """# Extremes
 
-What `scripts/extremes.sh` writes: {summary}.
+What `scripts/extremes.sh{ranks}` writes: {summary}.
 
 Every cell is a small scene whose answer is known from a closed form or from statics; the program's defaults apply
 unless the cell says otherwise. A cell is right when the largest relative deviation of its pressures, forces and
-displacements is within the bound, refused when the program ends with a message that names the cause, warned when the
-deviation is larger and a warning, which is in the report too, names the cause. A number that is not finite in any file
-would be WRONG. Newton and Krylov iterations are those of all load steps, cut ones included. Why a bound is what it is:
+displacements is within the bound, refused when the program ends with a message that names the cause. Anything else
+would be WRONG: a larger deviation, with a warning or without, and a number that is not finite in any file. Settings
+that are refused because the answer may be wrong run with `-allow_unsafe`, see [options.md](options.md). Newton and
+Krylov iterations are those of all load steps, cut ones included. Why a bound is what it is:
 
 {why}
 """
@@ -64,7 +65,7 @@ def counts(rows):
 
 
 def run(args):
-    """All cells, one after the other; 1 when one is neither right nor refused nor warned."""
+    """All cells, one after the other; 1 when one is neither right nor refused."""
     every = args.every or (23 if args.tiny else 1)
     cells, rows = list(cells_of(args.family or list(FAMILIES), every)), []
     for number, cell in enumerate(cells):
@@ -80,8 +81,9 @@ def run(args):
     log.info("%s", summary)
     write_json(args.o / "extremes.json", {"cells": len(rows), "verdicts": found, "reasons": REASONS, "rows": rows})
     if MPI.COMM_WORLD.rank == 0:
+        ranks = f" -n {MPI.COMM_WORLD.size}" if MPI.COMM_WORLD.size > 1 else ""
         why = "".join(f"* {key}: {text}\n" for key, text in REASONS.items())
-        Path(args.o / "extremes.md").write_text(HEAD.format(summary=summary, why=why) + markdown(rows))
+        Path(args.o / "extremes.md").write_text(HEAD.format(ranks=ranks, summary=summary, why=why) + markdown(rows))
     return 1 if {WRONG, HANG} & found.keys() else 0
 
 

@@ -14,6 +14,7 @@ from pcontact.mesh.load import load_mesh
 from pcontact.mesh.partition import METHODS, WEIGHT
 from pcontact.pairs import contact_items, tied_items
 from pcontact.runtime import log, profile
+from pcontact.runtime.errors import InputError
 from pcontact.runtime.presets import PRESETS
 from pcontact.scene import (
     amplitude,
@@ -24,8 +25,8 @@ from pcontact.scene import (
     resolve_contacts,
     validate,
 )
-from pcontact.scene.messages import input_error
-from pcontact.scene.model import POOR, REFUSED
+from pcontact.scene.model import LOCKING, POOR, UNSAFE
+from pcontact.scene.unsafe import unsafe
 from pcontact.solve.bodies import MOST_COLOURS
 from pcontact.solve.problem import Problem
 from pcontact.space.modes import colour, component_frames, floating
@@ -57,6 +58,10 @@ def override(scene, options, accuracy):
     options.propose(scene.petsc)
     get = options.get
     accuracy.name = get("accuracy", scene.accuracy, str, tuple(PRESETS), "preset: what pays for a draft, or more")
+    text = "settings that run with a warning instead of being refused"
+    words = get("allow_unsafe", None, str, text=text)
+    if words is not None:
+        scene.allow_unsafe = _words(words)
     scene.mesh.order = get("mesh_order", scene.mesh.order, int, (1, 2), "degree of the displacement")
     count, shortest = scene.steps.count, scene.steps.min_step
     scene.steps.count = get("steps_count", count, int, text="equal load steps to start with", positive=True)
@@ -81,6 +86,16 @@ def override(scene, options, accuracy):
     said = {key: get(f"contact_{key}", None, kind, text=text) for key, (kind, text) in numerics.items()}
     validate(scene)
     return resolve_contacts(scene, {key: value for key, value in said.items() if value is not None})
+
+
+def _words(text):
+    """The words of -allow_unsafe, separated by commas."""
+    words = tuple(word.strip() for word in text.split(","))
+    for word in words:
+        if word not in UNSAFE:
+            allowed = ", ".join(UNSAFE)
+            raise InputError(f"command line: -allow_unsafe: found {word!r}; allowed: some of {allowed}")
+    return words
 
 
 def _pairs(scene):
@@ -169,30 +184,27 @@ def yielding_volume(scene, space):
     return space.comm.allreduce(sum(own))
 
 
-def _warn_of_locking(scene, space):
-    """Say which bodies are too stiff because their simplices of degree 1 lock. *Collective.*"""
+def _check_locking(scene, space):
+    """Refuse, or warn of, bodies that are too stiff because their simplices of degree 1 lock. *Collective.*"""
     mine = {block.body for block in space.mesh.blocks if len(block.nodes) and not CELLS[block.cell].is_tensor}
     bodies = set().union(*space.comm.allgather(mine)) if space.degree == 1 else set()
-    if space.degree == 2 and space.kinematics != "plane_stress":
-        _warn_of_stress(scene)
     for number in sorted(bodies):
         body = scene.bodies[number]
-        if scene.locks(body) and scene.materials[body.material].nu > REFUSED:
-            nu = scene.materials[body.material].nu
-            raise input_error(
-                scene.where, f"materials.{body.material}.nu",
-                f"{nu:g} in triangles or tetrahedra of degree 1 (body {body.region}), far too stiff then (locking)",
-                f"order = 2, or quadrilaterals or hexahedra, or nu <= {REFUSED:g}",
+        if scene.locks(body):
+            unsafe(
+                scene, "locking", f"materials.{body.material}.nu",
+                f"{scene.materials[body.material].nu:g} in triangles or tetrahedra of degree 1 (body {body.region}), "
+                "much too stiff then (locking)",
+                f"order = 2, or quadrilaterals or hexahedra, or nu <= {LOCKING:g}",
             )  # fmt: skip
-        cause = f"nu = {scene.materials[body.material].nu:g} makes" if scene.locks(body) else None
-        if cause is None and scene.yields(body) and space.kinematics != "plane_stress":
-            cause = "plastic flow, which keeps the volume, makes"
-        if cause is not None:
+        elif scene.yields(body) and space.kinematics != "plane_stress":
             log.warning(
-                "body %s: %s triangles and tetrahedra of degree 1 much too stiff (locking); remedy: "
-                "order = 2, or quadrilaterals or hexahedra",
-                body.region, cause,
+                "body %s: plastic flow, which keeps the volume, makes triangles and tetrahedra of degree 1 much too "
+                "stiff (locking); remedy: order = 2, or quadrilaterals or hexahedra",
+                body.region,
             )  # fmt: skip
+    if space.degree == 2 and scene.mesh.mean_dilatation is False and space.kinematics != "plane_stress":
+        _warn_of_stress(scene)
 
 
 def _warn_of_stress(scene):
@@ -201,8 +213,8 @@ def _warn_of_stress(scene):
         nu = scene.materials[body.material].nu
         if nu > POOR:
             log.warning(
-                "body %s: nu = %g: cells of degree 2 multiply errors of the volume change by %.0f in stress and "
-                "contact pressure (locking); remedy: order = 1 with quadrilaterals or hexahedra (mean dilatation)",
+                "body %s: nu = %g: without mean dilatation cells of degree 2 multiply errors of the volume change by "
+                "%.0f in stress and contact pressure (locking); remedy: no mean_dilatation = false",
                 body.region, nu, nu / (1.0 - 2.0 * nu),
             )  # fmt: skip
 
@@ -231,9 +243,12 @@ def assemble(scene, mesh):
     end = scene.steps.end
     kinematics, materials = scene.mesh.kinematics, [scene.materials[b.material] for b in scene.bodies]
     constants = [in_plane(*lame(material.E, material.nu), kinematics) for material in materials]
-    averaged = [number for number, body in enumerate(scene.bodies) if scene.averages(body)]
-    space = Space(mesh, scene.mesh.order, kinematics, averaged)
-    _warn_of_locking(scene, space)
+    averaged = [
+        [number for number, body in enumerate(scene.bodies) if scene.averages(body, simplices)]
+        for simplices in (False, True)
+    ]
+    space = Space(mesh, scene.mesh.order, kinematics, *averaged)
+    _check_locking(scene, space)
     supports = Supports(
         space, scene.displacements, [amplitude(d.amplitude, end) for d in scene.displacements], scene.where
     )

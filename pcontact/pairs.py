@@ -30,12 +30,15 @@ from pcontact.runtime.petsc import MPI
 from pcontact.scene import amplitude, obstacle_functions
 from pcontact.scene.messages import input_error
 from pcontact.scene.model import OUTER
+from pcontact.scene.unsafe import unsafe
 from pcontact.space.modes import component_frames, join
 from pcontact.space.space import AXIS
 
 # coefficient of friction up to which a solution is unique in most problems (of a half space in plane strain: up to
 # sqrt(3 - 4 nu) / (2 - 2 nu), 0.87 to 1)
 UNIQUE = 1.0
+# and up to which a block sheared on a plane has one: others are found from 5 on
+SEVERAL = 3.0
 # facets of a source in space that are larger than the target's by this factor spoil the quadrature
 COARSE = 3.0
 # factor from which on they are cut, unless the user says otherwise
@@ -207,28 +210,42 @@ def tied_items(scene, space, constants, bulk):
     return items
 
 
-def _warn(space, contact, item):
-    """Say what makes the answer of a pair doubtful. *Collective.*"""
-    bound = coercive(float(contact.theta))
+def _check_numbers(scene, number, contact):
+    """Refuse what makes the answer of a pair doubtful whatever the mesh, unless the scene allows it."""
+    where = f"contacts[{number}] ({contact.name})"
+    # each half of an unbiased pair bears half the traction, and half the default gamma0 is enough
+    bound = coercive(float(contact.theta)) * (0.5 if is_unbiased(contact) else 1.0)
     if contact.formulation == "nitsche" and parameter(contact) < bound:
-        log.warning(
-            "contact %s: gamma0 = %g is below %g, the bound above which theta = %g is coercive: the pressure may be "
-            "wrong; remedy: a larger gamma0, or theta = -1, which has no bound",
-            contact.name, parameter(contact), bound, contact.theta,
+        unsafe(
+            scene, "gamma0", f"{where}.gamma0",
+            f"{parameter(contact):g}, below the bound above which theta = {contact.theta:g} is coercive: the pressure "
+            "may be wrong",
+            f">= {bound:g}, or theta = -1, which has no bound",
         )  # fmt: skip
-    if contact.friction is not None and contact.friction > UNIQUE:
+    if contact.friction is not None and contact.friction > SEVERAL:
+        unsafe(
+            scene, "friction", f"{where}.friction",
+            f"{contact.friction:g}, with which Coulomb's law may have several solutions, or none",
+            f"<= {SEVERAL:g}, or tied = true for surfaces that do not part",
+        )  # fmt: skip
+    elif contact.friction is not None and contact.friction > UNIQUE:
         log.warning(
             "contact %s: friction = %g: beyond about %g Coulomb's law may have several solutions, or none; this is one",
             contact.name, contact.friction, UNIQUE,
         )  # fmt: skip
+
+
+def _check_sizes(scene, space, number, contact, item):
+    """Refuse a source in space too coarse for its target, unless the scene allows it. *Collective.*"""
     if space.dim == 2 or contact.obstacle is not None or is_unbiased(contact) or contact.all:
         return
     ratio = _coarseness(space, item.source, item.target)
     if contact.cut is False and ratio > COARSE:
-        log.warning(
-            "contact %s: facets of the source %r are %.0f times as large as those of the target %r, whose edges the "
-            "quadrature does not resolve: the pressure may be wrong; remedy: exchange source and target, or cut = true",
-            contact.name, contact.source, ratio, contact.target,
+        unsafe(
+            scene, "facet_sizes", f"contacts[{number}] ({contact.name}).cut",
+            f"false, and facets of the source {contact.source!r} {ratio:.0f} times as large as those of the target "
+            f"{contact.target!r}, whose edges the quadrature does not resolve: the pressure may be wrong",
+            f"cut = true, or at most {COARSE:g} times, such as with source and target exchanged",
         )  # fmt: skip
 
 
@@ -286,6 +303,7 @@ def contact_items(scene, space, constants, supports, free, bulk, tied):
     if any(contact.all for contact in scene.contacts):
         space.mesh.facet_groups[OUTER] = outer_surfaces(space)
     for number, contact in enumerate(scene.contacts):
+        _check_numbers(scene, number, contact)
         if contact.tied:
             items.append(tied[number])
             continue
@@ -301,7 +319,6 @@ def contact_items(scene, space, constants, supports, free, bulk, tied):
             touching.update(*sides)
         if is_unbiased(contact):
             items.append(_unbiased_item(scene, space, bulk, contact, supports, radius, floats))
-            _warn(space, contact, items[-1])
             continue
         source = source_surface(space, contact.source, constants, contact.quadrature)
         _require_area(scene, space, contact, source)
@@ -310,7 +327,7 @@ def contact_items(scene, space, constants, supports, free, bulk, tied):
         if contact.all:
             source = _muted(scene, space, supports, contact, source)
         items.append(pair_item(space, bulk, contact, source, target, radius, floats))
-        _warn(space, contact, items[-1])
+        _check_sizes(scene, space, number, contact, items[-1])
     for k in sorted(set(free) - touching):
         name = space.mesh.component_names[k]
         text = "body %s: no contact pair can hold the %d rigid modes that no support holds"

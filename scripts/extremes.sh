@@ -4,7 +4,7 @@
 #   scripts/extremes.sh [-n RANKS] [options of drivers/extremes.py]     such as --family nu units, -o DIR
 #
 # The table goes to the terminal, to DIR/extremes.json and DIR/extremes.md (DIR: extremes_results). The exit status is 0
-# only if every cell is right, refused with its cause, or warned of.
+# only if every cell is right, or refused with its cause.
 set -uo pipefail
 
 cd "$(dirname "${BASH_SOURCE[0]}")/.." || exit 2

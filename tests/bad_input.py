@@ -205,6 +205,22 @@ CASES = {
         scene=swapped('name = "pair"', 'name = "pair"\nformulation = "augmented_lagrangian"'),
         words=("run", "SCENE", "-contact_uzawa_rtol", "0"),
     ),
+    "gamma0 below the bound of coercivity": Case(
+        [r"contacts\[0\] \(pair\)\.gamma0: found 0\.1, below", r"allowed: >= 0\.25", "-allow_unsafe gamma0"],
+        scene=swapped('name = "pair"', 'name = "pair"\ngamma0 = 0.1\ntheta = 0'),
+    ),
+    "friction with several solutions": Case(
+        [r"scene\.toml: contacts\[0\] \(pair\)\.friction: found 5, with", "allowed: <= 3", "-allow_unsafe friction"],
+        scene=swapped('name = "pair"', 'name = "pair"\nfriction = 5'),
+    ),
+    "unsafe word": Case(
+        ["-allow_unsafe", "found 'gama0'", "allowed: some of gamma0, locking, facet_sizes, friction"],
+        words=("run", "SCENE", "-allow_unsafe", "locking,gama0"),
+    ),
+    "unsafe word of the scene": Case(
+        [r"scene\.toml: allow_unsafe", "entry 0 is a string 'gama0'", '"gamma0" \\| "locking"'],
+        scene="allow_unsafe = ['gama0']\n" + SCENE,
+    ),
     "level set that stops": level_set("raise ValueError('far')", "ValueError: far in line 3 of functions.py"),
     "level set that ends the program": level_set("import sys; sys.exit(1)", "SystemExit"),
     "level set that is not finite": level_set("return np.where(x[:, 0] < 0.5, np.nan, 1.0)", "nan at the point"),

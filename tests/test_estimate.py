@@ -57,7 +57,8 @@ def test_local_problems(dim, hoop, shared):
     fixed = np.zeros((nc, nb, dim), dtype=bool)
     fixed[1, 2, 0] = fixed[0, 0, 1] = True
     out = np.empty((nc, parts + 1))
-    energies(grad, ring, jxw, lam, shared, mu, loads, fixed, out)
+    basis = rng.normal(size=(nc, nq, 2))
+    energies(grad, ring, jxw, lam, shared, mu, basis, loads, fixed, out)
     c4 = elasticity(lam, mu, 3)
     for c in range(nc):
         full = np.zeros((nq, nb, dim, 3, 3))
@@ -66,8 +67,9 @@ def test_local_problems(dim, hoop, shared):
         if hoop:
             full[:, :, 0, 2, 2] = ring[c]
         matrix = np.einsum("q,qaimn,mnkl,qbjkl->aibj", jxw[c], full, c4, full).reshape(nb * dim, nb * dim)
-        mean = np.einsum("q,qaikk->ai", jxw[c], full).ravel()
-        matrix += shared / jxw[c].sum() * np.outer(mean, mean)
+        for mode in basis[c].T:
+            mean = np.einsum("q,q,qaikk->ai", jxw[c], mode, full).ravel()
+            matrix += shared / jxw[c].sum() * np.outer(mean, mean)
         free = ~fixed[c].ravel()
         for k, b in enumerate([*loads[c], loads[c].sum(axis=0)]):
             b = b.ravel()[free]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from drivers._extreme_cells import FAMILIES, REASONS
-from drivers._extreme_runs import REFUSED, RIGHT, WARNED, WRONG, Cell, judge, not_numbers, run_cell
+from drivers._extreme_runs import REFUSED, RIGHT, WRONG, Cell, judge, not_numbers, run_cell
 from drivers._extreme_scenes import E, flowing_strain, stack
 from drivers.extremes import cells_of
 from meshes.bricks import Brick, bricks
@@ -39,10 +39,18 @@ MENDED = {
     # the gap of points without a partner was not a number
     "few points, corner on face, 2D, upper is source": RIGHT,
     # no word about gamma0 below the bound of coercivity, edges that the quadrature does not see, a limit load
-    "gamma0, 1e-06, ring, theta 0": WARNED,
+    "gamma0, 1e-06, ring, theta 0": REFUSED,
     "mesh sizes, 1 : 100, target fine, hexahedron": RIGHT,
     "loads, 1e+06, shrink fit": REFUSED,
-    "nu, 0.499, ring, triangle 1": REFUSED,
+    "nu, 0.49, ring, triangle 1": REFUSED,
+    # another solution of Coulomb's law than the one meant
+    "friction, 10, slip, theta 1": REFUSED,
+    # the volume change of cells of degree 2 took the digits of the pressure, or their displacement
+    "nu, 0.49999, ring, quadrilateral 2": RIGHT,
+    "nu, 0.49999, ring, triangle 2": RIGHT,
+    # multipliers had not settled after 30 updates
+    "gamma0, 1e-06, blocks, augmented Lagrangian": RIGHT,
+    "gamma0, 1e-03, blocks, augmented Lagrangian": RIGHT,
 }
 # the same, of runs that cut their steps again and again before they give up: on one rank
 SLOW = ["hardening, 0, flowing block, 101 %", "loads, 1e+06, weight on a corner"]
@@ -84,21 +92,19 @@ CASE = Cell("family", "setting", "variant", stack, bound=1e-3, cause="limit load
 
 
 @pytest.mark.parametrize(
-    ("converged", "errors", "warnings", "refusal", "bad", "verdict"),
+    ("converged", "errors", "refusal", "bad", "verdict"),
     [
-        (True, {"u": 1e-4}, [], "", [], RIGHT),
-        (True, {"u": 1e-2}, [], "", [], WRONG),
-        (True, {"u": np.inf}, [], "", [], WRONG),
-        (True, {"u": 1e-2}, ["near the limit load"], "", [], WARNED),
-        (True, {"u": 1e-2}, ["something else"], "", [], WRONG),
-        (True, {"u": 1e-4}, [], "", ["history.csv: time"], WRONG),
-        (False, {}, [], "beyond the limit load", [], REFUSED),
-        (False, {}, [], "did not converge", [], WRONG),
-        (False, {}, [], "", [], WRONG),
+        (True, {"u": 1e-4}, "", [], RIGHT),
+        (True, {"u": 1e-2}, "", [], WRONG),
+        (True, {"u": np.inf}, "", [], WRONG),
+        (True, {"u": 1e-4}, "", ["history.csv: time"], WRONG),
+        (False, {}, "beyond the limit load", [], REFUSED),
+        (False, {}, "did not converge", [], WRONG),
+        (False, {}, "", [], WRONG),
     ],
 )
-def test_the_verdict(converged, errors, warnings, refusal, bad, verdict):
-    assert judge(CASE, converged, errors, warnings, refusal, bad)[0] == verdict
+def test_the_verdict(converged, errors, refusal, bad, verdict):
+    assert judge(CASE, converged, errors, refusal, bad)[0] == verdict
 
 
 def test_numbers_that_are_not_finite_are_found_in_files(tmp_path):
@@ -114,10 +120,10 @@ def test_numbers_that_are_not_finite_are_found_in_files(tmp_path):
 
 
 def test_warnings_are_in_the_report(tmp_path):
-    keys = {"gamma0": 1e-2, "friction": 2.0}
+    keys = {"gamma0": 1e-2, "friction": 2.0, "petsc": {"allow_unsafe": "gamma0,locking"}}
     run_cell(Cell("gamma0", "0.01", "blocks", stack, keys), tmp_path)
     lines = json.loads((tmp_path / "run" / "report.json").read_text())["warnings"]
-    assert any("below 0.25" in line for line in lines) and any("several solutions" in line for line in lines)
+    assert any("is coercive" in line for line in lines) and any("several solutions" in line for line in lines)
     run_cell(Cell("gamma0", "1", "blocks", stack), tmp_path)
     assert json.loads((tmp_path / "run" / "report.json").read_text())["warnings"] == []
 

@@ -149,6 +149,7 @@ def solve(shared_tmp):
             bodies=[Body("lower", "l"), Body("upper", "u")],
             displacements=[Displacement("lower_bottom", [0.0] * 3), Displacement("upper_top", [shift, 0.0, -0.01])],
             contacts=[Contact("upper_bottom", "lower_top", theta=theta, gamma0=gamma0, friction=friction)],
+            allow_unsafe=["friction"],
             output=Output(fields=False),
             petsc={"snes_ksp_ew": "false", "ksp_rtol": "1e-8", "pc_patience": "-1", "snes_rtol": "1e-11", **petsc},
         )

@@ -38,6 +38,10 @@ PIECES = {
     "penalty": (("contact.penalty",), ()),
     "augmented Lagrangian": (("contact.augmented",), ()),
     "obstacles": (("contact.obstacle",), ()),
+    # what says that a cell has none, and what axial symmetry needs, too
+    "mean dilatation": (
+        ("element.dilatation",), ("Mean", "linear", "dilatation", "factors", "squares", "hoop_operator"),
+    ),
 }  # fmt: skip
 
 
@@ -68,6 +72,10 @@ def with_piece(path, piece):
     if piece == "obstacles":
         result = scene(path)
         result.contacts.append(lowest)
+        return result
+    if piece == "mean dilatation":
+        result = scene(path)
+        result.mesh.mean_dilatation = True
         return result
     return scene(path, **{
         "friction": {"friction": 0.4},

@@ -1,18 +1,23 @@
-"""Mean dilatation of quadrilaterals and hexahedra: no locking, exact patches, coercive contact, when it is chosen."""
+"""Mean dilatation: no locking, exact patches, coercive contact, when it is chosen."""
 
 import numpy as np
 import pytest
-from small import DIMENSION, SELF, bend, block_file, dense_item, make_space, numpy_gradients, vector_of
-from test_kinematics import DIRECT, cylinder, mesh, nodal, solved, strip
+from small import DIMENSION, SELF, bend, block_file, blocks_file, dense_item, make_space, numpy_gradients, vector_of
+from test_friction import STEPS, check_taylor, motion, pair
+from test_kinematics import DIRECT, cylinder, friction_between, mesh, nodal, solved, strip
 
+from drivers._common import running
+from drivers._extreme_shapes import wave
 from meshes.blocks import one_block, two_blocks
 from pcontact.assembly.bulk import ElasticBulk
 from pcontact.assembly.error_norms import bulk_error
+from pcontact.assembly.geometry import bulk_degree
 from pcontact.contact.frictional import FrictionalItem
 from pcontact.contact.item import ContactItem
 from pcontact.contact.obstacle import RigidObstacle
 from pcontact.contact.surface import source_surface
 from pcontact.element.quadrature import quadrature
+from pcontact.element.shape import shape
 from pcontact.material.elastic import lame
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.petsc import MPI
@@ -89,31 +94,65 @@ def test_bending(tmp_path, dim, cell):
 # -- operators ----------------------------------------
 
 
-@pytest.fixture(scope="module", params=TENSOR)
+KINDS = [*((cell, 1) for cell in TENSOR), *((cell, 2) for cell in DIMENSION)]
+
+
+@pytest.fixture(scope="module", params=KINDS, ids=lambda kind: f"{kind[0]}-{kind[1]}")
 def spaces(request, tmp_path_factory):
-    """A bent box without and with mean dilatation, on one rank."""
-    path = block_file(tmp_path_factory.mktemp("b") / "b.msh", request.param, 2)
-    plain = make_space(SELF, path, ["block"], 1, bend)
-    return plain, Space(plain.mesh, 1, averaged=[0])
+    """A bent box without and with mean dilatation, on one rank; of degree 2 with curved cells."""
+    cell, degree = request.param
+    path = block_file(tmp_path_factory.mktemp("b") / "b.msh", cell, 2, degree)
+    plain = make_space(SELF, path, ["block"], degree, bend)
+    return plain, Space(plain.mesh, degree, averaged=[0], averaged_simplices=[0])
+
+
+def modes(space, x):
+    """What the dilatation is projected onto, at points (..., d): constants, or linear functions."""
+    linear = space.degree == 2 and space.mesh.blocks[0].cell in TENSOR
+    return np.concatenate([np.ones_like(x[..., :1]), x], axis=-1) if linear else np.ones_like(x[..., :1])
+
+
+def own_rule(space):
+    """Gradients, weights and points of the quadrature of the cells' stiffness."""
+    block = space.mesh.blocks[0]
+    table, geometry = space.mesh.geometry_nodes(block)
+    xi, weights = quadrature(block.cell, bulk_degree(block.cell, space.degree, geometry))
+    grad, weight, _ = numpy_gradients(space, 0, xi, weights)
+    return grad, weight, shape(block.cell, geometry, xi) @ space.mesh.points[table]
 
 
 def test_stiffness(spaces):
-    """int (lam + 2/3 mu) mean(div u)^2 + 2 mu |dev eps|^2, cell by cell, from the quadrature of the plain one."""
+    """int (lam + 2/3 mu) mean(div u)^2 + 2 mu |dev eps|^2, cell by cell, from the quadrature of the plain one.
+
+    With degree 2  int lam mean(div u)^2 + 2 mu |eps|^2.
+    """
     plain, averaged = spaces
     lam, mu = 3.0, 2.0
+    own = -2.0 / 3.0 * mu if plain.degree == 1 else 0.0
     k = {
         "mean": dense_item(ElasticBulk(averaged, [(lam, mu)]), plain.vector()),
-        "shear": dense_item(ElasticBulk(plain, [(-2.0 / 3.0 * mu, mu)]), plain.vector()),
+        "shear": dense_item(ElasticBulk(plain, [(own, mu)]), plain.vector()),
     }
     difference = k["mean"] - k["shear"]
     np.testing.assert_allclose(difference, difference.T, atol=1e-12)
     values, cells = np.linalg.eigvalsh(difference), len(plain.cells[0])
-    # one square for each cell (a checkerboard of them may be dependent) and nothing else
-    assert np.sum(values > 1e-10) <= cells and values[0] > -1e-11
+    # as many squares for each cell as there are modes (a checkerboard may be dependent) and nothing else
+    size = modes(averaged, np.zeros((1, plain.dim))).shape[1]
+    assert 0 < np.sum(values > 1e-9) <= size * cells and values[0] > -1e-10
     x = plain.points[plain.owned_local]
     volume = sum(v.sum() for _, v in ElasticBulk(plain, [(lam, mu)]).stress(plain.vector()))
     blow = x.ravel() @ difference @ x.ravel()
-    assert blow == pytest.approx((lam + 2.0 / 3.0 * mu) * plain.dim**2 * volume, rel=1e-12)
+    assert blow == pytest.approx((lam - own) * plain.dim**2 * volume, rel=1e-12)
+    # any other displacement, against least squares in every cell
+    u = np.random.default_rng(3).normal(size=plain.points.shape)
+    grad, weight, points = own_rule(plain)
+    divergence = np.einsum("cqad,cad->cq", grad, u[plain.cells[0]])
+    root, energy = np.sqrt(weight), 0.0
+    for c, basis in enumerate(modes(averaged, points)):
+        fit = np.linalg.lstsq(root[c][:, None] * basis, root[c] * divergence[c], rcond=None)[0]
+        energy += (lam - own) * weight[c] @ (basis @ fit) ** 2
+    owned = u[plain.owned_local].ravel()
+    assert owned @ difference @ owned == pytest.approx(energy, rel=1e-9)
 
 
 def test_uniform_strain_is_the_same(spaces):
@@ -137,19 +176,24 @@ def test_only_rigid_modes_cost_nothing(spaces):
 
 
 def test_pressure_at_facets(spaces):
-    """(lam + 2/3 mu) mean(div u) - 2/3 mu div u of the parent cell, for any displacement."""
+    """(lam + 2/3 mu) mean(div u) - 2/3 mu div u of the parent cell, with degree 2 lam mean(div u)."""
     _, space = spaces
     lam, mu, rng = 3.0, 2.0, np.random.default_rng(1)
     surface = source_surface(space, "bottom", [(lam, mu)])
     u = rng.normal(size=space.points.shape)
     values = u[surface.cells[surface.facet]]
-    grad, weight, _ = numpy_gradients(space, 0, *quadrature(space.mesh.blocks[0].cell, 2))
-    divergence = np.einsum("cqad,cad->cq", grad, u[space.cells[0]])
-    mean = np.sum(weight * divergence, axis=1) / np.sum(weight, axis=1)
+    grad, weight, points = own_rule(space)
+    divergence, root = np.einsum("cqad,cad->cq", grad, u[space.cells[0]]), np.sqrt(weight)
+    basis = modes(space, points)
+    fits = np.array([
+        np.linalg.lstsq(root[c][:, None] * basis[c], root[c] * divergence[c], rcond=None)[0] for c in range(len(root))
+    ])  # fmt: skip
     row = {tuple(nodes): c for c, nodes in enumerate(space.cells[0].tolist())}
     parent = np.array([row[tuple(nodes)] for nodes in surface.cells.tolist()])[surface.facet]
-    expected = (lam + 2 / 3 * mu) * mean[parent] - 2 / 3 * mu * np.einsum("pad,pad->p", surface.grad, values)
-    np.testing.assert_allclose(np.einsum("pad,pad->p", surface.volumetric, values), expected, atol=1e-11)
+    mean = np.sum(modes(space, surface.x) * fits[parent], axis=1)
+    own = -2.0 / 3.0 * mu if space.degree == 1 else 0.0
+    expected = (lam - own) * mean + own * np.einsum("pad,pad->p", surface.grad, values)
+    np.testing.assert_allclose(np.einsum("pad,pad->p", surface.volumetric, values), expected, atol=1e-9)
 
 
 def lowest(space, theta, gamma0, kind, nu):
@@ -174,13 +218,59 @@ def lowest(space, theta, gamma0, kind, nu):
     "cell, kinematics",
     [("quadrilateral", "plane_strain"), ("quadrilateral", "axisymmetric"), ("hexahedron", "plane_strain")],
 )
-def test_coercive(tmp_path, cell, kinematics, nu, theta, kind):
+@pytest.mark.parametrize("degree", [1, 2])
+def test_coercive(tmp_path, degree, cell, kinematics, nu, theta, kind):
     """Stable from gamma0 = (1 + theta)^2 / 4, not far below."""
     path = one_block(tmp_path / "b.msh", DIMENSION[cell], 1, cell, lower=1.0)
-    lowered = make_space(SELF, path, ["block"], 1, lambda x: x - np.eye(x.shape[1])[-1])
-    space, bound = Space(lowered.mesh, 1, kinematics, [0]), (1.0 + theta) ** 2 / 4.0
+    lowered = make_space(SELF, path, ["block"], degree, lambda x: x - np.eye(x.shape[1])[-1])
+    space, bound = Space(lowered.mesh, degree, kinematics, [0]), (1.0 + theta) ** 2 / 4.0
     assert lowest(space, theta, 1.01 * bound, kind, nu) > -1e-12
     assert lowest(space, theta, 0.5 * bound, kind, nu) < -1e-6
+
+
+@pytest.mark.parametrize("theta", [1.0, 0.0])
+@pytest.mark.parametrize("cell, kinematics", [
+    ("triangle", "plane_strain"), ("triangle", "axisymmetric"), ("tetrahedron", "plane_strain"),
+])  # fmt: skip
+def test_coercive_simplices(tmp_path, cell, kinematics, theta):
+    """With the bound of cells that do not average, which theirs is not above."""
+    path = one_block(tmp_path / "b.msh", DIMENSION[cell], 1, cell, lower=1.0)
+    lowered = make_space(SELF, path, ["block"], 2, lambda x: x - np.eye(x.shape[1])[-1])
+    space = Space(lowered.mesh, 2, kinematics, averaged_simplices=[0])
+    assert lowest(space, theta, 1.01 * (1.0 + theta) ** 2 / 4.0, FrictionalItem, SOFT) > -1e-12
+
+
+@pytest.mark.parametrize("theta", [1.0, 0.0, -1.0])
+@pytest.mark.parametrize("cell, kinematics", [
+    ("triangle", "plane_strain"), ("quadrilateral", "plane_strain"), ("quadrilateral", "axisymmetric"),
+])  # fmt: skip
+def test_tangent_of_a_pair_of_degree_2(tmp_path, cell, kinematics, theta):
+    """The derivative of the forces, in every status."""
+    path = blocks_file(tmp_path / "b.msh", cell, [2, 2], [3, 1], offset=0.3)
+    mesh_of = make_space(SELF, path, ["lower", "upper"], 2).mesh
+    space = Space(mesh_of, 2, kinematics, [0, 1], [0, 1])
+    item = pair(space, friction_between("coulomb", theta=theta, alpha=0.7), radius=0.3)
+    assert item.source.shared is not None
+    first = motion(space, -0.01, 0.01)
+    item.detect(space.vector(), 0.5)
+    item.commit(vector_of(space, first), 0.5)
+    item.detect(vector_of(space, first), 1.0)
+    for depth, slide, tilt in STEPS:
+        check_taylor(item, first + motion(space, depth + 0.01, slide, tilt, seed=3), "coulomb")
+
+
+@pytest.mark.parallel
+@pytest.mark.parametrize("cell, bound", [("quadrilateral", 6e-3), ("triangle", 6e-2)])
+def test_pressure_of_a_wave(shared_tmp, cell, bound):
+    """Westergaard's solution with nu = 0.4999 and cells of degree 2; the pressure is lost without."""
+    errors = []
+    for chosen in (None, False):
+        scene, measure = wave(shared_tmp, cell=cell, part=0.5, nu=SOFT, petsc=DIRECT)
+        scene.mesh.mean_dilatation, scene.output.fields = chosen, False
+        with running(scene, None) as (simulation, converged):
+            assert converged
+            errors.append(measure(simulation, [])["pressure, L2"])
+    assert errors[0] < bound and errors[1] > 0.5
 
 
 # -- patch tests --------------------------------------
@@ -244,8 +334,15 @@ def block(folder, cell, nu, order=1, **more):
         ("hexahedron", 0.46, 1, {}, True),
         ("quadrilateral", 0.46, 1, {"kinematics": "axisymmetric"}, True),
         ("quadrilateral", 0.46, 1, {"kinematics": "plane_stress"}, False),
-        ("quadrilateral", 0.46, 2, {}, False),
-        ("triangle", 0.46, 1, {}, False),
+        ("quadrilateral", 0.45, 2, {}, False),
+        ("quadrilateral", 0.46, 2, {}, True),
+        ("hexahedron", 0.46, 2, {}, True),
+        ("triangle", 0.49, 2, {}, False),
+        ("triangle", 0.495, 2, {}, True),
+        ("tetrahedron", 0.495, 2, {}, True),
+        ("tetrahedron", 0.495, 2, {"mean_dilatation": False}, False),
+        ("triangle", 0.3, 2, {"mean_dilatation": True}, True),
+        ("triangle", 0.3, 1, {"mean_dilatation": True}, False),
         ("quadrilateral", 0.46, 1, {"mean_dilatation": False}, False),
         ("quadrilateral", 0.3, 1, {"mean_dilatation": True}, True),
     ],
@@ -261,9 +358,11 @@ def test_bodies_that_may_yield(tmp_path):
     scene = block(tmp_path, "quadrilateral", 0.3)
     scene.materials["m"].yield_stress = 1.0
     assert scene.averages(scene.bodies[0]) and not scene.locks(scene.bodies[0])
+    scene.mesh.order = 2
+    assert not scene.averages(scene.bodies[0]) and not scene.averages(scene.bodies[0], True)
 
 
-@pytest.mark.parametrize("cell, nu, order, kinematics, warned", [
+@pytest.mark.parametrize("cell, nu, order, kinematics, refused", [
     ("triangle", 0.46, 1, "plane_strain", True),
     ("tetrahedron", 0.46, 1, "plane_strain", True),
     ("triangle", 0.46, 1, "axisymmetric", True),
@@ -272,11 +371,25 @@ def test_bodies_that_may_yield(tmp_path):
     ("triangle", 0.45, 1, "plane_strain", False),
     ("quadrilateral", 0.46, 1, "plane_strain", False),
 ])  # fmt: skip
-def test_warning_for_simplices(tmp_path, monkeypatch, cell, nu, order, kinematics, warned):
+def test_simplices_of_degree_1_are_refused(tmp_path, monkeypatch, cell, nu, order, kinematics, refused):
+    said = []
+    monkeypatch.setattr("pcontact.scene.unsafe.log.warning", lambda text, *args: said.append(text % args))
+    scene = block(tmp_path, cell, nu, order, kinematics=kinematics)
+    if refused:
+        with pytest.raises(InputError, match=r"materials.m.nu: found 0.46 in .*locking.*order = 2.*allow_unsafe lock"):
+            Simulation(scene)
+    scene.allow_unsafe = ["locking"]
+    Simulation(scene).close()
+    assert [("locking" in text and "order = 2, or quadrilaterals" in text) for text in said] == [True] * refused
+
+
+def test_warning_of_stress_that_is_lost(tmp_path, monkeypatch):
+    """Who takes the mean dilatation out is warned."""
     said = []
     monkeypatch.setattr("pcontact.build.log.warning", lambda text, *args: said.append(text % args))
-    Simulation(block(tmp_path, cell, nu, order, kinematics=kinematics)).close()
-    assert [("locking" in text and "order = 2, or quadrilaterals" in text) for text in said] == [True] * warned
+    Simulation(block(tmp_path, "triangle", 0.4999, 2, mean_dilatation=False)).close()
+    Simulation(block(tmp_path, "triangle", 0.4999, 2)).close()
+    assert len(said) == 1 and "by 2500 in stress" in said[0]
 
 
 def test_plane_stress_is_refused(tmp_path):

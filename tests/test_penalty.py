@@ -414,6 +414,7 @@ def test_what_sticks_does_not_creep(tmp_path, formulation):
     for count in (2, 16):
         scene = dragged(path, formulation, count, 0.001, friction=50.0, gamma0=10.0)
         scene.petsc["contact_uzawa_rtol"] = "1e-9"
+        scene.allow_unsafe = ["friction"]
         (*_, record), _ = solved(scene)
         assert record["contacts"]["floor"]["slip"] == 0
         forces.append(record["contacts"]["floor"]["force"])
@@ -529,13 +530,44 @@ def test_cut_backs_are_forgotten(tmp_path, update):
             np.testing.assert_array_equal(first["contacts"]["floor"][key], second["contacts"]["floor"][key])
 
 
-def test_multipliers_that_do_not_settle_are_reported(tmp_path, caplog):
+def test_multipliers_that_do_not_settle_end_the_run(tmp_path, capsys):
+    """Unless they are accepted, with a warning."""
     path = one_block(tmp_path / "b.msh", 2, 3)
     petsc = {"contact_uzawa_max_it": "1", "contact_uzawa_rtol": "1e-9"}
+    simulation = Simulation(pressed(path, 2, "augmented_lagrangian", petsc=petsc, gamma0=1.0))
+    assert not simulation.run()
+    simulation.close()
+    assert "multipliers of contact still change by" in capsys.readouterr().err
+    petsc["contact_uzawa_accept"] = "true"
     (record,), _ = solved(pressed(path, 2, "augmented_lagrangian", petsc=petsc, gamma0=1.0))
     assert record["uzawa"]["updates"] == 1 and record["uzawa"]["change"] > 1e-9
     # the traction is in equilibrium all the same
     assert record["imbalance"] < 1e-10
+
+
+@parallel
+@pytest.mark.parametrize("law", [{}, {"friction": 0.3}])
+def test_gamma_grows_where_multipliers_are_slow(shared_tmp, law):
+    """From a millionth of the default to the default, in each load step; the answer is that of the default.
+
+    With such a gamma multipliers change by a millionth of the gap, and seem to have settled in the second load step.
+    """
+    path, d = made(shared_tmp, "quadrilateral")
+    results = []
+    for gamma0 in (1e-6, None):
+        scene = pressed(path, d, "augmented_lagrangian", gamma0=gamma0, **law)
+        scene.steps = Steps(1.0, 2)
+        records, (state, item) = solved(scene, states)
+        updates = [record["uzawa"]["updates"] for record in records]
+        assert max(updates) < 30 and all(record["cutbacks"] == 0 for record in records)
+        np.testing.assert_allclose(item.gamma, item.source.trace, rtol=1e-12)
+        results.append((updates, state["pressure"]))
+    assert results[0][0][0] > results[1][0][0]
+    np.testing.assert_allclose(results[0][1], results[1][1], rtol=1e-3)
+    scene = pressed(path, d, "augmented_lagrangian", petsc={"contact_uzawa_grow": "false"}, gamma0=1e-6, **law)
+    simulation = Simulation(scene)
+    assert not simulation.run()
+    simulation.close()
 
 
 @both

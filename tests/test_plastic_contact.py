@@ -41,6 +41,7 @@ CASES = [
     ("quadrilateral", 1, "plane_stress", False),
     ("quadrilateral", 1, "axisymmetric", True),
     ("quadrilateral", 2, "plane_strain", False),
+    ("quadrilateral", 2, "plane_strain", True),
     ("tetrahedron", 2, "plane_strain", False),
     ("hexahedron", 1, "plane_strain", True),
 ]
@@ -54,7 +55,7 @@ def space(request, tmp_path_factory):
     path, d = tmp_path_factory.mktemp("b") / "b.msh", DIMENSION[cell]
     blocks_file(path, cell, 1 if d == 3 else 2, [1] * d if d == 3 else [3, 1], offset=0.3)
     mesh = make_space(SELF, path, ["lower", "upper"], degree).mesh
-    return Space(mesh, degree, kinematics, [0, 1] if averaged else [])
+    return Space(mesh, degree, kinematics, *([[0, 1]] * 2 if averaged else []))
 
 
 def items(space, contact, materials, constants, radius=1.0):

@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from pcontact.assembly.geometry import chunks, hoop
+from pcontact.assembly.geometry import chunks, hoop, points_of
 from pcontact.assembly.graph import find, multiply, node_graph
 from pcontact.assembly.pattern import OwnedRows
-from pcontact.element.dilatation import squares
+from pcontact.element.dilatation import linear, squares
 from pcontact.material.elastic import mean_stress
 from pcontact.runtime.jit import njit
 
@@ -122,7 +122,9 @@ class ElasticBulk:
                 add_stiffness(grad, jxw, cells, lam if plain else 0.0, mu, rowptr, columns, local)
                 if not plain:
                     ring = hoop(space, number, rows, shapes)
-                    add_squares(*squares(grad, jxw, ring, averaged, lam, mu), cells, rowptr, columns, local)
+                    at = points_of(space, number, rows) if averaged and linear(block.cell, space.degree) else None
+                    parts = squares(grad, jxw, ring, averaged, space.degree, lam, mu, at)
+                    add_squares(*parts, cells, rowptr, columns, local)
         owned = OwnedRows(space.numbering, space.exchanger, space.nodes, rowptr, columns)
         self.rowptr, self.columns = owned.rowptr, owned.columns
         self.values = owned.sum(local)

@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pcontact.assembly.geometry import CHUNK
+from pcontact.element.dilatation import components, factors, linear
 from pcontact.element.geometry import gradients
 from pcontact.element.quadrature import quadrature
 from pcontact.element.shape import shape, shape_gradient
@@ -46,19 +47,22 @@ class SurfaceError(NamedTuple):
     largest: float
 
 
-def _energy_density(gradient, lam, mu, weight=None):
+def _energy_density(gradient, lam, mu, mean=None):
     """2 x elastic energy density (n,) [stress] of displacement gradients (n, d, d).
 
     Plane strain in 2D, plane stress with its own lam, axial symmetry with the hoop strain as the third diagonal entry.
-    With weights (nc, nq) of the points the mean dilatation of a cell stands for the dilatation at its points.
+    With weights (nc, nq) of the points, points (nc, nq, d) or None, and the degree of the displacement, in `mean`, the
+    mean dilatation of a cell stands for the dilatation at its points; the linear one where there are points.
     """
     strain = 0.5 * (gradient + gradient.transpose(0, 2, 1))
     trace = np.trace(strain, axis1=1, axis2=2)
     density = lam * trace**2 + 2.0 * mu * np.einsum("nij,nij->n", strain, strain)
-    if weight is not None:
+    if mean is not None:
+        weight, points, degree = mean
         own = trace.reshape(weight.shape)
-        mean = np.sum(weight * own, axis=1, keepdims=True) / weight.sum(axis=1, keepdims=True)
-        density += (lam + 2.0 / 3.0 * mu) * (mean**2 - own**2).ravel()
+        basis, volume, _, _ = components(weight, points)
+        middle = np.einsum("cqb,cb->cq", basis, np.einsum("cq,cqb,cq->cb", weight, basis, own) / volume[:, None])
+        density += factors(lam, mu, True, degree)[1] * (middle**2 - own**2).ravel()
     return density
 
 
@@ -69,9 +73,10 @@ def _with_hoop(gradient, u, radius):
     return full
 
 
-def _chunk_sums(x, grad, jxw, at, values, nodal, exact, body, constants, axisymmetric, averaged):
+def _chunk_sums(x, grad, jxw, at, values, nodal, exact, body, constants, axisymmetric, kind):
     """The four squares summed over a chunk of cells."""
     n, d = jxw.size, nodal.shape[-1]
+    averaged, on_linear, degree = kind
     points = np.einsum("qa,cad->cqd", at, x).reshape(n, d)
     u = np.einsum("qa,cad->cqd", values, nodal).reshape(n, d)
     slope = np.einsum("cai,cqaj->cqij", nodal, grad).reshape(n, d, d)
@@ -80,8 +85,9 @@ def _chunk_sums(x, grad, jxw, at, values, nodal, exact, body, constants, axisymm
         radius = points[:, 0]
         slope, exact_slope = _with_hoop(slope, u, radius), _with_hoop(exact_slope, exact_u, radius)
         jxw = 2.0 * np.pi * jxw * radius.reshape(jxw.shape)
+    mean = (jxw, points.reshape(*jxw.shape, d) if on_linear else None, degree) if averaged else None
     integrands = (
-        _energy_density(slope - exact_slope, *constants, jxw if averaged else None),
+        _energy_density(slope - exact_slope, *constants, mean),
         _energy_density(exact_slope, *constants),
         np.sum((u - exact_u) ** 2, axis=1),
         np.sum(exact_u**2, axis=1),
@@ -127,7 +133,7 @@ def bulk_error(space, constants, u, exact, degree=None, averaged=False):
             cells = nodal[space.cells[number][rows]]
             sums += _chunk_sums(
                 x, grad, jxw, at, values, cells, exact, block.body, constants[block.body], space.axisymmetric,
-                averaged and space.averages(block),
+                (averaged and space.averages(block), linear(block.cell, space.degree), space.degree),
             )  # fmt: skip
     return BulkError(*np.sqrt(space.comm.allreduce(sums, op=MPI.SUM)).tolist())
 

@@ -35,6 +35,12 @@ def _radius(space, number, rows):
     return space.mesh.points[table[rows], 0] @ shape(space.mesh.blocks[number].cell, geometry_degree, xi).T
 
 
+def points_of(space, number, rows):
+    """Quadrature points (nc, nq, d) of some cells of a block [length]."""
+    table, geometry_degree, xi, _ = _rule(space, number)
+    return shape(space.mesh.blocks[number].cell, geometry_degree, xi) @ space.mesh.points[table[rows]]
+
+
 def n_points(space, number):
     """Number of quadrature points of a block's cells."""
     return len(_rule(space, number)[3])

@@ -6,7 +6,7 @@ import numpy as np
 
 from pcontact.assembly.geometry import bulk_degree
 from pcontact.contact.facet_maps import KIND
-from pcontact.element.dilatation import dilatation, factors, hoop_operator, mean_dilatation
+from pcontact.element.dilatation import Mean, dilatation, factors, hoop_operator, mean_dilatation
 from pcontact.element.geometry import facet_geometry
 from pcontact.element.quadrature import quadrature
 from pcontact.element.reference import CELLS, facet_nodes, reference_nodes
@@ -43,8 +43,8 @@ class SourceSurface:
         Shear modulus of the parent cells [stress].
     own : ndarray (nf,)
         Factor of the dilatation operator at the point in the volumetric operator [stress].
-    shared : ndarray (nf, nn, d) or None
-        What the mean dilatation of the parent cells adds to it [stress/length].
+    shared : pcontact.element.dilatation.Mean or None
+        What the mean dilatation of the parent cells adds to it, of facets (nf,) [stress].
     trace : ndarray (nf,)
         Constant of the trace inequality of the parent cell, times the number of its facets in the surface
         [stress/length].
@@ -67,7 +67,7 @@ class SourceSurface:
     grad: np.ndarray
     mu: np.ndarray
     own: np.ndarray
-    shared: np.ndarray | None
+    shared: Mean | None
     trace: np.ndarray
     size: np.ndarray
     components: np.ndarray
@@ -78,12 +78,12 @@ class SourceSurface:
         hoop = hoop_operator(self.shape, self.x[:, 0]) if self.axisymmetric else None
         self.volumetric = self.own[self.facet][:, None, None] * dilatation(self.grad, hoop)
         if self.shared is not None:
-            self.volumetric += self.shared[self.facet]
+            self.volumetric += self.shared.at(self.x[:, None], self.facet)[:, 0]
 
     def mute(self, facets):
         """The same surface, some facets (nf,) of which have no traction, as in the penalty method."""
         kept = ~facets
-        shared = None if self.shared is None else self.shared * kept[:, None, None]
+        shared = None if self.shared is None else self.shared.times(kept)
         return replace(self, mu=self.mu * kept, own=self.own * kept, shared=shared)
 
     def point_keys(self):
@@ -126,12 +126,11 @@ def _part(space, facets, constants, quadrature_degree):
     at = facet_geometry(block.cell, coordinates, local, geometry_degree, space.degree, xi, weights)
     lam, mu = constants[block.body]
     averaged, shared = space.averages(block), None
-    own, factor = factors(lam, mu, averaged)
+    own, factor = factors(lam, mu, averaged, space.degree)
     if averaged:
         order = bulk_degree(block.cell, space.degree, geometry_degree, space.axisymmetric)
-        shared = factor * mean_dilatation(
-            block.cell, coordinates, geometry_degree, space.degree, order, space.axisymmetric
-        )
+        shared = mean_dilatation(block.cell, coordinates, geometry_degree, space.degree, order, space.axisymmetric)
+        shared = shared.times(np.full(len(coordinates), factor))
     kind = space.axisymmetric, averaged
     nf, nq = at.jxw.shape
     corners = mesh.points[mesh.facet_nodes(facets)]
@@ -194,12 +193,18 @@ def source_surface(space, name, constants, quadrature_degree=None):
 
 
 def _joined(parts, shapes, d):
-    """Operators of all facets, zero for those that have none; None if no facet has one."""
+    """Mean dilatation of all facets, zero for those that have none; None if no facet has one."""
     if all(part is None for part in parts):
         return None
-    width = max(columns for _, columns in shapes)
-    parts = [np.zeros((rows, width, d)) if p is None else p for p, (rows, _) in zip(parts, shapes, strict=True)]
-    return np.concatenate([_pad(p, width) for p in parts])
+    shape = max(p.slopes.shape[1] for p in parts if p is not None), max(columns for _, columns in shapes), d
+    centre, slopes = [], []
+    for part, (rows, _) in zip(parts, shapes, strict=True):
+        centre.append(np.zeros((rows, d)))
+        slopes.append(np.zeros((rows, *shape)))
+        if part is not None:
+            centre[-1][:] = part.centre
+            slopes[-1][:, : part.slopes.shape[1], : part.slopes.shape[2]] = part.slopes
+    return Mean(np.concatenate(centre), np.concatenate(slopes))
 
 
 @dataclass

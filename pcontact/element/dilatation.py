@@ -5,15 +5,24 @@ Everywhere  stress = (P . u) I + mu (grad u + grad u^T)  in the plane or space o
 * plane strain, plane stress (with a lam of its own), space    P_a = lam G_a
 * axial symmetry, x the radius r                               P_a = lam D_a,  D_a = G_a + (N_a / r) e_r
 * mean dilatation M_a = mean of D_a (B-bar; Hughes 1980)       P_a = (lam + 2/3 mu) M_a - 2/3 mu D_a
+* the same in cells of degree 2                                P_a = lam M_a
 
-The cell's mean is weighted by its volume, with axial symmetry by the radius. The stress with the mean dilatation is
-that of  int (lam + 2/3 mu) |M . u|^2 + 2 mu |dev eps(u)|^2,  so that the facet traction fits the energy of the cell.
+The cell's mean is its projection of D_a: onto constants in cells of degree 1 and in triangles and tetrahedra of degree
+2, onto the linear functions of the place in quadrilaterals and hexahedra of degree 2 (pairs of displacement and
+pressure that are stable: Boffi, Brezzi, Fortin 2013, chapter 8; for tetrahedra of degree 2 with constants that is not
+proved). It is weighted by volume, with axial symmetry by the radius. The stress with the mean dilatation is that of
+int (lam + 2/3 mu) |M . u|^2 + 2 mu |dev eps(u)|^2,  so that the facet traction fits the energy of the cell; with degree
+2 that of  int lam |M . u|^2 + 2 mu |eps(u)|^2:  a tetrahedron of degree 2 has displacements without a deviator whose
+dilatation is linear, with a mean of zero (u = 2 (b . x) x - |x|^2 b), and they must not be free.
 """
+
+from typing import NamedTuple
 
 import numpy as np
 
 from pcontact.element.geometry import gradients
 from pcontact.element.quadrature import quadrature
+from pcontact.element.reference import CELLS
 from pcontact.element.shape import shape, shape_gradient
 
 
@@ -39,18 +48,81 @@ def dilatation(grad, hoop=None):
     return result
 
 
-def mean(operators, weights):
-    """Means (nc, nn, d) of operators (nc, nq, nn, d) with weights (nc, nq), and the sums of the weights (nc,)."""
+class Mean(NamedTuple):
+    """Mean dilatation of cells: M(x) = slopes[0] + sum_k (x - centre)_k slopes[k].
+
+    Attributes
+    ----------
+    centre : ndarray (nc, d)
+        Centroids [length].
+    slopes : ndarray (nc, nb, nn, d)
+        nb is 1 for constants [1/length], 1 + d for linear functions [1/length^2].
+    """
+
+    centre: np.ndarray
+    slopes: np.ndarray
+
+    def at(self, x, cells=None):
+        """Operators (n, nq, nn, d) at points x (n, nq, d) of the cells, or of those with numbers (n,)."""
+        centre, slopes = (self.centre, self.slopes) if cells is None else (self.centre[cells], self.slopes[cells])
+        if slopes.shape[1] == 1:
+            return slopes
+        return slopes[:, :1] + np.einsum("cqk,ckad->cqad", x - centre[:, None], slopes[:, 1:])
+
+    def times(self, factors):
+        """The same times factors (nc,)."""
+        return Mean(self.centre, self.slopes * factors[:, None, None, None])
+
+
+def linear(cell, degree):
+    """Whether the mean dilatation of a kind of cells is linear, not constant."""
+    return degree == 2 and CELLS[cell].is_tensor
+
+
+def components(weights, x=None):
+    """An orthogonal basis of what the mean dilatation is projected onto.
+
+    Parameters
+    ----------
+    weights : ndarray (nc, nq)
+    x : ndarray (nc, nq, d), optional
+        Points, for linear functions; constants alone without.
+
+    Returns
+    -------
+    basis : ndarray (nc, nq, nb)
+        Its members have the squared norm of 1, the volume.
+    volume : ndarray (nc,)
+    centre : ndarray (nc, d), or (nc, 0) without points
+    inverse : ndarray (nc, d, d) or None
+        Basis 1 to d over x - centre: the inverse of the Cholesky factor of the mean of (x - centre) (x - centre)^T.
+    """
     volume = weights.sum(axis=1)
-    return np.einsum("cq,cqad->cad", weights, operators) / volume[:, None, None], volume
+    constant = np.ones((*weights.shape, 1))
+    if x is None:
+        return constant, volume, np.zeros((len(weights), 0)), None
+    centre = np.einsum("cq,cqk->ck", weights, x) / volume[:, None]
+    offset = x - centre[:, None]
+    spread = np.einsum("cq,cqk,cql->ckl", weights, offset, offset) / volume[:, None, None]
+    inverse = np.linalg.inv(np.linalg.cholesky(spread))
+    return np.concatenate([constant, np.einsum("ckl,cql->cqk", inverse, offset)], axis=2), volume, centre, inverse
 
 
-def factors(lam, mu, averaged):
-    """Factor [stress] of D, and that of its mean, in P."""
+def mean(operators, weights, basis, volume):
+    """Components (nc, nb, nn, d) of operators (nc, nq, nn, d) on a basis of :func:`components`."""
+    weighted = weights[:, :, None] * basis / volume[:, None, None]
+    flat = np.matmul(weighted.transpose(0, 2, 1), operators.reshape(*weights.shape, -1))
+    return flat.reshape(len(flat), -1, *operators.shape[2:])
+
+
+def factors(lam, mu, averaged, degree):
+    """Factor [stress] of D, and that of its mean, in P; with the degree of the displacement."""
+    if averaged and degree == 2:
+        return 0.0 * lam, lam
     return (-2.0 / 3.0 * mu, lam + 2.0 / 3.0 * mu) if averaged else (lam, 0.0 * lam)
 
 
-def squares(grad, jxw, hoop, averaged, lam, mu):
+def squares(grad, jxw, hoop, averaged, degree, lam, mu, x=None):
     """The energy beside  mu/2 |grad u + grad u^T|^2  as a sum of squares: int ... = sum_m w_m (A_m . u)^2.
 
     Parameters
@@ -62,8 +134,12 @@ def squares(grad, jxw, hoop, averaged, lam, mu):
         N / r with axial symmetry.
     averaged : bool
         Mean dilatation.
+    degree : int
+        Of the displacement.
     lam, mu : float or ndarray (nc,)
         [stress]
+    x : ndarray (nc, nq, d), optional
+        The points [length], where the mean dilatation is linear.
 
     Returns
     -------
@@ -72,12 +148,12 @@ def squares(grad, jxw, hoop, averaged, lam, mu):
     """
     lam, mu = np.reshape(lam, (-1, 1)), np.reshape(mu, (-1, 1))
     operators = [dilatation(grad, hoop)]
-    own, shared = factors(lam, mu, averaged)
+    own, shared = factors(lam, mu, averaged, degree)
     weights = [own * jxw]
     if averaged:
-        middle, volume = mean(operators[0], jxw)
-        operators.append(middle[:, None])
-        weights.append(shared * volume[:, None])
+        basis, volume, _, _ = components(jxw, x)
+        operators.append(mean(operators[0], jxw, basis, volume))
+        weights.append(np.repeat(shared * volume[:, None], basis.shape[2], axis=1))
     if hoop is not None:
         ring = np.zeros_like(grad)
         ring[..., 0] = hoop
@@ -93,7 +169,7 @@ def hoop_operator(values, radius):
 
 
 def mean_dilatation(cell, x, geometry_degree, degree, order, axisymmetric):
-    """Mean dilatation operators M of cells.
+    """Mean dilatation operators of cells.
 
     Parameters
     ----------
@@ -107,8 +183,7 @@ def mean_dilatation(cell, x, geometry_degree, degree, order, axisymmetric):
 
     Returns
     -------
-    ndarray (nc, nn, d)
-        [1/length]
+    Mean
     """
     xi, weights = quadrature(cell, order)
     dshape = np.ascontiguousarray(shape_gradient(cell, degree, xi))
@@ -119,4 +194,10 @@ def mean_dilatation(cell, x, geometry_degree, degree, order, axisymmetric):
         radius = x[:, :, 0] @ shape(cell, geometry_degree, xi).T
         jxw *= radius
         hoop = hoop_operator(shape(cell, degree, xi), radius)
-    return mean(dilatation(grad, hoop), jxw)[0]
+    points = shape(cell, geometry_degree, xi) @ x if linear(cell, degree) else None
+    basis, volume, centre, inverse = components(jxw, points)
+    middle = mean(dilatation(grad, hoop), jxw, basis, volume)
+    if points is None:
+        return Mean(np.zeros((len(x), x.shape[2])), middle)
+    slopes = np.einsum("ckl,ckad->clad", inverse, middle[:, 1:])
+    return Mean(centre, np.concatenate([middle[:, :1], slopes], axis=1))

@@ -10,7 +10,7 @@ dilatation stress and energy are those of `pcontact.element.dilatation`.
 
 import numpy as np
 
-from pcontact.element.dilatation import dilatation, factors, hoop_operator, mean_dilatation, squares
+from pcontact.element.dilatation import dilatation, factors, hoop_operator, linear, mean_dilatation, squares
 from pcontact.element.geometry import facet_geometry, gradients
 from pcontact.element.quadrature import quadrature
 from pcontact.element.reference import CELLS, facet_nodes, n_nodes, reference_nodes
@@ -52,7 +52,8 @@ def trace_constant(cell, x, local_facet, geometry_degree, degree, lam, mu, axisy
     ndarray, (nf,) float64
         lambda_F [stress / length]. On straight simplices in closed form, p (p + d - 1) / d (lam + 2 mu) |F| /
         |E| with p the degree, unless there is axial symmetry; elsewhere the largest eigenvalue of the local problem,
-        without its rigid modes.
+        without its rigid modes. A mean dilatation M does not raise the closed form: with degree 2 it is that of
+        polynomials of the same degree, and |sigma n|^2 <= (lam + 2 mu) (lam |M . u|^2 + 2 mu |eps|^2).
 
     Raises
     ------
@@ -162,7 +163,8 @@ def _stiffness(layout, x, lam, mu, kind):
         jxw, hoop = jxw * radius, hoop_operator(shape(cell, degree, points), radius)
     _elastic(grad.reshape(len(x), -1, size), jxw, lam if plain else 0.0 * lam, mu, x.shape[2], stiffness)
     if not plain:
-        operators, factor = squares(grad, jxw, hoop, averaged, lam, mu)
+        at = shape(cell, geometry_degree, points) @ x if averaged and linear(cell, degree) else None
+        operators, factor = squares(grad, jxw, hoop, averaged, degree, lam, mu, at)
         operators = operators.reshape(len(x), -1, size)
         stiffness += operators.transpose(0, 2, 1) @ (factor[:, :, None] * operators)
     return stiffness
@@ -179,11 +181,11 @@ def _tractions(layout, x, local_facet, lam, mu, kind):
     if axisymmetric:
         radius = facets.points[..., 0]
         weight, hoop = weight * radius, hoop_operator(facets.shape, radius)
-    own, shared = factors(lam[:, None, None, None], mu[:, None, None, None], averaged)
+    own, shared = factors(lam[:, None, None, None], mu[:, None, None, None], averaged, degree)
     volumetric = own * dilatation(grad, hoop)
     if averaged:
         middle = mean_dilatation(cell, x, geometry_degree, degree, order, axisymmetric)
-        volumetric = volumetric + shared * middle[:, None]
+        volumetric = volumetric + shared * middle.at(facets.points)
     root = np.sqrt(weight)[:, :, None, None]
     mu = mu[:, None, None, None]
     result = np.empty((nf, nq, dim, nn, dim))

@@ -27,7 +27,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pcontact.assembly.bulk import ElasticBulk
-from pcontact.element.dilatation import factors, hoop_operator
+from pcontact.element.dilatation import components, factors, hoop_operator, linear
 from pcontact.element.geometry import facet_geometry, gradients
 from pcontact.element.quadrature import quadrature
 from pcontact.element.reference import CELLS, facet_nodes, facet_points
@@ -322,7 +322,8 @@ class Estimator:
         tests, dtests = bubbles(block.cell, space.degree, xi)
         dtests, geo = np.ascontiguousarray(dtests), shape(block.cell, geometry_degree, xi)
         out, (lam, mu) = np.zeros((len(block.nodes), len(PARTS) + 1)), self.bulk.constants[block.body]
-        own, shared = factors(lam, mu, space.averages(block))
+        averaged = space.averages(block)
+        own, shared = factors(lam, mu, averaged, space.degree)
         force = self._body_force(number, time)
         for rows in self._parts(number, dtests.size + dshape.size):
             x = np.ascontiguousarray(mesh.points[table[rows]])
@@ -341,7 +342,10 @@ class Estimator:
             loads[:, INTERIOR] -= _work(sigma, around, test, ring, jxw)
             if force is not None:
                 loads[:, INTERIOR] += (jxw @ tests)[:, :, None] * force[rows][:, None, :]
-            energies(test, ring, jxw, own, shared, mu, loads, self._fixed(number, rows), out[rows])
+            basis = np.zeros((0, 0, 0))
+            if averaged:
+                basis = components(jxw, geo @ x if linear(block.cell, space.degree) else None)[0]
+            energies(test, ring, jxw, own, shared, mu, basis, loads, self._fixed(number, rows), out[rows])
         return out
 
     def _body_force(self, number, time):

@@ -6,12 +6,13 @@ from pcontact.runtime.jit import njit
 
 
 @njit
-def _assemble(grad, ring, jxw, c, lam, shared, mu, out):
+def _assemble(grad, ring, jxw, c, lam, shared, mu, basis, out):
     """Stiffness (n, n) of cell c for the test functions; the lower triangle is enough."""
     nq, nb, d = grad.shape[1], grad.shape[2], grad.shape[3]
     out[:, :] = 0.0
     if shared != 0.0:
-        _add_mean(grad, ring, jxw, c, shared, out)
+        for k in range(basis.shape[2]):
+            _add_mean(grad, ring, jxw, c, shared, basis[c, :, k], out)
     for q in range(nq):
         w = jxw[c, q]
         for a in range(nb):
@@ -34,17 +35,18 @@ def _assemble(grad, ring, jxw, c, lam, shared, mu, out):
 
 
 @njit
-def _add_mean(grad, ring, jxw, c, shared, out):
-    """Add the energy of the mean dilatation of cell c."""
+def _add_mean(grad, ring, jxw, c, shared, weight, out):
+    """Add the energy of one component, of values ``weight`` (nq,), of the mean dilatation of cell c."""
     nq, nb, d = grad.shape[1], grad.shape[2], grad.shape[3]
     mean, volume = np.zeros(nb * d), 0.0
     for q in range(nq):
         volume += jxw[c, q]
+        w = jxw[c, q] * weight[q]
         for a in range(nb):
             for i in range(d):
-                mean[a * d + i] += jxw[c, q] * grad[c, q, a, i]
+                mean[a * d + i] += w * grad[c, q, a, i]
             if ring.shape[0]:
-                mean[a * d] += jxw[c, q] * ring[c, q, a]
+                mean[a * d] += w * ring[c, q, a]
     for a in range(nb * d):
         for b in range(nb * d):
             out[a, b] += shared / volume * mean[a] * mean[b]
@@ -80,7 +82,7 @@ def _square(a, b):
 
 
 @njit
-def energies(grad, ring, jxw, lam, shared, mu, loads, fixed, out):
+def energies(grad, ring, jxw, lam, shared, mu, basis, loads, fixed, out):
     """Squared energy norms of the solutions of the cells' local problems.
 
     Find e with  int sigma(e) : eps(v) = load(v)  for all test functions v of the cell.
@@ -95,6 +97,8 @@ def energies(grad, ring, jxw, lam, shared, mu, loads, fixed, out):
     lam, shared, mu : float
         Factors of the dilatation and of its mean, see `pcontact.element.dilatation.factors`, and shear modulus
         [stress].
+    basis : ndarray (nc, nq, nb)
+        Of the mean dilatation, see `pcontact.element.dilatation.components`; not looked at if ``shared`` is zero.
     loads : ndarray (nc, n_parts, nb, d)
         Residual of each kind, tested [force].
     fixed : ndarray (nc, nb, d) of bool
@@ -106,7 +110,7 @@ def energies(grad, ring, jxw, lam, shared, mu, loads, fixed, out):
     n = nb * d
     matrix, vector = np.zeros((n, n)), np.zeros(n)
     for c in range(nc):
-        _assemble(grad, ring, jxw, c, lam, shared, mu, matrix)
+        _assemble(grad, ring, jxw, c, lam, shared, mu, basis, matrix)
         for a in range(nb):
             for i in range(d):
                 if fixed[c, a, i]:

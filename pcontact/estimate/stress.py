@@ -6,7 +6,8 @@ from pcontact.assembly.geometry import bulk_degree, some_cells
 from pcontact.assembly.plastic import NO_RING
 from pcontact.assembly.plastic_kernels import excess_at
 from pcontact.contact.plastic_trace import extrapolation
-from pcontact.element.dilatation import factors, hoop_operator, mean_dilatation
+from pcontact.element.dilatation import Mean, factors, hoop_operator, mean_dilatation
+from pcontact.element.shape import shape
 from pcontact.material.mandel import HALF
 
 # rows and columns of Mandel components; the third entry is across the plane in two dimensions
@@ -34,14 +35,16 @@ class BlockStress:
         self.lam, self.mu = bulk.constants[block.body]
         self.u = nodal[space.cells[number][rows]]
         averaged = space.averages(block)
-        self.own, shared = factors(self.lam, self.mu, averaged)
+        self.own, shared = factors(self.lam, self.mu, averaged, space.degree)
         self.shared = None
         if averaged:
             table, degree = space.mesh.geometry_nodes(block)
             order = bulk_degree(block.cell, space.degree, degree, space.axisymmetric)
             x = np.ascontiguousarray(space.mesh.points[table[rows]])
             mean = mean_dilatation(block.cell, x, degree, space.degree, order, space.axisymmetric)
-            self.shared = shared * np.einsum("cad,cad->c", mean, self.u)
+            # the displacement stands for nodes and directions: a single "node" of one direction
+            mean = Mean(mean.centre, np.einsum("cbad,cad->cb", mean.slopes, self.u)[:, :, None, None])
+            self.shared, self._x, self._geometry = mean.times(np.full(len(x), shared)), x, degree
         state = getattr(bulk, "states", {}).get(number)
         self.excess = None if state is None else _excess(space, state, number, rows, nodal)
 
@@ -73,7 +76,8 @@ class BlockStress:
             trace = trace + ring
         volumetric = self.own * trace
         if self.shared is not None:
-            volumetric = volumetric + self.shared[:, None]
+            points = shape(self.block.cell, self._geometry, xi) @ self._x
+            volumetric = volumetric + self.shared.at(points)[:, :, 0, 0]
         stress = self.mu * (slope + slope.transpose(0, 1, 3, 2))
         stress += volumetric[:, :, None, None] * np.eye(d)
         around = None if ring is None else volumetric + 2.0 * self.mu * ring

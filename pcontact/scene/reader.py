@@ -46,6 +46,7 @@ def read_scene(path: str | Path) -> Scene:
         path=path,
         title=data.get("title", ""),
         accuracy=data.get("accuracy"),
+        allow_unsafe=data.get("allow_unsafe", ()),
         mesh=_table("mesh", data.get("mesh", {}), file),
         materials=_materials(data.get("materials", {}), file),
         steps=_table("steps", data.get("steps", {}), file),

@@ -13,6 +13,7 @@ from typing import NamedTuple
 from pcontact.runtime.presets import PRESETS
 from pcontact.scene.messages import input_error, kind, shown
 from pcontact.scene.model import (
+    UNSAFE,
     Body,
     Contact,
     Displacement,
@@ -222,7 +223,11 @@ HARDENING_CURVE = Rule(
 OPTION = Rule("a string, a boolean, a finite number or a list of them", option_text)
 
 RULES: dict[type, dict[str, Rule]] = {
-    Scene: {"title": ANY_TEXT, "accuracy": optional(choice(*PRESETS))},
+    Scene: {
+        "title": ANY_TEXT,
+        "accuracy": optional(choice(*PRESETS)),
+        "allow_unsafe": sequence("a list of " + choice(*UNSAFE).allowed, choice(*UNSAFE)),
+    },
     MeshSpec: {
         "file": Rule("the name of a mesh file beside the scene", _file),
         "order": optional(integer(1, 2)),

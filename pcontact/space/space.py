@@ -23,7 +23,9 @@ class Space:
         How a plane mesh stands for a body; a mesh in space has nothing but the default. With axial symmetry x is the
         radius, y the axis, and all integrals go around the whole circumference.
     averaged : sequence of int
-        Bodies whose quadrilaterals and hexahedra of degree 1 take the mean dilatation of the cell.
+        Bodies whose quadrilaterals and hexahedra take their mean dilatation.
+    averaged_simplices : sequence of int
+        Bodies whose triangles and tetrahedra do; with degree 2.
 
     Attributes
     ----------
@@ -44,9 +46,9 @@ class Space:
     The constructor is *Collective*. Degrees of freedom are interlaced: dof = d * node + direction.
     """
 
-    def __init__(self, mesh, degree, kinematics="plane_strain", averaged=()):
+    def __init__(self, mesh, degree, kinematics="plane_strain", averaged=(), averaged_simplices=()):
         self.kinematics, self.axisymmetric = kinematics, kinematics == "axisymmetric"
-        self._averaged = frozenset(averaged)
+        self._averaged = {True: frozenset(averaged), False: frozenset(averaged_simplices)}
         self.mesh, self.comm, self.dim, self.degree = mesh, mesh.comm, mesh.dim, degree
         self.exchanger = Exchanger(mesh.comm)
         tables = [b.nodes[:, : n_nodes(b.cell, degree)] for b in mesh.blocks]
@@ -83,7 +85,7 @@ class Space:
 
     def averages(self, block):
         """Whether the cells of a block take their mean dilatation."""
-        return block.body in self._averaged and self.degree == 1 and CELLS[block.cell].is_tensor
+        return block.body in self._averaged[CELLS[block.cell].is_tensor]
 
     def circumference(self, points):
         """Length 2 pi r of the circles through points (..., d) with axial symmetry, 1 otherwise."""
