@@ -192,7 +192,7 @@ def document(data: dict, pictures: list[Path]) -> str:
         answer, effort = (path for path in pictures if path.stem.startswith(f"formulations_{order}"))
         lines += [f"![Penetration, error, oscillation, balance over gamma0, degree {order}]({answer.name})", ""]
         lines += [f"![Newton, Krylov, condition, seconds over gamma0, degree {order}]({effort.name})", ""]
-        lines += [f"The smallest error of each formulation and mesh; `range`: gamma0 with {HARM:g} times that at most.", ""]
+        lines += [f"The smallest error of each formulation and mesh; range: gamma0 of {HARM:g} times that at most.", ""]
         header = ["", "facets", "gamma0", "error, %", "range", "penetration", "oscillation, %", "Newton", "Krylov",
                   "condition", "processor, s"]  # fmt: skip
         lines += [*markdown(header, best_rows(rows)), ""]

@@ -3,9 +3,10 @@
 Two blocks of total height 2, E = 2e6, nu = 0, plane strain, bottom fixed, top pushed down by 0.1. The
 pressure is 1e5 everywhere and u = -0.05 y. First table: meshes that match or are nested, and in the plane
 also meshes that do neither (source facets are cut there), for every cell, degree, theta and search: the
-quadrature is exact and so is the answer. Second table: meshes in space that do not match, where the error is
-that of the quadrature on source facets that the edges of the target cross. It falls with the degree, not
-evenly, since the points may lie well or badly about the edges.
+quadrature is exact and so is the answer. Second and third table: meshes in space that do not match (3 and 4
+facets along an edge, or --mesh), with the finer or the coarser side as source, or unbiased. The error, the
+largest and in L2, is that of the quadrature on source facets that the edges of the target cross. It falls with
+the degree, not evenly, since the points may lie well or badly about the edges.
 """
 
 from itertools import product
@@ -24,6 +25,7 @@ EXACT = {2: ((3, 3), (2, 4), (3, 4), (4, 3)), 3: ((3, 3), (2, 4))}
 THETAS = (0.0, 1.0, -1.0)
 SEARCHES = ("closest_point", "ray_tracing")
 DEGREES = (1, 3, 5, 7, 9, 13, 17, 20)
+UNBIASED = "unbiased"
 
 
 def scene(path, dim, order=1, length=1.0, stress=1.0, petsc=None, **contact):
@@ -72,6 +74,14 @@ def errors(simulation, length=1.0, stress=1.0):
     return [float(comm.allreduce(value, op=MPI.MAX)) for value in wrong]
 
 
+def mean_error(simulation):
+    """Relative error of the contact pressure in L2. *Collective.*"""
+    state = simulation.problem.items[1].state(simulation.stepper.u)
+    square = state["weight"] * (state["pressure"] / PRESSURE - 1.0) ** 2
+    sums = simulation.comm.allreduce(np.array([square.sum(), state["weight"].sum()]), op=MPI.SUM)
+    return float(np.sqrt(sums[0] / sums[1]))
+
+
 def exact_cases(directory, dims, orders=(1, 2)):
     """Rows of meshes on which the quadrature is exact. *Collective.*"""
     rows = []
@@ -90,26 +100,42 @@ def exact_cases(directory, dims, orders=(1, 2)):
     return rows
 
 
-def quadrature_cases(directory, degrees=DEGREES):
-    """Rows of non-matching meshes, source finer and target finer: one error for each degree. *Collective.*"""
-    rows = []
-    for cell, (n_lower, n_upper) in product(CELLS[3], ((3, 4), (4, 3))):
-        path = make_mesh(two_blocks, directory / "patch.msh", 3, n_lower, n_upper, cell)
-        row = []
+def quadrature_cases(directory, degrees=DEGREES, mesh=(3, 4), orders=(1, 2)):
+    """Rows of non-matching meshes: source finer, target finer, unbiased. *Collective.*
+
+    Returns
+    -------
+    largest, mean : list of list
+        Cell, degree of the displacement, variant; then an error for each degree of the quadrature.
+    """
+    largest, mean, (coarse, fine) = [], [], sorted(mesh)
+    for cell, order, (variant, lower, upper) in product(
+        CELLS[3], orders, (("source", coarse, fine), ("target", fine, coarse), (UNBIASED, coarse, fine))
+    ):
+        path = make_mesh(two_blocks, directory / "patch.msh", 3, lower, upper, cell)
+        rows = [[cell, order, variant], [cell, order, variant]]
         for degree in degrees:
-            with running(scene(path, 3, quadrature=degree)) as (simulation, _):
-                row.append(errors(simulation)[1])
-        rows.append([cell, "source" if n_upper > n_lower else "target", *row])
-    return rows
+            case = scene(path, 3, order, quadrature=degree, unbiased=variant == UNBIASED)
+            with running(case) as (simulation, _):
+                rows[0].append(errors(simulation)[1])
+                rows[1].append(mean_error(simulation))
+        largest.append(rows[0])
+        mean.append(rows[1])
+    return largest, mean
 
 
 def _plot(rows, degrees):
+    kinds = list(product(CELLS[3], sorted({row[1] for row in rows})))
+    styles = {"source": "o-", "target": "s:", UNBIASED: "^--"}
+
     def paint(axes):
-        for row in rows:
-            axes.semilogy(degrees, row[2:], "o-", label=f"{row[0]}, {row[1]} finer")
+        for cell, order, variant, *values in rows:
+            colour = f"C{kinds.index((cell, order))}"
+            label = f"{cell} {order}, {variant}{'' if variant == UNBIASED else ' finer'}"
+            axes.semilogy(degrees, values, styles[variant], ms=4, color=colour, label=label)
         axes.set_xlabel("degree of the quadrature")
-        axes.set_ylabel("largest relative error of the pressure")
-        axes.legend(fontsize="small")
+        axes.set_ylabel("relative error of the pressure in L2")
+        axes.legend(fontsize="x-small")
 
     return paint
 
@@ -121,17 +147,21 @@ def run(args):
     exact = exact_cases(args.o, dims, (1,) if args.tiny else (1, 2))
     keys = ["above", "below", "facets", "degree", "theta", "search", "converged", "error u", "error p"]
     print_table("exact quadrature", keys, exact)
-    rough = quadrature_cases(args.o, degrees) if args.tiny or 3 in dims else []
-    if rough:
-        header = ["cell", "finer", *map(str, degrees)]
-        print_table("largest relative error of the pressure by degree of the quadrature", header, rough)
-        draw(args.o / "patch.png", _plot(rough, degrees))
-    data = {"columns": keys, "exact": exact, "degrees": degrees, "quadrature": rough}
+    data = {"columns": keys, "exact": exact, "degrees": degrees, "mesh": args.mesh}
+    if args.tiny or 3 in dims:
+        largest, mean = quadrature_cases(args.o, degrees, args.mesh, (1,) if args.tiny else (1, 2))
+        header = ["cell", "degree", "finer", *map(str, degrees)]
+        for name, rows in (("largest", largest), ("L2", mean)):
+            print_table(f"relative error of the pressure ({name}) by degree of the quadrature", header, rows)
+        draw(args.o / "patch.png", _plot(mean, degrees))
+        data.update(quadrature=largest, quadrature_mean=mean)
     write_json(args.o / "patch.json", data)
     return 0 if all(row[-3] and max(row[-2:]) < 1e-9 for row in exact) else 1
 
 
 if __name__ == "__main__":
     parser = make_parser(__doc__, "patch_results")
+    text = "facets along an edge of the blocks of the last tables"
+    parser.add_argument("--mesh", type=int, nargs=2, default=[3, 4], help=text)
     parser.add_argument("--dim", type=int, nargs="+", default=[2, 3], choices=[2, 3], help="dimensions")
     main(run, parser)

@@ -13,6 +13,7 @@ from pcontact.contact.parameters import coercive, parameter
 from pcontact.contact.penalty import without_traction
 from pcontact.contact.pieces import cut_source
 from pcontact.contact.plastic_trace import PlasticTrace
+from pcontact.contact.resolved import divided_source
 from pcontact.contact.self_surface import self_surface
 from pcontact.contact.surface import components_of, source_surface, target_surface
 from pcontact.contact.tied import AugmentedTiedItem, TiedItem
@@ -113,10 +114,14 @@ def pair_item(space, bulk, contact, source, target, radius, floats=False):
 
 
 def _fitted(space, contact, source, target, radius):
-    """Source and target as they see each other: in the plane, facets are cut at the nodes they face. *Collective.*"""
-    if space.dim == 3 or contact.target is None:
+    """Source and target as they see each other: in the plane, facets are cut at the nodes they face; in space, facets
+    of unbiased contact that face smaller ones are divided. *Collective.*
+    """
+    between = contact.unbiased and contact.source != contact.target
+    if contact.target is None or (space.dim == 3 and not between):
         return source, target
-    source = cut_source(space, source, contact.source, target, radius, contact.search, contact.quadrature)
+    fit = divided_source if space.dim == 3 else cut_source
+    source = fit(space, source, contact.source, target, radius, contact.search, contact.quadrature)
     return source, target.seen_from(source.facet, source.x)
 
 

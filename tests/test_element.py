@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from pcontact.element.geometry import facet_geometry, gradients
-from pcontact.element.quadrature import quadrature
+from pcontact.element.quadrature import composite, quadrature
 from pcontact.element.reference import (
     CELLS,
     MESHIO_NAMES,
@@ -156,6 +156,26 @@ def test_quadrature(cell, degree):
     else:
         expected = [prod(factorial(int(k)) for k in p) / factorial(int(p.sum()) + dim) for p in powers]
     np.testing.assert_allclose(computed, expected, rtol=1e-12, atol=1e-15)
+
+
+@pytest.mark.parametrize("cell", ["triangle", "quadrilateral"])
+@pytest.mark.parametrize("k", [1, 2, 3, 5])
+def test_rule_on_equal_parts(cell, k):
+    """As exact as the rule itself; also where the function has a kink between the parts; points inside, all apart."""
+    points, weights = composite(cell, 3, k)
+    xi, once = quadrature(cell, 3)
+    assert len(weights) == k * k * len(once) and np.all(weights > 0.0)
+    assert len(np.unique(points.round(9), axis=0)) == len(points)
+    low = 0.0 if cell == "triangle" else -1.0
+    assert points.min() > low and np.all(points.max(axis=0) < 1.0)
+    assert cell != "triangle" or points.sum(axis=1).max() < 1.0
+    for i, j in ((0, 0), (1, 0), (2, 1), (0, 3)):
+        exact = np.sum(once * xi[:, 0] ** i * xi[:, 1] ** j)
+        assert np.sum(weights * points[:, 0] ** i * points[:, 1] ** j) == pytest.approx(exact, abs=1e-14)
+    if k == 2:
+        middle = 0.5 * (low + 1.0)
+        kink, fine = np.maximum(points[:, 0] - middle, 0.0), composite(cell, 3, 8)
+        assert weights @ kink == pytest.approx(fine[1] @ np.maximum(fine[0][:, 0] - middle, 0.0), abs=1e-14)
 
 
 def test_quadrature_counts():

@@ -14,7 +14,7 @@ from test_restart import Keep, run
 from drivers._common import make_mesh, parse, running
 from drivers.hertz import check as check_hertz
 from drivers.hertz import generate, make_options, make_scene
-from drivers.patch import errors, scene
+from drivers.patch import errors, mean_error, scene
 from drivers.rings import measure, ring_scene
 from meshes import rings, two_blocks
 from pcontact.contact.frictional import FrictionalItem
@@ -88,6 +88,47 @@ def test_patch_between_bodies_of_unlike_stiffness(tmp_path, theta):
         pressure = item.state(simulation.stepper.u)["pressure"]
     # two springs one behind the other
     np.testing.assert_allclose(pressure, 0.1 / (1.0 / 2e6 + 1.0 / 2e4), rtol=1e-9)
+
+
+@pytest.mark.parallel
+@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize("cell", ["tetrahedron", "hexahedron"])
+def test_patch_on_nested_meshes_in_space(shared_tmp, cell, order):
+    """Exact: facets of the coarser side, which is a source as well, are divided into those of the finer one."""
+    path = make_mesh(two_blocks, shared_tmp / "b.msh", 3, 2, 4, cell)
+    with running(scene(path, 3, order, unbiased=True)) as (simulation, converged):
+        assert converged and max(errors(simulation)) < ROUNDOFF
+        upper, lower = (half.source for half in simulation.problem.items[1].halves)
+    points = [WORLD.allreduce(np.array([len(one.facet), len(one.cells)])) for one in (upper, lower)]
+    assert points[0][0] == points[1][0] and points[0][1] == 4 * points[1][1]
+
+
+@pytest.mark.parallel
+@pytest.mark.parametrize("cell, order", [("tetrahedron", 1), ("tetrahedron", 2), ("hexahedron", 1), ("hexahedron", 2)])
+def test_patch_in_space_is_as_near_as_with_a_finer_source(shared_tmp, cell, order):
+    """On meshes that neither match nor are nested, with the degree that is the default and with one that is high."""
+    path = make_mesh(two_blocks, shared_tmp / "b.msh", 3, 3, 4, cell)
+    for degree in (None, 15):
+        found = []
+        for both_ways in (False, True):
+            with running(scene(path, 3, order, unbiased=both_ways, quadrature=degree)) as (simulation, converged):
+                assert converged
+                found.append((mean_error(simulation), errors(simulation)[1]))
+        assert found[1][0] < found[0][0] and found[1][1] < 1.1 * found[0][1]
+
+
+def test_division_follows_the_facets_that_are_faced(tmp_path):
+    """Parts are counted facet by facet, in the direction from the coarser to the finer; equal ones stay whole."""
+    path = make_mesh(two_blocks, tmp_path / "b.msh", 3, 1, 5, "hexahedron")
+    with running(scene(path, 3, unbiased=True, quadrature=1)) as (simulation, converged):
+        assert converged
+        fine, coarse = (half.source for half in simulation.problem.items[1].halves)
+    assert (len(fine.facet), len(coarse.facet), len(coarse.cells)) == (25, 25, 1)
+    assert coarse.jxw.sum() == pytest.approx(fine.jxw.sum(), rel=1e-12)
+    for n_lower, n_upper in ((3, 3), (5, 6)):
+        path = make_mesh(two_blocks, tmp_path / "b.msh", 3, n_lower, n_upper, "tetrahedron")
+        with running(scene(path, 3, unbiased=True, quadrature=1)) as (simulation, _):
+            assert all(len(half.source.facet) == len(half.source.cells) for half in simulation.problem.items[1].halves)
 
 
 # -- source and target are alike ----------------------

@@ -109,6 +109,40 @@ def quadrature(cell, degree):
     return _collapsed(CELLS[cell].dim, degree)
 
 
+def composite(cell, degree, k):
+    """A rule repeated on equal parts of a reference cell.
+
+    Parameters
+    ----------
+    cell : {"triangle", "quadrilateral"}
+    degree : int
+        0 to 20, of the rule on each part.
+    k : int
+        Parts along an edge: k * k parts in all.
+
+    Returns
+    -------
+    points : ndarray, (n, 2) float64
+    weights : ndarray, (n,) float64
+
+    Raises
+    ------
+    ValueError
+        If the degree is out of range.
+    """
+    xi, weights = quadrature(cell, degree)
+    i, j = (index.ravel() for index in np.meshgrid(np.arange(k), np.arange(k)))
+    if CELLS[cell].is_tensor:
+        corner, step = (2.0 * np.column_stack([i, j]) + 1.0) / k - 1.0, np.full(k * k, 1.0 / k)
+    else:
+        # every square but those on the long edge holds a second triangle, upside down
+        up, down = i + j < k, i + j < k - 1
+        corner = np.concatenate([np.column_stack([i, j])[up], np.column_stack([i, j])[down] + 1.0]) / k
+        step = np.concatenate([np.full(up.sum(), 1.0 / k), np.full(down.sum(), -1.0 / k)])
+    points = corner[:, None] + step[:, None, None] * xi
+    return np.ascontiguousarray(points.reshape(-1, 2)), np.tile(weights / k**2, len(corner))
+
+
 def _tensor(dim, degree):
     x, w = _gauss_jacobi(degree // 2 + 1, 0)
     grids = np.meshgrid(*[x] * dim, indexing="ij")[::-1]
