@@ -136,7 +136,7 @@ def _few(value):
 
 
 def _percent(value):
-    return "-" if not np.isfinite(value) else f"{100.0 * value:.2g}"
+    return "-" if not np.isfinite(value) else f"{100.0 * value:.3g}"
 
 
 def _decades(values):

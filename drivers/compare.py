@@ -113,9 +113,9 @@ def measure(points: dict[str, np.ndarray], record: dict) -> dict[str, float]:
 
 
 def is_coercive(name: str, gamma0: float) -> bool:
-    """Whether gamma0 is above the bound of coercivity of a formulation; the others have none."""
+    """Whether gamma0 is not below the bound of coercivity of a formulation; penalty and multipliers have none."""
     formulation, theta, *_ = METHODS[name]
-    return formulation != "nitsche" or gamma0 > coercive(theta)
+    return formulation != "nitsche" or gamma0 >= coercive(theta)
 
 
 def solve(mesh: Path, name: str, gamma0: float, order: int) -> dict:
