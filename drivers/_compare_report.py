@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.lines import Line2D
+from PIL import Image
 
 from drivers._common import draw, log, markdown, print_table
 
@@ -61,7 +62,7 @@ def report(rows: list[dict]) -> None:
 
 
 def plots(directory: Path, rows: list[dict]) -> list[Path]:
-    """A picture of the answer and one of the effort for each degree, in a directory.
+    """A picture of the answer and one of the effort for each degree, in a directory. Rank 0 only.
 
     Returns
     -------
@@ -73,8 +74,16 @@ def plots(directory: Path, rows: list[dict]) -> list[Path]:
         some = select(rows, order=order)
         for end, panels in (("", ANSWER), ("_effort", EFFORT)):
             paths.append(directory / f"formulations_{order}{end}.png")
-            draw(paths[-1], _painter(some, panels, order), columns=2, rows=2, size=(4.6, 3.5), dpi=100)
+            draw(paths[-1], _painter(some, panels, order), columns=2, rows=2, size=(4.6, 3.5), dpi=110)
+            _reduce(paths[-1])
     return paths
+
+
+def _reduce(path):
+    """Few colours: a quarter of the size."""
+    with Image.open(path) as image:
+        few = image.convert("RGB").quantize(64)
+    few.save(path, optimize=True)
 
 
 def _painter(rows, panels, order):

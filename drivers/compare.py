@@ -201,7 +201,7 @@ def sweep(args) -> int:
             # at once: a sweep that is killed leaves what it has
             write_json(path, {**head, "runs": sorted(others + rows, key=lambda row: row["order"])})
     report(rows)
-    plots(args.o, rows)
+    on_root(MPI.COMM_WORLD, plots, args.o, rows)
     log.info("table and plots of %d runs in %s", len(rows), args.o)
     return 0 if good else 1
 
