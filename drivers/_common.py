@@ -264,7 +264,10 @@ def write_json(path: str | Path, data: object) -> None:
         Path(path).write_text(json.dumps(clean, indent=1) + "\n")
 
 
-def draw(path: str | Path, paint: Callable, columns: int = 1, size: tuple[float, float] = (5.5, 4.2)) -> None:
+def draw(
+    path: str | Path, paint: Callable, columns: int = 1, size: tuple[float, float] = (5.5, 4.2), rows: int = 1,
+    dpi: int = 150,
+) -> None:  # fmt: skip
     """Write a plot on rank 0.
 
     Parameters
@@ -276,11 +279,15 @@ def draw(path: str | Path, paint: Callable, columns: int = 1, size: tuple[float,
         Axes side by side.
     size : (float, float)
         Of one of them [inch].
+    rows : int
+        Of axes, one below the other.
+    dpi : int
+        Pixels per inch.
     """
     if MPI.COMM_WORLD.rank == 0:
-        figure = Figure(figsize=(size[0] * columns, size[1]), layout="constrained")
-        paint(figure.subplots(1, columns))
-        figure.savefig(path, dpi=150)
+        figure = Figure(figsize=(size[0] * columns, size[1] * rows), layout="constrained")
+        paint(figure.subplots(rows, columns))
+        figure.savefig(path, dpi=dpi)
 
 
 __all__ = [

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from drivers._common import make_directory, parse
-from drivers.compare import CASE, METHODS, make_options, measure, run, solve
+from drivers._compare_report import causes
+from drivers.compare import CASE, MARK, METHODS, make_options, measure, run, solve
 from drivers.hertz import generate
 from pcontact.runtime.errors import InputError
 
@@ -31,6 +32,7 @@ def test_formulations_on_one_mesh(shared_tmp):
     mesh = generate(CASE, shared_tmp / "cylinder.msh", CASE.half_width / 5, 1)
     rows = {name: solve(mesh, name, 1.0, 1) for name in METHODS}
     for row in rows.values():
+        assert 1e3 < row["condition"] < 1e6
         assert row["converged"] and row["balance"] < 1e-7 and row["error"] < 0.15 and row["newton"] < 40
     deep = {name: row["penetration"] for name, row in rows.items()}
     assert deep["penalty"] > 5.0 * deep["theta 0"] > 4.0 * deep["augmented"]
@@ -42,6 +44,24 @@ def test_tiny(tmp_path):
     args = parse(make_options(), ["--tiny", "-o", str(tmp_path / "out")])
     make_directory(args.o)
     assert run(args) == 0
-    assert (args.o / "compare.json").exists() and (args.o / "compare.png").stat().st_size > 1000
+    assert (args.o / "compare.json").exists()
+    for name in ("formulations_1.png", "formulations_1_effort.png"):
+        assert 1000 < (args.o / name).stat().st_size < 150_000
+    paper = tmp_path / "paper.md"
+    paper.write_text(f"# Head\n\n{MARK}\n\nold")
+    args.publish = paper
+    assert run(args) == 0
+    text = paper.read_text()
+    assert text.startswith("# Head") and "formulations_1.png" in text and "old" not in text
+    assert (tmp_path / "formulations_1_effort.png").exists() and "| penalty | 5 |" in text
     with pytest.raises(InputError, match="--decades"):
         run(parse(make_options(), ["--decades", "0"]))
+
+
+@pytest.mark.parallel
+def test_what_fails_is_a_row_with_its_cause(shared_tmp):
+    mesh = generate(CASE, shared_tmp / "cylinder.msh", CASE.half_width / 3, 1)
+    row = solve(mesh, "penalty", -1.0, 1)
+    assert not row["converged"] and "gamma0" in row["cause"] and np.isnan(row["error"])
+    row.update(order=1, facets=3)
+    assert causes([row])[0].startswith("penalty, gamma0 -1, 3 facets of degree 1: refused")

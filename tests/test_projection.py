@@ -585,3 +585,18 @@ def test_rays_take_the_nearest_facing_facet_in_both_directions():
     r = search(x, 2, [[0.3, 0.4, 0.4], [0.3, 0.4, 0.6], [0.3, 0.4, 2.5]], [0, 0, -1], 1.0, method=ray_tracing)
     np.testing.assert_allclose(r.gap[:2], [0.4, -0.4])
     assert r.facet[2] == -1
+
+
+def test_tree_over_bodies():
+    """Every body has a branch of its own, the other branches hold whole bodies; bodies in one place do no harm."""
+    rng = np.random.default_rng(5)
+    for places in (10.0 * rng.random((7, 3)), np.zeros((7, 3))):
+        bodies = np.repeat(rng.permutation(7), rng.integers(5, 60, 7))
+        lower = places[bodies] + rng.random((len(bodies), 3))
+        tree = build_tree(lower, lower + 0.1, 100 + bodies)
+        np.testing.assert_array_equal(np.sort(tree.order), np.arange(len(bodies)))
+        inside = [bodies[tree.order[a:b]] for a, b in zip(tree.first, tree.last, strict=True)]
+        pure = {int(one[0]) for one in inside if len(one) == np.sum(bodies == one[0]) and np.all(one == one[0])}
+        assert pure == set(range(7))
+        for one in inside:
+            assert len(np.unique(one)) == 1 or len(one) == np.isin(bodies, one).sum()

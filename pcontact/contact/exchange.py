@@ -119,7 +119,7 @@ class _Searched:
     def __init__(self, target, x_facets, method, numbers):
         self._target, self._numbers = target, numbers
         self._facets = x, kinds, _, self._own, corners = target.around(x_facets)
-        self._tree = build_tree(*facet_boxes(x, kinds))
+        self._tree = build_tree(*facet_boxes(x, kinds), target.bodies())
         self._apart, self._cones = target.apart(self._tree), None
         self._search = closest_points if method == "closest_point" else ray_tracing
         if corners is not None and len(kinds) and self._search is closest_points:

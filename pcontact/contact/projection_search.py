@@ -23,13 +23,14 @@ from pcontact.contact.facet_maps import (
 )
 from pcontact.contact.projection_facets import GRID, closest_on_facet
 from pcontact.contact.projection_rays import ray_on_facet
-from pcontact.contact.projection_walk import expand, load_point, pop, push
+from pcontact.contact.projection_walk import expand, load_point, pop, push, start_bound, starts_of
 from pcontact.runtime.jit import njit_exact, njit_inline
 
 TIE = 1e-10  # of the facet size: distances that count as equal
 TOUCH = 1e-9  # of the facet size: offsets that have no direction, and how far over a border a point may hang
 SAME_POINT = 1e-6  # of the facet size: closest points of neighbours that count as one
 BEHIND = 0.9  # how far an offset that leads out of a body may leave the cone of the normals at its end (in cosines)
+STARTS = 32  # nodes below the root at most from which the points of a facet start
 # columns of the table of solved facets: distance, gap, reference coordinates, y - x (3), target normal (3),
 # contact normal (3), interior (0 or 1), angle at y, facet size, rounding length, whether it is no partner (0 or 1)
 DISTANCE, GAP, U, V, R, NY, N = 0, 1, 2, 3, 4, 7, 10
@@ -53,12 +54,22 @@ def search_all(rays, tree, x_facets, kinds, ids, own, points, normals, radii, fa
     # nodes and facets that hold no partner, but perhaps a neighbour of one: walked only beside a facet that may win
     aside = np.empty(n_nodes + nf, dtype=np.int64)
     on_it = apart.parts.size > 0
+    # points of one facet start together below the root, where they pass by their own body
+    starts, box, end, n_starts = np.zeros(STARTS, dtype=np.int64), np.zeros((2, 3)), 0, 1
+    together = apart.whole.size > 0 and points.shape[0] > 0
     for q in range(points.shape[0]):
+        if together and q >= end:
+            end, n_starts = starts_of(tree, points, q, radii, apart, starts, box)
+        if n_starts == 0:
+            continue
         rounding = load_point(points, normals, q, x, n)
         if not rounding < np.inf:
             continue
         radius, n_queue, n_found, n_group, nearest, limit, n_aside = radii[q], 0, 0, 0, 0.0, 0.0, 0
-        n_queue = push(keys, items, n_queue, 0.0, 0)
+        for i in range(n_starts):
+            key = start_bound(rays, tree, starts[i], x, n, facing, rounding) if together else 0.0
+            if key <= radius:
+                n_queue = push(keys, items, n_queue, key, starts[i])
         while n_queue > 0 or n_group > 0:
             key, item = (keys[0], items[0]) if n_queue > 0 else (np.inf, -1)
             if n_group > 0 and not key <= limit:
@@ -119,8 +130,6 @@ def search_all(rays, tree, x_facets, kinds, ids, own, points, normals, radii, fa
                 n_group = 0
                 continue
             n_queue = pop(keys, items, n_queue)
-            if item < apart.whole.size and apart.whole[item] == apart.parts[q]:
-                continue  # nothing but the point's own body
             if item < n_nodes:
                 n_queue, n_aside = expand(
                     rays, tree, item, x, n, facing, rounding, radius, keys, items, n_queue, cones, apart, q, aside,

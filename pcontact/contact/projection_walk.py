@@ -65,8 +65,11 @@ def expand(rays, tree, node, x, n, facing, rounding, radius, keys, items, count,
     axes, cosines, sines, parts = cones.axis, cones.cosine, cones.sine, cones.parts
     low0, high0, xq = cones.lower, cones.upper, apart.x[q if on_it else 0 : (q if on_it else 0) + 1]
     part, slack = (apart.parts[q], apart.slack[q]) if on_it else (-1, 0.0)
+    whole = apart.whole
     for i in range(first, last):
         item = shift + i
+        if item < whole.size and whole[item] == part:
+            continue  # nothing but the point's own body
         if rays:
             key = ray_bound(lower, upper, i, x, n, rounding)
         else:
@@ -82,6 +85,64 @@ def expand(rays, tree, node, x, n, facing, rounding, radius, keys, items, count,
         else:
             count = push(keys, items, count, key, item)
     return count, n_aside
+
+
+@njit_exact
+def start_bound(rays, tree, node, x, n, facing, rounding):
+    """Lower bound of the distance of any accepted partner in a node of the tree."""
+    if rays:
+        return ray_bound(tree.lower, tree.upper, node, x, n, rounding)
+    return bound(tree.lower, tree.upper, node, x, n, facing, rounding)
+
+
+@njit_exact
+def starts_of(tree, points, q, radii, apart, starts, box):
+    """Where the walks of the points of one facet start: nodes of the tree within reach of the box around them.
+
+    Parameters
+    ----------
+    q : int
+        The first of them. They come one after the other, and pass by their own body.
+    starts : (n,) int64
+        Filled with nodes, as far down as there is room.
+    box : (2, 3) float64
+        Scratch.
+
+    Returns
+    -------
+    int, int
+        The first point of another facet, and the number of nodes.
+    """
+    d, end, reach, offset = points.shape[1], q, 0.0, 0.0
+    for k in range(d):
+        box[0, k], box[1, k] = np.inf, -np.inf
+    while end < points.shape[0] and apart.cells[end] == apart.cells[q] and apart.parts[end] == apart.parts[q]:
+        for k in range(d):
+            box[0, k], box[1, k] = min(box[0, k], points[end, k]), max(box[1, k], points[end, k])
+        reach = max(reach, radii[end])
+        end += 1
+    for k in range(d):
+        offset = max(offset, abs(box[0, k]), abs(box[1, k]))
+    reach = reach * (1.0 + 1e-12) + 8.0 * ROUNDING * offset
+    count, at = 1, 0
+    starts[0] = 0
+    while at < count:
+        node = starts[at]
+        if tree.child[node] < 0 or count == starts.size:
+            at += 1
+            continue
+        count -= 1
+        starts[at] = starts[count]
+        for child in range(tree.child[node], tree.child[node] + 2):
+            if apart.whole[child] == apart.parts[q]:
+                continue
+            away2 = 0.0
+            for k in range(d):
+                away2 += max(tree.lower[child, k] - box[1, k], box[0, k] - tree.upper[child, k], 0.0) ** 2
+            if not away2 > reach * reach:
+                starts[count] = child
+                count += 1
+    return end, count
 
 
 @njit_inline

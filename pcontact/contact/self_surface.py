@@ -49,6 +49,10 @@ class SelfSurface(TargetSurface):
         nodes = np.concatenate([self.table, rim.table])[:, NODES:].astype(np.int64)
         return x, kinds, ids, np.arange(len(x)) < len(x_facets), nodes
 
+    def bodies(self):
+        """Bodies of the facets of :meth:`around` if they are no partners of themselves, else None."""
+        return None if self.meets_itself else np.concatenate([self.table, self.rim.table])[:, 1]
+
     def apart(self, tree):
         """Where the facets of :meth:`around`, in a tree, are in the undeformed bodies; without points."""
         table = np.concatenate([self.table, self.rim.table])

@@ -251,6 +251,10 @@ class TargetSurface:
         """
         return x_facets, self.kinds, self.ids, None, None
 
+    def bodies(self):
+        """Bodies of the facets of :meth:`around` whose own points pass them by; None: there are none."""
+        return None
+
     def apart(self, tree):
         """See :class:`pcontact.contact.apart.Apart`; None: no point is on the surface."""
         return None

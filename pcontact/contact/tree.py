@@ -12,7 +12,7 @@ import numpy as np
 from pcontact.runtime.jit import njit_exact
 
 LEAF_SIZE = 4
-STACK_SIZE = 64  # the tree is balanced: its depth stays below log2(n) + 1
+STACK_SIZE = 160  # the tree is balanced: its depth stays below log2(n) + 1, over several bodies below twice that
 
 
 class Tree(NamedTuple):
@@ -42,13 +42,16 @@ class Tree(NamedTuple):
     facet_upper: np.ndarray
 
 
-def build_tree(lower, upper):
+def build_tree(lower, upper, bodies=None):
     """Build the tree over boxes.
 
     Parameters
     ----------
     lower, upper : (n, d) array_like
         Boxes of the facets; n = 0 is allowed.
+    bodies : (n,) array_like of int, optional
+        Of the facets. Branches then hold one body each as soon as they can: a tree over bodies, then over facets.
+        Points of bodies that are no partners of themselves pass by their own branch at once.
 
     Returns
     -------
@@ -60,8 +63,17 @@ def build_tree(lower, upper):
     capacity = max(2 * n, 1)
     node_lower, node_upper = np.empty((capacity, d)), np.empty((capacity, d))
     child, first, last = (np.full(capacity, -1, dtype=np.int64) for _ in range(3))
-    order = np.arange(n, dtype=np.int64)
-    count = _build(0.5 * (lower + upper), lower, upper, order, node_lower, node_upper, child, first, last)
+    order, centre = np.arange(n, dtype=np.int64), 0.5 * (lower + upper)
+    body, middles = np.zeros(n, dtype=np.int64), centre
+    if bodies is not None and n:
+        _, body = np.unique(bodies, return_inverse=True)
+        sizes = np.bincount(body)
+        middles = np.column_stack([np.bincount(body, column) / sizes for column in centre.T])
+        # bodies in the same place are told apart by their numbers
+        middles += 1e-9 * np.ptp(centre, axis=0).max() * np.linspace(0.0, 1.0, len(sizes))[:, None]
+        middles, body = middles[body], body.astype(np.int64)
+    boxes = lower, upper, order, node_lower, node_upper, child, first, last
+    count = _build(centre, np.ascontiguousarray(middles), body, *boxes)
     return Tree(
         node_lower[:count].copy(), node_upper[:count].copy(), child[:count].copy(), first[:count].copy(),
         last[:count].copy(), order, lower[order], upper[order],
@@ -69,8 +81,11 @@ def build_tree(lower, upper):
 
 
 @njit_exact
-def _build(centre, lower, upper, order, node_lower, node_upper, child, first, last):
-    """Fill the node arrays and permute `order`; return the number of nodes."""
+def _build(centre, middles, body, lower, upper, order, node_lower, node_upper, child, first, last):
+    """Fill the node arrays and permute `order`; return the number of nodes.
+
+    Nodes with several bodies (n,) are divided by the middles (n, d) of the bodies, at a border between two of them.
+    """
     n, d = lower.shape
     if n == 0:
         return 0
@@ -81,13 +96,17 @@ def _build(centre, lower, upper, order, node_lower, node_upper, child, first, la
         depth -= 1
         node = stack[depth]
         a, b = first[node], last[node]
+        several = False
+        for i in range(a + 1, b):
+            several = several or body[order[i]] != body[order[a]]
+        at = middles if several else centre
         widest, axis = -1.0, 0
         for k in range(d):
             low, high, c_low, c_high = np.inf, -np.inf, np.inf, -np.inf
             for i in range(a, b):
                 f = order[i]
                 low, high = min(low, lower[f, k]), max(high, upper[f, k])
-                c_low, c_high = min(c_low, centre[f, k]), max(c_high, centre[f, k])
+                c_low, c_high = min(c_low, at[f, k]), max(c_high, at[f, k])
             node_lower[node, k], node_upper[node, k] = low, high
             if c_high - c_low > widest:
                 widest, axis = c_high - c_low, k
@@ -95,7 +114,9 @@ def _build(centre, lower, upper, order, node_lower, node_upper, child, first, la
             child[node] = -1
             continue
         middle = (a + b) // 2
-        _select(centre, axis, order, a, b, middle)
+        _select(at, axis, order, a, b, middle)
+        if several:
+            middle = _border(at, axis, order, a, b, middle)
         child[node] = count
         first[count], last[count] = a, middle
         first[count + 1], last[count + 1] = middle, b
@@ -103,6 +124,24 @@ def _build(centre, lower, upper, order, node_lower, node_upper, child, first, la
         depth += 2
         count += 2
     return count
+
+
+@njit_exact
+def _border(middles, axis, order, a, b, middle):
+    """Divide ``order[a:b]``, selected about `middle`, between two bodies; return where the second part begins."""
+    pivot, below = middles[order[middle], axis], 0
+    for i in range(a, b):
+        below += middles[order[i], axis] < pivot
+    # the body in the middle goes to the second part, or, if it is the first, stays there alone
+    whole = below > 0
+    j = a
+    for i in range(a, b):
+        value = middles[order[i], axis]
+        if value < pivot or (not whole and value == pivot):
+            order[i], order[j] = order[j], order[i]
+            j += 1
+    # bodies that rounding puts in one place
+    return j if a < j < b else middle
 
 
 @njit_exact
