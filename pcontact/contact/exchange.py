@@ -21,7 +21,7 @@ class Found(NamedTuple):
     id : ndarray (np,)
         Global number of the target facet, -1 where there is none.
     y : ndarray (np, d)
-        Point on the deformed target [length].
+        Point on the deformed target, relative to the origin of the search [length].
     normal : ndarray (np, d)
         Contact normal, from source to target.
     gap : ndarray (np,)
@@ -167,7 +167,7 @@ def _best(points, answers, n_points):
     return winner
 
 
-def find_partners(space, target, nodal, points, normals, radius, method):
+def find_partners(space, target, nodal, points, normals, radius, method, origin=0.0):
     """Partner of every source point of this rank among the target facets of all ranks. *Collective.*
 
     Parameters
@@ -177,17 +177,19 @@ def find_partners(space, target, nodal, points, normals, radius, method):
     nodal : ndarray (n_local, d)
         Displacement of the local nodes [length].
     points, normals : ndarray (np, d)
-        Deformed source points [length] and their unit outward normals.
+        Deformed source points, relative to the origin [length], and their unit outward normals.
     radius : float
         Farthest partner [length].
     method : {"closest_point", "ray_tracing"}
+    origin : ndarray (d,), optional
+        Near the surfaces: the sum of a displacement and a position far from it loses the digits of the displacement.
 
     Returns
     -------
     Found
     """
     d, comm = space.dim, space.comm
-    x_facets = np.ascontiguousarray(target.deformed(nodal))
+    x_facets = np.ascontiguousarray(target.deformed(nodal, origin))
     width = int(comm.allreduce(target.nodes.shape[1], op=MPI.MAX))
     if target.nodes.shape[1] < width:
         missing = width - target.nodes.shape[1]

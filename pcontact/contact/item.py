@@ -12,6 +12,7 @@ from pcontact.contact.parameters import GAMMA0, parameter
 from pcontact.contact.standing import Standing
 from pcontact.contact.summary import summarise
 from pcontact.contact.way import Way
+from pcontact.mesh.mesh import bounding_box
 from pcontact.runtime.parallel import together
 from pcontact.runtime.petsc import MPI
 
@@ -72,8 +73,10 @@ class ContactItem(Standing, Way):
         self._coupled = np.zeros(len(source.facet), dtype=bool)
         self.committed = np.full(len(source.facet), OPEN, dtype=np.int64)
         self._owned = None
-        farthest = space.comm.allreduce(float(np.max(np.abs(space.points), initial=0.0)), op=MPI.MAX)
-        self._rounding = 64.0 * np.finfo(float).eps * farthest
+        low, high = bounding_box(space.comm, space.points)
+        # of few digits, so that subtracting it rounds nothing
+        self._origin = (0.5 * (low + high)).astype(np.float32).astype(float)
+        self._rounding = np.finfo(float).eps * (4.0 * np.max(np.abs([low, high])) + 64.0 * np.max(high - low))
 
     # -- search -------------------------------------------------------------------------------------------------
 
@@ -95,19 +98,15 @@ class ContactItem(Standing, Way):
         source, space = self.source, self.space
         ahead = u if ahead is None else ahead
         nodal = space.local.gather(ahead)
-        moved = np.einsum("pa,pad->pd", source.shape, nodal[source.cells[source.facet]])
-        x = source.x + moved
+        x = self._deformed(nodal)
         if self.rigid:
-            found = self._against_obstacle(x, time)
-        else:
-            found = find_partners(
-                space, self.target, nodal, x, source.normal, self.radius, self.contact.search
-            )
-        if self.rigid:
-            gap, normal, paired = found
+            gap, normal, paired = self._against_obstacle(x, time)
             ids = np.zeros(len(gap), dtype=np.int64)
             nodes, shape = np.zeros((len(gap), 0), dtype=np.int64), np.zeros((len(gap), 0))
         else:
+            found = find_partners(
+                space, self.target, nodal, x, source.normal, self.radius, self.contact.search, self._origin
+            )
             gap, normal, paired, ids = found.gap, found.normal, found.id >= 0, found.id
             nodes, shape = found.nodes, found.shape
             self.candidates += found.candidates
@@ -122,9 +121,18 @@ class ContactItem(Standing, Way):
         self.flips, self._status = [], None
         self._new_pattern()
 
+    def _deformed(self, nodal):
+        """Points of the source (np, d) under nodal displacements, relative to the origin: no digits are lost."""
+        source, space = self.source, self.space
+        if space.mesh.curved and space.degree == 1:
+            moved = np.einsum("pa,pad->pd", source.shape, nodal[source.cells[source.facet]])
+            return (source.x - self._origin) + moved
+        # the geometry is of the degree of the displacement at most, which interpolates it
+        return np.einsum("pa,pad->pd", source.shape, (space.points - self._origin + nodal)[source.cells[source.facet]])
+
     def _against_obstacle(self, x, time):
         # a level set of the user's may fail on some ranks only
-        gap, normal = together(self.space.comm, self.target.gap, x, time)
+        gap, normal = together(self.space.comm, self.target.gap, x, time, self._origin)
         paired = np.einsum("pd,pd->p", normal, self.source.normal) >= FACING
         self.deep = int(np.sum(paired & (gap < -self.radius)))
         return gap, normal, paired & (np.abs(gap) <= self.radius)

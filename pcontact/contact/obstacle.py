@@ -8,27 +8,24 @@ def _unit(v):
 
 
 def _plane(obstacle):
-    point = np.asarray(obstacle.point, dtype=float)
     normal = _unit(np.asarray(obstacle.normal, dtype=float))
 
     def distance(x, time):
-        return (x - point) @ normal, np.broadcast_to(normal, x.shape)
+        return x @ normal, np.broadcast_to(normal, x.shape)
 
     return distance
 
 
 def _round(obstacle, axis):
     """Sphere (axis None) or cylinder."""
-    centre = np.asarray(obstacle.center if axis is None else obstacle.point, dtype=float)
     sign = -1.0 if obstacle.inside else 1.0
 
-    def distance(x, time):
-        r = x - centre
+    def distance(r, time):
         if axis is not None:
             r = r - np.outer(r @ axis, axis)
         length = np.linalg.norm(r, axis=1)
         safe = np.where(length > 0.0, length, 1.0)
-        fallback = np.eye(x.shape[1])[0]
+        fallback = np.eye(r.shape[1])[0]
         away = np.where((length > 0.0)[:, None], r / safe[:, None], fallback)
         return sign * (length - obstacle.radius), sign * away
 
@@ -72,6 +69,10 @@ class RigidObstacle:
         self._amplitude = amplitude
         shift = obstacle.displacement
         self._shift = None if shift is None else np.asarray(shift, dtype=float)
+        # distances are taken from it
+        self._place = np.zeros(1)
+        if obstacle.shape != "level_set":
+            self._place = np.asarray(obstacle.center if obstacle.shape == "sphere" else obstacle.point, dtype=float)
         if obstacle.shape == "plane":
             self._distance = _plane(obstacle)
         elif obstacle.shape == "sphere":
@@ -87,14 +88,16 @@ class RigidObstacle:
             return 0.0
         return self._shift * (self._amplitude.factor(end) - self._amplitude.factor(start))
 
-    def gap(self, x, time):
+    def gap(self, x, time, origin=0.0):
         """Signed distance and contact normal.
 
         Parameters
         ----------
         x : ndarray (n, d)
-            Points [length].
+            Points, relative to the origin [length].
         time : float
+        origin : ndarray (d,), optional
+            Near them: far from it the sum of a position and a displacement loses the digits of the displacement.
 
         Returns
         -------
@@ -103,8 +106,10 @@ class RigidObstacle:
         normal : ndarray (n, d)
             Towards the obstacle, minus the gradient of the distance.
         """
+        origin = origin - self._place
         if self._shift is not None:
-            x = x - self._shift * self._amplitude.factor(time)
+            origin = origin - self._shift * self._amplitude.factor(time)
+        x = x + origin
         if not len(x):
             return np.zeros(0), np.zeros_like(x)
         gap, slope = self._distance(x, time)

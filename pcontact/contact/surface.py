@@ -259,9 +259,9 @@ class TargetSurface:
         """See :class:`pcontact.contact.apart.Apart`; None: no point is on the surface."""
         return None
 
-    def deformed(self, nodal):
-        """Coordinates (nf, n, d) of the facets under local nodal displacements (n_local, d)."""
-        x = self.x.copy()
+    def deformed(self, nodal, origin=0.0):
+        """Coordinates (nf, n, d), relative to an origin (d,), of the facets under nodal displacements (n_local, d)."""
+        x = self.x - origin
         for rows, table, _ in self.carry:
             x[rows, : len(table)] += np.einsum("na,fad->fnd", table, nodal[self.nodes[rows, : table.shape[1]]])
         return x
