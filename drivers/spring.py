@@ -205,16 +205,29 @@ def _pictures(directory, rows):
         )
 
 
-def _plot(rows, formula):
+def _plot(rows, args):
+    """Soft part to scale; all of it, with the penetration, in powers of ten."""
+    travel, force, depth = (np.array([row[key] for row in rows]) for key in ("travel", "force", "penetration"))
+    begun, solid = np.array([0.0, travel[-1]]), closing_travel(args)
+    formulas = ((textbook(args), "k:", "turns between the closed ones"), (textbook(args, 0.0), "k--", "all turns"))
+
     def paint(axes):
-        travel, force = ([0.0, *(row[key] for row in rows)] for key in ("travel", "force"))
-        axes.plot(travel, force, ".-", lw=1, label="computed")
-        axes.plot(travel, formula * np.array(travel), "k:", lw=1, label="G d^4 / (8 D^3 n)")
-        axes.set_xlabel("travel")
-        axes.set_ylabel("force")
-        axes.set_ylim(0.0, None)
-        axes.legend()
-        axes.grid(alpha=0.3)
+        soft, whole = axes
+        soft.plot([0.0, *travel], [0.0, *force], ".-", lw=1, label="computed")
+        for stiffness, style, name in formulas:
+            soft.plot(begun, stiffness * begun, style, lw=1, label=f"G d^4 / (8 D^3 n), {name}")
+        soft.set_ylim(0.0, 1.5 * formulas[0][0] * travel[-1])
+        soft.set_ylabel("force")
+        whole.semilogy(travel, force, ".-", lw=1, label="force")
+        touched = depth > 0.0
+        whole.semilogy(travel[touched], depth[touched], "s-", ms=3, lw=1, label="penetration / wire")
+        whole.axhline(1e-3, color="k", ls=":", lw=1, label="1e-3")
+        for one in axes:
+            one.axvline(solid, color="0.5", lw=1, label="coils closed")
+            one.set_xlim(0.0, None)
+            one.set_xlabel("travel")
+            one.legend(fontsize=8)
+            one.grid(alpha=0.3)
 
     return paint
 
@@ -251,7 +264,7 @@ def run(args):
     result = {"unknowns": unknowns, "travel": travel, "converged": converged, "left": left}
     if rows:
         result.update(measure(rows, args))
-        draw(args.o / "spring.png", _plot(rows, result["textbook"]))
+        draw(args.o / "spring.png", _plot(rows, args), 2)
         if not args.no_fields:
             on_root(MPI.COMM_WORLD, _pictures, args.o / "run", rows)
     print_table("the run", ["", ""], [[key, value] for key, value in result.items()])
