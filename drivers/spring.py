@@ -6,9 +6,10 @@ roll up on them, and coils meet by self contact. The force grows slowly at first
 n), and steeply once the coils are closed (solid length). ``--friction`` acts between the coils and at the plates,
 ``--yield-stress`` and ``--hardening`` make the wire yield.
 
-n counts the turns between the closed ones, which are taken as the only ones that give way. Until they touch, the
-closed ones give way as well: the initial stiffness is that of the formula with all turns, and approaches the other one
-when the gap between the end coils (a tenth of a wire) has closed. The table has both.
+n counts the turns between the closed ones, which are taken as the only ones that give way. Until they touch, those
+parts of the closed ones that do not lie on the plates give way as well: the initial stiffness is that of the formula
+with all free turns, and approaches the other one when the gap between the end coils (a tenth of a wire) has closed.
+The table has both.
 
 The travel ends where the coils are closed: between the parts of the wire that lie on the plates no gap is left, and the
 force turns upwards. Load steps get shorter on the way, as that is where it happens.
@@ -45,6 +46,12 @@ def helix(args):
     return Helix(args.wire, 2.0 * args.radius, args.coils, args.pitch, "ground", CLOSED, GAP, top)
 
 
+def ground(args):
+    """Turns at each end that lie on the plate: up to where the round wire would be clear of it."""
+    whole = helix(args)
+    return (0.5 * args.wire - whole.start) / whole.closed_pitch
+
+
 def sides(args):
     """Facets on a quarter of the section, an odd number: coils then meet flat on flat, not edge on edge.
 
@@ -63,7 +70,7 @@ def closing_travel(args):
     """
     whole = helix(args)
     t = np.linspace(0.0, args.coils, 50 * int(np.ceil(args.coils)) + 1)
-    held = t[whole.rise(t)[0] <= 0.5 * args.wire]
+    held = t[t <= ground(args)]
     thickness = args.wire if args.order == 2 else args.wire * np.cos(0.25 * np.pi / sides(args))
     aside = 0.0 if args.top is None else (args.radius - args.top) / args.coils
     high = np.sqrt(max(thickness**2 - aside**2, 0.0))
@@ -209,7 +216,8 @@ def _plot(rows, args):
     """Soft part to scale; all of it, with the penetration, in powers of ten."""
     travel, force, depth = (np.array([row[key] for row in rows]) for key in ("travel", "force", "penetration"))
     begun, solid = np.array([0.0, travel[-1]]), closing_travel(args)
-    formulas = ((textbook(args), "k:", "turns between the closed ones"), (textbook(args, 0.0), "k--", "all turns"))
+    free = textbook(args, ground(args))
+    formulas = ((textbook(args), "k:", "turns between the closed ones"), (free, "k--", "free turns"))
 
     def paint(axes):
         soft, whole = axes
@@ -234,11 +242,11 @@ def _plot(rows, args):
 
 def measure(rows, args):
     """Numbers of a run."""
-    formula, every, first = textbook(args), textbook(args, 0.0), rows[0]
+    formula, free, first = textbook(args), textbook(args, ground(args)), rows[0]
     initial = first["force"] / first["travel"]
     last = (rows[-1]["force"] - rows[-2]["force"]) / (rows[-1]["travel"] - rows[-2]["travel"]) if rows[1:] else initial
-    result = {"textbook": formula, "textbook, all turns": every, "initial": initial}
-    result.update({"initial / textbook": initial / formula, "initial / textbook, all turns": initial / every})
+    result = {"textbook": formula, "textbook, free turns": free, "initial": initial}
+    result.update({"initial / textbook": initial / formula, "initial / textbook, free turns": initial / free})
     result["last / initial"] = last / initial
     result.update(force=rows[-1]["force"], area=rows[-1]["area"])
     result["penetration"] = max(row["penetration"] for row in rows)

@@ -7,7 +7,7 @@ import pytest
 
 from drivers import spring
 from drivers._common import running
-from drivers.spring import History, closing_travel, left_inside, scene, sides, textbook
+from drivers.spring import History, closing_travel, ground, left_inside, scene, sides, textbook
 
 ARGS = Namespace(
     coils=2.5, radius=3.0, top=None, wire=1.0, pitch=1.4, order=1, friction=0.0, yield_stress=0.0, hardening=0.0,
@@ -42,6 +42,7 @@ def test_closing_travel():
     """By hand: 4 coils, ground ends held at a half turn and 3 turns above; flats of 15 degrees. A cone goes on."""
     args = Namespace(**{**vars(ARGS), "coils": 4.0, "h": 0.26})
     assert sides(args) == 3
+    assert ground(args) == pytest.approx(0.65 / 1.1)
     # height 5 - 0.3, centres at -0.15 + 0.55 from both plates, three wires between them
     assert closing_travel(args) == pytest.approx(4.7 - 0.8 - 3.0 * np.cos(np.pi / 12.0))
     round_wire = Namespace(**{**vars(args), "order": 2})
