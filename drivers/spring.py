@@ -6,9 +6,13 @@ roll up on them, and coils meet by self contact. The force grows slowly at first
 n), and steeply once the coils are closed (solid length). ``--friction`` acts between the coils and at the plates,
 ``--yield-stress`` and ``--hardening`` make the wire yield.
 
-n counts the turns between the closed ones, which are taken as the only ones that give way. Until they touch, the
-closed ones give way as well: the initial stiffness is that of the formula with all turns, and approaches the other one
-when the gap between the end coils (a tenth of a wire) has closed. The table has both.
+n counts the turns between the closed ones, which are taken as the only ones that give way. Until they touch, those
+parts of the closed ones that do not lie on the plates give way as well: the initial stiffness is that of the formula
+with all free turns, and approaches the other one when the gap between the end coils (a tenth of a wire) has closed.
+The table has both.
+
+The travel ends where the coils are closed: between the parts of the wire that lie on the plates no gap is left, and the
+force turns upwards. Load steps get shorter on the way, as that is where it happens.
 
 Linear kinematics: strains and rotations are small. The wire is twisted by (pitch - wire) / (coil radius) per turn until
 the coils close, 0.08 by default; the helix neither widens nor unwinds as it is compressed, and coils meet where the
@@ -32,18 +36,58 @@ E_MODULUS, NU = 206e3, 0.3
 # A coil is so much softer than its wire that multigrid needs hundreds of iterations, and that the first residual of a
 # load step, that of moved ends, is a million times the forces. The fronts of a direct solver are as small as a section.
 PETSC = {"pc_type": "lu", "pc_factor_mat_solver_type": "mumps", "snes_rtol": "1e-11"}
+FINEST = 0.1  # last load step in units of the first
 CLOSED, GAP = 1.0, 0.1  # turns at each end that are closed, and the gap between them in wires
 
 
-def helix(args, pitch=None, gap=GAP):
-    """The centre line of the spring, or of another pitch."""
+def helix(args):
+    """The centre line of the spring."""
     top = None if args.top is None else 2.0 * args.top
-    return Helix(args.wire, 2.0 * args.radius, args.coils, pitch or args.pitch, "ground", CLOSED, gap, top)
+    return Helix(args.wire, 2.0 * args.radius, args.coils, args.pitch, "ground", CLOSED, GAP, top)
+
+
+def ground(args):
+    """Turns at each end that lie on the plate: up to where the round wire would be clear of it."""
+    whole = helix(args)
+    return (0.5 * args.wire - whole.start) / whole.closed_pitch
+
+
+def sides(args):
+    """Facets on a quarter of the section, an odd number: coils then meet flat on flat, not edge on edge.
+
+    Along edges the contact is narrower than a facet whatever the mesh, its pressure is missed by the stress of the
+    cells, and Nitsche's method leaves pressure / gamma of penetration, the more the finer it is resolved.
+    """
+    return max(3, 2 * round(0.125 * np.pi * args.wire / args.h - 0.5) + 1)
 
 
 def closing_travel(args):
-    """Travel at which all coils lie on each other [length]."""
-    return helix(args).height - helix(args, args.wire, 0.0).height
+    """Travel at which the coils lie on each other [length]: the spring has its solid length.
+
+    Where the wire is ground it lies on its plate. Between such places of both ends, one above the other, the wire can
+    go down by no more than the sum of the gaps: the smallest one counts. The wire is as thick as between two flats of
+    its section; coils of a cone lie beside each other by what the radius loses in a turn.
+    """
+    whole = helix(args)
+    t = np.linspace(0.0, args.coils, 50 * int(np.ceil(args.coils)) + 1)
+    held = t[t <= ground(args)]
+    thickness = args.wire if args.order == 2 else args.wire * np.cos(0.25 * np.pi / sides(args))
+    aside = 0.0 if args.top is None else (args.radius - args.top) / args.coils
+    high = np.sqrt(max(thickness**2 - aside**2, 0.0))
+    sums = []
+    for turns in range(1, int(args.coils) + 1):
+        below = held[(held + turns >= args.coils - held[-1]) & (held + turns <= args.coils)]
+        sums += list(whole.rise(below + turns)[0] - whole.rise(below)[0] - turns * high)
+    return float(min(sums))
+
+
+def mesh(path, args):
+    """Mesh of the spring with an odd number of flats on a quarter of its section. *Collective.*"""
+    sizes = {key: getattr(args, key) for key in ("wire", "coils", "pitch", "along")}
+    return make_mesh(
+        spring, path, 0.25 * np.pi * args.wire / sides(args), 2 if args.order == 2 else 1, closed=CLOSED, gap=GAP,
+        diameter=2.0 * args.radius, ends="ground", top=None if args.top is None else 2.0 * args.top, **sizes,
+    )  # fmt: skip
 
 
 def textbook(args, closed=CLOSED):
@@ -52,6 +96,24 @@ def textbook(args, closed=CLOSED):
     cubes = helix(args).width(0.5 * (turns[1:] + turns[:-1])) ** 3
     shear = E_MODULUS / (2.0 * (1.0 + NU))
     return float(shear * args.wire**4 / (8.0 * cubes.mean() * (args.coils - 2.0 * closed)))
+
+
+def graded(count, finest=FINEST):
+    """Times and factors (count + 1, 2) of the travel: load steps shrink evenly, the last one to `finest` of the first.
+
+    The force is a straight line until coils meet, and turns upwards where they close.
+    """
+    size = np.linspace(1.0, finest, count)
+    return [(k / count, float(part)) for k, part in enumerate([0.0, *np.cumsum(size) / size.sum()])]
+
+
+def reach(args, travel):
+    """Search radius [length]: the widest gap between coils, and not less than what the plate moves in a load step.
+
+    The default, a part of the extent of the spring, has every point look at the coils beyond its neighbours.
+    """
+    first = graded(args.steps)[1][1] * travel
+    return max(args.pitch - args.wire, 2.0 * first)
 
 
 def scene(path, args, travel, fields=False):
@@ -68,10 +130,10 @@ def scene(path, args, travel, fields=False):
         Whether fields are written.
     """
     plastic = {"yield_stress": args.yield_stress, "hardening": args.hardening} if args.yield_stress else {}
-    height, friction = helix(args).height, args.friction or None
+    height, friction, moved = helix(args).height, args.friction or None, graded(args.steps)
     lower = Obstacle("plane", point=[0.0, 0.0, 0.0], normal=[0.0, 0.0, 1.0])
     upper = Obstacle(
-        "plane", point=[0.0, 0.0, height], normal=[0.0, 0.0, -1.0], displacement=[0.0, 0.0, -travel]
+        "plane", point=[0.0, 0.0, height], normal=[0.0, 0.0, -1.0], displacement=[0.0, 0.0, -travel], amplitude=moved
     )
     return Scene(
         title=f"Helical spring, {args.coils:g} turns",
@@ -81,11 +143,11 @@ def scene(path, args, travel, fields=False):
         contacts=[
             Contact("spring_skin", obstacle=lower, name="lower plate", friction=friction),
             Contact("spring_skin", obstacle=upper, name="upper plate", friction=friction),
-            Contact("skin", "skin", name="coils", friction=friction),
+            Contact("skin", "skin", name="coils", friction=friction, search_radius=reach(args, travel)),
         ],
         displacements=[
             Displacement("end_bottom", [0.0, 0.0, 0.0]),
-            Displacement("end_top", [0.0, 0.0, -travel]),
+            Displacement("end_top", [0.0, 0.0, -travel], moved),
         ],
         steps=Steps(count=args.steps),
         output=Output(fields=fields, probes=["end_top"]),
@@ -100,10 +162,13 @@ class History:
     ----------
     travel, wire : float
         Travel at the end of the run and diameter of the wire [length].
+    count : int
+        Load steps.
     """
 
-    def __init__(self, travel, wire):
+    def __init__(self, travel, wire, count):
         self.rows, self.cuts, self._travel, self._wire = [], [], travel, wire
+        self._times, self._factors = zip(*graded(count), strict=True)
 
     def step(self, step, u, record):
         """Keep the step's numbers."""
@@ -111,7 +176,8 @@ class History:
         pairs = record["contacts"]
         force = pairs["upper plate"]["force"][2] - record["reactions"]["end_top"][2]
         below = record["reactions"]["end_bottom"][2] - pairs["lower plate"]["force"][2]
-        row = {"time": step.time, "travel": step.time * self._travel, "force": force}
+        moved = np.interp(step.time, self._times, self._factors) * self._travel
+        row = {"time": step.time, "travel": moved, "force": force}
         row["imbalance"] = abs(force - below) / max(abs(force), 1e-300)
         row["penetration"] = max(pair["max_penetration"] for pair in pairs.values()) / self._wire
         row.update(area=pairs["coils"]["area"], between=pairs["coils"]["force"][2])
@@ -146,27 +212,41 @@ def _pictures(directory, rows):
         )
 
 
-def _plot(rows, formula):
+def _plot(rows, args):
+    """Soft part to scale; all of it, with the penetration, in powers of ten."""
+    travel, force, depth = (np.array([row[key] for row in rows]) for key in ("travel", "force", "penetration"))
+    begun, solid = np.array([0.0, travel[-1]]), closing_travel(args)
+    free = textbook(args, ground(args))
+    formulas = ((textbook(args), "k:", "turns between the closed ones"), (free, "k--", "free turns"))
+
     def paint(axes):
-        travel, force = ([0.0, *(row[key] for row in rows)] for key in ("travel", "force"))
-        axes.plot(travel, force, ".-", lw=1, label="computed")
-        axes.plot(travel, formula * np.array(travel), "k:", lw=1, label="G d^4 / (8 D^3 n)")
-        axes.set_xlabel("travel")
-        axes.set_ylabel("force")
-        axes.set_ylim(0.0, None)
-        axes.legend()
-        axes.grid(alpha=0.3)
+        soft, whole = axes
+        soft.plot([0.0, *travel], [0.0, *force], ".-", lw=1, label="computed")
+        for stiffness, style, name in formulas:
+            soft.plot(begun, stiffness * begun, style, lw=1, label=f"G d^4 / (8 D^3 n), {name}")
+        soft.set_ylim(0.0, 1.5 * formulas[0][0] * travel[-1])
+        soft.set_ylabel("force")
+        whole.semilogy(travel, force, ".-", lw=1, label="force")
+        touched = depth > 0.0
+        whole.semilogy(travel[touched], depth[touched], "s-", ms=3, lw=1, label="penetration / wire")
+        whole.axhline(1e-3, color="k", ls=":", lw=1, label="1e-3")
+        for one in axes:
+            one.axvline(solid, color="0.5", lw=1, label="coils closed")
+            one.set_xlim(0.0, None)
+            one.set_xlabel("travel")
+            one.legend(fontsize=8)
+            one.grid(alpha=0.3)
 
     return paint
 
 
 def measure(rows, args):
     """Numbers of a run."""
-    formula, every, first = textbook(args), textbook(args, 0.0), rows[0]
+    formula, free, first = textbook(args), textbook(args, ground(args)), rows[0]
     initial = first["force"] / first["travel"]
     last = (rows[-1]["force"] - rows[-2]["force"]) / (rows[-1]["travel"] - rows[-2]["travel"]) if rows[1:] else initial
-    result = {"textbook": formula, "textbook, all turns": every, "initial": initial}
-    result.update({"initial / textbook": initial / formula, "initial / textbook, all turns": initial / every})
+    result = {"textbook": formula, "textbook, free turns": free, "initial": initial}
+    result.update({"initial / textbook": initial / formula, "initial / textbook, free turns": initial / free})
     result["last / initial"] = last / initial
     result.update(force=rows[-1]["force"], area=rows[-1]["area"])
     result["penetration"] = max(row["penetration"] for row in rows)
@@ -181,12 +261,8 @@ def run(args):
     if args.tiny:
         args.coils, args.h, args.along, args.steps, args.radius = 2.5, 0.5, 2.0, 2, 3.0
     travel = closing_travel(args) * args.travel
-    sizes = {key: getattr(args, key) for key in ("wire", "coils", "pitch", "along")}
-    path = make_mesh(
-        spring, args.o / "spring.msh", args.h, 2 if args.order == 2 else 1, diameter=2.0 * args.radius, ends="ground",
-        closed=CLOSED, gap=GAP, top=None if args.top is None else 2.0 * args.top, **sizes,
-    )  # fmt: skip
-    history = History(travel, args.wire)
+    path = mesh(args.o / "spring.msh", args)
+    history = History(travel, args.wire, args.steps)
     with running(scene(path, args, travel, not args.no_fields), args.o / "run", [history]) as (simulation, converged):
         unknowns = simulation.problem.space.vector().getSize()
         left = left_inside(simulation) / args.wire
@@ -196,7 +272,7 @@ def run(args):
     result = {"unknowns": unknowns, "travel": travel, "converged": converged, "left": left}
     if rows:
         result.update(measure(rows, args))
-        draw(args.o / "spring.png", _plot(rows, result["textbook"]))
+        draw(args.o / "spring.png", _plot(rows, args), 2)
         if not args.no_fields:
             on_root(MPI.COMM_WORLD, _pictures, args.o / "run", rows)
     print_table("the run", ["", ""], [[key, value] for key, value in result.items()])
@@ -218,7 +294,7 @@ if __name__ == "__main__":
     parser.add_argument("--friction", type=float, default=0.0, help="between coils and at the plates")
     parser.add_argument("--yield-stress", type=float, default=0.0, help="of the wire; 0: elastic")
     parser.add_argument("--hardening", type=float, default=2000.0, help="of a wire that yields")
-    parser.add_argument("--travel", type=float, default=0.96, help="in units of that which closes all coils")
-    parser.add_argument("--steps", type=int, default=24, help="load steps")
+    parser.add_argument("--travel", type=float, default=1.0, help="in units of that which closes the coils")
+    parser.add_argument("--steps", type=int, default=16, help="load steps, which get shorter")
     parser.add_argument("--no-fields", action="store_true", help="write neither fields nor pictures")
     main(run, parser)
