@@ -145,7 +145,7 @@ class _Searched:
             nodes = self._numbers[target.nodes[facet]]
         distance = np.where(found, p.distance, np.inf)
         out = np.column_stack([p.id, distance, p.gap, p.interior, p.size, p.y, p.normal, nodes, weights])
-        return out.astype(float), int(p.candidates.sum())
+        return out.astype(float, copy=False), int(p.candidates.sum())
 
 
 def _best(points, answers, n_points):
@@ -157,6 +157,9 @@ def _best(points, answers, n_points):
     winner = np.full(n_points, -1, dtype=np.int64)
     usable = np.flatnonzero(np.isfinite(answers[:, 1]))
     if not len(usable):
+        return winner
+    if np.max(np.bincount(points, minlength=1)) == 1:
+        winner[points[usable]] = usable
         return winner
     nearest = np.full(n_points, np.inf)
     np.minimum.at(nearest, points[usable], answers[usable, 1])

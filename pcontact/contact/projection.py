@@ -26,7 +26,8 @@ import numpy as np
 from pcontact.contact.apart import nobody, writable
 from pcontact.contact.cones import no_cones
 from pcontact.contact.facet_maps import facet_boxes, simplest_kinds
-from pcontact.contact.projection_search import TIE, search_all
+from pcontact.contact.projection_search import search_all
+from pcontact.contact.projection_table import TIE
 from pcontact.contact.projection_walk import ROUNDING
 from pcontact.contact.tree import build_tree
 

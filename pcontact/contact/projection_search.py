@@ -23,18 +23,34 @@ from pcontact.contact.facet_maps import (
 )
 from pcontact.contact.projection_facets import GRID, closest_on_facet
 from pcontact.contact.projection_rays import ray_on_facet
-from pcontact.contact.projection_walk import expand, load_point, pop, push, start_bound, starts_of
+from pcontact.contact.projection_table import (
+    ANGLE,
+    COLUMNS,
+    DISTANCE,
+    GAP,
+    INTERIOR,
+    LOST,
+    NY,
+    SAME_POINT,
+    SIZE,
+    SLACK,
+    TIE,
+    TOUCH,
+    N,
+    R,
+    U,
+    V,
+    set_normal,
+    sort_group,
+    write_partner,
+)  # fmt: skip
+from pcontact.contact.projection_walk import apart_from, end_of, expand, load_point, pop, push, start_bound, starts_of
 from pcontact.runtime.jit import njit_exact, njit_inline
 
-TIE = 1e-10  # of the facet size: distances that count as equal
-TOUCH = 1e-9  # of the facet size: offsets that have no direction, and how far over a border a point may hang
-SAME_POINT = 1e-6  # of the facet size: closest points of neighbours that count as one
-BEHIND = 0.9  # how far an offset that leads out of a body may leave the cone of the normals at its end (in cosines)
+# by how much more than the distance of a known partner points beside its own look, over that and over the facet's size
+NEARLY = 1e-5
 STARTS = 32  # nodes below the root at most from which the points of a facet start
-# columns of the table of solved facets: distance, gap, reference coordinates, y - x (3), target normal (3),
-# contact normal (3), interior (0 or 1), angle at y, facet size, rounding length, whether it is no partner (0 or 1)
-DISTANCE, GAP, U, V, R, NY, N = 0, 1, 2, 3, 4, 7, 10
-INTERIOR, ANGLE, SIZE, SLACK, LOST, COLUMNS = 13, 14, 15, 16, 17, 18
+
 
 
 @njit_exact
@@ -54,20 +70,28 @@ def search_all(rays, tree, x_facets, kinds, ids, own, points, normals, radii, fa
     # nodes and facets that hold no partner, but perhaps a neighbour of one: walked only beside a facet that may win
     aside = np.empty(n_nodes + nf, dtype=np.int64)
     on_it = apart.parts.size > 0
-    # points of one facet start together below the root, where they pass by their own body
-    starts, box, end, n_starts = np.zeros(STARTS, dtype=np.int64), np.zeros((2, 3)), 0, 1
-    together = apart.whole.size > 0 and points.shape[0] > 0
-    for q in range(points.shape[0]):
-        if together and q >= end:
-            end, n_starts = starts_of(tree, points, q, radii, apart, starts, box)
-        if n_starts == 0:
-            continue
+    # points that lie together start together below the root, as far down as the partner of the first one allows
+    starts, box, first, end, n_starts, hint = np.zeros(STARTS, dtype=np.int64), np.zeros((2, 3)), 0, 0, 0, np.inf
+    q, again, done = 0, False, False
+    while q < points.shape[0] and n_nodes > 0:
+        if again:
+            n_starts = starts_of(tree, points, q, q + 1, radii[q], apart, starts, box)
+        elif q >= end:
+            first, end, hint = q, end_of(points, q, apart), np.inf
+            n_starts = starts_of(tree, points, q, q + 1, radii[q], apart, starts, box)
         rounding = load_point(points, normals, q, x, n)
-        if not rounding < np.inf:
+        if n_starts == 0 or not rounding < np.inf:
+            # the starts are those of this point alone
+            end = q + 1 if q == first or again else end
+            q, again = q + 1, False
             continue
         radius, n_queue, n_found, n_group, nearest, limit, n_aside = radii[q], 0, 0, 0, 0.0, 0.0, 0
+        if not again and hint < np.inf:
+            # the partner of the first point is no farther than that; whether it is this one's, too, is to be seen
+            radius = min(radius, hint + apart_from(points, q, first) * (1.0 + NEARLY) + 16.0 * rounding)
+        done = False
         for i in range(n_starts):
-            key = start_bound(rays, tree, starts[i], x, n, facing, rounding) if together else 0.0
+            key = start_bound(rays, tree, starts[i], x, n, facing, rounding)
             if key <= radius:
                 n_queue = push(keys, items, n_queue, key, starts[i])
         while n_queue > 0 or n_group > 0:
@@ -104,10 +128,10 @@ def search_all(rays, tree, x_facets, kinds, ids, own, points, normals, radii, fa
                     partners.candidates[q] += n_more
                     if n_group > joined:
                         continue
-                _sort(group, n_group, leaves, tree.order, ids)
+                sort_group(group, n_group, leaves, tree.order, ids)
                 if not rays:
                     for i in range(n_group):
-                        _set_normal(found, group, n_group, found[group[i]], facing > 0.0)
+                        set_normal(found, group, n_group, found[group[i]], facing > 0.0)
                 winner = -1
                 for i in range(n_group):
                     slot = group[i]
@@ -125,7 +149,8 @@ def search_all(rays, tree, x_facets, kinds, ids, own, points, normals, radii, fa
                     if own[facet] and (winner < 0 or row[INTERIOR] > found[winner, INTERIOR]):
                         winner = slot
                 if winner >= 0:
-                    _write(partners, q, x, found[winner], tree.order[leaves[winner]], ids)
+                    write_partner(partners, q, x, found[winner], tree.order[leaves[winner]], ids)
+                    done = True
                     break
                 n_group = 0
                 continue
@@ -153,6 +178,19 @@ def search_all(rays, tree, x_facets, kinds, ids, own, points, normals, radii, fa
                 limit = max(limit, nearest * (1.0 + 1e-14) + TIE * found[slot, SIZE] + rounding)
                 group[n_group] = slot
                 n_group += 1
+        if not done and not again and hint < np.inf:
+            again = True
+            continue
+        if again:
+            end, again = q + 1, False
+        elif q == first and end > q + 1:
+            if done:
+                hint = nearest * (1.0 + NEARLY) + NEARLY * found[winner, SIZE] + 16.0 * rounding
+            reach = 0.0
+            for other in range(q + 1, end):
+                reach = max(reach, min(radii[other], hint + apart_from(points, other, q) * (1.0 + NEARLY)))
+            n_starts = starts_of(tree, points, q + 1, end, reach, apart, starts, box)
+        q += 1
 
 
 @njit_exact
@@ -314,17 +352,6 @@ def _corner_angle(kind, u, v, jet):
 
 
 @njit_exact
-def _sort(group, count, leaves, order, ids):
-    """Sort a group by global number: sums over it and its winner must not depend on the facets' order."""
-    for i in range(1, count):
-        slot, j = group[i], i
-        while j > 0 and ids[order[leaves[group[j - 1]]]] > ids[order[leaves[slot]]]:
-            group[j] = group[j - 1]
-            j -= 1
-        group[j] = slot
-
-
-@njit_exact
 def _is_passed_by(found, leaves, slot, count, tree, x_facets, kinds, x, p, nodes, shapes, jet, grid):
     """Whether a projection held at an edge is passed by: a neighbour at that edge has a nearer point.
 
@@ -352,53 +379,3 @@ def _is_passed_by(found, leaves, slot, count, tree, x_facets, kinds, x, p, nodes
         if (jet[0, 0] - p[0]) ** 2 + (jet[0, 1] - p[1]) ** 2 + (jet[0, 2] - p[2]) ** 2 <= slack * slack:
             return True
     return False
-
-
-@njit_exact
-def _set_normal(found, group, count, row, strict):
-    """Contact normal and gap of one facet of a group, see the head of `projection`; no normal: no partner."""
-    touching = row[DISTANCE] <= TOUCH * row[SIZE] + row[SLACK]
-    if row[INTERIOR] > 0.0 and not touching:
-        n0, n1, n2 = -row[NY], -row[NY + 1], -row[NY + 2]
-    else:
-        m0, m1, m2, same, cone = 0.0, 0.0, 0.0, (SAME_POINT * row[SIZE] + row[SLACK]) ** 2, np.inf
-        for i in range(count):
-            other = found[group[i]]
-            c0, c1, c2 = other[R] - row[R], other[R + 1] - row[R + 1], other[R + 2] - row[R + 2]
-            if c0 * c0 + c1 * c1 + c2 * c2 <= same:
-                w = other[ANGLE]
-                m0, m1, m2 = m0 + w * other[NY], m1 + w * other[NY + 1], m2 + w * other[NY + 2]
-        length = np.sqrt(m0 * m0 + m1 * m1 + m2 * m2)
-        for i in range(count):
-            other = found[group[i]]
-            c0, c1, c2 = other[R] - row[R], other[R + 1] - row[R + 1], other[R + 2] - row[R + 2]
-            if c0 * c0 + c1 * c1 + c2 * c2 <= same:
-                cone = min(cone, m0 * other[NY] + m1 * other[NY + 1] + m2 * other[NY + 2])
-        if not touching:
-            # outside, the offset looks against the normals
-            along = row[R] * m0 + row[R + 1] * m1 + row[R + 2] * m2
-            inside = along > 0.0
-            length = -row[DISTANCE] if inside else row[DISTANCE]
-            n0, n1, n2 = row[R] / length, row[R + 1] / length, row[R + 2] / length
-            if strict and inside and along < BEHIND * cone * row[DISTANCE]:
-                # out of the cone of the normals: below the border of the target but beside it, not behind it
-                n0, n1, n2 = 0.0, 0.0, 0.0
-        elif length > 0.0:
-            n0, n1, n2 = -m0 / length, -m1 / length, -m2 / length
-        else:
-            n0, n1, n2 = -row[NY], -row[NY + 1], -row[NY + 2]
-    row[N], row[N + 1], row[N + 2] = n0, n1, n2
-    row[GAP] = row[R] * n0 + row[R + 1] * n1 + row[R + 2] * n2
-
-
-@njit_exact
-def _write(partners, q, x, row, facet, ids):
-    """Copy the winner to the arrays of the result."""
-    partners.facet[q], partners.id[q] = facet, ids[facet]
-    partners.gap[q], partners.distance[q] = row[GAP], row[DISTANCE]
-    partners.size[q], partners.interior[q] = row[SIZE], row[INTERIOR] > 0.0
-    partners.xi[q, 0] = row[U]
-    if partners.xi.shape[1] == 2:
-        partners.xi[q, 1] = row[V]
-    for k in range(partners.y.shape[1]):
-        partners.y[q, k], partners.normal[q, k] = x[k] + row[R + k], row[N + k]

@@ -5,6 +5,8 @@ import numpy as np
 from pcontact.contact.cones import holds_none, is_behind
 from pcontact.runtime.jit import njit_exact, njit_inline
 
+# points that are searched together at most, and how far they are from the first one, over the distance of the second
+TOGETHER, SPREAD = 32, 4.0
 ROUNDING = 1e-15  # of the largest coordinate: what a stored coordinate is worth
 
 
@@ -96,13 +98,15 @@ def start_bound(rays, tree, node, x, n, facing, rounding):
 
 
 @njit_exact
-def starts_of(tree, points, q, radii, apart, starts, box):
-    """Where the walks of the points of one facet start: nodes of the tree within reach of the box around them.
+def starts_of(tree, points, q, end, reach, apart, starts, box):
+    """Where the walks of points that lie together start: nodes of the tree within reach of the box around them.
 
     Parameters
     ----------
-    q : int
-        The first of them. They come one after the other, and pass by their own body.
+    q, end : int
+        The points are q to end - 1. All pass by the body of the first.
+    reach : float
+        How far from the points a partner may be [length].
     starts : (n,) int64
         Filled with nodes, as far down as there is room.
     box : (2, 3) float64
@@ -110,17 +114,15 @@ def starts_of(tree, points, q, radii, apart, starts, box):
 
     Returns
     -------
-    int, int
-        The first point of another facet, and the number of nodes.
+    int
+        The number of nodes.
     """
-    d, end, reach, offset = points.shape[1], q, 0.0, 0.0
+    d, offset, passing = points.shape[1], 0.0, apart.whole.size > 0
     for k in range(d):
         box[0, k], box[1, k] = np.inf, -np.inf
-    while end < points.shape[0] and apart.cells[end] == apart.cells[q] and apart.parts[end] == apart.parts[q]:
+    for p in range(q, end):
         for k in range(d):
-            box[0, k], box[1, k] = min(box[0, k], points[end, k]), max(box[1, k], points[end, k])
-        reach = max(reach, radii[end])
-        end += 1
+            box[0, k], box[1, k] = min(box[0, k], points[p, k]), max(box[1, k], points[p, k])
     for k in range(d):
         offset = max(offset, abs(box[0, k]), abs(box[1, k]))
     reach = reach * (1.0 + 1e-12) + 8.0 * ROUNDING * offset
@@ -134,7 +136,7 @@ def starts_of(tree, points, q, radii, apart, starts, box):
         count -= 1
         starts[at] = starts[count]
         for child in range(tree.child[node], tree.child[node] + 2):
-            if apart.whole[child] == apart.parts[q]:
+            if passing and apart.whole[child] == apart.parts[q]:
                 continue
             away2 = 0.0
             for k in range(d):
@@ -142,7 +144,41 @@ def starts_of(tree, points, q, radii, apart, starts, box):
             if not away2 > reach * reach:
                 starts[count] = child
                 count += 1
-    return end, count
+    return count
+
+
+@njit_exact
+def end_of(points, q, apart):
+    """The first point that does not lie together with point q: on another facet, or some distances further on.
+
+    Points of a facet come one after the other; where nothing says of which facet they are, those belong together
+    whose distance from point q is not much larger than that of the next one.
+    """
+    end, d = q + 1, points.shape[1]
+    if apart.whole.size > 0:
+        while end < points.shape[0] and apart.cells[end] == apart.cells[q] and apart.parts[end] == apart.parts[q]:
+            end += 1
+        return end
+    near2 = 0.0
+    while end < points.shape[0] and end < q + TOGETHER:
+        away2 = 0.0
+        for k in range(d):
+            away2 += (points[end, k] - points[q, k]) ** 2
+        if end == q + 1:
+            near2 = SPREAD * SPREAD * away2
+        if not away2 <= near2:
+            break
+        end += 1
+    return end
+
+
+@njit_exact
+def apart_from(points, p, q):
+    """Distance of two points."""
+    total = 0.0
+    for k in range(points.shape[1]):
+        total += (points[p, k] - points[q, k]) ** 2
+    return np.sqrt(total)
 
 
 @njit_inline
