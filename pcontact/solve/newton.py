@@ -394,9 +394,7 @@ class Newton:
         parts = causes(self.problem, self.snes.getSolution(), reason, self._norms[-1] if self._norms else np.inf)
         parts.append(f"largest residual {value:.3e} at {np.array2string(point, precision=4)} in body {body}")
         for item in self.problem.items[1:]:
-            last = np.array(([0, 0, 0] + item.flips)[-3:])
-            last = item.space.comm.allreduce(last)
+            last = item.space.comm.allreduce(np.array(([0, 0, 0] + item.flips)[-3:]))
             if last.any():
-                counts = ", ".join(str(n) for n in last)
-                parts.append(f"contact {item.name}: {counts} points changed in the last iterations")
+                parts.append(f"contact {item.name}: {', '.join(map(str, last))} points changed in the last iterations")
         return "; ".join(parts)
