@@ -7,6 +7,8 @@ from pcontact.solve.filter import preconditioner
 
 # the area in contact may grow by this factor before the preconditioner is set up again
 GROWN = 2.0
+# ranks up to which multigrid takes W cycles: on many, coarse levels wait for messages, and W cycles visit them often
+FEW = 64
 
 
 class Reuse:
@@ -96,6 +98,9 @@ def solver_defaults(symmetric, ranks):
         "mg_levels_ksp_max_it": 2,
         "ksp_max_it": 500,
     }
+    if ranks <= FEW:
+        # iterations that hardly grow with the mesh; each costs a little more, the more the longer coarse levels take
+        options["pc_mg_cycle_type"] = "w"
     if ranks == 1:
         # Galerkin products in half the time; the default of several ranks is as fast
         options["matptap_via"] = "rap"
