@@ -16,7 +16,9 @@ from pcontact.contact.frictional import FrictionalItem
 from pcontact.contact.item import ContactItem
 from pcontact.contact.obstacle import RigidObstacle
 from pcontact.contact.surface import source_surface
+from pcontact.element.dilatation import mean_dilatation
 from pcontact.element.quadrature import quadrature
+from pcontact.element.reference import CELLS
 from pcontact.element.shape import shape
 from pcontact.material.elastic import lame
 from pcontact.runtime.errors import InputError
@@ -396,3 +398,12 @@ def test_plane_stress_is_refused(tmp_path):
     scene = block(tmp_path, "quadrilateral", 0.3, kinematics="plane_stress", mean_dilatation=True)
     with pytest.raises(InputError, match="mesh.mean_dilatation: found true with kinematics"):
         validate(scene)
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+@pytest.mark.parametrize("cell", ["triangle", "quadrilateral", "tetrahedron", "hexahedron"])
+def test_of_no_cells(cell, degree):
+    """A rank without cells of a block."""
+    d = CELLS[cell].dim
+    found = mean_dilatation(cell, np.zeros((0, CELLS[cell].n_vertices, d)), 1, degree, 4, False)
+    assert [len(array) for array in found] == [0, 0]

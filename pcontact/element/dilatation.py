@@ -111,8 +111,10 @@ def components(weights, x=None):
 def mean(operators, weights, basis, volume):
     """Components (nc, nb, nn, d) of operators (nc, nq, nn, d) on a basis of :func:`components`."""
     weighted = weights[:, :, None] * basis / volume[:, None, None]
-    flat = np.matmul(weighted.transpose(0, 2, 1), operators.reshape(*weights.shape, -1))
-    return flat.reshape(len(flat), -1, *operators.shape[2:])
+    n, d = operators.shape[2:]
+    # no -1: a rank may have no cells
+    flat = np.matmul(weighted.transpose(0, 2, 1), operators.reshape(*weights.shape, n * d))
+    return flat.reshape(len(flat), basis.shape[2], n, d)
 
 
 def factors(lam, mu, averaged, degree):
