@@ -251,7 +251,7 @@ def point_cells():
             word = f"{target}, load {load:g}"
             zero = {"bound": 0.0, "reason": "zero"} if load == 0.0 else {"reason": "statics"}
             if 0.0 < load < 1e-9:
-                zero = {"bound": 1e-2, "reason": "loose"}
+                zero = {"bound": 1e-2, "reason": "loose", "cause": "rounding errors"}
             yield Cell("few points", "tangential touch", word, touching, {"load": load, "target": target}, **zero)
 
 
