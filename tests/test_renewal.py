@@ -14,9 +14,11 @@ from pcontact.stepping.renewal import Renewal
 WORLD = MPI.COMM_WORLD
 
 
-def ironed(path, count, again, comm=WORLD, change=None):
+def ironed(path, count, again, comm=WORLD, change=None, every="step", **more):
     """Rows of the load steps, and the searches per load step. Collective."""
-    PETSc.Options().setValue("contact_search_again", again)
+    options = {"contact_search_again": again, "contact_search_every": every, **more}
+    for name, value in options.items():
+        PETSc.Options().setValue(name, value)
     forces, simulation = Forces(), None
     try:
         case = scene(path, mu=0.3, depth=0.05, way=0.5, count=count, petsc={"snes_rtol": "1e-11"})
@@ -33,7 +35,8 @@ def ironed(path, count, again, comm=WORLD, change=None):
             change(simulation)
         assert simulation.run(None, [forces])
     finally:
-        PETSc.Options().delValue("contact_search_again")
+        for name in options:
+            PETSc.Options().delValue(name)
         if simulation is not None:
             simulation.close()
     return forces.rows, np.unique(searches, return_counts=True)[1]
@@ -56,12 +59,90 @@ def test_searches_end(path):
 
 
 @pytest.mark.parallel
-def test_ranks_agree(path):
+@pytest.mark.parametrize("every", ["step", "newton"])
+def test_ranks_agree(path, every):
     """Forces of all load steps, to the tolerance of Newton's method."""
-    (one, _), (all_, _) = (ironed(path, 4, 2, comm) for comm in (MPI.COMM_SELF, WORLD))
+    # iterates, where partners may be looked for, are the same on all ranks if linear systems are solved exactly
+    (one, _), (all_, _) = (ironed(path, 4, 2, comm, every=every, pc_type="lu") for comm in (MPI.COMM_SELF, WORLD))
     for a, b in zip(one, all_, strict=True):
         assert a["normal"] == pytest.approx(b["normal"], rel=1e-6)
         assert a["tangential"] == pytest.approx(b["tangential"], rel=1e-6, abs=1e-9)
+
+
+@pytest.mark.parallel
+def test_newton_follows_the_bodies(path):
+    """With searches at its iterations, forces in few load steps are nearly those in many, without more iterations."""
+    many, _ = ironed(path, 40, 4)
+    once, one_each = ironed(path, 5, 0)
+    rows, counts = ironed(path, 5, 0, every="newton")
+    assert np.all(one_each == 1) and np.any(counts > 2)
+    known = many[-1]["tangential"]
+    assert abs(rows[-1]["tangential"] - known) < 0.1 * abs(once[-1]["tangential"] - known)
+    assert sum(row["newton"] for row in rows) <= 1.2 * sum(row["newton"] for row in once)
+
+
+@pytest.mark.parallel
+def test_newton_that_follows_has_the_derivative_of_what_is_frozen(path):
+    """Central differences of the residual among the partners of every iteration, and the residual it starts from."""
+    errors, seeds = [], iter(range(1000))
+
+    def watch(simulation):
+        problem, newton = simulation.problem, simulation.newton
+        tangent, space = problem.tangent, problem.space
+
+        def check(u, predicted=False):
+            tangent(u, predicted)
+            if predicted:
+                return
+            here, there, product = (space.vector() for _ in range(3))
+            problem.residual(u, here)
+            stale = (here - newton._f).norm() / max(newton._f.norm(), 1e-12)
+            # the same direction whatever the ranks
+            way = np.sin(space.points[space.owned_local] * (3.0 + next(seeds)) + 1.0)
+            way[problem.fixed] = 0.0
+            v, eps = space.vector(), 1e-9
+            v.setArray(way.ravel())
+            both = []
+            for sign in (1.0, -1.0):
+                moved = u.copy()
+                moved.axpy(sign * eps, v)
+                problem.residual(moved, there)
+                both.append(there.copy())
+            difference = (both[0] - both[1]) * (0.5 / eps)
+            problem.matrix.matrix.mult(v, product)
+            array = product.getArray().reshape(way.shape)
+            array[problem.fixed] = 0.0
+            errors.append((stale, (difference - product).norm() / product.norm()))
+
+        problem.tangent = check
+
+    _, counts = ironed(path, 5, 0, change=watch, every="newton")
+    stale, taylor = np.array(errors).T
+    assert np.any(counts > 2) and len(errors) > 10
+    assert stale.max() < 1e-9
+    assert taylor.max() < 1e-6
+
+
+def test_newton_that_fails_to_follow_starts_again(path):
+    """With the partners of the beginning of the load step."""
+
+    def fail(simulation):
+        solve = simulation.newton.solve
+
+        def solved(u, follow=None):
+            outcome = solve(u, follow)
+            if follow is None:
+                return outcome
+            u.set(1e3)
+            return Outcome(False, 2, 2, "made up", 1.0, 1.0)
+
+        simulation.newton.solve = solved
+
+    rows, _ = ironed(path, 4, 0, change=fail, every="newton")
+    once, _ = ironed(path, 4, 0)
+    for a, b in zip(rows, once, strict=True):
+        assert a["newton"] == b["newton"] + 2
+        assert a["normal"] == pytest.approx(b["normal"], rel=1e-8)
 
 
 def test_a_run_that_fails_leaves_what_was_there(path):
@@ -93,10 +174,13 @@ def test_a_flip_between_two_sets_ends():
     class Flipping:
         runs = 0
 
+        def solve(self, u):
+            return Outcome(True, 4, 4, "", 0.0, 1.0)
+
         def again(self, u, near):
             self.runs += 1
             return Outcome(True, 5, 5, "", 0.0, 1.0)
 
     newton = Flipping()
-    outcome = Renewal(Problem, newton, 6)(Vector(), None, (1.0, 0.0, None), Outcome(True, 4, 4, "", 0.0, 1.0))
+    outcome = Renewal(Problem, newton, 6)(Vector(), None, (1.0, 0.0, None))
     assert newton.runs == 6 and outcome.newton == 34 and outcome.converged

@@ -10,7 +10,6 @@ from pcontact.runtime.petsc import (
     diverged_nan,
     forget_pattern,
     free_garbage,
-    full_steps,
     keep_preconditioner,
     newton_reasons,
 )
@@ -22,11 +21,8 @@ from pcontact.solve.line_search import FARTHEST, zero_of
 from pcontact.solve.linear import Reuse, newton_defaults, refresh_smoother, solver_defaults
 from pcontact.solve.outcome import Outcome, cycles, repeats, together
 from pcontact.solve.problem import can_slip
+from pcontact.solve.ways import Ways
 
-# part of the first residual to which a load step is solved as if nothing could slip; the same where bodies may yield
-HELD_GOAL, HELD_GOAL_PLASTIC = 0.1, 0.02
-# part of the closed area that would open: the bodies are being taken apart, and to keep them together leads nowhere
-PULLED = 0.1
 # part of the first Newton step of a load step that is taken where all of it goes too far. Bodies that touch along
 # curved surfaces, moved by half their approach, overlap on the area on which they will be in contact: Hertz, approach
 # a^2 / R, overlap a^2 / (2 R). From there the statuses of nearly all points are right; moved all the way, twice as
@@ -39,7 +35,7 @@ ROUNDED, NEARLY, BALANCED = 1e-10, 100.0, 1e-3
 SMALL = 1e-6
 
 
-class Newton:
+class Newton(Ways):
     """SNES on a :class:`pcontact.solve.problem.Problem`.
 
     Parameters
@@ -85,6 +81,7 @@ class Newton:
         self.snes.setJacobian(self._tangent, problem.matrix.matrix)
         self.snes.setConvergenceTest(self._test)
         self.snes.setLineSearchPreCheck(self._limit)
+        self.snes.setUpdate(self._update)
         problem.matrix.matrix.setNearNullSpace(near_null_space)
         try:
             self.snes.setFromOptions()
@@ -96,7 +93,7 @@ class Newton:
         self._filter = body_filter(problem, options) or contact_filter(problem, options)
         self.solver = self._solver(symmetric, len(near_null_space.getVecs()))
         self._floor, self._least, self._goal, self._first = 0.0, 0.0, None, None
-        self._hold_first, self._near = loose and self._holds, False
+        self._hold_first, self._near, self._follow = loose and self._holds, False, None
         self._predicting, self._begins, self._true_first, self._circles = False, False, np.nan, False
         # what is tried in turn while Newton goes in circles
         self._ways = [self._law, self._glued_first] if plastic else [self._law]
@@ -122,6 +119,16 @@ class Newton:
             self._true_first = f.norm()
             self.problem.predicted(x, f)
         self.timing["assembly"] += clock.perf_counter() - start
+
+    def _update(self, snes, iteration):
+        """Before an iteration: where partners have been looked for again, the residual is that among the new ones."""
+        # a rough solution under another law than the scene's is no place to look from
+        if iteration == 0 or self._follow is None or self._goal:
+            return
+        x = snes.getSolution()
+        if self._follow(x):
+            self._known = None
+            self.problem.residual(x, self._f)
 
     def _tangent(self, snes, x, matrix, preconditioner):
         start = clock.perf_counter()
@@ -233,13 +240,15 @@ class Newton:
         else:
             ksp.setPC(new_preconditioner(ksp.getComm(), prefix))
 
-    def solve(self, u):
+    def solve(self, u, follow=None):
         """Solve for the displacement at the problem's time, from ``u``. *Collective.*
 
         Parameters
         ----------
         u : PETSc.Vec
             With the prescribed displacements entered; overwritten by the solution.
+        follow : callable, optional
+            Called with every iterate but the first; returns whether it changed the partners of points. *Collective.*
 
         Returns
         -------
@@ -252,7 +261,7 @@ class Newton:
         if self._reuse is not None:
             self._reuse.forget()
         self._first, self._true_first, self.norms = None, np.nan, []
-        before = u.copy()
+        before, self._follow = u.copy(), follow
         try:
             outcome = self._try_ways(u, before)
             if self._rescue.saves(outcome):
@@ -261,6 +270,7 @@ class Newton:
                 outcome = together(outcome, self._try_ways(u, before))
             return outcome
         finally:
+            self._follow = None
             if self._filter is not None:
                 self._filter.detach(self.snes.getKSP())
 
@@ -273,21 +283,6 @@ class Newton:
         self.snes.setFromOptions()
         self._renew_preconditioner()
 
-    def _try_ways(self, u, before):
-        """One way after the other until one converges. *Collective.*"""
-        if self._hold_first:
-            return self._stick_first(u, before)
-        ways = self._ways
-        if self._holds and self.problem.yields and self.problem.sticks():
-            ways = [way for way in ways if way != self._law]
-        outcome = ways[0](u, before)
-        for way in ways[1:]:
-            if outcome.converged:
-                break
-            before.copy(u)
-            outcome = together(outcome, way(u, before))
-        return outcome
-
     def again(self, u, near=False):
         """Solve on from the solution ``u`` of :meth:`solve`, after multipliers or partners have changed. *Collective.*
 
@@ -299,66 +294,6 @@ class Newton:
             return self._run(u, False)
         finally:
             self._near = False
-
-    def _law(self, u, before):
-        """Solve with the law from the beginning."""
-        self._circles = self._holds or self.problem.yields
-        return self._run(u, True)
-
-    def _glued_first(self, u, before):
-        """Solve roughly as if no point could open, close or slip, then as if none could slip, then with the law.
-
-        What cycles where bodies yield is often a point at the border of the contact that closes in one iteration, far
-        from where it was, and opens in the next; and points that begin to slip one beside the other, where in the end
-        they stick. Where points slip already, or the bodies are being taken apart, this is of no use.
-        """
-        self._goal, self._circles = HELD_GOAL, True
-        with self.problem.glued():
-            outcome = self._run(u, True)
-        near = outcome.converged
-        if near and self._holds:
-            near = self.problem.pulled(u) <= PULLED
-            if near:
-                self._goal = HELD_GOAL_PLASTIC
-                with self.problem.held():
-                    outcome = together(outcome, self._run(u, False))
-                near = outcome.converged
-        self._goal = None
-        if not near:
-            before.copy(u)
-        return together(outcome, self._run(u, not near))
-
-    def _shortest(self, u, before):
-        """Solve with the line search l2, to where the residual is smallest along a step."""
-        self._line_search("l2")
-        self._circles = self._stretches = False
-        outcome = self._run(u, True)
-        self._line_search(full_steps)
-        self._stretches = True
-        return outcome
-
-    def _line_search(self, name):
-        options = PETSc.Options(self.snes.getOptionsPrefix())
-        options["snes_linesearch_type"] = name
-        self.snes.setFromOptions()
-
-    def _stick_first(self, u, before):
-        """Solve as if no closed point could slip, roughly, then with the law.
-
-        Newton can cycle between the two ways in which all points of a body may slip; from a state in which they stick,
-        each goes the way in which its traction exceeds the bound.
-        """
-        self._goal = HELD_GOAL_PLASTIC if self.problem.yields else HELD_GOAL
-        self._circles = True
-        with self.problem.held():
-            held = self._run(u, True)
-        self._goal, self._circles = None, False
-        if not held.converged:
-            if not self._hold_first:
-                # the law alone did no better
-                return held
-            before.copy(u)
-        return together(held, self._run(u, not held.converged))
 
     def _run(self, u, beginning):
         """One SNES solve, from the beginning of the load step or from elsewhere. *Collective.*"""

@@ -12,47 +12,77 @@ from pcontact.solve.outcome import together
 NEAR = 0.1
 # Newton iterations after which a new search has changed nothing worth another one
 SETTLED = 1
+# searches at iterations of a load step at most, and where Newton's method that did so has ended
+FOLLOWED, AGAIN = 10, 4
 
 
 class Renewal:
     """Searches after the one that a load step begins with.
 
-    Newton's method always has the exact derivative of what is frozen: partners and normals change between its runs, not
-    within. Bodies that flip between two sets of partners do so a given number of times at most, after which the set of
-    the last search stays.
+    Newton's method always has the exact derivative of what is frozen: partners and normals change between its runs or,
+    where it is to follow the bodies, between its iterations, and then residual and tangent are both those among the new
+    partners. Bodies that flip between two sets of partners do so a given number of times at most, after which the set
+    of the last search stays.
 
     Parameters
     ----------
     problem : pcontact.solve.problem.Problem
     newton : pcontact.solve.newton.Newton
     most : int
-        Searches of a load step after the first.
+        Searches of a load step where Newton's method has ended.
+    follows : bool
+        Whether iterations of Newton's method search, too.
     """
 
-    def __init__(self, problem, newton, most):
-        self.problem, self.newton, self.most = problem, newton, most
+    def __init__(self, problem, newton, most, follows=False):
+        self.problem, self.newton, self.most, self.follows = problem, newton, most, follows
 
-    def __call__(self, u, before, search, outcome):
-        """Go on from the solution among the partners of the first search. *Collective.*
+    def __call__(self, u, before, search):
+        """Solve a load step. *Collective.*
 
         Parameters
         ----------
         u : PETSc.Vec
-            Overwritten. Where a run among new partners fails, it keeps the solution of the last one that did not.
+            As for :meth:`pcontact.solve.newton.Newton.solve`. Where a run among new partners fails, it gets the
+            solution of the last one that did not.
         before : PETSc.Vec
             The committed displacement.
         search : tuple (time, motion, ahead)
             What the items were told for the first search.
-        outcome : pcontact.solve.outcome.Outcome
-            Of that solution, which converged.
 
         Returns
         -------
-        Outcome
+        pcontact.solve.outcome.Outcome
             With the iterations of all runs.
         """
+        outcome, since = self._first(u, before, search)
+        return self._again(u, before, search, outcome, since) if outcome.converged else outcome
+
+    def _first(self, u, before, search):
+        """Outcome of the first run, and the displacement among whose partners it ended."""
         time, motion, ahead = search
         since = before if ahead is None else ahead
+        if not self.follows:
+            return self.newton.solve(u), since
+        begin, searched = u.copy(), [since]
+
+        def follow(x):
+            if len(searched) > FOLLOWED or self._strayed(x, searched[-1]) <= NEAR:
+                return False
+            searched.append(x.copy())
+            self._search(before, time, motion, searched[-1])
+            return True
+
+        outcome = self.newton.solve(u, follow)
+        if outcome.converged or len(searched) == 1:
+            return outcome, searched[-1]
+        # partners that come and go: those of the beginning, once
+        begin.copy(u)
+        self._search(before, time, motion, ahead)
+        return together(outcome, self.newton.solve(u)), since
+
+    def _again(self, u, before, search, outcome, since):
+        time, motion, _ = search
         for _ in range(self.most):
             if self._strayed(u, since) <= NEAR:
                 break
@@ -62,9 +92,9 @@ class Renewal:
             both = together(outcome, then)
             if not then.converged:
                 solved.copy(u)
-                self._search(before, time, motion, ahead)
+                self._search(before, time, motion, since)
                 return replace(outcome, newton=both.newton, krylov=both.krylov, hardest=both.hardest)
-            outcome, ahead, since = both, solved, solved
+            outcome, since = both, solved
             if then.newton <= SETTLED:
                 break
         return outcome
@@ -80,7 +110,9 @@ class Renewal:
 
 
 def renewal(problem, newton, options):
-    """The searches that the user asks for, None for none but the first of a load step."""
+    """What searches within load steps as the user asks for, None for no search but the first of a load step."""
+    text = "when partners are looked for: at the beginning of a load step, or at iterations of Newton's method, too"
+    follows = options.get("contact_search_every", "step", allowed=("step", "newton"), text=text) == "newton"
     text = "searches for partners within a load step, after the first: each time Newton's method has converged"
-    most = options.get("contact_search_again", 0, int, text=text)
-    return Renewal(problem, newton, most) if most > 0 and not problem.linear else None
+    most = options.get("contact_search_again", AGAIN if follows else 0, int, text=text)
+    return Renewal(problem, newton, most, follows) if (most > 0 or follows) and not problem.linear else None

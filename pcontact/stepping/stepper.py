@@ -78,7 +78,7 @@ class Stepper:
     settle : callable, optional
         Goes on from the solution of a load step, see :class:`pcontact.stepping.uzawa.Uzawa`.
     renew : callable, optional
-        Before that, looks for partners again, see :class:`pcontact.stepping.renewal.Renewal`.
+        Before that, solves the load step and looks for partners again, see :class:`pcontact.stepping.renewal.Renewal`.
     """
 
     def __init__(self, problem, newton, schedule, observers, recorder, timing, drive=None, settle=None, renew=None):
@@ -165,9 +165,10 @@ class Stepper:
         middle = clock.perf_counter()
         with profile.phase("solve"):
             self.problem.prescribe(self.u, target)
-            outcome = self.newton.solve(self.u)
-            if self._renew is not None and outcome.converged:
-                outcome = self._renew(self.u, before, (target, motion, ahead), outcome)
+            if self._renew is None:
+                outcome = self.newton.solve(self.u)
+            else:
+                outcome = self._renew(self.u, before, (target, motion, ahead))
             if self._settle is not None and outcome.converged:
                 outcome = self._settle(self.u, outcome)
             self._check_motion(outcome, before)
