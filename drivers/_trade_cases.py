@@ -331,7 +331,7 @@ def hill_case(title, pressure) -> Case:
     return Case(
         title, "plastic", {1: (4, 8, 16, 32), 2: (4, 8, 16)}, {1: 16, 2: 8}, 16, 8, _hill_mesh,
         partial(_hill_scene, pressure), partial(_hill_errors, pressure),
-        {"steps": (2, 4, 16), "quadrature": (), "theta": (), "gamma0": (), "again": ()}, (32, 2, 32),
+        {"steps": (2, 4, 16), "quadrature": (), "theta": (), "gamma0": (), "again": (), "every": ()}, (32, 2, 32),
         quantities=("energy", "outer"), finer=({"steps": 16},),
         promised={"draft": (8, 1), "standard": (8, 2), "fine": (16, 2)},
     )  # fmt: skip

@@ -27,6 +27,7 @@ KNOBS = {
     "krylov": (("ew", 1e-1), ("ew", 1e-2), 1e-1, 1e-2, 1e-6),
     "steps": (2,),
     "again": (1, 4),
+    "every": ("newton",),
     "patience": (-1, 30),
     "jacobian": (2,),
     "straight": (True,),
@@ -78,7 +79,8 @@ def changed(scene: Scene, knobs: dict) -> Scene:
                 # for the preset to find
                 scene.mesh.order = None
         elif key not in ("steps", "straight"):
-            name = {"snes": "snes_rtol", "again": "contact_search_again", "patience": "pc_patience",
+            name = {"snes": "snes_rtol", "again": "contact_search_again",
+                    "every": "contact_search_every", "patience": "pc_patience",
                     "jacobian": "snes_lag_jacobian"}[key]  # fmt: skip
             petsc[name] = value
     scene.petsc = {**scene.petsc, **petsc}

@@ -5,6 +5,7 @@ import numpy as np
 from pcontact.assembly.plastic import PlasticBulk
 from pcontact.contact.all_surfaces import burdened, meetings, outer_surfaces, paired_elsewhere
 from pcontact.contact.augmented import AugmentedFrictionalItem, AugmentedItem
+from pcontact.contact.facet_maps import KIND
 from pcontact.contact.frictional import FrictionalItem
 from pcontact.contact.item import ContactItem
 from pcontact.contact.laws import friction_law
@@ -253,6 +254,8 @@ def _coarseness(space, source, target):
     """How many times larger facets of the source are than those of the target in space; 0 without any. *Collective.*"""
     x = target.x
     spanned = np.linalg.norm(np.cross(x[:, 1] - x[:, 0], x[:, 2] - x[:, 0]), axis=1)
+    triangles = np.isin(target.kinds, [KIND["triangle", degree] for degree in (1, 2)])
+    spanned = np.where(triangles, 0.5, 1.0) * spanned
     areas = np.bincount(source.facet, source.jxw, minlength=len(source.cells))
     sizes = [_typical(space, np.sqrt(values)) for values in (areas, spanned)]
     return sizes[0] / sizes[1] if sizes[1] > 0.0 else 0.0

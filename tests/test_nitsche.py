@@ -18,7 +18,7 @@ from small import (
 from pcontact.assembly.bulk import ElasticBulk
 from pcontact.assembly.graph import node_graph
 from pcontact.contact.item import ContactItem
-from pcontact.contact.nitsche import add_residual, add_tangent, evaluate, no_operators, traction_operator
+from pcontact.contact.nitsche import add_residual, add_tangent, evaluate, interpolate, no_operators, traction_operator
 from pcontact.contact.obstacle import RigidObstacle
 from pcontact.contact.surface import source_surface, target_surface
 from pcontact.material.elastic import lame
@@ -177,6 +177,14 @@ def test_traction_operator(d):
         sigma = np.einsum("ijkl,ak,al->ij", elasticity(0.0, mu[facet[p]], d), u, grad[p])
         sigma += np.sum(volumetric[p] * u) * np.eye(d)
         assert np.sum(out[p] * u) == pytest.approx(normal[p] @ sigma @ normal_x[p], rel=1e-12)
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_interpolate(d):
+    points, out = Random(d, 0), np.full((Random(d, 0).normal.shape[0], d), np.nan)
+    interpolate(points.u, points.cells, points.facet, points.shape, out)
+    known = np.einsum("pa,pad->pd", points.shape, points.u[points.cells[points.facet]])
+    np.testing.assert_allclose(out, known, atol=1e-14)
 
 
 @pytest.mark.parametrize("d, targets", [(2, 2), (3, 4), (3, 0)])

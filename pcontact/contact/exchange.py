@@ -9,6 +9,7 @@ from pcontact.contact.facet_maps import facet_boxes
 from pcontact.contact.projection import closest_points, ray_tracing
 from pcontact.contact.tree import build_tree
 from pcontact.runtime import profile
+from pcontact.runtime.jit import njit_exact
 from pcontact.runtime.parallel import split_by_rank
 from pcontact.runtime.petsc import MPI
 
@@ -77,6 +78,22 @@ def _near(boxes, points, radius):
     return np.flatnonzero(np.any(np.all(apart <= radius, axis=2), axis=1))
 
 
+@njit_exact
+def nearest_box(boxes, points, radius, out):
+    """Distance (np,) of each point (np, d) to the nearest of some boxes (n, 2 d), inf beyond the radius."""
+    d = points.shape[1]
+    for p in range(points.shape[0]):
+        nearest = np.inf
+        for b in range(boxes.shape[0]):
+            square = 0.0
+            for i in range(d):
+                away = max(boxes[b, i] - points[p, i], points[p, i] - boxes[b, d + i], 0.0)
+                square += away * away
+            if square < nearest:
+                nearest = square
+        out[p] = np.sqrt(nearest) if nearest <= radius * radius else np.inf
+
+
 def route(comm, low, high, points, radius):
     """Ranks that may hold a partner of each point. *Collective.*
 
@@ -91,26 +108,24 @@ def route(comm, low, high, points, radius):
 
     Returns
     -------
-    point, rank, distance : ndarray (n,)
-        Pairs of a point and a rank to ask, and how far the nearest of its boxes is from the point [length].
+    ranks : ndarray (n,)
+        The ranks near any of the points, this one first if it is among them.
+    distance : ndarray (n, np)
+        How far the nearest of their boxes is from each point [length]; beyond the radius inf.
     """
     d = points.shape[1]
     boxes = np.empty((comm.size, BOXES, 2 * d))
     with profile.phase("exchange"):
         comm.Allgather(_boxes(low, high), boxes)
     profile.count(gathered_bytes=boxes.nbytes)
-    none = np.zeros(0, dtype=np.int64)
-    found = [(none, none, np.zeros(0))]
-    for rank in _near(boxes, points, radius):
-        nearest = np.full(len(points), np.inf)
-        for box in boxes[rank]:
-            if np.isnan(box[0]):
-                continue
-            away = np.maximum(np.maximum(box[:d] - points, points - box[d:]), 0.0)
-            nearest = np.minimum(nearest, np.einsum("pd,pd->p", away, away))
-        index = np.flatnonzero(nearest <= radius * radius)
-        found.append((index, np.full(len(index), rank), np.sqrt(nearest[index])))
-    return tuple(np.concatenate(columns) for columns in zip(*found, strict=True))
+    ranks = _near(boxes, points, radius)
+    ranks = ranks[np.argsort(ranks != comm.rank, kind="stable")]
+    distance = np.empty((len(ranks), len(points)))
+    points = np.ascontiguousarray(points)
+    for rank, row in zip(ranks, distance, strict=True):
+        there = boxes[rank][~np.isnan(boxes[rank, :, 0])]
+        nearest_box(there, points, float(radius), row)
+    return ranks, distance
 
 
 class _Searched:
@@ -229,17 +244,19 @@ def _remote(space, searched, boxes, asking, radius, width):
     First each point asks the rank with the nearest box, then those others whose boxes are nearer than the partner that
     it has heard of: most points ask one rank, however many have facets within the search radius.
     """
-    d = space.dim
-    point, rank, away = route(space.comm, *boxes, asking[:, :d], radius)
-    order = np.lexsort((rank, rank != space.comm.rank, away, point))
-    first = np.zeros(len(point), dtype=bool)
-    first[order[np.unique(point[order], return_index=True)[1]]] = True
+    ranks, away = route(space.comm, *boxes, asking[:, : space.dim], radius)
+    first = np.zeros(away.shape, dtype=bool)
+    if len(ranks):
+        # among equals this rank, then the smallest
+        first[np.argmin(away, axis=0), np.arange(len(asking))] = True
+        first &= away < np.inf
     farthest = np.full(len(asking), float(radius))
-    asked, answers, candidates = _ask(space, searched, asking, point[first], rank[first], farthest, width)
+    k, point = np.nonzero(first)
+    asked, answers, candidates = _ask(space, searched, asking, point, ranks[k], farthest, width)
     # what is as near, up to rounding, may still win: as an interior projection, or by its smaller number
     farthest[asked] = np.minimum(farthest[asked], answers[:, 1] * (1.0 + 1e-12) + 1e-9 * answers[:, 4])
-    more = ~first & (away <= farthest[point])
-    more = _ask(space, searched, asking, point[more], rank[more], farthest, width)
+    k, point = np.nonzero(~first & (away <= farthest))
+    more = _ask(space, searched, asking, point, ranks[k], farthest, width)
     return np.concatenate([asked, more[0]]), np.concatenate([answers, more[1]]), candidates + more[2]
 
 

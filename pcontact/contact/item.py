@@ -6,7 +6,14 @@ from pcontact.assembly.graph import node_graph
 from pcontact.assembly.pattern import OwnedRows
 from pcontact.contact.exchange import find_partners
 from pcontact.contact.laws import OPEN, SLIP
-from pcontact.contact.nitsche import add_residual, add_tangent, evaluate, no_operators, traction_operator
+from pcontact.contact.nitsche import (
+    add_residual,
+    add_tangent,
+    evaluate,
+    interpolate,
+    no_operators,
+    traction_operator,
+)
 from pcontact.contact.pairing import Pairing
 from pcontact.contact.parameters import GAMMA0, parameter
 from pcontact.contact.standing import Standing
@@ -124,11 +131,11 @@ class ContactItem(Standing, Way):
     def _deformed(self, nodal):
         """Points of the source (np, d) under nodal displacements, relative to the origin: no digits are lost."""
         source, space = self.source, self.space
-        if space.mesh.curved and space.degree == 1:
-            moved = np.einsum("pa,pad->pd", source.shape, nodal[source.cells[source.facet]])
-            return (source.x - self._origin) + moved
         # the geometry is of the degree of the displacement at most, which interpolates it
-        return np.einsum("pa,pad->pd", source.shape, (space.points - self._origin + nodal)[source.cells[source.facet]])
+        curved, moved = space.mesh.curved and space.degree == 1, np.empty_like(source.x)
+        values = nodal if curved else space.points - self._origin + nodal
+        interpolate(values, source.cells, source.facet, source.shape, moved)
+        return (source.x - self._origin) + moved if curved else moved
 
     def _against_obstacle(self, x, time):
         # a level set of the user's may fail on some ranks only

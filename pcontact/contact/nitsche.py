@@ -61,6 +61,20 @@ def traction_operator(grad, volumetric, facet, mu, normal_x, normal, out):
 
 
 @njit
+def interpolate(values, cells, facet, shape, out):
+    """Nodal values (n, d) at the points: out (np, d)."""
+    d = values.shape[1]
+    for p in range(len(facet)):
+        f = facet[p]
+        for i in range(d):
+            out[p, i] = 0.0
+        for a in range(shape.shape[1]):
+            node = cells[f, a]
+            for i in range(d):
+                out[p, i] += shape[p, a] * values[node, i]
+
+
+@njit
 def evaluate(u, cells, targets, facet, shape, target_shape, b, normal, gap0, traction, gap):
     """Normal traction t_n (np,) and gap (np,) at the displacement u (n, d)."""
     d = normal.shape[1]

@@ -133,8 +133,9 @@ def _faced(space, target, low, high):
     boxes = facet_boxes(target.x, target.kinds)
     tree = build_tree(*boxes)
     half = 0.5 * np.linalg.norm(high - low, axis=1)
-    box, rank, away = route(space.comm, *boxes, 0.5 * (low + high), float(np.max(half, initial=0.0)))
-    box, rank = box[away <= half[box]], rank[away <= half[box]]
+    ranks, away = route(space.comm, *boxes, 0.5 * (low + high), float(np.max(half, initial=0.0)))
+    box, k = np.nonzero((away <= half).T)
+    rank = ranks[k]
     sends, order = split_by_rank(rank, np.column_stack([low[box], high[box]]))
     place = np.split(box[order], np.cumsum([len(sends[r]) for r in sorted(sends)])[:-1]) if sends else []
     answers = {}
