@@ -110,6 +110,14 @@ def test_patch_is_exact_on_any_meshes(shared_tmp, cell, upper, order, unbiased):
 
 
 @pytest.mark.parallel
+@pytest.mark.parametrize("cell, other", [("tetrahedron", None), ("hexahedron", None), ("tetrahedron", "hexahedron")])
+def test_the_coarser_source_is_cut_by_default(shared_tmp, cell, other):
+    """With degree 1: facets a third longer than the target's, whatever the cells are; no longer ones are not."""
+    assert max(solve(scene(blocks(shared_tmp, cell, 4, 3, cell_upper=other), 3), errors)) < ROUNDOFF
+    assert max(solve(scene(blocks(shared_tmp, cell, 3, 4, cell_upper=other), 3), errors)) > 1e-4
+
+
+@pytest.mark.parallel
 @pytest.mark.parametrize("cell", ["tetrahedron", "hexahedron"])
 def test_pieces_are_those_of_one_rank(shared_tmp, cell):
     """Number, area and moments of all pieces, however the facets of both sides are spread."""

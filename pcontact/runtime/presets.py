@@ -13,8 +13,9 @@ class Preset:
     ----------
     options : dict of str to object
         Proposed to the options database where contact or plasticity make the problem nonlinear.
-    krylov : float
-        Tolerance that inexact linear solves (Eisenstat, Walker) begin with, and their loosest one.
+    krylov : float or None
+        Tolerance that inexact linear solves (Eisenstat, Walker) begin with, and their loosest one; None: as without a
+        preset.
     linear : float
         Tolerance of the solve of a linear problem.
     order : int
@@ -23,7 +24,7 @@ class Preset:
     """
 
     options: dict
-    krylov: float
+    krylov: float | None
     linear: float
     order: int
 
@@ -31,8 +32,8 @@ class Preset:
 # Of the forces at work, and of the first residual of a load step: looser ones save next to nothing.
 PRESETS = {
     "draft": Preset({"snes_rtol": 1e-4}, 1e-2, 1e-5, 1),
-    "standard": Preset({"snes_rtol": 1e-4, "contact_search_again": 1}, 1e-3, 1e-7, 2),
-    "fine": Preset({"snes_rtol": 1e-7, "contact_search_again": 4}, 1e-3, 1e-9, 2),
+    "standard": Preset({"snes_rtol": 1e-4, "contact_search_again": 1}, None, 1e-7, 2),
+    "fine": Preset({"snes_rtol": 1e-7, "contact_search_again": 4}, None, 1e-9, 2),
 }
 
 
@@ -87,6 +88,8 @@ class Choice:
         preset = PRESETS[self.name]
         if linear or options.get("pc_type", "gamg") in DIRECT:
             wanted = {"ksp_rtol": preset.linear} if linear else {}
+        elif preset.krylov is None:
+            wanted = {}
         else:
             wanted = {"snes_ksp_ew_rtol0": preset.krylov, "snes_ksp_ew_rtolmax": preset.krylov}
         if not linear:

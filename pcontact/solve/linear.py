@@ -90,6 +90,8 @@ def solver_defaults(symmetric, ranks):
         "pc_type": "gamg",
         "pc_gamg_agg_nsmooths": 1,
         "pc_gamg_threshold": 0.0,
+        # coarse matrices otherwise fill up as meshes grow: a third level with 1,600 entries a row at 3 million unknowns
+        "pc_gamg_aggressive_coarsening": 2,
         # the estimate made for smoothed aggregation can be older than the contact; Chebyshev then amplifies its modes
         "pc_gamg_use_sa_esteig": False,
         "pc_gamg_reuse_interpolation": True,
@@ -111,7 +113,7 @@ def solver_defaults(symmetric, ranks):
     return options
 
 
-def newton_defaults(linear, direct):
+def newton_defaults(linear, direct, inexact):
     """Options proposed for SNES and the tolerance of its linear solves.
 
     Parameters
@@ -120,6 +122,8 @@ def newton_defaults(linear, direct):
         Whether one iteration will do.
     direct : bool
         Whether the linear systems are factorised.
+    inexact : float
+        Loosest tolerance of the linear solves if neither.
 
     Returns
     -------
@@ -141,6 +145,6 @@ def newton_defaults(linear, direct):
         return {**options, "ksp_rtol": 1e-10}
     # at 1e-2 the directions are too poor for stick and slip: twice the iterations, each with its set-up
     return {
-        **options, "snes_ksp_ew": True, "snes_ksp_ew_version": 2, "snes_ksp_ew_rtol0": 1e-3,
-        "snes_ksp_ew_rtolmax": 1e-3,
+        **options, "snes_ksp_ew": True, "snes_ksp_ew_version": 2, "snes_ksp_ew_rtol0": inexact,
+        "snes_ksp_ew_rtolmax": inexact,
     }  # fmt: skip
