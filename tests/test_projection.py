@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from pcontact.contact.exchange import nearest_box
 from pcontact.contact.facet_maps import MAX_NODES, NODE_COUNTS, facet_boxes, facet_shapes, fill_shapes
 from pcontact.contact.projection import (
     FACING,
@@ -600,3 +601,17 @@ def test_tree_over_bodies():
         assert pure == set(range(7))
         for one in inside:
             assert len(np.unique(one)) == 1 or len(one) == np.isin(bodies, one).sum()
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_nearest_box(d):
+    """The distances of numpy, and no distance beyond the radius."""
+    rng = np.random.default_rng(d)
+    low, points, radius = rng.random((5, d)), 3.0 * rng.random((2000, d)) - 1.0, 0.4
+    high = low + 0.3 * rng.random((5, d))
+    away = np.maximum(np.maximum(low[:, None] - points, points - high[:, None]), 0.0)
+    known = np.linalg.norm(away, axis=2).min(axis=0)
+    found = np.empty(len(points))
+    nearest_box(np.hstack([low, high]), points, radius, found)
+    np.testing.assert_allclose(found, np.where(known <= radius, known, np.inf), rtol=1e-14)
+    assert np.any(found == 0.0) and np.any(np.isinf(found))
