@@ -4,7 +4,7 @@
 #   scripts/test.sh          lint, floors, serial tests, parallel tests on 2, 3 and 4 ranks, all drivers on 2 ranks
 #   scripts/test.sh fast     lint, floors, serial tests
 #
-# TIMEOUT (seconds, default 900) bounds each run under mpirun. Ends with the line "N passed, N failed";
+# TIMEOUT (seconds, default 900) bounds each run under mpirun. Ends with what failed and the line "N passed, N failed";
 # the exit status is 0 only if nothing failed.
 set -uo pipefail
 
@@ -31,6 +31,17 @@ part() {
     if ((status == 124 || status == 137)); then printf '   stopped after %s s\n' "$timeout"; fi
     passed=$((passed + good)) failed=$((failed + bad))
     printf '== %s: %d passed, %d failed, %s s\n\n' "$name" "$good" "$bad" "$(seconds_since "$start")"
+}
+
+# What to repeat at the end of a part that failed: pytest's report without its rows of dots, else the last lines.
+keep() {
+    printf '== failed: %s\n' "$1"
+    if grep -q '^=* \(FAILURES\|ERRORS\) =*$' "$scratch/log"; then
+        sed -n '/^=* \(FAILURES\|ERRORS\) =*$/,$p' "$scratch/log" | grep -E '^(E |FAILED|ERROR|_+ |[^ ]+\.py:[0-9]+)' |
+            tail -n 60
+    else
+        tail -n 30 "$scratch/log"
+    fi
 }
 
 seconds_since() { awk -v a="$1" -v b="$EPOCHREALTIME" 'BEGIN { printf "%.1f", b - a }'; }
@@ -64,5 +75,6 @@ if [[ ${1:-} != fast ]]; then
         part "$driver" one on_ranks 2 python3 "$driver" --tiny -o "$scratch/$(basename "$driver" .py)"
     done
 fi
+if [[ -e $scratch/failures ]]; then cat "$scratch/failures"; fi
 printf 'total time %s s\n%d passed, %d failed\n' "$(seconds_since "$total")" "$passed" "$failed"
 ((failed == 0))

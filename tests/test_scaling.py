@@ -1,7 +1,6 @@
 """Scaling driver: rows of several runs come together, efficiencies, and a small run; phases of a profile."""
 
 import json
-import time
 
 import numpy as np
 import pytest
@@ -87,27 +86,42 @@ def test_small_run(shared_tmp):
     assert json.loads(path.read_text())["rows"] == rows and (shared_tmp / "two.png").exists()
 
 
-def test_phases_nest():
+class Clock:
+    """Goes on only when told to."""
+
+    now = 0.0
+
+    def perf_counter(self):
+        return self.now
+
+    def sleep(self, seconds):
+        self.now += seconds
+
+
+def test_phases_nest(monkeypatch):
     """A phase does not count what an inner one takes, also when an error ends them; together they are the whole."""
+    clock = Clock()
+    monkeypatch.setattr(profile, "clock", clock)
     record = profile.Profile()
-    start = time.perf_counter()
     with profile.recording(record):
+        clock.sleep(1.0)
         with pytest.raises(ValueError), profile.phase("search"):
-            time.sleep(0.02)
+            clock.sleep(2.0)
             with profile.phase("exchange"):
-                time.sleep(0.05)
+                clock.sleep(4.0)
                 profile.sent(2, 100)
                 raise ValueError
         with profile.phase("solve"):
+            clock.sleep(8.0)
             profile.sent(1, 10)
             profile.count(points=3)
             profile.count(points=4)
-    whole = time.perf_counter() - start
     with profile.phase("search"):
-        time.sleep(0.01)
+        clock.sleep(16.0)
     seconds = record.phases()
-    assert sum(seconds.values()) == pytest.approx(whole, abs=0.01)
-    assert 0.02 <= seconds["search"] < 0.05 <= seconds["exchange"]
+    assert sum(seconds.values()) == 15.0
+    assert (seconds["search"], seconds["exchange"]) == (2.0, 4.0)
+    assert seconds["preconditioner"] + seconds["krylov"] == 8.0
     assert record.sent == {"search": [2, 100], "solve": [1, 10]} and record.counts == {"solve": {"points": 7}}
 
 
