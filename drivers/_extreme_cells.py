@@ -249,7 +249,7 @@ def point_cells():
                 keys = {"kind": kind, "dim": dim, "cell": cell, "source": source, "n": 4 if dim == 2 else 3, **more}
                 yield Cell("few points", kind, word, pointed, keys, reason="statics")
     for target in ("plane", "block"):
-        for load in (0.0, 1e-12, 1.0):
+        for load in (0.0, 1e-12, 1e-10, 1.0):
             word = f"{target}, load {load:g}"
             zero = {"bound": 0.0, "reason": "zero"} if load == 0.0 else {"reason": "statics"}
             if 0.0 < load < 1e-9:

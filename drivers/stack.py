@@ -73,7 +73,7 @@ def scene(path, dim, count, friction=0.2, press=0.05, weight=0.0, yield_stress=0
     """
     _, size = layers(dim, count, overlap)
     # bodies do not move farther in a load step; a search takes longer the farther it goes
-    said = {"search_radius": max(0.2 * RADIUS, 4.0 * press / steps), **said}
+    said = {"search_radius": max(0.1 * RADIUS, 4.0 * press / steps), **said}
     more = {"yield_stress": yield_stress, "hardening": HARDENING} if yield_stress else {}
     load = Load("heap", body_force=[0.0] * (dim - 1) + [-weight])
     return Scene(

@@ -280,6 +280,20 @@ def _rigid(scene, space, number):
     return RigidObstacle(obstacle, amplitude(obstacle.amplitude, scene.steps.end), size_of(space.mesh), functions)
 
 
+def _source(scene, space, constants, supports, contact, known):
+    """The source of a contact; obstacles around the same bodies share one, by what it depends on. *Collective.*"""
+    key = contact.all, contact.source, contact.quadrature, friction_law(contact) is not None
+    if contact.obstacle is not None and key in known:
+        return known[key]
+    source = source_surface(space, contact.source, constants, contact.quadrature)
+    _require_area(scene, space, contact, source)
+    if contact.all:
+        source = _muted(scene, space, supports, contact, source)
+    if contact.obstacle is not None:
+        known[key] = source
+    return source
+
+
 def contact_items(scene, space, constants, supports, free, bulk, tied):
     """One item per contact pair, and which components can meet. *Collective.*
 
@@ -302,7 +316,7 @@ def contact_items(scene, space, constants, supports, free, bulk, tied):
     edges : set of (int, int)
         Pairs of components.
     """
-    items, edges, touching = [], set(), set()
+    items, edges, touching, sources = [], set(), set(), {}
     if any(contact.all for contact in scene.contacts):
         space.mesh.facet_groups[OUTER] = outer_surfaces(space)
     for number, contact in enumerate(scene.contacts):
@@ -323,12 +337,9 @@ def contact_items(scene, space, constants, supports, free, bulk, tied):
         if is_unbiased(contact):
             items.append(_unbiased_item(scene, space, bulk, contact, supports, radius, floats))
             continue
-        source = source_surface(space, contact.source, constants, contact.quadrature)
-        _require_area(scene, space, contact, source)
+        source = _source(scene, space, constants, supports, contact, sources)
         target = target_surface(space, contact.target) if contact.obstacle is None else _rigid(scene, space, number)
         source, target = _fitted(space, contact, source, target, radius)
-        if contact.all:
-            source = _muted(scene, space, supports, contact, source)
         items.append(pair_item(space, bulk, contact, source, target, radius, floats))
         _check_sizes(scene, space, number, contact, items[-1])
     for k in sorted(set(free) - touching):

@@ -90,15 +90,16 @@ class Points:
                 jump[p, :, node] -= self.target_shape[p, m] * one
         return jump.reshape(rows, self.d, -1), traction.reshape(rows, self.d, -1)
 
-    def evaluate(self, u):
+    def evaluate(self, u, wanted=None):
         """Traction, jump, tau of the compiled kernels."""
+        wanted = np.ones(len(self.facet), dtype=bool) if wanted is None else wanted
         traction, jump, tau = (np.full_like(self.normal, np.nan) for _ in range(3))
-        friction.jumps(u, self.cells, self.targets, self.facet, self.shape, self.target_shape, jump)
+        friction.jumps(u, self.cells, self.targets, self.facet, self.shape, self.target_shape, wanted, jump)
         friction.tractions(
-            u, self.cells, self.facet, self.grad, self.volumetric, self.mu, self.normal_x, traction
+            u, self.cells, self.facet, self.grad, self.volumetric, self.mu, self.normal_x, wanted, traction
         )
         friction.augment(
-            traction, jump, self.before, self.gap0, self.normal, self.gamma, self.alpha, self.facet, tau
+            traction, jump, self.before, self.gap0, self.normal, self.gamma, self.alpha, self.facet, wanted, tau
         )
         return traction, jump, tau
 
@@ -181,6 +182,9 @@ def test_jump_traction_augmented_traction(d, targets, alpha):
         expected = traction + stiff * gap[:, None] * points.normal
         expected -= alpha * stiff * tangential(jump - points.before, points.normal)
         np.testing.assert_allclose(tau, expected, atol=1e-12)
+        wanted = np.arange(len(points.facet)) % 2 == 0
+        for some, all_ in zip(points.evaluate(u, wanted), (traction, jump, tau), strict=True):
+            np.testing.assert_array_equal(some, np.where(wanted[:, None], all_, 0.0))
 
 
 @pytest.mark.parametrize("alpha", [1.0, 0.7])

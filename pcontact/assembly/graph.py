@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from pcontact.runtime.jit import njit
+from pcontact.runtime.jit import njit, njit_inner
 
 
 @njit
@@ -83,7 +83,7 @@ def node_graph(tables, n_nodes):
     return rowptr, columns
 
 
-@njit
+@njit_inner
 def find(columns, low, high, value):
     """Position of a value in the sorted part columns[low:high], or -1."""
     end = high

@@ -18,7 +18,7 @@ import numpy as np
 from pcontact.assembly.graph import find
 from pcontact.material.mandel import HALF
 from pcontact.material.plastic import flows, return_map
-from pcontact.runtime.jit import njit, njit_inline
+from pcontact.runtime.jit import njit, njit_inline, njit_inner
 
 
 @njit_inline
@@ -121,7 +121,7 @@ def add_tangent(grad, jxw, ring, nodal, cells, constants, curve, plane_stress, p
     return count
 
 
-@njit
+@njit_inner
 def pull(tangent, operator, weight, out):
     """out = weight C B, with B and the result as (m, nn d)."""
     m, n = operator.shape
@@ -134,7 +134,7 @@ def pull(tangent, operator, weight, out):
                     out[k, j] += factor * operator[other, j]
 
 
-@njit
+@njit_inner
 def square(operator, pulled, out):
     """Add B^T (C B) to ``out`` (nn d, nn d)."""
     m, n = operator.shape
@@ -147,7 +147,7 @@ def square(operator, pulled, out):
                     out[i, j] += factor * pulled[k, j]
 
 
-@njit
+@njit_inner
 def scatter(stiffness, cells, c, rowptr, columns, out):
     """Add the matrix (nn d, nn d) of cell ``c`` to block values (nnz, d, d); returns how many blocks had no place."""
     nn, d, missing = cells.shape[1], out.shape[1], 0

@@ -22,7 +22,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pcontact.contact.facet_maps import NODE_COUNTS, fill_shapes
-from pcontact.runtime.jit import njit_exact
+from pcontact.runtime.jit import njit_inner_exact
 
 # of the edges of a facet and of the depth of its cell: overlap of the undeformed body that counts as none
 SLACK = 0.1
@@ -100,14 +100,14 @@ def whole_branches(tree, parts):
     return np.concatenate([np.where(uniform, ordered[tree.first], -1), ordered]).astype(np.int64)
 
 
-@njit_exact
+@njit_inner_exact
 def clash(one, other):
     """Whether another pair brings two facets together: bit 2 k is for the source of pair k, 2 k + 1 for its target."""
     even = 0x5555555555555555
     return one & (((other >> 1) & even) | ((other & even) << 1)) != 0
 
 
-@njit_exact
+@njit_inner_exact
 def is_own(apart, q, facet, kind, u, v, n0, n1, n2, shapes):
     """Whether a facet belongs to the neighbourhood of point q, see the head of the module.
 

@@ -124,8 +124,8 @@ class AugmentedFrictionalItem(Multipliers, FrictionalItem):
     """Contact with friction of one pair by the augmented Lagrangian method; parameters as for `FrictionalItem`."""
 
     def _acting(self, values):
-        _, tau, _ = self._tau(values)
+        _, tau, _ = self._tau(values, self.pairing.acts)
         return self._project(tau)
 
-    def _traction(self, values):
+    def _traction(self, values, wanted):
         return self.multiplier.copy()

@@ -7,7 +7,7 @@ that no digits are lost far from the origin; in two dimensions the third compone
 
 import numpy as np
 
-from pcontact.runtime.jit import njit_exact
+from pcontact.runtime.jit import njit_exact, njit_inner_exact
 
 SEGMENT2, SEGMENT3, TRIANGLE3, TRIANGLE6, QUADRILATERAL4, QUADRILATERAL9 = range(6)
 PARALLELOGRAM = 6  # a QUADRILATERAL4 with an affine map; only inside the search
@@ -48,19 +48,19 @@ for _kind, _u, _v in (
 CORNERS = np.array([2, 2, 3, 3, 4, 4, 4], dtype=np.int64)
 
 
-@njit_exact
+@njit_inner_exact
 def is_triangle(kind):
     """Whether the reference domain is the unit triangle."""
     return kind == TRIANGLE3 or kind == TRIANGLE6
 
 
-@njit_exact
+@njit_inner_exact
 def is_segment(kind):
     """Whether the facet is a curve in the plane."""
     return kind == SEGMENT2 or kind == SEGMENT3
 
 
-@njit_exact
+@njit_inner_exact
 def _line3(i, s):
     """Value, first and second derivative of the quadratic function i on [-1, 1]."""
     if i == 0:
@@ -70,7 +70,7 @@ def _line3(i, s):
     return (1.0 - s) * (1.0 + s), -2.0 * s, -2.0
 
 
-@njit_exact
+@njit_inner_exact
 def fill_shapes(kind, u, v, out):
     """Shape functions of one facet at one reference point.
 
@@ -112,7 +112,7 @@ def fill_shapes(kind, u, v, out):
             out[3, i], out[4, i], out[5, i] = 0.0, 0.25 * a * b, 0.0
 
 
-@njit_exact
+@njit_inner_exact
 def _fill_triangle6(u, v, out):
     w = 1.0 - u - v
     barycentric = (w, u, v)
@@ -132,7 +132,7 @@ def _fill_triangle6(u, v, out):
         out[5, 3 + i] = 8.0 * dv[i] * dv[j]
 
 
-@njit_exact
+@njit_inner_exact
 def fill_jet(kind, u, v, nodes, rows, shapes, jet):
     """Map of a facet and its derivatives at one point.
 
@@ -156,7 +156,7 @@ def fill_jet(kind, u, v, nodes, rows, shapes, jet):
         jet[r, 0], jet[r, 1], jet[r, 2] = x, y, z
 
 
-@njit_exact
+@njit_inner_exact
 def jet_normal(kind, jet):
     """Outward unit normal (three floats) from the tangents in `jet`; zeros where the map is singular.
 
@@ -174,7 +174,7 @@ def jet_normal(kind, jet):
     return x / length, y / length, z / length
 
 
-@njit_exact
+@njit_inner_exact
 def clamp(kind, u, v):
     """The nearest point of the reference domain."""
     if is_triangle(kind):
@@ -186,7 +186,7 @@ def clamp(kind, u, v):
     return min(max(u, -1.0), 1.0), min(max(v, -1.0), 1.0)
 
 
-@njit_exact
+@njit_inner_exact
 def load_nodes(x_facets, facet, kind, nodes):
     """Copy a facet's nodes, relative to its node 0, to `nodes` (9, 3); the third is 0 in the plane."""
     for i in range(NODE_COUNTS[kind]):
@@ -263,7 +263,7 @@ def _fill_boxes(x_facets, kinds, lower, upper):
             lower[f, k], upper[f, k] = origin + low - slack, origin + high + slack
 
 
-@njit_exact
+@njit_inner_exact
 def to_bezier(kind, x):
     """Replace nodal values by Bezier coefficients, whose convex hull contains the facet."""
     if kind == SEGMENT3:
@@ -317,7 +317,7 @@ def simplest_kinds(x_facets, kinds, simple):
                 simple[f] = PARALLELOGRAM
 
 
-@njit_exact
+@njit_inner_exact
 def difference(b, ends):
     """Difference (three floats) of two of the points b (n, 3)."""
     i, j = ends[0], ends[1]

@@ -1,6 +1,7 @@
 """Nitsche's method with friction: compiled kernels at the quadrature points of the source.
 
-Notation of every kernel, one row per quadrature point p on facet f = facet[p]:
+Notation of every kernel, one row per quadrature point p on facet f = facet[p]; what points get that are not ``wanted``
+(np,) is zero:
 
 * jump  [[u]] = u(X) - u(Y),  gap  g = g0 - [[u]] . n,  slip  D_T = (I - n n)([[u]] - w) with w the jump at the end of
   the last load step on the same pair of points, plus what a rigid obstacle has moved since
@@ -21,52 +22,59 @@ import numpy as np
 
 from pcontact.assembly.graph import find
 from pcontact.contact.laws import project
-from pcontact.runtime.jit import njit
+from pcontact.runtime.jit import njit, njit_inner
 
 
-@njit
-def jumps(u, cells, targets, facet, shape, target_shape, out):
+@njit_inner
+def jumps(u, cells, targets, facet, shape, target_shape, wanted, out):
     """Jump [[u]] (np, d) [length] of the displacement u (n, d)."""
     d = u.shape[1]
     for p in range(len(facet)):
         f = facet[p]
         for i in range(d):
-            value = 0.0
-            for a in range(cells.shape[1]):
-                value += shape[p, a] * u[cells[f, a], i]
-            for m in range(targets.shape[1]):
-                value -= target_shape[p, m] * u[targets[p, m], i]
-            out[p, i] = value
+            out[p, i] = 0.0
+        if not wanted[p]:
+            continue
+        for a in range(cells.shape[1]):
+            for i in range(d):
+                out[p, i] += shape[p, a] * u[cells[f, a], i]
+        for m in range(targets.shape[1]):
+            for i in range(d):
+                out[p, i] -= target_shape[p, m] * u[targets[p, m], i]
 
 
-@njit
-def tractions(u, cells, facet, grad, volumetric, mu, normal_x, out):
+@njit_inner
+def tractions(u, cells, facet, grad, volumetric, mu, normal_x, wanted, out):
     """Boundary traction t = sigma(u) n_X (np, d) [stress] of linear elasticity, sigma = (P . u) I + 2 mu eps."""
     d = u.shape[1]
-    slope = np.zeros((d, d))
     for p in range(len(facet)):
         f = facet[p]
-        shear = mu[f]
-        slope[:] = 0.0
+        for i in range(d):
+            out[p, i] = 0.0
+        if not wanted[p]:
+            continue
         bulk = 0.0
         for a in range(grad.shape[1]):
-            node = cells[f, a]
+            node, along, across = cells[f, a], 0.0, 0.0
             for i in range(d):
                 bulk += volumetric[p, a, i] * u[node, i]
-                for j in range(d):
-                    slope[i, j] += u[node, i] * grad[p, a, j]
+                along += grad[p, a, i] * normal_x[p, i]
+                across += u[node, i] * normal_x[p, i]
+            for i in range(d):
+                out[p, i] += mu[f] * (along * u[node, i] + across * grad[p, a, i])
         for i in range(d):
-            value = bulk * normal_x[p, i]
-            for j in range(d):
-                value += shear * (slope[i, j] + slope[j, i]) * normal_x[p, j]
-            out[p, i] = value
+            out[p, i] += bulk * normal_x[p, i]
 
 
-@njit
-def augment(traction, jump, before, gap0, normal, gamma, alpha, facet, tau):
+@njit_inner
+def augment(traction, jump, before, gap0, normal, gamma, alpha, facet, wanted, tau):
     """Augmented traction tau (np, d) [stress]; ``before`` (np, d) is the jump from which slip counts."""
     d = normal.shape[1]
     for p in range(len(facet)):
+        for i in range(d):
+            tau[p, i] = 0.0
+        if not wanted[p]:
+            continue
         stiff = gamma[facet[p]]
         along, along_slip = 0.0, 0.0
         for i in range(d):
@@ -80,17 +88,21 @@ def augment(traction, jump, before, gap0, normal, gamma, alpha, facet, tau):
 @njit
 def project_all(law, bilateral, paired, normal, tau, out):
     """Traction P (np, d) of all points; returns their status (np,)."""
-    d = normal.shape[1]
-    status = np.zeros(len(paired), dtype=np.int64)
-    derivative = np.zeros((d, d))
-    for p in range(len(paired)):
-        out[p] = 0.0
-        if paired[p]:
-            status[p] = project(law, bilateral, normal[p], tau[p], out[p], derivative)
+    status, derivative = np.zeros(len(paired), dtype=np.int64), np.zeros((normal.shape[1], normal.shape[1]))
+    _project_points(law, bilateral, paired, normal, tau, out, status, derivative)
     return status
 
 
-@njit
+@njit_inner
+def _project_points(law, bilateral, paired, normal, tau, out, status, derivative):
+    for p in range(len(paired)):
+        for i in range(normal.shape[1]):
+            out[p, i] = 0.0
+        if paired[p]:
+            status[p] = project(law, bilateral, normal[p], tau[p], out[p], derivative)
+
+
+@njit_inner
 def _node_operator(grad, volumetric, mu, normal_x, out):
     """out[i, j] = d t_i / d u_j of one node, from its shape gradient and volumetric operator (d,)."""
     d = len(normal_x)
@@ -111,29 +123,43 @@ def add_residual(
     """Add the residual of the pair to ``out`` (n, d) [force]."""
     d = normal.shape[1]
     force, weight, derivative, operator = np.zeros(d), np.zeros(d), np.zeros((d, d)), np.zeros((d, d))
+    _add_forces(
+        theta, alpha, law, bilateral, paired, jxw, gamma, traction, tau, cells, targets, facet, shape, target_shape,
+        grad, volumetric, mu, normal_x, normal, out, force, weight, derivative, operator,
+    )  # fmt: skip
+
+
+@njit_inner
+def _add_forces(
+    theta, alpha, law, bilateral, paired, jxw, gamma, traction, tau, cells, targets, facet, shape, target_shape, grad,
+    volumetric, mu, normal_x, normal, out, force, weight, derivative, operator,
+):  # fmt: skip
+    d = normal.shape[1]
     for p in range(len(facet)):
-        f = facet[p]
-        force[:] = 0.0
+        f, touches = facet[p], False
+        for i in range(d):
+            force[i] = 0.0
         if paired[p]:
-            project(law, bilateral, normal[p], tau[p], force, derivative)
+            touches = project(law, bilateral, normal[p], tau[p], force, derivative) > 0
         if theta != 0.0:
             _weigh(force, traction[p], normal[p], gamma[f], alpha, theta * jxw[p], weight)
-        for a in range(cells.shape[1]):
-            node = cells[f, a]
-            if theta != 0.0:
+            for a in range(grad.shape[1]):
+                node = cells[f, a]
                 _node_operator(grad[p, a], volumetric[p, a], mu[f], normal_x[p], operator)
                 for j in range(d):
                     for i in range(d):
                         out[node, j] += weight[i] * operator[i, j]
+        if not touches:
+            continue
+        for a in range(cells.shape[1]):
             for i in range(d):
-                out[node, i] -= jxw[p] * shape[p, a] * force[i]
+                out[cells[f, a], i] -= jxw[p] * shape[p, a] * force[i]
         for m in range(targets.shape[1]):
-            node = targets[p, m]
             for i in range(d):
-                out[node, i] += jxw[p] * target_shape[p, m] * force[i]
+                out[targets[p, m], i] += jxw[p] * target_shape[p, m] * force[i]
 
 
-@njit
+@njit_inner
 def _weigh(force, traction, normal, gamma, alpha, factor, out):
     """out = factor G^-1 (P - t)."""
     d = len(normal)
@@ -160,11 +186,27 @@ def add_tangent(
     operator, real = np.zeros((nn + nt, d, d)), np.zeros((nn + nt, d, d))
     pull, weak = np.zeros((nn + nt, d, d)), np.zeros((nn + nt, d, d))
     part = np.zeros(nn + nt)
+    return _add_blocks(
+        theta, alpha, law, bilateral, paired, jxw, gamma, tau, cells, targets, facet, shape, target_shape, grad,
+        volumetric, mu, at, extra, consistent, normal_x, normal, rowptr, columns, values,
+        force, slope, stiff, inverse, operator, real, pull, weak, part,
+    )  # fmt: skip
+
+
+@njit_inner
+def _add_blocks(
+    theta, alpha, law, bilateral, paired, jxw, gamma, tau, cells, targets, facet, shape, target_shape, grad,
+    volumetric, mu, at, extra, consistent, normal_x, normal, rowptr, columns, values,
+    force, slope, stiff, inverse, operator, real, pull, weak, part,
+):  # fmt: skip
+    d, nn, nt = normal.shape[1], cells.shape[1], targets.shape[1]
     adjoint = real if consistent else operator
     missing = 0
     for p in range(len(facet)):
         f = facet[p]
-        slope[:] = 0.0
+        for i in range(d):
+            for j in range(d):
+                slope[i, j] = 0.0
         touches = paired[p] and project(law, bilateral, normal[p], tau[p], force, slope) > 0
         if not touches and theta == 0.0:
             continue
@@ -174,9 +216,10 @@ def add_tangent(
             part[a] = shape[p, a]
         for a in range(grad.shape[1]):
             _node_operator(grad[p, a], volumetric[p, a], mu[f], normal_x[p], operator[a])
-            real[a] = operator[a]
-            if len(at) > 0 and at[p] >= 0:
-                real[a] += extra[at[p], a]
+            yields = len(at) > 0 and at[p] >= 0
+            for i in range(d):
+                for j in range(d):
+                    real[a, i, j] = operator[a, i, j] + (extra[at[p], a, i, j] if yields else 0.0)
         for m in range(nt):
             part[nn + m] = -target_shape[p, m]
         _columns(theta, width, part, real, slope, stiff, inverse, pull, weak)
@@ -198,7 +241,7 @@ def add_tangent(
     return missing
 
 
-@njit
+@njit_inner
 def _stiffness(slope, normal, gamma, alpha, stiff, inverse):
     """stiff = D G,  inverse = G^-1."""
     d = len(normal)
@@ -213,7 +256,7 @@ def _stiffness(slope, normal, gamma, alpha, stiff, inverse):
             inverse[i, j] = (nn + (unit - nn) / alpha) / gamma
 
 
-@njit
+@njit_inner
 def _columns(theta, width, part, operator, slope, stiff, inverse, pull, weak):
     """For every node: pull = D (G N - T),  weak = G^-1 (D G N + (I - D) T)."""
     d = slope.shape[0]

@@ -45,7 +45,7 @@ class FrictionalItem(ContactItem):
 
     def _begin(self, u, time):
         """Remember the jump at the beginning of the step, and the one from which the law counts slip."""
-        self._start = self._jump(self.pairing.exchange.gather(u))
+        self._start = self._jump(self.pairing.exchange.gather(u), self.pairing.acts)
         if self.rigid:
             self._start += self.target.moved(self.time, time)
         self._before = self._start - self._lag
@@ -53,7 +53,7 @@ class FrictionalItem(ContactItem):
     def _end(self, values):
         """Also by how much the jump lags behind the law. *Collective.*"""
         p = self.pairing
-        traction, tau, _ = self._tau(values)
+        traction, tau, _ = self._tau(values, self.pairing.acts)
         force, status = self._project(tau)
         self.committed = status
         lag = (traction - force) / (self.alpha * self.gamma[self.source.facet])[:, None]
@@ -90,34 +90,35 @@ class FrictionalItem(ContactItem):
         # a bound that does not follow the pressure acts wherever there is a partner
         return self.pairing.paired & (closed | (self.law[1] == 0.0))
 
-    def _jump(self, values):
+    def _jump(self, values, wanted):
         p, source = self.pairing, self.source
         jump = np.empty_like(source.x)
-        friction.jumps(values, p.cells, p.targets, source.facet, source.shape, p.target_shape, jump)
+        friction.jumps(values, p.cells, p.targets, source.facet, source.shape, p.target_shape, wanted, jump)
         return jump
 
-    def _tau(self, values):
-        """Boundary traction, augmented traction, jump (np, d)."""
+    def _tau(self, values, wanted):
+        """Boundary traction, augmented traction, jump (np, d) of the points that are wanted (np,)."""
         p, tau = self.pairing, np.empty_like(self.source.x)
-        traction, jump = self._traction(values), self._jump(values)
+        traction, jump = self._traction(values, wanted), self._jump(values, wanted)
         friction.augment(
-            traction, jump, self._before, p.gap0, p.normal, self.gamma, self.alpha, self.source.facet, tau
+            traction, jump, self._before, p.gap0, p.normal, self.gamma, self.alpha, self.source.facet, wanted, tau
         )
         return traction, tau, jump
 
-    def _traction(self, values):
-        """Boundary traction (np, d)."""
+    def _traction(self, values, wanted):
+        """Boundary traction (np, d) of the points that are wanted (np,)."""
         p, source, traction = self.pairing, self.source, np.empty_like(self.source.x)
         friction.tractions(
-            values, p.cells, source.facet, source.grad, source.volumetric, source.mu, source.normal, traction
-        )
+            values, p.cells, source.facet, source.grad, source.volumetric, source.mu, source.normal, wanted,
+            traction,
+        )  # fmt: skip
         if self.plastic is not None:
             traction += self.plastic.traction(values, p.cells)
         return traction
 
     def _add_residual(self, values, local):
         p, source = self.pairing, self.source
-        traction, tau, _ = self._tau(values)
+        traction, tau, _ = self._tau(values, self.pairing.acts)
         friction.add_residual(
             self.theta, self.alpha, self._law, self.bilateral, p.paired, source.jxw, self.gamma, traction, tau, p.cells,
             p.targets, source.facet, source.shape, p.target_shape, source.grad, source.volumetric, source.mu,
@@ -125,12 +126,12 @@ class FrictionalItem(ContactItem):
         )  # fmt: skip
 
     def _augmented(self, values):
-        _, tau, _ = self._tau(values)
+        _, tau, _ = self._tau(values, self.pairing.acts)
         _, status = self._project(tau)
         return tau, status
 
     def _weights(self, values):
-        traction, tau, _ = self._tau(values)
+        traction, tau, _ = self._tau(values, self.pairing.acts)
         normal, source = self.pairing.normal, self.source
         rest = self._project(tau)[0] - traction
         along = np.einsum("pd,pd->p", rest, normal)[:, None] * normal
@@ -163,7 +164,7 @@ class FrictionalItem(ContactItem):
         """
         state = super().state(u)
         p = self.pairing
-        own, tau, jump = self._tau(p.exchange.gather(u))
+        own, tau, jump = self._tau(p.exchange.gather(u), p.every)
         traction, status = self._project(tau)
         slip = jump - self._start
         slip -= np.einsum("pd,pd->p", slip, p.normal)[:, None] * p.normal

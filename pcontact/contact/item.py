@@ -4,6 +4,7 @@ import numpy as np
 
 from pcontact.assembly.graph import node_graph
 from pcontact.assembly.pattern import OwnedRows
+from pcontact.contact.averages import add_at_nodes
 from pcontact.contact.exchange import find_partners
 from pcontact.contact.laws import OPEN, SLIP
 from pcontact.contact.nitsche import (
@@ -157,27 +158,32 @@ class ContactItem(Standing, Way):
         return gap + self.offset
 
     def _freeze(self, u, gap, normal, paired, ids, nodes, shape):
-        source, space = self.source, self.space
-        targets = np.where(paired[:, None], nodes, space.start if space.n_owned else 0)
-        source_nodes = space.nodes[source.cells]
-        everything = [source_nodes.ravel(), targets[paired].ravel()]
-        unique = np.unique(np.concatenate(everything))
-        exchange = space.exchange(unique)
+        source = self.source
+        if not self.rigid or self.pairing is None:
+            self._plan(nodes, paired)
+        exchange, cells, unique = self._planned
+        places = np.zeros(nodes.shape, dtype=np.int64)
         if len(unique):
-            places = np.minimum(np.searchsorted(unique, targets), len(unique) - 1)
-        else:
-            places = targets
-        cells = np.ascontiguousarray(np.searchsorted(unique, source_nodes).astype(np.int64))
+            places = np.minimum(np.searchsorted(unique, nodes), len(unique) - 1)
         b = np.empty_like(source.grad)
         traction_operator(source.grad, source.volumetric, source.facet, source.mu, source.normal, normal, b)
         shape = np.ascontiguousarray(np.where(paired[:, None], shape, 0.0))
         places = np.ascontiguousarray(np.where(paired[:, None], places, 0).astype(np.int64))
+        every = np.ones(len(gap), dtype=bool)
         self.pairing = Pairing(
-            exchange, cells, places, paired, ids, normal, b, shape, np.zeros(len(gap))
-        )
+            exchange, cells, places, paired, ids, normal, b, shape, np.zeros(len(gap)),
+            paired.copy() if self.theta == 0.0 else every, every,
+        )  # fmt: skip
         # the gap is linear in u from here on and takes the value found where partners were looked for
         _, at_zero = self._evaluate(exchange.gather(u))
         self.pairing.gap0 = np.ascontiguousarray(gap - at_zero)
+
+    def _plan(self, nodes, paired):
+        """Who brings the displacement of the source's cells and of the partners (np, m): against obstacles, once."""
+        space, source_nodes = self.space, self.space.nodes[self.source.cells]
+        unique = np.unique(np.concatenate([source_nodes.ravel(), nodes[paired].ravel()]))
+        cells = np.ascontiguousarray(np.searchsorted(unique, source_nodes).astype(np.int64))
+        self._planned = space.exchange(unique), cells, unique
 
     def _begin(self, u, time):
         """Frictionless contact starts every load step afresh."""
@@ -271,15 +277,16 @@ class ContactItem(Standing, Way):
         p, source = self.pairing, self.source
         values = p.exchange.gather(u)
         _, status = self._augmented(values)
-        values = np.abs(values)
-        own, other = np.abs(source.shape), np.abs(p.target_shape)
-        cells = p.cells[source.facet]
-        size = np.einsum("pa,pad->p", own, values[cells]) + np.einsum("pm,pmd->p", other, values[p.targets])
         # open points bear nothing, however far they are
-        size = np.where(status > OPEN, size + np.abs(p.gap0), 0.0) * self.gamma[source.facet] * source.jxw
+        some = np.flatnonzero(status > OPEN)
+        values, facet, targets = np.abs(values), source.facet[some], p.targets[some]
+        own, other = np.abs(source.shape[some]), np.abs(p.target_shape[some])
+        size = np.einsum("pa,pad->p", own, values[p.cells[facet]]) + np.einsum("pm,pmd->p", other, values[targets])
+        size = (size + np.abs(p.gap0[some])) * self.gamma[facet] * source.jxw[some]
+        size = np.repeat(size[:, None], self.space.dim, axis=1)
         local = np.zeros_like(values)
-        np.add.at(local, cells, (size[:, None] * own)[:, :, None])
-        np.add.at(local, p.targets, (size[:, None] * other)[:, :, None])
+        add_at_nodes(own, p.cells, facet, size, local)
+        add_at_nodes(other, targets, np.arange(len(some)), size, local)
         out += self.space.summed(p.exchange, local)
 
     def tangent(self, u):

@@ -15,7 +15,7 @@ A further law is a further form of :func:`bound`, with its derivative; nothing e
 
 import numpy as np
 
-from pcontact.runtime.jit import njit
+from pcontact.runtime.jit import njit_inner
 
 OPEN, STICK, SLIP = 0, 1, 2
 # the law of tied surfaces: a bound that nothing reaches
@@ -44,7 +44,7 @@ def friction_law(contact):
     return None
 
 
-@njit
+@njit_inner
 def bound(law, tau_n):
     """The bound rho of the tangential traction, and its derivative with respect to tau_n."""
     rho = law[0] - law[1] * tau_n
@@ -55,7 +55,7 @@ def bound(law, tau_n):
     return rho, -law[1]
 
 
-@njit
+@njit_inner
 def project(law, bilateral, normal, tau, traction, derivative):
     """Traction that the law makes of an augmented traction, and its generalised derivative.
 

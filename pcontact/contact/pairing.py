@@ -24,6 +24,11 @@ class Pairing:
     target_shape : ndarray (np, m)
     gap0 : ndarray (np,)
         Gap at zero displacement of the frozen linear gap [length].
+    acts : ndarray (np,) of bool
+        Points that add to residual and tangent. Without a partner there is no pressure, and only the adjoint term of
+        theta = 1, -1 asks for the traction.
+    every : ndarray (np,) of bool
+        All of them.
     """
 
     exchange: object
@@ -35,6 +40,8 @@ class Pairing:
     b: np.ndarray
     target_shape: np.ndarray
     gap0: np.ndarray
+    acts: np.ndarray
+    every: np.ndarray
 
     def touched(self, space, facet, points):
         """Owned nodes (n,), global numbers, of the source cells and target facets of some points. *Collective.*

@@ -30,12 +30,12 @@ from pcontact.contact.facet_maps import (
     is_triangle,
     to_bezier,
 )
-from pcontact.runtime.jit import njit_exact
+from pcontact.runtime.jit import njit_inner_exact
 
 GRID = 5
 
 
-@njit_exact
+@njit_inner_exact
 def closest_on_facet(kind, nodes, p, shapes, jet, grid):
     """Reference coordinates (u, v) of the point of a facet that is closest to `p`."""
     if kind == SEGMENT2:
@@ -51,7 +51,7 @@ def closest_on_facet(kind, nodes, p, shapes, jet, grid):
     return _closest_on_curved(kind, nodes, p, shapes, jet, grid)
 
 
-@njit_exact
+@njit_inner_exact
 def _closest_on_line(nodes, a, b, p):
     """Parameter in [-1, 1] and squared distance of the closest point of a straight edge."""
     e0, e1, e2 = nodes[b, 0] - nodes[a, 0], nodes[b, 1] - nodes[a, 1], nodes[b, 2] - nodes[a, 2]
@@ -63,7 +63,7 @@ def _closest_on_line(nodes, a, b, p):
     return 2.0 * t - 1.0, w0 * w0 + w1 * w1 + w2 * w2
 
 
-@njit_exact
+@njit_inner_exact
 def _closest_on_parabola(nodes, a, b, m, p):
     """The same for a quadratic edge with middle node m: global minimum, from all roots of the cubic f'(s)."""
     k0, k1, k2, k3 = 0.0, 0.0, 0.0, 0.0
@@ -91,7 +91,7 @@ def _closest_on_parabola(nodes, a, b, m, p):
     return best, best2
 
 
-@njit_exact
+@njit_inner_exact
 def _parabola_distance2(nodes, a, b, m, p, s):
     total = 0.0
     for k in range(3):
@@ -102,7 +102,7 @@ def _parabola_distance2(nodes, a, b, m, p, s):
     return total
 
 
-@njit_exact
+@njit_inner_exact
 def _cubic_root(k0, k1, k2, k3, left, right):
     """Root of a cubic that is monotone on [left, right], by Newton with bisection; else the right end."""
     f_left = k0 + left * (k1 + left * (k2 + left * k3))
@@ -130,7 +130,7 @@ def _cubic_root(k0, k1, k2, k3, left, right):
     return s
 
 
-@njit_exact
+@njit_inner_exact
 def _edge_point(kind, edge, s):
     """Reference point at parameter s in [-1, 1] of an edge; the ends are exactly the corners."""
     a, b = 0.5 * (1.0 - s), 0.5 * (1.0 + s)
@@ -147,7 +147,7 @@ def _edge_point(kind, edge, s):
     )
 
 
-@njit_exact
+@njit_inner_exact
 def _closest_on_edges(kind, nodes, p):
     """Reference coordinates and squared distance of the closest point of the facet's edges."""
     corners = 3 if is_triangle(kind) else 4
@@ -164,7 +164,7 @@ def _closest_on_edges(kind, nodes, p):
     return u, v, best2
 
 
-@njit_exact
+@njit_inner_exact
 def _closest_on_plane(kind, nodes, p):
     """Foot of the perpendicular on a facet with an affine map, and whether it is inside."""
     c = 2 if kind == TRIANGLE3 else 3
@@ -181,7 +181,7 @@ def _closest_on_plane(kind, nodes, p):
     return 2.0 * u - 1.0, 2.0 * v - 1.0, 0.0 <= u <= 1.0 and 0.0 <= v <= 1.0
 
 
-@njit_exact
+@njit_inner_exact
 def grid_point(kind, i, j):
     """Node (i, j) of the grid of starts; for triangles only those with i + j < GRID."""
     a, b = i / (GRID - 1.0), j / (GRID - 1.0)
@@ -190,13 +190,13 @@ def grid_point(kind, i, j):
     return 2.0 * a - 1.0, 2.0 * b - 1.0
 
 
-@njit_exact
+@njit_inner_exact
 def _is_inner(kind, i, j):
     last = GRID - 2 - i if is_triangle(kind) else GRID - 2
     return 1 <= i <= GRID - 2 and 1 <= j <= last
 
 
-@njit_exact
+@njit_inner_exact
 def is_grid_minimum(kind, grid, i, j):
     """Whether a grid value is not above those beside it: a start for Newton's method.
 
@@ -210,13 +210,13 @@ def is_grid_minimum(kind, grid, i, j):
     return value < np.inf
 
 
-@njit_exact
+@njit_inner_exact
 def _distance2(jet, p):
     r0, r1, r2 = jet[0, 0] - p[0], jet[0, 1] - p[1], jet[0, 2] - p[2]
     return r0 * r0 + r1 * r1 + r2 * r2
 
 
-@njit_exact
+@njit_inner_exact
 def _may_be_inside(kind, nodes, p, scratch):
     """Whether the distance can be stationary inside a facet; `scratch` is (6, 9).
 
@@ -240,7 +240,7 @@ def _may_be_inside(kind, nodes, p, scratch):
     return True
 
 
-@njit_exact
+@njit_inner_exact
 def _closest_on_curved(kind, nodes, p, shapes, jet, grid):
     """Global minimum of the distance over a curved or bilinear facet."""
     best_u, best_v, best2 = _closest_on_edges(kind, nodes, p)
@@ -270,7 +270,7 @@ def _closest_on_curved(kind, nodes, p, shapes, jet, grid):
     return best_u, best_v
 
 
-@njit_exact
+@njit_inner_exact
 def _room(kind, u, v, du, dv):
     """The largest multiple (at most 1) of the step (du, dv) that stays in the reference domain."""
     t = 1.0
@@ -289,7 +289,7 @@ def _room(kind, u, v, du, dv):
     return max(t, 0.0)
 
 
-@njit_exact
+@njit_inner_exact
 def _newton_step(jet, r0, r1, r2):
     """Descent direction for |y - p|^2 / 2: Newton's where the Hessian is positive, else Gauss-Newton's.
 
@@ -315,7 +315,7 @@ def _newton_step(jet, r0, r1, r2):
     return du, dv, g1 * du + g2 * dv, newton
 
 
-@njit_exact
+@njit_inner_exact
 def _steepest(jet, r0, r1, r2):
     """Step against the gradient of |y - p|^2 / 2; its projection onto the reference domain descends too."""
     scale = 0.0
@@ -326,7 +326,7 @@ def _steepest(jet, r0, r1, r2):
     return -g1 / scale, -g2 / scale
 
 
-@njit_exact
+@njit_inner_exact
 def _descend(kind, nodes, p, u, v, shapes, jet):
     """Minimise the distance from (u, v) by Newton's method with backtracking inside the reference domain."""
     for _ in range(100):

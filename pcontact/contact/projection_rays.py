@@ -17,13 +17,13 @@ from pcontact.contact.facet_maps import (
     jet_normal,
 )
 from pcontact.contact.projection_facets import GRID, grid_point, is_grid_minimum
-from pcontact.runtime.jit import njit_exact
+from pcontact.runtime.jit import njit_inner_exact
 
 # reference coordinates: how far outside a ray may still hit, so that none slips between facets
 EDGE_TOLERANCE = 1e-9
 
 
-@njit_exact
+@njit_inner_exact
 def ray_on_facet(kind, nodes, p, n, facing, slack, shapes, jet, grid):
     """The intersection p + g n of a line with a facet that faces it, with the smallest abs(g).
 
@@ -64,7 +64,7 @@ def ray_on_facet(kind, nodes, p, n, facing, slack, shapes, jet, grid):
     return best, best_u, best_v
 
 
-@njit_exact
+@njit_inner_exact
 def _accept(kind, nodes, p, n, u, v, facing, shapes, jet):
     """Check that the reference point is on the facet and that the facet faces the line there."""
     c, d = clamp(kind, u, v)
@@ -80,7 +80,7 @@ def _accept(kind, nodes, p, n, u, v, facing, shapes, jet):
     return g, c, d
 
 
-@njit_exact
+@njit_inner_exact
 def _line_parameters(kind, nodes, p, n):
     """Both parameters where a plane line meets a segment: roots of a quadratic, nan where there is none."""
     x0, x1 = nodes[0, 0] * n[1] - nodes[0, 1] * n[0], nodes[1, 0] * n[1] - nodes[1, 1] * n[0]
@@ -96,7 +96,7 @@ def _line_parameters(kind, nodes, p, n):
     return (c / q if q != 0.0 else (0.0 if c == 0.0 else np.nan)), (q / a if a != 0.0 else np.nan)
 
 
-@njit_exact
+@njit_inner_exact
 def _plane_parameters(kind, nodes, p, n):
     """Reference coordinates where a line meets the plane of an affine facet; nan if parallel."""
     c = 2 if kind == TRIANGLE3 else 3
@@ -113,7 +113,7 @@ def _plane_parameters(kind, nodes, p, n):
     return 2.0 * u - 1.0, 2.0 * v - 1.0
 
 
-@njit_exact
+@njit_inner_exact
 def _off_line(jet, p, n):
     """The part of y - p that is perpendicular to the line."""
     r0, r1, r2 = jet[0, 0] - p[0], jet[0, 1] - p[1], jet[0, 2] - p[2]
@@ -121,7 +121,7 @@ def _off_line(jet, p, n):
     return r0 - g * n[0], r1 - g * n[1], r2 - g * n[2]
 
 
-@njit_exact
+@njit_inner_exact
 def _fill_line_grid(kind, nodes, p, n, shapes, jet, grid):
     for i in range(GRID):
         for j in range(GRID):
@@ -133,7 +133,7 @@ def _fill_line_grid(kind, nodes, p, n, shapes, jet, grid):
                 grid[i, j] = q0 * q0 + q1 * q1 + q2 * q2
 
 
-@njit_exact
+@njit_inner_exact
 def _shoot(kind, nodes, p, n, u, v, slack, shapes, jet):
     """Newton's method with backtracking for the point of the facet that lies on the line; nan if it fails."""
     for _ in range(50):

@@ -45,7 +45,7 @@ from pcontact.contact.projection_table import (
     write_partner,
 )  # fmt: skip
 from pcontact.contact.projection_walk import apart_from, end_of, expand, load_point, pop, push, start_bound, starts_of
-from pcontact.runtime.jit import njit_exact, njit_inline
+from pcontact.runtime.jit import njit_exact, njit_inline, njit_inner_exact
 
 # by how much more than the distance of a known partner points beside its own look, over that and over the facet's size
 NEARLY = 1e-5
@@ -69,9 +69,22 @@ def search_all(rays, tree, x_facets, kinds, ids, own, points, normals, radii, fa
     x, n, p = np.zeros(3), np.zeros(3), np.zeros(3)
     # nodes and facets that hold no partner, but perhaps a neighbour of one: walked only beside a facet that may win
     aside = np.empty(n_nodes + nf, dtype=np.int64)
-    on_it = apart.parts.size > 0
+    starts, box = np.zeros(STARTS, dtype=np.int64), np.zeros((2, 3))
+    _search_points(
+        rays, tree, x_facets, kinds, ids, own, points, normals, radii, facing, partners, apart, cones, keys, items,
+        found, leaves, group, aside, starts, box, nodes, shapes, jet, grid, x, n, p,
+    )  # fmt: skip
+
+
+@njit_inner_exact
+def _search_points(
+    rays, tree, x_facets, kinds, ids, own, points, normals, radii, facing, partners, apart, cones, keys, items,
+    found, leaves, group, aside, starts, box, nodes, shapes, jet, grid, x, n, p,
+):  # fmt: skip
+    """One point after the other, with the scratch arrays of :func:`search_all`."""
+    n_nodes, nf, on_it = tree.child.size, kinds.size, apart.parts.size > 0
     # points that lie together start together below the root, as far down as the partner of the first one allows
-    starts, box, first, end, n_starts, hint = np.zeros(STARTS, dtype=np.int64), np.zeros((2, 3)), 0, 0, 0, np.inf
+    first, end, n_starts, hint = 0, 0, 0, np.inf
     q, again, done = 0, False, False
     while q < points.shape[0] and n_nodes > 0:
         if again:
@@ -193,20 +206,20 @@ def search_all(rays, tree, x_facets, kinds, ids, own, points, normals, radii, fa
         q += 1
 
 
-@njit_exact
+@njit_inner_exact
 def _is_own(apart, q, facet, kind, row, column, factor, shapes):
     """`apart.is_own` with a multiple of three columns of a solved facet as the normal."""
     n0, n1, n2 = factor * row[column], factor * row[column + 1], factor * row[column + 2]
     return is_own(apart, q, facet, kind, row[U], row[V], n0, n1, n2, shapes)
 
 
-@njit_exact
+@njit_inner_exact
 def _asks(row):
     """Whether the contact normal of a solved facet depends on its neighbours: held at an edge, or touching."""
     return not row[INTERIOR] > 0.0 or row[DISTANCE] <= TOUCH * row[SIZE] + row[SLACK]
 
 
-@njit_exact
+@njit_inner_exact
 def _side(row, axes, cosines, item):
     """The multiple of the offset r of a facet held at an edge that is its contact normal, if it has one.
 
@@ -221,7 +234,7 @@ def _side(row, axes, cosines, item):
     return -1.0 / row[DISTANCE] if along > 0.0 else 1.0 / row[DISTANCE]
 
 
-@njit_exact
+@njit_inner_exact
 def _loses(row, side, n, facing):
     """1 if a facet held at an edge has no contact normal that faces the point, else 0."""
     if side == np.inf:
@@ -230,7 +243,7 @@ def _loses(row, side, n, facing):
     return 0.0 if side != 0.0 and cosine >= facing - 1e-9 else 1.0
 
 
-@njit_exact
+@njit_inner_exact
 def _is_own_on(apart, q, facet, kinds, row, side, shapes):
     """1 if a facet belongs to the point's neighbourhood on the side that is known, else 0."""
     if side == np.inf:
@@ -238,7 +251,7 @@ def _is_own_on(apart, q, facet, kinds, row, side, shapes):
     return 1.0 if _is_own(apart, q, facet, kinds[facet], row, R, side, shapes) else 0.0
 
 
-@njit_exact
+@njit_inner_exact
 def _fetch(
     found, row, n_found, count, leaves, aside, n_aside, tree, x_facets, kinds, facing, rounding,
     x, n, p, nodes, shapes, jet, grid,
@@ -287,7 +300,7 @@ def _distance_to_box(lower, upper, row, x, solved):
     return away
 
 
-@njit_exact
+@njit_inner_exact
 def _solve(rays, tree, leaf, x_facets, kinds, x, n, facing, rounding, p, nodes, shapes, jet, grid, row):
     """Fill the row of one facet; distance inf if it is no partner whatever its neighbours are."""
     facet = tree.order[leaf]
@@ -328,7 +341,7 @@ def _solve(rays, tree, leaf, x_facets, kinds, x, n, facing, rounding, p, nodes, 
     row[R], row[R + 1], row[R + 2], row[NY], row[NY + 1], row[NY + 2] = r0, r1, r2, n0, n1, n2
 
 
-@njit_exact
+@njit_inner_exact
 def _corner_angle(kind, u, v, jet):
     """Angle of the facet at a reference point: that of the corner there, pi elsewhere."""
     if is_segment(kind):
@@ -351,7 +364,7 @@ def _corner_angle(kind, u, v, jet):
     return np.pi
 
 
-@njit_exact
+@njit_inner_exact
 def _is_passed_by(found, leaves, slot, count, tree, x_facets, kinds, x, p, nodes, shapes, jet, grid):
     """Whether a projection held at an edge is passed by: a neighbour at that edge has a nearer point.
 

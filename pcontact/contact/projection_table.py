@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from pcontact.runtime.jit import njit_exact
+from pcontact.runtime.jit import njit_inner_exact
 
 TIE = 1e-10  # of the facet size: distances that count as equal
 TOUCH = 1e-9  # of the facet size: offsets that have no direction, and how far over a border a point may hang
@@ -14,7 +14,7 @@ DISTANCE, GAP, U, V, R, NY, N = 0, 1, 2, 3, 4, 7, 10
 INTERIOR, ANGLE, SIZE, SLACK, LOST, COLUMNS = 13, 14, 15, 16, 17, 18
 
 
-@njit_exact
+@njit_inner_exact
 def sort_group(group, count, leaves, order, ids):
     """Sort a group by global number: sums over it and its winner must not depend on the facets' order."""
     for i in range(1, count):
@@ -25,7 +25,7 @@ def sort_group(group, count, leaves, order, ids):
         group[j] = slot
 
 
-@njit_exact
+@njit_inner_exact
 def set_normal(found, group, count, row, strict):
     """Contact normal and gap of one facet of a group, see the head of `projection`; no normal: no partner."""
     touching = row[DISTANCE] <= TOUCH * row[SIZE] + row[SLACK]
@@ -62,7 +62,7 @@ def set_normal(found, group, count, row, strict):
     row[GAP] = row[R] * n0 + row[R + 1] * n1 + row[R + 2] * n2
 
 
-@njit_exact
+@njit_inner_exact
 def write_partner(partners, q, x, row, facet, ids):
     """Copy the winner to the arrays of the result."""
     partners.facet[q], partners.id[q] = facet, ids[facet]

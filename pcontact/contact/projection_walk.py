@@ -3,14 +3,14 @@
 import numpy as np
 
 from pcontact.contact.cones import holds_none, is_behind
-from pcontact.runtime.jit import njit_exact, njit_inline
+from pcontact.runtime.jit import njit_inline, njit_inner_exact
 
 # points that are searched together at most, and how far they are from the first one, over the distance of the second
 TOGETHER, SPREAD = 32, 4.0
 ROUNDING = 1e-15  # of the largest coordinate: what a stored coordinate is worth
 
 
-@njit_exact
+@njit_inner_exact
 def load_point(points, normals, q, x, n):
     """Copy a point and its normal, made a unit vector; return the rounding length, inf if unusable."""
     offset, length2 = 0.0, 0.0
@@ -25,7 +25,7 @@ def load_point(points, normals, q, x, n):
     return ROUNDING * offset
 
 
-@njit_exact
+@njit_inner_exact
 def push(keys, items, count, key, item):
     """Add to the heap; return its size."""
     i = count
@@ -39,7 +39,7 @@ def push(keys, items, count, key, item):
     return count + 1
 
 
-@njit_exact
+@njit_inner_exact
 def pop(keys, items, count):
     """Remove the first of the heap; return its size."""
     count -= 1
@@ -56,7 +56,7 @@ def pop(keys, items, count):
     return count
 
 
-@njit_exact
+@njit_inner_exact
 def expand(rays, tree, node, x, n, facing, rounding, radius, keys, items, count, cones, apart, q, aside, n_aside):
     """Push the children of a node, or the facets of a leaf, that may hold a partner; return the new counts."""
     inner = tree.child[node] >= 0
@@ -89,7 +89,7 @@ def expand(rays, tree, node, x, n, facing, rounding, radius, keys, items, count,
     return count, n_aside
 
 
-@njit_exact
+@njit_inner_exact
 def start_bound(rays, tree, node, x, n, facing, rounding):
     """Lower bound of the distance of any accepted partner in a node of the tree."""
     if rays:
@@ -97,7 +97,7 @@ def start_bound(rays, tree, node, x, n, facing, rounding):
     return bound(tree.lower, tree.upper, node, x, n, facing, rounding)
 
 
-@njit_exact
+@njit_inner_exact
 def starts_of(tree, points, q, end, reach, apart, starts, box):
     """Where the walks of points that lie together start: nodes of the tree within reach of the box around them.
 
@@ -147,7 +147,7 @@ def starts_of(tree, points, q, end, reach, apart, starts, box):
     return count
 
 
-@njit_exact
+@njit_inner_exact
 def end_of(points, q, apart):
     """The first point that does not lie together with point q: on another facet, or some distances further on.
 
@@ -172,7 +172,7 @@ def end_of(points, q, apart):
     return end
 
 
-@njit_exact
+@njit_inner_exact
 def apart_from(points, p, q):
     """Distance of two points."""
     total = 0.0
@@ -198,7 +198,7 @@ def bound(lower, upper, row, x, n, facing, rounding):
     return np.inf if outside else distance * (1.0 - 1e-14)
 
 
-@njit_exact
+@njit_inner_exact
 def ray_bound(lower, upper, row, x, n, rounding):
     """Smallest abs(t) for which x + t n is in a box that is a little enlarged; inf: it misses."""
     diagonal, start, end = 0.0, -np.inf, np.inf

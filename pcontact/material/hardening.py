@@ -13,7 +13,7 @@ The return mapping works with Frobenius norms, and this is the only place where 
 
 import numpy as np
 
-from pcontact.runtime.jit import njit_exact, njit_inline
+from pcontact.runtime.jit import njit_inline, njit_inner_exact
 
 RADIUS = np.sqrt(2.0 / 3.0)
 LENGTH = np.sqrt(1.5)
@@ -65,7 +65,7 @@ def yield_radius(curve, p):
     return RADIUS * (curve[j, 1] + curve[j, 2] * (p - curve[j, 0]))
 
 
-@njit_exact
+@njit_inner_exact
 def flow_length(curve, p, square_a, square_b, stiff_a, stiff_b):
     """Length x of the plastic strain increment that brings a trial state back to the yield surface.
 

@@ -8,7 +8,7 @@ its strain is 0 in plane strain, the hoop strain with axial symmetry, and is not
 
 import numpy as np
 
-from pcontact.runtime.jit import njit_exact, njit_inline
+from pcontact.runtime.jit import njit_inline, njit_inner_exact
 
 HALF = np.sqrt(0.5)
 
@@ -25,7 +25,7 @@ def moduli_of(constants, plane_stress):
     return lam, shear, 2.0 / 3.0 * constants[2]
 
 
-@njit_exact
+@njit_inner_exact
 def elastic_stress(constants, plane_stress, strain, stress):
     """C_e : eps into ``stress`` (m,), to which the excess is to be added."""
     lam, shear, _ = moduli_of(constants, plane_stress)
@@ -39,7 +39,7 @@ def elastic_stress(constants, plane_stress, strain, stress):
         stress[2] = 0.0
 
 
-@njit_exact
+@njit_inner_exact
 def add_elastic_tangent(constants, plane_stress, tangent):
     """Add C_e to ``tangent`` (m, m)."""
     lam, shear, _ = moduli_of(constants, plane_stress)
@@ -52,14 +52,14 @@ def add_elastic_tangent(constants, plane_stress, tangent):
         tangent[i, i] += shear
 
 
-@njit_exact
+@njit_inner_exact
 def to_axes(v):
     """From components (a, b, 0, c) to (11, 22, 33, 12), in place."""
     a, b = v[0], v[1]
     v[0], v[1] = HALF * (a + b), HALF * (a - b)
 
 
-@njit_exact
+@njit_inner_exact
 def add_diagonal(a, b, out):
     """Add to ``out`` (4, 4) what is diag(a, b, 0, b) in the components (a, b, 0, c)."""
     out[0, 0] += 0.5 * (a + b)

@@ -27,7 +27,7 @@ import numpy as np
 
 from pcontact.material.hardening import RADIUS, flow_length, yield_radius
 from pcontact.material.mandel import HALF, add_diagonal, moduli_of, to_axes
-from pcontact.runtime.jit import njit_exact, njit_inline
+from pcontact.runtime.jit import njit_inline, njit_inner_exact
 
 # A state that was brought back to the yield surface is found there again up to this many times the rounding error of
 # the trial stress: it has to count as elastic, whatever the last digits are.
@@ -99,7 +99,7 @@ def flows(constants, curve, plane_stress, strain, plastic_strain, p, work):
     )
 
 
-@njit_exact
+@njit_inner_exact
 def return_map(
     constants, curve, plane_stress, strain, plastic_strain, p, want_tangent, new_plastic_strain, excess, tangent
 ):
@@ -186,7 +186,7 @@ def _elastic_excess(moduli, plane_stress, plastic_strain, excess):
         excess[2] = 0.0
 
 
-@njit_exact
+@njit_inner_exact
 def _tangent(moduli, y, x, radius, slope, tangent):
     """Consistent tangent of the excess, of a point which yields; ``y`` is the trial deviator."""
     _, shear, back = moduli
@@ -205,7 +205,7 @@ def _tangent(moduli, y, x, radius, slope, tangent):
             tangent[i, j] -= across / 3.0
 
 
-@njit_exact
+@njit_inner_exact
 def _length_gradient(moduli, y, x, radius, slope, out):
     """d x / d strain of plane stress into ``out`` (a, b, 0, c), and the sum S by which it was divided.
 
@@ -221,7 +221,7 @@ def _length_gradient(moduli, y, x, radius, slope, out):
     return total
 
 
-@njit_exact
+@njit_inner_exact
 def _plane_tangent(moduli, y, x, radius, slope, tangent):
     """Consistent tangent of the excess in plane stress; ``y`` (4,) holds (a, b, 0, c) of the trial state.
 
@@ -244,7 +244,7 @@ def _plane_tangent(moduli, y, x, radius, slope, tangent):
     add_diagonal(-(mean**2) * x / (3.0 * a), -(shear**2) * x / b, tangent)
 
 
-@njit_exact
+@njit_inner_exact
 def second_derivative(constants, curve, plane_stress, strain, plastic_strain, p, weight, work, out):
     """Second derivative of ``weight . sigma`` with respect to the strain.
 
@@ -278,7 +278,7 @@ def second_derivative(constants, curve, plane_stress, strain, plastic_strain, p,
     return True
 
 
-@njit_exact
+@njit_inner_exact
 def _second(moduli, y, x, radius, slope, weight, v, out):
     """-(2 mu)^3 (R - slope x) / (h q^2) [(Pm w) (x) m + m (x) (Pm w) + (w . m) Pm], Pm = I_dev - m (x) m."""
     _, shear, back = moduli
@@ -304,7 +304,7 @@ def _second(moduli, y, x, radius, slope, weight, v, out):
             out[i, j] -= factor * dot / 3.0
 
 
-@njit_exact
+@njit_inner_exact
 def _plane_second(moduli, y, x, radius, slope, weight, v, out):
     """The same in plane stress, by the chain rule.
 
@@ -344,7 +344,7 @@ def _plane_second(moduli, y, x, radius, slope, weight, v, out):
     add_diagonal(-along * mean**2 / (3.0 * a**2), -along * shear**2 / b**2, out)
 
 
-@njit_exact
+@njit_inner_exact
 def thickness_strain(constants, strain, plastic_strain):
     """Strain 33 (float) in plane stress, from the strain in the plane (4,) and the plastic strain (4,) at its end."""
     lam, shear, _ = moduli_of(constants, False)

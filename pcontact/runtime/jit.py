@@ -3,6 +3,7 @@
 from collections import Counter
 
 import numba
+from numba.core.cpu import CPUTargetOptions
 from numba.core.registry import CPUDispatcher
 
 # calls from Python, by "module.function"; what a kernel calls itself is a part of it
@@ -17,6 +18,10 @@ class _Counted(CPUDispatcher):
         return super().__call__(*arguments, **named)
 
 
+# numba's word for a function that does not count references to the arrays it handles; not all of its versions have it
+UNCOUNTED = {"_nrt": False} if hasattr(CPUTargetOptions, "_nrt") else {}
+
+
 def _compiled(**options):
     def decorate(function):
         kernel = numba.njit(cache=True, error_model="numpy", **options)(function)
@@ -28,10 +33,15 @@ def _compiled(**options):
     return decorate
 
 
+FAST = {"contract", "reassoc", "nsz", "arcp"}
 # error_model="numpy": a division by zero gives inf, not an exception, and the loops vectorise
-njit = _compiled(fastmath={"contract", "reassoc", "nsz", "arcp"})
+njit = _compiled(fastmath=FAST)
 # said explicitly: what is not said is taken over from the kernel that calls first
 njit_exact = _compiled(fastmath=False)
-# For what is called at every point and does little: a call takes longer than a few operations, since numba counts the
-# references of every array handed over. The code becomes part of the caller, and takes its arithmetic.
+# For what kernels call, or all of a kernel but the scratch arrays it makes: may make none itself. To count the
+# references of every array that is handed over, or of which a row is taken, takes longer than a few operations: half of
+# the time of a search.
+njit_inner = _compiled(fastmath=FAST, **UNCOUNTED)
+njit_inner_exact = _compiled(fastmath=False, **UNCOUNTED)
+# For what is called at every point and does little. The code becomes part of the caller, and takes its arithmetic.
 njit_inline = _compiled(inline="always")
