@@ -24,7 +24,7 @@ SIZES = {2: 0.26, 3: 0.35}
 BALANCE = 1e-5
 
 
-def walls(dim, size, friction, press):
+def walls(dim, size, friction, press, radius):
     """The contacts of all bodies with the sides of the box and, if it presses, the plate.
 
     Parameters
@@ -35,6 +35,8 @@ def walls(dim, size, friction, press):
     friction : float
     press : float
         Travel of the plate [length]; 0: there is none.
+    radius : float
+        Search radius: points farther from a wall cost nothing [length].
     """
     found = []
     for axis in range(dim):
@@ -44,7 +46,7 @@ def walls(dim, size, friction, press):
             moves = {"displacement": [0.0] * (dim - 1) + [-press]} if name == "plate" else {}
             if name != "plate" or press:
                 found.append(Contact(
-                    all=True, name=name, friction=friction, interference="adjust",
+                    all=True, name=name, friction=friction, interference="adjust", search_radius=radius,
                     obstacle=Obstacle("plane", point=point.tolist(), normal=normal.tolist(), **moves),
                 ))  # fmt: skip
     return found
@@ -82,7 +84,7 @@ def scene(path, dim, count, friction=0.2, press=0.05, weight=0.0, yield_stress=0
         materials={"body": Material(E_MODULUS, NU, **more)},
         bodies=[Body("heap", "body")],
         contacts=[Contact(all=True, friction=friction, interference="adjust", **said),
-                  *walls(dim, size, friction, press)],
+                  *walls(dim, size, friction, press, said["search_radius"])],
         loads=[load] if weight else [],
         steps=Steps(count=steps),
         output=Output(fields=fields),
