@@ -172,11 +172,15 @@ def test_traction_operator(d):
     normals = rng.normal(size=(2, n_points, d))
     normal_x, normal = normals / np.linalg.norm(normals, axis=2)[:, :, None]
     out = np.empty_like(grad)
-    traction_operator(grad, volumetric, facet, mu, normal_x, normal, out)
+    traction_operator(np.arange(len(out)), grad, volumetric, facet, mu, normal_x, normal, out)
     for p in range(n_points):
         sigma = np.einsum("ijkl,ak,al->ij", elasticity(0.0, mu[facet[p]], d), u, grad[p])
         sigma += np.sum(volumetric[p] * u) * np.eye(d)
         assert np.sum(out[p] * u) == pytest.approx(normal[p] @ sigma @ normal_x[p], rel=1e-12)
+    kept = out.copy()
+    out[[1, 4]] = np.nan
+    traction_operator(np.array([1, 4]), grad, volumetric, facet, mu, normal_x, normal, out)
+    np.testing.assert_array_equal(out, kept)
 
 
 @pytest.mark.parametrize("d", [2, 3])

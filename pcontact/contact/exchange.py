@@ -141,9 +141,15 @@ class _Searched:
             self._cones = normal_cones(self._tree, x, kinds, corners, self._apart)
 
     def project(self, asked, radius):
-        """Answers (n, columns) of this rank for some points, and how many facets were tried.
+        """Answers of this rank for some points, and how many facets were tried.
 
-        Columns: facet id, distance, gap, interior, facet size, y, normal, nodes, shape; no partner: a distance of inf.
+        Returns
+        -------
+        rows : ndarray (n,)
+            The points with a partner here.
+        answers : ndarray (n, columns)
+            Of those: facet id, distance, gap, interior, facet size, y, normal, nodes, shape.
+        candidates : int
         """
         target, (x, kinds, ids) = self._target, self._facets[:3]
         d = x.shape[2]
@@ -152,15 +158,12 @@ class _Searched:
         p = self._search(
             self._tree, x, kinds, ids, points, normals, radius, own=self._own, apart=apart, cones=self._cones
         )
-        found = p.facet >= 0
-        facet = np.where(found, p.facet, 0)
-        weights = nodes = np.zeros((len(points), target.nodes.shape[1]))
-        if len(target.kinds):
-            weights = target.shape(facet, p.xi)
-            nodes = self._numbers[target.nodes[facet]]
-        distance = np.where(found, p.distance, np.inf)
-        out = np.column_stack([p.id, distance, p.gap, p.interior, p.size, p.y, p.normal, nodes, weights])
-        return out.astype(float, copy=False), int(p.candidates.sum())
+        rows = np.flatnonzero(p.facet >= 0)
+        facet = p.facet[rows]
+        weights, nodes = target.shape(facet, p.xi[rows]), self._numbers[target.nodes[facet]]
+        parts = [p.id, p.distance, p.gap, p.interior, p.size, p.y, p.normal]
+        out = np.column_stack([*(part[rows] for part in parts), nodes, weights])
+        return rows, out.astype(float, copy=False), int(p.candidates.sum())
 
 
 def _best(points, answers, n_points):
@@ -170,15 +173,12 @@ def _best(points, answers, n_points):
     the rule of the search within one rank, so that the result does not depend on how facets are spread.
     """
     winner = np.full(n_points, -1, dtype=np.int64)
-    usable = np.flatnonzero(np.isfinite(answers[:, 1]))
-    if not len(usable):
-        return winner
-    if np.max(np.bincount(points, minlength=1)) == 1:
-        winner[points[usable]] = usable
+    if not len(points) or np.max(np.bincount(points)) == 1:
+        winner[points] = np.arange(len(points))
         return winner
     nearest = np.full(n_points, np.inf)
-    np.minimum.at(nearest, points[usable], answers[usable, 1])
-    tied = usable[answers[usable, 1] <= nearest[points[usable]] + 1e-10 * answers[usable, 4]]
+    np.minimum.at(nearest, points, answers[:, 1])
+    tied = np.flatnonzero(answers[:, 1] <= nearest[points] + 1e-10 * answers[:, 4])
     order = tied[np.lexsort((answers[tied, 0], -answers[tied, 3], points[tied]))]
     unique, first = np.unique(points[order], return_index=True)
     winner[unique] = order[first]
@@ -215,27 +215,28 @@ def find_partners(space, target, nodal, points, normals, radius, method, origin=
     searched = _Searched(target, x_facets, method, space.nodes)
     asking = np.column_stack([points, normals] if target.about is None else [points, normals, target.about])
     if comm.size == 1:
-        answers, candidates = searched.project(asking, radius)
-        asked = np.arange(len(points))
+        count = len(points)
+        found, answers, candidates = searched.project(asking, radius)
     else:
         boxes = facet_boxes(x_facets, target.kinds)
-        asked, answers, candidates = _remote(space, searched, boxes, asking, radius, width)
-    profile.count(searches=1, points=len(points), asked=len(asked), candidates=candidates)
-    winner = _best(asked, answers, len(points))
-    first = 5
-    out = np.zeros((len(points), first + 2 * d + 2 * width))
-    out[:, 0] = -1
-    out[winner >= 0] = answers[winner[winner >= 0]]
-    y, normal, nodes, shape = np.split(out[:, first:], [d, 2 * d, 2 * d + width], axis=1)
-    return Found(
-        out[:, 0].astype(np.int64),
-        y.copy(),
-        normal.copy(),
-        out[:, 2].copy(),
-        nodes.astype(np.int64),
-        shape.copy(),
+        found, answers, candidates, count = _remote(space, searched, boxes, asking, radius, width)
+    profile.count(searches=1, points=len(points), asked=count, candidates=candidates)
+    winner = _best(found, answers, len(points))
+    rows = np.flatnonzero(winner >= 0)
+    best, first = answers[winner[rows]], 5
+    out = Found(
+        np.full(len(points), -1, dtype=np.int64),
+        np.zeros((len(points), d)),
+        np.zeros((len(points), d)),
+        np.zeros(len(points)),
+        np.zeros((len(points), width), dtype=np.int64),
+        np.zeros((len(points), width)),
         candidates,
     )
+    out.id[rows], out.gap[rows] = best[:, 0], best[:, 2]
+    parts = np.split(best[:, first:], [d, 2 * d, 2 * d + width], axis=1)
+    out.y[rows], out.normal[rows], out.nodes[rows], out.shape[rows] = parts
+    return out
 
 
 def _remote(space, searched, boxes, asking, radius, width):
@@ -252,25 +253,42 @@ def _remote(space, searched, boxes, asking, radius, width):
         first &= away < np.inf
     farthest = np.full(len(asking), float(radius))
     k, point = np.nonzero(first)
-    asked, answers, candidates = _ask(space, searched, asking, point, ranks[k], farthest, width)
+    found, answers, candidates = _ask(space, searched, asking, point, ranks[k], farthest, width)
     # what is as near, up to rounding, may still win: as an interior projection, or by its smaller number
-    farthest[asked] = np.minimum(farthest[asked], answers[:, 1] * (1.0 + 1e-12) + 1e-9 * answers[:, 4])
-    k, point = np.nonzero(~first & (away <= farthest))
-    more = _ask(space, searched, asking, point, ranks[k], farthest, width)
-    return np.concatenate([asked, more[0]]), np.concatenate([answers, more[1]]), candidates + more[2]
+    farthest[found] = np.minimum(farthest[found], answers[:, 1] * (1.0 + 1e-12) + 1e-9 * answers[:, 4])
+    k, more = np.nonzero(~first & (away <= farthest))
+    others = _ask(space, searched, asking, more, ranks[k], farthest, width)
+    count = len(point) + len(more)
+    return np.concatenate([found, others[0]]), np.concatenate([answers, others[1]]), candidates + others[2], count
 
 
 def _ask(space, searched, asking, point, rank, radius, width):
-    """Send points to ranks, with their search radii (np,), and bring back the answers. *Collective.*"""
+    """Send points to ranks, with their search radii (np,), and bring back the answers. *Collective.*
+
+    Returns
+    -------
+    found : ndarray (n,)
+        Points of this rank with a partner there, one entry for each answer.
+    answers, candidates
+        See :meth:`_Searched.project`.
+    """
     d, n_columns = space.dim, asking.shape[1] + 1
     sends, order = split_by_rank(rank, np.column_stack([asking[point], radius[point]]))
     asked = space.exchanger(sends, np.float64, n_columns)
-    counts = [len(a) for a in asked.values()]
     joined = np.concatenate(list(asked.values())) if asked else np.zeros((0, n_columns))
-    radii = np.ascontiguousarray(joined[:, -1])
-    answers, candidates = searched.project(joined[:, :-1], radii)
-    pieces = np.split(answers, np.cumsum(counts)[:-1]) if asked else []
+    rows, answers, candidates = searched.project(joined[:, :-1], np.ascontiguousarray(joined[:, -1]))
+    # back go the rows, as the one who asked counts them, and the answers
+    ends = np.cumsum([len(a) for a in asked.values()])
+    replies, low = {}, 0
+    for r, end in zip(asked, ends, strict=True):
+        high = low + np.searchsorted(rows[low:], end)
+        own = rows[low:high] - (end - len(asked[r]))
+        replies[r], low = np.column_stack([own, answers[low:high]]), high
     columns = 5 + 2 * d + 2 * width
-    replies = space.exchanger(dict(zip(asked, pieces, strict=True)), np.float64, columns)
-    back = [replies[r] for r in sorted(sends)]
-    return point[order], np.concatenate(back) if back else np.zeros((0, columns)), candidates
+    back, start, parts = space.exchanger(replies, np.float64, columns + 1), 0, []
+    for r in sorted(sends):
+        back[r][:, 0] += start
+        parts.append(back[r])
+        start += len(sends[r])
+    table = np.concatenate([np.zeros((0, columns + 1)), *parts])
+    return point[order][table[:, 0].astype(np.int64)], table[:, 1:], candidates

@@ -165,8 +165,12 @@ class ContactItem(Standing, Way):
         places = np.zeros(nodes.shape, dtype=np.int64)
         if len(unique):
             places = np.minimum(np.searchsorted(unique, nodes), len(unique) - 1)
-        b = np.empty_like(source.grad)
-        traction_operator(source.grad, source.volumetric, source.facet, source.mu, source.normal, normal, b)
+        if self.pairing is None:
+            b, turned = np.empty_like(source.grad), np.arange(len(gap))
+        else:
+            # most normals, those of obstacles and of points without a partner, are as they were
+            b, turned = self.pairing.b, np.flatnonzero((normal != self.pairing.normal).any(axis=1))
+        traction_operator(turned, source.grad, source.volumetric, source.facet, source.mu, source.normal, normal, b)
         shape = np.ascontiguousarray(np.where(paired[:, None], shape, 0.0))
         places = np.ascontiguousarray(np.where(paired[:, None], places, 0).astype(np.int64))
         every = np.ones(len(gap), dtype=bool)
@@ -198,10 +202,10 @@ class ContactItem(Standing, Way):
         """Pattern of the points that are coupled to their partners (and, for theta != 0, of all source cells)."""
         p, source = self.pairing, self.source
         chosen = np.flatnonzero(self._coupled)
-        pairs, first = np.unique(
-            np.column_stack([source.facet[chosen], p.ids[chosen]]), axis=0, return_index=True
-        )
-        facets = pairs[:, 0].astype(np.int64)
+        # one of the points of a source facet that have a target facet in common
+        key = source.facet[chosen] * (np.max(p.ids, initial=0) + 1) + p.ids[chosen]
+        _, first = np.unique(key, return_index=True)
+        facets = source.facet[chosen[first]]
         tables = [np.concatenate([p.cells[facets], p.targets[chosen[first]]], axis=1)]
         if self.theta != 0.0:
             tables.append(p.cells)

@@ -23,11 +23,13 @@ from pcontact.runtime.jit import njit
 
 
 @njit
-def traction_operator(grad, volumetric, facet, mu, normal_x, normal, out):
-    """b (np, nn, d): derivative of the normal component of the elastic boundary traction.
+def traction_operator(points, grad, volumetric, facet, mu, normal_x, normal, out):
+    """b (np, nn, d) of some points: derivative of the normal component of the elastic boundary traction.
 
     Parameters
     ----------
+    points : ndarray (n,)
+        Those whose rows of ``out`` are written.
     grad : ndarray (np, nn, d)
         Shape gradients of the parent cell [1/length].
     volumetric : ndarray (np, nn, d)
@@ -43,7 +45,8 @@ def traction_operator(grad, volumetric, facet, mu, normal_x, normal, out):
         (n_X . n) P_a + mu ((G_a . n_X) n + (G_a . n) n_X) [stress/length].
     """
     d = grad.shape[2]
-    for p in range(grad.shape[0]):
+    for k in range(len(points)):
+        p = points[k]
         shear = mu[facet[p]]
         cosine = 0.0
         for i in range(d):
