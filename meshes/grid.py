@@ -66,6 +66,7 @@ class Grid:
 
     @property
     def dim(self) -> int:
+        """Dimension of the cells."""
         return _DIM[self.cell]
 
 

@@ -50,6 +50,7 @@ class Problem:
 
     @property
     def linear(self):
+        """Whether one linear solve is the answer: no item changes with the displacement."""
         return not any(item.changes for item in self.items)
 
     @property
