@@ -1,5 +1,7 @@
 """Partners looked for again within a load step."""
 
+import time as clock
+
 import numpy as np
 import pytest
 
@@ -173,7 +175,8 @@ def test_a_flip_between_two_sets_ends():
         items = []
 
     class Flipping:
-        runs = 0
+        def __init__(self):
+            self.runs, self.timing = 0, {"search": 0.0}
 
         def solve(self, u):
             return Outcome(True, 4, 4, "", 0.0, 1.0)
@@ -185,3 +188,27 @@ def test_a_flip_between_two_sets_ends():
     newton = Flipping()
     outcome = Renewal(Problem, newton, 6)(Vector(), None, (1.0, 0.0, None))
     assert newton.runs == 6 and outcome.newton == 34 and outcome.converged
+
+
+def test_searches_of_all_kinds_are_one_entry_of_the_timing(path, monkeypatch):
+    """Searches take an hour each: those of the load steps, within Newton's method, and after it."""
+    hours = []
+
+    def spy(simulation):
+        (item,) = simulation.problem.items[1:]
+        detect, now = item.detect, clock.perf_counter
+
+        def late(*arguments):
+            hours.append(3600.0)
+            detect(*arguments)
+
+        monkeypatch.setattr(clock, "perf_counter", lambda: now() + sum(hours))
+        item.detect = late
+        timings.append(simulation.timing)
+
+    timings = []
+    ironed(path, 2, 1, change=spy, every="newton")
+    (timing,) = timings
+    assert len(hours) > 4
+    assert timing["search"] == pytest.approx(sum(hours), abs=600.0)
+    assert timing["solve"] < 600.0 and timing["linear"] < 600.0

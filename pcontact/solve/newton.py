@@ -46,7 +46,7 @@ class Newton(Ways):
         Whether the tangent is symmetric positive definite.
     near_null_space : PETSc.NullSpace
     timing : dict of str to float
-        ``assembly`` and ``linear`` seconds are added.
+        ``assembly`` and ``linear`` seconds are added, and by searches in its iterations ``search``.
     loose : bool
         Whether supports leave a body free: what holds it changes with every iteration, and so must the preconditioner;
         with friction, a load step is first solved roughly as if closed points could not slip.
@@ -300,9 +300,14 @@ class Newton(Ways):
         finally:
             self._near = False
 
+    @property
+    def _apart(self):
+        """Seconds of what SNES calls back, and that are not those of the linear solves."""
+        return self.timing["assembly"] + self.timing["search"]
+
     def _run(self, u, beginning):
         """One SNES solve, from the beginning of the load step or from elsewhere. *Collective.*"""
-        start, before = clock.perf_counter(), self.timing["assembly"]
+        start, before = clock.perf_counter(), self._apart
         self._predicting, self._begins = beginning and self.problem.predicts, beginning
         self._norms, self._solved = [], [0]
         try:
@@ -310,7 +315,7 @@ class Newton(Ways):
         except PETSc.Error as error:
             # solvers inside solvers read their options when they are first used
             raise self._options.fault(error) or error from None
-        self.timing["linear"] += clock.perf_counter() - start - (self.timing["assembly"] - before)
+        self.timing["linear"] += clock.perf_counter() - start - (self._apart - before)
         reason = self.snes.getConvergedReason()
         if len(self._norms) < 2:
             # a linear solve alone (ksponly) asks for no norm
