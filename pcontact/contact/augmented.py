@@ -93,8 +93,8 @@ class Multipliers:
         super()._end(values)
         self._kept = self.multiplier
 
-    def _evaluate(self, values):
-        traction, gap = super()._evaluate(values)
+    def _evaluate(self, values, wanted=None):
+        traction, gap = super()._evaluate(values, wanted)
         return traction + np.einsum("pd,pd->p", self.multiplier, self.pairing.normal), gap
 
     def memory(self):

@@ -107,14 +107,30 @@ class FrictionalItem(ContactItem):
 
     def _traction(self, values, wanted):
         """Boundary traction (np, d) of the points that are wanted (np,)."""
+        traction = self._elastic(values, wanted)
+        if self.plastic is not None:
+            traction += self.plastic.traction(values, self.pairing.cells)
+        return traction
+
+    def _elastic(self, values, wanted):
         p, source, traction = self.pairing, self.source, np.empty_like(self.source.x)
         friction.tractions(
-            values, p.cells, source.facet, source.grad, source.volumetric, source.mu, source.normal, wanted,
-            traction,
-        )  # fmt: skip
-        if self.plastic is not None:
-            traction += self.plastic.traction(values, p.cells)
+            values, p.cells, source.facet, source.grad, source.volumetric, source.mu, source.normal, wanted, traction
+        )
         return traction
+
+    def _operator(self, normal):
+        return np.empty((len(normal), 0, normal.shape[1]))
+
+    def _evaluate(self, values, wanted=None):
+        p = self.pairing
+        wanted = p.every if wanted is None else wanted
+        return np.einsum("pd,pd->p", self._elastic(values, wanted), p.normal), self._gap(values, wanted)
+
+    def _gap(self, values, wanted=None):
+        p = self.pairing
+        jump = self._jump(values, p.every if wanted is None else wanted)
+        return p.gap0 - np.einsum("pd,pd->p", jump, p.normal)
 
     def _add_residual(self, values, local):
         p, source = self.pairing, self.source

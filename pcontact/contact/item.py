@@ -158,19 +158,13 @@ class ContactItem(Standing, Way):
         return gap + self.offset
 
     def _freeze(self, u, gap, normal, paired, ids, nodes, shape):
-        source = self.source
         if not self.rigid or self.pairing is None:
             self._plan(nodes, paired)
         exchange, cells, unique = self._planned
         places = np.zeros(nodes.shape, dtype=np.int64)
         if len(unique):
             places = np.minimum(np.searchsorted(unique, nodes), len(unique) - 1)
-        if self.pairing is None:
-            b, turned = np.empty_like(source.grad), np.arange(len(gap))
-        else:
-            # most normals, those of obstacles and of points without a partner, are as they were
-            b, turned = self.pairing.b, np.flatnonzero((normal != self.pairing.normal).any(axis=1))
-        traction_operator(turned, source.grad, source.volumetric, source.facet, source.mu, source.normal, normal, b)
+        b = self._operator(normal)
         shape = np.ascontiguousarray(np.where(paired[:, None], shape, 0.0))
         places = np.ascontiguousarray(np.where(paired[:, None], places, 0).astype(np.int64))
         every = np.ones(len(gap), dtype=bool)
@@ -179,8 +173,17 @@ class ContactItem(Standing, Way):
             paired.copy() if self.theta == 0.0 else every, every,
         )  # fmt: skip
         # the gap is linear in u from here on and takes the value found where partners were looked for
-        _, at_zero = self._evaluate(exchange.gather(u))
-        self.pairing.gap0 = np.ascontiguousarray(gap - at_zero)
+        self.pairing.gap0 = np.ascontiguousarray(gap - self._gap(exchange.gather(u)))
+
+    def _operator(self, normal):
+        """Operator of the normal traction (np, nn, d); most normals are as they were: of obstacles, without partner."""
+        source, last = self.source, self.pairing
+        if last is None:
+            b, turned = np.empty_like(source.grad), np.arange(len(normal))
+        else:
+            b, turned = last.b, np.flatnonzero((normal != last.normal).any(axis=1))
+        traction_operator(turned, source.grad, source.volumetric, source.facet, source.mu, source.normal, normal, b)
+        return b
 
     def _plan(self, nodes, paired):
         """Who brings the displacement of the source's cells and of the partners (np, m): against obstacles, once."""
@@ -221,7 +224,8 @@ class ContactItem(Standing, Way):
 
     # -- residual and tangent -------------------------------------------------------------------------------------
 
-    def _evaluate(self, values):
+    def _evaluate(self, values, wanted=None):
+        """Normal traction of the elastic stress and gap (np,), at least of the points that are wanted (np,)."""
         p, source = self.pairing, self.source
         traction, gap = np.empty(len(source.facet)), np.empty(len(source.facet))
         evaluate(
@@ -229,9 +233,13 @@ class ContactItem(Standing, Way):
         )
         return traction, gap
 
-    def _contact(self, values):
-        """Normal traction and gap (np,) at displacements (n, d)."""
-        traction, gap = self._evaluate(values)
+    def _gap(self, values):
+        """Gap (np,) at displacements (n, d)."""
+        return self._evaluate(values)[1]
+
+    def _contact(self, values, wanted=None):
+        """Normal traction and gap (np,) at displacements (n, d), see :meth:`_evaluate`."""
+        traction, gap = self._evaluate(values, wanted)
         if self.plastic is not None:
             p = self.pairing
             traction += np.einsum("pd,pd->p", self.plastic.traction(values, p.cells), p.normal)

@@ -20,7 +20,7 @@ class Pairing:
         Target facets, for the pattern.
     normal : ndarray (np, d)
     b : ndarray (np, nn, d)
-        Traction operator.
+        Operator of the normal traction; with friction, where all of the traction counts, of width 0.
     target_shape : ndarray (np, m)
     gap0 : ndarray (np,)
         Gap at zero displacement of the frozen linear gap [length].

@@ -30,8 +30,8 @@ class Way:
         if not self.floats:
             return None
         p, source, comm = self.pairing, self.source, self.space.comm
-        traction, gap = self._contact(p.exchange.gather(u))
-        _, moved = self._evaluate(p.exchange.gather(y))
+        traction, gap = self._contact(p.exchange.gather(u), p.acts)
+        moved = self._gap(p.exchange.gather(y))
         approach = moved - p.gap0
         part = self.radius / max(float(np.max(np.abs(approach), initial=0.0)), 1e-300)
         closed = p.paired & (traction + self.gamma[source.facet] * gap <= 0.0)
@@ -52,8 +52,7 @@ class Way:
     def motion(self, u, before):
         """Largest motion of a source point along its normal between two displacements [length]. *Collective.*"""
         p = self.pairing
-        _, now = self._evaluate(p.exchange.gather(u))
-        _, then = self._evaluate(p.exchange.gather(before))
+        now, then = self._gap(p.exchange.gather(u)), self._gap(p.exchange.gather(before))
         return self.space.comm.allreduce(float(np.max(np.abs(now - then), initial=0.0)), op=MPI.MAX)
 
     def strayed(self, u, since):
