@@ -17,6 +17,8 @@ _EDGES = np.array([[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]])
 _EIGHT = np.array(
     [[0, 4, 5, 6], [4, 1, 7, 8], [5, 7, 2, 9], [6, 8, 9, 3], [4, 5, 6, 8], [4, 7, 5, 8], [5, 6, 8, 9], [5, 8, 7, 9]]
 )
+# even orders of the vertices; the diagonal named above is then that of the edges 0-2 and 1-3, 0-1 and 2-3, 0-3 and 1-2
+_TURNS = np.array([[0, 1, 2, 3], [0, 3, 1, 2], [0, 2, 3, 1]])
 # of a triangle with vertices 0-2 and middles of the edges 0-1, 1-2, 2-0
 _FOUR = np.array([[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]])
 
@@ -37,6 +39,17 @@ class _Middles:
         return self.count + np.searchsorted(self.keys, self._keys(pairs.reshape(-1, 2))).reshape(pairs.shape[:-1])
 
 
+def _turned(points: np.ndarray, cells: np.ndarray) -> np.ndarray:
+    """Cells with their vertices in such an order that the shortest diagonal of the octahedron is the one to cut along.
+
+    Cut along any other one, the four parts of the octahedron are flatter than the cell.
+    """
+    orders = cells[:, _TURNS]
+    x = points[orders]
+    diagonals = np.linalg.norm(x[:, :, 0] + x[:, :, 2] - x[:, :, 1] - x[:, :, 3], axis=2)
+    return orders[np.arange(len(cells)), diagonals.argmin(axis=1)]
+
+
 def halve(points: np.ndarray, cells: np.ndarray, facets: np.ndarray, edges: np.ndarray) -> tuple[np.ndarray, ...]:
     """Halve all edges of a mesh: eight cells, four facets, two edges out of each.
 
@@ -50,8 +63,10 @@ def halve(points: np.ndarray, cells: np.ndarray, facets: np.ndarray, edges: np.n
     Returns
     -------
     points, cells, facets, edges :
-        Old nodes keep their numbers. The parts of cell k are cells 8 k to 8 k + 7, and so on.
+        Old nodes keep their numbers. The parts of cell k are cells 8 k to 8 k + 7, and so on. The octahedron between
+        the corners of a cell is cut along its shortest diagonal.
     """
+    cells = _turned(points, cells)
     middle = _Middles(cells, len(points))
     wide = np.hstack([cells, middle(cells[:, _EDGES])])
     flat = np.hstack([facets, middle(facets[:, [[0, 1], [1, 2], [2, 0]]])])

@@ -8,6 +8,7 @@ import pytest
 
 import meshes
 from meshes.__main__ import main
+from meshes.halve import halve
 from meshes.spring import Helix
 from pcontact.element.quadrature import quadrature
 from pcontact.element.reference import facet_nodes
@@ -595,8 +596,29 @@ def test_wrong_dimensions(tmp_path, name, arguments):
     assert not (tmp_path / "w.msh").exists()
 
 
+def test_halves_are_cut_along_the_shortest_diagonal():
+    """The four parts that are not corners share the shortest of three diagonals; no volume is lost or turned over."""
+    points = np.random.default_rng(5).uniform(size=(200, 3))
+    cells = np.arange(200).reshape(50, 4)
+    low = np.linalg.det(points[cells][:, 1:] - points[cells][:, :1]) < 0.0
+    cells[low] = cells[low][:, [1, 0, 2, 3]]
+    none = np.zeros((0, 3), dtype=int), np.zeros((0, 2), dtype=int)
+    x, parts, _, _ = halve(points, cells, *none)
+    corners = points[cells]
+    volume, whole = (np.linalg.det(x[:, 1:] - x[:, :1]) for x in (x[parts], corners))
+    assert volume.min() > 0.0
+    np.testing.assert_allclose(volume, np.repeat(whole / 8.0, 8), rtol=1e-9)
+    for k in range(50):
+        ends = set.intersection(*(set(part) for part in parts[8 * k + 4 : 8 * k + 8].tolist()))
+        a, b = x[sorted(ends)]
+        pairs = [(0, 1, 2, 3), (0, 2, 1, 3), (0, 3, 1, 2)]
+        ways = [corners[k][list(pair)] for pair in pairs]
+        lengths = [np.linalg.norm(way[:2].mean(axis=0) - way[2:].mean(axis=0)) for way in ways]
+        assert np.linalg.norm(a - b) == pytest.approx(min(lengths))
+
+
 def test_a_ball_with_halved_edges(tmp_path):
-    """As many cells as asked for, none turned over, new nodes of the skin on the ball, all groups filled."""
+    """As many cells as asked for, none turned over or flat, new nodes of the skin on the ball, all groups filled."""
     raw = read_mesh(meshes.ball_on_block(tmp_path / "h.msh", unknowns=40_000, halvings=1))
     assert 3 * len(raw.points) == pytest.approx(40_000, rel=0.2)
     x = raw.points[raw.blocks[0].nodes]

@@ -5,8 +5,9 @@ import numpy as np
 from pcontact.contact import friction
 from pcontact.contact.averages import patch_means
 from pcontact.contact.item import ContactItem
-from pcontact.contact.laws import OPEN, STICK
+from pcontact.contact.laws import OPEN, SLIP, STICK
 from pcontact.runtime.parallel import matching
+from pcontact.runtime.petsc import MPI
 
 # a law whose bound nothing reaches
 HELD = np.array([0.0, 1e8, np.inf])
@@ -85,6 +86,26 @@ class FrictionalItem(ContactItem):
     def hold(self, held):
         """Let closed points stick whatever the law says, or give them back to it."""
         self._law = HELD if held else self.law
+
+    def defer(self, before, u):
+        """See :meth:`ContactItem.defer`. Where most of the contact sticks, all of it does for that iteration: at points
+        that have overlapped the bound of the traction means nothing, and Newton's method has to take back, with steps
+        cut short, what slips too early; from what sticks too long it goes straight on.
+        """
+        if not super().defer(before, u):
+            return False
+        self._followed = self._law
+        status, comm = self._status, self.space.comm
+        stick, slip = comm.allreduce(np.array([self.source.jxw[status == s].sum() for s in (STICK, SLIP)]), op=MPI.SUM)
+        if stick > slip:
+            self._law = HELD
+        return True
+
+    def admit(self):
+        """See :meth:`ContactItem.admit`."""
+        if self._admitted is not None:
+            self._law = self._followed
+        super().admit()
 
     def _couples(self, closed):
         # a bound that does not follow the pressure acts wherever there is a partner

@@ -188,6 +188,15 @@ class UnbiasedItem:
         """Area that supports alone open or close, the mean of both sides. *Collective.*"""
         return sum(half.misled(before, u) for half in self.halves)
 
+    def defer(self, before, u):
+        """See :meth:`ContactItem.defer`. *Collective.*"""
+        return any([half.defer(before, u) for half in self.halves])
+
+    def admit(self):
+        """See :meth:`ContactItem.admit`."""
+        for half in self.halves:
+            half.admit()
+
     def glue(self, glued):
         """Keep points closed or open as they were at the end of the last load step; or let them go."""
         for half in self.halves:

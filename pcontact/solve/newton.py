@@ -79,7 +79,7 @@ class Newton(Ways):
         self.applied, self.kept_out = options.propose(defaults)
         self._rescue = Rescue(options, problem.space, "pc_type" in self.kept_out or lags)
         self.snes = PETSc.SNES().create(comm=problem.space.comm)
-        self._f, self._trial, self._full, self._partly = (problem.space.vector() for _ in range(4))
+        self._f, self._trial, self._full, self._partly, self._before = (problem.space.vector() for _ in range(5))
         # the residual at the end of a full step, when that has been tried and will be asked for again
         self._known, self._stretches = None, chosen and not problem.linear
         self.snes.setFunction(self._residual, self._f)
@@ -104,7 +104,7 @@ class Newton(Ways):
         self._ways = [self._law, self._glued_first] if plastic else [self._law]
         self._ways += [self._shortest] if chosen and (self._holds or plastic) else []
         self._ways += [self._stick_first] if self._holds else []
-        self.norms, self._norms, self._solved = [], [], []
+        self.norms, self._norms, self._solved, self._was_full = [], [], [], False
 
     def _solver(self, symmetric, modes):
         return {
@@ -126,14 +126,18 @@ class Newton(Ways):
         self.timing["assembly"] += clock.perf_counter() - start
 
     def _update(self, snes, iteration):
-        """Before an iteration: where partners have been looked for again, the residual is that among the new ones."""
+        """Before an iteration: where partners have been looked for again, the residual is that among the new ones, and
+        where too many points have closed in a full step, that without some of them."""
+        x, full = snes.getSolution(), self._was_full
+        self._was_full = False
         # a rough solution under another law than the scene's is no place to look from
-        if iteration == 0 or self._follow is None or self._goal:
-            return
-        x = snes.getSolution()
-        if self._follow(x):
-            self._known = None
+        if iteration > 0 and self._follow is not None and not self._goal and self._follow(x):
+            self._known, full = None, False
             self.problem.residual(x, self._f)
+        start = clock.perf_counter()
+        if full and self.problem.defer(self._before, x):
+            self.problem.residual(x, self._f)
+        self.timing["assembly"] += clock.perf_counter() - start
 
     def _tangent(self, snes, x, matrix, preconditioner):
         start = clock.perf_counter()
@@ -156,6 +160,7 @@ class Newton(Ways):
 
     def _limit(self, x, y):
         """Prescribed components stay where they are, whatever an inexact linear solve says; loose bodies stay near."""
+        self.problem.admit()
         array = y.getArray().reshape(self.problem.fixed.shape)
         array[self.problem.fixed] = 0.0
         y.assemble()
@@ -165,6 +170,7 @@ class Newton(Ways):
         if self._stretches:
             start = clock.perf_counter()
             self._stretch(x, y, 1.0 if part != 1.0 else FARTHEST)
+            self._was_full = self._was_full and part == 1.0
             self.timing["assembly"] += clock.perf_counter() - start
 
     def _stretch(self, x, y, farthest):
@@ -179,7 +185,9 @@ class Newton(Ways):
             return f.dot(y)
 
         part = zero_of(component, self._f.dot(y), APPROACH if self._begins else 1.0, farthest)
-        self._begins = False
+        # a step that has been cut says nothing of where it would have ended
+        self._begins, self._was_full = False, part >= 1.0
+        x.copy(self._before)
         if part != 1.0:
             y.scale(part)
             return
@@ -309,12 +317,15 @@ class Newton(Ways):
         """One SNES solve, from the beginning of the load step or from elsewhere. *Collective.*"""
         start, before = clock.perf_counter(), self._apart
         self._predicting, self._begins = beginning and self.problem.predicts, beginning
-        self._norms, self._solved = [], [0]
+        self._norms, self._solved, self._was_full = [], [0], False
         try:
             self.snes.solve(None, u)
         except PETSc.Error as error:
             # solvers inside solvers read their options when they are first used
             raise self._options.fault(error) or error from None
+        finally:
+            # a linear solve that fails ends an iteration early
+            self.problem.admit()
         self.timing["linear"] += clock.perf_counter() - start - (self._apart - before)
         reason = self.snes.getConvergedReason()
         if len(self._norms) < 2:

@@ -161,6 +161,18 @@ class Problem:
             for item in glued:
                 item.glue(False)
 
+    def defer(self, before, u):
+        """Whether pairs keep points open, until :meth:`admit`, that a Newton step from ``before`` to ``u`` has closed.
+        *Collective.* See :meth:`pcontact.contact.standing.Standing.defer`: it is about elastic bodies.
+        """
+        # all pairs are to be asked
+        return not (self._is_glued or self.yields) and any([item.defer(before, u) for item in self.items[1:]])
+
+    def admit(self):
+        """Leave all points to their laws again."""
+        for item in self.items[1:]:
+            item.admit()
+
     def sticks(self):
         """Whether more of the area closed at the end of the last load step stuck than slipped. *Collective.*"""
         areas = sum((item.committed_areas() for item in self.items[1:] if can_slip(item)), np.zeros(3))

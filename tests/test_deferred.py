@@ -1,0 +1,151 @@
+"""Points that close in a Newton step and are kept open in the next one."""
+
+import numpy as np
+import pytest
+from small import blocks_file, make_space, vector_of
+
+from drivers._press import make_scene
+from meshes import ball_on_block
+from pcontact.contact.frictional import FrictionalItem
+from pcontact.contact.item import ContactItem
+from pcontact.contact.laws import SLIP, STICK, friction_law
+from pcontact.contact.standing import RIGHT, Standing
+from pcontact.contact.surface import source_surface, target_surface
+from pcontact.material.elastic import lame
+from pcontact.runtime.petsc import MPI
+from pcontact.scene.model import Contact
+from pcontact.simulation import Simulation
+
+COMM = MPI.COMM_WORLD
+GAP, EDGE, DEPTH = 0.2, 0.25, 0.5
+CONSTANTS = [lame(1000.0, 0.3)] * 2
+pytestmark = pytest.mark.parallel
+
+
+@pytest.fixture
+def space(shared_tmp):
+    """Two blocks, one above the other."""
+    path = shared_tmp / "blocks.msh"
+    if COMM.rank == 0:
+        blocks_file(path, "quadrilateral", [30, 1], [40, 1], gap=GAP)
+    COMM.Barrier()
+    return make_space(COMM, path, ["lower", "upper"])
+
+
+def item_of(space, **law):
+    """The pair, its partners found where nothing is displaced."""
+    contact = Contact("upper_bottom", "lower_top", theta=0.0, search="closest_point", **law)
+    source = source_surface(space, contact.source, CONSTANTS, contact.quadrature)
+    target = target_surface(space, contact.target)
+    if contact.friction:
+        item = FrictionalItem(space, contact, source, target, 1.0, friction_law(contact))
+    else:
+        item = ContactItem(space, contact, source, target, 1.0)
+    item.detect(space.vector(), 1.0)
+    return item
+
+
+def with_gap(space, slope, start):
+    """Displacement with a gap of start + slope x: shear without normal stress."""
+    u = np.zeros((space.n_owned, space.dim))
+    x = space.points[space.owned_local, 0]
+    u[:, 1] = np.where(space.component[space.owned_local] == 1, start + slope * x - GAP, 0.0)
+    return vector_of(space, u)
+
+
+def total(values):
+    """Sum over the ranks."""
+    return COMM.allreduce(float(np.sum(values)))
+
+
+def test_what_closes_last_is_deferred(space):
+    """Closed up to an edge, then everywhere, equally deep: the last third of what closes is farthest from the edge."""
+    item = item_of(space)
+    first, last = with_gap(space, 1.0, -EDGE), with_gap(space, 0.0, -DEPTH)
+    all_paired = item.pairing.paired.copy()
+    assert np.all(all_paired)
+    out = np.zeros((space.n_owned, space.dim))
+    item.residual(last, out)
+    force = total(np.abs(out[:, 1]))
+    assert item.defer(first, last)
+    deferred, x = ~item.pairing.paired, item.source.x[:, 0]
+    edge = EDGE + RIGHT * (1.0 - EDGE)
+    assert np.all(deferred[x > edge + 0.02]) and not np.any(deferred[x < edge - 0.02])
+    rest = np.zeros_like(out)
+    item.residual(last, rest)
+    # the pressure is the same everywhere
+    assert total(np.abs(rest[:, 1])) == pytest.approx(edge * force, rel=0.02)
+    item.admit()
+    np.testing.assert_array_equal(item.pairing.paired, all_paired)
+    again = np.zeros_like(out)
+    item.residual(last, again)
+    np.testing.assert_array_equal(again, out)
+
+
+def test_nothing_is_deferred_without_an_edge(space):
+    """Nothing closed before, as much opens as closes, a few points close, no separation."""
+    item, everywhere, edge = item_of(space), with_gap(space, 0.0, -DEPTH), with_gap(space, 1.0, -EDGE)
+    cases = {
+        "first contact": (with_gap(space, 1.0, 0.1), everywhere),
+        "rocking": (with_gap(space, 1.0, -0.5), with_gap(space, -1.0, 0.5)),
+        "opening": (everywhere, edge),
+        "nothing": (edge, edge),
+        "a little": (edge, with_gap(space, 1.0, -EDGE - 0.01)),
+    }
+    for name, (first, last) in cases.items():
+        assert not item.defer(first, last), name
+        assert np.all(item.pairing.paired), name
+    item.admit()
+    assert np.all(item.pairing.paired)
+    assert not item_of(space, bilateral=True).defer(edge, everywhere)
+
+
+@pytest.mark.parametrize(("friction", "status"), [(10.0, STICK), (1e-6, SLIP)])
+def test_all_sticks_meanwhile_where_most_does(space, friction, status):
+    item = item_of(space, friction=friction)
+    law, first, last = item._law, with_gap(space, 1.0, -EDGE), with_gap(space, 0.1, -0.3)
+    item.tangent(first)
+    assert item.defer(first, last)
+    item.tangent(last)
+    assert set(item._status[item.pairing.paired]) <= {status}
+    item.admit()
+    assert item._law is law and np.all(item.pairing.paired)
+
+
+def test_sooner_at_the_same_force(shared_tmp, monkeypatch):
+    """A ball on a block: the area in contact is found at once, and not halved towards."""
+    path, found = shared_tmp / "ball.msh", {}
+    if COMM.rank == 0:
+        ball_on_block(path, unknowns=100_000, halvings=1)
+    COMM.Barrier()
+    scene = make_scene(path, "elastic")
+    for name in ("deferred", "not"):
+        if name == "not":
+            monkeypatch.setattr(Standing, "defer", lambda *_: False)
+        simulation, records = Simulation(scene), []
+        assert simulation.run(None, [Keep(records)])
+        simulation.close()
+        found[name] = *records[-1], simulation.newton.norms
+    (count, force, norms), (most, expected, others) = found["deferred"], found["not"]
+    assert count < most
+    # the first iteration brings the ball half way, the second closes too much, the third begins with less of it
+    np.testing.assert_allclose(norms[:3], others[:3], rtol=1e-6)
+    assert norms[3] < 0.5 * others[3]
+    np.testing.assert_allclose(force, expected, rtol=1e-6, atol=1e-8)
+
+
+class Keep:
+    """Observer: Newton iterations and the force of a step."""
+
+    def __init__(self, rows):
+        self.rows = rows
+
+    def step(self, step, u, record):
+        """Keep them."""
+        self.rows.append((step.newton, record["contacts"]["ball-block"]["force"]))
+
+    def cut(self, target, outcome):
+        """No attempt fails here."""
+
+    def end(self, converged):
+        """Nothing is left to do."""
