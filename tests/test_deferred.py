@@ -37,7 +37,7 @@ def item_of(space, **law):
     contact = Contact("upper_bottom", "lower_top", theta=0.0, search="closest_point", **law)
     source = source_surface(space, contact.source, CONSTANTS, contact.quadrature)
     target = target_surface(space, contact.target)
-    if contact.friction:
+    if friction_law(contact) is not None:
         item = FrictionalItem(space, contact, source, target, 1.0, friction_law(contact))
     else:
         item = ContactItem(space, contact, source, target, 1.0)
@@ -98,6 +98,7 @@ def test_nothing_is_deferred_without_an_edge(space):
     item.admit()
     assert np.all(item.pairing.paired)
     assert not item_of(space, bilateral=True).defer(edge, everywhere)
+    assert not item_of(space, tresca=1.0).defer(edge, everywhere)
 
 
 @pytest.mark.parametrize(("friction", "status"), [(10.0, STICK), (1e-6, SLIP)])

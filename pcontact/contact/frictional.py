@@ -90,9 +90,10 @@ class FrictionalItem(ContactItem):
     def defer(self, before, u):
         """See :meth:`ContactItem.defer`. Where most of the contact sticks, all of it does for that iteration: at points
         that have overlapped the bound of the traction means nothing, and Newton's method has to take back, with steps
-        cut short, what slips too early; from what sticks too long it goes straight on.
+        cut short, what slips too early; from what sticks too long it goes straight on. A bound that does not follow the
+        pressure acts at open points, too: there the edge of the contact is another one.
         """
-        if not super().defer(before, u):
+        if self.law[1] == 0.0 or not super().defer(before, u):
             return False
         self._followed = self._law
         status, comm = self._status, self.space.comm
