@@ -618,7 +618,7 @@ def test_halves_are_cut_along_the_shortest_diagonal():
 
 
 def test_a_ball_with_halved_edges(tmp_path):
-    """As many cells as asked for, none turned over or flat, new nodes of the skin on the ball, all groups filled."""
+    """As many cells as asked for, none turned over, new nodes of the skin on the ball, all groups filled."""
     raw = read_mesh(meshes.ball_on_block(tmp_path / "h.msh", unknowns=40_000, halvings=1))
     assert 3 * len(raw.points) == pytest.approx(40_000, rel=0.2)
     x = raw.points[raw.blocks[0].nodes]
