@@ -13,7 +13,7 @@ from pcontact.io.refine import refine_run
 from pcontact.io.show import show
 from pcontact.mesh.store import convert, mesh_sizes
 from pcontact.runtime import log
-from pcontact.runtime.errors import InputError
+from pcontact.runtime.errors import TOLD, InputError
 from pcontact.runtime.parallel import on_root
 from pcontact.runtime.petsc import MPI
 from pcontact.scene import read_scene
@@ -75,7 +75,8 @@ Options of view:
   -smooth true|false                               fields of cells averaged at the nodes (default), or as they are
   -size 1600x1000                                  width and height in pixels
   -o FILE                                          .png, .jpg, .svg, .pdf, ... (default: DIR/NAME.png)
-Exit status: 0 all steps converged, 1 a step did not converge, 2 the input is wrong.
+Exit status: 0 all steps converged, 1 a step did not converge, 2 the input is wrong, 3 output cannot be written or
+another run writes there.
 """
 OURS = ("o", "help", "h", "field", "step", "scale")
 COMMANDS = ("run", "check", "convert", "refine", "view")
@@ -273,7 +274,9 @@ def _execute(command, operand, options):
 
 
 def guarded(function, *args):
-    """Run a program: input errors end with one line and status 2 on every rank, anything else stops every rank.
+    """Run a program: what the user is told of ends with one line and the same status on every rank.
+
+    That is 2 for wrong input, 3 for output that cannot be written. Anything else stops every rank.
 
     Parameters
     ----------
@@ -288,9 +291,9 @@ def guarded(function, *args):
     log.setup(comm.rank)
     try:
         return function(*args)
-    except InputError as error:
+    except TOLD as error:
         log.error_line(error)
-        return 2
+        return error.status
     except SystemExit:
         raise
     except BaseException:

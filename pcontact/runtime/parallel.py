@@ -3,59 +3,74 @@
 import numpy as np
 
 from pcontact.runtime import profile
-from pcontact.runtime.errors import InputError
+from pcontact.runtime.errors import TOLD, InputError
 from pcontact.runtime.petsc import MPI, PETSc
 
 
 def on_root(comm, function, *args):
-    """Call a function on rank 0 only; an input error there is raised on every rank. *Collective.*
+    """Call a function on rank 0 only; an error there that the user is told of is raised on every rank. *Collective.*
 
     Returns
     -------
     object
         What the function returned on rank 0, None elsewhere.
+
+    Raises
+    ------
+    InputError, OutputError
     """
-    result, message = None, None
+    result, error = None, None
     if comm.rank == 0:
-        try:
-            result = function(*args)
-        except InputError as error:
-            message = str(error)
-    message = comm.bcast(message, root=0)
-    if message is not None:
-        raise InputError(message)
+        result, error = _caught(function, args)
+    error = comm.bcast(error, root=0)
+    if error is not None:
+        raise error
     return result
 
 
 def together(comm, function, *args):
-    """Call a function on every rank; an input error of any rank is raised on all. *Collective.*
+    """Call a function on every rank; an error of any rank that the user is told of is raised on all. *Collective.*
 
     Returns
     -------
     object
         What the function returned on this rank.
+
+    Raises
+    ------
+    InputError, OutputError
     """
-    result, message = None, None
-    try:
-        result = function(*args)
-    except InputError as error:
-        message = str(error)
-    agree(comm, message)
+    result, error = _caught(function, args)
+    agree(comm, error)
     return result
 
 
-def agree(comm, message):
-    """Raise an :class:`InputError` on every rank when any rank has one. *Collective.*
+def _caught(function, args):
+    """Result of a function, or the error that the user is told of."""
+    try:
+        return function(*args), None
+    except TOLD as error:
+        # what it was raised from stays on this rank
+        return None, type(error)(str(error))
+
+
+def agree(comm, error):
+    """Raise an error on every rank when any rank has one. *Collective.*
 
     Parameters
     ----------
     comm : MPI.Comm
-    message : str or None
-        The lowest rank's message wins.
+    error : InputError, OutputError, str or None
+        A text is the message of an input error. That of the lowest rank wins.
+
+    Raises
+    ------
+    InputError, OutputError
     """
-    rank = comm.allreduce(comm.rank if message is not None else comm.size, op=MPI.MIN)
+    rank = comm.allreduce(comm.rank if error is not None else comm.size, op=MPI.MIN)
     if rank < comm.size:
-        raise InputError(comm.bcast(message, root=rank))
+        error = comm.bcast(error, root=rank)
+        raise InputError(error) if isinstance(error, str) else error
 
 
 class Exchanger:
