@@ -2,9 +2,13 @@
 
 The trace of the target's displacement along a source facet has a kink (and its gap a corner) wherever the partner moves
 from one target facet to the next. A Gauss rule across such kinks leaves an error in the nodal forces of the target that
-does not shrink relative to them when the mesh is refined, which limits the energy norm to order 1/2. The cuts are
-found by bisection of the partner's facet number, with the search itself, so that every method of search, curved facets
-and partners on other ranks need nothing of their own.
+does not shrink relative to them when the mesh is refined, which limits the energy norm to order 1/2. In the plane the
+cuts are found by bisection of where the partner is, with the search itself, so that every method of search, curved
+facets and partners on other ranks need nothing of their own.
+
+A convex vertex of the target is the nearest point of all source points between the normals of the two facets that meet
+there. The partner enters it from one facet and leaves it to the other: both places are kinks, and the source is cut at
+both. Which of the two facets the search names in between, by their numbers, does not matter.
 """
 
 import dataclasses
@@ -24,6 +28,8 @@ SAMPLES = 8
 BISECTIONS = 27
 # shortest piece, in the reference segment
 SLIVER = 1e-7
+# shape function of a node that a partner sits on, but for rounding
+AT_NODE = 1.0 - 1e-12
 
 
 def _at(space, facets, rows, s):
@@ -45,8 +51,14 @@ def _at(space, facets, rows, s):
     return position, vector / area[:, None], area, shape(block.cell, space.degree, xi), grad
 
 
-def _partners(space, parts, part, row, s, search):
-    """Target facet (n,) of points s (n,) on facets `row` of parts `part`. *Collective.*"""
+def _places(space, parts, part, row, s, search):
+    """Where on the target the partners of points s (n,) on facets `row` of parts `part` are. *Collective.*
+
+    Returns
+    -------
+    ndarray (n,) int64
+        Number of the facet they are inside of, -1: no partner, -2 and below: on the node -2 minus this.
+    """
     x, normal = np.zeros((len(s), space.dim)), np.zeros((len(s), space.dim))
     for k, facets in enumerate(parts):
         chosen = np.flatnonzero(part == k)
@@ -56,7 +68,21 @@ def _partners(space, parts, part, row, s, search):
     first = np.cumsum([0, *(len(facets.cells) for facets in parts)], dtype=np.int64)
     target = target.seen_from(first[part] + row, x)
     nodal = np.zeros((space.n_local, space.dim))
-    return find_partners(space, target, nodal, x, normal, radius, method).id
+    found = find_partners(space, target, nodal, x, normal, radius, method)
+    at = np.argmax(found.shape, axis=1)[:, None]
+    held = (found.id >= 0) & (np.take_along_axis(found.shape, at, axis=1)[:, 0] > AT_NODE)
+    return np.where(held, -2 - np.take_along_axis(found.nodes, at, axis=1)[:, 0], found.id)
+
+
+def _apart(facet, at):
+    """Cuts of facets (n,), sorted, without slivers: cuts next to an end are left out, and several become their mean."""
+    if not len(at):
+        return facet, at
+    new = (np.diff(facet, prepend=-1) != 0) | (np.diff(at, prepend=-np.inf) > SLIVER)
+    cluster = np.cumsum(new) - 1
+    mean = np.bincount(cluster, at) / np.bincount(cluster)
+    lowest, highest = at[new], at[np.append(np.flatnonzero(new)[1:], len(at)) - 1]
+    return facet[new], np.where(lowest == -1.0, -1.0, np.where(highest == 1.0, 1.0, mean))
 
 
 def cuts(space, parts, search):
@@ -83,13 +109,13 @@ def cuts(space, parts, search):
     n = len(part)
     # just inside the facet: at its ends the partner is a matter of rounding
     grid = np.linspace(-1.0 + 1e-9, 1.0 - 1e-9, SAMPLES + 1)
-    ids = _partners(space, parts, np.repeat(part, SAMPLES + 1), np.repeat(row, SAMPLES + 1), np.tile(grid, n), search)
+    ids = _places(space, parts, np.repeat(part, SAMPLES + 1), np.repeat(row, SAMPLES + 1), np.tile(grid, n), search)
     ids = ids.reshape(n, SAMPLES + 1)
     f, k = np.nonzero(ids[:, 1:] != ids[:, :-1])
     a, b, ia, ib = grid[k], grid[k + 1], ids[f, k], ids[f, k + 1]
     for _ in range(BISECTIONS):
         m = 0.5 * (a + b)
-        im = _partners(space, parts, part[f], row[f], m, search)
+        im = _places(space, parts, part[f], row[f], m, search)
         left, right = ia != im, im != ib
         f = np.concatenate([f[left], f[right]])
         a, b = np.concatenate([a[left], m[right]]), np.concatenate([m[left], b[right]])
@@ -97,12 +123,7 @@ def cuts(space, parts, search):
     facet = np.concatenate([np.arange(n), np.arange(n), f])
     at = np.concatenate([np.full(n, -1.0), np.full(n, 1.0), 0.5 * (a + b)])
     order = np.lexsort((at, facet))
-    facet, at = facet[order], at[order]
-    # a cut next to an end or to another cut is left out: its sliver stays with the neighbour
-    first = np.concatenate([[True], facet[1:] != facet[:-1]]) if n else np.zeros(0, dtype=bool)
-    apart = np.diff(at, prepend=-np.inf) > SLIVER
-    keep = first | (at == 1.0) | (apart & (np.abs(at) < 1.0 - SLIVER))
-    facet, at = facet[keep], at[keep]
+    facet, at = _apart(facet[order], at[order])
     start = np.flatnonzero(facet[1:] == facet[:-1])
     return part[facet[start]], row[facet[start]], facet[start], at[start], at[start + 1]
 
