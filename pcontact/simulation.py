@@ -124,7 +124,7 @@ class Simulation:
                 first = None if resumed is None else resumed.first
                 items, every = self.problem.items, output.checkpoint_every
                 watch.insert(0, Checkpoint(directory, space, items, schedule, every, first))
-            watch.insert(0, Records(directory, self.comm.rank, self._head(), self._costs, since))
+            watch.insert(0, Records(directory, self.comm, self._head(), self._costs, since))
             if output.fields:
                 watch.insert(0, Fields(directory, self.problem, self.timing, output.smooth, since, estimate))
         if estimate is not None:

@@ -10,9 +10,9 @@ from drivers._extreme_runs import REFUSED, RIGHT, WRONG, Cell, judge, not_number
 from drivers._extreme_scenes import E, flowing_strain, stack
 from drivers.extremes import cells_of
 from meshes.bricks import Brick, bricks
-from pcontact.io.vtu import replace_file
 from pcontact.mesh.reader import read_mesh
 from pcontact.runtime import log
+from pcontact.runtime.files import replace_file
 from pcontact.runtime.petsc import MPI
 
 CELLS = {cell.name: cell for cell in cells_of(FAMILIES)}

@@ -4,14 +4,14 @@ The state of a run is the committed displacement, the time, and what the items r
 in the order in which the ranks wrote them, each with a number that all ranks, of any number, agree on.
 """
 
-import os
 from dataclasses import dataclass
 from pathlib import Path
 
 import h5py
 import numpy as np
 
-from pcontact.runtime.parallel import agree, matching
+from pcontact.runtime.files import Hdf5Aside, make_directory
+from pcontact.runtime.parallel import agree, matching, together
 
 NAME, VERSION = "checkpoint.h5", 3
 ROWS = 1 << 20  # rows that are read at a time
@@ -93,48 +93,35 @@ class Checkpoint:
 
         Raises
         ------
-        InputError
-            On every rank, when the file cannot be written.
+        OutputError
+            On every rank, when the file cannot be written; the one before is still there.
         """
         if self._first is None:
             self._first = step.time
         if step.number % self._every and not self._schedule.done:
             return
-        comm, aside = self._space.comm, self.path.with_name(NAME + ".part")
+        comm = self._space.comm
         # whether rank 0 can write is settled before the others wait for it
-        file = self._guarded(self._open, aside, step)
+        aside = together(comm, self._open, step)
         try:
-            self._guarded(self._rows, file, u, step.before)
+            self._rows(aside, u, step.before)
+            together(comm, self._place, aside)
         finally:
-            if file is not None:
-                file.close()
-        self._guarded(self._place, aside)
-        comm.Barrier()
+            if aside is not None:
+                aside.discard()
 
-    def _guarded(self, function, *args):
-        """Call a function; what goes wrong with the file is an input error on every rank. *Collective.*"""
-        result = message = None
-        try:
-            result = function(*args)
-        except OSError as error:
-            message = f"{self.path}: cannot be written ({error.strerror or error}); allowed: a place to write to"
-        agree(self._space.comm, message)
-        return result
-
-    def _open(self, aside, step):
+    def _open(self, step):
         if self._space.comm.rank != 0:
             return None
-        self.path.parent.mkdir(parents=True, exist_ok=True)
-        file = h5py.File(aside, "w")
-        self._head(file, step)
-        return file
+        make_directory(self.path.parent)
+        aside = Hdf5Aside(self.path)
+        self._head(aside.file, step)
+        return aside
 
     def _place(self, aside):
         """Put the file in place once the disk has it."""
-        if self._space.comm.rank == 0:
-            with open(aside, "rb") as stream:
-                os.fsync(stream.fileno())
-            os.replace(aside, self.path)
+        if aside is not None:
+            aside.place()
 
     def cut(self, target, outcome):
         """Nothing is written."""
@@ -159,11 +146,11 @@ class Checkpoint:
             for name, (keys, values) in item.memory().items():
                 yield f"memory/{item.name}/{name}", keys, values
 
-    def _rows(self, file, u, before):
+    def _rows(self, aside, u, before):
         for name, keys, values in self._tables(u, before):
-            self._table(file, name, np.ascontiguousarray(keys, np.int64), np.ascontiguousarray(values, np.float64))
+            self._table(aside, name, np.ascontiguousarray(keys, np.int64), np.ascontiguousarray(values, np.float64))
 
-    def _table(self, file, name, keys, values):
+    def _table(self, aside, name, keys, values):
         """Ranks hand their rows to rank 0 in turn: memory for one more rank's rows is enough. *Collective.*"""
         comm = self._space.comm
         counts = comm.allgather(len(keys))
@@ -172,26 +159,20 @@ class Checkpoint:
             comm.Send(keys, dest=0)
             comm.Send(values, dest=0)
             return
-        failure, start = None, 0
+        group = aside.file.create_group(name)
+        group.create_dataset("key", (sum(counts),), np.int64)
+        group.create_dataset("value", (sum(counts), *values.shape[1:]), np.float64)
+        start = 0
         for rank, count in enumerate(counts):
             if rank > 0:
                 keys, values = np.empty(count, np.int64), np.empty((count, *values.shape[1:]))
                 comm.send(None, dest=rank)
                 comm.Recv(keys, source=rank)
                 comm.Recv(values, source=rank)
-            try:
-                if rank == 0:
-                    group = file.create_group(name)
-                    group.create_dataset("key", (sum(counts),), np.int64)
-                    group.create_dataset("value", (sum(counts), *values.shape[1:]), np.float64)
-                if failure is None:
-                    group["key"][start : start + count], group["value"][start : start + count] = keys, values
-            except OSError as error:
-                # the other ranks still have to be heard
-                failure = error
+            # what fails is told when the file is put in place; until then the other ranks have to be heard
+            if not aside.failed:
+                group["key"][start : start + count], group["value"][start : start + count] = keys, values
             start += count
-        if failure is not None:
-            raise failure
 
 
 def read_checkpoint(directory, space, items):

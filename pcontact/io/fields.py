@@ -16,6 +16,8 @@ from pathlib import Path
 import numpy as np
 
 from pcontact.io import vtu
+from pcontact.runtime.errors import OutputError
+from pcontact.runtime.files import make_directory, telling
 
 GROUPS = {"bodies": "bodies", "surfaces": "surface", "points": "points"}
 _OURS = re.compile(r"(bodies|surface_.*|points_.*)_\d{6,}(_\d{4,})?\.p?vtu(\.part)?")
@@ -101,7 +103,7 @@ class FieldWriter:
         ValueError
             On all ranks: on one of them an array does not fit its points or cells, or the
             ranks' arrays differ.
-        OSError
+        OutputError
             On all ranks: one of them could not write.
         """
         grids = _on_all(self.comm, _grids, bodies, surfaces or {}, points or {})
@@ -121,15 +123,16 @@ class FieldWriter:
         if self.comm.rank != 0:
             return []
         folder, index, entries = self.directory / "fields", self.directory / "fields.pvd", []
-        folder.mkdir(parents=True, exist_ok=True)
+        make_directory(folder)
         if self._resume_time is not None and index.exists():
             limit = self._resume_time + 1e-10 * abs(self._resume_time)
             entries = [entry for entry in vtu.read_pvd(index) if float(entry["timestep"]) <= limit]
         else:
-            index.unlink(missing_ok=True)
-            for path in folder.iterdir():
-                if _OURS.fullmatch(path.name):
-                    path.unlink()
+            with telling(folder):
+                index.unlink(missing_ok=True)
+                for path in folder.iterdir():
+                    if _OURS.fullmatch(path.name):
+                        path.unlink()
         return entries
 
     def _write_pieces(self, step, grids, parts):
@@ -167,8 +170,8 @@ def _on_all(comm, function, *args, root=False):
     result = error = None
     try:
         result = function(*args)
-    except (OSError, ValueError) as problem:
-        error = problem
+    except (OutputError, ValueError) as problem:
+        error = type(problem)(str(problem))
     errors = [problem for problem in comm.allgather(error) if problem is not None]
     if errors:
         raise errors[0]

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from pcontact.io.vtu import replace_file
 from pcontact.runtime import log
+from pcontact.runtime.files import append_text, make_directory, replace_file
 
 _AXES = "xyz"
 
@@ -77,6 +77,11 @@ class History:
         row : dict
             A step as in the report: `time`, `newton`, `krylov`, `cutbacks`, `contacts`, `reactions`,
             `probes`, `plastic`; see `flatten` for the names of the columns.
+
+        Raises
+        ------
+        OutputError
+            The table is as it was.
         """
         row = flatten(row)
         if self.columns is None:
@@ -85,8 +90,7 @@ class History:
         if beyond and not self._warned:
             log.warning("%s: not in the first row's columns, left out: %s", self.path, ", ".join(beyond))
             self._warned = True
-        with open(self.path, "a", newline="") as stream:
-            csv.writer(stream).writerow([row.get(name, "") for name in self.columns])
+        append_text(self.path, _lines([[row.get(name, "") for name in self.columns]]))
 
     def _begin(self, row):
         """Decide the columns and write the head, with the rows that are kept."""
@@ -99,7 +103,12 @@ class History:
             kept = [line for line in kept if len(line) == len(self.columns) and float(line[column]) <= limit]
         else:
             self.columns, kept = list(row), []
-        text = io.StringIO(newline="")
-        csv.writer(text).writerows([self.columns, *kept])
-        self.path.parent.mkdir(parents=True, exist_ok=True)
-        replace_file(self.path, text.getvalue())
+        make_directory(self.path.parent)
+        replace_file(self.path, _lines([self.columns, *kept]))
+
+
+def _lines(rows):
+    """Rows as they stand in the file."""
+    text = io.StringIO(newline="")
+    csv.writer(text).writerows(rows)
+    return text.getvalue()

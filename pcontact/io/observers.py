@@ -11,6 +11,7 @@ from pcontact.io.report import Report
 from pcontact.io.smooth import NodeMeans
 from pcontact.material.elastic import equivalent_stress
 from pcontact.runtime import log
+from pcontact.runtime.parallel import on_root
 
 
 class Terminal:
@@ -70,7 +71,7 @@ class Records:
     Parameters
     ----------
     directory : pathlib.Path
-    rank : int
+    comm : MPI.Comm
     head : dict
         First entries of the report.
     finish : callable
@@ -79,32 +80,46 @@ class Records:
         Rows of an earlier run up to this time are kept.
     """
 
-    def __init__(self, directory, rank, head, finish, resume_time=None):
-        self._rank, self._finish = rank, finish
-        if rank == 0:
+    def __init__(self, directory, comm, head, finish, resume_time=None):
+        self._comm, self._finish = comm, finish
+        if comm.rank == 0:
             self._history = History(directory / "history.csv", resume_time)
             self.report = Report(directory / "report.json", resume_time)
             self.report.data.update(head)
 
     def step(self, step, u, record):
-        """Append the step to both files. *Collective.*"""
-        costs = self._finish()
-        if self._rank == 0:
-            self._history.append(record)
-            self.report.data.update(costs, warnings=log.warnings())
-            if "estimate" in record:
-                self.report.data["estimate"].update(record["estimate"])
-            self.report.add_step(record)
+        """Append the step to both files. *Collective.*
+
+        Raises
+        ------
+        OutputError
+            On every rank.
+        """
+        on_root(self._comm, self._step, record, self._finish())
+
+    def _step(self, record, costs):
+        self._history.append(record)
+        self.report.data.update(costs, warnings=log.warnings())
+        if "estimate" in record:
+            self.report.data["estimate"].update(record["estimate"])
+        self.report.add_step(record)
 
     def cut(self, target, outcome):
         """Nothing is written."""
 
     def end(self, converged):
-        """Write the verdict. *Collective.*"""
-        costs = self._finish()
-        if self._rank == 0:
-            self.report.data.update({"converged": converged, "warnings": log.warnings(), **costs})
-            self.report.write()
+        """Write the verdict. *Collective.*
+
+        Raises
+        ------
+        OutputError
+            On every rank.
+        """
+        on_root(self._comm, self._end, converged, self._finish())
+
+    def _end(self, converged, costs):
+        self.report.data.update({"converged": converged, "warnings": log.warnings(), **costs})
+        self.report.write()
 
 
 class Fields:

@@ -14,6 +14,7 @@ from pcontact.io import paint, raster, skin, view
 from pcontact.io.quantity import NodeAverages, find
 from pcontact.io.result import load_result
 from pcontact.runtime.errors import InputError
+from pcontact.runtime.files import written_aside
 
 DPI = 150
 # lines and letters stay sharp
@@ -61,7 +62,9 @@ def picture(
     Raises
     ------
     InputError
-        There are no fields, no such step, no field of that name, or the picture cannot be written there.
+        There are no fields, no such step, no field of that name, or no picture can have that name.
+    OutputError
+        The picture cannot be written.
     """
     result = load_result(directory, step)
     quantity = find(result, field)
@@ -74,8 +77,9 @@ def picture(
         FigureCanvasAgg(figure)
         _Composition(figure, result, quantity, scale, smooth).draw(cut)
         try:
-            figure.savefig(output, dpi=DPI, **_SAVE.get(output.suffix.lower(), {}))
-        except (OSError, ValueError) as problem:
+            with written_aside(output, "-o") as part:
+                figure.savefig(part, dpi=DPI, **_SAVE.get(output.suffix.lower(), {}))
+        except ValueError as problem:
             raise InputError(f"{output}: the picture cannot be written: {problem}") from problem
     return output
 

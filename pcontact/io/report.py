@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pcontact.io.vtu import replace_file
+from pcontact.runtime.files import make_directory, replace_file
 
 
 def jsonable(value):
@@ -53,7 +53,7 @@ class Report:
     """
 
     def __init__(self, path, resume_time=None):
-        self.path = Path(path)
+        self.path, self._begun = Path(path), False
         self.data = {
             "title": "", "version": "", "ranks": 1, "dofs": 0, "cells": 0, "converged": False,
             "model": {"active": [], "left_out": []}, "steps": [], "timing": {}, "parallel": {}, "memory": {},
@@ -75,7 +75,14 @@ class Report:
         self.write()
 
     def write(self):
-        """Write the file, at once: a reader sees the old one or the new one."""
-        self.path.parent.mkdir(parents=True, exist_ok=True)
+        """Write the file, at once: a reader sees the old one or the new one.
+
+        Raises
+        ------
+        OutputError
+        """
+        if not self._begun:
+            make_directory(self.path.parent)
+            self._begun = True
         text = json.dumps(jsonable(self.data), indent=1, allow_nan=False, ensure_ascii=False)
         replace_file(self.path, text + "\n")

@@ -4,7 +4,6 @@ The arrays follow the XML as raw appended data, each compressed with zlib in one
 forms that every reader knows. Format: the "VTK XML formats" chapter of the VTK User's Guide.
 """
 
-import os
 import re
 import sys
 import zlib
@@ -14,6 +13,8 @@ from xml.etree import ElementTree
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
+
+from pcontact.runtime.files import replace_file
 
 CELL_TYPES = {
     "vertex": (1, 1), "line": (3, 2), "triangle": (5, 3), "quad": (9, 4), "tetra": (10, 4),
@@ -105,24 +106,6 @@ def empty(kind, components):
     ndarray (0,) or (0, components)
     """
     return np.zeros(0 if components == 1 else (0, components), dtype=_DTYPES[kind])
-
-
-def replace_file(path, content):
-    """Write a file aside and put it in place at once, so that it is never seen half written.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-    content : str, bytes or list of bytes
-        What it holds afterwards.
-    """
-    path = Path(path)
-    aside = path.with_name(path.name + ".part")
-    content = content.encode() if isinstance(content, str) else content
-    with open(aside, "wb") as stream:
-        stream.writelines([content] if isinstance(content, bytes) else content)
-    os.replace(aside, path)
 
 
 def _array_tag(tag, name, kind, components, rest=""):

@@ -5,7 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
-from pcontact.runtime.errors import InputError
+from pcontact.runtime.errors import TOLD, InputError
+from pcontact.runtime.files import require_end, written_aside
 
 try:
     import gmsh
@@ -62,7 +63,21 @@ def write_refined(path, refined):
         for dim, (elements, flags) in refined.groups.items():
             if dim != d:
                 _add(dim, elements, flags, None, refined.degree)
-        gmsh.write(str(path))
+        _write_mesh(path)
+
+
+def _write_mesh(path):
+    """Write what gmsh has; it does not notice a disk that is full."""
+    with written_aside(path, "-o") as part:
+        _call(part, gmsh.write, str(part))
+        require_end(part, b"$End")
+
+
+def _call(part, write, *args):
+    """Have gmsh write a file that can be made."""
+    with open(part, "wb"):
+        pass
+    write(*args)
 
 
 def _add(dim, elements, flags, refined=None, degree=1):
@@ -106,7 +121,9 @@ def write_sizes(path, points, cells, sizes):
         for kind, table in cells:
             rows = np.concatenate([full[table].transpose(0, 2, 1).reshape(len(table), -1), sizes[table]], axis=1)
             gmsh.view.addListData(view, _VIEWS[kind], len(table), rows.ravel())
-        gmsh.view.write(view, str(path))
+        with written_aside(path, "-o") as part:
+            _call(part, gmsh.view.write, view, str(part))
+            require_end(part, b"};")
 
 
 def remesh(path, geometry, sizes, dim, degree, groups):
@@ -152,8 +169,8 @@ def remesh(path, geometry, sizes, dim, degree, groups):
             gmsh.model.mesh.field.setAsBackgroundMesh(field)
             gmsh.model.mesh.generate(dim)
             gmsh.model.mesh.setOrder(degree)
-            gmsh.write(str(path))
-        except InputError:
+            _write_mesh(path)
+        except TOLD:
             raise
         except Exception as error:  # gmsh knows no other class
             raise InputError(f"{geometry}: gmsh cannot mesh it: {' '.join(str(error).split())}") from None

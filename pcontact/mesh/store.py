@@ -3,10 +3,8 @@
 The layout is described in docs/mesh.md.
 """
 
-import os
 from pathlib import Path
 
-import h5py
 import numpy as np
 
 from pcontact.element.reference import CELLS
@@ -16,6 +14,7 @@ from pcontact.mesh.curve import as_met, z_order
 from pcontact.mesh.groups import facet_multiplicity
 from pcontact.mesh.reader import read_mesh
 from pcontact.runtime.errors import InputError
+from pcontact.runtime.files import Hdf5Aside
 
 FORMAT, VERSION = "pcontact mesh", 1
 SUFFIX = ".h5"
@@ -123,7 +122,7 @@ def convert(path, target=None, order=1):
 
     Raises
     ------
-    InputError
+    InputError, OutputError
     """
     path = Path(path)
     target = path.with_suffix(SUFFIX) if target is None else Path(target)
@@ -135,18 +134,10 @@ def convert(path, target=None, order=1):
     curved = any(block.degree == 2 for block in raw.blocks)
     if curved or order == 2:
         raw = complete(raw, 2)
-    part = target.with_name(target.name + ".part")
+    aside = Hdf5Aside(target, "-o")
     try:
-        # says why in fewer words than HDF5
-        with open(part, "wb"):
-            pass
-        with h5py.File(part, "w") as file:
-            _write(file, raw, curved)
-        os.replace(part, target)
-    except OSError as error:
-        part.unlink(missing_ok=True)
-        reason = (error.strerror or str(error)).lower()
-        raise InputError(
-            f"command line: -o {target}: found {reason}; allowed: a file that can be made and written to"
-        ) from None
+        _write(aside.file, raw, curved)
+        aside.place()
+    finally:
+        aside.discard()
     return target, raw

@@ -1,0 +1,294 @@
+"""Where all files are written: aside and put in place at once. What cannot be written is an output error.
+
+Whatever happens, a reader finds the file of before or the new one, whole. Nothing here is collective: what one rank
+writes for all goes through :func:`pcontact.runtime.parallel.on_root` or ``together``, so that all ranks learn of it.
+"""
+
+import errno
+import io
+import os
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+import h5py
+
+from pcontact.runtime.errors import InputError, OutputError
+
+# reasons that speak of a wrong name, which is wrong input where the user has just given the name
+NAMES = (errno.ENOENT, errno.ENOTDIR, errno.EISDIR, errno.EEXIST, errno.ENAMETOOLONG, errno.ELOOP, errno.EINVAL)
+PROBE = 1 << 20  # bytes: more than a full disk or a used up quota takes
+
+# what is being written, to be taken away if a signal ends the process
+_aside = set()
+
+
+def reason(error):
+    """What the system says of a failure, in lower case."""
+    return (error.strerror or str(error)).lower()
+
+
+@contextmanager
+def telling(path, option=None):
+    """Turn what the system says of a file into an error that the user is told of.
+
+    Parameters
+    ----------
+    path : str or pathlib.Path
+        The file, for the message.
+    option : str, optional
+        The user has just named the file with it: a wrong name is wrong input.
+
+    Raises
+    ------
+    OutputError
+        The file cannot be written.
+    InputError
+        The option names a file that cannot be.
+    """
+    try:
+        yield
+    except OSError as error:
+        if option is not None and error.errno in NAMES:
+            raise InputError(
+                f"command line: {option} {path}: found {reason(error)}; allowed: a file that can be made and written to"
+            ) from error
+        raise OutputError(f"{path}: cannot be written ({reason(error)}); what was written before is whole") from error
+
+
+@contextmanager
+def written_aside(path, option=None):
+    """A place beside a file to write to; at the end it becomes the file. After a failure nothing is left of it.
+
+    Parameters
+    ----------
+    path : str or pathlib.Path
+    option : str, optional
+        See :func:`telling`.
+
+    Yields
+    ------
+    pathlib.Path
+        ``NAME.part``, with the suffix of the file where an option names it: others tell its kind by that.
+
+    Raises
+    ------
+    InputError, OutputError
+        See :func:`telling`.
+    """
+    path = Path(path)
+    part = path.with_name(f"{path.name}.part{path.suffix if option else ''}")
+    _aside.add(part)
+    try:
+        with telling(path, option):
+            yield part
+            os.replace(part, path)
+    finally:
+        _discard(part)
+
+
+def _discard(part):
+    with suppress(OSError):
+        part.unlink(missing_ok=True)
+    _aside.discard(part)
+
+
+def discard_all():
+    """Take away all that is being written: the process ends."""
+    for part in tuple(_aside):
+        _discard(part)
+
+
+def make_directory(path):
+    """Make a directory and those above it, if they are not there.
+
+    Raises
+    ------
+    OutputError
+    """
+    with telling(path):
+        Path(path).mkdir(parents=True, exist_ok=True)
+
+
+def replace_file(path, content):
+    """Write a file aside and put it in place at once, so that it is never seen half written.
+
+    Parameters
+    ----------
+    path : str or pathlib.Path
+    content : str, bytes or list of bytes
+        What it holds afterwards.
+
+    Raises
+    ------
+    OutputError
+    """
+    content = content.encode() if isinstance(content, str) else content
+    with written_aside(path) as part, open(part, "wb") as stream:
+        stream.writelines([content] if isinstance(content, bytes) else content)
+
+
+def append_text(path, text):
+    """Add to a file that is there, all or nothing.
+
+    Parameters
+    ----------
+    path : str or pathlib.Path
+    text : str
+
+    Raises
+    ------
+    OutputError
+        The file is as it was.
+    """
+    rest = text.encode()
+    with telling(path), open(path, "r+b", buffering=0) as stream:
+        size = stream.seek(0, os.SEEK_END)
+        try:
+            while rest:
+                rest = rest[stream.write(rest) :]
+        except OSError:
+            stream.truncate(size)
+            raise
+
+
+def require_end(part, ends):
+    """Find out whether another program has written a file to its end: some do not notice that a disk is full.
+
+    Parameters
+    ----------
+    part : pathlib.Path
+    ends : bytes
+        In the last line of a whole file.
+
+    Raises
+    ------
+    OSError
+        With the reason of the system, where it has one.
+    """
+    with open(part, "r+b", buffering=0) as stream:
+        size = stream.seek(0, os.SEEK_END)
+        stream.seek(max(size - 80, 0))
+        if ends in stream.read().rstrip(b"\n").rpartition(b"\n")[2]:
+            return
+        stream.seek(0, os.SEEK_END)
+        rest = PROBE
+        while rest:
+            rest -= stream.write(bytes(rest))
+    raise OSError(errno.EIO, "not written to its end")
+
+
+class Hdf5Aside:
+    """An HDF5 file that is written aside.
+
+    HDF5 never learns that the disk is full, or anything else that is wrong with it: a file that it cannot close stays
+    half open, and the end of the process crashes in it. It writes to an object that notes the failure and lets HDF5
+    go on; :meth:`place` tells of it.
+
+    Parameters
+    ----------
+    path : str or pathlib.Path
+        The file.
+    option : str, optional
+        See :func:`telling`.
+
+    Attributes
+    ----------
+    file : h5py.File
+
+    Raises
+    ------
+    InputError, OutputError
+        It cannot be made.
+    """
+
+    def __init__(self, path, option=None):
+        self.path, self._option = Path(path), option
+        self._part = self.path.with_name(self.path.name + ".part")
+        with telling(path, option):
+            self._disk = _Disk(open(self._part, "w+b", buffering=0))
+        _aside.add(self._part)
+        self.file = h5py.File(self._disk, "w")
+
+    @property
+    def failed(self):
+        """Whether something could not be written."""
+        return self._disk.failure is not None
+
+    def place(self):
+        """Put the file in place once the disk has it.
+
+        Raises
+        ------
+        InputError, OutputError
+            See :func:`telling`; the file of before is still there.
+        """
+        try:
+            with telling(self.path, self._option):
+                self.file.close()
+                self._disk.finish()
+                os.replace(self._part, self.path)
+        finally:
+            self.discard()
+
+    def discard(self):
+        """Close the file and leave nothing of it, unless it is in place. May be called again."""
+        self.file.close()
+        self._disk.close()
+        _discard(self._part)
+
+
+class _Disk(io.RawIOBase):
+    """A file that notes the first failure, and from then on only seems to write."""
+
+    def __init__(self, stream):
+        self._stream, self._size, self.failure = stream, 0, None
+
+    def write(self, data):
+        view, start = memoryview(data).cast("B"), self._stream.tell()
+        try:
+            rest = view
+            while rest and self.failure is None:
+                rest = rest[self._stream.write(rest) :]
+        except OSError as error:
+            self.failure = error
+        end = start + len(view)
+        self._size = max(self._size, end)
+        self._stream.seek(end)
+        return len(view)
+
+    def readinto(self, buffer):
+        """What is not there reads as zeros, as far as HDF5 has written."""
+        view, start = memoryview(buffer).cast("B"), self._stream.tell()
+        count = self._stream.readinto(view) or 0
+        more = max(min(len(view), self._size - start) - count, 0)
+        view[count : count + more] = bytes(more)
+        self._stream.seek(start + count + more)
+        return count + more
+
+    def seek(self, offset, whence=os.SEEK_SET):
+        return self._stream.seek(self._size + offset if whence == os.SEEK_END else offset,
+                                 os.SEEK_SET if whence == os.SEEK_END else whence)  # fmt: skip
+
+    def tell(self):
+        return self._stream.tell()
+
+    def truncate(self, size=None):
+        self._size = self.tell() if size is None else size
+        try:
+            self._stream.truncate(self._size)
+        except OSError as error:
+            self.failure = self.failure or error
+        return self._size
+
+    def flush(self):
+        """Nothing is kept here."""
+
+    def finish(self):
+        """Raise what was noted; wait until the disk has the file."""
+        if self.failure is not None:
+            raise self.failure
+        os.fsync(self._stream.fileno())
+
+    def close(self):
+        self._stream.close()
+        super().close()
