@@ -20,6 +20,7 @@ from pcontact.scene import (
     amplitude,
     check_apart,
     check_dimension,
+    check_lost,
     check_radius,
     check_regions,
     resolve_contacts,
@@ -121,6 +122,7 @@ def read(scene, comm, options):
         check_dimension(scene, mesh.dim)
         if scene.mesh.kinematics == "axisymmetric":
             check_radius(scene, mesh.points, mesh.path)
+        check_lost(scene, mesh.lost, mesh.path)
         check_regions(scene, mesh.cell_groups, mesh.facet_groups, mesh.node_groups, mesh.path)
         check_apart(scene, getattr(mesh, "common", {}))
 

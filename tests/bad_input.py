@@ -166,11 +166,17 @@ CASES = {
         mesh=mesh_text([*NODES[:2], ("nan", 1), *NODES[3:]]),
     ),
     "node without cell": Case(
-        [r"mesh\.msh", '"tip"', "node 9", "no cell", "allowed"],
+        [r"mesh\.msh", 'group "tip"', r"node 9 at \(3, 3, 0\)", "no cell", "allowed"],
         mesh=mesh_text([*NODES, (3, 3)], CELLS + FACETS + [(15, 8, (9,))], {**NAMES, (0, 8): "tip"}),
+        scene=SCENE + '[output]\nprobes = ["tip"]\n',
     ),
-    "node in no element": Case(
-        [r"mesh\.msh", r"node 9 at \(3, 4, 0\)", "no element", "allowed"], mesh=mesh_text([*NODES, (3, 4)])
+    "facet without cell": Case(
+        [r"mesh\.msh", 'group "lower_top"', "facet 4 with nodes 1, 3", "no cell", "allowed"],
+        mesh=mesh_text(elements=[*CELLS, FACETS[0], (1, 4, (1, 3)), *FACETS[2:]]),
+    ),
+    "a node fewer than announced": Case(
+        [r"mesh\.msh", r"\$Nodes: found more numbers than are announced", "allowed"],
+        mesh=mesh_text().replace("$Nodes\n8\n", "$Nodes\n7\n"),
     ),
     "mesh cut short": Case([r"mesh\.msh", "cut short", "allowed"], mesh=mesh_text()[:-120]),
     "inverted cell": Case(

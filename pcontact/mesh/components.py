@@ -5,6 +5,9 @@ import numpy as np
 from pcontact.element.quadrature import quadrature
 from pcontact.element.reference import CELLS, n_nodes, reference_nodes
 from pcontact.element.shape import shape_gradient
+from pcontact.mesh.complete import number_rows
+from pcontact.mesh.groups import facets_among
+from pcontact.runtime import log
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.jit import njit
 
@@ -159,8 +162,8 @@ def mirror(cell, degree):
     return np.array([*order, *range(len(order), n_nodes(cell, degree))], dtype=np.int64)
 
 
-def orient(path, points, blocks, tags, parts):
-    """Turn around the connected parts whose cells are all numbered in the reverse sense; refuse bad cells.
+def orient(path, points, blocks, tags):
+    """Turn around the cells that are numbered in the reverse sense, and say how many; refuse bad cells.
 
     Parameters
     ----------
@@ -171,45 +174,55 @@ def orient(path, points, blocks, tags, parts):
         Their nodes are changed in place.
     tags : ndarray, (n_cells,) int64
         The file's own cell numbers.
-    parts : ndarray, (n_cells,) int64
-        Cells of different parts may have different senses even where they share nodes.
 
     Raises
     ------
     InputError
-        Cells without volume; cells whose Jacobian changes sign; reversed cells among others that are not.
+        Cells without volume; cells whose Jacobian changes sign; cells that are on the same side of a facet as their
+        neighbour: they are not only numbered in another sense, but folded over it.
     """
     sense = np.concatenate([_senses(points, block) for block in blocks])
     _refuse(path, points, blocks, tags, sense == FLAT, "has no volume", "cells with a volume")
     what = "is inverted: its Jacobian changes sign"
     _refuse(path, points, blocks, tags, sense == MIXED, what, "cells that are not folded or twisted")
-    if not np.any(sense == REVERSED):
+    turned = sense == REVERSED
+    if not turned.any():
         return
-    offsets = np.cumsum([0] + [len(block.nodes) for block in blocks])
-    group = _connected_parts(points, blocks, parts, offsets)
-    count = np.bincount(group)
-    reversed_count = np.bincount(group[sense == REVERSED], minlength=len(count))
-    turned = reversed_count == count
-    # where senses differ, those of the minority are wrong
-    wrong = np.where(2 * reversed_count > count, POSITIVE, REVERSED)
-    bad = ~turned[group] & (reversed_count[group] > 0) & (sense == wrong[group])
-    what = "is inverted: its Jacobian has the opposite sign of its neighbours'"
-    _refuse(path, points, blocks, tags, bad, what, "nodes of all cells in the same sense")
-    for block, first in zip(blocks, offsets[:-1], strict=True):
-        rows = np.flatnonzero(turned[group[first : first + len(block.nodes)]])
+    first = 0
+    for block in blocks:
+        rows = np.flatnonzero(turned[first : first + len(block.nodes)])
         block.nodes[rows] = block.nodes[rows][:, mirror(block.cell, block.degree)]
+        first += len(block.nodes)
+    what = "is inverted: it lies on the same side of a facet as its neighbour"
+    bad = _folded(blocks, len(points), turned)
+    _refuse(path, points, blocks, tags, bad, what, "cells that lie beside each other")
+    log.info("%s: %d of %d cells were numbered in the opposite sense: turned", path, turned.sum(), len(turned))
 
 
-def _connected_parts(points, blocks, parts, offsets):
-    """Connected pieces of the parts: (n_cells,) int64."""
-    keys = [
-        parts[first : first + len(block.nodes), None] * len(points) + block.vertices
-        for block, first in zip(blocks, offsets[:-1], strict=True)
-    ]
-    every, number = np.unique(np.concatenate([key.ravel() for key in keys]), return_inverse=True)
-    ends = np.cumsum([key.size for key in keys])[:-1]
-    tables = [n.reshape(k.shape) for n, k in zip(np.split(number, ends), keys, strict=True)]
-    return label(tables, len(every))
+def _folded(blocks, n_points, turned):
+    """Cells (n,) bool that are on the same side of a facet as a neighbour.
+
+    turned (n,): their numbering has been turned. Of two such cells the one is meant that differs from most others.
+    """
+    wanted, first = np.zeros(n_points, dtype=bool), 0
+    for block in blocks:
+        wanted[block.vertices[turned[first : first + len(block.nodes)]]] = True
+        first += len(block.nodes)
+    few = turned if 2 * turned.sum() <= len(turned) else ~turned
+    bad = np.zeros(len(turned), dtype=bool)
+    for n_vertices in sorted({CELLS[CELLS[block.cell].facet].n_vertices for block in blocks}):
+        corners, cells, _ = facets_among(blocks, wanted, n_vertices)
+        _, number = number_rows(corners, n_points)
+        order = np.argsort(number, kind="stable")
+        pair = np.flatnonzero(np.diff(number[order]) == 0)
+        one, other = order[pair], order[pair + 1]
+        # the vertex that follows the least one, going around
+        lead = np.argmin(corners, axis=1)
+        following = np.take_along_axis(corners, ((lead + 1) % n_vertices)[:, None], axis=1)[:, 0]
+        same = following[one] == following[other] if n_vertices > 2 else lead[one] == lead[other]
+        one, other = cells[one[same]], cells[other[same]]
+        bad[np.where(few[other] & ~few[one], other, one)] = True
+    return bad
 
 
 def cell_name(points, blocks, tags, number):

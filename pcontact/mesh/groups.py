@@ -11,7 +11,7 @@ import numpy as np
 
 from pcontact.element.reference import CELLS, facet_nodes, n_nodes
 from pcontact.mesh.complete import number_rows
-from pcontact.runtime.errors import InputError
+from pcontact.runtime import log
 from pcontact.runtime.jit import njit
 
 # element types that the program knows, by meshio's names: (cell, degree); quad8 and hexahedron20 are filled
@@ -48,15 +48,12 @@ class Table:
         Rows of `FileMesh.points`, in VTK's order.
     tags : ndarray, (n,) int64
         The file's own element numbers.
-    part : int
-        Elements of different parts may be numbered in opposite senses (two plane surfaces of gmsh).
     """
 
     kind: str
     dim: int
     nodes: np.ndarray
     tags: np.ndarray
-    part: int = 0
 
 
 @dataclass
@@ -79,6 +76,8 @@ class FileMesh:
         The format repeats an element once per group that it is in.
     declared : list of (int, str)
         (dimension, name) of the groups that the file names; some may be empty.
+    lost : dict of str to str
+        Groups that cannot be used, and why: see `RawMesh.lost`.
     """
 
     points: np.ndarray
@@ -89,6 +88,7 @@ class FileMesh:
     point_groups: dict = field(default_factory=dict)
     repeats: bool = False
     declared: list = field(default_factory=list)
+    lost: dict = field(default_factory=dict)
 
     def add(self, dim, name, table, rows):
         """Put rows (n,) of a table into the group `name` of dimension `dim`."""
@@ -144,6 +144,9 @@ class RawMesh:
         Vertices of the edges of those groups, from which `complete` knows the new nodes of a group.
     tags : ndarray (n_cells,) int64, optional
         The file's own cell numbers, for messages; without them cells are numbered from 1.
+    lost : dict of str to str
+        Groups of nodes and facets that belong to no cell, and what is found and allowed, for a message if a scene
+        names one. No other attribute has them.
     """
 
     path: Path
@@ -155,11 +158,30 @@ class RawMesh:
     node_groups: dict = field(default_factory=dict)
     edge_groups: dict = field(default_factory=dict)
     tags: np.ndarray | None = None
+    lost: dict = field(default_factory=dict)
 
     @property
     def offsets(self):
         """ndarray, (n_blocks + 1,) int64 : first cell of every block; last, the number of cells."""
         return np.cumsum([0] + [len(block.nodes) for block in self.blocks])
+
+
+def say_lost(path, lost):
+    """Warn of groups that cannot be used.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+    lost : dict of str to str
+        See `RawMesh.lost`.
+    """
+    if not lost:
+        return
+    names = [f'"{name}"' for name in lost]
+    more = f" and {len(names) - 3} more" if len(names) > 3 else ""
+    why = next(iter(lost.values())).partition(";")[0]
+    word = "groups" if len(names) > 1 else "group"
+    log.warning("%s: left out: %s %s%s: %s", path, word, ", ".join(names[:3]), more, why)
 
 
 def default_name(dim, tag):
@@ -179,8 +201,23 @@ def _wanted_cells(wanted, nodes, n_corners, least):
     return out
 
 
-def _candidates(blocks, wanted, n_vertices):
-    """Facets whose vertices are all wanted: vertices (n, k), cell numbers (n,), local numbers (n,)."""
+def facets_among(blocks, wanted, n_vertices):
+    """Facets whose vertices are all wanted.
+
+    Parameters
+    ----------
+    blocks : list of Block
+    wanted : ndarray, (n_points,) bool
+    n_vertices : int
+        Of a facet.
+
+    Returns
+    -------
+    vertices : ndarray, (n, n_vertices) int64
+        In the facet's own order, outward.
+    cells, local : ndarray, (n,) int64
+        Cell numbers, and local facet numbers.
+    """
     parts, first = [], 0
     for block in blocks:
         facet = CELLS[CELLS[block.cell].facet]
@@ -217,7 +254,7 @@ def find_facets(blocks, n_points, vertices):
     """
     wanted = np.zeros(n_points, dtype=bool)
     wanted[vertices] = True
-    corners, cells, local = _candidates(blocks, wanted, vertices.shape[1])
+    corners, cells, local = facets_among(blocks, wanted, vertices.shape[1])
     n = len(cells)
     first, number = number_rows(np.concatenate([corners, vertices]), n_points)
     multiplicity = np.bincount(number[:n], minlength=len(first))[number[n:]]
@@ -287,7 +324,7 @@ def facets_of_nodes(raw, nodes):
     """
     wanted = np.zeros(len(raw.points), dtype=bool)
     wanted[nodes] = True
-    parts = [_candidates(raw.blocks, wanted, k)[1:] for k in ((2,) if raw.dim == 2 else (3, 4))]
+    parts = [facets_among(raw.blocks, wanted, k)[1:] for k in ((2,) if raw.dim == 2 else (3, 4))]
     cells, local = (np.concatenate(columns) for columns in zip(*parts, strict=True))
     outer = facet_multiplicity(raw, cells, local) == 1
     return _each_once(cells[outer], local[outer])
@@ -332,36 +369,42 @@ def lower_groups(file, raw, new_number):
     new_number : ndarray, (n,) int64
         Number in `raw` of every node of the file.
 
-    Raises
-    ------
-    InputError
-        A facet of a group belongs to no cell: names the group and the facet's nodes.
+    Notes
+    -----
+    A group with a facet that belongs to no cell goes to `RawMesh.lost`.
     """
     facets, nodes, edges = {}, {}, {}
+    raw.lost = dict(file.lost)
     for (dim, name), parts in file.groups.items():
         for index, rows in parts:
             table = file.tables[index]
             if dim == raw.dim - 1:
-                facets.setdefault(name, []).append(_group_facets(file, raw, new_number, name, table, rows))
+                found = _group_facets(file, raw, new_number, table, rows)
+                if isinstance(found, str):
+                    raw.lost.setdefault(name, found)
+                else:
+                    facets.setdefault(name, []).append(found)
             elif dim < raw.dim:
                 nodes.setdefault(name, []).append(new_number[table.nodes[rows]].ravel())
                 if dim == 1:
                     edges.setdefault(name, []).append(new_number[table.nodes[rows, :2]])
     for name, members in file.point_groups.items():
         nodes.setdefault(name, []).append(new_number[members])
+    for name in raw.lost:
+        facets.pop(name, None)
     raw.facet_groups = {n: _each_once(*map(np.concatenate, zip(*p, strict=True))) for n, p in facets.items()}
     raw.node_groups = {name: np.unique(np.concatenate(parts)) for name, parts in nodes.items()}
     raw.edge_groups = {n: np.unique(np.sort(np.concatenate(p), axis=1), axis=0) for n, p in edges.items()}
 
 
-def _group_facets(file, raw, new_number, name, table, rows):
-    """Cells and local facet numbers of some elements of one table."""
+def _group_facets(file, raw, new_number, table, rows):
+    """Cells and local facet numbers of some elements of one table; or why they have none."""
     corners = table.nodes[rows, : n_nodes(KINDS[table.kind][0], 1)]
     cells, local, _ = find_facets(raw.blocks, len(raw.points), new_number[corners])
     lost = np.flatnonzero(cells < 0)
     if len(lost):
-        raise InputError(
-            f'{raw.path}: group "{name}": facet {table.tags[rows[lost[0]]]} with nodes '
+        return (
+            f"facet {table.tags[rows[lost[0]]]} with nodes "
             f"{', '.join(map(str, file.tags[corners[lost[0]]]))} belongs to no cell ({len(lost)} in all); "
             f"allowed: facets of cells of dimension {raw.dim}"
         )

@@ -5,7 +5,7 @@ import numpy as np
 from pcontact.mesh.complete import complete
 from pcontact.mesh.components import cell_name, components
 from pcontact.mesh.distribute import deal
-from pcontact.mesh.groups import facet_multiplicity
+from pcontact.mesh.groups import facet_multiplicity, say_lost
 from pcontact.mesh.partition import WEIGHT
 from pcontact.mesh.reader import read_mesh
 from pcontact.mesh.slices import whole
@@ -69,6 +69,7 @@ def _read_whole(comm, path, order, regions, surfaces, check):
     def prepare():
         raw = read_mesh(path)
         check(raw)
+        say_lost(raw.path, raw.lost)
         body = _bodies(raw, regions)
         _check_contact_facets(raw, surfaces)
         curved = any(b.degree == 2 for b in raw.blocks)
@@ -85,6 +86,7 @@ def _read_slices(comm, path, order, regions, surfaces, check, pairs):
     """A slice of a converted mesh on every rank. *Collective.*"""
     stored = Stored(comm, path, order)
     together(comm, check, stored.summary(pairs))
+    say_lost(stored.path, stored.lost)
     stored.set_bodies(regions)
     stored.check_surfaces(surfaces)
     return stored.piece, stored.component_names(regions)

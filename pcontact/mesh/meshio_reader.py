@@ -1,4 +1,4 @@
-"""Reading of mesh files through meshio: every format but gmsh's, and that one too where gmsh is missing."""
+"""Reading of mesh files through meshio: every format but gmsh's."""
 
 import importlib
 import io
@@ -80,14 +80,13 @@ def from_meshio(mesh, path):
         raise InputError(f"{path}: the file holds no nodes; allowed: nodes and cells")
     points = np.zeros((len(mesh.points), 3))
     points[:, : mesh.points.shape[1]] = mesh.points
-    is_gmsh = path.suffix.lower() == ".msh"
     tables, first = [], 1
     for block in mesh.cells:
         tags = np.arange(first, first + len(block))
         first += len(block)
         tables.append(Table(block.type, block.dim, _nodes(block, tags, len(points), path), tags))
     tags = np.arange(1, len(points) + 1)
-    file = FileMesh(points, tags, np.full(len(points), is_gmsh), tables, repeats=is_gmsh)
+    file = FileMesh(points, tags, np.zeros(len(points), dtype=bool), tables)
     _sets(mesh, file, path)
     _families(mesh, file)
     _numbers(mesh, file)
@@ -120,8 +119,6 @@ def _nodes(block, tags, n_points, path):
 def _sets(mesh, file, path):
     """Named sets of cells and points. A set may mix dimensions."""
     for name, parts in mesh.cell_sets.items():
-        if str(name).startswith("gmsh:"):
-            continue
         for k, rows in enumerate(parts):
             if rows is not None and len(rows):
                 file.add(file.tables[k].dim, str(name), k, _rows(rows, len(file.tables[k].tags), name, path))

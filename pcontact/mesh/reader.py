@@ -1,6 +1,6 @@
 """Reading of a mesh file, serially, into a checked `RawMesh`.
 
-Files named .msh are read by gmsh's library, or by meshio where gmsh cannot be imported; all others by meshio.
+Files named .msh are read by the program itself, old versions of them with gmsh's help; all others by meshio.
 Groups keep their names; a group that has only a number is called "point_5", "curve_7", "surface_12" or
 "volume_3", after the dimension of its elements. A name may stand for groups of several dimensions.
 """
@@ -12,7 +12,7 @@ import numpy as np
 from pcontact.element.reference import CELLS
 from pcontact.mesh.complete import complete, fill, number_rows, sorted_rows, with_gaps
 from pcontact.mesh.components import cell_name, components, orient
-from pcontact.mesh.gmsh_reader import available, read_gmsh
+from pcontact.mesh.gmsh_reader import read_gmsh
 from pcontact.mesh.groups import (
     KINDS,
     Block,
@@ -22,6 +22,7 @@ from pcontact.mesh.groups import (
     lower_groups,
 )
 from pcontact.mesh.meshio_reader import from_meshio, read_meshio
+from pcontact.runtime import log
 from pcontact.runtime.errors import InputError
 
 __all__ = ["Block", "RawMesh", "complete", "components", "facet_multiplicity", "from_meshio", "read_mesh"]
@@ -42,8 +43,8 @@ def read_mesh(path):
     ------
     InputError
         The file is missing, unreadable or of unknown type; it holds no cells, cells of an unsupported type,
-        cells that are degenerate, inverted or repeated, coordinates that are not finite, nodes without cells,
-        facets without cells; or it is two-dimensional and not in a plane z = const.
+        cells that are degenerate, inverted or repeated, coordinates that are not finite; or it is two-dimensional
+        and not in a plane z = const.
     """
     path = Path(path)
     try:
@@ -51,28 +52,25 @@ def read_mesh(path):
             pass
     except OSError as error:
         raise InputError(f"{path}: found {error.strerror.lower()}; allowed: a mesh file that can be read") from None
-    file = None
-    if path.suffix.lower() == ".msh" and available():
-        file = read_gmsh(path)
-    if file is None:
-        file = from_meshio(read_meshio(path), path)
-    return _build(file, path)
+    if path.suffix.lower() == ".msh":
+        return _build(read_gmsh(path), path)
+    return _build(from_meshio(read_meshio(path), path), path)
 
 
 def _build(file, path):
     """Blocks, groups and checks, in the order in which a message helps most."""
     dim = _dimension(file, path)
     _check_points(file, path)
-    blocks, tags, parts, start = _blocks(file, dim)
+    blocks, tags, start = _blocks(file, dim)
     groups = cell_groups(file, start, dim)
     _check_repeated_nodes(file, path, blocks, tags)
     if file.repeats:
-        blocks, tags, parts, groups = _drop_repeats(blocks, tags, parts, groups)
+        blocks, tags, groups = _drop_repeats(blocks, tags, groups)
     _check_duplicates(path, blocks, tags, len(file.points))
     used = np.zeros(len(file.points), dtype=bool)
     for block in blocks:
         used[block.nodes[block.nodes >= 0]] = True
-    _check_nodes(file, path, used, dim)
+    _leave_out(file, path, used, dim)
     new_number = np.where(used, np.cumsum(used) - 1, -1)
     for block in blocks:
         block.nodes = np.where(block.nodes >= 0, new_number[block.nodes], -1)
@@ -80,7 +78,7 @@ def _build(file, path):
     quadratic = [block for block in blocks if block.degree == 2]
     if any(np.any(block.nodes < 0) for block in quadratic):
         points = fill(points, quadratic)[0]
-    orient(path, points, blocks, tags, parts)
+    orient(path, points, blocks, tags)
     raw = RawMesh(path, dim, np.ascontiguousarray(points), blocks, groups, tags=tags)
     lower_groups(file, raw, new_number)
     _empty_groups(file, raw)
@@ -90,6 +88,8 @@ def _build(file, path):
 def _empty_groups(file, raw):
     """Groups that have a name and nothing else, so that a scene that uses them hears what they are."""
     for dim, name in file.declared:
+        if name in raw.lost:
+            continue
         none = np.zeros(0, dtype=np.int64)
         if dim == raw.dim:
             raw.cell_groups.setdefault(name, none)
@@ -129,12 +129,12 @@ def _check_points(file, path):
 
 
 def _blocks(file, dim):
-    """Cells of all tables of a kind in one block; their file numbers and parts; first cell of every table."""
+    """Cells of all tables of a kind in one block; their file numbers; first cell of every table."""
     kinds = []
     for table in file.tables:
         if table.dim == dim and table.kind not in kinds and len(table.tags):
             kinds.append(table.kind)
-    blocks, tags, parts, start, count = [], [], [], {}, 0
+    blocks, tags, start, count = [], [], {}, 0
     for kind in kinds:
         cell, degree = KINDS[kind]
         members = [
@@ -144,10 +144,9 @@ def _blocks(file, dim):
             start[k] = count
             count += len(table.tags)
             tags.append(table.tags)
-            parts.append(np.full(len(table.tags), table.part))
         nodes = np.concatenate([table.nodes for _, table in members])
         blocks.append(Block(cell, degree, with_gaps(cell, nodes) if degree == 2 else nodes))
-    return blocks, np.concatenate(tags), np.concatenate(parts), start
+    return blocks, np.concatenate(tags), start
 
 
 def _check_repeated_nodes(file, path, blocks, tags):
@@ -177,13 +176,13 @@ def _same_vertices(blocks, n_points):
     return first
 
 
-def _drop_repeats(blocks, tags, parts, groups):
+def _drop_repeats(blocks, tags, groups):
     """Keep one of the cells that a file lists once for each of several groups."""
     offsets = np.cumsum([0] + [len(block.nodes) for block in blocks])
     first = _same_vertices(blocks, 1 + max(int(block.nodes.max()) for block in blocks))
     keep = first == np.arange(len(first))
     if keep.all() or any(len(np.unique(first[cells])) < len(cells) for cells in groups.values()):
-        return blocks, tags, parts, groups  # no cell is repeated, or without reason: left to be refused
+        return blocks, tags, groups  # no cell is repeated, or without reason: left to be refused
     grouped = np.zeros(len(first), dtype=bool)
     for cells in groups.values():
         grouped[cells] = True
@@ -192,7 +191,7 @@ def _drop_repeats(blocks, tags, parts, groups):
     pieces = np.split(keep, offsets[1:-1])
     kept = [Block(b.cell, b.degree, b.nodes[piece]) for b, piece in zip(blocks, pieces, strict=True)]
     groups = {name: np.sort(number[first[cells]]) for name, cells in groups.items()}
-    return kept, tags[keep], parts[keep], groups
+    return kept, tags[keep], groups
 
 
 def _check_duplicates(path, blocks, tags, n_points):
@@ -205,8 +204,8 @@ def _check_duplicates(path, blocks, tags, n_points):
         )
 
 
-def _check_nodes(file, path, used, dim):
-    """Every node of a group is a node of a cell (`used`, (n,) bool), and so are all that are not free."""
+def _leave_out(file, path, used, dim):
+    """Nodes that belong to no cell (not `used`, (n,) bool) are left out, and so are the groups that they are in."""
     members = [(name, nodes) for name, nodes in file.point_groups.items()]
     for (group_dim, name), parts in file.groups.items():
         if group_dim < dim:
@@ -214,16 +213,19 @@ def _check_nodes(file, path, used, dim):
     for name, nodes in members:
         lost = nodes[~used[nodes]]
         if len(lost):
-            raise InputError(
-                f'{path}: group "{name}": {_node(file, lost[0])} belongs to no cell of dimension {dim} '
-                f"({len(np.unique(lost))} in all); allowed: groups of nodes of cells"
+            file.lost[name] = (
+                f"{_node(file, lost[0])} belongs to no cell of dimension {dim} ({len(np.unique(lost))} in all); "
+                "allowed: groups of nodes of cells"
             )
+            file.free[lost] = True  # said with the group
+    for name in file.lost:
+        file.point_groups.pop(name, None)
+        for group_dim in range(dim):
+            file.groups.pop((group_dim, name), None)
     lost = np.flatnonzero(~used & ~file.free)
     if len(lost):
-        raise InputError(
-            f"{path}: {_node(file, lost[0])} belongs to no cell of dimension {dim} ({len(lost)} in all); "
-            "allowed: nodes of cells, remove the others"
-        )
+        what = "belongs to no cell" if len(lost) == 1 else f"and {len(lost) - 1} more belong to no cell"
+        log.warning("%s: %s %s of dimension %d: left out", path, _node(file, lost[0]), what, dim)
 
 
 def _node(file, node):

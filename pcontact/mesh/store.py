@@ -11,7 +11,7 @@ from pcontact.element.reference import CELLS
 from pcontact.mesh.complete import complete
 from pcontact.mesh.components import components
 from pcontact.mesh.curve import as_met, z_order
-from pcontact.mesh.groups import facet_multiplicity
+from pcontact.mesh.groups import facet_multiplicity, say_lost
 from pcontact.mesh.reader import read_mesh
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.files import Hdf5Aside
@@ -74,6 +74,9 @@ def _write_groups(file, raw, cell_at, node_at):
         make("nodes", k, name, nodes=_small(np.sort(node_at[nodes])))
     for k, (name, edges) in enumerate(raw.edge_groups.items()):
         make("edges", k, name, nodes=_small(node_at[edges]))
+    for k, (name, why) in enumerate(raw.lost.items()):
+        make("lost", k, name)
+        file[f"groups/lost/{k}"].attrs["found"] = why
 
 
 def _write(file, raw, curved):
@@ -131,6 +134,7 @@ def convert(path, target=None, order=1):
     if path.suffix.lower() == SUFFIX:
         raise InputError(f"{path}: found a file that ends with {SUFFIX}; allowed: the mesh that it was made from")
     raw = read_mesh(path)
+    say_lost(path, raw.lost)
     curved = any(block.degree == 2 for block in raw.blocks)
     if curved or order == 2:
         raw = complete(raw, 2)

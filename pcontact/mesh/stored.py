@@ -35,6 +35,8 @@ class Summary:
     cell_groups, facet_groups, node_groups : dict of str to int
     common : dict of (str, str) to int
         Facets that two surfaces have both.
+    lost : dict of str to str
+        Groups that cannot be used, and why.
     """
 
     path: Path
@@ -44,6 +46,7 @@ class Summary:
     facet_groups: dict
     node_groups: dict
     common: dict
+    lost: dict
 
 
 def _open(path):
@@ -103,6 +106,8 @@ class Stored:
     ----------
     piece : MeshSlice
         Without bodies.
+    lost : dict of str to str
+        Groups that cannot be used, and why, see `pcontact.mesh.groups.RawMesh`.
 
     Raises
     ------
@@ -163,6 +168,7 @@ class Stored:
             piece.facet_groups[name] = rows, group["local"][mine].astype(np.int64)
             self._between[name] = group["between"][mine] > 0
             self._sizes["facets"][name] = size
+        self.lost = {g.attrs["name"]: g.attrs["found"] for g in file.get("groups/lost", {}).values()}
         for name, group, size in _groups(file, "nodes", "nodes"):
             mine = _members(group, "nodes", low, high)
             piece.node_groups[name] = group["nodes"][mine].astype(np.int64) - low
@@ -191,7 +197,7 @@ class Stored:
                 a, b = (rows * 8 + local for rows, local in (groups[source], groups[target]))
                 common[source, target] = comm.allreduce(len(np.intersect1d(a, b)))
         points = np.concatenate(comm.allgather(x[kept]))
-        return Summary(self.path, self.piece.dim, points, *self._sizes.values(), common)
+        return Summary(self.path, self.piece.dim, points, *self._sizes.values(), common, self.lost)
 
     def named(self, row):
         """A cell of this rank in the words of a message."""

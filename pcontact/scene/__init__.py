@@ -16,7 +16,7 @@ from pcontact.scene.model import (
     Steps,
 )
 from pcontact.scene.reader import read_scene
-from pcontact.scene.regions import check_apart, check_dimension, check_radius, check_regions
+from pcontact.scene.regions import check_apart, check_dimension, check_lost, check_radius, check_regions
 from pcontact.scene.validate import resolve_contacts, validate
 
 __all__ = [
@@ -34,6 +34,7 @@ __all__ = [
     "amplitude",
     "check_apart",
     "check_dimension",
+    "check_lost",
     "check_radius",
     "check_regions",
     "describe",

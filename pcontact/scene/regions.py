@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
+from pcontact.runtime.errors import InputError
 from pcontact.scene.messages import input_error, listed, unknown_name
 from pcontact.scene.model import Body, Contact, Displacement, Load, MeshSpec, Obstacle, Scene
 from pcontact.scene.places import tables
@@ -111,6 +112,33 @@ def check_regions(
             _require(scene, f"{where}.region", table.region, groups, kinds, mesh_path)
     for index, probe in enumerate(scene.output.probes):
         _require(scene, f"output.probes[{index}]", probe, groups, tuple(groups), mesh_path)
+
+
+def check_lost(scene: Scene, lost: Mapping[str, str], mesh_path: str | Path) -> None:
+    """Refuse a scene that names a group of nodes or facets that belong to no cell.
+
+    Parameters
+    ----------
+    scene : Scene
+        A valid scene.
+    lost : mapping of str to str
+        Such groups, and what is found and allowed, see `pcontact.mesh.groups.RawMesh`.
+    mesh_path : str or pathlib.Path
+        For the messages.
+
+    Raises
+    ------
+    InputError
+    """
+    named = set(scene.output.probes)
+    for _, table in tables(scene):
+        if isinstance(table, Contact):
+            named |= {table.source, table.target}
+        elif isinstance(table, Body | Displacement | Load):
+            named.add(table.region)
+    for name in lost:
+        if name in named:
+            raise InputError(f'{mesh_path}: group "{name}": {lost[name]}')
 
 
 def _size(ids):
