@@ -5,7 +5,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
-from bad_input import CELLS, FACETS, INNER, NODES, SCENE, Case, mesh_text, swapped
+from bad_input import CELLS, FACETS, INNER, NAMES, NODES, SCENE, Case, mesh_text, swapped
 from small import DIMENSION, blocks_file
 from test_cli import check_line, execute, lay_out
 from test_simulation import scene_of
@@ -16,6 +16,7 @@ from pcontact.mesh.load import load_mesh
 from pcontact.mesh.reader import read_mesh
 from pcontact.mesh.store import convert
 from pcontact.mesh.stored import Stored
+from pcontact.runtime import log
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.options import Options
 from pcontact.runtime.parallel import on_root
@@ -207,7 +208,10 @@ def test_no_file(tmp_path):
     assert "no such file" in refused(tmp_path / "nothing.h5")
 
 
+# a group of a node that belongs to no cell
+LOST = mesh_text([*NODES, (3, 3)], CELLS + FACETS + [(15, 8, (9,))], {**NAMES, (0, 8): "tip"})
 WRONG = {
+    "lost": {"mesh": LOST, "scene": SCENE + '[output]\nprobes = ["tip"]\n'},
     "no body": {"scene": swapped('[[bodies]]\nregion = "upper"\nmaterial = "m"\n', "")},
     "two bodies": {"mesh": mesh_text(elements=[*CELLS, (3, 2, (1, 2, 3, 4), 1), *FACETS])},
     "inside": {"mesh": INNER},
@@ -243,6 +247,25 @@ def test_scenes_that_do_not_fit(shared_tmp, name):
             read(one, WORLD, Options())
         said.append(str(caught.value).replace(file, "mesh"))
     assert said[0] == said[1]
+
+
+@parallel
+def test_a_group_of_no_cell_that_no_scene_names(shared_tmp):
+    """It is left out, with the same warning for both files."""
+
+    def lay():
+        (shared_tmp / "mesh.msh").write_text(LOST)
+        (shared_tmp / "scene.toml").write_text(SCENE)
+        convert(shared_tmp / "mesh.msh")
+
+    on_root(WORLD, lay)
+    for file in ("mesh.msh", "mesh.h5"):
+        one = read_scene(shared_tmp / "scene.toml")
+        one.mesh.file = Path(shared_tmp / file)
+        log.forget_warnings()
+        assert read(one, WORLD, Options()).n_nodes_total == 8
+        said = f'{file}: left out: group "tip": node 9 at (3, 3, 0) belongs to no cell'
+        assert WORLD.rank or said in log.warnings()[0]
 
 
 # -- the command -------------------------------
