@@ -69,19 +69,21 @@ def stiffness_cells():
 
 def gamma_cells():
     """The dimensionless parameter, and the penalty method whose penetration is known."""
-    for gamma0 in (1e-6, 1e-3, 1.0, 1e3, 1e6, 1e9):
-        bound = (max(1e-6, 1e-12 * gamma0), "stiff" if gamma0 > 1e6 else "exact")
+    for gamma0 in (1e-6, 1e-3, 1.0, 1e3, 1e6, 1e9, 1e12, 1e15, 1e18):
+        # rounding errors that hide more than a thousandth of the forces, in their norm, are refused
+        bound = (min(max(1e-6, 1e-12 * gamma0), 5e-3), "stiff" if gamma0 > 1e6 else "exact")
+        large = "gamma0 is too large" if gamma0 > 1e9 else None
         for theta in THETAS:
             keys = {"gamma0": gamma0, "theta": theta}
             limit = 0.25 * (1.0 + theta) ** 2
-            cause = "coerciv" if gamma0 < limit else None
+            cause = "coerciv" if gamma0 < limit else large
             yield Cell("gamma0", f"{gamma0:.0e}", f"blocks, theta {theta:g}", stack, keys, *bound, cause)
             yield Cell("gamma0", f"{gamma0:.0e}", f"ring, theta {theta:g}", ring, keys, 0.01, "mesh", cause)
         keys = {"gamma0": gamma0, "formulation": "penalty"}
-        yield Cell("gamma0", f"{gamma0:.0e}", "blocks, penalty", stack, keys, *bound)
+        yield Cell("gamma0", f"{gamma0:.0e}", "blocks, penalty", stack, keys, *bound, large)
         yield Cell(
             "gamma0", f"{gamma0:.0e}", "blocks, augmented Lagrangian", stack,
-            {"gamma0": gamma0, "formulation": "augmented_lagrangian"}, 1e-3, "updates",
+            {"gamma0": gamma0, "formulation": "augmented_lagrangian"}, 1e-3, "updates", large,
         )  # fmt: skip
 
 

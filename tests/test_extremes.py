@@ -50,6 +50,9 @@ MENDED = {
     # the volume change of cells of degree 2 took the digits of the pressure, or their displacement
     "nu, 0.49999, ring, quadrilateral 2": RIGHT,
     "nu, 0.49999, ring, triangle 2": RIGHT,
+    # rounding errors of the gap, times gamma, were taken for forces at work
+    "gamma0, 1e+18, blocks, theta 0": REFUSED,
+    "gamma0, 1e+18, ring, theta 0": REFUSED,
     # multipliers had not settled after 30 updates
     "gamma0, 1e-06, blocks, augmented Lagrangian": RIGHT,
     "gamma0, 1e-03, blocks, augmented Lagrangian": RIGHT,

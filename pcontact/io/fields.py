@@ -20,6 +20,8 @@ from pcontact.runtime.errors import OutputError
 from pcontact.runtime.files import make_directory, telling
 
 GROUPS = {"bodies": "bodies", "surfaces": "surface", "points": "points"}
+# characters of a contact's name in the name of a file, which may have 255 bytes: four a character at most
+LONGEST = 50
 _OURS = re.compile(r"(bodies|surface_.*|points_.*)_\d{6,}(_\d{4,})?\.p?vtu(\.part)?")
 
 
@@ -270,8 +272,11 @@ def _common(key, pieces):
 
 
 def _file_names(keys):
-    """File names of the parts: a contact's name may hold what a file name must not."""
-    names = {key: GROUPS[key[0]] + re.sub(r"[^\w.-]+", "_", f"_{key[1]}" if key[1] else "") for key in keys}
+    """File names of the parts: a contact's name may hold what a file name must not, or be too long for one."""
+    names = {}
+    for key in keys:
+        name = GROUPS[key[0]] + re.sub(r"[^\w.-]+", "_", f"_{key[1]}" if key[1] else "")[:LONGEST]
+        names[key] = name
     taken = list(names.values())
     return {
         key: name if taken.count(name) == 1 else f"{name}_{number}"

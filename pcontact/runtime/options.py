@@ -1,5 +1,6 @@
 """The one reader of the options database: the command line wins over the scene, which wins over defaults."""
 
+import math
 import re
 
 from pcontact.runtime.errors import InputError
@@ -29,7 +30,7 @@ class Options:
         """Whether the user set the option."""
         return self._db.hasName(name)
 
-    def get(self, name, default, kind=str, allowed=None, text="", positive=False):
+    def get(self, name, default, kind=str, allowed=None, text="", positive=False, least=None):
         """Value of an option.
 
         Parameters
@@ -45,6 +46,8 @@ class Options:
             Help.
         positive : bool
             Only numbers above zero are allowed.
+        least : int or float, optional
+            Only numbers from this one on are allowed.
 
         Raises
         ------
@@ -60,15 +63,29 @@ class Options:
                 value = self._db.getBool(name)
             else:
                 value = kind(raw)
+            if kind is float and not math.isfinite(value):
+                value = None
         except (ValueError, PETSc.Error):
             value = None
         choices = KINDS[kind] if allowed is None else " | ".join(str(a) for a in allowed)
         if positive:
             choices += " > 0"
-        if value is None or (allowed is not None and value not in allowed) or (positive and not value > 0):
-            found = repr(raw) if raw else "nothing"
-            raise InputError(f"command line: -{name}: found {found}; allowed: {choices}")
+        if least is not None:
+            choices += f" >= {least}"
+        outside = value is not None and ((positive and not value > 0) or (least is not None and value < least))
+        if value is None or outside or (allowed is not None and value not in allowed):
+            raise self.refusal(name, choices)
         return value
+
+    def refusal(self, name, allowed):
+        """The error to raise: the option's name, what was found, what is allowed.
+
+        Returns
+        -------
+        InputError
+        """
+        raw = self._db.getString(name, "")
+        return InputError(f"command line: -{name}: found {repr(raw) if raw else 'nothing'}; allowed: {allowed}")
 
     def propose(self, defaults):
         """Enter solver defaults that the user did not set.

@@ -11,6 +11,9 @@ from pcontact.scene.messages import input_error, shown
 from pcontact.scene.model import Scene
 from pcontact.scene.places import place
 
+# kinds of numpy's types that are no distances: complex numbers and booleans
+NOT_REAL = "cb"
+
 
 def obstacle_functions(scene: Scene, index: int) -> tuple[Callable, Callable | None]:
     """Functions of the level set obstacle of a contact.
@@ -85,9 +88,13 @@ class Watched:
         try:
             with np.errstate(all="ignore"):  # what is not finite is found below
                 value = self.function(x.copy(), time)
-            value = np.asarray(value, dtype=float)
+            value = np.asarray(value)
+            # converted, complex numbers would lose a part without a word
+            value = value if value.dtype.kind in NOT_REAL else value.astype(float, copy=False)
         except (Exception, SystemExit) as error:  # whatever the user's function raises is a fault of the input
             raise self._error(f"{_stop(error)} {at}", allowed) from None
+        if value.dtype.kind in NOT_REAL:
+            raise self._error(f"values of type {value.dtype} {at}", f"{allowed} of real numbers")
         if value.shape != shape:
             raise self._error(f"an array of shape {value.shape} {at}", allowed)
         bad = np.flatnonzero(~np.isfinite(value.reshape(len(x), -1)).all(axis=1))

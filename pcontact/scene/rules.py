@@ -26,6 +26,9 @@ from pcontact.scene.model import (
     Steps,
 )
 
+# sizes of numbers between which squares and products of several of them neither overflow nor lose digits
+TINY, HUGE = 1e-60, 1e60
+
 
 class Rule(NamedTuple):
     """What is allowed, in words, and the function that accepts a value or raises ValueError(why)."""
@@ -56,13 +59,15 @@ def apply(rule: Rule, value: object, file: str, key: str) -> object:
 
 
 def number(allowed: str = "a finite number", test: Callable = lambda value: True) -> Rule:
-    """A finite number that passes the test."""
+    """A finite number that passes the test, zero or of a size that can be calculated with."""
 
     def accept(value):
         if isinstance(value, bool) or not isinstance(value, numbers.Real):
             raise ValueError
         if not math.isfinite(value) or not test(value):
             raise ValueError
+        if value and not TINY <= abs(value) <= HUGE:
+            raise ValueError(f"whose size is not between {TINY:g} and {HUGE:g}: take other units")
         return float(value)
 
     return Rule(allowed, accept)
@@ -106,8 +111,9 @@ def _entries(value, item: Rule, sizes) -> tuple:
     for index, entry in enumerate(value):
         try:
             result.append(item.accept(_plain(entry)))
-        except (ValueError, OverflowError):
-            raise ValueError(f"entry {index} is {shown(_plain(entry))}") from None
+        except (ValueError, OverflowError) as error:
+            why = f", {error}" if str(error) else ""
+            raise ValueError(f"entry {index} is {shown(_plain(entry))}{why}") from None
     return tuple(result)
 
 

@@ -6,6 +6,8 @@ from pcontact.solve.direct import FAILED
 
 # part of the volume that may yield from which on a limit load is near
 YIELDED = 0.5
+# part of the forces at work that rounding errors of contact may be
+HIDDEN = 1e-3
 
 
 def causes(problem, u, reason, norm):
@@ -34,6 +36,13 @@ def causes(problem, u, reason, norm):
         )
     elif min(norm, problem.loaded() or norm) <= 8.0 * problem.roundoff(u):
         found.append("rounding errors of the stresses hide the rest: the load is too small for these displacements")
+    errors, acting = problem.rounding_of_contacts(u), problem.acting(u)
+    worst = max(errors, key=errors.get, default=None)
+    if worst is not None and errors[worst] > HIDDEN * acting > 0.0:
+        found = [
+            f"rounding errors of the gap of contact {worst}, times its gamma, are {errors[worst]:.2g}, and the forces "
+            f"{acting:.2g}: its gamma0 is too large"
+        ]
     bulk = problem.items[0]
     if hasattr(bulk, "flowing"):
         part = bulk.flowing(u)
@@ -45,3 +54,4 @@ def causes(problem, u, reason, norm):
             "bound of coercivity; another solver: -pc_type lu"
         )
     return found
+

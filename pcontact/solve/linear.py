@@ -9,6 +9,8 @@ from pcontact.solve.filter import preconditioner
 GROWN = 2.0
 # ranks up to which multigrid takes W cycles: on many, coarse levels wait for messages, and W cycles visit them often
 FEW = 64
+# a relative tolerance is below it; those of Eisenstat and Walker, as petsc4py calls them
+RELATIVE, EISENSTAT_WALKER = 1.0, {"rtol0": "rtol_0", "rtolmax": "rtol_max"}
 
 
 class Reuse:
@@ -111,6 +113,31 @@ def solver_defaults(symmetric, ranks):
     else:
         options.update({"ksp_type": "gmres", "ksp_gmres_restart": 60, "ksp_pc_side": "right"})
     return options
+
+
+def check_tolerances(snes, options):
+    """Refuse tolerances and limits of the user's that no iteration can mean: PETSc takes any number.
+
+    Parameters
+    ----------
+    snes : PETSc.SNES
+        With its options set.
+    options : pcontact.runtime.options.Options
+
+    Raises
+    ------
+    InputError
+        On every rank.
+    """
+    krylov = snes.getKSP().getTolerances()
+    values = dict(zip(("snes_rtol", "snes_atol", "snes_stol", "snes_max_it"), snes.getTolerances(), strict=True))
+    values |= {"ksp_rtol": krylov[0], "ksp_atol": krylov[1], "ksp_max_it": krylov[3]}
+    values |= {f"snes_ksp_ew_{name}": snes.getParamsEW()[key] for name, key in EISENSTAT_WALKER.items()}
+    for name, value in values.items():
+        allowed = f"a number from 0 to below {RELATIVE:g}" if "rtol" in name else "a finite number >= 0"
+        # written so that what is no number at all is refused, too
+        if options.given(name) and not 0 <= value < (RELATIVE if "rtol" in name else np.inf):
+            raise options.refusal(name, allowed)
 
 
 def newton_defaults(linear, direct, inexact):

@@ -18,7 +18,7 @@ from pcontact.solve.causes import causes
 from pcontact.solve.direct import Rescue
 from pcontact.solve.filter import contact_filter, new_preconditioner
 from pcontact.solve.line_search import FARTHEST, zero_of
-from pcontact.solve.linear import Reuse, newton_defaults, refresh_smoother, solver_defaults
+from pcontact.solve.linear import Reuse, check_tolerances, newton_defaults, refresh_smoother, solver_defaults
 from pcontact.solve.outcome import Outcome, cycles, repeats, together
 from pcontact.solve.problem import can_slip
 from pcontact.solve.ways import Ways
@@ -29,8 +29,9 @@ from pcontact.solve.ways import Ways
 # many close.
 APPROACH = 0.5
 # the forces of a solution are known to this part of the first residual at best; so many times the expected rounding
-# errors end a method that no longer gets on; they may hide this part of the forces at work at most
-ROUNDED, NEARLY, BALANCED = 1e-10, 100.0, 1e-3
+# errors end a method that no longer gets on; they may hide this part of the forces at work at most or, where no force
+# is applied, this part of the displacements
+ROUNDED, NEARLY, BALANCED, MOVED = 1e-10, 100.0, 1e-3, 1e-9
 # a residual of this part of the forces at work is small enough, unless the tolerance is looser
 SMALL = 1e-6
 
@@ -92,8 +93,9 @@ class Newton(Ways):
             self.snes.setFromOptions()
         except PETSc.Error as error:
             raise options.fault(error) or error from None
+        check_tolerances(self.snes, options)
         text = "Krylov iterations that a preconditioner may lose before it is renewed; -1: always renew"
-        patience = options.get("pc_patience", 10, int, text=text)
+        patience = options.get("pc_patience", 10, int, text=text, least=-1)
         self._reuse = None if lags or direct or loose or patience < 0 else Reuse(patience)
         self._filter = body_filter(problem, options) or contact_filter(problem, options)
         self.solver = self._solver(symmetric, len(near_null_space.getVecs()))
@@ -225,7 +227,7 @@ class Newton(Ways):
         if norm <= atol or (norm <= max(self._floor, self._least) and self._balanced(snes.getSolution(), norm)):
             return reasons.CONVERGED_FNORM_ABS
         if (iteration > 0 or self._near) and norm <= (self._goal or rtol) * self._first:
-            if self._goal or norm <= max(rtol, SMALL) * self._forces(snes.getSolution()):
+            if self._goal or self._small(snes.getSolution(), norm, max(rtol, SMALL)):
                 return reasons.CONVERGED_FNORM_RELATIVE
             stuck = iteration > 0 and norm <= NEARLY * self._floor and norm > 0.5 * self._norms[-2]
             if stuck and self._balanced(snes.getSolution(), norm):
@@ -236,13 +238,19 @@ class Newton(Ways):
 
     def _balanced(self, u, norm):
         """Whether a residual that rounding errors hide is small against the forces: those of a body that flows without
-        bound exceed any load. Without loads there is nothing to balance. *Collective.*"""
-        return self.problem.loaded() == 0.0 or norm <= BALANCED * self.problem.acting(u)
+        bound exceed any load, those of a gap times a huge gamma any stress. Bodies that nothing loads may move without
+        any force: there a residual is enough that hardly changes their displacements. *Collective.*"""
+        if norm <= BALANCED * self.problem.acting(u):
+            return True
+        return self.problem.loaded() == 0.0 and norm <= MOVED * self.problem.stiffness_scale(u)
 
-    def _forces(self, u):
-        """What a residual is small against: the forces at work. The first residual, of bodies whose supports alone have
-        moved, is many orders of magnitude larger where one is stiff, or gamma large. *Collective.*"""
-        return max(self.problem.acting(u), ROUNDED * self._first)
+    def _small(self, u, norm, part):
+        """Whether a residual is small against the forces at work. The first residual, of bodies whose supports alone
+        have moved, is many orders of magnitude larger where one is stiff, or gamma large: its rounding errors may be
+        what is left. *Collective.*"""
+        if norm <= part * self.problem.acting(u):
+            return True
+        return norm <= part * ROUNDED * self._first and self._balanced(u, norm)
 
     def _renew_preconditioner(self):
         """A load step is solved alike whatever came before it, as in a restarted run; a reset GAMG remembers."""

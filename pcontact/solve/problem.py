@@ -236,28 +236,52 @@ class Problem:
         # nothing holds a loose body before it touches something: it goes there whatever its load is
         return min([part for part in parts if part is not None], default=1.0)
 
-    def roundoff(self, u):
-        """Norm of the rounding errors that the residual at ``u`` may carry [force]. *Collective.*"""
-        total, size = self.space.vector(), self.items[0].magnitude(u)
+    def _magnitude(self, u):
+        """Sums of the absolute terms of the residual at ``u`` (n_owned, d) [force]. *Collective.*"""
+        size = self.items[0].magnitude(u)
         for item in self.items[1:]:
             item.add_magnitude(u, size)
-        total.setArray(size.ravel())
-        return np.finfo(float).eps * total.norm()
+        return size
+
+    def _norm(self, forces):
+        """Norm over all ranks of forces (n_owned, d) [force]. *Collective.*"""
+        return float(np.sqrt(self.space.comm.allreduce(float(np.sum(forces**2)))))
+
+    def roundoff(self, u):
+        """Norm of the rounding errors that the residual at ``u`` may carry [force]. *Collective.*"""
+        return np.finfo(float).eps * self._norm(self._magnitude(u))
+
+    def rounding_of_sum(self, u):
+        """Rounding errors that the sum of all forces at ``u`` may carry [force]. *Collective.*"""
+        return np.finfo(float).eps * float(np.linalg.norm(self.space.comm.allreduce(self._magnitude(u).sum(axis=0))))
 
     def loaded(self):
         """Norm of the external forces [force]. *Collective.*"""
-        own = float(np.sum(self.external(self.time) ** 2))
-        return float(np.sqrt(self.space.comm.allreduce(own, op=MPI.SUM)))
+        return self._norm(self.external(self.time))
 
     def acting(self, u):
-        """Largest of the norms of external forces, support forces and contact forces at ``u`` [force]. *Collective.*"""
-        external = -self.external(self.time)
-        contact, bulk = np.zeros_like(external), np.zeros_like(external)
-        self.items[0].residual(u, bulk)
-        self._add_contact(u, contact)
-        supports = np.where(self.fixed, external + contact + bulk, 0.0)
-        own = np.array([np.sum(force**2) for force in (external, contact, supports)])
-        return float(np.sqrt(np.max(self.space.comm.allreduce(own, op=MPI.SUM))))
+        """Larger of the norms of the external forces and of those of the stresses at ``u`` [force]. *Collective.*
+
+        At equilibrium supports and contact bear them. What contact says at ``u`` is no measure: it is gamma times a
+        gap, of which rounding errors may be all.
+        """
+        external, stresses = self.external(self.time), np.zeros((self.space.n_owned, self.space.dim))
+        self.items[0].residual(u, stresses)
+        return max(self._norm(external), self._norm(stresses))
+
+    def stiffness_scale(self, u):
+        """Norm of the sums of the absolute terms of the bodies' forces at ``u`` [force]: residuals that are small
+        against it leave displacements open that are small against ``u``. *Collective.*"""
+        return self._norm(self.items[0].magnitude(u))
+
+    def rounding_of_contacts(self, u):
+        """Norm of the rounding errors of the forces of every pair at ``u`` [force], by name. *Collective.*"""
+        errors = {}
+        for item in self.items[1:]:
+            size = np.zeros((self.space.n_owned, self.space.dim))
+            item.add_magnitude(u, size)
+            errors[item.name] = np.finfo(float).eps * self._norm(size)
+        return errors
 
     def worst(self, f):
         """Where a residual vector is largest. *Collective.*

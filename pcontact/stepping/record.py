@@ -5,8 +5,9 @@ import numpy as np
 from pcontact.runtime import log
 from pcontact.runtime.petsc import MPI
 
-# part of the largest force of the run that may be out of balance without a word
-UNBALANCED = 0.05
+# part of the largest force of the run that may be out of balance without a word; so many times its rounding errors, a
+# sum of forces is hidden by them
+UNBALANCED, ERRORS = 1e-3, 8.0
 
 
 class Recorder:
@@ -64,14 +65,21 @@ class Recorder:
         total, largest = problem.imbalance(record)
         self._largest = max(self._largest, largest)
         imbalance = total / self._largest if self._largest > 0.0 else 0.0
-        # where nothing is applied, bodies that move through free space leave rounding errors alone
-        if imbalance > UNBALANCED and problem.loaded() > 0.0:
-            log.warning(
-                "time %g: the forces are out of balance by %.2g %% of the largest of the run: rounding errors of the "
-                "stresses hide them, the displacements are right only where they are imposed",
-                step.time, 100.0 * imbalance,
-            )  # fmt: skip
+        if imbalance > UNBALANCED:
+            self._warn(step.time, u, total, imbalance)
         return {**record, "imbalance": imbalance}
+
+    def _warn(self, time, u, total, imbalance):
+        """Say what hides the balance of forces. *Collective.*"""
+        if total > ERRORS * self._problem.rounding_of_sum(u):
+            why = "the residual that the tolerances leave does: smaller ones (-snes_rtol), or smaller load steps"
+        elif self._problem.loaded() > 0.0:
+            why = "rounding errors of the stresses hide them, the displacements are right only where they are imposed"
+        else:
+            # where nothing is applied, bodies that move through free space leave rounding errors alone
+            return
+        log.warning("time %g: the forces are out of balance by %.2g %% of the largest of the run: %s", time,
+                    100.0 * imbalance, why)  # fmt: skip
 
     def _plastic(self):
         bulk = self._problem.items[0]

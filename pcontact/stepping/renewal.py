@@ -117,5 +117,5 @@ def renewal(problem, newton, options):
     text = "when partners are looked for: at the beginning of a load step, or at iterations of Newton's method, too"
     follows = options.get("contact_search_every", "step", allowed=("step", "newton"), text=text) == "newton"
     text = "searches for partners within a load step, after the first: each time Newton's method has converged"
-    most = options.get("contact_search_again", AGAIN if follows else 0, int, text=text)
+    most = options.get("contact_search_again", AGAIN if follows else 0, int, text=text, least=0)
     return Renewal(problem, newton, most, follows) if (most > 0 or follows) and not problem.linear else None
