@@ -1,0 +1,351 @@
+"""Random scenes against themselves: ``python tests/fuzz/fuzz.py [--seconds S] [--scenes N] [--seed N] [-j N]``.
+
+Every scene (scenes.py) runs with a direct solver and a small tolerance, then in other ways (variants.py): on three
+ranks, renumbered, mirrored, rotated and moved, in other units, restarted, with the program's own solver, with source
+and target swapped, with an error estimate. The numbers have to agree (judge.py). A failure is shrunk: feature after
+feature is replaced by the simplest one, as long as the scene still fails. What is left goes to a directory, with the
+command that repeats it.
+
+The exit status is 1 if there was a failure.
+"""
+
+import argparse
+import json
+import shutil
+import sys
+import tempfile
+import time
+from collections import Counter
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from grids import msh_text
+from judge import SINGULAR, differences, numbers_of, scales
+from runner import job_of, run_jobs
+from scenes import scene_of, texts
+from variants import TIGHT, in_units, variants_of
+
+HERE = Path(__file__).resolve().parent
+# scenes of one round: their runs share a process
+ROUND = 10
+
+
+@dataclass
+class Finding:
+    """Something wrong with a scene: `variant` is the run that shows it, `kind` in one word, `text` the numbers."""
+
+    seed: int
+    variant: str
+    kind: str
+    text: str
+    plan: dict = field(default_factory=dict)
+
+    def __str__(self):
+        more = f" --plan '{json.dumps(self.plan)}'" if self.plan else ""
+        return (f"seed {self.seed}, {self.variant}: {self.kind}: {self.text}\n"
+                f"    repeat: python tests/fuzz/fuzz.py --seed {self.seed} --scenes 1{more}")  # fmt: skip
+
+
+def write_case(folder, case):
+    """The files of a case."""
+    folder.mkdir(parents=True)
+    for name, text in texts(case).items():
+        (folder / name).write_text(text)
+    (folder / "mesh.msh").write_text(msh_text(case.mesh))
+
+
+def prepared(seed, plan=None, only=None):
+    """The case of a seed in units of its own, and its variants."""
+    rng = np.random.default_rng([seed, 1])
+    case = in_units(scene_of(seed, plan), rng)
+    variants = variants_of(case, rng)
+    if only is not None:
+        wanted = {only, *(v.against for v in variants if v.name == only), "tight"}
+        variants = [v for v in variants if v.name in wanted]
+    return case, variants
+
+
+def jobs_of(folder, variants):
+    """Files and jobs of all variants; the first one keeps its checkpoints."""
+    jobs = []
+    for variant in variants:
+        place = folder / variant.name.replace(", ", "_")
+        case = variant.case
+        if not variant.against or variant.restart is not None:
+            # a restart is refused where the scene is another one
+            case = case.copy()
+            case.scene["output"]["checkpoint"] = True
+        write_case(place, case)
+        jobs.append(job_of(
+            place, variant.options, restart=variant.restart, of=folder / variant.against,
+            checkpoint=not variant.against, write=variant.name == "estimated",
+        ))  # fmt: skip
+    return jobs
+
+
+def run_scenes(cases, work):
+    """Results of all variants of several cases: {seed: {variant: result}}."""
+    lists = {}
+    for seed, (_, variants) in cases.items():
+        for variant, job in zip(variants, jobs_of(work / str(seed), variants), strict=True):
+            lists.setdefault(variant.ranks, []).append((seed, variant.name, job))
+    results = {seed: {} for seed in cases}
+    for ranks, rows in sorted(lists.items()):
+        found = run_jobs([job for *_, job in rows], ranks, work)
+        for (seed, name, _), result in zip(rows, found, strict=True):
+            results[seed][name] = result
+    return results
+
+
+# -- the verdict -------------------------------------------------------------------------------------------
+
+
+def formulations(case):
+    """The formulations of a scene's contacts."""
+    return {c.get("formulation", "nitsche") for c in case.scene.get("contacts", [])}
+
+
+def remembers(case):
+    """Whether a scene has friction: what comes after a solution that is not unique depends on which one it was."""
+    return any(c.get("friction") or c.get("tresca") for c in case.scene.get("contacts", []))
+
+
+def uniqueness(case, work, number):
+    """Smallest singular value of the tangent at every load step."""
+    place = work / f"tangent_{number}"
+    write_case(place, case)
+    result = run_jobs([job_of(place, TIGHT, tangent=True)], 1, work)[0]
+    return [row["singular"] for row in result["steps"]]
+
+
+def judged(case, variants, results, work):
+    """Findings, and notes of what was left out with its reason."""
+    findings, notes, by_name = [], [], {v.name: v for v in variants}
+    for variant in variants:
+        result = results[variant.name]
+        if result["status"] in ("crashed", "hung", "refused"):
+            text = " ".join(result["text"].split())[-400:]
+            findings.append(Finding(case.seed, variant.name, result["status"], text))
+            if not variant.against:
+                return findings, notes
+    status = results["tight"]["status"]
+    if status == "stopped":
+        reason = results["tight"]["cuts"][-1][1]
+        if "augmented_lagrangian" in formulations(case):
+            notes.append(f"augmented Lagrangian stopped: {reason[:60]}")
+        else:
+            findings.append(Finding(case.seed, "tight", "stopped", reason))
+    singular = None
+    for variant in variants:
+        if not variant.against or results[variant.name]["status"] not in ("converged", "stopped"):
+            continue
+        base = results[variant.against]
+        if base["status"] not in ("converged", "stopped"):
+            continue
+        wrong = _compared(case, variant, by_name[variant.against], base, results[variant.name])
+        if wrong is None:
+            continue
+        if wrong.kind == "path":
+            notes.append(f"path: {wrong.text}")
+            continue
+        if singular is None:
+            singular = uniqueness(case, work, case.seed)
+        first = next((k for k, value in enumerate(singular) if value < SINGULAR), None)
+        if first is not None and wrong.kind == "differs":
+            wrong = _compared(case, variant, by_name[variant.against], base, results[variant.name], first)
+            notes.append(f"not unique from load step {first + 1} on")
+        if wrong is not None:
+            findings.append(wrong)
+    return findings, notes
+
+
+def _compared(case, variant, reference, base, result, singular=None):
+    """A finding, or None. After the load step `singular` the solution is not unique."""
+    a, b = numbers_of(base, reference, case), numbers_of(result, variant, case)
+    skip = 0
+    if variant.restart is not None:
+        skip = len(a.times) - len(b.times)
+        if result.get("restarted") is None:
+            return None
+    if base["status"] != result["status"]:
+        return Finding(case.seed, variant.name, "status", f"{base['status']} became {result['status']}")
+    scale = scales(case, a)
+    end = scale_time = case.scene["steps"]["end"]
+    same = len(a.times) - skip == len(b.times) and np.allclose(a.times[skip:], b.times, rtol=0, atol=1e-9 * scale_time)
+    if not same:
+        cut = (sum(r["cutbacks"] for r in base["steps"]), sum(r["cutbacks"] for r in result["steps"]))
+        lengths = f"{len(a.times)} and {len(b.times)} load steps"
+        text = f"{variant.name}: {cut[0]} and {cut[1]} cut backs in {lengths} to {end:g}"
+        return Finding(case.seed, variant.name, "path", text)
+    parts = [(slice(skip, None), None)]
+    if singular is not None:
+        parts = [(slice(skip, max(singular, skip)), None)]
+        if not remembers(case):
+            parts.append((slice(max(singular, skip), None), ("force",)))
+    worst = []
+    for steps, kinds in parts:
+        other = type(b)(b.times, {k: v[steps.start - skip : None if steps.stop is None else steps.stop - skip]
+                                  for k, v in b.values.items()}, b.turned)  # fmt: skip
+        more = {} if kinds is None else {"kinds": kinds}
+        worst += differences(a, other, scale, steps, **more)
+    bad = [f"{key} {value:.1e}" for value, key in sorted(worst, reverse=True) if value > variant.tolerance]
+    if not bad:
+        return None
+    return Finding(case.seed, variant.name, "differs", f"by {', '.join(bad[:4])} (allowed {variant.tolerance:g})")
+
+
+# -- shrinking ---------------------------------------------------------------------------------------------
+
+# the simplest value of a draw, by the end of its name
+SIMPLE = [
+    ("dim", 2), ("arrangement", "stack"), ("bodies", 2), ("bodies", 1), ("degree", 1), ("order", 1),
+    ("kinematics", "plane_strain"), ("count", 1), ("end", 1.0), ("floor", False), ("cell", "quadrilateral"),
+    ("cell", "hexahedron"), ("curved", (0, 0)), ("jitter", 0.0), ("grade", 0.0), ("yields", False),
+    ("stiff volume", False), ("auxetic", False), ("nu", 0.3), ("E", 1.0), ("law", "none"), ("law", "coulomb"),
+    ("formulation", "nitsche"), ("theta", 0), ("consistent", False), ("gamma0 said", False), ("alpha said", False),
+    ("quadrature said", False), ("ray", False), ("cut", None), ("kind1", "pair"), ("kind2", "pair"),
+    ("kind0", "pair"), ("amplitude", None), ("no shear", True), ("drive", "moved"), ("shape", "plane"),
+    ("moves", False), ("weight", False), ("mean", False), ("gap1", "none"), ("gap2", "none"), ("width", 1.0),
+    ("off", 0.0), ("height", 1.0), ("flip", False), ("place", 0.0), ("swap", False), ("adjust", False),
+    ("hardening", "isotropic"), ("n0", 1), ("n1", 1), ("n2", 1), ("n0", 2), ("n1", 2), ("depth", 0.02),
+    ("friction", 0.3), ("gradient", False), ("kinematics said", False),
+]  # fmt: skip
+
+
+def drawn_names(seed, plan):
+    """Names and values of all draws of a scene; None where the plan makes none (a quadrilateral in space)."""
+    names = {}
+
+    class Spy(dict):
+        def get(self, name, default=None):
+            names[name] = super().get(name, default)
+            return names[name]
+
+    try:
+        scene_of(seed, Spy(plan))
+    except (KeyError, ValueError, IndexError):
+        return None
+    return names
+
+
+def fails(finding, plan, work, number):
+    """The finding of the same variant and kind with another plan, or None."""
+    case, variants = prepared(finding.seed, plan, finding.variant)
+    place = work / f"shrink_{finding.seed}_{number}"
+    results = run_scenes({finding.seed: (case, variants)}, place)[finding.seed]
+    found, _ = judged(case, variants, results, place)
+    shutil.rmtree(place, ignore_errors=True)
+    same = [f for f in found if (f.variant, f.kind) == (finding.variant, finding.kind)]
+    return Finding(finding.seed, finding.variant, finding.kind, same[0].text, plan) if same else None
+
+
+def shrunk(finding, work, attempts=60):
+    """The finding of the smallest scene that still fails."""
+    plan, number = dict(finding.plan), 0
+    for end, value in SIMPLE:
+        for name, now in drawn_names(finding.seed, plan).items():
+            if (name == end or name.endswith(f".{end}")) and now != value and number < attempts:
+                if drawn_names(finding.seed, {**plan, name: value}) is None:
+                    continue
+                number += 1
+                smaller = fails(finding, {**plan, name: value}, work, number)
+                if smaller is not None:
+                    finding, plan = smaller, smaller.plan
+    return finding
+
+
+def leave(finding, out):
+    """Scene, mesh and command of a finding in a directory; both runs where it takes two."""
+    case, variants = prepared(finding.seed, finding.plan, finding.variant)
+    place = out / f"{finding.seed}_{finding.variant.replace(', ', '_').replace(' ', '_')}_{finding.kind}"
+    shutil.rmtree(place, ignore_errors=True)
+    lines = [str(finding), ""]
+    for variant in variants:
+        jobs_of(place, [variant])
+        start = "" if variant.ranks == 1 else f"mpirun -n {variant.ranks} "
+        words = " ".join(f"-{k} {v}" for k, v in variant.options.items())
+        lines.append(f"{start}python -m pcontact run {variant.name.replace(', ', '_')}/scene.toml {words}")
+    (place / "README.txt").write_text("\n".join([*lines, ""]))
+    return place
+
+
+# -- a campaign --------------------------------------------------------------------------------------------
+
+
+def round_of(seeds, plan, work):
+    """Findings and notes of some seeds: {seed: (case, findings, notes)}."""
+    place = Path(tempfile.mkdtemp(dir=work))
+    cases = {seed: prepared(seed, plan) for seed in seeds}
+    results = run_scenes(cases, place)
+    out = {}
+    for seed, (case, variants) in cases.items():
+        findings, notes = judged(case, variants, results[seed], place)
+        for finding in findings:
+            finding.plan = dict(plan or {})
+        steps = sum(len(r["steps"]) for r in results[seed].values())
+        notes += [f"{seed} took {sum(r.get('seconds', 0.0) for r in results[seed].values()):.1f} s"]
+        out[seed] = case, findings, notes, steps
+    shutil.rmtree(place, ignore_errors=True)
+    return out
+
+
+def campaign(seed, scenes, seconds, workers, plan, out, say):
+    """Scenes until their number or the time is reached; all findings."""
+    begin, findings, notes, count, steps = time.monotonic(), [], Counter(), 0, 0
+    work = Path(tempfile.mkdtemp(prefix="pcontact_fuzz_"))
+    size = min(ROUND, max(1, scenes // max(workers, 1)))
+    seeds = [list(range(k, min(k + size, seed + scenes))) for k in range(seed, seed + scenes, size)]
+    with ThreadPoolExecutor(workers) as pool:
+
+        def turn(some):
+            return {} if time.monotonic() - begin > seconds else round_of(some, plan, work)
+
+        for found in pool.map(turn, seeds):
+            for _, new, more, n in found.values():
+                count, steps = count + 1, steps + n
+                findings += new
+                notes.update(more)
+                for finding in new:
+                    say(str(finding))
+            if found:
+                say(f"{count} scenes, {len(findings)} findings, {time.monotonic() - begin:.0f} s")
+    wrong = len({finding.seed for finding in findings})
+    say(f"{count} scenes from seed {seed} on, {steps} load steps, {wrong} scenes with findings")
+    for note, n in sorted(notes.items()):
+        say(f"    {n} times: {note}")
+    if out is not None:
+        for finding in _each_once(findings):
+            small = shrunk(finding, work)
+            say(f"shrunk: {small}\n    left in {leave(small, out)}")
+    shutil.rmtree(work, ignore_errors=True)
+    return findings
+
+
+def _each_once(findings):
+    """One finding for each seed, of the first run that shows it."""
+    return list({finding.seed: finding for finding in reversed(findings)}.values())
+
+
+def main(words=None):
+    """The command line."""
+    parser = argparse.ArgumentParser(description="random scenes, each run in many ways that must agree")
+    parser.add_argument("--seconds", type=float, default=float("inf"), help="no scene begins after this time")
+    parser.add_argument("--scenes", type=int, default=100000, help="how many (default: until the time is over)")
+    parser.add_argument("--seed", type=int, default=1, help="of the first scene; they count up")
+    parser.add_argument("-j", type=int, default=1, help="processes beside each other")
+    parser.add_argument("--plan", type=json.loads, default=None, help="draws that are fixed, in JSON")
+    parser.add_argument("-o", type=Path, default=None, help="directory for shrunk failures (default: none)")
+    given = parser.parse_args(words)
+
+    def say(text):
+        sys.stdout.write(text + "\n")
+        sys.stdout.flush()
+
+    found = campaign(given.seed, given.scenes, given.seconds, given.j, given.plan, given.o, say)
+    return 1 if found else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

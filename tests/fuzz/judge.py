@@ -1,0 +1,138 @@
+"""Whether two runs of one scene have the same numbers.
+
+Compared are, at every load step, what is continuous in the data: displacements of all nodes of the file, support
+forces, contact forces, largest pressure and penetration, strain energy, plastic strain and volume, displacements of
+the probes; each against the largest value of its kind in the run (or, if that is less, what strains of 1e-6 make).
+Numbers of points are not compared: one whose traction is zero up to rounding errors is open or closed as these have
+it.
+
+A solution that is not unique is recognised by the tangent of the solution, without the stabilisation of loose bodies:
+its smallest singular value is below `SINGULAR` of its largest entry. From that load step on only the sums of the
+forces are compared, and where there is friction, which remembers, nothing is.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+# of the largest entry of the tangent: two orders above rounding errors, far below what holds a body by one point
+SINGULAR = 1e-9
+# strain whose displacement, force and energy are the least to compare with
+STRAIN = 1e-6
+
+
+@dataclass
+class Numbers:
+    """What a run has to show, in the first scene's axes, units and numbers: arrays over the load steps.
+
+    `turned`: sums of magnitudes in the directions of axes that are no longer those of the first scene.
+    """
+
+    times: np.ndarray
+    values: dict
+    turned: tuple = ()
+
+
+def numbers_of(result, variant, first):
+    """The numbers of a result in the terms of the first case.
+
+    Parameters
+    ----------
+    result : dict
+        Of worker.py.
+    variant : variants.Variant
+    first : scenes.Case
+    """
+    motion, d, case = variant.motion, first.dim, variant.case
+    R = np.eye(d) if motion is None else motion.R
+    size = d if case.axial or d == 3 else 2
+    length, stress = (1.0, 1.0) if motion is None else (motion.length, motion.stress)
+    force, energy = stress * length ** (size - 1 if d == 3 or not case.axial else 2), stress * length**size
+    if case.axial:
+        energy = stress * length**3
+    permutes = np.isin(np.abs(R).round(12), (0.0, 1.0)).all()
+    values, turned = {}, set()
+    for row in result["steps"]:
+        record = row["record"]
+        # nodes that the program adds have numbers beyond the file's; those that carry no displacement stay 0
+        u = np.zeros((max(len(first.mesh.points), row["nodes"].max() + 1), d))
+        u[row["nodes"]] = row["u"]
+        u = u[: len(first.mesh.points)] if variant.number is None else u[variant.number]
+        one = {"u": u @ R / length, "energy": row["energy"] / energy}
+        one["force reactions"] = {k: np.array(v) @ R / force for k, v in record["reactions"].items()}
+        for name, contact in record["contacts"].items():
+            sign = -1.0 if name in variant.swapped else 1.0
+            turn = np.abs(R) if _sums(case, name) else R
+            if _sums(case, name) and not permutes:
+                turned.add(f"force {name}")
+            one[f"force {name}"] = sign * np.array(contact["force"]) @ turn / force
+            one[f"pressure {name}"] = contact["max_pressure"] / stress
+            one[f"depth {name}"] = contact["max_penetration"] / length
+        for name, probe in record["probes"].items():
+            one[f"probe {name}"] = np.array(probe["mean"]) @ R / length
+        one["strain"] = record["plastic"]["max_equivalent_strain"]
+        for key, value in one.items():
+            values.setdefault(key, []).append(value)
+    reactions = values.pop("force reactions", [])
+    for name in reactions[0] if reactions else []:
+        values[f"force at {name}"] = [r[name] for r in reactions]
+    times = np.array([row["record"]["time"] for row in result["steps"]])
+    return Numbers(times, {k: np.array(v) for k, v in values.items()}, tuple(turned))
+
+
+def _sums(case, name):
+    """Whether a contact's force is a sum of magnitudes, which has no direction."""
+    for contact in case.scene.get("contacts", []):
+        own = contact.get("name") or ("all" if contact.get("all") else "")
+        if own == name and "obstacle" not in contact:
+            return bool(contact.get("all")) or contact["source"] == contact.get("target")
+    return False
+
+
+KINDS = ("force", "pressure", "depth", "probe", "u", "energy", "strain")
+
+
+def scales(case, numbers):
+    """Largest value of every kind in a run, and what is the least."""
+    L, E = case.length, case.stress
+    d = 3 if case.axial else case.dim
+    forces = E * L ** (d - 1) if d == 3 else E * L
+    least = {"force": STRAIN * forces, "pressure": STRAIN * E, "depth": STRAIN * L, "u": STRAIN * L,
+             "energy": STRAIN**2 * forces * L, "strain": STRAIN}  # fmt: skip
+    found = dict(least)
+    for key, value in numbers.values.items():
+        kind = key.split()[0]
+        kind = "u" if kind == "probe" else kind
+        found[kind] = max(found[kind], float(np.max(np.abs(value), initial=0.0)))
+    # energy is a sum of products of the two, which may cancel
+    found["energy"] = max(found["energy"], found["force"] * found["u"])
+    # a depth of contact is a part of the displacement, a pressure at least that of the forces
+    found["depth"] = max(found["depth"], found["u"])
+    return found
+
+
+def differences(first, second, scale, steps=None, kinds=KINDS):
+    """Largest difference of every number, over the scale of its kind, worst first.
+
+    Parameters
+    ----------
+    first, second : Numbers
+    scale : dict of str to float
+    steps : slice, optional
+        Of the first run; the second has as many.
+
+    Returns
+    -------
+    list of (float, str)
+    """
+    out = []
+    for key, value in first.values.items():
+        kind = key.split()[0]
+        if kind not in kinds or key in second.turned:
+            continue
+        a, b = value if steps is None else value[steps], second.values.get(key)
+        if b is None or a.shape != b.shape or not np.isfinite(b).all():
+            out.append((np.inf, key))
+            continue
+        out.append((float(np.max(np.abs(a - b), initial=0.0)) / scale["u" if kind == "probe" else kind], key))
+    return sorted(out, reverse=True)

@@ -1,0 +1,102 @@
+"""Lists of runs in processes of their own, on one rank or under mpirun, that survive crashes and hangs of a run."""
+
+import json
+import os
+import pickle
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+HERE = Path(__file__).resolve().parent
+ROOT = HERE.parents[1]
+# seconds that one run may take on a machine that does other things as well
+PATIENCE = float(os.environ.get("PCONTACT_FUZZ_PATIENCE", 120.0))
+
+
+def environment():
+    """That of a fresh shell: nothing of the MPI job that the caller may run in."""
+    ours = ("PMIX_", "PRTE_", "OMPI_COMM_", "OPAL_")
+    keep = {k: v for k, v in os.environ.items() if not k.startswith(ours)}
+    keep["PYTHONPATH"] = os.pathsep.join([str(ROOT), *filter(None, [keep.get("PYTHONPATH")])])
+    return {
+        **keep,
+        "OMPI_ALLOW_RUN_AS_ROOT": "1",
+        "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1",
+        "OMPI_MCA_rmaps_base_oversubscribe": "1",
+        "PRTE_MCA_rmaps_default_mapping_policy": ":oversubscribe",
+        # ranks that wait give way to those that work
+        "OMPI_MCA_mpi_yield_when_idle": "1",
+        "OMP_NUM_THREADS": "1",
+    }
+
+
+def command(script, ranks, *words):
+    """The command line of a Python script on some ranks."""
+    start = [] if ranks == 1 else ["mpirun", "-n", str(ranks)]
+    return [*start, sys.executable, str(script), *map(str, words)]
+
+
+def job_of(folder, options=None, restart=None, of=None, checkpoint=False, write=False, tangent=False):
+    """A job of worker.py."""
+    return {"folder": str(folder), "options": options or {}, "restart": restart, "of": None if of is None else str(of),
+            "checkpoint": checkpoint, "write": write, "tangent": tangent}  # fmt: skip
+
+
+def run_jobs(jobs, ranks, work):
+    """Results of all jobs, in order.
+
+    Parameters
+    ----------
+    jobs : list of dict
+    ranks : int
+    work : pathlib.Path
+        A directory for the lists.
+
+    Returns
+    -------
+    list of dict
+        Of worker.py; `status` "crashed" or "hung" where the process did not come to its end.
+    """
+    results, first, part = [None] * len(jobs), 0, 0
+    while first < len(jobs):
+        path = work / f"jobs_{ranks}_{os.getpid()}_{time.monotonic_ns()}.jsonl"
+        path.write_text("".join(json.dumps(job) + "\n" for job in jobs[first:]))
+        ended, status, text = _supervise(path, ranks)
+        for k in range(first, first + ended):
+            results[k] = pickle.loads((Path(jobs[k]["folder"]) / "result.pkl").read_bytes())
+        first += ended
+        if first < len(jobs):
+            results[first] = {"status": status, "text": text, "steps": [], "warnings": [], "cuts": []}
+            first += 1
+        part += 1
+    return results
+
+
+def _supervise(path, ranks):
+    """Run a list until it ends or stands still; how many jobs have ended, and how the next one did not."""
+    done, log = Path(f"{path}.done"), Path(f"{path}.log")
+    with open(log, "w") as stream:
+        process = subprocess.Popen(
+            command(HERE / "worker.py", ranks, path), stdout=stream, stderr=stream, stdin=subprocess.DEVNULL,
+            env=environment(), start_new_session=True,
+        )  # fmt: skip
+        size, since, status = -1, time.monotonic(), "crashed"
+        while process.poll() is None:
+            now = done.stat().st_size if done.exists() else 0
+            if now != size:
+                size, since = now, time.monotonic()
+            if time.monotonic() - since > PATIENCE:
+                status = "hung"
+                os.killpg(process.pid, signal.SIGTERM)
+                try:
+                    process.wait(10)
+                except subprocess.TimeoutExpired:
+                    os.killpg(process.pid, signal.SIGKILL)
+                break
+            time.sleep(0.02)
+        process.wait()
+    lines = done.read_text().splitlines() if done.exists() else []
+    ended = sum(line.startswith("end") for line in lines)
+    return ended, status, log.read_text()[-3000:]

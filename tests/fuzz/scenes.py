@@ -1,0 +1,552 @@
+"""Random scenes: a seed becomes a scene (a dict as in the TOML file) and a mesh, both in units of the order of 1.
+
+A scene is sensible: bodies strain by a few percent at most, every body is held by supports or pressed on something
+that is, friction is small enough for one solution. What a scene has is drawn in :func:`scene_of`; `plan`, a dict,
+fixes some of the draws (the shrinking and the tests use that).
+"""
+
+import copy
+from dataclasses import dataclass, field
+
+import numpy as np
+from grids import Mesh, block, jittered, joined
+
+CELLS = {2: ["triangle", "quadrilateral", "mixed"], 3: ["tetrahedron", "hexahedron"]}
+FACTORS = (
+    None,
+    [[0.0, 0.0], [0.5, 1.0], [1.0, 0.5]],
+    [[0.0, 0.0], [0.4, 1.0], [0.7, 0.3], [1.0, 1.2]],
+    [[0.0, 0.0], [0.25, 0.8], [1.0, 1.0]],
+)
+
+
+@dataclass
+class Case:
+    """A scene and its mesh.
+
+    Attributes
+    ----------
+    seed : int
+    scene : dict
+        As in the TOML file; an obstacle of shape "level_set" has the key `of`, the obstacle whose distance it is.
+    mesh : Mesh
+    length, stress : float
+        Size of the bodies, and of Young's modulus, in the scene's units.
+    """
+
+    seed: int
+    scene: dict
+    mesh: Mesh
+    length: float = 1.0
+    stress: float = 1.0
+    tags: set = field(default_factory=set)
+
+    @property
+    def dim(self):
+        """Dimension of the space."""
+        return self.mesh.dim
+
+    @property
+    def axial(self):
+        """Whether x is a radius."""
+        return self.scene["mesh"].get("kinematics") == "axisymmetric"
+
+    def copy(self):
+        """With a scene of its own; the mesh is shared."""
+        return Case(self.seed, copy.deepcopy(self.scene), self.mesh, self.length, self.stress, set(self.tags))
+
+
+class Draw:
+    """Named draws from one generator: the plan's value, where it has one.
+
+    Every name has a stream of its own, so that what a plan fixes does not change the others.
+    """
+
+    def __init__(self, seed, plan):
+        self.seed, self.plan, self.drawn = seed, {} if plan is None else plan, {}
+
+    def rng(self, name):
+        """The stream of a name."""
+        return np.random.default_rng([self.seed, *name.encode()])
+
+    def one(self, name, options, weights=None):
+        """One of some options."""
+        p = None if weights is None else np.array(weights) / np.sum(weights)
+        value = options[int(self.rng(name).choice(len(options), p=p))]
+        self.drawn[name] = self.plan.get(name, value)
+        return self.drawn[name]
+
+    def uniform(self, name, low, high):
+        """A number between two."""
+        self.drawn[name] = self.plan.get(name, float(self.rng(name).uniform(low, high)))
+        return self.drawn[name]
+
+    def whole(self, name, low, high):
+        """A whole number, both ends included."""
+        self.drawn[name] = self.plan.get(name, int(self.rng(name).integers(low, high + 1)))
+        return self.drawn[name]
+
+    def chance(self, name, part):
+        """True in a part of the draws."""
+        self.drawn[name] = self.plan.get(name, bool(self.rng(name).random() < part))
+        return self.drawn[name]
+
+
+# -- bodies ------------------------------------------------------------------------------------------------
+
+
+def _counts(draw, name, d, cell, fine):
+    """Cubes along the axes: few."""
+    most = {(2, False): 5, (2, True): 3, (3, False): 3, (3, True): 2}[d, fine]
+    if cell == "tetrahedron":
+        most -= 1
+    counts = [draw.whole(f"{name}.n{axis}", 1 if fine else 2, max(most, 1 + (not fine))) for axis in range(d)]
+    if d == 3 and not fine:
+        counts[1] = min(counts[1], 2)
+    return counts
+
+
+def _body(draw, name, d, low, high, bulges, degree, order):
+    """A block between two corners; `bulges`: heights of the middle of the bottom and of the top."""
+    cell = draw.one(f"{name}.cell", CELLS[d])
+    counts = _counts(draw, name, d, cell, max(degree, order) == 2)
+    cells = ["triangle", "quadrilateral"] if cell == "mixed" else cell
+    if cell == "mixed":
+        counts[0] = max(counts[0], 2)
+    flip = draw.chance(f"{name}.flip", 0.5)
+    mesh = block(name, cells, degree, counts, flip=(lambda cube: sum(cube) % 2 == 1) if flip and d == 2 else None)
+    jittered(mesh, counts, draw.rng(f"{name}.jitter"), draw.one(f"{name}.jitter", [0.0, 0.2]))
+    grade = draw.one(f"{name}.grade", [0.0, 0.3])
+    s = mesh.points
+    s[:, : d - 1] = s[:, : d - 1] + grade * s[:, : d - 1] * (1.0 - s[:, : d - 1])
+    return _placed(mesh, low, high, bulges, draw.drawn.get("axis", False))
+
+
+def _placed(mesh, low, high, bulges, axis=False):
+    """Reference points to the box, and its bottom and top bulged; around the axis x = 0 where the body is there."""
+    s, low, high = mesh.points, np.array(low), np.array(high)
+    middle = np.array([0.0 if axis else 0.5])
+    bump = np.ones(len(s))
+    for k in range(mesh.dim - 1):
+        bump -= (s[:, k] - (middle if k == 0 else 0.5)) ** 2 * (1.0 if axis else 4.0) / (mesh.dim - 1)
+    x = low + s * (high - low)
+    x[:, -1] += (1.0 - s[:, -1]) * bulges[0] * (1.0 - bump) + s[:, -1] * bulges[1] * (bump - 1.0)
+    mesh.points = x
+    return mesh
+
+
+def _material(draw, name, cells, order, drive):
+    """Elastic, or one that yields; what locks is left out."""
+    nu = draw.uniform(f"{name}.nu", 0.0, 0.4)
+    tensor = cells in ("quadrilateral", "hexahedron")
+    if draw.chance(f"{name}.stiff volume", 0.1) and (tensor or order == 2):
+        nu = 0.49
+    if draw.chance(f"{name}.auxetic", 0.05):
+        nu = -0.3
+    E = draw.one(f"{name}.E", [1.0, 1.0, 3.0, 0.3, 10.0])
+    table = {"E": E, "nu": nu}
+    if draw.chance(f"{name}.yields", 0.3):
+        table.update(_plasticity(draw, name, E, drive))
+    return table
+
+
+def _plasticity(draw, name, E, drive):
+    y = E * draw.uniform(f"{name}.yield", 0.006, 0.02)
+    kinds = ["isotropic", "kinematic", "both", "curve", "curve and kinematic"]
+    kind = draw.one(f"{name}.hardening", [*kinds, "perfect"] if drive == "moved" else kinds)
+    table = {}
+    if "curve" in kind:
+        table["hardening_curve"] = [[0.0, y], [0.01, 1.3 * y], [0.05, 1.3 * y + 0.01 * E], [10.0, 1.3 * y + 2.0 * E]]
+    else:
+        table["yield_stress"] = y
+    if kind in ("isotropic", "both"):
+        table["hardening"] = E * draw.one(f"{name}.H", [0.05, 0.3])
+    if "kinematic" in kind or kind == "both":
+        table["kinematic_hardening"] = E * draw.one(f"{name}.K", [0.05, 0.3])
+    return table
+
+
+# -- contacts ----------------------------------------------------------------------------------------------
+
+
+def _law(draw, name):
+    """Keys of a law of friction."""
+    law = draw.one(f"{name}.law", ["none", "coulomb", "capped", "adhesion", "tresca"], [35, 30, 10, 10, 15])
+    if law == "none":
+        return {}
+    if law == "tresca":
+        return {"tresca": draw.uniform(f"{name}.tresca", 0.0005, 0.005)}
+    keys = {"friction": draw.uniform(f"{name}.friction", 0.05, 0.6)}
+    if law == "capped":
+        keys["friction_limit"] = draw.uniform(f"{name}.limit", 0.0005, 0.005)
+    if law == "adhesion":
+        keys["adhesion"] = draw.uniform(f"{name}.adhesion", 0.0005, 0.003)
+    return keys
+
+
+def _numerics(draw, name, d, order, obstacle=False, several=False):
+    """Keys of the formulation and the search."""
+    keys = {}
+    kind = draw.one(f"{name}.formulation", ["nitsche", "penalty", "augmented_lagrangian"], [65, 20, 15])
+    if kind != "nitsche":
+        keys["formulation"] = kind
+    elif not several:
+        keys["theta"] = draw.one(f"{name}.theta", [1, 0, -1])
+        if keys["theta"] and draw.chance(f"{name}.consistent", 0.3):
+            keys["adjoint"] = "consistent"
+    if draw.chance(f"{name}.gamma0 said", 0.2):
+        # from the bound of coercivity of every variant on
+        keys["gamma0"] = draw.one(f"{name}.gamma0", [2.0, 10.0, 100.0])
+    if draw.chance(f"{name}.alpha said", 0.1):
+        keys["alpha"] = draw.one(f"{name}.alpha", [0.5, 2.0])
+    if draw.chance(f"{name}.quadrature said", 0.2):
+        keys["quadrature"] = draw.whole(f"{name}.quadrature", 2 * order + 1, 8)
+    if not obstacle:
+        if draw.chance(f"{name}.ray", 0.25):
+            keys["search"] = "ray_tracing"
+        cut = draw.one(f"{name}.cut", [None, True, False], [60, 20, 20])
+        if cut is not None:
+            keys["cut"] = cut
+    return keys
+
+
+def _obstacle(draw, name, d, where, low=True):
+    """A rigid body under (`low`) a bottom whose middle is at `where`, that touches it there."""
+    sign = 1.0 if low else -1.0
+    shapes = ["plane", "sphere", "inside", "level_set"] + (["cylinder"] if d == 3 else [])
+    shape, up, at = draw.one(f"{name}.shape", shapes), np.eye(d)[-1], np.array(where)
+    radius = draw.uniform(f"{name}.radius", 1.0, 3.0)
+    table = {"shape": "plane", "point": at.tolist(), "normal": (sign * up).tolist()}
+    if shape == "cylinder":
+        axis = [1.0, draw.uniform(f"{name}.axis", -0.5, 0.5), 0.0]
+        point = (at - sign * radius * up).tolist()
+        table = {"shape": "cylinder", "point": point, "axis": axis, "radius": radius}
+    elif shape in ("sphere", "level_set"):
+        table = {"shape": "sphere", "center": (at - sign * radius * up).tolist(), "radius": radius}
+    elif shape == "inside":
+        table = {"shape": "sphere", "center": (at + sign * radius * up).tolist(), "radius": radius, "inside": True}
+    if shape == "level_set":
+        table = {"shape": "level_set", "of": table}
+        if draw.chance(f"{name}.gradient", 0.5):
+            table["gradient"] = True
+    return table
+
+
+# -- scenes ------------------------------------------------------------------------------------------------
+
+
+def _factor(draw, name, end):
+    """An amplitude, or none."""
+    rows = draw.one(f"{name}.amplitude", FACTORS)
+    return {} if rows is None else {"amplitude": [[t * end, f] for t, f in rows]}
+
+
+def _driven(draw, scene, name, d, depth, end):
+    """What moves or loads the top of a body; says which."""
+    side, axial = f"{name}_{'xyz'[d - 1]}1", scene["mesh"].get("kinematics") == "axisymmetric"
+    drive = draw.one("drive", ["moved", "split", "pressed", "pulled along"], [40, 20, 25, 15])
+    shear = [0.0] * (d - 1) if axial or draw.chance("no shear", 0.4) else [
+        depth * draw.uniform(f"shear{k}", -1.0, 1.0) for k in range(d - 1)
+    ]  # fmt: skip
+    if drive == "moved":
+        scene["displacements"].append({"region": side, "value": [*shear, -depth], **_factor(draw, "press", end)})
+        return "moved"
+    if drive == "split":
+        scene["displacements"] += [
+            {"region": side, "value": [*["free"] * (d - 1), -depth], **_factor(draw, "press", end)},
+            {"region": side, "value": [*shear, "free"], **_factor(draw, "shear", end)},
+        ]
+        return "moved"
+    for k in range(d - 1):
+        if not (axial and k == 0):
+            value = ["free"] * d
+            value[k] = 0.0
+            scene["displacements"].append({"region": f"{name}_{'xyz'[k]}0", "value": value})
+    # what presses never lets go
+    load, pushed = {"region": side}, draw.uniform("load", 0.3, 1.0) * depth
+    if drive == "pressed":
+        load["pressure"] = pushed
+    else:
+        load["traction"] = [*[0.2 * pushed] * (d - 1), -pushed]
+    scene["loads"].append({**load, **_factor(draw, "press", end)})
+    return "loaded"
+
+
+def _rollers(scene, name, d, axial):
+    """A body in the middle of a stack keeps its place sideways and does not turn."""
+    for k in range(d - 1):
+        if not (axial and k == 0):
+            value = ["free"] * d
+            value[k] = 0.0
+            scene["displacements"].append({"region": f"{name}_{'xyz'[k]}0", "value": value})
+
+
+def _empty(draw, d, order):
+    end = draw.one("end", [1.0, 1.0, 3.5])
+    scene = {
+        "mesh": {"file": "mesh.msh", "order": order},
+        "materials": {}, "bodies": [], "contacts": [], "displacements": [], "loads": [],
+        "steps": {"end": end, "count": draw.whole("count", 1, 5)},
+        "output": {"fields": False, "probes": []},
+    }  # fmt: skip
+    if d == 2:
+        kinds = ["plane_strain", "plane_stress", "axisymmetric"]
+        kinematics = draw.one("kinematics", kinds, [60, 20, 20])
+        if kinematics != "plane_strain" or draw.chance("kinematics said", 0.2):
+            scene["mesh"]["kinematics"] = kinematics
+    return scene, end
+
+
+def _stack(draw, d, degree, order):
+    """Blocks on one another, the lowest one on its support or on an obstacle, the uppermost one driven."""
+    scene, end = _empty(draw, d, order)
+    axial = scene["mesh"].get("kinematics") == "axisymmetric"
+    n = draw.one("bodies", [1, 2, 3], [20, 65, 15])
+    floor = n == 1 or draw.chance("floor", 0.2)
+    depth = draw.uniform("depth", 0.01, 0.04)
+    inner = draw.one("inner radius", [0.0, 0.7]) if axial else draw.uniform("place", -0.3, 0.3)
+    draw.drawn["axis"] = axial and inner == 0.0
+    names, meshes, level, tops = ["low", "middle", "high"][:n], [], 0.0, []
+    options = ["pair", "unbiased", "all", "tied", "bilateral"]
+    kinds = [draw.one(f"kind{k}", options, [45, 15, 15, 13, 12]) for k in range(n)]
+    one = kinds[0] == "all"
+    for k, name in enumerate(names):
+        gap, width = 0.0, 1.0 if k == 0 else draw.one(f"{name}.width", [1.0, 0.7, 0.5])
+        if k:
+            where = draw.one(f"gap{k}", ["none", "open", "overlap"], [60, 20, 20])
+            gap = {"none": 0.0, "open": 0.3 * depth, "overlap": -0.3 * depth}[where]
+            if not one and kinds[k] in ("tied", "bilateral"):
+                gap = 0.0
+        curved = draw.one(f"{name}.curved", [(0, 0), (1, 0), (0, 1)], [50, 30, 20])
+        bulges = [0.1 * curved[0] * (k > 0 or floor), 0.1 * curved[1] * (k < n - 1)]
+        start = inner if axial else inner + 0.5 * (1.0 - width) + (draw.uniform(f"{name}.off", -0.2, 0.2) if k else 0.0)
+        low = [start, *[0.5 * (1.0 - width)] * (d - 2), level + gap]
+        high = [start + width, *[0.5 * (1.0 + width)] * (d - 2), level + gap + draw.one(f"{name}.height", [0.6, 1.0])]
+        meshes.append(_body(draw, name, d, low, high, bulges, degree, order))
+        level = high[-1]
+        scene["bodies"].append({"region": name, "material": name})
+        tops.append((low, high))
+    drive = _driven(draw, scene, names[-1], d, depth, end)
+    for name in names:
+        cells = draw.drawn[f"{name}.cell"]
+        scene["materials"][name] = _material(draw, name, cells, order, drive)
+    _eased(scene)
+    vertical = "xyz"[d - 1]
+    loose = names[:-1] if floor else names[1:-1]
+    if not floor:
+        scene["displacements"].append({"region": f"low_{vertical}0", "value": [0.0] * d})
+    for name in loose:
+        _rollers(scene, name, d, axial)
+    if one and n > 1:
+        numerics = _numerics(draw, "all", d, order, several=floor)
+        scene["contacts"].append({"all": True, **_law(draw, "all"), **numerics})
+    for k in range(1, n):
+        if not one:
+            surfaces = f"{names[k]}_{vertical}0", f"{names[k - 1]}_{vertical}1"
+            scene["contacts"].append(_pair(draw, kinds[k], *surfaces, d, order, k))
+    if floor:
+        low, high = tops[0]
+        middle = [0.5 * (a + b) for a, b in zip(low, high, strict=True)][:-1]
+        if axial:
+            middle = [0.0]
+        table = _obstacle(draw, "floor", d, [*middle, 0.0])
+        if axial and inner > 0.0 and table["shape"] != "plane":
+            # a ball around the axis does not reach a ring at its highest point
+            table = {"shape": "plane", "point": [0.0, 0.0], "normal": [0.0, 1.0]}
+        if draw.chance("floor.moves", 0.3):
+            table.update({"displacement": [*[0.0] * (d - 1), 0.3 * depth], **_factor(draw, "floor", end)})
+        contact = {"name": "floor", "source": f"low_{vertical}0", "obstacle": table, **_law(draw, "floor")}
+        several = bool(scene["contacts"])
+        contact.update(_numerics(draw, "floor", d, order, obstacle=True, several=several))
+        if one and draw.chance("floor.all", 0.5):
+            del contact["source"]
+            contact["all"] = True
+        scene["contacts"].append(contact)
+    scene["output"]["probes"] = [f"{names[-1]}_{vertical}1", f"{names[-1]}_{vertical}0", f"{names[0]}_corner"]
+    if draw.chance("weight", 0.2):
+        force = [0.0] * (d - 1) + [-0.1 * depth]
+        scene["loads"].append({"region": names[0], "body_force": force, **_factor(draw, "weight", end)})
+    return scene, joined(meshes)
+
+
+def _eased(scene):
+    """Loads that the softest body bears, and that stay near the yield stress of the weakest."""
+    materials = scene["materials"].values()
+    most = min(m["E"] for m in materials)
+    yields = [m.get("yield_stress") or m["hardening_curve"][0][1] for m in materials if len(m) > 2]
+    for load in scene["loads"]:
+        pushed = abs(load["pressure"] if "pressure" in load else load["traction"][-1])
+        factor = min([most, *[1.2 * y / pushed for y in yields]])
+        for key in set(load) & {"pressure", "traction"}:
+            value = load[key]
+            load[key] = [factor * v for v in value] if isinstance(value, list) else factor * value
+
+
+def _pair(draw, kind, source, target, d, order, k):
+    """Two surfaces."""
+    contact = {"name": f"pair {k}", "source": source, "target": target}
+    if draw.chance(f"pair{k}.swap", 0.4):
+        contact.update(source=target, target=source)
+    numerics = _numerics(draw, f"pair{k}", d, order)
+    if kind == "tied":
+        return {**contact, "tied": True, **numerics}
+    contact.update(_law(draw, f"pair{k}"))
+    contact.update(numerics)
+    if kind in ("unbiased", "bilateral"):
+        contact[kind] = True
+    if draw.chance(f"pair{k}.adjust", 0.3):
+        contact["interference"] = "adjust"
+    return contact
+
+
+def _slot(draw, d, degree, order):
+    """A body with a slot that closes on itself: self contact, or contact of all surfaces with it."""
+    scene, end = _empty(draw, d, order)
+    axial = scene["mesh"].get("kinematics") == "axisymmetric"
+    cell = draw.one("body.cell", CELLS[d][:2])
+    fine = max(degree, order) == 2
+    across = draw.whole("body.n0", 2, 3 if fine or d == 3 else 5)
+    counts = [across, *[1] * (d - 2), 3]
+    mesh = block("body", cell, degree, counts, keep=lambda cube: cube[-1] != 1 or cube[0] == 0)
+    jittered(mesh, counts, draw.rng("body.jitter"), draw.one("body.jitter", [0.0, 0.15]))
+    opening = draw.uniform("opening", 0.02, 0.04)
+    levels = [0.0, 0.4, 0.4 + opening, 0.8 + opening]
+    s = mesh.points
+    s[:, -1] = np.interp(s[:, -1], [0.0, 1.0 / 3.0, 2.0 / 3.0, 1.0], levels)
+    s[:, 0] += 0.5 if axial else 0.0
+    up = "xyz"[d - 1]
+    scene["bodies"].append({"region": "body", "material": "body"})
+    scene["materials"]["body"] = _material(draw, "body", cell, order, "moved")
+    scene["displacements"] += [
+        {"region": f"body_{up}0", "value": [0.0] * d},
+        {"region": f"body_{up}1", "value": [*[0.0] * (d - 1), -opening * draw.uniform("close", 1.1, 1.6)],
+         **_factor(draw, "press", end)},
+    ]  # fmt: skip
+    numerics = _numerics(draw, "slot", d, order)
+    if draw.chance("all", 0.4):
+        contact = {"all": True, "self_contact": True}
+    else:
+        contact = {"name": "slot", "source": "body_inner", "target": "body_inner"}
+    scene["contacts"].append({**contact, "search_radius": 2.0 * opening, **_law(draw, "slot"), **numerics})
+    scene["output"]["probes"] = [f"body_{up}1", "body_x1", "body_corner"]
+    return scene, mesh
+
+
+def scene_of(seed, plan=None):
+    """The random scene of a seed.
+
+    Parameters
+    ----------
+    seed : int
+    plan : dict of str to value, optional
+        Draws that are fixed, by name.
+
+    Returns
+    -------
+    Case
+        In units of the order of 1.
+    """
+    draw = Draw(seed, plan)
+    d = draw.one("dim", [2, 3], [60, 40])
+    degree, order = draw.one("degree", [1, 2], [70, 30]), draw.one("order", [1, 2], [65, 35])
+    make = draw.one("arrangement", ["stack", "slot"], [85, 15])
+    scene, mesh = (_stack if make == "stack" else _slot)(draw, d, degree, order)
+    if draw.chance("mean", 0.15) and scene["mesh"].get("kinematics") != "plane_stress":
+        scene["mesh"]["mean_dilatation"] = draw.chance("mean.value", 0.5)
+    for key in ("contacts", "displacements", "loads"):
+        if not scene[key]:
+            del scene[key]
+    case = Case(seed, scene, mesh)
+    _sensible(case)
+    return case
+
+
+def _sensible(case):
+    """Keys that exclude each other."""
+    scene = case.scene
+    for body in scene["bodies"]:
+        cells = {e.cell for e in case.mesh.bodies[body["region"]]}
+        material = scene["materials"][body["material"]]
+        if cells & {"triangle", "tetrahedron"} and scene["mesh"]["order"] == 1:
+            material["nu"] = min(material["nu"], 0.4)
+    for contact in scene.get("contacts", []):
+        if contact.get("cut") is False and case.dim == 3:
+            # a coarse source on a fine target is refused
+            del contact["cut"]
+        if not any(m.get("yield_stress") or m.get("hardening_curve") for m in scene["materials"].values()):
+            contact.pop("adjoint", None)
+
+
+# -- writing -----------------------------------------------------------------------------------------------
+
+
+def toml(value):
+    """A value in TOML."""
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, dict):
+        return "{ " + ", ".join(f"{key} = {toml(part)}" for key, part in value.items()) + " }"
+    if isinstance(value, (list, tuple)):
+        return "[" + ", ".join(map(toml, value)) + "]"
+    if isinstance(value, str):
+        return '"' + value.replace("\\", "\\\\").replace('"', '\\"') + '"'
+    return repr(value)
+
+
+LEVEL_SET = '''\
+"""Distances of obstacles."""
+import numpy as np
+{parts}
+'''
+OF_PLANE = '''
+def phi{k}(x, t):
+    return (x - np.array({point})) @ np.array({normal}) / np.linalg.norm({normal})
+
+def phi{k}_gradient(x, t):
+    return np.tile(np.array({normal}) / np.linalg.norm({normal}), (len(x), 1))
+'''
+OF_SPHERE = '''
+def phi{k}(x, t):
+    return {sign} * (np.linalg.norm(x - np.array({center}), axis=1) - {radius})
+
+def phi{k}_gradient(x, t):
+    y = x - np.array({center})
+    return {sign} * y / np.linalg.norm(y, axis=1)[:, None]
+'''
+
+
+def _functions(number, of):
+    if of["shape"] == "plane":
+        return OF_PLANE.format(k=number, point=of["point"], normal=of["normal"])
+    sign = -1.0 if of.get("inside") else 1.0
+    return OF_SPHERE.format(k=number, sign=sign, center=of["center"], radius=of["radius"])
+
+
+def texts(case):
+    """Names and contents of the files of a scene but for its mesh."""
+    lines, functions = [], []
+    for key, value in case.scene.items():
+        if not isinstance(value, (dict, list)):
+            lines.append(f"{key} = {toml(value)}")
+    for key, value in case.scene.items():
+        if key == "materials":
+            for name, table in value.items():
+                lines += ["", f"[materials.{name}]", *[f"{k} = {toml(v)}" for k, v in table.items()]]
+        elif isinstance(value, dict):
+            lines += ["", f"[{key}]", *[f"{k} = {toml(v)}" for k, v in value.items()]]
+        elif isinstance(value, list):
+            for number, table in enumerate(value):
+                table = dict(table)
+                obstacle = dict(table.pop("obstacle", {}))
+                if "of" in obstacle:
+                    functions.append(_functions(number, obstacle.pop("of")))
+                    obstacle["function"] = f"functions.py:phi{number}"
+                    if obstacle.pop("gradient", False):
+                        obstacle["gradient"] = f"functions.py:phi{number}_gradient"
+                lines += ["", f"[[{key}]]", *[f"{k} = {toml(v)}" for k, v in table.items()]]
+                if obstacle:
+                    lines.append(f"obstacle = {toml(obstacle)}")
+    files = {"scene.toml": "\n".join([*lines, ""])}
+    if functions:
+        files["functions.py"] = LEVEL_SET.format(parts="\n".join(functions))
+    return files

@@ -1,0 +1,142 @@
+"""A minute of random scenes, and whether the judge would see what is wrong with one."""
+
+import copy
+
+import fuzz
+import numpy as np
+import pytest
+from grids import Elements, block, reference, symmetries, turned
+from judge import differences, numbers_of, scales
+from runner import job_of, run_jobs
+from scenes import scene_of, texts
+from variants import Motion, Variant, moved
+
+# a slice of what `scripts/fuzz.sh` goes on with: in the plane and in space, all kinds of contact and formulation
+SEEDS = (3, 5, 6, 7, 10, 14, 15, 17)
+
+
+def test_random_scenes_agree_with_themselves(tmp_path):
+    """On three ranks, renumbered, mirrored, rotated, in other units, restarted, with another solver."""
+    cases = {seed: fuzz.prepared(seed) for seed in SEEDS}
+    results = fuzz.run_scenes(cases, tmp_path)
+    findings, steps = [], 0
+    for seed, (case, variants) in cases.items():
+        found, _ = fuzz.judged(case, variants, results[seed], tmp_path)
+        findings += found
+        steps += sum(len(result["steps"]) for result in results[seed].values())
+        assert len(results[seed]) == len(variants) >= 11
+    assert not findings, "\n".join(map(str, findings))
+    assert steps > 20 * len(SEEDS)
+
+
+@pytest.fixture(scope="module")
+def one(tmp_path_factory):
+    """A case and what came out."""
+    place = tmp_path_factory.mktemp("one")
+    case = scene_of(3)
+    fuzz.write_case(place / "case", case)
+    return case, run_jobs([job_of(place / "case")], 1, place)[0]
+
+
+@pytest.mark.parametrize("what", ["u", "force", "energy", "pressure"])
+def test_a_small_difference_is_seen(one, what):
+    case, result = one
+    plain = Variant("plain", case, {})
+    first = numbers_of(result, plain, case)
+    other = copy.deepcopy(result)
+    row = other["steps"][-1]
+    if what == "u":
+        row["u"][np.abs(row["u"]).max(axis=1).argmax()] *= 1.0 + 1e-8
+    elif what == "energy":
+        row["energy"] *= 1.0 + 1e-6
+    else:
+        for contact in row["record"]["contacts"].values():
+            contact["force"] = [f * (1.0 + 1e-8) for f in contact["force"]]
+            contact["max_pressure"] *= 1.0 + 1e-8
+    assert differences(first, numbers_of(result, plain, case), scales(case, first))[0][0] == 0.0
+    worst = differences(first, numbers_of(other, plain, case), scales(case, first), kinds=(what,))
+    assert worst[0][0] > 1e-9
+
+
+def test_a_result_is_moved_back(one):
+    """Numbers in other axes and units are those of the first scene again."""
+    case, result = one
+    R = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])[: case.dim, : case.dim]
+    motion = Motion(R, np.ones(case.dim), 1e3, 1e-6)
+    other = copy.deepcopy(result)
+    d = case.dim
+    for row in other["steps"]:
+        row["u"] = 1e3 * row["u"] @ R.T
+        row["energy"] *= 1e-6 * 1e3**d
+        record = row["record"]
+        force = 1e-6 * 1e3 ** (d - 1)
+        record["reactions"] = {k: (force * R @ v).tolist() for k, v in record["reactions"].items()}
+        for probe in record["probes"].values():
+            probe["mean"] = (1e3 * R @ probe["mean"]).tolist()
+        for contact in record["contacts"].values():
+            contact["force"] = (force * R @ contact["force"]).tolist()
+            contact["max_pressure"] *= 1e-6
+            contact["max_penetration"] *= 1e3
+    first = numbers_of(result, Variant("plain", case, {}), case)
+    again = numbers_of(other, Variant("moved", moved(case, motion), {}, motion=motion), case)
+    assert differences(first, again, scales(case, first))[0][0] < 1e-12
+
+
+@pytest.mark.parametrize("cell", ["triangle", "quadrilateral", "tetrahedron", "hexahedron"])
+@pytest.mark.parametrize("degree", [1, 2])
+def test_other_numbers_are_the_same_cell(cell, degree):
+    """Every symmetry maps the cell's nodes to themselves; half of them keep the sense."""
+    n = {"triangle": 3, "quadrilateral": 4, "tetrahedron": 12, "hexahedron": 24}[cell]
+    assert len(symmetries(cell, degree)) == len(symmetries(cell, degree, turned=True)) == n
+    for order in symmetries(cell, degree):
+        assert sorted(order) == list(range(len(reference(cell, degree))))
+    mesh = block("b", cell, degree, [2] * len(reference(cell, 1)[0]))
+    again = turned(turned(mesh))
+    assert isinstance(again.bodies["b"][0], Elements)
+    assert np.array_equal(np.sort(again.bodies["b"][0].nodes), np.sort(mesh.bodies["b"][0].nodes))
+
+
+def test_a_seed_is_a_scene():
+    """The same scene again and again, and many different ones; what a plan fixes leaves the rest."""
+    assert texts(scene_of(7)) == texts(scene_of(7))
+    assert len({texts(scene_of(seed))["scene.toml"] for seed in range(20)}) == 20
+    first, planned = scene_of(2), scene_of(2, {"count": 4})
+    first.scene["steps"]["count"] = 4
+    assert texts(first) == texts(planned)
+
+
+def test_what_the_scenes_have():
+    """All kinds of contact, laws, formulations, cells and kinematics come up."""
+    found = set()
+    for seed in range(150):
+        case = scene_of(seed)
+        for contact in case.scene.get("contacts", []):
+            shape = contact.get("obstacle", {}).get("shape", "none")
+            found |= {shape, *contact, str(contact.get("theta")), contact.get("formulation"), contact.get("search")}
+            found.add("self" if contact.get("source") == contact.get("target") else "two surfaces")
+        for material in case.scene["materials"].values():
+            found |= set(material)
+        found |= {e.cell for groups in case.mesh.bodies.values() for e in groups}
+        found.add(case.scene["mesh"].get("kinematics"))
+    assert found >= {
+        "plane", "sphere", "cylinder", "level_set", "tied", "bilateral", "unbiased", "all", "self", "self_contact",
+        "friction", "friction_limit", "adhesion", "tresca", "1", "0", "-1", "penalty", "augmented_lagrangian",
+        "ray_tracing", "cut", "interference", "yield_stress", "hardening", "hardening_curve", "kinematic_hardening",
+        "triangle", "quadrilateral", "tetrahedron", "hexahedron", "plane_stress", "axisymmetric",
+    }  # fmt: skip
+
+
+def test_shrinking_ends_at_the_smallest_scene(tmp_path, monkeypatch):
+    """With a failure that any scene with friction has, nothing but friction is left."""
+
+    def fails(finding, plan, work, number):
+        contacts = scene_of(finding.seed, plan).scene.get("contacts", [])
+        again = fuzz.Finding(finding.seed, "plain", "differs", "by much", plan)
+        return again if any(c.get("friction") for c in contacts) else None
+
+    monkeypatch.setattr(fuzz, "fails", fails)
+    seed = next(k for k in range(100) if any(c.get("friction") for c in scene_of(k).scene["contacts"]))
+    small = fuzz.shrunk(fuzz.Finding(seed, "plain", "differs", "by much"), tmp_path, attempts=1000)
+    case = scene_of(seed, small.plan)
+    assert case.dim == 2 and len(case.scene["bodies"]) == 1 and case.scene["steps"]["count"] == 1
+    assert any(c.get("friction") for c in case.scene["contacts"])
