@@ -9,6 +9,7 @@ from xml.etree import ElementTree
 import meshio
 import numpy as np
 import pytest
+from bad_input import FACETS, mesh_text
 from mpi4py import MPI
 
 from pcontact.io import vtu
@@ -17,6 +18,8 @@ from pcontact.io.history import History, flatten
 from pcontact.io.report import Report
 from pcontact.io.result import load_result
 from pcontact.runtime.errors import InputError
+from pcontact.scene import read_scene
+from pcontact.simulation import Simulation
 
 COMM = MPI.COMM_WORLD
 CUBE = np.array(
@@ -264,3 +267,48 @@ def test_report_is_plain_json_after_every_step(tmp_path):
     report.add_step(step_row(0.2))
     assert [step["time"] for step in Report(report.path, resume_time=0.1).data["steps"]] == [0.1]
     assert [path.name for path in tmp_path.iterdir()] == ["report.json"]
+
+
+TOUCHING = """\
+[mesh]
+file = "mesh.msh"
+order = ORDER
+[materials.m]
+E = 1000.0
+nu = 0.3
+[[bodies]]
+region = "lower"
+material = "m"
+[[contacts]]
+source = "upper_bottom"
+target = "lower_top"
+[[displacements]]
+region = "lower_bottom"
+value = [0.0, 0.0]
+[[displacements]]
+region = "upper_top"
+value = [0.0, 0.25]
+[output]
+smooth = SMOOTH
+"""
+
+
+@pytest.mark.parallel
+@pytest.mark.parametrize("order, smooth", [(1, "false"), (2, "true")])
+def test_touching_bodies_of_one_region_stay_apart(shared_tmp, order, smooth):
+    """Their nodes are in the same place; each body keeps its own displacement."""
+    if COMM.rank == 0:
+        squares = [(3, 1, (1, 2, 3, 4)), (3, 1, (5, 6, 7, 8)), *FACETS]
+        (shared_tmp / "mesh.msh").write_text(mesh_text(elements=squares))
+        text = TOUCHING.replace("ORDER", str(order)).replace("SMOOTH", smooth)
+        (shared_tmp / "scene.toml").write_text(text)
+    COMM.barrier()
+    simulation = Simulation(read_scene(shared_tmp / "scene.toml"))
+    assert simulation.run(shared_tmp / "run")
+    simulation.close()
+    bodies = load_result(shared_tmp / "run").bodies
+    assert len(bodies.points) == 2 * (order + 1) ** 2 and "node_number" not in bodies.point_data
+    middle = np.abs(bodies.points[:, 1] - 1.0) < 1e-9
+    np.testing.assert_allclose(
+        np.sort(bodies.point_data["displacement"][middle, 1]), np.repeat([0.0, 0.25], order + 1), atol=1e-6
+    )

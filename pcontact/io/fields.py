@@ -19,6 +19,8 @@ from pcontact.io import vtu
 from pcontact.runtime.errors import OutputError
 from pcontact.runtime.files import make_directory, telling
 
+# field of the bodies' points: number of the node in the mesh
+NODE_NUMBER = "node_number"
 GROUPS = {"bodies": "bodies", "surfaces": "surface", "points": "points"}
 # characters of a contact's name in the name of a file, which may have 255 bytes: four a character at most
 LONGEST = 50

@@ -5,7 +5,7 @@ import time as clock
 import numpy as np
 
 from pcontact.element.reference import MESHIO_NAMES
-from pcontact.io.fields import Cloud, FieldWriter, Piece
+from pcontact.io.fields import NODE_NUMBER, Cloud, FieldWriter, Piece
 from pcontact.io.history import History
 from pcontact.io.report import Report
 from pcontact.io.smooth import NodeMeans
@@ -172,11 +172,14 @@ class Fields:
         if hasattr(bulk, "plastic_strain"):
             data["equivalent_plastic_strain"] = bulk.plastic_strain()
         points, tables, nodal = space.points, space.cells, {"displacement": space.local.gather(u)}
+        numbers = space.mesh.file_nodes[space.mesh_nodes]
         if self._means is not None:
             means = self._means(data, [volume for _, volume in stress])
             nodes, tables = self._means.nodes, self._means.cells
-            points, nodal = points[nodes], {"displacement": nodal["displacement"][nodes]}
+            points, nodal, numbers = points[nodes], {"displacement": nodal["displacement"][nodes]}, numbers[nodes]
             nodal.update({f"{name}_smooth": values for name, values in means.items()})
+        # by which the pieces of several ranks are put together, where other nodes are in the same place, too
+        nodal[NODE_NUMBER] = numbers.astype(np.int32 if space.mesh.n_nodes_total < 2**31 else np.int64)
         if self._estimate is not None:
             data["error_estimate"] = self._estimate.cells
             data["cell_number"] = [block.ids for block in blocks]

@@ -1,13 +1,13 @@
 """A run's fields read back: the pieces of all ranks in one mesh."""
 
 import zlib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from pcontact.io import vtu
-from pcontact.io.fields import Cloud, Piece
+from pcontact.io.fields import NODE_NUMBER, Cloud, Piece
 from pcontact.runtime.errors import InputError
 
 
@@ -118,26 +118,31 @@ def _piece(grid):
 def join_points(piece):
     """Give the points that ranks share one number again, so that facets between ranks are inside a body.
 
-    Points of different bodies (cell data `body`) stay apart, even where the bodies touch.
+    Points are the same if they have the same number (point data `node_number`, which is taken away) and are of the same
+    body (cell data `body`). Bodies that touch, and the two sides of a crack, have nodes of their own in the same place.
 
     Parameters
     ----------
     piece : Piece
-        Points (n, 3) with doubles.
+        Points (n, 3) with doubles. Without numbers of nodes, as in fields of older versions, points of a body in the
+        same place are taken to be the same.
 
     Returns
     -------
     Piece
     """
-    points = piece.points
+    points, data = piece.points, dict(piece.point_data)
+    numbers = data.pop(NODE_NUMBER, None)
     if not len(points):
-        return piece
+        return replace(piece, point_data=data)
     body = np.full(len(points), -1)
     for (_, nodes), values in zip(piece.cells, piece.cell_data.get("body", []), strict=False):
         body[nodes] = values[:, None]
-    # coordinates to 1e-9 of the size: two ranks may have rounded a midside node differently
-    unit = 1e-9 * max(np.ptp(points, axis=0).max(), np.finfo(float).tiny)
-    keys = np.column_stack([np.rint((points - points.min(axis=0)) / unit).astype(np.int64), body])
+    if numbers is None:
+        # coordinates to 1e-9 of the size: two ranks may have rounded a midside node differently
+        unit = 1e-9 * max(np.ptp(points, axis=0).max(), np.finfo(float).tiny)
+        numbers = np.rint((points - points.min(axis=0)) / unit).astype(np.int64)
+    keys = np.column_stack([numbers, body])
     order = np.lexsort(keys.T)
     new = np.concatenate([[True], (np.diff(keys[order], axis=0) != 0).any(axis=1)])
     number = np.empty(len(points), dtype=np.int64)
@@ -146,6 +151,6 @@ def join_points(piece):
     return Piece(
         points[first],
         [(name, number[nodes]) for name, nodes in piece.cells],
-        {name: array[first] for name, array in piece.point_data.items()},
+        {name: array[first] for name, array in data.items()},
         piece.cell_data,
     )
