@@ -51,6 +51,7 @@ Options (they win over the scene; the scene's [petsc] table wins over the progra
   -output_smooth true|false                        with them the fields of the cells averaged at the nodes
   -output_estimate true|false                      error estimate of every step, in the report and the fields
   -restart DIR, -checkpoint_every N                go on from the checkpoint in DIR; load steps between two checkpoints
+  -restart_anyway                                  with a mesh or physics that differ, a warning in place of the refusal
   -pc_patience N                                   Krylov iterations a preconditioner may lose before it is renewed
   -pc_contact_filter auto|true|false               direct solve at closed points between two multigrid cycles
   -partition bisection|graph                       the mesh is cut by planes, which spread contact, or by PETSc

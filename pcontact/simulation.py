@@ -5,11 +5,13 @@ from pathlib import Path
 
 import pcontact
 from pcontact import build
-from pcontact.io.checkpoint import Checkpoint, read_checkpoint
+from pcontact.io.checkpoint import Checkpoint, remembering
 from pcontact.io.costs import Costs
 from pcontact.io.counters import Counters
 from pcontact.io.error_estimate import ErrorEstimate, label
+from pcontact.io.identity import Identity
 from pcontact.io.observers import Fields, Records, Terminal
+from pcontact.io.restart import ANYWAY, read_checkpoint
 from pcontact.runtime import log, profile
 from pcontact.runtime.errors import StepFailure, require_writable
 from pcontact.runtime.jit import CALLS
@@ -51,6 +53,8 @@ class Simulation:
         self.timing = dict.fromkeys(("search", "assembly", "linear", "solve", "output"), 0.0)
         self.comm, self.options, self.profile, self.calls = comm, Options(), profile.Profile(), CALLS.copy()
         self.restart = self.options.get("restart", None, str, text="directory of an earlier run that goes on")
+        text = "go on from a checkpoint of other physics, with a warning for each difference"
+        self.anyway = self.options.get(ANYWAY, False, bool, text=text)
         try:
             with profile.recording(self.profile):
                 self._set_up(scene)
@@ -108,7 +112,11 @@ class Simulation:
 
     def _run(self, directory, observers):
         scene, space = self.scene, self.problem.space
-        resumed = None if self.restart is None else read_checkpoint(self.restart, space, self.problem.items)
+        identity = resumed = None
+        if self.restart is not None or (directory is not None and scene.output.checkpoint):
+            identity = Identity.of(scene, space, remembering(self.problem.items))
+        if self.restart is not None:
+            resumed = read_checkpoint(self.restart, space, identity, self.anyway)
         since = None if resumed is None else resumed.time
         obstacles = [contact.obstacle for contact in scene.contacts if contact.obstacle is not None]
         moved = [*scene.displacements, *scene.loads, *obstacles]
@@ -117,20 +125,23 @@ class Simulation:
         watch = [Terminal(scene.steps.end, build.yielding_volume(scene, space)), *observers]
         estimate = ErrorEstimate(self.problem, scene, self.newton) if scene.output.estimate else None
         self.error_estimate = estimate
+        recorder = Recorder(self.problem, scene.output.probes)
+        carriers = {"largest_force": recorder, "direct": self.newton}
+        if estimate is not None:
+            carriers["largest_energy"] = estimate
         if directory is not None:
             on_root(self.comm, require_writable, directory)
             directory, output = Path(directory), scene.output
             if output.checkpoint:
                 first = None if resumed is None else resumed.first
                 items, every = self.problem.items, output.checkpoint_every
-                watch.insert(0, Checkpoint(directory, space, items, schedule, every, first))
+                watch.insert(0, Checkpoint(directory, space, items, schedule, every, identity, first, carriers))
             watch.insert(0, Records(directory, self.comm, self._head(), self._costs, since))
             if output.fields:
                 watch.insert(0, Fields(directory, self.problem, self.timing, output.smooth, since, estimate))
         if estimate is not None:
             watch.insert(0, estimate)
         self._announce()
-        recorder = Recorder(self.problem, scene.output.probes)
         self.stepper = Stepper(
             self.problem, self.newton, schedule, watch, recorder, self.timing, drive(scene), self.settle, self.renew
         )
@@ -138,7 +149,9 @@ class Simulation:
             self.stepper.resume(
                 resumed.number, resumed.time, resumed.first, resumed.size, resumed.values, resumed.last
             )
-            resumed.recall(self.problem.items)
+            resumed.recall(self.comm, self.problem.items)
+            for name, one in carriers.items():
+                one.carried = resumed.carried.get(name, 0.0)
             log.info("restart from %s at time %g after %d steps", self.restart, resumed.time, resumed.number)
         converged = True
         try:

@@ -175,8 +175,12 @@ def spoil(path, how):
             file.attrs["version"] = 7
         elif how == "unfinished":
             del file.attrs["complete"]
-        else:
+        elif how == "lacking":
+            # as files of earlier versions of the program have none
+            del file.attrs["checksums"]
             del file["cells/components"]
+        else:
+            file["points"][0, 0] += 1e-3
 
 
 @parallel
@@ -190,12 +194,41 @@ def spoil(path, how):
         ("newer", "version 7 of the format; allowed: version 1"),
         ("unfinished", "cut short"),
         ("lacking", "damaged"),
+        ("other points", "without its checksums"),
     ],
 )
 def test_damaged_files(shared_tmp, how, found):
     _, path = files(shared_tmp, "quadrilateral")
     on_root(WORLD, spoil, path, how)
     assert found in refused(path)
+
+
+@parallel
+def test_flipped_bits(shared_tmp):
+    """Any bit of the file, in its numbers, in the tables of HDF5 and in the checksums."""
+    _, path = files(shared_tmp, "triangle")
+    whole = path.read_bytes()
+    WORLD.Barrier()
+    for place in [*np.random.default_rng(3).integers(0, len(whole), 50), *range(len(whole) - 44, len(whole), 4)]:
+        changed = bytearray(whole)
+        changed[place] ^= 1 << (place % 8)
+        on_root(WORLD, path.write_bytes, changed)
+        assert "damaged" in refused(path)
+        WORLD.Barrier()
+
+
+@parallel
+def test_a_file_without_checksums(shared_tmp):
+    """Earlier versions of the program wrote none."""
+    _, path = files(shared_tmp, "quadrilateral")
+
+    def strip():
+        with h5py.File(path, "r+") as file:
+            del file.attrs["checksums"]
+
+    on_root(WORLD, strip)
+    mesh = load_mesh(WORLD, path, 1, ["lower", "upper"], PAIRS, lambda mesh: None)
+    assert WORLD.allreduce(sum(len(block.nodes) for block in mesh.blocks)) == mesh.n_cells_total
 
 
 @parallel

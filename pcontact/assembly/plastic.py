@@ -10,9 +10,10 @@ from pcontact.assembly.graph import node_graph
 from pcontact.assembly.pattern import OwnedRows, positions
 from pcontact.assembly.plastic_kernels import add_forces, add_tangent, commit, excess_at
 from pcontact.material.mandel import HALF
-from pcontact.runtime.parallel import matching
+from pcontact.runtime.parallel import take_rows
 from pcontact.runtime.petsc import MPI
 
+POINTS = 1 << 10  # of a cell at most
 NO_RING = np.zeros((0, 0, 0))
 
 
@@ -169,15 +170,23 @@ class PlasticBulk(ElasticBulk):
             tables[str(number)] = self.space.mesh.blocks[number].ids[rows], values.reshape(len(rows), width)
         return tables
 
+    def memory_keys(self):
+        """Keys (n,) of all rows that :meth:`memory` may have: cells, by the number of their points."""
+        blocks = self.space.mesh.blocks
+        keys = [blocks[number].ids * POINTS + state.strain.shape[1] for number, state in self.states.items()]
+        return np.concatenate([np.zeros(0, dtype=np.int64), *keys])
+
     def recall(self, name, chunks):
         """Take back what :meth:`memory` gave, see `pcontact.contact.item.ContactItem.recall`."""
-        number = int(name)
-        state = self.states[number]
-        state.strain[:], state.p[:] = 0.0, 0.0
-        nq, m = state.strain.shape[1:]
-        for rows, values in matching(self.space.mesh.blocks[number].ids, chunks):
-            points = values.reshape(len(rows), nq, m + 1)
-            state.strain[rows], state.p[rows] = points[:, :, :m], points[:, :, m]
+        state = self.states.get(int(name))
+        if state is None:
+            return 0
+        nc, nq, m = state.strain.shape
+        values = np.zeros((nc, nq * (m + 1)))
+        count = take_rows(self.space.mesh.blocks[int(name)].ids, chunks, values)
+        points = values.reshape(nc, nq, m + 1)
+        state.strain[:], state.p[:] = points[:, :, :m], points[:, :, m]
+        return count
 
     # -- report -------------------------------------------------------------------------------------------------
 

@@ -25,7 +25,7 @@ from pcontact.contact.frictional import FrictionalItem
 from pcontact.contact.item import ContactItem
 from pcontact.contact.laws import OPEN
 from pcontact.contact.parameters import TRACELESS
-from pcontact.runtime.parallel import matching
+from pcontact.runtime.parallel import take_rows
 from pcontact.runtime.petsc import MPI
 
 # of gamma, at once
@@ -105,11 +105,9 @@ class Multipliers:
     def recall(self, name, chunks):
         """See :meth:`ContactItem.recall`."""
         if name != "multiplier":
-            super().recall(name, chunks)
-            return
+            return super().recall(name, chunks)
         self._kept = np.zeros_like(self.source.x)
-        for rows, values in matching(self.source.point_keys(), chunks):
-            self._kept[rows] = values
+        return take_rows(self.source.point_keys(), chunks, self._kept)
 
 
 class AugmentedItem(Multipliers, ContactItem):

@@ -6,7 +6,7 @@ from pcontact.contact import friction
 from pcontact.contact.averages import patch_means
 from pcontact.contact.item import ContactItem
 from pcontact.contact.laws import OPEN, SLIP, STICK
-from pcontact.runtime.parallel import matching
+from pcontact.runtime.parallel import take_rows
 from pcontact.runtime.petsc import MPI
 
 # a law whose bound nothing reaches
@@ -72,11 +72,8 @@ class FrictionalItem(ContactItem):
     def recall(self, name, chunks):
         """See :meth:`ContactItem.recall`."""
         if name != "lag":
-            super().recall(name, chunks)
-            return
-        self._lag[:] = 0.0
-        for rows, values in matching(self.source.point_keys(), chunks):
-            self._lag[rows] = values
+            return super().recall(name, chunks)
+        return take_rows(self.source.point_keys(), chunks, self._lag)
 
     def glue(self, glued):
         """See :meth:`ContactItem.glue`; closed points stick."""

@@ -3,7 +3,7 @@
 import numpy as np
 
 from pcontact.contact.laws import OPEN
-from pcontact.runtime.parallel import matching
+from pcontact.runtime.parallel import take_rows
 from pcontact.runtime.petsc import MPI
 
 # Where the contact is too small by a width d, the bodies overlap beside its edge up to 3/2 d from there: their gap is
@@ -108,6 +108,10 @@ class Standing:
         rows = np.flatnonzero(self.closed)
         return {"status": (self.source.point_keys()[rows], self.committed[rows, None].astype(float))}
 
+    def memory_keys(self):
+        """Keys (n,) of all rows that :meth:`memory` may have."""
+        return self.source.point_keys()
+
     def recall(self, name, chunks):
         """Take back what :meth:`memory` gave under a name.
 
@@ -116,8 +120,15 @@ class Standing:
         name : str
         chunks : iterable of (ndarray (n,), ndarray (n, m))
             The rows of all ranks, a part at a time.
+
+        Returns
+        -------
+        int or None
+            Rows that were found on this rank; None for a name under which nothing is remembered here.
         """
-        if name == "status":
-            self.committed[:] = OPEN
-            for rows, values in matching(self.source.point_keys(), chunks):
-                self.committed[rows] = values[:, 0]
+        if name != "status":
+            return None
+        status = np.zeros((len(self.committed), 1))
+        count = take_rows(self.source.point_keys(), chunks, status)
+        self.committed[:] = status[:, 0]
+        return count

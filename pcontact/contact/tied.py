@@ -89,6 +89,7 @@ class TiedItem(FrictionalItem):
 
     def recall(self, name, chunks):
         """Nothing to take back."""
+        return None
 
 
 class AugmentedTiedItem(AugmentedFrictionalItem, TiedItem):

@@ -238,12 +238,15 @@ class UnbiasedItem:
             for name, table in half.memory().items()
         }
 
+    def memory_keys(self):
+        """See :meth:`ContactItem.memory_keys`."""
+        return np.concatenate([half.memory_keys() * len(SIDES) + side for side, half in enumerate(self.halves)])
+
     def recall(self, name, chunks):
-        """Take back what :meth:`memory` gave under a name."""
+        """See :meth:`ContactItem.recall`."""
         side, _, rest = name.partition("_")
-        for key, half in zip(SIDES, self.halves, strict=False):
-            if key == side:
-                half.recall(rest, chunks)
+        halves = dict(zip(SIDES, self.halves, strict=False))
+        return halves[side].recall(rest, chunks) if side in halves else None
 
     def state(self, u):
         """Contact at the points of both surfaces, one after the other. *Collective.*

@@ -59,7 +59,8 @@ class ErrorEstimate:
     def __init__(self, problem, scene, newton):
         loads = [(load, amplitude(load.amplitude, scene.steps.end)) for load in scene.loads]
         self._problem, self._newton, self.cells = problem, newton, []
-        self.last, self._largest = None, 0.0
+        # the largest norm of the run so far, which a restarted run goes on with
+        self.last, self.carried = None, 0.0
         self._estimator = Estimator(problem, loads)
 
     def step(self, step, u, record):
@@ -67,10 +68,10 @@ class ErrorEstimate:
         estimate = self._estimator(u, step.time)
         self.cells = estimate.cells
         # relative to the largest norm of the run: bodies that have been let go have none, but stresses that remain
-        self._largest = max(self._largest, estimate.energy)
+        self.carried = max(self.carried, estimate.energy)
         self.last = record["estimate"] = {
             "absolute": estimate.absolute,
-            "relative": estimate.absolute / self._largest if self._largest > 0.0 else float("nan"),
+            "relative": estimate.absolute / self.carried if self.carried > 0.0 else float("nan"),
             "energy_norm": estimate.energy,
             "algebraic": self._algebraic(u),
             "parts": estimate.parts,

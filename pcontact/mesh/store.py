@@ -84,7 +84,7 @@ def _write(file, raw, curved):
     tables, cells, nodes = _ordered(raw)
     file.attrs.update(
         format=FORMAT, version=VERSION, dim=raw.dim, degree=raw.blocks[0].degree, curved=int(curved),
-        components=int(component.max()) + 1, cells=len(cells), nodes=len(nodes), source=raw.path.name,
+        components=int(component.max()) + 1, cells=len(cells), nodes=len(nodes), source=raw.path.name, checksums=1,
     )  # fmt: skip
     file.create_dataset("points", data=raw.points[nodes])
     file.create_dataset("node_ids", data=_small(nodes))

@@ -10,6 +10,7 @@ import numpy as np
 from pcontact.element.reference import CELLS, n_nodes
 from pcontact.mesh.slices import MeshSlice, SliceBlock
 from pcontact.mesh.store import FORMAT, SUFFIX, VERSION
+from pcontact.runtime.checksum import Damaged, verify
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.parallel import agree, together
 from pcontact.runtime.petsc import MPI
@@ -117,15 +118,34 @@ class Stored:
 
     def __init__(self, comm, path, order):
         self.comm, self.path = comm, Path(path)
-        self.piece = together(comm, self._read, order)
+        # each rank a part of the file, before HDF5 makes anything of what it finds
+        summed = together(comm, self._verify)
+        self.piece = together(comm, self._read, order, summed)
 
-    def _read(self, order):
+    def _verify(self):
+        """Whether the file has checksums, which this rank's part of it meets."""
+        try:
+            return verify(self.path, self.comm.rank, self.comm.size)
+        except Damaged as error:
+            raise self._damaged(error) from None
+        except OSError:
+            # that it cannot be read is told when it is opened
+            return False
+
+    def _damaged(self, reason):
+        return InputError(f"{self.path}: found a damaged file ({' '.join(str(reason).split())}); allowed: {MADE}")
+
+    def _read(self, order, summed):
         with _open(self.path) as file:
+            # files of earlier versions of the program have none
+            if "checksums" in file.attrs and not summed:
+                raise self._damaged("without its checksums")
             try:
                 return self._slice(file, order)
-            except (KeyError, OSError, ValueError) as error:
-                reason = " ".join(str(error).split())
-                raise InputError(f"{self.path}: found a damaged file ({reason}); allowed: {MADE}") from None
+            except InputError:
+                raise
+            except Exception as error:  # HDF5 has many words for what it cannot read
+                raise self._damaged(error) from None
 
     def _slice(self, file, order):
         comm, head = self.comm, file.attrs

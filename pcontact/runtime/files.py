@@ -12,6 +12,7 @@ from pathlib import Path
 
 import h5py
 
+from pcontact.runtime.checksum import append_checksums
 from pcontact.runtime.errors import InputError, OutputError
 
 # reasons that speak of a wrong name, which is wrong input where the user has just given the name
@@ -178,7 +179,7 @@ def require_end(part, ends):
 
 
 class Hdf5Aside:
-    """An HDF5 file that is written aside.
+    """An HDF5 file that is written aside, with checksums at its end (`pcontact.runtime.checksum`).
 
     HDF5 never learns that the disk is full, or anything else that is wrong with it: a file that it cannot close stays
     half open, and the end of the process crashes in it. It writes to an object that notes the failure and lets HDF5
@@ -226,6 +227,8 @@ class Hdf5Aside:
             with telling(self.path, self._option):
                 self.file.close()
                 self._disk.finish()
+                append_checksums(self._part)
+                self._disk.sync()
                 os.replace(self._part, self.path)
         finally:
             self.discard()
@@ -284,9 +287,12 @@ class _Disk(io.RawIOBase):
         """Nothing is kept here."""
 
     def finish(self):
-        """Raise what was noted; wait until the disk has the file."""
+        """Raise what was noted."""
         if self.failure is not None:
             raise self.failure
+
+    def sync(self):
+        """Wait until the disk has the file."""
         os.fsync(self._stream.fileno())
 
     def close(self):

@@ -241,3 +241,27 @@ def matching(keys, chunks):
         here = place < len(ordered)
         here[here] = ordered[place[here]] == found[here]
         yield order[place[here]], values[here]
+
+
+def take_rows(keys, chunks, out):
+    """Fill a table with the rows of other ranks' tables that belong here; those that nobody has become zero.
+
+    Parameters
+    ----------
+    keys, chunks
+        As for :func:`matching`.
+    out : ndarray (n, k)
+        Overwritten.
+
+    Returns
+    -------
+    int
+        Rows that were found, each counted once; of a table with another number of columns none.
+    """
+    out[:] = 0.0
+    there = np.zeros(len(keys), dtype=bool)
+    for rows, values in matching(keys, chunks):
+        if values.shape[1:] != out.shape[1:]:
+            return 0
+        out[rows], there[rows] = values, True
+    return int(np.sum(there))

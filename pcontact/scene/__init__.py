@@ -15,6 +15,7 @@ from pcontact.scene.model import (
     Scene,
     Steps,
 )
+from pcontact.scene.physics import differences, physics
 from pcontact.scene.reader import read_scene
 from pcontact.scene.regions import check_apart, check_dimension, check_lost, check_radius, check_regions
 from pcontact.scene.validate import resolve_contacts, validate
@@ -38,7 +39,9 @@ __all__ = [
     "check_radius",
     "check_regions",
     "describe",
+    "differences",
     "obstacle_functions",
+    "physics",
     "read_scene",
     "resolve_contacts",
     "validate",

@@ -48,6 +48,19 @@ class Rescue:
             return False
         what = "the Krylov method failed" if outcome.reason == FAILED else "Newton's method did not converge"
         log.info("%s with multigrid: direct solver from here on (-pc_rescue false: never)", what)
+        self.choose()
+        return True
+
+    def choose(self):
+        """Take the direct solver from here on, if that is possible.
+
+        Returns
+        -------
+        bool
+            Whether the options hold it now and did not before.
+        """
+        if self.active or not self.possible:
+            return False
         self.active = True
         self._options.replace(direct_options(has_package("mumps")))
         return True

@@ -295,6 +295,16 @@ class Newton(Ways):
             if self._filter is not None:
                 self._filter.detach(self.snes.getKSP())
 
+    @property
+    def carried(self):
+        """Whether the run has turned to a direct solver (1), which a restarted run goes on with, or not (0)."""
+        return float(self._rescue.active)
+
+    @carried.setter
+    def carried(self, value):
+        if value and self._rescue.choose():
+            self._turn_direct()
+
     def _turn_direct(self):
         """Take the direct solver that the options hold by now. *Collective.*"""
         if self._filter is not None:

@@ -25,7 +25,8 @@ class Recorder:
     """
 
     def __init__(self, problem, probes):
-        self._problem, self._largest = problem, 0.0
+        # the largest force of the run so far, which a restarted run goes on with
+        self._problem, self.carried = problem, 0.0
         space = problem.space
         owned = np.zeros(space.n_local, dtype=bool)
         owned[space.owned_local] = True
@@ -63,8 +64,8 @@ class Recorder:
             record["uzawa"] = step.uzawa
         # relative to the largest force of the run: bodies that have parted leave nothing to compare with
         total, largest = problem.imbalance(record)
-        self._largest = max(self._largest, largest)
-        imbalance = total / self._largest if self._largest > 0.0 else 0.0
+        self.carried = max(self.carried, largest)
+        imbalance = total / self.carried if self.carried > 0.0 else 0.0
         if imbalance > UNBALANCED:
             self._warn(step.time, u, total, imbalance)
         return {**record, "imbalance": imbalance}
