@@ -48,7 +48,9 @@ def physics(scene: Scene) -> dict[str, dict[str, object]]:
             continue
         left_out = (*LEFT_OUT.get(type(table), ()), *(() if _acts(table) else (AMPLITUDE,)))
         keys = [field.name for field in fields(table) if field.name not in left_out]
-        result[where] = {key: _plain(scene, key, getattr(table, key)) for key in keys}
+        # what is not said is not kept
+        values = {key: _plain(scene, key, getattr(table, key)) for key in keys}
+        result[where] = {key: value for key, value in values.items() if value is not None}
     return result
 
 
