@@ -30,7 +30,7 @@ from pcontact.scene.model import LOCKING, POOR, UNSAFE
 from pcontact.scene.unsafe import unsafe
 from pcontact.solve.bodies import MOST_COLOURS
 from pcontact.solve.problem import Problem
-from pcontact.space.modes import colour, component_frames, floating
+from pcontact.space.modes import colour, component_frames, free_motions
 from pcontact.space.space import Space
 from pcontact.space.supports import Supports
 
@@ -224,8 +224,8 @@ def _warn_of_stress(scene):
 def _announce(mesh, free):
     """Say which bodies no support holds, and with how many modes."""
     kinds = {}
-    for k, modes in free.items():
-        kinds.setdefault((mesh.component_names[k], modes), []).append(k)
+    for k, motions in free.items():
+        kinds.setdefault((mesh.component_names[k], len(motions)), []).append(k)
     for (name, modes), parts in kinds.items():
         times = f", {len(parts)} times" if len(parts) > 1 else ""
         log.info("body %s: %d rigid modes that no support holds%s", name, modes, times)
@@ -239,8 +239,8 @@ def assemble(scene, mesh):
     problem : Problem
     colours : ndarray (n_components,)
         Bodies that can touch have different ones.
-    floating : dict of int to int
-        Components that nothing holds, and how many rigid modes they have left.
+    floating : dict of int to ndarray (m, n_modes)
+        Components that nothing holds, and the rigid motions that they have left.
     """
     end = scene.steps.end
     kinematics, materials = scene.mesh.kinematics, [scene.materials[b.material] for b in scene.bodies]
@@ -257,7 +257,7 @@ def assemble(scene, mesh):
     forces = [(load_vector(space, load), amplitude(load.amplitude, end)) for load in scene.loads]
     bulk = bulk_item(scene, space, constants)
     tied = tied_items(scene, space, constants, bulk)
-    free = floating(space, supports)
+    free = free_motions(space, supports)
     contacts, edges = contact_items(scene, space, constants, supports, free, bulk, tied)
     _announce(mesh, free)
     items = [bulk, *contacts]

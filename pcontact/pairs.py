@@ -304,8 +304,8 @@ def contact_items(scene, space, constants, supports, free, bulk, tied):
     constants : list of (float, float)
         Lame constants of each body [stress].
     supports : pcontact.space.supports.Supports
-    free : dict of int to int
-        Components that the supports do not hold.
+    free : dict of int to ndarray (m, n_modes)
+        Components that the supports do not hold, and the rigid motions left to them.
     bulk : ElasticBulk or PlasticBulk
     tied : dict of int to TiedItem
         Of :func:`tied_items`.
@@ -347,5 +347,5 @@ def contact_items(scene, space, constants, supports, free, bulk, tied):
         text = "body %s: no contact pair can hold the %d rigid modes that no support holds"
         if any(contact.all for contact in scene.contacts):
             text += " (or nothing is near enough: a larger search_radius)"
-        log.warning(text, name, free[k])
+        log.warning(text, name, len(free[k]))
     return items, edges

@@ -23,6 +23,7 @@ from pcontact.scene import describe
 from pcontact.scene.amplitude import drive
 from pcontact.solve.newton import Newton
 from pcontact.space.modes import near_null_space
+from pcontact.stepping.loose import LooseBodies
 from pcontact.stepping.record import Recorder
 from pcontact.stepping.renewal import renewal
 from pcontact.stepping.schedule import Schedule
@@ -79,7 +80,8 @@ class Simulation:
         profile.mark("set_up")
 
     def _assemble(self):
-        self.problem, colours, self.floating = build.assemble(self.scene, self.mesh)
+        self.problem, colours, motions = build.assemble(self.scene, self.mesh)
+        self.floating = {k: len(rows) for k, rows in motions.items()}
         self.costs, self.counters = Costs(self.profile, self.problem), Counters(self.problem, self.calls)
         # slip of Coulomb's law makes the tangent unsymmetric for every theta; that of Tresca's does not
         # where a source yields, the traction's derivative is not the adjoint operator, that of elasticity
@@ -91,6 +93,8 @@ class Simulation:
         self.newton = Newton(self.problem, self.options, symmetric, modes, self.timing, bool(self.floating))
         self.settle = uzawa(self.problem.items, self.newton, self.options)
         self.renew = renewal(self.problem, self.newton, self.options)
+        meets = motions and not self.problem.linear
+        self.rest = LooseBodies(self.problem, self.newton, motions) if meets else None
 
     def run(self, directory=None, observers=()):
         """All load steps. *Collective.*
@@ -143,8 +147,9 @@ class Simulation:
             watch.insert(0, estimate)
         self._announce()
         self.stepper = Stepper(
-            self.problem, self.newton, schedule, watch, recorder, self.timing, drive(scene), self.settle, self.renew
-        )
+            self.problem, self.newton, schedule, watch, recorder, self.timing, drive(scene), self.settle, self.renew,
+            self.rest,
+        )  # fmt: skip
         if resumed is not None:
             self.stepper.resume(
                 resumed.number, resumed.time, resumed.first, resumed.size, resumed.values, resumed.last

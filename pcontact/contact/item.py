@@ -18,7 +18,7 @@ from pcontact.contact.nitsche import (
 from pcontact.contact.pairing import Pairing
 from pcontact.contact.parameters import GAMMA0, parameter
 from pcontact.contact.standing import Standing
-from pcontact.contact.summary import summarise
+from pcontact.contact.summary import borne, summarise
 from pcontact.contact.way import Way
 from pcontact.mesh.mesh import bounding_box
 from pcontact.runtime.parallel import together
@@ -397,3 +397,7 @@ class ContactItem(Standing, Way):
     def summary(self, u):
         """Numbers of the pair for the report, the same on every rank. *Collective.*"""
         return summarise(self.state(u), self.flips, self.space.comm)
+
+    def borne(self, u):
+        """Magnitudes of the forces on every component, see :func:`pcontact.contact.summary.borne`. *Collective.*"""
+        return borne(self.space, self.pairing, self.source, self.state(u)["traction"])

@@ -13,6 +13,7 @@ import numpy as np
 
 from pcontact.contact.augmented import AugmentedFrictionalItem
 from pcontact.contact.frictional import FrictionalItem
+from pcontact.contact.summary import components_of
 from pcontact.runtime.petsc import MPI
 
 
@@ -40,19 +41,9 @@ class TiedItem(FrictionalItem):
 
     def joined(self):
         """Pairs (n, 2) of connected components with a tied point between them, on all ranks. *Collective.*"""
-        space, p = self.space, self.pairing
-        numbers = np.zeros((space.n_owned, space.dim))
-        numbers[:, 0] = space.component[space.owned_local]
-        vector = space.vector()
-        vector.setArray(numbers.ravel())
-        of_node = np.rint(p.exchange.gather(vector)[:, 0]).astype(np.int64)
-        vector.destroy()
-        tied, facet = p.paired, self.source.facet
-        if not tied.any():
-            pairs = np.zeros((0, 2), dtype=np.int64)
-        else:
-            pairs = np.unique(np.column_stack([of_node[p.cells[facet[tied], 0]], of_node[p.targets[tied, 0]]]), axis=0)
-        return np.unique(np.concatenate(space.comm.allgather(pairs)), axis=0)
+        own, other = components_of(self.space, self.pairing, self.source)
+        pairs = np.unique(np.column_stack([own, other])[self.pairing.paired], axis=0)
+        return np.unique(np.concatenate(self.space.comm.allgather(pairs)), axis=0)
 
     def count(self):
         """Points that have a partner, and all points, of all ranks. *Collective.*"""

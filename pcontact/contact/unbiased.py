@@ -207,6 +207,11 @@ class UnbiasedItem:
         parts = [half.reach(u, y) for half in self.halves]
         return min([part for part in parts if part is not None], default=None)
 
+    def clearance(self, u, fields):
+        """See :meth:`ContactItem.clearance`: of all halves. *Collective.*"""
+        parts = [half.clearance(u, fields) for half in self.halves]
+        return tuple(np.concatenate(arrays) for arrays in zip(*parts, strict=True))
+
     def strayed(self, u, since):
         """See :meth:`ContactItem.strayed`: of all halves. *Collective.*"""
         return max([half.strayed(u, since) for half in self.halves])
@@ -274,6 +279,10 @@ class UnbiasedItem:
         joined = {key: np.concatenate([one[key] for one in states]) for key in states[0]}
         summary = summarise(joined, self.flips, self.space.comm)
         return {**summary, "bodies": self._on_bodies(u)} if self.contact.all else summary
+
+    def borne(self, u):
+        """See :meth:`ContactItem.borne`: both sides together. *Collective.*"""
+        return sum(half.borne(u) for half in self.halves)
 
     def _on_bodies(self, u):
         """Force on every body that others touch, the same on every rank; they add up to zero. *Collective.*"""

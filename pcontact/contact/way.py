@@ -3,6 +3,7 @@
 import numpy as np
 
 from pcontact.contact.laws import OPEN
+from pcontact.contact.summary import components_of
 from pcontact.runtime.petsc import MPI
 
 # how deep a loose body goes that is brought to where it touches, in parts of a step on what it is given to lean on, a
@@ -72,3 +73,35 @@ class Way:
         jump -= np.einsum("pa,pad->pd", p.target_shape[closed], change[p.targets[closed]])
         parts = np.linalg.norm(jump, axis=1) / source.size[facet]
         return self.space.comm.allreduce(float(np.max(parts, initial=0.0)), op=MPI.MAX)
+
+    def clearance(self, u, fields):
+        """How far points are from contact, and what motions of whole bodies would change. *Collective.*
+
+        Parameters
+        ----------
+        u : PETSc.Vec
+        fields : list of PETSc.Vec
+            Displacements of m motions of every body at once.
+
+        Returns
+        -------
+        distance : ndarray (n,)
+            Of the points of this rank that have a partner other than their own body: by so much the gap has to shrink
+            until they are closed [length].
+        bodies : ndarray (n, 2)
+            Components of points and partners; -1 for an obstacle.
+        rows : ndarray (n, 2, m)
+            What the motions of the two bodies add to the distance.
+        """
+        p, source = self.pairing, self.source
+        own, other = components_of(self.space, p, source)
+        some = np.flatnonzero(p.paired & (own != other))
+        distance = self._pressed(u) / self.gamma[source.facet]
+        rows = np.empty((len(some), 2, len(fields)))
+        for k, field in enumerate(fields):
+            values = p.exchange.gather(field)
+            jumps = np.einsum("pa,pad->pd", source.shape[some], values[p.cells[source.facet[some]]])
+            rows[:, 0, k] = -np.einsum("pd,pd->p", jumps, p.normal[some])
+            jumps = np.einsum("pm,pmd->pd", p.target_shape[some], values[p.targets[some]])
+            rows[:, 1, k] = np.einsum("pd,pd->p", jumps, p.normal[some])
+        return distance[some], np.column_stack([own, other])[some], rows

@@ -236,6 +236,12 @@ class Newton(Ways):
             return reasons.DIVERGED_LOCAL_MIN
         return reasons.ITERATING
 
+    def left(self, u):
+        """Norm of the residual at which the load step that ends in ``u`` counts as solved [force]. *Collective.*"""
+        rtol, atol, _, _ = self.snes.getTolerances()
+        small = min(rtol * self._first, max(rtol, SMALL) * self._forces(u))
+        return max(small, atol, self._least, 8.0 * self.problem.roundoff(u))
+
     def _balanced(self, u, norm):
         """Whether a residual that rounding errors hide is small against the forces: those of a body that flows without
         bound exceed any load, those of a gap times a huge gamma any stress. Bodies that nothing loads may move without

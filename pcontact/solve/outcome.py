@@ -27,6 +27,8 @@ class Outcome:
         Of a solve that did not converge: where the residual is largest, and which pairs were changing.
     uzawa : dict or None
         Updates of multipliers around the solve, where there are any, see `pcontact.stepping.uzawa`.
+    free : list of int or None
+        Loose bodies on which no contact acts, where there are loose ones, see `pcontact.stepping.loose`.
     """
 
     converged: bool
@@ -38,6 +40,7 @@ class Outcome:
     detail: str = ""
     uzawa: dict | None = None
     hardest: int = 0
+    free: list | None = None
 
 
 def together(first, second):

@@ -283,6 +283,17 @@ class Problem:
             errors[item.name] = np.finfo(float).eps * self._norm(size)
         return errors
 
+    def borne(self, u):
+        """Magnitudes of the contact forces on every connected component, and of the external ones, summed (2,
+        n_components) [force]. *Collective.*"""
+        space, n = self.space, self.space.mesh.n_components
+        applied = np.linalg.norm(self.external(self.time), axis=1)
+        total = np.zeros((2, n))
+        total[1] = np.bincount(space.component[space.owned_local], applied, minlength=n)
+        for item in self.items[1:]:
+            total[0] += item.borne(u)
+        return space.comm.allreduce(total, op=MPI.SUM)
+
     def worst(self, f):
         """Where a residual vector is largest. *Collective.*
 

@@ -159,32 +159,98 @@ def near_null_space(space, colours):
     return PETSc.NullSpace().create(constant=False, vectors=vectors, comm=space.comm)
 
 
+def body_modes(space, nodes):
+    """Rigid modes (n_modes, n, d) at local nodes, each about the centre of the node's body; turns in units of its size.
+    *Collective.*
+
+    With axial symmetry the only one is the translation along the axis.
+    """
+    centre, scale = component_frames(space)
+    component = space.component[nodes]
+    modes = rigid_modes(space.points[nodes], centre[component], 1.0)
+    modes[space.dim :] /= np.where(scale > 0, scale, 1.0)[component][None, :, None]
+    return modes[1:2] if space.axisymmetric else modes
+
+
+def free_motions(space, supports):
+    """Rigid motions that the supports leave to each component; components without any are left out. *Collective.*
+
+    Returns
+    -------
+    dict of int to ndarray (m, n_modes)
+        Orthonormal combinations of :func:`body_modes`.
+    """
+    nodes, axes = np.nonzero(supports.fixed)
+    modes = body_modes(space, np.arange(space.n_local))
+    gram = np.zeros((space.mesh.n_components, len(modes), len(modes)))
+    rows = modes[:, nodes, axes].T
+    np.add.at(gram, space.component[nodes], rows[:, :, None] * rows[:, None, :])
+    space.comm.Allreduce(MPI.IN_PLACE, gram, op=MPI.SUM)
+    free = {}
+    for k, g in enumerate(gram):
+        values, vectors = np.linalg.eigh(g)
+        left = values <= 1e-10 * max(values[-1], 1e-300)
+        if left.any():
+            free[k] = vectors[:, left].T
+    return free
+
+
 def floating(space, supports):
     """Components that the supports do not hold, with the number of rigid modes left. *Collective.*
-
-    With axial symmetry the only rigid mode is the translation along the axis.
 
     Returns
     -------
     dict of int to int
     """
-    centre, scale = component_frames(space)
-    size = np.where(scale > 0, scale, 1.0)
-    n_modes = 1 if space.axisymmetric else 3 if space.dim == 2 else 6
-    gram = np.zeros((space.mesh.n_components, n_modes, n_modes))
-    nodes, axes = np.nonzero(supports.fixed)
-    component = space.component[nodes]
-    modes = rigid_modes(space.points, centre[space.component], 1.0)
-    modes[space.dim :] /= size[space.component][None, :, None]
-    if space.axisymmetric:
-        modes = modes[1:2]
-    rows = modes[:, nodes, axes].T
-    np.add.at(gram, component, rows[:, :, None] * rows[:, None, :])
-    space.comm.Allreduce(MPI.IN_PLACE, gram, op=MPI.SUM)
-    free = {}
-    for k, g in enumerate(gram):
-        values = np.linalg.eigvalsh(g)
-        rank = int(np.sum(values > 1e-10 * max(values[-1], 1e-300)))
-        if rank < n_modes:
-            free[k] = n_modes - rank
-    return free
+    return {k: len(motions) for k, motions in free_motions(space, supports).items()}
+
+
+class RigidBodies:
+    """Rigid motions of some bodies, orthonormal in a weighted mean square. *Collective.*
+
+    Parameters
+    ----------
+    space : Space
+    weight : ndarray (n_owned,)
+        Weights of the nodes, positive on these bodies.
+    motions : dict of int to ndarray (m, n_modes)
+        The bodies and what they may do, of :func:`free_motions`.
+
+    Attributes
+    ----------
+    bodies : list of int
+        Connected components.
+    fields : ndarray (n_modes, n_owned, d)
+        Motion k of each body at its nodes; zero on other bodies, and where a body has fewer motions.
+    """
+
+    def __init__(self, space, weight, motions):
+        own = space.owned_local
+        self.space, self.bodies, self._weight = space, sorted(motions), weight
+        modes = body_modes(space, own)
+        place = np.full(space.mesh.n_components, -1, dtype=np.int64)
+        place[self.bodies] = np.arange(len(self.bodies))
+        self._place = place[space.component[own]]
+        self.fields = modes * (self._place >= 0)[:, None]
+        turned = np.zeros((len(self.bodies), len(modes), len(modes)))
+        gram = self._sums(np.einsum("n,ind,jnd->nij", weight, self.fields, self.fields))
+        for k, body in enumerate(self.bodies):
+            rows = motions[body]
+            root = np.linalg.cholesky(rows @ gram[k] @ rows.T)
+            turned[k, : len(rows)] = np.linalg.solve(root, rows)
+        self.fields = np.einsum("nij,jnd->ind", turned[self._place], self.fields)
+
+    def _sums(self, values):
+        """Sums (n_bodies, ...) of values (n_owned, ...) of the nodes. *Collective.*"""
+        sums = np.zeros((len(self.bodies), *values.shape[1:]))
+        some = self._place >= 0
+        np.add.at(sums, self._place[some], values[some])
+        return self.space.comm.allreduce(sums, op=MPI.SUM)
+
+    def amounts(self, values):
+        """Amounts (n_bodies, n_modes) of the motions nearest to a displacement (n_owned, d). *Collective.*"""
+        return self._sums(np.einsum("n,ind,nd->ni", self._weight, self.fields, values))
+
+    def field(self, amounts):
+        """Displacement (n_owned, d) of amounts of the motions."""
+        return np.einsum("ni,ind->nd", amounts[self._place], self.fields)

@@ -4,6 +4,7 @@ import numpy as np
 
 from pcontact.runtime import log
 from pcontact.runtime.petsc import MPI
+from pcontact.stepping.loose import Announcer
 
 # part of the largest force of the run that may be out of balance without a word; so many times its rounding errors, a
 # sum of forces is hidden by them
@@ -27,6 +28,7 @@ class Recorder:
     def __init__(self, problem, probes):
         # the largest force of the run so far, which a restarted run goes on with
         self._problem, self.carried = problem, 0.0
+        self._announce = Announcer(problem.space.mesh.component_names)
         space = problem.space
         owned = np.zeros(space.n_local, dtype=bool)
         owned[space.owned_local] = True
@@ -62,6 +64,9 @@ class Recorder:
         }
         if step.uzawa is not None:
             record["uzawa"] = step.uzawa
+        if step.free is not None:
+            record["free"] = self._announce(step.time, step.free)
+            record["free_bodies"] = len(step.free)
         # relative to the largest force of the run: bodies that have parted leave nothing to compare with
         total, largest = problem.imbalance(record)
         self.carried = max(self.carried, largest)

@@ -32,6 +32,8 @@ class Step:
         Updates of multipliers, see `pcontact.stepping.uzawa`.
     hardest : int
         Krylov iterations of the linear solve that took most.
+    free : list of int or None
+        Loose bodies on which no contact acts, see `pcontact.stepping.loose`.
     """
 
     number: int
@@ -45,6 +47,7 @@ class Step:
     before: object = None
     uzawa: dict | None = None
     hardest: int = 0
+    free: list | None = None
 
 
 class Observer(Protocol):
@@ -79,14 +82,18 @@ class Stepper:
         Goes on from the solution of a load step, see :class:`pcontact.stepping.uzawa.Uzawa`.
     renew : callable, optional
         Before that, solves the load step and looks for partners again, see :class:`pcontact.stepping.renewal.Renewal`.
+    rest : callable, optional
+        After that, says where bodies are that nothing holds, see :class:`pcontact.stepping.loose.LooseBodies`.
     """
 
-    def __init__(self, problem, newton, schedule, observers, recorder, timing, drive=None, settle=None, renew=None):
+    def __init__(
+        self, problem, newton, schedule, observers, recorder, timing, drive=None, settle=None, renew=None, rest=None
+    ):
         self.problem, self.newton, self.schedule = problem, newton, schedule
         self.observers, self.recorder, self.timing = observers, recorder, timing
         self.u = problem.space.vector()
         self._number = 0
-        self._drive, self._last, self._settle, self._renew = drive, None, settle, renew
+        self._drive, self._last, self._settle, self._renew, self._rest = drive, None, settle, renew, rest
 
     def resume(self, number, time, first, size, values, last=None):
         """Go on from the committed state of an earlier run. *Collective.*
@@ -136,7 +143,7 @@ class Stepper:
                 number += 1
                 step = Step(
                     number, target, outcome.newton, outcome.krylov, cutbacks, outcome.residual,
-                    list(self.newton.norms), *self._last, outcome.uzawa, outcome.hardest,
+                    list(self.newton.norms), *self._last, outcome.uzawa, outcome.hardest, outcome.free,
                 )  # fmt: skip
                 with profile.phase("output"):
                     record = self.recorder(step, self.u)
@@ -171,6 +178,8 @@ class Stepper:
                 outcome = self._renew(self.u, before, (target, motion, ahead))
             if self._settle is not None and outcome.converged:
                 outcome = self._settle(self.u, outcome)
+            if self._rest is not None and outcome.converged:
+                outcome = self._rest(self.u, before, outcome)
             self._check_motion(outcome, before)
         # searches within the solve are counted as such
         again = self.timing["search"] - searched

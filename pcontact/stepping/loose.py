@@ -1,0 +1,214 @@
+"""Loose bodies that no contact force holds any more: they stay where the last load step left them.
+
+A body that supports leave free, and on which no contact acts, may be anywhere: all its rigid motions solve the load
+step. Where Newton's method happens to leave it depends on rounding errors, and with them on the number of ranks, the
+numbering and the linear solver. Among the solutions the program takes the one with the least rigid motion since the end
+of the last load step: least in the mean square over the body, of all motions that let it overlap with nothing.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from pcontact.mesh.components import label
+from pcontact.runtime import log
+from pcontact.runtime.petsc import MPI
+from pcontact.solve.nearest import nearest
+from pcontact.space.modes import RigidBodies, component_frames
+
+# part of the external forces on a body: contact that bears less of them bears none
+NOTHING = 1e-6
+# distance that is left where a free body touches, in sizes of the body: more than rounding errors
+CLEAR = 1e-12
+# points in a round, of each rank, that a body must not overlap with, those that do most; and rounds
+WORST, ROUNDS = 200, 50
+# names in a line
+MOST = 5
+
+
+class LooseBodies:
+    """What becomes of bodies that supports leave free, at the end of a load step.
+
+    Parameters
+    ----------
+    problem : pcontact.solve.problem.Problem
+    newton : pcontact.solve.newton.Newton
+    motions : dict of int to ndarray
+        Their rigid motions, see :func:`pcontact.space.modes.free_motions`.
+
+    Notes
+    -----
+    The constructor is *Collective*.
+    """
+
+    def __init__(self, problem, newton, motions):
+        self.problem, self.newton, self.motions = problem, newton, motions
+        self._loose = np.zeros(problem.space.mesh.n_components, dtype=bool)
+        self._loose[list(motions)] = True
+        space = problem.space
+        own = np.bincount(space.component[space.owned_local], minlength=space.mesh.n_components)
+        self._unknowns = space.dim * space.comm.allreduce(own, op=MPI.SUM)
+        self._clear = CLEAR * float(np.max(component_frames(space)[1]))
+
+    def free(self, u):
+        """Loose bodies on which no contact acts: no more than the solver leaves open. *Collective.*
+
+        Returns
+        -------
+        list of int
+            Connected components.
+        """
+        contact, applied = self.problem.borne(u)
+        # a norm of the residual is this much in the sum of its magnitudes
+        least = np.sqrt(self._unknowns) * self.newton.left(u)
+        least = np.where(applied > 0.0, np.minimum(least, NOTHING * applied), least)
+        return np.flatnonzero(self._loose & (contact <= least)).tolist()
+
+    def __call__(self, u, before, outcome):
+        """Choose among the solutions of a load step. *Collective.*
+
+        Parameters
+        ----------
+        u : PETSc.Vec
+            The solution that Newton's method has found; overwritten.
+        before : PETSc.Vec
+            The committed displacement.
+        outcome : pcontact.solve.outcome.Outcome
+
+        Returns
+        -------
+        Outcome
+            With ``free``: the bodies on which no contact acts.
+        """
+        free = self.free(u)
+        if free:
+            self._place(u, before, free)
+        return replace(outcome, free=free)
+
+    def _place(self, u, before, free):
+        """Move free bodies to the place nearest to where they were. *Collective.*"""
+        space = self.problem.space
+        bodies = RigidBodies(space, self.problem.aid, {k: self.motions[k] for k in free})
+        change = (u.getArray(readonly=True) - before.getArray(readonly=True)).reshape(-1, space.dim)
+        back = -bodies.amounts(change)
+        points = Points(self.problem, u, bodies)
+        away = points.apart(back, self._clear)
+        if points.overlap(back + away) > 2.0 * max(points.overlap(0.0 * back), self._clear):
+            log.info("free bodies have no place that they do not share with others: they stay where Newton left them")
+            return
+        u.setArray(u.getArray(readonly=True) + bodies.field(back + away).ravel())
+
+
+class Points:
+    """Points at which free bodies may touch others, and what their motions do to the distance. *Collective.*
+
+    Parameters
+    ----------
+    problem : pcontact.solve.problem.Problem
+    u : PETSc.Vec
+        Where distances are measured.
+    bodies : pcontact.space.modes.RigidBodies
+        The free ones.
+    """
+
+    def __init__(self, problem, u, bodies):
+        space = problem.space
+        self._comm, fields = space.comm, [space.vector() for _ in bodies.fields]
+        for field, values in zip(fields, bodies.fields, strict=True):
+            field.setArray(values.ravel())
+        parts = [item.clearance(u, fields) for item in problem.items[1:]]
+        distance, numbers, rows = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
+        # the last place is that of what does not move
+        place = np.full(space.mesh.n_components + 1, -1, dtype=np.int64)
+        place[bodies.bodies] = np.arange(len(bodies.bodies))
+        numbers = place[numbers]
+        some = (numbers >= 0).any(axis=1)
+        self._distance, self._bodies, self._rows = distance[some], numbers[some], rows[some]
+        self._rows[self._bodies < 0] = 0.0
+        for field in fields:
+            field.destroy()
+
+    def _left(self, amounts):
+        """Distances (n,) after motions (n_bodies, m)."""
+        return self._distance + np.einsum("pbm,pbm->p", self._rows, amounts[self._bodies])
+
+    def overlap(self, amounts):
+        """Largest overlap after motions (n_bodies, m) [length]. *Collective.*"""
+        return self._comm.allreduce(float(np.max(-self._left(amounts), initial=0.0)), op=MPI.MAX)
+
+    def apart(self, amounts, clear):
+        """The least motions (n_bodies, m) after some which leave a distance at all points. *Collective.*
+
+        Parameters
+        ----------
+        amounts : ndarray (n_bodies, m)
+        clear : float
+            The distance [length].
+        """
+        away, known = np.zeros_like(amounts), np.zeros(len(self._distance), dtype=bool)
+        first, table = self._left(amounts), []
+        for _ in range(ROUNDS):
+            left = np.where(known, np.inf, self._left(amounts + away))
+            worst = np.argsort(left, kind="stable")[:WORST]
+            worst = worst[left[worst] < 0.5 * clear]
+            known[worst] = True
+            found = self._comm.gather((self._bodies[worst], self._rows[worst], clear - first[worst]))
+            if found is not None:
+                table += found
+                away = _least_motions(away.shape, *(np.concatenate(arrays) for arrays in zip(*table, strict=True)))
+            away = self._comm.bcast(away)
+            if not self._comm.allreduce(len(worst)):
+                break
+        return away
+
+
+def _least_motions(shape, bodies, rows, bounds):
+    """Least motions (n_bodies, m) that add to the distance of some points what it lacks, (n,) bounds.
+
+    Bodies that touch no body in common are independent of each other.
+    """
+    n, m = shape
+    away = np.zeros(shape)
+    partners = np.where(bodies >= 0, bodies, bodies[:, ::-1])
+    group = label([np.column_stack([np.arange(n), np.arange(n)]), partners], n)[:n]
+    for k in np.unique(group[partners[:, 0]]):
+        some, chosen = np.flatnonzero(group == k), np.flatnonzero(group[partners[:, 0]] == k)
+        matrix = np.zeros((len(chosen), n, m))
+        for side in (0, 1):
+            at = np.flatnonzero(bodies[chosen, side] >= 0)
+            matrix[at, bodies[chosen[at], side]] += rows[chosen[at], side]
+        found = nearest(matrix[:, some].reshape(len(chosen), -1), bounds[chosen])
+        away[some] = found.reshape(len(some), m)
+    return away
+
+
+class Announcer:
+    """Says which bodies have become free, and which no longer are.
+
+    Parameters
+    ----------
+    names : list of str
+        Of all connected components.
+    """
+
+    def __init__(self, names):
+        several = {name for name in names if names.count(name) > 1}
+        self.names = [f"{name} {k}" if name in several else name for k, name in enumerate(names)]
+        self._free = set()
+
+    def __call__(self, time, free):
+        """Names of the free bodies (components) of a load step."""
+        gone, caught = [k for k in free if k not in self._free], sorted(self._free.difference(free))
+        self._free = set(free)
+        if gone:
+            log.warning(
+                "time %g: no support and no contact force holds %s: free, left where the last load step left %s",
+                time, self._listed(gone), "it" if len(gone) == 1 else "them",
+            )  # fmt: skip
+        if caught:
+            log.info("time %g: in contact again: %s", time, self._listed(caught))
+        return [self.names[k] for k in free]
+
+    def _listed(self, bodies):
+        more = f" and {len(bodies) - MOST} more" if len(bodies) > MOST else ""
+        return ("body " if len(bodies) == 1 else "bodies ") + ", ".join(self.names[k] for k in bodies[:MOST]) + more
