@@ -239,7 +239,8 @@ class Newton(Ways):
     def left(self, u):
         """Norm of the residual at which the load step that ends in ``u`` counts as solved [force]. *Collective.*"""
         rtol, atol, _, _ = self.snes.getTolerances()
-        small = min(rtol * self._first, max(rtol, SMALL) * self._forces(u))
+        forces = max(self.problem.acting(u), ROUNDED * self._first)
+        small = min(rtol * self._first, max(rtol, SMALL) * forces)
         return max(small, atol, self._least, 8.0 * self.problem.roundoff(u))
 
     def _balanced(self, u, norm):
