@@ -2,13 +2,25 @@
 
 Each quadrature point has a multiplier lam [stress], which stands where Nitsche's method has the traction of the body:
 
-    tau = lam + gamma g n - alpha gamma D_T,   update  lam <- mean of P(tau)  at the solution of Newton's method
+    tau = lam + gamma g n - alpha gamma D_T,   update  lam <- M P(tau)  at the solution of Newton's method
 
-The mean is that of the closed points in the patches of the source's nodes. At a fixed point of the update gap and
-slip have no local mean where points are closed or stick, and what is left, (P - mean of P) / gamma, is small with the
-mesh and zero for a uniform traction. With lam <- P(tau) they would be zero at every point: more conditions than
+M takes the local mean over the closed points, see `pcontact.contact.averages`. At a fixed point of the update gap and
+slip have no local mean where points are closed or stick, and what is left, (P - M P) / gamma, is small with the mesh
+and zero for a uniform traction. With lam <- P(tau) they would be zero at every point: more conditions than
 displacements can meet. The pressure then sits on a few points, and an update takes away little (cylinder on a block, 10
 facets in the half width: error of the pressure in L2 92 % after 33 updates instead of 7 % after 5).
+
+Let H be the compliance of the bodies, the gap that a traction at the points opens. While no point changes its status
+an update multiplies the error of the multipliers by M (1 + gamma H)^-1, and neither factor makes anything larger. A
+traction that changes from point to point is taken away by M. One that is smooth moves the bodies farther than it
+presses a layer of their cells: gamma H is large, and the second factor takes it away.
+
+Unbiased contact and self contact have two points at each place, one on either surface, each with a multiplier. Equal
+and opposite changes of the two press nothing (gamma H = 0), and a mean over the points of one surface keeps them if
+they are smooth: they fade as slowly as heat, or grow where points slip, and the pressures of the two surfaces drift
+apart. There M is the mean over the points of both surfaces, see :func:`local_means`: what they differ by is gone at
+once. Largest eigenvalue of an update, two blocks with 6 and 8 facets: 1, the next 0.96 and 0.98 with degree 1 and 2,
+where each surface is alone; 0.15 and 0.10 with both.
 
 gamma says how fast multipliers settle, nothing else: where it is smaller than the default one it grows with every
 update, up to that. Each attempt of a load step starts with the gamma that the scene says. An update is by gamma times
@@ -20,11 +32,12 @@ leaves nothing behind.
 
 import numpy as np
 
-from pcontact.contact.averages import patch_means
+from pcontact.contact.averages import Acting, local_means
 from pcontact.contact.frictional import FrictionalItem
 from pcontact.contact.item import ContactItem
 from pcontact.contact.laws import OPEN
 from pcontact.contact.parameters import TRACELESS
+from pcontact.contact.unbiased import is_unbiased
 from pcontact.runtime.parallel import take_rows
 from pcontact.runtime.petsc import MPI
 
@@ -46,43 +59,27 @@ class Multipliers:
         self.multiplier = np.zeros_like(self.source.x)
         self._kept, self._base, self._grown = self.multiplier, self.gamma, 1.0
 
-    def update_multipliers(self, u, rtol):
-        """Replace the multipliers by means of the traction that acts at ``u``, unless they have settled. *Collective.*
-
-        Parameters
-        ----------
-        u : PETSc.Vec
-            Where the residual is zero.
-        rtol : float
-            Multipliers that change by no more stay as they are: state and equilibrium remain those of ``u``.
+    def acting(self, u):
+        """Traction at ``u`` of the points that are closed. *Collective.*
 
         Returns
         -------
-        float
-            Norm of the change over the surface, by the default gamma if that is larger, relative to that of the
-            multipliers; 0 where nothing touches.
+        pcontact.contact.averages.Acting
         """
         traction, status = self._acting(self.pairing.exchange.gather(u))
-        closed = status > OPEN
-        new = np.where(closed[:, None], patch_means(self.space, self.pairing, self.source, traction, closed), 0.0)
-        weight, sizes = self.source.jxw, (new - self.multiplier, new, self.multiplier)
-        sums = self.space.comm.allreduce(
-            np.array([np.einsum("p,pd,pd->", weight, size, size) for size in sizes]), op=MPI.SUM
-        )
-        scale = float(max(sums[1], sums[2]))
-        change = float(np.sqrt(sums[0] / scale)) if scale > 0.0 else 0.0
-        change *= self._short()
-        if change > rtol:
-            self.multiplier = new
-        return change
+        return Acting(self.pairing, self.source, traction, status > OPEN)
 
-    def _short(self):
+    def update_multipliers(self, u, rtol):
+        """See :func:`update_multipliers`: of this item alone, the relative change. *Collective.*"""
+        return update_multipliers([self], u, rtol)[0]
+
+    def short(self):
         """The default gamma over that which acts; 1 where that is no smaller."""
         return max(TRACELESS["augmented_lagrangian"] / (self._grown * self.gamma0), 1.0)
 
     def stiffen(self):
         """Let gamma grow, not beyond the default one."""
-        self._grown *= min(GROWTH, self._short())
+        self._grown *= min(GROWTH, self.short())
         self.gamma = self._grown * self._base
 
     def _begin(self, u, time):
@@ -108,6 +105,43 @@ class Multipliers:
             return super().recall(name, chunks)
         self._kept = np.zeros_like(self.source.x)
         return take_rows(self.source.point_keys(), chunks, self._kept)
+
+
+def update_multipliers(parts, u, rtol):
+    """Replace the multipliers of a pair by means of the traction that acts at ``u``, unless they have settled.
+    *Collective.*
+
+    Parameters
+    ----------
+    parts : list of Multipliers
+        The item of a pair, or the halves of an unbiased one.
+    u : PETSc.Vec
+        Where the residual is zero.
+    rtol : float
+        Multipliers that change by no more stay as they are: state and equilibrium remain those of ``u``.
+
+    Returns
+    -------
+    change : float
+        Norm of the change over the surfaces, by the default gamma if that is larger, relative to that of the
+        multipliers; 0 where nothing touches.
+    size : float
+        The norm itself, by the gamma that acts [stress length^((d - 1) / 2)].
+    """
+    first, acting = parts[0], [part.acting(u) for part in parts]
+    means = local_means(first.space, acting, both=is_unbiased(first.contact))
+    updates = [np.where(one.chosen[:, None], mean, 0.0) for one, mean in zip(acting, means, strict=True)]
+    sums = np.zeros(3)
+    for part, new in zip(parts, updates, strict=True):
+        for k, size in enumerate((new - part.multiplier, new, part.multiplier)):
+            sums[k] += np.einsum("p,pd,pd->", part.source.jxw, size, size)
+    sums = first.space.comm.allreduce(sums, op=MPI.SUM)
+    scale = float(max(sums[1], sums[2]))
+    change = (float(np.sqrt(sums[0] / scale)) if scale > 0.0 else 0.0) * first.short()
+    if change > rtol:
+        for part, new in zip(parts, updates, strict=True):
+            part.multiplier = new
+    return change, float(np.sqrt(sums[0]))
 
 
 class AugmentedItem(Multipliers, ContactItem):

@@ -29,6 +29,8 @@ class Outcome:
         Updates of multipliers around the solve, where there are any, see `pcontact.stepping.uzawa`.
     free : list of int or None
         Loose bodies on which no contact acts, where there are loose ones, see `pcontact.stepping.loose`.
+    final : bool
+        Whether a shorter load step would end in the same way.
     """
 
     converged: bool
@@ -41,6 +43,7 @@ class Outcome:
     uzawa: dict | None = None
     hardest: int = 0
     free: list | None = None
+    final: bool = False
 
 
 def together(first, second):

@@ -127,7 +127,7 @@ class Stepper:
         Raises
         ------
         StepFailure
-            When a step does not converge at the smallest size.
+            When a step does not converge at the smallest size, or at one of which no part would converge either.
         """
         number, cutbacks = self._number, 0
         while not self.schedule.done:
@@ -153,9 +153,10 @@ class Stepper:
                 continue
             committed.copy(self.u)
             cutbacks += 1
-            for observer in self.observers:
-                observer.cut(target, outcome)
-            if not self.schedule.cut(target):
+            if not outcome.final:
+                for observer in self.observers:
+                    observer.cut(target, outcome)
+            if outcome.final or not self.schedule.cut(target):
                 raise StepFailure(
                     f"the step from time {self.schedule.time:.6g} to {target:.6g} did not converge ({outcome.reason}, "
                     f"residual {outcome.residual:.3e} after {outcome.newton} iterations, first {outcome.initial:.3e}"

@@ -1,7 +1,9 @@
 """Uzawa's loop: multipliers of contact are updated around Newton's method until they settle."""
 
+import math
 from dataclasses import replace
 
+from pcontact.contact.augmented import Multipliers, update_multipliers
 from pcontact.runtime import log
 from pcontact.solve.outcome import together
 
@@ -10,6 +12,10 @@ RTOL, MAX_IT = 1e-4, 30
 # change up to which a load step may end after the last update, with a warning: bodies enter each other by this part of
 # what pressure does to a layer of cells
 CREEP = 1e-2
+# so many updates in a row, each of which leaves the same part of the change, up to this much of it, tell the rate
+STEADY, ALIKE = 4, 0.1
+# updates that a user may be asked for
+PATIENCE = 300
 
 
 class Uzawa:
@@ -17,8 +23,8 @@ class Uzawa:
 
     Parameters
     ----------
-    items : list
-        Those that have multipliers, see `pcontact.contact.augmented`.
+    pairs : list of list of pcontact.contact.augmented.Multipliers
+        Of each pair that has multipliers its item, or its halves.
     newton : pcontact.solve.newton.Newton
     rtol : float
         Change of the multipliers, relative to the traction, at which they have settled.
@@ -30,9 +36,10 @@ class Uzawa:
         Whether a load step may end with multipliers that are far from settled.
     """
 
-    def __init__(self, items, newton, rtol=RTOL, max_it=MAX_IT, grow=True, accept=False):
-        self.items, self.newton, self.rtol, self.max_it = items, newton, rtol, max_it
+    def __init__(self, pairs, newton, rtol=RTOL, max_it=MAX_IT, grow=True, accept=False):
+        self.pairs, self.newton, self.rtol, self.max_it = pairs, newton, rtol, max_it
         self.grow, self.accept = grow, accept
+        self._failed = False
 
     def __call__(self, u, outcome):
         """Go on from the solution with the multipliers of the last load step. *Collective.*
@@ -40,6 +47,10 @@ class Uzawa:
         The displacement and the traction that acts are in equilibrium whatever the number of updates, but bodies enter
         each other. Multipliers that creep (there are more conditions at the points than the displacement can meet) are
         reported; with those that are far from settled the load step has not converged.
+
+        How fast they settle follows from mesh and gamma. A load step of half the size begins half as far away, which
+        saves an update or two, and there are twice as many of them: where the rate is known, or a shorter load step
+        has failed as well, it is not cut.
 
         Parameters
         ----------
@@ -53,38 +64,92 @@ class Uzawa:
         Outcome
             With the iterations of all solves, and ``uzawa``: the ``updates`` and the last ``change``.
         """
-        updates = 0
+        updates, sizes = 0, []
         while True:
             last = updates == self.max_it
-            change = max(item.update_multipliers(u, float("inf") if last else self.rtol) for item in self.items)
+            changes = [update_multipliers(pair, u, float("inf") if last else self.rtol) for pair in self.pairs]
+            change = max(part for part, _ in changes)
+            sizes.append([size for _, size in changes])
             if change <= self.rtol or last:
                 break
             if self.grow:
-                for item in self.items:
-                    item.stiffen()
+                for part in self._parts():
+                    part.stiffen()
             then = self.newton.again(u)
             updates += 1
             outcome = together(outcome, then)
             if not outcome.converged:
                 break
-        if outcome.converged and change > self.rtol:
-            text = (
-                f"multipliers of contact still change by {change:.1e} of the traction after {updates} updates "
-                f"(-contact_uzawa_rtol {self.rtol:.1e})"
-            )
-            if self.accept or change <= CREEP:
-                log.warning("%s", text)
-            else:
-                text += "; remedy: -contact_uzawa_max_it, or a gamma0 near 1; -contact_uzawa_accept takes it as it is"
-                outcome = replace(outcome, converged=False, reason=text)
+        if outcome.converged:
+            worst = [part for part, _ in changes].index(change)
+            outcome = self._judged(outcome, change, [size[worst] for size in sizes], self.pairs[worst][0].name)
         return replace(outcome, uzawa={"updates": updates, "change": change})
+
+    def _parts(self):
+        return [part for pair in self.pairs for part in pair]
+
+    def _judged(self, outcome, change, sizes, name):
+        """The outcome after the last update.
+
+        Parameters
+        ----------
+        outcome : Outcome
+        change : float
+            Largest change of the multipliers that is left, relative to the traction.
+        sizes : list of float
+            Norms of the changes of that pair, before each update and after the last one.
+        name : str
+            Of that pair.
+        """
+        updates = len(sizes) - 1
+        if change <= self.rtol:
+            self._failed = False
+            return outcome
+        text = (
+            f"contact {name}: multipliers still change by {change:.1e} of the traction after {updates} updates "
+            f"(-contact_uzawa_rtol {self.rtol:.1e})"
+        )
+        if self.accept or change <= CREEP:
+            self._failed = False
+            log.warning("%s", text)
+            return outcome
+        left = rate(sizes)
+        final, self._failed = self._failed or left is not None, True
+        text += "; a shorter load step does not change that" if final else ""
+        text += f"; remedy: {_remedy(left, updates, self.rtol / change)}; -contact_uzawa_accept takes it as it is"
+        return replace(outcome, converged=False, reason=text, final=final)
+
+
+def rate(sizes):
+    """Part of the change of the multipliers that an update leaves; None as long as it differs from one to the next.
+
+    Parameters
+    ----------
+    sizes : list of float
+        Norms of the changes, before each update and after the last one.
+    """
+    last = sizes[-STEADY - 1 :]
+    if len(last) <= STEADY or min(last) <= 0.0:
+        return None
+    ratios = [after / before for before, after in zip(last, last[1:], strict=False)]
+    return ratios[-1] if max(ratios) - min(ratios) <= ALIKE * ratios[-1] else None
+
+
+def _remedy(left, updates, wanted):
+    """What to do where each update leaves a part of the change, and another part of it is wanted."""
+    if left is not None and left < 1.0:
+        needed = updates + math.ceil(math.log(wanted) / math.log(left))
+        if needed <= PATIENCE:
+            return f"-contact_uzawa_max_it {needed}"
+    more = "" if left is not None else "-contact_uzawa_max_it, "
+    return more + 'a gamma0 near 1, formulation = "nitsche"'
 
 
 def uzawa(items, newton, options):
     """The loop of a problem; None where no item has multipliers."""
-    halves = [half for item in items for half in getattr(item, "halves", [item])]
-    items = [half for half in halves if hasattr(half, "update_multipliers")]
-    if not items:
+    pairs = [getattr(item, "halves", [item]) for item in items]
+    pairs = [pair for pair in pairs if isinstance(pair[0], Multipliers)]
+    if not pairs:
         return None
     text = "change of the multipliers relative to the traction at which they have settled"
     rtol = options.get("contact_uzawa_rtol", RTOL, float, text=text, positive=True)
@@ -93,4 +158,4 @@ def uzawa(items, newton, options):
     text = "let gamma grow with the updates, up to the default"
     grow = options.get("contact_uzawa_grow", True, bool, text=text)
     text = "end a load step, with a warning, where multipliers are far from settled after the last update"
-    return Uzawa(items, newton, rtol, max_it, grow, options.get("contact_uzawa_accept", False, bool, text=text))
+    return Uzawa(pairs, newton, rtol, max_it, grow, options.get("contact_uzawa_accept", False, bool, text=text))
