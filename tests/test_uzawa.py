@@ -72,12 +72,12 @@ def dragged(path, dim, order, **more):
 # -- the mean over both surfaces ----------------------------
 
 
-@pytest.fixture(params=[("quadrilateral", 1), ("tetrahedron", 2)], ids=lambda p: f"{p[0]} {p[1]}", scope="module")
-def halves(request, tmp_path_factory):
+@pytest.fixture(params=[("quadrilateral", 1), ("tetrahedron", 2)], ids=lambda p: f"{p[0]} {p[1]}")
+def halves(request, tmp_path):
     """Halves of an unbiased pair of blocks that do not match, at rest, some points without a partner."""
     cell, order = request.param
     dim = 2 if cell != "tetrahedron" else 3
-    path = blocks_file(tmp_path_factory.mktemp("halves") / "b.msh", cell, 2, 3, offset=0.3)
+    path = blocks_file(tmp_path / "b.msh", cell, 2, 3, offset=0.3)
     simulation = Simulation(dragged(path, dim, order), SELF)
     (item,) = simulation.problem.items[1:]
     item.detect(simulation.problem.space.vector(), 1.0)
