@@ -3,6 +3,7 @@
 import difflib
 import sys
 import traceback
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,7 @@ from pcontact.io.prices import prices
 from pcontact.io.refine import refine_run
 from pcontact.io.show import show
 from pcontact.mesh.store import convert, mesh_sizes
-from pcontact.runtime import log
+from pcontact.runtime import log, signals
 from pcontact.runtime.errors import TOLD, InputError
 from pcontact.runtime.parallel import on_root
 from pcontact.runtime.petsc import MPI
@@ -253,9 +254,10 @@ def convert_mesh(path, options):
 
 def _execute(command, operand, options):
     if command == "help":
-        if MPI.COMM_WORLD.rank == 0:
-            sys.stdout.write(USAGE.format(version=__version__))
+        log.info("%s", USAGE.format(version=__version__).rstrip())
         return 0
+    for word in filter(None, (operand, *options.values())):
+        _check_letters(word)
     comm = MPI.COMM_WORLD
     if command == "view":
         log.info("wrote %s", on_root(comm, show, operand, options))
@@ -272,6 +274,18 @@ def _execute(command, operand, options):
         return 0
     _, converged = run_scene(scene, options.get("o") or Path(operand).stem + "_results")
     return 0 if converged else 1
+
+
+def _check_letters(word):
+    """Refuse a name whose bytes are not text for Python: neither a mesh reader nor a report could take it."""
+    try:
+        word.encode("utf-8")
+    except UnicodeEncodeError:
+        code = sys.getfilesystemencoding()
+        raise InputError(
+            f"command line: found {ascii(word)}, which cannot be read as {code}; allowed: names in the encoding of the "
+            "locale (a UTF-8 locale, or PYTHONUTF8=1, has all letters)"
+        ) from None
 
 
 def guarded(function, *args):
@@ -291,15 +305,17 @@ def guarded(function, *args):
     comm = MPI.COMM_WORLD
     log.setup(comm.rank)
     try:
-        return function(*args)
+        with signals.stopping(comm.rank == 0):
+            return function(*args)
     except TOLD as error:
         log.error_line(error)
         return error.status
     except SystemExit:
         raise
     except BaseException:
-        traceback.print_exc()
-        sys.stderr.flush()
+        with suppress(OSError, ValueError):
+            traceback.print_exc()
+            sys.stderr.flush()
         if comm.size > 1:
             comm.Abort(1)
         return 1
@@ -309,5 +325,5 @@ def main(arguments=None):
     """Entry point of ``pcontact``."""
     arguments = sys.argv[1:] if arguments is None else arguments
     status = guarded(lambda: _execute(*parse(arguments)))
-    sys.stdout.flush()
+    log.finish()
     sys.exit(status)

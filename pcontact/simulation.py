@@ -13,10 +13,10 @@ from pcontact.io.identity import Identity
 from pcontact.io.observers import Fields, Records, Terminal
 from pcontact.io.restart import ANYWAY, read_checkpoint
 from pcontact.runtime import log, profile
-from pcontact.runtime.errors import StepFailure, require_writable
-from pcontact.runtime.jit import CALLS
+from pcontact.runtime.errors import StepFailure
+from pcontact.runtime.jit import CALLS, tell_uncached
+from pcontact.runtime.lock import reserved
 from pcontact.runtime.options import Options
-from pcontact.runtime.parallel import on_root
 from pcontact.runtime.petsc import MPI, free_garbage
 from pcontact.runtime.presets import Choice
 from pcontact.scene import describe
@@ -69,6 +69,7 @@ class Simulation:
         # several runs of one process have their own peaks; what earlier ones left is freed first
         free_garbage(self.comm)
         log.forget_warnings()
+        tell_uncached()
         profile.forget_peak()
         profile.mark("start")
         self.accuracy = Choice()
@@ -110,8 +111,13 @@ class Simulation:
         -------
         bool
             Whether all steps converged.
+
+        Raises
+        ------
+        InputError, OutputError
+            On every rank; see :func:`pcontact.runtime.lock.reserved`, too.
         """
-        with profile.recording(self.profile):
+        with profile.recording(self.profile), reserved(directory, self.comm):
             return self._run(directory, observers)
 
     def _run(self, directory, observers):
@@ -134,7 +140,6 @@ class Simulation:
         if estimate is not None:
             carriers["largest_energy"] = estimate
         if directory is not None:
-            on_root(self.comm, require_writable, directory)
             directory, output = Path(directory), scene.output
             if output.checkpoint:
                 first = None if resumed is None else resumed.first

@@ -9,6 +9,7 @@ In the output directory::
     fields/points_NAME_000001.pvtu      the quadrature points of one contact pair
 """
 
+import os
 import re
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -175,7 +176,8 @@ def _on_all(comm, function, *args, root=False):
     try:
         result = function(*args)
     except (OutputError, ValueError) as problem:
-        error = type(problem)(str(problem))
+        # what it was raised from stays on this rank
+        error = (OutputError if isinstance(problem, OutputError) else ValueError)(str(problem))
     errors = [problem for problem in comm.allgather(error) if problem is not None]
     if errors:
         raise errors[0]
@@ -274,16 +276,23 @@ def _common(key, pieces):
 
 
 def _file_names(keys):
-    """File names of the parts: a contact's name may hold what a file name must not, or be too long for one."""
-    names = {}
-    for key in keys:
-        name = GROUPS[key[0]] + re.sub(r"[^\w.-]+", "_", f"_{key[1]}" if key[1] else "")[:LONGEST]
-        names[key] = name
+    """File names of the parts: a contact's name may hold what a file name must not, and be longer."""
+    names = {key: _file_name(GROUPS[key[0]] + (f"_{key[1][:LONGEST]}" if key[1] else "")) for key in keys}
     taken = list(names.values())
     return {
         key: name if taken.count(name) == 1 else f"{name}_{number}"
         for number, (key, name) in enumerate(names.items())
     }
+
+
+def _file_name(name):
+    """A name with letters that the locale and file systems know."""
+    name = re.sub(r"[^\w.-]+", "_", name)
+    try:
+        os.fsencode(name)
+    except UnicodeEncodeError:
+        name = re.sub(r"[^\w.-]+", "_", name, flags=re.ASCII)
+    return name
 
 
 def _fill(arrays, signatures):

@@ -96,7 +96,7 @@ class History:
         """Decide the columns and write the head, with the rows that are kept."""
         kept = []
         if self._resume_time is not None and self.path.exists():
-            with open(self.path, newline="") as stream:
+            with open(self.path, newline="", encoding="utf-8") as stream:
                 self.columns, *kept = list(csv.reader(stream)) or [None]
         if self.columns and "time" in self.columns:
             column, limit = self.columns.index("time"), self._resume_time + 1e-10 * abs(self._resume_time)

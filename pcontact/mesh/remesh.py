@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
+from pcontact.runtime import signals
 from pcontact.runtime.errors import TOLD, InputError
 from pcontact.runtime.files import require_end, written_aside
 
@@ -38,6 +39,7 @@ def _fresh():
     if gmsh is None:
         raise InputError("pcontact refine: found no Python package gmsh; allowed: pip install gmsh")
     gmsh.initialize(readConfigFiles=False, interruptible=False)
+    signals.take_back()
     try:
         for name, value in _OPTIONS.items():
             gmsh.option.setNumber(name, value)

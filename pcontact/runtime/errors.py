@@ -1,8 +1,5 @@
 """What can go wrong, by whose hand."""
 
-import tempfile
-from pathlib import Path
-
 
 class InputError(Exception):
     """The input is wrong: one line for the user, exit status 2.
@@ -36,29 +33,3 @@ TOLD = (InputError, OutputError)
 
 class StepFailure(Exception):
     """A load step did not converge even at the smallest step: exit status 1."""
-
-
-def require_writable(directory):
-    """Refuse an output directory before a run that would find out at its first step. Nothing is left behind.
-
-    Parameters
-    ----------
-    directory : str or pathlib.Path
-        It need not exist yet.
-
-    Raises
-    ------
-    InputError
-    """
-    path = Path(directory).absolute()
-    existing = path
-    try:
-        existing = next(folder for folder in (path, *path.parents) if folder.exists())
-        # a trial tells more than permissions do, which root does not need and a full disk does not show
-        with tempfile.TemporaryFile(dir=existing):
-            pass
-    except OSError as error:
-        raise InputError(
-            f"command line: -o {directory}: found {existing}: {error.strerror.lower()}; "
-            "allowed: a directory that can be made and written to"
-        ) from None

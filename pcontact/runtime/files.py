@@ -84,10 +84,16 @@ def written_aside(path, option=None):
             yield part
             os.replace(part, path)
     finally:
-        _discard(part)
+        discard(part)
 
 
-def _discard(part):
+def forget_at_the_end(path):
+    """Have a file taken away if a signal ends the process."""
+    _aside.add(path)
+
+
+def discard(part):
+    """Take a file away, if it is there."""
     with suppress(OSError):
         part.unlink(missing_ok=True)
     _aside.discard(part)
@@ -96,7 +102,7 @@ def _discard(part):
 def discard_all():
     """Take away all that is being written: the process ends."""
     for part in tuple(_aside):
-        _discard(part)
+        discard(part)
 
 
 def make_directory(path):
@@ -108,6 +114,11 @@ def make_directory(path):
     """
     with telling(path):
         Path(path).mkdir(parents=True, exist_ok=True)
+
+
+def _utf8(text):
+    """Text for a file; names of files keep the bytes that they have on disk, unless these are no UTF-8."""
+    return text.encode("utf-8", "surrogateescape").decode("utf-8", "backslashreplace").encode("utf-8")
 
 
 def replace_file(path, content):
@@ -123,7 +134,7 @@ def replace_file(path, content):
     ------
     OutputError
     """
-    content = content.encode() if isinstance(content, str) else content
+    content = _utf8(content) if isinstance(content, str) else content
     with written_aside(path) as part, open(part, "wb") as stream:
         stream.writelines([content] if isinstance(content, bytes) else content)
 
@@ -141,7 +152,7 @@ def append_text(path, text):
     OutputError
         The file is as it was.
     """
-    rest = text.encode()
+    rest = _utf8(text)
     with telling(path), open(path, "r+b", buffering=0) as stream:
         size = stream.seek(0, os.SEEK_END)
         try:
@@ -237,7 +248,7 @@ class Hdf5Aside:
         """Close the file and leave nothing of it, unless it is in place. May be called again."""
         self.file.close()
         self._disk.close()
-        _discard(self._part)
+        discard(self._part)
 
 
 class _Disk(io.RawIOBase):

@@ -3,15 +3,54 @@
 from collections import Counter
 
 import numba
+from numba.core.caching import FunctionCache
 from numba.core.cpu import CPUTargetOptions
 from numba.core.registry import CPUDispatcher
+
+from pcontact.runtime import log
 
 # calls from Python, by "module.function"; what a kernel calls itself is a part of it
 CALLS = Counter()
 
 
+class _Uncached:
+    """Why compiled kernels are not kept on disk; None if they are."""
+
+    reason = None
+
+
+def tell_uncached():
+    """Warn of kernels that every run has to compile anew, if there is no place to keep them."""
+    if _Uncached.reason is not None:
+        log.warning(
+            "compiled kernels cannot be kept (%s): every run compiles them anew, for half a minute; NUMBA_CACHE_DIR "
+            "names a directory for them",
+            _Uncached.reason,
+        )  # fmt: skip
+
+
+class _Cache(FunctionCache):
+    """Kernels kept on disk, unless the disk is full."""
+
+    def save_overload(self, sig, data):
+        """Keep a kernel."""
+        try:
+            super().save_overload(sig, data)
+        except OSError as error:
+            if _Uncached.reason is None:
+                _Uncached.reason = (error.strerror or str(error)).lower()
+                tell_uncached()
+
+
 class _Counted(CPUDispatcher):
     """A kernel that counts its calls: a third of a microsecond each."""
+
+    def enable_caching(self):
+        """Keep the kernel beside its source or in the user's cache; go without if neither can be written."""
+        try:
+            self._cache = _Cache(self.py_func)
+        except RuntimeError:
+            _Uncached.reason = "neither the installation nor the user's cache can be written to"
 
     def __call__(self, *arguments, **named):
         CALLS[self.title] += 1
@@ -24,9 +63,10 @@ UNCOUNTED = {"_nrt": False} if hasattr(CPUTargetOptions, "_nrt") else {}
 
 def _compiled(**options):
     def decorate(function):
-        kernel = numba.njit(cache=True, error_model="numpy", **options)(function)
+        kernel = numba.njit(error_model="numpy", **options)(function)
         # numba makes its own class of dispatchers; this one is nothing but that, with another call
         kernel.__class__ = _Counted
+        kernel.enable_caching()
         kernel.title = f"{function.__module__.rpartition('.')[2]}.{function.__name__}"
         return kernel
 

@@ -6,8 +6,11 @@ knows nothing of MPI: rank 0 speaks, the others are silent unless asked.
 
 import logging
 import sys
+from contextlib import suppress
 
 from tqdm import tqdm
+
+from pcontact.runtime import streams
 
 LOGGER = logging.getLogger("pcontact")
 LEVELS = {"error": logging.ERROR, "warning": logging.WARNING, "info": logging.INFO, "debug": logging.DEBUG}
@@ -18,11 +21,26 @@ class _Handler(logging.StreamHandler):
 
     def emit(self, record):
         try:
-            with tqdm.external_write_mode(file=self.stream, nolock=True):
-                self.stream.write(self.format(record) + self.terminator)
-                self.flush()
+            _put(self.stream, self.format(record) + self.terminator)
+        except (OSError, ValueError) as error:
+            _lost(self, error)
         except Exception:
             self.handleError(record)
+
+
+def _put(stream, text):
+    with tqdm.external_write_mode(file=stream, nolock=True):
+        streams.put(stream, text)
+
+
+def _lost(handler, error):
+    """Go on without the stream: results first. It is said once, on standard error and in the report."""
+    handler.stream = _State.stream = streams.give_up(handler.stream)
+    why = getattr(error, "strerror", None) or error
+    text = f"standard output cannot be written ({str(why).lower()}); the run goes on without, its results are kept"
+    _State.warnings = (*_State.warnings, text)
+    with suppress(OSError, ValueError):
+        _put(sys.stderr, f"pcontact: warning: {text}\n")
 
 
 class _Formatter(logging.Formatter):
@@ -118,10 +136,17 @@ def error_line(message, stream=None):
     if not _State.speaks:
         return
     mark = "" if _State.rank == 0 else f"[{_State.rank}] "
-    stream = stream or sys.stderr
-    with tqdm.external_write_mode(file=stream, nolock=True):
-        stream.write(f"{mark}pcontact: error: {' '.join(str(message).split())}\n")
-        stream.flush()
+    # nobody may be there to read it; the exit status says it, too
+    with suppress(OSError, ValueError):
+        _put(stream or sys.stderr, f"{mark}pcontact: error: {' '.join(str(message).split())}\n")
+
+
+def finish():
+    """Write what is left in the buffer of the standard output. To be called at the end of a program."""
+    with suppress(OSError, ValueError):
+        sys.stdout.flush()
+        return
+    streams.give_up(sys.stdout)
 
 
 class Progress:
@@ -161,8 +186,12 @@ class Progress:
         """Move on to `value`, between 0 and `total`, with a remark."""
         step, self.value = value - self.value, value
         if self._bar is not None:
-            self._bar.set_postfix_str(text, refresh=False)
-            self._bar.update(step)
+            try:
+                self._bar.set_postfix_str(text, refresh=False)
+                self._bar.update(step)
+            except OSError:
+                # the terminal is gone
+                self._bar.disable, self._bar = True, None
             return
         # the small shift: ten steps of 0.1 are ten tenths
         reached = int(self.lines * value / self.total + 1e-9)
@@ -173,5 +202,6 @@ class Progress:
     def close(self):
         """Take the bar away."""
         if self._bar is not None:
-            self._bar.close()
+            with suppress(OSError):
+                self._bar.close()
             self._bar = None

@@ -4,16 +4,26 @@ Every other module takes ``PETSc`` and ``MPI`` from here.
 """
 
 import ctypes
+import os
 import sys
 
 import numpy as np
 import petsc4py
 
+from pcontact.runtime import signals, streams
+
+# before anything opens a file that stays open
+streams.reserve()
+
 # a test runner's own options are no business of the options database
-petsc4py.init([sys.argv[0]] if "pytest" in sys.modules else sys.argv)
+# bytes that Python could not read as text are none for petsc4py either
+_words = [os.fsencode(word).decode("utf-8", "replace") for word in sys.argv]
+petsc4py.init(_words[:1] if "pytest" in sys.modules else _words)
 
 from mpi4py import MPI  # noqa: E402
 from petsc4py import PETSc  # noqa: E402
+
+signals.take_back()
 
 __all__ = ["MPI", "PETSc", "line_search_limit", "local_values", "matrix_parts", "has_package", "version"]
 

@@ -148,7 +148,9 @@ def _boolean(value):
 
 
 def _file(value):
-    return _text(os.fspath(value) if isinstance(value, os.PathLike) else value)
+    value = _text(os.fspath(value) if isinstance(value, os.PathLike) else value)
+    os.fsencode(value)  # a ValueError where the locale has not all of its letters
+    return value
 
 
 def _component(value):

@@ -36,6 +36,10 @@ ROUNDED, NEARLY, BALANCED, MOVED = 1e-10, 100.0, 1e-3, 1e-9
 SMALL = 1e-6
 
 
+def _hear(ksp, iteration, norm):
+    """Nothing: signals that have come are dealt with here."""
+
+
 class Newton(Ways):
     """SNES on a :class:`pcontact.solve.problem.Problem`.
 
@@ -94,6 +98,8 @@ class Newton(Ways):
         except PETSc.Error as error:
             raise options.fault(error) or error from None
         check_tolerances(self.snes, options)
+        # Python hears signals only where it runs; a Krylov iteration is long beside the microsecond that this takes
+        self.snes.getKSP().setMonitor(_hear)
         text = "Krylov iterations that a preconditioner may lose before it is renewed; -1: always renew"
         patience = options.get("pc_patience", 10, int, text=text, least=-1)
         self._reuse = None if lags or direct or loose or patience < 0 else Reuse(patience)

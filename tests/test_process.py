@@ -1,0 +1,305 @@
+"""What surrounds a run: streams that nobody reads, signals, a second run, other locales, no place for a cache."""
+
+import json
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from bad_input import SCENE, Case, mesh_text
+from test_cli import LATE, ROOT, TIMEOUT, check_line, environment, execute, lay_out
+from test_faults import check_whole
+
+from pcontact.runtime import log
+from pcontact.runtime.errors import InputError, OutputError
+from pcontact.runtime.lock import NAME, reserved
+from pcontact.runtime.petsc import MPI
+from pcontact.scene import read_scene
+from pcontact.simulation import Simulation
+
+WORLD, SELF = MPI.COMM_WORLD, MPI.COMM_SELF
+parallel = pytest.mark.parallel
+START = [sys.executable, "-m", "pcontact", "run", "scene.toml", "-o", "out"]
+# linear solves that never end, from the third load step of LATE on: the bodies do not move before
+ENDLESS = ["-steps_count", "4", "-snes_ksp_ew", "false", "-ksp_type", "richardson", "-ksp_pc_side", "left", "-pc_type",
+           "none", "-ksp_richardson_scale", "1e-9", "-ksp_rtol", "1e-300", "-ksp_max_it", "1000000000"]  # fmt: skip
+
+
+def report_of(folder):
+    """report.json."""
+    return json.loads((folder / "report.json").read_text(encoding="utf-8"))
+
+
+# -- standard streams ----------------------------------------
+
+
+def test_a_log_that_is_full(capsys):
+    """The log goes on without its stream, and says so once."""
+    log.forget_warnings()
+    with open("/dev/full", "w") as stream:
+        try:
+            log.setup(0, stream)
+            log.info("first")
+            log.info("second")
+            log.error_line("wrong", stream)
+        finally:
+            log.setup()
+    (text,) = log.warnings()
+    assert text.startswith("standard output cannot be written (no space left on device)")
+    assert capsys.readouterr().err == f"pcontact: warning: {text}\n"
+    log.forget_warnings()
+
+
+def test_a_log_that_does_not_know_all_letters(tmp_path):
+    """They are written as numbers."""
+    with open(tmp_path / "log", "w", encoding="ascii") as stream:
+        try:
+            log.setup(0, stream)
+            log.info("Würfel")
+            log.error_line("Träger", stream)
+        finally:
+            log.setup()
+    assert (tmp_path / "log").read_text() == "W\\xfcrfel\npcontact: error: Tr\\xe4ger\n"
+
+
+@pytest.mark.parametrize("how", ["| head -1", ">&- 2>&-"])
+def test_a_run_that_nobody_reads(tmp_path, how):
+    """It goes on and keeps its results, with what PETSc prints, too; no file takes the place of a closed stream."""
+    lay_out(tmp_path / "case", Case([]))
+    command = f'"$@" {how}; echo status ${{PIPESTATUS[0]}} >status'
+    words = ["bash", "-c", command, "bash", *START, "-snes_monitor"]
+    done = subprocess.run(words, cwd=tmp_path / "case", env=environment(), capture_output=True, text=True,
+                          timeout=TIMEOUT)  # fmt: skip
+    assert (tmp_path / "case" / "status").read_text() == "status 0\n", done.stderr
+    report = report_of(tmp_path / "case" / "out")
+    assert report["converged"]
+    if how.startswith("|"):
+        assert len(done.stdout.splitlines()) == 1
+        check = "standard output cannot be written (broken pipe)"
+        assert any(text.startswith(check) for text in report["warnings"]) and check in done.stderr
+        assert len(done.stderr.splitlines()) == 1
+
+
+# -- other locales ----------------------------------------
+
+LETTERS = SCENE.replace("two squares", "zwei Würfel").replace("upper_top", "kräfte").replace('"pair"', '"Paar ä"')
+
+
+@pytest.mark.parametrize("mesh", ["mesh.msh", "würfel.msh"])
+def test_a_locale_without_letters(tmp_path, mesh):
+    """Names in the scene may have all letters; names of files cannot where Python knows only ASCII."""
+    folder = tmp_path / "case"
+    lay_out(folder, Case([], scene=LETTERS.replace("mesh.msh", mesh), mesh=None))
+    (folder / "mesh.msh").write_text(mesh_text().replace("upper_top", "kräfte"))
+    plain = {"LC_ALL": "C", "PYTHONCOERCECLOCALE": "0", "PYTHONUTF8": "0", "PYTHONIOENCODING": "ascii"}
+    done = subprocess.run(START, cwd=folder, env=environment() | plain, capture_output=True, timeout=TIMEOUT)
+    if mesh == "mesh.msh":
+        assert done.returncode == 0, done.stderr
+        assert report_of(folder / "out")["title"] == "zwei Würfel" and rb"zwei W\xfcrfel" in done.stdout
+        assert "reactions.kräfte_x" in (folder / "out" / "history.csv").read_text(encoding="utf-8")
+    else:
+        assert done.returncode == 2
+        check_line(done.stderr.decode(), [r"scene\.toml: mesh\.file", "ascii", "allowed"])
+
+
+# -- signals and locks ----------------------------------------
+
+
+def wait_for(path, number):
+    """Until a report has some steps."""
+    end = time.monotonic() + TIMEOUT
+    while not path.exists() or len(json.loads(path.read_text())["steps"]) < number:
+        assert time.monotonic() < end
+        time.sleep(0.02)
+
+
+def endless(folder, ranks=1):
+    """A run that has committed two steps and is in a linear solve without end."""
+    lay_out(folder, Case([], scene=LATE.scene + "[output]\ncheckpoint = true\n"))
+    start = [] if ranks == 1 else ["mpirun", "-n", str(ranks)]
+    process = subprocess.Popen([*start, *START, *ENDLESS], cwd=folder, env=environment(), stdin=subprocess.DEVNULL,
+                               stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)  # fmt: skip
+    wait_for(folder / "out" / "report.json", 2)
+    time.sleep(0.3)
+    return process
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_run_that_is_stopped(tmp_path, number):
+    """One line, status 130 or 143, in the middle of a linear solve; what is committed stands."""
+    process = endless(tmp_path / "case")
+    try:
+        if number == signal.SIGTERM:
+            done = execute(tmp_path / "case", ["run", "scene.toml", "-o", "out"])
+            assert done.returncode == 3
+            check_line(done.stderr, [f"out: another run writes there.*process {process.pid} on", "allowed"])
+        process.send_signal(number)
+        error = process.communicate(timeout=20)[1]
+    finally:
+        process.kill()
+    assert process.returncode == 128 + number
+    check_line(error, [f"stopped by {number.name}"])
+    check_whole(tmp_path / "case" / "out", 2)
+    assert not (tmp_path / "case" / "out" / NAME).exists()
+
+
+def test_three_ranks_that_are_stopped(tmp_path):
+    """mpirun hands the signal on; what is committed stands, and stood all the time."""
+    process = endless(tmp_path / "case", 3)
+    try:
+        process.send_signal(signal.SIGTERM)
+        time.sleep(1.0)
+        check_whole(tmp_path / "case" / "out", 2)
+        error = process.communicate(timeout=20)[1]
+    finally:
+        process.kill()
+    assert process.returncode != 0 and "Traceback" not in error and "PETSC ERROR" not in error
+
+
+def test_signals_that_the_caller_ignores(tmp_path):
+    """Neither PETSc nor gmsh takes them: nohup has SIGHUP ignored, Python SIGPIPE."""
+    code = """if True:
+        import signal
+        signal.signal(signal.SIGHUP, signal.SIG_IGN)
+        import gmsh
+        from pcontact.mesh.remesh import _fresh
+        from pcontact.runtime.petsc import PETSc
+        def ignored():
+            (line,) = [line for line in open("/proc/self/status") if line.startswith("SigIgn")]
+            return {number for number in range(1, 32) if int(line.split()[1], 16) >> (number - 1) & 1}
+        assert {signal.SIGHUP, signal.SIGPIPE} <= ignored(), ignored()
+        with _fresh():
+            assert {signal.SIGHUP, signal.SIGPIPE} <= ignored(), ignored()
+    """
+    done = subprocess.run([sys.executable, "-c", code], env=environment(), capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+
+
+@parallel
+def test_a_directory_is_reserved(shared_tmp):
+    """On every rank alike, and only while it lasts; what was made for nothing is taken away."""
+    folder = shared_tmp / "a" / "b"
+    with reserved(folder, WORLD):
+        assert (folder / NAME).read_text().split()[0].isdigit()
+        with pytest.raises(OutputError, match=r"b: another run writes there \(process \d+ on .*\); allowed"):
+            with reserved(folder, WORLD):
+                pass
+        with pytest.raises(InputError, match=rf"-o .*: found .*{NAME}: not a directory"):
+            with reserved(folder / NAME / "c", WORLD):
+                pass
+        WORLD.Barrier()
+    WORLD.Barrier()
+    assert not list(shared_tmp.iterdir())
+    with reserved(folder, WORLD):
+        if WORLD.rank == 0:
+            (folder / "result").write_text("")
+        WORLD.Barrier()
+    assert folder.is_dir()
+
+
+def test_a_lock_dies_with_its_process(tmp_path):
+    """Even with SIGKILL; the file it leaves means nothing."""
+    code = f"""if True:
+        import time
+        from pcontact.runtime.lock import reserved
+        from pcontact.runtime.petsc import MPI
+        with reserved({str(tmp_path / "out")!r}, MPI.COMM_SELF):
+            print("locked", flush=True)
+            time.sleep(60)
+    """
+    process = subprocess.Popen([sys.executable, "-c", code], env=environment(), stdout=subprocess.PIPE)
+    try:
+        assert process.stdout.readline() == b"locked\n"
+        with pytest.raises(OutputError, match=f"process {process.pid} on"):
+            with reserved(tmp_path / "out", SELF):
+                pass
+    finally:
+        process.kill()
+        process.communicate()
+    assert (tmp_path / "out" / NAME).exists()
+    with reserved(tmp_path / "out", SELF):
+        assert (tmp_path / "out" / NAME).read_text().split()[0] == str(os.getpid())
+    assert not (tmp_path / "out" / NAME).exists()
+
+
+def test_a_file_system_without_locks(tmp_path, monkeypatch):
+    """The run goes on, with a warning."""
+
+    def flock(file, how):
+        raise OSError(38, "Function not implemented")
+
+    monkeypatch.setattr("fcntl.flock", flock)
+    log.forget_warnings()
+    with reserved(tmp_path / "out", SELF):
+        assert "no locks" in log.warnings()[0]
+    log.forget_warnings()
+
+
+class Vanish:
+    """Takes the output directory away after the first load step."""
+
+    def __init__(self, directory):
+        self.directory = directory
+
+    def step(self, step, u, record):
+        if WORLD.rank == 0:
+            shutil.rmtree(self.directory)
+        WORLD.Barrier()
+
+    def cut(self, target, outcome):
+        pass
+
+    def end(self, converged):
+        pass
+
+
+@parallel
+@pytest.mark.parametrize("fields", [True, False])
+def test_a_directory_that_vanishes(shared_tmp, fields):
+    """Every rank learns of it, whoever writes first."""
+    text = SCENE + f"[steps]\ncount = 3\n[output]\nfields = {str(fields).lower()}\n"
+    if WORLD.rank == 0:
+        lay_out(shared_tmp / "case", Case([], scene=text))
+    WORLD.Barrier()
+    simulation = Simulation(read_scene(shared_tmp / "case" / "scene.toml"))
+    out = shared_tmp / "case" / "out"
+    try:
+        with pytest.raises(OutputError, match=r"out/(fields/|history).*: cannot be written \(no such file or dir"):
+            simulation.run(out, [Vanish(out)])
+    finally:
+        simulation.close()
+    WORLD.Barrier()
+    assert not out.exists()
+
+
+# -- compiled kernels ----------------------------------------
+
+
+def test_an_installation_that_cannot_be_written(tmp_path):
+    """Kernels are compiled and not kept, and a warning says so."""
+    package = tmp_path / "read_only" / "pcontact"
+    shutil.copytree(ROOT / "pcontact" / "runtime", package / "runtime", ignore=shutil.ignore_patterns("__pycache__"))
+    shutil.copy(ROOT / "pcontact" / "__init__.py", package)
+    (package / "kernel.py").write_text(
+        "from pcontact.runtime.jit import njit, tell_uncached\n@njit\ndef f(x):\n    return x\nf(1)\ntell_uncached()\n"
+    )
+    for path in (*tmp_path.parents, tmp_path):
+        if os.stat(path).st_uid == os.getuid() and path != Path("/"):
+            path.chmod(path.stat().st_mode | 0o555)
+    for path in (tmp_path / "read_only").rglob("*"):
+        path.chmod(0o555)
+    package.chmod(0o555)
+    home = {"HOME": "/nonexistent", "PYTHONPATH": f"{package.parent}{os.pathsep}{os.environ.get('PYTHONPATH', '')}"}
+    keep = {k: v for k, v in environment().items() if k not in ("NUMBA_CACHE_DIR", "XDG_CACHE_HOME")}
+    code = "from pcontact.runtime import log; log.setup(); import pcontact.kernel"
+    # nothing is read-only for root
+    nobody = {"user": "nobody"} if os.getuid() == 0 else {}
+    words = [sys.executable, "-c", code]
+    done = subprocess.run(words, env=keep | home, cwd="/", capture_output=True, text=True, **nobody)
+    assert done.returncode == 0, done.stderr
+    assert re.fullmatch(r"warning: compiled kernels cannot be kept \(.*\): .* NUMBA_CACHE_DIR .*\n", done.stdout)
