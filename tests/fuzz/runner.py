@@ -59,27 +59,51 @@ def run_jobs(jobs, ranks, work):
     list of dict
         Of worker.py; `status` "crashed" or "hung" where the process did not come to its end.
     """
-    results, first, part = [None] * len(jobs), 0, 0
+    def collect(job):
+        return pickle.loads((Path(job["folder"]) / "result.pkl").read_bytes())
+
+    found = supervised(HERE / "worker.py", jobs, ranks, work, collect)
+    nothing = {"steps": [], "warnings": [], "cuts": []}
+    return [{"status": r.split(":")[0], "text": r, **nothing} if isinstance(r, str) else r for r in found]
+
+
+def supervised(script, jobs, ranks, work, collect):
+    """What came out of all jobs of a script that says which it has begun and ended.
+
+    Parameters
+    ----------
+    script : pathlib.Path
+    jobs : list of dict
+    ranks : int
+    work : pathlib.Path
+    collect : callable
+        Makes the result of a job that has ended.
+
+    Returns
+    -------
+    list
+        Results; a text that begins with "crashed" or "hung" where the process did not come to its end.
+    """
+    results, first = [None] * len(jobs), 0
     while first < len(jobs):
         path = work / f"jobs_{ranks}_{os.getpid()}_{time.monotonic_ns()}.jsonl"
         path.write_text("".join(json.dumps(job) + "\n" for job in jobs[first:]))
-        ended, status, text = _supervise(path, ranks)
+        ended, status, text = _supervise(script, path, ranks)
         for k in range(first, first + ended):
-            results[k] = pickle.loads((Path(jobs[k]["folder"]) / "result.pkl").read_bytes())
+            results[k] = collect(jobs[k])
         first += ended
         if first < len(jobs):
-            results[first] = {"status": status, "text": text, "steps": [], "warnings": [], "cuts": []}
+            results[first] = f"{status}: {text}"
             first += 1
-        part += 1
     return results
 
 
-def _supervise(path, ranks):
+def _supervise(script, path, ranks):
     """Run a list until it ends or stands still; how many jobs have ended, and how the next one did not."""
     done, log = Path(f"{path}.done"), Path(f"{path}.log")
     with open(log, "w") as stream:
         process = subprocess.Popen(
-            command(HERE / "worker.py", ranks, path), stdout=stream, stderr=stream, stdin=subprocess.DEVNULL,
+            command(script, ranks, path), stdout=stream, stderr=stream, stdin=subprocess.DEVNULL,
             env=environment(), start_new_session=True,
         )  # fmt: skip
         size, since, status = -1, time.monotonic(), "crashed"

@@ -200,8 +200,9 @@ def variants_of(case, rng, ranks=3):
         Variant("restarted", case, TIGHT, restart=1),
         Variant("ranks", case, mumps, ranks=ranks),
         Variant("ranks, plain", case, {}, ranks=ranks, against="plain", tolerance=1e-5),
-        Variant("renumbered, plain", numbered, {}, number=number, against="plain", tolerance=1e-5),
     ]
+    if case.seed % 4 == 0:
+        out.append(Variant("renumbered, plain", numbered, {}, number=number, against="plain", tolerance=1e-5))
     swap = _swapped(case)
     if swap is not None:
         out.append(Variant("swapped", swap[0], TIGHT, swapped=swap[1]))
