@@ -54,7 +54,7 @@ def orders(cell, degree, mirrored=False):
     return np.array(found)
 
 
-def image(source, path, seed=None, matrix=None, shift=None):
+def image(source, path, seed=None, matrix=None, shift=None, change=None):
     """Write another description of a mesh.
 
     Parameters
@@ -66,6 +66,8 @@ def image(source, path, seed=None, matrix=None, shift=None):
         What points are multiplied by; cells are put right where it mirrors.
     shift : (d,), optional
         What is added then [length].
+    change : callable, optional
+        Of the points (n, d), before all that.
 
     Returns
     -------
@@ -75,7 +77,8 @@ def image(source, path, seed=None, matrix=None, shift=None):
     raw = read_mesh(source)
     random = np.random.default_rng(seed)
     matrix = np.eye(raw.dim) if matrix is None else np.asarray(matrix)
-    points = raw.points @ matrix.T + (0.0 if shift is None else np.asarray(shift))
+    points = (raw.points if change is None else change(raw.points)) @ matrix.T
+    points = points if shift is None else points + np.asarray(shift)
     node = np.arange(len(points)) if seed is None else random.permutation(len(points))
     tables, names, rows = [], {}, []
     for block in raw.blocks:

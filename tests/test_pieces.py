@@ -7,7 +7,7 @@ from test_patch import blocks, solve
 
 from drivers.patch import errors, scene
 from pcontact.contact.facet_maps import SQUARE_CORNERS, TRIANGLE_CORNERS
-from pcontact.contact.overlaps import triangles
+from pcontact.contact.overlaps import tiles as tiles_of
 from pcontact.contact.pieces import cut_source
 from pcontact.contact.polygons import tile
 from pcontact.contact.surface import source_surface, target_surface
@@ -18,14 +18,31 @@ ROUNDOFF = 1e-9
 DOMAINS = {"triangle": TRIANGLE_CORNERS, "square": SQUARE_CORNERS}
 
 
-def tiles(domain, polygons, corners):
-    """Triangles (n, 3, 2) of one facet, and whether it was cut."""
+def found_tiles(domain, polygons, corners):
+    """Tiles (n, 3, 2) of one facet, their numbers of vertices (n,), and whether it was cut."""
     first, cut = np.array([0, len(corners)]), np.zeros(1, dtype=bool)
     polygons, corners = np.ascontiguousarray(polygons, dtype=float), np.array(corners, dtype=np.int64)
-    room = tile(domain, first, polygons, corners, cut, np.zeros(0, np.int64), np.zeros((0, 3, 2)))
-    owners, found = np.zeros(room, np.int64), np.zeros((room, 3, 2))
-    assert tile(domain, first, polygons, corners, cut, owners, found) == room
-    return found, bool(cut[0])
+    none = np.zeros(0, np.int64)
+    room = tile(domain, first, polygons, corners, cut, none, none, np.zeros((0, 3, 2)))
+    owners, kinds, found = np.zeros(room, np.int64), np.zeros(room, np.int64), np.zeros((room, 3, 2))
+    assert tile(domain, first, polygons, corners, cut, owners, kinds, found) == room
+    assert set(kinds) <= {3, 4}
+    return found, kinds, bool(cut[0])
+
+
+def tiles(domain, polygons, corners):
+    """Tiles (n, 3, 2) of one facet, parallelograms as two triangles, and whether it was cut."""
+    found, kinds, cut = found_tiles(domain, polygons, corners)
+    whole = found[kinds == 4]
+    others = np.stack([whole[:, 1] + whole[:, 2] - whole[:, 0], whole[:, 2], whole[:, 1]], axis=1)
+    return np.concatenate([found, others]), cut
+
+
+def centres(found, kinds, image):
+    """Centres (n, 2) of tiles, moved back from an affine image of their facet, in order."""
+    centre = np.where((kinds == 3)[:, None], found.mean(axis=1), found[:, 1:].mean(axis=1))
+    back = (centre - image[:, 2]) @ np.linalg.inv(image[:, :2]).T
+    return back[np.lexsort(np.rint(back.T * 1e9))]
 
 
 def areas(found):
@@ -43,11 +60,11 @@ def grid(n, turn, low=-2.0, high=2.0):
 
 
 def inside(points, polygon):
-    """How far (n,) points are inside a triangle, negative outside."""
-    ahead = np.roll(polygon, -1, axis=0) - polygon
-    away = points[:, None] - polygon
-    d = ahead[:, 0] * away[..., 1] - ahead[:, 1] * away[..., 0]
-    return d.min(axis=1)
+    """How far (..., n) points (n, 2) are inside triangles (..., 3, 2), negative outside."""
+    ahead = (np.roll(polygon, -1, axis=-2) - polygon)[..., None, :, :]
+    away = points[:, None] - polygon[..., None, :, :]
+    d = ahead[..., 0] * away[..., 1] - ahead[..., 1] * away[..., 0]
+    return d.min(axis=-1)
 
 
 @pytest.mark.parametrize("domain", list(DOMAINS))
@@ -58,9 +75,10 @@ def test_tiles_fill_the_facet_and_cross_no_edge(domain, n, turn):
     whole = 0.5 if domain == "triangle" else 4.0
     assert cut and np.all(areas(found) > 0.0)
     assert areas(found).sum() == pytest.approx(whole, rel=1e-13)
+    polygons = polygons[(polygons.min(axis=1) < 1.0).all(axis=1) & (polygons.max(axis=1) > -1.0).all(axis=1)]
     for corner in found:
         mean = corner.mean(axis=0)[None]
-        home = int(np.argmax([inside(mean, p[:3])[0] for p in polygons]))
+        home = int(np.argmax(inside(mean, polygons[:, :3])))
         assert inside(corner, polygons[home][:3]).min() > -1e-12
 
 
@@ -127,7 +145,7 @@ def test_pieces_are_those_of_one_rank(shared_tmp, cell):
         space = make_space(comm, path, ["lower", "upper"])
         source = source_surface(space, "upper_bottom", [(50.0, 50.0), (50.0, 50.0)])
         target = target_surface(space, "lower_top")
-        part, _, _ = triangles(space, space.mesh.facet_groups.get("upper_bottom", []), target)
+        part, *_ = tiles_of(space, space.mesh.facet_groups.get("upper_bottom", []), target)
         cut = cut_source(space, source, "upper_bottom", target, 1.0, "closest_point")
         own = np.array([len(part), len(cut.facet), cut.jxw.sum(), *(cut.jxw @ cut.x), *(cut.jxw @ cut.x**2)])
         sums.append(comm.allreduce(own))
@@ -137,3 +155,32 @@ def test_pieces_are_those_of_one_rank(shared_tmp, cell):
         assert np.all(np.diff(cut.facet) >= 0)
     assert sums[0] == pytest.approx(sums[1], rel=1e-12)
     assert sums[0][0] > 3 * 2 * 2
+
+
+@pytest.mark.parametrize("domain", list(DOMAINS))
+@pytest.mark.parametrize("low, high", [(-3.0, 3.0), (-0.1, 0.35)])
+def test_tiles_depend_on_shapes_alone(domain, low, high):
+    """Other first vertices, the facet seen from another corner or from behind, other numbers: the same tiles."""
+    polygons, corners = grid(3, 0.37, low, high)
+    vertices, random = DOMAINS[domain], np.random.default_rng(4)
+    first = centres(*found_tiles(vertices, polygons, corners)[:2], np.eye(2, 3))
+    for image in images(vertices):
+        mirrored = np.linalg.det(image[:, :2]) < 0.0
+        moved = polygons @ image[:, :2].T + image[:, 2]
+        moved[:, :3] = moved[:, 2::-1] if mirrored else moved[:, :3]
+        starts = random.integers(3, size=len(moved))
+        moved = np.array([np.roll(p[:3], k, axis=0)[[0, 1, 2, 2]] for p, k in zip(moved, starts, strict=True)])
+        found = centres(*found_tiles(vertices, moved[random.permutation(len(moved))], corners)[:2], image)
+        assert found == pytest.approx(first, abs=1e-12)
+
+
+def images(vertices):
+    """Affine maps (2, 3) of a reference domain onto itself."""
+    n, found = len(vertices), []
+    for start in range(n):
+        for step in (1, -1):
+            a, b, c = (vertices[(start + k * step) % n] for k in (0, 1, n - 1))
+            origin, sides = vertices[0], np.array([vertices[1] - vertices[0], vertices[n - 1] - vertices[0]]).T
+            matrix = np.array([b - a, c - a]).T @ np.linalg.inv(sides)
+            found.append(np.column_stack([matrix, a - matrix @ origin]))
+    return found

@@ -23,6 +23,8 @@ REACH = 2.0
 MARGIN = 0.05
 # cosine of the angle of a target facet that is not yet seen edge-on
 EDGE_ON = 0.02
+# difference of distances and areas that rounding may make, over the extent and in the reference domain
+ALIKE = 1e-8
 # Newton iterations, of which curved facets need a few
 ITERATIONS = 12
 # corners of the kinds of `pcontact.contact.facet_maps`
@@ -30,7 +32,10 @@ KIND_CORNERS = np.array([2, 2, 3, 3, 4, 4, 4])
 
 
 class _Frames:
-    """Source facets of one part: nodes (n, m, 3), centre, unit normal and two tangents (n, 3), extent (n,)."""
+    """Source facets of one part: nodes (n, m, 3), centre, unit normal and two tangents (n, 3), extent (n,).
+
+    The extent is the largest distance between two nodes.
+    """
 
     def __init__(self, space, facets):
         mesh, block = space.mesh, space.mesh.blocks[facets.block]
@@ -45,7 +50,7 @@ class _Frames:
         self.normal = normal / np.linalg.norm(normal, axis=1)[:, None]
         first = slope[:, :, 0] / np.linalg.norm(slope[:, :, 0], axis=1)[:, None]
         self.tangents = np.stack([first, np.cross(self.normal, first)], axis=1)
-        self.extent = np.linalg.norm(np.ptp(self.nodes, axis=1), axis=1)
+        self.extent = np.linalg.norm(self.nodes[:, :, None] - self.nodes[:, None], axis=3).max(axis=(1, 2))
 
     def boxes(self):
         """Boxes around the facets and what they may face: two arrays (n, 3)."""
@@ -166,6 +171,18 @@ def _convex(polygons, corners):
     return tuple(np.concatenate(columns) for columns in zip(*found, strict=True))
 
 
+def _ranking(frames, row, away, centre, polygons):
+    """Keys (n,) by which polygons of a facet are ordered, the last one first: nearness, then size and place.
+
+    Numbers that rounding errors may tell apart are equal.
+    """
+    scale = ALIKE * frames.extent[row]
+    aside = np.linalg.norm(centre - frames.centre[row], axis=1)
+    diagonals = polygons[:, 2] - polygons[:, 0], polygons[:, 3] - polygons[:, 1]
+    size = diagonals[0][:, 0] * diagonals[1][:, 1] - diagonals[0][:, 1] * diagonals[1][:, 0]
+    return np.rint(aside / scale), np.rint(-size / ALIKE), np.rint(away / scale)
+
+
 def _polygons(frames, row, number, count, corners):
     """What target facets cover of source facets: first (nf + 1,), polygons (n, 4, 2), numbers of their corners."""
     centre = np.where((count == 3)[:, None], corners[:, :3].mean(axis=1), corners.mean(axis=1))
@@ -184,13 +201,13 @@ def _polygons(frames, row, number, count, corners):
     order = np.flatnonzero(meets)
     which, polygons, count = _convex(xi[order], count[order])
     which = order[which]
-    order = np.lexsort((number[which], away[which], row[which]))
+    order = np.lexsort((number[which], *_ranking(frames, row[which], away[which], centre[which], polygons), row[which]))
     first = np.searchsorted(row[which][order], np.arange(len(frames.centre) + 1))
     return first, np.ascontiguousarray(polygons[order]), count[order]
 
 
-def triangles(space, parts, target):
-    """Triangles that tile the source facets of this rank which face a target nearby. *Collective.*
+def tiles(space, parts, target):
+    """Tiles of the source facets of this rank which face a target nearby. *Collective.*
 
     Parameters
     ----------
@@ -203,21 +220,24 @@ def triangles(space, parts, target):
     Returns
     -------
     part, row : ndarray (n,)
-        Part, and row in it, of each triangle's facet.
+        Part, and row in it, of each tile's facet.
+    kinds : ndarray (n,)
+        3: a triangle, 4: a parallelogram.
     vertices : ndarray (n, 3, 2)
-        In the facet's reference domain.
+        In the facet's reference domain: a vertex and its two neighbours.
     """
     every = [_Frames(space, facets) for facets in parts]
     boxes = [frames.boxes() for frames in every] or [(np.zeros((0, 3)), np.zeros((0, 3)))]
     faced = _faced(space, target, *(np.concatenate(side) for side in zip(*boxes, strict=True)))
-    found, begin = [(np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64), np.zeros((0, 3, 2)))], 0
+    none = np.zeros(0, dtype=np.int64)
+    found, begin = [(none, none, none, np.zeros((0, 3, 2)))], 0
     for k, frames in enumerate(every):
         end = begin + len(frames.centre)
         own = (faced[0] >= begin) & (faced[0] < end)
         arguments = _corners(frames.kind), *_polygons(frames, faced[0][own] - begin, *(a[own] for a in faced[1:]))
         cut, begin = np.zeros(len(frames.centre), dtype=bool), end
-        room = tile(*arguments, cut, np.zeros(0, dtype=np.int64), np.zeros((0, 3, 2)))
-        owners, vertices = np.zeros(room, dtype=np.int64), np.zeros((room, 3, 2))
-        tile(*arguments, cut, owners, vertices)
-        found.append((np.full(room, k), owners, vertices))
+        room = tile(*arguments, cut, none, none, np.zeros((0, 3, 2)))
+        owners, kinds, vertices = np.zeros(room, np.int64), np.zeros(room, np.int64), np.zeros((room, 3, 2))
+        tile(*arguments, cut, owners, kinds, vertices)
+        found.append((np.full(room, k), owners, kinds, vertices))
     return tuple(np.concatenate(columns) for columns in zip(*found, strict=True))

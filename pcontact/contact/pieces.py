@@ -16,7 +16,7 @@ import dataclasses
 import numpy as np
 
 from pcontact.contact.exchange import find_partners
-from pcontact.contact.overlaps import triangles
+from pcontact.contact.overlaps import tiles
 from pcontact.contact.surface import default_quadrature
 from pcontact.element.quadrature import quadrature
 from pcontact.element.reference import facet_area_vectors, facet_points
@@ -129,21 +129,40 @@ def cuts(space, parts, search):
 
 
 def _in_plane(space, parts, search, degree):
-    """Points of all pieces of this rank in the plane: part, row, reference coordinates and weights. *Collective.*"""
+    """Points of all pieces of this rank in the plane, see :func:`_in_space`. *Collective.*"""
     part, row, _, a, b = cuts(space, parts, search)
     xi, weights = quadrature("segment", degree or default_quadrature("segment", space.degree))
     s = 0.5 * (a + b)[:, None] + 0.5 * (b - a)[:, None] * xi[:, 0]
-    return part, row, s[:, :, None], 0.5 * (b - a)[:, None] * weights
+    n = len(weights)
+    return np.repeat(part, n), np.repeat(row, n), s.reshape(-1, 1), (0.5 * (b - a)[:, None] * weights).ravel()
 
 
 def _in_space(space, parts, target, degree):
-    """The same in space, of the facets that are cut. *Collective.*"""
-    part, row, corners = triangles(space, parts, target)
-    xi, weights = quadrature("triangle", degree or 2 * space.degree)
-    sides = corners[:, 1:] - corners[:, :1]
-    s = corners[:, :1] + np.einsum("qk,pki->pqi", xi, sides)
-    size = sides[:, 0, 0] * sides[:, 1, 1] - sides[:, 0, 1] * sides[:, 1, 0]
-    return part, row, s, size[:, None] * weights
+    """Points of all tiles of this rank, of the facets that are cut. *Collective.*
+
+    Returns
+    -------
+    part, row : ndarray (n,)
+        Part, and row in it, of each point's facet.
+    s : ndarray (n, d - 1)
+        Reference coordinates.
+    w : ndarray (n,)
+        Weights.
+    """
+    part, row, kinds, corners = tiles(space, parts, target)
+    columns, degree = [], degree or 2 * space.degree
+    for sides, name, origin, unit in ((3, "triangle", 0.0, 1.0), (4, "quadrilateral", 1.0, 0.5)):
+        xi, weights = quadrature(name, degree)
+        chosen = np.flatnonzero(kinds == sides)
+        # from the reference domain to shares of the two sides
+        share, a = unit * (xi + origin), corners[chosen]
+        along = a[:, 1:] - a[:, :1]
+        s = a[:, :1] + np.einsum("qk,pki->pqi", share, along)
+        size = along[:, 0, 0] * along[:, 1, 1] - along[:, 0, 1] * along[:, 1, 0]
+        w = size[:, None] * (unit**2 * weights)
+        n = len(weights)
+        columns.append((np.repeat(part[chosen], n), np.repeat(row[chosen], n), s.reshape(-1, 2), w.ravel()))
+    return tuple(np.concatenate(several) for several in zip(*columns, strict=True))
 
 
 def cut_source(space, source, name, target, radius, method, degree=None):
@@ -172,9 +191,7 @@ def cut_source(space, source, name, target, radius, method, degree=None):
         part, row, s, w = _in_plane(space, parts, (target, radius, method), degree)
     else:
         part, row, s, w = _in_space(space, parts, target, degree)
-    nq, nn, d = w.shape[1], source.shape.shape[1], space.dim
-    n, s, w = w.size, s.reshape(-1, d - 1), w.ravel()
-    part, row = np.repeat(part, nq), np.repeat(row, nq)
+    n, nn, d = len(w), source.shape.shape[1], space.dim
     facet = np.cumsum([0, *(len(facets.cells) for facets in parts)], dtype=np.int64)[part] + row
     x, normal, jxw = np.empty((n, d)), np.empty((n, d)), np.empty(n)
     values, grad = np.zeros((n, nn)), np.zeros((n, nn, d))

@@ -1,6 +1,12 @@
-"""Convex polygons in the reference domain of a facet, cut into triangles that tile it: compiled kernels.
+"""Convex polygons in the reference domain of a facet, cut into tiles for quadrature rules: compiled kernels.
 
 A polygon is an array (m, 2) of vertices, counter-clockwise, of which the first n count.
+
+A tile is a triangle or a parallelogram. How a polygon is cut depends on its shape alone, not on which vertex comes
+first, which way round the facet is seen, or how the vertices of the facet are numbered: a parallelogram stays whole,
+other polygons lose one corner after the other, that with the shortest diagonal first, and where diagonals are equally
+long and cross, all triangles meet in the centroid. Lengths are measured in the regular triangle and the square. What
+polygons leave over of a facet is cut along the whole lines on which its border lies.
 """
 
 import numpy as np
@@ -15,6 +21,14 @@ PIECES = 512
 SLIVER, WHOLE = 1e-13, 1e-10
 # distance from a line, over its length and in reference coordinates, below which a vertex is on it
 ON_LINE = 1e-13
+# the same between two neighbours of a polygon that is to be tiled: such a vertex is no corner
+STRAIGHT = 1e-10
+# distance of vertices of neighbours that count as one [reference length]
+SAME = 1e-9
+# by how much the sides of a parallelogram differ at most [reference length]
+PARALLEL = 1e-11
+# by how much squares of lengths that count as equal differ at most, over their sum
+EQUAL = 1e-8
 
 
 @njit_exact
@@ -55,19 +69,105 @@ def split(p, n, a, b, left, right):
 
 
 @njit_exact
-def _emit(p, n, facet, least, count, owners, triangles):
-    """Append the triangles of a polygon, or only count them if there is no room."""
+def _length2(regular, x, y):
+    """Square of a length in the regular triangle (up to a factor) or the square, from reference coordinates."""
+    return x * x + y * y + (x + y) ** 2 if regular == 3 else x * x + y * y
+
+
+@njit_exact
+def _corners(p, n):
+    """Leave out, in place, vertices that coincide or lie on the line between their neighbours; return how many stay."""
+    i, left = 0, n
+    while left > 0 and n >= 3:
+        i = i % n
+        before, after = (i + n - 1) % n, (i + 1) % n
+        tx, ty = p[after, 0] - p[before, 0], p[after, 1] - p[before, 1]
+        length = np.sqrt(tx * tx + ty * ty)
+        away = abs(tx * (p[i, 1] - p[before, 1]) - ty * (p[i, 0] - p[before, 0]))
+        left -= 1
+        if length < STRAIGHT or away < STRAIGHT * length:
+            for k in range(i, n - 1):
+                p[k, 0], p[k, 1] = p[k + 1, 0], p[k + 1, 1]
+            n -= 1
+            # the neighbours are looked at again
+            left, i = n, i + n - 1
+        else:
+            i += 1
+    return n if n >= 3 else 0
+
+
+@njit_exact
+def _add(a, b, c, sides, facet, least, count, owners, kinds, tiles):
+    """Append a tile with the neighbouring vertices b, a, c, or only count it if there is no room."""
+    size = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
+    if 0.5 * size <= least:
+        return count
+    if count < len(owners):
+        owners[count], kinds[count] = facet, sides
+        for k in range(2):
+            tiles[count, 0, k], tiles[count, 1, k], tiles[count, 2, k] = a[k], b[k], c[k]
+    return count + 1
+
+
+@njit_exact
+def _around_centroid(p, n, facet, least, count, owners, kinds, tiles):
+    """Append the triangles between the edges of a polygon and its centroid."""
+    centre, whole = np.zeros(2), 0.0
     for i in range(1, n - 1):
         size = (p[i, 0] - p[0, 0]) * (p[i + 1, 1] - p[0, 1]) - (p[i, 1] - p[0, 1]) * (p[i + 1, 0] - p[0, 0])
-        if 0.5 * size <= least:
-            continue
-        if count < len(owners):
-            owners[count] = facet
-            for k in range(2):
-                triangles[count, 0, k] = p[0, k]
-                triangles[count, 1, k] = p[i, k]
-                triangles[count, 2, k] = p[i + 1, k]
-        count += 1
+        whole += size
+        for k in range(2):
+            centre[k] += size * ((p[i, k] - p[0, k]) + (p[i + 1, k] - p[0, k])) / 3.0
+    for k in range(2):
+        centre[k] = p[0, k] + centre[k] / whole
+    for i in range(n):
+        count = _add(centre, p[i], p[(i + 1) % n], 3, facet, least, count, owners, kinds, tiles)
+    return count
+
+
+@njit_exact
+def _cut_corners(regular, p, n, facet, least, count, owners, kinds, tiles):
+    """Cut off, in place, the corners with the shortest diagonals; return how many are left (0: all), and tiles."""
+    lengths, shortest = np.empty(n), np.inf
+    for i in range(n):
+        before, after = (i + n - 1) % n, (i + 1) % n
+        lengths[i] = _length2(regular, p[after, 0] - p[before, 0], p[after, 1] - p[before, 1])
+        shortest = min(shortest, lengths[i])
+    cut = lengths <= shortest * (1.0 + EQUAL)
+    for i in range(n):
+        if cut[i] and cut[(i + 1) % n]:
+            return 0, _around_centroid(p, n, facet, least, count, owners, kinds, tiles)
+    for i in range(n):
+        if cut[i]:
+            count = _add(p[i], p[(i + 1) % n], p[(i + n - 1) % n], 3, facet, least, count, owners, kinds, tiles)
+    left = 0
+    for i in range(n):
+        if not cut[i]:
+            p[left, 0], p[left, 1] = p[i, 0], p[i, 1]
+            left += 1
+    return left, count
+
+
+@njit_exact
+def _emit(regular, p, n, facet, least, count, owners, kinds, tiles):
+    """Append the tiles of a polygon, which is lost, or only count them if there is no room."""
+    n = _corners(p, n)
+    while n > 4:
+        n, count = _cut_corners(regular, p, n, facet, least, count, owners, kinds, tiles)
+    if n == 4:
+        x, y = p[0, 0] - p[1, 0] + p[2, 0] - p[3, 0], p[0, 1] - p[1, 1] + p[2, 1] - p[3, 1]
+        if abs(x) + abs(y) <= PARALLEL:
+            return _add(p[0], p[1], p[3], 4, facet, least, count, owners, kinds, tiles)
+        one = _length2(regular, p[2, 0] - p[0, 0], p[2, 1] - p[0, 1])
+        other = _length2(regular, p[3, 0] - p[1, 0], p[3, 1] - p[1, 1])
+        if abs(one - other) <= EQUAL * (one + other):
+            return _around_centroid(p, n, facet, least, count, owners, kinds, tiles)
+        # corners 1 and 3, or 0 and 2
+        i, j = (1, 3) if one < other else (0, 2)
+        count = _add(p[i], p[i + 1], p[(i + 3) % 4], 3, facet, least, count, owners, kinds, tiles)
+        return _add(p[j], p[(j + 1) % 4], p[j - 1], 3, facet, least, count, owners, kinds, tiles)
+    if n == 3:
+        count = _add(p[0], p[1], p[2], 3, facet, least, count, owners, kinds, tiles)
     return count
 
 
@@ -86,14 +186,20 @@ def _within(polygon, n, domain, work):
 
 
 @njit_exact
-def _take(polygon, m, pieces, sizes, n_pieces, facet, least, count, owners, triangles, work):
-    """Take a polygon out of the pieces that are left; return how many there are, and triangles. -1: no room."""
+def _take(regular, polygon, m, pieces, sizes, n_pieces, facet, least, count, owners, kinds, tiles, work):
+    """Take a polygon out of the pieces that are left; return how many there are, and tiles. -1: no room."""
+    lengths = np.empty(m)
+    for e in range(m):
+        x, y = polygon[(e + 1) % m, 0] - polygon[e, 0], polygon[(e + 1) % m, 1] - polygon[e, 1]
+        lengths[e] = -_length2(regular, x, y)
+    # what is left is cut along the longest edges first, whichever vertex the polygon begins with
+    order = np.argsort(lengths)
     for r in range(n_pieces):
         n = sizes[r]
         for i in range(n):
             work[0, i, 0], work[0, i, 1] = pieces[r, i, 0], pieces[r, i, 1]
         room = n_pieces
-        for e in range(m):
+        for e in order:
             n, rest = split(work[0], n, polygon[e], polygon[(e + 1) % m], work[1], work[2])
             for i in range(n):
                 work[0, i, 0], work[0, i, 1] = work[1, i, 0], work[1, i, 1]
@@ -110,7 +216,7 @@ def _take(polygon, m, pieces, sizes, n_pieces, facet, least, count, owners, tria
         if n == 0:
             # nothing in common: the piece stays whole, and what was cut off on the way is forgotten
             continue
-        count = _emit(work[0], n, facet, least, count, owners, triangles)
+        count = _emit(regular, work[0], n, facet, least, count, owners, kinds, tiles)
         sizes[r] = 0
         if room > n_pieces:
             room -= 1
@@ -122,17 +228,124 @@ def _take(polygon, m, pieces, sizes, n_pieces, facet, least, count, owners, tria
 
 
 @njit_exact
-def tile(domain, first, polygons, corners, cut, owners, triangles):
-    """Triangles that tile facets, none of which crosses the edge of a polygon.
+def _crosses(a, b, domain):
+    """Whether a segment from a to b has a part inside the domain."""
+    start, end, x, y = 0.0, 1.0, b[0] - a[0], b[1] - a[1]
+    length = np.sqrt(x * x + y * y)
+    for e in range(len(domain)):
+        o, t = domain[e], domain[(e + 1) % len(domain)]
+        tx, ty = t[0] - o[0], t[1] - o[1]
+        side = np.sqrt(tx * tx + ty * ty)
+        height, climb = (tx * (a[1] - o[1]) - ty * (a[0] - o[0])) / side, (tx * y - ty * x) / side
+        if abs(climb) < SAME:
+            if height < SAME:
+                return False
+        elif climb > 0.0:
+            start = max(start, -height / climb)
+        else:
+            end = min(end, -height / climb)
+    return (end - start) * length > SAME
 
-    Where the polygons of a facet together are the facet, each is cut off at its border. Otherwise, at the border of
-    a target or where several lie over each other, each takes what those before it have left, and the rest of the facet
-    is tiled, too.
+
+@njit_exact
+def _is_shared(polygons, corners, first, last, j, e):
+    """Whether edge e of polygon j is also one of another polygon, run through the other way."""
+    a, b = polygons[j, e], polygons[j, (e + 1) % corners[j]]
+    for i in range(first, last):
+        for k in range(corners[i] if i != j else 0):
+            c, d = polygons[i, (k + 1) % corners[i]], polygons[i, k]
+            if abs(a[0] - c[0]) + abs(a[1] - c[1]) + abs(b[0] - d[0]) + abs(b[1] - d[1]) < SAME:
+                return True
+    return False
+
+
+@njit_exact
+def _is_covered(polygons, corners, first, last, p, n):
+    """Whether the mean of the vertices of a polygon is in one of some polygons."""
+    x, y = 0.0, 0.0
+    for i in range(n):
+        x, y = x + p[i, 0] / n, y + p[i, 1] / n
+    for j in range(first, last):
+        inside = True
+        for e in range(corners[j]):
+            a, b = polygons[j, e], polygons[j, (e + 1) % corners[j]]
+            inside = inside and (b[0] - a[0]) * (y - a[1]) - (b[1] - a[1]) * (x - a[0]) >= 0.0
+        if inside:
+            return True
+    return False
+
+
+@njit_exact
+def _left_over(domain, first, last, polygons, corners, least, pieces, sizes, work):
+    """Pieces of a facet outside of polygons that do not overlap; how many there are, and their area. -1: no room.
+
+    The lines through all edges that are no other polygon's divide the facet into pieces that are covered or not.
+    """
+    n_pieces, total = 1, 0.0
+    sizes[0] = len(domain)
+    pieces[0, : len(domain)] = domain
+    for j in range(first, last):
+        for e in range(corners[j]):
+            a, b = polygons[j, e], polygons[j, (e + 1) % corners[j]]
+            if not _crosses(a, b, domain) or _is_shared(polygons, corners, first, last, j, e):
+                continue
+            for r in range(n_pieces):
+                n, rest = split(pieces[r], sizes[r], a, b, work[1], work[2])
+                if n < 3 or rest < 3 or area(work[1], n) <= least or area(work[2], rest) <= least:
+                    continue
+                if n_pieces == PIECES:
+                    return -1, 0.0
+                pieces[r, :n], pieces[n_pieces, :rest] = work[1, :n], work[2, :rest]
+                sizes[r], sizes[n_pieces] = n, rest
+                n_pieces += 1
+    for r in range(n_pieces):
+        if _is_covered(polygons, corners, first, last, pieces[r], sizes[r]):
+            sizes[r] = 0
+        else:
+            total += area(pieces[r], sizes[r])
+    return n_pieces, total
+
+
+@njit_exact
+def _take_all(domain, first, last, polygons, corners, facet, least, count, owners, kinds, tiles, pieces, sizes, work):
+    """Tiles of polygons that overlap, each as far as those before have left it; pieces that remain, and tiles."""
+    n_pieces, copy = 1, np.empty((MOST, 2))
+    sizes[0] = len(domain)
+    pieces[0, : len(domain)] = domain
+    for j in range(first, last):
+        copy[: corners[j]] = polygons[j, : corners[j]]
+        n_pieces, count = _take(
+            len(domain), copy, corners[j], pieces, sizes, n_pieces, facet, least, count, owners, kinds, tiles, work
+        )  # fmt: skip
+        if n_pieces < 0:
+            break
+    return n_pieces, count
+
+
+@njit_exact
+def _emit_whole(domain, first, last, polygons, corners, facet, least, count, owners, kinds, tiles, work):
+    """Append the tiles of some polygons of a facet, each as far as it is within the domain; return area and tiles."""
+    total = 0.0
+    for j in range(first, last):
+        n = _within(polygons[j], corners[j], domain, work)
+        own = area(work[0], n) if n >= 3 else 0.0
+        if own > least:
+            total += own
+            count = _emit(len(domain), work[0], n, facet, least, count, owners, kinds, tiles)
+    return total, count
+
+
+@njit_exact
+def tile(domain, first, polygons, corners, cut, owners, kinds, tiles):
+    """Tiles of facets, none of which crosses the edge of a polygon.
+
+    Each polygon is cut off at the border of its facet, and what is left of the facet is tiled, too. Where several lie
+    over each other, each takes what those before it have left.
 
     Parameters
     ----------
     domain : (n, 2) float64
-        Vertices of the reference domain.
+        Vertices of the reference domain: the unit triangle or the square.
     first : (nf + 1,) int64
         The polygons of facet f are first[f] to first[f + 1], the nearest first.
     polygons : (m, 4, 2) float64
@@ -140,48 +353,39 @@ def tile(domain, first, polygons, corners, cut, owners, triangles):
     corners : (m,) int64
         How many vertices each has.
     cut : (nf,) bool
-        Output: false where a facet has no polygons within it, or too many pieces; it has no triangles.
-    owners : (n,) int64
-    triangles : (n, 3, 2) float64
-        Output, as far as there is room: facet and vertices of each triangle.
+        Output: false where a facet has no polygons within it, or too many pieces; it has no tiles.
+    owners, kinds : (n,) int64
+        Output, as far as there is room: facet of each tile, and its number of vertices, 3 or 4 (a parallelogram).
+    tiles : (n, 3, 2) float64
+        Output: a vertex of each tile and its two neighbours, counter-clockwise.
 
     Returns
     -------
     int
-        Number of triangles.
+        Number of tiles.
     """
-    work, copy = np.empty((3, MOST, 2)), np.empty((MOST, 2))
+    work = np.empty((3, MOST, 2))
     pieces, sizes = np.empty((PIECES, MOST, 2)), np.empty(PIECES, dtype=np.int64)
-    whole, count = area(domain, len(domain)), 0
+    regular, whole, count = len(domain), area(domain, len(domain)), 0
     least = SLIVER * whole
     for f in range(len(first) - 1):
-        total, start = 0.0, count
-        for j in range(first[f], first[f + 1]):
-            n = _within(polygons[j], corners[j], domain, work)
-            if n < 3:
-                continue
-            own = area(work[0], n)
-            if own > least:
-                total += own
-                count = _emit(work[0], n, f, least, count, owners, triangles)
+        start, low, high = count, first[f], first[f + 1]
+        total, count = _emit_whole(
+            domain, low, high, polygons, corners, f, least, count, owners, kinds, tiles, work
+        )  # fmt: skip
         cut[f] = total > WHOLE * whole
         if not cut[f] or abs(total - whole) <= WHOLE * whole:
             count = count if cut[f] else start
             continue
-        count, n_pieces = start, 1
-        sizes[0] = len(domain)
-        pieces[0, : len(domain)] = domain
-        for j in range(first[f], first[f + 1]):
-            copy[: corners[j]] = polygons[j, : corners[j]]
-            n_pieces, count = _take(
-                copy, corners[j], pieces, sizes, n_pieces, f, least, count, owners, triangles, work
+        n_pieces, rest = _left_over(domain, low, high, polygons, corners, least, pieces, sizes, work)
+        if n_pieces < 0 or abs(total + rest - whole) > WHOLE * whole:
+            n_pieces, count = _take_all(
+                domain, low, high, polygons, corners, f, least, start, owners, kinds, tiles, pieces, sizes, work
             )  # fmt: skip
-            if n_pieces < 0:
-                break
         cut[f] = n_pieces >= 0
         if not cut[f]:
             count = start
         for r in range(n_pieces):
             if sizes[r] >= 3:
-                count = _emit(pieces[r], sizes[r], f, least, count, owners, triangles)
+                count = _emit(regular, pieces[r], sizes[r], f, least, count, owners, kinds, tiles)
     return count
