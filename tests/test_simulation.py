@@ -125,6 +125,7 @@ def test_report_and_history(mesh_file, run, shared_tmp):
         pair = step["contacts"]["pair"]
         assert set(pair) == {
                 "force", "area", "max_pressure", "max_penetration", "deepest", "open", "stick", "slip", "flipped",
+                "passed", "left",
             }  # fmt: skip
         assert pair["open"] + pair["slip"] == n_points and pair["stick"] == 0
         assert pair["area"] == pytest.approx(1.0)

@@ -57,6 +57,9 @@ class ContactItem(Standing, Way):
         Grows when the pattern changes.
     deep : int
         Points of this rank deeper in the obstacle than the search radius: they have no partner.
+    lost : (int, int)
+        Points of this rank that the frozen partners have misled: that passed into their partner without a word, and
+        that have left it, see :meth:`_lost`.
     committed : ndarray (np,)
         Status of the points at the end of the last load step, see `pcontact.contact.laws`.
     """
@@ -77,6 +80,7 @@ class ContactItem(Standing, Way):
         self.version = 0
         self.offset, self.deep = None, 0
         self.candidates = 0
+        self.lost, self._begun = (0, 0), False
         self.pairing = None
         self._coupled = np.zeros(len(source.facet), dtype=bool)
         self.committed = np.full(len(source.facet), OPEN, dtype=np.int64)
@@ -121,6 +125,8 @@ class ContactItem(Standing, Way):
         # surfaces that touch are closed in the first tangent, whatever the rounding of their coordinates says
         gap = self._adjust(np.where(paired & (np.abs(gap) > self._rounding), gap, 0.0), paired, x)
         normal = np.where(paired[:, None], normal, source.normal)
+        # obstacles have moved on already, and displacements that are expected are not those of a solution
+        self.lost = self._lost(gap, paired) if self._begun and ahead is u and not self.rigid else (0, 0)
         self._freeze(ahead, gap, np.ascontiguousarray(normal), paired, ids, nodes, shape)
         self._begin(u, time)
         size = source.size[source.facet]
@@ -358,8 +364,11 @@ class ContactItem(Standing, Way):
 
     def commit(self, u, time):
         """End the load step. *Collective.*"""
-        self.time = time
-        self._end(self.pairing.exchange.gather(u))
+        self.time, self._begun = time, True
+        values = self.pairing.exchange.gather(u)
+        self._end(values)
+        if self.rigid:
+            self._compare_with_obstacle(u, values)
 
     def _end(self, values):
         """Keep what the next load step needs to know of the displacements (n, d). *Collective.*"""
@@ -396,7 +405,7 @@ class ContactItem(Standing, Way):
 
     def summary(self, u):
         """Numbers of the pair for the report, the same on every rank. *Collective.*"""
-        return summarise(self.state(u), self.flips, self.space.comm)
+        return summarise(self.state(u), self.flips, self.lost, self.space.comm)
 
     def borne(self, u):
         """Magnitudes of the forces on every component, see :func:`pcontact.contact.summary.borne`. *Collective.*"""

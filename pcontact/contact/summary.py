@@ -6,7 +6,7 @@ from pcontact.contact.laws import OPEN, SLIP, STICK
 from pcontact.runtime.petsc import MPI
 
 
-def summarise(state, flips, comm):
+def summarise(state, flips, lost, comm):
     """Sums and extremes of the quadrature points of all ranks. *Collective.*
 
     Parameters
@@ -15,6 +15,8 @@ def summarise(state, flips, comm):
         See `pcontact.contact.item.ContactItem.state`.
     flips : list of int
         Points of this rank whose status changed in each Newton iteration.
+    lost : (int, int)
+        Points of this rank that have passed into their partner, and that have left it.
     comm : MPI.Comm
 
     Returns
@@ -22,14 +24,15 @@ def summarise(state, flips, comm):
     dict
         ``force`` on the target (d,) [force], ``area`` of the closed points, ``max_pressure`` [stress],
         ``max_penetration`` [length] and ``deepest``, the reference position where it is, ``open``, ``stick``, ``slip``
-        (points), ``flipped`` (points that changed their status in the last Newton iteration). The same on every rank.
+        (points), ``flipped`` (points that changed their status in the last Newton iteration), ``passed`` and ``left``
+        (points that frozen partners have misled). The same on every rank.
     """
     status, weight, x = state["status"], state["weight"], state["x"]
     closed, d = status > OPEN, x.shape[1]
     sums = np.concatenate([
         -(state["traction"] * weight[:, None]).sum(axis=0),
         [weight[closed].sum(), np.sum(~closed), np.sum(status == STICK), np.sum(status == SLIP)],
-        [flips[-1] if flips else 0],
+        [flips[-1] if flips else 0, *lost],
     ])  # fmt: skip
     sums = comm.allreduce(sums, op=MPI.SUM)
     depth = np.where(closed, -state["gap"], 0.0)
@@ -39,7 +42,7 @@ def summarise(state, flips, comm):
         if value > deepest:
             deepest, where = value, at
     top = comm.allreduce(float(np.max(state["pressure"], initial=0.0)), op=MPI.MAX)
-    n_open, n_stick, n_slip, flipped = (int(n) for n in sums[d + 1 :])
+    n_open, n_stick, n_slip, flipped, passed, left = (int(n) for n in sums[d + 1 :])
     return {
         "force": sums[:d].tolist(),
         "area": float(sums[d]),
@@ -50,6 +53,8 @@ def summarise(state, flips, comm):
         "stick": n_stick,
         "slip": n_slip,
         "flipped": flipped,
+        "passed": passed,
+        "left": left,
     }
 
 

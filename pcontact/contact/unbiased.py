@@ -131,6 +131,12 @@ class UnbiasedItem:
         return sum(half.candidates for half in self.halves)
 
     @property
+    def lost(self):
+        """Points of this rank that have passed into their partner, and that have left it."""
+        passed, left = zip(*(half.lost for half in self.halves), strict=True)
+        return sum(passed), sum(left)
+
+    @property
     def flips(self):
         """Points of this rank whose status changed in each Newton iteration."""
         return [sum(counts) for counts in zip(*(half.flips for half in self.halves), strict=True)]
@@ -277,7 +283,7 @@ class UnbiasedItem:
         else:
             states[1]["traction"] = -states[1]["traction"]
         joined = {key: np.concatenate([one[key] for one in states]) for key in states[0]}
-        summary = summarise(joined, self.flips, self.space.comm)
+        summary = summarise(joined, self.flips, self.lost, self.space.comm)
         return {**summary, "bodies": self._on_bodies(u)} if self.contact.all else summary
 
     def borne(self, u):

@@ -4,6 +4,7 @@ import numpy as np
 
 from pcontact.contact.laws import OPEN
 from pcontact.contact.summary import components_of
+from pcontact.runtime.parallel import together
 from pcontact.runtime.petsc import MPI
 
 # how deep a loose body goes that is brought to where it touches, in parts of a step on what it is given to lean on, a
@@ -11,6 +12,8 @@ from pcontact.runtime.petsc import MPI
 GENTLE = 1e-5
 # steps prolonged more than this end before it touches, after this part of the way
 FAR, NEARLY = 30.0, 0.99
+# part of a facet by which a point may be deeper in its partner than was known without being counted as lost
+DEEPER = 0.1
 
 
 class Way:
@@ -50,11 +53,51 @@ class Way:
             return min(touch, part) if touch < np.inf else min(1.0, part)
         return min(1.0, comm.allreduce(part, op=MPI.MIN))
 
+    def _lost(self, gap, paired):
+        """Points of this rank that the partners of the last load step have misled, by the gaps (np,) of a new search.
+
+        Returns
+        -------
+        passed : int
+            Open at the end of the last load step, and now inside their partner by more than a tenth of their facet.
+        left : int
+            Closed at the end of the last load step, and now without a partner.
+        """
+        size = self.source.size[self.source.facet]
+        passed = paired & ~self.closed & (gap < -DEEPER * size)
+        return int(np.sum(passed)), int(np.sum(self.closed & ~paired))
+
+    def _compare_with_obstacle(self, u, values):
+        """Count the points that the frozen normals of an obstacle have misled: its distance is known. *Collective.*"""
+        x, source = self._deformed(self.space.local.gather(u)), self.source
+        gap, _ = together(self.space.comm, self.target.gap, x, self.time, self._origin)
+        gap, linear = gap + (0.0 if self.offset is None else self.offset), self._gap(values)
+        near, wrong = self.pairing.paired, DEEPER * source.size[source.facet]
+        passed, left = near & (gap < np.minimum(linear, 0.0) - wrong), near & self.closed & (gap > linear + wrong)
+        self.lost = int(np.sum(passed)), int(np.sum(left))
+
     def motion(self, u, before):
-        """Largest motion of a source point along its normal between two displacements [length]. *Collective.*"""
+        """Largest motion of a source point along its normal against the target between two displacements [length]: the
+        target's is that of the partner or, where there is none, that of any of its places. *Collective.*"""
         p = self.pairing
-        now, then = self._gap(p.exchange.gather(u)), self._gap(p.exchange.gather(before))
-        return self.space.comm.allreduce(float(np.max(np.abs(now - then), initial=0.0)), op=MPI.MAX)
+        change = self._gap(p.exchange.gather(u)) - self._gap(p.exchange.gather(before))
+        if not self.rigid:
+            middle, half = self._target_motion(u, before)
+            alone = ~p.paired
+            change[alone] = np.abs(change[alone] + p.normal[alone] @ middle) + np.abs(p.normal[alone]) @ half
+        return self.space.comm.allreduce(float(np.max(np.abs(change), initial=0.0)), op=MPI.MAX)
+
+    def _target_motion(self, u, before):
+        """Middle and half extent (d,) of the box of what the target's nodes move between two displacements [length].
+        *Collective.*"""
+        comm, nodes = self.space.comm, self.target.nodes
+        moved = self.space.local.gather(u)[nodes] - self.space.local.gather(before)[nodes]
+        axes = tuple(range(moved.ndim - 1))
+        low = np.array(np.min(moved, axis=axes, initial=np.inf))
+        high = np.array(np.max(moved, axis=axes, initial=-np.inf))
+        comm.Allreduce(MPI.IN_PLACE, low, op=MPI.MIN)
+        comm.Allreduce(MPI.IN_PLACE, high, op=MPI.MAX)
+        return 0.5 * (low + high), 0.5 * (high - low)
 
     def strayed(self, u, since):
         """How far closed points have gone along or across their partners between two displacements. *Collective.*

@@ -27,7 +27,7 @@ class Recorder:
 
     def __init__(self, problem, probes):
         # the largest force of the run so far, which a restarted run goes on with
-        self._problem, self.carried = problem, 0.0
+        self._problem, self.carried, self._told = problem, 0.0, set()
         self._announce = Announcer(problem.space.mesh.component_names)
         space = problem.space
         owned = np.zeros(space.n_local, dtype=bool)
@@ -62,6 +62,7 @@ class Recorder:
             "probes": {name: self._probe(nodes, u) for name, nodes in self._probes.items()},
             "plastic": self._plastic(),
         }
+        self._warn_of_lost(step.time, record["contacts"])
         if step.uzawa is not None:
             record["uzawa"] = step.uzawa
         if step.free is not None:
@@ -74,6 +75,18 @@ class Recorder:
         if imbalance > UNBALANCED:
             self._warn(step.time, u, total, imbalance)
         return {**record, "imbalance": imbalance}
+
+    def _warn_of_lost(self, time, contacts):
+        """Say once of every contact that its points were misled by partners that stay during a load step."""
+        for name, contact in contacts.items():
+            passed, left = contact["passed"], contact["left"]
+            if (passed or left) and name not in self._told:
+                self._told.add(name)
+                log.warning(
+                    "time %g: contact %s: %d points are inside their partner that were open, %d that were closed have "
+                    "left theirs: bodies went far in a load step; smaller load steps, or -contact_search_every newton",
+                    time, name, passed, left,
+                )  # fmt: skip
 
     def _warn(self, time, u, total, imbalance):
         """Say what hides the balance of forces. *Collective.*"""

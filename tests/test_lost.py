@@ -1,0 +1,120 @@
+"""Points that partners frozen during a load step mislead: counted, reported, and warned of."""
+
+import numpy as np
+import pytest
+
+from meshes import one_block, two_blocks
+from pcontact.runtime.petsc import MPI
+from pcontact.scene.model import Body, Contact, Displacement, Load, Material, MeshSpec, Obstacle, Output, Scene, Steps
+from pcontact.simulation import Simulation
+
+WORLD = MPI.COMM_WORLD
+
+
+class Records:
+    """Observer: the records of all load steps."""
+
+    def __init__(self):
+        self.rows, self.cuts = [], 0
+
+    def step(self, step, u, record):
+        self.rows.append(record)
+
+    def cut(self, target, outcome):
+        self.cuts += 1
+
+    def end(self, converged):
+        pass
+
+
+def solved(scene):
+    """Records of a run that ends well. Collective."""
+    records, simulation = Records(), Simulation(scene)
+    try:
+        assert simulation.run(None, [records])
+    finally:
+        simulation.close()
+    return records
+
+
+def made(path, function, *arguments, **more):
+    """A mesh file, made by rank 0. Collective."""
+    if WORLD.rank == 0:
+        function(path, *arguments, **more)
+    WORLD.Barrier()
+    return path
+
+
+def in_a_bowl(path, way, count):
+    """A block that is moved along the bottom of a bowl of radius 2, into its side."""
+    bowl = Obstacle("sphere", center=[0.5, 2.0], radius=2.2, inside=True)
+    return Scene(
+        mesh=MeshSpec(path),
+        materials={"m": Material(1000.0, 0.3)},
+        bodies=[Body("block", "m")],
+        contacts=[Contact("bottom", obstacle=bowl, name="bowl", search_radius=1.0)],
+        displacements=[Displacement("block", [way, 0.0])],
+        steps=Steps(1.0, count),
+        output=Output(fields=False),
+    )
+
+
+@pytest.mark.parallel
+def test_points_that_a_frozen_normal_takes_into_an_obstacle(shared_tmp, caplog):
+    """Along the tangents of the beginning the block stays in the bowl; by its circle the foremost points leave it."""
+    path = made(shared_tmp / "b.msh", one_block, 2, (8, 8))
+    (far,) = solved(in_a_bowl(path, 1.0, 1)).rows
+    assert far["contacts"]["bowl"]["passed"] > 0
+    assert WORLD.rank != 0 or any("inside their partner" in line for line in caplog.messages)
+    caplog.clear()
+    near = solved(in_a_bowl(path, 0.1, 4)).rows
+    assert all(row["contacts"]["bowl"]["passed"] == row["contacts"]["bowl"]["left"] == 0 for row in near)
+    assert not any("inside their partner" in line for line in caplog.messages)
+
+
+def rising(path, way, **more):
+    """The lower of two blocks rises through a gap wider than the search radius, against the upper one."""
+    return Scene(
+        mesh=MeshSpec(path),
+        materials={"m": Material(1000.0, 0.0)},
+        bodies=[Body("lower", "m"), Body("upper", "m")],
+        contacts=[Contact("upper_bottom", "lower_top", name="pair", search_radius=0.1)],
+        displacements=[Displacement("upper_top", [0.0, 0.0]), Displacement("lower_bottom", [0.0, way])],
+        petsc={"snes_rtol": 1e-12},
+        output=Output(fields=False),
+        **more,
+    )
+
+
+@pytest.mark.parallel
+@pytest.mark.parametrize("steps", [1, 3])
+def test_a_target_that_comes_from_afar_meets_its_source(shared_tmp, steps):
+    """It must not rise past points that had no partner when the load step began: the force is that of two columns."""
+    path = made(shared_tmp / "b.msh", two_blocks, 2, 2, 2, gap=0.3)
+    records = solved(rising(path, 0.34, steps=Steps(1.0, steps)))
+    pair = records.rows[-1]["contacts"]["pair"]
+    assert pair["force"][1] == pytest.approx(-0.04 / 2.0 * 1000.0, rel=1e-6)
+    assert pair["passed"] == pair["left"] == 0
+
+
+@pytest.mark.parallel
+def test_bodies_that_move_together_are_not_far_from_each_other(shared_tmp):
+    """Points without a partner, on bodies that move as one by many search radii, need no shorter load steps."""
+    path = made(shared_tmp / "b.msh", two_blocks, 2, 2, 2, gap=0.3)
+    scene = rising(path, 1.0)
+    scene.displacements[0].value = [0.0, 1.0]
+    assert solved(scene).cuts == 0
+
+
+@pytest.mark.parallel
+def test_points_that_slide_off_their_target(shared_tmp, caplog):
+    """A loose block pushed over the edge of the one that it lies on."""
+    path = made(shared_tmp / "b.msh", two_blocks, 2, 2, 4)
+    scene = rising(path, 0.0, steps=Steps(1.0, 3))
+    scene.displacements = [Displacement("lower_bottom", [0.0, 0.0]), Displacement("upper_top", [0.5, "free"])]
+    scene.loads = [Load("upper_top", pressure=1.0, amplitude=[[0.0, 1.0], [1.0, 1.0]])]
+    scene.contacts[0].search_radius = 0.2
+    rows = solved(scene).rows
+    assert sum(row["contacts"]["pair"]["left"] for row in rows) > 0
+    assert WORLD.rank != 0 or sum("have left theirs" in line for line in caplog.messages) == 1
+    assert np.all([row["contacts"]["pair"]["passed"] == 0 for row in rows])
