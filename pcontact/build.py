@@ -23,6 +23,7 @@ from pcontact.scene import (
     check_lost,
     check_radius,
     check_regions,
+    require_no_code,
     resolve_contacts,
     validate,
 )
@@ -56,6 +57,8 @@ def override(scene, options, accuracy):
         Valid, with the numerics of all contacts resolved, and nothing in it that is not modelled.
     """
     validate(scene)
+    if options.get("no_code", False, bool, text="refuse scenes that name Python functions"):
+        require_no_code(scene)
     options.propose(scene.petsc)
     get = options.get
     accuracy.name = get("accuracy", scene.accuracy, str, tuple(PRESETS), "preset: what pays for a draft, or more")

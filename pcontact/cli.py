@@ -43,6 +43,7 @@ Options (they win over the scene; the scene's [petsc] table wins over the progra
   -contact_uzawa_rtol X, -contact_uzawa_max_it N   augmented Lagrangian: when multipliers have settled, updates at most
   -contact_uzawa_grow true|false, -contact_uzawa_accept true|false
                                                    a larger gamma where they are slow; take those that have not settled
+  -no_code                                         refuse scenes that name Python functions, which are programs
   -allow_unsafe gamma0,locking,facet_sizes,friction
                                                    settings that run with a warning instead of being refused
   -contact_alpha X                                 tangential over normal parameter, all pairs with friction

@@ -108,6 +108,13 @@ def level_set(code, more=""):
     return Case([*where, *([more] if more else [])], scene=scene, functions=functions)
 
 
+def expression(text, *parts):
+    """A case whose obstacle is an expression."""
+    obstacle = f'obstacle = {{shape = "level_set", expression = "{text}"}}'
+    where = [r"scene\.toml", r"contacts\[0\] \(pair\)\.obstacle\.expression", "allowed"]
+    return Case([*where, *parts], scene=swapped('target = "lower_top"', obstacle))
+
+
 def option(parts, *words):
     """A case of a good scene with options."""
     return Case([*parts, "allowed"], words=("run", "SCENE", *words))
@@ -232,6 +239,18 @@ CASES = {
     "level set that is not finite": level_set("return np.where(x[:, 0] < 0.5, np.nan, 1.0)", "nan at the point"),
     "level set of complex numbers": level_set("return np.sqrt(x[:, 1] - 0.4 + 0j)", "values of type complex128"),
     "level set of booleans": level_set("return x[:, 1] > 0.0", "values of type bool"),
+    "level set that is a program": Case(
+        [*level_set("return x[:, 1]").parts[:3], "a program, with -no_code", "allowed: expression"],
+        scene=level_set("").scene, functions="raise SystemExit('run')", words=("run", "SCENE", "-no_code", "true"),
+    ),
+    "expression that runs something": expression("__import__('os').abort()", "a call of something", "character 1"),
+    "expression without end": expression("9**9**9**9 + x", "the value inf at the point"),
+    "expression without slope": expression("x*0", "its gradient", "zero at all"),
+    "expression of space in the plane": expression("z - 1", "z with a 2D mesh", "allowed: x, y, t"),
+    "level set twice": Case(
+        [r"obstacle\.function: found together with expression"],
+        scene=expression("x").scene.replace("shape =", 'function = "functions.py:phi", shape ='), functions="",
+    ),
     "level set of another shape": level_set("return x", r"shape \(\d+, 2\)"),
     "solver of the scene": Case(["-pc_type nonsense", "allowed"], scene=SCENE + "[petsc]\npc_type = 'nonsense'\n"),
     "number of the scene": Case(["-snes_rtol abc", "allowed"], scene=SCENE + "[petsc]\nsnes_rtol = 'abc'\n"),

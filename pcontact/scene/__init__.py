@@ -2,7 +2,7 @@
 
 from pcontact.scene.amplitude import Amplitude, amplitude
 from pcontact.scene.describe import describe
-from pcontact.scene.function import obstacle_functions
+from pcontact.scene.function import obstacle_functions, require_no_code
 from pcontact.scene.model import (
     Body,
     Contact,
@@ -43,6 +43,7 @@ __all__ = [
     "obstacle_functions",
     "physics",
     "read_scene",
+    "require_no_code",
     "resolve_contacts",
     "validate",
 ]

@@ -18,7 +18,7 @@ class Obstacle:
     ----------
     shape : str
         "plane" (point, normal into the free space), "sphere" (center, radius; a circle in 2D), "cylinder"
-        (point, axis, radius; 3D only), "level_set" (function).
+        (point, axis, radius; 3D only), "level_set" (expression or function).
     point, normal, center, axis : sequence of float or None
         (d,) vectors; normal and axis of any length but zero.
     radius : float or None
@@ -29,6 +29,8 @@ class Obstacle:
         Level set: phi(x, t) -> (n,), signed distance of points x (n, d) at time t, positive in free space.
     gradient : str, callable or None
         Level set: gradient of phi, (x, t) -> (n, d); absent: left to the program.
+    expression : str or None
+        Level set: phi as an expression of x, y, z, t, see `pcontact.scene.expression`; instead of `function`.
     displacement : sequence of float or None
         (d,) translation at factor 1; None stands still.
     amplitude : sequence of (time, factor) or None
@@ -44,6 +46,7 @@ class Obstacle:
     inside: bool = False
     function: Function | None = None
     gradient: Function | None = None
+    expression: str | None = None
     displacement: Sequence[float] | None = None
     amplitude: Table | None = None
 

@@ -1,4 +1,4 @@
-"""Functions that a scene names as "FILE.py:NAME", and the watch over what they return."""
+"""Level sets of a scene: functions named as "FILE.py:NAME", or expressions, and the watch over what they return."""
 
 import traceback
 from collections.abc import Callable
@@ -7,12 +7,15 @@ from types import ModuleType
 
 import numpy as np
 
+from pcontact.scene.expression import Expression
 from pcontact.scene.messages import input_error, shown
 from pcontact.scene.model import Scene
 from pcontact.scene.places import place
 
 # kinds of numpy's types that are no distances: complex numbers and booleans
 NOT_REAL = "cb"
+# characters of an expression in a message
+SHOWN = 80
 
 
 def obstacle_functions(scene: Scene, index: int) -> tuple[Callable, Callable | None]:
@@ -40,10 +43,32 @@ def obstacle_functions(scene: Scene, index: int) -> tuple[Callable, Callable | N
     contact = scene.contacts[index]
     where = f"{place('contacts', index, contact.name)}.obstacle"
     gradient = contact.obstacle.gradient
+    if contact.obstacle.expression is not None:
+        text, key = contact.obstacle.expression, f"{where}.expression"
+        function, name = Expression(text), text if len(text) <= SHOWN else f"{text[:SHOWN]}..."
+        return (
+            Watched(function, scene.where, key, name, False),
+            Watched(function.gradient, scene.where, f"{key}, its gradient", name, True),
+        )
     return (
         _load(scene, f"{where}.function", contact.obstacle.function, False),
         None if gradient is None else _load(scene, f"{where}.gradient", gradient, True),
     )
+
+
+def require_no_code(scene: Scene) -> None:
+    """Refuse a scene that names Python functions: to read it would run a program.
+
+    Raises
+    ------
+    InputError
+    """
+    for index, contact in enumerate(scene.contacts):
+        for key in ("function", "gradient"):
+            reference = None if contact.obstacle is None else getattr(contact.obstacle, key)
+            if isinstance(reference, str):
+                where = f"{place('contacts', index, contact.name)}.obstacle.{key}"
+                raise input_error(scene.where, where, f"{reference!r}, a program, with -no_code", "expression")
 
 
 class Watched:

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from pcontact.runtime.errors import InputError
+from pcontact.scene.expression import Expression
 from pcontact.scene.messages import input_error, listed, unknown_name
 from pcontact.scene.model import Body, Contact, Displacement, Load, MeshSpec, Obstacle, Scene
 from pcontact.scene.places import tables
@@ -44,6 +45,9 @@ def check_dimension(scene: Scene, dim: int) -> None:
         if isinstance(table, MeshSpec) and table.kinematics != "plane_strain" and dim == 3:
             found = f'"{table.kinematics}" with a 3D mesh'
             raise input_error(scene.where, "mesh.kinematics", found, "no such key, it is for 2D meshes only")
+        if isinstance(table, Obstacle) and table.expression is not None and dim == 2:
+            if "z" in Expression(table.expression).names:
+                raise input_error(scene.where, f"{where}.expression", "z with a 2D mesh", "x, y, t")
         if isinstance(table, Obstacle) and table.shape == "cylinder" and dim == 2:
             allowed = '"plane" | "sphere" (a circle) | "level_set"'
             raise input_error(scene.where, f"{where}.shape", '"cylinder" with a 2D mesh', allowed)

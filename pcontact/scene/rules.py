@@ -11,6 +11,7 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 from pcontact.runtime.presets import PRESETS
+from pcontact.scene.expression import ALLOWED, Expression
 from pcontact.scene.messages import input_error, kind, shown
 from pcontact.scene.model import (
     UNSAFE,
@@ -166,6 +167,11 @@ def _function(value):
     return value
 
 
+def _expression(value):
+    Expression(_text(value))
+    return value
+
+
 def _amplitude(value):
     rows = _entries(value, sequence("", number(), (2,)), None)
     if not rows:
@@ -222,6 +228,7 @@ DIRECTION = sequence(
     "a list of one finite number per direction (2 or 3), not all zero", number(), (2, 3), any
 )
 FUNCTION = Rule('"FILE.py:NAME", a function in a Python file beside the scene', _function)
+EXPRESSION = Rule(ALLOWED, _expression)
 AMPLITUDE = Rule("a list of [time, factor] pairs of finite numbers, times increasing", _amplitude)
 HARDENING_CURVE = Rule(
     "a list of [equivalent plastic strain, yield stress] pairs, the first strain 0, strains increasing, stresses > 0 "
@@ -261,6 +268,7 @@ RULES: dict[type, dict[str, Rule]] = {
         "inside": BOOLEAN,
         "function": optional(FUNCTION),
         "gradient": optional(FUNCTION),
+        "expression": optional(EXPRESSION),
         "displacement": optional(VECTOR),
         "amplitude": optional(AMPLITUDE),
     },
@@ -316,6 +324,6 @@ OBSTACLE_KEYS = {
     "plane": (("point", "normal"), ()),
     "sphere": (("center", "radius"), ("inside",)),
     "cylinder": (("point", "axis", "radius"), ("inside",)),
-    "level_set": (("function",), ("gradient",)),
+    "level_set": ((), ("expression", "function", "gradient")),
 }
 MOTION_KEYS = ("displacement", "amplitude")

@@ -293,10 +293,23 @@ def _check_obstacle(scene, where, obstacle):
     for key in needed:
         if key not in said:
             raise input_error(scene.where, f"{where}.{key}", "nothing", RULES[Obstacle][key].allowed)
+    if obstacle.shape == "level_set":
+        _check_level_set(scene, where, obstacle)
     if obstacle.amplitude is not None and obstacle.displacement is None:
         raise input_error(
             scene.where, f"{where}.amplitude", "an amplitude without displacement", "both or neither"
         )
+
+
+def _check_level_set(scene, where, obstacle):
+    if obstacle.expression is not None:
+        for key in ("function", "gradient"):
+            if getattr(obstacle, key) is not None:
+                found = "together with expression, whose gradient is known"
+                raise input_error(scene.where, f"{where}.{key}", found, "expression, or function and gradient")
+    elif obstacle.function is None:
+        allowed = f"{RULES[Obstacle]['function'].allowed}; or {where}.expression"
+        raise input_error(scene.where, f"{where}.function", "nothing", allowed)
     for key in ("function", "gradient"):
         reference = getattr(obstacle, key)
         if isinstance(reference, str) and not (scene.folder / reference.rpartition(":")[0]).is_file():

@@ -1,0 +1,227 @@
+"""Level sets given as expressions: parsed into a tree of numpy operations, never executed as Python.
+
+Whatever is not listed here is refused when the scene is read. Numbers are floats, the size of the tree is bounded, and
+each node costs one operation per point, so that no expression can take long.
+"""
+
+import ast
+import warnings
+
+import numpy as np
+
+# letters; nodes of the tree; nodes from the root to a leaf
+LONGEST, MOST, DEEPEST = 2000, 500, 100
+VARIABLES = ("x", "y", "z", "t")
+CONSTANTS = {"pi": np.pi}
+
+
+def _over(a, b):
+    """a / b, and zero where b is zero: slopes have no direction there."""
+    return np.where(b != 0.0, a / np.where(b != 0.0, b, 1.0), 0.0)
+
+
+def _power(u, v):
+    """Slopes of u^v; that in v is asked for where the exponent varies only."""
+    return np.where(v == 0.0, 0.0, v * u ** (v - 1.0)), lambda: u**v * np.log(u)
+
+
+# name: number of arguments, value, slope in each argument
+FUNCTIONS = {
+    "sqrt": (1, np.sqrt, lambda u: (0.5 / np.sqrt(u),)),
+    "exp": (1, np.exp, lambda u: (np.exp(u),)),
+    "log": (1, np.log, lambda u: (1.0 / u,)),
+    "abs": (1, np.abs, lambda u: (np.sign(u),)),
+    "sin": (1, np.sin, lambda u: (np.cos(u),)),
+    "cos": (1, np.cos, lambda u: (-np.sin(u),)),
+    "tan": (1, np.tan, lambda u: (1.0 + np.tan(u) ** 2,)),
+    "asin": (1, np.arcsin, lambda u: (1.0 / np.sqrt(1.0 - u**2),)),
+    "acos": (1, np.arccos, lambda u: (-1.0 / np.sqrt(1.0 - u**2),)),
+    "atan": (1, np.arctan, lambda u: (1.0 / (1.0 + u**2),)),
+    "sinh": (1, np.sinh, lambda u: (np.cosh(u),)),
+    "cosh": (1, np.cosh, lambda u: (np.sinh(u),)),
+    "tanh": (1, np.tanh, lambda u: (1.0 - np.tanh(u) ** 2,)),
+    "hypot": (2, np.hypot, lambda u, v: (_over(u, np.hypot(u, v)), _over(v, np.hypot(u, v)))),
+    "atan2": (2, np.arctan2, lambda u, v: (_over(v, u**2 + v**2), -_over(u, u**2 + v**2))),
+    "min": (2, np.minimum, lambda u, v: (np.where(u <= v, 1.0, 0.0), np.where(u <= v, 0.0, 1.0))),
+    "max": (2, np.maximum, lambda u, v: (np.where(u >= v, 1.0, 0.0), np.where(u >= v, 0.0, 1.0))),
+}
+# those that take more arguments, too, two at a time
+MANY = ("min", "max")
+OPERATORS = {
+    ast.Add: (np.add, lambda u, v: (1.0, 1.0)),
+    ast.Sub: (np.subtract, lambda u, v: (1.0, -1.0)),
+    ast.Mult: (np.multiply, lambda u, v: (v, u)),
+    ast.Div: (np.divide, lambda u, v: (1.0 / v, -u / v**2)),
+    ast.Pow: (np.power, _power),
+    ast.USub: (np.negative, lambda u: (-1.0,)),
+    ast.UAdd: (np.positive, lambda u: (1.0,)),
+}
+# what Python calls some of the things that are refused
+WORDS = {
+    ast.BinOp: "an operator other than + - * / **",
+    ast.UnaryOp: "a sign other than + -",
+    ast.Compare: "a comparison that is no part of A if B < C else D",
+    ast.Attribute: "an attribute",
+    ast.Subscript: "an index",
+}
+COMPARISONS = {ast.Lt: np.less, ast.LtE: np.less_equal, ast.Gt: np.greater, ast.GtE: np.greater_equal}
+ALLOWED = (
+    "an expression of x, y, z, t, pi, numbers, + - * / **, A if B < C else D (< <= > >=), and the functions "
+    f"{', '.join(FUNCTIONS)}"
+)
+
+
+class Expression:
+    """A function of place and time, with its gradient in closed form.
+
+    Parameters
+    ----------
+    text : str
+
+    Attributes
+    ----------
+    names : set of str
+        Variables that it has.
+
+    Raises
+    ------
+    ValueError
+        What is wrong, and where in the text.
+    """
+
+    def __init__(self, text):
+        if len(text) > LONGEST:
+            raise ValueError(f"{len(text)} characters, at most {LONGEST}")
+        self.names, self._count = set(), 0
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")
+                tree = ast.parse(" ".join(text.split()), mode="eval").body
+        except SyntaxError as error:
+            raise ValueError(f"{error.msg} at character {error.offset or 1}") from None
+        except (RecursionError, MemoryError):
+            raise ValueError("brackets or signs that are nested too deep") from None
+        self._root = self._node(tree, 0)
+
+    def __call__(self, x, time):
+        """Values (n,) at points x (n, d) [length]."""
+        with np.errstate(all="ignore"):  # who asks finds what is not finite
+            value = _value(self._root, _places(x, time))
+        return np.broadcast_to(value, len(x)).astype(float)
+
+    def gradient(self, x, time):
+        """Gradient (n, d) at points x (n, d) [length]: derivatives go along with the values, from the leaves on."""
+        places = _places(x, time)
+        slopes = {name: np.eye(x.shape[1])[axis][:, None] for axis, name in enumerate(VARIABLES[: x.shape[1]])}
+        with np.errstate(all="ignore"):
+            slope = _slope(self._root, places, slopes)[1]
+        return np.zeros(x.shape) if slope is None else np.broadcast_to(slope.T, x.shape).astype(float)
+
+    def _node(self, tree, depth):
+        """A node of ours for one of Python's: (kind, ...), with nodes in it."""
+        self._count += 1
+        if self._count > MOST or depth > DEEPEST:
+            raise ValueError(f"more than {MOST} operations, or nested deeper than {DEEPEST}")
+
+        def inner(*trees):
+            return tuple(self._node(one, depth + 1) for one in trees)
+
+        if isinstance(tree, ast.Constant):
+            return ("number", _number(tree))
+        if isinstance(tree, ast.Name):
+            return self._name(tree)
+        if isinstance(tree, ast.UnaryOp | ast.BinOp) and type(tree.op) in OPERATORS:
+            parts = (tree.operand,) if isinstance(tree, ast.UnaryOp) else (tree.left, tree.right)
+            return ("operation", *OPERATORS[type(tree.op)], inner(*parts))
+        if isinstance(tree, ast.Call):
+            arity, value, slope = _function(tree)
+            nodes = inner(*tree.args)
+            while len(nodes) > arity:
+                pairs = [nodes[k : k + 2] for k in range(0, len(nodes), 2)]
+                nodes = [("operation", value, slope, pair) if len(pair) == 2 else pair[0] for pair in pairs]
+            return ("operation", value, slope, tuple(nodes))
+        if isinstance(tree, ast.IfExp):
+            test = tree.test
+            if not isinstance(test, ast.Compare) or len(test.ops) != 1 or type(test.ops[0]) not in COMPARISONS:
+                raise _refused(test, "a condition other than one comparison with < <= > >=")
+            parts = inner(test.left, test.comparators[0], tree.body, tree.orelse)
+            return ("choice", COMPARISONS[type(test.ops[0])], parts)
+        raise _refused(tree, WORDS.get(type(tree), f"{type(tree).__name__}, which is no part of an expression"))
+
+    def _name(self, tree):
+        if tree.id in CONSTANTS:
+            return ("number", CONSTANTS[tree.id])
+        if tree.id not in VARIABLES:
+            raise _refused(tree, f"the name {tree.id[:40]!r}")
+        self.names.add(tree.id)
+        return ("place", tree.id)
+
+
+def _refused(tree, what):
+    return ValueError(f"{what} at character {tree.col_offset + 1}")
+
+
+def _number(tree):
+    value = tree.value
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise _refused(tree, "something that is not a number")
+    try:
+        value = float(value)
+    except OverflowError:
+        value = np.inf
+    if not np.isfinite(value):
+        raise _refused(tree, "a number that is not finite")
+    return value
+
+
+def _function(tree):
+    """Number of arguments, value and slope of what is called."""
+    name = tree.func.id if isinstance(tree.func, ast.Name) else None
+    if name not in FUNCTIONS:
+        raise _refused(tree.func, "a call of something that is none of the functions")
+    arity = FUNCTIONS[name][0]
+    given = len(tree.args)
+    if tree.keywords or given < arity or (given > arity and name not in MANY):
+        more = " or more" if name in MANY else ""
+        raise _refused(tree, f"{name} with other arguments than {arity}{more}")
+    return FUNCTIONS[name]
+
+
+def _places(x, time):
+    """Values of the variables; z is zero in the plane."""
+    places = dict(zip(VARIABLES, (*x.T, *[np.zeros(len(x))] * (3 - x.shape[1])), strict=False))
+    return {**places, "t": np.float64(time)}
+
+
+def _value(node, places):
+    kind, *rest = node
+    if kind == "number":
+        return np.float64(rest[0])
+    if kind == "place":
+        return places[rest[0]]
+    if kind == "operation":
+        return rest[0](*(_value(one, places) for one in rest[2]))
+    left, right, yes, no = (_value(one, places) for one in rest[1])
+    return np.where(rest[0](left, right), yes, no)
+
+
+def _slope(node, places, slopes):
+    """Value, and slope (d, n) or (d, 1); None where nothing varies."""
+    kind, *rest = node
+    if kind in ("number", "place"):
+        return _value(node, places), slopes.get(rest[0]) if kind == "place" else None
+    if kind == "choice":
+        (left, _), (right, _), (yes, up), (no, down) = (_slope(one, places, slopes) for one in rest[1])
+        chosen = rest[0](left, right)
+        if up is None and down is None:
+            return np.where(chosen, yes, no), None
+        return np.where(chosen, yes, no), np.where(chosen, 0.0 if up is None else up, 0.0 if down is None else down)
+    values, inner = zip(*(_slope(one, places, slopes) for one in rest[2]), strict=True)
+    total = None
+    for outer, own in zip(rest[1](*values), inner, strict=True):
+        if own is not None:
+            outer = outer() if callable(outer) else outer
+            # the root of zero has an infinite slope; what does not vary there stays so
+            part = np.where(own == 0.0, 0.0, outer * own)
+            total = part if total is None else total + part
+    return rest[0](*values), total
