@@ -87,9 +87,9 @@ OTHER = {
     "materials.m.E: found 999.0; allowed: 1000.0, as in": ("E = 1000.0", "E = 999.0"),
     "materials.m.yield_stress: found 16.0; allowed: 15.0": ("yield_stress = 15.0", "yield_stress = 16.0"),
     "contacts[0] (pair).friction: found 0.2; allowed: 0.3": ("friction = 0.3", "friction = 0.2"),
-    "contacts[0] (pair).friction: found nothing; allowed: 0.3, as in": ("friction = 0.3", ""),
+    "contacts[0] (pair).friction: found nothing (the default); allowed: 0.3, as in": ("friction = 0.3", ""),
     "contacts[0] (pair).theta: found 1.0; allowed: 0.0": ("friction = 0.3", "friction = 0.3\ntheta = 1"),
-    "mesh.kinematics: found plane_stress; allowed: plane_strain": (
+    "mesh.kinematics: found plane_stress; allowed: nothing (the default)": (
         '"mesh.msh"', '"mesh.msh"\nkinematics = "plane_stress"'
     ),
     "displacements[1] (upper_top).value: found a list": ("[0.02, -0.05]", "[0.03, -0.05]"),

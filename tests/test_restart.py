@@ -1,11 +1,7 @@
-"""Checkpoint and restart: the numbers of the uninterrupted run, on any number of ranks, after any death."""
+"""Checkpoint and restart: the numbers of the uninterrupted run, on any number of ranks."""
 
 import json
 import shutil
-import signal
-import subprocess
-import sys
-import time
 
 import h5py
 import numpy as np
@@ -32,33 +28,6 @@ from pcontact.simulation import Simulation
 WORLD, SELF = MPI.COMM_WORLD, MPI.COMM_SELF
 parallel = pytest.mark.parallel
 STOP = 4  # load step after which a run is interrupted
-
-SCENE = """
-mesh = {{ file = "{mesh}" }}
-materials.m = {{ E = 1000.0, nu = 0.3 }}
-[[bodies]]
-region = "block"
-material = "m"
-[[contacts]]
-source = "bottom"
-name = "floor"
-friction = 0.3
-obstacle = {{ shape = "plane", point = [0, 0], normal = [0, 1] }}
-[[displacements]]
-region = "top"
-value = [0.1, "free"]
-amplitude = [[0, 0], [0.25, 0], [0.625, 1], [1, -1]]
-[[loads]]
-region = "top"
-pressure = 10.0
-amplitude = [[0, 0], [0.25, 1], [1, 1]]
-[steps]
-count = {count}
-[output]
-fields = false
-checkpoint = true
-"""
-
 
 def block(path, interference="resolve", height=0.0, **output):
     """A block pressed on a plane by a force, dragged and dragged back: stick, slip, stick, slip."""
@@ -185,37 +154,6 @@ def test_every_other_step_and_the_last(mesh, shared_tmp):
     simulation.close()
     last = simulation.stepper.schedule
     assert last.done and seen[0] == 3 and seen[1] == 3 and 6 in seen and seen[-1] == len(seen) + 2
-
-
-def test_killed_at_any_moment(tmp_path):
-    """kill -9 in the midst of steps, again and again; each life goes on where the last checkpoint was."""
-    one_block(tmp_path / "block.msh", 2, 6)
-    (tmp_path / "scene.toml").write_text(SCENE.format(mesh="block.msh", count=16))
-    command = [sys.executable, "-m", "pcontact", "run", str(tmp_path / "scene.toml"), "-o"]
-    subprocess.run([*command, str(tmp_path / "full")], check=True, capture_output=True)
-    out, lives = tmp_path / "out", 0
-    restart = []
-    while lives < 3:
-        process = subprocess.Popen([*command, str(out), *restart], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-        before = (out / NAME).stat().st_mtime_ns if restart else None
-        while process.poll() is None:
-            if (out / NAME).exists() and (out / NAME).stat().st_mtime_ns != before:
-                time.sleep(0.01 * lives)
-                process.send_signal(signal.SIGKILL)
-                break
-            time.sleep(0.001)
-        process.wait()
-        with h5py.File(out / NAME, "r") as file:
-            assert file["displacement/value"].shape == (49, 2)
-        lives, restart = lives + 1, ["-restart", str(out)]
-    subprocess.run([*command, str(out), *restart], check=True, capture_output=True)
-    full, pieced = (json.loads((tmp_path / name / "report.json").read_text()) for name in ("full", "out"))
-    assert pieced["converged"] and len(pieced["steps"]) == len(full["steps"])
-    for a, b in zip(full["steps"], pieced["steps"], strict=True):
-        assert a["time"] == b["time"] and counts(a) == counts(b)
-        assert difference(a, b) < 1e-12
-    rows = [(tmp_path / name / "history.csv").read_text().count("\n") for name in ("full", "out")]
-    assert rows[0] == rows[1]
 
 
 @parallel

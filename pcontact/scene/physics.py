@@ -47,10 +47,13 @@ def physics(scene: Scene) -> dict[str, dict[str, object]]:
         if isinstance(table, Steps | Output) or (isinstance(table, Material) and where.partition(".")[2] not in used):
             continue
         left_out = (*LEFT_OUT.get(type(table), ()), *(() if _acts(table) else (AMPLITUDE,)))
-        keys = [field.name for field in fields(table) if field.name not in left_out]
-        # what is not said is not kept
-        values = {key: _plain(scene, key, getattr(table, key)) for key in keys}
-        result[where] = {key: value for key, value in values.items() if value is not None}
+        # keys that are not said are not kept: those that are new in a later version of the program are not missed
+        said = [
+            field.name
+            for field in fields(table)
+            if field.name not in left_out and (field.name == AMPLITUDE or getattr(table, field.name) != field.default)
+        ]
+        result[where] = {key: _plain(scene, key, getattr(table, key)) for key in said}
     return result
 
 
@@ -116,6 +119,12 @@ def differences(then: dict, now: dict, time: float) -> list[tuple[str, str, str]
     return found
 
 
+def _shown(value):
+    if value is None:
+        return "nothing (the default)"
+    return str(value) if isinstance(value, int | float | str) else shown(value)
+
+
 def _same_so_far(new, old, time):
     """Whether two amplitudes (rows of time, factor) are the same up to a time: they are linear between their rows."""
     new, old = (Amplitude(*np.array(rows, dtype=np.float64).T) for rows in (new, old))
@@ -128,6 +137,6 @@ def _same_so_far(new, old, time):
 def _said(key, new, old, time):
     """The two values in the words of a message."""
     if key != AMPLITUDE:
-        return tuple(str(value) if isinstance(value, int | float | str) else shown(value) for value in (new, old))
+        return tuple(_shown(value) for value in (new, old))
     factors = [f"{Amplitude(*np.array(rows, dtype=np.float64).T).factor(time):g}" for rows in (new, old) if rows]
     return (f"a factor of {factors[0]} at time {time:g}, or another one before", f"{factors[-1]}")

@@ -18,6 +18,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -96,16 +97,19 @@ def of_session(leader):
     return found
 
 
-def kill(process):
-    """End all processes of a run at once."""
-    processes = of_session(process.pid)
-    for signal_ in (signal.SIGSTOP, signal.SIGKILL):
-        for pid in processes:
-            try:
-                os.kill(pid, signal_)
-            except ProcessLookupError:
-                continue
+def kill(process, known=()):
+    """End all processes of a run at once; to list them takes longer than to write a checkpoint."""
+    for pid in known:
+        send(pid, signal.SIGSTOP)
+    for pid in of_session(process.pid):
+        send(pid, signal.SIGKILL)
     process.wait()
+
+
+def send(pid, what):
+    """Send a signal to a process, if it is still there."""
+    with suppress(ProcessLookupError):
+        os.kill(pid, what)
 
 
 def stamp(path):
@@ -117,7 +121,7 @@ def stamp(path):
 
 
 def end_of(process, out, life, pace):
-    """Wait for the moment of a kill; False if the run has come to its end before.
+    """Wait for the moment of a kill; processes of the run then, none if it has come to its end before.
 
     Parameters
     ----------
@@ -128,8 +132,10 @@ def end_of(process, out, life, pace):
     pace : list of float
         Seconds of a load step and of the writing of a checkpoint.
     """
-    last, steps, since = stamp(out / CHECKPOINT), 0, time.monotonic()
+    last, steps, since, looked, known = stamp(out / CHECKPOINT), 0, time.monotonic(), 0.0, [process.pid]
     while process.poll() is None and time.monotonic() - since < PATIENCE:
+        if time.monotonic() - looked > 0.2:
+            looked, known = time.monotonic(), of_session(process.pid)
         now = stamp(out / CHECKPOINT)
         if now != last:
             last, steps = now, steps + 1
@@ -140,7 +146,7 @@ def end_of(process, out, life, pace):
             time.sleep(life.part * pace[1])
             break
         time.sleep(2e-4)
-    return process.poll() is None
+    return known if process.poll() is None else []
 
 
 def run_to_end(kind, folder, out, ranks, restart=False):
@@ -198,8 +204,8 @@ def chain(kind, lives, last, folder):
         for life in lives:
             (out / PART).unlink(missing_ok=True)
             process = start(kind, folder / f"mesh{life.ranks}", out, life.ranks, (out / CHECKPOINT).exists(), log)
-            if end_of(process, out, life, pace):
-                kill(process)
+            if known := end_of(process, out, life, pace):
+                kill(process, known)
                 kills += 1
                 within += (out / PART).exists()
             elif process.wait():
