@@ -2,12 +2,14 @@
 
 import shutil
 
+import h5py
 import numpy as np
 import pytest
 
 from drivers._common import make_mesh
 from meshes import c_strip, two_blocks
 from pcontact.io.checkpoint import NAME
+from pcontact.runtime.checksum import append_checksums
 from pcontact.runtime.petsc import MPI, PETSc
 from pcontact.scene.model import (
     Body,
@@ -229,3 +231,30 @@ def test_same_numbers_on_other_ranks(shared_tmp, kind):
     WORLD.Barrier()
     difference, where = worst(full[STOP:], alone, COUNTED)
     assert difference <= 1e-7, where
+
+
+def with_estimate(folder):
+    case = lips(folder)
+    case.output.estimate = True
+    return case
+
+
+def with_weak_solver(folder):
+    """A Krylov method that fails: the run turns to a direct solver."""
+    case = stacked(folder, friction=0.3)
+    case.petsc["ksp_max_it"] = "3"
+    return case
+
+
+@pytest.mark.parametrize("case, carried", [(with_estimate, "largest_energy"), (with_weak_solver, "direct")])
+def test_what_a_run_carries_on(tmp_path, case, carried):
+    """Largest force and energy so far, which errors are relative to, and the solver that it has turned to."""
+    full = run(case(tmp_path), WORLD, tmp_path / "full", tmp_path / "kept")
+    again = run(case(tmp_path), WORLD, tmp_path / "again", restart=tmp_path / "kept")
+    assert worst(full[STOP:], again)[0] <= 1e-12
+    with h5py.File(tmp_path / "kept" / NAME, "r+") as file:
+        assert file["carried"].attrs[carried] > 0.0 and file["carried"].attrs["largest_force"] > 0.0
+        file["carried"].attrs[carried] = 0.0
+    append_checksums(tmp_path / "kept" / NAME)
+    without = run(case(tmp_path), WORLD, tmp_path / "without", restart=tmp_path / "kept")
+    assert worst(full[STOP:], without)[0] > 0.0
