@@ -1,5 +1,6 @@
 """What surrounds a run: streams that nobody reads, signals, a second run, other locales, no place for a cache."""
 
+import errno
 import json
 import os
 import re
@@ -178,6 +179,37 @@ def test_signals_that_the_caller_ignores(tmp_path):
     """
     done = subprocess.run([sys.executable, "-c", code], env=environment(), capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
+
+
+def test_an_interrupt_while_the_program_is_loaded(tmp_path):
+    """The process is gone, without a traceback."""
+    code = """if True:
+        import os, runpy, signal, sys
+        class Finder:
+            def find_spec(self, name, *more):
+                if name == "pcontact.cli":
+                    os.kill(os.getpid(), signal.SIGINT)
+        sys.meta_path.insert(0, Finder())
+        runpy.run_module("pcontact", run_name="__main__")
+    """
+    done = subprocess.run([sys.executable, "-c", code], env=environment(), capture_output=True, text=True)
+    assert done.returncode == -signal.SIGINT and done.stderr == ""
+
+
+@pytest.mark.parametrize("number, error", [
+    (errno.EACCES, OutputError), (errno.EROFS, OutputError), (errno.ENOSPC, OutputError),
+    (errno.ENAMETOOLONG, InputError),
+])  # fmt: skip
+def test_a_directory_that_cannot_be(tmp_path, monkeypatch, number, error):
+    """The fault of its name, or of the place."""
+
+    def stop(*arguments):
+        raise OSError(number, os.strerror(number))
+
+    monkeypatch.setattr("os.ftruncate", stop)
+    with pytest.raises(error, match=os.strerror(number).lower()), reserved(tmp_path / "a" / "out", SELF):
+        pass
+    assert not list(tmp_path.iterdir())
 
 
 @parallel
