@@ -15,7 +15,7 @@ from pcontact.contact.penalty import without_traction
 from pcontact.contact.pieces import cut_source
 from pcontact.contact.plastic_trace import PlasticTrace
 from pcontact.contact.self_surface import self_surface
-from pcontact.contact.surface import components_of, source_surface, target_surface
+from pcontact.contact.surface import components_of, diameters, extents, source_surface, target_surface
 from pcontact.contact.tied import AugmentedTiedItem, TiedItem
 from pcontact.contact.unbiased import (
     UnbiasedFrictionalItem,
@@ -24,7 +24,7 @@ from pcontact.contact.unbiased import (
     halved,
     is_unbiased,
 )
-from pcontact.mesh.mesh import bounding_box, size_of
+from pcontact.mesh.mesh import size_of
 from pcontact.runtime import log
 from pcontact.runtime.parallel import agree
 from pcontact.runtime.petsc import MPI
@@ -32,7 +32,7 @@ from pcontact.scene import amplitude, obstacle_functions
 from pcontact.scene.messages import input_error
 from pcontact.scene.model import OUTER
 from pcontact.scene.unsafe import unsafe
-from pcontact.space.modes import component_frames, join
+from pcontact.space.modes import join
 from pcontact.space.space import AXIS
 
 # coefficient of friction up to which a solution is unique in most problems (of a half space in plane strain: up to
@@ -62,18 +62,11 @@ def _radius(space, contact, floats):
     """
     if contact.search_radius is not None:
         return contact.search_radius
-    mesh, extents = space.mesh, []
     if contact.target is None:
-        return size_of(mesh)
+        return size_of(space.mesh)
     if contact.all:
-        _, scale = component_frames(space)
-        return 0.3 * float(np.min(scale))
-    for name in (contact.source, contact.target):
-        nodes = [mesh.facet_nodes(f).ravel() for f in mesh.facet_groups.get(name, [])]
-        nodes = np.concatenate(nodes) if nodes else np.zeros(0, dtype=np.int64)
-        low, high = bounding_box(mesh.comm, mesh.points[nodes])
-        extents.append(float(np.linalg.norm(high - low)))
-    return (0.5 if floats else 0.15) * min(extents)
+        return 0.15 * float(np.min(extents(space, OUTER, bodies=True)))
+    return (0.5 if floats else 0.15) * min(float(extents(space, name)[0]) for name in (contact.source, contact.target))
 
 
 def _require_area(scene, space, contact, source):
@@ -167,8 +160,7 @@ def _unbiased_item(scene, space, bulk, contact, supports, radius, floats):
 
 def _tied_radius(space, source, target):
     """Largest extent of a facet [length]: what is farther away is not tied. *Collective.*"""
-    extent = np.linalg.norm(target.x.max(axis=1) - target.x.min(axis=1), axis=1) if len(target.x) else np.zeros(0)
-    own = max(float(np.max(source.size, initial=0.0)), float(np.max(extent, initial=0.0)))
+    own = max(float(np.max(sizes, initial=0.0)) for sizes in (source.size, diameters(target.x)))
     return space.comm.allreduce(own, op=MPI.MAX)
 
 

@@ -159,9 +159,19 @@ def test_quadrature(cell, degree):
 
 
 def test_quadrature_counts():
-    counts = [len(quadrature("triangle", d)[1]) for d in range(1, 9)]
-    assert counts == [1, 3, 6, 6, 7, 12, 12, 16]
+    counts = [len(quadrature("triangle", d)[1]) for d in range(1, 10)]
+    assert counts == [1, 3, 6, 6, 7, 12, 15, 16, 19]
     assert [len(quadrature("tetrahedron", d)[1]) for d in range(1, 7)] == [1, 4, 8, 14, 14, 24]
+
+
+@pytest.mark.parametrize("degree", range(1, 21))
+def test_rules_of_triangles_are_symmetric(degree):
+    """However the vertices are numbered, the points and their weights are the same."""
+    points, weights = quadrature("triangle", degree)
+    rule = np.column_stack([1.0 - points.sum(axis=1), points, weights])
+    for order in itertools.permutations(range(3)):
+        away = np.abs(rule[:, None] - rule[:, [*order, 3]]).max(axis=2)
+        assert np.all(np.sum(away < 1e-13, axis=1) == 1)
 
 
 @pytest.mark.parametrize("cell", SOLID)

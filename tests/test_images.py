@@ -99,6 +99,7 @@ PLANE = {
     "unbiased": Contact(*SKINS, unbiased=True),
     "all": Contact(all=True),
     "friction": Contact(*SKINS[::-1], friction=0.3),
+    "theta 1": Contact(*SKINS[::-1], theta=1.0),
     "rays": Contact(*SKINS[::-1], search="ray_tracing"),
     "whole facets": Contact(*SKINS[::-1], cut=False),
 }
@@ -166,3 +167,12 @@ def test_ranks_do_not_matter_either(shared_tmp):
     assert differences(plane, shared_tmp, kinds).max() < 1e-9
     space = press(ball, Contact("block_top", "ball_skin", cut=True, friction=0.3), [0.003, 0.002, -0.02], names=BALL)
     assert differences(space, shared_tmp, kinds).max() < 1e-9
+
+
+@pytest.mark.parametrize("cell, order", [("triangle", 2), ("quadrilateral", 1)])
+def test_with_default_tolerances(tmp_path, cell, order):
+    """Friction, several load steps, curved sides where the degree is 2; cg and multigrid, a loose tolerance."""
+    disk = make_disk(tmp_path / "disk.msh", cell, order)
+    scene = press(disk, Contact(*SKINS[::-1], friction=0.3), [0.05, -0.02], order)
+    scene.petsc, scene.steps.count = {}, 2
+    assert differences(scene, tmp_path, ["mirrored and numbered anew", "turned and numbered anew"]).max() < 1e-5

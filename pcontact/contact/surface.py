@@ -12,6 +12,7 @@ from pcontact.element.quadrature import quadrature
 from pcontact.element.reference import CELLS, facet_nodes, reference_nodes
 from pcontact.element.shape import shape
 from pcontact.element.trace import trace_constant
+from pcontact.runtime.petsc import MPI
 
 # facets per cell at most: global facet number = cell number * FACETS + local facet
 FACETS = 6
@@ -109,6 +110,64 @@ def default_quadrature(facet, degree):
     return 2 * degree + 5
 
 
+def diameters(x):
+    """Largest distance (nf,) between two of the nodes (nf, n, d) of facets [length]."""
+    return np.linalg.norm(x[:, :, None] - x[:, None], axis=3).max(axis=(1, 2), initial=0.0)
+
+
+def _moments(x):
+    """Length or area (nf,) of facets (nf, n, d) as their corners have them, and its first and second moment.
+
+    Of a quadrilateral the mean of its halvings along both diagonals.
+    """
+    n, d = x.shape[1:]
+    several = {2: [((0, 1), 1.0)], 3: [((0, 1, 2), 1.0)]}.get(n, [
+        (three, 0.5) for three in ((0, 1, 2), (0, 2, 3), (0, 1, 3), (1, 2, 3))
+    ])  # fmt: skip
+    out = np.zeros((len(x), d + 2))
+    for corners, share in several:
+        y, k = x[:, corners], len(corners)
+        a, b = y[:, 1] - y[:, 0], y[:, -1] - y[:, 0]
+        aa, ab, bb = (np.einsum("fi,fi->f", *two) for two in ((a, a), (a, b), (b, b)))
+        size = share * (np.sqrt(aa) if k == 2 else 0.5 * np.sqrt(np.maximum(aa * bb - ab**2, 0.0)))
+        total = y.sum(axis=1)
+        second = (np.sum(y**2, axis=(1, 2)) + np.sum(total**2, axis=1)) / (k * (k + 1))
+        out += size[:, None] * np.column_stack([np.ones(len(x)), total / k, second])
+    return out
+
+
+def extents(space, name, bodies=False):
+    """Extent of a facet group, or of the part of each connected component in it. *Collective.*
+
+    The length of a straight line that is as wide spread: sqrt(12) times the root of the mean square of the distance
+    from the middle. It is the diagonal of a square, about that of a box, and depends neither on directions nor, but for
+    curved facets, on the mesh.
+
+    Returns
+    -------
+    ndarray (n,)
+        [length]; without facets 0.
+    """
+    mesh, comm, parts = space.mesh, space.comm, []
+    for facets in mesh.facet_groups.get(name, []):
+        block = mesh.blocks[facets.block]
+        corners = mesh.facet_nodes(facets)[:, : CELLS[CELLS[block.cell].facet].n_vertices]
+        body = block.components[facets.cells] if bodies else np.zeros(len(corners), dtype=np.int64)
+        parts.append((mesh.points[corners], body))
+    sums = np.zeros((mesh.n_components if bodies else 1, space.dim + 2))
+    # the second moment about the middle, not about a far origin
+    middle = np.zeros((len(sums), space.dim))
+    for _ in range(2):
+        sums[:] = 0.0
+        for x, body in parts:
+            np.add.at(sums, body, _moments(x - middle[body][:, None]))
+        total = comm.allreduce(sums, op=MPI.SUM)
+        size = np.maximum(total[:, :1], np.finfo(float).tiny)
+        middle = middle + total[:, 1:-1] / size
+    spread = (total[:, -1:] - np.sum(total[:, 1:-1] ** 2, axis=1, keepdims=True) / size) / size
+    return np.sqrt(12.0 * np.maximum(spread[:, 0], 0.0))
+
+
 def _pad(array, width, index=False):
     missing = width - array.shape[1]
     if missing == 0:
@@ -136,7 +195,6 @@ def _part(space, facets, constants, quadrature_degree):
         shared = shared.times(np.full(len(coordinates), factor))
     kind = space.axisymmetric, averaged
     nf, nq = at.jxw.shape
-    corners = mesh.points[mesh.facet_nodes(facets)]
     return {
         "cells": space.cells[facets.block][facets.cells],
         "facet_ids": block.ids[facets.cells] * FACETS + local,
@@ -150,7 +208,7 @@ def _part(space, facets, constants, quadrature_degree):
         "own": np.full(nf, own),
         "shared": shared,
         "trace": trace_constant(block.cell, coordinates, local, geometry_degree, space.degree, lam, mu, *kind),
-        "size": np.linalg.norm(corners.max(axis=1) - corners.min(axis=1), axis=1),
+        "size": diameters(mesh.points[mesh.facet_nodes(facets)]),
         "components": block.components[facets.cells],
     }
 

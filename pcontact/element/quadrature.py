@@ -9,48 +9,56 @@ from pcontact.element.reference import CELLS
 
 MAX_DEGREE = 20
 
-# Symmetric rules: lists of (weight, barycentric coordinates, permutations to take), weights summing to 1.
-# "all" takes every distinct permutation, "cyclic" the three rotations.
-# Triangle: Dunavant (1985), degree 7 Gatermann (1988). Tetrahedron: degrees 3 and 6 after Keast (1986),
-# degree 5 Walkington. Every constant is converged by Newton's method on the moment equations.
+# Symmetric rules: lists of (weight, barycentric coordinates), weights summing to 1. Every distinct permutation
+# of the coordinates is taken: how the vertices of a cell are numbered does not matter.
+# Triangle: Dunavant (1985), degree 7 with three orbits of three points and one of six. Tetrahedron: degrees 3 and 6
+# after Keast (1986), degree 5 Walkington. Every constant is converged by Newton's method on the moment equations.
 _R15 = np.sqrt(15.0)
 
 
 def _one(n, weight, a):
     """Orbit of points with n - 1 equal barycentric coordinates."""
-    return (weight, (1.0 - (n - 1) * a, *([a] * (n - 1))), "all")
+    return (weight, (1.0 - (n - 1) * a, *([a] * (n - 1))))
 
 
 _TRIANGLE = {
-    1: [(1.0, (1 / 3, 1 / 3, 1 / 3), "all")],
+    1: [(1.0, (1 / 3, 1 / 3, 1 / 3))],
     2: [_one(3, 1 / 3, 1 / 6)],
     4: [_one(3, 0.22338158967801125, 0.44594849091596483), _one(3, 0.1099517436553221, 0.09157621350977092)],
     5: [
-        (0.225, (1 / 3, 1 / 3, 1 / 3), "all"),
+        (0.225, (1 / 3, 1 / 3, 1 / 3)),
         _one(3, (155 - _R15) / 1200, (6 - _R15) / 21),
         _one(3, (155 + _R15) / 1200, (6 + _R15) / 21),
     ],
     6: [
         _one(3, 0.05084490637021571, 0.06308901449150836),
         _one(3, 0.1167862757264309, 0.2492867451708791),
-        (0.08285107561834334, (0.3103524510338078, 0.053145049844795664, 0.6365024991213966), "all"),
+        (0.08285107561834334, (0.3103524510338078, 0.053145049844795664, 0.6365024991213966)),
     ],
     7: [
-        (0.05303405631487635, (0.06238226509440425, 0.06751786707391881, 0.87009986783167694), "cyclic"),
-        (0.08776281742888047, (0.05522545665691743, 0.32150249385199653, 0.62327204949108604), "cyclic"),
-        (0.05755008556994992, (0.03432430294508306, 0.6609491961867378, 0.30472650086817914), "cyclic"),
-        (0.1349863740196266, (0.5158423343536146, 0.2777161669763698, 0.2064414986700156), "cyclic"),
+        _one(3, 0.04715600514349066, 0.4094713422581646),
+        _one(3, 0.09763810265670875, 0.22788309864669554),
+        _one(3, 0.05197404546118128, 0.06422241176499403),
+        (0.06828259003597636, (0.042796248611059254, 0.3126108972721635, 0.64459285411677725)),
     ],
     8: [
-        (0.14431560767779836, (1 / 3, 1 / 3, 1 / 3), "all"),
+        (0.14431560767779836, (1 / 3, 1 / 3, 1 / 3)),
         _one(3, 0.09509163426727682, 0.45929258829273095),
         _one(3, 0.10321737053471484, 0.17056930775176965),
         _one(3, 0.032458497623196664, 0.05054722831703029),
-        (0.02723031417443944, (0.2631128296346092, 0.008394777409972395, 0.7284923929554184), "all"),
+        (0.02723031417443944, (0.2631128296346092, 0.008394777409972395, 0.7284923929554184)),
+    ],
+    9: [
+        (0.09713579628281867, (1 / 3, 1 / 3, 1 / 3)),
+        _one(3, 0.07964773892721139, 0.1882035356190345),
+        _one(3, 0.03133470022712661, 0.48968251919874406),
+        _one(3, 0.025577675658697858, 0.04472951339445263),
+        _one(3, 0.07782754100477829, 0.437089591492948),
+        (0.04328353937728984, (0.03683841205473686, 0.22196298916076515, 0.74119859878449799)),
     ],
 }
 _TETRAHEDRON = {
-    1: [(1.0, (0.25, 0.25, 0.25, 0.25), "all")],
+    1: [(1.0, (0.25, 0.25, 0.25, 0.25))],
     2: [_one(4, 0.25, (5 - np.sqrt(5.0)) / 20)],
     3: [_one(4, 0.1385132693219899, 0.32805535118603213), _one(4, 0.11148673067801011, 0.10695933936074394)],
     5: [
@@ -59,7 +67,6 @@ _TETRAHEDRON = {
         (
             0.04254602077708088,
             (0.04550370412564878, 0.04550370412564878, 0.45449629587435122, 0.45449629587435122),
-            "all",
         ),
     ],
     6: [
@@ -69,7 +76,6 @@ _TETRAHEDRON = {
         (
             0.048214285714289144,
             (0.06366100187502023, 0.06366100187502023, 0.2696723314583138, 0.60300566479164574),
-            "all",
         ),
     ],
 }
@@ -106,7 +112,16 @@ def quadrature(cell, degree):
     known = [d for d in _SYMMETRIC[cell] if d >= degree]
     if known:
         return _symmetric(_SYMMETRIC[cell][min(known)])
+    if cell == "triangle":
+        return _around_centroid(*_collapsed(2, degree))
     return _collapsed(CELLS[cell].dim, degree)
+
+
+def _around_centroid(points, weights):
+    """A rule folded onto the triangle, with the fold in the centroid, in each of three parts: a symmetric rule."""
+    top, others = points[:, 0], np.column_stack([1.0 - points.sum(axis=1), points[:, 1]])
+    bary = [(top / 3.0)[:, None] + others @ np.eye(3)[[i, (i + 1) % 3]] for i in range(3)]
+    return np.concatenate(bary)[:, 1:].copy(), np.tile(weights / 3.0, 3)
 
 
 def _tensor(dim, degree):
@@ -118,11 +133,8 @@ def _tensor(dim, degree):
 
 def _symmetric(orbits):
     bary, weights = [], []
-    for weight, point, kind in orbits:
-        if kind == "all":
-            images = sorted(set(itertools.permutations(point)))
-        else:
-            images = [point[k:] + point[:k] for k in range(len(point))]
+    for weight, point in orbits:
+        images = sorted(set(itertools.permutations(point)))
         bary += images
         weights += [weight] * len(images)
     points = np.array(bary)[:, 1:].copy()
