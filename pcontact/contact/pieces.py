@@ -8,7 +8,8 @@ facets and partners on other ranks need nothing of their own.
 
 A convex vertex of the target is the nearest point of all source points between the normals of the two facets that meet
 there. The partner enters it from one facet and leaves it to the other: both places are kinks, and the source is cut at
-both. Which of the two facets the search names in between, by their numbers, does not matter.
+both. Which of the two facets the search names in between, by their numbers, does not matter. At the end of a target
+there is no other facet, and no cut.
 """
 
 import dataclasses
@@ -51,13 +52,22 @@ def _at(space, facets, rows, s):
     return position, vector / area[:, None], area, shape(block.cell, space.degree, xi), grad
 
 
-def _places(space, parts, part, row, s, search):
+def _ends(space, target):
+    """Global numbers (n,) of the nodes at the ends of a target in the plane: they are of one facet. *Collective.*"""
+    node, count = np.unique(space.nodes[target.nodes[:, :2]], return_counts=True)
+    # few are left of a rank's facets
+    once = np.concatenate(space.comm.allgather(node[count == 1]))
+    node, count = np.unique(once, return_counts=True)
+    return node[count == 1]
+
+
+def _places(space, parts, part, row, s, search, ends):
     """Where on the target the partners of points s (n,) on facets `row` of parts `part` are. *Collective.*
 
     Returns
     -------
     ndarray (n,) int64
-        Number of the facet they are inside of, -1: no partner, -2 and below: on the node -2 minus this.
+        Number of the facet, -1: no partner, -2 and below: between two facets, on the node -2 minus this.
     """
     x, normal = np.zeros((len(s), space.dim)), np.zeros((len(s), space.dim))
     for k, facets in enumerate(parts):
@@ -70,8 +80,9 @@ def _places(space, parts, part, row, s, search):
     nodal = np.zeros((space.n_local, space.dim))
     found = find_partners(space, target, nodal, x, normal, radius, method)
     at = np.argmax(found.shape, axis=1)[:, None]
-    held = (found.id >= 0) & (np.take_along_axis(found.shape, at, axis=1)[:, 0] > AT_NODE)
-    return np.where(held, -2 - np.take_along_axis(found.nodes, at, axis=1)[:, 0], found.id)
+    node = np.take_along_axis(found.nodes, at, axis=1)[:, 0]
+    held = (found.id >= 0) & (np.take_along_axis(found.shape, at, axis=1)[:, 0] > AT_NODE) & ~np.isin(node, ends)
+    return np.where(held, -2 - node, found.id)
 
 
 def _apart(facet, at):
@@ -109,13 +120,14 @@ def cuts(space, parts, search):
     n = len(part)
     # just inside the facet: at its ends the partner is a matter of rounding
     grid = np.linspace(-1.0 + 1e-9, 1.0 - 1e-9, SAMPLES + 1)
-    ids = _places(space, parts, np.repeat(part, SAMPLES + 1), np.repeat(row, SAMPLES + 1), np.tile(grid, n), search)
+    ends, several = _ends(space, search[0]), (np.repeat(part, SAMPLES + 1), np.repeat(row, SAMPLES + 1))
+    ids = _places(space, parts, *several, np.tile(grid, n), search, ends)
     ids = ids.reshape(n, SAMPLES + 1)
     f, k = np.nonzero(ids[:, 1:] != ids[:, :-1])
     a, b, ia, ib = grid[k], grid[k + 1], ids[f, k], ids[f, k + 1]
     for _ in range(BISECTIONS):
         m = 0.5 * (a + b)
-        im = _places(space, parts, part[f], row[f], m, search)
+        im = _places(space, parts, part[f], row[f], m, search, ends)
         left, right = ia != im, im != ib
         f = np.concatenate([f[left], f[right]])
         a, b = np.concatenate([a[left], m[right]]), np.concatenate([m[left], b[right]])
