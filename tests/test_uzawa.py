@@ -135,6 +135,18 @@ def test_what_is_uniform_stays_and_what_the_surfaces_differ_by_goes(halves):
                 assert size < 0.35 * one.source.jxw[one.chosen].sum() * np.linalg.norm(pull)
 
 
+def test_rounding_errors_are_no_change(halves):
+    """Surfaces that touch without a force: what is left of the gap grows with every update, and means nothing."""
+    space = halves[0].space
+    for depth, moves in ((1e-18, False), (1e-9, True)):
+        u, values = space.vector(), np.zeros((space.n_owned, space.dim))
+        values[space.component[space.owned_local] == halves[0].source.components[0], -1] = -depth
+        u.setArray(values.ravel())
+        change, size = update_multipliers(halves, u, 1e-4)
+        assert size > 0.0 and (change > 1e-3) == moves and (moves or change == 0.0)
+        assert any(half.multiplier.any() for half in halves) == moves
+
+
 @pytest.mark.parametrize("order, widths", [(1, None), (2, (1.0, 0.6))])
 def test_the_largest_eigenvalue_of_an_update(tmp_path, order, widths):
     """Contact that does not open is linear; a mean over the points of each surface alone has the eigenvalue 1."""

@@ -69,6 +69,10 @@ class Multipliers:
         traction, status = self._acting(self.pairing.exchange.gather(u))
         return Acting(self.pairing, self.source, traction, status > OPEN)
 
+    def rounding_of_traction(self):
+        """Traction (np,) by which rounding errors of the gap change the multipliers [stress]."""
+        return self.gamma[self.source.facet] * self._rounding
+
     def update_multipliers(self, u, rtol):
         """See :func:`update_multipliers`: of this item alone, the relative change. *Collective.*"""
         return update_multipliers([self], u, rtol)[0]
@@ -124,20 +128,21 @@ def update_multipliers(parts, u, rtol):
     -------
     change : float
         Norm of the change over the surfaces, by the default gamma if that is larger, relative to that of the
-        multipliers; 0 where nothing touches.
+        multipliers; 0 where nothing touches, and where rounding errors of the gap make as much.
     size : float
         The norm itself, by the gamma that acts [stress length^((d - 1) / 2)].
     """
     first, acting = parts[0], [part.acting(u) for part in parts]
     means = local_means(first.space, acting, both=is_unbiased(first.contact))
     updates = [np.where(one.chosen[:, None], mean, 0.0) for one, mean in zip(acting, means, strict=True)]
-    sums = np.zeros(3)
-    for part, new in zip(parts, updates, strict=True):
-        for k, size in enumerate((new - part.multiplier, new, part.multiplier)):
+    sums = np.zeros(4)
+    for part, one, new in zip(parts, acting, updates, strict=True):
+        rounding = (part.rounding_of_traction() * one.chosen)[:, None]
+        for k, size in enumerate((new - part.multiplier, new, part.multiplier, rounding)):
             sums[k] += np.einsum("p,pd,pd->", part.source.jxw, size, size)
     sums = first.space.comm.allreduce(sums, op=MPI.SUM)
     scale = float(max(sums[1], sums[2]))
-    change = (float(np.sqrt(sums[0] / scale)) if scale > 0.0 else 0.0) * first.short()
+    change = float(np.sqrt(sums[0] / scale)) * first.short() if sums[0] > sums[3] and scale > 0.0 else 0.0
     if change > rtol:
         for part, new in zip(parts, updates, strict=True):
             part.multiplier = new
