@@ -6,6 +6,7 @@ from pcontact.assembly.bulk import ElasticBulk
 from pcontact.assembly.geometry import chunks
 from pcontact.assembly.loads import load_vector, lumped_volume
 from pcontact.assembly.plastic import PlasticBulk
+from pcontact.contact.unjoined import unjoined
 from pcontact.element.reference import CELLS
 from pcontact.material.elastic import in_plane, lame
 from pcontact.material.hardening import hardening_curve, hardening_table
@@ -212,6 +213,37 @@ def _check_locking(scene, space):
         _warn_of_stress(scene)
 
 
+def _check_joined(scene, space):
+    """Refuse, or warn of, boundary facets inside a body; warn of bodies that touch without contact. *Collective.*"""
+    every = [contact for contact in scene.contacts if contact.all and contact.obstacle is None]
+    if any(contact.self_contact for contact in every):
+        return
+    mesh = space.mesh
+    used = {region.region for region in (*scene.displacements, *scene.loads)}
+    used |= {name for contact in scene.contacts for name in (contact.source, contact.target) if name is not None}
+    found = unjoined(mesh, space.exchanger, used, not every)
+    if found.doubled or found.hanging:
+        kinds = {"with nodes that are there twice": found.doubled, "with hanging nodes": found.hanging}
+        counts = " and ".join(f"{count} {words}" for words, count in kinds.items() if count)
+        unsafe(
+            scene, "mesh", "mesh.file",
+            f"{scene.mesh.file}, which has facets inside a connected body that lie on each other without being joined, "
+            f"{counts}, the first at {', '.join(found.places)}: the body is cut there",
+            "nodes in the same place merged; cells that meet facet to facet, or two bodies and a tied pair of them; "
+            "for a crack, contact of its sides, or a group of their facets",
+        )  # fmt: skip
+    if found.named:
+        log.warning(
+            "%d facets inside a connected body lie on others without being joined, groups of the mesh have them, and "
+            "the scene does not name these: a crack whose sides may pass through each other", found.named,
+        )  # fmt: skip
+    names = [" - ".join(sorted((mesh.component_names[a], mesh.component_names[b]))) for a, b in found.bodies]
+    if names:
+        said = ", ".join(f"{name} ({names.count(name)} times)" if names.count(name) > 1 else name
+                         for name in dict.fromkeys(names))  # fmt: skip
+        log.warning("bodies touch and no contact is between their facets: %s; they may pass through each other", said)
+
+
 def _warn_of_stress(scene):
     """Say in which bodies the pressure is much less accurate than the displacement."""
     for body in scene.bodies:
@@ -254,6 +286,7 @@ def assemble(scene, mesh):
     ]
     space = Space(mesh, scene.mesh.order, kinematics, *averaged)
     _check_locking(scene, space)
+    _check_joined(scene, space)
     supports = Supports(
         space, scene.displacements, [amplitude(d.amplitude, end) for d in scene.displacements], scene.where
     )

@@ -44,7 +44,7 @@ Options (they win over the scene; the scene's [petsc] table wins over the progra
   -contact_uzawa_grow true|false, -contact_uzawa_accept true|false
                                                    a larger gamma where they are slow; take those that have not settled
   -no_code                                         refuse scenes that name Python functions, which are programs
-  -allow_unsafe gamma0,locking,facet_sizes,friction
+  -allow_unsafe gamma0,locking,facet_sizes,friction,mesh
                                                    settings that run with a warning instead of being refused
   -contact_alpha X                                 tangential over normal parameter, all pairs with friction
   -mesh_order 1|2                                  degree of the displacement

@@ -227,7 +227,7 @@ CASES = {
         scene=swapped('name = "pair"', 'name = "pair"\nfriction = 5'),
     ),
     "unsafe word": Case(
-        ["-allow_unsafe", "found 'gama0'", "allowed: some of gamma0, locking, facet_sizes, friction"],
+        ["-allow_unsafe", "found 'gama0'", "allowed: some of gamma0, locking, facet_sizes, friction, mesh"],
         words=("run", "SCENE", "-allow_unsafe", "locking,gama0"),
     ),
     "unsafe word of the scene": Case(
