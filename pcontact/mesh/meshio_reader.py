@@ -1,4 +1,4 @@
-"""Reading of mesh files through meshio: every format but gmsh's."""
+"""Reading of mesh files through meshio: every format that has no reader of its own."""
 
 import importlib
 import io
@@ -21,8 +21,8 @@ _TAG_KEYS = (
     "su2:tag",
     "ugrid:ref",
     "tetgen:ref",
+    "cell_tags",
 )
-_EXODUS = (".e", ".exo", ".ex2")
 _INCOMPLETE = {"quad8": 8, "hexahedron20": 20}  # nodes of cells that are filled up later
 _INSTALL = "another file type, or that package installed"
 
@@ -58,8 +58,8 @@ def read_meshio(path):
 def from_meshio(mesh, path):
     """Elements and groups of a mesh of meshio's.
 
-    Groups come from cell and point sets, from the families of MED files, and from cell data that number
-    groups (named by the field data where these know the number).
+    Groups come from cell and point sets, and from cell data that number groups (named by the field data where these
+    know the number).
 
     Parameters
     ----------
@@ -88,12 +88,7 @@ def from_meshio(mesh, path):
     tags = np.arange(1, len(points) + 1)
     file = FileMesh(points, tags, np.zeros(len(points), dtype=bool), tables)
     _sets(mesh, file, path)
-    _families(mesh, file)
     _numbers(mesh, file)
-    if path.suffix.lower() in _EXODUS and not file.groups:
-        # the blocks of such a file are its bodies, but meshio drops their names
-        for k, table in enumerate(tables):
-            file.add(table.dim, default_name(table.dim, k + 1), k, np.arange(len(table.tags)))
     return file
 
 
@@ -137,25 +132,11 @@ def _rows(rows, bound, name, path):
     return rows
 
 
-def _families(mesh, file):
-    """Groups of a MED file: each cell and point has a family, and a family is in any number of groups."""
-    for family, names in getattr(mesh, "cell_tags", {}).items():
-        for k, values in enumerate(mesh.cell_data.get("cell_tags", [])):
-            rows = np.flatnonzero(values == family)
-            for name in names if len(rows) else ():
-                file.add(file.tables[k].dim, name, k, rows)
-    for family, names in getattr(mesh, "point_tags", {}).items():
-        rows = np.flatnonzero(mesh.point_data.get("point_tags", np.zeros(0)) == family)
-        for name in names if len(rows) else ():
-            file.point_groups[name] = np.union1d(file.point_groups.get(name, rows), rows)
-
-
 def _numbers(mesh, file):
     """Groups that cell data give by number; 0 means no group."""
     names = {(int(v[1]), int(v[0])): name for name, v in mesh.field_data.items() if np.size(v) == 2}
     file.declared = [(dim, name) for (dim, _), name in names.items()]
-    keys = _TAG_KEYS if hasattr(mesh, "cell_tags") else (*_TAG_KEYS, "cell_tags")
-    for key in keys:
+    for key in _TAG_KEYS:
         for k, values in enumerate(mesh.cell_data.get(key, [])):
             dim, values = file.tables[k].dim, np.ravel(values)
             chosen = np.isfinite(values) & (values != 0) & (values == np.round(values))

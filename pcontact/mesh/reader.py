@@ -1,6 +1,6 @@
 """Reading of a mesh file, serially, into a checked `RawMesh`.
 
-Files named .msh are read by the program itself, old versions of them with gmsh's help; all others by meshio.
+Files of gmsh, MED and Exodus are read by the program itself, old ones of gmsh with its help; all others by meshio.
 Groups keep their names; a group that has only a number is called "point_5", "curve_7", "surface_12" or
 "volume_3", after the dimension of its elements. A name may stand for groups of several dimensions.
 """
@@ -12,6 +12,7 @@ import numpy as np
 from pcontact.element.reference import CELLS
 from pcontact.mesh.complete import complete, fill, number_rows, sorted_rows, with_gaps
 from pcontact.mesh.components import cell_name, components, orient
+from pcontact.mesh.exodus import read_exodus
 from pcontact.mesh.gmsh_reader import read_gmsh
 from pcontact.mesh.groups import (
     KINDS,
@@ -21,11 +22,16 @@ from pcontact.mesh.groups import (
     facet_multiplicity,
     lower_groups,
 )
+from pcontact.mesh.med import read_med
 from pcontact.mesh.meshio_reader import from_meshio, read_meshio
 from pcontact.runtime import log
 from pcontact.runtime.errors import InputError
 
 __all__ = ["Block", "RawMesh", "complete", "components", "facet_multiplicity", "from_meshio", "read_mesh"]
+
+
+# formats that are not left to meshio
+READERS = {".msh": read_gmsh, ".med": read_med, **dict.fromkeys((".e", ".exo", ".ex2"), read_exodus)}
 
 
 def read_mesh(path):
@@ -52,9 +58,8 @@ def read_mesh(path):
             pass
     except OSError as error:
         raise InputError(f"{path}: found {error.strerror.lower()}; allowed: a mesh file that can be read") from None
-    if path.suffix.lower() == ".msh":
-        return _build(read_gmsh(path), path)
-    return _build(from_meshio(read_meshio(path), path), path)
+    read = READERS.get(path.suffix.lower())
+    return _build(from_meshio(read_meshio(path), path) if read is None else read(path), path)
 
 
 def _build(file, path):
