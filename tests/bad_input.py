@@ -172,6 +172,10 @@ CASES = {
         [r"mesh\.msh", "node 3", "not a finite number|not a gmsh mesh|cannot read"],
         mesh=mesh_text([*NODES[:2], ("nan", 1), *NODES[3:]]),
     ),
+    "edge without length": Case(
+        [r"mesh\.msh", r"cell 1 \(quadrilateral at \(0\.75, 0\.5\)\) has an edge without length", "allowed"],
+        mesh=mesh_text([*NODES[:3], (1, "0.99999999999999999"), *NODES[4:]]),
+    ),
     "node without cell": Case(
         [r"mesh\.msh", 'group "tip"', r"node 9 at \(3, 3, 0\)", "no cell", "allowed"],
         mesh=mesh_text([*NODES, (3, 3)], CELLS + FACETS + [(15, 8, (9,))], {**NAMES, (0, 8): "tip"}),

@@ -139,6 +139,16 @@ def _senses(points, block):
     return sense
 
 
+def _collapsed(points, block):
+    """Cells of a block (n_cells,) bool with an edge that is no longer than the rounding errors of its coordinates."""
+    bad = np.zeros(len(block.nodes), dtype=bool)
+    for one, other in CELLS[block.cell].edges:
+        a, b = points[block.nodes[:, one]], points[block.nodes[:, other]]
+        far = np.maximum(np.abs(a), np.abs(b)).max(axis=1)
+        bad |= np.abs(b - a).max(axis=1) <= 64.0 * np.finfo(float).eps * far
+    return bad
+
+
 def mirror(cell, degree):
     """Permutation of a cell's nodes that turns its sense around.
 
@@ -178,11 +188,14 @@ def orient(path, points, blocks, tags):
     Raises
     ------
     InputError
-        Cells without volume; cells whose Jacobian changes sign; cells that are on the same side of a facet as their
-        neighbour: they are not only numbered in another sense, but folded over it.
+        Cells without volume; cells whose Jacobian changes sign; cells with an edge without length; cells that are on
+        the same side of a facet as their neighbour: they are not only numbered in another sense, but folded over it.
     """
     sense = np.concatenate([_senses(points, block) for block in blocks])
     _refuse(path, points, blocks, tags, sense == FLAT, "has no volume", "cells with a volume")
+    collapsed = np.concatenate([_collapsed(points, block) for block in blocks])
+    what = "has an edge without length: its ends are at the same place"
+    _refuse(path, points, blocks, tags, collapsed, what, "vertices apart from each other")
     what = "is inverted: its Jacobian changes sign"
     _refuse(path, points, blocks, tags, sense == MIXED, what, "cells that are not folded or twisted")
     turned = sense == REVERSED

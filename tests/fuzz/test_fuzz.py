@@ -24,7 +24,7 @@ def test_random_scenes_agree_with_themselves(tmp_path):
         found, _ = fuzz.judged(case, variants, results[seed], tmp_path)
         findings += found
         steps += sum(len(result["steps"]) for result in results[seed].values())
-        assert len(results[seed]) == len(variants) >= 11
+        assert len(results[seed]) == len(variants) >= 9
     assert not findings, "\n".join(map(str, findings))
     assert steps > 20 * len(SEEDS)
 
