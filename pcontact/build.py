@@ -87,6 +87,7 @@ def override(scene, options, accuracy):
         "quadrature": (int, "degree of the quadrature on source facets"),
         "cut": (bool, "cut source facets along the edges of the target"),
         "search": (str, "closest_point or ray_tracing"),
+        "smooth_geometry": (bool, "gaps of the smooth surfaces that straight facets stand for"),
     }
     said = {key: get(f"contact_{key}", None, kind, text=text) for key, (kind, text) in numerics.items()}
     validate(scene)

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from pcontact import __version__
+from pcontact.contact.smooth_geometry import SMOOTH, WRONG, facet_pressure
 from pcontact.io.prices import prices
 from pcontact.io.refine import refine_run
 from pcontact.io.show import show
@@ -38,6 +39,7 @@ Options (they win over the scene; the scene's [petsc] table wins over the progra
   -contact_quadrature N                            degree of the quadrature on source facets
   -contact_cut true|false                          cut source facets along the edges of the target
   -contact_search closest_point|ray_tracing        how a source point finds its partner
+  -contact_smooth_geometry true|false              gaps of the smooth surfaces that straight facets stand for
   -contact_formulation nitsche|penalty|augmented_lagrangian
                                                    formulation, all pairs
   -contact_uzawa_rtol X, -contact_uzawa_max_it N   augmented Lagrangian: when multipliers have settled, updates at most
@@ -208,6 +210,13 @@ def check_scene(scene):
                      least, most)  # fmt: skip
         else:
             log.info("contact %s: no point has a partner in the undeformed bodies", item.name)
+        pressure, gap = facet_pressure(getattr(item, "halves", [item]))
+        if pressure > 0.0:
+            log.warning(
+                "contact %s: gaps of up to %.2g between straight facets of curved surfaces that conform: a contact "
+                "pressure below %.2g comes out wrong by more than %.0f %% (in L2); remedy: %s",
+                item.name, gap, pressure / WRONG, 100.0 * WRONG, SMOOTH,
+            )  # fmt: skip
         if item.contact.all and item.contact.obstacle is None:
             low, high = component_boxes(space)
             near = near_pairs(low, high, item.radius)

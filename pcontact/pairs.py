@@ -15,6 +15,7 @@ from pcontact.contact.penalty import without_traction
 from pcontact.contact.pieces import cut_source
 from pcontact.contact.plastic_trace import PlasticTrace
 from pcontact.contact.self_surface import self_surface
+from pcontact.contact.smooth_geometry import Chords, smooth_surface
 from pcontact.contact.surface import components_of, diameters, extents, source_surface, target_surface
 from pcontact.contact.tied import AugmentedTiedItem, TiedItem
 from pcontact.contact.unbiased import (
@@ -140,7 +141,7 @@ def _muted(scene, space, supports, contact, source):
     return source.mute(burdened(space, supports, scene.loads, source, friction_law(contact) is not None))
 
 
-def _unbiased_item(scene, space, bulk, contact, supports, radius, floats):
+def _unbiased_item(scene, space, bulk, contact, supports, radius, floats, smooth):
     """The item of a pair both surfaces of which are source and target, or of self contact. *Collective.*"""
     halves = []
     for one in contacts_of_halves(contact):
@@ -154,8 +155,36 @@ def _unbiased_item(scene, space, bulk, contact, supports, radius, floats):
         if contact.all:
             source = _muted(scene, space, supports, contact, source)
         halves.append(pair_item(space, bulk, one, halved(source), target, radius, floats))
+        _add_chords(space, one, halves[-1], source, smooth)
     kind = UnbiasedItem if friction_law(contact) is None else UnbiasedFrictionalItem
     return kind(contact, halves)
+
+
+def _add_chords(space, contact, item, source, known):
+    """Let an item know what its straight facets do to the gap. *Collective.*
+
+    Parameters
+    ----------
+    space : pcontact.space.space.Space
+    contact : pcontact.scene.model.Contact
+        Of the item, with its numerics resolved.
+    item : ContactItem
+    source : SourceSurface
+        That the item was made from, with the shape functions of whole cells.
+    known : dict of (str, bool) to SmoothSurface or None
+        Of the groups seen before; grows.
+    """
+    fitted = contact.smooth_geometry
+    if fitted and space.mesh.curved:
+        log.warning("contact %s: smooth_geometry does nothing, the mesh is of degree 2 itself", contact.name)
+    for name in (contact.source, contact.target):
+        if name is not None and (name, fitted) not in known:
+            # means do for a warning
+            known[name, fitted] = smooth_surface(space, name, fitted)
+    surfaces = known[contact.source, fitted], known.get((contact.target, fitted))
+    if any(surface is not None for surface in surfaces):
+        target = None if item.rigid else item.target
+        item.chords = Chords(space, contact, source, target, surfaces)
 
 
 def _tied_radius(space, source, target):
@@ -308,7 +337,7 @@ def contact_items(scene, space, constants, supports, free, bulk, tied):
     edges : set of (int, int)
         Pairs of components.
     """
-    items, edges, touching, sources = [], set(), set(), {}
+    items, edges, touching, sources, smooth = [], set(), set(), {}, {}
     if any(contact.all for contact in scene.contacts):
         space.mesh.facet_groups[OUTER] = outer_surfaces(space)
     for number, contact in enumerate(scene.contacts):
@@ -327,12 +356,13 @@ def contact_items(scene, space, constants, supports, free, bulk, tied):
         elif contact.target != contact.source or len(sides[0]) > 1:
             touching.update(*sides)
         if is_unbiased(contact):
-            items.append(_unbiased_item(scene, space, bulk, contact, supports, radius, floats))
+            items.append(_unbiased_item(scene, space, bulk, contact, supports, radius, floats, smooth))
             continue
         source = _source(scene, space, constants, supports, contact, sources)
         target = target_surface(space, contact.target) if contact.obstacle is None else _rigid(scene, space, number)
         source, target = _fitted(space, contact, source, target, radius)
         items.append(pair_item(space, bulk, contact, source, target, radius, floats))
+        _add_chords(space, contact, items[-1], source, smooth)
         _check_sizes(scene, space, number, contact, items[-1])
     for k in sorted(set(free) - touching):
         name = space.mesh.component_names[k]

@@ -10,7 +10,7 @@ from pcontact.io.costs import Costs
 from pcontact.io.counters import Counters
 from pcontact.io.error_estimate import ErrorEstimate, label
 from pcontact.io.identity import Identity
-from pcontact.io.observers import Fields, Records, Terminal
+from pcontact.io.observers import FacetErrors, Fields, Records, Terminal
 from pcontact.io.restart import ANYWAY, read_checkpoint
 from pcontact.runtime import log, profile
 from pcontact.runtime.errors import StepFailure
@@ -150,6 +150,8 @@ class Simulation:
                 watch.insert(0, Fields(directory, self.problem, self.timing, output.smooth, since, estimate))
         if estimate is not None:
             watch.insert(0, estimate)
+        # the report has the warnings of those before it
+        watch.insert(0, FacetErrors(self.problem.items[1:]))
         self._announce()
         self.stepper = Stepper(
             self.problem, self.newton, schedule, watch, recorder, self.timing, drive(scene), self.settle, self.renew,

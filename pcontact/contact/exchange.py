@@ -33,6 +33,8 @@ class Found(NamedTuple):
         Their shape functions at the point.
     candidates : int
         Facets that this rank tried.
+    offset : ndarray (np, d) or None
+        How far the target's smooth surface stands off the partner, where the target knows it [length].
     """
 
     id: np.ndarray
@@ -42,6 +44,7 @@ class Found(NamedTuple):
     nodes: np.ndarray
     shape: np.ndarray
     candidates: int
+    offset: np.ndarray | None = None
 
 
 BOXES = 8
@@ -148,7 +151,7 @@ class _Searched:
         rows : ndarray (n,)
             The points with a partner here.
         answers : ndarray (n, columns)
-            Of those: facet id, distance, gap, interior, facet size, y, normal, nodes, shape.
+            Of those: facet id, distance, gap, interior, facet size, y, normal, nodes, shape, offset if known.
         candidates : int
         """
         target, (x, kinds, ids) = self._target, self._facets[:3]
@@ -162,7 +165,8 @@ class _Searched:
         facet = p.facet[rows]
         weights, nodes = target.shape(facet, p.xi[rows]), self._numbers[target.nodes[facet]]
         parts = [p.id, p.distance, p.gap, p.interior, p.size, p.y, p.normal]
-        out = np.column_stack([*(part[rows] for part in parts), nodes, weights])
+        smooth = [] if target.smooth is None else [target.smooth.at_target(target, facet, p.xi[rows])]
+        out = np.column_stack([*(part[rows] for part in parts), nodes, weights, *smooth])
         return rows, out.astype(float, copy=False), int(p.candidates.sum())
 
 
@@ -219,7 +223,8 @@ def find_partners(space, target, nodal, points, normals, radius, method, origin=
         found, answers, candidates = searched.project(asking, radius)
     else:
         boxes = facet_boxes(x_facets, target.kinds)
-        found, answers, candidates, count = _remote(space, searched, boxes, asking, radius, width)
+        columns = 5 + 2 * d + 2 * width + (0 if target.smooth is None else d)
+        found, answers, candidates, count = _remote(space, searched, boxes, asking, radius, columns)
     profile.count(searches=1, points=len(points), asked=count, candidates=candidates)
     winner = _best(found, answers, len(points))
     rows = np.flatnonzero(winner >= 0)
@@ -232,14 +237,17 @@ def find_partners(space, target, nodal, points, normals, radius, method, origin=
         np.zeros((len(points), width), dtype=np.int64),
         np.zeros((len(points), width)),
         candidates,
+        None if target.smooth is None else np.zeros((len(points), d)),
     )
     out.id[rows], out.gap[rows] = best[:, 0], best[:, 2]
-    parts = np.split(best[:, first:], [d, 2 * d, 2 * d + width], axis=1)
-    out.y[rows], out.normal[rows], out.nodes[rows], out.shape[rows] = parts
+    ends = np.cumsum([d, d, width, width])
+    out.y[rows], out.normal[rows], out.nodes[rows], out.shape[rows], rest = np.split(best[:, first:], ends, axis=1)
+    if out.offset is not None:
+        out.offset[rows] = rest
     return out
 
 
-def _remote(space, searched, boxes, asking, radius, width):
+def _remote(space, searched, boxes, asking, radius, columns):
     """Ask the ranks whose boxes are near, answer those who ask here.
 
     First each point asks the rank with the nearest box, then those others whose boxes are nearer than the partner that
@@ -253,17 +261,17 @@ def _remote(space, searched, boxes, asking, radius, width):
         first &= away < np.inf
     farthest = np.full(len(asking), float(radius))
     k, point = np.nonzero(first)
-    found, answers, candidates = _ask(space, searched, asking, point, ranks[k], farthest, width)
+    found, answers, candidates = _ask(space, searched, asking, point, ranks[k], farthest, columns)
     # what is as near, up to rounding, may still win: as an interior projection, or by its smaller number
     farthest[found] = np.minimum(farthest[found], answers[:, 1] * (1.0 + 1e-12) + 1e-9 * answers[:, 4])
     k, more = np.nonzero(~first & (away <= farthest))
-    others = _ask(space, searched, asking, more, ranks[k], farthest, width)
+    others = _ask(space, searched, asking, more, ranks[k], farthest, columns)
     count = len(point) + len(more)
     return np.concatenate([found, others[0]]), np.concatenate([answers, others[1]]), candidates + others[2], count
 
 
-def _ask(space, searched, asking, point, rank, radius, width):
-    """Send points to ranks, with their search radii (np,), and bring back the answers. *Collective.*
+def _ask(space, searched, asking, point, rank, radius, columns):
+    """Send points to ranks, with their search radii (np,), and bring back the answers (columns). *Collective.*
 
     Returns
     -------
@@ -272,7 +280,7 @@ def _ask(space, searched, asking, point, rank, radius, width):
     answers, candidates
         See :meth:`_Searched.project`.
     """
-    d, n_columns = space.dim, asking.shape[1] + 1
+    n_columns = asking.shape[1] + 1
     sends, order = split_by_rank(rank, np.column_stack([asking[point], radius[point]]))
     asked = space.exchanger(sends, np.float64, n_columns)
     joined = np.concatenate(list(asked.values())) if asked else np.zeros((0, n_columns))
@@ -284,7 +292,6 @@ def _ask(space, searched, asking, point, rank, radius, width):
         high = low + np.searchsorted(rows[low:], end)
         own = rows[low:high] - (end - len(asked[r]))
         replies[r], low = np.column_stack([own, answers[low:high]]), high
-    columns = 5 + 2 * d + 2 * width
     back, start, parts = space.exchanger(replies, np.float64, columns + 1), 0, []
     for r in sorted(sends):
         back[r][:, 0] += start

@@ -17,6 +17,7 @@ from pcontact.contact.nitsche import (
 )
 from pcontact.contact.pairing import Pairing
 from pcontact.contact.parameters import GAMMA0, parameter
+from pcontact.contact.smooth_geometry import facet_error
 from pcontact.contact.standing import Standing
 from pcontact.contact.summary import borne, summarise
 from pcontact.contact.way import Way
@@ -62,6 +63,8 @@ class ContactItem(Standing, Way):
         that have left it, see :meth:`_lost`.
     committed : ndarray (np,)
         Status of the points at the end of the last load step, see `pcontact.contact.laws`.
+    chords : pcontact.contact.smooth_geometry.Chords or None
+        What straight facets do to the gap; None where they do nothing, or nobody asks.
     """
 
     changes = True
@@ -81,7 +84,7 @@ class ContactItem(Standing, Way):
         self.offset, self.deep = None, 0
         self.candidates = 0
         self.lost, self._begun = (0, 0), False
-        self.pairing = None
+        self.pairing, self.chords = None, None
         self._coupled = np.zeros(len(source.facet), dtype=bool)
         self.committed = np.full(len(source.facet), OPEN, dtype=np.int64)
         self._owned = None
@@ -119,7 +122,8 @@ class ContactItem(Standing, Way):
             found = find_partners(
                 space, self.target, nodal, x, source.normal, self.radius, self.contact.search, self._origin
             )
-            gap, normal, paired, ids = found.gap, found.normal, found.id >= 0, found.id
+            normal, paired, ids = found.normal, found.id >= 0, found.id
+            gap = self._between(found.gap, normal, paired, found.offset)
             nodes, shape = found.nodes, found.shape
             self.candidates += found.candidates
         # surfaces that touch are closed in the first tangent, whatever the rounding of their coordinates says
@@ -149,7 +153,12 @@ class ContactItem(Standing, Way):
         gap, normal = together(self.space.comm, self.target.gap, x, time, self._origin)
         paired = np.einsum("pd,pd->p", normal, self.source.normal) >= FACING
         self.deep = int(np.sum(paired & (gap < -self.radius)))
-        return gap, normal, paired & (np.abs(gap) <= self.radius)
+        paired &= np.abs(gap) <= self.radius
+        return self._between(gap, normal, paired), normal, paired
+
+    def _between(self, gap, normal, paired, offset=None):
+        """The gap (np,) between the surfaces that the facets stand for, if they are to be told apart. *Collective.*"""
+        return gap if self.chords is None else self.chords(gap, normal, paired, offset)
 
     def _adjust(self, gap, paired, x):
         """An initial overlap that is to be adjusted away is added to the gap for good."""
@@ -405,7 +414,8 @@ class ContactItem(Standing, Way):
 
     def summary(self, u):
         """Numbers of the pair for the report, the same on every rank. *Collective.*"""
-        return summarise(self.state(u), self.flips, self.lost, self.space.comm)
+        state = self.state(u)
+        return {**summarise(state, self.flips, self.lost, self.space.comm), **facet_error([self], [state])}
 
     def borne(self, u):
         """Magnitudes of the forces on every component, see :func:`pcontact.contact.summary.borne`. *Collective.*"""

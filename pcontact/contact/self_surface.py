@@ -93,7 +93,7 @@ class Rim:
     def __init__(self, space, surface):
         self._exchanger = space.exchanger
         nodes = surface.table[:, NODES:].astype(np.int64)
-        shared = _neighbours(space, nodes)
+        shared = neighbours(space, nodes)
         self._rows = {rank: np.flatnonzero(np.isin(nodes, there).any(axis=1)) for rank, there in shared.items()}
         statics = np.column_stack([surface.kinds, surface.ids, surface.table]).astype(float)
         columns = self._bring(statics)
@@ -113,7 +113,7 @@ class Rim:
         return self._bring(x_facets.reshape(len(x_facets), shape[0] * shape[1])).reshape(-1, *shape)
 
 
-def _neighbours(space, nodes):
+def neighbours(space, nodes):
     """Other ranks whose facets have nodes of these (nf, m), and which, by rank. *Collective.*
 
     The owner of a node hears of all ranks that have facets with it and tells each of them of the others.

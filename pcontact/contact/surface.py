@@ -287,6 +287,10 @@ class TargetSurface:
     nodes : ndarray (nf, m)
         Local space nodes of the facets, padded.
     components : ndarray (nf,)
+    degree : int
+        Of the displacement.
+    smooth : pcontact.contact.smooth_geometry.SmoothSurface or None
+        What searches are to tell of; on all ranks or on none.
     """
 
     kinds: np.ndarray
@@ -296,6 +300,7 @@ class TargetSurface:
     nodes: np.ndarray
     components: np.ndarray
     degree: int
+    smooth: object = None
 
     # what points on the surface itself tell about themselves, see `pcontact.contact.self_surface`
     about = None

@@ -15,6 +15,7 @@ import numpy as np
 
 from pcontact.assembly.pattern import JoinedPattern
 from pcontact.contact.parameters import parameter
+from pcontact.contact.smooth_geometry import facet_error
 from pcontact.contact.summary import summarise
 from pcontact.runtime.petsc import MPI
 
@@ -284,6 +285,7 @@ class UnbiasedItem:
             states[1]["traction"] = -states[1]["traction"]
         joined = {key: np.concatenate([one[key] for one in states]) for key in states[0]}
         summary = summarise(joined, self.flips, self.lost, self.space.comm)
+        summary |= facet_error(self.halves, states)
         return {**summary, "bodies": self._on_bodies(u)} if self.contact.all else summary
 
     def borne(self, u):

@@ -4,6 +4,7 @@ import time as clock
 
 import numpy as np
 
+from pcontact.contact.smooth_geometry import SMOOTH, WRONG, facet_pressure
 from pcontact.element.reference import MESHIO_NAMES
 from pcontact.io.fields import NODE_NUMBER, Cloud, FieldWriter, Piece
 from pcontact.io.history import History
@@ -63,6 +64,42 @@ class Terminal:
     def end(self, converged):
         """Take the bar away."""
         self._progress.close()
+
+
+class FacetErrors:
+    """Warns, at the end of the run, of pairs whose straight facets put the pressure wrong.
+
+    Parameters
+    ----------
+    items : list of ContactItem or UnbiasedItem
+    """
+
+    def __init__(self, items):
+        self._items, self._worst = items, {}
+
+    def step(self, step, u, record):
+        """Keep the step with the largest pressure of each pair: under a small one any gap is large."""
+        for name, pair in record["contacts"].items():
+            pressure, *_ = self._worst.get(name, (0.0,))
+            if pair.get("facet_error", 0.0) > 0.0 and pair["max_pressure"] > pressure:
+                self._worst[name] = pair["max_pressure"], pair["facet_error"], step.time
+
+    def cut(self, target, outcome):
+        """A step that failed has no pressure."""
+
+    def end(self, converged):
+        """Warn. *Collective.*"""
+        for item in self._items:
+            _, error, time = self._worst.get(item.name, (0.0, 0.0, 0.0))
+            if error > WRONG:
+                _, gap = facet_pressure(getattr(item, "halves", [item]))
+                log.warning(
+                    "contact %s: gaps of up to %.2g between straight facets of curved surfaces that conform put the "
+                    "pressure wrong by %s (in L2, time %g): they are %.2g times what it does to a layer of cells; "
+                    "remedy: %s",
+                    item.name, gap, "100 % or more" if error > 1.0 else f"about {100.0 * error:.0f} %", time, error,
+                    SMOOTH,
+                )  # fmt: skip
 
 
 class Records:

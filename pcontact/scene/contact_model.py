@@ -103,10 +103,12 @@ class Contact:
         Largest distance at which a partner is looked for [length]; None is chosen from the mesh.
     interference : str or None
         What an initial overlap means: "resolve" or "adjust".
+    smooth_geometry : bool or None
+        Whether gaps are those of the smooth surfaces that straight facets stand for.
 
     Notes
     -----
-    The last nine are None when not said, so that the command line comes before the scene and the scene
+    The last eleven are None when not said, so that the command line comes before the scene and the scene
     before `CONTACT_DEFAULTS`; `pcontact.scene.validate.resolve_contacts` applies that order.
     """
 
@@ -133,6 +135,7 @@ class Contact:
     search: str | None = None
     search_radius: float | None = None
     interference: str | None = None
+    smooth_geometry: bool | None = None
 
     def __post_init__(self):
         if self.name is None and self.all:
@@ -158,4 +161,5 @@ CONTACT_DEFAULTS = {
     "search": "closest_point",
     "search_radius": None,
     "interference": "resolve",
+    "smooth_geometry": False,
 }

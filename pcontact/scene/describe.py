@@ -108,6 +108,8 @@ def _contact(contact: Contact) -> str:
     words.append("gamma0 from the element" if contact.gamma0 is None else f"gamma0 {contact.gamma0:g}")
     words += [contact.search.replace("_", " ")]
     words += ["gap or overlap stay"] if contact.tied else [f"initial overlap: {contact.interference}"]
+    if contact.smooth_geometry and not contact.tied:
+        words.append("gaps of the smooth surfaces of straight facets")
     if contact.meets_itself:
         words.append("no partners in the same cell, across a shared node or through the material")
     if _is_unbiased(contact):

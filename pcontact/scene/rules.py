@@ -295,6 +295,7 @@ RULES: dict[type, dict[str, Rule]] = {
         "search": optional(choice("closest_point", "ray_tracing")),
         "search_radius": optional(POSITIVE),
         "interference": optional(choice("resolve", "adjust")),
+        "smooth_geometry": optional(BOOLEAN),
     },
     Displacement: {
         "region": TEXT,

@@ -261,7 +261,7 @@ def _check_all(scene, where, contact):
 
 def _check_tied(scene, where, contact):
     """What is glued neither slides nor opens, and needs two surfaces."""
-    for key in ("friction", "tresca", "bilateral", "unbiased", "obstacle", "interference"):
+    for key in ("friction", "tresca", "bilateral", "unbiased", "obstacle", "interference", "smooth_geometry"):
         value = getattr(contact, key)
         if value and value != CONTACT_DEFAULTS.get(key):
             found = f"{'an obstacle' if key == 'obstacle' else shown(value)} together with tied = true"

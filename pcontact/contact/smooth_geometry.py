@@ -1,0 +1,336 @@
+"""The smooth surfaces that straight facets stand for, and what they change in the gap.
+
+The facets of a mesh of degree 1 are chords of a curved body. Between two bodies whose surfaces conform, chords that do
+not match leave gaps and overlaps, and the pressure closes them: it is wrong by about gamma times these gaps, however
+small the mesh makes the error of the displacement. With vertex normals N_i (`pcontact.contact.vertex_normals`) the
+smooth surface stands off a facet, at the point with linear shape functions w_i, by
+
+    d = delta m,   delta = 1/2 sum_{i<j} w_i w_j (N_j - N_i) . (X_j - X_i),   m = sum_i w_i N_i / | sum_i w_i N_i |,
+
+the error of linear interpolation, exactly where the surface is quadratic, and continuous over the edges of facets. The
+gap between the smooth surfaces is g + n . (d_target - d_source), a number that does not depend on the displacement.
+Cells, displacement, normals and quadrature stay as they are.
+"""
+
+import numpy as np
+
+from pcontact.contact.laws import OPEN
+from pcontact.contact.self_surface import neighbours
+from pcontact.contact.surface import FACETS
+from pcontact.contact.vertex_normals import FLAT, Facets, corner_normals, facet_normals
+from pcontact.element.reference import facet_nodes, n_nodes, reference_nodes
+from pcontact.element.shape import shape
+from pcontact.runtime.petsc import MPI
+
+# layers of facets of other ranks: two that the fits see, one that tells whether edges of these are smooth
+LAYERS = 3
+# bend of the gap between the smooth surfaces along a facet, as a part of their own, below which they conform: circles
+# with radii within a factor of 1.4
+CONFORMING = 0.3
+# part of the pressure that straight facets may put wrong without a word, and what helps
+WRONG = 0.1
+SMOOTH = "a mesh of degree 2, or smooth_geometry = true"
+# bend of a facet, as a part of its coordinates, that may be rounding
+ROUNDING = 1e-12
+
+
+class SmoothSurface:
+    """Facets of one rank of a group, with the normals of the smooth surface at their vertices.
+
+    Parameters
+    ----------
+    facets : pcontact.contact.vertex_normals.Facets
+        Of this rank, in the order of the group.
+    normals : ndarray (nf, m, d)
+    bent : ndarray (nf,) of bool
+
+    Attributes
+    ----------
+    bent : ndarray (nf,) of bool
+        Facets that the smooth surface does not lie on.
+    """
+
+    def __init__(self, facets, normals, bent):
+        self.normals, self.bent, self.count = normals, bent, facets.count
+        i, j = np.triu_indices(normals.shape[1], 1)
+        turn, side = normals[:, j] - normals[:, i], facets.x[:, j] - facets.x[:, i]
+        self._pairs, self._height = (i, j), 0.5 * np.einsum("fkd,fkd->fk", turn, side)
+
+    def offset(self, facet, weights):
+        """How far the smooth surface stands off points on facets.
+
+        Parameters
+        ----------
+        facet : ndarray (n,)
+        weights : ndarray (n, m)
+            Linear shape functions of the facets' vertices at the points.
+
+        Returns
+        -------
+        ndarray (n, d)
+            [length]
+        """
+        i, j = self._pairs
+        height = np.einsum("nk,nk->n", weights[:, i] * weights[:, j], self._height[facet])
+        normal = np.einsum("nm,nmd->nd", weights, self.normals[facet])
+        return (height / np.linalg.norm(normal, axis=1))[:, None] * normal
+
+    def at_target(self, target, facet, xi):
+        """The same at reference points xi (n, d - 1) of the facets (n,) of a target surface."""
+        weights = np.zeros((len(facet), self.normals.shape[1]))
+        for rows, _, name in target.carry:
+            chosen = np.flatnonzero((facet >= rows.start) & (facet < rows.stop))
+            if len(chosen):
+                values = shape(name, 1, xi[chosen])
+                weights[chosen, : values.shape[1]] = values
+        return self.offset(facet, weights)
+
+    def at_source(self, space, name, source):
+        """The same (np, d) at the quadrature points of a source surface on the group of this name."""
+        weights = np.zeros((len(source.facet), self.normals.shape[1]))
+        first = 0
+        for facets in space.mesh.facet_groups.get(name, []):
+            cell = space.mesh.blocks[facets.block].cell
+            points = np.flatnonzero((source.facet >= first) & (source.facet < first + len(facets.cells)))
+            local = facets.local[source.facet[points] - first]
+            # shape functions of the cell reproduce its linear ones
+            linear = shape(cell, 1, reference_nodes(cell, space.degree))
+            values = source.shape[points, : n_nodes(cell, space.degree)] @ linear
+            values = np.take_along_axis(values, facet_nodes(cell, 1)[local], axis=1)
+            weights[points, : values.shape[1]] = values
+            first += len(facets.cells)
+        return self.offset(source.facet, weights)
+
+
+def _own_facets(space, name):
+    """Facets of this rank of a group, in its order."""
+    mesh, d = space.mesh, space.dim
+    m, parts = 2 if d == 2 else 4, [([], [], np.zeros((0, 2 if d == 2 else 4), dtype=np.int64))]
+    for facets in mesh.facet_groups.get(name, []):
+        block = mesh.blocks[facets.block]
+        nodes = block.nodes[facets.cells[:, None], facet_nodes(block.cell, 1)[facets.local]]
+        count = np.full(len(nodes), nodes.shape[1])
+        nodes = np.concatenate([nodes, np.repeat(nodes[:, :1], m - nodes.shape[1], axis=1)], axis=1)
+        parts.append((block.ids[facets.cells] * FACETS + facets.local, count, nodes))
+    ids, count, nodes = (np.concatenate(columns).astype(np.int64) for columns in zip(*parts, strict=True))
+    return Facets(ids, count, space.nodes[space.of_mesh[nodes]], mesh.points[nodes])
+
+
+def _with_neighbours(space, own):
+    """The facets and `LAYERS` layers of those of other ranks around them, sorted by number. *Collective.*"""
+    m, d = own.x.shape[1:]
+    table = np.column_stack([own.ids, own.count, own.nodes, own.x.reshape(len(own.ids), m * d)]).astype(float)
+    known = table
+    for _ in range(LAYERS if space.comm.size > 1 else 0):
+        shared = neighbours(space, known[:, 2 : 2 + m].astype(np.int64))
+        sends = {rank: table[np.isin(own.nodes, nodes).any(axis=1)] for rank, nodes in shared.items()}
+        received = space.exchanger(sends, np.float64, table.shape[1])
+        known = np.concatenate([known, *received.values()])
+        known = known[np.unique(known[:, 0], return_index=True)[1]]
+    known = known[np.argsort(known[:, 0])]
+    ids, count = known[:, 0].astype(np.int64), known[:, 1].astype(np.int64)
+    return Facets(ids, count, known[:, 2 : 2 + m].astype(np.int64), known[:, 2 + m :].reshape(-1, m, d))
+
+
+def _is_plane(comm, normals):
+    """Whether facets of all ranks have one normal. *Collective.*"""
+    spread = np.concatenate([normals.min(axis=0, initial=np.inf), -normals.max(axis=0, initial=-np.inf)])
+    comm.Allreduce(MPI.IN_PLACE, spread, op=MPI.MIN)
+    low, high = np.split(spread, 2)
+    return not np.any(-high - low > 0.5 * FLAT)
+
+
+def smooth_surface(space, name, fitted):
+    """The smooth surface that the facets of a group stand for. *Collective.*
+
+    Parameters
+    ----------
+    space : pcontact.space.space.Space
+    name : str
+        Facet group.
+    fitted : bool
+        See `pcontact.contact.vertex_normals.corner_normals`.
+
+    Returns
+    -------
+    SmoothSurface or None
+        None where the facets are what they stand for: all of them flat, or a curved mesh.
+    """
+    if space.mesh.curved:
+        return None
+    own = _own_facets(space, name)
+    if _is_plane(space.comm, facet_normals(own)):
+        return None
+    every = _with_neighbours(space, own)
+    order = np.argsort(own.ids)
+    normals, bent = np.empty_like(own.x), np.empty(len(order), dtype=bool)
+    normals[order], bent[order] = corner_normals(every, np.isin(every.ids, own.ids), fitted)
+    if not space.comm.allreduce(bool(bent.any()), op=MPI.LOR):
+        return None
+    return SmoothSurface(own, normals, bent)
+
+
+class Chords:
+    """What straight facets do to the gap of a pair: taken off, or measured where that is not asked for.
+
+    Facets do harm where surfaces conform, and the pressure has to close the gaps of the chords. Bodies that are bent
+    against each other (Hertz) flatten where they touch, and their facets with them. A facet counts as conforming where
+    the gap between the smooth surfaces bends along it by less than `CONFORMING` of what the surfaces do.
+
+    Parameters
+    ----------
+    space : pcontact.space.space.Space
+    contact : pcontact.scene.model.Contact
+        With its numerics resolved.
+    source : pcontact.contact.surface.SourceSurface
+    target : pcontact.contact.surface.TargetSurface or None
+        None: an obstacle. Its ``smooth`` is set while searches are to tell of it.
+    surfaces : (SmoothSurface or None, SmoothSurface or None)
+        Of source and target.
+
+    Attributes
+    ----------
+    applied : bool
+        Whether the gap is that between the smooth surfaces.
+    error : ndarray (np,)
+        Unless it is applied: gap between the facets less that between the smooth surfaces [length] in the search that
+        first finds partners, on facets that conform to the target; 0 on others.
+    conforms : ndarray (np,) of bool
+        Points of these facets.
+    """
+
+    def __init__(self, space, contact, source, target, surfaces):
+        self._comm, self._target = space.comm, target
+        self._points = source.x, source.jxw, source.facet
+        self.applied, self._adjusts = contact.smooth_geometry, contact.interference == "adjust"
+        own, other = surfaces
+        self._offset = np.zeros_like(source.x) if own is None else own.at_source(space, contact.source, source)
+        self.error, self.conforms = np.zeros(len(source.x)), np.zeros(len(source.x), dtype=bool)
+        self._measured = False
+        if target is not None:
+            target.smooth = other
+
+    def __call__(self, gap, normal, paired, offset=None):
+        """The gap (np,) from that between the facets. *Collective.*
+
+        Parameters
+        ----------
+        gap : ndarray (np,)
+        normal : ndarray (np, d)
+            Of contact, from source to target.
+        paired : ndarray (np,) of bool
+        offset : ndarray (np, d), optional
+            Of the target's smooth surface at the partners.
+        """
+        if self._measured:
+            return gap
+        heights = [np.where(paired, np.einsum("pd,pd->p", normal, self._offset), 0.0), np.zeros(len(gap))]
+        if offset is not None:
+            heights[1] = np.where(paired, np.einsum("pd,pd->p", normal, offset), 0.0)
+        if self.applied:
+            return gap + (heights[1] - heights[0])
+        if self._comm.allreduce(bool(paired.any()), op=MPI.LOR):
+            self._measure(gap, paired, *heights)
+        return gap
+
+    def _measure(self, gap, paired, own, other):
+        """Keep the error of the facets that conform; searches need tell no more."""
+        (x, weight, facet), error = self._points, own - other
+        bends = [_bent(x, weight * paired, facet, value) for value in (gap - error, own, other)]
+        scale = np.zeros(len(bends[0]))
+        np.maximum.at(scale, facet, np.abs(x).max(axis=1, initial=0.0))
+        surfaces = np.maximum(*bends[1:])
+        if self._adjusts:
+            # an overlap of the chords is taken as the unloaded state, too
+            error = np.maximum(gap, 0.0) - np.maximum(gap - error, 0.0)
+        self.conforms = paired & ((bends[0] < CONFORMING * surfaces) & (surfaces > ROUNDING * scale))[facet]
+        self.error, self._measured = np.where(self.conforms, error, 0.0), True
+        self._points = self._offset = None
+        if self._target is not None:
+            self._target.smooth = None
+
+
+def _bent(x, weight, facet, value):
+    """How far values (np,) at points x (np, d) of facets (np,) are from linear ones: root of mean squares (nf,)."""
+    n = int(np.max(facet, initial=-1)) + 1
+    total = np.maximum(np.bincount(facet, weight, minlength=n), np.finfo(float).tiny)
+    mean = np.column_stack([np.bincount(facet, weight * column, minlength=n) for column in (*x.T, value)])
+    mean /= total[:, None]
+    x, value = x - mean[facet, :-1], value - mean[facet, -1]
+    matrix, right = np.zeros((n, x.shape[1], x.shape[1])), np.zeros((n, x.shape[1]))
+    np.add.at(matrix, facet, weight[:, None, None] * x[:, :, None] * x[:, None, :])
+    np.add.at(right, facet, (weight * value)[:, None] * x)
+    # the direction across a facet has no points
+    slope = np.einsum("fij,fj->fi", np.linalg.pinv(matrix, rcond=1e-6, hermitian=True), right)
+    rest = value - np.einsum("pd,pd->p", x, slope[facet])
+    return np.sqrt(np.bincount(facet, weight * rest**2, minlength=n) / total)
+
+
+def _measures(items):
+    """Whether the items of a contact measure what their facets do."""
+    return all(item.chords is not None and not item.chords.applied for item in items)
+
+
+def _wrong(items, weights):
+    """Integral of the square of the pressure that the chords make, and of 1, over points with weights. *Collective.*
+
+    Nitsche's method answers a gap that the shape functions cannot follow with gamma times it. The mean gap, a small
+    interference, is left out.
+    """
+    sums = np.zeros(4)
+    for item, weight in zip(items, weights, strict=True):
+        stiff = weight * item.gamma[item.source.facet] ** 2
+        error = item.chords.error
+        sums += [stiff @ error**2, stiff @ error, stiff.sum(), weight.sum()]
+    square, first, stiff, area = items[0].space.comm.allreduce(sums, op=MPI.SUM)
+    return max(square - first**2 / stiff, 0.0) if stiff > 0.0 else 0.0, area
+
+
+def facet_error(items, states):
+    """How far, in about, straight facets put the contact pressure wrong. *Collective.*
+
+    Parameters
+    ----------
+    items : list of pcontact.contact.item.ContactItem
+        The halves of a contact.
+    states : list of dict
+        Of each, see :meth:`pcontact.contact.item.ContactItem.state`.
+
+    Returns
+    -------
+    dict
+        ``facet_error``, root of mean squares over the closed points, over their mean pressure (the chords' peaks make
+        that of squares larger); empty where facets do nothing to the gap.
+    """
+    if not _measures(items):
+        return {}
+    closed = [np.where(state["status"] > OPEN, state["weight"], 0.0) for state in states]
+    conforming = [weight * item.chords.conforms for item, weight in zip(items, closed, strict=True)]
+    wrong, _ = _wrong(items, conforming)
+    own = sum(np.array([w @ s["pressure"], w.sum()]) for w, s in zip(closed, states, strict=True))
+    force, area = items[0].space.comm.allreduce(own, op=MPI.SUM)
+    return {"facet_error": float(np.sqrt(wrong * area) / force) if force > 0.0 else 0.0}
+
+
+def facet_pressure(items):
+    """Pressure that the gaps between straight facets make where surfaces conform, before anything is solved.
+    *Collective.*
+
+    Parameters
+    ----------
+    items : list of pcontact.contact.item.ContactItem
+        The halves of a contact, after a search.
+
+    Returns
+    -------
+    pressure : float
+        Root of mean squares [stress]; 0 where nothing conforms, or the facets are what they stand for.
+    gap : float
+        Largest gap or overlap of the chords [length].
+    """
+    if not _measures(items):
+        return 0.0, 0.0
+    wrong, area = _wrong(items, [item.source.jxw * item.chords.conforms for item in items])
+    largest = max(float(np.max(np.abs(item.chords.error), initial=0.0)) for item in items)
+    largest = items[0].space.comm.allreduce(largest, op=MPI.MAX)
+    return float(np.sqrt(wrong / area)) if area > 0.0 else 0.0, largest
