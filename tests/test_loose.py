@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 from small import blocks_file
 
-from meshes import one_block
+from drivers._common import make_mesh
+from drivers.stack import scene as heap_scene
+from meshes import heap, one_block
 from meshes.tools import gmsh_model
 from pcontact.io.history import flatten
 from pcontact.runtime.parallel import on_root
@@ -140,6 +142,26 @@ def test_a_load_on_a_body_that_nothing_holds_fails(shared_tmp):
     finally:
         simulation.close()
     assert rows.records[-1]["time"] >= 0.5 and all(record["free"] == [] for record in rows.records)
+
+
+@pytest.mark.parallel
+def test_a_heap_with_room(shared_tmp):
+    """Disks that the plate moves about, none of which is caught: they make room without any force, the same on any
+    ranks and with any solver, and no iteration is needed to find that out."""
+    path = make_mesh(heap, shared_tmp / "h.msh", 2, 5, 0.5, 0.0, None, 1, 0.0)
+
+    def rows(comm, **petsc):
+        case = heap_scene(path, 2, 5, friction=0.5, press=0.013, steps=3, overlap=0.0, petsc=petsc)
+        case.output.probes = ["heap"]
+        return solved(case, comm)
+
+    records = rows(WORLD)
+    assert [len(record["free"]) for record in records] == [5] * 3 and records[-1]["free"][4] == "heap 4"
+    assert [record["newton"] for record in records[1:]] == [0, 0]
+    # the plate has moved them
+    assert places(records)[-1, 0, 1, 1] < -0.002
+    for comm, petsc in [(SELF, {}), (WORLD, {"pc_type": "lu"})]:
+        np.testing.assert_allclose(places(rows(comm, **petsc)), places(records), atol=SAME)
 
 
 @pytest.mark.parallel

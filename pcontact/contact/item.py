@@ -419,4 +419,4 @@ class ContactItem(Standing, Way):
 
     def borne(self, u):
         """Magnitudes of the forces on every component, see :func:`pcontact.contact.summary.borne`. *Collective.*"""
-        return borne(self.space, self.pairing, self.source, self.state(u)["traction"])
+        return borne(self.space, self.pairing, self.source, np.linalg.norm(self.state(u)["traction"], axis=1))

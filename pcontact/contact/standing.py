@@ -3,6 +3,7 @@
 import numpy as np
 
 from pcontact.contact.laws import OPEN
+from pcontact.contact.summary import borne
 from pcontact.runtime.parallel import take_rows
 from pcontact.runtime.petsc import MPI
 
@@ -29,6 +30,12 @@ class Standing:
     def committed_areas(self):
         """Areas of the points that were open, sticking, slipping at the end of the last load step, of this rank."""
         return np.bincount(self.committed, self.source.jxw, minlength=3)
+
+    def touched(self):
+        """Area of the points of this rank that were closed at the end of the last load step, for every component, see
+        :func:`pcontact.contact.summary.borne`. *Collective.*
+        """
+        return borne(self.space, self.pairing, self.source, self.closed.astype(float))
 
     def pulled(self, u):
         """Area of the points of this rank that were closed and that ``u`` would open. *Collective.*"""

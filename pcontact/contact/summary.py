@@ -87,8 +87,8 @@ def borne(space, pairing, source, traction):
     space : pcontact.space.space.Space
     pairing : pcontact.contact.pairing.Pairing
     source : pcontact.contact.surface.SourceSurface
-    traction : ndarray (np, d)
-        Contact traction at the points [stress].
+    traction : ndarray (np,)
+        Magnitude of a traction at the points [stress].
 
     Returns
     -------
@@ -96,6 +96,6 @@ def borne(space, pairing, source, traction):
         Sum of the magnitudes of the forces at the points of this rank [force]: forces that balance count, too.
     """
     own, other = components_of(space, pairing, source)
-    force = np.where(own == other, 0.0, np.linalg.norm(traction, axis=1) * source.jxw)
+    force = np.where(own == other, 0.0, traction * source.jxw)
     total = np.bincount(own, force, minlength=space.mesh.n_components)
     return total + np.bincount(other[other >= 0], force[other >= 0], minlength=space.mesh.n_components)

@@ -292,6 +292,10 @@ class UnbiasedItem:
         """See :meth:`ContactItem.borne`: both sides together. *Collective.*"""
         return sum(half.borne(u) for half in self.halves)
 
+    def touched(self):
+        """See :meth:`ContactItem.touched`: both sides together. *Collective.*"""
+        return sum(half.touched() for half in self.halves)
+
     def _on_bodies(self, u):
         """Force on every body that others touch, the same on every rank; they add up to zero. *Collective.*"""
         space, mesh = self.space, self.space.mesh

@@ -243,11 +243,11 @@ class Newton(Ways):
         return reasons.ITERATING
 
     def left(self, u):
-        """Norm of the residual at which the load step that ends in ``u`` counts as solved [force]. *Collective.*"""
+        """Largest norm of the residual with which a load step may have ended in ``u`` [force]. *Collective.*"""
         rtol, atol, _, _ = self.snes.getTolerances()
-        forces = max(self.problem.acting(u), ROUNDED * self._first)
-        small = min(rtol * self._first, max(rtol, SMALL) * forces)
-        return max(small, atol, self._least, 8.0 * self.problem.roundoff(u))
+        rounded = 8.0 * self.problem.roundoff(u)
+        forces = max(rtol, SMALL) * max(self.problem.acting(u), ROUNDED * self._first)
+        return max(atol, self._least, rounded, min(rtol * self._first, max(forces, NEARLY * rounded)))
 
     def _balanced(self, u, norm):
         """Whether a residual that rounding errors hide is small against the forces: those of a body that flows without

@@ -284,15 +284,18 @@ class Problem:
         return errors
 
     def borne(self, u):
-        """Magnitudes of the contact forces on every connected component, and of the external ones, summed (2,
-        n_components) [force]. *Collective.*"""
-        space, n = self.space, self.space.mesh.n_components
-        applied = np.linalg.norm(self.external(self.time), axis=1)
-        total = np.zeros((2, n))
-        total[1] = np.bincount(space.component[space.owned_local], applied, minlength=n)
-        for item in self.items[1:]:
-            total[0] += item.borne(u)
-        return space.comm.allreduce(total, op=MPI.SUM)
+        """Sums of the magnitudes of the contact forces on every component (n_components,) [force]. *Collective.*"""
+        return self.space.comm.allreduce(sum(item.borne(u) for item in self.items[1:]), op=MPI.SUM)
+
+    def touched(self):
+        """Area of every component (n_components,) that was closed at the end of the last load step. *Collective.*"""
+        return self.space.comm.allreduce(sum(item.touched() for item in self.items[1:]), op=MPI.SUM)
+
+    def applied(self):
+        """Sums of the magnitudes of the external forces on every component (n_components,) [force]. *Collective.*"""
+        space, size = self.space, np.linalg.norm(self.external(self.time), axis=1)
+        own = np.bincount(space.component[space.owned_local], size, minlength=space.mesh.n_components)
+        return space.comm.allreduce(own, op=MPI.SUM)
 
     def worst(self, f):
         """Where a residual vector is largest. *Collective.*

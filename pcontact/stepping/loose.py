@@ -58,7 +58,7 @@ class LooseBodies:
         list of int
             Connected components.
         """
-        contact, applied = self.problem.borne(u)
+        contact, applied = self.problem.borne(u), self.problem.applied()
         # a norm of the residual is this much in the sum of its magnitudes
         least = np.sqrt(self._unknowns) * self.newton.left(u)
         least = np.where(applied > 0.0, np.minimum(least, NOTHING * applied), least)
@@ -81,22 +81,39 @@ class LooseBodies:
             With ``free``: the bodies on which no contact acts.
         """
         free = self.free(u)
-        if free:
-            self._place(u, before, free)
+        if free and not self._place(u, before, free):
+            log.info("free bodies have no place that they do not share with others: they stay where Newton left them")
         return replace(outcome, free=free)
 
+    def begin(self, u):
+        """Before a load step is solved: move free bodies out of the way of what has moved into them. *Collective.*
+
+        Newton's method would find their places one after the other, as each of them pushes the next. Where they have
+        none, because they are caught, they stay: their forces are to be found.
+
+        Parameters
+        ----------
+        u : PETSc.Vec
+            The committed displacement with the prescribed ones entered; overwritten.
+        """
+        free = self._loose & (self.problem.touched() == 0.0) & (self.problem.applied() == 0.0)
+        if free.any():
+            self._place(u, u, np.flatnonzero(free).tolist())
+
     def _place(self, u, before, free):
-        """Move free bodies to the place nearest to where they were. *Collective.*"""
+        """Move free bodies to the place nearest to where they were; whether they have one. *Collective.*"""
         space = self.problem.space
         bodies = RigidBodies(space, self.problem.aid, {k: self.motions[k] for k in free})
         change = (u.getArray(readonly=True) - before.getArray(readonly=True)).reshape(-1, space.dim)
         back = -bodies.amounts(change)
         points = Points(self.problem, u, bodies)
         away = points.apart(back, self._clear)
-        if points.overlap(back + away) > 2.0 * max(points.overlap(0.0 * back), self._clear):
-            log.info("free bodies have no place that they do not share with others: they stay where Newton left them")
-            return
+        # where nothing has been moved apart yet, what overlaps says nothing of what may
+        least = self._clear if before is u else max(points.overlap(0.0 * back), self._clear)
+        if points.overlap(back + away) > 2.0 * least:
+            return False
         u.setArray(u.getArray(readonly=True) + bodies.field(back + away).ravel())
+        return True
 
 
 class Points:

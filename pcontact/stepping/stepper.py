@@ -173,6 +173,8 @@ class Stepper:
         middle, searched = clock.perf_counter(), self.timing["search"]
         with profile.phase("solve"):
             self.problem.prescribe(self.u, target)
+            if self._rest is not None and self._last is not None:
+                self._rest.begin(self.u)
             if self._renew is None:
                 outcome = self.newton.solve(self.u)
             else:
