@@ -326,3 +326,19 @@ def test_checksums(tmp_path):
                     except Damaged:
                         found.append(rank)
                 assert len(found) == 1
+
+
+@parallel
+def test_results_that_cannot_be_read(shared_tmp, half):
+    """A run that goes on where it was keeps its rows; what it cannot make out it refuses, before any load step."""
+    scene = lay(shared_tmp / "case")
+    scene.output.fields = True
+    for name, text in {"report.json": "[1, 2]", "history.csv": "time,a\nx,1\n", "fields.pvd": "<VTKFile"}.items():
+        def damage(name=name, text=text):
+            shutil.copytree(half, shared_tmp / name)
+            (shared_tmp / name / name).write_text(text)
+
+        on_root(WORLD, damage)
+        with pytest.raises(InputError, match=f"{name}: found what cannot be read") as caught:
+            run(scene, WORLD, shared_tmp / name, restart=shared_tmp / name)
+        assert set(WORLD.allgather(str(caught.value))) == {str(caught.value)}

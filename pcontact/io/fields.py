@@ -18,7 +18,8 @@ import numpy as np
 
 from pcontact.io import vtu
 from pcontact.runtime.errors import OutputError
-from pcontact.runtime.files import make_directory, telling
+from pcontact.runtime.files import going_on, make_directory, telling
+from pcontact.runtime.parallel import on_root
 
 # field of the bodies' points: number of the node in the mesh
 NODE_NUMBER = "node_number"
@@ -82,7 +83,7 @@ class FieldWriter:
     def __init__(self, directory, comm, resume_time=None):
         self.directory = Path(directory)
         self.comm = comm
-        self._resume_time = resume_time
+        self._kept = None if resume_time is None else on_root(comm, self._take_up, resume_time)
         self._entries = None
 
     def write(self, step, time, bodies, surfaces=None, points=None):
@@ -118,6 +119,14 @@ class FieldWriter:
         _on_all(self.comm, self._write_pieces, step, grids, parts)
         _on_all(self.comm, self._write_index, step, time, parts)
 
+    def _take_up(self, resume_time):
+        """Entries of the earlier run up to a time; None if there are no fields."""
+        index, limit = self.directory / "fields.pvd", resume_time + 1e-10 * abs(resume_time)
+        if not index.exists():
+            return None
+        with going_on(index):
+            return [entry for entry in vtu.read_pvd(index) if float(entry["timestep"]) <= limit]
+
     def _agree(self, grids):
         """Each part's arrays and the ranks that own some of it, the same on all ranks."""
         gathered = self.comm.gather({key: _signatures(grid) for key, grid in grids.items()})
@@ -129,9 +138,8 @@ class FieldWriter:
             return []
         folder, index, entries = self.directory / "fields", self.directory / "fields.pvd", []
         make_directory(folder)
-        if self._resume_time is not None and index.exists():
-            limit = self._resume_time + 1e-10 * abs(self._resume_time)
-            entries = [entry for entry in vtu.read_pvd(index) if float(entry["timestep"]) <= limit]
+        if self._kept is not None:
+            entries = self._kept
         else:
             with telling(folder):
                 index.unlink(missing_ok=True)

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from pcontact.runtime import log
-from pcontact.runtime.files import append_text, make_directory, replace_file
+from pcontact.runtime.files import append_text, going_on, make_directory, replace_file
 
 _AXES = "xyz"
 
@@ -65,9 +65,11 @@ class History:
 
     def __init__(self, path, resume_time=None):
         self.path = Path(path)
-        self.columns = None
-        self._resume_time = resume_time
-        self._warned = False
+        self.columns, self._kept = None, []
+        self._warned, self._begun = False, False
+        if resume_time is not None and self.path.exists():
+            with going_on(self.path):
+                self._take_up(resume_time)
 
     def append(self, row):
         """Add a row.
@@ -84,7 +86,7 @@ class History:
             The table is as it was.
         """
         row = flatten(row)
-        if self.columns is None:
+        if not self._begun:
             self._begin(row)
         beyond = [name for name in row if name not in self.columns]
         if beyond and not self._warned:
@@ -92,19 +94,21 @@ class History:
             self._warned = True
         append_text(self.path, _lines([[row.get(name, "") for name in self.columns]]))
 
+    def _take_up(self, resume_time):
+        """Read the columns, and the rows that are kept."""
+        with open(self.path, newline="", encoding="utf-8") as stream:
+            columns, *rows = list(csv.reader(stream)) or [[]]
+        if "time" in columns:
+            column, limit = columns.index("time"), resume_time + 1e-10 * abs(resume_time)
+            self.columns = columns
+            self._kept = [row for row in rows if len(row) == len(columns) and float(row[column]) <= limit]
+
     def _begin(self, row):
         """Decide the columns and write the head, with the rows that are kept."""
-        kept = []
-        if self._resume_time is not None and self.path.exists():
-            with open(self.path, newline="", encoding="utf-8") as stream:
-                self.columns, *kept = list(csv.reader(stream)) or [None]
-        if self.columns and "time" in self.columns:
-            column, limit = self.columns.index("time"), self._resume_time + 1e-10 * abs(self._resume_time)
-            kept = [line for line in kept if len(line) == len(self.columns) and float(line[column]) <= limit]
-        else:
-            self.columns, kept = list(row), []
+        self.columns = self.columns or list(row)
         make_directory(self.path.parent)
-        replace_file(self.path, _lines([self.columns, *kept]))
+        replace_file(self.path, _lines([self.columns, *self._kept]))
+        self._begun = True
 
 
 def _lines(rows):

@@ -115,14 +115,21 @@ class Records:
         Returns the blocks of the report on what the run has cost: timing, parallel, memory. *Collective.*
     resume_time : float, optional
         Rows of an earlier run up to this time are kept.
+
+    Raises
+    ------
+    InputError
+        On every rank: files of the earlier run cannot be read.
     """
 
     def __init__(self, directory, comm, head, finish, resume_time=None):
         self._comm, self._finish = comm, finish
-        if comm.rank == 0:
-            self._history = History(directory / "history.csv", resume_time)
-            self.report = Report(directory / "report.json", resume_time)
-            self.report.data.update(head)
+        on_root(comm, self._open, directory, head, resume_time)
+
+    def _open(self, directory, head, resume_time):
+        self._history = History(directory / "history.csv", resume_time)
+        self.report = Report(directory / "report.json", resume_time)
+        self.report.data.update(head)
 
     def step(self, step, u, record):
         """Append the step to both files. *Collective.*

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pcontact.runtime.files import make_directory, replace_file
+from pcontact.runtime.files import going_on, make_directory, replace_file
 
 
 def jsonable(value):
@@ -60,8 +60,9 @@ class Report:
         }  # fmt: skip
         if resume_time is not None and self.path.exists():
             limit = resume_time + 1e-10 * abs(resume_time)
-            steps = json.loads(self.path.read_text(encoding="utf-8")).get("steps", [])
-            self.data["steps"] = [step for step in steps if step.get("time", math.inf) <= limit]
+            with going_on(self.path):
+                steps = json.loads(self.path.read_text(encoding="utf-8")).get("steps", [])
+                self.data["steps"] = [step for step in steps if step.get("time", math.inf) <= limit]
 
     def add_step(self, step):
         """Append a step and write the file.

@@ -57,6 +57,28 @@ def telling(path, option=None):
 
 
 @contextmanager
+def going_on(path):
+    """Turn what is wrong with a file of the results that a run goes on with into an error that the user is told of.
+
+    Parameters
+    ----------
+    path : str or pathlib.Path
+        Made by the program, and read inside.
+
+    Raises
+    ------
+    InputError
+    """
+    try:
+        yield
+    except (OSError, ValueError, LookupError, TypeError, AttributeError, SyntaxError) as error:
+        why = " ".join((reason(error) if isinstance(error, OSError) else str(error)).split())
+        raise InputError(
+            f"{path}: found what cannot be read ({why}); allowed: results as they were written, or another -o"
+        ) from error
+
+
+@contextmanager
 def written_aside(path, option=None):
     """A place beside a file to write to; at the end it becomes the file. After a failure nothing is left of it.
 
