@@ -23,6 +23,7 @@ from pcontact.mesh.reader import read_mesh
 from pcontact.mesh.refine import refine
 from pcontact.mesh.remesh import write_refined, write_sizes
 from pcontact.mesh.store import convert
+from pcontact.runtime import log
 from pcontact.runtime.errors import InputError, OutputError
 from pcontact.runtime.files import Hdf5Aside, append_text, replace_file, written_aside
 from pcontact.runtime.parallel import agree, on_root, together
@@ -30,6 +31,16 @@ from pcontact.runtime.petsc import MPI
 
 WORLD = MPI.COMM_WORLD
 parallel = pytest.mark.parallel
+
+
+@pytest.fixture(autouse=True)
+def log_afterwards():
+    """Whatever a test does to the log, or to the stream that it goes to."""
+    yield
+    log.setup(WORLD.rank)
+    log.forget_warnings()
+
+
 
 
 def stops(error):

@@ -16,6 +16,7 @@ from bad_input import SCENE, Case, mesh_text
 from test_cli import LATE, ROOT, TIMEOUT, check_line, environment, execute, lay_out
 from test_faults import check_whole
 
+from pcontact.cli import main
 from pcontact.runtime import log
 from pcontact.runtime.errors import InputError, OutputError
 from pcontact.runtime.lock import NAME, reserved
@@ -25,6 +26,16 @@ from pcontact.simulation import Simulation
 
 WORLD, SELF = MPI.COMM_WORLD, MPI.COMM_SELF
 parallel = pytest.mark.parallel
+
+
+@pytest.fixture(autouse=True)
+def log_afterwards():
+    """Whatever a test does to the log, or to the stream that it goes to."""
+    yield
+    log.setup(WORLD.rank)
+    log.forget_warnings()
+
+
 START = [sys.executable, "-m", "pcontact", "run", "scene.toml", "-o", "out"]
 # linear solves that never end, from the third load step of LATE on: the bodies do not move before
 ENDLESS = ["-steps_count", "4", "-snes_ksp_ew", "false", "-ksp_type", "richardson", "-ksp_pc_side", "left", "-pc_type",
@@ -43,47 +54,53 @@ def test_a_log_that_is_full(capsys):
     """The log goes on without its stream, and says so once."""
     log.forget_warnings()
     with open("/dev/full", "w") as stream:
-        try:
-            log.setup(0, stream)
-            log.info("first")
-            log.info("second")
-            log.error_line("wrong", stream)
-        finally:
-            log.setup()
+        log.setup(0, stream)
+        log.info("first")
+        log.info("second")
+        log.error_line("wrong", stream)
     (text,) = log.warnings()
     assert text.startswith("standard output cannot be written (no space left on device)")
     assert capsys.readouterr().err == f"pcontact: warning: {text}\n"
-    log.forget_warnings()
 
 
 def test_a_log_that_does_not_know_all_letters(tmp_path):
     """They are written as numbers."""
     with open(tmp_path / "log", "w", encoding="ascii") as stream:
-        try:
-            log.setup(0, stream)
-            log.info("Würfel")
-            log.error_line("Träger", stream)
-        finally:
-            log.setup()
+        log.setup(0, stream)
+        log.info("Würfel")
+        log.error_line("Träger", stream)
     assert (tmp_path / "log").read_text() == "W\\xfcrfel\npcontact: error: Tr\\xe4ger\n"
 
 
-@pytest.mark.parametrize("how", ["| head -1", ">&- 2>&-"])
-def test_a_run_that_nobody_reads(tmp_path, how):
-    """It goes on and keeps its results, with what PETSc prints, too; no file takes the place of a closed stream."""
+def test_a_run_that_nobody_reads(tmp_path):
+    """It goes on and keeps its results, with what PETSc prints, too."""
     lay_out(tmp_path / "case", Case([]))
-    command = f'"$@" {how}; echo status ${{PIPESTATUS[0]}} >status'
+    command = '"$@" | head -1; echo status ${PIPESTATUS[0]} >status'
     words = ["bash", "-c", command, "bash", *START, "-snes_monitor"]
     done = subprocess.run(words, cwd=tmp_path / "case", env=environment(), capture_output=True, text=True,
                           timeout=TIMEOUT)  # fmt: skip
     assert (tmp_path / "case" / "status").read_text() == "status 0\n", done.stderr
     report = report_of(tmp_path / "case" / "out")
-    assert report["converged"]
-    if how.startswith("|"):
-        assert len(done.stdout.splitlines()) == 1
-        check = "standard output cannot be written (broken pipe)"
-        assert any(text.startswith(check) for text in report["warnings"]) and check in done.stderr
-        assert len(done.stderr.splitlines()) == 1
+    assert report["converged"] and len(done.stdout.splitlines()) == 1
+    check = "standard output cannot be written (broken pipe)"
+    assert any(text.startswith(check) for text in report["warnings"]) and check in done.stderr
+    assert len(done.stderr.splitlines()) == 1
+
+
+def test_standard_streams_that_are_closed(tmp_path):
+    """No file takes their places, where what libraries print would end up in it."""
+    code = """if True:
+        from pcontact.runtime import log, streams
+        streams.reserve()
+        log.setup()
+        with open("file", "w") as stream:
+            stream.write(str(stream.fileno()))
+            log.info("nobody reads this")
+            log.error_line("nor this")
+    """
+    words = ["bash", "-c", '"$@" <&- >&- 2>&-', "bash", sys.executable, "-c", code]
+    done = subprocess.run(words, cwd=tmp_path, env=environment())
+    assert done.returncode == 0 and int((tmp_path / "file").read_text()) > 2
 
 
 # -- other locales ----------------------------------------
@@ -91,21 +108,28 @@ def test_a_run_that_nobody_reads(tmp_path, how):
 LETTERS = SCENE.replace("two squares", "zwei Würfel").replace("upper_top", "kräfte").replace('"pair"', '"Paar ä"')
 
 
-@pytest.mark.parametrize("mesh", ["mesh.msh", "würfel.msh"])
-def test_a_locale_without_letters(tmp_path, mesh):
-    """Names in the scene may have all letters; names of files cannot where Python knows only ASCII."""
+def test_a_locale_without_letters(tmp_path):
+    """Names in the scene may have all letters."""
     folder = tmp_path / "case"
-    lay_out(folder, Case([], scene=LETTERS.replace("mesh.msh", mesh), mesh=None))
+    lay_out(folder, Case([], scene=LETTERS, mesh=None))
     (folder / "mesh.msh").write_text(mesh_text().replace("upper_top", "kräfte"))
     plain = {"LC_ALL": "C", "PYTHONCOERCECLOCALE": "0", "PYTHONUTF8": "0", "PYTHONIOENCODING": "ascii"}
     done = subprocess.run(START, cwd=folder, env=environment() | plain, capture_output=True, timeout=TIMEOUT)
-    if mesh == "mesh.msh":
-        assert done.returncode == 0, done.stderr
-        assert report_of(folder / "out")["title"] == "zwei Würfel" and rb"zwei W\xfcrfel" in done.stdout
-        assert "reactions.kräfte_x" in (folder / "out" / "history.csv").read_text(encoding="utf-8")
-    else:
-        assert done.returncode == 2
-        check_line(done.stderr.decode(), [r"scene\.toml: mesh\.file", "ascii", "allowed"])
+    assert done.returncode == 0, done.stderr
+    assert report_of(folder / "out")["title"] == "zwei Würfel" and rb"zwei W\xfcrfel" in done.stdout
+    assert "reactions.kräfte_x" in (folder / "out" / "history.csv").read_text(encoding="utf-8")
+
+
+def test_names_of_files_that_the_locale_does_not_have(tmp_path, monkeypatch, capfd):
+    """They are wrong input: those of the scene, and those of the command line, which Python cannot read."""
+    lay_out(tmp_path / "case", Case([], scene=LETTERS.replace("mesh.msh", "würfel.msh"), mesh=None))
+    with monkeypatch.context() as patch:
+        patch.setattr("os.fsencode", lambda name: name.encode("ascii"))
+        with pytest.raises(InputError, match=r"scene\.toml: mesh\.file: found .*'ascii' codec .*; allowed: the name"):
+            read_scene(tmp_path / "case" / "scene.toml")
+    with pytest.raises(SystemExit, match="2"):
+        main(["run", "szen\udcc3\udca4.toml"])
+    check_line(capfd.readouterr().err, [r"command line: found 'szen\\udcc3", "allowed: .*UTF-8"])
 
 
 # -- signals and locks ----------------------------------------
@@ -131,20 +155,41 @@ def endless(folder, ranks=1):
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_run_that_is_stopped(tmp_path, number):
-    """One line, status 130 or 143, in the middle of a linear solve; what is committed stands."""
+def test_signals_that_stop(tmp_path, number):
+    """One line, and nothing is left that was being written."""
+    code = """if True:
+        import time
+        from pcontact.runtime.files import replace_file, written_aside
+        from pcontact.runtime.signals import stopping
+        replace_file("file", "before")
+        with stopping(True), written_aside("file") as part:
+            part.write_text("aft")
+            print("ready", flush=True)
+            time.sleep(60)
+    """
+    process = subprocess.Popen([sys.executable, "-c", code], cwd=tmp_path, env=environment(), text=True,
+                               stdout=subprocess.PIPE, stderr=subprocess.PIPE)  # fmt: skip
+    assert process.stdout.readline() == "ready\n"
+    process.send_signal(number)
+    error = process.communicate(timeout=20)[1]
+    assert process.returncode == 128 + number
+    check_line(error, [f"stopped by {number.name}"])
+    assert [path.read_text() for path in tmp_path.iterdir()] == ["before"]
+
+
+def test_a_second_run_and_a_run_that_is_stopped(tmp_path):
+    """The second is refused; the first ends in the middle of a linear solve; what is committed stands."""
     process = endless(tmp_path / "case")
     try:
-        if number == signal.SIGTERM:
-            done = execute(tmp_path / "case", ["run", "scene.toml", "-o", "out"])
-            assert done.returncode == 3
-            check_line(done.stderr, [f"out: another run writes there.*process {process.pid} on", "allowed"])
-        process.send_signal(number)
+        done = execute(tmp_path / "case", ["run", "scene.toml", "-o", "out"])
+        assert done.returncode == 3
+        check_line(done.stderr, [f"out: another run writes there.*process {process.pid} on", "allowed"])
+        process.send_signal(signal.SIGTERM)
         error = process.communicate(timeout=20)[1]
     finally:
         process.kill()
-    assert process.returncode == 128 + number
-    check_line(error, [f"stopped by {number.name}"])
+    assert process.returncode == 143
+    check_line(error, ["stopped by SIGTERM"])
     check_whole(tmp_path / "case" / "out", 2)
     assert not (tmp_path / "case" / "out" / NAME).exists()
 
@@ -269,7 +314,6 @@ def test_a_file_system_without_locks(tmp_path, monkeypatch):
     log.forget_warnings()
     with reserved(tmp_path / "out", SELF):
         assert "no locks" in log.warnings()[0]
-    log.forget_warnings()
 
 
 class Vanish:

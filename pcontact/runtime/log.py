@@ -171,7 +171,7 @@ class Progress:
         self.total, self.label, self.lines, self.value = total, label, lines, 0.0
         self._shown = 0
         self._bar = None
-        if _State.rank == 0 and getattr(stream, "isatty", lambda: False)():
+        if _State.rank == 0 and streams.is_terminal(stream):
             form = "{desc} {percentage:3.0f}% |{bar}| {elapsed}<{remaining} {postfix}"
             self._bar = tqdm(total=total, desc=label, file=stream, leave=False, bar_format=form,
                              dynamic_ncols=True)

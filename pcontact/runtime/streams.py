@@ -42,6 +42,14 @@ def put(stream, text):
     stream.flush()
 
 
+def is_terminal(stream):
+    """Whether somebody may be looking at it."""
+    try:
+        return stream.isatty()
+    except (AttributeError, ValueError):
+        return False
+
+
 def give_up(stream):
     """A stream that takes all that a broken one should have taken, and what libraries print to it.
 
