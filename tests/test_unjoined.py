@@ -145,6 +145,41 @@ def test_thin_cells_have_two_sides():
     assert search(raw, named=False) == (0, 0, [], [], 0)
 
 
+@parallel
+@pytest.mark.parametrize("cell", DIMENSION)
+@pytest.mark.parametrize("inward", [True, False])
+def test_hanging_nodes_on_a_curved_surface(cell, inward):
+    """Straight facets of fine cells beside those of coarse ones leave gaps, or overlap."""
+    raw = made(cell, 2, 4, lambda x: True)
+    if WORLD.rank == 0:
+        angle, radius = 0.6 * raw.points[:, 0], 3.0 + (-1.0 if inward else 1.0) * raw.points[:, -1]
+        raw.points[:, 0], raw.points[:, -1] = radius * np.sin(angle), radius * np.cos(angle)
+        orient("m", raw.points, raw.blocks, np.arange(raw.offsets[-1]))
+    found = search(raw, named=False)
+    # the coarse facets; of fine ones those that happen to lie on them
+    assert found.hanging >= (2 if DIMENSION[cell] == 2 else 4) and not found.doubled and not found.bodies
+
+
+@pytest.mark.parametrize("points, cells", [
+    ([(0, 0), (1, 0), (0.5, 0.02)], [(0, 1, 2)]),
+    ([(0, 0), (1, 0), (0.5, 0.02), (0.5, -0.02)], [(0, 1, 2), (0, 3, 1)]),
+    ([(0, 0, 0), (1, 0, 0), (0.3, 1, 0), (0.4, 0.4, 0.02)], [(0, 1, 2, 3)]),
+])  # fmt: skip
+def test_flat_bodies(points, cells):
+    """The facets of a flat cell end at each other's vertices and are near, but look away from each other."""
+    kind = "triangle" if len(points[0]) == 2 else "tetrahedron"
+    raw = RawMesh("m", len(points[0]), np.array(points, dtype=float), [Block(kind, 1, np.array(cells))])
+    assert search(raw, named=False) == (0, 0, [], [], 0)
+
+
+def test_a_slit_that_is_open():
+    """Both sides end at its tips."""
+    points = [(0, 0), (1, 0.01), (1, -0.01), (2, 0), (1, 1), (1, -1)]
+    cells = [(0, 1, 4), (1, 3, 4), (0, 5, 2), (2, 5, 3)]
+    raw = RawMesh("m", 2, np.array(points, dtype=float), [Block("triangle", 1, np.array(cells))])
+    assert search(raw, named=False) == (0, 0, [], [], 0)
+
+
 def test_slots_and_notches(tmp_path):
     """A narrow slot, and a notch of two degrees, have two sides that do not touch."""
     for cell in DIMENSION:

@@ -25,6 +25,9 @@ APART, NAMED, CUT = 1, 2, 3
 NEAR, ROUNDING = 1e-4, 64.0 * np.finfo(float).eps
 # cosine of the angle between the normals of facets that look at each other, at most
 FACING = -0.99
+# the same of straight facets on a curved surface, and their distance in units of the one above: a coarse facet is then
+# known by fine ones that end at all its vertices
+CURVED, WIDE = -0.9, 1e3
 # places that a message names
 PLACES = 3
 
@@ -92,7 +95,8 @@ def unjoined(mesh, exchanger, used, apart):
     Unjoined
     """
     own = _boundary(mesh, outer_facets(mesh, exchanger), used)
-    kind, other = _ask(mesh.comm, exchanger, own)
+    kind, other, spanned = _ask(mesh.comm, exchanger, own)
+    kind[spanned & (kind < 2 * CUT)] = 2 * CUT
     found = np.column_stack([kind, other, own.component])
     doubled = _total(mesh.comm, kind == 2 * CUT + 1)
     hanging = _total(mesh.comm, kind == 2 * CUT)
@@ -157,7 +161,7 @@ def _ask(comm, exchanger, own):
     """For each facet what it lies on, twice one of the words above plus 1 if vertices are the same, and which body.
 
     *Collective.* The centre of a facet is inside the one that it lies on; if that one is smaller, its centre is
-    inside the first.
+    inside the first. Third, whether facets that it is near to end at all its vertices.
     """
     n, width, d = own.x.shape
     tree = build_tree(own.x.min(axis=1), own.x.max(axis=1))
@@ -166,9 +170,11 @@ def _ask(comm, exchanger, own):
     boxes = np.array(comm.allgather(box))
     centre = _centres(own.x)
     table = np.column_stack([own.x.reshape(n, width * d), centre, own.normal, own.near, own.component, own.named])
+    reach = WIDE * own.near[:, None]
+    touched = np.zeros((n, width), dtype=np.bool_)
     sends, rows = {}, {}
     for rank, (low, high) in enumerate(zip(boxes[:, :d], boxes[:, d:], strict=True)):
-        inside = np.all((centre >= low - own.near[:, None]) & (centre <= high + own.near[:, None]), axis=1)
+        inside = np.all((centre >= low - reach) & (centre <= high + reach), axis=1)
         if inside.any():
             sends[rank], rows[rank] = table[inside], np.flatnonzero(inside)
     answers = {}
@@ -178,12 +184,12 @@ def _ask(comm, exchanger, own):
         query = (x, *(np.ascontiguousarray(part) for part in cut[:2]), np.ascontiguousarray(cut[2][:, 0]))
         said = np.ascontiguousarray(cut[3].astype(np.int64))
         answers[rank] = np.zeros((len(asked), 2), dtype=np.int64)
-        _lie_on(tree, *own, *query, said, answers[rank])
+        _lie_on(tree, *own, *query, said, touched, answers[rank])
     kind, other = np.zeros((2, n), dtype=np.int64)
     for rank, part in exchanger(answers, np.int64, 2).items():
         better = part[:, 0] > kind[rows[rank]]
         kind[rows[rank][better]], other[rows[rank][better]] = part[better].T
-    return kind, other
+    return kind, other, touched.all(axis=1)
 
 
 @njit_exact
@@ -215,8 +221,9 @@ def _inside(p, x, normal, near):
 
 
 @njit_exact
-def _same_vertices(x, y, near):
-    """Whether each vertex of a facet (k, d) is where one of another facet is, to a distance."""
+def _touch(x, y, near, touched):
+    """Mark the vertices of a facet (k, d) that are where one of another facet is, to a distance; how many are."""
+    count = 0
     for v in range(x.shape[0]):
         found = False
         for w in range(y.shape[0]):
@@ -224,18 +231,19 @@ def _same_vertices(x, y, near):
             for i in range(x.shape[1]):
                 away += (x[v, i] - y[w, i]) ** 2
             found = found or away <= near * near
-        if not found:
-            return False
-    return True
+        touched[v] = touched[v] or found
+        count += found
+    return count
 
 
 @njit_exact
-def _lie_on(tree, x, normal, near, component, named, xs, centres, normals, nears, said, out):
-    """For facets that are asked about (last seven) what they lie on among those of the tree.
+def _lie_on(tree, x, normal, near, component, named, xs, centres, normals, nears, said, touched, out):
+    """For facets that are asked about (xs to said) what they lie on among those of the tree.
 
-    said (n, 2): body, and whether a group has it; out (n, 2): see `_ask`.
+    said (n, 2): body, and whether a group has it; touched (n_facets, k): vertices of the facets of the tree at which
+    facets near to them end; out (n, 2): see `_ask`.
     """
-    stack = np.empty(STACK_SIZE, dtype=np.int64)
+    stack, vertices = np.empty(STACK_SIZE, dtype=np.int64), np.zeros(xs.shape[1], dtype=np.bool_)
     d = centres.shape[1]
     for q in range(centres.shape[0] if x.shape[0] > 0 else 0):
         stack[0], depth = 0, 1
@@ -245,7 +253,8 @@ def _lie_on(tree, x, normal, near, component, named, xs, centres, normals, nears
             apart = False
             for i in range(d):
                 p = centres[q, i]
-                apart = apart or p < tree.lower[node, i] - nears[q] or p > tree.upper[node, i] + nears[q]
+                reach = WIDE * nears[q]
+                apart = apart or p < tree.lower[node, i] - reach or p > tree.upper[node, i] + reach
             if apart:
                 continue
             if tree.child[node] >= 0:
@@ -258,11 +267,15 @@ def _lie_on(tree, x, normal, near, component, named, xs, centres, normals, nears
                 for i in range(d):
                     cosine += normals[q, i] * normal[f, i]
                 close = min(nears[q], near[f])
-                if cosine > FACING or not _inside(centres[q], x[f], normal[f], close):
+                if cosine > CURVED or not _inside(centres[q], x[f], normal[f], WIDE * close):
                     continue
                 kind = APART
                 if component[f] == said[q, 0]:
                     kind = NAMED if named[f] + said[q, 1] > 0 else CUT
-                kind = 2 * kind + _same_vertices(xs[q], x[f], close)
+                if kind == CUT:
+                    _touch(x[f], xs[q], close, touched[f])
+                if cosine > FACING or not _inside(centres[q], x[f], normal[f], close):
+                    continue
+                kind = 2 * kind + (_touch(xs[q], x[f], close, vertices) == xs.shape[1])
                 if kind > out[q, 0]:
                     out[q, 0], out[q, 1] = kind, component[f]
