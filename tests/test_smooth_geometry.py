@@ -233,9 +233,9 @@ def test_the_tip_of_a_cone_stays():
 @pytest.mark.parallel
 @pytest.mark.parametrize("source", ["inner", "outer"])
 def test_rings(shared_tmp, source):
-    """On straight cells as accurate as on curved ones (2 %, 1 %), where chords make 75 to 107 % and more than 40 %."""
+    """On straight cells as accurate as on curved ones (4 %, 2 %), where chords make 75 to 150 %."""
     errors = []
-    for n in (16, 32):
+    for n in (8, 16):
         path = make_mesh(rings, shared_tmp / f"rings{n}.msh", n=n)
         found = []
         for smooth in (True, False):
@@ -244,18 +244,17 @@ def test_rings(shared_tmp, source):
                 assert any("gaps of the smooth" in line for line in simulation.describe()[0]) == smooth
                 assert ("facet_error" in simulation.problem.items[1].summary(simulation.stepper.u)) != smooth
                 found.append(measure(simulation))
-        assert found[1]["plain"] > 0.4
+        assert found[1]["plain"] > 0.7
         errors.append(found[0])
-    assert errors[0]["plain"] < 0.02 and errors[1]["plain"] < 0.6 * errors[0]["plain"]
+    assert errors[0]["plain"] < 0.04 and errors[1]["plain"] < 0.6 * errors[0]["plain"]
     assert errors[1]["energy"] < 0.55 * errors[0]["energy"]
-    assert errors[1]["mean_pressure"] == pytest.approx(interface_pressure(), rel=1e-4)
+    assert errors[1]["mean_pressure"] == pytest.approx(interface_pressure(), rel=5e-4)
 
 
-@pytest.mark.parallel
 @pytest.mark.parametrize(
     "said",
-    [{"unbiased": True}, {"formulation": "penalty", "gamma0": 3.0}, {"search": "ray_tracing"}, {"friction": 0.2},
-     {"theta": -1.0}, {"cut": False, "quadrature": 9}],
+    [pytest.param({"unbiased": True, "friction": 0.2}, marks=pytest.mark.parallel), {"theta": -1.0},
+     {"formulation": "penalty", "gamma0": 3.0}, {"search": "ray_tracing"}, {"cut": False, "quadrature": 9}],
 )  # fmt: skip
 def test_rings_of_all_kinds(shared_tmp, said):
     path = make_mesh(rings, shared_tmp / "rings.msh", n=8)
@@ -270,7 +269,6 @@ def test_rings_of_all_kinds(shared_tmp, said):
         assert errors[0] < 0.1 * errors[1] and errors[0] < 0.2, errors
 
 
-@pytest.mark.parallel
 def test_rings_of_degree_2(shared_tmp):
     """Displacement of degree 2 on straight cells."""
     path = make_mesh(rings, shared_tmp / "rings.msh", n=8)
@@ -412,7 +410,6 @@ def test_what_the_user_reads(tmp_path):
     assert report["steps"][-1]["contacts"]["circle"]["facet_error"] > 0.5
 
 
-@pytest.mark.parallel
 def test_the_estimate_is_about_the_error(shared_tmp):
     """Where the chords' gaps do not open the contact: within a tenth of the error against Lame."""
     path = make_mesh(rings, shared_tmp / "rings.msh", n=32)
@@ -449,7 +446,6 @@ def test_nothing_is_said_where_facets_do_no_harm(shared_tmp):
         assert simulation.problem.items[1].summary(simulation.stepper.u)["facet_error"] == 0.0
 
 
-@pytest.mark.parallel
 def test_a_curved_mesh_needs_nothing(shared_tmp):
     path = make_mesh(rings, shared_tmp / "curved.msh", n=4, order=2)
     with running(ring_scene(path, 1, 0.0, smooth_geometry=True)) as (simulation, _):

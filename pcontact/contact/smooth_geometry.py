@@ -30,6 +30,8 @@ CONFORMING = 0.3
 # part of the pressure that straight facets may put wrong without a word, and what helps
 WRONG = 0.1
 SMOOTH = "a mesh of degree 2, or smooth_geometry = true"
+# square of the extent of points across a facet, as a part of that along it, that counts as none
+FLATNESS = 1e-6
 # bend of a facet, as a part of its coordinates, that may be rounding
 ROUNDING = 1e-12
 
@@ -252,18 +254,20 @@ class Chords:
 
 def _bent(x, weight, facet, value):
     """How far values (np,) at points x (np, d) of facets (np,) are from linear ones: root of mean squares (nf,)."""
-    n = int(np.max(facet, initial=-1)) + 1
-    total = np.maximum(np.bincount(facet, weight, minlength=n), np.finfo(float).tiny)
-    mean = np.column_stack([np.bincount(facet, weight * column, minlength=n) for column in (*x.T, value)])
-    mean /= total[:, None]
-    x, value = x - mean[facet, :-1], value - mean[facet, -1]
-    matrix, right = np.zeros((n, x.shape[1], x.shape[1])), np.zeros((n, x.shape[1]))
-    np.add.at(matrix, facet, weight[:, None, None] * x[:, :, None] * x[:, None, :])
-    np.add.at(right, facet, (weight * value)[:, None] * x)
+    n, d = int(np.max(facet, initial=-1)) + 1, x.shape[1]
+
+    def summed(values):
+        return np.bincount(facet, weight * values, minlength=n)
+
+    total = np.maximum(summed(np.ones(len(value))), np.finfo(float).tiny)
+    x = x - np.column_stack([summed(column) / total for column in x.T])[facet]
+    value = value - (summed(value) / total)[facet]
+    matrix = np.reshape([summed(x[:, i] * x[:, j]) for i in range(d) for j in range(d)], (d, d, n)).transpose(2, 0, 1)
+    right = np.column_stack([summed(value * column) for column in x.T])
     # the direction across a facet has no points
-    slope = np.einsum("fij,fj->fi", np.linalg.pinv(matrix, rcond=1e-6, hermitian=True), right)
+    slope = np.einsum("fij,fj->fi", np.linalg.pinv(matrix, rcond=FLATNESS, hermitian=True), right)
     rest = value - np.einsum("pd,pd->p", x, slope[facet])
-    return np.sqrt(np.bincount(facet, weight * rest**2, minlength=n) / total)
+    return np.sqrt(summed(rest**2) / total)
 
 
 def _measures(items):
