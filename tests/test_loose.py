@@ -165,6 +165,21 @@ def test_a_heap_with_room(shared_tmp):
 
 
 @pytest.mark.parallel
+def test_a_pressed_heap_in_space(shared_tmp):
+    """Balls that friction holds: places and forces are determined, far below the tolerance of the residual."""
+    path = make_mesh(heap, shared_tmp / "h.msh", 3, 5, 0.6, 0.0, None, 1, 0.06)
+    found = []
+    for comm, petsc in [(WORLD, {}), (SELF, {"pc_type": "lu", "snes_rtol": "1e-11"})]:
+        case = heap_scene(path, 3, 5, friction=0.3, press=0.05, steps=1, overlap=0.06, petsc=petsc)
+        case.output.probes = ["heap"]
+        records = solved(case, comm)
+        assert records[0]["free"] == [] and records[0]["contacts"]["floor"]["force"][2] < -1.0
+        found.append((places(records), [body["force"] for body in records[0]["contacts"]["all"]["bodies"]]))
+    np.testing.assert_allclose(found[0][0], found[1][0], atol=1e-8)
+    np.testing.assert_allclose(found[0][1], found[1][1], atol=1e-6 * np.abs(found[0][1]).max())
+
+
+@pytest.mark.parallel
 def test_report_history_and_warning(shared_tmp):
     path = shared_tmp / "b.msh"
     on_root(WORLD, one_block, path, 2, 2)
