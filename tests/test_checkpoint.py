@@ -18,7 +18,7 @@ from pcontact.runtime.checksum import BLOCK, Damaged, append_checksums, verify
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.parallel import on_root
 from pcontact.runtime.petsc import MPI, PETSc
-from pcontact.scene import differences, physics, read_scene
+from pcontact.scene import differences, physics, read_scene, resolve_contacts
 from pcontact.scene.model import Contact, Obstacle
 from pcontact.simulation import Simulation
 
@@ -184,6 +184,16 @@ def test_functions_by_their_text(tmp_path):
     (tmp_path / "case" / "phi.py").write_text("def phi(x, t):\n    return x[:, 1] + 0.01\n")
     (found,) = differences(before, physics(scene), 1.0)
     assert found[0] == "contacts[0] (floor).obstacle.function" and "phi.py:phi, text" in found[1]
+
+
+def test_keys_that_are_new(tmp_path):
+    """A checkpoint of a version of the program that did not know a key goes on where the key has its default."""
+    scene = resolve_contacts(lay(tmp_path / "case"), {})
+    then, now = physics(scene), physics(scene)
+    assert then["contacts[0] (pair)"].pop("alpha") == 1.0 and "hardening_curve" not in now["materials.m"]
+    assert not differences(then, now, 1.0)
+    now["contacts[0] (pair)"]["alpha"] = 2.0
+    assert differences(then, now, 1.0) == [("contacts[0] (pair).alpha", "2.0", "1.0")]
 
 
 # -- damage -------------------------------

@@ -12,7 +12,18 @@ import numpy as np
 
 from pcontact.scene.amplitude import Amplitude, amplitude
 from pcontact.scene.messages import shown
-from pcontact.scene.model import Contact, Displacement, Load, Material, MeshSpec, Obstacle, Output, Scene, Steps
+from pcontact.scene.model import (
+    CONTACT_DEFAULTS,
+    Contact,
+    Displacement,
+    Load,
+    Material,
+    MeshSpec,
+    Obstacle,
+    Output,
+    Scene,
+    Steps,
+)
 from pcontact.scene.places import tables
 
 # keys that are names of places, or tables of their own
@@ -112,7 +123,8 @@ def differences(then: dict, now: dict, time: float) -> list[tuple[str, str, str]
             found.append((where, has, had))
             continue
         for key in dict.fromkeys([*now[where], *then[where]]):
-            new, old = now[where].get(key), then[where].get(key)
+            # numerics of contacts are kept whether they are said or not; those that are new have been the default
+            new, old = (side[where].get(key, CONTACT_DEFAULTS.get(key)) for side in (now, then))
             same = _same_so_far(new, old, time) if key == AMPLITUDE and new and old else new == old
             if not same:
                 found.append((f"{where}.{key}", *_said(key, new, old, time)))
