@@ -44,16 +44,10 @@ class SmoothSurface:
     facets : pcontact.contact.vertex_normals.Facets
         Of this rank, in the order of the group.
     normals : ndarray (nf, m, d)
-    bent : ndarray (nf,) of bool
-
-    Attributes
-    ----------
-    bent : ndarray (nf,) of bool
-        Facets that the smooth surface does not lie on.
     """
 
-    def __init__(self, facets, normals, bent):
-        self.normals, self.bent, self.count = normals, bent, facets.count
+    def __init__(self, facets, normals):
+        self.normals = normals
         i, j = np.triu_indices(normals.shape[1], 1)
         turn, side = normals[:, j] - normals[:, i], facets.x[:, j] - facets.x[:, i]
         self._pairs, self._height = (i, j), 0.5 * np.einsum("fkd,fkd->fk", turn, side)
@@ -169,7 +163,7 @@ def smooth_surface(space, name, fitted):
     normals[order], bent[order] = corner_normals(every, np.isin(every.ids, own.ids), fitted)
     if not space.comm.allreduce(bool(bent.any()), op=MPI.LOR):
         return None
-    return SmoothSurface(own, normals, bent)
+    return SmoothSurface(own, normals)
 
 
 class Chords:
