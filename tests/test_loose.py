@@ -2,6 +2,7 @@
 
 import csv
 import json
+import shutil
 
 import gmsh
 import numpy as np
@@ -13,8 +14,9 @@ from drivers.stack import scene as heap_scene
 from meshes import heap, one_block
 from meshes.tools import gmsh_model
 from pcontact.io.history import flatten
+from pcontact.runtime import log
 from pcontact.runtime.parallel import on_root
-from pcontact.runtime.petsc import MPI
+from pcontact.runtime.petsc import MPI, PETSc
 from pcontact.scene.model import Body, Contact, Load, Material, MeshSpec, Obstacle, Output, Scene, Steps
 from pcontact.simulation import Simulation
 from pcontact.solve.nearest import least_squares_of_positive, nearest
@@ -193,9 +195,56 @@ def test_report_history_and_warning(shared_tmp):
             assert [row["free_bodies"] for row in csv.DictReader(stream)] == ["0", "0", "1", "1"]
 
 
+class Copies(Rows):
+    """Keeps the checkpoint of the third load step, as a run that died after it would leave it."""
+
+    def __init__(self, directory):
+        super().__init__()
+        self.directory = directory
+
+    def step(self, step, u, record):
+        super().step(step, u, record)
+        if step.number == 3:
+            shutil.copytree(self.directory, f"{self.directory}_3")
+
+
+def test_a_restarted_run_leaves_free_bodies_alike(tmp_path):
+    """Disks that have room: those that were free before make it in the first load step after the restart."""
+    path = make_mesh(heap, tmp_path / "h.msh", 2, 5, 0.5, 0.0, None, 1, 0.0)
+
+    def scene():
+        case = heap_scene(path, 2, 5, friction=0.5, press=0.017, steps=4, overlap=0.0)
+        case.output.probes, case.output.checkpoint = ["heap"], True
+        return case
+
+    whole, directory = Copies(tmp_path / "run"), tmp_path / "run"
+    for watch, restart, place in [(whole, None, directory), (Rows(), f"{directory}_3", tmp_path / "again")]:
+        if restart is not None:
+            PETSc.Options().setValue("restart", restart)
+        simulation = Simulation(scene(), SELF)
+        try:
+            assert simulation.run(place, [watch])
+        finally:
+            simulation.close()
+            PETSc.Options().delValue("restart")
+    assert [len(record["free"]) for record in whole.records] == [5] * 4 and len(watch.records) == 1
+    assert watch.records[0]["free"] == whole.records[3]["free"]
+    np.testing.assert_allclose(places(watch.records), places(whole.records[3:]), atol=1e-13)
+
+
 def test_bodies_of_one_name_are_told_apart():
     names = Announcer(["plate", "heap", "heap", "floor"])
     assert names(0.5, [0, 2]) == ["plate", "heap 2"] and names(1.0, []) == []
+
+
+def test_a_body_is_warned_of_once():
+    """One that loses contact again and again is in the log alone."""
+    log.forget_warnings()
+    names = Announcer(["block"])
+    for time, free in enumerate([[0], [0], [], [0], []]):
+        names(float(time), free)
+    assert len(log.warnings()) == 1 and log.warnings()[0].startswith("time 0:")
+    log.forget_warnings()
 
 
 def test_names_are_no_columns():

@@ -200,7 +200,7 @@ def _least_motions(shape, bodies, rows, bounds):
 
 
 class Announcer:
-    """Says which bodies have become free, and which no longer are.
+    """Says which bodies have become free, with a warning the first time, and which no longer are.
 
     Parameters
     ----------
@@ -211,14 +211,16 @@ class Announcer:
     def __init__(self, names):
         several = {name for name in names if names.count(name) > 1}
         self.names = [f"{name} {k}" if name in several else name for k, name in enumerate(names)]
-        self._free = set()
+        self._free, self._known = set(), set()
 
     def __call__(self, time, free):
         """Names of the free bodies (components) of a load step."""
         gone, caught = [k for k in free if k not in self._free], sorted(self._free.difference(free))
         self._free = set(free)
         if gone:
-            log.warning(
+            say = log.info if self._known.issuperset(gone) else log.warning
+            self._known.update(gone)
+            say(
                 "time %g: no support and no contact force holds %s: free, left where the last load step left %s",
                 time, self._listed(gone), "it" if len(gone) == 1 else "them",
             )  # fmt: skip
