@@ -183,6 +183,8 @@ def numbers(value, prefix=""):
     if isinstance(value, dict):
         return {k: v for key, part in value.items() for k, v in numbers(part, f"{prefix}.{key}").items()}
     if isinstance(value, (list, tuple, np.ndarray)):
+        # names of bodies
+        value = [part for part in value if not isinstance(part, str)]
         if value and isinstance(value[0], dict):
             return {k: v for n, part in enumerate(value) for k, v in numbers(part, f"{prefix}.{n}").items()}
         return {prefix: np.asarray(value, dtype=float)}
