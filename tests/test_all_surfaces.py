@@ -10,6 +10,7 @@ from drivers.stack import scene as heap_scene
 from meshes import heap, two_blocks
 from pcontact.contact.all_surfaces import facet_ids, outer_surfaces
 from pcontact.mesh.components import components
+from pcontact.mesh.outer import once
 from pcontact.mesh.reader import read_mesh
 from pcontact.pairs import OUTER
 from pcontact.runtime.errors import InputError
@@ -63,6 +64,14 @@ def summary_of(case, comm=WORLD):
 
 
 # -- which facets -------------------------------------
+
+
+@pytest.mark.parametrize("n", [0, 1, 2, 7, 1000])
+def test_keys_that_are_there_once(n):
+    """As numpy counts them, also those that fall to one place of the table."""
+    for keys in (np.random.default_rng(n).integers(0, n // 2 + 1, n), 4096 * np.arange(n), np.full(n, -1)):
+        _, place, count = np.unique(keys, return_inverse=True, return_counts=True)
+        assert np.array_equal(once(keys), count[place] == 1)
 
 
 @pytest.mark.parallel

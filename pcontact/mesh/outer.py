@@ -4,6 +4,7 @@ import numpy as np
 
 from pcontact.element.reference import facet_nodes
 from pcontact.mesh.mesh import Facets
+from pcontact.runtime.jit import njit
 from pcontact.runtime.parallel import split_by_rank
 
 
@@ -15,10 +16,32 @@ def _mixed(numbers):
     return z ^ (z >> np.uint64(31))
 
 
-def _once(keys):
-    """Which of some keys (n,) are there once."""
-    _, place, count = np.unique(keys, return_inverse=True, return_counts=True)
-    return count[place] == 1
+def once(keys):
+    """Which of some keys (n,) are there once: ndarray (n,) of bool.
+
+    Keys are random numbers already: each goes to the place of a table that its last bits name, or to the next that is
+    free. That takes a tenth of the time of sorting.
+    """
+    keys = np.ascontiguousarray(keys).view(np.uint64)
+    single = np.ones(len(keys), dtype=np.bool_)
+    # two places for each key at least; -1 is free
+    table = np.full(2 << max(len(keys), 1).bit_length(), -1, dtype=np.int64)
+    _mark_repeated(keys, table, single)
+    return single
+
+
+@njit
+def _mark_repeated(keys, table, single):
+    last = len(table) - 1
+    for k in range(len(keys)):
+        place = np.int64(keys[k] & np.uint64(last))
+        while table[place] >= 0 and keys[table[place]] != keys[k]:
+            place = (place + 1) & last
+        if table[place] < 0:
+            table[place] = k
+        else:
+            single[table[place]] = False
+            single[k] = False
 
 
 def outer_facets(mesh, exchanger):
@@ -47,7 +70,7 @@ def outer_facets(mesh, exchanger):
         keys.append(marks.ravel())
         owners.append((number, *marks.shape))
     keys = np.concatenate(keys)
-    outer = _once(keys)
+    outer = once(keys)
     chosen = np.flatnonzero(outer)
     outer[chosen] = _nowhere_else(exchanger, keys[chosen])
     result, first = [], 0
@@ -65,7 +88,7 @@ def _nowhere_else(exchanger, keys):
     size = exchanger.comm.size
     sends, order = split_by_rank((keys % np.uint64(size)).astype(np.int64), keys.view(np.int64))
     heard = exchanger(sends, np.int64, 1)
-    single = _once(np.concatenate([np.zeros(0, np.int64), *(part.ravel() for part in heard.values())]))
+    single = once(np.concatenate([np.zeros(0, np.int64), *(part.ravel() for part in heard.values())]))
     cuts = np.cumsum([len(part) for part in heard.values()])[:-1]
     replies = dict(zip(heard, np.split(single.astype(np.int64), cuts), strict=True)) if heard else {}
     told = exchanger(replies, np.int64, 1)
