@@ -7,7 +7,8 @@ Which facet wins. Facets are visited in the order of their distance. Those that 
 >= facing, never win, and never hide a farther one. Among accepted facets whose distances agree to 1e-10 of
 the facet size, a projection inside its facet is preferred to one held at an edge, then the smallest global
 facet number. The outcome depends neither on the order of the facets nor, through `better`, on how they are
-spread over ranks.
+spread over ranks. Facets that meet in the nearest point give the same partner, whichever has the smaller number; it
+decides between different points only where a point is exactly as far from the insides of two facets.
 
 Normals of the projection. Inside a facet n = -nY. At an edge or corner (the offset has a part tangential to
 the facet of more than 1e-9 of its size) n is along the offset y - x: from the point to the surface when the
