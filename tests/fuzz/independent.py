@@ -329,6 +329,13 @@ def pushed(scene, mesh, time):
     return total
 
 
+def lost(scene, mesh):
+    """Forces that may be lost in the rounding errors of the stresses of the stiffest body."""
+    strained = np.ptp(mesh.points, axis=0).max() ** (mesh.dim - 2) * max(m["E"] for m in scene["materials"].values())
+    moved = [abs(v) for table in scene.get("displacements", []) for v in table["value"] if v != "free"]
+    return ROUNDING * strained * max(moved, default=0.0)
+
+
 def complaints(scene, mesh, report):
     """What in a report contradicts the scene and the mesh; empty if nothing does."""
     out = []
@@ -338,10 +345,7 @@ def complaints(scene, mesh, report):
     end = scene.get("steps", {}).get("end", 1.0)
     rigid = {c.get("name") for c in scene.get("contacts", []) if "obstacle" in c}
     unnamed = any("obstacle" in c and "name" not in c for c in scene.get("contacts", []))
-    # rounding errors of the stresses of the stiffest body, which a soft one may not exceed
-    strained = np.ptp(mesh.points, axis=0).max() ** (mesh.dim - 2) * max(m["E"] for m in scene["materials"].values())
-    moved = [abs(v) for table in scene.get("displacements", []) for v in table["value"] if v != "free"]
-    largest, floor = 0.0, ROUNDING * strained * max(moved, default=0.0)
+    largest, floor = 0.0, lost(scene, mesh)
     for step in report["steps"]:
         forces = [np.array(f, dtype=float) for f in step["reactions"].values()]
         forces += [-np.array(c["force"], dtype=float) for name, c in step["contacts"].items() if name in rigid]

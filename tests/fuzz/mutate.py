@@ -22,7 +22,7 @@ from pathlib import Path
 import gmsh
 import numpy as np
 from grids import msh_text
-from independent import Unread, complaints, mesh_of, read_toml
+from independent import Unread, complaints, lost, mesh_of, read_toml
 from mutations import hdf5_mutated, mesh_mutated, scene_mutated
 from runner import supervised
 from scenes import scene_of, texts
@@ -195,8 +195,8 @@ def numbers(report):
     return rows
 
 
-def unlike(one, other):
-    """How two reports differ, None if they do not."""
+def unlike(one, other, floor=0.0):
+    """How two reports differ, None if they do not; forces by no less than `floor`."""
     if (one is None) != (other is None):
         return "one run has a report, the other has none"
     if one is None:
@@ -211,7 +211,7 @@ def unlike(one, other):
         x, y = ([np.array(v, dtype=float) for k, v in rows if k == kind] for rows in (a, b))
         largest = max([np.abs(v).max(initial=0.0) for v in x], default=0.0)
         worst = max([np.abs(p - q).max(initial=0.0) for p, q in zip(x, y, strict=True)], default=0.0)
-        if not worst <= SAME * largest:
+        if not worst <= SAME * largest + (floor if kind == "force" else 0.0):
             return f"{kind} differs by {worst:g} of {largest:g}"
     return None
 
@@ -233,7 +233,9 @@ def judge(mutations, statuses, ranks, work):
     for row, again in zip(accepted, run_lines(jobs, 1, work), strict=True):
         mutation, status, folder, scene, mesh = row
         one, other = report_of(mutation.folder), report_of(folder)
-        wrong = unlike(one, other) if again == [status] else f"status {status}, of what the second reader read {again}"
+        wrong = f"status {status}, of what the second reader read {again}"
+        if again == [status]:
+            wrong = unlike(one, other, lost(scene, mesh))
         if wrong is None and one is not None:
             wrong = "; ".join(complaints(scene, mesh, one)[:2]) or None
         if wrong is not None:
