@@ -118,3 +118,16 @@ def test_points_that_slide_off_their_target(shared_tmp, caplog):
     assert sum(row["contacts"]["pair"]["left"] for row in rows) > 0
     assert WORLD.rank != 0 or sum("have left theirs" in line for line in caplog.messages) == 1
     assert np.all([row["contacts"]["pair"]["passed"] == 0 for row in rows])
+
+
+@pytest.mark.parallel
+def test_forces_that_the_rounding_errors_of_a_stiff_body_hide(shared_tmp, caplog):
+    """Tied to a body 1e17 times as stiff, which moves: the forces of the soft one are lost, and a warning says so."""
+    path = made(shared_tmp / "b.msh", two_blocks, 2, 2, 3)
+    scene = rising(path, 0.1)
+    scene.materials = {"soft": Material(3.0, 0.3), "stiff": Material(3e17, 0.3)}
+    scene.bodies = [Body("lower", "soft"), Body("upper", "stiff")]
+    scene.contacts = [Contact("upper_bottom", "lower_top", name="pair", tied=True)]
+    scene.displacements = [Displacement("upper_top", [0.013, 0.017]), Displacement("lower_bottom", [0.0, 0.0])]
+    (row,) = solved(scene).rows
+    assert row["imbalance"] < 1e-3 or WORLD.rank != 0 or any("out of balance" in line for line in caplog.messages)

@@ -73,7 +73,8 @@ class Recorder:
         self.carried = max(self.carried, largest)
         imbalance = total / self.carried if self.carried > 0.0 else 0.0
         if imbalance > UNBALANCED:
-            self._warn(step.time, u, total, imbalance)
+            touching = any(pair["stick"] + pair["slip"] for pair in record["contacts"].values())
+            self._warn(step.time, u, total, imbalance, touching)
         return {**record, "imbalance": imbalance}
 
     def _warn_of_lost(self, time, contacts):
@@ -88,14 +89,14 @@ class Recorder:
                     time, name, passed, left,
                 )  # fmt: skip
 
-    def _warn(self, time, u, total, imbalance):
+    def _warn(self, time, u, total, imbalance, touching):
         """Say what hides the balance of forces. *Collective.*"""
         if total > ERRORS * self._problem.rounding_of_sum(u):
             why = "the residual that the tolerances leave does: smaller ones (-snes_rtol), or smaller load steps"
-        elif self._problem.loaded() > 0.0:
+        elif touching or self._problem.loaded() > 0.0:
             why = "rounding errors of the stresses hide them, the displacements are right only where they are imposed"
         else:
-            # where nothing is applied, bodies that move through free space leave rounding errors alone
+            # where nothing is applied and nothing touches, bodies that move leave rounding errors alone
             return
         log.warning("time %g: the forces are out of balance by %.2g %% of the largest of the run: %s", time,
                     100.0 * imbalance, why)  # fmt: skip
