@@ -13,6 +13,8 @@ MOST = {2: 400_000, 3: 60_000}
 # what SNES calls a linear solve that failed, and Newton's method that gets nowhere: on badly scaled tangents residuals
 # of the Krylov method are small where corrections are still wrong
 FAILED = "diverged linear solve"
+# PETSc's own factors take pivots below 2e-14 for zero, whatever the units: a matrix that is small all over is none
+PIVOTS = {"pc_factor_zeropivot": 1e-300}
 HOPEFUL = (FAILED, "diverged max it")
 
 
@@ -75,6 +77,7 @@ def direct_options(mumps):
         Whether PETSc has MUMPS.
     """
     options = {"pc_type": "lu", "ksp_type": "gmres", "ksp_pc_side": "right", "ksp_norm_type": "unpreconditioned"}
+    options |= PIVOTS
     if mumps:
         options["pc_factor_mat_solver_type"] = "mumps"
         # pivots may fill the factors more than foreseen

@@ -15,7 +15,7 @@ from pcontact.runtime.petsc import (
 )
 from pcontact.solve.bodies import BodyFilter, body_filter
 from pcontact.solve.causes import causes
-from pcontact.solve.direct import Rescue
+from pcontact.solve.direct import PIVOTS, Rescue
 from pcontact.solve.filter import contact_filter, new_preconditioner
 from pcontact.solve.line_search import FARTHEST, zero_of
 from pcontact.solve.linear import Reuse, check_tolerances, newton_defaults, refresh_smoother, solver_defaults
@@ -80,7 +80,7 @@ class Newton(Ways):
         hard = plastic or any(getattr(item, "stiff", False) for item in problem.items[1:])
         inexact = 1e-3 if problem.space.dim == 2 or hard else 1e-4
         defaults = newton_defaults(problem.linear, direct, inexact)
-        defaults |= solver_defaults(symmetric, problem.space.comm.size)
+        defaults |= solver_defaults(symmetric, problem.space.comm.size) | (PIVOTS if direct else {})
         self.applied, self.kept_out = options.propose(defaults)
         self._rescue = Rescue(options, problem.space, "pc_type" in self.kept_out or lags)
         self.snes = PETSc.SNES().create(comm=problem.space.comm)
