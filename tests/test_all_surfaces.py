@@ -7,7 +7,7 @@ from test_friction import by_key
 
 from drivers._common import make_mesh, running
 from drivers.stack import scene as heap_scene
-from meshes import heap, two_blocks
+from meshes import heap, one_block, two_blocks
 from pcontact.contact.all_surfaces import facet_ids, outer_surfaces
 from pcontact.mesh.components import components
 from pcontact.mesh.outer import once
@@ -243,3 +243,20 @@ def test_described(tmp_path):
     assert any("contact all: every body with every other one, Coulomb friction 0.2" in line for line in active)
     assert any("contact floor: every body -> rigid plane" in line for line in active)
     assert "self contact" in left_out and not {"contact of all surfaces", "unbiased contact"} & set(left_out)
+
+
+@pytest.mark.parallel
+@pytest.mark.parametrize("itself", [False, True])
+def test_the_back_of_a_body_cuts_no_facet(shared_tmp, itself):
+    """A block alone, as thin as its facets are long: all have as many points as one that faces nothing."""
+    if WORLD.rank == 0:
+        one_block(shared_tmp / "b.msh", 3, (3, 3, 1), size=(1.0, 1.0, 0.3), cell="tetrahedron")
+    WORLD.Barrier()
+    case = blocks(shared_tmp / "b.msh", [Contact(all=True, name="c", cut=True, self_contact=itself)], dim=3)
+    case.bodies = [Body("block", "m")]
+    case.displacements = [Displacement("bottom", [0.0, 0.0, 0.0])]
+    simulation = Simulation(case)
+    source = simulation.problem.items[1].source
+    counts = np.unique(np.concatenate(WORLD.allgather(np.bincount(source.facet, minlength=len(source.cells)))))
+    simulation.close()
+    assert len(counts) == 1

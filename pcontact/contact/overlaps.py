@@ -34,13 +34,13 @@ KIND_CORNERS = np.array([2, 2, 3, 3, 4, 4, 4])
 class _Frames:
     """Source facets of one part: nodes (n, m, 3), centre, unit normal and two tangents (n, 3), extent (n,).
 
-    The extent is the largest distance between two nodes.
+    The extent is the largest distance between two nodes; ``body`` (n,) are the connected bodies.
     """
 
     def __init__(self, space, facets):
         mesh, block = space.mesh, space.mesh.blocks[facets.block]
         table, self.degree = mesh.geometry_nodes(block)
-        self.kind = CELLS[block.cell].facet
+        self.kind, self.body = CELLS[block.cell].facet, block.components[facets.cells]
         nodes = table[facets.cells[:, None], facet_nodes(block.cell, self.degree)[facets.local]]
         self.nodes = mesh.points[nodes]
         centre = _corners(self.kind).mean(axis=0, keepdims=True)
@@ -130,8 +130,8 @@ def _faced(space, target, low, high):
     -------
     row : ndarray (n,)
         Number of the box.
-    number, count : ndarray (n,)
-        Global number of the facet, and how many corners it has.
+    number, count, body : ndarray (n,)
+        Global number of the facet, how many corners it has, and its connected body.
     corners : ndarray (n, 4, 3)
         Padded.
     """
@@ -147,12 +147,13 @@ def _faced(space, target, low, high):
     for r, asked in space.exchanger(sends, np.float64, 6).items():
         query, facet = _meeting(target, tree, asked[:, :3], asked[:, 3:])
         corners = target.x[facet][:, [0, 1, 2, 3 if target.x.shape[1] > 3 else 2]].reshape(-1, 12)
-        answers[r] = np.column_stack([query, target.ids[facet], KIND_CORNERS[target.kinds[facet]], corners])
-    told = space.exchanger(answers, np.float64, 15)
+        numbers = query, target.ids[facet], KIND_CORNERS[target.kinds[facet]], target.components[facet]
+        answers[r] = np.column_stack([*numbers, corners])
+    told = space.exchanger(answers, np.float64, 16)
     rows = [place[k][told[r][:, 0].astype(np.int64)] for k, r in enumerate(sorted(sends))]
-    heard = np.concatenate([np.zeros((0, 15)), *(told[r] for r in sorted(sends))])
+    heard = np.concatenate([np.zeros((0, 16)), *(told[r] for r in sorted(sends))])
     row = np.concatenate([np.zeros(0, dtype=np.int64), *rows])
-    return row, heard[:, 1].astype(np.int64), heard[:, 2].astype(np.int64), heard[:, 3:].reshape(-1, 4, 3)
+    return row, *heard[:, 1:4].astype(np.int64).T, heard[:, 4:].reshape(-1, 4, 3)
 
 
 def _convex(polygons, corners):
@@ -183,14 +184,16 @@ def _ranking(frames, row, away, centre, polygons):
     return np.rint(aside / scale), np.rint(-size / ALIKE), np.rint(away / scale)
 
 
-def _polygons(frames, row, number, count, corners):
+def _polygons(target, frames, row, number, count, body, corners):
     """What target facets cover of source facets: first (nf + 1,), polygons (n, 4, 2), numbers of their corners."""
     centre = np.where((count == 3)[:, None], corners[:, :3].mean(axis=1), corners.mean(axis=1))
-    away = np.abs(np.einsum("ni,ni->n", centre - frames.centre[row], frames.normal[row]))
+    ahead = np.einsum("ni,ni->n", centre - frames.centre[row], frames.normal[row])
+    away = np.abs(ahead)
     diagonals = np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
     diagonals[count == 3] = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])[count == 3]
     facing = np.einsum("ni,ni->n", diagonals, frames.normal[row])
     kept = (facing < -EDGE_ON * np.linalg.norm(diagonals, axis=1)) & (away <= REACH * frames.extent[row])
+    kept &= target.may_meet(frames.body[row], body, ahead)
     row, number, count, corners, away = row[kept], number[kept], count[kept], corners[kept], away[kept]
     # seen from the source they run the other way round
     back = np.where((count == 3)[:, None], [2, 1, 0, 0], [3, 2, 1, 0])
@@ -234,7 +237,8 @@ def tiles(space, parts, target):
     for k, frames in enumerate(every):
         end = begin + len(frames.centre)
         own = (faced[0] >= begin) & (faced[0] < end)
-        arguments = _corners(frames.kind), *_polygons(frames, faced[0][own] - begin, *(a[own] for a in faced[1:]))
+        polygons = _polygons(target, frames, faced[0][own] - begin, *(a[own] for a in faced[1:]))
+        arguments = _corners(frames.kind), *polygons
         cut, begin = np.zeros(len(frames.centre), dtype=bool), end
         room = tile(*arguments, cut, none, none, np.zeros((0, 3, 2)))
         owners, kinds, vertices = np.zeros(room, np.int64), np.zeros(room, np.int64), np.zeros((room, 3, 2))

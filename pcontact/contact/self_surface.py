@@ -49,6 +49,10 @@ class SelfSurface(TargetSurface):
         nodes = np.concatenate([self.table, rim.table])[:, NODES:].astype(np.int64)
         return x, kinds, ids, np.arange(len(x)) < len(x_facets), nodes
 
+    def may_meet(self, own, other, ahead):
+        """See :meth:`TargetSurface.may_meet`: a body does not meet itself through its material."""
+        return (own != other) | ((ahead > 0.0) if self.meets_itself else False)
+
     def bodies(self):
         """Bodies of the facets of :meth:`around` if they are no partners of themselves, else None."""
         return None if self.meets_itself else np.concatenate([self.table, self.rim.table])[:, 1]

@@ -317,6 +317,22 @@ class TargetSurface:
         """
         return x_facets, self.kinds, self.ids, None, None
 
+    def may_meet(self, own, other, ahead):
+        """Whether facets of bodies ``other`` (n,) may be partners of source facets of bodies ``own`` (n,).
+
+        Parameters
+        ----------
+        own, other : ndarray (n,)
+            Connected bodies.
+        ahead : ndarray (n,)
+            How far ahead of the source facet the other one is, along its normal [length].
+
+        Returns
+        -------
+        ndarray (n,) of bool
+        """
+        return np.ones(len(own), dtype=bool)
+
     def bodies(self):
         """Bodies of the facets of :meth:`around` whose own points pass them by; None: there are none."""
         return None

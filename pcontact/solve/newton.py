@@ -106,7 +106,7 @@ class Newton(Ways):
         self._filter = body_filter(problem, options) or contact_filter(problem, options)
         self.solver = self._solver(symmetric, len(near_null_space.getVecs()))
         self._floor, self._least, self._goal, self._first = 0.0, 0.0, None, None
-        self._hold_first, self._near, self._follow = loose and self._holds, False, None
+        self._hold_first, self._near, self._follow, self._start = loose and self._holds, False, None, None
         self._predicting, self._begins, self._true_first, self._circles = False, False, np.nan, False
         # what is tried in turn while Newton goes in circles
         self._ways = [self._law, self._glued_first] if plastic else [self._law]
@@ -255,7 +255,10 @@ class Newton(Ways):
         any force: there a residual is enough that hardly changes their displacements. *Collective.*"""
         if norm <= BALANCED * self.problem.acting(u):
             return True
-        return self.problem.loaded() == 0.0 and norm <= MOVED * self.problem.stiffness_scale(u)
+        if self.problem.loaded() > 0.0:
+            return False
+        # bodies that spring back to where they were have no displacements left to compare with
+        return norm <= MOVED * max(self.problem.stiffness_scale(x) for x in (u, self._start))
 
     def _small(self, u, norm, part):
         """Whether a residual is small against the forces at work. The first residual, of bodies whose supports alone
@@ -296,6 +299,7 @@ class Newton(Ways):
             self._reuse.forget()
         self._first, self._true_first, self.norms = None, np.nan, []
         before, self._follow = u.copy(), follow
+        self._start = before
         try:
             outcome = self._try_ways(u, before)
             if self._rescue.saves(outcome):
