@@ -272,6 +272,8 @@ def test_a_directory_is_reserved(shared_tmp):
         WORLD.Barrier()
     WORLD.Barrier()
     assert not list(shared_tmp.iterdir())
+    # the first rank makes it anew
+    WORLD.Barrier()
     with reserved(folder, WORLD):
         if WORLD.rank == 0:
             (folder / "result").write_text("")

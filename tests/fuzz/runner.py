@@ -11,8 +11,8 @@ from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parents[1]
-# seconds that one run may take on a machine that does other things as well
-PATIENCE = float(os.environ.get("PCONTACT_FUZZ_PATIENCE", 120.0))
+# seconds that one run may take on a machine that does other things as well, and compiles the kernels first
+PATIENCE = float(os.environ.get("PCONTACT_FUZZ_PATIENCE", 400.0))
 
 
 def environment():
