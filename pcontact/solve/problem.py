@@ -260,14 +260,16 @@ class Problem:
         return self._norm(self.external(self.time))
 
     def acting(self, u):
-        """Larger of the norms of the external forces and of those of the stresses at ``u`` [force]. *Collective.*
+        """Largest of the norms of the external forces, and of those of the stresses at ``u`` where nodes are supported
+        and where they are free [force]. *Collective.*
 
         At equilibrium supports and contact bear them. What contact says at ``u`` is no measure: it is gamma times a
         gap, of which rounding errors may be all.
         """
         external, stresses = self.external(self.time), np.zeros((self.space.n_owned, self.space.dim))
         self.items[0].residual(u, stresses)
-        return max(self._norm(external), self._norm(stresses))
+        held = np.where(self.fixed, stresses, 0.0)
+        return max(self._norm(external), self._norm(held), self._norm(stresses - held))
 
     def stiffness_scale(self, u):
         """Norm of the sums of the absolute terms of the bodies' forces at ``u`` [force]: residuals that are small
