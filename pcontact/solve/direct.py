@@ -13,9 +13,9 @@ MOST = {2: 400_000, 3: 60_000}
 # what SNES calls a linear solve that failed, and Newton's method that gets nowhere: on badly scaled tangents residuals
 # of the Krylov method are small where corrections are still wrong
 FAILED = "diverged linear solve"
+HOPEFUL = (FAILED, "diverged max it")
 # PETSc's own factors take pivots below 2e-14 for zero, whatever the units: a matrix that is small all over is none
 PIVOTS = {"pc_factor_zeropivot": 1e-300}
-HOPEFUL = (FAILED, "diverged max it")
 
 
 class Rescue:
