@@ -198,7 +198,7 @@ def promise_lines(found: dict[str, dict[str, dict]]) -> list[str]:
 
 
 def tables(cases: dict[str, Case], rows: dict[str, list[dict]], data: dict, pictures: str) -> str:
-    """All tables as Markdown, as they stand in docs/accuracy.md.
+    """All tables as Markdown, as they stand in docs/tables/accuracy.md.
 
     Parameters
     ----------

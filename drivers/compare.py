@@ -2,7 +2,7 @@
 
     mpirun -n 2 python drivers/compare.py -o compare
     mpirun -n 2 python drivers/compare.py -o compare --order 2 --facets 3 6 12
-    python drivers/compare.py -o compare --publish docs/formulations.md
+    python drivers/compare.py -o compare --publish docs/tables/formulations.md
 
 A cylinder is pressed on a block by a force, in plane strain, see `drivers/hertz.py`: the closed form is Hertz's for
 that force. All formulations act at the same quadrature points and find the same partners. Columns: penetration, the

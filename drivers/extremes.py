@@ -18,16 +18,10 @@ from pcontact.runtime.petsc import MPI
 COLUMNS = ("family", "setting", "variant", "deviation", "bound", "why", "newton", "krylov", "verdict", "message")
 
 
-HEAD = """# Extremes
+HEAD = """# Extremes: table
 
-What `scripts/extremes.sh{ranks}` writes: {summary}.
-
-Every cell is a small scene whose answer is known from a closed form or from statics; the program's defaults apply
-unless the cell says otherwise. A cell is right when the largest relative deviation of its pressures, forces and
-displacements is within the bound, refused when the program ends with a message that names the cause. Anything else
-would be WRONG: a larger deviation, with a warning or without, and a number that is not finite in any file. Settings
-that are refused because the answer may be wrong run with `-allow_unsafe`, see [options.md](options.md). Newton and
-Krylov iterations are those of all load steps, cut ones included. Why a bound is what it is:
+What `scripts/extremes.sh{ranks}` writes: {summary}. What a cell is, and what the verdicts mean:
+[extremes.md](../extremes.md). Why a bound is what it is:
 
 {why}
 """

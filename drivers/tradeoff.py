@@ -12,7 +12,7 @@ linear elastic solve (contact replaced by body forces, relative tolerance 1e-8) 
 scene, or of the row's own. accuracy_tables.md has the Pareto front of each scene and norm, what each setting does
 alone, the presets, and what these promise; NAME.png shows the fronts.
 
---publish docs/accuracy.md puts tables and plots of the sweep in -o into that document.
+--publish docs/tables/accuracy.mdputs tables and plots of the sweep in -o into that document.
 
 --promise runs the presets on scenes that are not in the sweep and compares errors and costs with the promises that an
 earlier sweep left in the same directory.

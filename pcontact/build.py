@@ -36,9 +36,10 @@ from pcontact.space.modes import colour, component_frames, free_motions
 from pcontact.space.space import Space
 from pcontact.space.supports import Supports
 
-# stiffness of the aid for bodies that nothing holds, as a part of the modulus over size squared, per volume. Newton's
-# method nears the answer by the aid over the stiffness of what the body leans on in each iteration: the modulus of a
-# body more than CONTRAST times as stiff as the softest does not count, down to LEAST of the body's own
+# What is added to the diagonal of the tangent, never to the residual, for bodies that no support holds: AID times
+# modulus over size squared, per volume. Each Newton iteration reduces the error of such a body's position only to the
+# ratio of this stiffness to that of what the body rests on, which may be the softest body: a modulus counts up to
+# CONTRAST times that of the softest body only, but never less than LEAST / AID of itself
 AID, CONTRAST, LEAST = 1e-6, 100.0, 1e-12
 
 
