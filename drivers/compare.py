@@ -4,8 +4,8 @@
     mpirun -n 2 python drivers/compare.py -o compare --order 2 --facets 3 6 12
     python drivers/compare.py -o compare --publish docs/tables/formulations.md
 
-A cylinder is pressed on a block by a force, in plane strain, see `drivers/hertz.py`: the closed form is Hertz's for
-that force. All formulations act at the same quadrature points and find the same partners. Columns: penetration, the
+A cylinder is pressed on a block by a force, in plane strain, see `drivers/hertz.py`: the closed form is Hertz's
+for that force. All formulations act at the same quadrature points and find the same partners. Columns: penetration, the
 deepest over the approach of the bodies; error, that of the contact pressure in L2 over the norm of Hertz's;
 oscillation, what is left of it inside 0.9 half widths when the nearest smooth profile is taken away; balance, contact
 force minus applied force over the applied one; Newton and Krylov iterations and updates of multipliers of the run;

@@ -4,15 +4,15 @@
     mpirun -n 2 python drivers/tradeoff.py -o tradeoff --promise
 
 On rings, Hertz's cylinders and ball, Cattaneo and Mindlin's cylinders, Hill's cylinder and an elastoplastic
-indentation (`drivers/_trade_cases.py`) mesh and degree are varied together, and around a base of each degree one
-setting after the other (`KNOBS` in `drivers/_trade_runs.py`); then all of those that made the base cheaper without
-more error, together, and the presets of `-accuracy`, on all meshes. Each run is a row of tradeoff.json: errors,
+indentation (`drivers/_trade_cases.py`) mesh and degree are varied together, and around a base of each degree
+one setting after the other (`KNOBS` in `drivers/_trade_runs.py`); then all of those that made the base cheaper
+without more error, together, and the presets of `-accuracy`, on all meshes. Each run is a row of tradeoff.json: errors,
 processor's and wall seconds of set-up and solve, memory, unknowns, iterations. Seconds become a cost by those of one
 linear elastic solve (contact replaced by body forces, relative tolerance 1e-8) in the same run, of one mesh of the
 scene, or of the row's own. accuracy_tables.md has the Pareto front of each scene and norm, what each setting does
 alone, the presets, and what these promise; NAME.png shows the fronts.
 
---publish docs/tables/accuracy.mdputs tables and plots of the sweep in -o into that document.
+--publish docs/tables/accuracy.md puts tables and plots of the sweep in -o into that document.
 
 --promise runs the presets on scenes that are not in the sweep and compares errors and costs with the promises that an
 earlier sweep left in the same directory.
