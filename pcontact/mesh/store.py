@@ -1,6 +1,6 @@
 """A mesh of any format, checked and ordered, as one HDF5 file from which every rank can read a part.
 
-The layout is described in docs/mesh.md.
+The layout is described in docs/files.md.
 """
 
 from pathlib import Path
