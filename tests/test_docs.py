@@ -16,6 +16,7 @@ SOURCES = sorted(path for folder in ("pcontact", "drivers", "meshes", "scripts",
                  for path in (ROOT / folder).rglob("*") if path.suffix in (".py", ".sh", ".toml"))  # fmt: skip
 LINK = re.compile(r"\]\(([^)\s]+)\)")
 DRIVER = re.compile(r"\bdrivers/[\w/]+\.(?:py|toml|md)\b")
+MODULE = re.compile(r"\b(?:pcontact|meshes|scripts|tests)/[\w/]+\.(?:py|sh)\b")
 # bytes of the first page
 SHORT = 8000
 
@@ -40,6 +41,11 @@ def test_drivers_that_are_named_exist():
     missing = {name: name_of(path) for name, path in named.items() if not (ROOT / name).exists()}
     # what stands for any of them
     assert set(missing) <= {"drivers/NAME.py"}, missing
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_files_that_pages_name_exist(page):
+    assert not [name for name in MODULE.findall(page.read_text()) if not (ROOT / name).exists()]
 
 
 def test_the_map_has_every_page():
