@@ -1,3 +1,30 @@
-"""Frictional contact between elastic bodies with Nitsche's method, in parallel on PETSc."""
+"""Frictional contact between elastic bodies with Nitsche's method, in parallel on PETSc.
+
+From Python::
+
+    import pcontact as pc
+    run = pc.run(pc.read("scene.toml"))
+
+What this needs is imported when it is first asked for: importing a part of the package does not start MPI.
+"""
+
+from importlib import import_module
 
 __version__ = "0.1.0"
+
+_API, _ERRORS = "pcontact.api", "pcontact.runtime.errors"
+# where the names of the Python API are at home
+_HOMES = {
+    **dict.fromkeys(("read", "from_dict", "run", "Run", "Step", "Fields", "Scene"), _API),
+    **dict.fromkeys(("InputError", "OutputError", "NotConverged"), _ERRORS),
+}
+
+
+def __getattr__(name):
+    if name not in _HOMES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(_HOMES[name]), name)
+
+
+def __dir__():
+    return sorted({*globals(), *_HOMES})

@@ -15,7 +15,7 @@ from pcontact.mesh.load import load_mesh
 from pcontact.mesh.partition import METHODS, WEIGHT
 from pcontact.pairs import contact_items, tied_items
 from pcontact.runtime import log, profile
-from pcontact.runtime.errors import InputError
+from pcontact.runtime.errors import TOLD, InputError
 from pcontact.runtime.presets import PRESETS
 from pcontact.scene import (
     amplitude,
@@ -56,9 +56,11 @@ def override(scene, options, accuracy):
     Returns
     -------
     Scene
-        Valid, with the numerics of all contacts resolved, and nothing in it that is not modelled.
+        A new one, valid, with the numerics of all contacts resolved, and nothing in it that is not modelled.
     """
     validate(scene)
+    # the caller may run it again, with other options
+    scene = scene.copy()
     if options.get("no_code", False, bool, text="refuse scenes that name Python functions"):
         require_no_code(scene)
     options.propose(scene.petsc)
@@ -67,7 +69,7 @@ def override(scene, options, accuracy):
     text = "settings that run with a warning instead of being refused"
     words = get("allow_unsafe", None, str, text=text)
     if words is not None:
-        scene.allow_unsafe = _words(words)
+        scene.allow_unsafe = _words(words, options.said)
     scene.mesh.order = get("mesh_order", scene.mesh.order, int, (1, 2), "degree of the displacement")
     count, shortest = scene.steps.count, scene.steps.min_step
     scene.steps.count = get("steps_count", count, int, text="equal load steps to start with", positive=True)
@@ -92,16 +94,16 @@ def override(scene, options, accuracy):
     }
     said = {key: get(f"contact_{key}", None, kind, text=text) for key, (kind, text) in numerics.items()}
     validate(scene)
-    return resolve_contacts(scene, {key: value for key, value in said.items() if value is not None})
+    return resolve_contacts(scene, {key: value for key, value in said.items() if value is not None}, options.said)
 
 
-def _words(text):
+def _words(text, said):
     """The words of -allow_unsafe, separated by commas."""
     words = tuple(word.strip() for word in text.split(","))
     for word in words:
         if word not in UNSAFE:
             allowed = ", ".join(UNSAFE)
-            raise InputError(f"command line: -allow_unsafe: found {word!r}; allowed: some of {allowed}")
+            raise InputError(f"{said}: -allow_unsafe: found {word!r}; allowed: some of {allowed}")
     return words
 
 
@@ -120,7 +122,8 @@ def _pairs(scene):
 def read(scene, comm, options):
     """The distributed mesh of a scene. *Collective.*"""
     pairs = _pairs(scene)
-    weight = options.get("partition_weight", WEIGHT, float, text="work of a contact facet in units of a cell's")
+    weight = options.get("partition_weight", WEIGHT, float, text="work of a contact facet in units of a cell's",
+                         least=0)  # fmt: skip
     given = "graph" if options.given("petscpartitioner_type") else "bisection"
     method = options.get("partition", given, str, METHODS, "who cuts the mesh")
 
@@ -279,7 +282,6 @@ def assemble(scene, mesh):
     floating : dict of int to ndarray (m, n_modes)
         Components that nothing holds, and the rigid motions that they have left.
     """
-    end = scene.steps.end
     kinematics, materials = scene.mesh.kinematics, [scene.materials[b.material] for b in scene.bodies]
     constants = [in_plane(*lame(material.E, material.nu), kinematics) for material in materials]
     averaged = [
@@ -287,6 +289,16 @@ def assemble(scene, mesh):
         for simplices in (False, True)
     ]
     space = Space(mesh, scene.mesh.order, kinematics, *averaged)
+    try:
+        return _assemble(scene, mesh, space, constants)
+    except TOLD:
+        space.exchanger.free()
+        raise
+
+
+def _assemble(scene, mesh, space, constants):
+    """See :func:`assemble`. *Collective.*"""
+    end = scene.steps.end
     _check_locking(scene, space)
     _check_joined(scene, space)
     supports = Supports(

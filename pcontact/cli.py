@@ -166,10 +166,8 @@ def run_scene(scene, directory, observers=()):
     """
     simulation = Simulation(scene)
     converged = simulation.run(directory, observers)
-    # a default that found no use (of a preconditioner that the user replaced) is not the user's mistake
-    for name in simulation.options.unused([*OURS, *simulation.newton.applied, *simulation.accuracy.chosen]):
-        near = difflib.get_close_matches(name, simulation.options.known, 1)
-        log.warning("option -%s was not used%s", name, f"; the nearest is -{near[0]}" if near else "")
+    for text in simulation.unused(OURS):
+        log.warning("%s", text)
     return simulation, converged
 
 

@@ -1,5 +1,7 @@
 """One run: scene -> mesh -> space -> items -> stepper -> observers."""
 
+import difflib
+import gc
 import time as clock
 from pathlib import Path
 
@@ -12,8 +14,9 @@ from pcontact.io.error_estimate import ErrorEstimate, label
 from pcontact.io.identity import Identity
 from pcontact.io.observers import FacetErrors, Fields, Records, Terminal
 from pcontact.io.restart import ANYWAY, read_checkpoint
+from pcontact.io.snapshot import Snapshot
 from pcontact.runtime import log, profile
-from pcontact.runtime.errors import StepFailure
+from pcontact.runtime.errors import TOLD, StepFailure, Stopped
 from pcontact.runtime.jit import CALLS, tell_uncached
 from pcontact.runtime.lock import reserved
 from pcontact.runtime.options import Options
@@ -37,7 +40,19 @@ class Simulation:
     Parameters
     ----------
     scene : pcontact.scene.model.Scene
+        It is left as it is.
     comm : MPI.Comm, optional
+    said : str
+        Where the user gives options, for messages.
+
+    Attributes
+    ----------
+    failure : StepFailure or None
+        Why the run ended early, if a load step did not converge.
+    stopped : bool
+        Whether an observer ended it.
+    records, snapshot : pcontact.io.observers.Records, pcontact.io.snapshot.Snapshot or None
+        Report and history, and the fields of the last load step that converged, of a run that was asked for them.
 
     Raises
     ------
@@ -49,16 +64,21 @@ class Simulation:
     *Collective.*
     """
 
-    def __init__(self, scene, comm=MPI.COMM_WORLD):
+    def __init__(self, scene, comm=MPI.COMM_WORLD, said="command line"):
         self.start = clock.perf_counter()
         self.timing = dict.fromkeys(("search", "assembly", "linear", "solve", "output"), 0.0)
-        self.comm, self.options, self.profile, self.calls = comm, Options(), profile.Profile(), CALLS.copy()
+        self.comm, self.options, self.profile, self.calls = comm, Options(said), profile.Profile(), CALLS.copy()
+        self.failure, self.stopped, self.records, self.snapshot = None, False, None, None
+        self.problem = self.newton = None
         self.restart = self.options.get("restart", None, str, text="directory of an earlier run that goes on")
         text = "go on from a checkpoint of other physics, with a warning for each difference"
         self.anyway = self.options.get(ANYWAY, False, bool, text=text)
         try:
             with profile.recording(self.profile):
                 self._set_up(scene)
+        except TOLD:
+            self.free()
+            raise
         except BaseException:
             # what this scene entered is not for the next one
             self.close()
@@ -97,7 +117,7 @@ class Simulation:
         meets = motions and not self.problem.linear
         self.rest = LooseBodies(self.problem, self.newton, motions) if meets else None
 
-    def run(self, directory=None, observers=()):
+    def run(self, directory=None, observers=(), keep=False, said="command line: -o"):
         """All load steps. *Collective.*
 
         Parameters
@@ -105,22 +125,26 @@ class Simulation:
         directory : str or pathlib.Path, optional
             Where results go; absent: nothing is written.
         observers : sequence
-            Further observers, see :class:`pcontact.stepping.stepper.Observer`.
+            Further observers, see :class:`pcontact.stepping.stepper.Observer`; they come last.
+        keep : bool
+            Keep report, history and the fields of the last load step in memory.
+        said : str
+            Where the user names the directory, for messages.
 
         Returns
         -------
         bool
-            Whether all steps converged.
+            Whether all steps converged, to the end of the run.
 
         Raises
         ------
         InputError, OutputError
             On every rank; see :func:`pcontact.runtime.lock.reserved`, too.
         """
-        with profile.recording(self.profile), reserved(directory, self.comm):
-            return self._run(directory, observers)
+        with profile.recording(self.profile), reserved(directory, self.comm, said):
+            return self._run(directory, observers, keep)
 
-    def _run(self, directory, observers):
+    def _run(self, directory, observers, keep):
         scene, space = self.scene, self.problem.space
         identity = resumed = None
         if self.restart is not None or (directory is not None and scene.output.checkpoint):
@@ -139,15 +163,21 @@ class Simulation:
         carriers = {"largest_force": recorder, "direct": self.newton}
         if estimate is not None:
             carriers["largest_energy"] = estimate
-        if directory is not None:
-            directory, output = Path(directory), scene.output
-            if output.checkpoint:
+        output, writes = scene.output, directory is not None
+        directory = Path(directory) if writes else None
+        if keep or (writes and output.fields):
+            self.snapshot = Snapshot(self.problem, self.timing, output.smooth, estimate)
+        if writes or keep:
+            if writes and output.checkpoint:
                 first = None if resumed is None else resumed.first
                 items, every = self.problem.items, output.checkpoint_every
                 watch.insert(0, Checkpoint(directory, space, items, schedule, every, identity, first, carriers))
-            watch.insert(0, Records(directory, self.comm, self._head(), self._costs, since))
-            if output.fields:
-                watch.insert(0, Fields(directory, self.problem, self.timing, output.smooth, since, estimate))
+            self.records = Records(directory, self.comm, self._head(), self._costs, since)
+            watch.insert(0, self.records)
+            if writes and output.fields:
+                watch.insert(0, Fields(directory, self.snapshot, self.comm, self.timing, since))
+        if self.snapshot is not None:
+            watch.insert(0, self.snapshot)
         if estimate is not None:
             watch.insert(0, estimate)
         # the report has the warnings of those before it
@@ -169,8 +199,10 @@ class Simulation:
         try:
             self.stepper.run()
         except StepFailure as failure:
-            converged = False
+            converged, self.failure = False, failure
             log.error_line(failure)
+        except Stopped:
+            converged, self.stopped = False, True
         for observer in watch:
             observer.end(converged)
         self.costs.announce()
@@ -179,6 +211,37 @@ class Simulation:
     def close(self):
         """Take what this run entered back out of the options database, for the next scene."""
         self.options.withdraw()
+
+    def unused(self, ours=()):
+        """Lines about options that the user gave and nothing asked for.
+
+        Parameters
+        ----------
+        ours : sequence of str
+            Names that somebody else has dealt with.
+        """
+        # a default that found no use (of a preconditioner that the user replaced) is not the user's mistake
+        lines = []
+        for name in self.options.unused([*ours, *self.newton.applied, *self.accuracy.chosen]):
+            near = difflib.get_close_matches(name, self.options.known, 1)
+            lines.append(f"option -{name} was not used" + (f"; the nearest is -{near[0]}" if near else ""))
+        return lines
+
+    def free(self):
+        """Give what the run has of PETSc and MPI back: it cannot go on. *Collective.*
+
+        Python alone does not: SNES keeps the problem, whose matrices it solves with, and communicators are nobody's.
+        """
+        self.close()
+        if self.problem is None:
+            return
+        if self.newton is not None:
+            self.newton.free()
+        self.problem.space.exchanger.free()
+        self.problem = self.newton = self.stepper = self.settle = self.renew = self.rest = None
+        self.costs = self.counters = self.records = self.error_estimate = self.mesh = None
+        gc.collect()
+        free_garbage(self.comm)
 
     def describe(self):
         """What is modelled and what is left out, see :func:`pcontact.scene.describe`. *Collective.*"""

@@ -265,7 +265,7 @@ OPTIONS = {
     "order": option(["command line: -mesh_order: found 'x'", r"1 \| 2"], "-mesh_order", "x"),
     "smoothing": option(["command line: -output_smooth: found 'maybe'", "true \\| false"], "-output_smooth", "maybe"),
     "negative steps": option(["command line: -steps_count: found '-2'"], "-steps_count", "-2"),
-    "negative weight": option(["command line: -partition_weight: found -1"], "-partition_weight", "-1"),
+    "negative weight": option(["command line: -partition_weight: found '-1'"], "-partition_weight", "-1"),
     "ksp": option(["-ksp_type nonsense"], "-ksp_type", "nonsense"),
     "no iterations": option(["-snes_max_it: found '-5'", "a finite number >= 0"], "-snes_max_it", "-5"),
     "no tolerance": option(["-snes_rtol: found 'nan'", "from 0 to below 1"], "-snes_rtol", "nan"),

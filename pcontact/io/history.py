@@ -44,6 +44,29 @@ def flatten(values, prefix=""):
     return scalars
 
 
+def columns(rows):
+    """The table as arrays.
+
+    Parameters
+    ----------
+    rows : list of dict
+        Steps as in the report.
+
+    Returns
+    -------
+    dict of str to ndarray (n,)
+        The columns of history.csv, those of the first row; NaN where a later row lacks a number.
+    """
+    flat = [flatten(row) for row in rows]
+    return {name: _column([row.get(name) for row in flat]) for name in (flat[0] if flat else ())}
+
+
+def _column(values):
+    if any(isinstance(value, str) for value in values):
+        return np.array(["" if value is None else str(value) for value in values])
+    return np.array([np.nan if value is None else value for value in values])
+
+
 def _plain(value):
     """A Python scalar, whose text has all the digits."""
     return value.item() if isinstance(value, (np.generic, np.ndarray)) else value

@@ -2,15 +2,10 @@
 
 import time as clock
 
-import numpy as np
-
 from pcontact.contact.smooth_geometry import SMOOTH, WRONG, facet_pressure
-from pcontact.element.reference import MESHIO_NAMES
-from pcontact.io.fields import NODE_NUMBER, Cloud, FieldWriter, Piece
+from pcontact.io.fields import FieldWriter
 from pcontact.io.history import History
 from pcontact.io.report import Report
-from pcontact.io.smooth import NodeMeans
-from pcontact.material.elastic import equivalent_stress
 from pcontact.runtime import log
 from pcontact.runtime.parallel import on_root
 
@@ -103,11 +98,12 @@ class FacetErrors:
 
 
 class Records:
-    """history.csv and report.json, on rank 0.
+    """The report and the history, on rank 0: history.csv and report.json, or in memory alone.
 
     Parameters
     ----------
-    directory : pathlib.Path
+    directory : pathlib.Path or None
+        None: nothing is written.
     comm : MPI.Comm
     head : dict
         First entries of the report.
@@ -116,6 +112,11 @@ class Records:
     resume_time : float, optional
         Rows of an earlier run up to this time are kept.
 
+    Attributes
+    ----------
+    report : pcontact.io.report.Report or None
+        On rank 0.
+
     Raises
     ------
     InputError
@@ -123,12 +124,13 @@ class Records:
     """
 
     def __init__(self, directory, comm, head, finish, resume_time=None):
-        self._comm, self._finish = comm, finish
+        self._comm, self._finish, self._history, self.report = comm, finish, None, None
         on_root(comm, self._open, directory, head, resume_time)
 
     def _open(self, directory, head, resume_time):
-        self._history = History(directory / "history.csv", resume_time)
-        self.report = Report(directory / "report.json", resume_time)
+        if directory is not None:
+            self._history = History(directory / "history.csv", resume_time)
+        self.report = Report(None if directory is None else directory / "report.json", resume_time)
         self.report.data.update(head)
 
     def step(self, step, u, record):
@@ -142,7 +144,8 @@ class Records:
         on_root(self._comm, self._step, record, self._finish())
 
     def _step(self, record, costs):
-        self._history.append(record)
+        if self._history is not None:
+            self._history.append(record)
         self.report.data.update(costs, warnings=log.warnings())
         if "estimate" in record:
             self.report.data["estimate"].update(record["estimate"])
@@ -165,6 +168,16 @@ class Records:
         self.report.data.update({"converged": converged, "warnings": log.warnings(), **costs})
         self.report.write()
 
+    def data(self):
+        """What the report holds, on every rank. *Collective.*
+
+        Returns
+        -------
+        dict
+            See :class:`pcontact.io.report.Report`; not yet in the types of JSON.
+        """
+        return self._comm.bcast(None if self.report is None else self.report.data)
+
 
 class Fields:
     """Fields of every step, for ParaView.
@@ -172,32 +185,23 @@ class Fields:
     Parameters
     ----------
     directory : pathlib.Path
-    problem : pcontact.solve.problem.Problem
+    snapshot : pcontact.io.snapshot.Snapshot
+        Observer that has taken the fields of the step before.
+    comm : MPI.Comm
     timing : dict
         ``output`` seconds are added.
-    smooth : bool
-        Write the fields of the cells averaged at the nodes too.
     resume_time : float, optional
         Steps of an earlier run up to this time are kept.
-    estimate : pcontact.io.error_estimate.ErrorEstimate, optional
-        Observer that has estimated the error of the step before.
     """
 
-    def __init__(self, directory, problem, timing, smooth=False, resume_time=None, estimate=None):
-        self._writer = FieldWriter(directory, problem.space.comm, resume_time)
-        self._problem, self._timing = problem, timing
-        self._means = NodeMeans(problem.space) if smooth else None
-        self._estimate = estimate
+    def __init__(self, directory, snapshot, comm, timing, resume_time=None):
+        self._writer = FieldWriter(directory, comm, resume_time)
+        self._snapshot, self._timing = snapshot, timing
 
     def step(self, step, u, record):
         """Write the step. *Collective.*"""
-        start = clock.perf_counter()
-        surfaces, points = {}, {}
-        for item in self._problem.items[1:]:
-            state = item.state(u)
-            surfaces[item.name] = self._surface(item, state, u)
-            points[item.name] = _cloud(state)
-        self._writer.write(step.number, step.time, self._bodies(u), surfaces, points)
+        start, taken = clock.perf_counter(), self._snapshot
+        self._writer.write(step.number, step.time, taken.bodies, taken.surfaces, taken.points)
         self._timing["output"] += clock.perf_counter() - start
 
     def cut(self, target, outcome):
@@ -205,56 +209,3 @@ class Fields:
 
     def end(self, converged):
         """All is written already."""
-
-    def _bodies(self, u):
-        space, bulk = self._problem.space, self._problem.items[0]
-        blocks, stress = space.mesh.blocks, bulk.stress(u)
-        data = {
-            "stress": [values for values, _ in stress],
-            "equivalent_stress": [equivalent_stress(values) for values, _ in stress],
-        }
-        if hasattr(bulk, "plastic_strain"):
-            data["equivalent_plastic_strain"] = bulk.plastic_strain()
-        points, tables, nodal = space.points, space.cells, {"displacement": space.local.gather(u)}
-        numbers = space.mesh.file_nodes[space.mesh_nodes]
-        if self._means is not None:
-            means = self._means(data, [volume for _, volume in stress])
-            nodes, tables = self._means.nodes, self._means.cells
-            points, nodal, numbers = points[nodes], {"displacement": nodal["displacement"][nodes]}, numbers[nodes]
-            nodal.update({f"{name}_smooth": values for name, values in means.items()})
-        # by which the pieces of several ranks are put together, where other nodes are in the same place, too
-        nodal[NODE_NUMBER] = numbers.astype(np.int32 if space.mesh.n_nodes_total < 2**31 else np.int64)
-        if self._estimate is not None:
-            data["error_estimate"] = self._estimate.cells
-            data["cell_number"] = [block.ids for block in blocks]
-        data["body"] = [np.full(len(block.nodes), block.body, dtype=np.int32) for block in blocks]
-        data["rank"] = [np.full(len(block.nodes), space.comm.rank, dtype=np.int32) for block in blocks]
-        names = [MESHIO_NAMES[(block.cell, space.degree)] for block in blocks]
-        return Piece(points, list(zip(names, tables, strict=True)), nodal, data)
-
-    def _surface(self, item, state, u):
-        """Source facets with the means of their quadrature points."""
-        space, mesh = self._problem.space, self._problem.space.mesh
-        facet, n = item.source.facet, len(item.source.cells)
-        area = np.bincount(facet, state["weight"], minlength=n)
-        mean = {}
-        for name, key in (("contact_pressure", "pressure"), ("gap", "gap")):
-            mean[name] = np.bincount(facet, state["weight"] * state[key], minlength=n) / area
-        closed = np.bincount(facet, state["status"] > 0, minlength=n)
-        mean["status"] = np.where(closed > 0, 2, 0)
-        mean["area"] = area
-        cells, data, first = [], {name: [] for name in mean}, 0
-        names = getattr(item, "surfaces", (item.contact.source,))
-        for facets in (part for name in names for part in mesh.facet_groups.get(name, [])):
-            block = mesh.blocks[facets.block]
-            table = space.facet_nodes(facets)
-            cells.append((MESHIO_NAMES[(space.facet_kind(block), space.degree)], table))
-            for name, values in mean.items():
-                data[name].append(values[first : first + len(table)])
-            first += len(table)
-        return Piece(space.points, cells, {"displacement": space.local.gather(u)}, data)
-
-
-def _cloud(state):
-    keys = ("pressure", "gap", "traction", "normal", "status", "weight", "paired")
-    return Cloud(state["x"], {key: state[key] for key in keys})

@@ -40,8 +40,8 @@ class Report:
 
     Parameters
     ----------
-    path : str or Path
-        The .json file.
+    path : str, Path or None
+        The .json file; None: the report stays in memory.
     resume_time : float, optional
         The run continues one whose report is `path`: its steps up to this time are kept.
 
@@ -53,12 +53,12 @@ class Report:
     """
 
     def __init__(self, path, resume_time=None):
-        self.path, self._begun = Path(path), False
+        self.path, self._begun = None if path is None else Path(path), False
         self.data = {
             "title": "", "version": "", "ranks": 1, "dofs": 0, "cells": 0, "converged": False,
             "model": {"active": [], "left_out": []}, "steps": [], "timing": {}, "parallel": {}, "memory": {},
         }  # fmt: skip
-        if resume_time is not None and self.path.exists():
+        if resume_time is not None and self.path is not None and self.path.exists():
             limit = resume_time + 1e-10 * abs(resume_time)
             with going_on(self.path):
                 steps = json.loads(self.path.read_text(encoding="utf-8")).get("steps", [])
@@ -82,6 +82,8 @@ class Report:
         ------
         OutputError
         """
+        if self.path is None:
+            return
         if not self._begun:
             make_directory(self.path.parent)
             self._begun = True

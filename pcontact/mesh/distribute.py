@@ -155,7 +155,7 @@ def deal(piece, pairs=(), weight=WEIGHT, method="bisection"):
     }  # fmt: skip
     tables = [rows[:, 2 + n_bits :] for rows in cells.values()]
     nodes, points, ids, node_bits = _own_nodes(exchanger, piece, tables)
-    exchanger.comm.Free()
+    exchanger.free()
     piece.points = piece.points[:0]
     tables = list(places(nodes, tables, piece.n_nodes_total))
     blocks, cell_bits = _blocks(cells, n_bits, tables, points)

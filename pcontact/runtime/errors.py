@@ -33,3 +33,23 @@ TOLD = (InputError, OutputError)
 
 class StepFailure(Exception):
     """A load step did not converge even at the smallest step: exit status 1."""
+
+
+class NotConverged(StepFailure):
+    """The same, told to who runs a scene from Python.
+
+    Parameters
+    ----------
+    message : str
+        One line: which load step, how far Newton's method got, where the residual is largest.
+    run : pcontact.api.Run
+        The run up to the last load step that converged.
+    """
+
+    def __init__(self, message, run):
+        super().__init__(message)
+        self.run = run
+
+
+class Stopped(Exception):
+    """An observer ends the run after a load step that has been committed and written."""

@@ -17,7 +17,7 @@ WITHOUT = (errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP, errno.ENOTSUP)
 
 
 @contextmanager
-def reserved(directory, comm):
+def reserved(directory, comm, said="command line: -o"):
     """Make an output directory and keep others from writing to it. *Collective.*
 
     A directory that was made for nothing is taken away again.
@@ -27,6 +27,8 @@ def reserved(directory, comm):
     directory : str, pathlib.Path or None
         None: nothing is written.
     comm : MPI.Comm
+    said : str
+        Where the user names the directory, for messages.
 
     Raises
     ------
@@ -35,7 +37,7 @@ def reserved(directory, comm):
     OutputError
         On every rank: another run writes there, or nobody can.
     """
-    lock = None if directory is None else on_root(comm, _Lock, directory)
+    lock = None if directory is None else on_root(comm, _Lock, directory, said)
     try:
         yield
     finally:
@@ -49,12 +51,12 @@ class _Lock:
     ``flock`` works between the machines of a network file system, too: Linux has the server keep the lock.
     """
 
-    def __init__(self, directory):
+    def __init__(self, directory, said):
         folder = Path(directory).absolute()
         above = [path for path in (folder, *folder.parents) if not path.exists()]
         existing = above[-1].parent if above else folder
         if not existing.is_dir():
-            raise _refused(directory, existing, "not a directory")
+            raise _refused(said, directory, existing, "not a directory")
         self._made, self._path = above, folder / NAME
         try:
             folder.mkdir(parents=True, exist_ok=True)
@@ -63,7 +65,7 @@ class _Lock:
         except OSError as error:
             self._remove()
             if error.errno in files.NAMES:
-                raise _refused(directory, existing, files.reason(error)) from None
+                raise _refused(said, directory, existing, files.reason(error)) from None
             raise OutputError(f"{directory}: cannot be written to ({files.reason(error)})") from None
         files.forget_at_the_end(self._path)
 
@@ -112,6 +114,6 @@ class _Lock:
                 path.rmdir()
 
 
-def _refused(directory, existing, reason):
-    found = f"-o {directory}: found {existing}: {reason}"
-    return InputError(f"command line: {found}; allowed: a directory that can be made and written to")
+def _refused(said, directory, existing, reason):
+    found = f"{said} {directory}: found {existing}: {reason}"
+    return InputError(f"{found}; allowed: a directory that can be made and written to")

@@ -6,13 +6,15 @@ knows nothing of MPI: rank 0 speaks, the others are silent unless asked.
 
 import logging
 import sys
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 
 from tqdm import tqdm
 
 from pcontact.runtime import streams
 
 LOGGER = logging.getLogger("pcontact")
+# a library leaves it to its caller's logging what is shown
+LOGGER.addHandler(logging.NullHandler())
 LEVELS = {"error": logging.ERROR, "warning": logging.WARNING, "info": logging.INFO, "debug": logging.DEBUG}
 
 
@@ -95,6 +97,45 @@ def setup(rank=0, stream=None, level="info", all_ranks=False):
     LOGGER.propagate = False
 
 
+@contextmanager
+def of_a_library(rank=0, level=None, stream=None):
+    """While this lasts, the program is a library: nothing is shown unless asked, errors are exceptions.
+
+    What :func:`setup` said counts again afterwards, and the warnings of before are there.
+
+    Parameters
+    ----------
+    rank : int
+        Rank of this process; only 0 speaks.
+    level : {"error", "warning", "info", "debug"}, optional
+        Lines as important as this are shown; None: the handlers that the caller's own logging has for the logger
+        "pcontact" get them.
+    stream : file object, optional
+        See :func:`setup`.
+
+    Raises
+    ------
+    ValueError
+        The level is not one of the four.
+    """
+    handlers, own = list(LOGGER.handlers), (LOGGER.level, LOGGER.propagate, LOGGER.disabled)
+    state = {name: getattr(_State, name) for name in ("rank", "speaks", "stream", "warnings")}
+    try:
+        if level is not None:
+            setup(rank, stream, level)
+        else:
+            _State.rank, _State.stream = rank, None
+            LOGGER.disabled = rank != 0
+        _State.speaks, _State.warnings = False, ()
+        yield
+    finally:
+        LOGGER.handlers[:] = handlers
+        LOGGER.setLevel(own[0])
+        LOGGER.propagate, LOGGER.disabled = own[1:]
+        for name, value in state.items():
+            setattr(_State, name, value)
+
+
 def info(message, *args):
     """Log a line, ``message % args``."""
     LOGGER.info(message, *args)
@@ -163,15 +204,16 @@ class Progress:
 
     Notes
     -----
-    The work need not come in equal or whole steps. The stream is that of `setup`; only rank 0 shows progress.
+    The work need not come in equal or whole steps. The stream is that of `setup`, without which there is no bar; only
+    rank 0 shows progress, and only where it shows lines.
     """
 
     def __init__(self, total, label="", lines=10):
-        stream = _State.stream or sys.stdout
+        stream, shown = _State.stream, LOGGER.isEnabledFor(logging.INFO)
         self.total, self.label, self.lines, self.value = total, label, lines, 0.0
         self._shown = 0
         self._bar = None
-        if _State.rank == 0 and streams.is_terminal(stream):
+        if _State.rank == 0 and shown and streams.is_terminal(stream):
             form = "{desc} {percentage:3.0f}% |{bar}| {elapsed}<{remaining} {postfix}"
             self._bar = tqdm(total=total, desc=label, file=stream, leave=False, bar_format=form,
                              dynamic_ncols=True)

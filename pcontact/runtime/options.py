@@ -2,6 +2,9 @@
 
 import math
 import re
+from collections.abc import Mapping
+
+import numpy as np
 
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.petsc import PETSc, option_used
@@ -14,6 +17,11 @@ OPTION_FAULTS = (62, 63, 83, 86, 92)
 class Options:
     """Typed, checked access to the options database, with a list of what was asked for.
 
+    Parameters
+    ----------
+    said : str
+        Where the user gives options, for messages.
+
     Attributes
     ----------
     known : dict of str to str
@@ -22,8 +30,8 @@ class Options:
         Options that `propose` put into the database.
     """
 
-    def __init__(self):
-        self._db = PETSc.Options()
+    def __init__(self, said="command line"):
+        self._db, self.said = PETSc.Options(), said
         self.known, self.entered = {}, []
 
     def given(self, name):
@@ -85,7 +93,7 @@ class Options:
         InputError
         """
         raw = self._db.getString(name, "")
-        return InputError(f"command line: -{name}: found {repr(raw) if raw else 'nothing'}; allowed: {allowed}")
+        return InputError(f"{self.said}: -{name}: found {repr(raw) if raw else 'nothing'}; allowed: {allowed}")
 
     def propose(self, defaults):
         """Enter solver defaults that the user did not set.
@@ -144,6 +152,43 @@ class Options:
         names = [f"-{name} {value}" for name, value in self._db.getAll().items() if value and value in words]
         found = f"{', '.join(names)}: {what}" if names else what
         return InputError(f"PETSc options: found {found}; allowed: what -help lists")
+
+    def give(self, options):
+        """Enter what the user says; it wins over whatever is proposed later.
+
+        Parameters
+        ----------
+        options : str or mapping of str to object
+            As on a command line, or names and values: None and True are a flag, a list has its entries separated by
+            commas.
+
+        Raises
+        ------
+        InputError
+        """
+        if isinstance(options, str):
+            try:
+                self._db.insertString(options)
+            except PETSc.Error as error:
+                raise InputError(f"{self.said}: found {options!r}; allowed: -name value -name value ...") from error
+            return
+        if not isinstance(options, Mapping):
+            raise InputError(f"{self.said}: found {options!r}; allowed: a dict or a text of options")
+        for name, value in options.items():
+            if not isinstance(name, str) or not name.strip("-") or any(c.isspace() for c in name):
+                raise InputError(f"{self.said}: found an option named {name!r}; allowed: names without blanks")
+            self._db.setValue(name.lstrip("-"), self._text(name, value))
+
+    def _text(self, name, value):
+        if value is None or value is True:
+            return ""
+        if isinstance(value, (list, tuple)):
+            return ",".join(self._text(name, part) for part in value)
+        if isinstance(value, (bool, str, int, float, np.number, np.bool_)):
+            value = value.item() if isinstance(value, (np.number, np.bool_)) else value
+            return str(value).lower() if isinstance(value, bool) else str(value)
+        kinds = "text, a number, true or false, a list of them"
+        raise InputError(f"{self.said}: {name}: found {value!r}; allowed: {kinds}")
 
     def withdraw(self):
         """Take all that was proposed back out of the database."""

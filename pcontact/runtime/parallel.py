@@ -93,6 +93,11 @@ class Exchanger:
         self.bytes = 0
         self._tag = 0
 
+    def free(self):
+        """Give the communicator back; a second call does nothing. *Collective.*"""
+        if self.comm != MPI.COMM_NULL:
+            self.comm.Free()
+
     def __call__(self, sends, dtype, columns):
         """Send a two-dimensional array to each of a few ranks and receive what others send here. *Collective.*
 

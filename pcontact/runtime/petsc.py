@@ -1,24 +1,20 @@
-"""PETSc, started once with the command line, and what differs between its versions (3.18 to 3.26).
+"""PETSc, started once, with the command line of a program, and what differs between its versions (3.18 to 3.26).
 
 Every other module takes ``PETSc`` and ``MPI`` from here.
 """
 
 import ctypes
-import os
-import sys
+from contextlib import contextmanager
 
 import numpy as np
 import petsc4py
 
-from pcontact.runtime import signals, streams
+from pcontact.runtime import signals, start, streams
 
 # before anything opens a file that stays open
 streams.reserve()
 
-# a test runner's own options are no business of the options database
-# bytes that Python could not read as text are none for petsc4py either
-_words = [os.fsencode(word).decode("utf-8", "replace") for word in sys.argv]
-petsc4py.init(_words[:1] if "pytest" in sys.modules else _words)
+petsc4py.init(start.words())
 
 from mpi4py import MPI  # noqa: E402
 from petsc4py import PETSc  # noqa: E402
@@ -32,10 +28,12 @@ version = PETSc.Sys.getVersion()[:2]
 _lib = ctypes.CDLL(PETSc.__file__)
 
 # newer versions list unused options when they end, also those that are pcontact's own; pcontact names the others itself
+# (in a library the database is the caller's)
 _options = PETSc.Options()
-if not _options.hasName("options_left"):
-    _options.setValue("options_left", False)
-_options.getBool("options_left", False)
+if not start.is_library():
+    if not _options.hasName("options_left"):
+        _options.setValue("options_left", False)
+    _options.getBool("options_left", False)
 
 
 # packages that cut graphs
@@ -201,6 +199,22 @@ def reset_partitioner():
 def set_section(dm, section):
     """Attach a local section to a DM (``setLocalSection`` since 3.19)."""
     (dm.setLocalSection if hasattr(dm, "setLocalSection") else dm.setSection)(section)
+
+
+@contextmanager
+def own_options():
+    """While this lasts, PETSc has an options database of its own, empty at first, in the place of the present one.
+
+    What was in that one before is neither seen nor changed. May be nested.
+    """
+    database = ctypes.c_void_p()
+    _check(_lib.PetscOptionsCreate(ctypes.byref(database)), "PetscOptionsCreate")
+    _check(_lib.PetscOptionsPush(database), "PetscOptionsPush")
+    try:
+        yield
+    finally:
+        _check(_lib.PetscOptionsPop(), "PetscOptionsPop")
+        _check(_lib.PetscOptionsDestroy(ctypes.byref(database)), "PetscOptionsDestroy")
 
 
 def option_used(name):

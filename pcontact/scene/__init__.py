@@ -16,7 +16,7 @@ from pcontact.scene.model import (
     Steps,
 )
 from pcontact.scene.physics import differences, physics
-from pcontact.scene.reader import read_scene
+from pcontact.scene.reader import read_scene, scene_from
 from pcontact.scene.regions import check_apart, check_dimension, check_lost, check_radius, check_regions
 from pcontact.scene.validate import resolve_contacts, validate
 
@@ -45,5 +45,6 @@ __all__ = [
     "read_scene",
     "require_no_code",
     "resolve_contacts",
+    "scene_from",
     "validate",
 ]

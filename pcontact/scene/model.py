@@ -6,7 +6,7 @@ numbers into float and lists into tuples. Units are the user's own and must be c
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from pcontact.scene.contact_model import CONTACT_DEFAULTS as CONTACT_DEFAULTS
@@ -211,6 +211,8 @@ class Scene:
         Of `UNSAFE`: settings that run with a warning instead of being refused.
     path : pathlib.Path or None
         The scene file; None when the scene was built in Python.
+    beside : pathlib.Path or None
+        Folder of the files of a scene without a file; None: the working directory.
     """
 
     mesh: MeshSpec
@@ -226,6 +228,7 @@ class Scene:
     accuracy: str | None = None
     allow_unsafe: Sequence[str] = ()
     path: Path | None = None
+    beside: Path | None = None
 
     @property
     def where(self) -> str:
@@ -234,13 +237,30 @@ class Scene:
 
     @property
     def folder(self) -> Path:
-        """Folder that the scene's files are beside; the working directory for a scene built in Python."""
-        return Path() if self.path is None else Path(self.path).parent
+        """Folder that the scene's files are in, see `path` and `beside`."""
+        if self.path is not None:
+            return Path(self.path).parent
+        return Path() if self.beside is None else Path(self.beside)
 
     @property
     def mesh_path(self) -> Path:
         """The mesh file."""
         return self.folder / self.mesh.file
+
+    def copy(self) -> "Scene":
+        """The same in tables of its own; values that are no tables are shared."""
+        contacts = [
+            replace(contact, obstacle=None if contact.obstacle is None else replace(contact.obstacle))
+            for contact in self.contacts
+        ]
+        lists = {key: [replace(item) for item in getattr(self, key)] for key in LIST_TABLES}
+        return replace(
+            self,
+            materials={name: replace(material) for name, material in self.materials.items()},
+            petsc=dict(self.petsc),
+            **{key: replace(getattr(self, key)) for key in SINGLE_TABLES},
+            **{**lists, "contacts": contacts},
+        )
 
     def yields(self, body: Body) -> bool:
         """Whether a body may yield."""

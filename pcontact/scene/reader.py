@@ -2,10 +2,13 @@
 
 import re
 import tomllib
+from collections.abc import Mapping
 from dataclasses import MISSING, fields
 from pathlib import Path
 
-from pcontact.scene.messages import closeness, cut, input_error, nearest, shown
+import numpy as np
+
+from pcontact.scene.messages import closeness, cut, input_error, nearest, shown, unknown_name
 from pcontact.scene.model import LIST_TABLES, SINGLE_TABLES, Contact, Material, Obstacle, Scene
 from pcontact.scene.places import place
 from pcontact.scene.validate import validate
@@ -17,16 +20,19 @@ _HEADERS = {
     **{cls: f"[{key}]" for key, cls in SINGLE_TABLES.items()},
     **{cls: f"[[{key}]]" for key, cls in LIST_TABLES.items()},
 }
+HOME = ("path", "beside")
 _ALIKE = 0.8  # likeness above which a key of the same table is what was meant
 
 
-def read_scene(path: str | Path) -> Scene:
+def read_scene(path: str | Path, changes: Mapping[str, object] | None = None) -> Scene:
     """Read and check a scene file.
 
     Parameters
     ----------
     path : str or pathlib.Path
         A TOML file.
+    changes : mapping, optional
+        Keys of the scene with other values, see :func:`changed`.
 
     Returns
     -------
@@ -39,11 +45,100 @@ def read_scene(path: str | Path) -> Scene:
         One line: file, key path (or line and column), what was found, what is allowed.
     """
     path = Path(path)
-    file = str(path)
-    data = _parse(path)
+    return _scene(changed(_parse(path), changes or {}, str(path)), str(path), path=path)
+
+
+def scene_from(data: Mapping[str, object], folder: str | Path | None = None) -> Scene:
+    """A scene from the tables of a scene file, as they are in Python.
+
+    Parameters
+    ----------
+    data : mapping
+        What `tomllib` makes of a scene file: the same keys, dicts for tables, lists for lists of tables. Arrays and
+        numbers of numpy and paths are taken as well.
+    folder : str or pathlib.Path, optional
+        Where the mesh and other files are; absent: the working directory.
+
+    Returns
+    -------
+    Scene
+        Valid, as :func:`read_scene` returns it.
+
+    Raises
+    ------
+    InputError
+    """
+    if not isinstance(data, Mapping):
+        raise input_error("scene", "scene", shown(data), "a dict with the tables of a scene file")
+    return _scene(plain(data), "scene", beside=None if folder is None else Path(folder))
+
+
+def plain(value: object) -> object:
+    """The same in the types that TOML has: arrays and tuples as lists, numbers of numpy and paths as Python's own."""
+    if isinstance(value, Mapping):
+        return {str(key): plain(part) for key, part in value.items()}
+    if isinstance(value, (np.ndarray, np.generic)):
+        return value.tolist()
+    if isinstance(value, (list, tuple)):
+        return [plain(part) for part in value]
+    return str(value) if isinstance(value, Path) else value
+
+
+def changed(data: dict[str, object], changes: Mapping[str, object], file: str) -> dict[str, object]:
+    """The tables of a scene with some values replaced.
+
+    Parameters
+    ----------
+    data : dict
+        As `tomllib` makes it; left as it is.
+    changes : mapping
+        Tables are merged, key by key; None takes a key out. A dict in the place of a list of tables has the changes of
+        those that it names: contacts by ``name``, the others by ``region``. All other values take the place of the
+        old ones.
+    file : str
+        For messages.
+
+    Raises
+    ------
+    InputError
+        A list has no table of a name, or several.
+    """
+    return _merged(data, plain(changes), file, "")
+
+
+def _merged(table, changes, file, where):
+    result = dict(table)
+    for key, value in changes.items():
+        old, place_ = result.get(key), f"{where}.{key}" if where else key
+        if isinstance(value, dict) and isinstance(old, dict):
+            result[key] = _merged(old, value, file, place_)
+        elif isinstance(value, dict) and isinstance(old, list):
+            result[key] = _merged_list(key, old, value, file)
+        elif value is None:
+            result.pop(key, None)
+        else:
+            result[key] = value
+    return result
+
+
+def _merged_list(key, items, changes, file):
+    named = "name" if key == "contacts" else "region"
+    names = [item.get(named) if isinstance(item, dict) else None for item in items]
+    items = list(items)
+    for name, change in changes.items():
+        if names.count(name) != 1:
+            found = f"{names.count(name)} tables with {named} {name!r}" if name in names else unknown_name(
+                str(name), f"no such {named}", [str(one) for one in names if one is not None])  # fmt: skip
+            raise input_error(file, key, found, f"the {named} of one of them, or a list of all")
+        row = names.index(name)
+        items[row] = _merged(items[row], change, file, place(key, row, name)) if isinstance(change, dict) else change
+    return items
+
+
+def _scene(data, file, **home):
     _check_keys(Scene, data, file, "")
     scene = Scene(
-        path=path,
+        **home,
         title=data.get("title", ""),
         accuracy=data.get("accuracy"),
         allow_unsafe=data.get("allow_unsafe", ()),
@@ -90,8 +185,8 @@ def _parse(path):
 
 
 def _keys(cls):
-    """Keys of a table in a scene file; the path of a scene is no key."""
-    return [field.name for field in fields(cls) if (cls, field.name) != (Scene, "path")]
+    """Keys of a table in a scene file; where a scene is is no key."""
+    return [field.name for field in fields(cls) if cls is not Scene or field.name not in HOME]
 
 
 def _check_keys(cls, data, file, where):

@@ -58,7 +58,7 @@ def validate(scene: Scene) -> None:
     _check_steps(scene)
 
 
-def resolve_contacts(scene: Scene, overrides: Mapping[str, object]) -> Scene:
+def resolve_contacts(scene: Scene, overrides: Mapping[str, object], said: str = "command line") -> Scene:
     """Fill in the numerics of every pair: the command line wins over the scene, the scene over the defaults.
 
     Parameters
@@ -68,6 +68,8 @@ def resolve_contacts(scene: Scene, overrides: Mapping[str, object]) -> Scene:
     overrides : mapping of str to value
         What the command line says, for all pairs: keys of `CONTACT_DEFAULTS` (``{"theta": -1}`` for
         ``-contact_theta -1``). None is "not said".
+    said : str
+        What messages call it.
 
     Returns
     -------
@@ -83,12 +85,12 @@ def resolve_contacts(scene: Scene, overrides: Mapping[str, object]) -> Scene:
     """
     if not overrides.keys() <= CONTACT_DEFAULTS.keys():
         raise KeyError(f"not numerics of a contact: {sorted(overrides.keys() - CONTACT_DEFAULTS.keys())}")
-    said = {
-        key: apply(RULES[Contact][key], value, "command line", f"-contact_{key}")
+    given = {
+        key: apply(RULES[Contact][key], value, said, f"-contact_{key}")
         for key, value in overrides.items()
         if value is not None
     }
-    contacts = [replace(contact, **_numerics(contact, said)) for contact in scene.contacts]
+    contacts = [replace(contact, **_numerics(contact, given)) for contact in scene.contacts]
     resolved = replace(scene, contacts=contacts)
     for where, table in tables(resolved):
         if isinstance(table, Contact) and table.all:

@@ -79,6 +79,10 @@ class BodyFilter(ContactFilter):
         ksp.setPC(self.inner)
         self._release()
 
+    def free(self):
+        """Give the coarse solver back. *Collective.*"""
+        self._release()
+
     def _release(self):
         if self._solver is not None:
             self._solver.destroy()

@@ -97,6 +97,11 @@ class DirectSolve:
             part.destroy()
         self._parts = []
 
+    def free(self):
+        """Give factors and communicator up. *Collective.*"""
+        self.release()
+        self._free()
+
     def _free(self):
         if self._ranks is not None and not self._ranks.all():
             self._comm.Free()
@@ -152,6 +157,10 @@ class ContactFilter:
         """
         ksp.setPC(self.inner)
         self._direct.release()
+
+    def free(self):
+        """Give factors and communicators back. *Collective.*"""
+        self._direct.free()
 
     def keep(self, keep):
         """Have the next set-up renew the direct solve alone, or both."""

@@ -4,6 +4,7 @@ import time as clock
 
 import numpy as np
 
+from pcontact.runtime.errors import InputError
 from pcontact.runtime.petsc import (
     MPI,
     PETSc,
@@ -93,11 +94,7 @@ class Newton(Ways):
         self.snes.setLineSearchPreCheck(self._limit)
         self.snes.setUpdate(self._update)
         problem.matrix.matrix.setNearNullSpace(near_null_space)
-        try:
-            self.snes.setFromOptions()
-        except PETSc.Error as error:
-            raise options.fault(error) or error from None
-        check_tolerances(self.snes, options)
+        self._take_options()
         # Python hears signals only where it runs; a Krylov iteration is long beside the microsecond that this takes
         self.snes.getKSP().setMonitor(_hear)
         text = "Krylov iterations that a preconditioner may lose before it is renewed; -1: always renew"
@@ -113,6 +110,15 @@ class Newton(Ways):
         self._ways += [self._shortest] if chosen and (self._holds or plastic) else []
         self._ways += [self._stick_first] if self._holds else []
         self.norms, self._norms, self._solved, self._was_full = [], [], [], False
+
+    def _take_options(self):
+        """Set up SNES as the options say. *Collective.*"""
+        try:
+            self.snes.setFromOptions()
+            check_tolerances(self.snes, self._options)
+        except (PETSc.Error, InputError) as error:
+            self.snes.destroy()
+            raise (error if isinstance(error, InputError) else self._options.fault(error)) or error from None
 
     def _solver(self, symmetric, modes):
         return {
@@ -330,6 +336,12 @@ class Newton(Ways):
         keep_preconditioner(self.snes, False)
         self.snes.setFromOptions()
         self._renew_preconditioner()
+
+    def free(self):
+        """Give the solver back to PETSc, which would keep it and all that it calls. *Collective.*"""
+        if self._filter is not None:
+            self._filter.free()
+        self.snes.destroy()
 
     def again(self, u, near=False):
         """Solve on from the solution ``u`` of :meth:`solve`, after multipliers or partners have changed. *Collective.*

@@ -1,0 +1,119 @@
+"""The fields of the last load step that converged, as arrays of this rank."""
+
+import time as clock
+
+import numpy as np
+
+from pcontact.element.reference import MESHIO_NAMES
+from pcontact.io.fields import NODE_NUMBER, Cloud, Piece
+from pcontact.io.smooth import NodeMeans
+from pcontact.material.elastic import equivalent_stress
+
+
+class Snapshot:
+    """Observer that evaluates the fields of every step, for those that come after it, and keeps them till the next.
+
+    Parameters
+    ----------
+    problem : pcontact.solve.problem.Problem
+    timing : dict
+        ``output`` seconds are added.
+    smooth : bool
+        The fields of the cells averaged at the nodes, too.
+    estimate : pcontact.io.error_estimate.ErrorEstimate, optional
+        Observer that has estimated the error of the step before.
+
+    Attributes
+    ----------
+    number, time : int, float
+        Of the step; 0 before the first one.
+    bodies : pcontact.io.fields.Piece or None
+        The cells that this rank owns.
+    cell_numbers : list of ndarray (nc,)
+        Of the cells of each block, the same on any ranks.
+    surfaces : dict of str to Piece
+        The source facets of each contact pair.
+    points : dict of str to pcontact.io.fields.Cloud
+        Its quadrature points.
+    point_numbers : dict of str to ndarray (np,)
+        Numbers of these, the same on any ranks.
+    """
+
+    def __init__(self, problem, timing, smooth=False, estimate=None):
+        self._problem, self._timing, self._estimate = problem, timing, estimate
+        self._means = NodeMeans(problem.space) if smooth else None
+        self.number, self.time, self.bodies = 0, 0.0, None
+        self.cell_numbers, self.surfaces, self.points, self.point_numbers = [], {}, {}, {}
+
+    def step(self, step, u, record):
+        """Take the fields of the step. *Collective.*"""
+        start, pairs = clock.perf_counter(), self._problem.items[1:]
+        self.surfaces, self.points = {}, {}
+        for item in pairs:
+            state = item.state(u)
+            self.surfaces[item.name] = self._surface(item, state, u)
+            self.points[item.name] = _cloud(state)
+        self.point_numbers = {item.name: item.memory_keys() for item in pairs}
+        self.bodies = self._bodies(u)
+        self.cell_numbers = [block.ids for block in self._problem.space.mesh.blocks]
+        self.number, self.time = step.number, step.time
+        self._timing["output"] += clock.perf_counter() - start
+
+    def cut(self, target, outcome):
+        """The step before remains."""
+
+    def end(self, converged):
+        """The last step remains."""
+
+    def _bodies(self, u):
+        space, bulk = self._problem.space, self._problem.items[0]
+        blocks, stress = space.mesh.blocks, bulk.stress(u)
+        data = {
+            "stress": [values for values, _ in stress],
+            "equivalent_stress": [equivalent_stress(values) for values, _ in stress],
+        }
+        if hasattr(bulk, "plastic_strain"):
+            data["equivalent_plastic_strain"] = bulk.plastic_strain()
+        points, tables, nodal = space.points, space.cells, {"displacement": space.local.gather(u)}
+        numbers = space.mesh.file_nodes[space.mesh_nodes]
+        if self._means is not None:
+            means = self._means(data, [volume for _, volume in stress])
+            nodes, tables = self._means.nodes, self._means.cells
+            points, nodal, numbers = points[nodes], {"displacement": nodal["displacement"][nodes]}, numbers[nodes]
+            nodal.update({f"{name}_smooth": values for name, values in means.items()})
+        # by which the pieces of several ranks are put together, where other nodes are in the same place, too
+        nodal[NODE_NUMBER] = numbers.astype(np.int32 if space.mesh.n_nodes_total < 2**31 else np.int64)
+        if self._estimate is not None:
+            data["error_estimate"] = self._estimate.cells
+            data["cell_number"] = [block.ids for block in blocks]
+        data["body"] = [np.full(len(block.nodes), block.body, dtype=np.int32) for block in blocks]
+        data["rank"] = [np.full(len(block.nodes), space.comm.rank, dtype=np.int32) for block in blocks]
+        names = [MESHIO_NAMES[(block.cell, space.degree)] for block in blocks]
+        return Piece(points, list(zip(names, tables, strict=True)), nodal, data)
+
+    def _surface(self, item, state, u):
+        """Source facets with the means of their quadrature points."""
+        space, mesh = self._problem.space, self._problem.space.mesh
+        facet, n = item.source.facet, len(item.source.cells)
+        area = np.bincount(facet, state["weight"], minlength=n)
+        mean = {}
+        for name, key in (("contact_pressure", "pressure"), ("gap", "gap")):
+            mean[name] = np.bincount(facet, state["weight"] * state[key], minlength=n) / area
+        closed = np.bincount(facet, state["status"] > 0, minlength=n)
+        mean["status"] = np.where(closed > 0, 2, 0)
+        mean["area"] = area
+        cells, data, first = [], {name: [] for name in mean}, 0
+        names = getattr(item, "surfaces", (item.contact.source,))
+        for facets in (part for name in names for part in mesh.facet_groups.get(name, [])):
+            block = mesh.blocks[facets.block]
+            table = space.facet_nodes(facets)
+            cells.append((MESHIO_NAMES[(space.facet_kind(block), space.degree)], table))
+            for name, values in mean.items():
+                data[name].append(values[first : first + len(table)])
+            first += len(table)
+        return Piece(space.points, cells, {"displacement": space.local.gather(u)}, data)
+
+
+def _cloud(state):
+    keys = ("pressure", "gap", "traction", "normal", "status", "weight", "paired")
+    return Cloud(state["x"], {key: state[key] for key in keys})

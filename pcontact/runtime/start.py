@@ -1,0 +1,35 @@
+"""What PETSc is started with; said before `pcontact.runtime.petsc` is imported. Neither PETSc nor MPI."""
+
+import os
+import sys
+
+
+class _State:
+    """Whether this process is another program's, which has a command line of its own."""
+
+    library = False
+
+
+def as_library():
+    """The command line is the caller's: PETSc does not see it."""
+    _State.library = True
+
+
+def is_library():
+    """Whether :func:`as_library` was called."""
+    return _State.library
+
+
+def words():
+    """The words that PETSc is started with, the name of the program first.
+
+    Returns
+    -------
+    list of str
+        Of the command line; its first word alone in a test runner, whose options are its own.
+    """
+    if _State.library:
+        return ["pcontact"]
+    # bytes that Python could not read as text are none for petsc4py either
+    line = [os.fsencode(word).decode("utf-8", "replace") for word in sys.argv]
+    return line[:1] if "pytest" in sys.modules else line
