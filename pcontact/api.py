@@ -201,16 +201,18 @@ class Step:
     def __init__(self, step, record, simulation):
         self.number, self.time, self.report = step.number, step.time, jsonable(record)
         self.newton, self.krylov, self.cutbacks = step.newton, step.krylov, step.cutbacks
-        self._fields = Fields.of(simulation.snapshot)
+        self._taken, self._fields = simulation.snapshot.taken, None
         self._comm = simulation.comm
 
     def fields(self):
         """The fields at its end, this rank's part: :class:`Fields`."""
+        if self._fields is None:
+            self._fields = Fields.of(self._taken)
         return self._fields
 
     def gather(self, everywhere=False):
         """The fields of all ranks, see :meth:`Run.gather`. *Collective.*"""
-        return self._fields.gather(self._comm, everywhere)
+        return self.fields().gather(self._comm, everywhere)
 
 
 class Run:
@@ -235,7 +237,8 @@ class Run:
         self.converged, self.stopped = converged, simulation.stopped
         self.history, self.report = columns(data["steps"]), jsonable(data)
         self.unused = simulation.unused()
-        self._fields = Fields.of(simulation.snapshot) if simulation.snapshot.number else None
+        taken = simulation.snapshot.taken
+        self._fields = None if taken is None else Fields.of(taken)
         self._comm = simulation.comm
 
     @property
@@ -307,22 +310,22 @@ class Fields:
         self.node_numbers, self.cell_numbers, self.point_data, self.cell_data = data
 
     @classmethod
-    def of(cls, snapshot):
+    def of(cls, taken):
         """Those that a run has at hand.
 
         Parameters
         ----------
-        snapshot : pcontact.io.snapshot.Snapshot
+        taken : pcontact.io.snapshot.Taken
         """
-        piece, contacts = snapshot.bodies, {}
+        piece, contacts = taken.bodies, {}
         point_data = dict(piece.point_data)
         numbers = point_data.pop(NODE_NUMBER)
         cell_data = {name: np.concatenate(arrays) for name, arrays in piece.cell_data.items()}
-        for name, cloud in snapshot.points.items():
-            contacts[name] = {"x": cloud.points, **cloud.data, "number": snapshot.point_numbers[name]}
+        for name, cloud in taken.points.items():
+            contacts[name] = {"x": cloud.points, **cloud.data, "number": taken.point_numbers[name]}
         found = cls(
-            snapshot.number, snapshot.time, piece.points, list(piece.cells),
-            (numbers, np.concatenate(snapshot.cell_numbers), point_data, cell_data), contacts,
+            taken.number, taken.time, piece.points, list(piece.cells),
+            (numbers, np.concatenate(taken.cell_numbers), point_data, cell_data), contacts,
         )  # fmt: skip
         found._lock()
         return found

@@ -3,6 +3,8 @@
 import json
 import logging
 import os
+import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -13,8 +15,11 @@ import pytest
 from bad_input import SCENE, Case, mesh_text
 from small import blocks_file
 from test_cli import LATE, ROOT, TIMEOUT, environment, lay_out
+from test_process import ENDLESS
 
 import pcontact as pc
+from drivers.examples.friction import drag
+from meshes.__main__ import main as write_mesh
 from pcontact.io.result import load_result
 from pcontact.runtime import log
 from pcontact.runtime.options import Options
@@ -457,6 +462,57 @@ def test_a_run_within_a_run(squares):
     run, alone = pc.run(squares, on_step=within), pc.run(squares)
     same(run, alone)
     assert run.report["model"] == alone.report["model"] and len(inner[0].history["time"]) == 3
+
+
+def test_an_interrupt(squares):
+    """It comes through PETSc as itself, and the next run is none the worse."""
+    def stop(number, frame):
+        raise KeyboardInterrupt("from outside")
+
+    before = signal.signal(signal.SIGALRM, stop)
+    try:
+        signal.setitimer(signal.ITIMER_REAL, 1.0)
+        with pytest.raises(KeyboardInterrupt, match="from outside"):
+            pc.run(squares, options=" ".join(ENDLESS))
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, before)
+    assert pc.run(squares).converged
+
+
+# -- the page ----------------------------------------
+
+
+@pytest.fixture
+def dragged(tmp_path, monkeypatch):
+    """The example that the page is about, beside the working directory."""
+    folder = tmp_path / "drivers" / "examples"
+    folder.mkdir(parents=True)
+    text = Path(shutil.copy(ROOT / "drivers" / "examples" / "drag.toml", folder)).read_text()
+    words = re.search(r"python -m meshes (.+) -o drivers", text).group(1).split()
+    assert write_mesh([*words, "-o", str(folder / "drag.msh")]) == 0
+    monkeypatch.chdir(tmp_path)
+    return folder / "drag.toml"
+
+
+def test_the_code_of_the_page(dragged, capsys):
+    """Both pieces do what they say."""
+    first, second = re.findall(r"```python\n(.*?)```", (ROOT / "docs" / "python.md").read_text(), re.DOTALL)
+    found = {}
+    exec(first, found)
+    assert found["run"].history["contacts.drag.force_x"][-1] == pytest.approx(0.2, rel=1e-3)
+    assert len([line for line in first.splitlines() if line]) <= 10
+    exec(second, found)
+    assert found["whole"].displacement.shape == found["whole"].points.shape
+    assert "[[" in capsys.readouterr().out
+
+
+def test_the_study_of_friction(dragged):
+    """Coulomb's law, and a run that ends early."""
+    time, tangential, normal = drag(dragged, 0.1)
+    assert 1.0 < time < 2.0 and normal == pytest.approx(1.0, rel=1e-6)
+    # as near as the scene itself promises
+    assert tangential == pytest.approx(0.1 * normal, rel=1e-3)
 
 
 # -- fields and scenes ----------------------------------------

@@ -200,7 +200,7 @@ class Fields:
 
     def step(self, step, u, record):
         """Write the step. *Collective.*"""
-        start, taken = clock.perf_counter(), self._snapshot
+        start, taken = clock.perf_counter(), self._snapshot.taken
         self._writer.write(step.number, step.time, taken.bodies, taken.surfaces, taken.points)
         self._timing["output"] += clock.perf_counter() - start
 

@@ -1,6 +1,7 @@
 """The fields of the last load step that converged, as arrays of this rank."""
 
 import time as clock
+from typing import NamedTuple
 
 import numpy as np
 
@@ -8,6 +9,34 @@ from pcontact.element.reference import MESHIO_NAMES
 from pcontact.io.fields import NODE_NUMBER, Cloud, Piece
 from pcontact.io.smooth import NodeMeans
 from pcontact.material.elastic import equivalent_stress
+
+
+class Taken(NamedTuple):
+    """The fields of a load step on this rank.
+
+    Attributes
+    ----------
+    number, time : int, float
+        Of the step.
+    bodies : pcontact.io.fields.Piece
+        The cells that this rank owns.
+    cell_numbers : list of ndarray (nc,)
+        Of the cells of each block, the same on any ranks.
+    surfaces : dict of str to Piece
+        The source facets of each contact pair.
+    points : dict of str to pcontact.io.fields.Cloud
+        Its quadrature points.
+    point_numbers : dict of str to ndarray (np,)
+        Numbers of these, the same on any ranks.
+    """
+
+    number: int
+    time: float
+    bodies: Piece
+    cell_numbers: list
+    surfaces: dict
+    points: dict
+    point_numbers: dict
 
 
 class Snapshot:
@@ -25,38 +54,25 @@ class Snapshot:
 
     Attributes
     ----------
-    number, time : int, float
-        Of the step; 0 before the first one.
-    bodies : pcontact.io.fields.Piece or None
-        The cells that this rank owns.
-    cell_numbers : list of ndarray (nc,)
-        Of the cells of each block, the same on any ranks.
-    surfaces : dict of str to Piece
-        The source facets of each contact pair.
-    points : dict of str to pcontact.io.fields.Cloud
-        Its quadrature points.
-    point_numbers : dict of str to ndarray (np,)
-        Numbers of these, the same on any ranks.
+    taken : Taken or None
+        None before the first step.
     """
 
     def __init__(self, problem, timing, smooth=False, estimate=None):
         self._problem, self._timing, self._estimate = problem, timing, estimate
         self._means = NodeMeans(problem.space) if smooth else None
-        self.number, self.time, self.bodies = 0, 0.0, None
-        self.cell_numbers, self.surfaces, self.points, self.point_numbers = [], {}, {}, {}
+        self.taken = None
 
     def step(self, step, u, record):
         """Take the fields of the step. *Collective.*"""
-        start, pairs = clock.perf_counter(), self._problem.items[1:]
-        self.surfaces, self.points = {}, {}
+        start, pairs, surfaces, points = clock.perf_counter(), self._problem.items[1:], {}, {}
         for item in pairs:
             state = item.state(u)
-            self.surfaces[item.name] = self._surface(item, state, u)
-            self.points[item.name] = _cloud(state)
-        self.point_numbers = {item.name: item.memory_keys() for item in pairs}
-        self.bodies = self._bodies(u)
-        self.cell_numbers = [block.ids for block in self._problem.space.mesh.blocks]
-        self.number, self.time = step.number, step.time
+            surfaces[item.name] = self._surface(item, state, u)
+            points[item.name] = _cloud(state)
+        point_numbers = {item.name: item.memory_keys() for item in pairs}
+        cell_numbers = [block.ids for block in self._problem.space.mesh.blocks]
+        self.taken = Taken(step.number, step.time, self._bodies(u), cell_numbers, surfaces, points, point_numbers)
         self._timing["output"] += clock.perf_counter() - start
 
     def cut(self, target, outcome):
