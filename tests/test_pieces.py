@@ -8,7 +8,7 @@ from test_patch import blocks, solve
 from drivers.patch import errors, scene
 from pcontact.contact.facet_maps import SQUARE_CORNERS, TRIANGLE_CORNERS
 from pcontact.contact.overlaps import tiles as tiles_of
-from pcontact.contact.pieces import cut_source
+from pcontact.contact.pieces import _at, cut_source, cuts
 from pcontact.contact.polygons import tile
 from pcontact.contact.surface import source_surface, target_surface
 from pcontact.runtime.petsc import MPI
@@ -65,6 +65,25 @@ def inside(points, polygon):
     away = points[:, None] - polygon[..., None, :, :]
     d = ahead[..., 0] * away[..., 1] - ahead[..., 1] * away[..., 0]
     return d.min(axis=-1)
+
+
+@pytest.mark.parallel
+@pytest.mark.parametrize("order", [1, 2])
+def test_cuts_in_the_plane_are_at_the_ends_of_facets_to_rounding(shared_tmp, order):
+    """Flat surfaces, 0.05 apart: pieces end where facets of either side end."""
+    path = blocks(shared_tmp, "triangle", 7, 3, gap=0.05)
+    space = make_space(WORLD, path, ["lower", "upper"], order)
+    parts, target = space.mesh.facet_groups.get("upper_bottom", []), target_surface(space, "lower_top")
+    part, row, _, a, b = cuts(space, parts, (target, 1.0, "closest_point"))
+    ends = [np.zeros(0)]
+    for k, facets in enumerate(parts):
+        chosen = part == k
+        ends += [_at(space, facets, row[chosen], s[chosen, None])[0][:, 0] for s in (a, b)]
+    found = np.concatenate(WORLD.allgather(np.concatenate(ends)))
+    known = np.unique(np.round(np.concatenate([np.arange(8) / 7, np.arange(4) / 3]), 15))
+    away = np.abs(found[:, None] - known)
+    assert np.unique(away.argmin(axis=1)).size == known.size
+    assert away.min(axis=1).max() < 1e-13
 
 
 @pytest.mark.parametrize("domain", list(DOMAINS))

@@ -405,6 +405,42 @@ def test_equal_distances_go_to_the_smaller_id():
     assert r.id == 1
 
 
+@pytest.mark.parametrize("turned", [False, True])
+def test_what_is_nearer_by_more_than_rounding_wins_whatever_the_numbers(turned):
+    ids = np.array([1, 0] if turned else [0, 1])
+    # inside of both, nearer by 2e-12, where distances of 1e-10 would be as good
+    valley = np.array([[[1.0, 1], [0, 0]], [[0.0, 0], [-1, 1]]])
+    for side in (-1.0, 1.0):
+        r = search(valley, 0, [side * 1e-12, 1.0], [0, -1], ids=ids)
+        assert r.y[0, 0] * side > 0.0
+    # one straight line: the facet below the point, not the one over whose border it hangs by 5e-10
+    line = np.array([[[1.0, 0], [0, 0]], [[0.0, 0], [-1, 0]]])
+    for side in (-1.0, 1.0):
+        r = search(line, 0, [side * 5e-10, 0.1], [0, -1], ids=ids)
+        np.testing.assert_allclose(r.y[0], [side * 5e-10, 0.0], rtol=0, atol=1e-15)
+    # beside an edge of two facets in a row: one has the point on its edge, the other one only a corner, 1e-6 away
+    row = np.array([[[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[-1.0, 0, 0], [0, 0, 0], [0, 1, 0], [-1, 1, 0]]])
+    for side in (-1.0, 1.0):
+        r = search(row, 4, [side * 1e-6, -0.2, 0.1], [0, 0, -1], ids=ids)
+        assert r.y[0, 0] == pytest.approx(side * 1e-6, rel=1e-9)
+
+
+@pytest.mark.parametrize("middle", [0.5, 0.53])
+def test_a_point_just_inside_a_facet_of_degree_2_is_not_held_at_its_corner(middle):
+    """The squares of both distances are the same number: 2e-9 beside the corner, seen from a third of the length."""
+    line = np.array([[[0.0, 0], [-1, 0], [-middle, 0]]])
+    for x in (-2e-9, -1.0 + 2e-9):
+        r = search(line, 1, [x, 0.3], [0, -1])
+        np.testing.assert_allclose(r.y[0], [x, 0.0], rtol=0, atol=1e-15)
+    # in space: beside an edge, beside the corner of an edge, and inside
+    corners = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
+    middles = np.array([[middle, 0, 0], [1, middle, 0], [1.0 - middle, 1, 0], [0, 1.0 - middle, 0]])
+    facet = np.concatenate([corners, middles, [[0.5, 0.5, 0.0]]])[None]
+    for x in ([0.4, 2e-9, 0.3], [1.0 - 2e-9, 0.4, 0.3], [2e-9, -0.1, 0.3], [1.1, 1.0 - 2e-9, 0.3]):
+        r = search(facet, 5, x, [0, 0, -1])
+        np.testing.assert_allclose(r.y[0], [min(max(x[0], 0.0), 1.0), max(x[1], 0.0), 0.0], rtol=0, atol=1e-14)
+
+
 def test_rejected_facets_do_not_hide_accepted_ones():
     """A thin closed plate: a source above pairs with the upper face wherever it is, even past the middle."""
     plate = cube(4, 4) * [1, 1, 0.01]

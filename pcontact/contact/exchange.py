@@ -7,6 +7,8 @@ import numpy as np
 from pcontact.contact.cones import normal_cones
 from pcontact.contact.facet_maps import facet_boxes
 from pcontact.contact.projection import closest_points, ray_tracing
+from pcontact.contact.projection_table import EVEN, TIE
+from pcontact.contact.projection_walk import ROUNDING
 from pcontact.contact.tree import build_tree
 from pcontact.runtime import profile
 from pcontact.runtime.jit import njit_exact
@@ -151,7 +153,7 @@ class _Searched:
         rows : ndarray (n,)
             The points with a partner here.
         answers : ndarray (n, columns)
-            Of those: facet id, distance, gap, interior, facet size, y, normal, nodes, shape, offset if known.
+            Of those: facet id, distance, gap, how it is held, facet size, y, normal, nodes, shape, offset if known.
         candidates : int
         """
         target, (x, kinds, ids) = self._target, self._facets[:3]
@@ -164,26 +166,31 @@ class _Searched:
         rows = np.flatnonzero(p.facet >= 0)
         facet = p.facet[rows]
         weights, nodes = target.shape(facet, p.xi[rows]), self._numbers[target.nodes[facet]]
-        parts = [p.id, p.distance, p.gap, p.interior, p.size, p.y, p.normal]
+        parts = [p.id, p.distance, p.gap, p.held, p.size, p.y, p.normal]
         smooth = [] if target.smooth is None else [target.smooth.at_target(target, facet, p.xi[rows])]
         out = np.column_stack([*(part[rows] for part in parts), nodes, weights, *smooth])
         return rows, out.astype(float, copy=False), int(p.candidates.sum())
 
 
-def _best(points, answers, n_points):
+def _best(points, answers, n_points, d):
     """Row of ``answers`` that wins for every point (-1: none).
 
-    The nearest; among equals (1e-10 of the facet size) an interior projection, then the smallest global facet number:
-    the rule of the search within one rank, so that the result does not depend on how facets are spread.
+    The rule of the search within one rank (`pcontact.contact.projection`), so that the result does not depend on how
+    facets are spread.
     """
     winner = np.full(n_points, -1, dtype=np.int64)
     if not len(points) or np.max(np.bincount(points)) == 1:
         winner[points] = np.arange(len(points))
         return winner
-    nearest = np.full(n_points, np.inf)
-    np.minimum.at(nearest, points, answers[:, 1])
-    tied = np.flatnonzero(answers[:, 1] <= nearest[points] + 1e-10 * answers[:, 4])
-    order = tied[np.lexsort((answers[tied, 0], -answers[tied, 3], points[tied]))]
+    number, distance, _, held, size = answers[:, :5].T
+    rounding = ROUNDING * np.max(np.abs(answers[:, 5 : 5 + d]), axis=1)
+    rows = np.arange(len(points))
+    even = EVEN * (distance + 0.1 * size) + rounding
+    for key, slack in ((distance, TIE * size), (held, np.zeros(len(rows))), (distance, even)):
+        least = np.full(n_points, np.inf)
+        np.minimum.at(least, points[rows], key[rows])
+        rows = rows[key[rows] <= least[points[rows]] + slack[rows]]
+    order = rows[np.lexsort((number[rows], points[rows]))]
     unique, first = np.unique(points[order], return_index=True)
     winner[unique] = order[first]
     return winner
@@ -226,7 +233,7 @@ def find_partners(space, target, nodal, points, normals, radius, method, origin=
         columns = 5 + 2 * d + 2 * width + (0 if target.smooth is None else d)
         found, answers, candidates, count = _remote(space, searched, boxes, asking, radius, columns)
     profile.count(searches=1, points=len(points), asked=count, candidates=candidates)
-    winner = _best(found, answers, len(points))
+    winner = _best(found, answers, len(points), d)
     rows = np.flatnonzero(winner >= 0)
     best, first = answers[winner[rows]], 5
     out = Found(

@@ -25,8 +25,8 @@ from pcontact.element.shape import shape, shape_gradient
 
 # intervals that each source facet starts with: a target facet shorter than one of them may be missed
 SAMPLES = 8
-# bisections: cuts are known to 2^-30 of a facet
-BISECTIONS = 27
+# bisections: cuts are known to the last digit, 2^-54 of a facet, whichever end of it they begin at
+BISECTIONS = 52
 # shortest piece, in the reference segment
 SLIVER = 1e-7
 # shape function of a node that a partner sits on, but for rounding
@@ -79,7 +79,8 @@ def _places(space, parts, part, row, s, search, ends):
     target = target.seen_from(first[part] + row, x)
     nodal = np.zeros((space.n_local, space.dim))
     found = find_partners(space, target, nodal, x, normal, radius, method)
-    at = np.argmax(found.shape, axis=1)[:, None]
+    # the first two are the ends of a facet: its middle is no place to cut
+    at = np.argmax(found.shape[:, :2], axis=1)[:, None]
     node = np.take_along_axis(found.nodes, at, axis=1)[:, 0]
     held = (found.id >= 0) & (np.take_along_axis(found.shape, at, axis=1)[:, 0] > AT_NODE) & ~np.isin(node, ends)
     return np.where(held, -2 - node, found.id)

@@ -5,10 +5,12 @@ target, and the gap g = (y - x) . n: positive open, negative penetration.
 
 Which facet wins. Facets are visited in the order of their distance. Those that fail the facing rule, nX . n
 >= facing, never win, and never hide a farther one. Among accepted facets whose distances agree to 1e-10 of
-the facet size, a projection inside its facet is preferred to one held at an edge, then the smallest global
-facet number. The outcome depends neither on the order of the facets nor, through `better`, on how they are
-spread over ranks. Facets that meet in the nearest point give the same partner, whichever has the smaller number; it
-decides between different points only where a point is exactly as far from the insides of two facets.
+the facet size, a projection inside its facet is preferred to one held at an edge, that to one held at a corner, and
+of two inside the one that hangs less over its border; then the nearer one as far as rounding tells, then the smallest
+global facet number. The outcome depends neither on the order of the facets nor, through `better`, on how they are
+spread over ranks, nor, but for rounding, on their numbers. Facets that meet in the nearest point give the same
+partner, whichever has the smaller number; it decides between different points only where a point is exactly as far
+from the insides of two facets.
 
 Normals of the projection. Inside a facet n = -nY. At an edge or corner (the offset has a part tangential to
 the facet of more than 1e-9 of its size) n is along the offset y - x: from the point to the surface when the
@@ -28,7 +30,7 @@ from pcontact.contact.apart import nobody, writable
 from pcontact.contact.cones import no_cones
 from pcontact.contact.facet_maps import facet_boxes, simplest_kinds
 from pcontact.contact.projection_search import search_all
-from pcontact.contact.projection_table import TIE
+from pcontact.contact.projection_table import EVEN, TIE
 from pcontact.contact.projection_walk import ROUNDING
 from pcontact.contact.tree import build_tree
 
@@ -60,8 +62,9 @@ class Partners(NamedTuple):
         Facets tried; depends on the shape of the tree, hence on the order of the facets.
     size : (np,) float64
         Size of the facet (diagonal of its box) [length]: the scale of the tolerances in `better`.
-    interior : (np,) bool
-        Whether the partner is inside its facet rather than held at an edge of it.
+    held : (np,) float64
+        Inside of its facet: how far it hangs over the border, over the facet's size; `EDGE` or `CORNER` where it is
+        held there.
     """
 
     facet: np.ndarray
@@ -73,7 +76,7 @@ class Partners(NamedTuple):
     id: np.ndarray
     candidates: np.ndarray
     size: np.ndarray
-    interior: np.ndarray
+    held: np.ndarray
 
 
 def surface_tree(x_facets, kinds):
@@ -96,7 +99,7 @@ def no_partners(points, normals):
     return Partners(
         np.full(n, -1, dtype=np.int64), np.zeros((n, d - 1)), np.array(points), np.array(normals),
         np.full(n, np.inf), np.full(n, np.inf), np.full(n, NO_ID, dtype=np.int64),
-        np.zeros(n, dtype=np.int64), np.zeros(n), np.zeros(n, dtype=np.bool_),
+        np.zeros(n, dtype=np.int64), np.zeros(n), np.zeros(n),
     )  # fmt: skip
 
 
@@ -176,7 +179,9 @@ def better(a, b):
     tie = TIE * np.maximum(a.size, b.size) + ROUNDING * offset
     nearest = np.minimum(a.distance, b.distance) + tie
     tied_a, tied_b = a.distance <= nearest, b.distance <= nearest
-    first = np.where(a.interior == b.interior, a.id <= b.id, a.interior)
+    even = EVEN * (nearest + 0.1 * np.maximum(a.size, b.size)) + ROUNDING * offset
+    by_distance = (b.distance > a.distance + even) | ((a.distance <= b.distance + even) & (a.id <= b.id))
+    first = np.where(a.held == b.held, by_distance, a.held < b.held)
     take = np.where(tied_a & tied_b, first, tied_a)
     merged = [np.where(take[:, None] if u.ndim == 2 else take, u, v) for u, v in zip(a, b, strict=True)]
     return Partners(*merged)._replace(candidates=a.candidates + b.candidates)

@@ -33,6 +33,10 @@ from pcontact.contact.facet_maps import (
 from pcontact.runtime.jit import njit_inner_exact
 
 GRID = 5
+# squares of distances that are the same but for rounding, over them
+ALIKE = 2e-15
+# reference coordinates by which a point is inside
+INSIDE = 1e-14
 
 
 @njit_inner_exact
@@ -65,7 +69,11 @@ def _closest_on_line(nodes, a, b, p):
 
 @njit_inner_exact
 def _closest_on_parabola(nodes, a, b, m, p):
-    """The same for a quadratic edge with middle node m: global minimum, from all roots of the cubic f'(s)."""
+    """The same for a quadratic edge with middle node m: global minimum, from all roots of the cubic f'(s).
+
+    An end counts only where the distance falls towards it: that of a root beside it is the same to rounding as soon as
+    they are 1e-8 of the distance apart.
+    """
     k0, k1, k2, k3 = 0.0, 0.0, 0.0, 0.0
     for k in range(3):
         c, l = nodes[m, k] - p[k], 0.5 * (nodes[b, k] - nodes[a, k])  # noqa: E741
@@ -79,16 +87,29 @@ def _closest_on_parabola(nodes, a, b, m, p):
         r0 = t / (3.0 * k3) if k3 > 0.0 else 1.0
         r1 = k1 / t if t != 0.0 else 1.0
         r0, r1 = min(max(min(r0, r1), -1.0), 1.0), min(max(max(r0, r1), -1.0), 1.0)
-    best, best2 = -1.0, _parabola_distance2(nodes, a, b, m, p, -1.0)
-    left = -1.0
-    for i in range(3):
+    best, best2, left, f_left = -1.0, np.inf, -1.0, _cubic(k0, k1, k2, k3, -1.0)
+    if f_left >= 0.0:
+        best2 = _parabola_distance2(nodes, a, b, m, p, -1.0)
+    for i in range(4):
         right = r0 if i == 0 else (r1 if i == 1 else 1.0)
-        s = _cubic_root(k0, k1, k2, k3, left, right)
-        d2 = _parabola_distance2(nodes, a, b, m, p, s)
-        if d2 < best2:
-            best, best2 = s, d2
-        left = right
+        f_right = _cubic(k0, k1, k2, k3, right)
+        if i == 3:
+            s = 1.0
+        elif f_left <= 0.0 and f_right >= 0.0:
+            s = _cubic_root(k0, k1, k2, k3, left, right)
+        else:
+            s = np.nan
+        if i < 3 or f_right <= 0.0:
+            d2 = _parabola_distance2(nodes, a, b, m, p, s)
+            if d2 < best2:
+                best, best2 = s, d2
+        left, f_left = right, f_right
     return best, best2
+
+
+@njit_inner_exact
+def _cubic(k0, k1, k2, k3, s):
+    return k0 + s * (k1 + s * (k2 + s * k3))
 
 
 @njit_inner_exact
@@ -105,15 +126,14 @@ def _parabola_distance2(nodes, a, b, m, p, s):
 @njit_inner_exact
 def _cubic_root(k0, k1, k2, k3, left, right):
     """Root of a cubic that is monotone on [left, right], by Newton with bisection; else the right end."""
-    f_left = k0 + left * (k1 + left * (k2 + left * k3))
-    f_right = k0 + right * (k1 + right * (k2 + right * k3))
+    f_left, f_right = _cubic(k0, k1, k2, k3, left), _cubic(k0, k1, k2, k3, right)
     if f_left == 0.0:
         return left
     if f_right == 0.0 or (f_left > 0.0) == (f_right > 0.0) or not left < right:
         return right
     s = 0.5 * (left + right)
     for _ in range(100):
-        f = k0 + s * (k1 + s * (k2 + s * k3))
+        f = _cubic(k0, k1, k2, k3, s)
         if f == 0.0:
             return s
         if (f > 0.0) == (f_left > 0.0):
@@ -158,7 +178,8 @@ def _closest_on_edges(kind, nodes, p):
             s, d2 = _closest_on_parabola(nodes, i, j, corners + i, p)
         else:
             s, d2 = _closest_on_line(nodes, i, j, p)
-        if d2 < best2:
+        # a corner is as near, to rounding, as the foot beside it on the next edge
+        if d2 < best2 * (1.0 + ALIKE * ((abs(best) == 1.0) - (abs(s) == 1.0))):
             best2, best, edge = d2, s, i
     u, v = _edge_point(kind, edge, best)
     return u, v, best2
@@ -265,9 +286,18 @@ def _closest_on_curved(kind, nodes, p, shapes, jet, grid):
         u, v = _descend(kind, nodes, p, u, v, shapes, jet)
         fill_jet(kind, u, v, nodes, 1, shapes, jet)
         d2 = _distance2(jet, p)
-        if d2 < best2:
+        # from the edges' point the way goes inside only downhill, though distances may not show it
+        if d2 < best2 or (start == GRID * GRID and d2 < best2 * (1.0 + ALIKE) and _is_inside(kind, u, v)):
             best_u, best_v, best2 = u, v, d2
     return best_u, best_v
+
+
+@njit_inner_exact
+def _is_inside(kind, u, v):
+    """Whether a reference point is off the border."""
+    if is_triangle(kind):
+        return min(u, v, 1.0 - u - v) > INSIDE
+    return max(abs(u), abs(v)) < 1.0 - INSIDE
 
 
 @njit_inner_exact

@@ -25,9 +25,13 @@ from pcontact.contact.projection_facets import GRID, closest_on_facet
 from pcontact.contact.projection_rays import ray_on_facet
 from pcontact.contact.projection_table import (
     ANGLE,
+    AT_CORNER,
     COLUMNS,
+    CORNER,
     DISTANCE,
+    EDGE,
     GAP,
+    HELD,
     INTERIOR,
     LOST,
     NY,
@@ -40,6 +44,7 @@ from pcontact.contact.projection_table import (
     R,
     U,
     V,
+    goes_before,
     set_normal,
     sort_group,
     write_partner,
@@ -159,7 +164,7 @@ def _search_points(
                     ):
                         continue
                     # one of the others may be held at an edge whose neighbours are not known here: it hides nothing
-                    if own[facet] and (winner < 0 or row[INTERIOR] > found[winner, INTERIOR]):
+                    if own[facet] and (winner < 0 or goes_before(row, found[winner])):
                         winner = slot
                 if winner >= 0:
                     write_partner(partners, q, x, found[winner], tree.order[leaves[winner]], ids)
@@ -310,7 +315,7 @@ def _solve(rays, tree, leaf, x_facets, kinds, x, n, facing, rounding, p, nodes, 
         p[k] = x[k] - x_facets[facet, 0, k]
         size2 += (tree.facet_upper[leaf, k] - tree.facet_lower[leaf, k]) ** 2
     row[SIZE], row[SLACK] = np.sqrt(size2), rounding
-    row[DISTANCE], row[INTERIOR], row[ANGLE], row[LOST] = np.inf, 1.0, 1.0, 0.0
+    row[DISTANCE], row[INTERIOR], row[ANGLE], row[LOST], row[HELD] = np.inf, 1.0, 1.0, 0.0, 0.0
     if not row[SIZE] > 0.0:
         return
     if rays:
@@ -335,10 +340,26 @@ def _solve(rays, tree, leaf, x_facets, kinds, x, n, facing, rounding, p, nodes, 
     along = r0 * n0 + r1 * n1 + r2 * n2
     s0, s1, s2 = r0 - along * n0, r1 - along * n1, r2 - along * n2
     sideways = np.sqrt(s0 * s0 + s1 * s1 + s2 * s2)
-    if sideways > TOUCH * row[SIZE] + row[SLACK] + 1e-14 * distance:
-        row[INTERIOR] = 0.0
+    rounding = row[SLACK] + 1e-14 * distance
+    if sideways > TOUCH * row[SIZE] + rounding:
+        row[INTERIOR], row[HELD] = 0.0, CORNER if _is_corner(kind, row[U], row[V]) else EDGE
+    else:
+        row[HELD] = max(sideways - 1e-14 * row[SIZE] - rounding, 0.0) / row[SIZE]
     row[DISTANCE] = distance
     row[R], row[R + 1], row[R + 2], row[NY], row[NY + 1], row[NY + 2] = r0, r1, r2, n0, n1, n2
+
+
+@njit_inner_exact
+def _is_corner(kind, u, v):
+    """Whether a reference point is at a corner."""
+    if is_segment(kind):
+        return True
+    corners = 3 if is_triangle(kind) else 4
+    table = TRIANGLE_CORNERS if is_triangle(kind) else SQUARE_CORNERS
+    for i in range(corners):
+        if max(abs(u - table[i, 0]), abs(v - table[i, 1])) <= AT_CORNER:
+            return True
+    return False
 
 
 @njit_inner_exact

@@ -8,10 +8,15 @@ TIE = 1e-10  # of the facet size: distances that count as equal
 TOUCH = 1e-9  # of the facet size: offsets that have no direction, and how far over a border a point may hang
 SAME_POINT = 1e-6  # of the facet size: closest points of neighbours that count as one
 BEHIND = 0.9  # how far an offset that leads out of a body may leave the cone of the normals at its end (in cosines)
+EVEN = 1e-14  # of the distance and a tenth of it of the facet size: by how much rounding tells distances apart
+AT_CORNER = 1e-13  # reference coordinates that are those of a corner
+# how a projection is held: inside by how far it hangs over the border, below 1; at an edge, at a corner
+EDGE, CORNER = 1.0, 2.0
 # columns of the table of solved facets: distance, gap, reference coordinates, y - x (3), target normal (3),
-# contact normal (3), interior (0 or 1), angle at y, facet size, rounding length, whether it is no partner (0 or 1)
+# contact normal (3), interior (0 or 1), angle at y, facet size, rounding length, whether it is no partner (0 or 1),
+# how it is held
 DISTANCE, GAP, U, V, R, NY, N = 0, 1, 2, 3, 4, 7, 10
-INTERIOR, ANGLE, SIZE, SLACK, LOST, COLUMNS = 13, 14, 15, 16, 17, 18
+INTERIOR, ANGLE, SIZE, SLACK, LOST, HELD, COLUMNS = 13, 14, 15, 16, 17, 18, 19
 
 
 @njit_inner_exact
@@ -23,6 +28,15 @@ def sort_group(group, count, leaves, order, ids):
             group[j] = group[j - 1]
             j -= 1
         group[j] = slot
+
+
+@njit_inner_exact
+def goes_before(row, other):
+    """Whether one of two facets of a group is the partner, by their shapes: else the smaller number is."""
+    if row[HELD] != other[HELD]:
+        return row[HELD] < other[HELD]
+    rounding = EVEN * (other[DISTANCE] + 0.1 * other[SIZE]) + other[SLACK]
+    return row[DISTANCE] < other[DISTANCE] - rounding
 
 
 @njit_inner_exact
@@ -67,7 +81,7 @@ def write_partner(partners, q, x, row, facet, ids):
     """Copy the winner to the arrays of the result."""
     partners.facet[q], partners.id[q] = facet, ids[facet]
     partners.gap[q], partners.distance[q] = row[GAP], row[DISTANCE]
-    partners.size[q], partners.interior[q] = row[SIZE], row[INTERIOR] > 0.0
+    partners.size[q], partners.held[q] = row[SIZE], row[HELD]
     partners.xi[q, 0] = row[U]
     if partners.xi.shape[1] == 2:
         partners.xi[q, 1] = row[V]
