@@ -1,8 +1,8 @@
 """Runs in memory: the same numbers as on the command line, nothing left behind, errors as exceptions."""
 
+import io
 import json
 import logging
-import os
 import re
 import shutil
 import signal
@@ -436,6 +436,26 @@ def test_on_step_sees_each_step_and_ends_the_run(folder):
 
 
 @parallel
+def test_a_run_that_was_ended_goes_on(folder):
+    """From its checkpoint; in its own directory with the load steps of before."""
+    scene, out = pc.from_dict(tables(output={"checkpoint": True, "fields": False}), folder), folder / "out"
+    whole = pc.run(scene)
+    assert not out.exists()
+    pc.run(scene, output=out, on_step=lambda step: step.number < 2)
+    rest = pc.run(scene, options={"restart": str(out)})
+    np.testing.assert_allclose(rest.history["time"], whole.history["time"][2:])
+    first = [name for name in rest.history if name.startswith(("contacts", "reactions"))]
+    for name in first:
+        np.testing.assert_allclose(rest.history[name], whole.history[name][2:], rtol=1e-6, atol=1e-8, err_msg=name)
+    np.testing.assert_allclose(rest.fields().stress, whole.fields().stress, rtol=1e-6, atol=1e-8)
+    both = pc.run(scene, options={"restart": str(out)}, output=out)
+    assert both.converged and len(both.report["steps"]) == 3
+    assert both.history.keys() == whole.history.keys()
+    for name in first:
+        np.testing.assert_allclose(both.history[name], whole.history[name], rtol=1e-6, atol=1e-8, err_msg=name)
+
+
+@parallel
 def test_on_step_that_fails(squares):
     """Its own error where it failed, one that tells of it elsewhere; the next run is none the worse."""
     failing = WORLD.size - 1
@@ -638,15 +658,20 @@ def test_the_log_of_a_library():
     records = []
     handler = logging.Handler()
     handler.emit = records.append
-    log.setup(0, open(os.devnull, "w"))
+    stream = io.StringIO()
+    log.setup(0, stream)
     before = list(log.LOGGER.handlers)
     log.forget_warnings()
     log.warning("before")
+    shown = stream.tell()
     with log.of_a_library(0):
         log.warning("inside")
         assert log.warnings() == ["inside"]
-        log.LOGGER.handlers[:] = [handler]
-        log.info("heard")
+    assert stream.tell() == shown
+    log.LOGGER.addHandler(handler)
+    with log.of_a_library(0):
+        log.warning("heard")
+    log.LOGGER.removeHandler(handler)
     with log.of_a_library(1):
         log.LOGGER.addHandler(handler)
         log.warning("on another rank")

@@ -126,6 +126,11 @@ def of_a_library(rank=0, level=None, stream=None):
         else:
             _State.rank, _State.stream = rank, None
             LOGGER.disabled = rank != 0
+            if any(isinstance(handler, _Handler) for handler in handlers):
+                # of a program in the same process
+                LOGGER.handlers[:] = [handler for handler in handlers if not isinstance(handler, _Handler)]
+                LOGGER.setLevel(logging.NOTSET)
+                LOGGER.propagate = True
         _State.speaks, _State.warnings = False, ()
         yield
     finally:
