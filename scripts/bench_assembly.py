@@ -11,8 +11,8 @@ Prints a table, writes assembly.json.
 import numpy as np
 
 from drivers._common import main, make_mesh, make_parser, print_table, write_json
-from drivers._press import make_scene
-from drivers.scaling import triad
+from drivers.studies._press import make_scene
+from drivers.studies.scaling import triad
 from meshes import ball_on_block
 from pcontact.assembly.bulk import ElasticBulk
 from pcontact.runtime.petsc import MPI

@@ -70,7 +70,7 @@ if [[ ${1:-} != fast ]]; then
     for n in 2 3 4; do
         part "parallel, $n ranks" pytest on_ranks "$n" python3 -m pytest -q --color=no -p no:cacheprovider -m parallel
     done
-    for driver in drivers/[!_]*.py; do
+    for driver in drivers/{cases,studies}/[!_]*.py; do
         [[ -e $driver ]] || continue
         part "$driver" one on_ranks 2 python3 "$driver" --tiny -o "$scratch/$(basename "$driver" .py)"
     done

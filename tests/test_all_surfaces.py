@@ -6,7 +6,7 @@ from small import DIMENSION, SELF, block_file, make_space
 from test_friction import by_key
 
 from drivers._common import make_mesh, running
-from drivers.stack import scene as heap_scene
+from drivers.cases.stack import scene as heap_scene
 from meshes import heap, one_block, two_blocks
 from pcontact.contact.all_surfaces import facet_ids, outer_surfaces
 from pcontact.mesh.components import components

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from drivers._common import parse
-from drivers.cattaneo_mindlin import (
+from drivers.cases.cattaneo_mindlin import (
     CASE,
     FORCE,
     OPEN,

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from drivers import clip
 from drivers._common import make_mesh
+from drivers.cases import clip
 from meshes import CLIP
 from meshes import clip as clip_mesh
 from pcontact.runtime.petsc import MPI

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from drivers._common import make_directory, parse
-from drivers._compare_report import causes
-from drivers.compare import CASE, MARK, METHODS, make_options, measure, run, solve
-from drivers.hertz import generate
+from drivers.cases.hertz import generate
+from drivers.studies._compare_report import causes
+from drivers.studies.compare import CASE, MARK, METHODS, make_options, measure, run, solve
 from pcontact.runtime.errors import InputError
 
 RECORD = {"contacts": {"pair": {"force": [0.0, -0.5 * CASE.force]}}, "probes": {CASE.driven: {"mean": [0.0, -0.1]}}}

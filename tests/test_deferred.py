@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from small import blocks_file, make_space, vector_of
 
-from drivers._press import make_scene
+from drivers.studies._press import make_scene
 from meshes import ball_on_block
 from pcontact.contact.frictional import FrictionalItem
 from pcontact.contact.item import ContactItem

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from drivers.disk_on_block import FORCE, scene, solve_reference, sweep
+from drivers.cases.disk_on_block import FORCE, scene, solve_reference, sweep
 from meshes import disk_on_block
 from pcontact.runtime.parallel import on_root
 from pcontact.runtime.petsc import MPI

@@ -8,7 +8,7 @@ import pytest
 from small import elasticity
 
 from drivers._common import make_mesh
-from drivers.rings import NU, E, exact, ring_constants, ring_scene
+from drivers.cases.rings import NU, E, exact, ring_constants, ring_scene
 from meshes import rings
 from meshes.blocks import two_blocks
 from pcontact.assembly.error_norms import bulk_error

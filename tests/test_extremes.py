@@ -1,14 +1,14 @@
-"""Extremes: a part of the matrix of `drivers/extremes.py`, and what was mended because of it."""
+"""Extremes: a part of the matrix of `drivers/studies/extremes.py`, and what was mended because of it."""
 
 import json
 
 import numpy as np
 import pytest
 
-from drivers._extreme_cells import FAMILIES, REASONS
-from drivers._extreme_runs import REFUSED, RIGHT, WRONG, Cell, judge, not_numbers, run_cell
-from drivers._extreme_scenes import E, flowing_strain, stack
-from drivers.extremes import cells_of
+from drivers.studies._extreme_cells import FAMILIES, REASONS
+from drivers.studies._extreme_runs import REFUSED, RIGHT, WRONG, Cell, judge, not_numbers, run_cell
+from drivers.studies._extreme_scenes import E, flowing_strain, stack
+from drivers.studies.extremes import cells_of
 from meshes.bricks import Brick, bricks
 from pcontact.mesh.reader import read_mesh
 from pcontact.runtime import log

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from drivers._common import parse
-from drivers.hertz import CASES, check, fit, generate, make_options, solve
+from drivers.cases.hertz import CASES, check, fit, generate, make_options, solve
 from pcontact.runtime.errors import InputError
 
 THETAS = [1.0, 0.0, -1.0]

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from drivers import indent
 from drivers._common import make_mesh
+from drivers.cases import indent
 from meshes import indent as indent_mesh
 from pcontact.runtime.petsc import MPI
 from pcontact.simulation import Simulation

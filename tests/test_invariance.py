@@ -4,8 +4,8 @@ import gmsh
 import numpy as np
 import pytest
 
-from drivers import disk_on_block as disk
-from drivers import patch
+from drivers.cases import disk_on_block as disk
+from drivers.cases import patch
 from meshes import disk_on_block, two_blocks
 from meshes.tools import gmsh_model
 from pcontact.runtime.parallel import on_root

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from drivers import ironing
 from drivers._common import make_mesh
+from drivers.cases import ironing
 from meshes import ironing as ironing_mesh
 from pcontact.runtime.petsc import MPI
 from pcontact.simulation import Simulation

@@ -6,7 +6,7 @@ from small import DIMENSION, SELF, blocks_file, dense_item, make_space, vector_o
 from test_friction import STEPS, check_taylor, motion, pair, residual_of
 from test_friction import bodies as friction_between
 
-from drivers.hertz import fit
+from drivers.cases.hertz import fit
 from meshes.blocks import one_block, two_blocks
 from meshes.hertz import cylinders, two_balls
 from meshes.rings import rings

@@ -10,7 +10,7 @@ import pytest
 from small import blocks_file
 
 from drivers._common import make_mesh
-from drivers.stack import scene as heap_scene
+from drivers.cases.stack import scene as heap_scene
 from meshes import heap, one_block
 from meshes.tools import gmsh_model
 from pcontact.io.history import flatten

@@ -7,7 +7,7 @@ from test_friction import STEPS, check_taylor, motion, pair
 from test_kinematics import DIRECT, cylinder, friction_between, mesh, nodal, solved, strip
 
 from drivers._common import running
-from drivers._extreme_shapes import wave
+from drivers.studies._extreme_shapes import wave
 from meshes.blocks import one_block, two_blocks
 from pcontact.assembly.bulk import ElasticBulk
 from pcontact.assembly.error_norms import bulk_error

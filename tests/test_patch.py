@@ -5,7 +5,7 @@ from itertools import product
 import numpy as np
 import pytest
 
-from drivers.patch import errors, scene
+from drivers.cases.patch import errors, scene
 from meshes import overclosed_cubes, two_blocks
 from pcontact.runtime.parallel import on_root
 from pcontact.runtime.petsc import MPI

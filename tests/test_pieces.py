@@ -5,7 +5,7 @@ import pytest
 from small import SELF, make_space
 from test_patch import blocks, solve
 
-from drivers.patch import errors, scene
+from drivers.cases.patch import errors, scene
 from pcontact.contact.facet_maps import SQUARE_CORNERS, TRIANGLE_CORNERS
 from pcontact.contact.overlaps import tiles as tiles_of
 from pcontact.contact.pieces import _at, cut_source, cuts

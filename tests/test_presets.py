@@ -5,7 +5,7 @@ import json
 import pytest
 
 from drivers._common import make_mesh, running
-from drivers.rings import ring_scene
+from drivers.cases.rings import ring_scene
 from meshes import rings
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.petsc import PETSc

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from drivers._common import make_mesh
-from drivers.ironing import Forces, scene
+from drivers.cases.ironing import Forces, scene
 from meshes import ironing
 from pcontact.runtime.petsc import MPI, PETSc
 from pcontact.simulation import Simulation

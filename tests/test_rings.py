@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from drivers._common import make_mesh, observed_rates, running
-from drivers.rings import (
+from drivers.cases.rings import (
     LARGE,
     MIDDLE,
     NU,

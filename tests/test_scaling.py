@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from drivers._common import parse
-from drivers._press import CASES
-from drivers._scaling import PHASES, efficiencies, plot, series
-from drivers.scaling import keep, load, make_options, merged, run, sizes_of
+from drivers.studies._press import CASES
+from drivers.studies._scaling import PHASES, efficiencies, plot, series
+from drivers.studies.scaling import keep, load, make_options, merged, run, sizes_of
 from pcontact.runtime import profile
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.petsc import MPI

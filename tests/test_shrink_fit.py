@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from drivers._common import make_mesh, running
-from drivers.rings import LARGE, MIDDLE, NU, SMALL, E, interface_pressure, measure, ring_scene
+from drivers.cases.rings import LARGE, MIDDLE, NU, SMALL, E, interface_pressure, measure, ring_scene
 from meshes import rings
 from pcontact.runtime.petsc import MPI
 

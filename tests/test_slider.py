@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from drivers import slider
 from drivers._common import make_mesh
+from drivers.cases import slider
 from meshes import one_block
 from pcontact.runtime.petsc import MPI
 from pcontact.scene.model import Load

@@ -9,8 +9,8 @@ from small import SELF, make_space
 from test_cli import execute
 
 from drivers._common import contact_points, make_mesh, running
-from drivers.chords import shell_pressure, shell_scene
-from drivers.rings import NU, PRESSURE, E, interface_pressure, measure, ring_scene
+from drivers.cases.rings import NU, PRESSURE, E, interface_pressure, measure, ring_scene
+from drivers.studies.chords import shell_pressure, shell_scene
 from meshes import rings
 from meshes.blocks import two_blocks
 from meshes.hertz import cylinder_on_block

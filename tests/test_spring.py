@@ -5,9 +5,9 @@ from argparse import Namespace
 import numpy as np
 import pytest
 
-from drivers import spring
 from drivers._common import running
-from drivers.spring import History, closing_travel, ground, left_inside, scene, sides, textbook
+from drivers.cases import spring
+from drivers.cases.spring import History, closing_travel, ground, left_inside, scene, sides, textbook
 
 ARGS = Namespace(
     coils=2.5, radius=3.0, top=None, wire=1.0, pitch=1.4, order=1, friction=0.0, yield_stress=0.0, hardening=0.0,

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from drivers._common import make_mesh
-from drivers.stack import History, costs, scene
+from drivers.cases.stack import History, costs, scene
 from meshes import heap
 from meshes.heap import layers
 from pcontact.mesh.components import components

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from drivers import thick_cylinder as tc
+from drivers.cases import thick_cylinder as tc
 from pcontact.runtime.petsc import MPI
 from pcontact.simulation import Simulation
 

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from drivers._common import make_directory, make_mesh, parse, running
-from drivers._overkill import Overkill
-from drivers._pareto import cheapest, front, rounded_up
-from drivers._trade_cases import CASES, HELD_OUT, linear
-from drivers._trade_report import judged, promises
-from drivers._trade_runs import changed, paying
-from drivers.rings import ring_scene
-from drivers.tradeoff import MARK, kept, make_options, run
+from drivers.cases.rings import ring_scene
+from drivers.studies._overkill import Overkill
+from drivers.studies._pareto import cheapest, front, rounded_up
+from drivers.studies._trade_cases import CASES, HELD_OUT, linear
+from drivers.studies._trade_report import judged, promises
+from drivers.studies._trade_runs import changed, paying
+from drivers.studies.tradeoff import MARK, kept, make_options, run
 from meshes import one_block, rings
 from pcontact.runtime.errors import InputError
 from pcontact.scene.model import Body, Displacement, Load, Material, MeshSpec, Output, Scene

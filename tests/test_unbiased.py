@@ -12,10 +12,10 @@ from test_plastic_contact import taylor as taylor_plastic
 from test_restart import Keep, run
 
 from drivers._common import make_mesh, parse, running
-from drivers.hertz import check as check_hertz
-from drivers.hertz import generate, make_options, make_scene
-from drivers.patch import errors, scene
-from drivers.rings import measure, ring_scene
+from drivers.cases.hertz import check as check_hertz
+from drivers.cases.hertz import generate, make_options, make_scene
+from drivers.cases.patch import errors, scene
+from drivers.cases.rings import measure, ring_scene
 from meshes import rings, two_blocks
 from pcontact.contact.frictional import FrictionalItem
 from pcontact.contact.item import GAMMA0, ContactItem

@@ -9,11 +9,11 @@ from test_all_surfaces import blocks
 from test_penalty import made, pressed
 from test_self_contact import strip
 
-from drivers import compare
 from drivers._common import contact_points, make_mesh, running
-from drivers.disk_on_block import scene as disk_scene
-from drivers.hertz import generate
-from drivers.patch import scene as patch_scene
+from drivers.cases.disk_on_block import scene as disk_scene
+from drivers.cases.hertz import generate
+from drivers.cases.patch import scene as patch_scene
+from drivers.studies import compare
 from meshes import c_strip, disk_on_block, two_blocks
 from pcontact.contact.augmented import update_multipliers
 from pcontact.contact.averages import local_means

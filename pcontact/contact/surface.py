@@ -97,7 +97,7 @@ def default_quadrature(facet, degree):
     """Quadrature degree on whole source facets: enough points that the edges of the target's are resolved.
 
     On triangles of degree 1 seven points: twelve change no error of Hertz contact in a norm by more than a hundredth
-    (`drivers/tradeoff.py --cases hertz3d`), and take 1.7 times as long to search and to evaluate.
+    (`drivers/studies/tradeoff.py --cases hertz3d`), and take 1.7 times as long to search and to evaluate.
 
     Parameters
     ----------

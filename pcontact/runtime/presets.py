@@ -1,4 +1,4 @@
-"""Presets of accuracy: what is left open is set to what has been measured to pay (``drivers/tradeoff.py``)."""
+"""Presets of accuracy: what is left open is set to what has been measured to pay (``drivers/studies/tradeoff.py``)."""
 
 from dataclasses import dataclass
 

@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Strong and weak scaling on a cluster with SLURM: drivers/scaling.py on 1, 2, 4, ... ranks up to all of the job.
+# Strong and weak scaling on a cluster with SLURM: drivers/studies/scaling.py on 1, 2, 4, ... ranks up to all of the job.
 #
 #   sbatch [--nodes 4 --ntasks-per-node 32 --partition NAME --account NAME] scripts/slurm/scaling.sh [options]
 #
@@ -20,7 +20,7 @@ set -euo pipefail
 
 # the script itself runs as a copy somewhere else
 cd "${SLURM_SUBMIT_DIR:-$PWD}"
-[[ -e drivers/scaling.py ]] || { echo "scaling.sh: submit it from the repository, found $PWD" >&2; exit 2; }
+[[ -e drivers/studies/scaling.py ]] || { echo "scaling.sh: submit it from the repository, found $PWD" >&2; exit 2; }
 . scripts/env.sh
 
 # one thread a rank; kernels for the nodes' processors, compiled once and kept where all nodes see them
@@ -45,7 +45,7 @@ launch() {
 status=0
 for ((n = ${FIRST:-1}; n <= ranks; n *= 2)); do
     echo "== $n ranks, $(date)"
-    launch "$n" python3 drivers/scaling.py -o "$results" "${options[@]}" \
+    launch "$n" python3 drivers/studies/scaling.py -o "$results" "${options[@]}" \
         -log_view ":$results/log_view_$n.txt" || { status=$?; echo "== $n ranks: exit status $status"; }
 done
 exit "$status"

@@ -1,6 +1,6 @@
 """Strong and weak scaling of a ball pressed into a block: time by phase, memory, messages, balance.
 
-    for n in 1 2 4 8; do mpirun -n $n python drivers/scaling.py -o scaling --unknowns 50000 100000 200000; done
+    for n in 1 2 4 8; do mpirun -n $n python drivers/studies/scaling.py -o scaling --unknowns 50000 100000 200000; done
 
 Each run solves the sizes given for its number of ranks and puts its rows into scaling.json in the output directory, in
 place of older ones of the same ranks, size and case. Tables and plot are then made of all rows there: sizes solved on
@@ -21,8 +21,8 @@ from pathlib import Path
 import numpy as np
 
 from drivers._common import log, main, make_mesh, make_parser, running, write_json
-from drivers._press import CASES, CELLS, make_scene
-from drivers._scaling import KEY, plot, plot_growth, report, series
+from drivers.studies._press import CASES, CELLS, make_scene
+from drivers.studies._scaling import KEY, plot, plot_growth, report, series
 from meshes import ball_on_block, dome_on_block
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.parallel import on_root

@@ -12,7 +12,7 @@ import time as clock
 import numpy as np
 
 from drivers._common import draw, main, make_mesh, make_parser, print_table, running, write_json
-from drivers.ironing import PRESSED, Forces, scene
+from drivers.cases.ironing import PRESSED, Forces, scene
 from meshes import ironing
 
 WAYS = {

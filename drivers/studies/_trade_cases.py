@@ -14,9 +14,9 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from drivers import cattaneo_mindlin, hertz, indent, rings, thick_cylinder
 from drivers._common import contact_points, make_mesh
-from drivers._overkill import total
+from drivers.cases import cattaneo_mindlin, hertz, indent, rings, thick_cylinder
+from drivers.studies._overkill import total
 from meshes import indent as indent_mesh
 from meshes import rings as rings_mesh
 from pcontact.assembly.error_norms import bulk_error
@@ -215,7 +215,7 @@ def _hertz_errors(name, simulation, reference):
 
 
 def hertz_case(title, name, sizes, base, unit, overkill, promised) -> Case:
-    """A case of :mod:`drivers.hertz`."""
+    """A case of :mod:`drivers.cases.hertz`."""
     case = hertz.CASES[name]
     loose = (case.driven,) if case.force else ()
     return Case(

@@ -1,4 +1,4 @@
-"""Scenes with known answers that bear extremes: what `drivers/extremes.py` runs.
+"""Scenes with known answers that bear extremes: what `drivers/studies/extremes.py` runs.
 
 Every function writes a mesh into a folder and returns a scene with the function that measures a finished run: the
 largest deviation from the known answer, relative to its largest value. A `Frame` holds units and place of the model.

@@ -1,4 +1,4 @@
-"""One cell of the matrix of extremes: run, compare with the known answer, judge. For `drivers/extremes.py`."""
+"""One cell of the matrix of extremes: run, compare with the known answer, judge. For `drivers/studies/extremes.py`."""
 
 import csv
 import faulthandler
@@ -34,7 +34,7 @@ class Cell:
     Attributes
     ----------
     family, setting, variant : what it is
-    build : of :mod:`drivers._extreme_scenes`; called as ``build(folder, **arguments)``
+    build : of :mod:`drivers.studies._extreme_scenes`; called as ``build(folder, **arguments)``
     arguments : of the scene
     bound : largest relative deviation from the known answer
     reason : for the bound, a key of `REASONS`

@@ -1,9 +1,9 @@
-"""Curved and pointed bodies with known answers, and scenes that must be refused: for `drivers/extremes.py`."""
+"""Curved and pointed bodies with known answers, and scenes that must be refused: for `drivers/studies/extremes.py`."""
 
 import numpy as np
 
 from drivers._common import make_mesh
-from drivers._extreme_scenes import E, Frame, largest, nodal, pairs
+from drivers.studies._extreme_scenes import E, Frame, largest, nodal, pairs
 from meshes.bricks import Brick, bricks
 from pcontact.scene.model import Body, Contact, Displacement, Load, Material, MeshSpec, Obstacle, Scene, Steps
 

@@ -1,11 +1,11 @@
 """The trade of speed for accuracy, measured: which settings pay, on scenes with known answers.
 
-    mpirun -n 2 python drivers/tradeoff.py -o tradeoff
-    mpirun -n 2 python drivers/tradeoff.py -o tradeoff --promise
+    mpirun -n 2 python drivers/studies/tradeoff.py -o tradeoff
+    mpirun -n 2 python drivers/studies/tradeoff.py -o tradeoff --promise
 
 On rings, Hertz's cylinders and ball, Cattaneo and Mindlin's cylinders, Hill's cylinder and an elastoplastic
-indentation (`drivers/_trade_cases.py`) mesh and degree are varied together, and around a base of each degree
-one setting after the other (`KNOBS` in `drivers/_trade_runs.py`); then all of those that made the base cheaper
+indentation (`drivers/studies/_trade_cases.py`) mesh and degree are varied together, and around a base of each degree
+one setting after the other (`KNOBS` in `drivers/studies/_trade_runs.py`); then all of those that made the base cheaper
 without more error, together, and the presets of `-accuracy`, on all meshes. Each run is a row of tradeoff.json: errors,
 processor's and wall seconds of set-up and solve, memory, unknowns, iterations. Seconds become a cost by those of one
 linear elastic solve (contact replaced by body forces, relative tolerance 1e-8) in the same run, of one mesh of the
@@ -26,15 +26,27 @@ import sys
 from pathlib import Path
 
 from drivers._common import log, main, make_parser, print_table, write_json
-from drivers._trade_cases import CASES, HELD_OUT, SCALARS, Case, tiny
-from drivers._trade_report import ALL, ALLOWED, by_class, cost, fronts, judged, norms, plot, promises, tables, tell
-from drivers._trade_runs import PRESETS, Runner, sweep
+from drivers.studies._trade_cases import CASES, HELD_OUT, SCALARS, Case, tiny
+from drivers.studies._trade_report import (
+    ALL,
+    ALLOWED,
+    by_class,
+    cost,
+    fronts,
+    judged,
+    norms,
+    plot,
+    promises,
+    tables,
+    tell,
+)
+from drivers.studies._trade_runs import PRESETS, Runner, sweep
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.parallel import on_root
 from pcontact.runtime.petsc import MPI
 
 FEW = {"snes": (1e-2,)}
-MARK = "<!-- What follows is written by drivers/tradeoff.py with the option publish. -->"
+MARK = "<!-- What follows is written by drivers/studies/tradeoff.py with the option publish. -->"
 
 
 def summary(case: Case, rows: list[dict], clock: str) -> dict:

@@ -1,6 +1,6 @@
 """Hertz: cylinders, a cylinder on a block, a ball on a block, two balls, against the closed form.
 
-    mpirun -n 2 python drivers/hertz.py --case cylinders --order 2 --levels 3 -o cylinders
+    mpirun -n 2 python drivers/cases/hertz.py --case cylinders --order 2 --levels 3 -o cylinders
 
 Half (2D) or quarter (3D) models. Half width and peak pressure come from a fit of Hertz's profile to the
 contact pressure at the quadrature points, beside them the half width from the closed area and the largest

@@ -1,4 +1,4 @@
-"""Tables and plots of `drivers/compare.py`."""
+"""Tables and plots of `drivers/studies/compare.py`."""
 
 from pathlib import Path
 

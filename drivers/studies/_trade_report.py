@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 
 from drivers._common import draw, log
-from drivers._pareto import cheapest, front, rounded_up
-from drivers._trade_cases import SCALARS, Case
-from drivers._trade_runs import PRESETS
+from drivers.studies._pareto import cheapest, front, rounded_up
+from drivers.studies._trade_cases import SCALARS, Case
+from drivers.studies._trade_runs import PRESETS
 
 MARGIN = 2.0  # promises are this much above what the sweep found, and rounded up
 SAME = 0.01  # errors that differ by less than this part are the same

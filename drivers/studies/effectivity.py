@@ -1,6 +1,6 @@
 """Error estimate over error, in the energy norm, where the error is known.
 
-    rings       two rings in contact, plane strain, Lame's solution (drivers/rings.py)
+    rings       two rings in contact, plane strain, Lame's solution (drivers/cases/rings.py)
     tubes       the same in space, hexahedra
     shells      two spherical shells in contact, in space, tetrahedra, Lame's solution for spheres
     cylinder    a thick cylinder under pressure, without contact: in space, and with axial symmetry
@@ -18,8 +18,8 @@ from functools import partial
 
 import numpy as np
 
-from drivers import hertz, rings, thick_cylinder
 from drivers._common import draw, log, main, make_mesh, make_parser, observed_rates, print_table, running, write_json
+from drivers.cases import hertz, rings, thick_cylinder
 from meshes import rings as ring_mesh
 from meshes import two_blocks
 from meshes.shells import shells, tubes

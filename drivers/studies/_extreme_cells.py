@@ -1,10 +1,10 @@
-"""The matrix of extremes: all cells, family by family. For `drivers/extremes.py`."""
+"""The matrix of extremes: all cells, family by family. For `drivers/studies/extremes.py`."""
 
 import numpy as np
 
-from drivers._extreme_runs import Cell
-from drivers._extreme_scenes import E, Frame, bars, flowing, ring, shear, stack
-from drivers._extreme_shapes import pointed, touching, wave
+from drivers.studies._extreme_runs import Cell
+from drivers.studies._extreme_scenes import E, Frame, bars, flowing, ring, shear, stack
+from drivers.studies._extreme_shapes import pointed, touching, wave
 
 THETAS = (0.0, 1.0, -1.0)
 PLANE, SPACE = ("quadrilateral", "triangle"), ("hexahedron", "tetrahedron")

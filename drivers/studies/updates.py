@@ -14,9 +14,10 @@ from functools import partial
 from itertools import product
 from pathlib import Path
 
-from drivers import compare, disk_on_block, patch, rings, stack
 from drivers._common import main, make_mesh, make_parser, markdown, print_table, running, write_json
-from drivers.hertz import generate
+from drivers.cases import disk_on_block, patch, rings, stack
+from drivers.cases.hertz import generate
+from drivers.studies import compare
 from meshes import c_strip, heap, two_blocks
 from meshes import disk_on_block as disk_mesh
 from meshes import rings as ring_mesh

@@ -1,10 +1,10 @@
 """Nitsche's method, penalty and augmented Lagrangian on one problem, over eight decades of gamma0 and three meshes.
 
-    mpirun -n 2 python drivers/compare.py -o compare
-    mpirun -n 2 python drivers/compare.py -o compare --order 2 --facets 3 6 12
-    python drivers/compare.py -o compare --publish docs/tables/formulations.md
+    mpirun -n 2 python drivers/studies/compare.py -o compare
+    mpirun -n 2 python drivers/studies/compare.py -o compare --order 2 --facets 3 6 12
+    python drivers/studies/compare.py -o compare --publish docs/tables/formulations.md
 
-A cylinder is pressed on a block by a force, in plane strain, see `drivers/hertz.py`: the closed form is Hertz's
+A cylinder is pressed on a block by a force, in plane strain, see `drivers/cases/hertz.py`: the closed form is Hertz's
 for that force. All formulations act at the same quadrature points and find the same partners. Columns: penetration, the
 deepest over the approach of the bodies; error, that of the contact pressure in L2 over the norm of Hertz's;
 oscillation, what is left of it inside 0.9 half widths when the nearest smooth profile is taken away; balance, contact
@@ -26,9 +26,9 @@ from pathlib import Path
 import numpy as np
 
 from drivers._common import contact_points, log, main, make_parser, running, write_json
-from drivers._compare_report import METHODS, document, plots, report
-from drivers._condition import condition
-from drivers.hertz import CASES, generate
+from drivers.cases.hertz import CASES, generate
+from drivers.studies._compare_report import METHODS, document, plots, report
+from drivers.studies._condition import condition
 from pcontact.contact.parameters import coercive
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.parallel import on_root
@@ -39,7 +39,7 @@ CASE = CASES["cylinder_on_block"]
 MEASURES = ("penetration", "error", "oscillation", "balance")
 COUNTS = ("newton", "krylov", "updates", "condition", "seconds", "cpu")
 FREE, INNER = "free", 0.9
-MARK = "<!-- What follows is written by drivers/compare.py with the option publish. -->"
+MARK = "<!-- What follows is written by drivers/studies/compare.py with the option publish. -->"
 
 
 def make_scene(mesh: Path, name: str, gamma0: float, order: int) -> Scene:

@@ -10,8 +10,8 @@ from itertools import islice
 from pathlib import Path
 
 from drivers._common import log, main, make_parser, print_table, write_json
-from drivers._extreme_cells import FAMILIES, REASONS
-from drivers._extreme_runs import HANG, WRONG, run_cell
+from drivers.studies._extreme_cells import FAMILIES, REASONS
+from drivers.studies._extreme_runs import HANG, WRONG, run_cell
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.petsc import MPI
 

@@ -1,11 +1,11 @@
-"""Tables and plots of rows that `drivers/scaling.py` measured."""
+"""Tables and plots of rows that `drivers/studies/scaling.py` measured."""
 
 from pathlib import Path
 
 import numpy as np
 
 from drivers._common import draw, markdown, print_table
-from drivers._press import CASES
+from drivers.studies._press import CASES
 from pcontact.runtime.petsc import MPI
 
 KEY = ("ranks", "size", "cells", "case")

@@ -1,6 +1,6 @@
 """Cattaneo and Mindlin: two cylinders pressed together, then sheared, against the closed form.
 
-    mpirun -n 2 python drivers/cattaneo_mindlin.py -o cattaneo_mindlin
+    mpirun -n 2 python drivers/cases/cattaneo_mindlin.py -o cattaneo_mindlin
 
 Under a force Q below mu P along the contact, the points within c = a sqrt(1 - Q / (mu P)) of the middle stick and the
 others slip. The lower flat side is fixed. The upper one is pressed down by a displacement u_y in --press steps, which
@@ -21,7 +21,7 @@ from pathlib import Path
 import numpy as np
 
 from drivers._common import draw, log, main, make_mesh, make_parser, print_table, running, write_json
-from drivers.hertz import CASES, FREE, INNER, fit, percent
+from drivers.cases.hertz import CASES, FREE, INNER, fit, percent
 from meshes.hertz import cylinders
 from pcontact.runtime.errors import InputError
 from pcontact.scene.model import Body, Contact, Displacement, Load, Material, MeshSpec, Output, Scene, Steps

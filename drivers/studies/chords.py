@@ -1,6 +1,6 @@
 """Straight facets on curved surfaces: what their gaps do to the contact pressure, and what smooth_geometry takes back.
 
-    python drivers/chords.py -o chords                    # rings, shells in space, Hertz contact
+    python drivers/studies/chords.py -o chords                    # rings, shells in space, Hertz contact
 
 Concentric rings and shells under an outer pressure (Lame) have surfaces that conform; cylinders and a cylinder on a
 block (Hertz) have not. Every case is solved on straight cells as they are, on the same cells with the gaps of the
@@ -12,8 +12,8 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from drivers import hertz, rings
 from drivers._common import contact_points, main, make_mesh, make_parser, print_table, running, write_json
+from drivers.cases import hertz, rings
 from meshes.rings import rings as ring_mesh
 from meshes.shells import shells
 from pcontact.material.elastic import lame
