@@ -147,7 +147,7 @@ def _unbiased_item(scene, space, bulk, contact, supports, radius, floats, smooth
     for one in contacts_of_halves(contact):
         source = source_surface(space, one.source, bulk.constants, one.quadrature)
         _require_area(scene, space, one, source)
-        target = target_surface(space, one.target)
+        target = target_surface(space, one.target, rim=one.source != one.target)
         if one.source == one.target:
             sides = paired_elsewhere(space, scene.contacts, target.ids) if contact.all else None
             target = self_surface(space, target, source, contact.meets_itself, sides)

@@ -5,8 +5,8 @@ from dataclasses import dataclass, field, fields, replace
 import numpy as np
 
 from pcontact.contact.apart import SLACK, nobody, whole_branches, writable
+from pcontact.contact.rim import Rim
 from pcontact.contact.surface import FACETS, TargetSurface
-from pcontact.runtime.parallel import split_by_rank
 from pcontact.runtime.petsc import MPI
 
 # columns of the table before the nodes
@@ -29,7 +29,6 @@ class SelfSurface(TargetSurface):
     """
 
     table: np.ndarray = field(default=None)
-    rim: object = None
     about: np.ndarray | None = None
     meets_itself: bool = True
 
@@ -75,72 +74,6 @@ class SelfSurface(TargetSurface):
         return writable(apart._replace(x=about[:, :d], nodes=point[:, NODES:], **points))
 
 
-class Rim:
-    """Facets of other ranks that share a node with one of this rank's, and the plan that brings their coordinates.
-
-    Parameters
-    ----------
-    space : pcontact.space.space.Space
-    surface : SelfSurface
-        Its ``x`` and ``table`` have the same width on all ranks.
-
-    Attributes
-    ----------
-    kinds, ids, x, table
-        As those of the surface.
-
-    Notes
-    -----
-    *Collective.*
-    """
-
-    def __init__(self, space, surface):
-        self._exchanger = space.exchanger
-        nodes = surface.table[:, NODES:].astype(np.int64)
-        shared = neighbours(space, nodes)
-        self._rows = {rank: np.flatnonzero(np.isin(nodes, there).any(axis=1)) for rank, there in shared.items()}
-        statics = np.column_stack([surface.kinds, surface.ids, surface.table]).astype(float)
-        columns = self._bring(statics)
-        self.kinds, self.ids = (np.ascontiguousarray(columns[:, k].astype(np.int64)) for k in (0, 1))
-        self.table = columns[:, 2:]
-        self.x = self.gather(surface.x)
-
-    def _bring(self, values):
-        """Rows (n, columns) of the rim out of those of all ranks' surfaces (nf, columns). *Collective.*"""
-        sends = {rank: values[rows] for rank, rows in self._rows.items()}
-        received = self._exchanger(sends, np.float64, values.shape[1])
-        return np.concatenate([np.zeros((0, values.shape[1])), *received.values()])
-
-    def gather(self, x_facets):
-        """Coordinates (n, m, d) of the rim's facets. *Collective.*"""
-        shape = x_facets.shape[1:]
-        return self._bring(x_facets.reshape(len(x_facets), shape[0] * shape[1])).reshape(-1, *shape)
-
-
-def neighbours(space, nodes):
-    """Other ranks whose facets have nodes of these (nf, m), and which, by rank. *Collective.*
-
-    The owner of a node hears of all ranks that have facets with it and tells each of them of the others.
-    """
-    mine = np.unique(nodes)
-    sends, _ = split_by_rank(space.numbering.owner(mine), mine)
-    heard = space.exchanger(sends, np.int64, 1)
-    node = np.concatenate([np.zeros(0, np.int64), *(part.ravel() for part in heard.values())])
-    rank = np.concatenate([np.zeros(0, np.int64), *(np.full(len(part), r) for r, part in heard.items())])
-    order = np.argsort(node, kind="stable")
-    node, rank = node[order], rank[order]
-    _, first, place, count = np.unique(node, return_index=True, return_inverse=True, return_counts=True)
-    # every rank of a node with every other
-    one = np.repeat(np.arange(len(node)), count[place])
-    start = np.cumsum(count[place]) - count[place]
-    other = first[place[one]] + np.arange(len(one)) - start[one]
-    pairs = np.column_stack([node[one], rank[other]])[rank[one] != rank[other]]
-    sends, _ = split_by_rank(rank[one][rank[one] != rank[other]], pairs)
-    told = space.exchanger(sends, np.int64, 2)
-    pairs = np.concatenate([np.zeros((0, 2), np.int64), *told.values()])
-    return split_by_rank(pairs[:, 1], pairs[:, 0])[0]
-
-
 def _shortest(x):
     """Shortest distance (nf,) between two nodes of facets (nf, m, d), some of which may be there twice."""
     distance = np.linalg.norm(x[:, :, None] - x[:, None], axis=3)
@@ -177,7 +110,8 @@ def self_surface(space, target, source, meets_itself=True, sides=None):
     sides = np.zeros(len(nodes)) if sides is None else sides
     table = np.column_stack([target.ids // FACETS, target.components, slack, sides, space.nodes[nodes]]).astype(float)
     said = {one.name: getattr(target, one.name) for one in fields(TargetSurface)}
-    said.update(x=np.ascontiguousarray(x), nodes=nodes, table=table, meets_itself=meets_itself)
+    x = np.ascontiguousarray(x)
+    rim = Rim(space, space.nodes[nodes], target.kinds, target.ids, x, table)
+    said.update(x=x, nodes=nodes, table=table, meets_itself=meets_itself, rim=rim)
     surface = SelfSurface(**said)
-    surface.rim = Rim(space, surface)
     return surface.seen_from(source.facet, source.x)

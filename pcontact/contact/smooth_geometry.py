@@ -15,7 +15,7 @@ Cells, displacement, normals and quadrature stay as they are.
 import numpy as np
 
 from pcontact.contact.laws import OPEN
-from pcontact.contact.self_surface import neighbours
+from pcontact.contact.rim import neighbours
 from pcontact.contact.surface import FACETS
 from pcontact.contact.vertex_normals import FLAT, Facets, corner_normals, facet_normals
 from pcontact.element.reference import facet_nodes, n_nodes, reference_nodes

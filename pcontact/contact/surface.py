@@ -6,6 +6,7 @@ import numpy as np
 
 from pcontact.assembly.geometry import bulk_degree
 from pcontact.contact.facet_maps import KIND
+from pcontact.contact.rim import Rim
 from pcontact.element.dilatation import Mean, dilatation, factors, hoop_operator, mean_dilatation
 from pcontact.element.geometry import facet_geometry
 from pcontact.element.quadrature import quadrature
@@ -291,6 +292,8 @@ class TargetSurface:
         Of the displacement.
     smooth : pcontact.contact.smooth_geometry.SmoothSurface or None
         What searches are to tell of; on all ranks or on none.
+    rim : pcontact.contact.rim.Rim or None
+        Facets of other ranks around those of this one; None on one rank.
     """
 
     kinds: np.ndarray
@@ -301,6 +304,7 @@ class TargetSurface:
     components: np.ndarray
     degree: int
     smooth: object = None
+    rim: Rim | None = None
 
     # what points on the surface itself tell about themselves, see `pcontact.contact.self_surface`
     about = None
@@ -312,10 +316,16 @@ class TargetSurface:
     def around(self, x_facets):
         """What is searched: deformed coordinates, kinds, numbers, which may be partners, nodes. *Collective.*
 
-        Without the nodes there are no cones of normals (`pcontact.contact.cones`): where a surface meets another one,
-        the search tries fewer than two facets per point, and cones would cost more than they save.
+        The rim decides with the others whether a projection is held at an edge, as if all facets were on one rank, but
+        holds no partner itself. Without the nodes there are no cones of normals (`pcontact.contact.cones`): where a
+        surface meets another one, the search tries fewer than two facets per point, and cones would cost more than they
+        save.
         """
-        return x_facets, self.kinds, self.ids, None, None
+        if self.rim is None:
+            return x_facets, self.kinds, self.ids, None, None
+        x, n = np.ascontiguousarray(np.concatenate([x_facets, self.rim.gather(x_facets)])), len(x_facets)
+        kinds, ids = np.concatenate([self.kinds, self.rim.kinds]), np.concatenate([self.ids, self.rim.ids])
+        return x, kinds, ids, np.arange(len(x)) < n, None
 
     def may_meet(self, own, other, ahead):
         """Whether facets of bodies ``other`` (n,) may be partners of source facets of bodies ``own`` (n,).
@@ -365,13 +375,36 @@ def components_of(space, name):
     return set().union(*space.comm.allgather(own))
 
 
-def target_surface(space, name):
-    """Facets of a facet group, ready to be searched.
+def target_surface(space, name, rim=True):
+    """Facets of a facet group, ready to be searched. *Collective.*
+
+    Parameters
+    ----------
+    space : pcontact.space.space.Space
+    name : str
+    rim : bool
+        Whether the facets of other ranks around those of this one are to be known.
 
     Returns
     -------
     TargetSurface
     """
+    surface = _facets(space, name)
+    if not rim or space.comm.size == 1:
+        return surface
+    x, nodes = (_widened(space, table) for table in (surface.x, surface.nodes))
+    return replace(surface, x=x, nodes=nodes, rim=Rim(space, space.nodes[nodes], surface.kinds, surface.ids, x))
+
+
+def _widened(space, table):
+    """A table (nf, n, ...) padded with its last column to the largest width of all ranks. *Collective.*"""
+    missing = space.comm.allreduce(table.shape[1], op=MPI.MAX) - table.shape[1]
+    widths = [(0, 0), (0, missing), *[(0, 0)] * (table.ndim - 2)]
+    return np.ascontiguousarray(np.pad(table, widths, mode="edge" if len(table) else "constant"))
+
+
+def _facets(space, name):
+    """The facets of a facet group of this rank."""
     mesh, d = space.mesh, space.dim
     layout_degree = max(2 if mesh.curved else 1, space.degree)
     kinds, ids, layout, nodes, components, carry, first = [], [], [], [], [], [], 0
