@@ -4,7 +4,10 @@ Every chain is a scene of tests/test_restart_kinds.py whose run is ended with SI
 random moment; the next life goes on from the checkpoint that is there, until a last one comes to the end. About half
 of the kills come while a checkpoint is being written, and count as such only if the unfinished file has stayed behind.
 Half of the chains stay on one number of ranks, 1 to 3: report and history then have the numbers of a run that was never
-killed, to 1e-12. The lives of the others are on numbers of ranks of their own, and the numbers agree to 1e-7.
+killed, to 1e-12. On three ranks PETSc adds what other ranks send to the coarse matrices of multigrid in the order in
+which it comes, unless told otherwise, as here; a direct solver on several ranks always does. Where two runs that were
+never killed differ, the numbers, without those of the solver, agree to ten times that difference. The lives of the
+other chains are on numbers of ranks of their own, and the numbers agree to 1e-7.
 
 The exit status is 1 if a life failed, or its numbers are not those.
 """
@@ -68,8 +71,10 @@ def scene_of(kind, folder):
 
 def live(kind, folder, out, restart=None):
     """What a life does: a run as from the command line; returns the exit status. *Collective.*"""
+    # where pytest has been imported, nothing of the command line is PETSc's
+    if PETSc.COMM_WORLD.size > 2:
+        PETSc.Options().setValue("matptap_via", "allatonce")
     if restart is not None:
-        # where pytest has been imported, nothing of the command line is PETSc's
         PETSc.Options().setValue("restart", restart)
     return guarded(lambda: 0 if run_scene(scene_of(kind, Path(folder)), out)[1] else 1)
 
@@ -191,6 +196,7 @@ def chain(kind, lives, last, folder):
         Kills, and those while a checkpoint was being written.
     difference : float
         Largest one to the run that was never killed.
+    allowed : float
     where : str
     """
     folder.mkdir(parents=True)
@@ -211,9 +217,15 @@ def chain(kind, lives, last, folder):
             elif process.wait():
                 raise RuntimeError(f"{kind} on {life.ranks} ranks: {(folder / 'log').read_text()[-2000:]}")
     run_to_end(kind, folder, out, last, (out / CHECKPOINT).exists())
-    same = all(life.ranks == last for life in lives)
+    same, allowed = all(life.ranks == last for life in lives), OTHER
+    if same:
+        allowed = SAME
+        if last > 2:
+            run_to_end(kind, folder, folder / "again", last)
+            same = worst(results(whole), results(folder / "again"))[0] == 0.0
+            allowed = max(SAME, 10.0 * worst(results(whole), results(folder / "again"), COUNTED)[0])
     difference, where = worst(results(whole), results(out), () if same else COUNTED)
-    return kills, within, difference, where
+    return kills, within, difference, allowed, where
 
 
 def plan(seed):
@@ -243,10 +255,10 @@ def study(kills, seed, folder):
     while total < kills:
         kind, lives, last, same = plan(seed)
         try:
-            count, inside, difference, where = chain(kind, lives, last, folder / str(seed))
+            count, inside, difference, allowed, where = chain(kind, lives, last, folder / str(seed))
         except RuntimeError as error:
-            count, inside, difference, where = 1, 0, np.inf, str(error)
-        good = difference <= (SAME if same else OTHER)
+            count, inside, difference, allowed, where = 1, 0, np.inf, 0.0, str(error)
+        good = difference <= allowed
         total, within, failed = total + count, within + inside, failed + (not good)
         worst_of[same] = max(worst_of[same], difference)
         ranks = " ".join(str(life.ranks) for life in lives)
