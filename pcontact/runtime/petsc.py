@@ -183,10 +183,12 @@ def free_garbage(comm):
     Notes
     -----
     Ranks let go of an object at different times, and its destruction is collective: petsc4py therefore only puts it
-    aside (in 3.18 on one rank, too), and without this call the memory is never given back.
+    aside (in 3.18 on one rank, too), and without this call the memory is never given back. Objects of one rank alone,
+    such as the local parts of exchanges, are put aside elsewhere.
     """
     if hasattr(PETSc, "garbage_cleanup"):
         PETSc.garbage_cleanup(comm)
+        PETSc.garbage_cleanup(MPI.COMM_SELF)
 
 
 def reset_partitioner():
