@@ -203,10 +203,9 @@ def contact_points(simulation: Simulation, number: int = 0) -> dict[str, np.ndar
     Returns
     -------
     dict of str to ndarray, or None on other ranks
-        What :meth:`pcontact.contact.item.ContactItem.state` returns, sorted by position.
+        What :meth:`pcontact.contact.pair.ContactPair.state` returns, sorted by position.
     """
-    items = [item for item in simulation.problem.items if hasattr(item, "state")]
-    state = items[number].state(simulation.stepper.u)
+    state = simulation.problem.contacts[number].state(simulation.stepper.u)
     parts = simulation.comm.gather(state, root=0)
     if parts is None:
         return None

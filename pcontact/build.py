@@ -13,7 +13,7 @@ from pcontact.material.hardening import hardening_curve, hardening_table
 from pcontact.material.plastic import plastic_constants
 from pcontact.mesh.load import load_mesh
 from pcontact.mesh.partition import METHODS, WEIGHT
-from pcontact.pairs import contact_items, tied_items
+from pcontact.pairs import contact_reports, tied_pairs
 from pcontact.runtime import log, profile
 from pcontact.runtime.errors import TOLD, InputError
 from pcontact.runtime.presets import PRESETS
@@ -306,12 +306,12 @@ def _assemble(scene, mesh, space, constants):
     )
     forces = [(load_vector(space, load), amplitude(load.amplitude, end)) for load in scene.loads]
     bulk = bulk_item(scene, space, constants)
-    tied = tied_items(scene, space, constants, bulk)
+    tied = tied_pairs(scene, space, constants, bulk)
     free = free_motions(space, supports)
-    contacts, edges = contact_items(scene, space, constants, supports, free, bulk, tied)
+    contacts, edges = contact_reports(scene, space, constants, supports, free, bulk, tied)
     _announce(mesh, free)
-    items = [bulk, *contacts]
-    problem = Problem(space, items, supports, forces, _aid(space, scene, constants, free))
+    items = [bulk, *(pair for contact in contacts for pair in contact.pairs)]
+    problem = Problem(space, items, supports, forces, _aid(space, scene, constants, free), contacts)
     # modes of their own cost a set-up that grows with their square; only bodies that nothing holds are worth it
     loose = {(a, b) for a, b in edges if a in free or b in free}
     colours = colour(mesh.n_components, loose)

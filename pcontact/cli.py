@@ -189,46 +189,49 @@ def check_scene(scene):
     log.info("%d unknowns, degree %d, %s geometry, %d connected bodies", space.n_dofs, space.degree,
              "curved" if mesh.curved else "straight", mesh.n_components)  # fmt: skip
     undeformed = space.vector()
-    for item in simulation.problem.items[1:]:
-        item.detect(undeformed, 0.0, 0.0)
-        facets, points = comm.allreduce(len(item.source.cells)), comm.allreduce(len(item.source.facet))
-        low = comm.allreduce(float(np.min(item.gamma, initial=np.inf)), op=MPI.MIN)
-        high = comm.allreduce(float(np.max(item.gamma, initial=0.0)), op=MPI.MAX)
-        if item.contact.tied:
-            log.info("contact %s: %d source facets, %d of %d points tied", item.name, facets, *item.count())
+    for contact in simulation.problem.contacts:
+        for pair in contact.pairs:
+            pair.detect(undeformed, 0.0, 0.0)
+        facets = comm.allreduce(sum(len(pair.source.cells) for pair in contact.pairs))
+        points = comm.allreduce(sum(len(pair.source.facet) for pair in contact.pairs))
+        low = comm.allreduce(min(float(np.min(pair.gamma, initial=np.inf)) for pair in contact.pairs), op=MPI.MIN)
+        high = comm.allreduce(max(float(np.max(pair.gamma, initial=0.0)) for pair in contact.pairs), op=MPI.MAX)
+        if contact.law.tied:
+            tied = comm.allreduce(sum(int(np.sum(pair.pairing.paired)) for pair in contact.pairs))
+            log.info("contact %s: %d source facets, %d of %d points tied", contact.name, facets, tied, points)
             continue
         log.info(
             "contact %s: %d source facets, %d quadrature points, theta %g, gamma0 %g, gamma %.4g to %.4g "
             "[stress/length], search radius %.4g",
-            item.name, facets, points, item.theta, item.gamma0, low, high, item.radius,
+            contact.name, facets, points, contact.method.theta, contact.method.gamma0, low, high,
+            contact.pairs[0].radius,
         )  # fmt: skip
-        paired, least, most = _gaps(item, comm)
+        paired, least, most = _gaps(contact, comm)
         if paired:
-            log.info("contact %s: %d points have a partner, gaps %.4g to %.4g (negative: overlap)", item.name, paired,
-                     least, most)  # fmt: skip
+            log.info("contact %s: %d points have a partner, gaps %.4g to %.4g (negative: overlap)", contact.name,
+                     paired, least, most)  # fmt: skip
         else:
-            log.info("contact %s: no point has a partner in the undeformed bodies", item.name)
-        pressure, gap = facet_pressure(getattr(item, "halves", [item]))
+            log.info("contact %s: no point has a partner in the undeformed bodies", contact.name)
+        pressure, gap = facet_pressure(contact.pairs)
         if pressure > 0.0:
             log.warning(
                 "contact %s: gaps of up to %.2g between straight facets of curved surfaces that conform: a contact "
                 "pressure below %.2g comes out wrong by more than %.0f %% (in L2); remedy: %s",
-                item.name, gap, pressure / WRONG, 100.0 * WRONG, SMOOTH,
+                contact.name, gap, pressure / WRONG, 100.0 * WRONG, SMOOTH,
             )  # fmt: skip
-        if item.contact.all and item.contact.obstacle is None:
+        if contact.contact.all and not contact.rigid:
             low, high = component_boxes(space)
-            near = near_pairs(low, high, item.radius)
-            log.info("contact %s: %d surfaces, %d pairs of them near enough to meet%s", item.name, len(low), len(near),
-                     _named(mesh.component_names, near))  # fmt: skip
+            near = near_pairs(low, high, contact.pairs[0].radius)
+            log.info("contact %s: %d surfaces, %d pairs of them near enough to meet%s", contact.name, len(low),
+                     len(near), _named(mesh.component_names, near))  # fmt: skip
     held = [name for k, name in enumerate(mesh.component_names) if k not in simulation.floating]
     log.info("held by supports: %s", _counted(held) or "no body")
     log.info("costs: %s", "\n       ".join(prices(simulation.problem, simulation.scene)))
 
 
-def _gaps(item, comm):
+def _gaps(contact, comm):
     """Number of points with a partner in the undeformed bodies, least and largest gap. *Collective.*"""
-    pairings = [half.pairing for half in getattr(item, "halves", [item])]
-    own = np.concatenate([p.gap0[p.paired] for p in pairings])
+    own = np.concatenate([p.gap0[p.paired] for p in (pair.pairing for pair in contact.pairs)])
     least = comm.allreduce(float(np.min(own, initial=np.inf)), op=MPI.MIN)
     return comm.allreduce(len(own)), least, comm.allreduce(float(np.max(own, initial=-np.inf)), op=MPI.MAX)
 

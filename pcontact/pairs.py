@@ -2,29 +2,20 @@
 
 import numpy as np
 
-from pcontact.assembly.plastic import PlasticBulk
 from pcontact.contact.all_surfaces import burdened, meetings, outer_surfaces, paired_elsewhere
-from pcontact.contact.augmented import AugmentedFrictionalItem, AugmentedItem
 from pcontact.contact.facet_maps import KIND
-from pcontact.contact.frictional import FrictionalItem
-from pcontact.contact.item import ContactItem
-from pcontact.contact.laws import friction_law
+from pcontact.contact.law import contact_law
 from pcontact.contact.obstacle import RigidObstacle
+from pcontact.contact.pair import contact_pair
 from pcontact.contact.parameters import coercive, parameter
-from pcontact.contact.penalty import without_traction
 from pcontact.contact.pieces import cut_source
-from pcontact.contact.plastic_trace import PlasticTrace
+from pcontact.contact.report import ContactReport
 from pcontact.contact.self_surface import self_surface
 from pcontact.contact.smooth_geometry import Chords, smooth_surface
+from pcontact.contact.summary import components_of as components_at
 from pcontact.contact.surface import components_of, diameters, extents, source_surface, target_surface
-from pcontact.contact.tied import AugmentedTiedItem, TiedItem
-from pcontact.contact.unbiased import (
-    UnbiasedFrictionalItem,
-    UnbiasedItem,
-    contacts_of_halves,
-    halved,
-    is_unbiased,
-)
+from pcontact.contact.traction.plastic import PlasticTrace
+from pcontact.contact.unbiased import contacts_of_halves, halved, is_unbiased
 from pcontact.mesh.mesh import size_of
 from pcontact.runtime import log
 from pcontact.runtime.parallel import agree
@@ -45,13 +36,6 @@ SEVERAL = 3.0
 COARSE = 3.0
 # factor from which on they are cut, unless the user says otherwise
 COARSER = 1.25
-
-# items of the formulations: without friction, with it, tied
-ITEMS = {
-    "nitsche": (ContactItem, FrictionalItem, TiedItem),
-    "penalty": (ContactItem, FrictionalItem, TiedItem),
-    "augmented_lagrangian": (AugmentedItem, AugmentedFrictionalItem, AugmentedTiedItem),
-}
 
 
 def _radius(space, contact, floats):
@@ -85,31 +69,23 @@ def _require_area(scene, space, contact, source):
 
 def _trace(space, bulk, source, contact):
     """What plasticity adds to the traction of a source; None where its cells cannot yield. *Collective.*"""
-    if not isinstance(bulk, PlasticBulk):
+    if not bulk.yields:
         return None
     trace = PlasticTrace(space, bulk, source, contact.source)
     return trace if space.comm.allreduce(trace.parts, op=MPI.SUM) else None
 
 
-def pair_item(space, bulk, contact, source, target, radius, floats=False):
-    """The item of a contact in its formulation. *Collective.*
+def pair_of(space, bulk, contact, source, target, radius, floats=False):
+    """The pair of a contact in its formulation. *Collective.*
 
     Parameters
     ----------
     bulk : ElasticBulk or PlasticBulk
     others
-        See `pcontact.contact.item.ContactItem`.
+        See :func:`pcontact.contact.pair.contact_pair`.
     """
-    law, trace = friction_law(contact), None
-    if contact.formulation == "nitsche":
-        trace = _trace(space, bulk, source, contact)
-    else:
-        source = without_traction(source)
-    frictionless, frictional, tied = ITEMS[contact.formulation]
-    if law is None:
-        return frictionless(space, contact, source, target, radius, floats, trace)
-    kind = tied if contact.tied else frictional
-    return kind(space, contact, source, target, radius, law, contact.alpha, floats, trace)
+    trace = _trace(space, bulk, source, contact) if contact.formulation == "nitsche" else None
+    return contact_pair(space, contact, source, target, radius, floats, trace)
 
 
 def _cuts(space, contact, source, target):
@@ -138,11 +114,11 @@ def _fitted(space, contact, source, target, radius):
 
 def _muted(scene, space, supports, contact, source):
     """The source of a contact of all surfaces; facets with a load or support take part without their traction."""
-    return source.mute(burdened(space, supports, scene.loads, source, friction_law(contact) is not None))
+    return source.mute(burdened(space, supports, scene.loads, source, contact_law(contact).tangential))
 
 
-def _unbiased_item(scene, space, bulk, contact, supports, radius, floats, smooth):
-    """The item of a pair both surfaces of which are source and target, or of self contact. *Collective.*"""
+def _halves(scene, space, bulk, contact, supports, radius, floats, smooth):
+    """The pairs of a contact both surfaces of which are source and target, or of self contact. *Collective.*"""
     halves = []
     for one in contacts_of_halves(contact):
         source = source_surface(space, one.source, bulk.constants, one.quadrature)
@@ -154,23 +130,22 @@ def _unbiased_item(scene, space, bulk, contact, supports, radius, floats, smooth
         source, target = _fitted(space, one, source, target, radius)
         if contact.all:
             source = _muted(scene, space, supports, contact, source)
-        halves.append(pair_item(space, bulk, one, halved(source), target, radius, floats))
+        halves.append(pair_of(space, bulk, one, halved(source), target, radius, floats))
         _add_chords(space, one, halves[-1], source, smooth)
-    kind = UnbiasedItem if friction_law(contact) is None else UnbiasedFrictionalItem
-    return kind(contact, halves)
+    return halves
 
 
-def _add_chords(space, contact, item, source, known):
-    """Let an item know what its straight facets do to the gap. *Collective.*
+def _add_chords(space, contact, pair, source, known):
+    """Let a pair know what its straight facets do to the gap. *Collective.*
 
     Parameters
     ----------
     space : pcontact.space.space.Space
     contact : pcontact.scene.model.Contact
-        Of the item, with its numerics resolved.
-    item : ContactItem
+        Of the pair, with its numerics resolved.
+    pair : pcontact.contact.pair.ContactPair
     source : SourceSurface
-        That the item was made from, with the shape functions of whole cells.
+        That the pair was made from, with the shape functions of whole cells.
     known : dict of (str, bool) to SmoothSurface or None
         Of the groups seen before; grows.
     """
@@ -183,8 +158,8 @@ def _add_chords(space, contact, item, source, known):
             known[name, fitted] = smooth_surface(space, name, fitted)
     surfaces = known[contact.source, fitted], known.get((contact.target, fitted))
     if any(surface is not None for surface in surfaces):
-        target = None if item.rigid else item.target
-        item.chords = Chords(space, contact, source, target, surfaces)
+        target = None if pair.rigid else pair.target
+        pair.chords = Chords(space, contact, source, target, surfaces)
 
 
 def _tied_radius(space, source, target):
@@ -193,20 +168,20 @@ def _tied_radius(space, source, target):
     return space.comm.allreduce(own, op=MPI.MAX)
 
 
-def tied_items(scene, space, constants, bulk):
-    """Items of the tied pairs. Bodies that they join are one connected component from here on. *Collective.*
+def tied_pairs(scene, space, constants, bulk):
+    """The tied pairs. Bodies that they join are one connected component from here on. *Collective.*
 
     Parameters
     ----------
     scene, space, constants, bulk
-        As in :func:`contact_items`.
+        As in :func:`contact_reports`.
 
     Returns
     -------
-    dict of int to TiedItem
+    dict of int to ContactPair
         By the number of the contact in the scene.
     """
-    items, joined = {}, []
+    pairs, joined = {}, []
     for number, contact in enumerate(scene.contacts):
         if not contact.tied:
             continue
@@ -215,9 +190,10 @@ def tied_items(scene, space, constants, bulk):
         target = target_surface(space, contact.target)
         radius = contact.search_radius or _tied_radius(space, source, target)
         source, target = _fitted(space, contact, source, target, radius)
-        item = pair_item(space, bulk, contact, source, target, radius)
-        item.detect(space.vector(), 0.0)
-        tied, points = item.count()
+        pair = pair_of(space, bulk, contact, source, target, radius)
+        pair.detect(space.vector(), 0.0)
+        counts = np.array([np.sum(pair.pairing.paired), len(pair.source.facet)])
+        tied, points = (int(n) for n in space.comm.allreduce(counts, op=MPI.SUM))
         if not tied:
             raise input_error(
                 scene.where, f"contacts[{number}] ({contact.name}).tied",
@@ -225,11 +201,18 @@ def tied_items(scene, space, constants, bulk):
                 "surfaces that face each other, or a larger search_radius",
             )  # fmt: skip
         log.info("contact %s: %d of %d points are tied", contact.name, tied, points)
-        items[number] = item
-        joined.append(item.joined())
-    if items:
+        pairs[number] = pair
+        joined.append(_joined(pair))
+    if pairs:
         join(space, np.concatenate(joined))
-    return items
+    return pairs
+
+
+def _joined(pair):
+    """Pairs (n, 2) of connected components with a tied point between them, on all ranks. *Collective.*"""
+    own, other = components_at(pair.space, pair.pairing, pair.source)
+    numbers = np.unique(np.column_stack([own, other])[pair.pairing.paired], axis=0)
+    return np.unique(np.concatenate(pair.space.comm.allgather(numbers)), axis=0)
 
 
 def _check_numbers(scene, number, contact):
@@ -257,11 +240,11 @@ def _check_numbers(scene, number, contact):
         )  # fmt: skip
 
 
-def _check_sizes(scene, space, number, contact, item):
+def _check_sizes(scene, space, number, contact, pair):
     """Refuse a source in space too coarse for its target, unless the scene allows it. *Collective.*"""
     if space.dim == 2 or contact.obstacle is not None or is_unbiased(contact) or contact.all:
         return
-    ratio = _coarseness(space, item.source, item.target)
+    ratio = _coarseness(space, pair.source, pair.target)
     if contact.cut is False and ratio > COARSE:
         unsafe(
             scene, "facet_sizes", f"contacts[{number}] ({contact.name}).cut",
@@ -303,7 +286,7 @@ def _rigid(scene, space, number):
 
 def _source(scene, space, constants, supports, contact, known):
     """The source of a contact; obstacles around the same bodies share one, by what it depends on. *Collective.*"""
-    key = contact.all, contact.source, contact.quadrature, friction_law(contact) is not None
+    key = contact.all, contact.source, contact.quadrature, contact_law(contact).tangential
     if contact.obstacle is not None and key in known:
         return known[key]
     source = source_surface(space, contact.source, constants, contact.quadrature)
@@ -315,8 +298,8 @@ def _source(scene, space, constants, supports, contact, known):
     return source
 
 
-def contact_items(scene, space, constants, supports, free, bulk, tied):
-    """One item per contact pair, and which components can meet. *Collective.*
+def contact_reports(scene, space, constants, supports, free, bulk, tied):
+    """The pairs of all contacts, and which components can meet. *Collective.*
 
     Parameters
     ----------
@@ -328,22 +311,22 @@ def contact_items(scene, space, constants, supports, free, bulk, tied):
     free : dict of int to ndarray (m, n_modes)
         Components that the supports do not hold, and the rigid motions left to them.
     bulk : ElasticBulk or PlasticBulk
-    tied : dict of int to TiedItem
-        Of :func:`tied_items`.
+    tied : dict of int to ContactPair
+        Of :func:`tied_pairs`.
 
     Returns
     -------
-    items : list of ContactItem
+    reports : list of ContactReport
     edges : set of (int, int)
         Pairs of components.
     """
-    items, edges, touching, sources, smooth = [], set(), set(), {}, {}
+    reports, edges, touching, sources, smooth = [], set(), set(), {}, {}
     if any(contact.all for contact in scene.contacts):
         space.mesh.facet_groups[OUTER] = outer_surfaces(space)
     for number, contact in enumerate(scene.contacts):
         _check_numbers(scene, number, contact)
         if contact.tied:
-            items.append(tied[number])
+            reports.append(ContactReport(contact, [tied[number]]))
             continue
         sides = _sides(space, contact)
         floats = bool(set().union(*sides) & set(free))
@@ -356,18 +339,20 @@ def contact_items(scene, space, constants, supports, free, bulk, tied):
         elif contact.target != contact.source or len(sides[0]) > 1:
             touching.update(*sides)
         if is_unbiased(contact):
-            items.append(_unbiased_item(scene, space, bulk, contact, supports, radius, floats, smooth))
+            halves = _halves(scene, space, bulk, contact, supports, radius, floats, smooth)
+            reports.append(ContactReport(contact, halves))
             continue
         source = _source(scene, space, constants, supports, contact, sources)
         target = target_surface(space, contact.target) if contact.obstacle is None else _rigid(scene, space, number)
         source, target = _fitted(space, contact, source, target, radius)
-        items.append(pair_item(space, bulk, contact, source, target, radius, floats))
-        _add_chords(space, contact, items[-1], source, smooth)
-        _check_sizes(scene, space, number, contact, items[-1])
+        pair = pair_of(space, bulk, contact, source, target, radius, floats)
+        _add_chords(space, contact, pair, source, smooth)
+        _check_sizes(scene, space, number, contact, pair)
+        reports.append(ContactReport(contact, [pair]))
     for k in sorted(set(free) - touching):
         name = space.mesh.component_names[k]
         text = "body %s: no contact pair can hold the %d rigid modes that no support holds"
         if any(contact.all for contact in scene.contacts):
             text += " (or nothing is near enough: a larger search_radius)"
         log.warning(text, name, len(free[k]))
-    return items, edges
+    return reports, edges

@@ -104,15 +104,14 @@ class Simulation:
         self.problem, colours, motions = build.assemble(self.scene, self.mesh)
         self.floating = {k: len(rows) for k, rows in motions.items()}
         self.costs, self.counters = Costs(self.profile, self.problem), Counters(self.problem, self.calls)
-        # slip of Coulomb's law makes the tangent unsymmetric for every theta; that of Tresca's does not
-        # where a source yields, the traction's derivative is not the adjoint operator, that of elasticity
-        # without a traction of the source there is nothing unsymmetric but the slip
-        symmetric = all((c.theta == 1.0 or c.formulation != "nitsche") and not c.friction for c in self.scene.contacts)
-        symmetric = symmetric and not any(getattr(item, "plastic", None) for item in self.problem.items)
+        # slip of Coulomb's law makes the tangent unsymmetric for every theta; that of Tresca's does not. Where a source
+        # yields, the traction's derivative is not the adjoint operator, that of elasticity. Without a traction of the
+        # source there is nothing unsymmetric but the slip
+        symmetric = all(item.symmetric for item in self.problem.items)
         modes = near_null_space(self.problem.space, colours)
         self.accuracy.propose(self.options, self.problem.linear)
         self.newton = Newton(self.problem, self.options, symmetric, modes, self.timing, bool(self.floating))
-        self.settle = uzawa(self.problem.items, self.newton, self.options)
+        self.settle = uzawa(self.problem.contacts, self.newton, self.options)
         self.renew = renewal(self.problem, self.newton, self.options)
         meets = motions and not self.problem.linear
         self.rest = LooseBodies(self.problem, self.newton, motions) if meets else None
@@ -148,7 +147,7 @@ class Simulation:
         scene, space = self.scene, self.problem.space
         identity = resumed = None
         if self.restart is not None or (directory is not None and scene.output.checkpoint):
-            identity = Identity.of(scene, space, remembering(self.problem.items))
+            identity = Identity.of(scene, space, remembering(self.problem.parts))
         if self.restart is not None:
             resumed = read_checkpoint(self.restart, space, identity, self.anyway)
         since = None if resumed is None else resumed.time
@@ -170,7 +169,7 @@ class Simulation:
         if writes or keep:
             if writes and output.checkpoint:
                 first = None if resumed is None else resumed.first
-                items, every = self.problem.items, output.checkpoint_every
+                items, every = self.problem.parts, output.checkpoint_every
                 watch.insert(0, Checkpoint(directory, space, items, schedule, every, identity, first, carriers))
             self.records = Records(directory, self.comm, self._head(), self._costs, since)
             watch.insert(0, self.records)
@@ -181,7 +180,7 @@ class Simulation:
         if estimate is not None:
             watch.insert(0, estimate)
         # the report has the warnings of those before it
-        watch.insert(0, FacetErrors(self.problem.items[1:]))
+        watch.insert(0, FacetErrors(self.problem.contacts))
         self._announce()
         self.stepper = Stepper(
             self.problem, self.newton, schedule, watch, recorder, self.timing, drive(scene), self.settle, self.renew,
@@ -191,7 +190,7 @@ class Simulation:
             self.stepper.resume(
                 resumed.number, resumed.time, resumed.first, resumed.size, resumed.values, resumed.last
             )
-            resumed.recall(self.comm, self.problem.items)
+            resumed.recall(self.comm, self.problem.parts)
             for name, one in carriers.items():
                 one.carried = resumed.carried.get(name, 0.0)
             log.info("restart from %s at time %g after %d steps", self.restart, resumed.time, resumed.number)

@@ -3,6 +3,8 @@
 import numpy as np
 
 from meshes.blocks import one_block, two_blocks
+from pcontact.assembly.pattern import JoinedPattern
+from pcontact.contact.report import ContactReport
 from pcontact.element.shape import shape, shape_gradient
 from pcontact.mesh.complete import complete
 from pcontact.mesh.components import components
@@ -108,3 +110,58 @@ def elasticity(lam, mu, d):
         + mu * np.einsum("ik,jl->ijkl", one, one)
         + mu * np.einsum("il,jk->ijkl", one, one)
     )
+
+
+def magnitude_of(item, u):
+    """Sum of the absolute terms of an item's residual (n_owned, d)."""
+    out = np.zeros((item.space.n_owned, item.space.dim))
+    item.add_magnitude(u, out)
+    return out
+
+
+def summary_of(pair, u):
+    """Numbers of a contact pair for the report."""
+    return ContactReport(pair.contact, [pair]).summary(u)
+
+
+class Together:
+    """Several contact pairs as one item, as a contact reports them.
+
+    Parameters
+    ----------
+    contact : pcontact.scene.model.Contact
+    pairs : list of pcontact.contact.pair.ContactPair
+    """
+
+    def __init__(self, contact, pairs):
+        self.pairs, self.report, self.space = pairs, ContactReport(contact, pairs), pairs[0].space
+        self.state, self.summary = self.report.state, self.report.summary
+        self.memory, self.recall = self.report.memory, self.report.recall
+
+    def detect(self, u, time):
+        for pair in self.pairs:
+            pair.detect(u, time)
+
+    def commit(self, u, time):
+        for pair in self.pairs:
+            pair.commit(u, time)
+
+    def residual(self, u, out):
+        for pair in self.pairs:
+            pair.residual(u, out)
+
+    def tangent(self, u):
+        values = [pair.tangent(u) for pair in self.pairs]
+        self._joined = JoinedPattern([pair.pattern() for pair in self.pairs], self.space.n_owned)
+        return self._joined.sum(values)
+
+    def pattern(self):
+        return self._joined.rowptr, self._joined.columns
+
+    @property
+    def source(self):
+        return self.report.source
+
+    @property
+    def closed(self):
+        return np.concatenate([pair.closed for pair in self.pairs])

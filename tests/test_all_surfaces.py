@@ -57,7 +57,7 @@ def summary_of(case, comm=WORLD):
     try:
         assert simulation.run()
         u = simulation.stepper.u
-        found = {item.name: item.summary(u) for item in simulation.problem.items[1:]}
+        found = {item.name: item.summary(u) for item in simulation.problem.contacts}
         return found, by_key(simulation.problem.space, u.getArray().reshape(-1, simulation.mesh.dim)), simulation
     finally:
         simulation.close()

@@ -6,13 +6,25 @@ the file.
 
 import numpy as np
 import pytest
-from small import DIMENSION, SELF, bend, block_file, blocks_file, dense, keys, make_space, vector_of
+from small import (
+    DIMENSION,
+    SELF,
+    bend,
+    block_file,
+    blocks_file,
+    dense,
+    keys,
+    magnitude_of,
+    make_space,
+    summary_of,
+    vector_of,
+)
 
 from pcontact.assembly.bulk import ElasticBulk
 from pcontact.assembly.graph import find, multiply, node_graph
 from pcontact.assembly.matrix import GlobalMatrix
 from pcontact.assembly.pattern import OwnedRows, positions, union
-from pcontact.contact.item import ContactItem
+from pcontact.contact.pair import contact_pair
 from pcontact.contact.surface import source_surface, target_surface
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.parallel import Exchanger, NodeExchange, agree, on_root, split_by_rank
@@ -75,7 +87,7 @@ def tiny(shared_tmp):
 def contact_item(space, theta=0.0, radius=0.5, **more):
     contact = Contact("upper_bottom", "lower_top", theta=theta, search="closest_point", **more)
     source, target = source_surface(space, contact.source, CONSTANTS), target_surface(space, contact.target)
-    return ContactItem(space, contact, source, target, radius)
+    return contact_pair(space, contact, source, target, radius)
 
 
 # -- patterns ----------------------------------------
@@ -294,7 +306,7 @@ def test_bulk_is_the_same_on_any_ranks(both):
         u, out = vector_of(s, field(s)), np.ones((s.n_owned, s.dim))
         bulk.residual(u, out)
         forces.append(by_key(s, out))
-        sizes.append(by_key(s, bulk.magnitude(u)))
+        sizes.append(by_key(s, magnitude_of(bulk, u)))
     np.testing.assert_allclose(*forces, atol=1e-11)
     np.testing.assert_allclose(*sizes, rtol=1e-12)
 
@@ -424,7 +436,7 @@ def test_contact_is_the_same_on_any_ranks(both, theta):
         item.residual(u, out)
         matrix = global_matrix(space, some_supports(space), item, u).matrix
         results.append(
-            (by_key(space, out), by_key(space, times(space, matrix, field(space, 3))), item.summary(u))
+            (by_key(space, out), by_key(space, times(space, matrix, field(space, 3))), summary_of(item, u))
         )
     for a, b in zip(results[0][:2], results[1][:2], strict=True):
         assert np.abs(b).max() > 1e-3
@@ -598,7 +610,7 @@ def test_ranks_without_cells(tiny):
         vectors = near_null_space(space, np.array([0, 1])).getVecs()
         assert len(vectors) == 6
         results.append(
-            (by_key(space, out), by_key(space, times(space, matrix, field(space, 3))), item.summary(u))
+            (by_key(space, out), by_key(space, times(space, matrix, field(space, 3))), summary_of(item, u))
         )
     for a, b in zip(results[0][:2], results[1][:2], strict=True):
         np.testing.assert_allclose(a, b, atol=1e-12)
@@ -621,10 +633,10 @@ def test_a_body_without_contact_and_more_ranks_than_facets(shared_tmp, cell):
     target = target_surface(space, "top")
     x = target.deformed(np.zeros((space.n_local, space.dim)))
     assert x.shape[0] == len(target.kinds)
-    item = ContactItem(space, Contact("bottom", "top", theta=0.0, search="ray_tracing"), surface, target, 0.1)
+    item = contact_pair(space, Contact("bottom", "top", theta=0.0, search="ray_tracing"), surface, target, 0.1)
     item.detect(space.vector(), 1.0)
     assert not np.any(item.pairing.paired)
-    assert item.summary(space.vector())["slip"] == 0
+    assert summary_of(item, space.vector())["slip"] == 0
     out = np.zeros((space.n_owned, space.dim))
     item.residual(vector_of(space, field(space)), out)
     assert np.all(out == 0.0)

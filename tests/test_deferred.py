@@ -6,10 +6,9 @@ from small import blocks_file, make_space, vector_of
 
 from drivers.studies._press import make_scene
 from meshes import ball_on_block
-from pcontact.contact.frictional import FrictionalItem
-from pcontact.contact.item import ContactItem
-from pcontact.contact.laws import SLIP, STICK, friction_law
-from pcontact.contact.standing import RIGHT, Standing
+from pcontact.assembly.item import LAW
+from pcontact.contact.law import SLIP, STICK
+from pcontact.contact.pair import RIGHT, ContactPair, contact_pair
 from pcontact.contact.surface import source_surface, target_surface
 from pcontact.material.elastic import lame
 from pcontact.runtime.petsc import MPI
@@ -37,10 +36,7 @@ def item_of(space, **law):
     contact = Contact("upper_bottom", "lower_top", theta=0.0, search="closest_point", **law)
     source = source_surface(space, contact.source, CONSTANTS, contact.quadrature)
     target = target_surface(space, contact.target)
-    if friction_law(contact) is not None:
-        item = FrictionalItem(space, contact, source, target, 1.0, friction_law(contact))
-    else:
-        item = ContactItem(space, contact, source, target, 1.0)
+    item = contact_pair(space, contact, source, target, 1.0)
     item.detect(space.vector(), 1.0)
     return item
 
@@ -62,21 +58,18 @@ def test_what_closes_last_is_deferred(space):
     """Closed up to an edge, then everywhere, equally deep: the last third of what closes is farthest from the edge."""
     item = item_of(space)
     first, last = with_gap(space, 1.0, -EDGE), with_gap(space, 0.0, -DEPTH)
-    all_paired = item.pairing.paired.copy()
-    assert np.all(all_paired)
+    assert np.all(item.pairing.paired)
     out = np.zeros((space.n_owned, space.dim))
     item.residual(last, out)
     force = total(np.abs(out[:, 1]))
-    assert item.defer(first, last)
-    deferred, x = ~item.pairing.paired, item.source.x[:, 0]
+    rule = item.defer(first, last, LAW)
+    deferred, x = rule.waiting, item.source.x[:, 0]
     edge = EDGE + RIGHT * (1.0 - EDGE)
     assert np.all(deferred[x > edge + 0.02]) and not np.any(deferred[x < edge - 0.02])
     rest = np.zeros_like(out)
-    item.residual(last, rest)
+    item.residual(last, rest, rule)
     # the pressure is the same everywhere
     assert total(np.abs(rest[:, 1])) == pytest.approx(edge * force, rel=0.02)
-    item.admit()
-    np.testing.assert_array_equal(item.pairing.paired, all_paired)
     again = np.zeros_like(out)
     item.residual(last, again)
     np.testing.assert_array_equal(again, out)
@@ -93,24 +86,20 @@ def test_nothing_is_deferred_without_an_edge(space):
         "a little": (edge, with_gap(space, 1.0, -EDGE - 0.01)),
     }
     for name, (first, last) in cases.items():
-        assert not item.defer(first, last), name
-        assert np.all(item.pairing.paired), name
-    item.admit()
-    assert np.all(item.pairing.paired)
-    assert not item_of(space, bilateral=True).defer(edge, everywhere)
-    assert not item_of(space, tresca=1.0).defer(edge, everywhere)
+        assert item.defer(first, last, LAW) is None, name
+    assert item_of(space, bilateral=True).defer(edge, everywhere, LAW) is None
+    assert item_of(space, tresca=1.0).defer(edge, everywhere, LAW) is None
 
 
 @pytest.mark.parametrize(("friction", "status"), [(10.0, STICK), (1e-6, SLIP)])
 def test_all_sticks_meanwhile_where_most_does(space, friction, status):
     item = item_of(space, friction=friction)
-    law, first, last = item._law, with_gap(space, 1.0, -EDGE), with_gap(space, 0.1, -0.3)
+    first, last = with_gap(space, 1.0, -EDGE), with_gap(space, 0.1, -0.3)
     item.tangent(first)
-    assert item.defer(first, last)
-    item.tangent(last)
-    assert set(item._status[item.pairing.paired]) <= {status}
-    item.admit()
-    assert item._law is law and np.all(item.pairing.paired)
+    rule = item.defer(first, last, LAW)
+    assert rule.stick == (status == STICK)
+    item.tangent(last, rule)
+    assert set(item._status[~rule.waiting]) <= {status}
 
 
 def test_sooner_at_the_same_force(shared_tmp, monkeypatch):
@@ -122,7 +111,7 @@ def test_sooner_at_the_same_force(shared_tmp, monkeypatch):
     scene = make_scene(path, "elastic")
     for name in ("deferred", "not"):
         if name == "not":
-            monkeypatch.setattr(Standing, "defer", lambda *_: False)
+            monkeypatch.setattr(ContactPair, "defer", lambda *_: None)
         simulation, records = Simulation(scene), []
         assert simulation.run(None, [Keep(records)])
         simulation.close()

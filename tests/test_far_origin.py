@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from small import DIMENSION, SELF, blocks_file, make_space, vector_of
 
-from pcontact.contact.item import ContactItem
 from pcontact.contact.obstacle import RigidObstacle
+from pcontact.contact.pair import contact_pair
 from pcontact.contact.surface import source_surface, target_surface
 from pcontact.scene import amplitude
 from pcontact.scene.model import Contact, Obstacle
@@ -25,7 +25,7 @@ def gaps(path, far, obstacle=None, search="closest_point"):
         target = target_surface(space, "lower_top")
     else:
         target = RigidObstacle(obstacle, amplitude(None, 1.0), 1.0)
-    item = ContactItem(space, contact, source, target, 0.5)
+    item = contact_pair(space, contact, source, target, 0.5)
     x = space.points - far
     values = 1e-3 * np.sin(3.0 * x + np.arange(x.shape[1])) + 1e-4 * x[:, ::-1] ** 2
     for block in range(len(space.mesh.blocks)):

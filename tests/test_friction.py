@@ -13,18 +13,19 @@ from small import (
     elasticity,
     keys,
     make_space,
+    summary_of,
     vector_of,
 )
 from test_laws import LAWS, law_of, limit_of, numpy_projection
 
 from pcontact.assembly.graph import node_graph
-from pcontact.contact import friction
-from pcontact.contact.frictional import FrictionalItem
-from pcontact.contact.item import ContactItem
-from pcontact.contact.laws import OPEN, SLIP, STICK, friction_law
-from pcontact.contact.nitsche import no_operators
+from pcontact.contact.formulation import frictional_kernels as friction
+from pcontact.contact.law import OPEN, SLIP, STICK, Frictionless, project_rows
 from pcontact.contact.obstacle import RigidObstacle
+from pcontact.contact.pair import contact_pair
+from pcontact.contact.points import BlockRows, PartnerPoints, SourcePoints, no_excess
 from pcontact.contact.surface import source_surface, target_surface
+from pcontact.contact.traction.elastic import tractions
 from pcontact.material.elastic import lame
 from pcontact.runtime.petsc import MPI
 from pcontact.scene import amplitude
@@ -94,34 +95,40 @@ class Points:
         """Traction, jump, tau of the compiled kernels."""
         wanted = np.ones(len(self.facet), dtype=bool) if wanted is None else wanted
         traction, jump, tau = (np.full_like(self.normal, np.nan) for _ in range(3))
-        friction.jumps(u, self.cells, self.targets, self.facet, self.shape, self.target_shape, wanted, jump)
-        friction.tractions(
-            u, self.cells, self.facet, self.grad, self.volumetric, self.mu, self.normal_x, wanted, traction
-        )
-        friction.augment(
-            traction, jump, self.before, self.gap0, self.normal, self.gamma, self.alpha, self.facet, wanted, tau
-        )
+        source, partner = self.sides
+        friction.jumps(u, source, partner, wanted, jump)
+        tractions(u, source, wanted, traction)
+        friction.augment(traction, jump, self.before, self.facet, partner, self.gamma, self.alpha, wanted, tau)
         return traction, jump, tau
+
+    @property
+    def sides(self):
+        """The arrays as kernels take them."""
+        source = SourcePoints(
+            self.facet, self.cells, self.shape, self.jxw, self.normal_x, self.grad, self.volumetric, self.mu
+        )
+        return source, PartnerPoints(self.targets, self.target_shape, self.normal, self.gap0)
+
+    def projected(self, u, law, bilateral):
+        """P, D and status of a law."""
+        force, slope, status = np.zeros_like(self.normal), np.zeros((len(self.facet), self.d, self.d)), self.facet * 0
+        project_rows(law, bilateral, self.paired, self.normal, self.evaluate(u)[2], force, slope, status)
+        return force, slope, status
 
     def residual(self, u, law, theta, bilateral):
         """(n d,) of the compiled kernel."""
-        traction, _, tau = self.evaluate(u)
-        out = np.zeros((self.n, self.d))
-        friction.add_residual(
-            theta, self.alpha, law, bilateral, self.paired, self.jxw, self.gamma, traction, tau, self.cells,
-            self.targets, self.facet, self.shape, self.target_shape, self.grad, self.volumetric, self.mu, self.normal_x,
-            self.normal, out,
-        )  # fmt: skip
+        out, (force, _, status) = np.zeros((self.n, self.d)), self.projected(u, law, bilateral)
+        friction.add_residual(theta, self.alpha, self.gamma, *self.sides, self.evaluate(u)[0], force, status, out)
         return out.ravel()
 
     def add_tangent(self, u, law, theta, bilateral, tables):
         """Pattern of the tables, values and missing entries of the compiled kernel."""
         rowptr, columns = node_graph(tables, self.n)
         values = np.zeros((len(columns), self.d, self.d))
+        _, slope, status = self.projected(u, law, bilateral)
         missing = friction.add_tangent(
-            theta, self.alpha, law, bilateral, self.paired, self.jxw, self.gamma, self.evaluate(u)[2], self.cells,
-            self.targets, self.facet, self.shape, self.target_shape, self.grad, self.volumetric, self.mu,
-            *no_operators(self.shape.shape[1], self.d), False, self.normal_x, self.normal, rowptr, columns, values,
+            theta, self.alpha, self.gamma, *self.sides, no_excess(self.shape.shape[1], self.d), status, slope,
+            BlockRows(rowptr, columns, values),
         )  # fmt: skip
         return rowptr, columns, values, missing
 
@@ -201,10 +208,7 @@ def test_residual_and_tangent_are_those_of_numpy(d, targets, name, bilateral, al
         assert set(status[paired]) == kinds
         np.testing.assert_allclose(points.residual(points.u, law, theta, bilateral), residual, atol=1e-11)
         np.testing.assert_allclose(points.tangent(points.u, law, theta, bilateral), tangent, atol=1e-11)
-    compiled = np.full_like(force, np.nan)
-    found = friction.project_all(
-        law, bilateral, paired, points.normal, points.evaluate(points.u)[2], compiled
-    )
+    compiled, _, found = points.projected(points.u, law, bilateral)
     np.testing.assert_array_equal(found, status)
     np.testing.assert_allclose(compiled, force, atol=1e-12)
     assert np.all(found[~paired] == OPEN) and np.all(compiled[~paired] == 0.0)
@@ -263,15 +267,14 @@ def test_surfaces_that_just_touch_are_tied(name, theta, alpha):
 # -- whole pairs ----------------------------------------
 
 
-def pair(space, contact, radius=1.0, kind=FrictionalItem):
+def pair(space, contact, radius=1.0, law=None):
     """Item of a contact whose first search is done by the caller."""
     source = source_surface(space, contact.source, [CONSTANTS] * 2, contact.quadrature)
     if contact.obstacle is None:
         target = target_surface(space, contact.target)
     else:
         target = RigidObstacle(contact.obstacle, amplitude(contact.obstacle.amplitude, 1.0), 1.0)
-    more = {} if kind is ContactItem else {"law": friction_law(contact), "alpha": contact.alpha or 1.0}
-    return kind(space, contact, source, target, radius, **more)
+    return contact_pair(space, contact, source, target, radius, law=law)
 
 
 def bodies(name="coulomb", search="closest_point", theta=0.0, alpha=1.0, **more):
@@ -434,7 +437,7 @@ def test_action_is_reaction(stacked, theta, name):
         assert np.abs(out).max() > 1e-3
         np.testing.assert_allclose(out.sum(axis=0), 0.0, atol=1e-12)
         # what the target's nodes feel, and what the report says, in all directions
-        force = item.summary(vector_of(space, u))["force"]
+        force = summary_of(item, vector_of(space, u))["force"]
         np.testing.assert_allclose(-out[lower].sum(axis=0), force, atol=1e-12)
         assert abs(force[0]) > 1e-3
 
@@ -443,8 +446,8 @@ def test_action_is_reaction(stacked, theta, name):
 def test_hardly_any_friction_is_none(stacked, search):
     """theta = 0: residual and tangent of frictionless contact; other theta ask for no tangential traction, too."""
     space = stacked
-    kinds = ((1e-300, FrictionalItem), (None, ContactItem))
-    items = [pair(space, bodies(search=search, friction=f), 0.3, kind) for f, kind in kinds]
+    laws = ((1e-300, None), (None, Frictionless()))
+    items = [pair(space, bodies(search=search, friction=f), 0.3, law) for f, law in laws]
     for item in items:
         item.detect(space.vector(), 1.0)
     for depth, slide, tilt in STEPS:
@@ -651,7 +654,7 @@ def test_friction_is_the_same_on_any_ranks(shared_tmp, cell, degree, name, theta
         rows = dense(*item.pattern(), values, space.numbering.n_total)
         v = np.concatenate(comm.allgather(field(space, 4)))
         product = (rows @ v.ravel()).reshape(-1, space.dim)
-        summary = item.summary(vector_of(space, u))
+        summary = summary_of(item, vector_of(space, u))
         results.append((by_key(space, residual), by_key(space, product), summary))
     for a, b in zip(results[0][:2], results[1][:2], strict=True):
         assert np.abs(b).max() > 1e-3

@@ -50,7 +50,7 @@ def solve(scene, comm=WORLD):
         parts = comm.allgather((space.mesh.file_nodes[space.mesh_nodes], space.local.gather(u)))
         nodes, u_nodes = (np.concatenate(part) for part in zip(*parts, strict=True))
         _, first = np.unique(nodes, return_index=True)
-        sums = [item.summary(u) for item in simulation.problem.items if hasattr(item, "summary")]
+        sums = [contact.summary(u) for contact in simulation.problem.contacts]
         # with contact of all surfaces the force of the contact itself is a sum of magnitudes
         bodies = [sorted(s.get("bodies", [{"body": "", "force": s["force"]}]), key=lambda b: b["body"]) for s in sums]
         force = np.array([one["force"] for several in bodies for one in several])

@@ -12,9 +12,9 @@ from meshes.hertz import cylinders, two_balls
 from meshes.rings import rings
 from pcontact.assembly.bulk import ElasticBulk
 from pcontact.assembly.error_norms import bulk_error
-from pcontact.contact.frictional import FrictionalItem
-from pcontact.contact.item import ContactItem
+from pcontact.contact.law import Frictionless, RowLaw
 from pcontact.contact.obstacle import RigidObstacle
+from pcontact.contact.pair import contact_pair
 from pcontact.contact.surface import source_surface
 from pcontact.element.trace import trace_constant
 from pcontact.material.elastic import in_plane, lame
@@ -31,6 +31,8 @@ E, NU = 210e3, 0.3
 INNER, OUTER, PRESSURE = 10.0, 20.0, 100.0
 DIRECT = {"pc_type": "lu", "ksp_type": "preonly"}
 THETAS = [1.0, 0.0, -1.0]
+# closed points that do not slip
+ROUGH = RowLaw([0.0, 1e300, np.inf])
 
 
 def mesh(maker, path, *args, **more):
@@ -155,7 +157,7 @@ def test_thick_cylinder_of_two_rings(shared_tmp, kinematics):
         radius = np.linalg.norm(x, axis=1)
         radial = np.einsum("nd,nd->n", u, x) / radius
         stress, (lam, mu) = stresses(simulation), simulation.problem.items[0].constants[0]
-        return radius, radial, stress, (lam, mu), simulation.problem.items[1].summary(simulation.stepper.u)
+        return radius, radial, stress, (lam, mu), simulation.problem.contacts[0].summary(simulation.stepper.u)
 
     radius, radial, stress, (lam, mu), pair_ = solved(scene, look)
     part = PRESSURE * INNER**2 / (OUTER**2 - INNER**2)
@@ -223,7 +225,7 @@ def test_stacked_cylinders(shared_tmp, cell, order, theta, friction):
     def look(simulation):
         # radially they are held by their hoops, and turning is no rigid motion
         assert simulation.floating == {1: 1}
-        record = simulation.problem.items[1].summary(simulation.stepper.u)
+        record = simulation.problem.contacts[0].summary(simulation.stepper.u)
         support = simulation.problem.reactions(simulation.stepper.u)["lower_bottom"]
         return *nodal(simulation), stresses(simulation), record, support
 
@@ -257,7 +259,7 @@ def test_shaft_in_a_sleeve(shared_tmp, theta):
 
     def look(simulation):
         assert simulation.floating == {}
-        record = simulation.problem.items[1].summary(simulation.stepper.u)
+        record = simulation.problem.contacts[0].summary(simulation.stepper.u)
         reactions = simulation.problem.reactions(simulation.stepper.u)
         total, _ = simulation.problem.imbalance({"reactions": reactions, "contacts": {"c": record}})
         return record, total
@@ -301,7 +303,7 @@ def test_hertz_axisymmetric(shared_tmp):
     """Contact radius and largest pressure for the computed force."""
 
     def look(simulation):
-        item, u = simulation.problem.items[1], simulation.stepper.u
+        item, u = simulation.problem.contacts[0], simulation.stepper.u
         states = WORLD.allgather(item.state(u))
         state = {key: np.concatenate([part[key] for part in states]) for key in ("x", "pressure", "weight")}
         return item.summary(u), state
@@ -342,14 +344,13 @@ def test_ball_on_a_rigid_plane(shared_tmp):
 # -- operators ----------------------------------------
 
 
-def lowest(space, theta, gamma0, kind):
+def lowest(space, theta, gamma0, law):
     """Smallest eigenvalue of the symmetric part of K_bulk + K_contact of a closed pair, the axis held."""
     constants = [lame(1.0, NU)]
     obstacle = Obstacle("plane", point=[0.0, 0.0], normal=[0.0, 1.0])
     contact = Contact("bottom", obstacle=obstacle, theta=theta, gamma0=gamma0, bilateral=True)
     rigid = RigidObstacle(obstacle, amplitude(None, 1.0), 1.0)
-    more = {} if kind is ContactItem else {"law": np.array([0.0, 1e300, np.inf])}
-    item = kind(space, contact, source_surface(space, "bottom", constants), rigid, 1.0, **more)
+    item = contact_pair(space, contact, source_surface(space, "bottom", constants), rigid, 1.0, law=law)
     zero = space.vector()
     item.detect(zero, 1.0)
     free = np.ones((space.n_owned, 2), dtype=bool)
@@ -360,17 +361,17 @@ def lowest(space, theta, gamma0, kind):
     return eigenvalues[0] / eigenvalues[-1]
 
 
-@pytest.mark.parametrize("kind", [ContactItem, FrictionalItem])
+@pytest.mark.parametrize("law", [Frictionless(), ROUGH], ids=["frictionless", "rough"])
 @pytest.mark.parametrize("theta", [1.0, 0.0])
 @pytest.mark.parametrize("inner", [0.0, 1.0, 100.0])
 @pytest.mark.parametrize("cell, degree", [("quadrilateral", 1), ("triangle", 1), ("quadrilateral", 2), ("triangle", 2)])
-def test_coercive_with_axial_symmetry(tmp_path, cell, degree, inner, theta, kind):
+def test_coercive_with_axial_symmetry(tmp_path, cell, degree, inner, theta, law):
     """Stable from gamma0 = (1 + theta)^2 / 4 for cells at the axis and away from it, and not far below."""
     path = one_block(tmp_path / "b.msh", 2, 1, cell, lower=(inner, 0.0))
     space = Space(make_space(SELF, path, ["block"], degree).mesh, degree, "axisymmetric")
     bound = (1.0 + theta) ** 2 / 4.0
-    assert lowest(space, theta, 1.01 * bound, kind) > -1e-12
-    assert lowest(space, theta, 0.5 * bound, kind) < -1e-6
+    assert lowest(space, theta, 1.01 * bound, law) > -1e-12
+    assert lowest(space, theta, 0.5 * bound, law) < -1e-6
 
 
 @pytest.mark.parametrize("cell, degree", [("quadrilateral", 1), ("triangle", 1), ("quadrilateral", 2), ("triangle", 2)])

@@ -12,7 +12,7 @@ import pytest
 from numba.core.registry import CPUDispatcher
 
 from meshes.blocks import two_blocks
-from pcontact.contact.item import ContactItem
+from pcontact.contact.formulation.frictionless import FrictionlessTerms
 from pcontact.io.counters import held
 from pcontact.io.prices import friction_bytes, plastic_bytes, prices
 from pcontact.runtime.parallel import on_root
@@ -21,22 +21,26 @@ from pcontact.scene.model import Body, Contact, Displacement, Material, MeshSpec
 from pcontact.simulation import Simulation
 
 WORLD = MPI.COMM_WORLD
+# what asks for the law of a contact, and what contact without friction has, too
+ASKED = ("contact_law", "Frictionless", "View", "_tresca", "_coulomb")
 # modules of each piece; names in them that other physics uses, too, or that ask whether a scene has the piece
 PIECES = {
-    "friction": (("contact.friction", "contact.frictional", "contact.laws"), ("friction_law",)),
+    "friction": (("contact.formulation.frictional_kernels", "contact.formulation.frictional", "contact.law"), ASKED),
     "plasticity": (
         ("material.plastic", "material.hardening", "assembly.plastic", "assembly.plastic_kernels",
-         "contact.plastic_trace"),
+         "contact.traction.plastic"),
         (),
     ),
     "self contact": (("contact.self_surface", "contact.apart", "contact.cones"),
         ("nobody", "writable", "no_cones", "Apart", "Cones")),
     # bodies near enough to meet are found for any pair
     "all surfaces": (("contact.all_surfaces",), ("meetings", "near_pairs", "component_boxes")),
-    "tied surfaces": (("contact.tied",), ()),
+    "tied surfaces": (
+        ("contact.law",), (*ASKED, "FrictionLaw", "RowLaw", "project", "bound", "project_rows", "_project_all"),
+    ),
     "unbiased contact": (("contact.unbiased",), ("is_unbiased",)),
-    "penalty": (("contact.penalty",), ()),
-    "augmented Lagrangian": (("contact.augmented",), ()),
+    "penalty": (("contact.formulation.methods",), ("Method",)),
+    "augmented Lagrangian": (("contact.formulation.augmented",), ()),
     "obstacles": (("contact.obstacle",), ()),
     # what says that a cell has none, and what axial symmetry needs, too
     "mean dilatation": (
@@ -166,18 +170,18 @@ def test_elastic_frictionless_contact_has_no_state(mesh):
     simulation.run(None)
     bulk, pair = simulation.problem.items
     shared = simulation.problem.space, simulation.mesh
-    assert type(pair) is ContactItem
+    assert type(pair.terms) is FrictionlessTerms
     assert not {name for name in held(bulk, shared) if "state" in name or "strain" in name}
     tangential = ("lag", "start", "before", "law", "slip", "tangent", "multiplier")
     assert not [name for name in held(pair, shared) if any(word in name for word in tangential)]
     kernels = simulation.counters()["kernels"]
-    assert not [name for name in kernels if name.split(".")[0] in ("friction", "plastic", "plastic_kernels")]
+    assert not [name for name in kernels if name.split(".")[0] in ("frictional_kernels", "plastic", "plastic_kernels")]
     simulation.close()
 
 
 def test_kernels_are_counted():
     """Kernels called from Python count, all kinds of decorator."""
-    from_python = [thing for thing in vars(sys.modules["pcontact.contact.nitsche"]).values()
+    from_python = [thing for thing in vars(sys.modules["pcontact.contact.formulation.frictionless_kernels"]).values()
                    if isinstance(thing, CPUDispatcher)]  # fmt: skip
     assert from_python and all(hasattr(kernel, "title") for kernel in from_python)
 

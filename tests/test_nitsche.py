@@ -12,15 +12,19 @@ from small import (
     dense_item,
     elasticity,
     make_space,
+    summary_of,
     vector_of,
 )
 
 from pcontact.assembly.bulk import ElasticBulk
 from pcontact.assembly.graph import node_graph
-from pcontact.contact.item import ContactItem
-from pcontact.contact.nitsche import add_residual, add_tangent, evaluate, interpolate, no_operators, traction_operator
+from pcontact.contact.formulation.frictionless_kernels import add_residual, add_tangent, evaluate
+from pcontact.contact.law import Frictionless, View
 from pcontact.contact.obstacle import RigidObstacle
+from pcontact.contact.pair import contact_pair
+from pcontact.contact.points import BlockRows, PartnerPoints, SourcePoints, interpolate, no_excess
 from pcontact.contact.surface import source_surface, target_surface
+from pcontact.contact.traction.elastic import traction_operator
 from pcontact.material.elastic import lame
 from pcontact.scene import amplitude
 from pcontact.scene.model import Contact, Obstacle
@@ -55,20 +59,22 @@ class Random:
     def evaluate(self, u):
         """t_n, gap of the compiled kernel."""
         traction, gap = np.empty(len(self.facet)), np.empty(len(self.facet))
-        evaluate(
-            u,
-            self.cells,
-            self.targets,
-            self.facet,
-            self.shape,
-            self.target_shape,
-            self.b,
-            self.normal,
-            self.gap0,
-            traction,
-            gap,
-        )
+        evaluate(u, *self.sides, self.b, traction, gap)
         return traction, gap
+
+    @property
+    def sides(self):
+        """The arrays as kernels take them."""
+        nothing = np.zeros((len(self.facet), 0, self.d))
+        normal = np.zeros_like(self.normal)
+        source = SourcePoints(
+            self.facet, self.cells, self.shape, self.jxw, normal, nothing, nothing, np.zeros(len(self.cells))
+        )
+        return source, PartnerPoints(self.targets, self.target_shape, self.normal, self.gap0)
+
+    def closed(self, u, bilateral):
+        """H of a frictionless law."""
+        return Frictionless().closed(View(self.paired, bilateral, False), self.tau(u))
 
     def tau(self, u):
         """Augmented traction."""
@@ -77,23 +83,8 @@ class Random:
 
     def residual(self, u, theta, bilateral):
         """(n d,) of the compiled kernel."""
-        out = np.zeros((self.n, self.d))
-        add_residual(
-            theta,
-            bilateral,
-            self.paired,
-            self.jxw,
-            self.gamma,
-            *self.evaluate(u),
-            self.cells,
-            self.targets,
-            self.facet,
-            self.shape,
-            self.target_shape,
-            self.b,
-            self.normal,
-            out,
-        )
+        out, pressure = np.zeros((self.n, self.d)), np.where(self.closed(u, bilateral), self.tau(u), 0.0)
+        add_residual(theta, self.gamma, *self.sides, self.b, self.evaluate(u)[0], pressure, out)
         return out.ravel()
 
     def tangent(self, u, theta, bilateral):
@@ -101,32 +92,17 @@ class Random:
         everything = np.concatenate([self.cells[self.facet], self.targets], axis=1)
         rowptr, columns = node_graph([everything], self.n)
         values = np.zeros((len(columns), self.d, self.d))
-        missing = add_tangent(
-            theta,
-            bilateral,
-            self.paired,
-            self.jxw,
-            self.gamma,
-            self.tau(u),
-            self.cells,
-            self.targets,
-            self.facet,
-            self.shape,
-            self.target_shape,
-            self.b,
-            *self.elastic(),
-            self.normal,
-            rowptr,
-            columns,
-            values,
-        )
+        missing = self.add_tangent(u, theta, bilateral, rowptr, columns, values)
         assert missing == 0
         return dense(rowptr, columns, values, self.n)
 
-    def elastic(self):
-        """Nothing yields."""
-        at, rows = no_operators(self.b.shape[1], self.d)
-        return at, rows[:, :, 0], False
+    def add_tangent(self, u, theta, bilateral, rowptr, columns, values):
+        """Of the compiled kernel, where nothing yields; returns what had no place."""
+        nn = self.b.shape[1]
+        return add_tangent(
+            theta, self.gamma, *self.sides, self.b, no_excess(nn, self.d), np.zeros((0, nn, self.d)),
+            self.closed(u, bilateral), BlockRows(rowptr, columns, values),
+        )  # fmt: skip
 
     def operators(self):
         """Jump along the normal and traction as matrices (np, n d)."""
@@ -222,25 +198,7 @@ def test_tangent_counts_what_has_no_place():
     points = Random(2, 2)
     rowptr, columns = node_graph([points.cells], points.n)
     values = np.zeros((len(columns), 2, 2))
-    missing = add_tangent(
-        0.0,
-        True,
-        points.paired,
-        points.jxw,
-        points.gamma,
-        points.tau(points.u),
-        points.cells,
-        points.targets,
-        points.facet,
-        points.shape,
-        points.target_shape,
-        points.b,
-        *points.elastic(),
-        points.normal,
-        rowptr,
-        columns,
-        values,
-    )
+    missing = points.add_tangent(points.u, 0.0, True, rowptr, columns, values)
     # each coupled point: 4 source and 2 target nodes, less the 4 x 4 that have a place
     assert missing == np.sum(points.paired) * (6 * 6 - 4 * 4)
 
@@ -284,7 +242,7 @@ def pair(space, contact, obstacle=None, radius=0.5):
         target = target_surface(space, contact.target)
     else:
         target = RigidObstacle(obstacle, amplitude(obstacle.amplitude, 1.0), 1.0)
-    return ContactItem(space, contact, source, target, radius)
+    return contact_pair(space, contact, source, target, radius)
 
 
 def taylor(item, u, v, steps=(1.0, 1e-2, 1e-4)):
@@ -393,7 +351,7 @@ def test_action_is_reaction(stacked, theta, search):
     np.testing.assert_allclose(out.sum(axis=0), 0.0, atol=1e-12)
     # the internal minus external forces on the target: minus the contact force that acts on it
     lower = space.component[space.owned_local] == 0
-    np.testing.assert_allclose(-out[lower].sum(axis=0), item.summary(u)["force"], atol=1e-12)
+    np.testing.assert_allclose(-out[lower].sum(axis=0), summary_of(item, u)["force"], atol=1e-12)
 
 
 @pytest.mark.parametrize("theta", THETAS)

@@ -125,7 +125,7 @@ def cubes(path, order, theta, interference):
 def extremes(simulation):
     """Largest displacement in each direction; smallest and largest contact pressure. Collective."""
     u = simulation.problem.space.local.gather(simulation.stepper.u)
-    pressure = simulation.problem.items[1].state(simulation.stepper.u)["pressure"]
+    pressure = simulation.problem.contacts[0].state(simulation.stepper.u)["pressure"]
     largest = np.abs(u).max(axis=0) if len(u) else np.zeros(3)
     values = [*largest, np.max(-pressure, initial=-np.inf), np.max(pressure, initial=-np.inf)]
     values = np.array(WORLD.allgather(values)).max(axis=0)

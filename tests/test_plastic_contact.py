@@ -11,13 +11,12 @@ from test_plastic_bars import BARS, LAME, YIELD, YOUNG, bar, uniaxial
 
 from pcontact.assembly.geometry import bulk_degree
 from pcontact.assembly.plastic import PlasticBulk
-from pcontact.contact.frictional import FrictionalItem
-from pcontact.contact.item import ContactItem
-from pcontact.contact.laws import OPEN, SLIP, STICK, friction_law
+from pcontact.contact.law import OPEN, SLIP, STICK
 from pcontact.contact.obstacle import RigidObstacle
+from pcontact.contact.pair import contact_pair
 from pcontact.contact.parameters import GAMMA0
-from pcontact.contact.plastic_trace import PlasticTrace, extrapolation
 from pcontact.contact.surface import source_surface, target_surface
+from pcontact.contact.traction.plastic import PlasticTrace, extrapolation
 from pcontact.element.quadrature import quadrature
 from pcontact.element.reference import CELLS, facet_points
 from pcontact.material.elastic import in_plane, lame
@@ -66,10 +65,8 @@ def items(space, contact, materials, constants, radius=1.0):
         target = target_surface(space, contact.target)
     else:
         target = RigidObstacle(contact.obstacle, amplitude(contact.obstacle.amplitude, 1.0), 1.0)
-    trace, law = PlasticTrace(space, bulk, source, contact.source), friction_law(contact)
-    if law is None:
-        return bulk, ContactItem(space, contact, source, target, radius, plastic=trace)
-    return bulk, FrictionalItem(space, contact, source, target, radius, law, contact.alpha or 1.0, plastic=trace)
+    trace = PlasticTrace(space, bulk, source, contact.source)
+    return bulk, contact_pair(space, contact, source, target, radius, trace=trace)
 
 
 # -- tangents -----------------------------------------
@@ -169,9 +166,9 @@ def test_tangent_at_the_yield_surface(space, name, theta):
     (yielded,) = (s.p > 0.0 for s in bulk.states.values())
     assert yielded.any()
     values = item.pairing.exchange.gather(vector_of(space, first))
-    at, rows = item.plastic.operators(values, item.pairing.cells)
+    at, rows = item.terms.traction.trace.operators(values, item.pairing.cells)
     assert np.all(at == -1) and len(rows) == 0
-    at, rows = item.plastic.operators(1.5 * values, item.pairing.cells)
+    at, rows = item.terms.traction.trace.operators(1.5 * values, item.pairing.cells)
     assert np.any(at >= 0) and len(rows) == np.sum(at >= 0)
     errors = taylor(bulk, item, first, name if name in LAWS else "coulomb", [-first])
     # slip may turn in space
@@ -220,7 +217,7 @@ def test_traction_of_a_uniform_stress(space):
         bulk, item = items(space, Contact(side, "lower_top", theta=0.0, gamma0=1.0), [None, material], STIFF)
         values = vector_of(space, u)
         local = space.local.gather(values)
-        found = item.plastic.traction(local, np.ascontiguousarray(item.source.cells))
+        found = item.terms.traction.trace.traction(local, np.ascontiguousarray(item.source.cells))
         expected = item.source.normal @ tensor(excess)[: space.dim, : space.dim]
         np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12)
     lower = source_surface(space, "lower_top", bulk.constants)
@@ -281,7 +278,7 @@ def test_pressed_on_a_plane(shared_tmp, kinematics, held, hardening, kinematic, 
 # -- coercivity ---------------------------------------
 
 
-def lowest(space, theta, gamma0, kind, hardening, size, adjoint="elastic"):
+def lowest(space, theta, gamma0, friction, hardening, size, adjoint="elastic"):
     """Smallest over largest eigenvalue of the symmetric part of the tangent; all points closed, all yield.
 
     The strain is that of a block pressed on the plane, ``size`` times as far as to first yield in plane strain.
@@ -289,8 +286,7 @@ def lowest(space, theta, gamma0, kind, hardening, size, adjoint="elastic"):
     d = space.dim
     plane = Obstacle("plane", point=[0.0] * d, normal=[*[0.0] * (d - 1), 1.0])
     contact = Contact("bottom", obstacle=plane, theta=theta, gamma0=gamma0, adjoint=adjoint, bilateral=True)
-    if kind is FrictionalItem:
-        contact.friction = 1e9
+    contact.friction = friction
     material = plastic_constants(*STIFF), hardening_curve(0.5, hardening)
     bulk, item = items(space, contact, [material], STIFF)
     item.detect(space.vector(), 1.0)
@@ -317,32 +313,32 @@ def cells(*cases):
 
 @pytest.mark.parametrize("size", [1.6, 6.0])
 @pytest.mark.parametrize("hardening", [100.0, 2.0, 0.0])
-@pytest.mark.parametrize("kind", [ContactItem, FrictionalItem])
+@pytest.mark.parametrize("friction", [None, 1e9])
 @cells(*(case for case in CASES if case[2] != "axisymmetric"), ("quadrilateral", 1, "plane_strain", False))
-def test_coercive_without_adjoint(one_cell, kind, hardening, size):
+def test_coercive_without_adjoint(one_cell, friction, hardening, size):
     """theta = 0, down to perfect plasticity: little more than 1/4, as for elastic bodies, and so with the default."""
     for gamma0 in (0.4, GAMMA0[0.0]):
-        assert lowest(one_cell, 0.0, gamma0, kind, hardening, size) > -1e-12
+        assert lowest(one_cell, 0.0, gamma0, friction, hardening, size) > -1e-12
 
 
 @pytest.mark.parametrize("theta", [1.0, -1.0])
-@pytest.mark.parametrize("kind", [ContactItem, FrictionalItem])
+@pytest.mark.parametrize("friction", [None, 1e9])
 @cells(*(case for case in CASES if case[2] == "plane_strain"), ("quadrilateral", 1, "plane_stress", False))
-def test_coercive_with_the_elastic_adjoint(one_cell, kind, theta):
+def test_coercive_with_the_elastic_adjoint(one_cell, friction, theta):
     """The defaults where hardening is half of Young's modulus; near perfect plasticity a cell that may flow without
     any resistance is not coercive, since the adjoint is that of elasticity (theta = 0 is).
     """
-    assert lowest(one_cell, theta, GAMMA0[theta], kind, 100.0, 1.6) > -1e-12
+    assert lowest(one_cell, theta, GAMMA0[theta], friction, 100.0, 1.6) > -1e-12
     free = one_cell.dim == 3 or one_cell.kinematics == "plane_stress"
-    if free and kind is ContactItem and one_cell.degree == 1:
-        assert lowest(one_cell, theta, 100.0, kind, 0.02, 1.6) < -1e-8
+    if free and friction is None and one_cell.degree == 1:
+        assert lowest(one_cell, theta, 100.0, friction, 0.02, 1.6) < -1e-8
 
 
 @pytest.mark.parametrize("hardening", [100.0, 2.0, 0.0])
 @pytest.mark.parametrize("theta", [1.0, -1.0])
-@pytest.mark.parametrize("kind", [ContactItem, FrictionalItem])
+@pytest.mark.parametrize("friction", [None, 1e9])
 @cells(*(case for case in CASES if case[2] == "plane_strain"), ("quadrilateral", 1, "plane_stress", False))
-def test_coercive_with_the_consistent_adjoint(one_cell, kind, theta, hardening):
+def test_coercive_with_the_consistent_adjoint(one_cell, friction, theta, hardening):
     """Down to perfect plasticity, from little more than the elastic bound (1 for theta = 1)."""
     for gamma0 in (1.2, GAMMA0[theta]):
-        assert lowest(one_cell, theta, gamma0, kind, hardening, 1.6, "consistent") > -1e-12
+        assert lowest(one_cell, theta, gamma0, friction, hardening, 1.6, "consistent") > -1e-12

@@ -2,18 +2,16 @@
 
 import numpy as np
 import pytest
-from small import DIMENSION, SELF, block_file, blocks_file, dense_item, vector_of
+from small import DIMENSION, SELF, Together, block_file, blocks_file, dense_item, vector_of
 from test_friction import CONSTANTS, by_key, residual_of
 
 from drivers._common import make_mesh, running
 from meshes import c_strip
 from pcontact.contact.exchange import find_partners
-from pcontact.contact.frictional import FrictionalItem
-from pcontact.contact.item import ContactItem
-from pcontact.contact.laws import friction_law
+from pcontact.contact.pair import contact_pair
 from pcontact.contact.self_surface import self_surface
 from pcontact.contact.surface import source_surface, target_surface
-from pcontact.contact.unbiased import UnbiasedItem, contacts_of_halves, halved
+from pcontact.contact.unbiased import contacts_of_halves, halved
 from pcontact.mesh.complete import complete
 from pcontact.mesh.components import components
 from pcontact.mesh.distribute import distribute
@@ -217,10 +215,8 @@ def closed(folder, split=False, n=(3, 24), **said):
     watch = Last()
     with running(strip(path, split, **said), None, [watch]) as (simulation, converged):
         assert converged
-        (item,) = simulation.problem.items[1:]
-        assert isinstance(item, UnbiasedItem)
-        if not split:
-            assert len(item.halves) == 1
+        (contact,) = simulation.problem.contacts
+        assert contact.weight == 0.5 and len(contact.pairs) == 1 + split
     return watch.record
 
 
@@ -266,15 +262,11 @@ def test_tangent(tmp_path, theta, friction):
     mesh = distribute(SELF, raw, False, np.zeros(len(raw.blocks[0].nodes), dtype=np.int64), components(raw))
     mesh.component_names = ["strip"]
     space = Space(mesh, 1)
-    contact = Contact("skin", "skin", theta=theta, search="closest_point", gamma0=1.0, friction=friction)
+    contact = Contact("skin", "skin", theta=theta, search="closest_point", gamma0=1.0, friction=friction, alpha=0.7)
     (one,) = contacts_of_halves(contact)
     source = source_surface(space, "skin", [CONSTANTS])
     target = self_surface(space, target_surface(space, "skin"), source)
-    if friction:
-        half = FrictionalItem(space, one, halved(source), target, 1.0, friction_law(contact), 0.7)
-    else:
-        half = ContactItem(space, one, halved(source), target, 1.0)
-    item = UnbiasedItem(contact, [half])
+    item = Together(contact, [contact_pair(space, one, halved(source), target, 1.0)])
     x = space.points[space.owned_local]
     u = np.zeros_like(x)
     u[:, 1] = -0.2 * np.sign(x[:, 1]) * (x[:, 0] > 8.0) * (1.0 + 0.3 * (x[:, 0] - 10.0))

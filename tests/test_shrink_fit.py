@@ -17,7 +17,7 @@ def run(folder, n, theta=0.0, interference="resolve", degree=2):
     scene = ring_scene(path, degree, theta, pressure=0.0, interference=interference)
     with running(scene) as (simulation, converged):
         assert converged
-        item = next(i for i in simulation.problem.items if hasattr(i, "state"))
+        (item,) = simulation.problem.contacts
         state = item.state(simulation.stepper.u)
         largest = MPI.COMM_WORLD.allreduce(float(np.max(np.abs(state["pressure"]), initial=0.0)), op=MPI.MAX)
         return measure(simulation, 0.0, DELTA), largest, simulation.stepper.u.norm()

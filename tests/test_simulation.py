@@ -433,7 +433,7 @@ class MadeUp:
     """Problem, space and item at once, with a record of who called what."""
 
     def __init__(self):
-        self.space, self.items, self.time, self.calls = self, [self], 0.0, []
+        self.space, self.items, self.others, self.time, self.calls = self, [self], [], 0.0, []
 
     def vector(self):
         return Number()

@@ -247,7 +247,7 @@ def test_rings(shared_tmp, source):
             with running(ring_scene(path, 1, 0.0, source, smooth_geometry=smooth)) as (simulation, converged):
                 assert converged and len(said()) == (0 if smooth else 1)
                 assert any("gaps of the smooth" in line for line in simulation.describe()[0]) == smooth
-                assert ("facet_error" in simulation.problem.items[1].summary(simulation.stepper.u)) != smooth
+                assert ("facet_error" in simulation.problem.contacts[0].summary(simulation.stepper.u)) != smooth
                 found.append(measure(simulation))
         assert found[1]["plain"] > 0.7
         errors.append(found[0])
@@ -435,7 +435,7 @@ def test_nothing_is_said_where_facets_do_no_harm(shared_tmp):
     for path in (matching, curved):
         with running(ring_scene(path, 1, 0.0)) as (simulation, converged):
             assert converged and said() == []
-            assert simulation.problem.items[1].summary(simulation.stepper.u).get("facet_error", 0.0) < 1e-3
+            assert simulation.problem.contacts[0].summary(simulation.stepper.u).get("facet_error", 0.0) < 1e-3
     path = make_mesh(cylinder_on_block, shared_tmp / "hertz.msh", h=0.5, half=True, coarse=1.0)
     scene = Scene(
         mesh=MeshSpec(path),
@@ -448,7 +448,7 @@ def test_nothing_is_said_where_facets_do_no_harm(shared_tmp):
     )
     with running(scene) as (simulation, converged):
         assert converged and not any("facets" in line for line in log.warnings())
-        assert simulation.problem.items[1].summary(simulation.stepper.u)["facet_error"] == 0.0
+        assert simulation.problem.contacts[0].summary(simulation.stepper.u)["facet_error"] == 0.0
 
 
 def test_a_curved_mesh_needs_nothing(shared_tmp):

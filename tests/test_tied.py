@@ -2,14 +2,14 @@
 
 import numpy as np
 import pytest
+from pcontact.contact.laws import STICK
 from small import DIMENSION, SELF, blocks_file, dense_item, make_space, vector_of
 from test_friction import CONSTANTS, by_key, residual_of
 
 from drivers._common import make_mesh, observed_rates, running
 from meshes import one_block, two_blocks
-from pcontact.contact.laws import STICK, TIED
+from pcontact.contact.pair import contact_pair
 from pcontact.contact.surface import source_surface, target_surface
-from pcontact.contact.tied import TiedItem
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.petsc import MPI
 from pcontact.scene.model import (
@@ -82,7 +82,7 @@ def test_patch(shared_tmp, cell, lower, upper, order, theta):
         exact = np.zeros_like(x)
         exact[:, 0] = 2.0 * stress[0, -1] / E * x[:, -1]
         exact[:, -1] = stress[-1, -1] / E * x[:, -1]
-        (item,) = simulation.problem.items[1:]
+        (item,) = simulation.problem.contacts
         traction = item.state(simulation.stepper.u)["traction"]
     np.testing.assert_allclose(u, exact, atol=1e-9 * np.abs(exact).max(initial=1e-3))
     np.testing.assert_allclose(traction, np.tile(-stress[:, -1], (len(traction), 1)), atol=1e-6 * 3.0)
@@ -165,7 +165,7 @@ def test_one_newton_step(shared_tmp, formulation, theta):
         assert simulation.mesh.n_components == 1 and simulation.mesh.component_names == ["lower + upper"]
         (item,) = simulation.problem.items[1:]
         assert [n for n, _, _ in counts] == [1, 1] and counts[0][1] > 0 and counts[0][2] == 0
-        assert item.count()[0] == item.count()[1]
+        assert np.all(item.pairing.paired)
 
 
 @pytest.mark.parallel
@@ -178,7 +178,7 @@ def test_gap_and_overlap_stay(shared_tmp, gap):
         u, _ = nodes_of(simulation)
         assert converged
         np.testing.assert_allclose(u, np.tile([0.3, -0.2], (len(u), 1)), atol=1e-9)
-        summary = simulation.problem.items[1].summary(simulation.stepper.u)
+        summary = simulation.problem.contacts[0].summary(simulation.stepper.u)
     assert summary["max_pressure"] < 1e-6 and summary["open"] == 0
 
 
@@ -215,11 +215,11 @@ def test_tangent(tmp_path, cell, theta, alpha):
     path = blocks_file(tmp_path / "b.msh", cell, 2, 3)
     space = make_space(SELF, path, ["lower", "upper"])
     contact = Contact("upper_bottom", "lower_top", tied=True, theta=theta, search="closest_point", gamma0=1.0,
-                      interference="resolve")  # fmt: skip
+                      alpha=alpha, interference="resolve")  # fmt: skip
     source = source_surface(space, "upper_bottom", [CONSTANTS] * 2)
-    item = TiedItem(space, contact, source, target_surface(space, "lower_top"), 0.3, TIED, alpha)
+    item = contact_pair(space, contact, source, target_surface(space, "lower_top"), 0.3)
     item.detect(space.vector(), 1.0)
-    assert item.count()[0] == item.count()[1] and item.joined().tolist() == [[1, 0]]
+    assert np.all(item.pairing.paired)
     u = np.random.default_rng(3).normal(size=(space.n_owned, space.dim))
     k = dense_item(item, vector_of(space, u))
     force = residual_of(item, u).ravel()

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from small import DIMENSION, SELF, blocks_file, dense_item, make_space, vector_of
+from small import DIMENSION, SELF, Together, blocks_file, dense_item, make_space, vector_of
 from test_friction import STEPS, by_key, check_taylor, field, motion, pair, residual_of, state_of
 from test_laws import LAWS
 from test_plastic_contact import SOFT, flowing
@@ -17,10 +17,9 @@ from drivers.cases.hertz import generate, make_options, make_scene
 from drivers.cases.patch import errors, scene
 from drivers.cases.rings import measure, ring_scene
 from meshes import rings, two_blocks
-from pcontact.contact.frictional import FrictionalItem
-from pcontact.contact.item import GAMMA0, ContactItem
-from pcontact.contact.laws import OPEN, SLIP, STICK
-from pcontact.contact.unbiased import UnbiasedFrictionalItem, UnbiasedItem, contacts_of_halves, halved
+from pcontact.contact.law import OPEN, SLIP, STICK
+from pcontact.contact.parameters import GAMMA0
+from pcontact.contact.unbiased import contacts_of_halves, halved
 from pcontact.material.hardening import hardening_curve
 from pcontact.material.plastic import plastic_constants
 from pcontact.runtime.petsc import MPI
@@ -32,20 +31,18 @@ ROUNDOFF = 1e-9
 
 
 def both(contact, make):
-    """The item of an unbiased contact from halves that `make` makes of a contact."""
+    """An unbiased contact from halves that `make` makes of a contact."""
     halves = [make(one) for one in contacts_of_halves(contact)]
     for half in halves:
-        half.source = halved(half.source)
-    kind = UnbiasedFrictionalItem if hasattr(halves[0], "hold") else UnbiasedItem
-    return kind(contact, halves)
+        half.source = half.terms.source = half.terms.traction.source = halved(half.source)
+    return Together(contact, halves)
 
 
 def unbiased(space, name, radius=0.3, **said):
     """Unbiased contact of two stacked boxes."""
-    kind = FrictionalItem if name in LAWS else ContactItem
     said = {"gamma0": 1.0, "theta": 0.0, "search": "closest_point", "alpha": 1.0, **LAWS.get(name, {}), **said}
     contact = Contact("upper_bottom", "lower_top", unbiased=True, **said)
-    return both(contact, lambda one: pair(space, one, radius, kind))
+    return both(contact, lambda one: pair(space, one, radius))
 
 
 # -- the patch test -----------------------------------
@@ -64,7 +61,7 @@ def test_patch(shared_tmp, cell, lower, upper, order, theta):
     case = scene(path, DIMENSION[cell], order, theta=theta, search=search, unbiased=True)
     with running(case) as (simulation, converged):
         assert converged and max(errors(simulation)) < ROUNDOFF
-        (item,) = simulation.problem.items[1:]
+        (item,) = simulation.problem.contacts
         summary = item.summary(simulation.stepper.u)
     # the two sides' means: a unit length (area) of pressure 1e5
     assert summary["area"] == pytest.approx(1.0, rel=1e-9)
@@ -82,8 +79,8 @@ def test_patch_between_bodies_of_unlike_stiffness(tmp_path, theta):
     case.bodies[0].material = "soft"
     with running(case) as (simulation, converged):
         assert converged
-        (item,) = simulation.problem.items[1:]
-        upper, lower = (half.gamma for half in item.halves)
+        (item,) = simulation.problem.contacts
+        upper, lower = (pair.gamma for pair in item.pairs)
         np.testing.assert_allclose(upper.mean() / lower.mean(), 100.0 * 4.0 / 3.0, rtol=1e-12)
         pressure = item.state(simulation.stepper.u)["pressure"]
     # two springs one behind the other
@@ -110,7 +107,7 @@ def slanted(path, dim, friction, theta, source="upper_bottom", target="lower_top
 def displacement(case):
     with running(case) as (simulation, converged):
         assert converged
-        space, (item,) = simulation.problem.space, simulation.problem.items[1:]
+        space, (item,) = simulation.problem.space, simulation.problem.contacts
         u = simulation.stepper.u
         return by_key(space, u.getArray().reshape(-1, space.dim)), item.summary(u)
 
@@ -173,7 +170,8 @@ def test_tangent_where_both_bodies_yield(tmp_path, theta, adjoint, name):
     def make(one):
         bulk, item = plastic_items(space, one, [material] * 2, SOFT, 0.3)
         bulks.append(bulk)
-        item.plastic = type(item.plastic)(space, bulks[0], halved(item.source), one.source)
+        traction = item.terms.traction
+        traction.trace = type(traction.trace)(space, bulks[0], halved(item.source), one.source)
         return item
 
     item, bulk = both(contact, make), bulks[0]
@@ -209,7 +207,7 @@ def test_halves_weigh_half(stacked):
     # action is reaction
     force = residual_of(item, u).reshape(-1, space.dim)
     np.testing.assert_allclose(force.sum(axis=0), 0.0, atol=1e-13 * np.abs(force).max())
-    area = sum(one.summary(vector_of(space, u))["area"] for one in parts)
+    area = sum(Together(one.contact, [one]).summary(vector_of(space, u))["area"] for one in parts)
     assert item.summary(vector_of(space, u))["area"] == pytest.approx(0.5 * area, rel=1e-13)
     assert state_of(item, u)["weight"].sum() == pytest.approx(sum(one.source.jxw.sum() for one in parts), rel=1e-13)
 
@@ -237,7 +235,7 @@ def test_hertz(shared_tmp):
         hertz.contacts[0].unbiased = both_ways
         with running(hertz) as (simulation, converged):
             assert converged
-            found.append(simulation.problem.items[1].summary(simulation.stepper.u))
+            found.append(simulation.problem.contacts[0].summary(simulation.stepper.u))
     one, two = found
     force = np.linalg.norm(two["force"])
     assert force == pytest.approx(np.linalg.norm(one["force"]), rel=5e-3)

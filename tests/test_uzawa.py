@@ -15,8 +15,9 @@ from drivers.cases.hertz import generate
 from drivers.cases.patch import scene as patch_scene
 from drivers.studies import compare
 from meshes import c_strip, disk_on_block, two_blocks
-from pcontact.contact.augmented import update_multipliers
-from pcontact.contact.averages import local_means
+from pcontact.contact.formulation.augmented import acting as acting_of
+from pcontact.contact.formulation.augmented import update_multipliers
+from pcontact.contact.formulation.averages import local_means
 from pcontact.runtime.petsc import MPI
 from pcontact.scene.model import Contact, Steps
 from pcontact.simulation import Simulation
@@ -79,16 +80,17 @@ def halves(request, tmp_path):
     dim = 2 if cell != "tetrahedron" else 3
     path = blocks_file(tmp_path / "b.msh", cell, 2, 3, offset=0.3)
     simulation = Simulation(dragged(path, dim, order), SELF)
-    (item,) = simulation.problem.items[1:]
-    item.detect(simulation.problem.space.vector(), 1.0)
-    yield item.halves
+    (contact,) = simulation.problem.contacts
+    for pair in contact.pairs:
+        pair.detect(simulation.problem.space.vector(), 1.0)
+    yield contact.pairs
     simulation.close()
 
 
 def test_means_are_those_of_numpy(halves):
     random = np.random.default_rng(1)
     u = halves[0].space.vector()
-    acting = [half.acting(u)._replace(values=random.normal(size=half.source.x.shape)) for half in halves]
+    acting = [acting_of(half, u)._replace(values=random.normal(size=half.source.x.shape)) for half in halves]
     acting = [one._replace(chosen=one.chosen & (random.uniform(size=len(one.chosen)) < 0.7)) for one in acting]
     assert all(0 < one.chosen.sum() < one.pairing.paired.sum() < len(one.chosen) for one in acting)
     d, sums, weights = u.getBlockSize(), {}, {}
@@ -122,7 +124,7 @@ def test_what_is_uniform_stays_and_what_the_surfaces_differ_by_goes(halves):
     u = halves[0].space.vector()
     pull = np.arange(1.0, u.getBlockSize() + 1.0)
     for signs, kept in (((1.0, -1.0), True), ((1.0, 1.0), False)):
-        acting = [half.acting(u) for half in halves]
+        acting = [acting_of(half, u) for half in halves]
         acting = [one._replace(values=sign * np.tile(pull, (len(one.values), 1))) for one, sign in
                   zip(acting, signs, strict=True)]  # fmt: skip
         found = local_means(halves[0].space, acting, both=True)
@@ -144,7 +146,7 @@ def test_rounding_errors_are_no_change(halves):
         u.setArray(values.ravel())
         change, size = update_multipliers(halves, u, 1e-4)
         assert size > 0.0 and (change > 1e-3) == moves and (moves or change == 0.0)
-        assert any(half.multiplier.any() for half in halves) == moves
+        assert any(half.method.multiplier.any() for half in halves) == moves
 
 
 @pytest.mark.parametrize("order, widths", [(1, None), (2, (1.0, 0.6))])
@@ -155,23 +157,23 @@ def test_the_largest_eigenvalue_of_an_update(tmp_path, order, widths):
     case.petsc = {**LU, "contact_uzawa_max_it": "1", "contact_uzawa_accept": "true"}
 
     def measure(simulation):
-        u, parts = simulation.stepper.u, simulation.problem.items[1].halves
-        kept = [part.multiplier for part in parts]
+        u, parts = simulation.stepper.u, simulation.problem.contacts[0].pairs
+        kept = [part.method.multiplier for part in parts]
         normals = [part.pairing.normal for part in parts]
 
         def updated():
             simulation.newton.again(u)
             update_multipliers(parts, u, 0.0)
-            new = [part.multiplier for part in parts]
+            new = [part.method.multiplier for part in parts]
             for part, old in zip(parts, kept, strict=True):
-                part.multiplier = old
+                part.method.multiplier = old
             return np.concatenate([np.einsum("pd,pd->p", a, n) for a, n in zip(new, normals, strict=True)])
 
         first, columns, size = updated(), [], 1e4
         for part, normal in zip(parts, normals, strict=True):
             for k in np.flatnonzero(part.pairing.paired):
-                part.multiplier = part.multiplier.copy()
-                part.multiplier[k] += size * normal[k]
+                part.method.multiplier = part.method.multiplier.copy()
+                part.method.multiplier[k] += size * normal[k]
                 columns.append((updated() - first) / size)
         paired = np.concatenate([part.pairing.paired for part in parts])
         return np.linalg.eigvals(np.array(columns)[:, paired])
@@ -192,7 +194,7 @@ def test_flat_surfaces(tmp_path, cell, order, friction):
     case = dragged(path, dim, order, friction=friction)
 
     def measure(simulation):
-        states = [half.state(simulation.stepper.u) for half in simulation.problem.items[1].halves]
+        states = [half.state(simulation.stepper.u) for half in simulation.problem.contacts[0].pairs]
         return [2.0 * state["weight"] @ state["traction"] for state in states]
 
     records, (one, other) = run(case, measure)

@@ -117,7 +117,7 @@ def points_of(simulation) -> dict[str, np.ndarray] | None:
         ``weight``, ``facet`` (a number per facet).
     """
     comm = simulation.comm
-    item = next(item for item in simulation.problem.items if hasattr(item, "state"))
+    item = simulation.problem.contacts[0]
     state, facet = item.state(simulation.stepper.u), item.source.facet
     before = comm.scan(len(item.source.size)) - len(item.source.size)
     # the tangent that is normal to n = (0, -1) is (1, 0)

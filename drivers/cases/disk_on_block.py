@@ -116,7 +116,7 @@ def measure(simulation, converged, reference):
     if not converged:
         return {**row, "error": float("nan"), "force": float("nan"), "max_pressure": float("nan")}
     error = bulk_error(problem.space, CONSTANTS, u, reference)
-    contact = problem.items[1].summary(u)
+    contact = problem.contacts[0].summary(u)
     row["error"] = error.energy / error.energy_of_exact
     row["force"], row["max_pressure"] = -contact["force"][1], contact["max_pressure"]
     return row

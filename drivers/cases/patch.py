@@ -64,7 +64,7 @@ def errors(simulation, length=1.0, stress=1.0):
     space, u, comm = simulation.problem.space, simulation.stepper.u, simulation.comm
     exact = np.zeros(space.points.shape)
     exact[:, -1] = SLOPE * space.points[:, -1]
-    pressure = simulation.problem.items[1].state(u)["pressure"]
+    pressure = simulation.problem.contacts[0].state(u)["pressure"]
     wrong = [
         np.max(np.abs(space.local.gather(u) - exact), initial=0.0) / (0.5 * PUSH * length),
         np.max(np.abs(pressure / (PRESSURE * stress) - 1.0), initial=0.0),

@@ -148,7 +148,7 @@ def measure(simulation, pressure=PRESSURE, delta=0.0):
         ``mean_pressure`` [stress] over the source; ``u_r`` [length] on the outermost circle, on both sides of
         the shared one and on the hole.
     """
-    item = next(i for i in simulation.problem.items if hasattr(i, "state"))
+    item = simulation.problem.contacts[0]
     p, state = interface_pressure(pressure, delta), item.state(simulation.stepper.u)
     if item.contact.source == SIDES["outer"][0]:
         p *= (MIDDLE + delta) / MIDDLE

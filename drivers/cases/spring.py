@@ -197,7 +197,7 @@ class History:
 def left_inside(simulation):
     """Largest penetration of all pairs among the partners of the end of the run [length]. *Collective.*"""
     deepest, u = 0.0, simulation.stepper.u
-    for item in simulation.problem.items[1:]:
+    for item in simulation.problem.others:
         item.detect(u, simulation.problem.time)
         gap = item.state(u)["gap"]
         deepest = max(deepest, float(np.nanmax(-gap, initial=0.0)) if np.isfinite(gap).any() else 0.0)

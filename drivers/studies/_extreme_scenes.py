@@ -52,7 +52,7 @@ def nodal(simulation):
 
 def pairs(simulation):
     """States of all pairs. *Collective.*"""
-    return [item.state(simulation.stepper.u) for item in simulation.problem.items[1:]]
+    return [contact.state(simulation.stepper.u) for contact in simulation.problem.contacts]
 
 
 def modulus(dim, youngs, nu):
@@ -115,7 +115,7 @@ def stack(
     moduli = [modulus(flat, e, v) for e, v in zip(youngs, nu, strict=True)]
 
     def measure(simulation, records):
-        comm, item = simulation.comm, simulation.problem.items[1]
+        comm, item = simulation.comm, simulation.problem.contacts[0]
         soft, closing = low / moduli[0] + high / moduli[1], gap
         if contact.get("formulation") == "penalty":
             stiff = comm.allreduce(float(np.max(item.gamma, initial=0.0)), op=MPI.MAX)

@@ -128,7 +128,7 @@ class Overkill:
             corners, values = (np.concatenate([piece[k] for piece in pieces]) for k in (0, 1))
             cells = _Cells(cell, space.degree, geometry_degree, corners, values)
             self._bodies.setdefault(body, []).append(cells)
-        contact = any(hasattr(item, "state") for item in simulation.problem.items)
+        contact = bool(simulation.problem.contacts)
         self.points = comm.bcast(contact_points(simulation), root=0) if contact else None
 
     def __call__(self, x, body):

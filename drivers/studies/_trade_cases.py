@@ -133,7 +133,7 @@ def contact_errors(simulation, pressure: Callable, peak: float, area: float, for
     peak, area, force : float
         Exact; of what is modelled, not of whole bodies.
     """
-    item, comm = next(i for i in simulation.problem.items if hasattr(i, "state")), simulation.comm
+    item, comm = simulation.problem.contacts[0], simulation.comm
     state = item.state(simulation.stepper.u)
     weight, exact = state["weight"], pressure(state["x"])
     off, norm = (total(comm, weight @ value**2) for value in (state["pressure"] - exact, exact))

@@ -63,7 +63,7 @@ def potential(simulation):
     forces = np.zeros((problem.space.n_owned, problem.space.dim))
     problem.items[0].residual(u, forces)
     own = 0.5 * float(np.vdot(forces, u.getArray(readonly=True)))
-    item = problem.items[1]
+    item = problem.contacts[0]
     state = item.state(u)
     squares = state["pressure"] ** 2 - state["normal_stress"] ** 2
     own += 0.5 * float(state["weight"] @ (squares / item.gamma[item.source.facet]))

@@ -143,7 +143,7 @@ def solve(scene, exact) -> dict:
             weight, p = points["weight"], exact(points)
             error = float(np.sqrt(weight @ (points["pressure"] - p) ** 2 / (weight @ p**2)))
         error = simulation.comm.bcast(error, root=0)
-        estimate = simulation.problem.items[1].summary(simulation.stepper.u).get("facet_error")
+        estimate = simulation.problem.contacts[0].summary(simulation.stepper.u).get("facet_error")
     return {"error": error, "estimate": estimate, "converged": converged, **counts.totals}
 
 

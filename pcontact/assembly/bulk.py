@@ -4,6 +4,7 @@ import numpy as np
 
 from pcontact.assembly.geometry import chunks, hoop, points_of
 from pcontact.assembly.graph import find, multiply, node_graph
+from pcontact.assembly.item import LAW, Bulk
 from pcontact.assembly.pattern import OwnedRows
 from pcontact.element.dilatation import linear, squares
 from pcontact.material.elastic import mean_stress
@@ -86,7 +87,7 @@ def add_squares(operators, weights, cells, rowptr, columns, values):
                         values[k, i, j] += value
 
 
-class ElasticBulk:
+class ElasticBulk(Bulk):
     """Item of all elastic bodies.
 
     Parameters
@@ -135,28 +136,21 @@ class ElasticBulk:
         """Owned block rows: rowptr (n_owned + 1,), columns (nnz,)."""
         return self.rowptr, self.columns
 
-    def residual(self, u, out):
+    def residual(self, u, out, rule=LAW):
         """Add the internal forces of the owned nodes to ``out`` (n_owned, d). *Collective.*"""
         y = np.empty_like(out)
         multiply(self.rowptr, self._column, self.values, self._exchange.gather(u), y)
         out += y
 
-    def magnitude(self, u):
-        """Sum of the absolute terms of :meth:`residual` (n_owned, d): the scale of rounding errors. *Collective.*"""
-        y = np.empty((self.space.n_owned, self.space.dim))
+    def add_magnitude(self, u, out):
+        """Add the sum of the absolute terms of :meth:`residual` to ``out`` (n_owned, d). *Collective.*"""
+        y = np.empty_like(out)
         multiply(self.rowptr, self._column, np.abs(self.values), np.abs(self._exchange.gather(u)), y)
-        return y
+        out += y
 
-    def tangent(self, u):
+    def tangent(self, u, rule=LAW):
         """Values (nnz, d, d) on :meth:`pattern`."""
         return self.values
-
-    def detect(self, u, time, motion=0.0, ahead=None):
-        """Nothing to detect."""
-        return False
-
-    def commit(self, u, time):
-        """Nothing to remember."""
 
     def stress(self, u):
         """Mean stress of every cell. *Collective.*

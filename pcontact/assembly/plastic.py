@@ -7,6 +7,7 @@ import numpy as np
 from pcontact.assembly.bulk import ElasticBulk
 from pcontact.assembly.geometry import chunks, hoop, n_points
 from pcontact.assembly.graph import node_graph
+from pcontact.assembly.item import LAW
 from pcontact.assembly.pattern import OwnedRows, positions
 from pcontact.assembly.plastic_kernels import add_forces, add_tangent, commit, excess_at
 from pcontact.material.mandel import HALF
@@ -68,7 +69,7 @@ class PlasticBulk(ElasticBulk):
     *Collective.*
     """
 
-    changes = True
+    changes = yields = True
     name = "bodies that may yield"
 
     def __init__(self, space, constants, materials):
@@ -106,7 +107,7 @@ class PlasticBulk(ElasticBulk):
             )
         return self.space.summed(self.space.local, local)
 
-    def residual(self, u, out):
+    def residual(self, u, out, rule=LAW):
         """Add the internal forces of the owned nodes to ``out`` (n_owned, d). *Collective.*
 
         A point that cannot be integrated leaves NaN.
@@ -119,11 +120,12 @@ class PlasticBulk(ElasticBulk):
         super().residual(u, out)
         out += self._forces(committed, False)
 
-    def magnitude(self, u):
-        """Sum of the absolute terms of :meth:`residual` (n_owned, d): the scale of rounding errors. *Collective.*"""
-        return super().magnitude(u) + self._forces(u, True)
+    def add_magnitude(self, u, out):
+        """Add the sum of the absolute terms of :meth:`residual` to ``out`` (n_owned, d). *Collective.*"""
+        super().add_magnitude(u, out)
+        out += self._forces(u, True)
 
-    def tangent(self, u):
+    def tangent(self, u, rule=LAW):
         """Values (nnz, d, d) on :meth:`pattern`. *Collective.*"""
         nodal = self.space.local.gather(u)
         d = self.space.dim
@@ -177,7 +179,7 @@ class PlasticBulk(ElasticBulk):
         return np.concatenate([np.zeros(0, dtype=np.int64), *keys])
 
     def recall(self, name, chunks):
-        """Take back what :meth:`memory` gave, see `pcontact.contact.item.ContactItem.recall`."""
+        """Take back what :meth:`memory` gave, see `pcontact.assembly.item.Item.recall`."""
         state = self.states.get(int(name))
         if state is None:
             return 0

@@ -4,6 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pcontact.contact.points import PartnerPoints, SourcePoints
+
 
 @dataclass
 class Pairing:
@@ -13,17 +15,14 @@ class Pairing:
     ----------
     exchange : pcontact.runtime.parallel.NodeExchange
         Brings the displacement of all nodes of the pair.
-    cells (nf, nn), targets (np, m) : ndarray
-        Numbers into these nodes.
+    source : pcontact.contact.points.SourcePoints
+        With numbers into these nodes, as the partners.
+    partner : pcontact.contact.points.PartnerPoints
     paired : ndarray (np,) of bool
     ids : ndarray (np,)
         Target facets, for the pattern.
-    normal : ndarray (np, d)
     b : ndarray (np, nn, d)
         Operator of the normal traction; with friction, where all of the traction counts, of width 0.
-    target_shape : ndarray (np, m)
-    gap0 : ndarray (np,)
-        Gap at zero displacement of the frozen linear gap [length].
     acts : ndarray (np,) of bool
         Points that add to residual and tangent. Without a partner there is no pressure, and only the adjoint term of
         theta = 1, -1 asks for the traction.
@@ -32,28 +31,42 @@ class Pairing:
     """
 
     exchange: object
-    cells: np.ndarray
-    targets: np.ndarray
+    source: SourcePoints
+    partner: PartnerPoints
     paired: np.ndarray
     ids: np.ndarray
-    normal: np.ndarray
     b: np.ndarray
-    target_shape: np.ndarray
-    gap0: np.ndarray
     acts: np.ndarray
     every: np.ndarray
 
-    def touched(self, space, facet, points):
-        """Owned nodes (n,), global numbers, of the source cells and target facets of some points. *Collective.*
+    @property
+    def cells(self):
+        """Nodes (nf, nn) of the parent cells."""
+        return self.source.cells
 
-        Parameters
-        ----------
-        space : pcontact.space.space.Space
-        facet : ndarray (np,)
-            Source facet of every point.
-        points : ndarray (np,) of bool
-        """
+    @property
+    def targets(self):
+        """Nodes (np, m) of the partners' facets."""
+        return self.partner.nodes
+
+    @property
+    def target_shape(self):
+        """Shape functions (np, m) there."""
+        return self.partner.shape
+
+    @property
+    def normal(self):
+        """Contact normals (np, d)."""
+        return self.partner.normal
+
+    @property
+    def gap0(self):
+        """Gap (np,) at zero displacement [length]."""
+        return self.partner.gap0
+
+    def touched(self, space, points):
+        """Owned nodes (n,), global numbers, of the cells and target facets of some points (np,). *Collective.*"""
         local = np.zeros((len(self.exchange.nodes), space.dim))
-        local[self.cells[facet[points]].ravel(), 0] = 1.0
+        local[self.cells[self.source.facet[points]].ravel(), 0] = 1.0
         local[self.targets[points].ravel(), 0] = 1.0
         return space.start + np.flatnonzero(space.summed(self.exchange, local)[:, 0] > 0.5)

@@ -14,7 +14,7 @@ Cells, displacement, normals and quadrature stay as they are.
 
 import numpy as np
 
-from pcontact.contact.laws import OPEN
+from pcontact.contact.law import OPEN
 from pcontact.contact.rim import neighbours
 from pcontact.contact.surface import FACETS
 from pcontact.contact.vertex_normals import FLAT, Facets, corner_normals, facet_normals
@@ -289,10 +289,10 @@ def facet_error(items, states):
 
     Parameters
     ----------
-    items : list of pcontact.contact.item.ContactItem
+    items : list of pcontact.contact.pair.ContactPair
         The halves of a contact.
     states : list of dict
-        Of each, see :meth:`pcontact.contact.item.ContactItem.state`.
+        Of each, see :meth:`pcontact.contact.pair.ContactPair.state`.
 
     Returns
     -------
@@ -316,7 +316,7 @@ def facet_pressure(items):
 
     Parameters
     ----------
-    items : list of pcontact.contact.item.ContactItem
+    items : list of pcontact.contact.pair.ContactPair
         The halves of a contact, after a search.
 
     Returns

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from pcontact.contact.laws import OPEN, SLIP, STICK
+from pcontact.contact.law import OPEN, SLIP, STICK
 from pcontact.runtime.petsc import MPI
 
 
@@ -12,7 +12,7 @@ def summarise(state, flips, lost, comm):
     Parameters
     ----------
     state : dict of str to ndarray
-        See `pcontact.contact.item.ContactItem.state`.
+        See `pcontact.contact.pair.ContactPair.state`.
     flips : list of int
         Points of this rank whose status changed in each Newton iteration.
     lost : (int, int)

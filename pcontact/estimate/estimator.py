@@ -37,7 +37,7 @@ from pcontact.estimate.facets import FacetPairs, facet_rule
 from pcontact.estimate.local import energies
 from pcontact.estimate.recovery import Recovery
 from pcontact.estimate.stress import BlockStress
-from pcontact.estimate.tractions import Cells, halves, on_source, on_target, source_facets
+from pcontact.estimate.tractions import Cells, on_source, on_target, source_facets
 from pcontact.runtime.petsc import MPI
 
 PARTS = ("interior", "jumps", "neumann", "contact", "friction")
@@ -95,10 +95,10 @@ class Estimator:
 
     def __init__(self, problem, loads):
         self.problem, self.space, self._loads = problem, problem.space, loads
-        self.bulk, self.items = problem.items[0], problem.items[1:]
+        self.bulk, self.contacts = problem.bulk, problem.contacts
         self._pairs = FacetPairs(self.space)
         self._recovery = Recovery(self.space)
-        names = {half.contact.target for item in self.items for half in halves(item)} - {None}
+        names = {pair.contact.target for contact in self.contacts for pair in contact.pairs} - {None}
         self._cells = Cells(self.space, sorted(names))
         self._kind = self._kinds()
 
@@ -109,21 +109,21 @@ class Estimator:
         space, result = self.space, []
         for block in space.mesh.blocks:
             result.append(np.full((len(block.nodes), len(CELLS[block.cell].facets), 2), NEUMANN, dtype=np.int64))
-        for item in self.items:
-            for half in halves(item):
-                for name in (half.contact.source, half.contact.target):
+        for contact in self.contacts:
+            for pair in contact.pairs:
+                for name in (pair.contact.source, pair.contact.target):
                     facets = source_facets(space, name) if name is not None else np.zeros((0, 3), np.int64)
                     for number in np.unique(facets[:, 0]):
                         _, cells, local = facets[facets[:, 0] == number].T
-                        result[number][cells, local] = self._parts_of(item)
+                        result[number][cells, local] = self._parts_of(contact)
         return result
 
     @staticmethod
-    def _parts_of(item):
+    def _parts_of(contact):
         """Parts of the residual along and across the direction of contact."""
-        if item.contact.tied:
+        if contact.law.tied:
             return JUMPS, JUMPS
-        return (CONTACT, FRICTION) if hasattr(halves(item)[0], "law") else (CONTACT, CONTACT)
+        return (CONTACT, FRICTION) if contact.law.tangential else (CONTACT, CONTACT)
 
     # -- residuals ------------------------------------------------------------------------------------------------
 
@@ -144,11 +144,11 @@ class Estimator:
         tested = [np.zeros((len(b.nodes), len(PARTS), *self._width(b))) for b in space.mesh.blocks]
         self._add_facets(nodal, time, tested)
         surfaces = {}
-        for item in self.items:
-            states = [half.state(u) for half in halves(item)]
-            self._add_contact(item, states, tested)
-            if item.contact.formulation == "nitsche":
-                surfaces[item.name] = self._on_surface(item, states)
+        for contact in self.contacts:
+            states = contact.states(u)
+            self._add_contact(contact, states, tested)
+            if contact.contact.formulation == "nitsche":
+                surfaces[contact.name] = self._on_surface(contact, states)
         squares = [self._solve(number, nodal, time, t) for number, t in enumerate(tested)]
         total = sum((s.sum(axis=0) for s in squares), np.zeros(len(PARTS) + 1))
         total = np.sqrt(space.comm.allreduce(total, op=MPI.SUM))
@@ -271,25 +271,24 @@ class Estimator:
             for part, residual in ((INTERIOR, traction), (JUMPS, jump), *outer.items()):
                 tested[:, part] += np.matmul(values.T, weight * residual[:, f])
 
-    def _add_contact(self, item, states, tested):
+    def _add_contact(self, contact, states, tested):
         """Tractions of contact. *Collective.*"""
-        normal_part, across_part = self._parts_of(item)
-        for half, state in zip(halves(item), states, strict=True):
-            sides = [on_source(self.space, half, state)]
-            if not half.rigid:
-                part = 0.5 if hasattr(item, "halves") else 1.0
-                sides.append(on_target(self.space, half, state, self._cells, part))
+        normal_part, across_part = self._parts_of(contact)
+        for pair, state in zip(contact.pairs, states, strict=True):
+            sides = [on_source(self.space, pair, state)]
+            if not pair.rigid:
+                sides.append(on_target(self.space, pair, state, self._cells, contact.weight))
             for number, forces in ((n, f) for side in sides for n, f in side.items()):
                 values = bubbles(self.space.mesh.blocks[number].cell, self.space.degree, forces.xi)[0]
                 along = np.sum(forces.force * forces.normal, axis=1)[:, None] * forces.normal
                 for part, force in ((normal_part, along), (across_part, forces.force - along)):
                     np.add.at(tested[number], (forces.rows, part), values[:, :, None] * force[:, None, :])
 
-    def _on_surface(self, item, states):
+    def _on_surface(self, contact, states):
         """The residual P - t of a pair, weighted; see :class:`Estimate`. *Collective.*"""
         sums = np.zeros(2)
-        for half, state in zip(halves(item), states, strict=True):
-            source, normal = half.source, half.pairing.normal
+        for pair, state in zip(contact.pairs, states, strict=True):
+            source, normal = pair.source, pair.pairing.normal
             weight = state["weight"] / source.trace[source.facet]
             sums[0] += weight @ (state["pressure"] + state["normal_stress"]) ** 2
             if "own_traction" in state:

@@ -5,7 +5,7 @@ import numpy as np
 from pcontact.assembly.geometry import bulk_degree, some_cells
 from pcontact.assembly.plastic import NO_RING
 from pcontact.assembly.plastic_kernels import excess_at
-from pcontact.contact.plastic_trace import extrapolation
+from pcontact.contact.traction.plastic import extrapolation
 from pcontact.element.dilatation import Mean, factors, hoop_operator, mean_dilatation
 from pcontact.element.shape import shape
 from pcontact.material.mandel import HALF

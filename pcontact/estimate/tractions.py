@@ -34,11 +34,6 @@ class PointForces:
     normal: np.ndarray
 
 
-def halves(item):
-    """The one-sided items that an item consists of."""
-    return getattr(item, "halves", [item])
-
-
 def source_facets(space, name):
     """Block, cell and local number (n, 3) of the facets of a group, in the order of a source surface."""
     parts = [
@@ -48,23 +43,23 @@ def source_facets(space, name):
     return np.concatenate([np.zeros((0, 3), np.int64), *parts])
 
 
-def on_source(space, item, state):
-    """Forces of a one-sided item on its source.
+def on_source(space, pair, state):
+    """Forces of a pair on its source.
 
     Parameters
     ----------
     space : pcontact.space.space.Space
-    item : pcontact.contact.item.ContactItem
+    pair : pcontact.contact.pair.ContactPair
     state : dict
-        Of ``item.state``.
+        Of ``pair.state``.
 
     Returns
     -------
     dict of int to PointForces
         By block.
     """
-    source, result = item.source, {}
-    place = source_facets(space, item.contact.source)[source.facet]
+    source, result = pair.source, {}
+    place = source_facets(space, pair.contact.source)[source.facet]
     for number in np.unique(place[:, 0]):
         p = np.flatnonzero(place[:, 0] == number)
         block, rows = space.mesh.blocks[number], place[p, 1]
@@ -132,12 +127,12 @@ class Cells:
         return self._place[np.searchsorted(self._ids, ids)], table
 
 
-def on_target(space, item, state, cells, part=1.0):
-    """Forces of a one-sided item on its target, brought to the ranks of the target's cells. *Collective.*
+def on_target(space, pair, state, cells, part=1.0):
+    """Forces of a pair on its target, brought to the ranks of the target's cells. *Collective.*
 
     Parameters
     ----------
-    space, item, state
+    space, pair, state
         See :func:`on_source`.
     cells : Cells
     part : float
@@ -147,7 +142,7 @@ def on_target(space, item, state, cells, part=1.0):
     -------
     dict of int to PointForces
     """
-    p, d = item.pairing, space.dim
+    p, d = pair.pairing, space.dim
     # in space points without a force count, too: they tell how much of a facet has partners
     acting = np.flatnonzero(p.paired if d == 3 else p.paired & state["traction"].any(axis=1))
     weight = state["weight"][acting]

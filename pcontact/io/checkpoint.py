@@ -19,7 +19,7 @@ DISPLACEMENTS = ("displacement", "before")  # at the end and at the beginning of
 
 def remembering(items):
     """Items that have something to remember of their points."""
-    return [item for item in items if hasattr(item, "memory")]
+    return [item for item in items if item.memory_keys() is not None]
 
 
 def keys_of(space):
@@ -35,7 +35,7 @@ class Checkpoint:
     directory : str or pathlib.Path
     space : pcontact.space.space.Space
     items : list
-        Those with a ``memory`` are asked for it.
+        Parts of the problem, of which those that have one are asked for their memory.
     schedule : pcontact.stepping.schedule.Schedule
     every : int
         Load steps between two checkpoints; the last one is always written.

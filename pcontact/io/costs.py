@@ -83,11 +83,11 @@ class Costs:
         }  # fmt: skip
 
     def _imbalance(self):
-        space, pairs = self._problem.space, self._problem.items[1:]
+        space, parts = self._problem.space, self._problem.parts
         own = {
             "cells": sum(len(block.nodes) for block in space.mesh.blocks),
             "unknowns": space.n_owned * space.dim,
-            "contact": sum(_work(item) for item in pairs),
+            "contact": sum(part.counters()["work"] for part in parts),
             "candidates": self._record.counts.get("search", {}).get("candidates", 0),
         }
         largest, total = profile.largest_and_sum(self._comm, own, own)
@@ -131,16 +131,6 @@ class Costs:
             found["searches"], found["points"], found["candidates_per_point"], found["ranks_per_point"], messages,
             size / MB, exchange.get("search", {"bytes": 0})["bytes"] / MB, uneven["cells"], uneven["contact"],
         )  # fmt: skip
-
-
-def _work(item):
-    """Work of a contact pair on this rank: points with a partner times the unknowns that each of them couples."""
-    if hasattr(item, "halves"):
-        return sum(_work(half) for half in item.halves)
-    pairing = item.pairing
-    if pairing is None:
-        return 0
-    return int(pairing.paired.sum()) * (pairing.cells.shape[1] + pairing.targets.shape[1]) * item.space.dim
 
 
 def _over_mean(largest, total, size):

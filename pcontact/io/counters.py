@@ -83,11 +83,11 @@ class Counters:
         """
         space = self._problem.space
         shared = (space, space.mesh)
-        items = {_name(item): item for item in self._problem.items}
+        parts = {part.name: part for part in self._problem.parts}
         own = {
             "kernels": dict(CALLS - self._before),
-            "bytes": {name: held(item, shared) for name, item in items.items()},
-            "points": {name: _points(item) for name, item in items.items()},
+            "bytes": {name: held(part, shared) for name, part in parts.items()},
+            "points": {name: part.counters()["points"] for name, part in parts.items()},
         }
         total = space.comm.allreduce(own, op=_sum)
         sizes = {name: sum(table.values()) for name, table in total["bytes"].items()}
@@ -95,19 +95,6 @@ class Counters:
         total["bytes_per_unknown"] = sum(sizes.values()) / space.n_dofs
         total["bytes_per_point"] = {name: sizes[name] / count for name, count in total["points"].items()}
         return total
-
-
-def _name(item):
-    return getattr(item, "name", "bodies")
-
-
-def _points(item):
-    """Quadrature points at which an item keeps something."""
-    if hasattr(item, "halves"):
-        return sum(_points(half) for half in item.halves)
-    if hasattr(item, "states"):
-        return sum(state.p.size for state in item.states.values())
-    return len(item.source.facet) if hasattr(item, "source") else 0
 
 
 def _sum(a, b):

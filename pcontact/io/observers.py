@@ -66,11 +66,11 @@ class FacetErrors:
 
     Parameters
     ----------
-    items : list of ContactItem or UnbiasedItem
+    contacts : list of pcontact.contact.report.ContactReport
     """
 
-    def __init__(self, items):
-        self._items, self._worst = items, {}
+    def __init__(self, contacts):
+        self._contacts, self._worst = contacts, {}
 
     def step(self, step, u, record):
         """Keep the step with the largest pressure of each pair: under a small one any gap is large."""
@@ -84,15 +84,15 @@ class FacetErrors:
 
     def end(self, converged):
         """Warn. *Collective.*"""
-        for item in self._items:
-            _, error, time = self._worst.get(item.name, (0.0, 0.0, 0.0))
+        for contact in self._contacts:
+            _, error, time = self._worst.get(contact.name, (0.0, 0.0, 0.0))
             if error > WRONG:
-                _, gap = facet_pressure(getattr(item, "halves", [item]))
+                _, gap = facet_pressure(contact.pairs)
                 log.warning(
                     "contact %s: gaps of up to %.2g between straight facets of curved surfaces that conform put the "
                     "pressure wrong by %s (in L2, time %g): they are %.2g times what it does to a layer of cells; "
                     "remedy: %s",
-                    item.name, gap, "100 % or more" if error > 1.0 else f"about {100.0 * error:.0f} %", time, error,
+                    contact.name, gap, "100 % or more" if error > 1.0 else f"about {100.0 * error:.0f} %", time, error,
                     SMOOTH,
                 )  # fmt: skip
 

@@ -65,12 +65,12 @@ class Snapshot:
 
     def step(self, step, u, record):
         """Take the fields of the step. *Collective.*"""
-        start, pairs, surfaces, points = clock.perf_counter(), self._problem.items[1:], {}, {}
-        for item in pairs:
-            state = item.state(u)
-            surfaces[item.name] = self._surface(item, state, u)
-            points[item.name] = _cloud(state)
-        point_numbers = {item.name: item.memory_keys() for item in pairs}
+        start, contacts, surfaces, points = clock.perf_counter(), self._problem.contacts, {}, {}
+        for contact in contacts:
+            state = contact.state(u)
+            surfaces[contact.name] = self._surface(contact, state, u)
+            points[contact.name] = _cloud(state)
+        point_numbers = {contact.name: contact.memory_keys() for contact in contacts}
         cell_numbers = [block.ids for block in self._problem.space.mesh.blocks]
         self.taken = Taken(step.number, step.time, self._bodies(u), cell_numbers, surfaces, points, point_numbers)
         self._timing["output"] += clock.perf_counter() - start
@@ -82,13 +82,13 @@ class Snapshot:
         """The last step remains."""
 
     def _bodies(self, u):
-        space, bulk = self._problem.space, self._problem.items[0]
+        space, bulk = self._problem.space, self._problem.bulk
         blocks, stress = space.mesh.blocks, bulk.stress(u)
         data = {
             "stress": [values for values, _ in stress],
             "equivalent_stress": [equivalent_stress(values) for values, _ in stress],
         }
-        if hasattr(bulk, "plastic_strain"):
+        if bulk.yields:
             data["equivalent_plastic_strain"] = bulk.plastic_strain()
         points, tables, nodal = space.points, space.cells, {"displacement": space.local.gather(u)}
         numbers = space.mesh.file_nodes[space.mesh_nodes]
@@ -107,10 +107,11 @@ class Snapshot:
         names = [MESHIO_NAMES[(block.cell, space.degree)] for block in blocks]
         return Piece(points, list(zip(names, tables, strict=True)), nodal, data)
 
-    def _surface(self, item, state, u):
+    def _surface(self, contact, state, u):
         """Source facets with the means of their quadrature points."""
         space, mesh = self._problem.space, self._problem.space.mesh
-        facet, n = item.source.facet, len(item.source.cells)
+        source = contact.source
+        facet, n = source.facet, len(source.cells)
         area = np.bincount(facet, state["weight"], minlength=n)
         mean = {}
         for name, key in (("contact_pressure", "pressure"), ("gap", "gap")):
@@ -119,8 +120,7 @@ class Snapshot:
         mean["status"] = np.where(closed > 0, 2, 0)
         mean["area"] = area
         cells, data, first = [], {name: [] for name in mean}, 0
-        names = getattr(item, "surfaces", (item.contact.source,))
-        for facets in (part for name in names for part in mesh.facet_groups.get(name, [])):
+        for facets in (part for name in contact.groups for part in mesh.facet_groups.get(name, [])):
             block = mesh.blocks[facets.block]
             table = space.facet_nodes(facets)
             cells.append((MESHIO_NAMES[(space.facet_kind(block), space.degree)], table))

@@ -43,11 +43,9 @@ def causes(problem, u, reason, norm):
             f"rounding errors of the gap of contact {worst}, times its gamma, are {errors[worst]:.2g}, and the forces "
             f"{acting:.2g}: its gamma0 is too large"
         ]
-    bulk = problem.items[0]
-    if hasattr(bulk, "flowing"):
-        part = bulk.flowing(u)
-        if part >= YIELDED:
-            found.append(f"{100.0 * part:.0f} % of what may yield does: the load may be beyond the limit load")
+    part = problem.bulk.flowing(u)
+    if part >= YIELDED:
+        found.append(f"{100.0 * part:.0f} % of what may yield does: the load may be beyond the limit load")
     if reason == FAILED:
         found.append(
             "the tangent is singular or nearly so: bodies that nothing holds, a limit load, or a gamma0 below the "

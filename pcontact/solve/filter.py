@@ -214,7 +214,7 @@ class ContactRows:
     def __call__(self):
         """Global rows (n,) of this rank, sorted. *Collective.*"""
         space = self._problem.space
-        nodes = np.unique(np.concatenate([item.active_nodes() for item in self._problem.items[1:]]))
+        nodes = np.unique(np.concatenate([item.active_nodes() for item in self._problem.others]))
         count = space.comm.allreduce(len(nodes)) * space.dim
         if count and not self._said:
             log.info("contact filter: direct solve of %d unknowns at closed points between two multigrid cycles", count)
@@ -237,7 +237,7 @@ def contact_filter(problem, options):
     name = "pc_contact_filter"
     # a flag without value is true
     mode = options.get(name, "auto") and options.get(name, "auto", str, ("auto", "true", "false"), text) or "true"
-    pairs = problem.items[1:]
+    pairs = problem.others
     stiff = options.get("pc_type", "gamg") in MULTIGRID and any(item.stiff for item in pairs)
     if not pairs or mode == "false" or (mode == "auto" and not stiff):
         return None

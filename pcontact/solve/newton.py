@@ -21,7 +21,6 @@ from pcontact.solve.filter import contact_filter, new_preconditioner
 from pcontact.solve.line_search import FARTHEST, zero_of
 from pcontact.solve.linear import Reuse, check_tolerances, newton_defaults, refresh_smoother, solver_defaults
 from pcontact.solve.outcome import Outcome, cycles, repeats, together
-from pcontact.solve.problem import can_slip
 from pcontact.solve.ways import Ways
 
 # part of the first Newton step of a load step that is taken where all of it goes too far. Bodies that touch along
@@ -72,13 +71,13 @@ class Newton(Ways):
         self.problem, self.timing = problem, timing
         self._options = options
         plastic = problem.yields
-        self._holds = any(can_slip(item) for item in problem.items)
+        self._holds = any(item.can_slip for item in problem.others)
         chosen = not options.given("snes_linesearch_type")
         lags = options.given("snes_lag_preconditioner")
         direct = options.get("pc_type", "gamg") in ("lu", "cholesky")
         # on large surfaces in space, where many points change their status, directions are poor at 1e-3; bodies that
         # yield take as many iterations with it, and stiff contact makes linear solves long
-        hard = plastic or any(getattr(item, "stiff", False) for item in problem.items[1:])
+        hard = plastic or any(item.stiff for item in problem.others)
         inexact = 1e-3 if problem.space.dim == 2 or hard else 1e-4
         defaults = newton_defaults(problem.linear, direct, inexact)
         defaults |= solver_defaults(symmetric, problem.space.comm.size) | (PIVOTS if direct else {})
@@ -105,6 +104,8 @@ class Newton(Ways):
         self._floor, self._least, self._goal, self._first = 0.0, 0.0, None, None
         self._hold_first, self._near, self._follow, self._start = loose and self._holds, False, None, None
         self._predicting, self._begins, self._true_first, self._circles = False, False, np.nan, False
+        # status rules of a run, and those of an iteration in which points wait
+        self._rules, self._waiting = None, None
         # what is tried in turn while Newton goes in circles
         self._ways = [self._law, self._glued_first] if plastic else [self._law]
         self._ways += [self._shortest] if chosen and (self._holds or plastic) else []
@@ -133,10 +134,10 @@ class Newton(Ways):
     def _residual(self, snes, x, f):
         start = clock.perf_counter()
         if not self._recall(x, f):
-            self.problem.residual(x, f)
+            self.problem.residual(x, f, self._rules)
         if self._predicting:
             self._true_first = f.norm()
-            self.problem.predicted(x, f)
+            self.problem.predicted(x, f, self._rules)
         self.timing["assembly"] += clock.perf_counter() - start
 
     def _update(self, snes, iteration):
@@ -147,16 +148,18 @@ class Newton(Ways):
         # a rough solution under another law than the scene's is no place to look from
         if iteration > 0 and self._follow is not None and not self._goal and self._follow(x):
             self._known, full = None, False
-            self.problem.residual(x, self._f)
+            self.problem.residual(x, self._f, self._rules)
         start = clock.perf_counter()
-        if full and self.problem.defer(self._before, x):
-            self.problem.residual(x, self._f)
+        if full:
+            self._waiting = self.problem.defer(self._before, x, self._rules)
+            if self._waiting is not None:
+                self.problem.residual(x, self._f, self._waiting)
         self.timing["assembly"] += clock.perf_counter() - start
 
     def _tangent(self, snes, x, matrix, preconditioner):
         start = clock.perf_counter()
         changes = self.problem.pattern_changes
-        self.problem.tangent(x, self._predicting)
+        self.problem.tangent(x, self._waiting or self._rules, self._predicting)
         self._predicting = False
         if self.problem.pattern_changes != changes:
             forget_pattern(snes.getKSP())
@@ -174,11 +177,11 @@ class Newton(Ways):
 
     def _limit(self, x, y):
         """Prescribed components stay where they are, whatever an inexact linear solve says; loose bodies stay near."""
-        self.problem.admit()
+        self._waiting = None
         array = y.getArray().reshape(self.problem.fixed.shape)
         array[self.problem.fixed] = 0.0
         y.assemble()
-        part = self.problem.reach(x, y)
+        part = self.problem.step_limit(x, y)
         if part != 1.0:
             y.scale(part)
         if self._stretches:
@@ -195,7 +198,7 @@ class Newton(Ways):
             f = full if part == 1.0 else partly
             x.copy(self._trial)
             self._trial.axpy(-part, y)
-            self.problem.residual(self._trial, f)
+            self.problem.residual(self._trial, f, self._rules)
             return f.dot(y)
 
         part = zero_of(component, self._f.dot(y), APPROACH if self._begins else 1.0, farthest)
@@ -372,12 +375,12 @@ class Newton(Ways):
             raise self._options.fault(error) or error from None
         finally:
             # a linear solve that fails ends an iteration early
-            self.problem.admit()
+            self._waiting = None
         self.timing["linear"] += clock.perf_counter() - start - (self._apart - before)
         reason = self.snes.getConvergedReason()
         if len(self._norms) < 2:
             # a linear solve alone (ksponly) asks for no norm
-            self.problem.residual(u, self._f)
+            self.problem.residual(u, self._f, self._rules)
             self._norms = [*self._norms, self._f.norm()]
         self.norms += self._norms
         return Outcome(
@@ -396,8 +399,9 @@ class Newton(Ways):
         value, point, body = self.problem.worst(self._f)
         parts = causes(self.problem, self.snes.getSolution(), reason, self._norms[-1] if self._norms else np.inf)
         parts.append(f"largest residual {value:.3e} at {np.array2string(point, precision=4)} in body {body}")
-        for item in self.problem.items[1:]:
-            last = item.space.comm.allreduce(np.array(([0, 0, 0] + item.flips)[-3:]))
+        for contact in self.problem.contacts:
+            last = contact.space.comm.allreduce(np.array(([0, 0, 0] + contact.flips)[-3:]))
             if last.any():
-                parts.append(f"contact {item.name}: {', '.join(map(str, last))} points changed in the last iterations")
+                counts = ", ".join(map(str, last))
+                parts.append(f"contact {contact.name}: {counts} points changed in the last iterations")
         return "; ".join(parts)

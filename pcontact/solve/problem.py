@@ -1,18 +1,12 @@
 """The discrete problem: sums the items into a residual and a matrix, with supports and external forces."""
 
-from contextlib import contextmanager, nullcontext
-
 import numpy as np
 
+from pcontact.assembly.item import FROZEN, LAW, STICK
 from pcontact.assembly.matrix import GlobalMatrix
 from pcontact.assembly.pattern import JoinedPattern
 from pcontact.runtime import profile
 from pcontact.runtime.petsc import MPI
-
-
-def can_slip(item):
-    """Whether an item has a law of friction that can be held."""
-    return getattr(item, "hold", None) is not None
 
 
 class Problem:
@@ -21,13 +15,15 @@ class Problem:
     Parameters
     ----------
     space : pcontact.space.space.Space
-    items : list
-        See the item contract: ``pattern``, ``residual``, ``tangent``, ``detect``, ``commit``. The bulk comes first.
+    items : list of pcontact.assembly.item.Item
+        The bulk comes first.
     supports : pcontact.space.supports.Supports
     forces : list of (ndarray (n_owned, d), callable)
         Nodal forces at factor 1 and their factor of time.
     aid : ndarray (n_owned,)
         Added to the diagonal of the matrix, never to the residual: steadies bodies that nothing holds yet.
+    contacts : list of pcontact.contact.report.ContactReport, optional
+        Of the contact pairs among the items.
 
     Attributes
     ----------
@@ -37,16 +33,22 @@ class Problem:
         Whether the tangent is constant.
     loose : sequence of int
         Bodies whose rigid motions get a coarse space, see `pcontact.solve.bodies`.
+
+    Notes
+    -----
+    A status rule (`pcontact.assembly.item.StatusRule`) for each item but the bulk is an argument of residual and
+    tangent: a tuple, :attr:`by_law` if nothing is said.
     """
 
-    def __init__(self, space, items, supports, forces, aid):
+    def __init__(self, space, items, supports, forces, aid, contacts=()):
         self.space, self.items, self.supports, self.forces, self.aid = space, items, supports, forces, aid
+        self.bulk, self.others, self.contacts = items[0], items[1:], list(contacts)
         self.time, self.loose = 0.0, ()
         self.fixed = np.ascontiguousarray(supports.fixed[space.owned_local])
         self.matrix = GlobalMatrix(space, supports.fixed)
         self._versions = None
         self.pattern_changes = 0
-        self._committed, self._is_glued, self._misled = None, False, []
+        self._committed, self._changed = None, set()
 
     @property
     def linear(self):
@@ -56,7 +58,13 @@ class Problem:
     @property
     def yields(self):
         """Whether bodies may yield."""
-        return hasattr(self.items[0], "predict")
+        return self.bulk.yields
+
+    @property
+    def parts(self):
+        """What reports, remembers and is counted as one: the items, those of a contact together."""
+        pairs = {id(pair) for contact in self.contacts for pair in contact.pairs}
+        return [*(item for item in self.items if id(item) not in pairs), *self.contacts]
 
     @property
     def predicts(self):
@@ -72,14 +80,14 @@ class Problem:
         moves = not self.linear and self.imposed(u, time) > 0.0
         before = u.copy() if self.yields or moves else None
         self._enter(u, time)
-        self._misled = self._misled_pairs(before, u) if moves else []
-        self._committed = before if self.yields or self._misled else None
+        self._changed = self._changed_by_supports(before, u) if moves else set()
+        self._committed = before if self.yields or self._changed else None
 
-    def _misled_pairs(self, before, u):
-        pairs = self.items[1:]
-        areas = np.array([item.misled(before, u) for item in pairs])
+    def _changed_by_supports(self, before, u):
+        """Names of the items with points that the supports alone open or close. *Collective.*"""
+        areas = np.array([item.area_changed_by_supports(before, u) for item in self.others])
         areas = self.space.comm.allreduce(areas, op=MPI.SUM)
-        return [item for item, area in zip(pairs, areas, strict=True) if area > 0.0]
+        return {item.name for item, area in zip(self.others, areas, strict=True) if area > 0.0}
 
     def _enter(self, u, time):
         values = self.supports.values(time)[self.space.owned_local]
@@ -100,26 +108,26 @@ class Problem:
             total += amplitude.factor(time) * force
         return total
 
-    def unbalanced(self, u):
+    def unbalanced(self, u, rules=None):
         """Internal plus contact minus external forces (n_owned, d); reactions where prescribed. *Collective.*"""
         out = -self.external(self.time)
         with profile.phase("bulk_assembly"):
-            self.items[0].residual(u, out)
-        self._add_contact(u, out)
+            self.bulk.residual(u, out)
+        self._add_others(u, out, rules)
         return out
 
-    def _add_contact(self, u, out):
+    def _add_others(self, u, out, rules):
         with profile.phase("contact_assembly"):
-            for item in self.items[1:]:
-                item.residual(u, out)
+            for item, rule in zip(self.others, rules or self.by_law, strict=True):
+                item.residual(u, out, rule)
 
-    def residual(self, u, f):
+    def residual(self, u, f, rules=None):
         """Residual vector: zero at prescribed components. *Collective.*"""
-        out = self.unbalanced(u)
+        out = self.unbalanced(u, rules)
         out[self.fixed] = 0.0
         f.setArray(out.ravel())
 
-    def predicted(self, u, f):
+    def predicted(self, u, f, rules=None):
         """Residual vector at the beginning of a load step, for bodies that do not yield on the way, and points that
         stay open or closed. *Collective.*
 
@@ -130,116 +138,106 @@ class Problem:
         """
         out = -self.external(self.time)
         with profile.phase("bulk_assembly"):
-            if self.yields:
-                self.items[0].predict(u, self._committed, out)
-            else:
-                self.items[0].residual(u, out)
-        with self.glued():
-            self._add_contact(u, out)
+            self.bulk.predict(u, self._committed, out)
+        self._add_others(u, out, self.frozen(rules))
         out[self.fixed] = 0.0
         f.setArray(out.ravel())
 
-    @contextmanager
-    def glued(self):
-        """Pairs with points closed at the end of the last load step keep them so, and the others open. *Collective.*
+    # -- rules for the status of points -----------------------------------------------------------------------------
 
-        Pairs without closed points are left to the law, unless supports that move have closed some of them.
+    @property
+    def by_law(self):
+        """All points go by their laws."""
+        return (LAW,) * len(self.others)
+
+    def frozen(self, rules=None):
+        """Items with points closed at the end of the last load step keep them so, and the others open. *Collective.*
+
+        Items without closed points go by ``rules``, unless supports that move have closed some of them.
         """
-        if self._is_glued:
-            yield
-            return
-        pairs, comm = self.items[1:], self.space.comm
-        closed = comm.allreduce(np.array([item.closed.sum() for item in pairs], dtype=np.int64), op=MPI.SUM)
-        glued = [item for item, count in zip(pairs, closed, strict=True) if count or item in self._misled]
-        for item in glued:
-            item.glue(True)
-        self._is_glued = True
-        try:
-            yield
-        finally:
-            self._is_glued = False
-            for item in glued:
-                item.glue(False)
+        names = [item.name for item in self.others]
+        counts = np.array([item.closed_count() for item in self.others], dtype=np.int64)
+        counts = self.space.comm.allreduce(counts, op=MPI.SUM)
+        kept = self._changed | {name for name, count in zip(names, counts, strict=True) if count}
+        return tuple(
+            FROZEN if name in kept else rule for name, rule in zip(names, rules or self.by_law, strict=True)
+        )  # fmt: skip
 
-    def defer(self, before, u):
-        """Whether pairs keep points open, until :meth:`admit`, that a Newton step from ``before`` to ``u`` has closed.
-        *Collective.* See :meth:`pcontact.contact.standing.Standing.defer`: it is about elastic bodies.
+    def sticking(self):
+        """Closed points stick, whatever the laws of friction say."""
+        return tuple(STICK if item.can_slip else LAW for item in self.others)
+
+    def defer(self, before, u, rules=None):
+        """Rules with points that stay open for an iteration, of those that a Newton step from ``before`` to ``u`` has
+        closed; None without any. *Collective.* See :meth:`pcontact.contact.pair.ContactPair.defer`: it is about elastic
+        bodies.
         """
-        # all pairs are to be asked
-        return not (self._is_glued or self.yields) and any([item.defer(before, u) for item in self.items[1:]])
-
-    def admit(self):
-        """Leave all points to their laws again."""
-        for item in self.items[1:]:
-            item.admit()
+        rules = rules or self.by_law
+        if self.yields or any(rule.frozen for rule in rules):
+            return None
+        # all items are to be asked
+        found = [item.defer(before, u, rule) for item, rule in zip(self.others, rules, strict=True)]
+        if all(rule is None for rule in found):
+            return None
+        return tuple(old if new is None else new for old, new in zip(rules, found, strict=True))
 
     def sticks(self):
         """Whether more of the area closed at the end of the last load step stuck than slipped. *Collective.*"""
-        areas = sum((item.committed_areas() for item in self.items[1:] if can_slip(item)), np.zeros(3))
+        areas = sum((item.status_areas() for item in self.others if item.can_slip), np.zeros(3))
         _, stick, slip = self.space.comm.allreduce(areas, op=MPI.SUM)
         return bool(stick > slip)
 
-    def pulled(self, u):
+    def opening(self, u):
         """Part of the area that was closed at the end of the last load step and that ``u`` opens. *Collective.*"""
         areas = np.zeros(2)
-        for item in self.items[1:]:
-            areas += [item.pulled(u), item.committed_areas()[1:].sum()]
+        for item in self.others:
+            areas += [item.opening_area(u), item.status_areas()[1:].sum()]
         opened, closed = self.space.comm.allreduce(areas, op=MPI.SUM)
         return float(opened / closed) if closed > 0.0 else 0.0
 
-    @contextmanager
-    def held(self):
-        """Closed points stick, whatever the laws of friction say."""
-        items = [item for item in self.items if can_slip(item)]
-        for item in items:
-            item.hold(True)
-        try:
-            yield
-        finally:
-            for item in items:
-                item.hold(False)
+    # -- tangent ----------------------------------------------------------------------------------------------------
 
-    def tangent(self, u, predicted=False):
+    def tangent(self, u, rules=None, predicted=False):
         """Write the generalised Jacobian at ``u``, or that of :meth:`predicted`, into the matrix. *Collective.*"""
-        bulk, others = self.items[0], self.items[1:]
-        with self.glued() if predicted else nullcontext(), profile.phase("contact_assembly"):
-            values = [item.tangent(u) for item in others]
+        rules = self.frozen(rules) if predicted else (rules or self.by_law)
+        with profile.phase("contact_assembly"):
+            values = [item.tangent(u, rule) for item, rule in zip(self.others, rules, strict=True)]
         with profile.phase("bulk_assembly"):
-            stiffness = bulk.tangent(self._committed if predicted else u)
+            stiffness = self.bulk.tangent(self._committed if predicted else u)
         with profile.phase("matrix"):
-            versions = [item.version for item in others]
+            versions = [item.version for item in self.others]
             if versions != self._versions:
-                self._renew(bulk, others)
+                self._renew()
                 self._versions = versions
             self.matrix.write(stiffness, self._sum(values), self.aid)
         profile.mark("assembly")
 
     def closed_area(self):
         """Area of all points that were closed in the last tangent [length^(d - 1)]. *Collective.*"""
-        own = sum(item.closed_area() for item in self.items[1:])
-        return self.space.comm.allreduce(own, op=MPI.SUM) if len(self.items) > 1 else 0.0
+        own = sum(item.closed_area() for item in self.others)
+        return self.space.comm.allreduce(own, op=MPI.SUM) if self.others else 0.0
 
-    def _renew(self, bulk, others):
-        self._joined = JoinedPattern([item.pattern() for item in others], self.space.n_owned)
-        if self.matrix.renew(bulk.pattern(), (self._joined.rowptr, self._joined.columns)):
+    def _renew(self):
+        self._joined = JoinedPattern([item.pattern() for item in self.others], self.space.n_owned)
+        if self.matrix.renew(self.bulk.pattern(), (self._joined.rowptr, self._joined.columns)):
             self.pattern_changes += 1
 
     def _sum(self, values):
         d = self.space.dim
         return self._joined.sum(values) if values else np.zeros((0, d, d))
 
-    def reach(self, u, y):
-        """Part of the Newton step ``-y`` that all pairs admit; more than 1 where loose bodies touch nothing yet.
+    def step_limit(self, u, y):
+        """Part of the Newton step ``-y`` that all items admit; more than 1 where loose bodies touch nothing yet.
         *Collective.*
         """
-        parts = [item.reach(u, y) for item in self.items[1:]]
+        parts = [item.step_limit(u, y) for item in self.others]
         # nothing holds a loose body before it touches something: it goes there whatever its load is
         return min([part for part in parts if part is not None], default=1.0)
 
     def _magnitude(self, u):
         """Sums of the absolute terms of the residual at ``u`` (n_owned, d) [force]. *Collective.*"""
-        size = self.items[0].magnitude(u)
-        for item in self.items[1:]:
+        size = np.zeros((self.space.n_owned, self.space.dim))
+        for item in self.items:
             item.add_magnitude(u, size)
         return size
 
@@ -267,31 +265,34 @@ class Problem:
         gap, of which rounding errors may be all.
         """
         external, stresses = self.external(self.time), np.zeros((self.space.n_owned, self.space.dim))
-        self.items[0].residual(u, stresses)
+        self.bulk.residual(u, stresses)
         held = np.where(self.fixed, stresses, 0.0)
         return max(self._norm(external), self._norm(held), self._norm(stresses - held))
 
     def stiffness_scale(self, u):
         """Norm of the sums of the absolute terms of the bodies' forces at ``u`` [force]: residuals that are small
         against it leave displacements open that are small against ``u``. *Collective.*"""
-        return self._norm(self.items[0].magnitude(u))
+        size = np.zeros((self.space.n_owned, self.space.dim))
+        self.bulk.add_magnitude(u, size)
+        return self._norm(size)
 
     def rounding_of_contacts(self, u):
-        """Norm of the rounding errors of the forces of every pair at ``u`` [force], by name. *Collective.*"""
+        """Norm of the rounding errors of the forces of every contact at ``u`` [force], by name. *Collective.*"""
         errors = {}
-        for item in self.items[1:]:
+        for contact in self.contacts:
             size = np.zeros((self.space.n_owned, self.space.dim))
-            item.add_magnitude(u, size)
-            errors[item.name] = np.finfo(float).eps * self._norm(size)
+            for pair in contact.pairs:
+                pair.add_magnitude(u, size)
+            errors[contact.name] = np.finfo(float).eps * self._norm(size)
         return errors
 
     def borne(self, u):
         """Sums of the magnitudes of the contact forces on every component (n_components,) [force]. *Collective.*"""
-        return self.space.comm.allreduce(sum(item.borne(u) for item in self.items[1:]), op=MPI.SUM)
+        return self.space.comm.allreduce(sum(item.force_magnitudes(u) for item in self.others), op=MPI.SUM)
 
     def touched(self):
         """Area of every component (n_components,) that was closed at the end of the last load step. *Collective.*"""
-        return self.space.comm.allreduce(sum(item.touched() for item in self.items[1:]), op=MPI.SUM)
+        return self.space.comm.allreduce(sum(item.closed_areas() for item in self.others), op=MPI.SUM)
 
     def applied(self):
         """Sums of the magnitudes of the external forces on every component (n_components,) [force]. *Collective.*"""
@@ -332,7 +333,7 @@ class Problem:
             With ``reactions`` and ``contacts`` of a step.
         """
         applied = self.space.comm.allreduce(self.external(self.time).sum(axis=0))
-        obstacles = {item.name for item in self.items[1:] if item.rigid}
+        obstacles = {contact.name for contact in self.contacts if contact.rigid}
         forces = [np.asarray(force) for force in record["reactions"].values()]
         forces += [-np.asarray(pair["force"]) for name, pair in record["contacts"].items() if name in obstacles]
         inner = [np.asarray(pair["force"]) for pair in record["contacts"].values()]

@@ -45,20 +45,26 @@ class Ways:
         they stick. Where points slip already, or the bodies are being taken apart, this is of no use.
         """
         self._goal, self._circles = HELD_GOAL, True
-        with self.problem.glued():
-            outcome = self._run(u, True)
+        outcome = self._run_by(self.problem.frozen(), u, True)
         near = outcome.converged
         if near and self._holds:
-            near = self.problem.pulled(u) <= PULLED
+            near = self.problem.opening(u) <= PULLED
             if near:
                 self._goal = HELD_GOAL_PLASTIC
-                with self.problem.held():
-                    outcome = together(outcome, self._run(u, False))
+                outcome = together(outcome, self._run_by(self.problem.sticking(), u, False))
                 near = outcome.converged
         self._goal = None
         if not near:
             before.copy(u)
         return together(outcome, self._run(u, not near))
+
+    def _run_by(self, rules, u, beginning):
+        """A run under status rules other than the laws. *Collective.*"""
+        self._rules = rules
+        try:
+            return self._run(u, beginning)
+        finally:
+            self._rules = None
 
     def _shortest(self, u, before):
         """Solve with the line search l2, to where the residual is smallest along a step."""
@@ -82,8 +88,7 @@ class Ways:
         """
         self._goal = HELD_GOAL_PLASTIC if self.problem.yields else HELD_GOAL
         self._circles = True
-        with self.problem.held():
-            held = self._run(u, True)
+        held = self._run_by(self.problem.sticking(), u, True)
         self._goal, self._circles = None, False
         if not held.converged:
             if not self._hold_first:

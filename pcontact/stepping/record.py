@@ -58,7 +58,7 @@ class Recorder:
             "krylov_most": step.hardest,
             "cutbacks": step.cutbacks,
             "reactions": problem.reactions(u),
-            "contacts": {item.name: item.summary(u) for item in problem.items if hasattr(item, "summary")},
+            "contacts": {contact.name: contact.summary(u) for contact in problem.contacts},
             "probes": {name: self._probe(nodes, u) for name, nodes in self._probes.items()},
             "plastic": self._plastic(),
         }
@@ -102,8 +102,7 @@ class Recorder:
                     100.0 * imbalance, why)  # fmt: skip
 
     def _plastic(self):
-        bulk = self._problem.items[0]
-        strain, volume = bulk.plasticity() if hasattr(bulk, "plasticity") else (0.0, 0.0)
+        strain, volume = self._problem.bulk.plasticity()
         return {"max_equivalent_strain": float(strain), "yielded_volume": float(volume)}
 
     def _probe(self, nodes, u):

@@ -102,7 +102,7 @@ class Renewal:
 
     def _strayed(self, u, since):
         """Farthest way of a closed point since the displacement with which partners were found, in facets."""
-        return max([item.strayed(u, since) for item in self.problem.items[1:]], default=np.inf)
+        return max([item.relative_motion(u, since) for item in self.problem.others], default=np.inf)
 
     def _search(self, before, time, motion, ahead):
         start = clock.perf_counter()

@@ -196,7 +196,7 @@ class Stepper:
         Normals and partners are frozen during a load step. Those of its beginning make forces wrong by an amount of the
         order of the step, those of its expected end by one of its square.
         """
-        pairs = self.problem.items[1:]
+        pairs = self.problem.others
         if not pairs or self._last is None or any(item.floats for item in pairs):
             return None
         begin, before = self._last
@@ -217,15 +217,14 @@ class Stepper:
         """Bodies that moved farther than partners were looked for may have passed through each other."""
         if not outcome.converged:
             return
-        for item in self.problem.items[1:]:
-            deep = self.problem.space.comm.allreduce(getattr(item, "deep", 0))
+        for item in self.problem.others:
+            deep = self.problem.space.comm.allreduce(item.too_deep)
             if deep:
                 outcome.converged = False
                 outcome.reason = (
                     f"contact {item.name}: {deep} points are deeper in the obstacle than the search radius "
                     f"{item.radius:.4g}"
                 )
-        for item in self.problem.items:
-            if hasattr(item, "motion") and item.motion(self.u, before) > item.radius:
+            if item.normal_motion(self.u, before) > item.radius:
                 outcome.converged = False
                 outcome.reason = f"contact {item.name}: bodies moved farther than the search radius {item.radius:.4g}"

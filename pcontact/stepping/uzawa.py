@@ -3,7 +3,7 @@
 import math
 from dataclasses import replace
 
-from pcontact.contact.augmented import Multipliers, update_multipliers
+from pcontact.contact.formulation.augmented import AugmentedLagrangian, update_multipliers
 from pcontact.runtime import log
 from pcontact.solve.outcome import together
 
@@ -23,8 +23,8 @@ class Uzawa:
 
     Parameters
     ----------
-    pairs : list of list of pcontact.contact.augmented.Multipliers
-        Of each pair that has multipliers its item, or its halves.
+    contacts : list of list of pcontact.contact.pair.ContactPair
+        Of each contact that has multipliers its pair, or its halves.
     newton : pcontact.solve.newton.Newton
     rtol : float
         Change of the multipliers, relative to the traction, at which they have settled.
@@ -36,8 +36,8 @@ class Uzawa:
         Whether a load step may end with multipliers that are far from settled.
     """
 
-    def __init__(self, pairs, newton, rtol=RTOL, max_it=MAX_IT, grow=True, accept=False):
-        self.pairs, self.newton, self.rtol, self.max_it = pairs, newton, rtol, max_it
+    def __init__(self, contacts, newton, rtol=RTOL, max_it=MAX_IT, grow=True, accept=False):
+        self.contacts, self.newton, self.rtol, self.max_it = contacts, newton, rtol, max_it
         self.grow, self.accept = grow, accept
         self._failed = False
 
@@ -67,14 +67,14 @@ class Uzawa:
         updates, sizes = 0, []
         while True:
             last = updates == self.max_it
-            changes = [update_multipliers(pair, u, float("inf") if last else self.rtol) for pair in self.pairs]
+            changes = [update_multipliers(pairs, u, float("inf") if last else self.rtol) for pairs in self.contacts]
             change = max(part for part, _ in changes)
             sizes.append([size for _, size in changes])
             if change <= self.rtol or last:
                 break
             if self.grow:
-                for part in self._parts():
-                    part.stiffen()
+                for pair in (pair for pairs in self.contacts for pair in pairs):
+                    pair.method.stiffen()
             then = self.newton.again(u)
             updates += 1
             outcome = together(outcome, then)
@@ -82,11 +82,8 @@ class Uzawa:
                 break
         if outcome.converged:
             worst = [part for part, _ in changes].index(change)
-            outcome = self._judged(outcome, change, [size[worst] for size in sizes], self.pairs[worst][0].name)
+            outcome = self._judged(outcome, change, [size[worst] for size in sizes], self.contacts[worst][0].name)
         return replace(outcome, uzawa={"updates": updates, "change": change})
-
-    def _parts(self):
-        return [part for pair in self.pairs for part in pair]
 
     def _judged(self, outcome, change, sizes, name):
         """The outcome after the last update.
@@ -145,11 +142,10 @@ def _remedy(left, updates, wanted):
     return more + 'a gamma0 near 1, formulation = "nitsche"'
 
 
-def uzawa(items, newton, options):
-    """The loop of a problem; None where no item has multipliers."""
-    pairs = [getattr(item, "halves", [item]) for item in items]
-    pairs = [pair for pair in pairs if isinstance(pair[0], Multipliers)]
-    if not pairs:
+def uzawa(contacts, newton, options):
+    """The loop of the contacts of a problem; None where no pair has multipliers."""
+    contacts = [contact.pairs for contact in contacts if isinstance(contact.method, AugmentedLagrangian)]
+    if not contacts:
         return None
     text = "change of the multipliers relative to the traction at which they have settled"
     rtol = options.get("contact_uzawa_rtol", RTOL, float, text=text, positive=True)
@@ -158,4 +154,4 @@ def uzawa(items, newton, options):
     text = "let gamma grow with the updates, up to the default"
     grow = options.get("contact_uzawa_grow", True, bool, text=text)
     text = "end a load step, with a warning, where multipliers are far from settled after the last update"
-    return Uzawa(pairs, newton, rtol, max_it, grow, options.get("contact_uzawa_accept", False, bool, text=text))
+    return Uzawa(contacts, newton, rtol, max_it, grow, options.get("contact_uzawa_accept", False, bool, text=text))

@@ -1,4 +1,4 @@
-"""Nitsche's method with friction: compiled kernels at the quadrature points of the source.
+"""Contact with friction: compiled kernels at the quadrature points of the source.
 
 Notation of every kernel, one row per quadrature point p on facet f = facet[p]; what points get that are not ``wanted``
 (np,) is zero:
@@ -12,22 +12,22 @@ Notation of every kernel, one row per quadrature point p on facet f = facet[p]; 
     tangent    K  = int [[v]] . D (G [[w]] - S[w]) - theta T[v] . G^-1 (D G [[w]] + (I - D) S[w]),   D = dP/dtau
 
 with S = dt/du, which is T unless the cell yields, as in Chouly, Mlika, Renard (2018), with the matrix G^-1 as the
-weight of the adjoint term, so that theta = 1 stays symmetric when alpha is not 1. A point without partner has P = 0.
-``cells`` and ``targets`` hold numbers into ``u`` (n, d); a pair with an obstacle has targets of width 0. Where ``grad``
-has width 0 there is no traction of the source, t = S = 0 at theta = 0: the penalty method, see
-`pcontact.contact.penalty`.
+weight of the adjoint term, so that theta = 1 stays symmetric when alpha is not 1. P (np, d), D (np, d, d) and the
+status (np,) come from the law between these kernels, see `pcontact.contact.law`; a point without partner has P = 0.
+Nodes are numbers into ``u`` (n, d). Where the gradients have width 0 there is no traction of the source, t = S = 0 at
+theta = 0: the penalty method, see `pcontact.contact.formulation.methods`.
 """
 
 import numpy as np
 
 from pcontact.assembly.graph import find
-from pcontact.contact.laws import project
 from pcontact.runtime.jit import njit, njit_inner
 
 
 @njit_inner
-def jumps(u, cells, targets, facet, shape, target_shape, wanted, out):
+def jumps(u, source, partner, wanted, out):
     """Jump [[u]] (np, d) [length] of the displacement u (n, d)."""
+    facet, cells, shape, nodes = source.facet, source.cells, source.shape, partner.nodes
     d = u.shape[1]
     for p in range(len(facet)):
         f = facet[p]
@@ -38,37 +38,15 @@ def jumps(u, cells, targets, facet, shape, target_shape, wanted, out):
         for a in range(cells.shape[1]):
             for i in range(d):
                 out[p, i] += shape[p, a] * u[cells[f, a], i]
-        for m in range(targets.shape[1]):
+        for m in range(nodes.shape[1]):
             for i in range(d):
-                out[p, i] -= target_shape[p, m] * u[targets[p, m], i]
+                out[p, i] -= partner.shape[p, m] * u[nodes[p, m], i]
 
 
 @njit_inner
-def tractions(u, cells, facet, grad, volumetric, mu, normal_x, wanted, out):
-    """Boundary traction t = sigma(u) n_X (np, d) [stress] of linear elasticity, sigma = (P . u) I + 2 mu eps."""
-    d = u.shape[1]
-    for p in range(len(facet)):
-        f = facet[p]
-        for i in range(d):
-            out[p, i] = 0.0
-        if not wanted[p]:
-            continue
-        bulk = 0.0
-        for a in range(grad.shape[1]):
-            node, along, across = cells[f, a], 0.0, 0.0
-            for i in range(d):
-                bulk += volumetric[p, a, i] * u[node, i]
-                along += grad[p, a, i] * normal_x[p, i]
-                across += u[node, i] * normal_x[p, i]
-            for i in range(d):
-                out[p, i] += mu[f] * (along * u[node, i] + across * grad[p, a, i])
-        for i in range(d):
-            out[p, i] += bulk * normal_x[p, i]
-
-
-@njit_inner
-def augment(traction, jump, before, gap0, normal, gamma, alpha, facet, wanted, tau):
+def augment(traction, jump, before, facet, partner, gamma, alpha, wanted, tau):
     """Augmented traction tau (np, d) [stress]; ``before`` (np, d) is the jump from which slip counts."""
+    normal, gap0 = partner.normal, partner.gap0
     d = normal.shape[1]
     for p in range(len(facet)):
         for i in range(d):
@@ -85,23 +63,6 @@ def augment(traction, jump, before, gap0, normal, gamma, alpha, facet, wanted, t
             tau[p, i] = traction[p, i] + stiff * ((gap0[p] - along) * normal[p, i] - alpha * slip)
 
 
-@njit
-def project_all(law, bilateral, paired, normal, tau, out):
-    """Traction P (np, d) of all points; returns their status (np,)."""
-    status, derivative = np.zeros(len(paired), dtype=np.int64), np.zeros((normal.shape[1], normal.shape[1]))
-    _project_points(law, bilateral, paired, normal, tau, out, status, derivative)
-    return status
-
-
-@njit_inner
-def _project_points(law, bilateral, paired, normal, tau, out, status, derivative):
-    for p in range(len(paired)):
-        for i in range(normal.shape[1]):
-            out[p, i] = 0.0
-        if paired[p]:
-            status[p] = project(law, bilateral, normal[p], tau[p], out[p], derivative)
-
-
 @njit_inner
 def _node_operator(grad, volumetric, mu, normal_x, out):
     """out[i, j] = d t_i / d u_j of one node, from its shape gradient and volumetric operator (d,)."""
@@ -116,47 +77,50 @@ def _node_operator(grad, volumetric, mu, normal_x, out):
 
 
 @njit
-def add_residual(
-    theta, alpha, law, bilateral, paired, jxw, gamma, traction, tau, cells, targets, facet, shape, target_shape, grad,
-    volumetric, mu, normal_x, normal, out,
-):
-    """Add the residual of the pair to ``out`` (n, d) [force]."""
-    d = normal.shape[1]
-    force, weight, derivative, operator = np.zeros(d), np.zeros(d), np.zeros((d, d)), np.zeros((d, d))
+def add_residual(theta, alpha, gamma, source, partner, traction, force, status, out):
+    """Add the residual of the pair to ``out`` (n, d) [force].
+
+    Parameters
+    ----------
+    theta, alpha : float
+    gamma : ndarray (nf,)
+    source : pcontact.contact.points.SourcePoints
+    partner : pcontact.contact.points.PartnerPoints
+    traction, force : ndarray (np, d)
+        t and P [stress].
+    status : ndarray (np,)
+        Points that are open have P = 0.
+    out : ndarray (n, d)
+    """
+    d = partner.normal.shape[1]
     _add_forces(
-        theta, alpha, law, bilateral, paired, jxw, gamma, traction, tau, cells, targets, facet, shape, target_shape,
-        grad, volumetric, mu, normal_x, normal, out, force, weight, derivative, operator,
+        theta, alpha, gamma, source, partner, traction, force, status, out, np.zeros(d), np.zeros((d, d))
     )  # fmt: skip
 
 
 @njit_inner
-def _add_forces(
-    theta, alpha, law, bilateral, paired, jxw, gamma, traction, tau, cells, targets, facet, shape, target_shape, grad,
-    volumetric, mu, normal_x, normal, out, force, weight, derivative, operator,
-):  # fmt: skip
+def _add_forces(theta, alpha, gamma, source, partner, traction, force, status, out, weight, operator):
+    facet, cells, shape, jxw = source.facet, source.cells, source.shape, source.jxw
+    grad, nodes, normal = source.grad, partner.nodes, partner.normal
     d = normal.shape[1]
     for p in range(len(facet)):
-        f, touches = facet[p], False
-        for i in range(d):
-            force[i] = 0.0
-        if paired[p]:
-            touches = project(law, bilateral, normal[p], tau[p], force, derivative) > 0
+        f = facet[p]
         if theta != 0.0:
-            _weigh(force, traction[p], normal[p], gamma[f], alpha, theta * jxw[p], weight)
+            _weigh(force[p], traction[p], normal[p], gamma[f], alpha, theta * jxw[p], weight)
             for a in range(grad.shape[1]):
                 node = cells[f, a]
-                _node_operator(grad[p, a], volumetric[p, a], mu[f], normal_x[p], operator)
+                _node_operator(grad[p, a], source.volumetric[p, a], source.mu[f], source.normal[p], operator)
                 for j in range(d):
                     for i in range(d):
                         out[node, j] += weight[i] * operator[i, j]
-        if not touches:
+        if status[p] == 0:
             continue
         for a in range(cells.shape[1]):
             for i in range(d):
-                out[cells[f, a], i] -= jxw[p] * shape[p, a] * force[i]
-        for m in range(targets.shape[1]):
+                out[cells[f, a], i] -= jxw[p] * shape[p, a] * force[p, i]
+        for m in range(nodes.shape[1]):
             for i in range(d):
-                out[targets[p, m], i] += jxw[p] * target_shape[p, m] * force[i]
+                out[nodes[p, m], i] += jxw[p] * partner.shape[p, m] * force[p, i]
 
 
 @njit_inner
@@ -172,61 +136,65 @@ def _weigh(force, traction, normal, gamma, alpha, factor, out):
 
 
 @njit
-def add_tangent(
-    theta, alpha, law, bilateral, paired, jxw, gamma, tau, cells, targets, facet, shape, target_shape, grad,
-    volumetric, mu, at, extra, consistent, normal_x, normal, rowptr, columns, values,
-):
-    """Add the generalised Jacobian of the pair to block values (nnz, d, d); returns how many entries had no place.
+def add_tangent(theta, alpha, gamma, source, partner, excess, status, slope, blocks):
+    """Add the generalised Jacobian of the pair to block values; returns how many entries had no place.
 
-    ``at`` (np,) and ``extra`` (n, nn, d, d) are what plasticity adds to T in S, see `pcontact.contact.plastic_trace`;
-    with a ``consistent`` adjoint S stands in the place of T.
+    Parameters
+    ----------
+    theta, alpha : float
+    gamma : ndarray (nf,)
+    source : pcontact.contact.points.SourcePoints
+    partner : pcontact.contact.points.PartnerPoints
+    excess : pcontact.contact.points.Excess
+        What plasticity adds to T in S; with a consistent adjoint S stands in the place of T.
+    status : ndarray (np,)
+    slope : ndarray (np, d, d)
+        D, zero where points are open.
+    blocks : pcontact.contact.points.BlockRows
     """
-    d, nn, nt = normal.shape[1], cells.shape[1], targets.shape[1]
-    force, slope, stiff, inverse = np.zeros(d), np.zeros((d, d)), np.zeros((d, d)), np.zeros((d, d))
+    d, nn, nt = partner.normal.shape[1], source.cells.shape[1], partner.nodes.shape[1]
+    stiff, inverse = np.zeros((d, d)), np.zeros((d, d))
     operator, real = np.zeros((nn + nt, d, d)), np.zeros((nn + nt, d, d))
     pull, weak = np.zeros((nn + nt, d, d)), np.zeros((nn + nt, d, d))
-    part = np.zeros(nn + nt)
     return _add_blocks(
-        theta, alpha, law, bilateral, paired, jxw, gamma, tau, cells, targets, facet, shape, target_shape, grad,
-        volumetric, mu, at, extra, consistent, normal_x, normal, rowptr, columns, values,
-        force, slope, stiff, inverse, operator, real, pull, weak, part,
+        theta, alpha, gamma, source, partner, excess, status, slope, blocks,
+        stiff, inverse, operator, real, pull, weak, np.zeros(nn + nt),
     )  # fmt: skip
 
 
 @njit_inner
 def _add_blocks(
-    theta, alpha, law, bilateral, paired, jxw, gamma, tau, cells, targets, facet, shape, target_shape, grad,
-    volumetric, mu, at, extra, consistent, normal_x, normal, rowptr, columns, values,
-    force, slope, stiff, inverse, operator, real, pull, weak, part,
+    theta, alpha, gamma, source, partner, excess, status, slope, blocks,
+    stiff, inverse, operator, real, pull, weak, part,
 ):  # fmt: skip
-    d, nn, nt = normal.shape[1], cells.shape[1], targets.shape[1]
-    adjoint = real if consistent else operator
+    facet, cells, shape, jxw = source.facet, source.cells, source.shape, source.jxw
+    grad, nodes, normal, at = source.grad, partner.nodes, partner.normal, excess.at
+    rowptr, columns, values = blocks.rowptr, blocks.columns, blocks.values
+    d, nn, nt = normal.shape[1], cells.shape[1], nodes.shape[1]
+    adjoint = real if excess.consistent else operator
     missing = 0
     for p in range(len(facet)):
         f = facet[p]
-        for i in range(d):
-            for j in range(d):
-                slope[i, j] = 0.0
-        touches = paired[p] and project(law, bilateral, normal[p], tau[p], force, slope) > 0
+        touches = status[p] > 0
         if not touches and theta == 0.0:
             continue
-        _stiffness(slope, normal[p], gamma[f], alpha, stiff, inverse)
+        _stiffness(slope[p], normal[p], gamma[f], alpha, stiff, inverse)
         width = nn + nt if touches else nn
         for a in range(nn):
             part[a] = shape[p, a]
         for a in range(grad.shape[1]):
-            _node_operator(grad[p, a], volumetric[p, a], mu[f], normal_x[p], operator[a])
+            _node_operator(grad[p, a], source.volumetric[p, a], source.mu[f], source.normal[p], operator[a])
             yields = len(at) > 0 and at[p] >= 0
             for i in range(d):
                 for j in range(d):
-                    real[a, i, j] = operator[a, i, j] + (extra[at[p], a, i, j] if yields else 0.0)
+                    real[a, i, j] = operator[a, i, j] + (excess.rows[at[p], a, i, j] if yields else 0.0)
         for m in range(nt):
-            part[nn + m] = -target_shape[p, m]
-        _columns(theta, width, part, real, slope, stiff, inverse, pull, weak)
+            part[nn + m] = -partner.shape[p, m]
+        _columns(theta, width, part, real, slope[p], stiff, inverse, pull, weak)
         for r in range(width):
-            row = cells[f, r] if r < nn else targets[p, r - nn]
+            row = cells[f, r] if r < nn else nodes[p, r - nn]
             for c in range(width):
-                column = cells[f, c] if c < nn else targets[p, c - nn]
+                column = cells[f, c] if c < nn else nodes[p, c - nn]
                 k = find(columns, rowptr[row], rowptr[row + 1], column)
                 if k < 0:
                     missing += 1

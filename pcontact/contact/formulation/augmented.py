@@ -4,11 +4,11 @@ Each quadrature point has a multiplier lam [stress], which stands where Nitsche'
 
     tau = lam + gamma g n - alpha gamma D_T,   update  lam <- M P(tau)  at the solution of Newton's method
 
-M takes the local mean over the closed points, see `pcontact.contact.averages`. At a fixed point of the update gap and
-slip have no local mean where points are closed or stick, and what is left, (P - M P) / gamma, is small with the mesh
-and zero for a uniform traction. With lam <- P(tau) they would be zero at every point: more conditions than
-displacements can meet. The pressure then sits on a few points, and an update takes away little (cylinder on a block, 10
-facets in the half width: error of the pressure in L2 92 % after 33 updates instead of 7 % after 5).
+M takes the local mean over the closed points, see `pcontact.contact.formulation.averages`. At a fixed point of the
+update gap and slip have no local mean where points are closed or stick, and what is left, (P - M P) / gamma, is small
+with the mesh and zero for a uniform traction. With lam <- P(tau) they would be zero at every point: more conditions
+than displacements can meet. The pressure then sits on a few points, and an update takes away little (cylinder on a
+block, 10 facets in the half width: error of the pressure in L2 92 % after 33 updates instead of 7 % after 5).
 
 Let H be the compliance of the bodies, the gap that a traction at the points opens. While no point changes its status
 an update multiplies the error of the multipliers by M (1 + gamma H)^-1, and neither factor makes anything larger. A
@@ -32,10 +32,9 @@ leaves nothing behind.
 
 import numpy as np
 
-from pcontact.contact.averages import Acting, local_means
-from pcontact.contact.frictional import FrictionalItem
-from pcontact.contact.item import ContactItem
-from pcontact.contact.laws import OPEN
+from pcontact.contact.formulation.averages import Acting, local_means
+from pcontact.contact.formulation.methods import Penalty
+from pcontact.contact.law import OPEN
 from pcontact.contact.parameters import TRACELESS
 from pcontact.contact.unbiased import is_unbiased
 from pcontact.runtime.parallel import take_rows
@@ -45,8 +44,13 @@ from pcontact.runtime.petsc import MPI
 GROWTH = 10.0
 
 
-class Multipliers:
-    """What multipliers add to an item of contact; stands before it among the bases of a class.
+class AugmentedLagrangian(Penalty):
+    """Multipliers in the place of the source's traction.
+
+    Parameters
+    ----------
+    contact, trace, shape
+        See `pcontact.contact.formulation.methods.Method`; of the shape are the multipliers.
 
     Attributes
     ----------
@@ -54,28 +58,10 @@ class Multipliers:
         Of the load step that is being solved [stress]; without friction its normal part alone counts.
     """
 
-    def __init__(self, *args, **more):
-        super().__init__(*args, **more)
-        self.multiplier = np.zeros_like(self.source.x)
+    def __init__(self, contact, trace, shape):
+        super().__init__(contact, trace, shape)
+        self.multiplier = np.zeros(shape)
         self._kept, self._base, self._grown = self.multiplier, self.gamma, 1.0
-
-    def acting(self, u):
-        """Traction at ``u`` of the points that are closed. *Collective.*
-
-        Returns
-        -------
-        pcontact.contact.averages.Acting
-        """
-        traction, status = self._acting(self.pairing.exchange.gather(u))
-        return Acting(self.pairing, self.source, traction, status > OPEN)
-
-    def rounding_of_traction(self):
-        """Traction (np,) by which rounding errors of the gap change the multipliers [stress]."""
-        return self.gamma[self.source.facet] * self._rounding
-
-    def update_multipliers(self, u, rtol):
-        """See :func:`update_multipliers`: of this item alone, the relative change. *Collective.*"""
-        return update_multipliers([self], u, rtol)[0]
 
     def short(self):
         """The default gamma over that which acts; 1 where that is no smaller."""
@@ -86,29 +72,44 @@ class Multipliers:
         self._grown *= min(GROWTH, self.short())
         self.gamma = self._grown * self._base
 
-    def _begin(self, u, time):
+    def begin(self):
+        """Start from the multipliers of the last load step, with the gamma that the scene says."""
         self.multiplier, self.gamma, self._grown = self._kept, self._base, 1.0
-        super()._begin(u, time)
 
-    def _end(self, values):
-        super()._end(values)
+    def commit(self):
+        """Keep the multipliers for the next load step."""
         self._kept = self.multiplier
 
-    def _evaluate(self, values, wanted=None):
-        traction, gap = super()._evaluate(values, wanted)
-        return traction + np.einsum("pd,pd->p", self.multiplier, self.pairing.normal), gap
+    def normal_traction(self, traction, normal):
+        """See :meth:`Method.normal_traction`."""
+        return np.einsum("pd,pd->p", self.multiplier, normal)
 
-    def memory(self):
-        """See :meth:`ContactItem.memory`."""
+    def traction(self, traction):
+        """See :meth:`Method.traction`."""
+        return self.multiplier.copy()
+
+    def memory(self, keys):
+        """See :meth:`Method.memory`."""
         rows = np.flatnonzero(self._kept.any(axis=1))
-        return {**super().memory(), "multiplier": (self.source.point_keys()[rows], self._kept[rows])}
+        return {"multiplier": (keys[rows], self._kept[rows])}
 
-    def recall(self, name, chunks):
-        """See :meth:`ContactItem.recall`."""
+    def recall(self, name, keys, chunks):
+        """See :meth:`Method.recall`."""
         if name != "multiplier":
-            return super().recall(name, chunks)
-        self._kept = np.zeros_like(self.source.x)
-        return take_rows(self.source.point_keys(), chunks, self._kept)
+            return None
+        self._kept = np.zeros_like(self._kept)
+        return take_rows(keys, chunks, self._kept)
+
+
+def acting(pair, u):
+    """Traction at ``u`` of the points of a pair that are closed. *Collective.*
+
+    Returns
+    -------
+    pcontact.contact.formulation.averages.Acting
+    """
+    traction, status = pair.forces(u)
+    return Acting(pair.pairing, pair.source, traction, status > OPEN)
 
 
 def update_multipliers(parts, u, rtol):
@@ -117,8 +118,8 @@ def update_multipliers(parts, u, rtol):
 
     Parameters
     ----------
-    parts : list of Multipliers
-        The item of a pair, or the halves of an unbiased one.
+    parts : list of pcontact.contact.pair.ContactPair
+        With multipliers: the pair of a contact, or the two of an unbiased one.
     u : PETSc.Vec
         Where the residual is zero.
     rtol : float
@@ -132,37 +133,19 @@ def update_multipliers(parts, u, rtol):
     size : float
         The norm itself, by the gamma that acts [stress length^((d - 1) / 2)].
     """
-    first, acting = parts[0], [part.acting(u) for part in parts]
-    means = local_means(first.space, acting, both=is_unbiased(first.contact))
-    updates = [np.where(one.chosen[:, None], mean, 0.0) for one, mean in zip(acting, means, strict=True)]
+    first, found = parts[0], [acting(part, u) for part in parts]
+    means = local_means(first.space, found, both=is_unbiased(first.contact))
+    updates = [np.where(one.chosen[:, None], mean, 0.0) for one, mean in zip(found, means, strict=True)]
     sums = np.zeros(4)
-    for part, one, new in zip(parts, acting, updates, strict=True):
-        rounding = (part.rounding_of_traction() * one.chosen)[:, None]
-        for k, size in enumerate((new - part.multiplier, new, part.multiplier, rounding)):
+    for part, one, new in zip(parts, found, updates, strict=True):
+        old = part.method.multiplier
+        rounding = (part.method.gamma[part.source.facet] * part.rounding * one.chosen)[:, None]
+        for k, size in enumerate((new - old, new, old, rounding)):
             sums[k] += np.einsum("p,pd,pd->", part.source.jxw, size, size)
     sums = first.space.comm.allreduce(sums, op=MPI.SUM)
     scale = float(max(sums[1], sums[2]))
-    change = float(np.sqrt(sums[0] / scale)) * first.short() if sums[0] > sums[3] and scale > 0.0 else 0.0
+    change = float(np.sqrt(sums[0] / scale)) * first.method.short() if sums[0] > sums[3] and scale > 0.0 else 0.0
     if change > rtol:
         for part, new in zip(parts, updates, strict=True):
-            part.multiplier = new
+            part.method.multiplier = new
     return change, float(np.sqrt(sums[0]))
-
-
-class AugmentedItem(Multipliers, ContactItem):
-    """Frictionless contact of one pair by the augmented Lagrangian method; parameters as for `ContactItem`."""
-
-    def _acting(self, values):
-        tau, status = self._augmented(values)
-        return np.where(status > OPEN, tau, 0.0)[:, None] * self.pairing.normal, status
-
-
-class AugmentedFrictionalItem(Multipliers, FrictionalItem):
-    """Contact with friction of one pair by the augmented Lagrangian method; parameters as for `FrictionalItem`."""
-
-    def _acting(self, values):
-        _, tau, _ = self._tau(values, self.pairing.acts)
-        return self._project(tau)
-
-    def _traction(self, values, wanted):
-        return self.multiplier.copy()

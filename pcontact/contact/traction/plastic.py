@@ -19,6 +19,8 @@ import numpy as np
 from pcontact.assembly.geometry import some_cells
 from pcontact.assembly.plastic import NO_RING, PlasticState
 from pcontact.assembly.plastic_kernels import excess_at, fill_operator, pull, scatter, square, strain_at
+from pcontact.contact.points import Excess
+from pcontact.contact.traction.elastic import ElasticTraction
 from pcontact.element.reference import CELLS, reference_nodes
 from pcontact.material.mandel import HALF
 from pcontact.material.plastic import second_derivative
@@ -296,3 +298,42 @@ class PlasticTrace:
                 state.p[part.rows], rowptr, columns, out,
             )  # fmt: skip
         return missing
+
+
+class PlasticTraction(ElasticTraction):
+    """Where cells of the source may yield.
+
+    Parameters
+    ----------
+    source : pcontact.contact.surface.SourceSurface
+    trace : PlasticTrace
+        Of this source.
+    consistent : bool
+        See `pcontact.contact.traction.elastic.ElasticTraction`.
+    """
+
+    symmetric = False
+
+    def __init__(self, source, trace, consistent=False):
+        super().__init__(source)
+        self.trace, self.consistent = trace, consistent
+
+    def add_excess(self, values, p, traction):
+        """See :meth:`ElasticTraction.add_excess`."""
+        traction += self.trace.traction(values, p.cells)
+
+    def add_normal_excess(self, values, p, traction):
+        """See :meth:`ElasticTraction.add_normal_excess`."""
+        traction += np.einsum("pd,pd->p", self.trace.traction(values, p.cells), p.normal)
+
+    def excess(self, values, p):
+        """See :meth:`ElasticTraction.excess`."""
+        return Excess(*self.trace.operators(values, p.cells), self.consistent)
+
+    def add_adjoint(self, values, p, weights, out):
+        """See :meth:`ElasticTraction.add_adjoint`."""
+        self.trace.add_adjoint(values, p.cells, weights, out)
+
+    def add_curvature(self, values, p, weights, blocks):
+        """See :meth:`ElasticTraction.add_curvature`."""
+        return self.trace.add_curvature(values, p.cells, weights, *blocks)

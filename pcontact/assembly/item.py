@@ -1,0 +1,283 @@
+"""The contract between the discrete problem and its parts: bulk, contact pairs, and whatever else is added to them.
+
+`Problem`, `Newton`, the stepper and the writers call the methods of :class:`Item` and nothing else. All of them have a
+default that says nothing, so that a new item writes those that it has an answer to. Displacements are PETSc vectors,
+results on owned nodes numpy arrays (n_owned, d).
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+
+@dataclass(frozen=True, eq=False)
+class StatusRule:
+    """By what the points of a contact pair are open, stick or slip: an argument of residual and tangent.
+
+    Attributes
+    ----------
+    stick : bool
+        Closed points stick, whatever the law of friction says.
+    frozen : bool
+        Points that were closed at the end of the last load step are closed, and stick; all others are open.
+    waiting : ndarray (np,) of bool, optional
+        Points that stay open, see :meth:`Item.defer`.
+    """
+
+    stick: bool = False
+    frozen: bool = False
+    waiting: np.ndarray | None = None
+
+    def wait(self, waiting, stick=False):
+        """The rule with points that stay open; where `stick`, all others that are closed stick."""
+        return replace(self, waiting=waiting, stick=self.stick or stick)
+
+
+LAW, STICK, FROZEN = StatusRule(), StatusRule(stick=True), StatusRule(stick=True, frozen=True)
+
+
+class Item:
+    """A part of the discrete problem. Residual and tangent are functions of displacement, committed state and rule.
+
+    Attributes
+    ----------
+    name : str
+        For reports and checkpoints.
+    space : pcontact.space.space.Space
+    changes : bool
+        Whether the tangent depends on the displacement, or the pattern on the load step.
+    version : int
+        Grows when the pattern changes.
+    can_slip : bool
+        Whether points may slip, so that :data:`STICK` makes a difference.
+    rigid : bool
+        Whether the forces of the item come from outside the bodies: contact with an obstacle.
+    floats : bool
+        Whether it acts on a body that supports leave free.
+    stiff : bool
+        Whether multigrid alone fares badly with its tangent.
+    symmetric : bool
+        Whether the tangent is symmetric.
+    radius : float
+        How far its bodies may move against each other in a load step [length].
+    flips : list of int
+        Points of this rank whose status changed in each tangent of the load step.
+    too_deep : int
+        Points of this rank deeper in an obstacle than the radius.
+    """
+
+    name = "bodies"
+    space = None
+    changes = True
+    version = 0
+    can_slip = rigid = floats = stiff = False
+    symmetric = True
+    radius = np.inf
+    flips = ()
+    too_deep = 0
+
+    # -- what every item has --------------------------------------------------------------------------------------
+
+    def pattern(self):
+        """Owned block rows: rowptr (n_owned + 1,), columns (nnz,) of global nodes, sorted in each row."""
+        raise NotImplementedError
+
+    def residual(self, u, out, rule=LAW):
+        """Add the forces on the owned nodes to ``out`` (n_owned, d) [force]. *Collective.*"""
+        raise NotImplementedError
+
+    def add_magnitude(self, u, out):
+        """Add the sum of the absolute terms of :meth:`residual` to ``out`` (n_owned, d): the scale of rounding errors.
+        *Collective.*
+        """
+
+    def tangent(self, u, rule=LAW):
+        """Values (nnz, d, d) of the generalised Jacobian on :meth:`pattern`, which may grow. *Collective.*"""
+        raise NotImplementedError
+
+    # -- a load step ----------------------------------------------------------------------------------------------
+
+    def detect(self, u, time, motion=0.0, ahead=None):
+        """Find what the load step depends on and keeps: partners, normals. *Collective.*
+
+        Parameters
+        ----------
+        u : PETSc.Vec
+            The committed displacement.
+        time : float
+            At which the load step ends.
+        motion : float
+            What the load step is known to move [length].
+        ahead : PETSc.Vec, optional
+            Displacement among which partners are looked for: where the load step is expected to end.
+        """
+
+    def commit(self, u, time):
+        """End the load step: what the next one needs to know is that of ``u``. *Collective.*"""
+
+    # -- a checkpoint ---------------------------------------------------------------------------------------------
+
+    def memory(self):
+        """What the next load step needs to know of the last one, apart from the displacement.
+
+        Returns
+        -------
+        dict of str to (ndarray (n,), ndarray (n, m))
+            Keys of rows, the same on any number of ranks, and their values; rows of zeros are left out.
+        """
+        return {}
+
+    def memory_keys(self):
+        """Keys (n,) of all rows that :meth:`memory` may have; None where it never has any."""
+        return None
+
+    def recall(self, name, chunks):
+        """Take back what :meth:`memory` gave under a name.
+
+        Parameters
+        ----------
+        name : str
+        chunks : iterable of (ndarray (n,), ndarray (n, m))
+            The rows of all ranks, a part at a time.
+
+        Returns
+        -------
+        int or None
+            Rows that were found on this rank; None for a name under which nothing is remembered here.
+        """
+        return None
+
+    def counters(self):
+        """Quadrature points of this rank at which something is kept (``points``), and those with a partner times the
+        unknowns that each of them couples (``work``)."""
+        return {"points": 0, "work": 0}
+
+    # -- what Newton's method asks of contact ----------------------------------------------------------------------
+
+    def step_limit(self, u, y):
+        """Part of the Newton step ``-y`` from ``u`` to take; None for no say. *Collective.*"""
+        return None
+
+    def defer(self, before, u, rule):
+        """The rule with points that are to stay open for one iteration after a full step from ``before`` to ``u``;
+        None without any. *Collective.*
+        """
+        return None
+
+    def closed_count(self):
+        """Points of this rank that were closed at the end of the last load step."""
+        return 0
+
+    def status_areas(self):
+        """Areas (3,) of the points of this rank that were open, sticking, slipping at the end of the last load step."""
+        return np.zeros(3)
+
+    def opening_area(self, u):
+        """Area of the points of this rank that were closed and that ``u`` would open. *Collective.*"""
+        return 0.0
+
+    def area_changed_by_supports(self, before, u):
+        """Area of the points of this rank that ``u``, in which only supports have moved, opens or closes.
+        *Collective.*
+        """
+        return 0.0
+
+    def closed_area(self):
+        """Area of the points of this rank that were closed in the last tangent [length^(d - 1)]."""
+        return 0.0
+
+    def active_nodes(self):
+        """Owned nodes (n,), global numbers, of the points that were closed in the last tangent. *Collective.*"""
+        return np.zeros(0, dtype=np.int64)
+
+    # -- what the stepper asks of contact --------------------------------------------------------------------------
+
+    def normal_motion(self, u, before):
+        """Largest motion of a point along its normal between two displacements [length]. *Collective.*"""
+        return 0.0
+
+    def relative_motion(self, u, since):
+        """Largest motion of a closed point against its partner between two displacements, in sizes of its facet.
+        *Collective.*
+        """
+        return 0.0
+
+    def clearance(self, u, fields):
+        """How far points are from contact, and what motions of whole bodies would change. *Collective.*
+
+        Parameters
+        ----------
+        u : PETSc.Vec
+        fields : list of PETSc.Vec
+            Displacements of m motions of every body at once.
+
+        Returns
+        -------
+        distance : ndarray (n,)
+            Of the points of this rank that have a partner other than their own body: by so much the gap has to shrink
+            until they are closed [length].
+        bodies : ndarray (n, 2)
+            Components of points and partners; -1 for an obstacle.
+        rows : ndarray (n, 2, m)
+            What the motions of the two bodies add to the distance.
+        """
+        return np.zeros(0), np.zeros((0, 2), dtype=np.int64), np.zeros((0, 2, len(fields)))
+
+    def force_magnitudes(self, u):
+        """Sums (n_components,) of the magnitudes of the contact forces at the points of this rank on every connected
+        component [force]. *Collective.*
+        """
+        return np.zeros(self.space.mesh.n_components)
+
+    def closed_areas(self):
+        """Area (n_components,) of the points of this rank that were closed at the end of the last load step, by
+        component. *Collective.*
+        """
+        return np.zeros(self.space.mesh.n_components)
+
+
+class Bulk(Item):
+    """All bodies. The first item of a problem.
+
+    Attributes
+    ----------
+    constants : list of (float, float)
+        Lame constants of each body [stress].
+    yields : bool
+        Whether bodies may yield.
+    states : dict of int to pcontact.assembly.plastic.PlasticState
+        Internal variables, by block; empty where none may yield.
+    """
+
+    constants = ()
+    yields = False
+    states = {}
+
+    def counters(self):
+        """Quadrature points with internal variables."""
+        return {"points": sum(state.p.size for state in self.states.values()), "work": 0}
+
+    def predict(self, u, committed, out):
+        """Add the forces of bodies that go from the committed displacement to ``u`` without yielding. *Collective.*"""
+        self.residual(u, out)
+
+    def flowing(self, u):
+        """Part of the volume that may yield which yields between the committed displacement and ``u``. *Collective.*"""
+        return 0.0
+
+    def plasticity(self):
+        """Largest equivalent plastic strain, and volume that has yielded [length^d]. *Collective.*"""
+        return 0.0, 0.0
+
+    def plastic_strain(self):
+        """Equivalent plastic strain (nc,) of the cells of each block; None where nothing may yield."""
+        return None
+
+    def stress(self, u):
+        """Mean stress and volume of the cells of each block. *Collective.*
+
+        Returns
+        -------
+        list of (ndarray (nc, 6), ndarray (nc,))
+        """
+        raise NotImplementedError

@@ -1,0 +1,122 @@
+"""The formulations: what stands where the traction of the source does, and the parameters of the terms around it.
+
+* Nitsche's method: the traction t of the source's stress; theta = 1, 0, -1.
+* The penalty method: nothing, theta = 0. Its residual R = - int P . [[v]] with tau = gamma g n - alpha gamma D_T is
+  Nitsche's with t = 0. A source without an operator for its traction (:func:`without_traction`) is all it takes: of
+  the parent cells the nodes on their facets remain, so that the pattern is smaller, too, and stress and internal
+  variables of the cells do not enter. The traction follows from the motion of the bodies: where they touch the gap is
+  -p / gamma, where they stick the slip is traction over alpha gamma, and the next load step begins with that traction
+  (see `pcontact.contact.formulation.frictional`).
+* The augmented Lagrangian method: a multiplier, see `pcontact.contact.formulation.augmented`; theta = 0.
+
+A formulation of one's own is a subclass of :class:`Method` and an entry in :data:`METHODS`.
+"""
+
+import dataclasses
+
+import numpy as np
+
+from pcontact.contact.parameters import GAMMA0, parameter
+
+# shape functions below this are those of nodes off the facet
+OFF = 1e-12
+# times the default, beyond which multigrid needs more than twice the iterations of one with a filter
+STIFF = 30.0
+
+
+class Method:
+    """Nitsche's method, and the parameters that all formulations have.
+
+    Parameters
+    ----------
+    contact : pcontact.scene.model.Contact
+        With its numerics resolved.
+    trace : ndarray (nf,)
+        Constant of the trace inequality of the parent cells [stress/length].
+    shape : tuple (np, d), optional
+        Of the points: what a formulation keeps at them.
+
+    Attributes
+    ----------
+    theta, alpha, gamma0 : float
+    gamma : ndarray (nf,)
+        gamma0 times that constant [stress/length].
+    """
+
+    # whether the source's stress enters
+    has_traction = True
+
+    def __init__(self, contact, trace, shape=None):
+        self.theta = float(contact.theta) if self.has_traction else 0.0
+        self.alpha = 1.0 if contact.alpha is None else float(contact.alpha)
+        self.gamma0 = parameter(contact)
+        self.gamma = self.gamma0 * trace
+
+    @property
+    def stiff(self):
+        """Whether multigrid alone fares badly: far more than the default gamma0, or the skew tangent of theta = -1."""
+        return self.theta < 0.0 or self.gamma0 > STIFF * GAMMA0[self.theta]
+
+    def source(self, source):
+        """The source surface as the method needs it."""
+        return source if self.has_traction else without_traction(source)
+
+    def normal_traction(self, traction, normal):
+        """What stands in the place of the source's normal traction (np,), along contact normals (np, d) [stress]."""
+        return traction
+
+    def traction(self, traction):
+        """What stands in the place of the source's traction (np, d) [stress]."""
+        return traction
+
+    def begin(self):
+        """A load step is tried: what it changes is that of the last one."""
+
+    def commit(self):
+        """The load step has ended."""
+
+    def memory(self, keys):
+        """Tables for a checkpoint, of points with keys (np,), see `pcontact.assembly.item.Item.memory`."""
+        return {}
+
+    def recall(self, name, keys, chunks):
+        """Take a table back, see `pcontact.assembly.item.Item.recall`."""
+        return None
+
+
+class Penalty(Method):
+    """The penalty method."""
+
+    has_traction = False
+
+
+def without_traction(source):
+    """The source surface without what its traction is made from.
+
+    Parameters
+    ----------
+    source : pcontact.contact.surface.SourceSurface
+
+    Returns
+    -------
+    SourceSurface
+        The same points; ``cells`` (nf, m) and ``shape`` (np, m) have the nodes of the facets alone, ``grad`` and
+        ``volumetric`` are of width 0.
+    """
+    nf, nn = source.cells.shape
+    largest = np.zeros((nf, nn))
+    np.maximum.at(largest, source.facet, np.abs(source.shape))
+    on = largest > OFF
+    width = int(on.sum(axis=1).max(initial=1))
+    columns = np.argsort(~on, axis=1, kind="stable")[:, :width]
+    kept = np.take_along_axis(on, columns, axis=1)
+    every = columns[source.facet]
+    shape = np.where(kept[source.facet], np.take_along_axis(source.shape, every, axis=1), 0.0)
+    return dataclasses.replace(
+        source,
+        cells=np.ascontiguousarray(np.take_along_axis(source.cells, columns, axis=1)),
+        shape=np.ascontiguousarray(shape),
+        grad=np.zeros((len(source.facet), 0, source.x.shape[1])),
+        shared=None,
+        axisymmetric=False,
+    )

@@ -1,0 +1,144 @@
+"""How far the points of a contact pair go: part of a Newton step that makes sense, and motion in a load step."""
+
+import numpy as np
+
+from pcontact.contact.law import OPEN
+from pcontact.contact.summary import components_of
+from pcontact.runtime.petsc import MPI
+
+# how deep a loose body goes that is brought to where it touches, in parts of a step on what it is given to lean on, a
+# millionth of its own stiffness (`pcontact.build`)
+GENTLE = 1e-5
+# steps prolonged more than this end before it touches, after this part of the way
+FAR, NEARLY = 30.0, 0.99
+# part of a facet by which a point may be deeper in its partner than was known without being counted as lost
+DEEPER = 0.1
+
+
+def step_limit(pair, u, y):
+    """Part of the Newton step ``-y`` to take so that the pair makes sense after it. *Collective.*
+
+    While no point is closed, a body that nothing holds goes until its nearest point has just closed (a tenth of a facet
+    deep), be that less or more than the step, in which what it is given to lean on is of no size; afterwards its points
+    may move by a search radius, beyond which their partners mean nothing.
+
+    Returns
+    -------
+    float
+        At most 1 once a point is closed.
+    """
+    p, source, comm = pair.pairing, pair.source, pair.space.comm
+    traction, gap = pair.terms.normal_state(p, p.exchange.gather(u), p.acts)
+    moved = pair.terms.gap(p, p.exchange.gather(y))
+    approach = moved - p.gap0
+    part = pair.radius / max(float(np.max(np.abs(approach), initial=0.0)), 1e-300)
+    closed = p.paired & (traction + pair.gamma_points * gap <= 0.0)
+    if not comm.allreduce(bool(closed.any()), op=MPI.LOR):
+        coming = p.paired & (approach > 0.0)
+        depth, gap, approach = 0.1 * source.size[source.facet[coming]], gap[coming], approach[coming]
+        touch = comm.allreduce(float(np.min((gap + depth) / approach, initial=np.inf)), op=MPI.MIN)
+        if 1.0 < touch < np.inf:
+            # the less the load, and the step, the less deep: else what has just closed springs back
+            depth = np.minimum(depth, GENTLE * approach)
+            touch = max(1.0, comm.allreduce(float(np.min((gap + depth) / approach, initial=np.inf)), op=MPI.MIN))
+            # what the load has bent is prolonged, too: to be put right before anything touches
+            touch *= 1.0 if touch < FAR else NEARLY
+        part = comm.allreduce(part, op=MPI.MIN)
+        return min(touch, part) if touch < np.inf else min(1.0, part)
+    return min(1.0, comm.allreduce(part, op=MPI.MIN))
+
+
+def lost(gap, paired, closed, size):
+    """Points of this rank that the partners of the last load step have misled, by the gaps (np,) of a new search.
+
+    Parameters
+    ----------
+    gap : ndarray (np,)
+        [length]
+    paired : ndarray (np,) of bool
+    closed : ndarray (np,) of bool
+        At the end of the last load step.
+    size : ndarray (np,)
+        Of the facets [length].
+
+    Returns
+    -------
+    passed : int
+        Open at the end of the last load step, and now inside their partner by more than a tenth of their facet.
+    left : int
+        Closed at the end of the last load step, and now without a partner.
+    """
+    passed = paired & ~closed & (gap < -DEEPER * size)
+    return int(np.sum(passed)), int(np.sum(closed & ~paired))
+
+
+def lost_by_obstacle(pair, u, values):
+    """The same by the frozen normals of an obstacle: its distance is known. *Collective.*"""
+    x, source = pair.deformed(pair.space.local.gather(u)), pair.source
+    gap, _ = pair.search.distance(x, pair.time, pair.origin)
+    gap = gap + (0.0 if pair.offset is None else pair.offset)
+    linear = pair.terms.gap(pair.pairing, values)
+    near, wrong = pair.pairing.paired, DEEPER * source.size[source.facet]
+    passed, left = near & (gap < np.minimum(linear, 0.0) - wrong), near & pair.closed & (gap > linear + wrong)
+    return int(np.sum(passed)), int(np.sum(left))
+
+
+def normal_motion(pair, u, before):
+    """Largest motion of a source point along its normal against the target between two displacements [length]: the
+    target's is that of the partner or, where there is none, that of any of its places. *Collective.*"""
+    p, gap = pair.pairing, pair.terms.gap
+    change = gap(p, p.exchange.gather(u)) - gap(p, p.exchange.gather(before))
+    if not pair.rigid:
+        middle, half = _target_motion(pair, u, before)
+        alone = ~p.paired
+        change[alone] = np.abs(change[alone] + p.normal[alone] @ middle) + np.abs(p.normal[alone]) @ half
+    return pair.space.comm.allreduce(float(np.max(np.abs(change), initial=0.0)), op=MPI.MAX)
+
+
+def _target_motion(pair, u, before):
+    """Middle and half extent (d,) of the box of what the target's nodes move between two displacements [length].
+    *Collective.*"""
+    comm, nodes = pair.space.comm, pair.target.nodes
+    moved = pair.space.local.gather(u)[nodes] - pair.space.local.gather(before)[nodes]
+    axes = tuple(range(moved.ndim - 1))
+    low = np.array(np.min(moved, axis=axes, initial=np.inf))
+    high = np.array(np.max(moved, axis=axes, initial=-np.inf))
+    comm.Allreduce(MPI.IN_PLACE, low, op=MPI.MIN)
+    comm.Allreduce(MPI.IN_PLACE, high, op=MPI.MAX)
+    return 0.5 * (low + high), 0.5 * (high - low)
+
+
+def relative_motion(pair, u, since):
+    """How far closed points have gone along or across their partners between two displacements. *Collective.*
+
+    Returns
+    -------
+    float
+        The largest relative displacement, in sizes of the source facets.
+    """
+    p, source = pair.pairing, pair.source
+    change = p.exchange.gather(u) - p.exchange.gather(since)
+    _, status = pair.forces(u)
+    closed = np.flatnonzero((status > OPEN) & p.paired)
+    facet = source.facet[closed]
+    jump = np.einsum("pa,pad->pd", source.shape[closed], change[p.cells[facet]])
+    jump -= np.einsum("pa,pad->pd", p.target_shape[closed], change[p.targets[closed]])
+    parts = np.linalg.norm(jump, axis=1) / source.size[facet]
+    return pair.space.comm.allreduce(float(np.max(parts, initial=0.0)), op=MPI.MAX)
+
+
+def clearance(pair, u, fields):
+    """How far points are from contact, and what motions of whole bodies would change, see
+    :meth:`pcontact.assembly.item.Item.clearance`. *Collective.*"""
+    p, source = pair.pairing, pair.source
+    own, other = components_of(pair.space, p, source)
+    some = np.flatnonzero(p.paired & (own != other))
+    distance = pair.pressed(u) / pair.gamma_points
+    rows = np.empty((len(some), 2, len(fields)))
+    for k, field in enumerate(fields):
+        values = p.exchange.gather(field)
+        jumps = np.einsum("pa,pad->pd", source.shape[some], values[p.cells[source.facet[some]]])
+        rows[:, 0, k] = -np.einsum("pd,pd->p", jumps, p.normal[some])
+        jumps = np.einsum("pm,pmd->pd", p.target_shape[some], values[p.targets[some]])
+        rows[:, 1, k] = np.einsum("pd,pd->p", jumps, p.normal[some])
+    return distance[some], np.column_stack([own, other])[some], rows

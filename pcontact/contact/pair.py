@@ -1,0 +1,549 @@
+"""A contact pair: one source surface and its partners, as an item of the discrete problem.
+
+A pair is made of a *search* (who is the partner of a point: `pcontact.contact.search`), a *traction* (the stress of the
+source at its points: `pcontact.contact.traction`), a *formulation* (Nitsche, penalty, augmented Lagrangian:
+`pcontact.contact.formulation`) and a *law* (frictionless, Coulomb, Tresca, tied: `pcontact.contact.law`).
+
+The life of a pair: `detect` finds the partners, which stay for the load step; residual and tangent are functions of the
+displacement, the state committed last and the status rule; `commit` takes the state to the end of the load step.
+"""
+
+import numpy as np
+
+from pcontact.assembly.graph import node_graph
+from pcontact.assembly.item import LAW, Item
+from pcontact.assembly.pattern import OwnedRows
+from pcontact.contact import motion
+from pcontact.contact.formulation.augmented import AugmentedLagrangian
+from pcontact.contact.formulation.averages import add_at_nodes
+from pcontact.contact.formulation.frictional import FrictionalTerms
+from pcontact.contact.formulation.frictionless import FrictionlessTerms
+from pcontact.contact.formulation.methods import Method, Penalty
+from pcontact.contact.law import OPEN, SLIP, STICK, View, contact_law
+from pcontact.contact.obstacle import RigidObstacle
+from pcontact.contact.pairing import Pairing
+from pcontact.contact.points import BlockRows, PartnerPoints, SourcePoints, interpolate
+from pcontact.contact.search.partners import ObstacleSearch, TargetSearch
+from pcontact.contact.summary import borne
+from pcontact.contact.traction.elastic import ElasticTraction
+from pcontact.contact.traction.plastic import PlasticTraction
+from pcontact.mesh.mesh import bounding_box
+from pcontact.runtime.parallel import take_rows
+from pcontact.runtime.petsc import MPI
+
+# facets ahead, in their own sizes, that get their place in the pattern before they close
+FORESEEN = 4.0
+# Where the contact is too small by a width d, the bodies overlap beside its edge up to 3/2 d from there: their gap is
+# that of a crack and that of the edge, proportional to sqrt(x) (2/3 x - d). So much of what closes is right.
+RIGHT = 2.0 / 3.0
+# points, and part of the closed area, that have to close for this, and part of that area that may open at the same time
+MANY, WIDE, MIXED = 12, 0.02, 0.1
+# places along a step between which points that close are told apart
+BINS = 1000
+
+# formulations of a scene
+METHODS = {"nitsche": Method, "penalty": Penalty, "augmented_lagrangian": AugmentedLagrangian}
+
+
+class ContactPair(Item):
+    """One source surface and its partners.
+
+    Parameters
+    ----------
+    space : pcontact.space.space.Space
+    contact : pcontact.scene.model.Contact
+        With its numerics resolved.
+    source : pcontact.contact.surface.SourceSurface
+        As the formulation needs it, with the weight of the pair in its quadrature weights.
+    search : TargetSearch or ObstacleSearch
+    terms : FrictionlessTerms
+        Tractions, formulation and law at the points.
+    radius : float
+        Search radius [length].
+    floats : bool
+        Whether a body of the pair is not held by supports.
+
+    Attributes
+    ----------
+    method : pcontact.contact.formulation.methods.Method
+    law : pcontact.contact.law.Frictionless
+    pairing : pcontact.contact.pairing.Pairing or None
+        Of the last search.
+    committed : ndarray (np,)
+        Status of the points at the end of the last load step, see `pcontact.contact.law`.
+    lost : (int, int)
+        Points of this rank that the frozen partners have misled: that passed into their partner without a word, and
+        that have left it, see :func:`pcontact.contact.motion.lost`.
+    chords : pcontact.contact.smooth_geometry.Chords or None
+        What straight facets do to the gap; None where they do nothing, or nobody asks.
+    origin : ndarray (d,)
+        To which places of points are relative, so that they lose no digits [length].
+    rounding : float
+        Rounding errors that a gap may carry [length].
+    offset : ndarray (np,) or None
+        Initial overlap that is adjusted away [length].
+    """
+
+    def __init__(self, space, contact, source, search, terms, radius, floats=False):
+        self.space, self.contact, self.name = space, contact, contact.name
+        self.source, self.search, self.terms, self.radius, self.floats = source, search, terms, radius, floats
+        self.method, self.law = terms.method, terms.law
+        self.rigid, self.changes, self.can_slip = search.rigid, not self.law.tied, self.law.can_slip
+        self.bilateral = contact.bilateral or self.law.tied
+        self.time, self.version, self.flips, self._status = 0.0, 0, [], None
+        self.lost, self._begun, self.offset, self.chords, self.pairing = (0, 0), False, None, None, None
+        self._coupled = np.zeros(len(source.facet), dtype=bool)
+        self.committed = np.full(len(source.facet), OPEN, dtype=np.int64)
+        low, high = bounding_box(space.comm, space.points)
+        # of few digits, so that subtracting it rounds nothing
+        self.origin = (0.5 * (low + high)).astype(np.float32).astype(float)
+        self.rounding = np.finfo(float).eps * (4.0 * np.max(np.abs([low, high])) + 64.0 * np.max(high - low))
+
+    @property
+    def target(self):
+        """Target surface or obstacle."""
+        return self.search.target
+
+    @property
+    def gamma(self):
+        """Parameter of the facets (nf,), as it acts [stress/length]."""
+        return self.method.gamma
+
+    @property
+    def gamma_points(self):
+        """The same at the points (np,)."""
+        return self.method.gamma[self.source.facet]
+
+    @property
+    def stiff(self):
+        """Whether multigrid alone fares badly, see `pcontact.contact.formulation.methods.Method.stiff`."""
+        return self.method.stiff
+
+    @property
+    def symmetric(self):
+        """Whether the tangent is symmetric."""
+        own = self.method.theta == 1.0 or not self.method.has_traction
+        return own and self.law.symmetric and self.terms.traction.symmetric
+
+    @property
+    def too_deep(self):
+        """Points of this rank deeper in the obstacle than the search radius: they have no partner."""
+        return self.search.too_deep
+
+    @property
+    def candidates(self):
+        """Facets that the searches of this rank tried."""
+        return self.search.candidates
+
+    @property
+    def closed(self):
+        """Points (np,) that were closed at the end of the last load step."""
+        return self.committed > OPEN
+
+    # -- search -------------------------------------------------------------------------------------------------
+
+    def detect(self, u, time, motion=0.0, ahead=None):
+        """Find the partner of every source point, at a time. *Collective.*
+
+        Points that the load step may close get their place in the pattern now. Tied pairs search once, among the
+        undeformed bodies.
+        """
+        if self.law.tied and self.pairing is not None:
+            self._start_step(u, time)
+            return
+        source, space = self.source, self.space
+        expected = u if ahead is None else ahead
+        if self.law.tied:
+            expected = space.vector()
+        nodal = space.local.gather(expected)
+        x = self.deformed(nodal)
+        self._adjust_obstacle(nodal, x)
+        found = self._find(nodal, x, time)
+        self._adjust_target(found)
+        paired, gap = found.paired, found.gap
+        # surfaces that touch are closed in the first tangent, whatever the rounding of their coordinates says
+        gap = np.where(paired & (np.abs(gap) > self.rounding), gap, 0.0)
+        gap = gap if self.offset is None else gap + self.offset
+        normal = np.ascontiguousarray(np.where(paired[:, None], found.normal, source.normal))
+        # obstacles have moved on already, and displacements that are expected are not those of a solution
+        compares = self._begun and expected is u and not self.rigid
+        self.lost = self._count_lost(gap, paired) if compares else (0, 0)
+        self._freeze(expected, gap, normal, found)
+        size = source.size[source.facet]
+        # half of the motion closes points (see APPROACH in `pcontact.solve.newton`) before contact pushes them back
+        near = gap <= 0.5 * size + np.minimum(0.55 * motion, FORESEEN * size)
+        self._coupled = self._couples(near)
+        self._new_pattern()
+        self._start_step(u, time)
+        if self.law.tied:
+            # bodies that are tied do not lose each other
+            self.radius = np.inf
+
+    def _start_step(self, u, time):
+        self.flips, self._status = [], None
+        self.terms.begin(self.pairing, self.pairing.exchange.gather(u), self.search.moved(self.time, time))
+
+    def deformed(self, nodal):
+        """Points of the source (np, d) under displacements (n_local, d), relative to the origin: no digits are lost."""
+        source, space = self.source, self.space
+        # the geometry is of the degree of the displacement at most, which interpolates it
+        curved, moved = space.mesh.curved and space.degree == 1, np.empty_like(source.x)
+        values = nodal if curved else space.points - self.origin + nodal
+        interpolate(values, source.cells, source.facet, source.shape, moved)
+        return (source.x - self.origin) + moved if curved else moved
+
+    def _find(self, nodal, x, time):
+        """Partners, with the gap between the surfaces that the facets stand for, if they are to be told apart.
+        *Collective.*
+        """
+        found = self.search.find(nodal, x, self.source.normal, time, self.radius, self.origin)
+        if self.chords is None:
+            return found
+        return found._replace(gap=self.chords(found.gap, found.normal, found.paired, found.offset))
+
+    def _adjust_obstacle(self, nodal, x):
+        """An initial overlap that is adjusted away: with the obstacle where it is before it moves. *Collective.*"""
+        if self.contact.interference == "adjust" and self.offset is None and self.rigid:
+            first = self._find(nodal, x, self.time)
+            self.offset = np.where(first.paired, np.maximum(-first.gap, 0.0), 0.0)
+
+    def _adjust_target(self, found):
+        """The same between bodies: the overlap that the first search finds."""
+        if self.contact.interference == "adjust" and self.offset is None:
+            gap = np.where(found.paired & (np.abs(found.gap) > self.rounding), found.gap, 0.0)
+            self.offset = np.where(found.paired, np.maximum(-gap, 0.0), 0.0)
+
+    def _freeze(self, u, gap, normal, found):
+        paired = found.paired
+        if not self.rigid or self.pairing is None:
+            self._plan(found.nodes, paired)
+        exchange, cells, unique = self._planned
+        places = np.zeros(found.nodes.shape, dtype=np.int64)
+        if len(unique):
+            places = np.minimum(np.searchsorted(unique, found.nodes), len(unique) - 1)
+        b = self.terms.operator(normal, self.pairing)
+        shape = np.ascontiguousarray(np.where(paired[:, None], found.shape, 0.0))
+        places = np.ascontiguousarray(np.where(paired[:, None], places, 0).astype(np.int64))
+        source, every = self.source, np.ones(len(gap), dtype=bool)
+        points = SourcePoints(
+            source.facet, cells, source.shape, source.jxw, source.normal, source.grad, source.volumetric, source.mu
+        )
+        partner = PartnerPoints(places, shape, normal, np.zeros(len(gap)))
+        acts = paired.copy() if self.method.theta == 0.0 else every
+        self.pairing = Pairing(exchange, points, partner, paired, found.ids, b, acts, every)
+        if not self.law.tied:
+            # the gap is linear in u from here on and takes the value found where partners were looked for
+            partner.gap0[:] = gap - self.terms.gap(self.pairing, exchange.gather(u))
+
+    def _plan(self, nodes, paired):
+        """Who brings the displacement of the source's cells and of the partners (np, m): against obstacles, once."""
+        space, source_nodes = self.space, self.space.nodes[self.source.cells]
+        unique = np.unique(np.concatenate([source_nodes.ravel(), nodes[paired].ravel()]))
+        cells = np.ascontiguousarray(np.searchsorted(unique, source_nodes).astype(np.int64))
+        self._planned = space.exchange(unique), cells, unique
+
+    def _couples(self, closed):
+        """Points that may need an entry in the matrix for both sides, among them those that are ``closed``."""
+        # a bound that does not follow the pressure acts wherever there is a partner
+        return self.pairing.paired & (closed | (not self.law.follows_pressure))
+
+    def _count_lost(self, gap, paired):
+        size = self.source.size[self.source.facet]
+        return motion.lost(gap, paired, self.closed, size)
+
+    # -- pattern ------------------------------------------------------------------------------------------------
+
+    def _new_pattern(self):
+        """Pattern of the points that are coupled to their partners (and, for theta != 0, of all source cells)."""
+        p, source = self.pairing, self.source
+        chosen = np.flatnonzero(self._coupled)
+        # one of the points of a source facet that have a target facet in common
+        key = source.facet[chosen] * (np.max(p.ids, initial=0) + 1) + p.ids[chosen]
+        _, first = np.unique(key, return_index=True)
+        facets = source.facet[chosen[first]]
+        tables = [np.concatenate([p.cells[facets], p.targets[chosen[first]]], axis=1)]
+        if self.method.theta != 0.0:
+            tables.append(p.cells)
+        n = len(p.exchange.nodes)
+        self._rowptr, self._columns = node_graph(tables, n)
+        space = self.space
+        self._owned = OwnedRows(space.numbering, space.exchanger, p.exchange.nodes, self._rowptr, self._columns)
+        self.version += 1
+
+    def pattern(self):
+        """Owned block rows: rowptr (n_owned + 1,), columns (nnz,)."""
+        return self._owned.rowptr, self._owned.columns
+
+    # -- residual and tangent -------------------------------------------------------------------------------------
+
+    def _view(self, rule=LAW):
+        """The points under a status rule."""
+        paired, tied = self.pairing.paired, self.law.tied
+        if rule.frozen and not tied:
+            return View(paired & self.closed, True, True)
+        if rule.waiting is not None:
+            paired = paired & ~rule.waiting
+        return View(paired, self.bilateral, rule.stick and self.can_slip)
+
+    def residual(self, u, out, rule=LAW):
+        """Add the pair's forces on the owned nodes to ``out`` (n_owned, d). *Collective.*"""
+        p = self.pairing
+        values = p.exchange.gather(u)
+        local = np.zeros_like(values)
+        self.terms.add_residual(p, values, self._view(rule), local)
+        out += self.space.summed(p.exchange, local)
+
+    def add_magnitude(self, u, out):
+        """Add the sum of the absolute terms of :meth:`residual` to ``out`` (n_owned, d). *Collective.*"""
+        p, source = self.pairing, self.source
+        values = p.exchange.gather(u)
+        _, status = self.terms.forces(p, values, self._view())
+        # open points bear nothing, however far they are
+        some = np.flatnonzero(status > OPEN)
+        values, facet, targets = np.abs(values), source.facet[some], p.targets[some]
+        own, other = np.abs(source.shape[some]), np.abs(p.target_shape[some])
+        size = np.einsum("pa,pad->p", own, values[p.cells[facet]]) + np.einsum("pm,pmd->p", other, values[targets])
+        size = (size + np.abs(p.gap0[some])) * self.gamma[facet] * source.jxw[some]
+        size = np.repeat(size[:, None], self.space.dim, axis=1)
+        local = np.zeros_like(values)
+        add_at_nodes(own, p.cells, facet, size, local)
+        add_at_nodes(other, targets, np.arange(len(some)), size, local)
+        out += self.space.summed(p.exchange, local)
+
+    def tangent(self, u, rule=LAW):
+        """Values (nnz, d, d) on :meth:`pattern`, which grows when a point closes that was thought far. *Collective.*"""
+        p, view = self.pairing, self._view(rule)
+        values = p.exchange.gather(u)
+        slopes, status = self.terms.slopes(p, values, view)
+        new = self._couples(status > OPEN) & ~self._coupled
+        if self.space.comm.allreduce(bool(new.any()), op=MPI.LOR):
+            self._coupled |= new
+            self._new_pattern()
+        if self._status is not None:
+            self.flips.append(int(np.sum(status != self._status)))
+        self._status = status
+        d = self.space.dim
+        local = np.zeros((len(self._columns), d, d))
+        missing = self.terms.add_tangent(p, values, view, slopes, BlockRows(self._rowptr, self._columns, local))
+        if missing:
+            raise RuntimeError(f"contact {self.name}: {missing} entries of the tangent outside the pattern")
+        return self._owned.sum(local)
+
+    def forces(self, u):
+        """Tractions (np, d) that act on the source by the law [stress], and status (np,). *Collective.*"""
+        return self.terms.forces(self.pairing, self.pairing.exchange.gather(u), self._view())
+
+    def commit(self, u, time):
+        """End the load step. *Collective.*"""
+        self.time, self._begun = time, True
+        values = self.pairing.exchange.gather(u)
+        self.committed = self.terms.commit(self.pairing, values, self._view())
+        if self.rigid:
+            self.lost = motion.lost_by_obstacle(self, u, values)
+
+    # -- how the points stand -------------------------------------------------------------------------------------
+
+    def pressed(self, u, wanted=None):
+        """Augmented normal traction (np,) [stress], negative where points are closed; of the wanted ones at least.
+        *Collective.*
+        """
+        traction, gap = self.terms.normal_state(self.pairing, self.pairing.exchange.gather(u), wanted)
+        return traction + self.gamma_points * gap
+
+    def closed_area(self):
+        """Area of the points of this rank that were closed in the last tangent [length^(d - 1)]."""
+        return float(np.sum(self.source.jxw[self._status > OPEN])) if self._status is not None else 0.0
+
+    def active_nodes(self):
+        """Owned nodes, global numbers, of the pair at points that were closed in the last tangent. *Collective.*"""
+        closed = self._status > OPEN if self._status is not None else np.zeros(len(self.source.facet), dtype=bool)
+        return self.pairing.touched(self.space, self.pairing.paired & closed)
+
+    def closed_count(self):
+        """Points of this rank that were closed at the end of the last load step."""
+        return 0 if self.law.tied else int(np.sum(self.closed))
+
+    def status_areas(self):
+        """Areas of the points that were open, sticking, slipping at the end of the last load step, of this rank; tied
+        ones tell nothing of whether a contact opens or slips."""
+        return np.zeros(3) if self.law.tied else np.bincount(self.committed, self.source.jxw, minlength=3)
+
+    def closed_areas(self):
+        """Closed area (n_components,) at the end of the last load step, of this rank. *Collective.*"""
+        return borne(self.space, self.pairing, self.source, self.closed.astype(float))
+
+    def opening_area(self, u):
+        """Area of the points of this rank that were closed and that ``u`` would open. *Collective.*"""
+        return float(np.sum(self.source.jxw[self.closed & (self.pressed(u) > 0.0)]))
+
+    def area_changed_by_supports(self, before, u):
+        """Area of the points of this rank that ``u``, in which only supports have moved, opens or closes. *Collective.*
+
+        Obstacles have moved already: against them the comparison is with the last load step, else with the
+        displacement ``before``.
+        """
+        now = self.pressed(u)
+        then = np.where(self.closed, -1.0, 1.0) if self.rigid else self.pressed(before)
+        # surfaces that just touch are closed, and remain so
+        return float(np.sum(self.source.jxw[(now * then < 0.0) & self.pairing.paired]))
+
+    def defer(self, before, u, rule):
+        """Keep open, for an iteration, a third of the area that a full Newton step closes: what closes last in it.
+        *Collective.*
+
+        Newton's method closes half as much again as it should, see `RIGHT`, and opens half of what is too much in each
+        of the next iterations: the finer the mesh, the more of them. With friction, where most of the contact sticks,
+        all of it does for that iteration: at points that have overlapped the bound of the traction means nothing, and
+        Newton's method has to take back, with steps cut short, what slips too early; from what sticks too long it goes
+        straight on. A bound that does not follow the pressure acts at open points, too: there the edge of the contact
+        is another one.
+
+        Parameters
+        ----------
+        before, u : PETSc.Vec
+            Where the step began, and where it ended.
+        rule : StatusRule
+
+        Returns
+        -------
+        StatusRule or None
+            Where many points close, and hardly any open.
+        """
+        if self.bilateral or not self.law.follows_pressure:
+            return None
+        p, jxw, comm = self.pairing, self.source.jxw, self.space.comm
+        first, last = self.pressed(before, p.acts), self.pressed(u, p.acts)
+        closed, closes = p.paired & (first <= 0.0), np.flatnonzero(p.paired & (first > 0.0) & (last <= 0.0))
+        place = (BINS * first[closes] / (first[closes] - last[closes])).astype(np.int64)
+        areas = np.bincount(place, jxw[closes], minlength=BINS + 1)
+        others = [jxw[closed].sum(), jxw[closed & (last > 0.0)].sum(), len(closes)]
+        areas = comm.allreduce(np.append(np.cumsum(areas), others), op=MPI.SUM)
+        areas, (area, opens, count) = areas[:-3], areas[-3:]
+        if area == 0.0 or count < MANY or areas[-1] < WIDE * area or opens > MIXED * areas[-1]:
+            return None
+        waiting = np.zeros(len(p.paired), dtype=bool)
+        waiting[closes[place > np.searchsorted(areas, RIGHT * areas[-1])]] = True
+        sticks = False
+        if self.can_slip:
+            own = np.array([jxw[self._status == s].sum() for s in (STICK, SLIP)])
+            stick, slip = comm.allreduce(own, op=MPI.SUM)
+            sticks = bool(stick > slip)
+        return rule.wait(waiting, sticks)
+
+    # -- how far the points go ------------------------------------------------------------------------------------
+
+    def step_limit(self, u, y):
+        """See :func:`pcontact.contact.motion.step_limit`. *Collective.*"""
+        return motion.step_limit(self, u, y) if self.floats and not self.law.tied else None
+
+    def normal_motion(self, u, before):
+        """See :func:`pcontact.contact.motion.normal_motion`. *Collective.*"""
+        return 0.0 if self.law.tied else motion.normal_motion(self, u, before)
+
+    def relative_motion(self, u, since):
+        """See :func:`pcontact.contact.motion.relative_motion`. *Collective.*"""
+        return motion.relative_motion(self, u, since)
+
+    def clearance(self, u, fields):
+        """See :func:`pcontact.contact.motion.clearance`. *Collective.*"""
+        return motion.clearance(self, u, fields)
+
+    # -- what remains of a load step ------------------------------------------------------------------------------
+
+    def memory(self):
+        """Status of the closed points, and what the terms remember."""
+        keys, rows = self.source.point_keys(), np.flatnonzero(self.closed)
+        status = {} if self.law.tied else {"status": (keys[rows], self.committed[rows, None].astype(float))}
+        return {**status, **self.terms.memory(keys)}
+
+    def memory_keys(self):
+        """Keys (n,) of all rows that :meth:`memory` may have."""
+        return self.source.point_keys()
+
+    def recall(self, name, chunks):
+        """See :meth:`pcontact.assembly.item.Item.recall`."""
+        keys = self.source.point_keys()
+        if name != "status" or self.law.tied:
+            return self.terms.recall(name, keys, chunks)
+        status = np.zeros((len(self.committed), 1))
+        count = take_rows(keys, chunks, status)
+        self.committed = status[:, 0].astype(np.int64)
+        return count
+
+    # -- report -------------------------------------------------------------------------------------------------
+
+    def state(self, u):
+        """Contact at the quadrature points of this rank. *Collective.*
+
+        Returns
+        -------
+        dict of str to ndarray
+            ``pressure`` [stress], ``gap`` [length] (without a partner the search radius: nothing is as near as that),
+            ``traction`` (np, d) acting on the source, ``normal``, ``status`` (0 open, 1 stick, 2 slip), ``weight``
+            (area of the point, times the weight of the pair), ``x`` (reference position), ``normal_stress`` (of the
+            source), ``paired``; with friction ``slip`` (np, d), the tangential slip of the load step [length], and
+            ``own_traction`` (np, d), that of the source's stress.
+        """
+        p, source, view = self.pairing, self.source, self._view()
+        values = p.exchange.gather(u)
+        traction, gap = self.terms.normal_state(p, values)
+        tau = traction + self.gamma_points * gap
+        closed = self.law.closed(view, tau)
+        pressure = np.where(closed, -tau, 0.0)
+        state = {
+            "pressure": pressure,
+            "gap": np.where(p.paired, gap, self.radius),
+            "traction": -pressure[:, None] * p.normal,
+            "normal": p.normal,
+            "status": np.where(closed, SLIP, OPEN),
+            "weight": source.jxw,
+            "x": source.x,
+            "normal_stress": traction,
+            "paired": p.paired,
+        }
+        state.update(self.terms.state(p, values, view))
+        state["status"] = np.where(closed, state["status"], OPEN)
+        return state
+
+    def force_magnitudes(self, u):
+        """Magnitudes of the forces on every component, see :func:`pcontact.contact.summary.borne`. *Collective.*"""
+        return borne(self.space, self.pairing, self.source, np.linalg.norm(self.state(u)["traction"], axis=1))
+
+
+def contact_pair(space, contact, source, target, radius, floats=False, trace=None, law=None):
+    """The pair of a contact in its formulation.
+
+    Parameters
+    ----------
+    space : pcontact.space.space.Space
+    contact : pcontact.scene.model.Contact
+        With its numerics resolved; a formulation that is not said is Nitsche's.
+    source : pcontact.contact.surface.SourceSurface
+    target : pcontact.contact.surface.TargetSurface or pcontact.contact.obstacle.RigidObstacle
+    radius : float
+        Search radius [length].
+    floats : bool
+        Whether a body of the pair is not held by supports.
+    trace : pcontact.contact.traction.plastic.PlasticTrace, optional
+        Where cells of the source may yield.
+    law : pcontact.contact.law.Frictionless, optional
+        Another law than the contact's.
+
+    Returns
+    -------
+    ContactPair
+    """
+    law = contact_law(contact) if law is None else law
+    kind = METHODS[contact.formulation or "nitsche"]
+    method = kind(contact, source.trace, source.x.shape)
+    source = method.source(source)
+    if trace is None or not method.has_traction:
+        traction = ElasticTraction(source)
+    else:
+        traction = PlasticTraction(source, trace, method.theta != 0.0 and contact.adjoint == "consistent")
+    terms = (FrictionalTerms if law.tangential else FrictionlessTerms)(space, source, method, traction, law)
+    if isinstance(target, RigidObstacle):
+        search = ObstacleSearch(space, target)
+    else:
+        search = TargetSearch(space, target, contact.search)
+    return ContactPair(space, contact, source, search, terms, radius, floats)

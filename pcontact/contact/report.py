@@ -1,0 +1,191 @@
+"""What a contact of the scene says of itself: its one pair, or the two halves of unbiased contact as one."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pcontact.contact.smooth_geometry import facet_error
+from pcontact.contact.summary import summarise
+from pcontact.contact.unbiased import WEIGHT, is_unbiased
+from pcontact.runtime.petsc import MPI
+
+# what the halves are called in a checkpoint
+SIDES = ("source", "target")
+
+
+@dataclass
+class Surfaces:
+    """The points of the sources of a contact, one source after the other.
+
+    Attributes
+    ----------
+    cells : ndarray (nf,)
+        One entry for each facet: its global number.
+    size : ndarray (nf,)
+        Diameter of the facets [length].
+    facet : ndarray (np,)
+        Facet of each point.
+    jxw : ndarray (np,)
+        Area of the points.
+    x, normal : ndarray (np, d)
+        Reference position [length] and outward unit normal of the points.
+    """
+
+    cells: np.ndarray
+    size: np.ndarray
+    facet: np.ndarray
+    jxw: np.ndarray
+    x: np.ndarray
+    normal: np.ndarray
+
+    @classmethod
+    def of(cls, pairs, weight):
+        """Join the sources of some pairs of a weight."""
+        sources = [pair.source for pair in pairs]
+        first = np.cumsum([0, *(len(source.cells) for source in sources)])[:-1]
+        return cls(
+            np.concatenate([source.facet_ids for source in sources]),
+            np.concatenate([source.size for source in sources]),
+            np.concatenate([source.facet + n for source, n in zip(sources, first, strict=True)]),
+            np.concatenate([source.jxw for source in sources]) / weight,
+            np.concatenate([source.x for source in sources]),
+            np.concatenate([source.normal for source in sources]),
+        )
+
+
+class ContactReport:
+    """The pairs of a contact of the scene, which report as one.
+
+    Parameters
+    ----------
+    contact : pcontact.scene.model.Contact
+        As the scene has it, with its numerics resolved.
+    pairs : list of pcontact.contact.pair.ContactPair
+        One; or the halves of unbiased contact, or the one half of self contact.
+
+    Attributes
+    ----------
+    weight : float
+        Of the pairs: 1/2 for unbiased contact and self contact.
+    groups : tuple of str
+        Facet groups of the sources.
+    """
+
+    def __init__(self, contact, pairs):
+        self.contact, self.pairs, self.name, self.space = contact, pairs, contact.name, pairs[0].space
+        self.weight = WEIGHT if is_unbiased(contact) else 1.0
+        self.groups = tuple(pair.contact.source for pair in pairs)
+        self.rigid, self.law, self.method = pairs[0].rigid, pairs[0].law, pairs[0].method
+
+    @property
+    def source(self):
+        """The points of all sources."""
+        return Surfaces.of(self.pairs, self.weight)
+
+    @property
+    def gamma(self):
+        """Parameter (nf,) of the facets of all sources, as it acts [stress/length]."""
+        return np.concatenate([pair.gamma for pair in self.pairs])
+
+    @property
+    def flips(self):
+        """Points of this rank whose status changed in each Newton iteration."""
+        return [sum(counts) for counts in zip(*(pair.flips for pair in self.pairs), strict=True)]
+
+    @property
+    def lost(self):
+        """Points of this rank that have passed into their partner, and that have left it."""
+        passed, left = zip(*(pair.lost for pair in self.pairs), strict=True)
+        return sum(passed), sum(left)
+
+    @property
+    def candidates(self):
+        """Facets that the searches of this rank tried."""
+        return sum(pair.candidates for pair in self.pairs)
+
+    def counters(self):
+        """Points of this rank, and those with a partner times the unknowns that each of them couples."""
+        points = sum(len(pair.source.facet) for pair in self.pairs)
+        work = 0
+        for p in (pair.pairing for pair in self.pairs if pair.pairing is not None):
+            work += int(p.paired.sum()) * (p.cells.shape[1] + p.targets.shape[1]) * self.space.dim
+        return {"points": points, "work": work}
+
+    # -- a checkpoint ---------------------------------------------------------------------------------------------
+
+    def _sides(self):
+        """The pairs by what their tables begin with."""
+        if self.weight == 1.0:
+            return {"": self.pairs[0]}
+        return {f"{side}_": pair for side, pair in zip(SIDES, self.pairs, strict=False)}
+
+    def memory(self):
+        """See :meth:`pcontact.assembly.item.Item.memory`: of halves, under names that begin with their side."""
+        return {
+            prefix + name: table for prefix, pair in self._sides().items() for name, table in pair.memory().items()
+        }
+
+    def memory_keys(self):
+        """See :meth:`pcontact.assembly.item.Item.memory_keys`."""
+        if self.weight == 1.0:
+            return self.pairs[0].memory_keys()
+        return np.concatenate([pair.memory_keys() * len(SIDES) + side for side, pair in enumerate(self.pairs)])
+
+    def recall(self, name, chunks):
+        """See :meth:`pcontact.assembly.item.Item.recall`."""
+        for prefix, pair in self._sides().items():
+            if name.startswith(prefix):
+                return pair.recall(name[len(prefix) :], chunks)
+        return None
+
+    # -- at the end of a load step --------------------------------------------------------------------------------
+
+    def states(self, u):
+        """Of each pair, see :meth:`pcontact.contact.pair.ContactPair.state`. *Collective.*"""
+        return [pair.state(u) for pair in self.pairs]
+
+    def state(self, u):
+        """Contact at the points of all sources, one after the other. *Collective.*
+
+        Returns
+        -------
+        dict of str to ndarray
+            As of `pcontact.contact.pair.ContactPair.state`: ``traction`` acts on the body of the point, ``weight`` is
+            the area of the point.
+        """
+        state = _joined(self.states(u))
+        return {**state, "weight": state["weight"] / self.weight}
+
+    def summary(self, u):
+        """Numbers of the contact for the report, the same on every rank. *Collective.*
+
+        Of two halves force and area are the means of what the two sides say. Self contact has no sides: its force has
+        in every direction the sum of the magnitudes, which is that between two places that touch where there are only
+        two.
+        """
+        states = self.states(u)
+        errors = facet_error(self.pairs, states)
+        if self.weight != 1.0 and len(states) == 1:
+            states[0]["traction"] = -np.abs(states[0]["traction"])
+        for state in states[1:]:
+            state["traction"] = -state["traction"]
+        summary = {**summarise(_joined(states), self.flips, self.lost, self.space.comm), **errors}
+        return {**summary, "bodies": self._on_bodies(u)} if self._between_all() else summary
+
+    def _between_all(self):
+        return self.contact.all and not self.rigid
+
+    def _on_bodies(self, u):
+        """Force on every body that others touch, the same on every rank; they add up to zero. *Collective.*"""
+        space, mesh = self.space, self.space.mesh
+        nodal, table = np.zeros((space.n_owned, space.dim)), np.zeros((mesh.n_components, space.dim))
+        for pair in self.pairs:
+            pair.residual(u, nodal)
+        np.subtract.at(table, space.component[space.owned_local], nodal)
+        table = space.comm.allreduce(table, op=MPI.SUM)
+        touched = np.flatnonzero(np.any(table != 0.0, axis=1))
+        return [{"number": int(k), "body": mesh.component_names[k], "force": table[k].tolist()} for k in touched]
+
+
+def _joined(states):
+    return {key: np.concatenate([state[key] for state in states]) for key in states[0]}

@@ -1,0 +1,131 @@
+"""Who is the partner of a source point: a facet of a target surface, or a rigid obstacle."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from pcontact.contact.exchange import find_partners
+from pcontact.runtime.parallel import together
+
+# smallest cosine between the normals of a source point and its obstacle
+FACING = 0.1
+
+
+class Partners(NamedTuple):
+    """What a search finds for the points (np) of a source.
+
+    Attributes
+    ----------
+    gap : ndarray (np,)
+        [length]; means nothing without a partner.
+    normal : ndarray (np, d)
+        From source to target.
+    paired : ndarray (np,) of bool
+    ids : ndarray (np,)
+        Target facets; -1 without a partner.
+    nodes : ndarray (np, m)
+        Global nodes of these facets; of width 0 for an obstacle.
+    shape : ndarray (np, m)
+        Their shape functions at the partner.
+    offset : ndarray (np, d) or None
+        Of the target's smooth surface there, see `pcontact.contact.smooth_geometry`.
+    """
+
+    gap: np.ndarray
+    normal: np.ndarray
+    paired: np.ndarray
+    ids: np.ndarray
+    nodes: np.ndarray
+    shape: np.ndarray
+    offset: np.ndarray | None
+
+
+class TargetSearch:
+    """Partners on a target surface.
+
+    Parameters
+    ----------
+    space : pcontact.space.space.Space
+    target : pcontact.contact.surface.TargetSurface
+    method : str
+        closest_point or ray_tracing.
+
+    Attributes
+    ----------
+    rigid : bool
+    too_deep : int
+        Points of this rank deeper in an obstacle than the radius.
+    candidates : int
+        Facets that the searches of this rank tried.
+    """
+
+    rigid, too_deep = False, 0
+
+    def __init__(self, space, target, method):
+        self.space, self.target, self.method = space, target, method
+        self.candidates = 0
+
+    def find(self, nodal, x, normal, time, radius, origin):
+        """Partners of points. *Collective.*
+
+        Parameters
+        ----------
+        nodal : ndarray (n_local, d)
+            Displacements of the nodes of this rank [length].
+        x : ndarray (np, d)
+            Points under them, relative to the origin [length].
+        normal : ndarray (np, d)
+            Outward normals of the source.
+        time : float
+        radius : float
+            How far partners are looked for [length].
+        origin : ndarray (d,)
+
+        Returns
+        -------
+        Partners
+        """
+        found = find_partners(self.space, self.target, nodal, x, normal, radius, self.method, origin)
+        self.candidates += found.candidates
+        return Partners(
+            found.gap, found.normal, found.id >= 0, found.id, found.nodes, found.shape, found.offset
+        )  # fmt: skip
+
+    def moved(self, start, end):
+        """What the partners have moved apart from the displacements between two times (d,) or zero [length]."""
+        return 0.0
+
+
+class ObstacleSearch:
+    """Every point against a rigid obstacle; parameters and attributes as of `TargetSearch`.
+
+    Parameters
+    ----------
+    space : pcontact.space.space.Space
+    target : pcontact.contact.obstacle.RigidObstacle
+    """
+
+    rigid, candidates = True, 0
+
+    def __init__(self, space, target):
+        self.space, self.target = space, target
+        self.too_deep = 0
+
+    def distance(self, x, time, origin):
+        """Signed distance (np,) [length] and contact normal (np, d) of points relative to the origin. *Collective.*"""
+        # a level set of the user's may fail on some ranks only
+        return together(self.space.comm, self.target.gap, x, time, origin)
+
+    def find(self, nodal, x, normal, time, radius, origin):
+        """See :meth:`TargetSearch.find`. *Collective.*"""
+        gap, away = self.distance(x, time, origin)
+        paired = np.einsum("pd,pd->p", away, normal) >= FACING
+        self.too_deep = int(np.sum(paired & (gap < -radius)))
+        paired &= np.abs(gap) <= radius
+        n = len(gap)
+        ids, nodes = np.zeros(n, dtype=np.int64), np.zeros((n, 0), dtype=np.int64)
+        return Partners(gap, away, paired, ids, nodes, np.zeros((n, 0)), None)
+
+    def moved(self, start, end):
+        """See :meth:`TargetSearch.moved`."""
+        return self.target.moved(start, end)

@@ -1,0 +1,29 @@
+"""What wants to know of a run, from load step to load step."""
+
+
+class Observer:
+    """Told of every load step; a subclass writes the methods that it has something to do in."""
+
+    def step(self, step, u, record):
+        """A load step has converged. *Collective.*
+
+        Parameters
+        ----------
+        step : pcontact.stepping.stepper.Step
+        u : PETSc.Vec
+            The displacement at its end.
+        record : dict
+            Its scalars, as in ``report.json``; later observers see what this one adds.
+        """
+
+    def cut(self, target, outcome):
+        """A load step to a time has failed and will be tried again, shorter.
+
+        Parameters
+        ----------
+        target : float
+        outcome : pcontact.solve.outcome.Outcome
+        """
+
+    def end(self, converged):
+        """The run has ended, and whether all of its load steps converged. *Collective.*"""
