@@ -124,7 +124,7 @@ class Simulation:
         directory : str or pathlib.Path, optional
             Where results go; absent: nothing is written.
         observers : sequence
-            Further observers, see :class:`pcontact.stepping.stepper.Observer`; they come last.
+            Further observers, see :class:`pcontact.runtime.observer.Observer`; they come last.
         keep : bool
             Keep report, history and the fields of the last load step in memory.
         said : str

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from pcontact.runtime.files import Hdf5Aside, make_directory
+from pcontact.runtime.observer import Observer
 from pcontact.runtime.parallel import together
 
 NAME, VERSION = "checkpoint.h5", 4
@@ -27,7 +28,7 @@ def keys_of(space):
     return space.mesh.file_nodes[space.mesh_nodes[space.owned_local]]
 
 
-class Checkpoint:
+class Checkpoint(Observer):
     """Writes the state of a run after a load step. An observer.
 
     Parameters
@@ -86,12 +87,6 @@ class Checkpoint:
         """Put the file in place once the disk has it."""
         if aside is not None:
             aside.place()
-
-    def cut(self, target, outcome):
-        """Nothing is written."""
-
-    def end(self, converged):
-        """All is written already."""
 
     def _head(self, file, step):
         space = self._space

@@ -1,6 +1,7 @@
 """Observer that estimates the error of every step: that of the mesh, and apart from it that of the solver."""
 
 from pcontact.estimate.estimator import Estimator
+from pcontact.runtime.observer import Observer
 from pcontact.runtime.petsc import PETSc
 from pcontact.scene import amplitude
 from pcontact.solve.filter import new_preconditioner
@@ -34,7 +35,7 @@ def label(scene):
     return "; ".join(words)
 
 
-class ErrorEstimate:
+class ErrorEstimate(Observer):
     """Adds ``estimate`` to the record of every step. It has to be the first observer.
 
     Parameters
@@ -97,9 +98,3 @@ class ErrorEstimate:
         array[problem.fixed] = 0.0
         step.assemble()
         return self._estimator.norm(step)
-
-    def cut(self, target, outcome):
-        """Nothing to estimate."""
-
-    def end(self, converged):
-        """All is done."""

@@ -7,10 +7,11 @@ from pcontact.io.fields import FieldWriter
 from pcontact.io.history import History
 from pcontact.io.report import Report
 from pcontact.runtime import log
+from pcontact.runtime.observer import Observer
 from pcontact.runtime.parallel import on_root
 
 
-class Terminal:
+class Terminal(Observer):
     """One line per load step, and why a step was cut.
 
     Parameters
@@ -61,7 +62,7 @@ class Terminal:
         self._progress.close()
 
 
-class FacetErrors:
+class FacetErrors(Observer):
     """Warns, at the end of the run, of pairs whose straight facets put the pressure wrong.
 
     Parameters
@@ -79,9 +80,6 @@ class FacetErrors:
             if pair.get("facet_error", 0.0) > 0.0 and pair["max_pressure"] > pressure:
                 self._worst[name] = pair["max_pressure"], pair["facet_error"], step.time
 
-    def cut(self, target, outcome):
-        """A step that failed has no pressure."""
-
     def end(self, converged):
         """Warn. *Collective.*"""
         for contact in self._contacts:
@@ -97,7 +95,7 @@ class FacetErrors:
                 )  # fmt: skip
 
 
-class Records:
+class Records(Observer):
     """The report and the history, on rank 0: history.csv and report.json, or in memory alone.
 
     Parameters
@@ -151,9 +149,6 @@ class Records:
             self.report.data["estimate"].update(record["estimate"])
         self.report.add_step(record)
 
-    def cut(self, target, outcome):
-        """Nothing is written."""
-
     def end(self, converged):
         """Write the verdict. *Collective.*
 
@@ -179,7 +174,7 @@ class Records:
         return self._comm.bcast(None if self.report is None else self.report.data)
 
 
-class Fields:
+class Fields(Observer):
     """Fields of every step, for ParaView.
 
     Parameters
@@ -203,9 +198,3 @@ class Fields:
         start, taken = clock.perf_counter(), self._snapshot.taken
         self._writer.write(step.number, step.time, taken.bodies, taken.surfaces, taken.points)
         self._timing["output"] += clock.perf_counter() - start
-
-    def cut(self, target, outcome):
-        """Nothing is written."""
-
-    def end(self, converged):
-        """All is written already."""

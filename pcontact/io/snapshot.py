@@ -9,6 +9,7 @@ from pcontact.element.reference import MESHIO_NAMES
 from pcontact.io.fields import NODE_NUMBER, Cloud, Piece
 from pcontact.io.smooth import NodeMeans
 from pcontact.material.elastic import equivalent_stress
+from pcontact.runtime.observer import Observer
 
 
 class Taken(NamedTuple):
@@ -39,7 +40,7 @@ class Taken(NamedTuple):
     point_numbers: dict
 
 
-class Snapshot:
+class Snapshot(Observer):
     """Observer that evaluates the fields of every step, for those that come after it, and keeps them till the next.
 
     Parameters
@@ -74,12 +75,6 @@ class Snapshot:
         cell_numbers = [block.ids for block in self._problem.space.mesh.blocks]
         self.taken = Taken(step.number, step.time, self._bodies(u), cell_numbers, surfaces, points, point_numbers)
         self._timing["output"] += clock.perf_counter() - start
-
-    def cut(self, target, outcome):
-        """The step before remains."""
-
-    def end(self, converged):
-        """The last step remains."""
 
     def _bodies(self, u):
         space, bulk = self._problem.space, self._problem.bulk

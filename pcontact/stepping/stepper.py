@@ -2,7 +2,6 @@
 
 import time as clock
 from dataclasses import dataclass, field
-from typing import Protocol
 
 from pcontact.runtime import profile
 from pcontact.runtime.errors import StepFailure
@@ -50,19 +49,6 @@ class Step:
     free: list | None = None
 
 
-class Observer(Protocol):
-    """What wants to know of a run."""
-
-    def step(self, step, u, record):
-        """A step converged; ``record`` holds its scalars. *Collective.*"""
-
-    def cut(self, target, outcome):
-        """A step to a time failed and will be tried again, shorter."""
-
-    def end(self, converged):
-        """The run has ended. *Collective.*"""
-
-
 class Stepper:
     """Load steps of a problem.
 
@@ -71,7 +57,7 @@ class Stepper:
     problem : pcontact.solve.problem.Problem
     newton : pcontact.solve.newton.Newton
     schedule : pcontact.stepping.schedule.Schedule
-    observers : list of Observer
+    observers : list of pcontact.runtime.observer.Observer
     recorder : callable
         Makes the record of a step, see :class:`pcontact.stepping.record.Recorder`.
     timing : dict of str to float
