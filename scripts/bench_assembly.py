@@ -46,7 +46,7 @@ def fastest(comm, work):
 def kernels(simulation):
     """Name, work and bytes of what a Newton step consists of, at the solution."""
     problem, space, u = simulation.problem, simulation.problem.space, simulation.stepper.u
-    bulk, contact, matrix = problem.items[0], problem.items[1], problem.matrix
+    bulk, contact, matrix = problem.bulk, problem.others[0], problem.matrix
     f, y = space.vector(), space.vector()
     out = np.zeros((space.n_owned, space.dim))
     values, blocks = contact.tangent(u), bulk.tangent(u)

@@ -93,12 +93,12 @@ def test_newton_that_follows_has_the_derivative_of_what_is_frozen(path):
         problem, newton = simulation.problem, simulation.newton
         tangent, space = problem.tangent, problem.space
 
-        def check(u, predicted=False):
-            tangent(u, predicted)
+        def check(u, rules=None, predicted=False):
+            tangent(u, rules, predicted)
             if predicted:
                 return
             here, there, product = (space.vector() for _ in range(3))
-            problem.residual(u, here)
+            problem.residual(u, here, rules)
             stale = (here - newton._f).norm() / max(newton._f.norm(), 1e-12)
             # the same direction whatever the ranks
             way = np.sin(space.points[space.owned_local] * (3.0 + next(seeds)) + 1.0)
@@ -109,7 +109,7 @@ def test_newton_that_follows_has_the_derivative_of_what_is_frozen(path):
             for sign in (1.0, -1.0):
                 moved = u.copy()
                 moved.axpy(sign * eps, v)
-                problem.residual(moved, there)
+                problem.residual(moved, there, rules)
                 both.append(there.copy())
             difference = (both[0] - both[1]) * (0.5 / eps)
             problem.matrix.matrix.mult(v, product)
@@ -172,7 +172,7 @@ def test_a_flip_between_two_sets_ends():
             return Vector()
 
     class Problem:
-        items = []
+        items = others = []
 
     class Flipping:
         def __init__(self):

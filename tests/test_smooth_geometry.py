@@ -422,8 +422,8 @@ def test_the_estimate_is_about_the_error(shared_tmp):
         with running(ring_scene(path, 1, 0.0, "outer", gamma0=gamma0)) as (simulation, converged):
             assert converged
             error = measure(simulation)["plain"]
-            item = simulation.problem.items[1]
-            assert item.summary(simulation.stepper.u)["facet_error"] == pytest.approx(error, rel=0.1)
+            (contact,) = simulation.problem.contacts
+            assert contact.summary(simulation.stepper.u)["facet_error"] == pytest.approx(error, rel=0.1)
             assert any("wrong by about" in line for line in log.warnings()) == (error > 0.1)
 
 

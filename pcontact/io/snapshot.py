@@ -83,8 +83,9 @@ class Snapshot(Observer):
             "stress": [values for values, _ in stress],
             "equivalent_stress": [equivalent_stress(values) for values, _ in stress],
         }
-        if bulk.yields:
-            data["equivalent_plastic_strain"] = bulk.plastic_strain()
+        strain = bulk.plastic_strain()
+        if strain is not None:
+            data["equivalent_plastic_strain"] = strain
         points, tables, nodal = space.points, space.cells, {"displacement": space.local.gather(u)}
         numbers = space.mesh.file_nodes[space.mesh_nodes]
         if self._means is not None:
