@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
-from pcontact.contact.laws import STICK
 from small import DIMENSION, SELF, blocks_file, dense_item, make_space, vector_of
 from test_friction import CONSTANTS, by_key, residual_of
 
 from drivers._common import make_mesh, observed_rates, running
 from meshes import one_block, two_blocks
+from pcontact.contact.law import STICK
 from pcontact.contact.pair import contact_pair
 from pcontact.contact.surface import source_surface, target_surface
 from pcontact.runtime.errors import InputError
