@@ -37,13 +37,13 @@ def pad(x):
 
 
 def search(
-    x, kinds, points, normals, radius=np.inf, facing=FACING, ids=None, method=closest_points, own=None
+    x, kinds, points, normals, radius=np.inf, facing=FACING, ids=None, method=closest_points, own=None, **said
 ):
     kinds = np.full(len(x), kinds) if np.isscalar(kinds) else kinds
     ids = np.arange(len(x)) if ids is None else ids
     points, normals = np.atleast_2d(points).astype(float), np.atleast_2d(normals).astype(float)
     normals = np.ascontiguousarray(np.broadcast_to(normals, points.shape))
-    return method(surface_tree(x, kinds), x, kinds, ids, points, normals, radius, facing, own)
+    return method(surface_tree(x, kinds), x, kinds, ids, points, normals, radius, facing, own, **said)
 
 
 def random_facet(kind, rng, bend=0.15):
@@ -335,6 +335,39 @@ def test_edges_between_coplanar_facets_do_not_show(kind, height):
     np.testing.assert_array_equal(r.gap, height)
     np.testing.assert_allclose(r.normal, np.broadcast_to([0, 0, -1.0], points.shape), atol=1e-16)
     np.testing.assert_allclose(r.y[:, :2], points[:, :2], atol=1e-15)
+
+
+def ridge(d):
+    """A roof of two facets with a slope of 1:2, whose ridge and gables are along the last axis but one."""
+    profile = np.array([[-1.0, -0.5], [0.0, 0.0], [1.0, -0.5]])
+    if d == 2:
+        return np.stack([profile[[1, 0]], profile[[2, 1]]]), 0
+    rows = np.stack([np.insert(profile, 1, y, axis=1) for y in (0.0, 1.0)])
+    return np.stack([rows[[0, 0, 1, 1], [0, 1, 1, 0]], rows[[0, 0, 1, 1], [1, 2, 2, 1]]]), 4
+
+
+@pytest.mark.parametrize("d", [2, 3])
+@pytest.mark.parametrize("height", [0.4, 0.05, -0.2])
+def test_only_points_opposite_the_surface(d, height):
+    """Points beside its border have no partner if none is wanted; above the ridge, where they are as far from the
+    facets, they keep theirs."""
+    x, kind = ridge(d)
+    x = pad(np.ascontiguousarray(x))
+    along = np.linspace(-1.6, 1.6, 65)
+    slope = -0.5 * np.abs(along)
+    points = np.column_stack([along, slope + height]) if d == 2 else np.column_stack(
+        [along, np.full(len(along), 0.5), slope + height]
+    )  # fmt: skip
+    down = -np.eye(d)[-1]
+    every, some = (search(x, kind, points, down, 1.0, opposite=opposite) for opposite in (False, True))
+    # the foot on the plane of the facet is 0.4 of the height nearer to the ridge
+    foot = np.abs(along) - 0.4 * height
+    opposite = foot <= 1.0
+    np.testing.assert_array_equal(some.facet >= 0, opposite)
+    assert np.any((every.facet >= 0) & ~opposite)
+    for one, other in zip(every, some, strict=True):
+        if one is not every.candidates:
+            np.testing.assert_array_equal(one[opposite], other[opposite])
 
 
 # --- which facet wins

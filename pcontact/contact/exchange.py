@@ -136,8 +136,8 @@ def route(comm, low, high, points, radius):
 class _Searched:
     """Facets of this rank under a displacement, with what a search needs and all rounds of it share."""
 
-    def __init__(self, target, x_facets, method, numbers):
-        self._target, self._numbers = target, numbers
+    def __init__(self, target, x_facets, method, numbers, opposite):
+        self._target, self._numbers, self._opposite = target, numbers, opposite
         self._facets = x, kinds, _, self._own, corners = target.around(x_facets)
         self._tree = build_tree(*facet_boxes(x, kinds), target.bodies())
         self._apart, self._cones = target.apart(self._tree), None
@@ -161,8 +161,9 @@ class _Searched:
         points, normals, about = asked[:, :d], asked[:, d : 2 * d], asked[:, 2 * d :]
         apart = None if self._apart is None else target.placed(self._apart, about)
         p = self._search(
-            self._tree, x, kinds, ids, points, normals, radius, own=self._own, apart=apart, cones=self._cones
-        )
+            self._tree, x, kinds, ids, points, normals, radius, own=self._own, apart=apart, cones=self._cones,
+            opposite=self._opposite,
+        )  # fmt: skip
         rows = np.flatnonzero(p.facet >= 0)
         facet = p.facet[rows]
         weights, nodes = target.shape(facet, p.xi[rows]), self._numbers[target.nodes[facet]]
@@ -196,7 +197,7 @@ def _best(points, answers, n_points, d):
     return winner
 
 
-def find_partners(space, target, nodal, points, normals, radius, method, origin=0.0):
+def find_partners(space, target, nodal, points, normals, radius, method, origin=0.0, opposite=False):
     """Partner of every source point of this rank among the target facets of all ranks. *Collective.*
 
     Parameters
@@ -212,6 +213,8 @@ def find_partners(space, target, nodal, points, normals, radius, method, origin=
     method : {"closest_point", "ray_tracing"}
     origin : ndarray (d,), optional
         Near the surfaces: the sum of a displacement and a position far from it loses the digits of the displacement.
+    opposite : bool, optional
+        See `pcontact.contact.projection.closest_points`.
 
     Returns
     -------
@@ -223,7 +226,7 @@ def find_partners(space, target, nodal, points, normals, radius, method, origin=
     if target.nodes.shape[1] < width:
         missing = width - target.nodes.shape[1]
         target.nodes = np.pad(target.nodes, ((0, 0), (0, missing)), mode="edge")
-    searched = _Searched(target, x_facets, method, space.nodes)
+    searched = _Searched(target, x_facets, method, space.nodes, opposite)
     asking = np.column_stack([points, normals] if target.about is None else [points, normals, target.about])
     if comm.size == 1:
         count = len(points)

@@ -545,5 +545,5 @@ def contact_pair(space, contact, source, target, radius, floats=False, trace=Non
     if isinstance(target, RigidObstacle):
         search = ObstacleSearch(space, target)
     else:
-        search = TargetSearch(space, target, contact.search)
+        search = TargetSearch(space, target, contact.search, contact.bilateral or law.tied)
     return ContactPair(space, contact, source, search, terms, radius, floats)

@@ -20,6 +20,8 @@ touches (offset below 1e-9 of the facet size) gets the mean of those normals. A 
 counts only if no neighbour at that edge has a nearer point, accepted or not; one at the border of the surface
 has no neighbour, and is left to the facing rule. A point inside whose offset leaves the cone of the normals at its
 closest point by more than some 25 degrees is not behind the surface but beside its border: it has no partner there.
+Where only points `opposite` the surface are asked for, none beside the border has a partner, inside or outside, however
+small that angle: contact that bears tension would pull what juts out over the border towards it.
 """
 
 from typing import NamedTuple
@@ -104,8 +106,9 @@ def no_partners(points, normals):
 
 
 def closest_points(
-    tree, x_facets, kinds, ids, points, normals, radius, facing=FACING, own=None, apart=None, cones=None
-):
+    tree, x_facets, kinds, ids, points, normals, radius, facing=FACING, own=None, apart=None, cones=None,
+    opposite=False,
+):  # fmt: skip
     """Closest point projection.
 
     Parameters
@@ -135,6 +138,8 @@ def closest_points(
     cones : pcontact.contact.cones.Cones, optional
         Of these facets and these places: facets that can hold no partner are left out early, and partners stay the
         same.
+    opposite : bool, optional
+        No point beside the border of the surface has a partner there.
 
     Returns
     -------
@@ -145,16 +150,19 @@ def closest_points(
     ValueError
         If arrays do not fit together.
     """
-    return _search(False, tree, x_facets, kinds, ids, points, normals, radius, facing, own, apart, cones)
+    return _search(False, tree, x_facets, kinds, ids, points, normals, radius, facing, own, apart, cones, opposite)
 
 
-def ray_tracing(tree, x_facets, kinds, ids, points, normals, radius, facing=FACING, own=None, apart=None, cones=None):
+def ray_tracing(
+    tree, x_facets, kinds, ids, points, normals, radius, facing=FACING, own=None, apart=None, cones=None,
+    opposite=False,
+):  # fmt: skip
     """Partners along the source normal: y = x + g nX, smallest abs(g) <= radius, n = nX.
 
     Only facets with nX . nY <= -facing count. Parameters and result as in `closest_points`; `distance` is
-    abs(g).
+    abs(g); a ray that meets the surface is not beside its border.
     """
-    return _search(True, tree, x_facets, kinds, ids, points, normals, radius, facing, own, apart, cones)
+    return _search(True, tree, x_facets, kinds, ids, points, normals, radius, facing, own, apart, cones, opposite)
 
 
 def better(a, b):
@@ -187,7 +195,7 @@ def better(a, b):
     return Partners(*merged)._replace(candidates=a.candidates + b.candidates)
 
 
-def _search(rays, tree, x_facets, kinds, ids, points, normals, radius, facing, own, apart, cones):
+def _search(rays, tree, x_facets, kinds, ids, points, normals, radius, facing, own, apart, cones, opposite):
     """Check and convert the arguments (one compiled specialisation serves all), run the kernel."""
     points, normals, x_facets = (_floats(array) for array in (points, normals, x_facets))
     kinds, ids = (np.require(array, np.int64, ["C", "W"]) for array in (kinds, ids))
@@ -210,7 +218,8 @@ def _search(rays, tree, x_facets, kinds, ids, points, normals, radius, facing, o
         apart = nobody(d) if apart is None else writable(apart)
         cones = no_cones(d) if cones is None or rays else cones
         search_all(
-            rays, tree, x_facets, simple, ids, own, points, normals, radii, float(facing), partners, apart, cones
+            rays, tree, x_facets, simple, ids, own, points, normals, radii, float(facing), bool(opposite), partners,
+            apart, cones,
         )
     return partners
 

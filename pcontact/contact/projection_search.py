@@ -57,9 +57,10 @@ NEARLY = 1e-5
 STARTS = 32  # nodes below the root at most from which the points of a facet start
 
 
-
 @njit_exact
-def search_all(rays, tree, x_facets, kinds, ids, own, points, normals, radii, facing, partners, apart, cones):
+def search_all(
+    rays, tree, x_facets, kinds, ids, own, points, normals, radii, facing, opposite, partners, apart, cones
+):  # fmt: skip
     """Write the partners of all points.
 
     Parameters are those of `projection.closest_points`, with `kinds` simplified
@@ -76,15 +77,15 @@ def search_all(rays, tree, x_facets, kinds, ids, own, points, normals, radii, fa
     aside = np.empty(n_nodes + nf, dtype=np.int64)
     starts, box = np.zeros(STARTS, dtype=np.int64), np.zeros((2, 3))
     _search_points(
-        rays, tree, x_facets, kinds, ids, own, points, normals, radii, facing, partners, apart, cones, keys, items,
-        found, leaves, group, aside, starts, box, nodes, shapes, jet, grid, x, n, p,
+        rays, tree, x_facets, kinds, ids, own, points, normals, radii, facing, opposite, partners, apart, cones, keys,
+        items, found, leaves, group, aside, starts, box, nodes, shapes, jet, grid, x, n, p,
     )  # fmt: skip
 
 
 @njit_inner_exact
 def _search_points(
-    rays, tree, x_facets, kinds, ids, own, points, normals, radii, facing, partners, apart, cones, keys, items,
-    found, leaves, group, aside, starts, box, nodes, shapes, jet, grid, x, n, p,
+    rays, tree, x_facets, kinds, ids, own, points, normals, radii, facing, opposite, partners, apart, cones, keys,
+    items, found, leaves, group, aside, starts, box, nodes, shapes, jet, grid, x, n, p,
 ):  # fmt: skip
     """One point after the other, with the scratch arrays of :func:`search_all`."""
     n_nodes, nf, on_it = tree.child.size, kinds.size, apart.parts.size > 0
@@ -149,7 +150,7 @@ def _search_points(
                 sort_group(group, n_group, leaves, tree.order, ids)
                 if not rays:
                     for i in range(n_group):
-                        set_normal(found, group, n_group, found[group[i]], facing > 0.0)
+                        set_normal(found, group, n_group, found[group[i]], facing > 0.0, opposite)
                 winner = -1
                 for i in range(n_group):
                     slot = group[i]

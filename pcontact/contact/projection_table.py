@@ -8,6 +8,7 @@ TIE = 1e-10  # of the facet size: distances that count as equal
 TOUCH = 1e-9  # of the facet size: offsets that have no direction, and how far over a border a point may hang
 SAME_POINT = 1e-6  # of the facet size: closest points of neighbours that count as one
 BEHIND = 0.9  # how far an offset that leads out of a body may leave the cone of the normals at its end (in cosines)
+ALONG = 1.0 - 1e-6  # the same of any offset, where only points opposite the surface have partners
 EVEN = 1e-14  # of the distance and a tenth of it of the facet size: by how much rounding tells distances apart
 AT_CORNER = 1e-13  # reference coordinates that are those of a corner
 # how a projection is held: inside by how far it hangs over the border, below 1; at an edge, at a corner
@@ -40,7 +41,7 @@ def goes_before(row, other):
 
 
 @njit_inner_exact
-def set_normal(found, group, count, row, strict):
+def set_normal(found, group, count, row, strict, opposite):
     """Contact normal and gap of one facet of a group, see the head of `projection`; no normal: no partner."""
     touching = row[DISTANCE] <= TOUCH * row[SIZE] + row[SLACK]
     if row[INTERIOR] > 0.0 and not touching:
@@ -65,8 +66,8 @@ def set_normal(found, group, count, row, strict):
             inside = along > 0.0
             length = -row[DISTANCE] if inside else row[DISTANCE]
             n0, n1, n2 = row[R] / length, row[R + 1] / length, row[R + 2] / length
-            if strict and inside and along < BEHIND * cone * row[DISTANCE]:
-                # out of the cone of the normals: below the border of the target but beside it, not behind it
+            if strict and (inside or opposite) and abs(along) < (ALONG if opposite else BEHIND) * cone * row[DISTANCE]:
+                # out of the cone of the normals: beside the border of the target, not behind it or in front of it
                 n0, n1, n2 = 0.0, 0.0, 0.0
         elif length > 0.0:
             n0, n1, n2 = -m0 / length, -m1 / length, -m2 / length

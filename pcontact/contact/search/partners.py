@@ -49,6 +49,8 @@ class TargetSearch:
     target : pcontact.contact.surface.TargetSurface
     method : str
         closest_point or ray_tracing.
+    opposite : bool
+        Whether points beside the border of the target have no partner: where contact bears tension.
 
     Attributes
     ----------
@@ -61,8 +63,8 @@ class TargetSearch:
 
     rigid, too_deep = False, 0
 
-    def __init__(self, space, target, method):
-        self.space, self.target, self.method = space, target, method
+    def __init__(self, space, target, method, opposite=False):
+        self.space, self.target, self.method, self.opposite = space, target, method, opposite
         self.candidates = 0
 
     def find(self, nodal, x, normal, time, radius, origin):
@@ -85,7 +87,9 @@ class TargetSearch:
         -------
         Partners
         """
-        found = find_partners(self.space, self.target, nodal, x, normal, radius, self.method, origin)
+        found = find_partners(
+            self.space, self.target, nodal, x, normal, radius, self.method, origin, self.opposite
+        )  # fmt: skip
         self.candidates += found.candidates
         return Partners(
             found.gap, found.normal, found.id >= 0, found.id, found.nodes, found.shape, found.offset

@@ -1,0 +1,61 @@
+"""Contact that bears tension: between places that lie opposite each other, not with what juts out over the border."""
+
+import numpy as np
+import pytest
+
+from meshes import two_blocks
+from pcontact.runtime.petsc import MPI
+from pcontact.scene.model import Body, Contact, Displacement, Material, MeshSpec, Output, Scene
+from pcontact.simulation import Simulation
+
+WORLD = MPI.COMM_WORLD
+GAP = 0.2
+
+
+def overhanging(path, dim, law):
+    """A block, and a wider one above a gap that its way down just closes: no stress, were it not pulled sideways."""
+    if WORLD.rank == 0:
+        two_blocks(path, dim, 2, 4, gap=GAP, widths=[1.0, 2.0], offset=-0.5)
+    WORLD.Barrier()
+    still = [0.0] * dim
+    return Scene(
+        mesh=MeshSpec(path),
+        materials={"m": Material(1000.0, 0.3)},
+        bodies=[Body("lower", "m"), Body("upper", "m")],
+        contacts=[Contact("upper_bottom", "lower_top", name="pair", search_radius=0.6, **law)],
+        displacements=[
+            Displacement("lower_bottom", still),
+            Displacement("upper_top", [*still[1:], -GAP]),
+        ],
+        petsc={"snes_rtol": 1e-12, "pc_type": "lu"},
+        output=Output(fields=False),
+    )
+
+
+class Last:
+    """Observer: the last record."""
+
+    def step(self, step, u, record):
+        self.record = record
+
+    def cut(self, target, outcome):
+        pass
+
+    def end(self, converged):
+        pass
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+@pytest.mark.parametrize("law", [{"bilateral": True}, {"bilateral": True, "friction": 0.3}, {"tied": True}])
+def test_what_juts_out_is_not_pulled_to_the_border(tmp_path, dim, law):
+    """Points up to three gaps beside the lower block would be drawn to its rim, along normals 70 degrees askew."""
+    simulation, last = Simulation(overhanging(tmp_path / "b.msh", dim, law)), Last()
+    try:
+        (pair,) = simulation.problem.contacts[0].pairs
+        assert simulation.run(None, [last])
+        x, paired = pair.source.x[:, :-1], pair.pairing.paired
+        np.testing.assert_array_equal(paired, ((x > 0.0) & (x < 1.0)).all(axis=1))
+        if "tied" not in law:
+            assert np.abs(last.record["contacts"]["pair"]["force"]).max() < 1e-9
+    finally:
+        simulation.close()
