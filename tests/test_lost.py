@@ -1,9 +1,12 @@
 """Points that partners frozen during a load step mislead: counted, reported, and warned of."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from meshes import one_block, two_blocks
+from pcontact.contact.motion import normal_motion
 from pcontact.runtime.petsc import MPI
 from pcontact.scene.model import Body, Contact, Displacement, Load, Material, MeshSpec, Obstacle, Output, Scene, Steps
 from pcontact.simulation import Simulation
@@ -131,3 +134,34 @@ def test_forces_that_the_rounding_errors_of_a_stiff_body_hide(shared_tmp, caplog
     scene.displacements = [Displacement("upper_top", [0.013, 0.017]), Displacement("lower_bottom", [0.0, 0.0])]
     (row,) = solved(scene).rows
     assert row["imbalance"] < 1e-3 or WORLD.rank != 0 or any("out of balance" in line for line in caplog.messages)
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_how_far_points_without_a_partner_go_does_not_depend_on_the_axes(d):
+    """What stops a load step is how far the target's places go along their normals, not the box around that."""
+    rng = np.random.default_rng(5)
+    normal, own, moved = (rng.normal(size=(n, d)) for n in (40, 40, 60))
+    normal /= np.linalg.norm(normal, axis=1)[:, None]
+    exact = np.abs(np.einsum("pd,pd->p", normal, own)[:, None] - normal @ moved.T).max()
+    for _ in range(5):
+        R = np.linalg.qr(rng.normal(size=(d, d)))[0]
+        for radius in (0.0, 0.999 * exact, 1.001 * exact):
+            assert (normal_motion_of(normal @ R.T, own @ R.T, moved @ R.T, radius) > radius) == (exact > radius)
+    assert normal_motion_of(normal, own, moved, 0.0) == pytest.approx(exact, rel=1e-14)
+
+
+def normal_motion_of(normal, own, moved, radius):
+    """That of points (np, d) without a partner, which have moved, on a target whose nodes (n, d) have moved."""
+    points = len(own)
+    exchange = SimpleNamespace(gather=lambda u: u)
+    pairing = SimpleNamespace(exchange=exchange, paired=np.zeros(points, dtype=bool), normal=normal)
+    return normal_motion(
+        SimpleNamespace(
+            pairing=pairing, radius=radius, rigid=False,
+            terms=SimpleNamespace(gap=lambda p, u: -np.einsum("pd,pd->p", normal, u[:points])),
+            space=SimpleNamespace(comm=MPI.COMM_SELF, local=exchange),
+            target=SimpleNamespace(nodes=points + np.arange(len(moved)).reshape(-1, 2)),
+        ),
+        np.concatenate([own, moved]),
+        np.zeros((points + len(moved), own.shape[1])),
+    )  # fmt: skip

@@ -4,6 +4,7 @@ import numpy as np
 
 from pcontact.contact.law import OPEN
 from pcontact.contact.summary import components_of
+from pcontact.runtime.jit import njit
 from pcontact.runtime.petsc import MPI
 
 # how deep a loose body goes that is brought to where it touches, in parts of a step on what it is given to lean on, a
@@ -85,27 +86,47 @@ def lost_by_obstacle(pair, u, values):
 
 def normal_motion(pair, u, before):
     """Largest motion of a source point along its normal against the target between two displacements [length]: the
-    target's is that of the partner or, where there is none, that of any of its places. *Collective.*"""
-    p, gap = pair.pairing, pair.terms.gap
+    target's is that of the partner or, where there is none, that of any of its places. Of points without a partner it
+    is a bound as long as that is no more than the search radius. *Collective.*"""
+    p, gap, comm = pair.pairing, pair.terms.gap, pair.space.comm
     change = gap(p, p.exchange.gather(u)) - gap(p, p.exchange.gather(before))
     if not pair.rigid:
-        middle, half = _target_motion(pair, u, before)
-        alone = ~p.paired
-        change[alone] = np.abs(change[alone] + p.normal[alone] @ middle) + np.abs(p.normal[alone]) @ half
-    return pair.space.comm.allreduce(float(np.max(np.abs(change), initial=0.0)), op=MPI.MAX)
+        nodes, local = np.unique(pair.target.nodes), pair.space.local
+        moved = local.gather(u)[nodes] - local.gather(before)[nodes]
+        alone = np.flatnonzero(~p.paired)
+        middle, half = _box(comm, moved)
+        bound = np.abs(change[alone] + p.normal[alone] @ middle) + np.abs(p.normal[alone]) @ half
+        # the box depends on the axes: what goes too far is decided by the motions themselves
+        far = np.flatnonzero(bound > pair.radius)
+        if comm.allreduce(bool(len(far)), op=MPI.LOR):
+            moved = np.concatenate(comm.allgather(moved))
+            exact = np.empty(len(far))
+            farthest(change[alone[far]], p.normal[alone[far]], moved, exact)
+            bound[far] = exact
+        change[alone] = bound
+    return comm.allreduce(float(np.max(np.abs(change), initial=0.0)), op=MPI.MAX)
 
 
-def _target_motion(pair, u, before):
-    """Middle and half extent (d,) of the box of what the target's nodes move between two displacements [length].
-    *Collective.*"""
-    comm, nodes = pair.space.comm, pair.target.nodes
-    moved = pair.space.local.gather(u)[nodes] - pair.space.local.gather(before)[nodes]
-    axes = tuple(range(moved.ndim - 1))
-    low = np.array(np.min(moved, axis=axes, initial=np.inf))
-    high = np.array(np.max(moved, axis=axes, initial=-np.inf))
+def _box(comm, moved):
+    """Middle and half extent (d,) of the box around motions (n, d) of all ranks [length]. *Collective.*"""
+    low, high = np.min(moved, axis=0, initial=np.inf), np.max(moved, axis=0, initial=-np.inf)
     comm.Allreduce(MPI.IN_PLACE, low, op=MPI.MIN)
     comm.Allreduce(MPI.IN_PLACE, high, op=MPI.MAX)
     return 0.5 * (low + high), 0.5 * (high - low)
+
+
+@njit
+def farthest(change, normal, moved, out):
+    """Largest magnitude out (np,) of change (np,) plus the part along normals (np, d) of any motion (n, d)."""
+    d = normal.shape[1]
+    for p in range(len(change)):
+        most = 0.0
+        for k in range(len(moved)):
+            along = change[p]
+            for i in range(d):
+                along += normal[p, i] * moved[k, i]
+            most = max(most, abs(along))
+        out[p] = most
 
 
 def relative_motion(pair, u, since):
