@@ -290,6 +290,17 @@ def test_nearest_point():
     np.testing.assert_allclose(squeezed, [1.0, 2.0], rtol=2e-9)
 
 
+@pytest.mark.parametrize("unit", [1e-12, 1e-6, 1.0, 1e6, 1e12])
+def test_the_nearest_point_does_not_depend_on_units(unit):
+    """A motion of a body may be a number of any size, as may the distances that it changes."""
+    rng = np.random.default_rng(8)
+    rows, bounds = rng.normal(size=(9, 4)) + 0.5, rng.normal(size=9) + 1.0
+    one = nearest(rows, bounds)
+    assert np.min(rows @ one - bounds) > -1e-9
+    np.testing.assert_allclose(nearest(unit * rows, bounds) * unit, one, rtol=1e-9)
+    np.testing.assert_allclose(nearest(rows, unit * bounds) / unit, one, rtol=1e-9)
+
+
 def test_nearest_point_of_many_half_spaces():
     """First-order conditions: a combination of the bounds that are met as equalities, with factors that push."""
     rng = np.random.default_rng(5)

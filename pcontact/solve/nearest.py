@@ -51,12 +51,14 @@ def nearest(rows, bounds):
     ndarray (n,)
     """
     m, n = rows.shape
-    scale = np.max(bounds, initial=0.0)
+    size = np.linalg.norm(rows, axis=1)
+    # distances of the bounds from the origin; nothing helps one that no x changes
+    size = np.where(size > 0.0, size, np.inf)
+    distance = bounds / size
+    scale = np.max(distance, initial=0.0)
     if not scale > 0.0:
         return np.zeros(n)
-    size = np.linalg.norm(rows, axis=1)
-    size = np.where(size > 0.0, size, 1.0)
-    columns = np.vstack([(rows / size[:, None]).T, np.eye(m) / np.sqrt(STIFF), bounds / size / scale])
+    columns = np.vstack([(rows / size[:, None]).T, np.eye(m) / np.sqrt(STIFF), distance / scale])
     last = np.zeros(len(columns))
     last[-1] = 1.0
     rest = columns @ least_squares_of_positive(columns, last) - last
