@@ -97,6 +97,14 @@ def test_bodies_that_jump_do_not_go_on(block):
     assert [place for _, _, place in searches(far)] == pytest.approx([0.0, WAY], abs=1e-12)
 
 
+def test_which_bodies_jump_does_not_depend_on_the_axes(block):
+    """As far along a slope, of which each component is less than half a search radius."""
+    far = scene(block, [(0, 0), (1, 1), (2, 2)], 2.0)
+    far.displacements[0].value = [0.6 * WAY, 0.8 * WAY]
+    far.contacts[0].search_radius = 1.9 * WAY
+    assert [place for _, _, place in searches(far)] == pytest.approx([0.0, 0.6 * WAY], abs=1e-12)
+
+
 def test_what_drives_a_scene(block):
     """Displacements, loads and moving obstacles; not what is zero, or stands still."""
     ball = Obstacle("sphere", center=[0.5, 2.0], radius=0.5, displacement=[0.0, -0.1], amplitude=[(0, 0), (4, 2)])

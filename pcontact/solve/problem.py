@@ -99,7 +99,7 @@ class Problem:
         """Largest change that the prescribed displacements make to ``u`` [length]. *Collective.*"""
         values = self.supports.values(time)[self.space.owned_local]
         change = np.where(self.fixed, values - u.getArray(readonly=True).reshape(values.shape), 0.0)
-        return self.space.comm.allreduce(float(np.max(np.abs(change), initial=0.0)), op=MPI.MAX)
+        return self.space.longest(change)
 
     def external(self, time):
         """Nodal external forces (n_owned, d) [force]."""

@@ -108,6 +108,11 @@ class Space:
         vector.set(0.0)
         return vector
 
+    def longest(self, values):
+        """Length of the longest of the vectors (n_owned, d) of all owned nodes; no axis counts more. *Collective.*"""
+        own = np.max(np.linalg.norm(values, axis=1), initial=0.0)
+        return self.comm.allreduce(float(own), op=MPI.MAX)
+
     def exchange(self, nodes):
         """Plan for the values of any global nodes. *Collective.*"""
         return NodeExchange(self._template, nodes, self.dim)

@@ -5,7 +5,6 @@ from dataclasses import dataclass, field
 
 from pcontact.runtime import profile
 from pcontact.runtime.errors import StepFailure
-from pcontact.runtime.petsc import PETSc
 
 
 @dataclass
@@ -194,7 +193,8 @@ class Stepper:
         way.axpy(-1.0, before)
         way.scale(part)
         # bodies that jump do not go on so
-        if way.norm(PETSc.NormType.NORM_INFINITY) > 0.5 * min(item.radius for item in pairs):
+        space = self.problem.space
+        if space.longest(way.getArray(readonly=True).reshape(-1, space.dim)) > 0.5 * min(item.radius for item in pairs):
             return None
         way.axpy(1.0, self.u)
         return way
