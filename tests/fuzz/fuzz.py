@@ -193,10 +193,9 @@ def _compared(case, variant, reference, base, result, singular=None):
             parts.append((slice(max(singular, skip), None), ("force",)))
     worst = []
     for steps, kinds in parts:
-        other = type(b)(b.times, {k: v[steps.start - skip : None if steps.stop is None else steps.stop - skip]
-                                  for k, v in b.values.items()}, b.turned)  # fmt: skip
+        other = b.at(slice(steps.start - skip, None if steps.stop is None else steps.stop - skip))
         more = {} if kinds is None else {"kinds": kinds}
-        worst += differences(a, other, scale, steps, **more)
+        worst += differences(a.at(steps), other, scale, **more)
     bad = [f"{key} {value:.1e}" for value, key in sorted(worst, reverse=True) if value > variant.tolerance]
     if not bad:
         return None

@@ -3,6 +3,8 @@
 Compared are, at every load step, what is continuous in the data: displacements of all nodes of the file, support
 forces, contact forces, largest pressure and penetration, strain energy, plastic strain and volume, displacements of
 the probes; each against the largest value of its kind in the run (or, if that is less, what strains of 1e-6 make).
+Forces of the rounding errors that the program itself takes for zero, and their energy, are no difference: where
+nothing presses, they are all there is.
 Numbers of points are not compared: one whose traction is zero up to rounding errors is open or closed as these have
 it.
 
@@ -11,7 +13,7 @@ its smallest singular value is below `SINGULAR` of its largest entry. From that 
 forces are compared, and where there is friction, which remembers, nothing is.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -25,12 +27,19 @@ STRAIN = 1e-6
 class Numbers:
     """What a run has to show, in the first scene's axes, units and numbers: arrays over the load steps.
 
-    `turned`: sums of magnitudes in the directions of axes that are no longer those of the first scene.
+    `turned`: sums of magnitudes in the directions of axes that are no longer those of the first scene. `floors`: what
+    rounding errors alone may make of a force and of an energy, by kind, at every load step.
     """
 
     times: np.ndarray
     values: dict
     turned: tuple = ()
+    floors: dict = field(default_factory=dict)
+
+    def at(self, steps):
+        """Those of some load steps."""
+        values, floors = ({k: v[steps] for k, v in table.items()} for table in (self.values, self.floors))
+        return Numbers(self.times[steps], values, self.turned, floors)
 
 
 def numbers_of(result, variant, first):
@@ -51,8 +60,10 @@ def numbers_of(result, variant, first):
     if case.axial:
         energy = stress * length**3
     permutes = np.isin(np.abs(R).round(12), (0.0, 1.0)).all()
-    values, turned = {}, set()
+    values, turned, floors = {}, set(), {"force": [], "energy": []}
     for row in result["steps"]:
+        floors["force"].append(row["floor"] / force)
+        floors["energy"].append(row["floor"] * np.linalg.norm(row["u"]) / energy)
         record = row["record"]
         # nodes that the program adds have numbers beyond the file's; those that carry no displacement stay 0
         u = np.zeros((max(len(first.mesh.points), row["nodes"].max() + 1), d))
@@ -77,7 +88,8 @@ def numbers_of(result, variant, first):
     for name in reactions[0] if reactions else []:
         values[f"force at {name}"] = [r[name] for r in reactions]
     times = np.array([row["record"]["time"] for row in result["steps"]])
-    return Numbers(times, {k: np.array(v) for k, v in values.items()}, tuple(turned))
+    values, floors = ({k: np.array(v) for k, v in table.items()} for table in (values, floors))
+    return Numbers(times, values, tuple(turned), floors)
 
 
 def _sums(case, name):
@@ -111,15 +123,15 @@ def scales(case, numbers):
     return found
 
 
-def differences(first, second, scale, steps=None, kinds=KINDS):
+def differences(first, second, scale, kinds=KINDS):
     """Largest difference of every number, over the scale of its kind, worst first.
 
     Parameters
     ----------
     first, second : Numbers
+        Of as many load steps.
     scale : dict of str to float
-    steps : slice, optional
-        Of the first run; the second has as many.
+    kinds : sequence of str, optional
 
     Returns
     -------
@@ -130,9 +142,11 @@ def differences(first, second, scale, steps=None, kinds=KINDS):
         kind = key.split()[0]
         if kind not in kinds or key in second.turned:
             continue
-        a, b = value if steps is None else value[steps], second.values.get(key)
+        a, b = value, second.values.get(key)
         if b is None or a.shape != b.shape or not np.isfinite(b).all():
             out.append((np.inf, key))
             continue
-        out.append((float(np.max(np.abs(a - b), initial=0.0)) / scale["u" if kind == "probe" else kind], key))
+        apart = np.abs(a - b).max(axis=tuple(range(1, a.ndim)), initial=0.0)
+        apart -= np.maximum(first.floors.get(kind, 0.0), second.floors.get(kind, 0.0))
+        out.append((float(np.max(apart, initial=0.0)) / scale["u" if kind == "probe" else kind], key))
     return sorted(out, reverse=True)

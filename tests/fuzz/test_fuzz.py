@@ -58,6 +58,20 @@ def test_a_small_difference_is_seen(one, what):
     assert worst[0][0] > 1e-9
 
 
+def test_rounding_errors_are_no_difference(one):
+    """Forces that the program itself takes for zero may differ, ten times as much may not."""
+    case, result = one
+    plain = Variant("plain", case, {})
+    first = numbers_of(result, plain, case)
+    for part, same in ((0.9, True), (10.0, False)):
+        other = copy.deepcopy(result)
+        for row in other["steps"]:
+            for force in row["record"]["reactions"].values():
+                force[0] += part * row["floor"]
+        worst = differences(first, numbers_of(other, plain, case), scales(case, first), kinds=("force",))[0][0]
+        assert (worst == 0.0) == same
+
+
 def test_a_result_is_moved_back(one):
     """Numbers in other axes and units are those of the first scene again."""
     case, result = one
@@ -70,6 +84,7 @@ def test_a_result_is_moved_back(one):
         row["energy"] *= 1e-6 * 1e3**d
         record = row["record"]
         force = 1e-6 * 1e3 ** (d - 1)
+        row["floor"] *= force
         record["reactions"] = {k: (force * R @ v).tolist() for k, v in record["reactions"].items()}
         for probe in record["probes"].values():
             probe["mean"] = (1e3 * R @ probe["mean"]).tolist()

@@ -44,6 +44,8 @@ class Watch:
         energy = 0.5 * WORLD.allreduce(float(np.sum(force * mine[1])))
         parts = WORLD.gather(mine)
         row = {"number": step.number, "record": record, "energy": energy, "cutbacks": step.cutbacks}
+        # forces of rounding errors that Newton's method takes for zero
+        row["floor"] = 8.0 * problem.roundoff(u)
         if self.tangent:
             row["singular"] = singular(self.simulation)
         if WORLD.rank == 0:
