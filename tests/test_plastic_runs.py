@@ -1,5 +1,7 @@
 """Whole runs of a block that yields under a rigid cylinder: ranks, restart, cut back, Newton's method."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from small import keys
@@ -31,15 +33,18 @@ TIGHT = {"snes_rtol": "1e-11", "snes_ksp_ew": "false", "ksp_rtol": "1e-10"}
 WAY = [(0.0, 0.0), (0.625, 1.0), (1.0, 0.94)]
 
 
-def indentation(path, theta=0.0, friction=0.3, order=1, stops=(), count=8, petsc=None, depth=0.06, **said):
+def indentation(
+    path, theta=0.0, friction=0.3, order=1, stops=(), count=8, petsc=None, depth=0.06, adjoint="elastic", **said
+):
     """A cylinder pressed into a block and taken away."""
     cylinder = Obstacle("sphere", center=[1.0, 2.0], radius=1.0, displacement=[0.0, -depth], amplitude=WAY)
     times = [(0.0, 0.0), *((t, 1.0) for t in stops)] if len(stops) else None
+    numerics = {"friction": friction, "theta": theta, "adjoint": adjoint}
     return Scene(
         mesh=MeshSpec(path, order=order),
         materials={"m": Material(E, 0.3, YIELD, 2.0, 3.0)},
         bodies=[Body("block", "m")],
-        contacts=[Contact("top", obstacle=cylinder, name="cylinder", friction=friction, theta=theta)],
+        contacts=[Contact("top", obstacle=cylinder, name="cylinder", **numerics)],
         # corners of the factor are met by the load steps
         displacements=[Displacement("bottom", [0.0, 0.0], times)],
         steps=Steps(1.0, count),
@@ -250,3 +255,33 @@ def test_quadratic_convergence(block, theta, friction, order):
         part = part[part > 1e-13]
         constants += [b / a**2 for a, b in zip(part[-3:], part[-2:], strict=False) if a < 1e-3]
     assert len(constants) >= 5 and max(constants) < 2e3
+
+
+class Balance:
+    """Imbalance and algebraic error of every step."""
+
+    def __init__(self):
+        self.imbalance, self.algebraic = [], []
+
+    def step(self, step, u, record):
+        self.imbalance.append(record["imbalance"])
+        self.algebraic.append(record["estimate"]["algebraic"] / record["estimate"]["energy_norm"])
+
+    def cut(self, target, outcome):
+        pass
+
+    def end(self, converged):
+        pass
+
+
+@parallel
+@pytest.mark.parametrize("theta", [1.0, -1.0])
+def test_forces_are_those_that_newton_has_balanced(block, theta):
+    """The consistent adjoint is another one as soon as the plastic strain is committed: supports and the algebraic
+    error are those before.
+    """
+    scene = indentation(block, theta, adjoint="consistent", petsc={**DIRECT, "snes_rtol": "1e-11"})
+    balance = Balance()
+    run(replace(scene, output=replace(scene.output, estimate=True)), WORLD, observers=[balance])
+    assert max(balance.imbalance) < 1e-10
+    assert max(balance.algebraic) < 1e-8

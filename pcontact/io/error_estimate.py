@@ -1,5 +1,7 @@
 """Observer that estimates the error of every step: that of the mesh, and apart from it that of the solver."""
 
+import numpy as np
+
 from pcontact.estimate.estimator import Estimator
 from pcontact.runtime.observer import Observer
 from pcontact.runtime.petsc import PETSc
@@ -74,16 +76,16 @@ class ErrorEstimate(Observer):
             "absolute": estimate.absolute,
             "relative": estimate.absolute / self.carried if self.carried > 0.0 else float("nan"),
             "energy_norm": estimate.energy,
-            "algebraic": self._algebraic(u),
+            "algebraic": self._algebraic(step.unbalanced),
             "parts": estimate.parts,
             "surfaces": estimate.surfaces,
         }
 
-    def _algebraic(self, u):
+    def _algebraic(self, unbalanced):
         """Energy norm of the step that Newton's iteration would take next, solved roughly. *Collective.*"""
         problem, matrix = self._problem, self._problem.matrix.matrix
         residual, step = problem.space.vector(), problem.space.vector()
-        problem.residual(u, residual)
+        residual.setArray(np.where(problem.fixed, 0.0, unbalanced).ravel())
         if residual.norm() == 0.0:
             return 0.0
         # a solver of its own: that of Newton's iteration is not left alone, its set-up belongs to another matrix

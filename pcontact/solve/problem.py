@@ -343,15 +343,22 @@ class Problem:
             total[0] = 0.0  # radial forces are borne by the ring
         return float(np.linalg.norm(total)), largest
 
-    def reactions(self, u):
+    def reactions(self, u, unbalanced=None):
         """Support forces that the surroundings exert, by region. *Collective.*
+
+        Parameters
+        ----------
+        u : PETSc.Vec
+        unbalanced : ndarray (n_owned, d), optional
+            What :meth:`unbalanced` said of it before the state was committed [force].
 
         Returns
         -------
         dict of str to list of float
         """
         supports, own = self.supports, self.space.owned_local
-        forces, which = self.unbalanced(u), supports.which[own]
+        forces = self.unbalanced(u) if unbalanced is None else unbalanced
+        which = supports.which[own]
         table = np.zeros((len(supports.regions), self.space.dim))
         for number in range(len(supports.regions)):
             table[number] = np.where(which == number, forces, 0.0).sum(axis=0)

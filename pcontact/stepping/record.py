@@ -57,7 +57,7 @@ class Recorder:
             "krylov": step.krylov,
             "krylov_most": step.hardest,
             "cutbacks": step.cutbacks,
-            "reactions": problem.reactions(u),
+            "reactions": problem.reactions(u, step.unbalanced),
             "contacts": {contact.name: contact.summary(u) for contact in problem.contacts},
             "probes": {name: self._probe(nodes, u) for name, nodes in self._probes.items()},
             "plastic": self._plastic(),

@@ -32,6 +32,9 @@ class Step:
         Krylov iterations of the linear solve that took most.
     free : list of int or None
         Loose bodies on which no contact acts, see `pcontact.stepping.loose`.
+    unbalanced : ndarray (n_owned, d) or None
+        Internal plus contact minus external forces before the state was committed [force]: where cells have just
+        yielded, the consistent adjoint of a committed state is another one.
     """
 
     number: int
@@ -46,6 +49,7 @@ class Step:
     uzawa: dict | None = None
     hardest: int = 0
     free: list | None = None
+    unbalanced: object = None
 
 
 class Stepper:
@@ -120,6 +124,8 @@ class Stepper:
             committed = self.u.copy()
             outcome = self._attempt(target, committed)
             if outcome.converged:
+                with profile.phase("output"):
+                    unbalanced = self.problem.unbalanced(self.u)
                 for item in self.problem.items:
                     item.commit(self.u, target)
                 self._last = self.schedule.time, committed
@@ -129,6 +135,7 @@ class Stepper:
                 step = Step(
                     number, target, outcome.newton, outcome.krylov, cutbacks, outcome.residual,
                     list(self.newton.norms), *self._last, outcome.uzawa, outcome.hardest, outcome.free,
+                    unbalanced,
                 )  # fmt: skip
                 with profile.phase("output"):
                     record = self.recorder(step, self.u)
