@@ -6,7 +6,7 @@ from pcontact.assembly.bulk import ElasticBulk
 from pcontact.assembly.geometry import chunks
 from pcontact.assembly.loads import load_vector, lumped_volume
 from pcontact.assembly.plastic import PlasticBulk
-from pcontact.contact.unjoined import unjoined
+from pcontact.contact.search.unjoined import unjoined
 from pcontact.element.reference import CELLS
 from pcontact.material.elastic import in_plane, lame
 from pcontact.material.hardening import hardening_curve, hardening_table

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from pcontact import __version__
-from pcontact.contact.smooth_geometry import SMOOTH, WRONG, facet_pressure
+from pcontact.contact.surface.smooth_geometry import SMOOTH, WRONG, facet_pressure
 from pcontact.io.prices import prices
 from pcontact.io.refine import refine_run
 from pcontact.io.show import show

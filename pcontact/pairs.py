@@ -2,18 +2,18 @@
 
 import numpy as np
 
-from pcontact.contact.all_surfaces import burdened, meetings, outer_surfaces, paired_elsewhere
-from pcontact.contact.facet_maps import KIND
+from pcontact.contact.formulation.parameters import coercive, parameter
 from pcontact.contact.law import contact_law
-from pcontact.contact.obstacle import RigidObstacle
 from pcontact.contact.pair import contact_pair
-from pcontact.contact.parameters import coercive, parameter
-from pcontact.contact.pieces import cut_source
 from pcontact.contact.report import ContactReport
-from pcontact.contact.self_surface import self_surface
-from pcontact.contact.smooth_geometry import Chords, smooth_surface
+from pcontact.contact.search.all_surfaces import burdened, meetings, outer_surfaces, paired_elsewhere
+from pcontact.contact.search.self_surface import self_surface
+from pcontact.contact.segmentation.pieces import cut_source
 from pcontact.contact.summary import components_of as components_at
-from pcontact.contact.surface import components_of, diameters, extents, source_surface, target_surface
+from pcontact.contact.surface.facet_maps import KIND
+from pcontact.contact.surface.obstacle import RigidObstacle
+from pcontact.contact.surface.sides import components_of, diameters, extents, source_surface, target_surface
+from pcontact.contact.surface.smooth_geometry import Chords, smooth_surface
 from pcontact.contact.traction.plastic import PlasticTrace
 from pcontact.contact.unbiased import contacts_of_halves, halved, is_unbiased
 from pcontact.mesh.mesh import size_of

@@ -8,7 +8,7 @@ from test_friction import by_key
 from drivers._common import make_mesh, running
 from drivers.cases.stack import scene as heap_scene
 from meshes import heap, one_block, two_blocks
-from pcontact.contact.all_surfaces import facet_ids, outer_surfaces
+from pcontact.contact.search.all_surfaces import facet_ids, outer_surfaces
 from pcontact.mesh.components import components
 from pcontact.mesh.outer import once
 from pcontact.mesh.reader import read_mesh

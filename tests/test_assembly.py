@@ -25,7 +25,7 @@ from pcontact.assembly.graph import find, multiply, node_graph
 from pcontact.assembly.matrix import GlobalMatrix
 from pcontact.assembly.pattern import OwnedRows, positions, union
 from pcontact.contact.pair import contact_pair
-from pcontact.contact.surface import source_surface, target_surface
+from pcontact.contact.surface.sides import source_surface, target_surface
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.parallel import Exchanger, NodeExchange, agree, on_root, split_by_rank
 from pcontact.runtime.petsc import MPI, PETSc

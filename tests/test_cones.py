@@ -7,12 +7,12 @@ from test_friction import CONSTANTS
 from test_self_contact import ALONE, annulus, skin_of
 
 from meshes import spring
-from pcontact.contact.cones import normal_cones
-from pcontact.contact.facet_maps import facet_boxes
-from pcontact.contact.projection import closest_points
-from pcontact.contact.self_surface import self_surface
-from pcontact.contact.surface import source_surface, target_surface
-from pcontact.contact.tree import build_tree
+from pcontact.contact.search.cones import normal_cones
+from pcontact.contact.search.projection import closest_points
+from pcontact.contact.search.self_surface import self_surface
+from pcontact.contact.search.tree import build_tree
+from pcontact.contact.surface.facet_maps import facet_boxes
+from pcontact.contact.surface.sides import source_surface, target_surface
 from pcontact.mesh.components import components
 from pcontact.mesh.distribute import distribute
 from pcontact.mesh.reader import read_mesh

@@ -9,7 +9,7 @@ from meshes import ball_on_block
 from pcontact.assembly.item import LAW
 from pcontact.contact.law import SLIP, STICK
 from pcontact.contact.pair import RIGHT, ContactPair, contact_pair
-from pcontact.contact.surface import source_surface, target_surface
+from pcontact.contact.surface.sides import source_surface, target_surface
 from pcontact.material.elastic import lame
 from pcontact.runtime.petsc import MPI
 from pcontact.scene.model import Contact

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from small import DIMENSION, SELF, blocks_file, make_space, vector_of
 
-from pcontact.contact.obstacle import RigidObstacle
 from pcontact.contact.pair import contact_pair
-from pcontact.contact.surface import source_surface, target_surface
+from pcontact.contact.surface.obstacle import RigidObstacle
+from pcontact.contact.surface.sides import source_surface, target_surface
 from pcontact.scene import amplitude
 from pcontact.scene.model import Contact, Obstacle
 

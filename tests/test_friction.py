@@ -21,10 +21,10 @@ from test_laws import LAWS, law_of, limit_of, numpy_projection
 from pcontact.assembly.graph import node_graph
 from pcontact.contact.formulation import frictional_kernels as friction
 from pcontact.contact.law import OPEN, SLIP, STICK, Frictionless, project_rows
-from pcontact.contact.obstacle import RigidObstacle
 from pcontact.contact.pair import contact_pair
 from pcontact.contact.points import BlockRows, PartnerPoints, SourcePoints, no_excess
-from pcontact.contact.surface import source_surface, target_surface
+from pcontact.contact.surface.obstacle import RigidObstacle
+from pcontact.contact.surface.sides import source_surface, target_surface
 from pcontact.contact.traction.elastic import tractions
 from pcontact.material.elastic import lame
 from pcontact.runtime.petsc import MPI

@@ -13,9 +13,9 @@ from meshes.rings import rings
 from pcontact.assembly.bulk import ElasticBulk
 from pcontact.assembly.error_norms import bulk_error
 from pcontact.contact.law import Frictionless, RowLaw
-from pcontact.contact.obstacle import RigidObstacle
 from pcontact.contact.pair import contact_pair
-from pcontact.contact.surface import source_surface
+from pcontact.contact.surface.obstacle import RigidObstacle
+from pcontact.contact.surface.sides import source_surface
 from pcontact.element.trace import trace_constant
 from pcontact.material.elastic import in_plane, lame
 from pcontact.runtime.errors import InputError

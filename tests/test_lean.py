@@ -31,17 +31,17 @@ PIECES = {
          "contact.traction.plastic"),
         (),
     ),
-    "self contact": (("contact.self_surface", "contact.apart", "contact.cones"),
+    "self contact": (("contact.search.self_surface", "contact.search.exclusion", "contact.search.cones"),
         ("nobody", "writable", "no_cones", "Apart", "Cones")),
     # bodies near enough to meet are found for any pair
-    "all surfaces": (("contact.all_surfaces",), ("meetings", "near_pairs", "component_boxes")),
+    "all surfaces": (("contact.search.all_surfaces",), ("meetings", "near_pairs", "component_boxes")),
     "tied surfaces": (
         ("contact.law",), (*ASKED, "FrictionLaw", "RowLaw", "project", "bound", "project_rows", "_project_all"),
     ),
     "unbiased contact": (("contact.unbiased",), ("is_unbiased",)),
     "penalty": (("contact.formulation.methods",), ("Method",)),
     "augmented Lagrangian": (("contact.formulation.augmented",), ()),
-    "obstacles": (("contact.obstacle",), ()),
+    "obstacles": (("contact.surface.obstacle",), ()),
     # what says that a cell has none, and what axial symmetry needs, too
     "mean dilatation": (
         ("element.dilatation",), ("Mean", "linear", "dilatation", "factors", "squares", "hoop_operator"),

@@ -13,9 +13,9 @@ from pcontact.assembly.bulk import ElasticBulk
 from pcontact.assembly.error_norms import bulk_error
 from pcontact.assembly.geometry import bulk_degree
 from pcontact.contact.law import Frictionless, RowLaw
-from pcontact.contact.obstacle import RigidObstacle
 from pcontact.contact.pair import contact_pair
-from pcontact.contact.surface import source_surface
+from pcontact.contact.surface.obstacle import RigidObstacle
+from pcontact.contact.surface.sides import source_surface
 from pcontact.element.dilatation import mean_dilatation
 from pcontact.element.quadrature import quadrature
 from pcontact.element.reference import CELLS

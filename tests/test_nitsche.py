@@ -20,10 +20,10 @@ from pcontact.assembly.bulk import ElasticBulk
 from pcontact.assembly.graph import node_graph
 from pcontact.contact.formulation.frictionless_kernels import add_residual, add_tangent, evaluate
 from pcontact.contact.law import Frictionless, View
-from pcontact.contact.obstacle import RigidObstacle
 from pcontact.contact.pair import contact_pair
 from pcontact.contact.points import BlockRows, PartnerPoints, SourcePoints, interpolate, no_excess
-from pcontact.contact.surface import source_surface, target_surface
+from pcontact.contact.surface.obstacle import RigidObstacle
+from pcontact.contact.surface.sides import source_surface, target_surface
 from pcontact.contact.traction.elastic import traction_operator
 from pcontact.material.elastic import lame
 from pcontact.scene import amplitude

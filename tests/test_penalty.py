@@ -16,8 +16,8 @@ from pcontact.assembly.bulk import ElasticBulk
 from pcontact.contact.formulation.augmented import AugmentedLagrangian, update_multipliers
 from pcontact.contact.formulation.methods import without_traction
 from pcontact.contact.law import OPEN, SLIP, STICK
-from pcontact.contact.obstacle import RigidObstacle
-from pcontact.contact.surface import source_surface, target_surface
+from pcontact.contact.surface.obstacle import RigidObstacle
+from pcontact.contact.surface.sides import source_surface, target_surface
 from pcontact.contact.traction.elastic import ElasticTraction
 from pcontact.pairs import pair_of
 from pcontact.runtime.parallel import on_root

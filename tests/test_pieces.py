@@ -6,11 +6,11 @@ from small import SELF, make_space
 from test_patch import blocks, solve
 
 from drivers.cases.patch import errors, scene
-from pcontact.contact.facet_maps import SQUARE_CORNERS, TRIANGLE_CORNERS
-from pcontact.contact.overlaps import tiles as tiles_of
-from pcontact.contact.pieces import _at, cut_source, cuts
-from pcontact.contact.polygons import tile
-from pcontact.contact.surface import source_surface, target_surface
+from pcontact.contact.segmentation.clipping import tile
+from pcontact.contact.segmentation.overlaps import tiles as tiles_of
+from pcontact.contact.segmentation.pieces import _at, cut_source, cuts
+from pcontact.contact.surface.facet_maps import SQUARE_CORNERS, TRIANGLE_CORNERS
+from pcontact.contact.surface.sides import source_surface, target_surface
 from pcontact.runtime.petsc import MPI
 
 WORLD = MPI.COMM_WORLD

@@ -11,11 +11,11 @@ from test_plastic_bars import BARS, LAME, YIELD, YOUNG, bar, uniaxial
 
 from pcontact.assembly.geometry import bulk_degree
 from pcontact.assembly.plastic import PlasticBulk
+from pcontact.contact.formulation.parameters import GAMMA0
 from pcontact.contact.law import OPEN, SLIP, STICK
-from pcontact.contact.obstacle import RigidObstacle
 from pcontact.contact.pair import contact_pair
-from pcontact.contact.parameters import GAMMA0
-from pcontact.contact.surface import source_surface, target_surface
+from pcontact.contact.surface.obstacle import RigidObstacle
+from pcontact.contact.surface.sides import source_surface, target_surface
 from pcontact.contact.traction.plastic import PlasticTrace, extrapolation
 from pcontact.element.quadrature import quadrature
 from pcontact.element.reference import CELLS, facet_points

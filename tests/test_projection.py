@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from pcontact.contact.exchange import nearest_box
-from pcontact.contact.facet_maps import MAX_NODES, NODE_COUNTS, facet_boxes, facet_shapes, fill_shapes
-from pcontact.contact.projection import (
+from pcontact.contact.search.exchange import nearest_box
+from pcontact.contact.search.projection import (
     FACING,
     NO_ID,
     better,
@@ -14,7 +13,8 @@ from pcontact.contact.projection import (
     ray_tracing,
     surface_tree,
 )
-from pcontact.contact.tree import LEAF_SIZE, build_tree
+from pcontact.contact.search.tree import LEAF_SIZE, build_tree
+from pcontact.contact.surface.facet_maps import MAX_NODES, NODE_COUNTS, facet_boxes, facet_shapes, fill_shapes
 
 ANY = -2.0  # facing rule switched off
 REFERENCE = {

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from small import DIMENSION, SELF, bend, block_file, make_space
 
-from pcontact.contact.exchange import find_partners
-from pcontact.contact.surface import target_surface
+from pcontact.contact.search.exchange import find_partners
+from pcontact.contact.surface.sides import target_surface
 from pcontact.runtime.petsc import MPI
 
 WORLD = MPI.COMM_WORLD

@@ -7,10 +7,10 @@ from test_friction import CONSTANTS, by_key, residual_of
 
 from drivers._common import make_mesh, running
 from meshes import c_strip
-from pcontact.contact.exchange import find_partners
 from pcontact.contact.pair import contact_pair
-from pcontact.contact.self_surface import self_surface
-from pcontact.contact.surface import source_surface, target_surface
+from pcontact.contact.search.exchange import find_partners
+from pcontact.contact.search.self_surface import self_surface
+from pcontact.contact.surface.sides import source_surface, target_surface
 from pcontact.contact.unbiased import contacts_of_halves, halved
 from pcontact.mesh.complete import complete
 from pcontact.mesh.components import components

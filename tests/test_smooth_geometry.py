@@ -15,8 +15,8 @@ from meshes import rings
 from meshes.blocks import two_blocks
 from meshes.hertz import cylinder_on_block
 from meshes.shells import shells
-from pcontact.contact.smooth_geometry import smooth_surface
-from pcontact.contact.vertex_normals import Facets, corner_normals, facet_normals
+from pcontact.contact.surface.smooth_geometry import smooth_surface
+from pcontact.contact.surface.vertex_normals import Facets, corner_normals, facet_normals
 from pcontact.runtime import log
 from pcontact.runtime.petsc import MPI
 from pcontact.scene.model import Body, Contact, Displacement, Load, Material, MeshSpec, Obstacle, Output, Scene

@@ -9,7 +9,7 @@ from drivers._common import make_mesh, observed_rates, running
 from meshes import one_block, two_blocks
 from pcontact.contact.law import STICK
 from pcontact.contact.pair import contact_pair
-from pcontact.contact.surface import source_surface, target_surface
+from pcontact.contact.surface.sides import source_surface, target_surface
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.petsc import MPI
 from pcontact.scene.model import (

@@ -7,7 +7,7 @@ import pytest
 from bad_input import SCENE, mesh_text
 from small import DIMENSION, blocks_file
 
-from pcontact.contact.unjoined import unjoined
+from pcontact.contact.search.unjoined import unjoined
 from pcontact.mesh.complete import complete
 from pcontact.mesh.components import components, orient
 from pcontact.mesh.distribute import distribute

@@ -29,7 +29,7 @@ from drivers._common import contact_points, log, main, make_parser, running, wri
 from drivers.cases.hertz import CASES, generate
 from drivers.studies._compare_report import METHODS, document, plots, report
 from drivers.studies._condition import condition
-from pcontact.contact.parameters import coercive
+from pcontact.contact.formulation.parameters import coercive
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.parallel import on_root
 from pcontact.runtime.petsc import MPI

@@ -21,7 +21,7 @@ from drivers.studies import compare
 from meshes import c_strip, heap, two_blocks
 from meshes import disk_on_block as disk_mesh
 from meshes import rings as ring_mesh
-from pcontact.contact import augmented
+from pcontact.contact.formulation import augmented
 from pcontact.scene.model import Body, Contact, Displacement, Load, Material, MeshSpec, Output, Scene, Steps
 
 AUGMENTED, SETTLED = "augmented_lagrangian", 1e-4

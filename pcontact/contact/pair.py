@@ -20,11 +20,11 @@ from pcontact.contact.formulation.frictional import FrictionalTerms
 from pcontact.contact.formulation.frictionless import FrictionlessTerms
 from pcontact.contact.formulation.methods import Method, Penalty
 from pcontact.contact.law import OPEN, SLIP, STICK, View, contact_law
-from pcontact.contact.obstacle import RigidObstacle
 from pcontact.contact.pairing import Pairing
 from pcontact.contact.points import BlockRows, PartnerPoints, SourcePoints, interpolate
 from pcontact.contact.search.partners import ObstacleSearch, TargetSearch
 from pcontact.contact.summary import borne
+from pcontact.contact.surface.obstacle import RigidObstacle
 from pcontact.contact.traction.elastic import ElasticTraction
 from pcontact.contact.traction.plastic import PlasticTraction
 from pcontact.mesh.mesh import bounding_box
@@ -53,7 +53,7 @@ class ContactPair(Item):
     space : pcontact.space.space.Space
     contact : pcontact.scene.model.Contact
         With its numerics resolved.
-    source : pcontact.contact.surface.SourceSurface
+    source : pcontact.contact.surface.sides.SourceSurface
         As the formulation needs it, with the weight of the pair in its quadrature weights.
     search : TargetSearch or ObstacleSearch
     terms : FrictionlessTerms
@@ -74,7 +74,7 @@ class ContactPair(Item):
     lost : (int, int)
         Points of this rank that the frozen partners have misled: that passed into their partner without a word, and
         that have left it, see :func:`pcontact.contact.motion.lost`.
-    chords : pcontact.contact.smooth_geometry.Chords or None
+    chords : pcontact.contact.surface.smooth_geometry.Chords or None
         What straight facets do to the gap; None where they do nothing, or nobody asks.
     origin : ndarray (d,)
         To which places of points are relative, so that they lose no digits [length].
@@ -518,8 +518,8 @@ def contact_pair(space, contact, source, target, radius, floats=False, trace=Non
     space : pcontact.space.space.Space
     contact : pcontact.scene.model.Contact
         With its numerics resolved; a formulation that is not said is Nitsche's.
-    source : pcontact.contact.surface.SourceSurface
-    target : pcontact.contact.surface.TargetSurface or pcontact.contact.obstacle.RigidObstacle
+    source : pcontact.contact.surface.sides.SourceSurface
+    target : pcontact.contact.surface.sides.TargetSurface or pcontact.contact.surface.obstacle.RigidObstacle
     radius : float
         Search radius [length].
     floats : bool

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pcontact.contact.smooth_geometry import facet_error
 from pcontact.contact.summary import summarise
+from pcontact.contact.surface.smooth_geometry import facet_error
 from pcontact.contact.unbiased import WEIGHT, is_unbiased
 from pcontact.runtime.petsc import MPI
 

@@ -86,7 +86,7 @@ def borne(space, pairing, source, traction):
     ----------
     space : pcontact.space.space.Space
     pairing : pcontact.contact.pairing.Pairing
-    source : pcontact.contact.surface.SourceSurface
+    source : pcontact.contact.surface.sides.SourceSurface
     traction : ndarray (np,)
         Magnitude of a traction at the points [stress].
 

@@ -14,7 +14,7 @@ reports.
 
 from dataclasses import replace
 
-from pcontact.contact.parameters import parameter
+from pcontact.contact.formulation.parameters import parameter
 
 WEIGHT = 0.5
 

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pcontact.contact.surface import FACETS
+from pcontact.contact.surface.sides import FACETS
 from pcontact.element.geometry import facet_geometry
 from pcontact.element.reference import CELLS, facet_nodes, facet_points, reference_nodes
 from pcontact.estimate.facets import facet_rule

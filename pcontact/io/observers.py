@@ -2,7 +2,7 @@
 
 import time as clock
 
-from pcontact.contact.smooth_geometry import SMOOTH, WRONG, facet_pressure
+from pcontact.contact.surface.smooth_geometry import SMOOTH, WRONG, facet_pressure
 from pcontact.io.fields import FieldWriter
 from pcontact.io.history import History
 from pcontact.io.report import Report

@@ -27,7 +27,7 @@ class Acting(NamedTuple):
     Attributes
     ----------
     pairing : pcontact.contact.pairing.Pairing
-    source : pcontact.contact.surface.SourceSurface
+    source : pcontact.contact.surface.sides.SourceSurface
     values : ndarray (np, d)
     chosen : ndarray (np,) of bool
         Points that count.

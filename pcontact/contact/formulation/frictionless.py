@@ -12,7 +12,7 @@ class FrictionlessTerms:
     Parameters
     ----------
     space : pcontact.space.space.Space
-    source : pcontact.contact.surface.SourceSurface
+    source : pcontact.contact.surface.sides.SourceSurface
     method : pcontact.contact.formulation.methods.Method
     traction : pcontact.contact.traction.elastic.ElasticTraction
     law : pcontact.contact.law.Frictionless

@@ -16,7 +16,7 @@ import dataclasses
 
 import numpy as np
 
-from pcontact.contact.parameters import GAMMA0, parameter
+from pcontact.contact.formulation.parameters import GAMMA0, parameter
 
 # shape functions below this are those of nodes off the facet
 OFF = 1e-12
@@ -95,7 +95,7 @@ def without_traction(source):
 
     Parameters
     ----------
-    source : pcontact.contact.surface.SourceSurface
+    source : pcontact.contact.surface.sides.SourceSurface
 
     Returns
     -------

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pcontact.contact.exchange import find_partners
+from pcontact.contact.search.exchange import find_partners
 from pcontact.runtime.parallel import together
 
 # smallest cosine between the normals of a source point and its obstacle
@@ -28,7 +28,7 @@ class Partners(NamedTuple):
     shape : ndarray (np, m)
         Their shape functions at the partner.
     offset : ndarray (np, d) or None
-        Of the target's smooth surface there, see `pcontact.contact.smooth_geometry`.
+        Of the target's smooth surface there, see `pcontact.contact.surface.smooth_geometry`.
     """
 
     gap: np.ndarray
@@ -46,7 +46,7 @@ class TargetSearch:
     Parameters
     ----------
     space : pcontact.space.space.Space
-    target : pcontact.contact.surface.TargetSurface
+    target : pcontact.contact.surface.sides.TargetSurface
     method : str
         closest_point or ray_tracing.
     opposite : bool
@@ -106,7 +106,7 @@ class ObstacleSearch:
     Parameters
     ----------
     space : pcontact.space.space.Space
-    target : pcontact.contact.obstacle.RigidObstacle
+    target : pcontact.contact.surface.obstacle.RigidObstacle
     """
 
     rigid, candidates = True, 0

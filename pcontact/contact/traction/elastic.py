@@ -85,7 +85,7 @@ class ElasticTraction:
 
     Parameters
     ----------
-    source : pcontact.contact.surface.SourceSurface
+    source : pcontact.contact.surface.sides.SourceSurface
 
     Attributes
     ----------

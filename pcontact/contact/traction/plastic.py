@@ -184,7 +184,7 @@ class PlasticTrace:
     space : pcontact.space.space.Space
     bulk : pcontact.assembly.plastic.PlasticBulk
         Holds the committed internal variables.
-    source : pcontact.contact.surface.SourceSurface
+    source : pcontact.contact.surface.sides.SourceSurface
     name : str
         Its facet group.
     """
@@ -305,7 +305,7 @@ class PlasticTraction(ElasticTraction):
 
     Parameters
     ----------
-    source : pcontact.contact.surface.SourceSurface
+    source : pcontact.contact.surface.sides.SourceSurface
     trace : PlasticTrace
         Of this source.
     consistent : bool

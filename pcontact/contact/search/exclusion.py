@@ -21,7 +21,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pcontact.contact.facet_maps import NODE_COUNTS, fill_shapes
+from pcontact.contact.surface.facet_maps import NODE_COUNTS, fill_shapes
 from pcontact.runtime.jit import njit_inner_exact
 
 # of the edges of a facet and of the depth of its cell: overlap of the undeformed body that counts as none
@@ -86,7 +86,7 @@ def whole_branches(tree, parts):
 
     Parameters
     ----------
-    tree : pcontact.contact.tree.Tree
+    tree : pcontact.contact.search.tree.Tree
     parts : ndarray (nf,)
         Connected body of each facet.
 

@@ -4,12 +4,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pcontact.contact.cones import normal_cones
-from pcontact.contact.facet_maps import facet_boxes
-from pcontact.contact.projection import closest_points, ray_tracing
-from pcontact.contact.projection_table import EVEN, TIE
-from pcontact.contact.projection_walk import ROUNDING
-from pcontact.contact.tree import build_tree
+from pcontact.contact.search.cones import normal_cones
+from pcontact.contact.search.projection import closest_points, ray_tracing
+from pcontact.contact.search.table import EVEN, TIE
+from pcontact.contact.search.tree import build_tree
+from pcontact.contact.search.walk import ROUNDING
+from pcontact.contact.surface.facet_maps import facet_boxes
 from pcontact.runtime import profile
 from pcontact.runtime.jit import njit_exact
 from pcontact.runtime.parallel import split_by_rank
@@ -176,8 +176,8 @@ class _Searched:
 def _best(points, answers, n_points, d):
     """Row of ``answers`` that wins for every point (-1: none).
 
-    The rule of the search within one rank (`pcontact.contact.projection`), so that the result does not depend on how
-    facets are spread.
+    The rule of the search within one rank (`pcontact.contact.search.projection`), so that the result does not depend on
+    how facets are spread.
     """
     winner = np.full(n_points, -1, dtype=np.int64)
     if not len(points) or np.max(np.bincount(points)) == 1:
@@ -203,7 +203,7 @@ def find_partners(space, target, nodal, points, normals, radius, method, origin=
     Parameters
     ----------
     space : pcontact.space.space.Space
-    target : pcontact.contact.surface.TargetSurface
+    target : pcontact.contact.surface.sides.TargetSurface
     nodal : ndarray (n_local, d)
         Displacement of the local nodes [length].
     points, normals : ndarray (np, d)
@@ -214,7 +214,7 @@ def find_partners(space, target, nodal, points, normals, radius, method, origin=
     origin : ndarray (d,), optional
         Near the surfaces: the sum of a displacement and a position far from it loses the digits of the displacement.
     opposite : bool, optional
-        See `pcontact.contact.projection.closest_points`.
+        See `pcontact.contact.search.projection.closest_points`.
 
     Returns
     -------

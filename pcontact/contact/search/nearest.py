@@ -11,19 +11,10 @@ count, and whether it is nearer.
 
 import numpy as np
 
-from pcontact.contact.apart import is_own
-from pcontact.contact.facet_maps import (
-    SQUARE_CORNERS,
-    TRIANGLE_CORNERS,
-    fill_jet,
-    is_segment,
-    is_triangle,
-    jet_normal,
-    load_nodes,
-)
-from pcontact.contact.projection_facets import GRID, closest_on_facet
-from pcontact.contact.projection_rays import ray_on_facet
-from pcontact.contact.projection_table import (
+from pcontact.contact.search.closest_point import GRID, closest_on_facet
+from pcontact.contact.search.exclusion import is_own
+from pcontact.contact.search.ray import ray_on_facet
+from pcontact.contact.search.table import (
     ANGLE,
     AT_CORNER,
     COLUMNS,
@@ -49,7 +40,16 @@ from pcontact.contact.projection_table import (
     sort_group,
     write_partner,
 )  # fmt: skip
-from pcontact.contact.projection_walk import apart_from, end_of, expand, load_point, pop, push, start_bound, starts_of
+from pcontact.contact.search.walk import apart_from, end_of, expand, load_point, pop, push, start_bound, starts_of
+from pcontact.contact.surface.facet_maps import (
+    SQUARE_CORNERS,
+    TRIANGLE_CORNERS,
+    fill_jet,
+    is_segment,
+    is_triangle,
+    jet_normal,
+    load_nodes,
+)
 from pcontact.runtime.jit import njit_exact, njit_inline, njit_inner_exact
 
 # by how much more than the distance of a known partner points beside its own look, over that and over the facet's size

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from pcontact.contact.cones import holds_none, is_behind
+from pcontact.contact.search.cones import holds_none, is_behind
 from pcontact.runtime.jit import njit_inline, njit_inner_exact
 
 # points that are searched together at most, and how far they are from the first one, over the distance of the second

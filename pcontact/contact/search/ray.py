@@ -1,12 +1,13 @@
 """One line against one facet: the intersection.
 
-Arguments and scratch are those of `projection_facets`. Affine facets and plane curves are solved in closed
+Arguments and scratch are those of `closest_point`. Affine facets and plane curves are solved in closed
 form, other facets by Newton's method from every local minimum, on a 5 x 5 grid, of the distance to the line.
 """
 
 import numpy as np
 
-from pcontact.contact.facet_maps import (
+from pcontact.contact.search.closest_point import GRID, grid_point, is_grid_minimum
+from pcontact.contact.surface.facet_maps import (
     PARALLELOGRAM,
     SEGMENT3,
     TRIANGLE3,
@@ -16,7 +17,6 @@ from pcontact.contact.facet_maps import (
     is_triangle,
     jet_normal,
 )
-from pcontact.contact.projection_facets import GRID, grid_point, is_grid_minimum
 from pcontact.runtime.jit import njit_inner_exact
 
 # reference coordinates: how far outside a ray may still hit, so that none slips between facets

@@ -9,7 +9,7 @@ method.
 
 import numpy as np
 
-from pcontact.contact.surface import FACETS
+from pcontact.contact.surface.sides import FACETS
 from pcontact.mesh.mesh import Facets
 from pcontact.mesh.outer import outer_facets
 from pcontact.scene.model import OUTER
@@ -42,7 +42,7 @@ def facet_ids(space, name):
 
 
 def paired_elsewhere(space, contacts, ids):
-    """Which surfaces of other pairs each facet is in, see `pcontact.contact.apart.clash`.
+    """Which surfaces of other pairs each facet is in, see `pcontact.contact.search.exclusion.clash`.
 
     Parameters
     ----------
@@ -72,7 +72,7 @@ def burdened(space, supports, loads, source, tangential):
     space : pcontact.space.space.Space
     supports : pcontact.space.supports.Supports
     loads : list of pcontact.scene.model.Load
-    source : pcontact.contact.surface.SourceSurface
+    source : pcontact.contact.surface.sides.SourceSurface
         The outer surfaces.
     tangential : bool
         Whether displacements along the facet count, too: with friction.

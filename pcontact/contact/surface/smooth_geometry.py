@@ -2,8 +2,8 @@
 
 The facets of a mesh of degree 1 are chords of a curved body. Between two bodies whose surfaces conform, chords that do
 not match leave gaps and overlaps, and the pressure closes them: it is wrong by about gamma times these gaps, however
-small the mesh makes the error of the displacement. With vertex normals N_i (`pcontact.contact.vertex_normals`) the
-smooth surface stands off a facet, at the point with linear shape functions w_i, by
+small the mesh makes the error of the displacement. With vertex normals N_i (`pcontact.contact.surface.vertex_normals`)
+the smooth surface stands off a facet, at the point with linear shape functions w_i, by
 
     d = delta m,   delta = 1/2 sum_{i<j} w_i w_j (N_j - N_i) . (X_j - X_i),   m = sum_i w_i N_i / | sum_i w_i N_i |,
 
@@ -15,9 +15,9 @@ Cells, displacement, normals and quadrature stay as they are.
 import numpy as np
 
 from pcontact.contact.law import OPEN
-from pcontact.contact.rim import neighbours
-from pcontact.contact.surface import FACETS
-from pcontact.contact.vertex_normals import FLAT, Facets, corner_normals, facet_normals
+from pcontact.contact.surface.rim import neighbours
+from pcontact.contact.surface.sides import FACETS
+from pcontact.contact.surface.vertex_normals import FLAT, Facets, corner_normals, facet_normals
 from pcontact.element.reference import facet_nodes, n_nodes, reference_nodes
 from pcontact.element.shape import shape
 from pcontact.runtime.petsc import MPI
@@ -41,7 +41,7 @@ class SmoothSurface:
 
     Parameters
     ----------
-    facets : pcontact.contact.vertex_normals.Facets
+    facets : pcontact.contact.surface.vertex_normals.Facets
         Of this rank, in the order of the group.
     normals : ndarray (nf, m, d)
     """
@@ -145,7 +145,7 @@ def smooth_surface(space, name, fitted):
     name : str
         Facet group.
     fitted : bool
-        See `pcontact.contact.vertex_normals.corner_normals`.
+        See `pcontact.contact.surface.vertex_normals.corner_normals`.
 
     Returns
     -------
@@ -178,8 +178,8 @@ class Chords:
     space : pcontact.space.space.Space
     contact : pcontact.scene.model.Contact
         With its numerics resolved.
-    source : pcontact.contact.surface.SourceSurface
-    target : pcontact.contact.surface.TargetSurface or None
+    source : pcontact.contact.surface.sides.SourceSurface
+    target : pcontact.contact.surface.sides.TargetSurface or None
         None: an obstacle. Its ``smooth`` is set while searches are to tell of it.
     surfaces : (SmoothSurface or None, SmoothSurface or None)
         Of source and target.

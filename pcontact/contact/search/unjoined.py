@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pcontact.contact.tree import STACK_SIZE, build_tree
+from pcontact.contact.search.tree import STACK_SIZE, build_tree
 from pcontact.element.reference import CELLS, facet_nodes
 from pcontact.mesh.mesh import bounding_box
 from pcontact.mesh.outer import outer_facets

@@ -4,9 +4,9 @@ from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
 
-from pcontact.contact.apart import SLACK, nobody, whole_branches, writable
-from pcontact.contact.rim import Rim
-from pcontact.contact.surface import FACETS, TargetSurface
+from pcontact.contact.search.exclusion import SLACK, nobody, whole_branches, writable
+from pcontact.contact.surface.rim import Rim
+from pcontact.contact.surface.sides import FACETS, TargetSurface
 from pcontact.runtime.petsc import MPI
 
 # columns of the table before the nodes
@@ -20,7 +20,7 @@ class SelfSurface(TargetSurface):
     Attributes
     ----------
     table : ndarray (nf, 4 + m)
-        Of each facet: cell, connected body, slack [length], sides (see `pcontact.contact.apart`), global nodes.
+        Of each facet: cell, connected body, slack [length], sides (`pcontact.contact.search.exclusion`), global nodes.
     rim : Rim
     about : ndarray (np, d + 4 + m) or None
         Of each point that looks for a partner: its place in the undeformed body, and the row of its facet.
@@ -92,7 +92,7 @@ def self_surface(space, target, source, meets_itself=True, sides=None):
     meets_itself : bool
         Whether a body is its own partner.
     sides : ndarray (nf,), optional
-        Surfaces of other pairs that the facets are in, see `pcontact.contact.apart.clash`.
+        Surfaces of other pairs that the facets are in, see `pcontact.contact.search.exclusion.clash`.
 
     Returns
     -------

@@ -16,9 +16,9 @@ import dataclasses
 
 import numpy as np
 
-from pcontact.contact.exchange import find_partners
-from pcontact.contact.overlaps import tiles
-from pcontact.contact.surface import default_quadrature
+from pcontact.contact.search.exchange import find_partners
+from pcontact.contact.segmentation.overlaps import tiles
+from pcontact.contact.surface.sides import default_quadrature
 from pcontact.element.quadrature import quadrature
 from pcontact.element.reference import facet_area_vectors, facet_points
 from pcontact.element.shape import shape, shape_gradient

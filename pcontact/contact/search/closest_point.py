@@ -12,7 +12,7 @@ the facet the edges hold the answer.
 
 import numpy as np
 
-from pcontact.contact.facet_maps import (
+from pcontact.contact.surface.facet_maps import (
     ALONG_U,
     ALONG_V,
     DIFFERENCES,

@@ -28,13 +28,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pcontact.contact.apart import nobody, writable
-from pcontact.contact.cones import no_cones
-from pcontact.contact.facet_maps import facet_boxes, simplest_kinds
-from pcontact.contact.projection_search import search_all
-from pcontact.contact.projection_table import EVEN, TIE
-from pcontact.contact.projection_walk import ROUNDING
-from pcontact.contact.tree import build_tree
+from pcontact.contact.search.cones import no_cones
+from pcontact.contact.search.exclusion import nobody, writable
+from pcontact.contact.search.nearest import search_all
+from pcontact.contact.search.table import EVEN, TIE
+from pcontact.contact.search.tree import build_tree
+from pcontact.contact.search.walk import ROUNDING
+from pcontact.contact.surface.facet_maps import facet_boxes, simplest_kinds
 
 # cosine: normals up to 78 degrees apart may be partners; sideways neighbours beyond a border may not
 FACING = 0.2
@@ -132,10 +132,10 @@ def closest_points(
         corners but hide nothing behind them; a rank that is also given the neighbours of its facets (those that
         share a node) decides as if it had them all, and `better` of all ranks is then exactly the search in the
         whole surface.
-    apart : pcontact.contact.apart.Apart, optional
+    apart : pcontact.contact.search.exclusion.Apart, optional
         The points are on the surface searched (self contact): facets that are no partners although they face the
         point.
-    cones : pcontact.contact.cones.Cones, optional
+    cones : pcontact.contact.search.cones.Cones, optional
         Of these facets and these places: facets that can hold no partner are left out early, and partners stay the
         same.
     opposite : bool, optional

@@ -19,7 +19,7 @@ class Rim:
     nodes : ndarray (nf, m)
         Global nodes of this rank's facets.
     kinds, ids : ndarray (nf,)
-        As of `pcontact.contact.surface.TargetSurface`.
+        As of `pcontact.contact.surface.sides.TargetSurface`.
     x : ndarray (nf, n, d)
         Reference coordinates [length], of the same width on all ranks.
     table : ndarray (nf, k), optional

@@ -5,8 +5,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from pcontact.assembly.geometry import bulk_degree
-from pcontact.contact.facet_maps import KIND
-from pcontact.contact.rim import Rim
+from pcontact.contact.surface.facet_maps import KIND
+from pcontact.contact.surface.rim import Rim
 from pcontact.element.dilatation import Mean, dilatation, factors, hoop_operator, mean_dilatation
 from pcontact.element.geometry import facet_geometry
 from pcontact.element.quadrature import quadrature
@@ -276,7 +276,7 @@ class TargetSurface:
     Attributes
     ----------
     kinds : ndarray (nf,)
-        Facet kinds of :mod:`pcontact.contact.facet_maps` of the geometry that is searched.
+        Facet kinds of :mod:`pcontact.contact.surface.facet_maps` of the geometry that is searched.
     ids : ndarray (nf,)
         Global facet numbers.
     layout : ndarray (nf, n)
@@ -290,9 +290,9 @@ class TargetSurface:
     components : ndarray (nf,)
     degree : int
         Of the displacement.
-    smooth : pcontact.contact.smooth_geometry.SmoothSurface or None
+    smooth : pcontact.contact.surface.smooth_geometry.SmoothSurface or None
         What searches are to tell of; on all ranks or on none.
-    rim : pcontact.contact.rim.Rim or None
+    rim : pcontact.contact.surface.rim.Rim or None
         Facets of other ranks around those of this one; None on one rank.
     """
 
@@ -306,7 +306,7 @@ class TargetSurface:
     smooth: object = None
     rim: Rim | None = None
 
-    # what points on the surface itself tell about themselves, see `pcontact.contact.self_surface`
+    # what points on the surface itself tell about themselves, see `pcontact.contact.search.self_surface`
     about = None
 
     def seen_from(self, facet, x):
@@ -317,9 +317,9 @@ class TargetSurface:
         """What is searched: deformed coordinates, kinds, numbers, which may be partners, nodes. *Collective.*
 
         The rim decides with the others whether a projection is held at an edge, as if all facets were on one rank, but
-        holds no partner itself. Without the nodes there are no cones of normals (`pcontact.contact.cones`): where a
-        surface meets another one, the search tries fewer than two facets per point, and cones would cost more than they
-        save.
+        holds no partner itself. Without the nodes there are no cones of normals (`pcontact.contact.search.cones`):
+        where a surface meets another one, the search tries fewer than two facets per point, and cones would cost more
+        than they save.
         """
         if self.rim is None:
             return x_facets, self.kinds, self.ids, None, None
@@ -348,7 +348,7 @@ class TargetSurface:
         return None
 
     def apart(self, tree):
-        """See :class:`pcontact.contact.apart.Apart`; None: no point is on the surface."""
+        """See :class:`pcontact.contact.search.exclusion.Apart`; None: no point is on the surface."""
         return None
 
     def deformed(self, nodal, origin=0.0):

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pcontact.contact.facet_maps import (
+from pcontact.contact.surface.facet_maps import (
     ALONG_U,
     ALONG_V,
     CORNERS,
@@ -72,7 +72,7 @@ def normal_cones(tree, x_facets, kinds, corners, apart=None):
     kinds : (nf,) int64
     corners : (nf, k) int64
         Numbers of the facets' nodes, those of the corners first: neighbours share numbers.
-    apart : pcontact.contact.apart.Apart, optional
+    apart : pcontact.contact.search.exclusion.Apart, optional
         Of the facets; that of points is not read.
 
     Returns
@@ -322,7 +322,7 @@ def holds_none(axes, cosines, sines, item, lower, upper, row, x, n, facing):
 
 @njit_inline
 def is_behind(axes, cosines, sines, parts, lower, upper, item, part, x, slack):
-    """Whether all facets of an item are behind a point, through the material of its body, see `apart`.
+    """Whether all facets of an item are behind a point, through the material of its body: see `.exclusion`.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Source facets in space cut along the edges of the target facets they face: see `pcontact.contact.pieces`.
+"""Source facets in space cut along the edges of the target facets they face, see `.pieces`.
 
 The corners of target facets, of all ranks, are moved along the normal of a source facet onto it, and the polygons that
 they make there are clipped: neighbours share their corners, so that what they cover fits together to rounding. Edges
@@ -8,10 +8,10 @@ changes a little beside the cut, by a length of second order. Facets that face n
 
 import numpy as np
 
-from pcontact.contact.exchange import route
-from pcontact.contact.facet_maps import SQUARE_CORNERS, TRIANGLE_CORNERS, facet_boxes
-from pcontact.contact.polygons import tile
-from pcontact.contact.tree import build_tree
+from pcontact.contact.search.exchange import route
+from pcontact.contact.search.tree import build_tree
+from pcontact.contact.segmentation.clipping import tile
+from pcontact.contact.surface.facet_maps import SQUARE_CORNERS, TRIANGLE_CORNERS, facet_boxes
 from pcontact.element.reference import CELLS, facet_nodes
 from pcontact.element.shape import shape, shape_gradient
 from pcontact.runtime.jit import njit_exact
@@ -27,7 +27,7 @@ EDGE_ON = 0.02
 ALIKE = 1e-8
 # Newton iterations, of which curved facets need a few
 ITERATIONS = 12
-# corners of the kinds of `pcontact.contact.facet_maps`
+# corners of the kinds of `pcontact.contact.surface.facet_maps`
 KIND_CORNERS = np.array([2, 2, 3, 3, 4, 4, 4])
 
 
@@ -218,7 +218,7 @@ def tiles(space, parts, target):
         Three-dimensional.
     parts : list of pcontact.mesh.mesh.Facets
         The source facets of this rank.
-    target : pcontact.contact.surface.TargetSurface
+    target : pcontact.contact.surface.sides.TargetSurface
 
     Returns
     -------
