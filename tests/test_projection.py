@@ -649,6 +649,17 @@ def test_rays_do_not_slip_between_facets():
         np.testing.assert_allclose(r.gap, gap, atol=1e-14)
 
 
+@pytest.mark.parametrize("ids", [(0, 1), (1, 0)])
+@pytest.mark.parametrize("bend", [0.0, 0.01])
+def test_rays_take_the_facet_that_they_hit_whatever_the_numbers(ids, bend):
+    """Beside the corner between two facets both are near enough to be hit."""
+    x = np.array([[[1.0, bend], [0.0, 0.0]], [[0.0, 0.0], [-1.0, 0.0]]])
+    away = np.array([-4e-10, -1e-13, 1e-13, 4e-10])
+    points = np.stack([away, np.full(4, 0.5)], axis=1)
+    r = search(x, 0, points, [0, -1], 1.0, ids=np.array(ids), method=ray_tracing)
+    np.testing.assert_array_equal(r.facet, [1, 1, 0, 0])
+
+
 def test_rays_take_the_nearest_facing_facet_in_both_directions():
     low, high = grid_plane(2), grid_plane(2) + [0, 0, 1.0]
     x = np.concatenate([low, high, (grid_plane(2) + [0, 0, 0.45])[:, ::-1]])  # the last one faces down

@@ -320,8 +320,9 @@ def _solve(rays, tree, leaf, x_facets, kinds, x, n, facing, rounding, p, nodes, 
     if not row[SIZE] > 0.0:
         return
     if rays:
-        g, row[U], row[V] = ray_on_facet(kind, nodes, p, n, facing, 1e-12 * row[SIZE] + row[SLACK], shapes, jet, grid)
-        row[DISTANCE], row[GAP] = abs(g), g
+        slack = 1e-12 * row[SIZE] + row[SLACK]
+        g, row[U], row[V], over = ray_on_facet(kind, nodes, p, n, facing, slack, shapes, jet, grid)
+        row[DISTANCE], row[GAP], row[HELD] = abs(g), g, max(over - 1e-14 - rounding / row[SIZE], 0.0)
         for k in range(3):
             row[R + k], row[N + k] = g * n[k], n[k]
         return

@@ -65,8 +65,8 @@ class Partners(NamedTuple):
     size : (np,) float64
         Size of the facet (diagonal of its box) [length]: the scale of the tolerances in `better`.
     held : (np,) float64
-        Inside of its facet: how far it hangs over the border, over the facet's size; `EDGE` or `CORNER` where it is
-        held there.
+        Inside of its facet: how far it hangs over the border, over the facet's size, or how far the ray passes beyond
+        it, in reference coordinates; `EDGE` or `CORNER` where it is held there.
     """
 
     facet: np.ndarray

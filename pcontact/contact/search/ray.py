@@ -40,15 +40,17 @@ def ray_on_facet(kind, nodes, p, n, facing, slack, shapes, jet, grid):
     -------
     g, u, v : float
         g = inf: no intersection.
+    over : float
+        How far beyond the border of the facet the line passes, in reference coordinates.
     """
-    best, best_u, best_v = np.inf, 0.0, 0.0
+    best, best_u, best_v, best_over = np.inf, 0.0, 0.0, 0.0
     if is_segment(kind):
         s0, s1 = _line_parameters(kind, nodes, p, n)
         for s in (s0, s1):
-            g, u, v = _accept(kind, nodes, p, n, s, 0.0, facing, shapes, jet)
+            g, u, v, over = _accept(kind, nodes, p, n, s, 0.0, facing, shapes, jet)
             if abs(g) < abs(best):
-                best, best_u, best_v = g, u, v
-        return best, best_u, best_v
+                best, best_u, best_v, best_over = g, u, v, over
+        return best, best_u, best_v, best_over
     if kind == TRIANGLE3 or kind == PARALLELOGRAM:
         u, v = _plane_parameters(kind, nodes, p, n)
         return _accept(kind, nodes, p, n, u, v, facing, shapes, jet)
@@ -58,26 +60,27 @@ def ray_on_facet(kind, nodes, p, n, facing, slack, shapes, jet, grid):
             continue
         u, v = grid_point(kind, start // GRID, start % GRID)
         u, v = _shoot(kind, nodes, p, n, u, v, slack, shapes, jet)
-        g, u, v = _accept(kind, nodes, p, n, u, v, facing, shapes, jet)
+        g, u, v, over = _accept(kind, nodes, p, n, u, v, facing, shapes, jet)
         if abs(g) < abs(best):
-            best, best_u, best_v = g, u, v
-    return best, best_u, best_v
+            best, best_u, best_v, best_over = g, u, v, over
+    return best, best_u, best_v, best_over
 
 
 @njit_inner_exact
 def _accept(kind, nodes, p, n, u, v, facing, shapes, jet):
     """Check that the reference point is on the facet and that the facet faces the line there."""
     c, d = clamp(kind, u, v)
-    if not max(abs(c - u), abs(d - v)) <= EDGE_TOLERANCE:
-        return np.inf, 0.0, 0.0
+    over = max(abs(c - u), abs(d - v))
+    if not over <= EDGE_TOLERANCE:
+        return np.inf, 0.0, 0.0, 0.0
     fill_jet(kind, c, d, nodes, 3, shapes, jet)
     n0, n1, n2 = jet_normal(kind, jet)
     cosine = n0 * n[0] + n1 * n[1] + n2 * n[2]
     if not cosine <= -facing or not cosine < 0.0:
-        return np.inf, 0.0, 0.0
+        return np.inf, 0.0, 0.0, 0.0
     # along the facet's plane, so that an edge missed by a hair gives the gap of the unclamped point
     g = (n0 * (jet[0, 0] - p[0]) + n1 * (jet[0, 1] - p[1]) + n2 * (jet[0, 2] - p[2])) / cosine
-    return g, c, d
+    return g, c, d, over
 
 
 @njit_inner_exact
