@@ -12,11 +12,9 @@ from pcontact.material.elastic import in_plane, lame
 from pcontact.material.hardening import hardening_curve, hardening_table
 from pcontact.material.plastic import plastic_constants
 from pcontact.mesh.load import load_mesh
-from pcontact.mesh.partition import METHODS, WEIGHT
 from pcontact.pairs import contact_reports, tied_pairs
 from pcontact.runtime import log, profile
-from pcontact.runtime.errors import TOLD, InputError
-from pcontact.runtime.presets import PRESETS
+from pcontact.runtime.errors import TOLD
 from pcontact.scene import (
     amplitude,
     check_apart,
@@ -28,7 +26,8 @@ from pcontact.scene import (
     resolve_contacts,
     validate,
 )
-from pcontact.scene.model import LOCKING, POOR, UNSAFE
+from pcontact.scene.keys import options as key_options
+from pcontact.scene.model import LOCKING, POOR, Contact
 from pcontact.scene.unsafe import unsafe
 from pcontact.solve.bodies import MOST_COLOURS
 from pcontact.solve.problem import Problem
@@ -61,50 +60,16 @@ def override(scene, options, accuracy):
     validate(scene)
     # the caller may run it again, with other options
     scene = scene.copy()
-    if options.get("no_code", False, bool, text="refuse scenes that name Python functions"):
+    if options.get("no_code"):
         require_no_code(scene)
     options.propose(scene.petsc)
-    get = options.get
-    accuracy.name = get("accuracy", scene.accuracy, str, tuple(PRESETS), "preset: what pays for a draft, or more")
-    text = "settings that run with a warning instead of being refused"
-    words = get("allow_unsafe", None, str, text=text)
-    if words is not None:
-        scene.allow_unsafe = _words(words, options.said)
-    scene.mesh.order = get("mesh_order", scene.mesh.order, int, (1, 2), "degree of the displacement")
-    count, shortest = scene.steps.count, scene.steps.min_step
-    scene.steps.count = get("steps_count", count, int, text="equal load steps to start with", positive=True)
-    scene.steps.min_step = get("steps_min", shortest, float, text="smallest load step [time]", positive=True)
-    scene.output.fields = get("output_fields", scene.output.fields, bool, text="write fields of every step")
-    text = "write fields of the cells averaged at the nodes too"
-    scene.output.smooth = get("output_smooth", scene.output.smooth, bool, text=text)
-    text = "estimate the error of the displacement after every step"
-    scene.output.estimate = get("output_estimate", scene.output.estimate, bool, text=text)
-    text = "load steps between two checkpoints"
-    scene.output.checkpoint_every = get("checkpoint_every", scene.output.checkpoint_every, int, text=text)
-    numerics = {
-        "formulation": (str, "nitsche, penalty or augmented_lagrangian"),
-        "theta": (float, "variant of Nitsche's method: 1, 0, -1"),
-        "gamma0": (float, "dimensionless parameter of the formulation"),
-        "alpha": (float, "tangential over normal parameter"),
-        "adjoint": (str, "elastic or consistent: adjoint operator of theta = 1, -1 where cells yield"),
-        "quadrature": (int, "degree of the quadrature on source facets"),
-        "cut": (bool, "cut source facets along the edges of the target"),
-        "search": (str, "closest_point or ray_tracing"),
-        "smooth_geometry": (bool, "gaps of the smooth surfaces that straight facets stand for"),
-    }
-    said = {key: get(f"contact_{key}", None, kind, text=text) for key, (kind, text) in numerics.items()}
+    for table in (scene, scene.mesh, scene.steps, scene.output):
+        for key, option in key_options(type(table)).items():
+            setattr(table, key, options.get(option, getattr(table, key)))
+    accuracy.name = scene.accuracy
+    said = {key: options.get(option, None) for key, option in key_options(Contact).items()}
     validate(scene)
     return resolve_contacts(scene, {key: value for key, value in said.items() if value is not None}, options.said)
-
-
-def _words(text, said):
-    """The words of -allow_unsafe, separated by commas."""
-    words = tuple(word.strip() for word in text.split(","))
-    for word in words:
-        if word not in UNSAFE:
-            allowed = ", ".join(UNSAFE)
-            raise InputError(f"{said}: -allow_unsafe: found {word!r}; allowed: some of {allowed}")
-    return words
 
 
 def _pairs(scene):
@@ -122,10 +87,8 @@ def _pairs(scene):
 def read(scene, comm, options):
     """The distributed mesh of a scene. *Collective.*"""
     pairs = _pairs(scene)
-    weight = options.get("partition_weight", WEIGHT, float, text="work of a contact facet in units of a cell's",
-                         least=0)  # fmt: skip
-    given = "graph" if options.given("petscpartitioner_type") else "bisection"
-    method = options.get("partition", given, str, METHODS, "who cuts the mesh")
+    weight = options.get("partition_weight")
+    method = options.get("partition", "graph" if options.given("petscpartitioner_type") else "bisection")
 
     def check(mesh):
         check_dimension(scene, mesh.dim)

@@ -1,97 +1,125 @@
-"""The command line: ``pcontact run | check | convert | refine | view``."""
+"""The command line: ``pcontact run | check | convert | refine | view | schema``."""
 
 import difflib
+import json
 import sys
 import traceback
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
 from pcontact import __version__
 from pcontact.contact.surface.smooth_geometry import SMOOTH, WRONG, facet_pressure
+from pcontact.io import refine, show
 from pcontact.io.prices import prices
-from pcontact.io.refine import refine_run
-from pcontact.io.show import show
 from pcontact.mesh.store import convert, mesh_sizes
 from pcontact.runtime import log, signals
+from pcontact.runtime.declared import OPTIONS, SECTIONS, Option, help_lines, listed, read_all
 from pcontact.runtime.errors import TOLD, InputError
+from pcontact.runtime.files import replace_file
 from pcontact.runtime.parallel import on_root
 from pcontact.runtime.petsc import MPI
-from pcontact.scene import read_scene
+from pcontact.runtime.rules import integer, text
+from pcontact.scene import Contact, MeshSpec, Output, Scene, Steps, read_scene
+from pcontact.scene.keys import options as key_options
+from pcontact.scene.schema import schema
 from pcontact.simulation import Simulation
 from pcontact.space.modes import component_boxes, near_pairs
 
-USAGE = """\
-pcontact {version}: contact between elastic bodies with Nitsche's method, in parallel on PETSc
-
-  pcontact run SCENE.toml [-o DIR] [options]       solve; results in DIR (default: the scene's name)
-  pcontact check SCENE.toml [options]              read scene and mesh, solve nothing, say what is modelled
-  pcontact convert MESH [-o FILE.h5] [--order 2]   check a mesh and write it for reading in parallel (beside MESH)
-  pcontact refine DIR [-o FILE.msh] [options]      a finer mesh where the error estimate of the run in DIR is large
-  pcontact view DIR [-field NAME] [-o FILE.png]    a picture of the deformed bodies, from the results in DIR
-  mpirun -n 4 pcontact run SCENE.toml ...          the same on four ranks
-
-Options (they win over the scene; the scene's [petsc] table wins over the program's defaults):
-  -accuracy draft|standard|fine                    what is not said is set to what pays, see docs/accuracy.md
-  -contact_theta 1|0|-1                            variant of Nitsche's method, all pairs
-  -contact_gamma0 X                                dimensionless parameter, all pairs
-  -contact_quadrature N                            degree of the quadrature on source facets
-  -contact_cut true|false                          cut source facets along the edges of the target
-  -contact_search closest_point|ray_tracing        how a source point finds its partner
-  -contact_smooth_geometry true|false              gaps of the smooth surfaces that straight facets stand for
-  -contact_formulation nitsche|penalty|augmented_lagrangian
-                                                   formulation, all pairs
-  -contact_uzawa_rtol X, -contact_uzawa_max_it N   augmented Lagrangian: when multipliers have settled, updates at most
-  -contact_uzawa_grow true|false, -contact_uzawa_accept true|false
-                                                   a larger gamma where they are slow; take those that have not settled
-  -no_code                                         refuse scenes that name Python functions, which are programs
-  -allow_unsafe gamma0,locking,facet_sizes,friction,mesh
-                                                   settings that run with a warning instead of being refused
-  -contact_alpha X                                 tangential over normal parameter, all pairs with friction
-  -mesh_order 1|2                                  degree of the displacement
-  -steps_count N, -steps_min X                     load steps to start with, smallest load step
-  -output_fields true|false                        fields of every step
-  -output_smooth true|false                        with them the fields of the cells averaged at the nodes
-  -output_estimate true|false                      error estimate of every step, in the report and the fields
-  -restart DIR, -checkpoint_every N                go on from the checkpoint in DIR; load steps between two checkpoints
-  -restart_anyway                                  with a mesh or physics that differ, a warning in place of the refusal
-  -pc_patience N                                   Krylov iterations a preconditioner may lose before it is renewed
-  -pc_contact_filter auto|true|false               direct solve at closed points between two multigrid cycles
-  -partition bisection|graph                       the mesh is cut by planes, which spread contact, or by PETSc
-  -partition_weight X                              work of a contact facet in units of a cell's, for bisection
+CONVERT = listed(
+    Option("order", integer(1, 2), "2: cells completed to degree 2, for a displacement of that degree", 1),
+    Option(
+        "o", text("a file"), 'to be named in the scene: [mesh] file = "FILE.h5"', otherwise="beside MESH",
+        value="FILE.h5",
+    ),
+)  # fmt: skip
+PETSC_HELP = """\
   -snes_monitor, -snes_rtol X, -snes_linesearch_type bt|cp|basic|l2, -ksp_type, -pc_type gamg|hypre|ml|lu, ...
-                                                   any option of PETSc; -help with a scene lists them
-Options of convert:
-  --order 1|2                                      2: cells completed to degree 2, for a displacement of that degree
-  -o FILE.h5                                       to be named in the scene: [mesh] file = "FILE.h5"
-Options of refine (the run has estimate = true in [output], or -output_estimate):
-  -part X                                          triangles, tetrahedra: cells with this part of the squared error are
-                                                   refined (0.5)
-  -geometry FILE.geo, -error X                     instead, gmsh makes a new mesh, for X times the error of now (0.5)
-  -step N                                          whose estimate; 1 is the first step, -1 the last (the default)
-  -o FILE.msh                                      default: DIR/refined.msh
-Options of view:
-  -field NAME                                      contact_pressure, equivalent_stress, displacement_z, stress_xx, ...;
-                                                   a name that does not exist lists them all
-  -step N                                          1 is the first step, -1 the last (the default)
-  -scale X                                         factor of the displacements (default: 1, or a round number)
-  -cut true|false                                  solids cut open at the contact (default: for fields of the bodies)
-  -smooth true|false                               fields of cells averaged at the nodes (default), or as they are
-  -size 1600x1000                                  width and height in pixels
-  -o FILE                                          .png, .jpg, .svg, .pdf, ... (default: DIR/NAME.png)
+                                                   any option of PETSc; -help with a scene lists them"""
+EXIT = """\
 Exit status: 0 all steps converged, 1 a step did not converge, 2 the input is wrong, 3 output cannot be written or
-another run writes there.
-"""
+another run writes there."""
+
+
+class Command(NamedTuple):
+    """A command.
+
+    Attributes
+    ----------
+    operand : str
+        What it is called with, for messages; empty: nothing.
+    usage, help : str
+        Its words, and what it does.
+    options : dict of str to Option or None
+        Those that it takes; None: those of a run.
+    """
+
+    operand: str
+    usage: str
+    help: str
+    options: dict | None = None
+
+
+COMMANDS = {
+    "run": Command("a scene file", "SCENE.toml [-o DIR] [options]", "solve; results in DIR (default: SCENE_results)"),
+    "check": Command("a scene file", "SCENE.toml [options]", "read scene and mesh, solve nothing: what is modelled"),
+    "convert": Command("a mesh file", "MESH [-o FILE.h5] [--order 2]", "a mesh for reading in parallel", CONVERT),
+    "refine": Command(
+        "a directory", "DIR [-o FILE.msh] [options]",
+        "a finer mesh where the error estimate of the run in DIR is large", refine.OPTIONS,
+    ),
+    "view": Command(
+        "a directory", "DIR [-field NAME] [-o FILE.png]", "a picture of the deformed bodies from the results in DIR",
+        show.OPTIONS,
+    ),
+    "schema": Command(
+        "", "[-o FILE.json]", "JSON Schema of a scene file, with which editors complete and check it",
+        listed(Option("o", text("a file"), "where it goes", otherwise="standard output", value="FILE.json")),
+    ),
+}  # fmt: skip
+# options that are no run's, not even unused
 OURS = ("o", "help", "h", "field", "step", "scale")
-COMMANDS = ("run", "check", "convert", "refine", "view")
-OPERANDS = {
-    "run": "a scene file",
-    "check": "a scene file",
-    "convert": "a mesh file",
-    "refine": "a directory",
-    "view": "a directory",
-}
+
+
+def run_options():
+    """The options of a run, by section: a title and the options.
+
+    Returns
+    -------
+    dict of str to list of Option
+    """
+    scene = [option for cls in (Scene, MeshSpec, Contact, Steps, Output) for option in key_options(cls).values()]
+    every = [replace(option, default=None, otherwise="") for option in scene] + list(OPTIONS.values())
+    return {title: [option for option in every if option.section == name] for name, title in SECTIONS.items()}
+
+
+def usage(command=None):
+    """What ``--help`` says.
+
+    Parameters
+    ----------
+    command : str, optional
+        Absent: of all commands.
+    """
+    named = COMMANDS if command is None else {command: COMMANDS[command]}
+    lines = [f"pcontact {__version__}: contact between elastic bodies with Nitsche's method, in parallel on PETSc", ""]
+    lines += [f"  pcontact {f'{name} {one.usage}':<39} {one.help}" for name, one in named.items()]
+    if command in (None, "run"):
+        lines += ["  mpirun -n 4 pcontact run SCENE.toml ...          the same on four ranks"]
+    lines += ["  pcontact COMMAND --help                          the options of a command"] * (command is None)
+    lines += [""]
+    if any(one.options is None for one in named.values()):
+        lines += ["Options of run and check. They win over the scene; its [petsc] table wins over defaults."]
+        for title, options in run_options().items():
+            lines += [f"{title}:", *help_lines(options)]
+        lines += ["Of PETSc:", PETSC_HELP]
+    for name, one in named.items():
+        if one.options is not None:
+            lines += [f"Options of {name}:", *help_lines(one.options.values())]
+    return "\n".join([*lines, EXIT])
 
 
 def parse(arguments):
@@ -130,10 +158,15 @@ def parse(arguments):
             raise InputError(f"command line: second operand: found {word!r}; allowed: pcontact {command} ONE [options]")
     if options.get("o") == "":
         raise InputError("command line: -o: found nothing; allowed: a directory (run), a file (convert, view)")
-    if operand is None and not {"h", "help"} & set(options):
-        raise InputError(f"command line: pcontact {command}: found no operand; allowed: {OPERANDS[command]}")
-    help_ = operand is None or (command in ("convert", "refine", "view") and {"h", "help"} & set(options))
-    return ("help" if help_ else command), operand, options
+    asks, wanted = {"h", "help"} & set(options), COMMANDS[command].operand
+    # with a scene the word is PETSc's
+    if asks and (operand is None or COMMANDS[command].options is not None):
+        return "help", command, {}
+    if operand is None and wanted:
+        raise InputError(f"command line: pcontact {command}: found no operand; allowed: {wanted}")
+    if operand is not None and not wanted:
+        raise InputError(f"command line: pcontact {command}: found {operand!r}; allowed: no operand")
+    return command, operand, options
 
 
 def _number(word):
@@ -166,8 +199,8 @@ def run_scene(scene, directory, observers=()):
     """
     simulation = Simulation(scene)
     converged = simulation.run(directory, observers)
-    for text in simulation.unused(OURS):
-        log.warning("%s", text)
+    for line in simulation.unused(OURS):
+        log.warning("%s", line)
     return simulation, converged
 
 
@@ -250,34 +283,45 @@ def _named(names, pairs):
 
 def convert_mesh(path, options):
     """Write a mesh for reading in parallel, and say what it holds. *Collective.*"""
-    name = next((name for name in ("order", "mesh_order") if name in options), None)
-    order = options.get(name, "1")
-    if order not in ("1", "2"):
-        raise InputError(f"command line: -{name}: found {order!r}; allowed: 1 | 2")
+    name = next((name for name in ("order", "mesh_order") if name in options), "order")
+    order = replace(CONVERT["order"], name=name).read(options.get(name, "1"))
 
     def work():
-        target, raw = convert(path, options.get("o"), int(order))
+        target, raw = convert(path, options.get("o"), order)
         return target, mesh_sizes(raw)
 
     target, sizes = on_root(MPI.COMM_WORLD, work) or (None, None)
     log.info("wrote %s: %s", target, sizes)
 
 
+def print_schema(path=None):
+    """Print the JSON Schema of a scene file, or write it. *Collective.*"""
+    words = json.dumps(schema(), indent=2)
+    if path is None:
+        log.info("%s", words)
+        return
+    on_root(MPI.COMM_WORLD, replace_file, path, words + "\n")
+    log.info("wrote %s", path)
+
+
 def _execute(command, operand, options):
     if command == "help":
-        log.info("%s", USAGE.format(version=__version__).rstrip())
+        log.info("%s", usage(operand))
         return 0
     for word in filter(None, (operand, *options.values())):
         _check_letters(word)
     comm = MPI.COMM_WORLD
     if command == "view":
-        log.info("wrote %s", on_root(comm, show, operand, options))
+        log.info("wrote %s", on_root(comm, show.show, operand, options))
         return 0
     if command == "refine":
-        log.info("wrote %s", on_root(comm, refine_run, operand, options))
+        log.info("wrote %s", on_root(comm, refine.refine_run, operand, options))
         return 0
     if command == "convert":
         convert_mesh(operand, options)
+        return 0
+    if command == "schema":
+        print_schema(read_all(command, COMMANDS[command].options, options).get("o"))
         return 0
     scene = read_scene(operand)
     if command == "check":

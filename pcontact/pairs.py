@@ -18,10 +18,10 @@ from pcontact.contact.traction.plastic import PlasticTrace
 from pcontact.contact.unbiased import contacts_of_halves, halved, is_unbiased
 from pcontact.mesh.mesh import size_of
 from pcontact.runtime import log
+from pcontact.runtime.messages import input_error
 from pcontact.runtime.parallel import agree
 from pcontact.runtime.petsc import MPI
 from pcontact.scene import amplitude, obstacle_functions
-from pcontact.scene.messages import input_error
 from pcontact.scene.model import OUTER
 from pcontact.scene.unsafe import unsafe
 from pcontact.space.modes import join

@@ -70,9 +70,8 @@ class Simulation:
         self.comm, self.options, self.profile, self.calls = comm, Options(said), profile.Profile(), CALLS.copy()
         self.failure, self.stopped, self.records, self.snapshot = None, False, None, None
         self.problem = self.newton = None
-        self.restart = self.options.get("restart", None, str, text="directory of an earlier run that goes on")
-        text = "go on from a checkpoint of other physics, with a warning for each difference"
-        self.anyway = self.options.get(ANYWAY, False, bool, text=text)
+        self.restart = self.options.get("restart")
+        self.anyway = self.options.get(ANYWAY)
         try:
             with profile.recording(self.profile):
                 self._set_up(scene)

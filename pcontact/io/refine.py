@@ -1,8 +1,7 @@
 """``pcontact refine``: a better mesh from the error estimate of a finished run."""
 
-import difflib
 import json
-import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,17 +12,22 @@ from pcontact.io.result import load_result
 from pcontact.mesh.reader import read_mesh
 from pcontact.mesh.refine import refine
 from pcontact.mesh.remesh import remesh, write_refined, write_sizes
+from pcontact.runtime.declared import STEP, Option, listed, read_all
 from pcontact.runtime.errors import InputError
+from pcontact.runtime.rules import number, text
 
-OPTIONS = {
-    "o": "a file .msh",
-    "geometry": "a file .geo",
-    "part": "a number > 0 and <= 1",
-    "error": "a number > 0 and < 1",
-    "step": "a whole number: 1 is the first step, -1 the last",
-}
 # part of the squared error whose cells are refined; error wanted of a new mesh over the old one
 PART, ERROR = 0.5, 0.5
+OPTIONS = listed(
+    Option(
+        "part", number(above=0, most=1),
+        "triangles, tetrahedra: cells with this part of the squared error are refined", PART,
+    ),
+    Option("geometry", text("a file .geo"), "instead, gmsh makes a new mesh of this geometry", value="FILE.geo"),
+    Option("error", number(above=0, below=1), "with -geometry: error of the new mesh over the one of now", ERROR),
+    replace(STEP, help=f"whose estimate: {STEP.help}"),
+    Option("o", text("a file .msh"), "the new mesh", otherwise="DIR/refined.msh", value="FILE.msh"),
+)  # fmt: skip
 NOT_MATCHING = 1e-6
 
 
@@ -46,12 +50,12 @@ def refine_run(directory, options):
     ------
     InputError
     """
-    values = {name: _value(name, text) for name, text in options.items()}
+    values = read_all("refine", OPTIONS, options)
     directory = Path(directory)
     raw, estimates, degree = read_estimate(directory, values.get("step", -1))
     target = Path(values.get("o") or directory / "refined.msh")
     if target.suffix != ".msh":
-        raise InputError(f"command line: -o: found {str(target)!r}; allowed: {OPTIONS['o']}")
+        raise InputError(f"command line: -o: found {str(target)!r}; allowed: {OPTIONS['o'].allowed}")
     if not target.parent.is_dir():
         raise InputError(f"command line: -o: found no directory {str(target.parent)!r}; allowed: one that exists")
     if "geometry" not in values:
@@ -139,22 +143,3 @@ def _corners(name):
     """Vertices of a kind of cell by its name in the fields."""
     kinds = {"triangle": "triangle", "quad": "quadrilateral", "tetra": "tetrahedron", "hexahedron": "hexahedron"}
     return CELLS[kinds[name.rstrip("0123456789")]].n_vertices
-
-
-def _value(name, text):
-    """The value of an option."""
-    if name not in OPTIONS:
-        near = difflib.get_close_matches(name, OPTIONS, 1)
-        hint = f"; the nearest is -{near[0]}" if near else ""
-        allowed = ", ".join(f"-{key}" for key in OPTIONS)
-        raise InputError(f"command line: -{name}: no such option of pcontact refine; allowed: {allowed}{hint}")
-    try:
-        value = int(text) if name == "step" else float(text) if name in ("part", "error") else text or None
-    except ValueError:
-        value = None
-    if name in ("part", "error") and value is not None:
-        value = value if math.isfinite(value) and 0.0 < value <= 1.0 and (name, value) != ("error", 1.0) else None
-    if value is None:
-        found = repr(text) if text else "nothing"
-        raise InputError(f"command line: -{name}: found {found}; allowed: {OPTIONS[name]}")
-    return value

@@ -1,21 +1,34 @@
 """``pcontact view``: what its options mean. Only here is the code that draws imported, and matplotlib with it."""
 
-import difflib
-import math
 from pathlib import Path
 
+from pcontact.runtime.declared import STEP, Option, listed, read_all
 from pcontact.runtime.errors import InputError
+from pcontact.runtime.rules import BOOLEAN, number, text
 
-OPTIONS = {
-    "o": "a file",
-    "field": "the name of a field",
-    "step": "a whole number: 1 is the first step, -1 the last",
-    "scale": "a number >= 0",
-    "cut": "true | false",
-    "smooth": "true | false",
-    "size": "WIDTHxHEIGHT in pixels, 200 to 8000 each",
-}
-_WORDS = {"": True, "true": True, "1": True, "yes": True, "false": False, "0": False, "no": False}
+
+def _size(value):
+    """Width and height from a text such as 1600x1000."""
+    size = tuple(int(part) for part in value.lower().split("x"))
+    if len(size) != 2 or not all(200 <= n <= 8000 for n in size):
+        raise ValueError
+    return size
+
+
+OPTIONS = listed(
+    Option(
+        "field", text("the name of a field"), "contact_pressure, equivalent_stress, displacement, displacement_z, "
+        "stress_xx, equivalent_plastic_strain, gap, ...; a wrong name lists them all", value="NAME",
+    ),
+    STEP,
+    Option("scale", number(least=0), "factor of the displacements", otherwise="1, or a round number"),
+    Option("cut", BOOLEAN, "solids cut open at the contact", otherwise="for fields of the bodies"),
+    Option("smooth", BOOLEAN, "fields of cells averaged at the nodes, or as they are", True),
+    Option(
+        "size", text("WIDTHxHEIGHT in pixels, 200 to 8000 each", _size), "width and height in pixels", value="1600x1000"
+    ),
+    Option("o", text("a file"), ".png, .jpg, .svg, .pdf, ...", otherwise="DIR/NAME.png", value="FILE"),
+)  # fmt: skip
 
 
 def show(directory, options):
@@ -39,13 +52,7 @@ def show(directory, options):
         An option is not known or has a value that is not allowed, there is no matplotlib, or what
         :func:`pcontact.io.picture.picture` raises.
     """
-    for name in options:
-        if name not in OPTIONS:
-            near = difflib.get_close_matches(name, OPTIONS, 1)
-            hint = f"; the nearest is -{near[0]}" if near else ""
-            allowed = ", ".join(f"-{key}" for key in OPTIONS)
-            raise InputError(f"command line: -{name}: no such option of pcontact view; allowed: {allowed}{hint}")
-    values = {name: _value(name, text) for name, text in options.items()}
+    values = read_all("view", OPTIONS, options)
     if not Path(directory).is_dir() and Path(directory).suffix in (".toml", ".pvd"):
         raise InputError(f"command line: pcontact view: found {directory}; allowed: the output directory of a run")
     try:
@@ -56,26 +63,3 @@ def show(directory, options):
         raise InputError("pcontact view: found no Python package matplotlib; allowed: pip install matplotlib") from None
     values["output"] = values.pop("o", None)
     return picture(directory, **values)
-
-
-def _value(name, text):
-    """The value of an option as `picture` takes it."""
-    try:
-        if name == "step":
-            value = int(text)
-        elif name == "scale":
-            value = float(text)
-            value = value if value >= 0 and math.isfinite(value) else None
-        elif name in ("cut", "smooth"):
-            value = _WORDS.get(text.lower())
-        elif name == "size":
-            value = tuple(int(part) for part in text.lower().split("x"))
-            value = value if len(value) == 2 and all(200 <= n <= 8000 for n in value) else None
-        else:
-            value = text or None
-    except ValueError:
-        value = None
-    if value is None:
-        found = repr(text) if text else "nothing"
-        raise InputError(f"command line: -{name}: found {found}; allowed: {OPTIONS[name]}")
-    return value

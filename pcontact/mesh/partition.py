@@ -8,15 +8,15 @@ from pcontact.mesh.depth import Depths
 from pcontact.mesh.mesh import bounding_box
 from pcontact.mesh.near import contact_facets
 from pcontact.mesh.slices import Corners
+from pcontact.runtime.declared import OPTIONS
 from pcontact.runtime.petsc import MPI, PETSC_GRAPHS, PETSc, has_package, reset_partitioner
 
 # work of a cell in a mesh of several types; those that it has are taken relative to the least
 WORK = {"triangle": 1.0, "quadrilateral": 2.0, "tetrahedron": 1.0, "hexahedron": 5.0}
 # work of a contact facet in units of a cell's
-WEIGHT = 4.0
+WEIGHT = OPTIONS["partition_weight"].default
 # more is no different
 HEAVY = 1e6
-METHODS = ("bisection", "graph")
 
 
 def _gathered(exchanger, piece):

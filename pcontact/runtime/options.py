@@ -1,15 +1,16 @@
 """The one reader of the options database: the command line wins over the scene, which wins over defaults."""
 
-import math
 import re
 from collections.abc import Mapping
 
 import numpy as np
 
+from pcontact.runtime import log
+from pcontact.runtime.declared import OPTIONS, PETSC, RENAMED
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.petsc import PETSc, option_used
 
-KINDS = {str: "a word", int: "an integer", float: "a number", bool: "true | false"}
+UNSAID = object()
 # PETSc's error codes: arguments that are wrong or out of range, names that are not known, missing factorisations
 OPTION_FAULTS = (62, 63, 83, 86, 92)
 
@@ -24,66 +25,54 @@ class Options:
 
     Attributes
     ----------
-    known : dict of str to str
-        Help text of every option that the program asked for.
+    known : dict of str to pcontact.runtime.declared.Option
+        Every option that the program asked for.
     entered : list of str
         Options that `propose` put into the database.
     """
 
     def __init__(self, said="command line"):
         self._db, self.said = PETSc.Options(), said
-        self.known, self.entered = {}, []
+        self.known, self.entered, self._warned = {}, [], set()
 
     def given(self, name):
         """Whether the user set the option."""
-        return self._db.hasName(name)
+        return self._said(name) is not None
 
-    def get(self, name, default, kind=str, allowed=None, text="", positive=False, least=None):
+    def _said(self, name):
+        """The name under which the user set an option: its own or an old one; None where it is not set."""
+        names = (name, *(old for old, new in RENAMED.items() if new == name))
+        return next((self._new(one) and one for one in names if self._db.hasName(one)), None)
+
+    def _new(self, name):
+        """The name that an option has now, with a warning, once, where that is another one."""
+        if name in RENAMED and name not in self._warned:
+            self._warned.add(name)
+            log.warning("option -%s is now called -%s; the old name will go", name, RENAMED[name])
+        return RENAMED.get(name, name)
+
+    def get(self, option, default=UNSAID):
         """Value of an option.
 
         Parameters
         ----------
-        name : str
-            Without the dash.
+        option : str or pcontact.runtime.declared.Option
+            A declared one, or its name.
         default : object
-            Returned when the option is not set.
-        kind : {str, int, float, bool}
-        allowed : sequence, optional
-            The values allowed.
-        text : str
-            Help.
-        positive : bool
-            Only numbers above zero are allowed.
-        least : int or float, optional
-            Only numbers from this one on are allowed.
+            Returned when the option is not set; absent: the declared one.
 
         Raises
         ------
         InputError
             When the value has the wrong type or is not allowed.
         """
-        self.known[name] = text
-        if not self._db.hasName(name):
-            return default
-        raw = self._db.getString(name, "")
-        try:
-            if kind is bool:
-                value = self._db.getBool(name)
-            else:
-                value = kind(raw)
-            if kind is float and not math.isfinite(value):
-                value = None
-        except (ValueError, PETSc.Error):
-            value = None
-        choices = KINDS[kind] if allowed is None else " | ".join(str(a) for a in allowed)
-        if positive:
-            choices += " > 0"
-        if least is not None:
-            choices += f" >= {least}"
-        outside = value is not None and ((positive and not value > 0) or (least is not None and value < least))
-        if value is None or outside or (allowed is not None and value not in allowed):
-            raise self.refusal(name, choices)
-        return value
+        if isinstance(option, str):
+            option = OPTIONS.get(option) or PETSC[option]
+        self.known[option.name] = option
+        name = self._said(option.name)
+        if name is None:
+            return option.default if default is UNSAID else default
+        return option.read(self._db.getString(name, ""), self.said)
 
     def refusal(self, name, allowed):
         """The error to raise: the option's name, what was found, what is allowed.
@@ -110,8 +99,10 @@ class Options:
         """
         applied, kept_out = {}, {}
         for name, value in defaults.items():
-            if self._db.hasName(name):
-                kept_out[name] = self._db.getString(name, "")
+            name = self._new(name)
+            said = self._said(name)
+            if said is not None:
+                kept_out[name] = self._db.getString(said, "")
             else:
                 # a flag without value is true for PETSc, and the only way to ask for a monitor
                 self._db.setValue(name, "" if value is None or value is True or value == "true" else value)

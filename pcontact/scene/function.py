@@ -7,8 +7,8 @@ from types import ModuleType
 
 import numpy as np
 
+from pcontact.runtime.messages import input_error, shown
 from pcontact.scene.expression import Expression
-from pcontact.scene.messages import input_error, shown
 from pcontact.scene.model import Scene
 from pcontact.scene.places import place
 

@@ -1,18 +1,38 @@
 """The scene as plain dataclasses: the reader fills them from TOML, drivers fill them in Python.
 
-Nothing is checked here; `pcontact.scene.validate.validate` checks every value, whoever wrote it, and turns
-numbers into float and lists into tuples. Units are the user's own and must be consistent. None means
-"not said": what is then assumed stands in the docstrings.
+Each key is declared here, and nowhere else, see `pcontact.scene.keys`. Nothing is checked here;
+`pcontact.scene.validate.validate` checks every value, whoever wrote it, and turns numbers into float and lists into
+tuples. Units are the user's own and must be consistent. None means "not said".
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from pcontact.scene.contact_model import CONTACT_DEFAULTS as CONTACT_DEFAULTS
-from pcontact.scene.contact_model import OUTER as OUTER
-from pcontact.scene.contact_model import Contact, Table
-from pcontact.scene.contact_model import Obstacle as Obstacle
+from pcontact.runtime.presets import PRESETS
+from pcontact.runtime.rules import (
+    ANY_TEXT,
+    BOOLEAN,
+    NON_NEGATIVE,
+    POSITIVE,
+    TEXT,
+    choice,
+    file,
+    integer,
+    number,
+    one_of,
+    sequence,
+)
+from pcontact.scene.keys import key, keys, table
+from pcontact.scene.values import (
+    AMPLITUDE,
+    COMPONENTS,
+    DIRECTION,
+    EXPRESSION,
+    FUNCTION,
+    HARDENING_CURVE,
+    VECTOR,
+)
 
 # Poisson's ratio above which cells are too stiff, or lose the digits of the stress, as they are: those of degree 1, and
 # quadrilaterals and hexahedra of degree 2 (pressure of a surface pressed flat, 8 cells in the half width: error in L2
@@ -26,58 +46,72 @@ POOR = 0.49
 # solutions, a mesh whose bodies are cut where cells do not meet facet to facet
 UNSAFE = ("gamma0", "locking", "facet_sizes", "friction", "mesh")
 
+# group of facets that a contact of all surfaces takes: the whole boundary of all bodies
+OUTER = "outer surfaces"
+
+Table = Sequence[Sequence[float]]  # rows of (time, factor), or of (strain, stress)
+Function = str | Callable  # "module.py:name" beside the scene, or the function itself
+
+REGION = "name of a group of"
 
 
-@dataclass
+def amplitude(what: str = "factor of the value"):
+    """The key for how a value goes over the time of the run."""
+    return key(AMPLITUDE, f"{what} over the time", None, otherwise="a ramp from 0 to 1 over the run")
+
+
+@table
 class MeshSpec:
-    """Where the mesh is and how it is used.
+    """Where the mesh is and how it is used."""
 
-    Parameters
-    ----------
-    file : str or pathlib.Path
-        Mesh file, relative to the scene's folder.
-    order : int or None
-        Degree of the displacement, 1 or 2; None: 1, or what a preset of accuracy says.
-    kinematics : str
-        2D only: "plane_strain", "plane_stress" or "axisymmetric" (x is the radius, y the axis); the default says
-        nothing about a 3D mesh.
-    mean_dilatation : bool or None
-        Cells, but for triangles and tetrahedra of degree 1, take their mean volume change, which cures locking; None:
-        in bodies that are nearly incompressible, with degree 1 also in those that may yield, see
-        :meth:`Scene.averages`.
-    """
+    file: str | Path = key(
+        file("the name of a mesh file beside the scene"), "mesh file, beside the scene",
+        more="`.msh` (gmsh), `.med`, Exodus, what meshio reads, or `.h5` from `pcontact convert`, which all ranks read "
+        "together, see [mesh.md](mesh.md)",
+    )  # fmt: skip
+    order: int | None = key(
+        integer(1, 2), "degree of the displacement", None, otherwise="1, or what `accuracy` chooses",
+        option="mesh_order",
+        more="A mesh of degree 2 keeps its curved cells with either; 2 with a converted mesh needs `pcontact convert "
+        "--order 2`",
+    )  # fmt: skip
+    kinematics: str = key(
+        choice("plane_strain", "plane_stress", "axisymmetric"), "plane meshes only: what happens across the plane",
+        "plane_strain", more="see below; axisymmetric: x is the radius, y the axis",
+    )  # fmt: skip
+    mean_dilatation: bool | None = key(
+        BOOLEAN, "cells take their mean volume change (B-bar), the cure for locking", None, otherwise="automatic",
+        more="its mean in quadrilaterals and hexahedra of degree 1 and in triangles and tetrahedra of degree 2, its "
+        "best linear function in quadrilaterals and hexahedra of degree 2. Automatic: quadrilaterals and hexahedra "
+        f"in bodies with nu > {LOCKING:g} (those of degree 1 also where bodies may yield), triangles and tetrahedra of "
+        f"degree 2 with nu > {POOR:g}; `pcontact check` says which bodies. Triangles and tetrahedra of degree 1 have "
+        "no mean other than what they have",
+    )  # fmt: skip
 
-    file: str | Path
-    order: int | None = None
-    kinematics: str = "plane_strain"
-    mean_dilatation: bool | None = None
 
-
-@dataclass
+@table
 class Material:
-    """Isotropic elasticity; von Mises plasticity as well where `yield_stress` or `hardening_curve` is given.
+    """Isotropic elasticity; von Mises plasticity as well where `yield_stress` or `hardening_curve` is given."""
 
-    Parameters
-    ----------
-    E, nu : float
-        Young's modulus [stress] and Poisson's ratio.
-    yield_stress : float or None
-        Uniaxial yield stress [stress]; None: elastic, or see `hardening_curve`.
-    hardening : float
-        Isotropic: d(yield stress) / d(equivalent plastic strain) [stress].
-    kinematic_hardening : float
-        Prager: d(uniaxial back stress) / d(equivalent plastic strain) [stress].
-    hardening_curve : sequence of (strain, stress) or None
-        Instead of `yield_stress` and `hardening`: equivalent plastic strain, from 0 on, and the uniaxial yield stress
-        there [stress]; linear between the points, constant beyond the last.
-    """
-
-    E: float
-    nu: float
-    yield_stress: float | None = None
-    hardening: float = 0.0
-    kinematic_hardening: float = 0.0
-    hardening_curve: Table | None = None
+    E: float = key(POSITIVE, "Young's modulus", unit="stress")
+    nu: float = key(
+        number(above=-1, below=0.5, words="a number with -1 < nu < 0.5; nearly incompressible: use e.g. 0.4999"),
+        "Poisson's ratio",
+    )  # fmt: skip
+    yield_stress: float | None = key(
+        POSITIVE, "yield stress of a uniaxial test: the material yields (von Mises, small strain)", None, "stress",
+        "elastic, or see `hardening_curve`",
+    )  # fmt: skip
+    hardening: float = key(
+        NON_NEGATIVE, "with `yield_stress`: isotropic, d(yield stress) / d(equivalent plastic strain)", 0.0, "stress"
+    )
+    kinematic_hardening: float = key(
+        NON_NEGATIVE, "Prager: d(uniaxial back stress) / d(equivalent plastic strain)", 0.0, "stress"
+    )
+    hardening_curve: Table | None = key(
+        HARDENING_CURVE, "instead of `yield_stress` and `hardening`: yield stress over the equivalent plastic strain",
+        None, "stress", "none", more="linear between the points, constant beyond the last",
+    )  # fmt: skip
 
     @property
     def plastic(self) -> bool:
@@ -85,75 +119,195 @@ class Material:
         return self.yield_stress is not None or self.hardening_curve is not None
 
 
-@dataclass
+@table
 class Body:
     """A group of cells and the name of the material it is made of."""
 
-    region: str
-    material: str
+    region: str = key(TEXT, f"{REGION} cells")
+    material: str = key(TEXT, "name of a material")
 
 
-@dataclass
+@table
+class Obstacle:
+    """A rigid body without a mesh; points are vectors of the mesh dimension d."""
+
+    shape: str = key(
+        choice("plane", "sphere", "cylinder", "level_set"),
+        "shape; a sphere in the plane is a circle, a cylinder is for space only",
+    )  # fmt: skip
+    point: Sequence[float] | None = key(VECTOR, "plane: a point of it; cylinder: a point of its axis", None, "length")
+    normal: Sequence[float] | None = key(DIRECTION, "plane: normal into the free space, of any length", None)
+    center: Sequence[float] | None = key(VECTOR, "sphere: its centre", None, "length")
+    axis: Sequence[float] | None = key(DIRECTION, "cylinder: direction of its axis, of any length", None)
+    radius: float | None = key(POSITIVE, "sphere and cylinder", None, "length")
+    inside: bool = key(BOOLEAN, "sphere and cylinder: the free space is inside", False)
+    function: Function | None = key(
+        FUNCTION, "level set: instead of `expression` a program, beside the scene", None,
+        more="[running.md](running.md) says when; `function(x, t)` is the signed distance (n,) of points x (n, d) at "
+        "time t, positive in the free space",
+    )  # fmt: skip
+    gradient: Function | None = key(
+        FUNCTION, "level set: gradient of `function`", None, otherwise="left to the program",
+        more="`gradient(x, t)` is (n, d)",
+    )  # fmt: skip
+    expression: str | None = key(
+        EXPRESSION, "level set: signed distance, positive in the free space", None,
+        more='an expression of `x`, `y`, `z` and the time `t`, such as `"sqrt(x**2 + y**2) - 1 + 0.1*t"`, see below',
+    )  # fmt: skip
+    displacement: Sequence[float] | None = key(
+        VECTOR, "translation at factor 1", None, "length", "it stands still"
+    )
+    amplitude: Table | None = amplitude("factor of `displacement`")
+
+
+@table
+class Contact:
+    """A contact pair: a source surface, a target surface or an obstacle, the law, and the numerics.
+
+    Numerics are None when not said, so that the command line comes before the scene and the scene before
+    `CONTACT_DEFAULTS`; `pcontact.scene.validate.resolve_contacts` applies that order.
+    """
+
+    source: str | None = key(
+        TEXT, f"{REGION} facets on the boundary of a body: the integrals are taken here", None,
+        otherwise="must be said, unless `all`",
+    )  # fmt: skip
+    target: str | None = key(
+        TEXT, f"{REGION} facets: the points are projected here", None, otherwise="must be said, or `obstacle`",
+        more="Bodies in contact do not share nodes. The same group as `source`: self contact, see below",
+    )  # fmt: skip
+    obstacle: Obstacle | None = field(default=None, metadata={"table": Obstacle})
+    name: str | None = key(TEXT, "name of the contact, unique", None, otherwise="source-target; of `all`: `all`")
+    friction: float | None = key(NON_NEGATIVE, "Coulomb's coefficient", None, otherwise="0")
+    tresca: float | None = key(
+        NON_NEGATIVE, "instead of `friction`: a fixed bound of the tangential traction, on the whole surface", None,
+        "stress", "none",
+    )  # fmt: skip
+    friction_limit: float | None = key(
+        POSITIVE, "with `friction`: the tangential traction is never larger", None, "stress", "none"
+    )
+    adhesion: float | None = key(
+        NON_NEGATIVE, "with `friction`: tangential traction that closed points bear without pressure", None, "stress",
+        "0",
+    )  # fmt: skip
+    bilateral: bool = key(
+        BOOLEAN, "no separation: the gap is closed, and stays so, in tension too", False,
+        more="Places of the source that jut out over the border of the target are free",
+    )  # fmt: skip
+    unbiased: bool = key(
+        BOOLEAN, "both surfaces are source and target", False, more="see below. Self contact always is"
+    )
+    all: bool = key(
+        BOOLEAN, "instead of `source` and `target`: every body against every other one", False,
+        more="see below. With `obstacle`, instead of `source`: every body against the obstacle",
+    )  # fmt: skip
+    self_contact: bool | None = key(
+        BOOLEAN, "whether a body is its own partner, too", None,
+        otherwise="of `all`: false, of a surface with itself: true",
+    )  # fmt: skip
+    tied: bool = key(BOOLEAN, "the surfaces are glued together as they are", False, more="see below")
+    formulation: str | None = key(
+        choice("nitsche", "penalty", "augmented_lagrangian"), "formulation of the contact conditions", "nitsche",
+        option="contact_formulation", resolved=True, more="see below; pairs of one scene may differ",
+    )  # fmt: skip
+    theta: float | None = key(
+        one_of(1, 0, -1), "variant of Nitsche's method: 1 (symmetric), 0 (fewest terms), -1 (stable for every gamma0)",
+        0.0, option="contact_theta", resolved=True,
+    )  # fmt: skip
+    gamma0: float | None = key(
+        POSITIVE, "dimensionless parameter of the formulation; larger: stiffer contact", None,
+        otherwise="2, 1, 1 for theta 1, 0, -1 (unbiased: half); penalty 3, augmented Lagrangian 1",
+        option="contact_gamma0", resolved=True,
+    )  # fmt: skip
+    alpha: float | None = key(
+        POSITIVE, "with friction: parameter of the tangential terms over that of the normal ones", 1.0,
+        option="contact_alpha", resolved=True,
+    )  # fmt: skip
+    adjoint: str | None = key(
+        choice("elastic", "consistent"), "with theta = 1 or -1, where source cells yield: operator of the adjoint term",
+        "elastic", option="contact_adjoint", resolved=True,
+        more="that of elasticity, or `consistent` with the traction's derivative",
+    )  # fmt: skip
+    quadrature: int | None = key(
+        integer(1, 20), "degree of the quadrature on source facets", None, otherwise="from the element",
+        option="contact_quadrature", resolved=True,
+    )  # fmt: skip
+    cut: bool | None = key(
+        BOOLEAN, "whether source facets are cut along the edges of the target", None, otherwise="from the element",
+        option="contact_cut", resolved=True, more="see below",
+    )  # fmt: skip
+    search: str | None = key(
+        choice("closest_point", "ray_tracing"), "how a source point finds its partner", "closest_point",
+        option="contact_search", resolved=True, more="`ray_tracing`: along the normal of the source",
+    )  # fmt: skip
+    search_radius: float | None = key(
+        POSITIVE, "largest distance at which a partner is looked for", None, "length", "from the surfaces",
+        resolved=True,
+        more="From the surfaces: 0.15 of the extent of the smaller surface (half of it where a body is not held); "
+        "`all`: 0.15 of the extent of the smallest body; `tied`: the largest facet. The extent is the length of a "
+        "straight line that is as wide spread, such as the diagonal of a square: it does not depend on directions",
+    )  # fmt: skip
+    interference: str | None = key(
+        choice("resolve", "adjust"), "what an initial overlap means", "resolve", resolved=True,
+        more="it is pushed apart (`resolve`: a shrink fit), or taken as the unloaded state (`adjust`)",
+    )  # fmt: skip
+    smooth_geometry: bool | None = key(
+        BOOLEAN, "gaps are those of the smooth surfaces that straight facets stand for", False,
+        option="contact_smooth_geometry", resolved=True, more="for meshes of degree 1, see below",
+    )  # fmt: skip
+
+    def __post_init__(self):
+        if self.name is None and self.all:
+            self.name = "all" if self.obstacle is None else f"all-{getattr(self.obstacle, 'shape', 'obstacle')}"
+        elif self.name is None and isinstance(self.source, str):
+            partner = self.target if self.target is not None else getattr(self.obstacle, "shape", "obstacle")
+            self.name = f"{self.source}-{partner}"
+
+    @property
+    def meets_itself(self) -> bool:
+        """Whether a body is its own partner."""
+        return bool(self.self_contact if self.all or self.self_contact is not None else self.target == self.source)
+
+
+# numerics of a contact: what a key is where neither the command line nor the scene says it
+CONTACT_DEFAULTS = {name: one.default for name, one in keys(Contact).items() if one.resolved}
+
+
+@table
 class Displacement:
-    """Prescribed displacement of a group of cells, facets, edges or vertices.
+    """Prescribed displacement of a group of cells, facets, edges or vertices."""
 
-    Parameters
-    ----------
-    region : str
-        Name of the group.
-    value : sequence of float or "free"
-        (d,) one entry per direction [length].
-    amplitude : sequence of (time, factor) or None
-        None is a ramp from 0 to 1 over the run.
-    """
-
-    region: str
-    value: Sequence[float | str]
-    amplitude: Table | None = None
+    region: str = key(TEXT, f"{REGION} cells, facets, edges or vertices")
+    value: Sequence[float | str] = key(COMPONENTS, 'a number, or `"free"`, for each of the d directions', unit="length")
+    amplitude: Table | None = amplitude()
 
 
-@dataclass
+@table
 class Load:
-    """Exactly one of pressure or traction on facets, or body force in cells.
+    """Exactly one of pressure or traction on facets, or body force in cells."""
 
-    Parameters
-    ----------
-    region : str
-        Name of the group of facets (pressure, traction) or cells (body_force).
-    pressure : float or None
-        Positive in compression [stress].
-    traction : sequence of float or None
-        (d,) [stress].
-    body_force : sequence of float or None
-        (d,) [stress / length].
-    amplitude : sequence of (time, factor) or None
-        None is a ramp from 0 to 1 over the run.
-    """
-
-    region: str
-    pressure: float | None = None
-    traction: Sequence[float] | None = None
-    body_force: Sequence[float] | None = None
-    amplitude: Table | None = None
+    region: str = key(TEXT, f"{REGION} facets (`pressure`, `traction`) or cells (`body_force`)")
+    pressure: float | None = key(
+        number(), "positive in compression", None, "stress", more="Exactly one of the three must be said"
+    )
+    traction: Sequence[float] | None = key(VECTOR, "force per area", None, "stress")
+    body_force: Sequence[float] | None = key(VECTOR, "force per volume", None, "stress / length")
+    amplitude: Table | None = amplitude()
 
 
-@dataclass
+@table
 class Steps:
-    """The run from time 0 to `end` in `count` equal steps to start with.
+    """The run from time 0 to `end` in `count` equal steps to start with."""
 
-    Parameters
-    ----------
-    end : float
-        [time].
-    count : int
-        Number of equal steps that the stepper starts with.
-    min_step : float or None
-        Step below which a cut back gives up [time]; None is end / count / 1024.
-    """
-
-    end: float = 1.0
-    count: int = 1
-    min_step: float | None = None
+    end: float = key(POSITIVE, "time at the end of the run", 1.0, "time")
+    count: int = key(
+        integer(1, 1_000_000), "equal load steps to start with", 1, option="steps_count",
+        more="corners of amplitudes are met",
+    )  # fmt: skip
+    min_step: float | None = key(
+        POSITIVE, "smallest load step: a step that fails is halved down to this", None, "time", "end / count / 1024",
+        option="steps_min",
+    )  # fmt: skip
 
     @property
     def smallest_step(self) -> float:
@@ -161,31 +315,33 @@ class Steps:
         return self.end / self.count / 1024 if self.min_step is None else self.min_step
 
 
-@dataclass
+@table
 class Output:
-    """What is written.
+    """What is written."""
 
-    Parameters
-    ----------
-    fields : bool
-        Fields of every step.
-    checkpoint : bool
-    checkpoint_every : int
-        Load steps between two checkpoints.
-    probes : sequence of str
-        Groups whose displacement is reported.
-    smooth : bool
-        With the fields those of the cells averaged at the nodes, in each body for itself.
-    estimate : bool
-        Estimate the error of the displacement after every step.
-    """
+    fields: bool = key(
+        BOOLEAN, "fields of every step", True, option="output_fields", more="for `pcontact view` and ParaView"
+    )
+    checkpoint: bool = key(
+        BOOLEAN, "write `checkpoint.h5`, for `-restart DIR`", False, more="see [restart.md](restart.md)"
+    )
+    checkpoint_every: int = key(integer(1), "load steps between two checkpoints", 1, option="checkpoint_every")
+    probes: Sequence[str] = key(
+        sequence("a list of names of groups", TEXT), "groups whose displacement is reported: mean, least, largest", (),
+        otherwise="none",
+    )  # fmt: skip
+    smooth: bool = key(
+        BOOLEAN, "with them the fields of the cells averaged at the nodes", False, option="output_smooth",
+        more="stress, equivalent stress and equivalent plastic strain, in each body for itself, see below",
+    )  # fmt: skip
+    estimate: bool = key(
+        BOOLEAN, "estimate of the error of every step, in the report and the fields", False, option="output_estimate",
+        more="see [estimate.md](estimate.md)",
+    )  # fmt: skip
 
-    fields: bool = True
-    checkpoint: bool = False
-    checkpoint_every: int = 1
-    probes: Sequence[str] = ()
-    smooth: bool = False
-    estimate: bool = False
+
+SINGLE_TABLES = {"mesh": MeshSpec, "steps": Steps, "output": Output}
+LIST_TABLES = {"bodies": Body, "contacts": Contact, "displacements": Displacement, "loads": Load}
 
 
 @dataclass
@@ -194,21 +350,10 @@ class Scene:
 
     Parameters
     ----------
-    mesh : MeshSpec
-    materials : dict of str to Material
-    bodies : list of Body
-    contacts : list of Contact
-    displacements : list of Displacement
-    loads : list of Load
-    steps : Steps
-    output : Output
+    mesh, materials, bodies, contacts, displacements, loads, steps, output : the tables
     petsc : dict of str to str
         Options of this scene, without the leading dash; the command line wins.
-    title : str
-    accuracy : str or None
-        Preset, see `pcontact.runtime.presets`; None: none.
-    allow_unsafe : sequence of str
-        Of `UNSAFE`: settings that run with a warning instead of being refused.
+    title, accuracy, allow_unsafe : keys, see the declarations
     path : pathlib.Path or None
         The scene file; None when the scene was built in Python.
     beside : pathlib.Path or None
@@ -224,9 +369,17 @@ class Scene:
     steps: Steps = field(default_factory=Steps)
     output: Output = field(default_factory=Output)
     petsc: dict[str, str] = field(default_factory=dict)
-    title: str = ""
-    accuracy: str | None = None
-    allow_unsafe: Sequence[str] = ()
+    title: str = key(ANY_TEXT, "what the report and the pictures are called", "")
+    accuracy: str | None = key(
+        choice(*PRESETS), "preset: what is not said is set to what pays", None, otherwise="none", option="accuracy",
+        more="solver options and, on a mesh of degree 2, the degree of the displacement, where neither the scene nor "
+        "the command line says it; see [accuracy.md](accuracy.md)",
+    )  # fmt: skip
+    allow_unsafe: Sequence[str] = key(
+        sequence("a list of " + choice(*UNSAFE).allowed, choice(*UNSAFE)),
+        "settings that run with a warning instead of being refused", (), otherwise="none", option="allow_unsafe",
+        more="see [options.md](options.md)",
+    )  # fmt: skip
     path: Path | None = None
     beside: Path | None = None
 
@@ -284,5 +437,23 @@ class Scene:
         return self.locks(body) or (self.yields(body) and self.mesh.order != 2)
 
 
-SINGLE_TABLES = {"mesh": MeshSpec, "steps": Steps, "output": Output}
-LIST_TABLES = {"bodies": Body, "contacts": Contact, "displacements": Displacement, "loads": Load}
+# what messages and pages call the tables
+HEADERS = {
+    Scene: "the scene",
+    Material: "[materials.NAME]",
+    Obstacle: "obstacle",
+    **{cls: f"[{name}]" for name, cls in SINGLE_TABLES.items()},
+    **{cls: f"[[{name}]]" for name, cls in LIST_TABLES.items()},
+}
+# per obstacle shape: the keys that must be there, the keys that may be there; every shape may move
+OBSTACLE_KEYS = {
+    "plane": (("point", "normal"), ()),
+    "sphere": (("center", "radius"), ("inside",)),
+    "cylinder": (("point", "axis", "radius"), ("inside",)),
+    "level_set": ((), ("expression", "function", "gradient")),
+}
+MOTION_KEYS = ("displacement", "amplitude")
+# keys of a load of which exactly one must be there
+LOADS = ("pressure", "traction", "body_force")
+# old names of keys: (table, old name) -> new name; the old one is still read, and warned of once
+RENAMED: dict[tuple[type, str], str] = {}

@@ -10,8 +10,8 @@ from dataclasses import fields
 
 import numpy as np
 
+from pcontact.runtime.messages import shown
 from pcontact.scene.amplitude import Amplitude, amplitude
-from pcontact.scene.messages import shown
 from pcontact.scene.model import (
     CONTACT_DEFAULTS,
     Contact,

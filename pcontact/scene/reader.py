@@ -4,22 +4,17 @@ import re
 import tomllib
 from collections.abc import Mapping
 from dataclasses import MISSING, fields
+from functools import cache
 from pathlib import Path
 
 import numpy as np
 
-from pcontact.scene.messages import closeness, cut, input_error, nearest, shown, unknown_name
-from pcontact.scene.model import LIST_TABLES, SINGLE_TABLES, Contact, Material, Obstacle, Scene
+from pcontact.runtime import log
+from pcontact.runtime.messages import closeness, cut, input_error, nearest, shown, unknown_name
+from pcontact.scene.model import HEADERS, LIST_TABLES, RENAMED, SINGLE_TABLES, Contact, Material, Obstacle, Scene
 from pcontact.scene.places import place
 from pcontact.scene.validate import validate
 
-_HEADERS = {
-    Scene: "the scene",
-    Material: "[materials.NAME]",
-    Obstacle: "obstacle",
-    **{cls: f"[{key}]" for key, cls in SINGLE_TABLES.items()},
-    **{cls: f"[[{key}]]" for key, cls in LIST_TABLES.items()},
-}
 HOME = ("path", "beside")
 _ALIKE = 0.8  # likeness above which a key of the same table is what was meant
 
@@ -189,24 +184,37 @@ def _keys(cls):
     return [field.name for field in fields(cls) if cls is not Scene or field.name not in HOME]
 
 
+@cache
+def _warn_of_old(file, table, old, new):
+    """Once for a file, however many tables have the key."""
+    log.warning("%s: the key %s of %s is now called %s; the old name will go", file, old, table, new)
+
+
 def _check_keys(cls, data, file, where):
     known = _keys(cls)
+    for old in [old for table, old in RENAMED if table is cls and old in data]:
+        new = RENAMED[cls, old]
+        if new in data:
+            found = f"the old name of {new}, which is there, too"
+            raise input_error(file, f"{where}.{old}" if where else old, found, new)
+        _warn_of_old(file, HEADERS[cls], old, new)
+        data[new] = data.pop(old)
     for key in data:
         if key in known:
             continue
         best, home = nearest(key, known), cls
         if closeness(key, best) < _ALIKE:
             # a key of another table, put here by mistake
-            home = next((other for other in _HEADERS if key in _keys(other)), cls)
+            home = next((other for other in HEADERS if key in _keys(other)), cls)
             best = key if home is not cls else best
-        found = f"an unknown key, the nearest known key is {best!r} in {_HEADERS[home]}"
+        found = f"an unknown key, the nearest known key is {best!r} in {HEADERS[home]}"
         raise input_error(file, f"{where}.{key}" if where else key, found, ", ".join(known))
 
 
 def _build(cls, data, file, where):
     """The dataclass of a table; required keys that are missing become None, which the checks refuse."""
     if not isinstance(data, dict):
-        raise input_error(file, where, shown(data), f"a table {_HEADERS[cls]}")
+        raise input_error(file, where, shown(data), f"a table {HEADERS[cls]}")
     _check_keys(cls, data, file, where)
     missing = {
         field.name: None

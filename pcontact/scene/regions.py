@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 
 from pcontact.runtime.errors import InputError
+from pcontact.runtime.messages import input_error, listed, unknown_name
 from pcontact.scene.expression import Expression
-from pcontact.scene.messages import input_error, listed, unknown_name
 from pcontact.scene.model import Body, Contact, Displacement, Load, MeshSpec, Obstacle, Scene
 from pcontact.scene.places import tables
 

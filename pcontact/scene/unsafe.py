@@ -1,7 +1,7 @@
 """Settings whose answers may be wrong: refused, or run with a warning where the scene says so."""
 
 from pcontact.runtime import log
-from pcontact.scene.messages import input_error
+from pcontact.runtime.messages import input_error
 from pcontact.scene.model import Scene
 
 

@@ -3,10 +3,15 @@
 from collections.abc import Mapping
 from dataclasses import replace
 
-from pcontact.scene.messages import closeness, input_error, listed, nearest, shown, unknown_name
+from pcontact.runtime.messages import closeness, input_error, listed, nearest, shown, unknown_name
+from pcontact.runtime.rules import PETSC_VALUE, TEXT, apply
+from pcontact.scene.keys import keys
 from pcontact.scene.model import (
     CONTACT_DEFAULTS,
     LIST_TABLES,
+    LOADS,
+    MOTION_KEYS,
+    OBSTACLE_KEYS,
     OUTER,
     SINGLE_TABLES,
     Contact,
@@ -16,7 +21,6 @@ from pcontact.scene.model import (
     Scene,
 )
 from pcontact.scene.places import tables
-from pcontact.scene.rules import MOTION_KEYS, OBSTACLE_KEYS, OPTION, RULES, TEXT, apply
 
 ALIKE = 0.5  # likeness of two file names above which one may be meant by the other
 MOST_PAIRS = 26  # of two surfaces beside a contact of all: a bit for each surface fits into the digits of a number
@@ -86,7 +90,7 @@ def resolve_contacts(scene: Scene, overrides: Mapping[str, object], said: str = 
     if not overrides.keys() <= CONTACT_DEFAULTS.keys():
         raise KeyError(f"not numerics of a contact: {sorted(overrides.keys() - CONTACT_DEFAULTS.keys())}")
     given = {
-        key: apply(RULES[Contact][key], value, said, f"-contact_{key}")
+        key: apply(keys(Contact)[key].rule, value, said, f"-contact_{key}")
         for key, value in overrides.items()
         if value is not None
     }
@@ -137,18 +141,17 @@ def _check_values(scene):
     for where, table in tables(scene):
         if isinstance(table, Contact) and table.source is None and not table.all:
             apply(TEXT, None, scene.where, f"{where}.source")
-    for key, rule in RULES[Scene].items():
-        setattr(scene, key, apply(rule, getattr(scene, key), scene.where, key))
-    for where, table in tables(scene):
-        for key, rule in RULES[type(table)].items():
-            setattr(table, key, apply(rule, getattr(table, key), scene.where, f"{where}.{key}"))
+    for where, table in (("", scene), *tables(scene)):
+        for key, declared in keys(type(table)).items():
+            value = apply(declared.rule, getattr(table, key), scene.where, f"{where}.{key}" if where else key)
+            setattr(table, key, value)
     for name in scene.petsc:
         if not isinstance(name, str) or not name.strip("-") or any(c.isspace() for c in name):
             raise input_error(
                 scene.where, "petsc", f"an option named {name!r}", "names of options without blanks"
             )
     scene.petsc = {
-        name.lstrip("-"): apply(OPTION, value, scene.where, f"petsc.{name}")
+        name.lstrip("-"): apply(PETSC_VALUE, value, scene.where, f"petsc.{name}")
         for name, value in scene.petsc.items()
     }
 
@@ -287,14 +290,14 @@ def _check_theta(scene, where, contact):
 def _check_obstacle(scene, where, obstacle):
     needed, possible = OBSTACLE_KEYS[obstacle.shape]
     allowed = (*needed, *possible, *MOTION_KEYS)
-    said = [key for key in RULES[Obstacle] if key != "shape" and getattr(obstacle, key) not in (None, False)]
+    said = [key for key in keys(Obstacle) if key != "shape" and getattr(obstacle, key) not in (None, False)]
     for key in said:
         if key not in allowed:
             found = f'a key that shape "{obstacle.shape}" does not have'
             raise input_error(scene.where, f"{where}.{key}", found, ", ".join(("shape", *allowed)))
     for key in needed:
         if key not in said:
-            raise input_error(scene.where, f"{where}.{key}", "nothing", RULES[Obstacle][key].allowed)
+            raise input_error(scene.where, f"{where}.{key}", "nothing", keys(Obstacle)[key].rule.allowed)
     if obstacle.shape == "level_set":
         _check_level_set(scene, where, obstacle)
     if obstacle.amplitude is not None and obstacle.displacement is None:
@@ -310,21 +313,20 @@ def _check_level_set(scene, where, obstacle):
                 found = "together with expression, whose gradient is known"
                 raise input_error(scene.where, f"{where}.{key}", found, "expression, or function and gradient")
     elif obstacle.function is None:
-        allowed = f"{RULES[Obstacle]['function'].allowed}; or {where}.expression"
+        allowed = f"{keys(Obstacle)['function'].rule.allowed}; or {where}.expression"
         raise input_error(scene.where, f"{where}.function", "nothing", allowed)
     for key in ("function", "gradient"):
         reference = getattr(obstacle, key)
         if isinstance(reference, str) and not (scene.folder / reference.rpartition(":")[0]).is_file():
-            allowed_text = f"{RULES[Obstacle][key].allowed}, in {scene.folder.absolute()}"
+            allowed_text = f"{keys(Obstacle)[key].rule.allowed}, in {scene.folder.absolute()}"
             raise input_error(scene.where, f"{where}.{key}", f"{reference!r}, no such file", allowed_text)
 
 
 def _check_load(scene, where, load):
-    kinds = ("pressure", "traction", "body_force")
-    said = [key for key in kinds if getattr(load, key) is not None]
+    said = [key for key in LOADS if getattr(load, key) is not None]
     if len(said) != 1:
         raise input_error(
-            scene.where, where, " and ".join(said) or "no value", f"exactly one of {', '.join(kinds)}"
+            scene.where, where, " and ".join(said) or "no value", f"exactly one of {', '.join(LOADS)}"
         )
 
 

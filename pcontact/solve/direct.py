@@ -31,8 +31,7 @@ class Rescue:
     """
 
     def __init__(self, options, space, chosen):
-        text = "direct solver where Krylov's method fails, if the user chose no preconditioner: true, false"
-        wanted = options.get("pc_rescue", True, bool, text=text)
+        wanted = options.get("pc_rescue")
         self._options, self._space = options, space
         self._serial = space.comm.size == 1
         able = self._serial or has_package("mumps")

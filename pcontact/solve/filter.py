@@ -233,10 +233,7 @@ def contact_filter(problem, options):
     problem : pcontact.solve.problem.Problem
     options : pcontact.runtime.options.Options
     """
-    text = "direct solve at closed points between two cycles of the preconditioner: auto, true, false"
-    name = "pc_contact_filter"
-    # a flag without value is true
-    mode = options.get(name, "auto") and options.get(name, "auto", str, ("auto", "true", "false"), text) or "true"
+    mode = options.get("pc_contact_filter")
     pairs = problem.others
     stiff = options.get("pc_type", "gamg") in MULTIGRID and any(item.stiff for item in pairs)
     if not pairs or mode == "false" or (mode == "auto" and not stiff):

@@ -96,8 +96,7 @@ class Newton(Ways):
         self._take_options()
         # Python hears signals only where it runs; a Krylov iteration is long beside the microsecond that this takes
         self.snes.getKSP().setMonitor(_hear)
-        text = "Krylov iterations that a preconditioner may lose before it is renewed; -1: always renew"
-        patience = options.get("pc_patience", 10, int, text=text, least=-1)
+        patience = options.get("pc_patience")
         self._reuse = None if lags or direct or loose or patience < 0 else Reuse(patience)
         self._filter = body_filter(problem, options) or contact_filter(problem, options)
         self.solver = self._solver(symmetric, len(near_null_space.getVecs()))

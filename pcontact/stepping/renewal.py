@@ -114,8 +114,6 @@ class Renewal:
 
 def renewal(problem, newton, options):
     """What searches within load steps as the user asks for, None for no search but the first of a load step."""
-    text = "when partners are looked for: at the beginning of a load step, or at iterations of Newton's method, too"
-    follows = options.get("contact_search_every", "step", allowed=("step", "newton"), text=text) == "newton"
-    text = "searches for partners within a load step, after the first: each time Newton's method has converged"
-    most = options.get("contact_search_again", AGAIN if follows else 0, int, text=text, least=0)
+    follows = options.get("contact_search_every") == "newton"
+    most = options.get("contact_search_again", AGAIN if follows else 0)
     return Renewal(problem, newton, most, follows) if (most > 0 or follows) and not problem.linear else None

@@ -7,8 +7,6 @@ from pcontact.contact.formulation.augmented import AugmentedLagrangian, update_m
 from pcontact.runtime import log
 from pcontact.solve.outcome import together
 
-# of the traction; Newton's method starts anew, near its solution, with each update
-RTOL, MAX_IT = 1e-4, 30
 # change up to which a load step may end after the last update, with a warning: bodies enter each other by this part of
 # what pressure does to a layer of cells
 CREEP = 1e-2
@@ -36,7 +34,7 @@ class Uzawa:
         Whether a load step may end with multipliers that are far from settled.
     """
 
-    def __init__(self, contacts, newton, rtol=RTOL, max_it=MAX_IT, grow=True, accept=False):
+    def __init__(self, contacts, newton, rtol, max_it, grow, accept):
         self.contacts, self.newton, self.rtol, self.max_it = contacts, newton, rtol, max_it
         self.grow, self.accept = grow, accept
         self._failed = False
@@ -147,11 +145,5 @@ def uzawa(contacts, newton, options):
     contacts = [contact.pairs for contact in contacts if isinstance(contact.method, AugmentedLagrangian)]
     if not contacts:
         return None
-    text = "change of the multipliers relative to the traction at which they have settled"
-    rtol = options.get("contact_uzawa_rtol", RTOL, float, text=text, positive=True)
-    text = "updates of the multipliers in a load step at most"
-    max_it = options.get("contact_uzawa_max_it", MAX_IT, int, text=text, positive=True)
-    text = "let gamma grow with the updates, up to the default"
-    grow = options.get("contact_uzawa_grow", True, bool, text=text)
-    text = "end a load step, with a warning, where multipliers are far from settled after the last update"
-    return Uzawa(contacts, newton, rtol, max_it, grow, options.get("contact_uzawa_accept", False, bool, text=text))
+    names = ("rtol", "max_it", "grow", "accept")
+    return Uzawa(contacts, newton, *(options.get(f"contact_uzawa_{name}") for name in names))

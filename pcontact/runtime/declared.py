@@ -1,0 +1,254 @@
+"""What an option of the command line is: declared once.
+
+From a declaration follow what the program takes for the option, the message about a wrong value, ``--help`` and the
+tables of docs/options.md and docs/command_line.md (``scripts/reference.py``). Options that replace a key of the scene
+follow from the key, see `pcontact.scene.keys`.
+"""
+
+import difflib
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+from pcontact.runtime.errors import InputError
+from pcontact.runtime.rules import ANY_TEXT, BOOLEAN, NON_NEGATIVE, POSITIVE, Rule, choice, integer
+
+WORDS = dict.fromkeys(("", "true", "yes", "on", "1"), True) | dict.fromkeys(("false", "no", "off", "0"), False)
+KINDS = {"string": "a word", "integer": "an integer", "number": "a number", "boolean": "true | false"}
+
+
+@dataclass(frozen=True)
+class Option:
+    """An option.
+
+    Attributes
+    ----------
+    name : str
+        Without the dash.
+    rule : pcontact.runtime.rules.Rule
+        Type and range of its values.
+    help : str
+        One line.
+    default : object
+        What holds without it; None: see `otherwise`.
+    otherwise : str
+        What holds without it, in words.
+    value : str
+        What stands for its value in ``--help``; absent: of the rule.
+    flag : str
+        What it means without a value.
+    more : str
+        What the docs say beyond `help`.
+    section : str
+        Of `SECTIONS`.
+    checked : bool
+        Whether the rule decides here; otherwise the type alone.
+    key : str
+        Key of the scene that it replaces.
+    """
+
+    name: str
+    rule: Rule
+    help: str
+    default: object = None
+    otherwise: str = ""
+    value: str = ""
+    flag: str = ""
+    more: str = ""
+    section: str = ""
+    checked: bool = True
+    key: str = ""
+
+    @property
+    def kind(self) -> str:
+        """Type of its values in the words of JSON Schema."""
+        return self.rule.schema["type"]
+
+    @property
+    def allowed(self) -> str:
+        """What messages say is allowed."""
+        if self.kind == "array":
+            return f"some of {', '.join(self.rule.schema['items']['enum'])}"
+        if not self.checked:
+            return KINDS[self.kind]
+        return " | ".join(map(str, self.rule.schema.get("enum", []))) or self.rule.allowed
+
+    @property
+    def usage(self) -> str:
+        """The option as ``--help`` shows it, with what stands for its value."""
+        words = self.rule.schema.get("enum", [])
+        kinds = {"boolean": "true|false", "integer": "N", "number": "X", "array": "WORD,WORD", "string": "TEXT"}
+        return f"-{self.name} {self.value or '|'.join(map(str, words)) or kinds[self.kind]}"
+
+    def refusal(self, text: str, said: str = "command line") -> InputError:
+        """The error to raise: who said it, the option, what was found, what is allowed."""
+        return InputError(f"{said}: -{self.name}: found {repr(text) if text else 'nothing'}; allowed: {self.allowed}")
+
+    def read(self, text: str, said: str = "command line") -> object:
+        """The value that a text on the command line stands for.
+
+        Raises
+        ------
+        InputError
+        """
+        text = text or self.flag
+        try:
+            if self.kind == "array":
+                return self._list([word.strip() for word in text.split(",")], said)
+            value = self._converted(text)
+            return self.rule.accept(value) if self.checked else value
+        except (ValueError, KeyError, OverflowError):
+            raise self.refusal(text, said) from None
+
+    def _converted(self, text):
+        if self.kind == "boolean":
+            return WORDS[text.lower()]
+        return {"integer": int, "number": float, "string": str}[self.kind](text)
+
+    def _list(self, words, said):
+        wrong = [word for word in words if word not in self.rule.schema["items"]["enum"]]
+        if wrong:
+            raise InputError(f"{said}: -{self.name}: found {wrong[0]!r}; allowed: {self.allowed}")
+        return self.rule.accept(words)
+
+
+def listed(*options: Option) -> dict[str, Option]:
+    """Options by their names."""
+    return {option.name: option for option in options}
+
+
+def read_all(command: str, options: Mapping[str, Option], words: Mapping[str, str]) -> dict[str, object]:
+    """The values of all options that a command line gives to a command which knows no others.
+
+    Raises
+    ------
+    InputError
+        One is not known, or has a value that is not allowed.
+    """
+    for name in words:
+        if name not in options:
+            near = difflib.get_close_matches(name, options, 1)
+            hint = f"; the nearest is -{near[0]}" if near else ""
+            allowed = ", ".join(f"-{known}" for known in options)
+            raise InputError(f"command line: -{name}: no such option of pcontact {command}; allowed: {allowed}{hint}")
+    return {name: options[name].read(text) for name, text in words.items()}
+
+
+def help_lines(options: Iterable[Option], column: int = 51, width: int = 120) -> list[str]:
+    """What ``--help`` says of options: one line each, two where the usage is long."""
+    lines = []
+    for option in options:
+        default = f" ({option.otherwise or shown(option.default)})" if _has_default(option) else ""
+        words = (option.help + default).replace("`", "").split()
+        line = f"  {option.usage}".ljust(column)
+        if len(line) > column or line[-1] != " ":
+            lines.append(line.rstrip())
+            line = " " * column
+        for word in words:
+            if len(line) + len(word) > width:
+                lines.append(line.rstrip())
+                line = " " * column
+            line += word + " "
+        lines.append(line.rstrip())
+    return lines
+
+
+def _has_default(option):
+    return bool(option.otherwise) or option.default not in (None, (), "")
+
+
+def shown(value: object) -> str:
+    """A default as the user would write it."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+# what --help and the docs put together, and how they call it
+SECTIONS = {
+    "scene": "Instead of keys of the scene",
+    "contact": "Contact within a load step",
+    "solver": "Solver",
+    "mesh": "Partition of the mesh",
+    "run": "Restart and programs in scenes",
+}
+OPTIONS = listed(
+    Option(
+        "contact_search_every", choice("step", "newton"),
+        "when partners are looked for: at the beginning of a load step, or at iterations of Newton's method, too",
+        "step", section="contact", more="see below",
+    ),
+    Option(
+        "contact_search_again", integer(0), "searches for partners of a load step where Newton's method has ended",
+        otherwise="0; with -contact_search_every newton 4", section="contact", more="see below",
+    ),
+    Option(
+        "contact_uzawa_rtol", POSITIVE,
+        "augmented Lagrangian: change of the multipliers relative to the traction at which a load step ends", 1e-4,
+        section="contact",
+    ),
+    Option(
+        "contact_uzawa_max_it", integer(1), "augmented Lagrangian: updates of the multipliers in a load step at most",
+        30, section="contact",
+        more="then a warning says what is left. Beyond a change of 1e-2 the load step has not converged; as a "
+        "shorter one would settle no faster, the run ends (after one cut, where the changes do not tell the rate)",
+    ),
+    Option(
+        "contact_uzawa_grow", BOOLEAN,
+        "augmented Lagrangian: a gamma0 below the default grows tenfold from update to update, up to the default", True,
+        section="contact", more="in each load step anew; the answer does not depend on gamma",
+    ),
+    Option(
+        "contact_uzawa_accept", BOOLEAN,
+        "augmented Lagrangian: a load step whose multipliers are far from settled ends all the same, with a warning",
+        False, section="contact",
+    ),
+    Option(
+        "pc_patience", integer(-1),
+        "Krylov iterations that a preconditioner may lose before it is set up again; -1: always set up again", 10,
+        section="solver",
+    ),
+    Option(
+        "pc_rescue", BOOLEAN,
+        "a direct solver from the first load step on in which Newton's method fails with multigrid", True,
+        section="solver",
+        more="MUMPS, or on one rank PETSc's own if that is missing; only if the user chose no preconditioner and there "
+        "are at most 400,000 unknowns in the plane, 60,000 in space",
+    ),
+    Option(
+        "pc_contact_filter", choice("auto", "true", "false"),
+        "direct solve at closed points between two cycles of the preconditioner", "auto", flag="true", section="solver",
+        more="see below",
+    ),
+    Option(
+        "partition", choice("bisection", "graph"),
+        "who cuts the mesh for the ranks: planes that spread cells and contact, or PETSc's graph partitioner",
+        otherwise="bisection; graph if a -petscpartitioner_type is given", section="mesh",
+        more="see [mesh.md](mesh.md)",
+    ),
+    Option(
+        "partition_weight", NON_NEGATIVE, "bisection: work of a contact facet in units of a cell's; 0: contact is not "
+        "spread", 4.0, section="mesh",
+    ),
+    Option(
+        "restart", ANY_TEXT, "go on from the checkpoint in DIR", value="DIR", section="run",
+        more="see [restart.md](restart.md)",
+    ),
+    Option(
+        "restart_anyway", BOOLEAN,
+        "with other physics than the checkpoint's, or nodes at other places, a warning takes the place of the refusal",
+        False, section="run",
+    ),
+    Option(
+        "no_code", BOOLEAN, "refuse scenes that name Python functions, which are programs", False, section="run",
+        more="see [running.md](running.md)",
+    ),
+)  # fmt: skip
+# what the program asks PETSc's options for, which PETSc takes itself
+PETSC = listed(Option("pc_type", ANY_TEXT, "preconditioner", "gamg"))
+# old names of options -> new names; the old ones still do, and are warned of once
+RENAMED: dict[str, str] = {}
+# of commands that look at the results of a run
+STEP = Option(
+    "step", Rule("a whole number: 1 is the first step, -1 the last", int, {"type": "integer"}),
+    "1 is the first load step, -1 the last", -1,
+)  # fmt: skip

@@ -1,0 +1,64 @@
+"""Values of scene keys that are more than a number, a word or a name."""
+
+from pcontact.runtime.rules import TEXT, Rule, either, entries, number, sequence, text
+from pcontact.scene.expression import ALLOWED, Expression
+
+
+def _function(value):
+    if callable(value):
+        return value
+    module, _, name = TEXT.accept(value).rpartition(":")
+    if not module.endswith(".py") or not name.isidentifier():
+        raise ValueError
+    return value
+
+
+def _expression(value):
+    Expression(TEXT.accept(value))
+    return value
+
+
+def _pairs(allowed, test):
+    """A list of at least one pair of numbers."""
+
+    def accept(value):
+        rows = entries(value, sequence("", number(), (2,)), None)
+        if not rows:
+            raise ValueError
+        test(rows)
+        return rows
+
+    row = {"type": "array", "items": {"type": "number"}, "minItems": 2, "maxItems": 2}
+    return Rule(allowed, accept, {"type": "array", "items": row, "minItems": 1})
+
+
+def _check_amplitude(rows):
+    if any(later[0] <= earlier[0] for earlier, later in zip(rows[:-1], rows[1:], strict=True)):
+        raise ValueError("whose times do not increase")
+
+
+def _check_hardening(rows):
+    if rows[0][0] != 0:
+        raise ValueError(f"whose first strain is {rows[0][0]:g}")
+    if rows[0][1] <= 0:
+        raise ValueError(f"whose first stress is {rows[0][1]:g}")
+    for index in range(1, len(rows)):
+        if rows[index][0] <= rows[index - 1][0]:
+            raise ValueError(f"whose strains do not increase in entry {index}")
+        if rows[index][1] < rows[index - 1][1]:
+            raise ValueError(f"whose stresses decrease in entry {index}")
+
+
+VECTOR = sequence("a list of one finite number per direction (2 or 3)", number(), (2, 3))
+COMPONENTS = sequence(
+    'a list of one finite number or "free" per direction (2 or 3)', either("", "free", number()), (2, 3)
+)
+DIRECTION = sequence("a list of one finite number per direction (2 or 3), not all zero", number(), (2, 3), any)
+FUNCTION = text('"FILE.py:NAME", a function in a Python file beside the scene', _function, r"\.py:[^:]+$")
+EXPRESSION = text(ALLOWED, _expression)
+AMPLITUDE = _pairs("a list of [time, factor] pairs of finite numbers, times increasing", _check_amplitude)
+HARDENING_CURVE = _pairs(
+    "a list of [equivalent plastic strain, yield stress] pairs, the first strain 0, strains increasing, stresses > 0 "
+    "and not decreasing",
+    _check_hardening,
+)
