@@ -23,12 +23,22 @@ from pcontact.scene.model import (
 
 # what the keys of a table must be together
 TOGETHER = {
+    Contact: {
+        "allOf": [
+            {"anyOf": [{"required": ["source"]}, {"required": ["all"]}]},
+            {"anyOf": [{"required": [name]} for name in ("target", "obstacle", "all")]},
+            {"not": {"required": ["target", "obstacle"]}},
+            {"not": {"required": ["friction", "tresca"]}},
+        ],
+        "dependentRequired": dict.fromkeys(("friction_limit", "adhesion"), ["friction"]),
+    },
     Load: {"oneOf": [{"required": [name]} for name in LOADS]},
     Obstacle: {
         "allOf": [
             {"if": {"properties": {"shape": {"const": shape}}}, "then": {"required": list(needed)}}
             for shape, (needed, _) in OBSTACLE_KEYS.items()
-        ]
+        ],
+        "dependentRequired": {"amplitude": ["displacement"]},
     },
 }
 

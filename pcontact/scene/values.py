@@ -54,6 +54,7 @@ COMPONENTS = sequence(
     'a list of one finite number or "free" per direction (2 or 3)', either("", "free", number()), (2, 3)
 )
 DIRECTION = sequence("a list of one finite number per direction (2 or 3), not all zero", number(), (2, 3), any)
+DIRECTION.schema["contains"] = {"not": {"const": 0}}
 FUNCTION = text('"FILE.py:NAME", a function in a Python file beside the scene', _function, r"\.py:[^:]+$")
 EXPRESSION = text(ALLOWED, _expression)
 AMPLITUDE = _pairs("a list of [time, factor] pairs of finite numbers, times increasing", _check_amplitude)
