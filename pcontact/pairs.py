@@ -355,4 +355,16 @@ def contact_reports(scene, space, constants, supports, free, bulk, tied):
         if any(contact.all for contact in scene.contacts):
             text += " (or nothing is near enough: a larger search_radius)"
         log.warning(text, name, len(free[k]))
+    _warn_of_jumps(reports)
     return reports, edges
+
+
+def _warn_of_jumps(reports):
+    """Say which contacts have a residual that jumps: sources that may yield, with the consistent adjoint."""
+    for report in reports:
+        if any(pair.terms.traction.consistent for pair in report.pairs):
+            log.warning(
+                'contact %s: adjoint = "consistent": the residual jumps where a cell yields, a load step may have more '
+                "than one solution, or none; this is one; remedy: smaller load steps, or the elastic adjoint",
+                report.name,
+            )  # fmt: skip

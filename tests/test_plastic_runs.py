@@ -285,3 +285,12 @@ def test_forces_are_those_that_newton_has_balanced(block, theta):
     run(replace(scene, output=replace(scene.output, estimate=True)), WORLD, observers=[balance])
     assert max(balance.imbalance) < 1e-10
     assert max(balance.algebraic) < 1e-8
+
+
+@pytest.mark.parametrize(
+    "theta, adjoint, warns", [(1.0, "consistent", True), (0.0, "consistent", False), (-1.0, "elastic", False)]
+)
+def test_several_solutions_are_warned_of(block, caplog, theta, adjoint, warns):
+    """Where the residual jumps."""
+    Simulation(indentation(block, theta, adjoint=adjoint), SELF).close()
+    assert any("contact cylinder" in line and "more than one solution" in line for line in caplog.messages) == warns

@@ -127,6 +127,19 @@ def uniqueness(case, work, number):
     return [row["singular"] for row in result["steps"]]
 
 
+def another(case, variant, result, work):
+    """Whether a result of the program's own solver is a solution beside another one, in a scene of which the program
+    says that it may have several: iterated until rounding errors end it, it stays where it is.
+    """
+    said = any("more than one solution" in line for line in result["warnings"])
+    if not said or "snes_rtol" in variant.options:
+        return False
+    place = work / f"again_{case.seed}_{variant.name.replace(', ', '_')}"
+    write_case(place, variant.case)
+    again = run_jobs([job_of(place, {"snes_rtol": TIGHT["snes_rtol"]})], variant.ranks, work)[0]
+    return _compared(case, variant, variant, result, again) is None
+
+
 def judged(case, variants, results, work):
     """Findings, and notes of what was left out with its reason."""
     findings, notes, by_name = [], [], {v.name: v for v in variants}
@@ -163,7 +176,9 @@ def judged(case, variants, results, work):
         if first is not None and wrong.kind == "differs":
             wrong = _compared(case, variant, by_name[variant.against], base, results[variant.name], first)
             notes.append(f"not unique from load step {first + 1} on")
-        if wrong is not None:
+        if wrong is not None and wrong.kind == "differs" and another(case, variant, results[variant.name], work):
+            notes.append(f"another solution: {wrong.text}")
+        elif wrong is not None:
             findings.append(wrong)
     return findings, notes
 

@@ -97,6 +97,20 @@ def test_a_result_is_moved_back(one):
     assert differences(first, again, scales(case, first))[0][0] < 1e-12
 
 
+def test_what_has_several_solutions_and_says_so(tmp_path):
+    """A slot whose sides yield while they close, in two load steps: the solvers come to different solutions."""
+    case, variants = fuzz.prepared(488, only="plain")
+    results = fuzz.run_scenes({488: (case, variants)}, tmp_path)[488]
+    findings, notes = fuzz.judged(case, variants, results, tmp_path)
+    assert not findings and any(note.startswith("another solution: by pressure") for note in notes)
+    # without the program's word it is an error
+    (tmp_path / "again").mkdir()
+    for result in results.values():
+        result["warnings"] = []
+    findings, _ = fuzz.judged(case, variants, results, tmp_path / "again")
+    assert [finding.kind for finding in findings] == ["differs"]
+
+
 @pytest.mark.parametrize("cell", ["triangle", "quadrilateral", "tetrahedron", "hexahedron"])
 @pytest.mark.parametrize("degree", [1, 2])
 def test_other_numbers_are_the_same_cell(cell, degree):
