@@ -65,6 +65,8 @@ class Newton(Ways):
         Defaults that were entered into the options database, and those that the user's options kept out.
     norms : list of float
         Of the residual [force] at all iterations of the last load step; each new attempt begins with its first one.
+    divisible : bool
+        Whether the load step may be made shorter where a solution is in doubt; whoever makes load steps says so.
     """
 
     def __init__(self, problem, options, symmetric, near_null_space, timing, loose=False):
@@ -110,6 +112,7 @@ class Newton(Ways):
         self._ways += [self._shortest] if chosen and (self._holds or plastic) else []
         self._ways += [self._stick_first] if self._holds else []
         self.norms, self._norms, self._solved, self._was_full = [], [], [], False
+        self.divisible = False
 
     def _take_options(self):
         """Set up SNES as the options say. *Collective.*"""

@@ -1,7 +1,11 @@
 """Ways to solve a load step, tried one after the other while Newton's method goes in circles."""
 
+from dataclasses import replace
+
+from pcontact.runtime import log
 from pcontact.runtime.petsc import PETSc, full_steps
 from pcontact.solve.outcome import together
+from pcontact.solve.stability import UNSTABLE, unstable
 
 # part of the first residual to which a load step is solved as if nothing could slip; the same where bodies may yield
 HELD_GOAL, HELD_GOAL_PLASTIC = 0.1, 0.02
@@ -14,11 +18,16 @@ class Ways:
 
     It uses ``problem``, ``snes`` and ``_run`` of that class, sets its ``_goal`` (part of the first residual that is
     enough), ``_circles`` (whether iterates that repeat end a run) and ``_stretches`` (whether the program shortens
-    steps), and is told by it whether it ``_holds`` (friction) and ``_hold_first``.
+    steps), and is told by it whether it ``_holds`` (friction) and ``_hold_first``, and whether the load step is
+    ``divisible``.
     """
 
     def _try_ways(self, u, before):
-        """One way after the other until one converges. *Collective.*"""
+        """One way after the other until one converges. *Collective.*
+
+        Where the first has not, the load step may be so large that it has several solutions: one that is not stable is
+        taken only where the load step is not to be shorter.
+        """
         if self._hold_first:
             return self._stick_first(u, before)
         ways = self._ways
@@ -30,6 +39,19 @@ class Ways:
                 break
             before.copy(u)
             outcome = together(outcome, way(u, before))
+            if outcome.converged and unstable(self.problem, u):
+                outcome = self._doubted(outcome)
+        return outcome
+
+    def _doubted(self, outcome):
+        """What becomes of a solution that is not stable."""
+        if self.divisible:
+            log.info("time %g: a solution that is not stable is not taken", self.problem.time)
+            return replace(outcome, converged=False, reason=UNSTABLE)
+        log.warning(
+            "time %g: this solution is not stable, and the load step has others, to which shorter ones have not led",
+            self.problem.time,
+        )  # fmt: skip
         return outcome
 
     def _law(self, u, before):

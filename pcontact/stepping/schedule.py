@@ -19,6 +19,7 @@ class Schedule:
     """
 
     EASY = 8  # Newton iterations up to which a step may grow again
+    DOUBTED = 0.1  # part of the planned steps to which they are cut for the sake of a better solution
 
     def __init__(self, end, count, smallest, stops=()):
         self.end, self.smallest = end, smallest
@@ -54,6 +55,10 @@ class Schedule:
         self.time = target
         if iterations <= self.EASY:
             self._step = min(2.0 * self._step, self._largest)
+
+    def divisible(self, target):
+        """Whether the step to ``target`` may be made smaller because its solution is in doubt."""
+        return 0.5 * (target - self.time) >= max(self.smallest, self.DOUBTED * self._largest)
 
     def cut(self, target):
         """The step to ``target`` failed.

@@ -157,7 +157,7 @@ class Stepper:
 
     def _attempt(self, target, before):
         start = clock.perf_counter()
-        self.problem.time = target
+        self.problem.time, self.newton.divisible = target, self.schedule.divisible(target)
         with profile.phase("search"):
             motion, ahead = self.problem.imposed(self.u, target), self._ahead(target)
             for item in self.problem.items:
