@@ -11,13 +11,24 @@ from small import blocks_file
 
 from drivers._common import make_mesh
 from drivers.cases.stack import scene as heap_scene
-from meshes import heap, one_block
+from meshes import heap, one_block, two_blocks
 from meshes.tools import gmsh_model
 from pcontact.io.history import flatten
 from pcontact.runtime import log
 from pcontact.runtime.parallel import on_root
 from pcontact.runtime.petsc import MPI, PETSc
-from pcontact.scene.model import Body, Contact, Load, Material, MeshSpec, Obstacle, Output, Scene, Steps
+from pcontact.scene.model import (
+    Body,
+    Contact,
+    Displacement,
+    Load,
+    Material,
+    MeshSpec,
+    Obstacle,
+    Output,
+    Scene,
+    Steps,
+)
 from pcontact.simulation import Simulation
 from pcontact.solve.nearest import least_squares_of_positive, nearest
 from pcontact.space.modes import RigidBodies
@@ -311,3 +322,32 @@ def test_nearest_point_of_many_half_spaces():
     tight = left < 1e-8
     factors = least_squares_of_positive(rows[tight].T, x)
     np.testing.assert_allclose(rows[tight].T @ factors, x, atol=1e-8)
+
+
+@pytest.mark.parametrize("law, hangs", [({}, False), ({"friction": 0.3}, False), ({"tresca": 0.1}, True)])
+def test_how_far_a_loose_body_goes_before_it_touches(tmp_path, law, hangs):
+    """To where it touches, unless open points bear a traction along which it may hang: then its step has a size."""
+    gap = 0.02
+    two_blocks(tmp_path / "b.msh", 2, 2, 2, gap=gap)
+    case = Scene(
+        mesh=MeshSpec(tmp_path / "b.msh"),
+        materials={"m": Material(1000.0, 0.3)},
+        bodies=[Body("lower", "m"), Body("upper", "m")],
+        contacts=[Contact("upper_bottom", "lower_top", name="pair", **law)],
+        displacements=[Displacement("lower_bottom", [0.0, 0.0]), Displacement("upper_left", [0.0, "free"])],
+        output=Output(fields=False),
+    )
+    simulation = Simulation(case, SELF)
+    try:
+        space = simulation.problem.space
+        (pair,) = simulation.problem.contacts[0].pairs
+        u, y = space.vector(), space.vector()
+        pair.detect(u, 0.0)
+        way = y.getArray().reshape(-1, 2)
+        upper = space.points[space.owned_local, 1] > 1.0 + 0.5 * gap
+        # a long step ends a tenth of a facet deep
+        for length, part in ((1e-6, 1.0 if hangs else 0.99e6 * gap), (0.1, (gap + 0.05) / 0.1)):
+            way[upper, 1] = length
+            assert pair.step_limit(u, y) == pytest.approx(part, rel=1e-6)
+    finally:
+        simulation.close()

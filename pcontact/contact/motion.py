@@ -21,12 +21,13 @@ def step_limit(pair, u, y):
 
     While no point is closed, a body that nothing holds goes until its nearest point has just closed (a tenth of a facet
     deep), be that less or more than the step, in which what it is given to lean on is of no size; afterwards its points
-    may move by a search radius, beyond which their partners mean nothing.
+    may move by a search radius, beyond which their partners mean nothing. Where open points bear a tangential traction,
+    as by Tresca's law, a body may hang on that: its step has a size, and is not prolonged.
 
     Returns
     -------
     float
-        At most 1 once a point is closed.
+        At most 1 once a point bears a traction.
     """
     p, source, comm = pair.pairing, pair.source, pair.space.comm
     traction, gap = pair.terms.normal_state(p, p.exchange.gather(u), p.acts)
@@ -34,10 +35,13 @@ def step_limit(pair, u, y):
     approach = moved - p.gap0
     part = pair.radius / max(float(np.max(np.abs(approach), initial=0.0)), 1e-300)
     closed = p.paired & (traction + pair.gamma_points * gap <= 0.0)
+    bears = comm.allreduce(bool(np.any(pair.forces(u)[1] > OPEN)), op=MPI.LOR)
     if not comm.allreduce(bool(closed.any()), op=MPI.LOR):
         coming = p.paired & (approach > 0.0)
         depth, gap, approach = 0.1 * source.size[source.facet[coming]], gap[coming], approach[coming]
         touch = comm.allreduce(float(np.min((gap + depth) / approach, initial=np.inf)), op=MPI.MIN)
+        if bears:
+            touch = min(touch, 1.0)
         if 1.0 < touch < np.inf:
             # the less the load, and the step, the less deep: else what has just closed springs back
             depth = np.minimum(depth, GENTLE * approach)

@@ -29,6 +29,13 @@ def test_random_scenes_agree_with_themselves(tmp_path):
     assert steps > 20 * len(SEEDS)
 
 
+def test_a_body_that_hangs_on_friction_of_open_points(tmp_path):
+    """Nothing but Tresca's traction holds a loose block above another one: Newton's steps are as long as they are."""
+    case, variants = fuzz.prepared(545, only="tight")
+    result = fuzz.run_scenes({545: (case, variants)}, tmp_path)[545]["tight"]
+    assert result["status"] == "converged" and not result["cuts"][1:]
+
+
 @pytest.fixture(scope="module")
 def one(tmp_path_factory):
     """A case and what came out."""
