@@ -3,7 +3,7 @@
 import numpy as np
 
 from pcontact.contact.formulation.parameters import coercive, parameter
-from pcontact.contact.law import contact_law
+from pcontact.contact.law import ADDED, contact_law
 from pcontact.contact.pair import contact_pair
 from pcontact.contact.report import ContactReport
 from pcontact.contact.search.all_surfaces import burdened, meetings, outer_surfaces, paired_elsewhere
@@ -218,6 +218,9 @@ def _joined(pair):
 def _check_numbers(scene, number, contact):
     """Refuse what makes the answer of a pair doubtful whatever the mesh, unless the scene allows it."""
     where = f"contacts[{number}] ({contact.name})"
+    if contact.law is not None and contact.law not in ADDED:
+        allowed = " | ".join(map(repr, ADDED)) or "none: this program has added no law (pcontact.contact.law.add_law)"
+        raise input_error(scene.where, f"{where}.law", repr(contact.law), allowed)
     # each half of an unbiased pair bears half the traction, and half the default gamma0 is enough
     bound = coercive(float(contact.theta)) * (0.5 if is_unbiased(contact) else 1.0)
     if contact.formulation == "nitsche" and parameter(contact) < bound:

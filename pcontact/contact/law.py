@@ -2,7 +2,7 @@
 
 Between two kernels of a formulation (`pcontact.contact.formulation`), a law makes of tau (np, d) the traction P(tau)
 (np, d), its generalised derivative D (np, d, d), and the status of the points. A law of friction of one's own is a
-subclass of :class:`FrictionLaw` with a method :meth:`~FrictionLaw.bounded`, and an entry in :data:`LAWS`.
+subclass of :class:`FrictionLaw` with a method :meth:`~FrictionLaw.bounded`, which :func:`add_law` gives a name.
 
 The laws here are one row of numbers ``(base, coefficient, limit)``. The bound follows the normal part of tau,
 
@@ -155,6 +155,22 @@ LAWS = {
 }
 
 
+# laws that programs have added, by the name that a contact says with `law`
+ADDED = {}
+
+
+def add_law(name, make):
+    """Add a law of friction: scenes of this process choose it with ``law = "NAME"``.
+
+    Parameters
+    ----------
+    name : str
+    make : callable
+        From a :class:`pcontact.scene.model.Contact` to a law, a :class:`FrictionLaw`.
+    """
+    ADDED[name] = make
+
+
 def contact_law(contact):
     """The law of a contact.
 
@@ -162,6 +178,8 @@ def contact_law(contact):
     ----------
     contact : pcontact.scene.model.Contact
     """
+    if contact.law is not None:
+        return ADDED[contact.law](contact)
     return next(law for law in (make(contact) for make in LAWS.values()) if law is not None)
 
 

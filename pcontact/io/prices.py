@@ -39,7 +39,7 @@ def prices(problem, scene):
         lines.append(f"{name}: {size / MB:.3g} MB{each or f', {size / space.n_dofs:.0f} bytes per unknown'}")
     cells = space.comm.allreduce(sum(n_points(space, k) * len(table) for k, table in enumerate(space.cells)))
     contacts = [contact for contact in scene.contacts if not contact.tied]
-    smooth = [contact.name for contact in contacts if not (contact.friction or contact.tresca)]
+    smooth = [contact.name for contact in contacts if not (contact.friction or contact.tresca or contact.law)]
     points = sum(counts["points"].get(name, 0) for name in smooth)
     if points:
         lines.append(_more("friction", points, friction_bytes(space.dim), FRICTION_TIMES))

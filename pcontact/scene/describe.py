@@ -29,7 +29,7 @@ def _is_unbiased(contact):
 # physics that a scene may or may not ask for, and whether it does
 _FEATURES = (
     ("contact", lambda scene: bool(scene.contacts)),
-    ("friction", lambda scene: any(contact.friction or contact.tresca for contact in scene.contacts)),
+    ("friction", lambda scene: any(contact.friction or contact.tresca or contact.law for contact in scene.contacts)),
     ("plasticity", lambda scene: bool(_plastic(scene))),
     ("rigid obstacles", lambda scene: any(contact.obstacle is not None for contact in scene.contacts)),
     ("self contact", lambda scene: any(contact.meets_itself for contact in scene.contacts)),
@@ -94,7 +94,9 @@ def _contact(contact: Contact) -> str:
     else:
         partners = f"{contact.source} {'<->' if contact.unbiased else '->'} {contact.target}"
     law = "tied" if contact.tied else "frictionless"
-    if contact.friction:
+    if contact.law:
+        law = f"law {contact.law}"
+    elif contact.friction:
         law = f"Coulomb friction {contact.friction:g}"
         if contact.friction_limit is not None:
             law += f" up to {contact.friction_limit:g}"

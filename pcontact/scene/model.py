@@ -190,6 +190,11 @@ class Contact:
         NON_NEGATIVE, "with `friction`: tangential traction that closed points bear without pressure", None, "stress",
         "0",
     )  # fmt: skip
+    law: str | None = key(
+        TEXT, "instead of `friction` and `tresca`: the name of a law of friction that a Python program has added", None,
+        otherwise="none", more="`friction`, `friction_limit` and `adhesion` may be numbers of it; see "
+        "[extending.md](extending.md)",
+    )  # fmt: skip
     bilateral: bool = key(
         BOOLEAN, "no separation: the gap is closed, and stays so, in tension too", False,
         more="Places of the source that jut out over the border of the target are free",

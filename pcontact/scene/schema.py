@@ -30,7 +30,10 @@ TOGETHER = {
             {"not": {"required": ["target", "obstacle"]}},
             {"not": {"required": ["friction", "tresca"]}},
         ],
-        "dependentRequired": dict.fromkeys(("friction_limit", "adhesion"), ["friction"]),
+        "dependentSchemas": {
+            name: {"anyOf": [{"required": [other]} for other in ("friction", "law")]}
+            for name in ("friction_limit", "adhesion")
+        },
     },
     Load: {"oneOf": [{"required": [name]} for name in LOADS]},
     Obstacle: {

@@ -226,8 +226,11 @@ def _check_contact(scene, where, contact):
         raise input_error(scene.where, where, found, "exactly one of target, obstacle")
     if contact.friction is not None and contact.tresca is not None:
         raise input_error(scene.where, where, "both friction and tresca", "at most one of friction, tresca")
+    for key in ("tresca", "tied"):
+        if contact.law is not None and getattr(contact, key):
+            raise input_error(scene.where, f"{where}.{key}", f"{key} together with law", f"at most one of {key}, law")
     for key in ("friction_limit", "adhesion"):
-        if getattr(contact, key) is not None and contact.friction is None:
+        if getattr(contact, key) is not None and contact.friction is None and contact.law is None:
             raise input_error(scene.where, f"{where}.{key}", f"{key} without friction", "friction as well")
     if contact.unbiased and contact.obstacle is not None:
         raise input_error(
