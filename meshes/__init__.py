@@ -14,6 +14,7 @@ from .heap import heap
 from .hertz import ball_on_block, cylinder_on_block, cylinders, two_balls
 from .indent import indent
 from .ironing import ironing
+from .layer import layer_on_base
 from .punch import punch
 from .rings import rings
 from .shells import shells, tubes
@@ -42,6 +43,7 @@ GENERATORS = {
         spring,
         c_strip,
         heap,
+        layer_on_base,
         punch,
         shells,
         tubes,

@@ -36,6 +36,23 @@ ROUNDED, NEARLY, BALANCED, MOVED = 1e-10, 100.0, 1e-3, 1e-9
 SMALL = 1e-6
 
 
+# what may be left out of the method
+HEURISTICS = (
+    "prediction", "frozen_first", "stick_first", "waiting", "half_step", "line_search", "retry", "step_limit",
+    "stabilisation", "cycles",
+)  # fmt: skip
+
+
+def _left_out(options):
+    """Names of the heuristics that the user leaves out."""
+    text = f"heuristics of Newton's method to leave out, with commas between them: {', '.join(HEURISTICS)}"
+    names = [name for name in options.get("newton_without", "", text=text).split(",") if name]
+    unknown = [name for name in names if name not in HEURISTICS]
+    if unknown:
+        raise InputError(f"option -newton_without: found {unknown[0]!r}, allowed: {' | '.join(HEURISTICS)}")
+    return names
+
+
 def _hear(ksp, iteration, norm):
     """Nothing: signals that have come are dealt with here."""
 
@@ -73,6 +90,7 @@ class Newton(Ways):
         self.problem, self.timing = problem, timing
         self._options = options
         plastic = problem.yields
+        self._without = _left_out(options)
         self._holds = any(item.can_slip for item in problem.others)
         chosen = not options.given("snes_linesearch_type")
         lags = options.given("snes_lag_preconditioner")
@@ -88,7 +106,7 @@ class Newton(Ways):
         self.snes = PETSc.SNES().create(comm=problem.space.comm)
         self._f, self._trial, self._full, self._partly, self._before = (problem.space.vector() for _ in range(5))
         # the residual at the end of a full step, when that has been tried and will be asked for again
-        self._known, self._stretches = None, chosen and not problem.linear
+        self._known, self._stretches = None, chosen and not problem.linear and "line_search" not in self._without
         self.snes.setFunction(self._residual, self._f)
         self.snes.setJacobian(self._tangent, problem.matrix.matrix)
         self.snes.setConvergenceTest(self._test)
@@ -104,13 +122,18 @@ class Newton(Ways):
         self.solver = self._solver(symmetric, len(near_null_space.getVecs()))
         self._floor, self._least, self._goal, self._first = 0.0, 0.0, None, None
         self._hold_first, self._near, self._follow, self._start = loose and self._holds, False, None, None
+        if "stabilisation" in self._without:
+            problem.aid = 0.0 * problem.aid
         self._predicting, self._begins, self._true_first, self._circles = False, False, np.nan, False
+        self._approach = 1.0 if "half_step" in self._without else APPROACH
         # status rules of a run, and those of an iteration in which points wait
         self._rules, self._waiting = None, None
         # what is tried in turn while Newton goes in circles
-        self._ways = [self._law, self._glued_first] if plastic else [self._law]
-        self._ways += [self._shortest] if chosen and (self._holds or plastic) else []
-        self._ways += [self._stick_first] if self._holds else []
+        frozen, stick = "frozen_first" not in self._without, "stick_first" not in self._without
+        self._hold_first = self._hold_first and stick
+        self._ways = [self._law, self._glued_first] if plastic and frozen else [self._law]
+        self._ways += [self._shortest] if chosen and (self._holds or plastic) and "retry" not in self._without else []
+        self._ways += [self._stick_first] if self._holds and stick else []
         self.norms, self._norms, self._solved, self._was_full = [], [], [], False
         self.divisible = False
 
@@ -152,7 +175,7 @@ class Newton(Ways):
             self._known, full = None, False
             self.problem.residual(x, self._f, self._rules)
         start = clock.perf_counter()
-        if full:
+        if full and "waiting" not in self._without:
             self._waiting = self.problem.defer(self._before, x, self._rules)
             if self._waiting is not None:
                 self.problem.residual(x, self._f, self._waiting)
@@ -183,7 +206,7 @@ class Newton(Ways):
         array = y.getArray().reshape(self.problem.fixed.shape)
         array[self.problem.fixed] = 0.0
         y.assemble()
-        part = self.problem.step_limit(x, y)
+        part = 1.0 if "step_limit" in self._without else self.problem.step_limit(x, y)
         if part != 1.0:
             y.scale(part)
         if self._stretches:
@@ -203,7 +226,7 @@ class Newton(Ways):
             self.problem.residual(self._trial, f, self._rules)
             return f.dot(y)
 
-        part = zero_of(component, self._f.dot(y), APPROACH if self._begins else 1.0, farthest)
+        part = zero_of(component, self._f.dot(y), self._approach if self._begins else 1.0, farthest)
         # a step that has been cut says nothing of where it would have ended
         self._begins, self._was_full = False, part >= 1.0
         x.copy(self._before)
@@ -249,7 +272,8 @@ class Newton(Ways):
             stuck = iteration > 0 and norm <= NEARLY * self._floor and norm > 0.5 * self._norms[-2]
             if stuck and self._balanced(snes.getSolution(), norm):
                 return reasons.CONVERGED_FNORM_ABS
-        if (self._circles and cycles(self._norms)) or repeats(self._norms):
+        circles = (self._circles and cycles(self._norms)) or repeats(self._norms)
+        if circles and "cycles" not in self._without:
             return reasons.DIVERGED_LOCAL_MIN
         return reasons.ITERATING
 
@@ -368,7 +392,8 @@ class Newton(Ways):
     def _run(self, u, beginning):
         """One SNES solve, from the beginning of the load step or from elsewhere. *Collective.*"""
         start, before = clock.perf_counter(), self._apart
-        self._predicting, self._begins = beginning and self.problem.predicts, beginning
+        self._predicting = beginning and self.problem.predicts and "prediction" not in self._without
+        self._begins = beginning
         self._norms, self._solved, self._was_full = [], [0], False
         try:
             self.snes.solve(None, u)

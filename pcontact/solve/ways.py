@@ -32,7 +32,7 @@ class Ways:
             return self._stick_first(u, before)
         ways = self._ways
         if self._holds and self.problem.yields and self.problem.sticks():
-            ways = [way for way in ways if way != self._law]
+            ways = [way for way in ways if way != self._law] or ways
         outcome = ways[0](u, before)
         for way in ways[1:]:
             if outcome.converged:
