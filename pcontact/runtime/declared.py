@@ -10,7 +10,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 from pcontact.runtime.errors import InputError
-from pcontact.runtime.rules import ANY_TEXT, BOOLEAN, NON_NEGATIVE, POSITIVE, Rule, choice, integer
+from pcontact.runtime.rules import ANY_TEXT, BOOLEAN, NON_NEGATIVE, POSITIVE, Rule, choice, integer, sequence
 
 WORDS = dict.fromkeys(("", "true", "yes", "on", "1"), True) | dict.fromkeys(("false", "no", "off", "0"), False)
 KINDS = {"string": "a word", "integer": "an integer", "number": "a number", "boolean": "true | false"}
@@ -171,6 +171,11 @@ SECTIONS = {
     "mesh": "Partition of the mesh",
     "run": "Restart and programs in scenes",
 }
+# of Newton's method, each of which may be left out
+HEURISTICS = (
+    "prediction", "frozen_first", "stick_first", "waiting", "half_step", "line_search", "retry", "step_limit",
+    "stabilisation", "cycles",
+)  # fmt: skip
 OPTIONS = listed(
     Option(
         "contact_search_every", choice("step", "newton"),
@@ -201,6 +206,11 @@ OPTIONS = listed(
         "contact_uzawa_accept", BOOLEAN,
         "augmented Lagrangian: a load step whose multipliers are far from settled ends all the same, with a warning",
         False, section="contact",
+    ),
+    Option(
+        "newton_without", sequence("a list of " + choice(*HEURISTICS).allowed, choice(*HEURISTICS)),
+        "heuristics of Newton's method to leave out", otherwise="none", section="solver",
+        more="see [robustness.md](robustness.md)",
     ),
     Option(
         "pc_patience", integer(-1),

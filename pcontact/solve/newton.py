@@ -36,23 +36,6 @@ ROUNDED, NEARLY, BALANCED, MOVED = 1e-10, 100.0, 1e-3, 1e-9
 SMALL = 1e-6
 
 
-# what may be left out of the method
-HEURISTICS = (
-    "prediction", "frozen_first", "stick_first", "waiting", "half_step", "line_search", "retry", "step_limit",
-    "stabilisation", "cycles",
-)  # fmt: skip
-
-
-def _left_out(options):
-    """Names of the heuristics that the user leaves out."""
-    text = f"heuristics of Newton's method to leave out, with commas between them: {', '.join(HEURISTICS)}"
-    names = [name for name in options.get("newton_without", "", text=text).split(",") if name]
-    unknown = [name for name in names if name not in HEURISTICS]
-    if unknown:
-        raise InputError(f"option -newton_without: found {unknown[0]!r}, allowed: {' | '.join(HEURISTICS)}")
-    return names
-
-
 def _hear(ksp, iteration, norm):
     """Nothing: signals that have come are dealt with here."""
 
@@ -90,7 +73,7 @@ class Newton(Ways):
         self.problem, self.timing = problem, timing
         self._options = options
         plastic = problem.yields
-        self._without = _left_out(options)
+        self._without = frozenset(options.get("newton_without") or ())
         self._holds = any(item.can_slip for item in problem.others)
         chosen = not options.given("snes_linesearch_type")
         lags = options.given("snes_lag_preconditioner")
@@ -122,8 +105,7 @@ class Newton(Ways):
         self.solver = self._solver(symmetric, len(near_null_space.getVecs()))
         self._floor, self._least, self._goal, self._first = 0.0, 0.0, None, None
         self._hold_first, self._near, self._follow, self._start = loose and self._holds, False, None, None
-        if "stabilisation" in self._without:
-            problem.aid = 0.0 * problem.aid
+        problem.stabilised = "stabilisation" not in self._without
         self._predicting, self._begins, self._true_first, self._circles = False, False, np.nan, False
         self._approach = 1.0 if "half_step" in self._without else APPROACH
         # status rules of a run, and those of an iteration in which points wait

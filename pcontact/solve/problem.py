@@ -31,6 +31,8 @@ class Problem:
         Time at which the load step ends.
     linear : bool
         Whether the tangent is constant.
+    stabilised : bool
+        Whether `aid` is added to the matrix.
     loose : sequence of int
         Bodies whose rigid motions get a coarse space, see `pcontact.solve.bodies`.
 
@@ -43,7 +45,7 @@ class Problem:
     def __init__(self, space, items, supports, forces, aid, contacts=()):
         self.space, self.items, self.supports, self.forces, self.aid = space, items, supports, forces, aid
         self.bulk, self.others, self.contacts = items[0], items[1:], list(contacts)
-        self.time, self.loose = 0.0, ()
+        self.time, self.loose, self.stabilised = 0.0, (), True
         self.fixed = np.ascontiguousarray(supports.fixed[space.owned_local])
         self.matrix = GlobalMatrix(space, supports.fixed)
         self._versions = None
@@ -209,7 +211,7 @@ class Problem:
             if versions != self._versions:
                 self._renew()
                 self._versions = versions
-            self.matrix.write(stiffness, self._sum(values), self.aid)
+            self.matrix.write(stiffness, self._sum(values), self.aid if self.stabilised else 0.0 * self.aid)
         profile.mark("assembly")
 
     def closed_area(self):
