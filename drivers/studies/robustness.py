@@ -22,7 +22,6 @@ from pcontact.runtime.petsc import MPI
 
 # what may be left out, and the options that do so
 HEURISTICS = {
-    "ways": {"newton_without": "frozen_first,stick_first,retry"},
     "prediction": {"newton_without": "prediction"},
     "frozen_first": {"newton_without": "frozen_first"},
     "stick_first": {"newton_without": "stick_first"},
