@@ -227,7 +227,7 @@ def test_nothing_is_written_of_a_picture_that_cannot_be(solid_run, tmp_path):
 @pytest.mark.parametrize(
     "options, message",
     [
-        ({"filed": "gap"}, "-filed: no such option of pcontact view; allowed: -o, -field, .*; the nearest is -field"),
+        ({"filed": "gap"}, "-filed: no such option of pcontact view; allowed: -field, .*; the nearest is -field"),
         ({"step": "last"}, "-step: found 'last'; allowed: a whole number"),
         ({"step": "0"}, "no step 0; allowed: 1 to 1, or -1"),
         ({"scale": "-2"}, "-scale: found '-2'; allowed: a number >= 0"),
