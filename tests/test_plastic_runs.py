@@ -226,7 +226,7 @@ def test_a_cut_back_leaves_no_trace(block, shared_tmp, theta, friction):
 @parallel
 def test_steps_too_large_for_newton(block, shared_tmp):
     """Few iterations allowed: steps fail on their own, and the block remembers nothing of the attempts."""
-    short = {**TIGHT, "snes_max_it": "3"}
+    short = {**TIGHT, "snes_max_it": "5"}
     cut = run(indentation(block, friction=None, count=2, petsc=short), WORLD)
     assert cut.cuts > 0
     plain = same_times(block, cut.rows, friction=None, count=2)

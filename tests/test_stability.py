@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from pcontact.runtime.petsc import MPI, PETSc, has_package
+from pcontact.solve.newton import Newton
 from pcontact.solve.outcome import Outcome
 from pcontact.solve.stability import UNSTABLE, determinant_sign
-from pcontact.solve.ways import Ways
 from pcontact.stepping.schedule import Schedule
 
 WORLD = MPI.COMM_WORLD
@@ -40,13 +40,15 @@ def test_sign_of_a_determinant(scale):
     assert len(set(signs)) == 2
 
 
-class Doubtful(Ways):
-    """Goes in circles at first; the second way converges."""
+class Doubtful(Newton):
+    """Goes in circles at first; from where closed points stick it converges."""
 
     def __init__(self, divisible):
-        self.problem, self.divisible = SimpleNamespace(time=0.5, yields=False), divisible
-        self._hold_first = self._holds = False
-        self._ways = [lambda u, before: self.end(False), lambda u, before: self.end(True)]
+        self.problem = SimpleNamespace(time=0.5, yields=False, sticking=tuple)
+        self.divisible, self._without, self._holds, self._ends = divisible, (), True, [False, True, True]
+
+    def _run(self, u, beginning):
+        return self.end(self._ends.pop(0))
 
     def end(self, converged):
         """Four iterations."""
@@ -57,10 +59,10 @@ class Doubtful(Ways):
 @pytest.mark.parametrize("divisible", [True, False])
 def test_a_shorter_load_step_is_better_than_an_unstable_solution(monkeypatch, caplog, stable, divisible):
     """Where it may not be shorter, the solution is taken with a warning."""
-    monkeypatch.setattr("pcontact.solve.ways.unstable", lambda problem, u: not stable)
+    monkeypatch.setattr("pcontact.solve.newton.unstable", lambda problem, u: not stable)
     u = SimpleNamespace(copy=lambda other: None)
-    outcome = Doubtful(divisible)._try_ways(u, u)
-    assert outcome.newton == 8
+    outcome = Doubtful(divisible)._solve(u, u)
+    assert outcome.newton == 12
     assert outcome.converged == (stable or not divisible)
     assert (outcome.reason == UNSTABLE) == (not outcome.converged)
     warned = any("time 0.5: this solution is not stable" in line for line in caplog.messages)

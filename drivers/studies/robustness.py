@@ -23,12 +23,10 @@ from pcontact.runtime.petsc import MPI
 # what may be left out, and the options that do so
 HEURISTICS = {
     "prediction": {"newton_without": "prediction"},
-    "frozen_first": {"newton_without": "frozen_first"},
     "stick_first": {"newton_without": "stick_first"},
     "waiting": {"newton_without": "waiting"},
     "half_step": {"newton_without": "half_step"},
     "line_search": {"newton_without": "line_search"},
-    "retry": {"newton_without": "retry"},
     "step_limit": {"newton_without": "step_limit"},
     "stabilisation": {"newton_without": "stabilisation"},
     "cycles": {"newton_without": "cycles"},

@@ -168,14 +168,6 @@ class Item:
         """Points of this rank that were closed at the end of the last load step."""
         return 0
 
-    def status_areas(self):
-        """Areas (3,) of the points of this rank that were open, sticking, slipping at the end of the last load step."""
-        return np.zeros(3)
-
-    def opening_area(self, u):
-        """Area of the points of this rank that were closed and that ``u`` would open. *Collective.*"""
-        return 0.0
-
     def area_changed_by_supports(self, before, u):
         """Area of the points of this rank that ``u``, in which only supports have moved, opens or closes.
         *Collective.*

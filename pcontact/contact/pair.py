@@ -363,18 +363,9 @@ class ContactPair(Item):
         """Points of this rank that were closed at the end of the last load step."""
         return 0 if self.law.tied else int(np.sum(self.closed))
 
-    def status_areas(self):
-        """Areas of the points that were open, sticking, slipping at the end of the last load step, of this rank; tied
-        ones tell nothing of whether a contact opens or slips."""
-        return np.zeros(3) if self.law.tied else np.bincount(self.committed, self.source.jxw, minlength=3)
-
     def closed_areas(self):
         """Closed area (n_components,) at the end of the last load step, of this rank. *Collective.*"""
         return borne(self.space, self.pairing, self.source, self.closed.astype(float))
-
-    def opening_area(self, u):
-        """Area of the points of this rank that were closed and that ``u`` would open. *Collective.*"""
-        return float(np.sum(self.source.jxw[self.closed & (self.pressed(u) > 0.0)]))
 
     def area_changed_by_supports(self, before, u):
         """Area of the points of this rank that ``u``, in which only supports have moved, opens or closes. *Collective.*

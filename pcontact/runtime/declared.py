@@ -173,8 +173,7 @@ SECTIONS = {
 }
 # of Newton's method, each of which may be left out
 HEURISTICS = (
-    "prediction", "frozen_first", "stick_first", "waiting", "half_step", "line_search", "retry", "step_limit",
-    "stabilisation", "cycles",
+    "prediction", "stick_first", "waiting", "half_step", "line_search", "step_limit", "stabilisation", "cycles",
 )  # fmt: skip
 OPTIONS = listed(
     Option(

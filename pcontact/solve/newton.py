@@ -1,9 +1,11 @@
 """Semi-smooth Newton by SNES."""
 
 import time as clock
+from dataclasses import replace
 
 import numpy as np
 
+from pcontact.runtime import log
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.petsc import (
     MPI,
@@ -21,7 +23,7 @@ from pcontact.solve.filter import contact_filter, new_preconditioner
 from pcontact.solve.line_search import FARTHEST, zero_of
 from pcontact.solve.linear import Reuse, check_tolerances, newton_defaults, refresh_smoother, solver_defaults
 from pcontact.solve.outcome import Outcome, cycles, repeats, together
-from pcontact.solve.ways import Ways
+from pcontact.solve.stability import UNSTABLE, unstable
 
 # part of the first Newton step of a load step that is taken where all of it goes too far. Bodies that touch along
 # curved surfaces, moved by half their approach, overlap on the area on which they will be in contact: Hertz, approach
@@ -34,13 +36,15 @@ APPROACH = 0.5
 ROUNDED, NEARLY, BALANCED, MOVED = 1e-10, 100.0, 1e-3, 1e-9
 # a residual of this part of the forces at work is small enough, unless the tolerance is looser
 SMALL = 1e-6
+# part of the first residual to which a load step is solved as if nothing could slip; the same where bodies may yield
+HELD_GOAL, HELD_GOAL_PLASTIC = 0.1, 0.02
 
 
 def _hear(ksp, iteration, norm):
     """Nothing: signals that have come are dealt with here."""
 
 
-class Newton(Ways):
+class Newton:
     """SNES on a :class:`pcontact.solve.problem.Problem`.
 
     Parameters
@@ -53,8 +57,7 @@ class Newton(Ways):
     timing : dict of str to float
         ``assembly`` and ``linear`` seconds are added, and by searches in its iterations ``search``.
     loose : bool
-        Whether supports leave a body free: what holds it changes with every iteration, and so must the preconditioner;
-        with friction, a load step is first solved roughly as if closed points could not slip.
+        Whether supports leave a body free: what holds it changes with every iteration, and so must the preconditioner.
 
     Attributes
     ----------
@@ -104,18 +107,12 @@ class Newton(Ways):
         self._filter = body_filter(problem, options) or contact_filter(problem, options)
         self.solver = self._solver(symmetric, len(near_null_space.getVecs()))
         self._floor, self._least, self._goal, self._first = 0.0, 0.0, None, None
-        self._hold_first, self._near, self._follow, self._start = loose and self._holds, False, None, None
+        self._near, self._follow, self._start = False, None, None
         problem.stabilised = "stabilisation" not in self._without
         self._predicting, self._begins, self._true_first, self._circles = False, False, np.nan, False
         self._approach = 1.0 if "half_step" in self._without else APPROACH
         # status rules of a run, and those of an iteration in which points wait
         self._rules, self._waiting = None, None
-        # what is tried in turn while Newton goes in circles
-        frozen, stick = "frozen_first" not in self._without, "stick_first" not in self._without
-        self._hold_first = self._hold_first and stick
-        self._ways = [self._law, self._glued_first] if plastic and frozen else [self._law]
-        self._ways += [self._shortest] if chosen and (self._holds or plastic) and "retry" not in self._without else []
-        self._ways += [self._stick_first] if self._holds and stick else []
         self.norms, self._norms, self._solved, self._was_full = [], [], [], False
         self.divisible = False
 
@@ -318,16 +315,57 @@ class Newton(Ways):
         before, self._follow = u.copy(), follow
         self._start = before
         try:
-            outcome = self._try_ways(u, before)
+            outcome = self._solve(u, before)
             if self._rescue.saves(outcome):
                 self._turn_direct()
                 before.copy(u)
-                outcome = together(outcome, self._try_ways(u, before))
+                outcome = together(outcome, self._solve(u, before))
             return outcome
         finally:
             self._follow = None
             if self._filter is not None:
                 self._filter.detach(self.snes.getKSP())
+
+    def _solve(self, u, before):
+        """Solve by the law and, where that does not converge and there is friction, from where closed points stick.
+        *Collective.*
+
+        Where the law has not converged, the load step may be so large that it has several solutions: one that is not
+        stable is taken only where the load step is not to be shorter.
+        """
+        self._circles = self._holds or self.problem.yields
+        outcome = self._run(u, True)
+        if outcome.converged or not self._holds or "stick_first" in self._without:
+            return outcome
+        before.copy(u)
+        outcome = together(outcome, self._stick_first(u))
+        if not (outcome.converged and unstable(self.problem, u)):
+            return outcome
+        if self.divisible:
+            log.info("time %g: a solution that is not stable is not taken", self.problem.time)
+            return replace(outcome, converged=False, reason=UNSTABLE)
+        log.warning(
+            "time %g: this solution is not stable, and the load step has others, to which shorter ones have not led",
+            self.problem.time,
+        )  # fmt: skip
+        return outcome
+
+    def _stick_first(self, u):
+        """Solve roughly as if no closed point could slip, then by the law. *Collective.*
+
+        Newton's method can alternate between two directions in which points may slip; from a state in which they stick
+        each goes in that in which its traction exceeds the bound.
+        """
+        self._goal, self._rules = HELD_GOAL_PLASTIC if self.problem.yields else HELD_GOAL, self.problem.sticking()
+        try:
+            held = self._run(u, True)
+        finally:
+            self._goal, self._rules = None, None
+        if not held.converged:
+            # the law alone did no better
+            return held
+        self._circles = False
+        return together(held, self._run(u, False))
 
     @property
     def carried(self):

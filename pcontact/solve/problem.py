@@ -183,20 +183,6 @@ class Problem:
             return None
         return tuple(old if new is None else new for old, new in zip(rules, found, strict=True))
 
-    def sticks(self):
-        """Whether more of the area closed at the end of the last load step stuck than slipped. *Collective.*"""
-        areas = sum((item.status_areas() for item in self.others if item.can_slip), np.zeros(3))
-        _, stick, slip = self.space.comm.allreduce(areas, op=MPI.SUM)
-        return bool(stick > slip)
-
-    def opening(self, u):
-        """Part of the area that was closed at the end of the last load step and that ``u`` opens. *Collective.*"""
-        areas = np.zeros(2)
-        for item in self.others:
-            areas += [item.opening_area(u), item.status_areas()[1:].sum()]
-        opened, closed = self.space.comm.allreduce(areas, op=MPI.SUM)
-        return float(opened / closed) if closed > 0.0 else 0.0
-
     # -- tangent ----------------------------------------------------------------------------------------------------
 
     def tangent(self, u, rules=None, predicted=False):

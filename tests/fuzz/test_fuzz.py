@@ -119,14 +119,13 @@ def test_what_has_several_solutions_and_says_so(tmp_path):
 
 
 def test_solutions_that_are_not_stable_are_not_taken(tmp_path):
-    """A slot closes in a load step so large that Newton's method finds a state that no slow motion comes to."""
+    """A slot closes in a load step so large that it has a solution which no slow motion comes to: all solvers find the
+    other one."""
     case, variants = fuzz.prepared(488, {"slot.consistent": False}, only="plain")
     results = fuzz.run_scenes({488: (case, variants)}, tmp_path)[488]
     assert all(result["status"] == "converged" for result in results.values())
     findings, notes = fuzz.judged(case, variants, results, tmp_path)
     assert not findings, "\n".join(map(str, findings))
-    # one of them is cut on the way to contact
-    assert any(note.startswith("path: plain: 1 and 0 cut backs") for note in notes)
 
 
 @pytest.mark.parametrize("cell", ["triangle", "quadrilateral", "tetrahedron", "hexahedron"])
