@@ -480,6 +480,7 @@ def test_runs_are_the_same_on_any_ranks(shared_tmp, formulation, cell):
 
 @parallel
 @both
+@pytest.mark.usefixtures("one_order")
 def test_restart_gives_the_same_numbers(shared_tmp, formulation):
     path, _ = made(shared_tmp, "quadrilateral", 6)
 

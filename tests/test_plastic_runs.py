@@ -156,6 +156,7 @@ def test_ranks_do_not_matter(block, shared_tmp, theta, friction, order):
 
 @parallel
 @pytest.mark.parametrize("theta, friction", [(0.0, 0.3), (-1.0, None)])
+@pytest.mark.usefixtures("one_order")
 def test_restart_gives_the_same_numbers(block, shared_tmp, theta, friction):
     """After a step in which the block yields, on as many ranks."""
     out, dead = shared_tmp / "out", shared_tmp / "dead"

@@ -104,6 +104,7 @@ def mesh(shared_tmp):
 
 @parallel
 @pytest.mark.parametrize(("interference", "height"), [("resolve", 0.0), ("adjust", 0.01)])
+@pytest.mark.usefixtures("one_order")
 def test_restart_gives_the_same_numbers(mesh, shared_tmp, interference, height):
     out, dead = shared_tmp / "out", shared_tmp / "dead"
     full = run(block(mesh, interference, height), WORLD, out, [Keep(out, dead, WORLD)])
