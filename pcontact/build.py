@@ -29,7 +29,7 @@ from pcontact.scene import (
 from pcontact.scene.keys import options as key_options
 from pcontact.scene.model import LOCKING, POOR, Contact
 from pcontact.scene.unsafe import unsafe
-from pcontact.solve.bodies import MOST_COLOURS
+from pcontact.solve.preconditioners.deflation import MOST_COLOURS
 from pcontact.solve.problem import Problem
 from pcontact.space.modes import colour, component_frames, free_motions
 from pcontact.space.space import Space

@@ -14,8 +14,8 @@ import numpy as np
 from pcontact import __version__
 from pcontact.contact.surface.smooth_geometry import SMOOTH, WRONG, facet_pressure
 from pcontact.io import refine, show
-from pcontact.io.prices import prices
-from pcontact.mesh.store import convert, mesh_sizes
+from pcontact.io.cost_forecast import cost_forecast
+from pcontact.mesh.hdf5_writer import convert, mesh_sizes
 from pcontact.runtime import log, signals
 from pcontact.runtime.declared import OPTIONS, SECTIONS, Option, help_lines, listed, read_all
 from pcontact.runtime.errors import TOLD, InputError
@@ -259,7 +259,7 @@ def check_scene(scene):
                      len(near), _named(mesh.component_names, near))  # fmt: skip
     held = [name for k, name in enumerate(mesh.component_names) if k not in simulation.floating]
     log.info("held by supports: %s", _counted(held) or "no body")
-    log.info("costs: %s", "\n       ".join(prices(simulation.problem, simulation.scene)))
+    log.info("costs: %s", "\n       ".join(cost_forecast(simulation.problem, simulation.scene)))
 
 
 def _gaps(contact, comm):

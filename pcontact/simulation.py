@@ -8,7 +8,7 @@ from pathlib import Path
 import pcontact
 from pcontact import build
 from pcontact.io.checkpoint import Checkpoint, remembering
-from pcontact.io.costs import Costs
+from pcontact.io.cost_report import CostReport
 from pcontact.io.counters import Counters
 from pcontact.io.error_estimate import ErrorEstimate, label
 from pcontact.io.identity import Identity
@@ -28,8 +28,8 @@ from pcontact.solve.newton import Newton
 from pcontact.space.modes import near_null_space
 from pcontact.stepping.loose import LooseBodies
 from pcontact.stepping.record import Recorder
-from pcontact.stepping.renewal import renewal
 from pcontact.stepping.schedule import Schedule
+from pcontact.stepping.search_update import search_update
 from pcontact.stepping.stepper import Stepper
 from pcontact.stepping.uzawa import uzawa
 
@@ -102,7 +102,7 @@ class Simulation:
     def _assemble(self):
         self.problem, colours, motions = build.assemble(self.scene, self.mesh)
         self.floating = {k: len(rows) for k, rows in motions.items()}
-        self.costs, self.counters = Costs(self.profile, self.problem), Counters(self.problem, self.calls)
+        self.costs, self.counters = CostReport(self.profile, self.problem), Counters(self.problem, self.calls)
         # slip of Coulomb's law makes the tangent unsymmetric for every theta; that of Tresca's does not. Where a source
         # yields, the traction's derivative is not the adjoint operator, that of elasticity. Without a traction of the
         # source there is nothing unsymmetric but the slip
@@ -111,7 +111,7 @@ class Simulation:
         self.accuracy.propose(self.options, self.problem.linear)
         self.newton = Newton(self.problem, self.options, symmetric, modes, self.timing, bool(self.floating))
         self.settle = uzawa(self.problem.contacts, self.newton, self.options)
-        self.renew = renewal(self.problem, self.newton, self.options)
+        self.renew = search_update(self.problem, self.newton, self.options)
         meets = motions and not self.problem.linear
         self.rest = LooseBodies(self.problem, self.newton, motions) if meets else None
 

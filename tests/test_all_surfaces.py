@@ -28,7 +28,7 @@ from pcontact.scene.model import (
     Scene,
 )
 from pcontact.simulation import Simulation
-from pcontact.solve.bodies import rigid_motions
+from pcontact.solve.preconditioners.deflation import rigid_motions
 from pcontact.space.modes import near_pairs
 
 WORLD = MPI.COMM_WORLD

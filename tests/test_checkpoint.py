@@ -12,7 +12,7 @@ from test_restart import run
 from pcontact.io.checkpoint import NAME, remembering
 from pcontact.io.identity import Identity
 from pcontact.io.restart import ANYWAY, read_checkpoint
-from pcontact.mesh.store import convert
+from pcontact.mesh.hdf5_writer import convert
 from pcontact.runtime import log
 from pcontact.runtime.checksum import BLOCK, Damaged, append_checksums, verify
 from pcontact.runtime.errors import InputError

@@ -12,10 +12,10 @@ from test_simulation import scene_of
 
 from meshes.blocks import two_blocks
 from pcontact.build import read
+from pcontact.mesh.hdf5_reader import ConvertedMesh
+from pcontact.mesh.hdf5_writer import convert
 from pcontact.mesh.load import load_mesh
 from pcontact.mesh.reader import read_mesh
-from pcontact.mesh.store import convert
-from pcontact.mesh.stored import Stored
 from pcontact.runtime import log
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.options import Options
@@ -112,7 +112,7 @@ def test_cells_of_two_types(shared_tmp, order):
 def test_no_rank_has_it_all(shared_tmp):
     """Every rank reads its share of cells and nodes."""
     _, path = files(shared_tmp, "hexahedron")
-    piece = Stored(WORLD, path, 1).piece
+    piece = ConvertedMesh(WORLD, path, 1).piece
     for n, total in ((len(piece.ids), piece.n_cells_total), (len(piece.points), piece.n_nodes_total)):
         assert abs(n - total / WORLD.size) < 1 and WORLD.allreduce(n) == total
     numbers = np.concatenate(WORLD.allgather(piece.ids))

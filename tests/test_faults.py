@@ -19,10 +19,10 @@ from pcontact.cli import guarded
 from pcontact.io.fields import FieldWriter, Piece
 from pcontact.io.picture import picture
 from pcontact.io.result import load_result
+from pcontact.mesh.hdf5_writer import convert
 from pcontact.mesh.reader import read_mesh
 from pcontact.mesh.refine import refine
 from pcontact.mesh.remesh import write_refined, write_sizes
-from pcontact.mesh.store import convert
 from pcontact.runtime import log
 from pcontact.runtime.errors import InputError, OutputError
 from pcontact.runtime.files import Hdf5Aside, append_text, replace_file, written_aside

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from small import blocks_file
 
-import pcontact.solve.filter as filter_module
+import pcontact.solve.preconditioners.contact as filter_module
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.petsc import MPI, PETSc
 from pcontact.scene.model import Body, Contact, Displacement, Material, MeshSpec, Output, Scene
 from pcontact.simulation import Simulation
-from pcontact.solve.filter import ContactFilter, preconditioner
+from pcontact.solve.preconditioners.contact import ContactPreconditioner, preconditioner
 
 COMM = MPI.COMM_WORLD
 LOCAL = 12
@@ -80,7 +80,7 @@ def test_the_filter_is_its_formula(where, symmetric, mumps, monkeypatch):
     if not mumps:
         monkeypatch.setattr(filter_module, "has_package", lambda name: False)
     a, rows = dense_matrix(symmetric), ROWS[where]
-    found = action(ContactFilter(lambda: own(rows)), a)
+    found = action(ContactPreconditioner(lambda: own(rows)), a)
     one = np.eye(len(a))
     b, s = np.diag(1.0 / np.diag(a)), np.zeros_like(a)
     s[np.ix_(rows, rows)] = np.linalg.inv(a[np.ix_(rows, rows)])
@@ -94,7 +94,7 @@ def test_the_filter_is_its_formula(where, symmetric, mumps, monkeypatch):
 def test_the_direct_solve_follows_the_matrix_and_the_rows():
     """Also where the inner preconditioner is kept, and other ranks take part."""
     a, chosen = dense_matrix(True), {}
-    context = ContactFilter(lambda: own(chosen["rows"]))
+    context = ContactPreconditioner(lambda: own(chosen["rows"]))
     b = np.diag(1.0 / np.diag(a))
     matrix, ksp = distributed(a), PETSc.KSP().create(comm=COMM)
     PETSc.Options("twin_")["pc_type"] = "jacobi"

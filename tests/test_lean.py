@@ -13,8 +13,8 @@ from numba.core.registry import CPUDispatcher
 
 from meshes.blocks import two_blocks
 from pcontact.contact.formulation.frictionless import FrictionlessTerms
+from pcontact.io.cost_forecast import cost_forecast, friction_bytes, plastic_bytes
 from pcontact.io.counters import held
-from pcontact.io.prices import friction_bytes, plastic_bytes, prices
 from pcontact.runtime.parallel import on_root
 from pcontact.runtime.petsc import MPI
 from pcontact.scene.model import Body, Contact, Displacement, Material, MeshSpec, Obstacle, Output, Scene, Steps
@@ -207,8 +207,8 @@ def test_prices_of_what_is_left_out(mesh):
     simulation = Simulation(scene(mesh))
     for item in simulation.problem.items:
         item.detect(simulation.problem.space.vector(), 0.0, 0.0)
-    lines = " ".join(prices(simulation.problem, simulation.scene))
+    lines = " ".join(cost_forecast(simulation.problem, simulation.scene))
     assert all(f"left out, {piece}" in lines for piece in ("friction", "plasticity", "unbiased"))
     simulation.scene.contacts[0].friction = 0.2
-    assert "left out, friction" not in " ".join(prices(simulation.problem, simulation.scene))
+    assert "left out, friction" not in " ".join(cost_forecast(simulation.problem, simulation.scene))
     simulation.close()

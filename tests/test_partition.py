@@ -8,8 +8,8 @@ from meshes.blocks import two_blocks
 from meshes.spring import spring
 from pcontact.mesh.bisection import UNIT, Cells, bisect
 from pcontact.mesh.components import components
+from pcontact.mesh.contact_weights import contact_facets
 from pcontact.mesh.load import load_mesh
-from pcontact.mesh.near import contact_facets
 from pcontact.mesh.partition import by_bisection, partition
 from pcontact.mesh.planes import directions
 from pcontact.mesh.reader import read_mesh

@@ -26,7 +26,7 @@ from pcontact.runtime.petsc import MPI
 from pcontact.scene import describe, read_scene, validate
 from pcontact.scene.model import Body, Displacement, Material, MeshSpec, Output, Scene
 from pcontact.simulation import Simulation
-from pcontact.solve.outcome import cycles, repeats
+from pcontact.solve.result import cycles, repeats
 from pcontact.space.space import Space
 
 WORLD = MPI.COMM_WORLD

@@ -10,8 +10,8 @@ from drivers.cases.ironing import Forces, scene
 from meshes import ironing
 from pcontact.runtime.petsc import MPI, PETSc
 from pcontact.simulation import Simulation
-from pcontact.solve.outcome import Outcome
-from pcontact.stepping.renewal import Renewal
+from pcontact.solve.result import NewtonResult
+from pcontact.stepping.search_update import SearchUpdate
 
 WORLD = MPI.COMM_WORLD
 
@@ -137,7 +137,7 @@ def test_newton_that_fails_to_follow_starts_again(path):
             if follow is None:
                 return outcome
             u.set(1e3)
-            return Outcome(False, 2, 2, "made up", 1.0, 1.0)
+            return NewtonResult(False, 2, 2, "made up", 1.0, 1.0)
 
         simulation.newton.solve = solved
 
@@ -152,7 +152,7 @@ def test_a_run_that_fails_leaves_what_was_there(path):
     """The load step keeps the solution and the partners of the search before."""
 
     def fail(simulation):
-        simulation.newton.again = lambda u, near: (u.set(1e3), Outcome(False, 2, 2, "made up", 1.0, 1.0))[1]
+        simulation.newton.again = lambda u, near: (u.set(1e3), NewtonResult(False, 2, 2, "made up", 1.0, 1.0))[1]
 
     rows, counts = ironed(path, 4, 3, change=fail)
     once, _ = ironed(path, 4, 0)
@@ -179,14 +179,14 @@ def test_a_flip_between_two_sets_ends():
             self.runs, self.timing = 0, {"search": 0.0}
 
         def solve(self, u):
-            return Outcome(True, 4, 4, "", 0.0, 1.0)
+            return NewtonResult(True, 4, 4, "", 0.0, 1.0)
 
         def again(self, u, near):
             self.runs += 1
-            return Outcome(True, 5, 5, "", 0.0, 1.0)
+            return NewtonResult(True, 5, 5, "", 0.0, 1.0)
 
     newton = Flipping()
-    outcome = Renewal(Problem, newton, 6)(Vector(), None, (1.0, 0.0, None))
+    outcome = SearchUpdate(Problem, newton, 6)(Vector(), None, (1.0, 0.0, None))
     assert newton.runs == 6 and outcome.newton == 34 and outcome.converged
 
 

@@ -22,7 +22,7 @@ from pcontact.scene.model import (
     Steps,
 )
 from pcontact.simulation import Simulation
-from pcontact.solve.outcome import Outcome
+from pcontact.solve.result import NewtonResult
 from pcontact.stepping.schedule import Schedule
 from pcontact.stepping.stepper import Stepper
 
@@ -466,7 +466,7 @@ class Solver:
         u.value += 100.0
         good = self.problem.time - self.last <= self.longest
         self.last = self.problem.time if good else self.last
-        return Outcome(good, 4, 9, "because", 1e-9, 1.0)
+        return NewtonResult(good, 4, 9, "because", 1e-9, 1.0)
 
 
 def stepper(longest, smallest=1e-3, count=2):

@@ -7,7 +7,7 @@ import pytest
 
 from pcontact.runtime.petsc import MPI, PETSc, has_package
 from pcontact.solve.newton import Newton
-from pcontact.solve.outcome import Outcome
+from pcontact.solve.result import NewtonResult
 from pcontact.solve.stability import UNSTABLE, determinant_sign
 from pcontact.stepping.schedule import Schedule
 
@@ -52,7 +52,7 @@ class Doubtful(Newton):
 
     def end(self, converged):
         """Four iterations."""
-        return Outcome(converged, 4, 9, "", 1e-9, 1.0)
+        return NewtonResult(converged, 4, 9, "", 1e-9, 1.0)
 
 
 @pytest.mark.parametrize("stable", [True, False])

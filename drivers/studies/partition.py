@@ -15,7 +15,7 @@ from drivers._common import main, make_mesh, make_parser, print_table, write_jso
 from drivers.studies._graph_parts import graph_parts
 from meshes import ball_on_block, dome_on_block, heap, layer_on_base, spring, two_blocks
 from pcontact.mesh.components import components
-from pcontact.mesh.near import contact_facets
+from pcontact.mesh.contact_weights import contact_facets
 from pcontact.mesh.partition import WEIGHT, by_bisection
 from pcontact.mesh.reader import read_mesh
 from pcontact.mesh.slices import Corners, whole

@@ -6,7 +6,7 @@ from pcontact.estimate.estimator import Estimator
 from pcontact.runtime.observer import Observer
 from pcontact.runtime.petsc import PETSc
 from pcontact.scene import amplitude
-from pcontact.solve.filter import new_preconditioner
+from pcontact.solve.preconditioners.contact import new_preconditioner
 
 # one more Newton step is solved to this part of its right-hand side, with so many iterations at most
 STEP_RTOL, STEP_ITERATIONS = 0.1, 50

@@ -49,12 +49,12 @@ class Terminal(Observer):
         log.info("%s", " | ".join(parts))
         self._progress.to(step.time)
 
-    def cut(self, target, outcome):
+    def cut(self, target, result):
         """Print why."""
         log.info(
             "step to time %.6g cut back: %s after %d iterations, residual %.3e from %.3e%s%s",
-            target, outcome.reason, outcome.newton, outcome.residual, outcome.initial,
-            "; " if outcome.detail else "", outcome.detail,
+            target, result.reason, result.newton, result.residual, result.initial,
+            "; " if result.detail else "", result.detail,
         )  # fmt: skip
 
     def end(self, converged):

@@ -6,10 +6,10 @@ from pcontact.mesh.complete import complete
 from pcontact.mesh.components import cell_name, components
 from pcontact.mesh.distribute import deal
 from pcontact.mesh.groups import facet_multiplicity, say_lost
+from pcontact.mesh.hdf5_reader import ConvertedMesh, is_converted
 from pcontact.mesh.partition import WEIGHT
 from pcontact.mesh.reader import read_mesh
 from pcontact.mesh.slices import whole
-from pcontact.mesh.stored import Stored, is_stored
 from pcontact.runtime import profile
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.parallel import on_root, together
@@ -84,7 +84,7 @@ def _read_whole(comm, path, order, regions, surfaces, check):
 
 def _read_slices(comm, path, order, regions, surfaces, check, pairs):
     """A slice of a converted mesh on every rank. *Collective.*"""
-    stored = Stored(comm, path, order)
+    stored = ConvertedMesh(comm, path, order)
     together(comm, check, stored.summary(pairs))
     say_lost(stored.path, stored.lost)
     stored.set_bodies(regions)
@@ -104,10 +104,12 @@ def load_mesh(comm, path, order, regions, pairs, check, weight=WEIGHT, method="b
     regions : list of str
         Cell group of each body.
     pairs : list of (str, str or None, float or None)
-        Contact pairs: source and target surfaces and search radius, see :func:`pcontact.mesh.near.contact_facets`.
+        Contact pairs: source and target surfaces and search radius, see
+        :func:`pcontact.mesh.contact_weights.contact_facets`.
     check : callable
         Called before anything else is done with the mesh; may raise InputError. Its argument is a
-        :class:`pcontact.mesh.groups.RawMesh`, on rank 0; or a :class:`pcontact.mesh.stored.Summary`, on every rank.
+        :class:`pcontact.mesh.groups.RawMesh`, on rank 0; or a :class:`pcontact.mesh.hdf5_reader.Summary`, on every
+        rank.
     weight, method
         See :func:`pcontact.mesh.partition.partition`.
 
@@ -124,7 +126,7 @@ def load_mesh(comm, path, order, regions, pairs, check, weight=WEIGHT, method="b
         raise InputError(f"command line: -partition_weight: found {weight:g}; allowed: a number >= 0")
     surfaces = sorted({name for source, target, _ in pairs for name in (source, target) if name is not None})
     with profile.phase("read"):
-        if is_stored(path):
+        if is_converted(path):
             piece, names = _read_slices(comm, path, order, regions, surfaces, check, pairs)
         else:
             piece, names = _read_whole(comm, path, order, regions, surfaces, check)

@@ -4,9 +4,9 @@ import numpy as np
 
 from pcontact.element.reference import CELLS
 from pcontact.mesh.bisection import UNIT, Cells, bisect
-from pcontact.mesh.depth import Depths
+from pcontact.mesh.cell_distances import CellDistances
+from pcontact.mesh.contact_weights import contact_facets
 from pcontact.mesh.mesh import bounding_box
-from pcontact.mesh.near import contact_facets
 from pcontact.mesh.slices import Corners
 from pcontact.runtime.declared import OPTIONS
 from pcontact.runtime.petsc import MPI, PETSC_GRAPHS, PETSc, has_package, reset_partitioner
@@ -79,7 +79,7 @@ def _work(piece, facets, weight):
 
 def _add_depths(exchanger, piece, corners):
     """Distances from the ends and middles of the bodies as further coordinates of the cells. *Collective.*"""
-    depths = Depths(exchanger, piece, corners.nodes, corners.tables)
+    depths = CellDistances(exchanger, piece, corners.nodes, corners.tables)
     box = bounding_box(piece.comm, corners.centres)
     levels = depths().astype(float)
     most = piece.comm.allreduce(float(levels.max(initial=0.0)), op=MPI.MAX)
@@ -96,7 +96,7 @@ def partition(exchanger, piece, pairs=(), weight=WEIGHT, method="bisection"):
     exchanger : pcontact.runtime.parallel.Exchanger
     piece : pcontact.mesh.slices.MeshSlice
     pairs : list of (str, str or None, float or None)
-        Contact pairs, see :func:`pcontact.mesh.near.contact_facets`.
+        Contact pairs, see :func:`pcontact.mesh.contact_weights.contact_facets`.
     weight : float
         Work of a contact facet in units of a cell's; 0: contact does not weigh and need not be spread evenly.
     method : {"bisection", "graph"}

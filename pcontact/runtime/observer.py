@@ -16,13 +16,13 @@ class Observer:
             Its scalars, as in ``report.json``; later observers see what this one adds.
         """
 
-    def cut(self, target, outcome):
+    def cut(self, target, result):
         """A load step to a time has failed and will be tried again, shorter.
 
         Parameters
         ----------
         target : float
-        outcome : pcontact.solve.outcome.Outcome
+        result : pcontact.solve.result.NewtonResult
         """
 
     def end(self, converged):

@@ -3,7 +3,7 @@
 import numpy as np
 
 from pcontact.runtime.petsc import forget_pattern, full_steps, line_search_limit
-from pcontact.solve.filter import preconditioner
+from pcontact.solve.preconditioners.contact import preconditioner
 
 # the area in contact may grow by this factor before the preconditioner is set up again
 GROWN = 2.0

@@ -16,13 +16,13 @@ from pcontact.runtime.petsc import (
     keep_preconditioner,
     newton_reasons,
 )
-from pcontact.solve.bodies import BodyFilter, body_filter
-from pcontact.solve.causes import causes
-from pcontact.solve.direct import PIVOTS, Rescue
-from pcontact.solve.filter import contact_filter, new_preconditioner
+from pcontact.solve.diagnosis import diagnose
 from pcontact.solve.line_search import FARTHEST, zero_of
 from pcontact.solve.linear import Reuse, check_tolerances, newton_defaults, refresh_smoother, solver_defaults
-from pcontact.solve.outcome import Outcome, cycles, repeats, together
+from pcontact.solve.preconditioners.contact import contact_preconditioner, new_preconditioner
+from pcontact.solve.preconditioners.deflation import Deflation, deflation
+from pcontact.solve.preconditioners.direct import PIVOTS, DirectFallback
+from pcontact.solve.result import NewtonResult, combined, cycles, repeats
 from pcontact.solve.stability import UNSTABLE, unstable
 
 # part of the first Newton step of a load step that is taken where all of it goes too far. Bodies that touch along
@@ -88,7 +88,7 @@ class Newton:
         defaults = newton_defaults(problem.linear, direct, inexact)
         defaults |= solver_defaults(symmetric, problem.space.comm.size) | (PIVOTS if direct else {})
         self.applied, self.kept_out = options.propose(defaults)
-        self._rescue = Rescue(options, problem.space, "pc_type" in self.kept_out or lags)
+        self._fallback = DirectFallback(options, problem.space, "pc_type" in self.kept_out or lags)
         self.snes = PETSc.SNES().create(comm=problem.space.comm)
         self._f, self._trial, self._full, self._partly, self._before = (problem.space.vector() for _ in range(5))
         # the residual at the end of a full step, when that has been tried and will be asked for again
@@ -104,7 +104,7 @@ class Newton:
         self.snes.getKSP().setMonitor(_hear)
         patience = options.get("pc_patience")
         self._reuse = None if lags or direct or loose or patience < 0 else Reuse(patience)
-        self._filter = body_filter(problem, options) or contact_filter(problem, options)
+        self._filter = deflation(problem, options) or contact_preconditioner(problem, options)
         self.solver = self._solver(symmetric, len(near_null_space.getVecs()))
         self._floor, self._least, self._goal, self._first = 0.0, 0.0, None, None
         self._near, self._follow, self._start = False, None, None
@@ -131,7 +131,7 @@ class Newton:
             "preconditioner": self._options.get("pc_type", "gamg"),
             "rigid_modes": modes,
             "symmetric": symmetric,
-            "filter": {type(None): "none", BodyFilter: "bodies"}.get(type(self._filter), "contact"),
+            "filter": {type(None): "none", Deflation: "bodies"}.get(type(self._filter), "contact"),
             "reused": self._reuse is not None,
         }
 
@@ -303,7 +303,7 @@ class Newton:
 
         Returns
         -------
-        Outcome
+        NewtonResult
         """
         # eight rounding errors per sum of some eighty terms: what an exact solution would leave
         self._least = 8.0 * self.problem.roundoff(u)
@@ -316,10 +316,10 @@ class Newton:
         self._start = before
         try:
             outcome = self._solve(u, before)
-            if self._rescue.saves(outcome):
+            if self._fallback.takes_over(outcome):
                 self._turn_direct()
                 before.copy(u)
-                outcome = together(outcome, self._solve(u, before))
+                outcome = combined(outcome, self._solve(u, before))
             return outcome
         finally:
             self._follow = None
@@ -338,7 +338,7 @@ class Newton:
         if outcome.converged or not self._holds or "stick_first" in self._without:
             return outcome
         before.copy(u)
-        outcome = together(outcome, self._stick_first(u))
+        outcome = combined(outcome, self._stick_first(u))
         if not (outcome.converged and unstable(self.problem, u)):
             return outcome
         if self.divisible:
@@ -365,16 +365,16 @@ class Newton:
             # the law alone did no better
             return held
         self._circles = False
-        return together(held, self._run(u, False))
+        return combined(held, self._run(u, False))
 
     @property
     def carried(self):
         """Whether the run has turned to a direct solver (1), which a restarted run goes on with, or not (0)."""
-        return float(self._rescue.active)
+        return float(self._fallback.active)
 
     @carried.setter
     def carried(self, value):
-        if value and self._rescue.choose():
+        if value and self._fallback.choose():
             self._turn_direct()
 
     def _turn_direct(self):
@@ -396,7 +396,7 @@ class Newton:
         """Solve on from the solution ``u`` of :meth:`solve`, after multipliers or partners have changed. *Collective.*
 
         Tolerances remain those of the load step; with `near`, a ``u`` that meets them already is left as it is. Returns
-        an :class:`Outcome`.
+        an :class:`NewtonResult`.
         """
         self._near = near
         try:
@@ -430,7 +430,7 @@ class Newton:
             self.problem.residual(u, self._f, self._rules)
             self._norms = [*self._norms, self._f.norm()]
         self.norms += self._norms
-        return Outcome(
+        return NewtonResult(
             converged=reason > 0,
             newton=self.snes.getIterationNumber(),
             krylov=self.snes.getLinearSolveIterations(),
@@ -444,7 +444,7 @@ class Newton:
     def _detail(self, reason):
         """What a user should look at. *Collective.*"""
         value, point, body = self.problem.worst(self._f)
-        parts = causes(self.problem, self.snes.getSolution(), reason, self._norms[-1] if self._norms else np.inf)
+        parts = diagnose(self.problem, self.snes.getSolution(), reason, self._norms[-1] if self._norms else np.inf)
         parts.append(f"largest residual {value:.3e} at {np.array2string(point, precision=4)} in body {body}")
         for contact in self.problem.contacts:
             last = contact.space.comm.allreduce(np.array(([0, 0, 0] + contact.flips)[-3:]))

@@ -34,7 +34,7 @@ class Problem:
     stabilised : bool
         Whether `aid` is added to the matrix.
     loose : sequence of int
-        Bodies whose rigid motions get a coarse space, see `pcontact.solve.bodies`.
+        Bodies whose rigid motions get a coarse space, see `pcontact.solve.preconditioners.deflation`.
 
     Notes
     -----

@@ -9,7 +9,7 @@ Newton's method may come there where it follows the smallest residual, for which
 import numpy as np
 
 from pcontact.runtime.petsc import PETSc, has_package
-from pcontact.solve.direct import MOST
+from pcontact.solve.preconditioners.direct import MOST
 
 PREFIX = "stability_"
 # of a solve that ended in such a solution

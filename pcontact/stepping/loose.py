@@ -13,7 +13,7 @@ import numpy as np
 from pcontact.mesh.components import label
 from pcontact.runtime import log
 from pcontact.runtime.petsc import MPI
-from pcontact.solve.nearest import nearest
+from pcontact.solve.least_distance import nearest_point
 from pcontact.space.modes import RigidBodies, component_frames
 
 # part of the external forces on a body: contact that bears less of them bears none
@@ -64,7 +64,7 @@ class LooseBodies:
         least = np.where(applied > 0.0, np.minimum(least, NOTHING * applied), least)
         return np.flatnonzero(self._loose & (contact <= least)).tolist()
 
-    def __call__(self, u, before, outcome):
+    def __call__(self, u, before, result):
         """Choose among the solutions of a load step. *Collective.*
 
         Parameters
@@ -73,17 +73,17 @@ class LooseBodies:
             The solution that Newton's method has found; overwritten.
         before : PETSc.Vec
             The committed displacement.
-        outcome : pcontact.solve.outcome.Outcome
+        result : pcontact.solve.result.NewtonResult
 
         Returns
         -------
-        Outcome
+        NewtonResult
             With ``free``: the bodies on which no contact acts.
         """
         free = self.free(u)
         if free and not self._place(u, before, free):
             log.info("free bodies have no place that they do not share with others: they stay where Newton left them")
-        return replace(outcome, free=free)
+        return replace(result, free=free)
 
     def begin(self, u):
         """Before a load step is solved: move free bodies out of the way of what has moved into them. *Collective.*
@@ -194,7 +194,7 @@ def _least_motions(shape, bodies, rows, bounds):
         for side in (0, 1):
             at = np.flatnonzero(bodies[chosen, side] >= 0)
             matrix[at, bodies[chosen[at], side]] += rows[chosen[at], side]
-        found = nearest(matrix[:, some].reshape(len(chosen), -1), bounds[chosen])
+        found = nearest_point(matrix[:, some].reshape(len(chosen), -1), bounds[chosen])
         away[some] = found.reshape(len(some), m)
     return away
 

@@ -70,7 +70,8 @@ class Stepper:
     settle : callable, optional
         Goes on from the solution of a load step, see :class:`pcontact.stepping.uzawa.Uzawa`.
     renew : callable, optional
-        Before that, solves the load step and looks for partners again, see :class:`pcontact.stepping.renewal.Renewal`.
+        Before that, solves the load step and looks for partners again, see
+        :class:`pcontact.stepping.search_update.SearchUpdate`.
     rest : callable, optional
         After that, says where bodies are that nothing holds, see :class:`pcontact.stepping.loose.LooseBodies`.
     """
@@ -122,19 +123,19 @@ class Stepper:
         while not self.schedule.done:
             target = self.schedule.next()
             committed = self.u.copy()
-            outcome = self._attempt(target, committed)
-            if outcome.converged:
+            result = self._attempt(target, committed)
+            if result.converged:
                 with profile.phase("output"):
                     unbalanced = self.problem.unbalanced(self.u)
                 for item in self.problem.items:
                     item.commit(self.u, target)
                 self._last = self.schedule.time, committed
-                solves = 1 + outcome.uzawa["updates"] if outcome.uzawa else 1
-                self.schedule.accept(target, outcome.newton // solves)
+                solves = 1 + result.uzawa["updates"] if result.uzawa else 1
+                self.schedule.accept(target, result.newton // solves)
                 number += 1
                 step = Step(
-                    number, target, outcome.newton, outcome.krylov, cutbacks, outcome.residual,
-                    list(self.newton.norms), *self._last, outcome.uzawa, outcome.hardest, outcome.free,
+                    number, target, result.newton, result.krylov, cutbacks, result.residual,
+                    list(self.newton.norms), *self._last, result.uzawa, result.hardest, result.free,
                     unbalanced,
                 )  # fmt: skip
                 with profile.phase("output"):
@@ -145,14 +146,14 @@ class Stepper:
                 continue
             committed.copy(self.u)
             cutbacks += 1
-            if not outcome.final:
+            if not result.final:
                 for observer in self.observers:
-                    observer.cut(target, outcome)
-            if outcome.final or not self.schedule.cut(target):
+                    observer.cut(target, result)
+            if result.final or not self.schedule.cut(target):
                 raise StepFailure(
-                    f"the step from time {self.schedule.time:.6g} to {target:.6g} did not converge ({outcome.reason}, "
-                    f"residual {outcome.residual:.3e} after {outcome.newton} iterations, first {outcome.initial:.3e}"
-                    f"{'; ' if outcome.detail else ''}{outcome.detail})"
+                    f"the step from time {self.schedule.time:.6g} to {target:.6g} did not converge ({result.reason}, "
+                    f"residual {result.residual:.3e} after {result.newton} iterations, first {result.initial:.3e}"
+                    f"{'; ' if result.detail else ''}{result.detail})"
                 )
 
     def _attempt(self, target, before):
@@ -168,19 +169,19 @@ class Stepper:
             if self._rest is not None and self._last is not None:
                 self._rest.begin(self.u)
             if self._renew is None:
-                outcome = self.newton.solve(self.u)
+                result = self.newton.solve(self.u)
             else:
-                outcome = self._renew(self.u, before, (target, motion, ahead))
-            if self._settle is not None and outcome.converged:
-                outcome = self._settle(self.u, outcome)
-            if self._rest is not None and outcome.converged:
-                outcome = self._rest(self.u, before, outcome)
-            self._check_motion(outcome, before)
+                result = self._renew(self.u, before, (target, motion, ahead))
+            if self._settle is not None and result.converged:
+                result = self._settle(self.u, result)
+            if self._rest is not None and result.converged:
+                result = self._rest(self.u, before, result)
+            self._check_motion(result, before)
         # searches within the solve are counted as such
         again = self.timing["search"] - searched
         self.timing["search"] += middle - start
         self.timing["solve"] += clock.perf_counter() - middle - again
-        return outcome
+        return result
 
     def _ahead(self, target):
         """Displacement if the bodies move on as what drives them does, None where that tells nothing. *Collective.*
@@ -206,18 +207,18 @@ class Stepper:
         way.axpy(1.0, self.u)
         return way
 
-    def _check_motion(self, outcome, before):
+    def _check_motion(self, result, before):
         """Bodies that moved farther than partners were looked for may have passed through each other."""
-        if not outcome.converged:
+        if not result.converged:
             return
         for item in self.problem.others:
             deep = self.problem.space.comm.allreduce(item.too_deep)
             if deep:
-                outcome.converged = False
-                outcome.reason = (
+                result.converged = False
+                result.reason = (
                     f"contact {item.name}: {deep} points are deeper in the obstacle than the search radius "
                     f"{item.radius:.4g}"
                 )
             if item.normal_motion(self.u, before) > item.radius:
-                outcome.converged = False
-                outcome.reason = f"contact {item.name}: bodies moved farther than the search radius {item.radius:.4g}"
+                result.converged = False
+                result.reason = f"contact {item.name}: bodies moved farther than the search radius {item.radius:.4g}"

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 from pcontact.contact.formulation.augmented import AugmentedLagrangian, update_multipliers
 from pcontact.runtime import log
-from pcontact.solve.outcome import together
+from pcontact.solve.result import combined
 
 # change up to which a load step may end after the last update, with a warning: bodies enter each other by this part of
 # what pressure does to a layer of cells
@@ -39,7 +39,7 @@ class Uzawa:
         self.grow, self.accept = grow, accept
         self._failed = False
 
-    def __call__(self, u, outcome):
+    def __call__(self, u, result):
         """Go on from the solution with the multipliers of the last load step. *Collective.*
 
         The displacement and the traction that acts are in equilibrium whatever the number of updates, but bodies enter
@@ -54,12 +54,12 @@ class Uzawa:
         ----------
         u : PETSc.Vec
             Overwritten.
-        outcome : pcontact.solve.outcome.Outcome
+        result : pcontact.solve.result.NewtonResult
             Of that solution, which converged.
 
         Returns
         -------
-        Outcome
+        NewtonResult
             With the iterations of all solves, and ``uzawa``: the ``updates`` and the last ``change``.
         """
         updates, sizes = 0, []
@@ -75,20 +75,20 @@ class Uzawa:
                     pair.method.stiffen()
             then = self.newton.again(u)
             updates += 1
-            outcome = together(outcome, then)
-            if not outcome.converged:
+            result = combined(result, then)
+            if not result.converged:
                 break
-        if outcome.converged:
+        if result.converged:
             worst = [part for part, _ in changes].index(change)
-            outcome = self._judged(outcome, change, [size[worst] for size in sizes], self.contacts[worst][0].name)
-        return replace(outcome, uzawa={"updates": updates, "change": change})
+            result = self._judged(result, change, [size[worst] for size in sizes], self.contacts[worst][0].name)
+        return replace(result, uzawa={"updates": updates, "change": change})
 
-    def _judged(self, outcome, change, sizes, name):
-        """The outcome after the last update.
+    def _judged(self, result, change, sizes, name):
+        """The result after the last update.
 
         Parameters
         ----------
-        outcome : Outcome
+        result : NewtonResult
         change : float
             Largest change of the multipliers that is left, relative to the traction.
         sizes : list of float
@@ -99,7 +99,7 @@ class Uzawa:
         updates = len(sizes) - 1
         if change <= self.rtol:
             self._failed = False
-            return outcome
+            return result
         text = (
             f"contact {name}: multipliers still change by {change:.1e} of the traction after {updates} updates "
             f"(-contact_uzawa_rtol {self.rtol:.1e})"
@@ -107,12 +107,12 @@ class Uzawa:
         if self.accept or change <= CREEP:
             self._failed = False
             log.warning("%s", text)
-            return outcome
+            return result
         left = rate(sizes)
         final, self._failed = self._failed or left is not None, True
         text += "; a shorter load step does not change that" if final else ""
         text += f"; remedy: {_remedy(left, updates, self.rtol / change)}; -contact_uzawa_accept takes it as it is"
-        return replace(outcome, converged=False, reason=text, final=final)
+        return replace(result, converged=False, reason=text, final=final)
 
 
 def rate(sizes):

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from pcontact.runtime import profile
-from pcontact.solve.outcome import together
+from pcontact.solve.result import combined
 
 # way of closed points since the last search, in sizes of their facets, up to which their partners are good enough: the
 # part of it by which a normal turns on its way to the next facet is of second order
@@ -17,7 +17,7 @@ SETTLED = 1
 FOLLOWED, AGAIN = 10, 4
 
 
-class Renewal:
+class SearchUpdate:
     """Searches after the one that a load step begins with.
 
     Newton's method always has the exact derivative of what is frozen: partners and normals change between its runs or,
@@ -53,14 +53,14 @@ class Renewal:
 
         Returns
         -------
-        pcontact.solve.outcome.Outcome
+        pcontact.solve.result.NewtonResult
             With the iterations of all runs.
         """
-        outcome, since = self._first(u, before, search)
-        return self._again(u, before, search, outcome, since) if outcome.converged else outcome
+        result, since = self._first(u, before, search)
+        return self._again(u, before, search, result, since) if result.converged else result
 
     def _first(self, u, before, search):
-        """Outcome of the first run, and the displacement among whose partners it ended."""
+        """NewtonResult of the first run, and the displacement among whose partners it ended."""
         time, motion, ahead = search
         since = before if ahead is None else ahead
         if not self.follows:
@@ -74,15 +74,15 @@ class Renewal:
             self._search(before, time, motion, searched[-1])
             return True
 
-        outcome = self.newton.solve(u, follow)
-        if outcome.converged or len(searched) == 1:
-            return outcome, searched[-1]
+        result = self.newton.solve(u, follow)
+        if result.converged or len(searched) == 1:
+            return result, searched[-1]
         # partners that come and go: those of the beginning, once
         begin.copy(u)
         self._search(before, time, motion, ahead)
-        return together(outcome, self.newton.solve(u)), since
+        return combined(result, self.newton.solve(u)), since
 
-    def _again(self, u, before, search, outcome, since):
+    def _again(self, u, before, search, result, since):
         time, motion, _ = search
         for _ in range(self.most):
             if self._strayed(u, since) <= NEAR:
@@ -90,15 +90,15 @@ class Renewal:
             solved = u.copy()
             self._search(before, time, motion, solved)
             then = self.newton.again(u, near=True)
-            both = together(outcome, then)
+            both = combined(result, then)
             if not then.converged:
                 solved.copy(u)
                 self._search(before, time, motion, since)
-                return replace(outcome, newton=both.newton, krylov=both.krylov, hardest=both.hardest)
-            outcome, since = both, solved
+                return replace(result, newton=both.newton, krylov=both.krylov, hardest=both.hardest)
+            result, since = both, solved
             if then.newton <= SETTLED:
                 break
-        return outcome
+        return result
 
     def _strayed(self, u, since):
         """Farthest way of a closed point since the displacement with which partners were found, in facets."""
@@ -112,8 +112,8 @@ class Renewal:
         self.newton.timing["search"] += clock.perf_counter() - start
 
 
-def renewal(problem, newton, options):
+def search_update(problem, newton, options):
     """What searches within load steps as the user asks for, None for no search but the first of a load step."""
     follows = options.get("contact_search_every") == "newton"
     most = options.get("contact_search_again", AGAIN if follows else 0)
-    return Renewal(problem, newton, most, follows) if (most > 0 or follows) and not problem.linear else None
+    return SearchUpdate(problem, newton, most, follows) if (most > 0 or follows) and not problem.linear else None

@@ -9,7 +9,7 @@ COUNTS = ("searches", "points", "asked", "candidates", "gathered_bytes")
 MB = 1024.0**2
 
 
-class Costs:
+class CostReport:
     """Blocks of the report on what the run has cost so far.
 
     Parameters

@@ -111,7 +111,7 @@ def _radii(points, table, component, middles, out):
             out[table[c, v]] = np.sqrt(total)
 
 
-class Depths:
+class CellDistances:
     """Distances of the nodes of the cells of this rank.
 
     Parameters

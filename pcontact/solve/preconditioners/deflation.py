@@ -16,7 +16,7 @@ import numpy as np
 
 from pcontact.runtime import log
 from pcontact.runtime.petsc import PETSc, has_package
-from pcontact.solve.filter import MULTIGRID, ContactFilter
+from pcontact.solve.preconditioners.contact import MULTIGRID, ContactPreconditioner
 from pcontact.space.modes import component_frames, rigid_modes
 
 PREFIX = "rigid_bodies_"
@@ -59,7 +59,7 @@ def rigid_motions(space, fixed, bodies):
     return PETSc.Mat().createAIJ(sizes, csr=csr, comm=space.comm)
 
 
-class BodyFilter(ContactFilter):
+class Deflation(ContactPreconditioner):
     """Context of a preconditioner of type python: the one that the user's options choose between two coarse solves.
 
     Parameters
@@ -132,7 +132,7 @@ class BodyFilter(ContactFilter):
         self.inner.view(viewer)
 
 
-def body_filter(problem, options):
+def deflation(problem, options):
     """The coarse space of the loose bodies of a problem; None where they have vectors of their own, or no multigrid.
 
     Parameters
@@ -142,4 +142,4 @@ def body_filter(problem, options):
     """
     if not problem.loose or options.get("pc_type", "gamg") not in MULTIGRID:
         return None
-    return BodyFilter(problem, problem.loose)
+    return Deflation(problem, problem.loose)

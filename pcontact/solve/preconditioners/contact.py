@@ -114,7 +114,7 @@ def _on_some_ranks(matrix, comm):
     return PETSc.Mat().createAIJ(((n, total), (n, total)), csr=matrix.getValuesCSR(), comm=comm)
 
 
-class ContactFilter:
+class ContactPreconditioner:
     """Context of a preconditioner of type python around the one that the user's options choose.
 
     Parameters
@@ -222,7 +222,7 @@ class ContactRows:
         return (nodes[:, None] * space.dim + np.arange(space.dim)).ravel()
 
 
-def contact_filter(problem, options):
+def contact_preconditioner(problem, options):
     """The filter of a problem, as the user's options want it; None without.
 
     It doubles the price of an iteration and adds a factorisation to every Newton iteration, so that by itself it is
@@ -238,7 +238,7 @@ def contact_filter(problem, options):
     stiff = options.get("pc_type", "gamg") in MULTIGRID and any(item.stiff for item in pairs)
     if not pairs or mode == "false" or (mode == "auto" and not stiff):
         return None
-    return ContactFilter(ContactRows(problem))
+    return ContactPreconditioner(ContactRows(problem))
 
 
 def new_preconditioner(comm, prefix):
@@ -260,4 +260,4 @@ def preconditioner(ksp):
     """The preconditioner that the user's options choose, whether or not there is a filter around it."""
     pc = ksp.getPC()
     context = pc.getPythonContext() if pc.getType() == "python" else None
-    return context.inner if isinstance(context, ContactFilter) else pc
+    return context.inner if isinstance(context, ContactPreconditioner) else pc

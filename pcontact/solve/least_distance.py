@@ -35,7 +35,7 @@ def least_squares_of_positive(a, b):
     return x
 
 
-def nearest(rows, bounds):
+def nearest_point(rows, bounds):
     """The x with the least norm for which rows @ x >= bounds.
 
     Bounds that contradict each other, if only by rounding errors, are met as well as all of them can be: what is left

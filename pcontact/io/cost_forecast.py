@@ -19,7 +19,7 @@ def plastic_bytes(d):
     return 8 * (7 if d == 3 else 5)
 
 
-def prices(problem, scene):
+def cost_forecast(problem, scene):
     """Lines for the user. *Collective.*
 
     Parameters

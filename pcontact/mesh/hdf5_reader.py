@@ -8,8 +8,8 @@ import h5py
 import numpy as np
 
 from pcontact.element.reference import CELLS, n_nodes
+from pcontact.mesh.hdf5_writer import FORMAT, SUFFIX, VERSION
 from pcontact.mesh.slices import MeshSlice, SliceBlock
-from pcontact.mesh.store import FORMAT, SUFFIX, VERSION
 from pcontact.runtime.checksum import Damaged, verify
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.parallel import agree, together
@@ -18,7 +18,7 @@ from pcontact.runtime.petsc import MPI
 MADE = "a file made by pcontact convert"
 
 
-def is_stored(path):
+def is_converted(path):
     """Whether a mesh is a converted one, by its name."""
     return Path(path).suffix.lower() == SUFFIX
 
@@ -93,7 +93,7 @@ def _members(group, column, first, end):
     return slice(bisect_left(group[column], first), bisect_left(group[column], end))
 
 
-class Stored:
+class ConvertedMesh:
     """A converted mesh, of which this rank has a slice.
 
     Parameters

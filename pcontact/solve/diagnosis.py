@@ -2,7 +2,7 @@
 
 from pcontact.mesh.mesh import size_of
 from pcontact.runtime.petsc import PETSc
-from pcontact.solve.direct import FAILED
+from pcontact.solve.preconditioners.direct import FAILED
 
 # part of the volume that may yield from which on a limit load is near
 YIELDED = 0.5
@@ -10,7 +10,7 @@ YIELDED = 0.5
 HIDDEN = 1e-3
 
 
-def causes(problem, u, reason, norm):
+def diagnose(problem, u, reason, norm):
     """Sentences on the state in which Newton's method has ended without success. *Collective.*
 
     Parameters

@@ -10,7 +10,7 @@ SAME = 1e-3
 
 
 @dataclass
-class Outcome:
+class NewtonResult:
     """How a solve ended.
 
     Attributes
@@ -46,7 +46,7 @@ class Outcome:
     final: bool = False
 
 
-def together(first, second):
+def combined(first, second):
     """The second of two solves of a load step, with the iterations of both."""
     return replace(
         second,

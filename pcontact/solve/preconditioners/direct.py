@@ -18,7 +18,7 @@ HOPEFUL = (FAILED, "diverged max it")
 PIVOTS = {"pc_factor_zeropivot": 1e-300}
 
 
-class Rescue:
+class DirectFallback:
     """Turns a run to a direct solver when its Krylov method has failed, once and for all.
 
     Parameters
@@ -38,16 +38,16 @@ class Rescue:
         self.possible = bool(wanted and able and not chosen and space.n_dofs <= MOST[space.dim])
         self.active = False
 
-    def saves(self, outcome):
+    def takes_over(self, result):
         """Whether a solve that ended so should be tried again with the direct solver; if so, it is chosen from here on.
 
         Parameters
         ----------
-        outcome : pcontact.solve.outcome.Outcome
+        result : pcontact.solve.result.NewtonResult
         """
-        if outcome.converged or outcome.reason not in HOPEFUL or self.active or not self.possible:
+        if result.converged or result.reason not in HOPEFUL or self.active or not self.possible:
             return False
-        what = "the Krylov method failed" if outcome.reason == FAILED else "Newton's method did not converge"
+        what = "the Krylov method failed" if result.reason == FAILED else "Newton's method did not converge"
         log.info("%s with multigrid: direct solver from here on (-pc_rescue false: never)", what)
         self.choose()
         return True
