@@ -6,6 +6,7 @@ nothing, raises what goes wrong, and leaves nothing behind but what it returns.
 
 # ruff: noqa: E402
 from pcontact.runtime import start
+from pcontact.runtime.observer import Observer
 
 # before PETSc starts: the command line is the caller's
 start.as_library()
@@ -154,7 +155,7 @@ class _OnStepFailed(Exception):
         self.own = own
 
 
-class _Caller:
+class _Caller(Observer):
     """Observer that calls the caller's function."""
 
     def __init__(self, function, simulation):
@@ -174,12 +175,6 @@ class _Caller:
             raise _OnStepFailed(error or RuntimeError(f"on_step failed on rank {rank}: {text}"))
         if any(one for one, _ in told):
             raise Stopped
-
-    def cut(self, target, outcome):
-        """Nothing to tell."""
-
-    def end(self, converged):
-        """Nothing to tell."""
 
 
 class Step:
@@ -378,9 +373,7 @@ def _joined(parts):
     place = np.empty(len(order), dtype=np.int64)
     place[order] = np.cumsum(fresh) - 1
     kept = order[fresh]
-    point_data = {
-        name: np.concatenate([part.point_data[name] for part in parts])[kept] for name in parts[0].point_data
-    }
+    point_data = {name: np.concatenate([part.point_data[name] for part in parts])[kept] for name in parts[0].point_data}
     points = np.concatenate([part.points for part in parts])[kept]
     cells, rows = _joined_cells(parts, place)
     cell_numbers = np.concatenate([part.cell_numbers for part in parts])

@@ -24,6 +24,7 @@ from drivers._common import draw, log, main, make_mesh, make_parser, print_table
 from drivers.cases.hertz import CASES, FREE, INNER, fit, percent
 from meshes.hertz import cylinders
 from pcontact.runtime.errors import InputError
+from pcontact.runtime.observer import Observer
 from pcontact.scene.model import Body, Contact, Displacement, Load, Material, MeshSpec, Output, Scene, Steps
 
 CASE = CASES["cylinders"]
@@ -82,7 +83,7 @@ def make_scene(mesh: Path, args, theta: float) -> Scene:
     )
 
 
-class History:
+class History(Observer):
     """Observer: what happened in every step.
 
     Attributes
@@ -99,12 +100,6 @@ class History:
         row = {key: record[key] for key in ("time", "newton", "krylov", "cutbacks")}
         row["force"] = record["contacts"]["skins"]["force"]
         self.steps.append({**row, "reaction": record["reactions"]["upper_flat"]})
-
-    def cut(self, target, outcome):
-        """Counted with the step that converges at last."""
-
-    def end(self, converged):
-        """Nothing is left to do."""
 
 
 def points_of(simulation) -> dict[str, np.ndarray] | None:

@@ -18,6 +18,7 @@ import numpy as np
 from drivers._common import draw, log, main, make_mesh, make_parser, print_table, running, write_json
 from meshes import CLIP, clip
 from pcontact.io.picture import picture
+from pcontact.runtime.observer import Observer
 from pcontact.runtime.parallel import on_root
 from pcontact.runtime.petsc import MPI
 from pcontact.scene.model import Body, Contact, Displacement, Material, MeshSpec, Output, Scene, Steps
@@ -74,7 +75,7 @@ def scene(path, dim=2, friction=0.2, *, yield_stress=25.0, hardening=50.0, count
     )
 
 
-class History:
+class History(Observer):
     """Observer: rows (a dict per load step) of the forces, and the attempts that failed.
 
     Parameters
@@ -100,13 +101,10 @@ class History:
         row.update(newton=step.newton, krylov=step.krylov, cutbacks=step.cutbacks)
         self.rows.append({key: float(value) if isinstance(value, np.generic) else value for key, value in row.items()})
 
-    def cut(self, target, outcome):
+    def cut(self, target, result):
         """Keep why."""
-        failed = {"time": target, "reason": outcome.reason, "newton": outcome.newton, "detail": outcome.detail}
+        failed = {"time": target, "reason": result.reason, "newton": result.newton, "detail": result.detail}
         self.cuts.append(failed)
-
-    def end(self, converged):
-        """Nothing to do."""
 
 
 def way_in(rows):

@@ -32,6 +32,7 @@ from drivers._common import (
 )
 from meshes.hertz import ball_on_block, cylinder_on_block, cylinders, two_balls
 from pcontact.runtime.errors import InputError
+from pcontact.runtime.observer import Observer
 from pcontact.scene.model import Body, Contact, Displacement, Load, Material, MeshSpec, Output, Scene, Steps
 
 FREE = "free"
@@ -274,7 +275,7 @@ def solve(case: Case, mesh: Path, args, directory: Path | None = None) -> tuple[
     return result, points, converged
 
 
-class Counts:
+class Counts(Observer):
     """Observer: iterations of the whole run, and the displacement of the driven side.
 
     Attributes
@@ -293,12 +294,6 @@ class Counts:
             self.totals[key] += record[key]
         self.totals["displacement"] = next(iter(record["probes"].values()))["mean"][-1]
 
-    def cut(self, target, outcome):
-        """Counted with the step that converges at last."""
-
-    def end(self, converged):
-        """Nothing is left to do."""
-
 
 def percent(value: float, reference: float) -> str:
     """Deviation in percent, as text."""
@@ -308,8 +303,7 @@ def percent(value: float, reference: float) -> str:
 def report(case: Case, rows: list[dict]) -> None:
     """Tables: all meshes, and the finest one against the closed form."""
     table = [
-        [row[k] for k in COLUMNS] + [percent(row[f"{k}_fit"], row[f"{k}_hertz"]) for k in ("a", "p0")]
-        for row in rows
+        [row[k] for k in COLUMNS] + [percent(row[f"{k}_fit"], row[f"{k}_hertz"]) for k in ("a", "p0")] for row in rows
     ]
     header = [*(k.replace("_", " ") for k in COLUMNS), "a/Hertz(force)", "p0/Hertz(force)"]
     print_table("computed, mesh by mesh (force on the whole bodies)", header, table)

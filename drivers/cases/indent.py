@@ -28,6 +28,7 @@ from drivers._common import (
 from meshes import indent
 from pcontact.io.picture import picture
 from pcontact.runtime.errors import InputError
+from pcontact.runtime.observer import Observer
 from pcontact.runtime.parallel import on_root
 from pcontact.runtime.petsc import MPI
 from pcontact.scene.model import Body, Contact, Displacement, Material, MeshSpec, Obstacle, Output, Scene, Steps
@@ -127,7 +128,7 @@ def scene(path, dim=2, *, friction=0.0, material=None, radius=RADIUS, depth=DEPT
     )
 
 
-class Press:
+class Press(Observer):
     """Observer: rows (a dict per load step) of what presses the ball into the block.
 
     Parameters
@@ -154,12 +155,6 @@ class Press:
         row |= {key: pair[key] for key in ("open", "stick", "slip", "max_penetration")}
         row |= {"imbalance": record["imbalance"], **record["plastic"]}
         self.rows.append({**row, "newton": step.newton, "krylov": step.krylov, "cutbacks": step.cutbacks})
-
-    def cut(self, target, outcome):
-        """The row of the step tells how often."""
-
-    def end(self, converged):
-        """Nothing to do."""
 
 
 def hertz(depth, radius, ball=None):

@@ -15,6 +15,7 @@ import numpy as np
 from drivers._common import draw, log, main, make_mesh, make_parser, print_table, running, write_json
 from meshes import ironing
 from pcontact.io.picture import picture
+from pcontact.runtime.observer import Observer
 from pcontact.runtime.parallel import on_root
 from pcontact.runtime.petsc import MPI
 from pcontact.scene.model import Body, Contact, Displacement, Material, MeshSpec, Output, Scene, Steps
@@ -67,7 +68,7 @@ def scene(path, dim=2, mu=0.3, *, depth=0.04, way=WAY, count=100, source="slab",
     )
 
 
-class Forces:
+class Forces(Observer):
     """Observer: rows (a dict per load step) of what acts between foot and slab, along x and along the last axis.
 
     Parameters
@@ -90,12 +91,6 @@ class Forces:
         row.update({key: sole[key] for key in ("open", "stick", "slip", "area", "max_pressure")})
         row.update(newton=step.newton, krylov=step.krylov, cutbacks=step.cutbacks)
         self.rows.append(row)
-
-    def cut(self, target, outcome):
-        """The row of the step tells how often."""
-
-    def end(self, converged):
-        """Nothing to do."""
 
 
 def ripple(way, force):

@@ -16,6 +16,7 @@ import numpy as np
 
 from drivers._common import draw, main, make_mesh, make_parser, print_table, running, write_json
 from meshes import one_block
+from pcontact.runtime.observer import Observer
 from pcontact.scene.model import Body, Contact, Displacement, Load, Material, MeshSpec, Obstacle, Output, Scene, Steps
 
 E_MODULUS, NU, PRESSURE = 1000.0, 0.3, 10.0
@@ -102,7 +103,7 @@ def make(path, dim, n, cell=None):
     return make_mesh(one_block, path, dim, divisions, cell, size=[*[1.0] * (dim - 1), HEIGHT])
 
 
-class Loop:
+class Loop(Observer):
     """Observer: rows (a dict per load step) of the force on the plane and of its bound.
 
     Parameters
@@ -124,12 +125,6 @@ class Loop:
         names = ("open", "stick", "slip")
         counts = {"newton": step.newton, "krylov": step.krylov, "cutbacks": step.cutbacks}
         self.rows.append({**row, **{name: floor[name] for name in names}, **counts})
-
-    def cut(self, target, outcome):
-        """The row of the step tells how often."""
-
-    def end(self, converged):
-        """Nothing to do."""
 
 
 def sliding(rows):

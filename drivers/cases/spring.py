@@ -28,6 +28,7 @@ from drivers._common import draw, log, main, make_mesh, make_parser, print_table
 from meshes import spring
 from meshes.spring import Helix
 from pcontact.io.picture import picture
+from pcontact.runtime.observer import Observer
 from pcontact.runtime.parallel import on_root
 from pcontact.runtime.petsc import MPI
 from pcontact.scene.model import Body, Contact, Displacement, Material, MeshSpec, Obstacle, Output, Scene, Steps
@@ -155,7 +156,7 @@ def scene(path, args, travel, fields=False):
     )
 
 
-class History:
+class History(Observer):
     """Observer: rows (a dict per load step).
 
     Parameters
@@ -186,12 +187,9 @@ class History:
         row.update(newton=step.newton, krylov=step.krylov, cutbacks=step.cutbacks)
         self.rows.append({key: float(value) if isinstance(value, np.generic) else value for key, value in row.items()})
 
-    def cut(self, target, outcome):
+    def cut(self, target, result):
         """Keep why."""
-        self.cuts.append({"time": target, "reason": outcome.reason, "newton": outcome.newton, "detail": outcome.detail})
-
-    def end(self, converged):
-        """Nothing to do."""
+        self.cuts.append({"time": target, "reason": result.reason, "newton": result.newton, "detail": result.detail})
 
 
 def left_inside(simulation):
@@ -207,9 +205,7 @@ def left_inside(simulation):
 def _pictures(directory, rows):
     """Before and closed, coloured by the equivalent stress. Rank 0."""
     for name, step in (("open", 1), ("closed", len(rows))):
-        picture(
-            directory, field="equivalent_stress", step=step, scale=1.0, cut=False, output=directory / f"{name}.png"
-        )
+        picture(directory, field="equivalent_stress", step=step, scale=1.0, cut=False, output=directory / f"{name}.png")
 
 
 def _plot(rows, args):

@@ -13,6 +13,7 @@ from meshes import heap
 from meshes.heap import RADIUS, layers
 from pcontact.io.picture import picture
 from pcontact.runtime.errors import InputError
+from pcontact.runtime.observer import Observer
 from pcontact.runtime.parallel import on_root
 from pcontact.runtime.petsc import MPI
 from pcontact.scene.model import Body, Contact, Load, Material, MeshSpec, Obstacle, Output, Scene, Steps
@@ -92,7 +93,7 @@ def scene(path, dim, count, friction=0.2, press=0.05, weight=0.0, yield_stress=0
     )  # fmt: skip
 
 
-class History:
+class History(Observer):
     """Observer: rows (a dict per load step) of the forces on box and plate and of the work."""
 
     def __init__(self, dim, press):
@@ -110,14 +111,11 @@ class History:
             "newton": step.newton, "krylov": step.krylov, "cutbacks": step.cutbacks, "imbalance": record["imbalance"],
         })  # fmt: skip
 
-    def cut(self, target, outcome):
+    def cut(self, target, result):
         """Count it, and say what failed."""
         self.cuts += 1
-        log.info("step to %g: %s, residual %.2e after %d iterations", target, outcome.reason, outcome.residual,
-                 outcome.newton)  # fmt: skip
-
-    def end(self, converged):
-        """Nothing to do."""
+        log.info("step to %g: %s, residual %.2e after %d iterations", target, result.reason, result.residual,
+                 result.newton)  # fmt: skip
 
 
 def costs(simulation):

@@ -29,6 +29,7 @@ import numpy as np
 
 from drivers._common import draw, log, main, make_mesh, make_parser, print_table, running, write_json
 from meshes import cylinder_strip, thick_cylinder
+from pcontact.runtime.observer import Observer
 from pcontact.runtime.petsc import MPI
 from pcontact.scene.model import Body, Displacement, Load, Material, MeshSpec, Output, Scene, Steps
 
@@ -176,7 +177,7 @@ def scene(path, kinematics, order, table, form=None, steps=2, hardening=0.0, ela
     )
 
 
-class Curve:
+class Curve(Observer):
     """Observer: rows (a dict per load step) of pressure and displacements.
 
     Parameters
@@ -194,12 +195,6 @@ class Curve:
         outward = {side: record["probes"][side]["max"][0] for side in ("inner", "outer")}
         row = {"time": step.time, "pressure": float(self._pressure(step.time, record)), **outward, **record["plastic"]}
         self.rows.append({**row, "newton": step.newton, "krylov": step.krylov, "cutbacks": step.cutbacks})
-
-    def cut(self, target, outcome):
-        """The row of the step tells how often."""
-
-    def end(self, converged):
-        """Nothing to do."""
 
 
 def cell_hoop(simulation):

@@ -215,7 +215,7 @@ def document(data: dict, pictures: list[Path]) -> str:
             lines += [f"{title}, {facets} facets, over gamma0 (in brackets: below the bound of coercivity):", ""]
             lines += [*markdown(["", *(f"{value:g}" for value in values)], over_gamma0(rows, key, text)), ""]
         failed = causes(rows)
-        lines += (["Runs that failed:", "", *(f"* {text}" for text in failed), ""] if failed else [])
+        lines += ["Runs that failed:", "", *(f"* {text}" for text in failed), ""] if failed else []
         lines += ["<details><summary>All runs of the finest mesh</summary>", ""]
         finest = [[f"{row[key]:.3g}" if isinstance(row[key], float) else str(row[key]) for key in COLUMNS]
                   for row in select(rows, facets=facets)]  # fmt: skip

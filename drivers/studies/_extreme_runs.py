@@ -20,6 +20,7 @@ from drivers._common import make_directory, running
 from pcontact.io.vtu import read_vtu
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.log import LOGGER
+from pcontact.runtime.observer import Observer
 from pcontact.runtime.parallel import on_root
 from pcontact.runtime.petsc import MPI
 
@@ -56,7 +57,7 @@ class Cell:
         return f"{self.family}, {self.setting}, {self.variant}"
 
 
-class _Steps:
+class _Steps(Observer):
     """Observer: records and iterations of all load steps, cut ones too."""
 
     def __init__(self):
@@ -66,11 +67,8 @@ class _Steps:
         self.records.append(record)
         self.newton, self.krylov = self.newton + step.newton, self.krylov + step.krylov
 
-    def cut(self, target, outcome):
-        self.newton, self.krylov, self.cuts = self.newton + outcome.newton, self.krylov + outcome.krylov, self.cuts + 1
-
-    def end(self, converged):
-        pass
+    def cut(self, target, result):
+        self.newton, self.krylov, self.cuts = self.newton + result.newton, self.krylov + result.krylov, self.cuts + 1
 
 
 class _Warnings(logging.Handler):

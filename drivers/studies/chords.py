@@ -17,6 +17,7 @@ from drivers.cases import hertz, rings
 from meshes.rings import rings as ring_mesh
 from meshes.shells import shells
 from pcontact.material.elastic import lame
+from pcontact.runtime.observer import Observer
 from pcontact.scene.model import Body, Contact, Displacement, Load, Material, MeshSpec, Output, Scene
 
 RADII = (1.0, 0.6, 0.3)
@@ -97,7 +98,7 @@ CASES = {
 }
 
 
-class Iterations:
+class Iterations(Observer):
     """Observer: iterations of the run.
 
     Attributes
@@ -113,12 +114,6 @@ class Iterations:
         """Add a step."""
         for key in self.totals:
             self.totals[key] += record[key]
-
-    def cut(self, target, outcome):
-        """Iterations that led nowhere do not count."""
-
-    def end(self, converged):
-        """Nothing is left to do."""
 
 
 def solve(scene, exact) -> dict:

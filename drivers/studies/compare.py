@@ -31,6 +31,7 @@ from drivers.studies._compare_report import METHODS, document, plots, report
 from drivers.studies._condition import condition
 from pcontact.contact.formulation.parameters import coercive
 from pcontact.runtime.errors import InputError
+from pcontact.runtime.observer import Observer
 from pcontact.runtime.parallel import on_root
 from pcontact.runtime.petsc import MPI
 from pcontact.scene.model import Body, Contact, Displacement, Load, Material, MeshSpec, Output, Scene, Steps
@@ -63,7 +64,7 @@ def make_scene(mesh: Path, name: str, gamma0: float, order: int) -> Scene:
     )
 
 
-class Totals:
+class Totals(Observer):
     """Observer: iterations of the run, the last record, and why the last attempt of a load step failed."""
 
     def __init__(self):
@@ -76,12 +77,9 @@ class Totals:
         self.counts["krylov"] += record["krylov"]
         self.counts["updates"] += record.get("uzawa", {"updates": 0})["updates"]
 
-    def cut(self, target, outcome):
+    def cut(self, target, result):
         """Keep the cause: the run goes on, or ends."""
-        self.cause = f"step to time {target:g}: {outcome.reason} after {outcome.newton} iterations"
-
-    def end(self, converged):
-        """Nothing is left to do."""
+        self.cause = f"step to time {target:g}: {result.reason} after {result.newton} iterations"
 
 
 def smooth(s: np.ndarray, p: np.ndarray, weight: np.ndarray) -> np.ndarray:

@@ -49,10 +49,10 @@ class Counts(Observer):
         self.newton, self.krylov, self.steps = self.newton + step.newton, self.krylov + step.krylov, self.steps + 1
         self._failed = 0
 
-    def cut(self, target, outcome):
-        self.newton, self.krylov = self.newton + outcome.newton, self.krylov + outcome.krylov
+    def cut(self, target, result):
+        self.newton, self.krylov = self.newton + result.newton, self.krylov + result.krylov
         self.cuts += 1
-        self._failed += outcome.newton
+        self._failed += result.newton
 
 
 def solve(case, folder, options):

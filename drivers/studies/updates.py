@@ -22,6 +22,7 @@ from meshes import c_strip, heap, two_blocks
 from meshes import disk_on_block as disk_mesh
 from meshes import rings as ring_mesh
 from pcontact.contact.formulation import augmented
+from pcontact.runtime.observer import Observer
 from pcontact.scene.model import Body, Contact, Displacement, Load, Material, MeshSpec, Output, Scene, Steps
 
 AUGMENTED, SETTLED = "augmented_lagrangian", 1e-4
@@ -104,7 +105,7 @@ SCENES = {
 }
 
 
-class Kept:
+class Kept(Observer):
     """Observer: what the load steps took."""
 
     def __init__(self):
@@ -113,12 +114,6 @@ class Kept:
     def step(self, step, u, record):
         """Keep it."""
         self.records.append(record)
-
-    def cut(self, target, outcome):
-        """The multipliers of every load step are accepted: nothing is cut for them."""
-
-    def end(self, converged):
-        """Nothing is left to do."""
 
 
 def solve(case: Scene, variant: str, friction: float) -> dict | None:
