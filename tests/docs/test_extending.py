@@ -1,0 +1,131 @@
+"""The examples of docs/extending.md: what they add from outside the package does what they say."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from drivers._common import make_mesh, running
+from drivers.cases import slider
+from meshes import one_block
+from pcontact.contact.formulation.methods import Penalty
+from pcontact.contact.law import ADDED, OPEN, SLIP, STICK, View, contact_law
+from pcontact.contact.pair import METHODS
+from pcontact.material.hardening import hardening_table
+from pcontact.runtime.errors import InputError
+from pcontact.runtime.petsc import MPI
+from pcontact.scene.model import Contact, Displacement, Material
+from pcontact.simulation import Simulation
+
+PAGE = Path(__file__).parents[2] / "docs" / "extending.md"
+BLOCKS = re.findall(r"```python\n(.*?)```", PAGE.read_text(), re.DOTALL)
+F, S = 0.5, 2.0
+WORLD = MPI.COMM_WORLD
+
+
+@pytest.fixture
+def law():
+    """The law of the page, added while a test runs."""
+    names = {}
+    exec(BLOCKS[0], names)
+    yield names["Saturated"](Contact("a", "b", friction=F, friction_limit=S))
+    del ADDED["saturated"]
+
+
+def test_examples_are_short():
+    assert all(len(block.splitlines()) <= 60 for block in BLOCKS)
+
+
+def points(dim, n=200):
+    """Random normals and augmented tractions: open, sticking and slipping points."""
+    rng = np.random.default_rng(5)
+    normal = rng.normal(size=(n, dim))
+    normal /= np.linalg.norm(normal, axis=1)[:, None]
+    return normal, 2.0 * rng.normal(size=(n, dim))
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_the_derivative_of_the_law(law, dim):
+    normal, tau = points(dim)
+    view = View(np.arange(len(tau)) % 7 > 0, False, False)
+    slope = np.zeros((len(tau), dim, dim))
+    traction, status = law.project(view, normal, tau, slope)
+    assert {OPEN, STICK, SLIP} == set(status)
+    assert not traction[~view.paired].any() and not slope[~view.paired].any()
+    for step in np.eye(dim) * 1e-7:
+        there, then = law.project(view, normal, tau + step)
+        back, before = law.project(view, normal, tau - step)
+        same = (then == status) & (before == status)
+        wanted = slope @ step
+        assert np.max(np.abs(0.5 * (there - back) - wanted)[same]) <= 1e-14
+
+
+def test_it_is_coulomb_below_its_limit(law):
+    """Where F p is small against s."""
+    normal, tau = points(2)
+    view = View(np.ones(len(tau), dtype=bool), False, False)
+    coulomb = contact_law(Contact("a", "b", friction=F))
+    ours, _ = law.project(view, normal, 1e-6 * tau)
+    theirs, _ = coulomb.project(view, normal, 1e-6 * tau)
+    assert np.max(np.abs(ours - theirs)) <= 1e-6 * np.max(np.abs(theirs))
+
+
+@pytest.mark.parallel
+@pytest.mark.parametrize("dim", [2, 3])
+def test_a_block_slides_with_its_bound(law, shared_tmp, dim):
+    """Pressed, then dragged: in the end all of it slips, and bears what the law says of the pressure at every point."""
+    divisions, size = [8, *[4] * (dim - 2), 2], [1.0] * (dim - 1) + [0.2]
+    path = make_mesh(one_block, shared_tmp / "block.msh", dim, divisions, size=size)
+    scene = slider.scene(path, dim, {"law": "saturated", "friction": F, "friction_limit": S}, 0.02, count=10)
+    scene.displacements[0].amplitude = [[0.0, 0.0], [0.2, 0.0], [1.0, 1.0]]
+    with running(scene) as (simulation, converged):
+        assert converged
+        state = simulation.problem.contacts[0].state(simulation.stepper.u)
+    closed = state["status"] != OPEN
+    wanted = S * (1.0 - np.exp(-F * state["pressure"] / S))
+    tangential = np.linalg.norm(state["traction"][:, :-1], axis=1)
+    assert np.all(state["status"][closed] == SLIP)
+    assert np.max(np.abs(tangential - wanted)[closed], initial=0.0) <= 1e-9 * S
+    assert WORLD.allreduce(int(closed.sum())) > 0
+
+
+def test_a_law_that_nobody_added(shared_tmp):
+    path = make_mesh(one_block, shared_tmp / "block.msh", 2, (4, 2))
+    scene = slider.scene(path, 2, {"law": "nobody"})
+    with pytest.raises(InputError, match=r"law: found 'nobody'.*allowed: none"):
+        Simulation(scene)
+
+
+@pytest.mark.parametrize("other", [{"tresca": 1.0}, {"tied": True}])
+def test_a_law_is_the_only_one(law, shared_tmp, other):
+    path = make_mesh(one_block, shared_tmp / "block.msh", 2, (4, 2))
+    with pytest.raises(InputError, match="together with law"):
+        Simulation(slider.scene(path, 2, {"law": "saturated", **other}))
+
+
+def test_a_formulation_of_springs(shared_tmp, monkeypatch):
+    """A block pressed on a bed of springs, one in series with the other."""
+    names = {"Penalty": Penalty, "np": np}
+    exec(BLOCKS[3], names)
+    monkeypatch.setitem(METHODS, "penalty", names["Springs"])
+    path = make_mesh(one_block, shared_tmp / "block.msh", 2, (4, 2), size=[1.0, 0.5])
+    scene = slider.scene(path, 2, {}, hold="flat", formulation="penalty", gamma0=50.0)
+    scene.displacements = [Displacement("top", [0.0, -0.01])]
+    scene.materials = {name: Material(1000.0, 0.0) for name in scene.materials}
+    with running(scene) as (simulation, converged):
+        assert converged
+        pressure = simulation.problem.contacts[0].state(simulation.stepper.u)["pressure"]
+    assert pressure == pytest.approx(0.01 / (1.0 / 50.0 + 0.5 / 1000.0), rel=1e-9)
+
+
+def test_a_curve_of_hardening():
+    """Where its straight segments meet, and in the middle of them."""
+    names = {}
+    exec(BLOCKS[4].partition("pc.read")[0], names)
+    table = names["voce"](2.0, 4.0, 0.01)
+    assert table[0].tolist() == [0.0, 2.0] and table[-1, 1] == pytest.approx(4.0, rel=5e-3)
+    curve = hardening_table(table)
+    between = 0.5 * (table[1:, 0] + table[:-1, 0])
+    found = curve[:-1, 1] + curve[:-1, 2] * (between - table[:-1, 0])
+    assert found == pytest.approx(4.0 - 2.0 * np.exp(-between / 0.01), rel=2e-3)

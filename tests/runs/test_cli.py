@@ -1,0 +1,202 @@
+"""The program as the user meets it: bad input of every kind ends with one line and status 2, on every rank.
+
+Most of the time of a run is the start of Python: the cases of bad_input.py go through the program one after the
+other in one process (per rank); some of them have processes of their own, too.
+"""
+
+import json
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.support.bad_input import CASES, SCENE, Case
+
+ROOT = Path(__file__).resolve().parents[2]
+TIMEOUT = 60
+
+def environment():
+    """That of a fresh shell: nothing of the MPI job that the tests may run in."""
+    keep = {
+        k: v for k, v in os.environ.items() if not k.startswith(("PMIX_", "PRTE_", "OMPI_COMM_", "OPAL_"))
+    }
+    keep["PYTHONPATH"] = os.pathsep.join([str(ROOT), *filter(None, [keep.get("PYTHONPATH")])])
+    return {
+        **keep,
+        "OMPI_ALLOW_RUN_AS_ROOT": "1",
+        "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1",
+        "OMPI_MCA_rmaps_base_oversubscribe": "1",
+        "PRTE_MCA_rmaps_default_mapping_policy": ":oversubscribe",  # the same for Open MPI 5
+        "OMP_NUM_THREADS": "1",
+    }
+
+
+def lay_out(folder, case):
+    """The files of a case in a folder of its own; returns its command line."""
+    folder.mkdir()
+    if case.scene is not None:
+        (folder / "scene.toml").write_text(case.scene)
+    if case.mesh is not None:
+        (folder / "mesh.msh").write_text(case.mesh)
+    if case.functions is not None:
+        (folder / "functions.py").write_text(case.functions)
+    return ["scene.toml" if word == "SCENE" else word for word in case.words]
+
+
+def launch(command, folder):
+    """Run a command in a folder; one that hangs is an error."""
+    return subprocess.run(
+        command,
+        cwd=folder,
+        env=environment(),
+        capture_output=True,
+        text=True,
+        timeout=TIMEOUT,
+        stdin=subprocess.DEVNULL,
+    )
+
+
+def execute(folder, words, ranks=None):
+    """Run the program in a folder."""
+    start = [] if ranks is None else ["mpirun", "-n", str(ranks)]
+    return launch([*start, sys.executable, "-m", "pcontact", *words], folder)
+
+
+def check_line(text, parts):
+    """Exactly one line, with everything in it."""
+    lines = text.strip().splitlines()
+    assert len(lines) == 1, text
+    assert lines[0].startswith("pcontact: error: ")
+    for part in parts:
+        assert re.search(part, lines[0]), f"{part!r} is not in {lines[0]!r}"
+
+
+IN_TURN = """\
+import json, os, sys
+from pcontact.cli import main
+from pcontact.runtime.petsc import MPI, PETSc
+options = PETSc.Options()
+for folder, words in json.loads(sys.argv[1]):
+    os.chdir(folder)
+    for name, value in zip(words[2::2], words[3::2]):
+        options.setValue(name, value)
+    MPI.COMM_WORLD.Barrier()
+    status = "none"
+    try:
+        main(words)
+    except SystemExit as end:
+        status = str(end.code)
+    for name in options.getAll():
+        options.delValue(name)
+    everyone = MPI.COMM_WORLD.gather(status)
+    if MPI.COMM_WORLD.rank == 0:
+        sys.stderr.write("status " + " ".join(everyone) + chr(10))
+        sys.stderr.flush()
+"""
+
+
+@pytest.mark.parametrize("ranks", [1, 3])
+def test_bad_input(tmp_path, ranks):
+    """Every rank ends with status 2, one line comes out, nobody waits for the others, nothing is written."""
+    folders = [tmp_path / str(k) for k in range(len(CASES))]
+    jobs = [(str(f), lay_out(f, case)) for f, case in zip(folders, CASES.values(), strict=True)]
+    before = sorted(tmp_path.rglob("*"))
+    start = [] if ranks == 1 else ["mpirun", "-n", str(ranks)]
+    done = launch([*start, sys.executable, "-c", IN_TURN, json.dumps(jobs)], tmp_path)
+    lines = done.stderr.strip().splitlines()
+    assert len(lines) == 2 * len(CASES), done.stderr
+    for (name, case), line, status in zip(CASES.items(), lines[::2], lines[1::2], strict=True):
+        assert status == "status" + ranks * " 2", name
+        check_line(line, case.parts)
+    assert before == sorted(tmp_path.rglob("*"))
+
+
+@pytest.mark.parametrize("name", ["no scene", "NaN", "ksp", "command", "output over a file"])
+def test_exit_status(tmp_path, name):
+    """A process of its own ends with status 2 and says one line."""
+    words = lay_out(tmp_path / "case", CASES[name])
+    before = sorted(tmp_path.rglob("*"))
+    done = execute(tmp_path / "case", words)
+    assert done.returncode == 2, done.stderr
+    check_line(done.stderr, CASES[name].parts)
+    assert before == sorted(tmp_path.rglob("*"))
+
+
+@pytest.mark.parametrize("name", ["conflicting supports", "smoother", "level set that stops"])
+def test_exit_status_on_three_ranks(tmp_path, name):
+    """And so do three of them, whose mpirun adds words of its own."""
+    words = lay_out(tmp_path / "case", CASES[name])
+    done = execute(tmp_path / "case", words, ranks=3)
+    assert done.returncode == 2
+    ours = [line for line in done.stderr.splitlines() if line.startswith("pcontact: error: ")]
+    assert len(ours) == 1
+    check_line(ours[0], CASES[name].parts)
+    for word in ("Traceback", "PETSC ERROR", "MPI_ABORT"):
+        assert word not in done.stderr
+    assert not (tmp_path / "case" / "scene_results").exists()
+
+
+# -- runs that start well ----------------------------------------
+
+# nothing moves in the first half of the run
+LATE = Case([], scene=SCENE.replace("-0.05]", "-0.05]\namplitude = [[0, 0], [0.5, 0], [1, 1]]"))
+# one iteration of a weak linear solver is not enough for anything that moves
+WEAK = [
+    "-snes_max_it",
+    "1",
+    "-ksp_max_it",
+    "1",
+    "-pc_type",
+    "jacobi",
+    "-steps_count",
+    "4",
+    "-steps_min",
+    "0.1",
+]
+
+
+def report_of(folder):
+    """report.json."""
+    return json.loads((folder / "report.json").read_text())
+
+
+@pytest.mark.parametrize("ranks", [None, 3])
+def test_a_step_that_does_not_converge(tmp_path, ranks):
+    """Status 1, one line that says why; the steps before it are kept in all files."""
+    lay_out(tmp_path / "case", LATE)
+    done = execute(tmp_path / "case", ["run", "scene.toml", "-o", "out", *WEAK], ranks)
+    assert done.returncode == 1, done.stderr
+    lines = [line for line in done.stderr.splitlines() if line.startswith("pcontact: error")]
+    assert len(lines) == 1
+    assert re.search(r"from time 0\.5 to 0\.625 did not converge \(.*residual", lines[0])
+    assert ranks or len(done.stderr.splitlines()) == 1
+    assert done.stdout.count("cut back") == 2
+    report = report_of(tmp_path / "case" / "out")
+    assert report["converged"] is False
+    assert [step["time"] for step in report["steps"]] == [0.25, 0.5]
+    rows = (tmp_path / "case" / "out" / "history.csv").read_text().splitlines()
+    assert len(rows) == 3
+    pvd = (tmp_path / "case" / "out" / "fields.pvd").read_text()
+    assert set(re.findall(r'timestep="([^"]*)"', pvd)) == {"0.25", "0.5"}
+
+
+def test_a_run_and_a_check(tmp_path):
+    """Status 0 and what the user reads; an option that nothing asked for is named."""
+    lay_out(tmp_path / "case", Case([]))
+    done = execute(tmp_path / "case", ["check", "scene.toml"])
+    assert done.returncode == 0 and done.stderr == ""
+    for text in (
+        "two squares",
+        "body upper: 1 cells (quadrilateral), material m",
+        "16 unknowns",
+        "left out: friction",
+    ):
+        assert text in done.stdout
+    assert not list((tmp_path / "case").glob("*results*"))
+    done = execute(tmp_path / "case", ["run", "scene.toml", "-contact_tehta", "1"])
+    assert done.returncode == 0, done.stderr
+    assert report_of(tmp_path / "case" / "scene_results")["converged"] is True
+    assert re.search("-contact_tehta was not used; the nearest is -contact_theta", done.stdout + done.stderr)

@@ -1,0 +1,521 @@
+"""Whole runs: report, balance of forces, load steps; and the stepping alone, with a made-up problem."""
+
+import csv
+import json
+
+import numpy as np
+import pytest
+
+from pcontact.runtime.errors import InputError, StepFailure
+from pcontact.runtime.petsc import MPI, PETSc
+from pcontact.scene.model import (
+    Body,
+    Contact,
+    Displacement,
+    Load,
+    Material,
+    MeshSpec,
+    Obstacle,
+    Output,
+    Scene,
+    Steps,
+)
+from pcontact.simulation import Simulation
+from pcontact.solve.result import NewtonResult
+from pcontact.stepping.schedule import Schedule
+from pcontact.stepping.stepper import Stepper
+from tests.support.small import DIMENSION, blocks_file
+
+WORLD = MPI.COMM_WORLD
+parallel = pytest.mark.parallel
+TIGHT = {"snes_rtol": "1e-12"}
+
+
+def scene_of(path, cell, theta=0.0, **more):
+    """Two blocks pressed together by a displacement; the lower one is held at its bottom."""
+    d = DIMENSION[cell]
+    said = {
+        "contacts": [Contact("upper_bottom", "lower_top", name="pair", theta=theta)],
+        "displacements": [
+            Displacement("lower_bottom", [0.0] * d),
+            Displacement("upper_top", [0.0] * (d - 1) + [-0.02]),
+            Displacement("left", [0.0, *["free"] * (d - 1)]),
+        ],
+        "output": Output(fields=False, probes=["upper_top", "lower_top", "upper_origin"]),
+        "petsc": TIGHT,
+        **more,
+    }
+    return Scene(
+        title="two blocks",
+        mesh=MeshSpec(path),
+        materials={"soft": Material(10.0, 0.3), "hard": Material(30.0, 0.2)},
+        bodies=[Body("lower", "hard"), Body("upper", "soft")],
+        **said,
+    )
+
+
+@pytest.fixture
+def mesh_file(shared_tmp):
+    """Makes the mesh of a cell, on rank 0."""
+
+    def make(cell, n_lower=2, n_upper=2, **more):
+        path = shared_tmp / "blocks.msh"
+        if WORLD.rank == 0:
+            blocks_file(path, cell, n_lower, n_upper, **more)
+        WORLD.Barrier()
+        return path
+
+    return make
+
+
+@pytest.fixture
+def run():
+    """Runs scenes and takes their solver options out again."""
+    made = []
+
+    def start(scene, directory=None, observers=()):
+        simulation = Simulation(scene)
+        made.append(simulation)
+        return simulation, simulation.run(directory, observers)
+
+    yield start
+    for simulation in made:
+        simulation.close()
+
+
+class Log:
+    """Observer that keeps the records."""
+
+    def __init__(self):
+        self.records, self.cuts, self.verdict = [], [], None
+
+    def step(self, step, u, record):
+        self.records.append(record)
+
+    def cut(self, target, outcome):
+        self.cuts.append(target)
+
+    def end(self, converged):
+        self.verdict = converged
+
+
+# -- report and history ----------------------------------------
+
+
+@parallel
+def test_report_and_history(mesh_file, run, shared_tmp):
+    """Everything that SCENE promises, with the right type, and the same numbers in both files."""
+    path = mesh_file("quadrilateral", 2, 3)
+    simulation, converged = run(scene_of(path, "quadrilateral", steps=Steps(1.0, 2)), shared_tmp / "out")
+    WORLD.Barrier()
+    assert converged
+    n_points = WORLD.allreduce(len(simulation.problem.items[1].source.facet))
+    report = json.loads((shared_tmp / "out" / "report.json").read_text())
+    assert report["title"] == "two blocks" and report["converged"] is True
+    assert report["ranks"] == WORLD.size and report["cells"] == 13
+    assert report["dofs"] == 2 * (9 + 16) == simulation.problem.space.n_dofs
+    assert any("lower" in text and "upper" in text for text in report["model"]["active"])
+    assert {"friction", "plasticity"} <= set(report["model"]["left_out"])
+    assert {"setup", "search", "solve", "total", "peak_memory_mb"} <= set(report["timing"])
+    assert report["timing"]["total"] >= report["timing"]["solve"] > 0
+    assert [s["time"] for s in report["steps"]] == [0.5, 1.0]
+    for step in report["steps"]:
+        assert step["newton"] >= 1 and step["krylov"] >= 1 and step["cutbacks"] == 0
+        assert set(step["reactions"]) == {"lower_bottom", "upper_top", "left"}
+        pair = step["contacts"]["pair"]
+        assert set(pair) == {
+                "force", "area", "max_pressure", "max_penetration", "deepest", "open", "stick", "slip", "flipped",
+                "passed", "left",
+            }  # fmt: skip
+        assert pair["open"] + pair["slip"] == n_points and pair["stick"] == 0
+        assert pair["area"] == pytest.approx(1.0)
+        assert pair["force"][1] < 0 < pair["max_pressure"]
+        assert set(step["probes"]) == {"upper_top", "lower_top", "upper_origin"}
+        np.testing.assert_allclose(
+            step["probes"]["upper_top"]["mean"], [0.0, -0.02 * step["time"]], atol=1e-15
+        )
+        for probe in step["probes"].values():
+            assert np.all(np.array(probe["min"]) <= np.array(probe["mean"]) + 1e-15)
+            assert np.all(np.array(probe["mean"]) <= np.array(probe["max"]) + 1e-15)
+        # a group of one point
+        assert step["probes"]["upper_origin"]["min"] == step["probes"]["upper_origin"]["max"]
+        assert step["plastic"] == {"max_equivalent_strain": 0.0, "yielded_volume": 0.0}
+    with open(shared_tmp / "out" / "history.csv", newline="") as stream:
+        rows = list(csv.DictReader(stream))
+    assert len(rows) == 2
+    for row, step in zip(rows, report["steps"], strict=True):
+        assert float(row["time"]) == step["time"]
+        assert float(row["contacts.pair.force_y"]) == step["contacts"]["pair"]["force"][1]
+        assert float(row["reactions.upper_top_y"]) == step["reactions"]["upper_top"][1]
+        assert float(row["probes.lower_top.mean_y"]) == step["probes"]["lower_top"]["mean"][1]
+
+
+@parallel
+def test_nothing_is_written_without_a_directory(mesh_file, run, shared_tmp):
+    path = mesh_file("quadrilateral")
+    before = sorted(shared_tmp.rglob("*"))
+    _, converged = run(scene_of(path, "quadrilateral"))
+    assert converged and sorted(shared_tmp.rglob("*")) == before
+
+
+# -- balance ----------------------------------------
+
+
+@parallel
+@pytest.mark.parametrize("theta", [1.0, 0.0, -1.0])
+@pytest.mark.parametrize("cell", ["quadrilateral", "tetrahedron"])
+def test_reactions_balance_contact_and_loads(mesh_file, run, cell, theta):
+    """Each body is in balance: supports, loads, and the contact force, `force` on the target."""
+    d = DIMENSION[cell]
+    path = mesh_file(cell, 2, 3 if d == 2 else 2, gap=0.01)
+    free = ["free"] * (d - 1)
+    side, weight = 0.3, 0.2
+    scene = scene_of(
+        path,
+        cell,
+        theta,
+        displacements=[
+            Displacement("lower_bottom", [0.0] * d),
+            Displacement("upper_top", [*free, -0.04]),
+            Displacement("upper_left", [0.0, *["free"] * (d - 1)]),
+            *([Displacement("upper_front", ["free", 0.0, "free"])] if d == 3 else []),
+        ],
+        loads=[Load("lower_right", pressure=side), Load("upper", body_force=[0.0] * (d - 1) + [-weight])],
+    )
+    watch = Log()
+    simulation, converged = run(scene, None, [watch])
+    assert converged and watch.verdict is True
+    record = watch.records[-1]
+    force = np.array(record["contacts"]["pair"]["force"])
+    assert force[-1] < -0.05
+    reactions = {name: np.array(value) for name, value in record["reactions"].items()}
+    pull = np.zeros(d)
+    pull[0] = -side
+    np.testing.assert_allclose(reactions["lower_bottom"] + force + pull, 0.0, atol=1e-9)
+    own_weight = np.zeros(d)
+    own_weight[-1] = -weight
+    upper = sum(value for name, value in reactions.items() if name.startswith("upper"))
+    np.testing.assert_allclose(upper - force + own_weight, 0.0, atol=1e-9)
+    # frictionless on a flat surface
+    np.testing.assert_allclose(force[:-1], 0.0, atol=1e-12)
+
+
+@parallel
+def test_reaction_against_an_obstacle(mesh_file, run):
+    """Two blocks on a plane that nothing else holds: the load goes through both contacts."""
+    path = mesh_file("quadrilateral", 2, 3)
+    plane = Obstacle("plane", point=[0.0, 0.0], normal=[0.0, 1.0])
+    scene = scene_of(
+        path,
+        "quadrilateral",
+        contacts=[
+            Contact("upper_bottom", "lower_top", name="pair"),
+            Contact("lower_bottom", obstacle=plane, name="floor"),
+        ],
+        displacements=[Displacement("left", [0.0, "free"])],
+        loads=[Load("upper_top", pressure=0.5)],
+    )
+    watch = Log()
+    _, converged = run(scene, None, [watch])
+    assert converged
+    contacts = watch.records[-1]["contacts"]
+    np.testing.assert_allclose(contacts["pair"]["force"], [0.0, -0.5], atol=1e-9)
+    np.testing.assert_allclose(contacts["floor"]["force"], [0.0, -0.5], atol=1e-9)
+    np.testing.assert_allclose(watch.records[-1]["reactions"]["left"], [0.0, 0.0], atol=1e-9)
+
+
+@parallel
+@pytest.mark.parametrize("cell", ["quadrilateral", "triangle", "hexahedron", "tetrahedron"])
+def test_patch_test_with_nested_meshes(mesh_file, run, cell):
+    """Uniform pressure through contact: every probe and pressure is exact when the meshes match."""
+    d = DIMENSION[cell]
+    path = mesh_file(cell, 2, 2)
+    free = ["free"] * (d - 1)
+    held = [Displacement("lower_bottom", [*free, 0.0]), Displacement("left", [0.0, "free", *free[1:]])]
+    if d == 3:
+        held.append(Displacement("front", ["free", 0.0, "free"]))
+    scene = scene_of(path, cell, displacements=held, loads=[Load("upper_top", pressure=1.5)])
+    scene.materials = {"soft": Material(10.0, 0.0), "hard": Material(30.0, 0.0)}
+    watch = Log()
+    simulation, converged = run(scene, None, [watch])
+    assert converged
+    record = watch.records[-1]
+    assert record["contacts"]["pair"]["max_pressure"] == pytest.approx(1.5, abs=1e-8)
+    np.testing.assert_allclose(
+        record["probes"]["lower_top"]["mean"], [0.0] * (d - 1) + [-1.5 / 30], atol=1e-9
+    )
+    # the discrete gap of Nitsche's method is zero where the pressure is exact
+    np.testing.assert_allclose(
+        record["probes"]["upper_top"]["max"], [0.0] * (d - 1) + [-1.5 / 30 - 1.5 / 10], atol=1e-9
+    )
+
+
+# -- load steps ----------------------------------------
+
+
+def ceiling():
+    """A plane at the top of the lower block: against it the gap is linear, wherever the search was done.
+
+    Between deformed bodies the frozen gap differs from the true one to second order of the displacement.
+    """
+    return Obstacle("plane", point=[0.0, 1.0], normal=[0.0, 1.0])
+
+
+@parallel
+@pytest.mark.parametrize("theta", [1.0, 0.0])
+def test_many_steps_end_where_one_ends(mesh_file, run, theta):
+    """Frictionless contact of flat surfaces that do not slide has no memory."""
+    path = mesh_file("quadrilateral", 2, 2, gap=0.01)
+    ends = []
+    for count in (1, 4):
+        scene = scene_of(path, "quadrilateral", theta, steps=Steps(1.0, count))
+        scene.contacts = [Contact("upper_bottom", obstacle=ceiling(), name="pair", theta=theta)]
+        watch = Log()
+        simulation, converged = run(scene, None, [watch])
+        assert converged and len(watch.records) == count and not watch.cuts
+        ends.append((simulation.stepper.u.getArray().copy(), watch.records[-1]))
+        simulation.close()
+    np.testing.assert_allclose(ends[0][0], ends[1][0], atol=1e-10)
+    assert ends[0][1]["contacts"]["pair"]["slip"] > 0
+    np.testing.assert_allclose(
+        ends[0][1]["contacts"]["pair"]["force"], ends[1][1]["contacts"]["pair"]["force"], atol=1e-9
+    )
+
+
+@parallel
+def test_unloading_ends_at_rest(mesh_file, run):
+    """Press and release: no stress is left, all corners of the amplitude are met."""
+    path = mesh_file("quadrilateral", 2, 3)
+    table = [(0.0, 0.0), (0.4, 1.0), (1.0, 0.0)]
+    scene = scene_of(
+        path,
+        "quadrilateral",
+        steps=Steps(1.0, 2),
+        contacts=[Contact("upper_bottom", obstacle=ceiling(), name="pair")],
+        displacements=[
+            Displacement("lower_bottom", [0.0, 0.0]),
+            Displacement("upper_top", [0.0, -0.02], table),
+        ],
+    )
+    watch = Log()
+    simulation, converged = run(scene, None, [watch])
+    assert converged
+    times = [record["time"] for record in watch.records]
+    assert 0.4 in times and times[-1] == 1.0
+    forces = {record["time"]: record["contacts"]["pair"]["force"][1] for record in watch.records}
+    assert forces[0.4] < -0.05
+    assert abs(forces[1.0]) < 1e-9
+    assert simulation.stepper.u.norm(3) < 1e-9
+
+
+@parallel
+def test_more_ranks_than_cells_run_through(mesh_file, run, shared_tmp):
+    """Two cells, a contact pair, fields and all."""
+    path = mesh_file("quadrilateral", 1, 1)
+    scene = scene_of(path, "quadrilateral", output=Output(fields=True, probes=["upper_origin"]))
+    watch = Log()
+    simulation, converged = run(scene, shared_tmp / "out", [watch])
+    assert converged
+    assert watch.records[-1]["contacts"]["pair"]["slip"] > 0
+    assert len({json.dumps(r) for r in WORLD.allgather(watch.records[-1])}) == 1
+
+
+@parallel
+def test_wrong_input_in_python_is_refused_on_every_rank(mesh_file):
+    scene = scene_of(mesh_file("quadrilateral"), "quadrilateral")
+    scene.contacts[0].source = "upper_botom"
+    before = PETSc.Options().getAll()
+    with pytest.raises(InputError, match="upper_botom.*upper_bottom"):
+        Simulation(scene)
+    # nothing of the scene is left for the next one
+    assert PETSc.Options().getAll() == before
+    assert WORLD.allreduce(1) == WORLD.size
+
+
+# -- the schedule alone ----------------------------------------
+
+
+def walk(schedule, works):
+    """Times that are reached, and tried, when `works(start, target)` gives the iterations or None."""
+    reached, tried = [], []
+    while not schedule.done:
+        target = schedule.next()
+        assert target > schedule.time
+        tried.append(target)
+        iterations = works(schedule.time, target)
+        if iterations is None:
+            if not schedule.cut(target):
+                break
+        else:
+            schedule.accept(target, iterations)
+            reached.append(target)
+        assert len(tried) < 1000
+    return reached, tried
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 7, 10, 49, 1000])
+@pytest.mark.parametrize("end", [1.0, 0.3, 1e-6, 7e5])
+def test_equal_steps(count, end):
+    if count == 1000:
+        count = 333
+    reached, _ = walk(Schedule(end, count, 0.0), lambda a, b: 3)
+    np.testing.assert_allclose(reached, end * np.arange(1, count + 1) / count, rtol=1e-12)
+    assert reached[-1] == end
+
+
+def test_stops_are_met_exactly():
+    reached, _ = walk(Schedule(1.0, 4, 1e-3, [0.1, 0.3, 1.0, 2.0, 0.0, -1.0]), lambda a, b: 3)
+    assert {0.1, 0.3, 1.0} <= set(reached)
+    assert np.diff([0, *reached]).max() <= 0.25 + 1e-12
+
+
+def test_a_stop_next_to_a_step_does_not_make_a_tiny_step():
+    reached, _ = walk(Schedule(1.0, 10, 0.0, [0.3, 0.7 + 1e-9]), lambda a, b: 3)
+    assert len(reached) == 10 and np.diff([0, *reached]).min() > 0.09
+
+
+def test_cut_back_and_growth():
+    """A step of more than 0.1 fails; then easy steps grow to the size that was asked for, not beyond."""
+    reached, tried = walk(Schedule(1.0, 2, 1e-3), lambda a, b: 3 if b - a <= 0.1 or a >= 0.3 else None)
+    sizes = np.diff([0, *reached])
+    assert reached[-1] == 1.0 and sizes.max() <= 0.5 + 1e-12
+    assert tried[:4] == [0.5, 0.25, 0.125, 0.0625] and reached[0] == 0.0625
+    assert sizes.max() > 0.2
+
+
+def test_hard_steps_do_not_grow():
+    hard = Schedule.EASY + 1
+    state = {"failed": False}
+
+    def works(start, target):
+        if not state["failed"]:
+            state["failed"] = True
+            return None
+        return hard
+
+    reached, _ = walk(Schedule(1.0, 2, 1e-3), works)
+    np.testing.assert_allclose(reached, [0.25, 0.5, 0.75, 1.0])
+
+
+def test_the_smallest_step_ends_the_run():
+    schedule = Schedule(1.0, 4, 0.05)
+    reached, tried = walk(schedule, lambda a, b: 2 if b <= 0.5 else None)
+    np.testing.assert_allclose(reached[:2], [0.25, 0.5])
+    assert not schedule.done and schedule.time < 0.51
+    # nothing shorter than the smallest step was tried
+    assert min(b - 0.5 for b in tried if b > 0.5) >= 0.05
+
+
+def test_a_short_step_to_a_stop_does_not_shrink_the_others():
+    """The remainder before a stop is short by itself; that is no reason to go on with short steps."""
+    reached, _ = walk(Schedule(1.0, 4, 1e-3, [0.26]), lambda a, b: 3)
+    sizes = np.diff([0, *reached])
+    np.testing.assert_allclose(sizes[:3], [0.25, 0.01, 0.25])
+
+
+# -- the stepper alone ----------------------------------------
+
+
+class Number:
+    """A "displacement" that can do what the stepper asks of a vector."""
+
+    def __init__(self, value=0.0):
+        self.value = value
+
+    def copy(self, other=None):
+        if other is None:
+            return Number(self.value)
+        other.value = self.value
+        return other
+
+
+class MadeUp:
+    """Problem, space and item at once, with a record of who called what."""
+
+    def __init__(self):
+        self.space, self.items, self.others, self.time, self.calls = self, [self], [], 0.0, []
+
+    def vector(self):
+        return Number()
+
+    def imposed(self, u, time):
+        return 0.0
+
+    def detect(self, u, time, motion, ahead):
+        self.calls.append(("detect", u.value, time))
+
+    def commit(self, u, time):
+        self.calls.append(("commit", u.value, time))
+
+    def prescribe(self, u, time):
+        u.value = time
+
+    def unbalanced(self, u):
+        return np.zeros((1, 1))
+
+
+class Solver:
+    """Converges if the step is short enough; spoils the state in any case."""
+
+    norms = (1.0, 0.0)
+
+    def __init__(self, problem, longest):
+        self.problem, self.longest, self.last = problem, longest, 0.0
+
+    def solve(self, u):
+        u.value += 100.0
+        good = self.problem.time - self.last <= self.longest
+        self.last = self.problem.time if good else self.last
+        return NewtonResult(good, 4, 9, "because", 1e-9, 1.0)
+
+
+def stepper(longest, smallest=1e-3, count=2):
+    problem, watch = MadeUp(), Log()
+    timing = {"search": 0.0, "solve": 0.0}
+    schedule = Schedule(1.0, count, smallest)
+
+    def recorder(step, u):
+        return step
+
+    return Stepper(problem, Solver(problem, longest), schedule, [watch], recorder, timing), problem, watch
+
+
+def test_stepper_detects_solves_and_commits():
+    loop, problem, watch = stepper(1.0)
+    loop.run()
+    assert problem.calls == [
+        ("detect", 0.0, 0.5),
+        ("commit", 100.5, 0.5),
+        ("detect", 100.5, 1.0),
+        ("commit", 101.0, 1.0),
+    ]
+    assert [(s.number, s.time, s.newton, s.krylov, s.cutbacks) for s in watch.records] == [
+        (1, 0.5, 4, 9, 0),
+        (2, 1.0, 4, 9, 0),
+    ]
+
+
+def test_a_cut_back_undoes_everything():
+    """The failed attempt leaves nothing behind: the next search is done on the committed state."""
+    loop, problem, watch = stepper(0.2)
+    loop.run()
+    assert watch.cuts[:2] == [0.5, 0.25]
+    assert [c for c in problem.calls if c[0] == "detect"][:3] == [
+        ("detect", 0.0, 0.5),
+        ("detect", 0.0, 0.25),
+        ("detect", 0.0, 0.125),
+    ]
+    assert [c[2] for c in problem.calls if c[0] == "commit"] == [s.time for s in watch.records]
+    assert watch.records[0].cutbacks == 2
+    assert sum(s.cutbacks for s in watch.records) == len(watch.cuts)
+    assert watch.records[-1].time == 1.0
+
+
+def test_a_step_that_never_converges():
+    loop, problem, watch = stepper(0.0, smallest=0.2)
+    with pytest.raises(
+        StepFailure, match="from time 0 to 0.25 did not converge.*because.*1.000e-09.*4 iterations"
+    ):
+        loop.run()
+    assert watch.records == [] and watch.cuts == [0.5, 0.25]
+    assert loop.u.value == 0.0

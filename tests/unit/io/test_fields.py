@@ -1,0 +1,314 @@
+"""The files a run leaves: fields, history, report, and the fields read back."""
+
+import base64
+import csv
+import json
+import math
+from xml.etree import ElementTree
+
+import meshio
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from pcontact.io import vtu
+from pcontact.io.fields import Cloud, FieldWriter, Piece
+from pcontact.io.history import History, flatten
+from pcontact.io.report import Report
+from pcontact.io.result import load_result
+from pcontact.runtime.errors import InputError
+from pcontact.scene import read_scene
+from pcontact.simulation import Simulation
+from tests.support.bad_input import FACETS, mesh_text
+
+COMM = MPI.COMM_WORLD
+CUBE = np.array(
+    [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]], dtype=float
+)
+
+
+def stretch(points):
+    """A displacement with three different parts."""
+    return points * [0.1, 0.2, -0.3] + [0.0, 1.0, 0.0]
+
+
+def stack_piece(rank, ghost_rank_has_nothing=None):
+    """A unit cube per rank, one upon the other, with a tetrahedron beside each."""
+    if rank == ghost_rank_has_nothing:
+        return Piece(np.zeros((0, 3)))
+    points = np.concatenate([CUBE, [[2, 0, 0], [3, 0, 0], [2, 1, 0], [2, 0, 1]]]) + [0, 0, rank]
+    cells = [("hexahedron", np.arange(8).reshape(1, 8)), ("tetra", np.arange(8, 12).reshape(1, 4))]
+    stress = np.arange(6.0) + 10 * rank
+    return Piece(
+        points,
+        cells,
+        {"displacement": stretch(points), "number": np.arange(12)},
+        {"stress": [stress[None], stress[None] + 100], "rank": [[rank], [rank]], "body": [[0], [1]]},
+    )
+
+
+def square_piece(shift=0.0):
+    """Two dimensions: a quadrilateral and a triangle, second order."""
+    points = np.array([[0, 0], [1, 0], [1, 1], [0, 1], [0.5, 0], [1, 0.5], [0.5, 1], [0, 0.5], [0.5, 0.5],
+                       [2, 0], [1.5, 0], [1.5, 0.5]]) + [shift, 0]  # fmt: skip
+    cells = [("quad9", np.arange(9).reshape(1, 9)), ("triangle6", np.array([[1, 9, 2, 10, 11, 5]]))]
+    return Piece(
+        points,
+        cells,
+        {"displacement": 0.1 * points},
+        {"equivalent_stress": [np.array([1.0]), np.array([2.0])]},
+    )
+
+
+@pytest.mark.parallel
+def test_fields_are_read_back_whole_from_all_ranks(shared_tmp):
+    writer = FieldWriter(shared_tmp, COMM)
+    surface = Piece(
+        CUBE[:4] + [0, 0, COMM.rank],
+        [("quad", [[0, 1, 2, 3]])],
+        {},
+        {"contact_pressure": [[1.0 + COMM.rank]]},
+    )
+    cloud = Cloud(np.full((COMM.rank + 1, 3), float(COMM.rank)), {"pressure": np.arange(COMM.rank + 1.0)})
+    for step, time in ((1, 0.5), (2, 1.0)):
+        writer.write(step, time, stack_piece(COMM.rank), {"ball / block": surface}, {"ball / block": cloud})
+    result = load_result(shared_tmp)
+    assert result.times == [0.5, 1.0] and result.time == 1.0
+    bodies = result.bodies
+    assert len(bodies.points) == 5 + 7 * COMM.size, "the layers of nodes between ranks are joined"
+    np.testing.assert_array_equal(bodies.point_data["displacement"], stretch(bodies.points))
+    kinds = dict(bodies.cells)
+    order = list(kinds)
+    ranks = bodies.cell_data["rank"][order.index("hexahedron")]
+    np.testing.assert_array_equal(ranks, np.arange(COMM.size))
+    np.testing.assert_array_equal(bodies.points[kinds["hexahedron"][-1]], CUBE + [0, 0, COMM.size - 1])
+    np.testing.assert_array_equal(
+        bodies.cell_data["stress"][order.index("tetra")][:, 5], 105 + 10 * np.arange(COMM.size)
+    )
+    np.testing.assert_array_equal(
+        result.surfaces["ball / block"].cell_data["contact_pressure"][0], 1.0 + np.arange(COMM.size)
+    )
+    assert len(result.points["ball / block"].points) == COMM.size * (COMM.size + 1) // 2
+    assert load_result(shared_tmp, 1).time == 0.5
+    assert not list(shared_tmp.rglob("*.part"))
+
+
+@pytest.mark.parallel
+def test_ranks_without_cells_keep_the_arrays_consistent(shared_tmp):
+    last = COMM.size - 1
+    own = COMM.rank != last or COMM.size == 1
+    surfaces = (
+        {"pair": Piece(CUBE[:4], [("quad", [[0, 1, 2, 3]])], {}, {"gap": [[0.5]]})}
+        if COMM.rank == last
+        else {}
+    )
+    nowhere = Cloud(np.zeros((0, 2)), {"traction": np.zeros((0, 2)), "status": np.zeros(0, dtype=np.int64)})
+    bodies = (
+        stack_piece(COMM.rank) if own else Piece(np.zeros((0, 3)), [], {"displacement": np.zeros((0, 3))})
+    )
+    FieldWriter(shared_tmp, COMM).write(1, 1.0, bodies, surfaces, {"pair": nowhere})
+    result = load_result(shared_tmp)
+    assert sum(len(nodes) for _, nodes in result.bodies.cells) == 2 * max(last, 1)
+    assert result.surfaces["pair"].cell_data["gap"][0] == 0.5
+    assert result.points["pair"].data["traction"].shape == (0, 3)
+    assert result.points["pair"].data["status"].dtype == np.int64
+    for index in (shared_tmp / "fields").glob("*.pvtu"):
+        root = ElementTree.parse(index).getroot()
+        for section in ("PointData", "CellData"):
+            declared = [
+                (a.get("Name"), a.get("type"), a.get("NumberOfComponents"))
+                for a in root.find(f".//P{section}")
+            ]
+            for piece in vtu.read_pvtu(index):
+                head = piece.read_bytes().partition(b"<AppendedData")[0] + b"</VTKFile>"
+                arrays = ElementTree.fromstring(head).find(f".//{section}")
+                assert [
+                    (a.get("Name"), a.get("type"), a.get("NumberOfComponents")) for a in arrays
+                ] == declared
+
+
+@pytest.mark.parallel
+def test_what_is_wrong_on_one_rank_is_raised_on_all(shared_tmp):
+    piece = stack_piece(COMM.rank)
+    if COMM.rank == COMM.size - 1:
+        piece.point_data["displacement"] = piece.point_data["displacement"][1:]
+    with pytest.raises(ValueError, match="displacement"):
+        FieldWriter(shared_tmp, COMM).write(1, 1.0, piece)
+
+
+@pytest.mark.parallel
+def test_a_resumed_run_keeps_the_steps_before_it(shared_tmp):
+    first = FieldWriter(shared_tmp, COMM)
+    for step in (1, 2, 3):
+        first.write(step, 0.1 * step, stack_piece(COMM.rank))
+    FieldWriter(shared_tmp, COMM, resume_time=0.2).write(3, 0.25, stack_piece(COMM.rank))
+    assert load_result(shared_tmp).times == pytest.approx([0.1, 0.2, 0.25])
+    COMM.barrier()
+    FieldWriter(shared_tmp, COMM).write(1, 7.0, stack_piece(COMM.rank))
+    assert load_result(shared_tmp).times == [7.0]
+    assert len(list((shared_tmp / "fields").iterdir())) == COMM.size + 1, (
+        "a fresh run clears away the old files"
+    )
+
+
+def meshio_reads_raw_data():
+    """meshio joins base64 texts with their padding, which newer versions of Python no longer stop at."""
+    try:
+        return base64.b64decode("QQ==QUJD") == b"A"
+    except ValueError:
+        return False
+
+
+@pytest.mark.skipif(not meshio_reads_raw_data(), reason="meshio's reader of raw data fails with this Python")
+def test_meshio_reads_the_pieces(tmp_path):
+    FieldWriter(tmp_path, MPI.COMM_SELF).write(1, 1.0, square_piece())
+    mesh = meshio.read(tmp_path / "fields" / "bodies_000001_0000.vtu")
+    piece = square_piece()
+    np.testing.assert_array_equal(mesh.points, np.pad(piece.points, ((0, 0), (0, 1))))
+    assert {block.type: block.data.tolist() for block in mesh.cells} == {
+        k: np.asarray(n).tolist() for k, n in piece.cells
+    }
+    np.testing.assert_array_equal(mesh.point_data["displacement"][:, :2], piece.point_data["displacement"])
+    assert mesh.point_data["displacement"].shape == (12, 3)
+    assert [float(values[0]) for values in mesh.cell_data["equivalent_stress"]] == [1.0, 2.0]
+
+
+def test_vtk_reads_the_fields(tmp_path):
+    """Against ParaView's own reader, where it is installed."""
+    vtk = pytest.importorskip("vtk")
+    FieldWriter(tmp_path, MPI.COMM_SELF).write(1, 1.0, stack_piece(2), {}, {"p": Cloud(np.zeros((0, 3)))})
+    reader = vtk.vtkXMLPUnstructuredGridReader()
+    for name, cells in (("bodies", 2), ("points_p", 0)):
+        reader.SetFileName(str(tmp_path / "fields" / f"{name}_000001.pvtu"))
+        reader.Update()
+        assert reader.GetErrorCode() == 0 and reader.GetOutput().GetNumberOfCells() == cells
+
+
+def test_cells_with_nodes_beyond_the_points_are_refused(tmp_path):
+    with pytest.raises(ValueError, match="beyond"):
+        FieldWriter(tmp_path, MPI.COMM_SELF).write(1, 1.0, Piece(CUBE[:3], [("tetra", [[0, 1, 2, 3]])]))
+    with pytest.raises(ValueError, match="type 'blob'"):
+        FieldWriter(tmp_path, MPI.COMM_SELF).write(1, 1.0, Piece(CUBE, [("blob", [[0, 1, 2, 3]])]))
+    assert not list(tmp_path.iterdir()), "nothing is written of a step that is refused"
+
+
+def test_reading_names_what_is_missing(tmp_path):
+    with pytest.raises(InputError, match="no such directory"):
+        load_result(tmp_path / "nowhere")
+    with pytest.raises(InputError, match="no fields.pvd"):
+        load_result(tmp_path)
+    FieldWriter(tmp_path, MPI.COMM_SELF).write(1, 1.0, square_piece())
+    with pytest.raises(InputError, match="no step 3"):
+        load_result(tmp_path, 3)
+    (tmp_path / "fields" / "bodies_000001_0000.vtu").unlink()
+    with pytest.raises(InputError, match="cannot be read"):
+        load_result(tmp_path)
+
+
+def step_row(time, force=1.0):
+    return {
+        "time": time, "newton": np.int64(5), "krylov": 61, "cutbacks": 0,
+        "reactions": {"base": np.array([0.0, 0.0, force])},
+        "contacts": {"pair": {"force": [0.0, 0.0, -force], "area": np.float64(0.1), "open": 3}},
+        "probes": {"tip": {"mean": [0.0, 0.5]}}, "plastic": {"yielded_volume": float("nan")},
+    }  # fmt: skip
+
+
+def test_history_has_a_row_per_step_and_the_columns_of_the_first(tmp_path):
+    history = History(tmp_path / "history.csv")
+    history.append(step_row(0.1, force=1 / 3))
+    history.append({"time": 0.2, "new": 1.0})
+    with open(tmp_path / "history.csv", newline="") as stream:
+        rows = list(csv.DictReader(stream))
+    assert list(rows[0])[:5] == ["time", "newton", "krylov", "cutbacks", "reactions.base_x"]
+    assert float(rows[0]["contacts.pair.force_z"]) == -1 / 3 and rows[0]["newton"] == "5"
+    assert rows[0]["probes.tip.mean_y"] == "0.5"
+    assert rows[1]["time"] == "0.2" and rows[1]["newton"] == "" and "new" not in rows[1]
+
+
+def test_history_of_a_resumed_run_goes_on(tmp_path):
+    for time in (0.1, 0.2, 0.3):
+        history = History(tmp_path / "history.csv", resume_time=0.25)
+        history.append(step_row(time))
+    History(tmp_path / "history.csv", resume_time=0.2).append(step_row(0.22))
+    with open(tmp_path / "history.csv", newline="") as stream:
+        assert [float(row["time"]) for row in csv.DictReader(stream)] == [0.1, 0.2, 0.22]
+    History(tmp_path / "history.csv").append({"time": 5})
+    assert (tmp_path / "history.csv").read_text().split() == ["time", "5"]
+
+
+def test_flatten_names_say_where_a_number_comes_from():
+    assert flatten({"a": {"b": [1, 2]}, "c": range(0), "d": np.arange(4)}) == {
+        "a.b_x": 1, "a.b_y": 2, "c": range(0), "d_0": 0, "d_1": 1, "d_2": 2, "d_3": 3,
+    }  # fmt: skip
+
+
+def test_report_is_plain_json_after_every_step(tmp_path):
+    report = Report(tmp_path / "report.json")
+    report.data.update(title="Kugel auf Block: µ", ranks=np.int32(2))
+    report.add_step(step_row(0.1, force=math.inf))
+    data = json.loads((tmp_path / "report.json").read_text(encoding="utf-8"), parse_constant=pytest.fail)
+    assert data["title"] == "Kugel auf Block: µ" and data["ranks"] == 2 and data["converged"] is False
+    assert data["steps"][0]["reactions"]["base"] == [0.0, 0.0, None]
+    assert data["steps"][0]["plastic"]["yielded_volume"] is None
+    assert set(data) == {
+        "title",
+        "version",
+        "ranks",
+        "dofs",
+        "cells",
+        "converged",
+        "model",
+        "steps",
+        "timing",
+        "parallel",
+        "memory",
+    }
+    report.add_step(step_row(0.2))
+    assert [step["time"] for step in Report(report.path, resume_time=0.1).data["steps"]] == [0.1]
+    assert [path.name for path in tmp_path.iterdir()] == ["report.json"]
+
+
+TOUCHING = """\
+[mesh]
+file = "mesh.msh"
+order = ORDER
+[materials.m]
+E = 1000.0
+nu = 0.3
+[[bodies]]
+region = "lower"
+material = "m"
+[[contacts]]
+source = "upper_bottom"
+target = "lower_top"
+[[displacements]]
+region = "lower_bottom"
+value = [0.0, 0.0]
+[[displacements]]
+region = "upper_top"
+value = [0.0, 0.25]
+[output]
+smooth = SMOOTH
+"""
+
+
+@pytest.mark.parallel
+@pytest.mark.parametrize("order, smooth", [(1, "false"), (2, "true")])
+def test_touching_bodies_of_one_region_stay_apart(shared_tmp, order, smooth):
+    """Their nodes are in the same place; each body keeps its own displacement."""
+    if COMM.rank == 0:
+        squares = [(3, 1, (1, 2, 3, 4)), (3, 1, (5, 6, 7, 8)), *FACETS]
+        (shared_tmp / "mesh.msh").write_text(mesh_text(elements=squares))
+        text = TOUCHING.replace("ORDER", str(order)).replace("SMOOTH", smooth)
+        (shared_tmp / "scene.toml").write_text(text)
+    COMM.barrier()
+    simulation = Simulation(read_scene(shared_tmp / "scene.toml"))
+    assert simulation.run(shared_tmp / "run")
+    simulation.close()
+    bodies = load_result(shared_tmp / "run").bodies
+    assert len(bodies.points) == 2 * (order + 1) ** 2 and "node_number" not in bodies.point_data
+    middle = np.abs(bodies.points[:, 1] - 1.0) < 1e-9
+    np.testing.assert_allclose(
+        np.sort(bodies.point_data["displacement"][middle, 1]), np.repeat([0.0, 0.25], order + 1), atol=1e-6
+    )
