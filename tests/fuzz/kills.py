@@ -2,12 +2,12 @@
 
 Every chain is a scene of tests/runs/test_restart_kinds.py whose run is ended with SIGKILL, all of its ranks at once,
 at a random moment; the next life goes on from the checkpoint that is there, until a last one comes to the end. About
-half of the kills come while a checkpoint is being written, and count as such only if the unfinished file has stayed behind.
-Half of the chains stay on one number of ranks, 1 to 3: report and history then have the numbers of a run that was never
-killed, to 1e-12. On three ranks PETSc adds what other ranks send to the coarse matrices of multigrid in the order in
-which it comes, unless told otherwise, as here; a direct solver on several ranks always does. Where two runs that were
-never killed differ, the numbers, without those of the solver, agree to ten times that difference. The lives of the
-other chains are on numbers of ranks of their own, and the numbers agree to 1e-7.
+half of the kills come while a checkpoint is being written, and count as such only if the unfinished file has stayed
+behind. Half of the chains stay on one number of ranks, 1 to 3: report and history then have the numbers of a run that
+was never killed, to 1e-12. On three ranks PETSc adds what other ranks send to the coarse matrices of multigrid in the
+order in which it comes, unless told otherwise, as here; a direct solver on several ranks always does. Where two runs
+that were never killed differ, the numbers, without those of the solver, agree to ten times that difference. The lives
+of the other chains are on numbers of ranks of their own, and the numbers agree to 1e-7.
 
 The exit status is 1 if a life failed, or its numbers are not those.
 """
