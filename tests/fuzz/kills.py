@@ -1,6 +1,6 @@
 """Runs that are killed again and again: ``python tests/fuzz/kills.py [--kills 50] [--seed 1] [-o DIR]``.
 
-Every chain is a scene of tests/runs/test_restart_kinds.py whose run is ended with SIGKILL, all of its ranks at once,
+Every chain is a scene of tests/support/restart_kinds.py whose run is ended with SIGKILL, all of its ranks at once,
 at a random moment; the next life goes on from the checkpoint that is there, until a last one comes to the end. About
 half of the kills come while a checkpoint is being written, and count as such only if the unfinished file has stayed
 behind. Half of the chains stay on one number of ranks, 1 to 3: report and history then have the numbers of a run that
@@ -31,7 +31,7 @@ from runner import command, environment
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 from pcontact.cli import guarded, run_scene  # noqa: E402
 from pcontact.runtime.petsc import PETSc  # noqa: E402
-from tests.runs.test_restart_kinds import COUNTED, KINDS, worst  # noqa: E402
+from tests.support.restart_kinds import COUNTED, KINDS, worst
 
 STEPS = 10
 SAME, OTHER = 1e-12, 1e-7

@@ -24,7 +24,9 @@ from pcontact.scene import amplitude, validate
 from pcontact.scene.model import Body, Contact, Displacement, Load, Material, MeshSpec, Obstacle, Output, Scene
 from pcontact.simulation import Simulation
 from pcontact.space.space import Space
-from tests.physics.test_kinematics import DIRECT, cylinder, friction_between, mesh, nodal, solved, strip
+from tests.support.kinematics import DIRECT, cylinder, mesh, nodal, solved, strip
+from tests.support.pairs import STEPS, check_taylor, motion, pair
+from tests.support.pairs import bodies as friction_between
 from tests.support.small import (
     DIMENSION,
     SELF,
@@ -36,7 +38,6 @@ from tests.support.small import (
     numpy_gradients,
     vector_of,
 )
-from tests.unit.contact.formulation.test_frictional import STEPS, check_taylor, motion, pair
 
 WORLD = MPI.COMM_WORLD
 SOFT = 0.4999

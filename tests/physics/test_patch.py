@@ -6,35 +6,19 @@ import numpy as np
 import pytest
 
 from drivers.cases.patch import errors, scene
-from meshes import overclosed_cubes, two_blocks
+from meshes import overclosed_cubes
 from pcontact.runtime.parallel import on_root
 from pcontact.runtime.petsc import MPI
 from pcontact.scene.model import Body, Contact, Displacement, Material, MeshSpec, Output, Scene
-from pcontact.simulation import Simulation
+from tests.support.patch import blocks, solve
+from tests.support.small import DIMENSION
 
 WORLD = MPI.COMM_WORLD
-DIMENSION = {"triangle": 2, "quadrilateral": 2, "tetrahedron": 3, "hexahedron": 3}
 ROUNDOFF = 1e-9
 LAM = MU = 50.0
 # on several ranks half of them will do
 VARIANTS = list(product((1.0, 0.0, -1.0), ("closest_point", "ray_tracing")))
 VARIANTS = VARIANTS if WORLD.size == 1 else [VARIANTS[k] for k in (0, 3, 4)]
-
-
-def solve(scene, measure):
-    """What `measure` makes of a finished run; the run's options leave the database. Collective."""
-    simulation = Simulation(scene)
-    try:
-        assert simulation.run()
-        return measure(simulation)
-    finally:
-        simulation.close()
-
-
-def blocks(folder, cell, n_lower, n_upper, **more):
-    path = folder / "blocks.msh"
-    on_root(WORLD, lambda: two_blocks(path, DIMENSION[cell], n_lower, n_upper, cell, **more))
-    return path
 
 
 @pytest.mark.parallel

@@ -3,27 +3,13 @@
 import numpy as np
 import pytest
 
-from meshes.blocks import one_block
 from pcontact.runtime.petsc import MPI
-from pcontact.scene.model import Body, Displacement, Load, Material, MeshSpec, Output, Scene, Steps
 from pcontact.simulation import Simulation
-from tests.physics.test_kinematics import DIRECT, mesh, nodal
-from tests.unit.material.test_plastic import LAME, POISSON, YIELD, YIELD_STRAIN, YOUNG
+from tests.support.kinematics import nodal
+from tests.support.plastic import BARS, LAME, YIELD, YIELD_STRAIN, YOUNG, bar, uniaxial
 
 WORLD = MPI.COMM_WORLD
 HARDENING = [(0.0, 0.0), (20.0, 0.0), (0.0, 30.0), (20.0, 30.0)]
-
-
-def uniaxial(strains, of_strain, of_plastic, hardening, kinematic):
-    """Driving stress, plastic strain, p at the end of each strain: one dimension, of_strain e - of_plastic ep."""
-    plastic, p, rows = 0.0, 0.0, []
-    for e in strains:
-        trial = of_strain * e - (of_plastic + kinematic) * plastic
-        over = abs(trial) - (YIELD + hardening * p)
-        step = max(over, 0.0) / (of_plastic + hardening + kinematic)
-        plastic, p = plastic + step * np.sign(trial), p + step
-        rows.append((of_strain * e - of_plastic * plastic, plastic, p))
-    return rows
 
 
 class Look:
@@ -56,27 +42,6 @@ def history(scene):
         simulation.close()
 
 
-def bar(path, kinematics, n, held, hardening, kinematic, table=None, load=None):
-    """A unit box pulled along its last axis at its top, free to contract or ``held`` sideways. Collective."""
-    dim = 3 if kinematics == "3D" else 2
-    sides = [("left", 0), ("front", 1)][: dim - 1] + ([("right", 0), ("back", 1)][: dim - 1] if held else [])
-    supports = [Displacement(name, [0.0 if k == axis else "free" for k in range(dim)]) for name, axis in sides]
-    supports.append(Displacement("bottom", [*["free"] * (dim - 1), 0.0]))
-    loads = [Load("top", traction=[*[0.0] * (dim - 1), 1.0], amplitude=load)] if load else []
-    supports += [Displacement("top", [*["free"] * (dim - 1), 1.0], table)] if table else []
-    end = (table or load)[-1][0]
-    return Scene(
-        mesh=MeshSpec(mesh(one_block, path, dim, n), kinematics="plane_strain" if dim == 3 else kinematics),
-        materials={"m": Material(YOUNG, POISSON, YIELD, hardening, kinematic)},
-        bodies=[Body("block", "m")],
-        displacements=supports,
-        loads=loads,
-        steps=Steps(end, int(end)),
-        output=Output(fields=False),
-        petsc={**DIRECT, "snes_rtol": "1e-13"},
-    )
-
-
 def stress_of(kinematics, along, across):
     """XX, YY, ZZ, XY, YZ, XZ of a bar."""
     stress = np.array([across] * 3 + [0.0] * 3)
@@ -86,7 +51,6 @@ def stress_of(kinematics, along, across):
 
 # strains at the end of the steps, in yield strains: load, unload, reverse, load again
 CYCLE = np.array([0.9, 2.0, 4.0, 3.0, 1.0, -2.0, -3.0, 0.0, 5.0])
-BARS = [("plane_stress", False), ("axisymmetric", False), ("3D", False), ("plane_strain", True), ("3D", True)]
 BULK_MODULUS = LAME[0] + 2.0 / 3.0 * LAME[1]
 
 

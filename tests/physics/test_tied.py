@@ -22,8 +22,8 @@ from pcontact.scene.model import (
     Steps,
 )
 from pcontact.simulation import Simulation
+from tests.support.pairs import CONSTANTS, by_key, residual_of
 from tests.support.small import DIMENSION, SELF, blocks_file, dense_item, make_space, vector_of
-from tests.unit.contact.formulation.test_frictional import CONSTANTS, by_key, residual_of
 
 WORLD = MPI.COMM_WORLD
 THETAS = [1.0, 0.0, -1.0]

@@ -22,9 +22,8 @@ from pcontact.io.result import load_result
 from pcontact.runtime import log
 from pcontact.runtime.options import Options
 from pcontact.runtime.petsc import MPI, PETSc, option_used, own_options
-from tests.runs.test_cli import LATE, ROOT, TIMEOUT, environment, lay_out
-from tests.runs.test_process import ENDLESS
 from tests.support.bad_input import SCENE, Case, mesh_text
+from tests.support.commands import ENDLESS, LATE, ROOT, TIMEOUT, environment, lay_out
 from tests.support.small import blocks_file
 
 WORLD, SELF = MPI.COMM_WORLD, MPI.COMM_SELF

@@ -5,74 +5,13 @@ other in one process (per rank); some of them have processes of their own, too.
 """
 
 import json
-import os
 import re
-import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 
-from tests.support.bad_input import CASES, SCENE, Case
-
-ROOT = Path(__file__).resolve().parents[2]
-TIMEOUT = 60
-
-def environment():
-    """That of a fresh shell: nothing of the MPI job that the tests may run in."""
-    keep = {
-        k: v for k, v in os.environ.items() if not k.startswith(("PMIX_", "PRTE_", "OMPI_COMM_", "OPAL_"))
-    }
-    keep["PYTHONPATH"] = os.pathsep.join([str(ROOT), *filter(None, [keep.get("PYTHONPATH")])])
-    return {
-        **keep,
-        "OMPI_ALLOW_RUN_AS_ROOT": "1",
-        "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1",
-        "OMPI_MCA_rmaps_base_oversubscribe": "1",
-        "PRTE_MCA_rmaps_default_mapping_policy": ":oversubscribe",  # the same for Open MPI 5
-        "OMP_NUM_THREADS": "1",
-    }
-
-
-def lay_out(folder, case):
-    """The files of a case in a folder of its own; returns its command line."""
-    folder.mkdir()
-    if case.scene is not None:
-        (folder / "scene.toml").write_text(case.scene)
-    if case.mesh is not None:
-        (folder / "mesh.msh").write_text(case.mesh)
-    if case.functions is not None:
-        (folder / "functions.py").write_text(case.functions)
-    return ["scene.toml" if word == "SCENE" else word for word in case.words]
-
-
-def launch(command, folder):
-    """Run a command in a folder; one that hangs is an error."""
-    return subprocess.run(
-        command,
-        cwd=folder,
-        env=environment(),
-        capture_output=True,
-        text=True,
-        timeout=TIMEOUT,
-        stdin=subprocess.DEVNULL,
-    )
-
-
-def execute(folder, words, ranks=None):
-    """Run the program in a folder."""
-    start = [] if ranks is None else ["mpirun", "-n", str(ranks)]
-    return launch([*start, sys.executable, "-m", "pcontact", *words], folder)
-
-
-def check_line(text, parts):
-    """Exactly one line, with everything in it."""
-    lines = text.strip().splitlines()
-    assert len(lines) == 1, text
-    assert lines[0].startswith("pcontact: error: ")
-    for part in parts:
-        assert re.search(part, lines[0]), f"{part!r} is not in {lines[0]!r}"
-
+from tests.support.bad_input import CASES, Case
+from tests.support.commands import LATE, check_line, execute, launch, lay_out
 
 IN_TURN = """\
 import json, os, sys
@@ -141,8 +80,6 @@ def test_exit_status_on_three_ranks(tmp_path, name):
 
 # -- runs that start well ----------------------------------------
 
-# nothing moves in the first half of the run
-LATE = Case([], scene=SCENE.replace("-0.05]", "-0.05]\namplitude = [[0, 0], [0.5, 0], [1, 1]]"))
 # one iteration of a weak linear solver is not enough for anything that moves
 WEAK = [
     "-snes_max_it",

@@ -1,8 +1,5 @@
 """When writing fails: one line, exit status 3, the same on every rank, and nothing lost that was written before."""
 
-import csv
-import io
-import json
 import re
 import resource
 import sys
@@ -25,8 +22,8 @@ from pcontact.runtime.errors import InputError, OutputError
 from pcontact.runtime.files import Hdf5Aside, append_text, replace_file, written_aside
 from pcontact.runtime.parallel import agree, on_root, together
 from pcontact.runtime.petsc import MPI
-from tests.runs.test_cli import launch, lay_out
 from tests.support.bad_input import SCENE, Case
+from tests.support.commands import check_whole, launch, lay_out
 from tests.support.small import block_file
 
 WORLD = MPI.COMM_WORLD
@@ -39,8 +36,6 @@ def log_afterwards():
     yield
     log.setup(WORLD.rank)
     log.forget_warnings()
-
-
 
 
 def stops(error):
@@ -179,18 +174,6 @@ def ours(done):
     for word in ("Traceback", "PETSC ERROR", "Segmentation", "MPI_ABORT"):
         assert word not in done.stderr, done.stderr
     return [line for line in done.stderr.splitlines() if line.startswith("pcontact: error: ")]
-
-
-def check_whole(folder, steps):
-    """All files have the first steps, and may have one that came after."""
-    report = json.loads((folder / "report.json").read_text())["steps"]
-    rows = list(csv.DictReader(io.StringIO((folder / "history.csv").read_text())))
-    assert len(report) == steps and len(rows) in (steps, steps + 1) and len(set(map(len, rows))) == 1
-    assert len(load_result(folder, steps).times) in (steps, steps + 1)
-    with h5py.File(folder / "checkpoint.h5") as file:
-        assert file.attrs["number"] in (steps - 1, steps)
-        assert np.isfinite(file["displacement/value"][:]).all()
-    assert not list(folder.rglob("*.part"))
 
 
 @pytest.mark.parametrize("ranks, size, file", [(1, 12_000, "checkpoint"), (3, 15_500, "report")])

@@ -19,8 +19,8 @@ from pcontact.scene.model import (
     Steps,
 )
 from pcontact.simulation import Simulation
-from tests.physics.test_kinematics import DIRECT, mesh
-from tests.runs.test_restart import STOP, Keep
+from tests.support.kinematics import DIRECT, mesh
+from tests.support.restarts import STOP, Keep
 from tests.support.small import keys
 
 WORLD, SELF = MPI.COMM_WORLD, MPI.COMM_SELF
@@ -120,7 +120,6 @@ def difference(a, b):
 @pytest.fixture
 def block(shared_tmp):
     return mesh(one_block, shared_tmp / "block.msh", 2, (10, 5), size=(2.0, 1.0))
-
 
 
 def compare(first, second, tolerance):

@@ -20,9 +20,8 @@ from pcontact.runtime.lock import NAME, reserved
 from pcontact.runtime.petsc import MPI
 from pcontact.scene import read_scene
 from pcontact.simulation import Simulation
-from tests.runs.test_cli import LATE, ROOT, TIMEOUT, check_line, environment, execute, lay_out
-from tests.runs.test_faults import check_whole
 from tests.support.bad_input import SCENE, Case, mesh_text
+from tests.support.commands import ENDLESS, LATE, ROOT, TIMEOUT, check_line, check_whole, environment, execute, lay_out
 
 WORLD, SELF = MPI.COMM_WORLD, MPI.COMM_SELF
 parallel = pytest.mark.parallel
@@ -37,9 +36,6 @@ def log_afterwards():
 
 
 START = [sys.executable, "-m", "pcontact", "run", "scene.toml", "-o", "out"]
-# linear solves that never end, from the third load step of LATE on: the bodies do not move before
-ENDLESS = ["-steps_count", "4", "-snes_ksp_ew", "false", "-ksp_type", "richardson", "-ksp_pc_side", "left", "-pc_type",
-           "none", "-ksp_richardson_scale", "1e-9", "-ksp_rtol", "1e-300", "-ksp_max_it", "1000000000"]  # fmt: skip
 
 
 def report_of(folder):

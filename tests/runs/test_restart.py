@@ -1,7 +1,5 @@
 """Checkpoint and restart: the numbers of the uninterrupted run, on any number of ranks."""
 
-import json
-import shutil
 
 import h5py
 import numpy as np
@@ -10,73 +8,12 @@ import pytest
 from meshes import one_block
 from pcontact.io.checkpoint import NAME
 from pcontact.runtime.errors import InputError
-from pcontact.runtime.petsc import MPI, PETSc
-from pcontact.scene.model import (
-    Body,
-    Contact,
-    Displacement,
-    Load,
-    Material,
-    MeshSpec,
-    Obstacle,
-    Output,
-    Scene,
-    Steps,
-)
+from pcontact.runtime.petsc import MPI
 from pcontact.simulation import Simulation
+from tests.support.restarts import STOP, Keep, block, counts, run
 
 WORLD, SELF = MPI.COMM_WORLD, MPI.COMM_SELF
 parallel = pytest.mark.parallel
-STOP = 4  # load step after which a run is interrupted
-
-def block(path, interference="resolve", height=0.0, **output):
-    """A block pressed on a plane by a force, dragged and dragged back: stick, slip, stick, slip."""
-    return Scene(
-        mesh=MeshSpec(path),
-        materials={"m": Material(1000.0, 0.3)},
-        bodies=[Body("block", "m")],
-        contacts=[
-            Contact("bottom", obstacle=Obstacle("plane", point=[0, height], normal=[0, 1]), name="floor", friction=0.3,
-                    interference=interference)
-        ],
-        displacements=[Displacement("top", [0.1, "free"], [(0, 0), (0.25, 0), (0.625, 1), (1, -1)])],
-        loads=[Load("top", pressure=10.0, amplitude=[(0, 0), (0.25, 1), (1, 1)])],
-        steps=Steps(1.0, 8),
-        output=Output(fields=False, checkpoint=True, **output),
-        petsc={"snes_rtol": "1e-10"},
-    )  # fmt: skip
-
-
-class Keep:
-    """Copies the checkpoint of a step aside, as a run that died after it would leave it."""
-
-    def __init__(self, source, target, comm):
-        self.source, self.target, self.comm = source, target, comm
-
-    def step(self, step, u, record):
-        if step.number == STOP and self.comm.rank == 0:
-            self.target.mkdir(parents=True, exist_ok=True)
-            shutil.copy(self.source / NAME, self.target / NAME)
-
-    def cut(self, target, outcome):
-        pass
-
-    def end(self, converged):
-        pass
-
-
-def run(scene, comm, directory, observers=(), restart=None):
-    """Records of the report. Collective on `comm`."""
-    if restart is not None:
-        PETSc.Options().setValue("restart", str(restart))
-    simulation = Simulation(scene, comm)
-    try:
-        assert simulation.run(directory, observers)
-    finally:
-        simulation.close()
-        PETSc.Options().delValue("restart")
-    comm.Barrier()
-    return json.loads((directory / "report.json").read_text())["steps"]
 
 
 def difference(a, b):
@@ -87,10 +24,6 @@ def difference(a, b):
         worst = max(worst, float(np.max(np.abs(x - y)) / np.max(np.abs(x))))
     x, y = np.array(a["reactions"]["top"]), np.array(b["reactions"]["top"])
     return max(worst, float(np.max(np.abs(x - y)) / 10.0))
-
-
-def counts(record):
-    return [record["contacts"]["floor"][key] for key in ("open", "stick", "slip")]
 
 
 @pytest.fixture

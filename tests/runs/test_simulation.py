@@ -9,49 +9,23 @@ import pytest
 from pcontact.runtime.errors import InputError, StepFailure
 from pcontact.runtime.petsc import MPI, PETSc
 from pcontact.scene.model import (
-    Body,
     Contact,
     Displacement,
     Load,
     Material,
-    MeshSpec,
     Obstacle,
     Output,
-    Scene,
     Steps,
 )
 from pcontact.simulation import Simulation
 from pcontact.solve.result import NewtonResult
 from pcontact.stepping.schedule import Schedule
 from pcontact.stepping.stepper import Stepper
+from tests.support.blocks import scene_of
 from tests.support.small import DIMENSION, blocks_file
 
 WORLD = MPI.COMM_WORLD
 parallel = pytest.mark.parallel
-TIGHT = {"snes_rtol": "1e-12"}
-
-
-def scene_of(path, cell, theta=0.0, **more):
-    """Two blocks pressed together by a displacement; the lower one is held at its bottom."""
-    d = DIMENSION[cell]
-    said = {
-        "contacts": [Contact("upper_bottom", "lower_top", name="pair", theta=theta)],
-        "displacements": [
-            Displacement("lower_bottom", [0.0] * d),
-            Displacement("upper_top", [0.0] * (d - 1) + [-0.02]),
-            Displacement("left", [0.0, *["free"] * (d - 1)]),
-        ],
-        "output": Output(fields=False, probes=["upper_top", "lower_top", "upper_origin"]),
-        "petsc": TIGHT,
-        **more,
-    }
-    return Scene(
-        title="two blocks",
-        mesh=MeshSpec(path),
-        materials={"soft": Material(10.0, 0.3), "hard": Material(30.0, 0.2)},
-        bodies=[Body("lower", "hard"), Body("upper", "soft")],
-        **said,
-    )
 
 
 @pytest.fixture

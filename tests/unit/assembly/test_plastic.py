@@ -10,6 +10,7 @@ from pcontact.element.quadrature import quadrature
 from pcontact.element.shape import shape
 from pcontact.material.elastic import in_plane
 from pcontact.space.space import Space
+from tests.support.plastic import LAME, MATERIALS, YIELD_STRAIN, Point, mandel, tensor
 from tests.support.small import (
     DIMENSION,
     SELF,
@@ -22,7 +23,6 @@ from tests.support.small import (
     numpy_gradients,
     vector_of,
 )
-from tests.unit.material.test_plastic import LAME, MATERIALS, YIELD_STRAIN, Point, mandel, tensor
 
 MATERIAL = "table+kinematic"
 # cell, degree, kinematics, mean dilatation

@@ -16,23 +16,14 @@ from pcontact.material.hardening import hardening_curve
 from pcontact.material.plastic import plastic_constants
 from pcontact.runtime.petsc import MPI
 from pcontact.scene.model import Contact, Load, Output
-from tests.runs.test_restart import Keep, run
+from tests.support.laws import LAWS
+from tests.support.pairs import STEPS, by_key, check_taylor, field, motion, pair, residual_of, state_of
+from tests.support.plastic import SOFT, flowing
+from tests.support.plastic import check as check_plastic
+from tests.support.plastic import items as plastic_items
+from tests.support.plastic import taylor as taylor_plastic
+from tests.support.restarts import Keep, run
 from tests.support.small import DIMENSION, SELF, Together, blocks_file, dense_item, make_space, vector_of
-from tests.unit.contact.formulation.test_frictional import (
-    STEPS,
-    by_key,
-    check_taylor,
-    field,
-    motion,
-    pair,
-    residual_of,
-    state_of,
-)
-from tests.unit.contact.test_law import LAWS
-from tests.unit.contact.traction.test_plastic import SOFT, flowing
-from tests.unit.contact.traction.test_plastic import check as check_plastic
-from tests.unit.contact.traction.test_plastic import items as plastic_items
-from tests.unit.contact.traction.test_plastic import taylor as taylor_plastic
 
 WORLD = MPI.COMM_WORLD
 THETAS = [1.0, 0.0, -1.0]

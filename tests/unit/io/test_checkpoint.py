@@ -19,8 +19,8 @@ from pcontact.runtime.petsc import MPI, PETSc
 from pcontact.scene import differences, physics, read_scene, resolve_contacts
 from pcontact.scene.model import Contact, Obstacle
 from pcontact.simulation import Simulation
-from tests.runs.test_restart import run
 from tests.support.bad_input import CELLS, FACETS, NODES, SCENE, mesh_text
+from tests.support.restarts import run
 
 WORLD = MPI.COMM_WORLD
 parallel = pytest.mark.parallel

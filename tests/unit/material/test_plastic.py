@@ -7,50 +7,35 @@ import pytest
 
 from pcontact.material.elastic import lame
 from pcontact.material.hardening import flow_length, hardening_curve, hardening_table, yield_radius
-from pcontact.material.mandel import add_elastic_tangent, elastic_stress
+from pcontact.material.mandel import add_elastic_tangent
 from pcontact.material.plastic import (
-    flows,
     plastic_constants,
     return_map,
     second_derivative,
     thickness_strain,
 )
 from pcontact.runtime.jit import njit
+from tests.support.plastic import (
+    LAME,
+    MATERIALS,
+    POISSON,
+    ROOT,
+    TABLE,
+    YIELD,
+    YIELD_STRAIN,
+    YOUNG,
+    Point,
+    mandel,
+    tensor,
+)
 
-YOUNG, POISSON, YIELD = 200.0, 0.3, 0.5
-YIELD_STRAIN = YIELD / YOUNG
-LAME = lame(YOUNG, POISSON)
-# the last segments are steeper than those before: the curve is not concave
-TABLE = [[0.0, YIELD], [0.002, 0.6], [0.005, 0.65], [0.01, 1.1], [0.02, 1.15]]
-CURVES = {
-    "perfect": hardening_curve(YIELD),
-    "linear": hardening_curve(YIELD, 20.0),
-    "stiff": hardening_curve(YIELD, 5e3),
-    "table": hardening_table(TABLE),
-}
-KINEMATIC = {"": 0.0, "+kinematic": 15.0}
-MATERIALS = {a + b: (plastic_constants(*LAME, KINEMATIC[b]), CURVES[a]) for a in CURVES for b in KINEMATIC}
 MODES = ["3D", "plane strain", "axisymmetric", "plane stress"]
-ROOT = np.sqrt(2.0)
-PAIRS = {6: [(0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2)], 4: [(0, 0), (1, 1), (2, 2), (0, 1)]}
 
 every_mode = pytest.mark.parametrize("mode", MODES)
 every_material = pytest.mark.parametrize("material", list(MATERIALS))
 
 
 # -- plain tensors, in engineering terms ------------------
-
-
-def tensor(v):
-    """Tensor (3, 3) of Mandel components."""
-    t = np.zeros((3, 3))
-    for value, (i, j) in zip(v, PAIRS[len(v)], strict=True):
-        t[i, j] = t[j, i] = value if i == j else value / ROOT
-    return t
-
-
-def mandel(t, m):
-    return np.array([t[i, j] * (1.0 if i == j else ROOT) for i, j in PAIRS[m]])
 
 
 def yield_stress(curve, p):
@@ -98,55 +83,6 @@ def twin(constants, curve, mode, strain, plastic, p):
 
 
 # -- kernels ----------------------------------------------
-
-
-class Point:
-    """One point: ``move`` gives stress and tangent of a strain and keeps its result as the new state."""
-
-    def __init__(self, material, mode, plastic=None, p=0.0):
-        self.constants, self.curve = MATERIALS[material] if isinstance(material, str) else material
-        self.m, self.plane_stress = (6 if mode == "3D" else 4), mode == "plane stress"
-        self.plastic, self.p = np.zeros(self.m) if plastic is None else plastic, p
-
-    def raw(self, strain, want_tangent=True):
-        plastic, excess, tangent = np.full(self.m, np.inf), np.full(self.m, np.inf), np.zeros((self.m, self.m))
-        p, yields = return_map(
-            self.constants,
-            self.curve,
-            self.plane_stress,
-            strain,
-            self.plastic,
-            self.p,
-            want_tangent,
-            plastic,
-            excess,
-            tangent,
-        )
-        return excess, plastic, p, yields, tangent
-
-    def stress(self, strain):
-        excess = self.raw(strain)[0]
-        stress = np.empty(self.m)
-        elastic_stress(self.constants, self.plane_stress, strain, stress)
-        return stress + excess
-
-    def tangent(self, strain):
-        tangent = self.raw(strain)[4]
-        add_elastic_tangent(self.constants, self.plane_stress, tangent)
-        return tangent
-
-    def move(self, strain):
-        stress = self.stress(strain)
-        _, self.plastic, self.p, yields, _ = self.raw(strain, want_tangent=False)
-        return stress, yields
-
-    def flows(self, strain):
-        return flows(self.constants, self.curve, self.plane_stress, strain, self.plastic, self.p, np.empty(self.m))
-
-    def relative(self, stress):
-        """Deviator of a stress minus back stress of the state, a tensor."""
-        t = tensor(stress)
-        return t - np.trace(t) / 3.0 * np.eye(3) - 2.0 / 3.0 * self.constants[2] * tensor(self.plastic)
 
 
 def random_strain(rng, mode, size):

@@ -10,10 +10,7 @@ import pytest
 from pcontact.mesh.groups import facet_multiplicity
 from pcontact.mesh.reader import read_mesh
 from pcontact.runtime.errors import InputError
-from tests.unit.mesh.test_reader import CELL_TYPES, _check_straight, _normals, _stack, _volume, check_line, session
-
-__all__ = ["session"]
-
+from tests.support.raw_meshes import CELL_TYPES, check_line, check_straight, normals, stack, volume
 
 # -- MED -------------------------------
 
@@ -21,7 +18,7 @@ __all__ = ["session"]
 def med_file(path, cell, order=1, serendipity=0):
     """Two boxes, as gmsh writes them (version 4.1)."""
     gmsh.option.setNumber("Mesh.SecondOrderIncomplete", serendipity)
-    _stack(cell)
+    stack(cell)
     gmsh.model.mesh.setOrder(order)
     gmsh.write(str(path))
     gmsh.model.remove()
@@ -30,11 +27,11 @@ def med_file(path, cell, order=1, serendipity=0):
 
 def check_stack(raw):
     """Cells, groups of cells and facets, edges and points of the two boxes."""
-    _check_straight(raw)
-    assert _volume(raw) == pytest.approx(2.0) and not raw.lost
+    check_straight(raw)
+    assert volume(raw) == pytest.approx(2.0) and not raw.lost
     lower = raw.points[raw.blocks[0].vertices[raw.cell_groups["lower"]]]
     assert 2 * len(lower) == raw.offsets[-1] and lower[..., -1].max() == pytest.approx(1.0)
-    np.testing.assert_allclose(_normals(raw, "bottom").sum(axis=0), -np.eye(raw.dim)[-1], atol=1e-12)
+    np.testing.assert_allclose(normals(raw, "bottom").sum(axis=0), -np.eye(raw.dim)[-1], atol=1e-12)
     assert set(facet_multiplicity(raw, *raw.facet_groups["interface"])) == {2}
     np.testing.assert_allclose(raw.points[raw.node_groups["corner"]], np.zeros((1, raw.dim)))
     assert raw.dim == 2 or len(raw.node_groups["rim"]) > 2
@@ -103,7 +100,7 @@ def test_med_without_families(session, tmp_path):
         mesh = next(iter(file["ENS_MAA"].values()))
         del mesh["FAS"], mesh["MAI/SE2/FAM"]
     raw = read_mesh(path)
-    assert _volume(raw) == pytest.approx(2.0) and not raw.cell_groups
+    assert volume(raw) == pytest.approx(2.0) and not raw.cell_groups
 
 
 # -- Exodus -------------------------------
@@ -164,14 +161,14 @@ def exodus_file(path, kind, split=True):
 @pytest.mark.parametrize("split", [True, False])
 def test_exodus(tmp_path, kind, split):
     raw = read_mesh(exodus_file(tmp_path / "m.exo", kind, split))
-    _check_straight(raw)
+    check_straight(raw)
     solid, skin = ("volume", "surface") if raw.dim == 3 else ("surface", "curve")
     assert {name: cells.tolist() for name, cells in raw.cell_groups.items()} == {"first": [0], f"{solid}_10": [1]}
     assert raw.node_groups["point_7"].tolist() == [0, 1]
     for k, normal in enumerate(EXODUS[kind][1]):
         name = f"side {k}" if k else f"{skin}_11"
         assert raw.facet_groups[name][0].tolist() == [1]
-        found = _normals(raw, name)[0]
+        found = normals(raw, name)[0]
         np.testing.assert_allclose(found / np.linalg.norm(found), normal / np.linalg.norm(normal), atol=1e-12)
 
 

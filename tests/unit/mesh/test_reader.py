@@ -7,9 +7,7 @@ import meshio
 import numpy as np
 import pytest
 
-from pcontact.element.quadrature import quadrature
 from pcontact.element.reference import CELLS, facet_nodes, reference_nodes
-from pcontact.element.shape import shape, shape_gradient
 from pcontact.mesh import gmsh_reader
 from pcontact.mesh.complete import complete, number_rows
 from pcontact.mesh.components import components, mirror
@@ -17,95 +15,29 @@ from pcontact.mesh.groups import Block, RawMesh, facet_multiplicity, facets_of_n
 from pcontact.mesh.reader import read_mesh
 from pcontact.runtime import log
 from pcontact.runtime.errors import InputError
+from tests.support.raw_meshes import (
+    CELL_TYPES,
+    check_line,
+    check_straight,
+    corners,
+    determinants,
+    normals,
+    stack,
+    volume,
+)
 
-CELL_TYPES = ["triangle", "quadrilateral", "tetrahedron", "hexahedron"]
 FORMATS = [(2.2, 0), (2.2, 1), (4.1, 0), (4.1, 1)]
-
-
-@pytest.fixture
-def session():
-    """A gmsh session that says nothing."""
-    gmsh.initialize(readConfigFiles=False, interruptible=False)
-    gmsh.option.setNumber("General.Terminal", 0)
-    yield
-    gmsh.finalize()
-
-
-def _entities(dim, low, high):
-    e = 1e-6
-    low, high = np.array(low) - e, np.array(high) + e
-    return [tag for _, tag in gmsh.model.getEntitiesInBoundingBox(*low, *high, dim)]
-
-
-def _stack(cell):
-    """Two unit boxes on top of each other, which share the nodes of the face between them; with groups."""
-    model, dim, tensor = gmsh.model.geo, CELLS[cell].dim, CELLS[cell].is_tensor
-    gmsh.model.add("stack")
-    base = (0, model.addPoint(0, 0, 0))
-    for step in np.eye(3)[:dim]:
-        # an extrusion returns its far end, then what it swept
-        end, base, *_ = model.extrude([base], *step, numElements=[2], recombine=tensor)
-    model.extrude([end], *step, numElements=[2], recombine=tensor)
-    model.synchronize()
-    up, top = np.eye(3)[dim - 1], 1.0 * (np.arange(3) < dim - 1)
-    add = gmsh.model.addPhysicalGroup
-    lower, upper = _entities(dim, [0, 0, 0], top + up), _entities(dim, up, top + 2 * up)
-    add(dim, lower, 7, "lower")
-    add(dim, upper, 8)
-    add(dim - 1, _entities(dim - 1, [0, 0, 0], top), 11, "bottom")
-    add(dim - 1, _entities(dim - 1, up, top + up), 12, "interface")
-    add(dim - 1, _entities(dim - 1, 2 * up, top + 2 * up), 13)
-    add(0, _entities(0, [0, 0, 0], [0, 0, 0]), 14, "corner")
-    if dim == 3:
-        add(1, _entities(1, [0, 0, 2], [1, 0, 2]), 15, "rim")
-    gmsh.model.mesh.generate(dim)
 
 
 def _write(path, cell, order=1, serendipity=0, version=4.1, binary=0):
     gmsh.option.setNumber("Mesh.SecondOrderIncomplete", serendipity)
-    _stack(cell)
+    stack(cell)
     gmsh.model.mesh.setOrder(order)
     gmsh.option.setNumber("Mesh.MshFileVersion", version)
     gmsh.option.setNumber("Mesh.Binary", binary)
     gmsh.write(str(path))
     gmsh.model.remove()
     return path
-
-
-def _determinants(raw):
-    """Determinants at quadrature points times weights, block by block."""
-    for block in raw.blocks:
-        xi, weights = quadrature(block.cell, 4)
-        jacobian = np.einsum(
-            "cai,qaj->cqij", raw.points[block.nodes], shape_gradient(block.cell, block.degree, xi)
-        )
-        yield np.linalg.det(jacobian) * weights
-
-
-def _volume(raw):
-    return sum(d.sum() for d in _determinants(raw))
-
-
-def _check_straight(raw):
-    """Nodes of straight cells lie where the reference cell says."""
-    for block in raw.blocks:
-        where = shape(block.cell, 1, reference_nodes(block.cell, block.degree))
-        expected = np.einsum("na,cai->cni", where, raw.points[block.vertices])
-        np.testing.assert_allclose(raw.points[block.nodes], expected, atol=1e-12)
-
-
-def _corners(raw, name):
-    cells, local = raw.facet_groups[name]
-    (block,) = raw.blocks
-    return raw.points[block.nodes[cells[:, None], facet_nodes(block.cell, 1)[local]]]
-
-
-def _normals(raw, name):
-    x = _corners(raw, name)
-    if raw.dim == 2:
-        t = x[:, 1] - x[:, 0]
-        return np.stack([t[:, 1], -t[:, 0]], axis=1)
-    return np.cross(x[:, 1] - x[:, 0], x[:, -1] - x[:, 0]) / (2 if x.shape[1] == 3 else 1)
 
 
 @pytest.mark.parametrize("cell", CELL_TYPES)
@@ -116,9 +48,9 @@ def test_gmsh_cells(session, tmp_path, cell, order, serendipity):
     assert (raw.dim, [(b.cell, b.degree) for b in raw.blocks]) == (dim, [(cell, order)])
     assert raw.points.flags.c_contiguous and raw.points.shape[1] == dim
     assert all(b.nodes.dtype == np.int64 and b.nodes.flags.c_contiguous for b in raw.blocks)
-    assert min(d.min() for d in _determinants(raw)) > 0
-    assert _volume(raw) == pytest.approx(2.0)
-    _check_straight(raw)
+    assert min(d.min() for d in determinants(raw)) > 0
+    assert volume(raw) == pytest.approx(2.0)
+    check_straight(raw)
     # every node once, and none to spare
     assert len(np.unique(np.round(raw.points, 9), axis=0)) == len(raw.points)
     np.testing.assert_array_equal(np.unique(raw.blocks[0].nodes), np.arange(len(raw.points)))
@@ -137,11 +69,11 @@ def _check_groups(raw, order):
     np.testing.assert_array_equal(raw.cell_groups["lower"], np.flatnonzero(centre < 1))
     assert set(raw.facet_groups) == {"bottom", "interface", f"{skin}_13"}
     for name, height, sign in (("bottom", 0, -1), (f"{skin}_13", 2, 1)):
-        np.testing.assert_allclose(_corners(raw, name)[..., -1], height)
-        np.testing.assert_allclose(_normals(raw, name).sum(axis=0), sign * np.eye(dim)[-1], atol=1e-12)
+        np.testing.assert_allclose(corners(raw, name)[..., -1], height)
+        np.testing.assert_allclose(normals(raw, name).sum(axis=0), sign * np.eye(dim)[-1], atol=1e-12)
         np.testing.assert_array_equal(facet_multiplicity(raw, *raw.facet_groups[name]), 1)
     np.testing.assert_array_equal(facet_multiplicity(raw, *raw.facet_groups["interface"]), 2)
-    np.testing.assert_allclose(np.linalg.norm(_normals(raw, "interface"), axis=1).sum(), 1)
+    np.testing.assert_allclose(np.linalg.norm(normals(raw, "interface"), axis=1).sum(), 1)
     np.testing.assert_allclose(raw.points[raw.node_groups["corner"]], np.zeros((1, dim)))
     if dim == 3:
         assert len(raw.node_groups["rim"]) == 2 * order + 1
@@ -161,7 +93,7 @@ def test_gmsh_formats(session, tmp_path, monkeypatch, cell, order, version, bina
         check_line(caught.value, path)
         monkeypatch.undo()
     raw = read_mesh(path)
-    _check_straight(raw)
+    check_straight(raw)
     if version == 1:
         # it has no names
         assert sorted(raw.cell_groups.values(), key=len)[0].size == 0.5 * raw.offsets[-1]
@@ -257,7 +189,7 @@ def test_surfaces_of_opposite_sense(tmp_path):
     """gmsh numbers the cells of each plane surface in the sense of its own boundary loop."""
     elements = [(1, 2, 2, 1, 1, 1, 2, 3), (2, 2, 2, 1, 2, 1, 4, 3)]
     raw = read_mesh(_text(tmp_path, SQUARE, elements))
-    assert min(d.min() for d in _determinants(raw)) > 0
+    assert min(d.min() for d in determinants(raw)) > 0
 
 
 @pytest.mark.parametrize("scale", [1e-12, 1.0, 1e12])
@@ -273,8 +205,8 @@ def test_reversed_meshes_are_turned_and_scale_does_not_matter(session, tmp_path,
     points[:, : raw.dim] = scale * raw.points
     meshio.Mesh(points, [(kind, nodes)]).write(tmp_path / "m.vtu")
     other = read_mesh(tmp_path / "m.vtu")
-    assert _volume(other) == pytest.approx(2.0 * scale**raw.dim)
-    _check_straight(RawMesh(other.path, other.dim, other.points / scale, other.blocks))
+    assert volume(other) == pytest.approx(2.0 * scale**raw.dim)
+    check_straight(RawMesh(other.path, other.dim, other.points / scale, other.blocks))
     # the same with some cells turned
     nodes = block.nodes.copy()
     nodes[1:5] = nodes[1:5][:, mirror(cell, 2)]
@@ -350,18 +282,18 @@ def test_vtu_with_tags_and_mixed_cells(tmp_path):
     assert facet_multiplicity(raw, *raw.facet_groups["curve_10"]).tolist() == [2]
     full = complete(raw, 2)
     assert len(full.points) == 5 + 6 + 1
-    _check_straight(full)
+    check_straight(full)
 
 
 def test_inp(session, tmp_path):
-    _stack("hexahedron")
+    stack("hexahedron")
     gmsh.option.setNumber("Mesh.SaveGroupsOfNodes", 1)
     gmsh.write(str(tmp_path / "m.inp"))
     raw = read_mesh(tmp_path / "m.inp")
     assert [(b.cell, b.degree) for b in raw.blocks] == [("hexahedron", 1)]
-    assert _volume(raw) == pytest.approx(2.0)
+    assert volume(raw) == pytest.approx(2.0)
     assert len(raw.cell_groups["lower"]) == 8 and len(raw.facet_groups["bottom"][0]) == 4
-    np.testing.assert_allclose(_normals(raw, "bottom").sum(axis=0), [0, 0, -1])
+    np.testing.assert_allclose(normals(raw, "bottom").sum(axis=0), [0, 0, -1])
     assert len(raw.node_groups["bottom"]) == 9
     for found, given in zip(
         facets_of_nodes(raw, raw.node_groups["bottom"]), raw.facet_groups["bottom"], strict=True
@@ -379,10 +311,10 @@ def test_med(tmp_path):
     mesh.point_tags = {3: ["tip"]}
     mesh.write(tmp_path / "m.med")
     raw = read_mesh(tmp_path / "m.med")
-    assert _volume(raw) == pytest.approx(1 / 6)
+    assert volume(raw) == pytest.approx(1 / 6)
     assert {k: v.tolist() for k, v in raw.cell_groups.items()} == {"body": [0], "all": [0]}
     assert raw.node_groups["tip"].tolist() == [3]
-    np.testing.assert_allclose(_normals(raw, "foot"), [[0, 0, -0.5]])
+    np.testing.assert_allclose(normals(raw, "foot"), [[0, 0, -0.5]])
 
 
 def test_xdmf_and_medit(tmp_path):
@@ -408,11 +340,6 @@ def _text(folder, nodes, elements, name="bad.msh"):
     lines += [" ".join(map(str, e)) for e in elements] + ["$EndElements", ""]
     (folder / name).write_text("\n".join(map(str, lines)))
     return folder / name
-
-
-def check_line(error, path):
-    """One line that names the file and says what is allowed."""
-    assert str(error).startswith(f"{path}: ") and "; allowed: " in str(error) and "\n" not in str(error)
 
 
 @pytest.mark.parametrize(
@@ -599,7 +526,7 @@ def test_complete(session, tmp_path, cell):
     assert [b.degree for b in full.blocks] == [2] and raw.blocks[0].degree == 1
     np.testing.assert_array_equal(full.points[: len(raw.points)], raw.points)
     np.testing.assert_array_equal(full.blocks[0].vertices, raw.blocks[0].nodes)
-    _check_straight(full)
+    check_straight(full)
     _check_groups(full, 2)
     assert len(np.unique(np.round(full.points, 9), axis=0)) == len(full.points)
     assert complete(full, 2) is full

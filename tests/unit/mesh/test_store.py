@@ -19,9 +19,9 @@ from pcontact.runtime.parallel import on_root
 from pcontact.runtime.petsc import MPI
 from pcontact.scene import read_scene
 from pcontact.simulation import Simulation
-from tests.runs.test_cli import check_line, execute, lay_out
-from tests.runs.test_simulation import scene_of
 from tests.support.bad_input import CELLS, FACETS, INNER, NAMES, NODES, SCENE, Case, mesh_text, swapped
+from tests.support.blocks import scene_of
+from tests.support.commands import check_line, execute, lay_out
 from tests.support.small import DIMENSION, blocks_file
 
 WORLD = MPI.COMM_WORLD

@@ -24,7 +24,7 @@ from pcontact.scene.model import HEADERS, RENAMED
 from pcontact.scene.schema import schema
 from tests.support.bad_input import CASES
 from tests.support.bad_input import SCENE as SQUARES
-from tests.unit.scene.test_reader import FULL, LEVEL_SET, PLAIN, value_cases
+from tests.support.scenes import FULL, LEVEL_SET, PLAIN, value_cases
 
 ROOT = Path(drivers.__path__[0]).parent
 TABLES = list(HEADERS)

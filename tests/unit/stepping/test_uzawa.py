@@ -18,10 +18,9 @@ from pcontact.runtime.petsc import MPI
 from pcontact.scene.model import Contact, Steps
 from pcontact.simulation import Simulation
 from pcontact.stepping.uzawa import rate
+from tests.support.blocks import blocks, made, pressed
+from tests.support.self_contact import strip
 from tests.support.small import SELF, blocks_file
-from tests.unit.contact.formulation.test_augmented import made, pressed
-from tests.unit.contact.search.test_all_surfaces import blocks
-from tests.unit.contact.search.test_self_surface import strip
 
 WORLD = MPI.COMM_WORLD
 AUGMENTED = "augmented_lagrangian"

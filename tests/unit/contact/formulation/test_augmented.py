@@ -31,20 +31,12 @@ from pcontact.scene.model import (
     Steps,
 )
 from pcontact.simulation import Simulation
-from tests.runs.test_restart import STOP, Keep, block, counts
-from tests.runs.test_restart import run as run_steps
+from tests.support.blocks import DEPTH, POISSON, TIGHT, YOUNG, made, pressed
+from tests.support.laws import LAWS, numpy_projection
+from tests.support.pairs import CONSTANTS, STEPS, along, check_taylor, motion, obstacle_of, residual_of, tangential
+from tests.support.restarts import STOP, Keep, block, counts
+from tests.support.restarts import run as run_steps
 from tests.support.small import SELF, bend, block_file, blocks_file, dense_item, make_space, vector_of
-from tests.unit.contact.formulation.test_frictional import (
-    CONSTANTS,
-    STEPS,
-    along,
-    check_taylor,
-    motion,
-    obstacle_of,
-    residual_of,
-    tangential,
-)
-from tests.unit.contact.test_law import LAWS, numpy_projection
 
 WORLD = MPI.COMM_WORLD
 parallel = pytest.mark.parallel
@@ -276,25 +268,6 @@ def test_a_load_step_begins_with_the_traction_of_the_last_one(box, formulation):
 
 # -- runs ----------------------------------------
 
-YOUNG, POISSON, DEPTH = 1000.0, 0.3, 0.01
-TIGHT = {"snes_rtol": "1e-12"}
-
-
-def pressed(path, d, formulation, order=1, petsc=None, kinematics="plane_strain", **numerics):
-    """A unit block pressed on a rigid plane by a displacement; its sides are free."""
-    obstacle = Obstacle("plane", point=[0.0] * d, normal=[0.0] * (d - 1) + [1.0])
-    held = [Displacement("left", [0.0] + ["free"] * (d - 1))]
-    held += [Displacement("front", ["free", 0.0, "free"])] if d == 3 else []
-    return Scene(
-        mesh=MeshSpec(path, order=order, kinematics=kinematics),
-        materials={"m": Material(YOUNG, POISSON)},
-        bodies=[Body("block", "m")],
-        contacts=[Contact("bottom", obstacle=obstacle, name="floor", formulation=formulation, **numerics)],
-        displacements=[Displacement("top", ["free"] * (d - 1) + [-DEPTH]), *held],
-        output=Output(fields=False),
-        petsc={**TIGHT, **(petsc or {})},
-    )
-
 
 def solved(scene, measure=lambda simulation: None, comm=WORLD, prepare=lambda simulation: None):
     """Records of the steps, and what `measure` makes of the run. Collective."""
@@ -323,13 +296,6 @@ def states(simulation):
     """Values of the points of the first pair, and its item, of this rank."""
     item = simulation.problem.items[1]
     return item.state(simulation.stepper.u), item
-
-
-def made(folder, cell, n=3):
-    d = 2 if cell in ("triangle", "quadrilateral") else 3
-    path = folder / "block.msh"
-    on_root(WORLD, lambda: one_block(path, d, n, cell))
-    return path, d
 
 
 @parallel

@@ -19,36 +19,18 @@ from pcontact.scene.model import (
     Contact,
     Displacement,
     Load,
-    Material,
-    MeshSpec,
     Obstacle,
-    Output,
-    Scene,
 )
 from pcontact.simulation import Simulation
 from pcontact.solve.preconditioners.deflation import rigid_motions
 from pcontact.space.modes import near_pairs
+from tests.support.blocks import blocks
+from tests.support.pairs import by_key
 from tests.support.small import DIMENSION, SELF, block_file, make_space
-from tests.unit.contact.formulation.test_frictional import by_key
 
 WORLD = MPI.COMM_WORLD
 TIGHT = {"snes_rtol": "1e-10"}
 PLANE = Obstacle("plane", point=[0.0, 0.0], normal=[0.0, 1.0])
-
-
-def blocks(path, contacts, dim=2, loads=(), order=1):
-    """Two stacked boxes, pressed."""
-    return Scene(
-        mesh=MeshSpec(path, order=order),
-        materials={"m": Material(1000.0, 0.3)},
-        bodies=[Body("lower", "m"), Body("upper", "m")],
-        contacts=contacts,
-        displacements=[Displacement("lower_bottom", [0.0] * dim),
-                       Displacement("upper_top", [0.02] + [0.0] * (dim - 2) + [-0.05])],
-        loads=list(loads),
-        output=Output(fields=False),
-        petsc=TIGHT,
-    )  # fmt: skip
 
 
 def summary_of(case, comm=WORLD):

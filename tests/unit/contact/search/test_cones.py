@@ -14,9 +14,9 @@ from pcontact.mesh.components import components
 from pcontact.mesh.distribute import distribute
 from pcontact.mesh.reader import read_mesh
 from pcontact.space.space import Space
+from tests.support.pairs import CONSTANTS
+from tests.support.self_contact import ALONE, annulus, skin_of
 from tests.support.small import DIMENSION, SELF, block_file
-from tests.unit.contact.formulation.test_frictional import CONSTANTS
-from tests.unit.contact.search.test_self_surface import ALONE, annulus, skin_of
 
 SHAPES = {
     "bumps": lambda x: annulus(x, 5.0, 1.0 + 0.1 * np.sin(40.0 * x[:, 0]), 1.4),

@@ -10,7 +10,7 @@ from pcontact.contact.segmentation.pieces import _at, cut_source, cuts
 from pcontact.contact.surface.facet_maps import SQUARE_CORNERS, TRIANGLE_CORNERS
 from pcontact.contact.surface.sides import source_surface, target_surface
 from pcontact.runtime.petsc import MPI
-from tests.physics.test_patch import blocks, solve
+from tests.support.patch import blocks, solve
 from tests.support.small import SELF, make_space
 
 WORLD = MPI.COMM_WORLD

@@ -18,7 +18,7 @@ from pcontact.contact.surface.vertex_normals import Facets, corner_normals, face
 from pcontact.runtime import log
 from pcontact.runtime.petsc import MPI
 from pcontact.scene.model import Body, Contact, Displacement, Load, Material, MeshSpec, Obstacle, Output, Scene
-from tests.runs.test_cli import execute
+from tests.support.commands import execute
 from tests.support.small import SELF, make_space
 
 COMM = MPI.COMM_WORLD

@@ -4,34 +4,42 @@ import numpy as np
 import pytest
 
 from pcontact.assembly.geometry import bulk_degree
-from pcontact.assembly.plastic import PlasticBulk
 from pcontact.contact.formulation.parameters import GAMMA0
 from pcontact.contact.law import OPEN, SLIP, STICK
-from pcontact.contact.pair import contact_pair
-from pcontact.contact.surface.obstacle import RigidObstacle
-from pcontact.contact.surface.sides import source_surface, target_surface
+from pcontact.contact.surface.sides import source_surface
 from pcontact.contact.traction.plastic import PlasticTrace, extrapolation
 from pcontact.element.quadrature import quadrature
 from pcontact.element.reference import CELLS, facet_points
-from pcontact.material.elastic import in_plane, lame
 from pcontact.material.hardening import hardening_curve
 from pcontact.material.plastic import plastic_constants
 from pcontact.runtime.petsc import MPI
-from pcontact.scene import amplitude
 from pcontact.scene.model import Contact, Obstacle
 from pcontact.simulation import Simulation
 from pcontact.space.space import Space
-from tests.physics.test_plastic_bars import BARS, LAME, YIELD, YOUNG, bar, uniaxial
+from tests.support.laws import LAWS
+from tests.support.pairs import STEPS, motion, phases
+from tests.support.plastic import (
+    BARS,
+    LAME,
+    SOFT,
+    YIELD,
+    YIELD_STRAIN,
+    YOUNG,
+    Point,
+    bar,
+    check,
+    flowing,
+    items,
+    mandel,
+    taylor,
+    tensor,
+    uniaxial,
+)
 from tests.support.small import DIMENSION, SELF, block_file, blocks_file, dense_item, make_space, vector_of
-from tests.unit.contact.formulation.test_frictional import STEPS, motion, phases, residual_of
-from tests.unit.contact.test_law import LAWS
-from tests.unit.material.test_plastic import LAME as STIFF
-from tests.unit.material.test_plastic import YIELD_STRAIN, Point, mandel, tensor
 
 WORLD = MPI.COMM_WORLD
 THETAS = [1.0, 0.0, -1.0]
 ADJOINTS = [(1.0, "elastic"), (0.0, "elastic"), (-1.0, "elastic"), (1.0, "consistent"), (-1.0, "consistent")]
-SOFT = lame(10.0, 0.3)
 # cell, degree, kinematics, mean dilatation
 CASES = [
     ("triangle", 1, "plane_strain", False),
@@ -57,59 +65,7 @@ def space(request, tmp_path_factory):
     return Space(mesh, degree, kinematics, *([[0, 1]] * 2 if averaged else []))
 
 
-def items(space, contact, materials, constants, radius=1.0):
-    """Bulk item and pair."""
-    bulk = PlasticBulk(space, [in_plane(*constants, space.kinematics)] * len(materials), materials)
-    source = source_surface(space, contact.source, bulk.constants, contact.quadrature)
-    if contact.obstacle is None:
-        target = target_surface(space, contact.target)
-    else:
-        target = RigidObstacle(contact.obstacle, amplitude(contact.obstacle.amplitude, 1.0), 1.0)
-    trace = PlasticTrace(space, bulk, source, contact.source)
-    return bulk, contact_pair(space, contact, source, target, radius, trace=trace)
-
-
 # -- tangents -----------------------------------------
-
-
-def flowing(bulk, u):
-    """Which points would yield at a displacement; the state stays."""
-    before = {number: (s.strain.copy(), s.p.copy()) for number, s in bulk.states.items()}
-    bulk.commit(vector_of(bulk.space, u), 1.0)
-    result = np.concatenate([(s.p > before[number][1]).ravel() for number, s in bulk.states.items()])
-    for number, s in bulk.states.items():
-        s.strain[:], s.p[:] = before[number]
-    return result
-
-
-def taylor(bulk, item, u, name, directions):
-    """|R(u + h v) - R(u) - h K v| over |h K v| for h and its halves; of some v that which goes farthest unchanged."""
-
-    def kind(u):
-        return np.concatenate([phases(item, u, name).ravel(), flowing(bulk, u)])
-
-    before, best = kind(u), (0.0, None)
-    for v in directions:
-        for h in 0.5 ** np.arange(16):
-            if h > best[0] and all(np.array_equal(kind(u + part * h * v), before) for part in (1.0, 0.5, 0.25)):
-                best = (h, v)
-    h, v = best
-    assert h > 0.0
-    slope, start = dense_item(item, vector_of(item.space, u)) @ v.ravel(), residual_of(item, u)
-    scale, errors = max(np.abs(h * slope).max(), 1e-3 * np.abs(start).max(), 1e-300), []
-    for part in h * 0.5 ** np.arange(6, 10):
-        change = residual_of(item, u + part * v) - start
-        errors.append(np.abs(change - part * slope).max() * h / (scale * part))
-    return np.array(errors)
-
-
-def check(errors):
-    """Second order, or nothing but rounding; whether it is the former."""
-    if np.all(errors < 1e-9):
-        return False
-    errors = errors[errors > 1e-9]
-    assert len(errors) > 1 and errors[-2] / errors[-1] == pytest.approx(2.0, rel=0.1)
-    return True
 
 
 @pytest.mark.parametrize("partner", ["body", "plane"])
@@ -203,7 +159,7 @@ def test_extrapolation_is_exact_for_its_polynomials(cell, degree, geometry, axis
 @every_case
 def test_traction_of_a_uniform_stress(space):
     """Excess times outward normal, at the points of every side."""
-    material = plastic_constants(*STIFF, 15.0), hardening_curve(0.5, 20.0)
+    material = plastic_constants(*LAME, 15.0), hardening_curve(0.5, 20.0)
     mode = "3D" if space.dim == 3 else {"plane_stress": "plane stress"}.get(space.kinematics, "plane strain")
     slope = 3.0 * YIELD_STRAIN * np.random.default_rng(1).normal(size=(space.dim, space.dim))
     if space.kinematics == "axisymmetric":
@@ -214,7 +170,7 @@ def test_traction_of_a_uniform_stress(space):
     excess, *_ = point.raw(mandel(strain, point.m))
     assert np.abs(excess).max() > 0.1
     for side in ("upper_bottom", "upper_left", "upper_right", "upper_top"):
-        bulk, item = items(space, Contact(side, "lower_top", theta=0.0, gamma0=1.0), [None, material], STIFF)
+        bulk, item = items(space, Contact(side, "lower_top", theta=0.0, gamma0=1.0), [None, material], LAME)
         values = vector_of(space, u)
         local = space.local.gather(values)
         found = item.terms.traction.trace.traction(local, np.ascontiguousarray(item.source.cells))
@@ -287,11 +243,11 @@ def lowest(space, theta, gamma0, friction, hardening, size, adjoint="elastic"):
     plane = Obstacle("plane", point=[0.0] * d, normal=[*[0.0] * (d - 1), 1.0])
     contact = Contact("bottom", obstacle=plane, theta=theta, gamma0=gamma0, adjoint=adjoint, bilateral=True)
     contact.friction = friction
-    material = plastic_constants(*STIFF), hardening_curve(0.5, hardening)
-    bulk, item = items(space, contact, [material], STIFF)
+    material = plastic_constants(*LAME), hardening_curve(0.5, hardening)
+    bulk, item = items(space, contact, [material], LAME)
     item.detect(space.vector(), 1.0)
     u = np.zeros((space.n_owned, d))
-    u[:, -1] = -size * 0.5 / (2.0 * STIFF[1]) * space.points[space.owned_local, -1]
+    u[:, -1] = -size * 0.5 / (2.0 * LAME[1]) * space.points[space.owned_local, -1]
     assert flowing(bulk, u).all()
     at = vector_of(space, u)
     k = dense_item(bulk, at) + dense_item(item, at)
