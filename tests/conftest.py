@@ -1,9 +1,9 @@
 """How the tests run on several ranks: ``mpirun -n N python -m pytest``.
 
-Every rank runs the same tests in the same order; those not marked `parallel` are left out. After each
-phase of a test (set-up, call, teardown) the ranks compare notes: a test that fails on one rank is
-reported as failed by rank 0, the only one that prints. A rank that failed while others are still inside
-the test (most likely waiting for it) ends them all.
+Every rank runs the same tests in the same order; those not marked `parallel` are left out, and those marked
+`parallel(n)` where there are not n ranks. After each phase of a test (set-up, call, teardown) the ranks
+compare notes: a test that fails on one rank is reported as failed by rank 0, the only one that prints. A
+rank that failed while others are still inside the test (most likely waiting for it) ends them all.
 """
 
 import os
@@ -46,9 +46,15 @@ def pytest_configure(config):
 def pytest_collection_modifyitems(config, items):
     if WORLD.size == 1:
         return
-    out = [item for item in items if item.get_closest_marker("parallel") is None]
-    items[:] = [item for item in items if item.get_closest_marker("parallel") is not None]
+    out = [item for item in items if not _runs_here(item)]
+    items[:] = [item for item in items if _runs_here(item)]
     config.hook.pytest_deselected(items=out)
+
+
+def _runs_here(item):
+    """Whether a test runs on this number of ranks; without numbers in its mark it runs on any."""
+    mark = item.get_closest_marker("parallel")
+    return mark is not None and (not mark.args or WORLD.size in mark.args)
 
 
 @pytest.hookimpl(wrapper=True, tryfirst=True)

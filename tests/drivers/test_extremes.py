@@ -74,7 +74,7 @@ def test_a_part_of_the_matrix(tmp_path, name):
     assert row["verdict"] != WRONG, row["text"]
 
 
-@pytest.mark.parallel
+@pytest.mark.parallel(3)
 @pytest.mark.parametrize("name", MENDED)
 def test_what_was_wrong(shared_tmp, name):
     row = run_cell(CELLS[name], shared_tmp / "cell")

@@ -32,7 +32,7 @@ def test_formula():
     assert interface_pressure(0.0, delta) == pytest.approx(p, rel=10 * delta / c)
 
 
-@pytest.mark.parallel
+@pytest.mark.parallel(3)
 @pytest.mark.parametrize("theta", [1.0, 0.0, -1.0])
 def test_resolve(shared_tmp, theta):
     """2e-4 is the discretisation error at n = 16, a sixteenth of that at n = 8: the circles of the mesh."""
@@ -46,7 +46,7 @@ def test_resolve(shared_tmp, theta):
     assert u["outer_inner_skin"] - u["inner_outer_skin"] == pytest.approx(DELTA, rel=1e-3)
 
 
-@pytest.mark.parallel
+@pytest.mark.parallel(3)
 def test_adjust(shared_tmp):
     _, largest, norm = run(shared_tmp, 8, interference="adjust")
     assert largest <= 1e-9 * interface_pressure(0.0, DELTA)

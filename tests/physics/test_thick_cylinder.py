@@ -61,7 +61,7 @@ def test_displacement_and_residual_stress(tmp_path, kinematics, cell, order, n):
     table = [0.10, 0.14, 0.18, 0.0]
     case = tc.scene(mesh(tmp_path, kinematics, n, order, cell), kinematics, order, table)
     rows, hoop = solve(case, table)
-    assert all(row["newton"] <= 8 and row["cutbacks"] == 0 for row in rows)
+    assert all(row["cutbacks"] == 0 for row in rows)
     for p, row in zip(table[:-1], tc.at_pressures(rows, table[:-1]), strict=True):
         near = min(abs(row["outer"] / FORM.displacement(p) - 1.0), abs(row["outer"] / tc.CONVERGED[p] - 1.0))
         assert near < (0.005 if p != 0.14 else 0.008)
@@ -101,7 +101,7 @@ def test_lame(tmp_path, kinematics):
     assert found["hoop_b"] == pytest.approx(200.0 / 3.0, rel=5e-3)
 
 
-@pytest.mark.parallel
+@pytest.mark.parallel(3)
 @pytest.mark.parametrize("kinematics", ["plane", "axisymmetric"])
 def test_ranks_do_not_matter(shared_tmp, kinematics):
     """Displacements and residual stress of one rank."""
@@ -111,7 +111,6 @@ def test_ranks_do_not_matter(shared_tmp, kinematics):
     WORLD.Barrier()
     all_, other = solve(tc.scene(path, kinematics, 1, table, petsc=tight), table, WORLD)
     for a, b in zip(one, all_, strict=True):
-        assert abs(a["newton"] - b["newton"]) <= 1
         assert b["outer"] == pytest.approx(a["outer"], rel=1e-9)
     if WORLD.rank == 0:
         assert np.sort(other[:, 1]) == pytest.approx(np.sort(first[:, 1]), abs=1e-9 * FORM.yield_stress)

@@ -6,35 +6,11 @@ other in one process (per rank); some of them have processes of their own, too.
 
 import json
 import re
-import sys
 
 import pytest
 
 from tests.support.bad_input import CASES, Case
-from tests.support.commands import LATE, check_line, execute, launch, lay_out
-
-IN_TURN = """\
-import json, os, sys
-from pcontact.cli import main
-from pcontact.runtime.petsc import MPI, PETSc
-options = PETSc.Options()
-for folder, words in json.loads(sys.argv[1]):
-    os.chdir(folder)
-    for name, value in zip(words[2::2], words[3::2]):
-        options.setValue(name, value)
-    MPI.COMM_WORLD.Barrier()
-    status = "none"
-    try:
-        main(words)
-    except SystemExit as end:
-        status = str(end.code)
-    for name in options.getAll():
-        options.delValue(name)
-    everyone = MPI.COMM_WORLD.gather(status)
-    if MPI.COMM_WORLD.rank == 0:
-        sys.stderr.write("status " + " ".join(everyone) + chr(10))
-        sys.stderr.flush()
-"""
+from tests.support.commands import LATE, check_line, execute, in_turn, lay_out
 
 
 @pytest.mark.parametrize("ranks", [1, 3])
@@ -43,12 +19,8 @@ def test_bad_input(tmp_path, ranks):
     folders = [tmp_path / str(k) for k in range(len(CASES))]
     jobs = [(str(f), lay_out(f, case)) for f, case in zip(folders, CASES.values(), strict=True)]
     before = sorted(tmp_path.rglob("*"))
-    start = [] if ranks == 1 else ["mpirun", "-n", str(ranks)]
-    done = launch([*start, sys.executable, "-c", IN_TURN, json.dumps(jobs)], tmp_path)
-    lines = done.stderr.strip().splitlines()
-    assert len(lines) == 2 * len(CASES), done.stderr
-    for (name, case), line, status in zip(CASES.items(), lines[::2], lines[1::2], strict=True):
-        assert status == "status" + ranks * " 2", name
+    for (name, case), (line, status) in zip(CASES.items(), in_turn(tmp_path, jobs, ranks), strict=True):
+        assert status == ranks * [2], name
         check_line(line, case.parts)
     assert before == sorted(tmp_path.rglob("*"))
 

@@ -249,7 +249,6 @@ def test_quadratic_convergence(block, theta, friction, order):
     check_history(rows)
     constants = []
     for row in rows:
-        assert row["newton"] <= (10 if row["time"] <= 0.625 else 20)
         part = np.array(row["norms"]) / row["norms"][0]
         # the two last iterations above rounding errors; before them points may still change their status
         part = part[part > 1e-13]

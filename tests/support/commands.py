@@ -66,6 +66,48 @@ def execute(folder, words, ranks=None):
     return launch([*start, sys.executable, "-m", "pcontact", *words], folder)
 
 
+IN_TURN = """\
+import json, os, sys
+from pcontact.cli import main
+from pcontact.runtime.petsc import MPI, PETSc
+options = PETSc.Options()
+for folder, words in json.loads(sys.argv[1]):
+    os.chdir(folder)
+    for name, value in zip(words[2::2], words[3::2]):
+        options.setValue(name, value)
+    MPI.COMM_WORLD.Barrier()
+    status = "0"
+    try:
+        main(words)
+    except SystemExit as end:
+        status = str(end.code)
+    for name in options.getAll():
+        options.delValue(name)
+    everyone = MPI.COMM_WORLD.gather(status)
+    if MPI.COMM_WORLD.rank == 0:
+        sys.stderr.write("status " + " ".join(everyone) + chr(10))
+        sys.stderr.flush()
+"""
+
+
+def in_turn(folder, jobs, ranks=1):
+    """Line on stderr and exit status of all ranks, of commands that one process per rank does one after the other.
+
+    Parameters
+    ----------
+    folder : pathlib.Path
+    jobs : list of tuple (folder, words)
+        Each ends with one line.
+    ranks : int
+    """
+    start = [] if ranks == 1 else ["mpirun", "-n", str(ranks)]
+    done = launch([*start, sys.executable, "-c", IN_TURN, json.dumps(jobs)], folder)
+    lines = done.stderr.strip().splitlines()
+    assert len(lines) == 2 * len(jobs), done.stderr
+    answers = zip(lines[::2], lines[1::2], strict=True)
+    return [(line, [int(word) for word in status.split()[1:]]) for line, status in answers]
+
+
 def check_line(text, parts):
     """Exactly one line, with everything in it."""
     lines = text.strip().splitlines()

@@ -58,13 +58,23 @@ def phases(item, array, name):
     return np.column_stack([state["status"], kind, np.sign(state["pressure"]).astype(int)])
 
 
-def reach(item, u, v, name):
-    """The largest 2^-k for which no point changes its phase on the way, as far as halves can tell."""
-    before = phases(item, u, name)
+def farthest(kind, u, directions):
+    """The largest h = 2^-k, and a direction v, for which no point changes on the way to u + h v.
+
+    Parameters
+    ----------
+    kind : callable
+        What must not change, as an array, of a displacement (n_owned, d).
+    u : ndarray (n_owned, d)
+    directions : list of ndarray (n_owned, d)
+    """
+    before = kind(u)
     for h in 0.5 ** np.arange(16):
-        if all(np.array_equal(phases(item, u + part * h * v, name), before) for part in (1.0, 0.5, 0.25)):
-            return h
-    return 0.0
+        for v in directions:
+            # as far as halves can tell
+            if all(np.array_equal(kind(u + part * h * v), before) for part in (1.0, 0.5, 0.25)):
+                return h, v
+    raise AssertionError("points change as soon as anything moves")
 
 
 def taylor(item, u, name):
@@ -74,8 +84,7 @@ def taylor(item, u, name):
     """
     space = item.space
     directions = [motion(space, 0.01, 0.01, 0.01, seed, 0.01) for seed in range(5, 11)]
-    h, v = max(((reach(item, u, v, name), v) for v in directions), key=lambda found: found[0])
-    assert h > 0.0
+    h, v = farthest(lambda moved: phases(item, moved, name), u, directions)
     slope = dense_item(item, vector_of(space, u)) @ v.ravel()
     start = residual_of(item, u)
     scale = max(np.abs(start).max(), np.abs(h * slope).max(), 1e-300)

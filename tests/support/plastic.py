@@ -16,7 +16,7 @@ from pcontact.material.plastic import flows, plastic_constants, return_map
 from pcontact.scene import amplitude
 from pcontact.scene.model import Body, Displacement, Load, Material, MeshSpec, Output, Scene, Steps
 from tests.support.kinematics import DIRECT, mesh
-from tests.support.pairs import phases, residual_of
+from tests.support.pairs import farthest, phases, residual_of
 from tests.support.small import dense_item, vector_of
 
 YOUNG, POISSON, YIELD = 200.0, 0.3, 0.5
@@ -163,13 +163,7 @@ def taylor(bulk, item, u, name, directions):
     def kind(u):
         return np.concatenate([phases(item, u, name).ravel(), flowing(bulk, u)])
 
-    before, best = kind(u), (0.0, None)
-    for v in directions:
-        for h in 0.5 ** np.arange(16):
-            if h > best[0] and all(np.array_equal(kind(u + part * h * v), before) for part in (1.0, 0.5, 0.25)):
-                best = (h, v)
-    h, v = best
-    assert h > 0.0
+    h, v = farthest(kind, u, directions)
     slope, start = dense_item(item, vector_of(item.space, u)) @ v.ravel(), residual_of(item, u)
     scale, errors = max(np.abs(h * slope).max(), 1e-3 * np.abs(start).max(), 1e-300), []
     for part in h * 0.5 ** np.arange(6, 10):

@@ -21,7 +21,7 @@ from pcontact.scene import read_scene
 from pcontact.simulation import Simulation
 from tests.support.bad_input import CELLS, FACETS, INNER, NAMES, NODES, SCENE, Case, mesh_text, swapped
 from tests.support.blocks import scene_of
-from tests.support.commands import check_line, execute, lay_out
+from tests.support.commands import check_line, execute, in_turn, lay_out
 from tests.support.small import DIMENSION, blocks_file
 
 WORLD = MPI.COMM_WORLD
@@ -313,14 +313,15 @@ def test_command(tmp_path):
     assert (folder / "mesh.h5").is_file() and not list(folder.glob("*.part"))
     done = execute(folder, ["check", "scene.toml"], 2)
     assert done.returncode == 0 and "contact pair: 1 source facets" in done.stdout
-    for words, parts in {
+    wrong = {
         ("convert",): ["no operand; allowed: a mesh file"],
         ("convert", "mesh.msh", "-o", "mesh.xdmf"): ["'mesh.xdmf'; allowed: a name that ends with .h5"],
         ("convert", "mesh.h5"): ["ends with .h5; allowed: the mesh that it was made from"],
         ("convert", "mesh.msh", "-o", "no/mesh.h5"): ["-o no/mesh.h5: found no such file or directory"],
         ("convert", "mesh.msh", "--order", "3"): [r"-order: found '3'; allowed: 1 \| 2"],
         ("convert", "nothing.msh"): ["nothing.msh: found no such file"],
-    }.items():
-        done = execute(folder, list(words))
-        assert done.returncode == 2
-        check_line(done.stderr, parts)
+    }
+    answers = in_turn(tmp_path, [(str(folder), words) for words in wrong])
+    for parts, (line, status) in zip(wrong.values(), answers, strict=True):
+        assert status == [2]
+        check_line(line, parts)
