@@ -2,7 +2,7 @@
 # All tests, from a fresh machine on:
 #
 #   scripts/test.sh          lint, floors, serial tests, parallel tests on 2, 3 and 4 ranks, all drivers on 2 ranks
-#   scripts/test.sh fast     lint, floors, serial tests
+#   scripts/test.sh fast     lint, floors, serial tests without those marked slow
 #
 # TIMEOUT (seconds, default 900) bounds each run under mpirun. Ends with what failed and the line "N passed, N failed";
 # the exit status is 0 only if nothing failed.
@@ -30,6 +30,7 @@ part() {
     elif ((status == 0)); then good=1; else bad=1; fi
     if ((status == 124 || status == 137)); then printf '   stopped after %s s\n' "$timeout"; fi
     passed=$((passed + good)) failed=$((failed + bad))
+    if ((bad > 0)); then keep "$name" >> "$scratch/failures"; fi
     printf '== %s: %d passed, %d failed, %s s\n\n' "$name" "$good" "$bad" "$(seconds_since "$start")"
 }
 
@@ -61,11 +62,13 @@ on_ranks() {
     timeout --kill-after=10 "$timeout" mpirun -n "$n" "$@"
 }
 
+chosen=()
+if [[ ${1:-} == fast ]]; then chosen=(-m "not slow"); fi
 total=$EPOCHREALTIME
 part "ruff" one ruff check --output-format concise .
 part "floors" one lint-imports
 # two workers, each on its own
-part "serial" pytest python3 -m pytest -q --color=no -p no:cacheprovider -n 2 --dist worksteal
+part "serial" pytest python3 -m pytest -q --color=no -p no:cacheprovider -n 2 --dist worksteal "${chosen[@]}"
 if [[ ${1:-} != fast ]]; then
     for n in 2 3 4; do
         part "parallel, $n ranks" pytest on_ranks "$n" python3 -m pytest -q --color=no -p no:cacheprovider -m parallel

@@ -9,6 +9,7 @@ from drivers.studies._compare_report import causes
 from drivers.studies.compare import CASE, MARK, METHODS, make_options, measure, run, solve
 from pcontact.runtime.errors import InputError
 
+pytestmark = pytest.mark.slow
 RECORD = {"contacts": {"pair": {"force": [0.0, -0.5 * CASE.force]}}, "probes": {CASE.driven: {"mean": [0.0, -0.1]}}}
 
 

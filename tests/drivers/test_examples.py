@@ -14,6 +14,7 @@ from drivers._common import running
 from meshes.__main__ import main as write_mesh
 from pcontact.scene.reader import read_scene
 
+pytestmark = pytest.mark.slow
 FOLDER = Path(drivers.__path__[0]) / "examples"
 SCENES = sorted(FOLDER.glob("*.toml"))
 MESH = re.compile(r"^#     python -m meshes (.+) -o drivers/examples/(\S+)$", re.MULTILINE)

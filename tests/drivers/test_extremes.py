@@ -15,6 +15,7 @@ from pcontact.runtime import log
 from pcontact.runtime.files import replace_file
 from pcontact.runtime.petsc import MPI
 
+pytestmark = pytest.mark.slow
 CELLS = {cell.name: cell for cell in cells_of(FAMILIES)}
 # every fifteenth of each family, on one rank
 SOME = [cell.name for cell in cells_of(FAMILIES, 15)]

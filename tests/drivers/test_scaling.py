@@ -13,6 +13,7 @@ from pcontact.runtime import profile
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.petsc import MPI
 
+pytestmark = pytest.mark.slow
 WORLD = MPI.COMM_WORLD
 
 

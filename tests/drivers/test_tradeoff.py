@@ -17,6 +17,8 @@ from meshes import one_block, rings
 from pcontact.runtime.errors import InputError
 from pcontact.scene.model import Body, Displacement, Load, Material, MeshSpec, Output, Scene
 
+pytestmark = pytest.mark.slow
+
 
 def test_front():
     cost, error = [4.0, 1.0, 2.0, 3.0, 2.0, 5.0, np.nan], [1.0, 9.0, 5.0, 5.0, 4.0, 1.0, 0.0]

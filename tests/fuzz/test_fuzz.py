@@ -11,6 +11,8 @@ from runner import job_of, run_jobs
 from scenes import scene_of, texts
 from variants import Motion, Variant, moved
 
+pytestmark = pytest.mark.slow
+
 # a slice of what `scripts/fuzz.sh` goes on with: in the plane and in space, all kinds of contact and formulation
 SEEDS = (3, 5, 6, 7, 10, 14, 15, 17)
 

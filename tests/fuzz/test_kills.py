@@ -1,6 +1,9 @@
 """A few of the kills that kills.py goes on with."""
 
+import pytest
 from kills import Life, chain
+
+pytestmark = pytest.mark.slow
 
 
 def test_killed_at_any_moment(tmp_path):

@@ -7,6 +7,8 @@ from grids import msh_text
 from independent import Unread, area_vectors, count, mesh_of, volume
 from scenes import scene_of
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def base(tmp_path_factory):

@@ -22,6 +22,7 @@ from pcontact.scene import amplitude
 from pcontact.scene.model import Body, Contact, Displacement, Material, MeshSpec, Obstacle, Output, Scene
 from pcontact.simulation import Simulation
 
+pytestmark = pytest.mark.slow
 WORLD = MPI.COMM_WORLD
 E_MODULUS, NU = 1500.0, 0.25
 SCALE = (1.0 + NU) / E_MODULUS

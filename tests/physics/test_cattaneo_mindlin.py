@@ -26,6 +26,7 @@ from pcontact.runtime.errors import InputError
 from pcontact.runtime.parallel import agree
 from pcontact.runtime.petsc import MPI
 
+pytestmark = pytest.mark.slow
 MU = 0.2
 C, EDGE = 0.496511, 1.279571
 

@@ -10,6 +10,7 @@ from meshes import clip as clip_mesh
 from pcontact.runtime.petsc import MPI
 from pcontact.simulation import Simulation
 
+pytestmark = pytest.mark.slow
 WORLD, SELF = MPI.COMM_WORLD, MPI.COMM_SELF
 COUNT = 30
 

@@ -9,6 +9,7 @@ from pcontact.runtime.parallel import on_root
 from pcontact.runtime.petsc import MPI
 from pcontact.simulation import Simulation
 
+pytestmark = pytest.mark.slow
 WORLD = MPI.COMM_WORLD
 GAMMAS = np.logspace(-3, 3, 7).tolist()
 

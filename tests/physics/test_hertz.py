@@ -7,6 +7,7 @@ from drivers._common import parse
 from drivers.cases.hertz import CASES, check, fit, generate, make_options, solve
 from pcontact.runtime.errors import InputError
 
+pytestmark = pytest.mark.slow
 THETAS = [1.0, 0.0, -1.0]
 
 

@@ -13,6 +13,7 @@ from pcontact.scene.model import Body, Contact, Displacement, Material, MeshSpec
 from pcontact.simulation import Simulation
 from tests.support.images import image, mirror, scene_image, turn
 
+pytestmark = pytest.mark.slow
 WORLD = MPI.COMM_WORLD
 TIGHT = {"snes_rtol": "1e-12", "ksp_rtol": "1e-10", "snes_ksp_ew": "false"}
 SKINS = ("cylinder_skin", "block_top")

@@ -9,6 +9,7 @@ from meshes import indent as indent_mesh
 from pcontact.runtime.petsc import MPI
 from pcontact.simulation import Simulation
 
+pytestmark = pytest.mark.slow
 WORLD, SELF = MPI.COMM_WORLD, MPI.COMM_SELF
 H = {2: 0.05, 3: 0.125}
 

@@ -9,6 +9,7 @@ from meshes import ironing as ironing_mesh
 from pcontact.runtime.petsc import MPI
 from pcontact.simulation import Simulation
 
+pytestmark = pytest.mark.slow
 WORLD, SELF = MPI.COMM_WORLD, MPI.COMM_SELF
 MU, WAY, COUNT = 0.3, 0.8, 40
 

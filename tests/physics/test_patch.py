@@ -21,6 +21,7 @@ VARIANTS = list(product((1.0, 0.0, -1.0), ("closest_point", "ray_tracing")))
 VARIANTS = VARIANTS if WORLD.size == 1 else [VARIANTS[k] for k in (0, 3, 4)]
 
 
+@pytest.mark.slow
 @pytest.mark.parallel(3)
 @pytest.mark.parametrize("order", [1, 2])
 @pytest.mark.parametrize(("n_lower", "n_upper"), [(2, 2), (2, 4)])
@@ -32,6 +33,7 @@ def test_exact_on_matching_and_nested_meshes(shared_tmp, cell, n_lower, n_upper,
         assert max(wrong) < ROUNDOFF, (theta, search)
 
 
+@pytest.mark.slow
 @pytest.mark.parallel(3)
 @pytest.mark.parametrize("order", [1, 2])
 @pytest.mark.parametrize(
@@ -52,6 +54,7 @@ def test_squares_above_triangles_are_off_by_the_quadrature_alone_if_not_cut(shar
     assert wrong[0] > wrong[1] > wrong[2] and wrong[2] < 0.2 * wrong[0]
 
 
+@pytest.mark.slow
 @pytest.mark.parallel(3)
 @pytest.mark.parametrize("order", [1, 2])
 @pytest.mark.parametrize("cell", ["triangle", "quadrilateral"])
@@ -64,6 +67,7 @@ def test_exact_in_2d_where_meshes_do_not_match(shared_tmp, cell, n_lower, n_uppe
         assert max(wrong) < ROUNDOFF, (theta, search)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("cell", ["tetrahedron", "hexahedron"])
 @pytest.mark.parametrize(("n_lower", "n_upper"), [(3, 4), (4, 3)], ids=["source finer", "target finer"])
 def test_error_falls_with_the_quadrature_of_whole_facets_in_3d(shared_tmp, cell, n_lower, n_upper):

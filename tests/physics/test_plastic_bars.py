@@ -54,6 +54,7 @@ CYCLE = np.array([0.9, 2.0, 4.0, 3.0, 1.0, -2.0, -3.0, 0.0, 5.0])
 BULK_MODULUS = LAME[0] + 2.0 / 3.0 * LAME[1]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "hardening, kinematic", [*HARDENING[:3], pytest.param(20.0, 30.0, marks=pytest.mark.parallel(3))]
 )

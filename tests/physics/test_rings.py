@@ -99,6 +99,7 @@ def test_numbers(shared_tmp, degree, u_tolerance, p_tolerance, theta):
     assert errors[1] <= p_tolerance and errors[1] <= 0.5 * errors[0]
 
 
+@pytest.mark.slow
 @pytest.mark.parallel(3)
 @pytest.mark.parametrize("cell", ["quadrilateral", "triangle"])
 @pytest.mark.parametrize("theta", THETAS)
@@ -111,6 +112,7 @@ def test_rates_degree_1(shared_tmp, theta, cell):
         assert min(rates) >= 0.95, (key, rates)
 
 
+@pytest.mark.slow
 @pytest.mark.parallel(3)
 @pytest.mark.parametrize("theta", THETAS)
 def test_rates_degree_2(shared_tmp, theta):

@@ -10,6 +10,7 @@ from pcontact.runtime.petsc import MPI
 from pcontact.scene.model import Load
 from pcontact.simulation import Simulation
 
+pytestmark = pytest.mark.slow
 WORLD, SELF = MPI.COMM_WORLD, MPI.COMM_SELF
 parallel = pytest.mark.parallel(3)
 N = slider.PRESSURE  # normal force: the area is 1

@@ -9,6 +9,7 @@ from drivers._common import running
 from drivers.cases import spring
 from drivers.cases.spring import History, closing_travel, ground, left_inside, scene, sides, textbook
 
+pytestmark = pytest.mark.slow
 ARGS = Namespace(
     coils=2.5, radius=3.0, top=None, wire=1.0, pitch=1.4, order=1, friction=0.0, yield_stress=0.0, hardening=0.0,
     steps=6, h=0.5, along=2.0,

@@ -12,6 +12,7 @@ from pcontact.mesh.reader import read_mesh
 from pcontact.runtime.petsc import MPI
 from pcontact.simulation import Simulation
 
+pytestmark = pytest.mark.slow
 WORLD, SELF = MPI.COMM_WORLD, MPI.COMM_SELF
 
 

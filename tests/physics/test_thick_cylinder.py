@@ -7,6 +7,7 @@ from drivers.cases import thick_cylinder as tc
 from pcontact.runtime.petsc import MPI
 from pcontact.simulation import Simulation
 
+pytestmark = pytest.mark.slow
 WORLD, SELF = MPI.COMM_WORLD, MPI.COMM_SELF
 FORM = tc.Cylinder()
 HILL = {0.10: 0.0577778, 0.12: 0.0704033, 0.14: 0.0872422, 0.16: 0.1115001, 0.18: 0.1533015, 0.19: 0.2008366}

@@ -142,6 +142,7 @@ def on_ranks(tmp_path_factory):
     return start
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ranks", [1, 2, 3])
 def test_report_and_history_are_those_of_the_files(on_ranks, ranks):
     """Whatever stands on the command line of the caller; nothing is written, nothing shown.
@@ -255,6 +256,7 @@ class _nothing:  # noqa: N801
         return False
 
 
+@pytest.mark.slow
 @parallel
 def test_a_run_leaves_nothing_behind(squares, monkeypatch):
     """Communicators, signals, log and working directory are as before, after failures, too."""
@@ -293,6 +295,7 @@ class MemoryInUse(ctypes.Structure):
                                                      "fsmblks", "uordblks", "fordblks", "keepcost")]  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not hasattr(ctypes.CDLL(None), "mallinfo2"), reason="needs glibc 2.33")
 def test_memory_is_given_back(folder):
     """Solver, matrices, mesh, and the local parts of exchanges die with their run, or sooner."""
@@ -331,6 +334,7 @@ def test_output_where_asked(squares):
         pc.run(squares, output=squares)
 
 
+@pytest.mark.slow
 def test_nothing_is_shown_unless_asked(squares, capfd, caplog):
     """Lines go to standard output, or to the caller's own logging."""
     with pytest.raises(pc.NotConverged):

@@ -13,7 +13,7 @@ from tests.support.bad_input import CASES, Case
 from tests.support.commands import LATE, check_line, execute, in_turn, lay_out
 
 
-@pytest.mark.parametrize("ranks", [1, 3])
+@pytest.mark.parametrize("ranks", [1, pytest.param(3, marks=pytest.mark.slow)])
 def test_bad_input(tmp_path, ranks):
     """Every rank ends with status 2, one line comes out, nobody waits for the others, nothing is written."""
     folders = [tmp_path / str(k) for k in range(len(CASES))]
@@ -25,6 +25,7 @@ def test_bad_input(tmp_path, ranks):
     assert before == sorted(tmp_path.rglob("*"))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["no scene", "NaN", "ksp", "command", "output over a file"])
 def test_exit_status(tmp_path, name):
     """A process of its own ends with status 2 and says one line."""
@@ -36,6 +37,7 @@ def test_exit_status(tmp_path, name):
     assert before == sorted(tmp_path.rglob("*"))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["conflicting supports", "smoother", "level set that stops"])
 def test_exit_status_on_three_ranks(tmp_path, name):
     """And so do three of them, whose mpirun adds words of its own."""
@@ -72,6 +74,7 @@ def report_of(folder):
     return json.loads((folder / "report.json").read_text())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ranks", [None, 3])
 def test_a_step_that_does_not_converge(tmp_path, ranks):
     """Status 1, one line that says why; the steps before it are kept in all files."""

@@ -176,6 +176,7 @@ def ours(done):
     return [line for line in done.stderr.splitlines() if line.startswith("pcontact: error: ")]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ranks, size, file", [(1, 12_000, "checkpoint"), (3, 15_500, "report")])
 def test_a_run_on_a_full_disk(tmp_path, ranks, size, file):
     """Status 3 and one line; what was written before is whole."""

@@ -23,6 +23,7 @@ from tests.support.kinematics import DIRECT, mesh
 from tests.support.restarts import STOP, Keep
 from tests.support.small import keys
 
+pytestmark = pytest.mark.slow
 WORLD, SELF = MPI.COMM_WORLD, MPI.COMM_SELF
 parallel = pytest.mark.parallel
 THETAS = [1.0, 0.0, -1.0]

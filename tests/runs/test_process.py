@@ -173,6 +173,7 @@ def test_signals_that_stop(tmp_path, number):
     assert [path.read_text() for path in tmp_path.iterdir()] == ["before"]
 
 
+@pytest.mark.slow
 def test_a_second_run_and_a_run_that_is_stopped(tmp_path):
     """The second is refused; the first ends in the middle of a linear solve; what is committed stands."""
     process = endless(tmp_path / "case")
@@ -190,6 +191,7 @@ def test_a_second_run_and_a_run_that_is_stopped(tmp_path):
     assert not (tmp_path / "case" / "out" / NAME).exists()
 
 
+@pytest.mark.slow
 def test_three_ranks_that_are_stopped(tmp_path):
     """mpirun hands the signal on; what is committed stands, and stood all the time."""
     process = endless(tmp_path / "case", 3)

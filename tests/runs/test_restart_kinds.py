@@ -11,6 +11,7 @@ from pcontact.runtime.petsc import MPI, PETSc
 from pcontact.simulation import Simulation
 from tests.support.restart_kinds import COUNTED, KINDS, STOP, lips, stacked, worst
 
+pytestmark = pytest.mark.slow
 WORLD, SELF = MPI.COMM_WORLD, MPI.COMM_SELF
 
 

@@ -102,6 +102,7 @@ def test_all_sticks_meanwhile_where_most_does(space, friction, status):
     assert set(item._status[~rule.waiting]) <= {status}
 
 
+@pytest.mark.slow
 @pytest.mark.parallel(2)
 def test_sooner_at_the_same_force(shared_tmp, monkeypatch):
     """A ball on a block: the area in contact is found at once, and not halved towards."""

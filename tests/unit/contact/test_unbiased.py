@@ -48,6 +48,7 @@ def unbiased(space, name, radius=0.3, **said):
 # -- the patch test -----------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parallel
 @pytest.mark.parametrize("theta", THETAS)
 @pytest.mark.parametrize("order", [1, 2])

@@ -304,6 +304,7 @@ def test_a_group_of_no_cell_that_no_scene_names(shared_tmp):
 # -- the command -------------------------------
 
 
+@pytest.mark.slow
 def test_command(tmp_path):
     """Convert beside the mesh, run from it; what is wrong with the command line."""
     folder = tmp_path / "case"

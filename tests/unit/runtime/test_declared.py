@@ -201,6 +201,7 @@ VALUES = (0, 1, -1, 2, 0.4, 3.5, -2.5, 10**7, "", " ", "x", "nitsche", "a.py:b",
           [0, 1], [0, 0, 0], [0, 1, 2, 3], [[0, 1], [1, 2]], [[0, 1], [0]], ["a"], [""], {}, {"a": 1})  # fmt: skip
 
 
+@pytest.mark.slow
 def test_what_the_schema_refuses_the_program_refuses(validator, tmp_path):
     """Any value in the place of any other one; and of what the program refuses for one value, the schema sees most."""
     (tmp_path / "ball_on_block.msh").write_text("")

@@ -130,6 +130,7 @@ def test_a_facet_without_target_is_not_cut():
     assert not cut and len(found) == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parallel
 @pytest.mark.parametrize("unbiased", [False, True])
 @pytest.mark.parametrize(

@@ -401,6 +401,7 @@ pressure = 1e7
 """
 
 
+@pytest.mark.slow
 def test_what_the_user_reads(tmp_path):
     """check and run name the contact, the number, the remedy."""
     rings(tmp_path / "rings.msh", n=8)
