@@ -383,7 +383,7 @@ def test_a_step_that_does_not_converge(shared_tmp):
         lay_out(shared_tmp / "case", LATE)
     WORLD.Barrier()
     path = shared_tmp / "case" / "scene.toml"
-    with pytest.raises(pc.NotConverged, match=r"from time 0\.5 to 0\.625 did not converge") as caught:
+    with pytest.raises(pc.NotConverged, match=r"0\.5 to 0\.625") as caught:
         pc.run(path, options=WEAK)
     run = caught.value.run
     assert not run.converged and not run.stopped and run.report["converged"] is False
@@ -614,7 +614,7 @@ def test_scenes_from_dicts_and_changes(folder, monkeypatch):
     assert (changed.materials["soft"].yield_stress, changed.materials["soft"].hardening) == (0.2, 0.0)
     assert changed.contacts[0].friction == 0.1 and changed.contacts[0].source == "upper_bottom"
     assert changed.displacements[1].value == (0.0, -1.0)
-    with pytest.raises(pc.InputError, match="contacts: found 'pear', no such name, the nearest is 'pair'; allowed"):
+    with pytest.raises(pc.InputError, match="contacts: found 'pear'.*'pair'.*; allowed"):
         pc.read(folder / "scene.toml", contacts={"pear": {"friction": 0.1}})
     twice = [tables()["bodies"][0]] * 2
     (folder / "twice.toml").write_text(toml(tables(bodies=twice)))
@@ -622,7 +622,7 @@ def test_scenes_from_dicts_and_changes(folder, monkeypatch):
         pc.read(folder / "twice.toml", bodies={"lower": {"material": "soft"}})
     with pytest.raises(pc.InputError, match=r"^scene: materials.soft.E: found .*no key|^scene: materials.soft.E"):
         pc.from_dict(tables(materials={"soft": {"E": -1.0, "nu": 0.3}}), folder)
-    with pytest.raises(pc.InputError, match="^scene: contact: found an unknown key, the nearest known key is 'cont"):
+    with pytest.raises(pc.InputError, match="^scene: contact: .*'contacts'"):
         pc.from_dict({**tables(), "contact": []}, folder)
     with pytest.raises(pc.InputError, match="a dict with the tables"):
         pc.from_dict([1], folder)

@@ -487,9 +487,7 @@ def test_a_cut_back_undoes_everything():
 
 def test_a_step_that_never_converges():
     loop, problem, watch = stepper(0.0, smallest=0.2)
-    with pytest.raises(
-        StepFailure, match="from time 0 to 0.25 did not converge.*because.*1.000e-09.*4 iterations"
-    ):
+    with pytest.raises(StepFailure, match="0 to 0.25 .*1.000e-09.* 4 "):
         loop.run()
     assert watch.records == [] and watch.cuts == [0.5, 0.25]
     assert loop.u.value == 0.0

@@ -128,7 +128,7 @@ def test_what_may_change(shared_tmp, half):
     ramp = CASE.replace("amplitude = [[0, 0], [0.5, 1], [1, 0.5]]\n", "")
     run(lay(shared_tmp / "ramp", ramp.replace("count = 4", "count = 2\nend = 0.5")), WORLD, shared_tmp / "short")
     message = refused(lay(shared_tmp / "longer", ramp), shared_tmp / "short")
-    assert "amplitude: found a factor of 0.5 at time 0.5, or another one before; allowed: 1, as in" in message
+    assert re.search(r"amplitude: found .*0\.5 at time 0\.5.*; allowed: 1\b", message)
 
 
 @parallel
@@ -157,7 +157,7 @@ def test_other_meshes(shared_tmp, half):
         if name == "cells":
             refused(lay(shared_tmp / "anyway", mesh=mesh), half, **{ANYWAY: "true"})
     records, warnings = go_on(lay(shared_tmp / "go", mesh=meshes["points"]), half, **{ANYWAY: "true"})
-    assert len(records) == 2 and any("mesh.msh: points: nodes at other places" in line for line in warnings)
+    assert len(records) == 2 and any("mesh.msh: points" in line for line in warnings)
 
 
 @parallel

@@ -200,16 +200,16 @@ def test_exodus_of_other_kinds(tmp_path, monkeypatch):
     with h5py.File(path, "r+") as file:
         for k in (1, 2):
             file[f"connect{k}"].attrs["elem_type"] = "WEDGE"
-    with pytest.raises(InputError, match='unsupported type "WEDGE with 8 nodes"|has sides of elements of type WEDGE'):
+    with pytest.raises(InputError, match="WEDGE"):
         read_mesh(path)
     data = path.read_bytes()
     for cut in (len(data) // 2, 100):
         path.write_bytes(data[:cut])
-        with pytest.raises(InputError, match="cannot be read as .exo: OSError") as caught:
+        with pytest.raises(InputError, match=".exo.*OSError") as caught:
             read_mesh(path)
         check_line(caught.value, path)
     monkeypatch.setitem(sys.modules, "netCDF4", None)
     path.write_bytes(b"CDF\1" + 60 * b"\0")
-    with pytest.raises(InputError, match="classic format of netCDF, which needs the Python package") as caught:
+    with pytest.raises(InputError, match="netCDF") as caught:
         read_mesh(path)
     check_line(caught.value, path)

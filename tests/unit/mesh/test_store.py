@@ -1,5 +1,6 @@
 """Meshes as `pcontact convert` writes them, read by all ranks together."""
 
+import re
 from pathlib import Path
 
 import h5py
@@ -310,7 +311,7 @@ def test_command(tmp_path):
     folder = tmp_path / "case"
     lay_out(folder, Case([], scene=SCENE.replace("mesh.msh", "mesh.h5")))
     done = execute(folder, ["convert", "mesh.msh"])
-    assert done.returncode == 0 and "mesh.h5: 8 nodes, 2 cells (quadrilateral), degree 1" in done.stdout
+    assert done.returncode == 0 and re.search(r"mesh\.h5.* 8 nodes.* 2 cells.*quadrilateral.*degree 1", done.stdout)
     assert (folder / "mesh.h5").is_file() and not list(folder.glob("*.part"))
     done = execute(folder, ["check", "scene.toml"], 2)
     assert done.returncode == 0 and "contact pair: 1 source facets" in done.stdout

@@ -297,8 +297,7 @@ def test_a_known_rate_ends_the_run_without_a_cut(shared_tmp, capsys):
     assert not converged and not records and not cuts
     if WORLD.rank == 0:
         (line,) = capsys.readouterr().err.splitlines()
-        assert "contact floor: multipliers still change by" in line and "-contact_uzawa_accept" in line
-        assert "from time 0 to 0.25" in line and "a shorter load step does not change that" in line
+        assert "contact floor" in line and "-contact_uzawa_accept" in line and "0 to 0.25" in line
         needed = int(re.search(r"-contact_uzawa_max_it (\d+)", line)[1])
     else:
         needed = None
@@ -313,7 +312,7 @@ def test_one_cut_tells_where_the_rate_is_not_known(tmp_path, capsys):
     converged, records, cuts = end(slow(tmp_path, 2))
     assert not converged and not records and len(cuts) == 1
     text = capsys.readouterr().err
-    assert "from time 0 to 0.125" in text and "contact floor: multipliers still change by" in text
+    assert "0 to 0.125" in text and "contact floor" in text and "multipliers" in text
 
 
 def test_multipliers_of_no_effect_ask_for_another_gamma(tmp_path, capsys):

@@ -222,8 +222,8 @@ def test_described(tmp_path):
     path = two_blocks(tmp_path / "b.msh", 2, 1, 1, "triangle")
     contacts = [Contact(all=True, friction=0.2), Contact(all=True, obstacle=PLANE, name="floor")]
     active, left_out = describe(blocks(path, contacts), 2)
-    assert any("contact all: every body with every other one, Coulomb friction 0.2" in line for line in active)
-    assert any("contact floor: every body -> rigid plane" in line for line in active)
+    assert any("contact all" in line and "friction 0.2" in line for line in active)
+    assert any("contact floor" in line and "rigid plane" in line for line in active)
     assert "self contact" in left_out and not {"contact of all surfaces", "unbiased contact"} & set(left_out)
 
 
