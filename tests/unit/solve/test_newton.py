@@ -1,0 +1,92 @@
+"""Newton's method on problems of a few unknowns."""
+
+import numpy as np
+import pytest
+
+from tests.support.few_unknowns import FewUnknowns, solved
+
+
+def chain(n, stops=None, stiffness=1e3, loads=1.0):
+    """Springs in a row, held at one end, whose nodes are pushed against stops with gaps (n,) and a stiffness."""
+    matrix = 2.0 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1)
+    matrix[-1, -1] = 1.0
+    forces, gaps = np.full(n, loads), np.full(n, np.inf) if stops is None else np.asarray(stops)
+
+    def residual(u):
+        return matrix @ u - forces + stiffness * np.maximum(u - gaps, 0.0)
+
+    def tangent(u):
+        return matrix + stiffness * np.diag((u > gaps).astype(float))
+
+    def terms(u):
+        return np.abs(matrix) @ np.abs(u) + forces + stiffness * np.where(u > gaps, np.abs(u) + gaps, 0.0)
+
+    return FewUnknowns(n, residual, tangent, np.linalg.norm(forces), terms, linear=stops is None), residual
+
+
+def test_a_linear_problem_takes_one_iteration():
+    problem, residual = chain(6)
+    result, u = solved(problem, np.zeros(6))
+    assert result.converged and result.newton == 1
+    assert np.abs(residual(u)).max() < 1e-12
+
+
+@pytest.mark.parametrize("stiffness", [1.0, 1e3, 1e6])
+@pytest.mark.parametrize("seed", range(4))
+def test_stops(seed, stiffness):
+    """Pieces of a linear function: the last iteration is exact, whatever was closed on the way."""
+    gaps = np.random.default_rng(seed).uniform(0.0, 20.0, 12)
+    problem, residual = chain(12, gaps, stiffness)
+    result, u = solved(problem, np.zeros(12))
+    assert result.converged and 0 < (u > gaps).sum() < 12
+    np.testing.assert_allclose(u, np.where(u > gaps, gaps, u), atol=12.0 / stiffness)
+    assert np.linalg.norm(residual(u)) < 1e-14 * stiffness * np.linalg.norm(gaps) + 1e-11
+
+
+def test_the_line_search_holds_what_full_steps_throw_away():
+    """The arc tangent, whose Newton steps grow without bound from 1.4 on."""
+
+    def problem():
+        return FewUnknowns(1, np.arctan, lambda u: np.diag(1.0 / np.hypot(1.0, u) / np.hypot(1.0, u)))
+
+    result, u = solved(problem(), [20.0])
+    assert result.converged and abs(u[0]) < 1e-9
+    without, _ = solved(problem(), [20.0], newton_without="line_search,half_step")
+    assert not without.converged
+
+
+def test_a_residual_that_is_not_finite_ends_the_attempt():
+    """So says a material point that cannot be integrated; the load step is then cut."""
+    problem = FewUnknowns(1, lambda u: np.where(u < 0.5, u - 1.0, np.nan), lambda u: np.eye(1))
+    result, _ = solved(problem, [0.0])
+    assert not result.converged and result.newton <= 1
+
+
+def test_nothing_holds_it():
+    """A singular tangent: no success, and a word on what may be the cause."""
+    free = np.array([[1.0, -1.0], [-1.0, 1.0]])
+    result, _ = solved(FewUnknowns(2, lambda u: free @ u - 1.0, lambda u: free), np.zeros(2))
+    assert not result.converged and "holds" in result.detail
+
+
+def test_norms_that_come_back_end_it():
+    """Two states in turn, with a residual of one norm in both."""
+    problem = FewUnknowns(1, lambda u: np.where(u < 0.0, -1.0, 1.0), lambda u: np.eye(1) * 0.5)
+    result, _ = solved(problem, [-1.0], newton_without="line_search,half_step", snes_max_it=50)
+    assert not result.converged and result.newton < 20
+    problem = FewUnknowns(1, lambda u: np.where(u < 0.0, -1.0, 1.0), lambda u: np.eye(1) * 0.5)
+    result, _ = solved(problem, [-1.0], newton_without="line_search,half_step,cycles", snes_max_it=50)
+    assert not result.converged and result.newton == 50
+
+
+@pytest.mark.parametrize("unit", [1e-12, 1.0, 1e12])
+def test_units_do_not_matter(unit):
+    """Of force: as many iterations, and the same displacement."""
+    gaps = np.linspace(1.0, 15.0, 8)
+    problem, residual = chain(8, gaps)
+    first, u = solved(problem, np.zeros(8))
+    scaled = FewUnknowns(8, lambda x: unit * residual(x), lambda x: unit * problem._tangent(x), unit * problem._load,
+                         lambda x: unit * problem._terms(x))  # fmt: skip
+    second, v = solved(scaled, np.zeros(8))
+    assert first.newton == second.newton and second.converged
+    np.testing.assert_allclose(u, v, rtol=1e-12)
