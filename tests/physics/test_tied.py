@@ -10,17 +10,7 @@ from pcontact.contact.pair import contact_pair
 from pcontact.contact.surface.sides import source_surface, target_surface
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.petsc import MPI
-from pcontact.scene.model import (
-    Body,
-    Contact,
-    Displacement,
-    Load,
-    Material,
-    MeshSpec,
-    Output,
-    Scene,
-    Steps,
-)
+from pcontact.scene.model import Body, Contact, Displacement, Load, Material, MeshSpec, Output, Scene, Steps
 from pcontact.simulation import Simulation
 from tests.support.pairs import CONSTANTS, by_key, residual_of
 from tests.support.small import DIMENSION, SELF, blocks_file, dense_item, make_space, vector_of

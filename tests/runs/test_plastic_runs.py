@@ -7,17 +7,7 @@ import pytest
 
 from meshes.blocks import one_block
 from pcontact.runtime.petsc import MPI, PETSc
-from pcontact.scene.model import (
-    Body,
-    Contact,
-    Displacement,
-    Material,
-    MeshSpec,
-    Obstacle,
-    Output,
-    Scene,
-    Steps,
-)
+from pcontact.scene.model import Body, Contact, Displacement, Material, MeshSpec, Obstacle, Output, Scene, Steps
 from pcontact.simulation import Simulation
 from tests.support.kinematics import DIRECT, mesh
 from tests.support.restarts import STOP, Keep

@@ -5,18 +5,7 @@ import pytest
 
 from meshes import one_block
 from pcontact.runtime.petsc import MPI
-from pcontact.scene.model import (
-    Body,
-    Contact,
-    Displacement,
-    Load,
-    Material,
-    MeshSpec,
-    Obstacle,
-    Output,
-    Scene,
-    Steps,
-)
+from pcontact.scene.model import Body, Contact, Displacement, Load, Material, MeshSpec, Obstacle, Output, Scene, Steps
 from pcontact.simulation import Simulation
 from tests.support.small import blocks_file
 

@@ -6,22 +6,12 @@ import json
 import numpy as np
 import pytest
 
-from pcontact.runtime.errors import InputError, StepFailure
+from pcontact.runtime.errors import InputError
 from pcontact.runtime.petsc import MPI, PETSc
-from pcontact.scene.model import (
-    Contact,
-    Displacement,
-    Load,
-    Material,
-    Obstacle,
-    Output,
-    Steps,
-)
+from pcontact.scene.model import Contact, Displacement, Load, Material, Obstacle, Output, Steps
 from pcontact.simulation import Simulation
-from pcontact.solve.result import NewtonResult
-from pcontact.stepping.schedule import Schedule
-from pcontact.stepping.stepper import Stepper
 from tests.support.blocks import scene_of
+from tests.support.records import Log
 from tests.support.small import DIMENSION, blocks_file
 
 WORLD = MPI.COMM_WORLD
@@ -55,22 +45,6 @@ def run():
     yield start
     for simulation in made:
         simulation.close()
-
-
-class Log:
-    """Observer that keeps the records."""
-
-    def __init__(self):
-        self.records, self.cuts, self.verdict = [], [], None
-
-    def step(self, step, u, record):
-        self.records.append(record)
-
-    def cut(self, target, outcome):
-        self.cuts.append(target)
-
-    def end(self, converged):
-        self.verdict = converged
 
 
 # -- report and history ----------------------------------------
@@ -304,190 +278,3 @@ def test_wrong_input_in_python_is_refused_on_every_rank(mesh_file):
     # nothing of the scene is left for the next one
     assert PETSc.Options().getAll() == before
     assert WORLD.allreduce(1) == WORLD.size
-
-
-# -- the schedule alone ----------------------------------------
-
-
-def walk(schedule, works):
-    """Times that are reached, and tried, when `works(start, target)` gives the iterations or None."""
-    reached, tried = [], []
-    while not schedule.done:
-        target = schedule.next()
-        assert target > schedule.time
-        tried.append(target)
-        iterations = works(schedule.time, target)
-        if iterations is None:
-            if not schedule.cut(target):
-                break
-        else:
-            schedule.accept(target, iterations)
-            reached.append(target)
-        assert len(tried) < 1000
-    return reached, tried
-
-
-@pytest.mark.parametrize("count", [1, 2, 3, 7, 10, 49, 1000])
-@pytest.mark.parametrize("end", [1.0, 0.3, 1e-6, 7e5])
-def test_equal_steps(count, end):
-    if count == 1000:
-        count = 333
-    reached, _ = walk(Schedule(end, count, 0.0), lambda a, b: 3)
-    np.testing.assert_allclose(reached, end * np.arange(1, count + 1) / count, rtol=1e-12)
-    assert reached[-1] == end
-
-
-def test_stops_are_met_exactly():
-    reached, _ = walk(Schedule(1.0, 4, 1e-3, [0.1, 0.3, 1.0, 2.0, 0.0, -1.0]), lambda a, b: 3)
-    assert {0.1, 0.3, 1.0} <= set(reached)
-    assert np.diff([0, *reached]).max() <= 0.25 + 1e-12
-
-
-def test_a_stop_next_to_a_step_does_not_make_a_tiny_step():
-    reached, _ = walk(Schedule(1.0, 10, 0.0, [0.3, 0.7 + 1e-9]), lambda a, b: 3)
-    assert len(reached) == 10 and np.diff([0, *reached]).min() > 0.09
-
-
-def test_cut_back_and_growth():
-    """A step of more than 0.1 fails; then easy steps grow to the size that was asked for, not beyond."""
-    reached, tried = walk(Schedule(1.0, 2, 1e-3), lambda a, b: 3 if b - a <= 0.1 or a >= 0.3 else None)
-    sizes = np.diff([0, *reached])
-    assert reached[-1] == 1.0 and sizes.max() <= 0.5 + 1e-12
-    assert tried[:4] == [0.5, 0.25, 0.125, 0.0625] and reached[0] == 0.0625
-    assert sizes.max() > 0.2
-
-
-def test_hard_steps_do_not_grow():
-    hard = Schedule.EASY + 1
-    state = {"failed": False}
-
-    def works(start, target):
-        if not state["failed"]:
-            state["failed"] = True
-            return None
-        return hard
-
-    reached, _ = walk(Schedule(1.0, 2, 1e-3), works)
-    np.testing.assert_allclose(reached, [0.25, 0.5, 0.75, 1.0])
-
-
-def test_the_smallest_step_ends_the_run():
-    schedule = Schedule(1.0, 4, 0.05)
-    reached, tried = walk(schedule, lambda a, b: 2 if b <= 0.5 else None)
-    np.testing.assert_allclose(reached[:2], [0.25, 0.5])
-    assert not schedule.done and schedule.time < 0.51
-    # nothing shorter than the smallest step was tried
-    assert min(b - 0.5 for b in tried if b > 0.5) >= 0.05
-
-
-def test_a_short_step_to_a_stop_does_not_shrink_the_others():
-    """The remainder before a stop is short by itself; that is no reason to go on with short steps."""
-    reached, _ = walk(Schedule(1.0, 4, 1e-3, [0.26]), lambda a, b: 3)
-    sizes = np.diff([0, *reached])
-    np.testing.assert_allclose(sizes[:3], [0.25, 0.01, 0.25])
-
-
-# -- the stepper alone ----------------------------------------
-
-
-class Number:
-    """A "displacement" that can do what the stepper asks of a vector."""
-
-    def __init__(self, value=0.0):
-        self.value = value
-
-    def copy(self, other=None):
-        if other is None:
-            return Number(self.value)
-        other.value = self.value
-        return other
-
-
-class MadeUp:
-    """Problem, space and item at once, with a record of who called what."""
-
-    def __init__(self):
-        self.space, self.items, self.others, self.time, self.calls = self, [self], [], 0.0, []
-
-    def vector(self):
-        return Number()
-
-    def imposed(self, u, time):
-        return 0.0
-
-    def detect(self, u, time, motion, ahead):
-        self.calls.append(("detect", u.value, time))
-
-    def commit(self, u, time):
-        self.calls.append(("commit", u.value, time))
-
-    def prescribe(self, u, time):
-        u.value = time
-
-    def unbalanced(self, u):
-        return np.zeros((1, 1))
-
-
-class Solver:
-    """Converges if the step is short enough; spoils the state in any case."""
-
-    norms = (1.0, 0.0)
-
-    def __init__(self, problem, longest):
-        self.problem, self.longest, self.last = problem, longest, 0.0
-
-    def solve(self, u):
-        u.value += 100.0
-        good = self.problem.time - self.last <= self.longest
-        self.last = self.problem.time if good else self.last
-        return NewtonResult(good, 4, 9, "because", 1e-9, 1.0)
-
-
-def stepper(longest, smallest=1e-3, count=2):
-    problem, watch = MadeUp(), Log()
-    timing = {"search": 0.0, "solve": 0.0}
-    schedule = Schedule(1.0, count, smallest)
-
-    def recorder(step, u):
-        return step
-
-    return Stepper(problem, Solver(problem, longest), schedule, [watch], recorder, timing), problem, watch
-
-
-def test_stepper_detects_solves_and_commits():
-    loop, problem, watch = stepper(1.0)
-    loop.run()
-    assert problem.calls == [
-        ("detect", 0.0, 0.5),
-        ("commit", 100.5, 0.5),
-        ("detect", 100.5, 1.0),
-        ("commit", 101.0, 1.0),
-    ]
-    assert [(s.number, s.time, s.newton, s.krylov, s.cutbacks) for s in watch.records] == [
-        (1, 0.5, 4, 9, 0),
-        (2, 1.0, 4, 9, 0),
-    ]
-
-
-def test_a_cut_back_undoes_everything():
-    """The failed attempt leaves nothing behind: the next search is done on the committed state."""
-    loop, problem, watch = stepper(0.2)
-    loop.run()
-    assert watch.cuts[:2] == [0.5, 0.25]
-    assert [c for c in problem.calls if c[0] == "detect"][:3] == [
-        ("detect", 0.0, 0.5),
-        ("detect", 0.0, 0.25),
-        ("detect", 0.0, 0.125),
-    ]
-    assert [c[2] for c in problem.calls if c[0] == "commit"] == [s.time for s in watch.records]
-    assert watch.records[0].cutbacks == 2
-    assert sum(s.cutbacks for s in watch.records) == len(watch.cuts)
-    assert watch.records[-1].time == 1.0
-
-
-def test_a_step_that_never_converges():
-    loop, problem, watch = stepper(0.0, smallest=0.2)
-    with pytest.raises(StepFailure, match="0 to 0.25 .*1.000e-09.* 4 "):
-        loop.run()
-    assert watch.records == [] and watch.cuts == [0.5, 0.25]
-    assert loop.u.value == 0.0

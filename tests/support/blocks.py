@@ -1,6 +1,7 @@
 """Scenes of one and of two blocks."""
 
 from drivers._common import make_mesh
+from drivers.cases.patch import scene as patch_scene
 from meshes import one_block
 from pcontact.scene.model import Body, Contact, Displacement, Material, MeshSpec, Obstacle, Output, Scene
 from tests.support.small import DIMENSION
@@ -67,3 +68,13 @@ def made(folder, cell, n=3):
     """Path of the mesh of a unit box and its dimension. Collective."""
     d = DIMENSION[cell]
     return make_mesh(one_block, folder / "block.msh", d, n, cell), d
+
+
+def dragged(path, dim, order, **more):
+    """Blocks of unlike meshes and widths, whose bottom and top are held: pressed and dragged."""
+    case = patch_scene(path, dim, order, formulation="augmented_lagrangian", unbiased=True, **more)
+    case.displacements = case.displacements[:2]
+    case.displacements[0].value = [0.0] * dim
+    case.displacements[1].value = [0.05, *[0.0] * (dim - 2), -0.1]
+    case.materials["elastic"].nu, case.petsc = 0.3, {}
+    return case

@@ -8,19 +8,17 @@ import numpy as np
 import pytest
 
 from pcontact.assembly.bulk import ElasticBulk
-from pcontact.assembly.graph import find, multiply, node_graph
+from pcontact.assembly.graph import find, node_graph
 from pcontact.assembly.matrix import GlobalMatrix
-from pcontact.assembly.pattern import OwnedRows, positions, union
+from pcontact.assembly.pattern import OwnedRows
 from pcontact.contact.pair import contact_pair
 from pcontact.contact.surface.sides import source_surface, target_surface
 from pcontact.runtime.errors import InputError
-from pcontact.runtime.parallel import Exchanger, NodeExchange, agree, on_root, split_by_rank
 from pcontact.runtime.petsc import MPI, PETSc
 from pcontact.scene import amplitude
 from pcontact.scene.model import Contact, Displacement
 from pcontact.solve.problem import Problem
-from pcontact.space.modes import colour, floating, near_null_space, rigid_modes
-from pcontact.space.numbering import Numbering
+from pcontact.space.modes import floating, near_null_space, rigid_modes
 from pcontact.space.supports import Supports
 from tests.support.small import (
     DIMENSION,
@@ -28,7 +26,6 @@ from tests.support.small import (
     bend,
     block_file,
     blocks_file,
-    dense,
     keys,
     magnitude_of,
     make_space,
@@ -88,182 +85,6 @@ def contact_item(space, theta=0.0, radius=0.5, **more):
     contact = Contact("upper_bottom", "lower_top", theta=theta, search="closest_point", **more)
     source, target = source_surface(space, contact.source, CONSTANTS), target_surface(space, contact.target)
     return contact_pair(space, contact, source, target, radius)
-
-
-# -- patterns ----------------------------------------
-
-
-def test_node_graph_and_find():
-    rng = np.random.default_rng(0)
-    tables = [np.array([rng.permutation(12)[:4] for _ in range(5)]), np.array([rng.permutation(12)[:3]])]
-    rowptr, columns = node_graph(tables, 14)
-    expected = np.zeros((14, 14), dtype=bool)
-    for table in tables:
-        expected[table[:, :, None], table[:, None, :]] = True
-    found = np.zeros_like(expected)
-    found[np.repeat(np.arange(14), np.diff(rowptr)), columns] = True
-    np.testing.assert_array_equal(found, expected)
-    assert len(columns) == expected.sum()
-    for row in range(14):
-        part = columns[rowptr[row] : rowptr[row + 1]]
-        assert np.all(np.diff(part) > 0)
-        for value in range(14):
-            k = find(columns, rowptr[row], rowptr[row + 1], value)
-            assert (k >= 0) == expected[row, value] and (k < 0 or columns[k] == value)
-
-
-@pytest.mark.parametrize("tables", [[], [np.zeros((0, 4), dtype=np.int64)]])
-def test_node_graph_of_nothing(tables):
-    rowptr, columns = node_graph(tables, 3)
-    np.testing.assert_array_equal(rowptr, [0, 0, 0, 0])
-    assert len(columns) == 0
-    rowptr, columns = node_graph(tables, 0)
-    np.testing.assert_array_equal(rowptr, [0])
-
-
-def test_union_and_positions():
-    rng = np.random.default_rng(1)
-    masks = [rng.random((6, 9)) < 0.3, rng.random((6, 9)) < 0.2]
-    masks[0][2], masks[1][2] = False, False
-    patterns = [(np.concatenate([[0], np.cumsum(m.sum(axis=1))]), np.nonzero(m)[1]) for m in masks]
-    rowptr, columns = union(*patterns[0], *patterns[1])
-    either = masks[0] | masks[1]
-    np.testing.assert_array_equal(columns, np.nonzero(either)[1])
-    np.testing.assert_array_equal(np.diff(rowptr), either.sum(axis=1))
-    for ptr, cols in patterns:
-        at = positions(ptr, cols, rowptr, columns)
-        np.testing.assert_array_equal(columns[at], cols)
-        rows = np.repeat(np.arange(6), np.diff(ptr))
-        assert np.all((at >= rowptr[rows]) & (at < rowptr[rows + 1]))
-    # an entry that the larger pattern lacks
-    assert np.any(positions(rowptr, columns, *patterns[0]) == -1)
-
-
-@pytest.mark.parametrize("d", [2, 3])
-def test_multiply(d):
-    rng = np.random.default_rng(2)
-    rowptr, columns = node_graph([np.array([rng.permutation(7)[:4] for _ in range(3)])], 8)
-    values, x = rng.normal(size=(len(columns), d, d)), rng.normal(size=(8, d))
-    y = np.full((8, d), np.nan)
-    multiply(rowptr, columns, values, x, y)
-    np.testing.assert_allclose(y.ravel(), dense(rowptr, columns, values, 8) @ x.ravel(), atol=1e-13)
-
-
-# -- between ranks ----------------------------------------
-
-
-@parallel
-def test_exchanger_moves_what_is_sent():
-    """Every pattern of who talks to whom, empty messages and oneself included, many times over."""
-    exchange = Exchanger(WORLD)
-    me, size = WORLD.rank, WORLD.size
-    for turn in range(12):
-        partners = np.random.default_rng(turn).random((size, size)) < 0.5
-        counts = np.random.default_rng(100 + turn).integers(0, 4, (size, size))
-        sends = {
-            r: 1000 * turn + 100 * me + 10 * r + np.arange(2 * counts[me, r]).reshape(-1, 2)
-            for r in range(size)
-            if partners[me, r]
-        }
-        received = exchange(sends, np.int64, 2)
-        assert list(received) == [r for r in range(size) if partners[r, me]]
-        for r, array in received.items():
-            expected = 1000 * turn + 100 * r + 10 * me + np.arange(2 * counts[r, me]).reshape(-1, 2)
-            assert array.dtype == np.int64
-            np.testing.assert_array_equal(array, expected)
-
-
-@parallel
-def test_exchanger_does_not_mix_calls():
-    """A rank that is far ahead does not hand its next message to a call that is still on."""
-    exchange = Exchanger(WORLD)
-    for turn in range(50):
-        to = (WORLD.rank + turn) % WORLD.size
-        received = exchange({to: np.array([[turn + 0.5]])}, np.float64, 1)
-        assert [float(a[0, 0]) for a in received.values()] == [turn + 0.5]
-    messages = exchange.messages
-    assert messages == sum((WORLD.rank + t) % WORLD.size != WORLD.rank for t in range(50))
-    assert exchange.bytes == 8 * messages
-
-
-def test_split_by_rank():
-    ranks = np.array([2, 0, 2, 5, 0])
-    pieces, order = split_by_rank(ranks, np.arange(10).reshape(5, 2))
-    assert list(pieces) == [0, 2, 5]
-    np.testing.assert_array_equal(pieces[2], [[0, 1], [4, 5]])
-    np.testing.assert_array_equal(order, [1, 4, 0, 2, 3])
-    pieces, order = split_by_rank(np.zeros(0, dtype=np.int64), np.zeros((0, 3)))
-    assert pieces == {} and len(order) == 0
-
-
-@parallel
-def test_errors_are_raised_on_every_rank():
-    def fails(text):
-        raise InputError(text)
-
-    with pytest.raises(InputError, match="the file is bad"):
-        on_root(WORLD, fails, "the file is bad")
-    last = WORLD.size - 1
-    with pytest.raises(InputError, match=f"rank {last} says"):
-        agree(WORLD, f"rank {last} says no" if WORLD.rank == last else None)
-    agree(WORLD, None)
-    assert on_root(WORLD, lambda: 7) == (7 if WORLD.rank == 0 else None)
-
-
-@parallel
-def test_node_exchange_gathers_and_adds():
-    """Any nodes in any order, none on the last rank."""
-    n_owned, d = 3 + WORLD.rank, 2
-    total = WORLD.allreduce(n_owned)
-    start = WORLD.exscan(n_owned) or 0
-    vector = PETSc.Vec().create(comm=WORLD)
-    vector.setSizes((n_owned * d, total * d), bsize=d)
-    vector.setType("mpi" if WORLD.size > 1 else "seq")
-    own = np.arange(start, start + n_owned)
-    vector.setArray((10.0 * own[:, None] + np.arange(d)).ravel())
-    nodes = np.random.default_rng(WORLD.rank).permutation(total)[
-        : 0 if WORLD.rank == WORLD.size - 1 > 0 else 4
-    ]
-    plan = NodeExchange(vector, nodes, d)
-    got = plan.gather(vector)
-    np.testing.assert_array_equal(got, 10.0 * nodes[:, None] + np.arange(d))
-    got[:] = -1  # an array of its own
-    assert np.all(plan.gather(vector) >= 0)
-    asked = np.zeros(total)
-    asked[nodes] = 1.0
-    WORLD.Allreduce(MPI.IN_PLACE, asked, op=MPI.SUM)
-    before = vector.getArray().copy().reshape(-1, d)
-    plan.add(np.full((len(nodes), d), 0.25), vector)
-    np.testing.assert_allclose(
-        vector.getArray().reshape(-1, d) - before, 0.25 * asked[own][:, None] * np.ones(d)
-    )
-
-
-@parallel
-def test_numbering_is_agreed_contiguous_and_even():
-    """Keys that many ranks share, in any order; the last rank may have none."""
-    n_keys = 60
-    rng = np.random.default_rng(3 + WORLD.rank)
-    mine = np.zeros(0, dtype=np.int64) if WORLD.rank == 3 else rng.permutation(n_keys)[:40]
-    if WORLD.rank == 0:
-        mine = rng.permutation(n_keys)
-    numbering = Numbering(WORLD, Exchanger(WORLD), mine, n_keys)
-    assert numbering.n_total == n_keys
-    table = np.full(n_keys, -1)
-    table[mine] = numbering.numbers
-    for other in WORLD.allgather(table):
-        known = (other >= 0) & (table >= 0)
-        np.testing.assert_array_equal(other[known], table[known])
-    everything = np.max(WORLD.allgather(table), axis=0)
-    np.testing.assert_array_equal(np.sort(everything), np.arange(n_keys))
-    owner = numbering.owner(numbering.numbers)
-    assert np.sum(owner == WORLD.rank) == numbering.n_owned
-    own = numbering.numbers[owner == WORLD.rank]
-    # owned nodes keep the order in which they were given
-    np.testing.assert_array_equal(own, numbering.start + np.arange(numbering.n_owned))
-    if WORLD.size in (2, 3):
-        counts = np.diff(numbering.ranges)
-        assert counts.min() > 0.5 * n_keys / WORLD.size
 
 
 # -- rows that several ranks add to ----------------------------------------
@@ -449,28 +270,6 @@ def test_contact_is_the_same_on_any_ranks(both, theta):
 
 
 # -- near-null space, floating bodies ----------------------------------------
-
-
-def test_colours():
-    np.testing.assert_array_equal(colour(3, set()), [0, 0, 0])
-    edges = {(0, 1), (2, 1), (3, 3), (0, 2)}
-    colours = colour(4, edges)
-    assert all(colours[a] != colours[b] for a, b in edges if a != b)
-    assert colours.max() == 2 and colours[3] == 0
-    # a chain needs two, whatever its length
-    assert colour(20, {(k + 1, k) for k in range(19)}).max() == 1
-
-
-@pytest.mark.parametrize("d", [2, 3])
-def test_rigid_modes(d):
-    points = np.random.default_rng(0).normal(size=(9, d))
-    modes = rigid_modes(points, points.mean(axis=0), 2.0)
-    assert modes.shape == (3 if d == 2 else 6, 9, d)
-    assert np.linalg.matrix_rank(modes.reshape(len(modes), -1)) == len(modes)
-    # distances stay, to first order
-    difference = points[:, None] - points[None]
-    for mode in modes:
-        np.testing.assert_allclose(np.sum(difference * (mode[:, None] - mode[None]), axis=2), 0.0, atol=1e-13)
 
 
 @parallel

@@ -11,70 +11,15 @@ from drivers.cases.rings import NU, E, exact, ring_constants, ring_scene
 from meshes import rings
 from meshes.blocks import two_blocks
 from pcontact.assembly.error_norms import bulk_error
-from pcontact.element.reference import CELLS, reference_nodes
-from pcontact.estimate.bubbles import bubbles, supports
-from pcontact.estimate.local import energies
+from pcontact.element.reference import CELLS
 from pcontact.io.result import load_result
 from pcontact.material.elastic import lame
 from pcontact.runtime.petsc import MPI
 from pcontact.scene.model import Body, Contact, Displacement, Load, Material, MeshSpec, Output, Scene
 from pcontact.simulation import Simulation
-from tests.support.small import elasticity
 
 FREE = "free"
 EXACT = {"snes_rtol": "1e-10", "ksp_type": "preonly", "pc_type": "lu", "pc_factor_mat_solver_type": "mumps"}
-SOLIDS = ["triangle", "quadrilateral", "tetrahedron", "hexahedron"]
-
-
-@pytest.mark.parametrize("degree", [1, 2])
-@pytest.mark.parametrize("cell", SOLIDS)
-def test_bubbles(cell, degree):
-    """They vanish at the nodes, their gradients are those of their values, they are independent."""
-    dim = CELLS[cell].dim
-    assert np.abs(bubbles(cell, degree, reference_nodes(cell, degree))[0]).max() < 1e-14
-    xi = np.random.default_rng(1).uniform(0.05, 0.3, (60, dim))
-    values, gradients = bubbles(cell, degree, xi)
-    assert np.linalg.matrix_rank(values) == values.shape[1]
-    for axis in range(dim):
-        step = 1e-6 * np.eye(dim)[axis]
-        slope = (bubbles(cell, degree, xi + step)[0] - bubbles(cell, degree, xi - step)[0]) / 2e-6
-        assert np.abs(slope - gradients[:, :, axis]).max() < 1e-8
-    on = supports(cell, degree)
-    # one on the middle of an edge lives on the facets around the edge, and nowhere else
-    assert on.shape == (values.shape[1], len(CELLS[cell].facets))
-    assert on.any(axis=0).all() and not on.all(axis=1).any()
-
-
-@pytest.mark.parametrize("dim, hoop", [(2, False), (2, True), (3, False)])
-@pytest.mark.parametrize("shared", [0.0, 2.0])
-def test_local_problems(dim, hoop, shared):
-    """The kernel against dense matrices."""
-    rng = np.random.default_rng(2)
-    nc, nq, nb, parts, lam, mu = 2, 7, 3, 2, 1.7, 0.6
-    grad, jxw = rng.normal(size=(nc, nq, nb, dim)), rng.uniform(0.5, 1.0, (nc, nq))
-    ring = rng.normal(size=(nc, nq, nb)) if hoop else np.zeros((0, 0, 0))
-    loads = rng.normal(size=(nc, parts, nb, dim))
-    fixed = np.zeros((nc, nb, dim), dtype=bool)
-    fixed[1, 2, 0] = fixed[0, 0, 1] = True
-    out = np.empty((nc, parts + 1))
-    basis = rng.normal(size=(nc, nq, 2))
-    energies(grad, ring, jxw, lam, shared, mu, basis, loads, fixed, out)
-    c4 = elasticity(lam, mu, 3)
-    for c in range(nc):
-        full = np.zeros((nq, nb, dim, 3, 3))
-        for i in range(dim):
-            full[:, :, i, i, :dim] = grad[c]
-        if hoop:
-            full[:, :, 0, 2, 2] = ring[c]
-        matrix = np.einsum("q,qaimn,mnkl,qbjkl->aibj", jxw[c], full, c4, full).reshape(nb * dim, nb * dim)
-        for mode in basis[c].T:
-            mean = np.einsum("q,q,qaikk->ai", jxw[c], mode, full).ravel()
-            matrix += shared / jxw[c].sum() * np.outer(mean, mean)
-        free = ~fixed[c].ravel()
-        for k, b in enumerate([*loads[c], loads[c].sum(axis=0)]):
-            b = b.ravel()[free]
-            expected = b @ np.linalg.solve(matrix[np.ix_(free, free)], b)
-            assert out[c, k] == pytest.approx(expected, rel=1e-9)
 
 
 def pressed(path, order, material=None, **said):

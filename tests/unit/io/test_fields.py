@@ -1,9 +1,6 @@
 """The files a run leaves: fields, history, report, and the fields read back."""
 
 import base64
-import csv
-import json
-import math
 from xml.etree import ElementTree
 
 import meshio
@@ -13,8 +10,6 @@ from mpi4py import MPI
 
 from pcontact.io import vtu
 from pcontact.io.fields import Cloud, FieldWriter, Piece
-from pcontact.io.history import History, flatten
-from pcontact.io.report import Report
 from pcontact.io.result import load_result
 from pcontact.runtime.errors import InputError
 from pcontact.scene import read_scene
@@ -203,70 +198,6 @@ def test_reading_names_what_is_missing(tmp_path):
     (tmp_path / "fields" / "bodies_000001_0000.vtu").unlink()
     with pytest.raises(InputError, match="cannot be read"):
         load_result(tmp_path)
-
-
-def step_row(time, force=1.0):
-    return {
-        "time": time, "newton": np.int64(5), "krylov": 61, "cutbacks": 0,
-        "reactions": {"base": np.array([0.0, 0.0, force])},
-        "contacts": {"pair": {"force": [0.0, 0.0, -force], "area": np.float64(0.1), "open": 3}},
-        "probes": {"tip": {"mean": [0.0, 0.5]}}, "plastic": {"yielded_volume": float("nan")},
-    }  # fmt: skip
-
-
-def test_history_has_a_row_per_step_and_the_columns_of_the_first(tmp_path):
-    history = History(tmp_path / "history.csv")
-    history.append(step_row(0.1, force=1 / 3))
-    history.append({"time": 0.2, "new": 1.0})
-    with open(tmp_path / "history.csv", newline="") as stream:
-        rows = list(csv.DictReader(stream))
-    assert list(rows[0])[:5] == ["time", "newton", "krylov", "cutbacks", "reactions.base_x"]
-    assert float(rows[0]["contacts.pair.force_z"]) == -1 / 3 and rows[0]["newton"] == "5"
-    assert rows[0]["probes.tip.mean_y"] == "0.5"
-    assert rows[1]["time"] == "0.2" and rows[1]["newton"] == "" and "new" not in rows[1]
-
-
-def test_history_of_a_resumed_run_goes_on(tmp_path):
-    for time in (0.1, 0.2, 0.3):
-        history = History(tmp_path / "history.csv", resume_time=0.25)
-        history.append(step_row(time))
-    History(tmp_path / "history.csv", resume_time=0.2).append(step_row(0.22))
-    with open(tmp_path / "history.csv", newline="") as stream:
-        assert [float(row["time"]) for row in csv.DictReader(stream)] == [0.1, 0.2, 0.22]
-    History(tmp_path / "history.csv").append({"time": 5})
-    assert (tmp_path / "history.csv").read_text().split() == ["time", "5"]
-
-
-def test_flatten_names_say_where_a_number_comes_from():
-    assert flatten({"a": {"b": [1, 2]}, "c": range(0), "d": np.arange(4)}) == {
-        "a.b_x": 1, "a.b_y": 2, "c": range(0), "d_0": 0, "d_1": 1, "d_2": 2, "d_3": 3,
-    }  # fmt: skip
-
-
-def test_report_is_plain_json_after_every_step(tmp_path):
-    report = Report(tmp_path / "report.json")
-    report.data.update(title="Kugel auf Block: µ", ranks=np.int32(2))
-    report.add_step(step_row(0.1, force=math.inf))
-    data = json.loads((tmp_path / "report.json").read_text(encoding="utf-8"), parse_constant=pytest.fail)
-    assert data["title"] == "Kugel auf Block: µ" and data["ranks"] == 2 and data["converged"] is False
-    assert data["steps"][0]["reactions"]["base"] == [0.0, 0.0, None]
-    assert data["steps"][0]["plastic"]["yielded_volume"] is None
-    assert set(data) == {
-        "title",
-        "version",
-        "ranks",
-        "dofs",
-        "cells",
-        "converged",
-        "model",
-        "steps",
-        "timing",
-        "parallel",
-        "memory",
-    }
-    report.add_step(step_row(0.2))
-    assert [step["time"] for step in Report(report.path, resume_time=0.1).data["steps"]] == [0.1]
-    assert [path.name for path in tmp_path.iterdir()] == ["report.json"]
 
 
 TOUCHING = """\

@@ -1,6 +1,5 @@
 """The scene file and the scene objects: what is read, what is refused and in which words."""
 
-import dataclasses
 import re
 import tomllib
 
@@ -19,41 +18,12 @@ from pcontact.scene import (
     Output,
     Scene,
     Steps,
-    amplitude,
-    check_dimension,
-    check_regions,
     describe,
-    obstacle_functions,
     read_scene,
     resolve_contacts,
     validate,
 )
-from tests.support.scenes import FULL, LEVEL_SET, PLAIN, value_cases
-
-CELLS = {"block": np.arange(4), "ball": np.arange(4, 9), "lonely": np.arange(9, 10)}
-FACETS = {
-    name: (np.arange(3), np.full(3, local))
-    for local, name in enumerate(("ball_skin", "block_top", "block_bottom", "block_left", "block_right", "ball_top"))
-} | {"nobody": (np.arange(0), np.arange(0)), "skin_again": (np.arange(9), np.zeros(9, dtype=np.int64))}
-NODES = {"tip": np.array([7])}
-
-
-@pytest.fixture
-def write(tmp_path):
-    """Write a scene file beside an (unread) mesh file, and return its path."""
-    (tmp_path / "ball_on_block.msh").write_text("")
-
-    def _write(text):
-        path = tmp_path / "scene.toml"
-        path.write_bytes(text if isinstance(text, bytes) else text.encode())
-        return path
-
-    return _write
-
-
-@pytest.fixture
-def full(write):
-    return read_scene(write(FULL))
+from tests.support.scenes import FULL, PLAIN, value_cases
 
 
 def built(tmp_path, **keys):
@@ -349,93 +319,6 @@ def test_bad_scene_in_python(tmp_path, keys, parts):
     refused(lambda: validate(built(tmp_path, **keys)), "scene: ", *parts)
 
 
-# ---------------------------------------------------------------- level sets
-
-
-def test_level_set_from_file(write, tmp_path):
-    (tmp_path / "hill.py").write_text(
-        "import numpy as np\n"
-        "def phi(x, t):\n    return x[:, 1] - t\n"
-        "def slope(x, t):\n    return np.tile([0.0, 1.0], (len(x), 1))\n"
-    )
-    text = LEVEL_SET.replace('"%s"', '"hill.py:phi", gradient = "hill.py:slope"')
-    function, gradient = obstacle_functions(read_scene(write(text)), 0)
-    x = np.array([[1.0, 2.0], [3.0, 5.0]])
-    np.testing.assert_array_equal(function(x, 0.5), [1.5, 4.5])
-    np.testing.assert_array_equal(gradient(x, 0.5), [[0, 1], [0, 1]])
-
-
-def test_level_set_from_python(tmp_path):
-    scene = built(
-        tmp_path, contacts=[Contact("a", obstacle=Obstacle("level_set", function=lambda x, t: x[:, 0]))]
-    )
-    validate(scene)
-    function, gradient = obstacle_functions(scene, 0)
-    assert function.function is scene.contacts[0].obstacle.function and gradient is None
-    np.testing.assert_array_equal(function(np.array([[1.0, 2.0]]), 0.0), [1.0])
-
-
-@pytest.mark.parametrize(
-    ("reference", "found"),
-    [
-        ("hill", "a string 'hill'"),
-        ("hill.py", "a string"),
-        ("hill.py:1a", "a string"),
-        ("gone.py:phi", "no such file"),
-    ],
-)  # fmt: skip
-def test_level_set_reference(write, reference, found):
-    key = "contacts[0] (hill).obstacle.function"
-    refused(lambda: read_scene(write(LEVEL_SET % reference)), "scene.toml", key, found, "FILE.py:NAME")
-
-
-@pytest.mark.parametrize(
-    ("code", "found"),
-    [
-        ("phi = 3\n", "where phi is an integer 3"),
-        ("def psi(x, t): pass\n", "where phi is nothing"),
-        ("1 / 0\n", "the file stops with ZeroDivisionError"),
-        ("def phi(:\n", "the file stops with SyntaxError"),
-        ("import sys\nsys.exit(3)\n", "the file stops with SystemExit: 3"),
-    ],
-)  # fmt: skip
-def test_level_set_file(write, tmp_path, code, found):
-    (tmp_path / "hill.py").write_text(code)
-    scene = read_scene(write(LEVEL_SET % "hill.py:phi"))
-    refused(lambda: obstacle_functions(scene, 0), "scene.toml", "contacts[0] (hill).obstacle.function", found)
-
-
-@pytest.mark.parametrize(
-    ("body", "parts"),
-    [
-        ("raise KeyError('k')", ("KeyError: 'k' in line 3 of hill.py at time 0.5", "one distance per point")),
-        ("import sys; sys.exit(1)", ("SystemExit: 1 in line 3 of hill.py", "one distance per point")),
-        ("return x", ("an array of shape (2, 2)", "an array of shape (2,)")),
-        ("return 1.0", ("an array of shape ()", "an array of shape (2,)")),
-        ("return None", ("an array of shape ()", "an array of shape (2,)")),
-        ("return 'far'", ("ValueError: could not convert", "one distance per point")),
-        ("return np.sqrt(x[:, 1] - 3)", ("the value nan at the point (1, 2) at time 0.5", "finite numbers")),
-        ("x[:] = 0; return x[:, 0] / 0", ("the value nan", "finite numbers")),
-    ],
-)  # fmt: skip
-def test_level_set_that_misbehaves(write, tmp_path, body, parts):
-    (tmp_path / "hill.py").write_text(f"import numpy as np\ndef phi(x, t):\n    {body}\n")
-    function, _ = obstacle_functions(read_scene(write(LEVEL_SET % "hill.py:phi")), 0)
-    x = np.array([[1.0, 2.0], [3.0, 5.0]])
-    refused(lambda: function(x, 0.5), "contacts[0] (hill).obstacle.function: found 'hill.py:phi', ", *parts)
-    assert x[1, 1] == 5.0
-
-
-def test_gradient_that_misbehaves(tmp_path):
-    obstacle = Obstacle("level_set", function=lambda x, t: x[:, 0], gradient=lambda x, t: x[:, 0])
-    _, gradient = obstacle_functions(built(tmp_path, contacts=[Contact("a", obstacle=obstacle)]), 0)
-    key = "contacts[0] (a-level_set).obstacle.gradient: found '<lambda>'"
-    refused(lambda: gradient(np.ones((3, 2)), 0.0), key, "shape (3,)", "a gradient per point", "(3, 2)")
-    obstacle.gradient = lambda x, t: 0 * x
-    _, gradient = obstacle_functions(built(tmp_path, contacts=[Contact("a", obstacle=obstacle)]), 0)
-    refused(lambda: gradient(np.ones((3, 2)), 0.0), key, "zero at all 3 points", "free space")
-
-
 # ---------------------------------------------------------------- numerics: command line, scene, default
 
 
@@ -482,130 +365,3 @@ def test_unbiased_and_self_contact(write, old, new, left):
     assert left in left_out and not {"self contact", "unbiased contact"} <= set(left_out)
     said = "weight 1/2" if left == "self contact" else "ball_skin with itself"
     assert said in active[2]
-
-
-# ---------------------------------------------------------------- against the mesh
-
-
-def test_dimension(full):
-    check_dimension(full, 3)
-    refused(
-        lambda: check_dimension(full, 2), "contacts[1] (floor).obstacle.point: found 3 entries", "2 entries"
-    )
-
-
-@pytest.mark.parametrize(
-    ("more", "dim", "parts"),
-    [
-        ("[[displacements]]\nregion='a'\nvalue=[1, 2]", 3,
-         ("displacements[0] (a).value: found 2 entries", "3 entries")),
-        ("[[loads]]\nregion='a'\ntraction=[1, 2]", 3,
-         ("loads[0] (a).traction: found 2 entries", "3 entries")),
-        ("[[loads]]\nregion='a'\nbody_force=[1, 2, 3]", 2,
-         ("loads[0] (a).body_force: found 3", "the mesh is 2D")),
-        ("[[contacts]]\nsource='a'\nobstacle={shape='plane',point=[0,0],normal=[0,1],displacement=[0,0,1]}",
-         2, ("contacts[1] (a-plane).obstacle.displacement: found 3 entries", "2 entries")),
-        ("[[contacts]]\nsource='a'\nobstacle={shape='cylinder',point=[0,0],axis=[0,1],radius=1}", 2,
-         ('contacts[1] (a-cylinder).obstacle.shape: found "cylinder" with a 2D mesh', "(a circle)")),
-    ],
-)  # fmt: skip
-def test_dimension_refuses(write, more, dim, parts):
-    scene = read_scene(write(PLAIN + more))
-    check_dimension(dataclasses.replace(scene, displacements=[], loads=[], contacts=[]), dim)
-    refused(lambda: check_dimension(scene, dim), "scene.toml: ", *parts)
-
-
-@pytest.mark.parametrize("kinematics", ["plane_stress", "axisymmetric"])
-def test_kinematics_need_two_dimensions(write, kinematics):
-    scene = read_scene(write(changed(PLAIN, 'block.msh"', f'block.msh"\nkinematics = "{kinematics}"')))
-    check_dimension(scene, 2)
-    found = f'mesh.kinematics: found "{kinematics}" with a 3D mesh'
-    refused(lambda: check_dimension(scene, 3), found, "2D meshes only")
-
-
-def test_regions(full):
-    check_regions(full, CELLS, FACETS, NODES, "a.msh")
-    counts = {name: len(ids[0]) for name, ids in FACETS.items()}
-    check_regions(full, {name: len(ids) for name, ids in CELLS.items()}, counts, {"tip": 1}, "a.msh")
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "key", "found", "allowed"),
-    [
-        ('n = "ball"', 'n = "bal"', "bodies[1] (bal).region", "the nearest is 'ball'",
-         "cells of a.msh: ball, block"),
-        ('n = "ball"', 'n = "ball_top"', "bodies[1] (ball_top).region", "a group of facets",
-         "a group of cells"),
-        ('"ball_skin"', '"ball_skn"', "contacts[0] (ball-block).source", "the nearest is 'ball_skin'",
-         "block_top"),
-        ('"ball_skin"', '"ball"', "contacts[0] (ball-block).source", "'ball', a group of cells", "ball_skin"),
-        ('"ball_skin"', '"tip"', "contacts[0] (ball-block).source", "a group of edges or vertices",
-         "ball_skin"),
-        ('"block_top"\nfric', '"skin_again"\nfric', "contacts[0] (ball-block).target",
-         "'skin_again', which has 3 of the facets of 'ball_skin'", "shares no facet with 'ball_skin'"),
-        ('"ball_skin"', '"nobody"', "contacts[0] (ball-block).source", "an empty group", "ball_skin"),
-        ('"block_top"', '"nobody"', "contacts[0] (ball-block).target", "an empty group", "ball_skin"),
-        ('"block_top"\nfric', '"blocktop"\nfric', "contacts[0] (ball-block).target", "'block_top'",
-         "a group of facets"),
-        ('n = "ball_top"', 'n = "bell"', "displacements[0] (bell).region", "the nearest is 'ball'",
-         "a group of a.msh"),
-        ('"block_top"\npre', '"block"\npre', "loads[0] (block).region", "a group of cells",
-         "a group of facets"),
-        ('"block_left"\ntra', '"left"\ntra', "loads[1] (left).region", "'block_left'", "a group of facets"),
-        ('"ball"\nbody_f', '"ball_top"\nbody_f', "loads[2] (ball_top).region", "a group of facets",
-         "a group of cells"),
-        ('"tip"]', '"tap"]', "output.probes[1]", "the nearest is 'tip'", "ball_top"),
-    ],
-)  # fmt: skip
-def test_regions_refuses(write, old, new, key, found, allowed):
-    scene = read_scene(write(changed(FULL, old, new)))
-    message = refused(lambda: check_regions(scene, CELLS, FACETS, NODES, "a.msh"), "scene.toml: ")
-    _, _, rest = message.partition(": ")
-    assert rest.startswith(f"{key}: found ")
-    assert found in rest.partition("; allowed: ")[0] and allowed in rest.partition("; allowed: ")[2]
-
-
-def test_regions_of_a_mesh_without_groups(full):
-    refused(lambda: check_regions(full, {}, {}, {}, "a.msh"), "bodies[0] (block).region", "(there are none)")
-
-
-# ---------------------------------------------------------------- amplitude and description
-
-
-def test_amplitude_table():
-    table = amplitude(((0.0, 0.0), (1.0, 2.0), (3.0, -2.0)), end=10.0)
-    times = np.array([-1.0, 0.0, 0.5, 1.0, 2.0, 3.0, 9.0])
-    np.testing.assert_allclose(table.factor(times), [0, 0, 1, 2, 0, -2, -2], atol=1e-15)
-    assert table.factor(0.25) == 0.5
-    assert amplitude([[5, 3]], end=1.0).factor(0.0) == 3.0
-
-
-def test_default_ramp():
-    ramp = amplitude(None, end=4.0)
-    np.testing.assert_allclose(ramp.factor(np.array([0.0, 1.0, 4.0, 5.0])), [0, 0.25, 1, 1])
-
-
-def described(lines, *words):
-    """Whether one line has all the words."""
-    return sum(all(word in line for word in words) for line in lines) == 1
-
-
-def test_describe_full(full):
-    active, left_out = describe(full, 3)
-    assert described(active, "elasticity", "block, ball")
-    assert described(active, "plasticity", "block", "isotropic")
-    assert described(active, "pressure", "block_top") and described(active, "body force", "ball")
-    assert described(active, "ball_skin", "block_top", "Coulomb", "0.3", "nitsche", "theta 0", "gamma0 10")
-    assert described(active, "block_left", "moving", "sphere", "Tresca", "5")
-    assert left_out == [
-        "self contact", "contact of all surfaces", "tied surfaces", "unbiased contact", "finite strain", "inertia",
-    ]  # fmt: skip
-
-
-def test_describe_plain(write):
-    scene = read_scene(write(PLAIN))
-    active, left_out = describe(scene, 2)
-    assert "elasticity" in active[0] and "block" in active[0] and active[1] == "plane strain"
-    assert "frictionless" in active[2] and "gamma0" in active[2] and len(active) == 3
-    assert {"friction", "plasticity", "rigid obstacles"} <= set(left_out)
-    assert describe(dataclasses.replace(scene, contacts=[]))[1][0] == "contact"

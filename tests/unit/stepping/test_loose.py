@@ -16,18 +16,7 @@ from pcontact.io.history import flatten
 from pcontact.runtime import log
 from pcontact.runtime.parallel import on_root
 from pcontact.runtime.petsc import MPI, PETSc
-from pcontact.scene.model import (
-    Body,
-    Contact,
-    Displacement,
-    Load,
-    Material,
-    MeshSpec,
-    Obstacle,
-    Output,
-    Scene,
-    Steps,
-)
+from pcontact.scene.model import Body, Contact, Displacement, Load, Material, MeshSpec, Obstacle, Output, Scene, Steps
 from pcontact.simulation import Simulation
 from pcontact.solve.least_distance import least_squares_of_positive, nearest_point
 from pcontact.space.modes import RigidBodies

@@ -1,24 +1,19 @@
 """Where partners are looked for: where a load step is expected to end."""
 
+
 import numpy as np
 import pytest
 
 from meshes import one_block
+from pcontact.runtime.errors import StepFailure
 from pcontact.runtime.petsc import MPI
 from pcontact.scene.amplitude import drive
-from pcontact.scene.model import (
-    Body,
-    Contact,
-    Displacement,
-    Load,
-    Material,
-    MeshSpec,
-    Obstacle,
-    Output,
-    Scene,
-    Steps,
-)
+from pcontact.scene.model import Body, Contact, Displacement, Load, Material, MeshSpec, Obstacle, Output, Scene, Steps
 from pcontact.simulation import Simulation
+from pcontact.solve.result import NewtonResult
+from pcontact.stepping.schedule import Schedule
+from pcontact.stepping.stepper import Stepper
+from tests.support.records import Log
 
 WORLD = MPI.COMM_WORLD
 WAY = 0.02
@@ -115,3 +110,106 @@ def test_what_drives_a_scene(block):
     factors = drive(case)
     np.testing.assert_allclose(factors(1.0), [0.5, 0.25, 0.5, 0.25])
     np.testing.assert_allclose(factors(3.0), [0.5, 0.75, 1.5, 0.75])
+
+
+class Number:
+    """A "displacement" that can do what the stepper asks of a vector."""
+
+    def __init__(self, value=0.0):
+        self.value = value
+
+    def copy(self, other=None):
+        if other is None:
+            return Number(self.value)
+        other.value = self.value
+        return other
+
+
+class MadeUp:
+    """Problem, space and item at once, with a record of who called what."""
+
+    def __init__(self):
+        self.space, self.items, self.others, self.time, self.calls = self, [self], [], 0.0, []
+
+    def vector(self):
+        return Number()
+
+    def imposed(self, u, time):
+        return 0.0
+
+    def detect(self, u, time, motion, ahead):
+        self.calls.append(("detect", u.value, time))
+
+    def commit(self, u, time):
+        self.calls.append(("commit", u.value, time))
+
+    def prescribe(self, u, time):
+        u.value = time
+
+    def unbalanced(self, u):
+        return np.zeros((1, 1))
+
+
+class Solver:
+    """Converges if the step is short enough; spoils the state in any case."""
+
+    norms = (1.0, 0.0)
+
+    def __init__(self, problem, longest):
+        self.problem, self.longest, self.last = problem, longest, 0.0
+
+    def solve(self, u):
+        u.value += 100.0
+        good = self.problem.time - self.last <= self.longest
+        self.last = self.problem.time if good else self.last
+        return NewtonResult(good, 4, 9, "because", 1e-9, 1.0)
+
+
+def stepper(longest, smallest=1e-3, count=2):
+    problem, watch = MadeUp(), Log()
+    timing = {"search": 0.0, "solve": 0.0}
+    schedule = Schedule(1.0, count, smallest)
+
+    def recorder(step, u):
+        return step
+
+    return Stepper(problem, Solver(problem, longest), schedule, [watch], recorder, timing), problem, watch
+
+
+def test_stepper_detects_solves_and_commits():
+    loop, problem, watch = stepper(1.0)
+    loop.run()
+    assert problem.calls == [
+        ("detect", 0.0, 0.5),
+        ("commit", 100.5, 0.5),
+        ("detect", 100.5, 1.0),
+        ("commit", 101.0, 1.0),
+    ]
+    assert [(s.number, s.time, s.newton, s.krylov, s.cutbacks) for s in watch.records] == [
+        (1, 0.5, 4, 9, 0),
+        (2, 1.0, 4, 9, 0),
+    ]
+
+
+def test_a_cut_back_undoes_everything():
+    """The failed attempt leaves nothing behind: the next search is done on the committed state."""
+    loop, problem, watch = stepper(0.2)
+    loop.run()
+    assert watch.cuts[:2] == [0.5, 0.25]
+    assert [c for c in problem.calls if c[0] == "detect"][:3] == [
+        ("detect", 0.0, 0.5),
+        ("detect", 0.0, 0.25),
+        ("detect", 0.0, 0.125),
+    ]
+    assert [c[2] for c in problem.calls if c[0] == "commit"] == [s.time for s in watch.records]
+    assert watch.records[0].cutbacks == 2
+    assert sum(s.cutbacks for s in watch.records) == len(watch.cuts)
+    assert watch.records[-1].time == 1.0
+
+
+def test_a_step_that_never_converges():
+    loop, problem, watch = stepper(0.0, smallest=0.2)
+    with pytest.raises(StepFailure, match="0 to 0.25 .*1.000e-09.* 4 "):
+        loop.run()
+    assert watch.records == [] and watch.cuts == [0.5, 0.25]
+    assert loop.u.value == 0.0

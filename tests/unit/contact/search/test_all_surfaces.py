@@ -14,13 +14,7 @@ from pcontact.pairs import OUTER
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.petsc import MPI
 from pcontact.scene import describe, validate
-from pcontact.scene.model import (
-    Body,
-    Contact,
-    Displacement,
-    Load,
-    Obstacle,
-)
+from pcontact.scene.model import Body, Contact, Displacement, Load, Obstacle
 from pcontact.simulation import Simulation
 from pcontact.solve.preconditioners.deflation import rigid_motions
 from pcontact.space.modes import near_pairs

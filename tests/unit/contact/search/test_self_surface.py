@@ -14,9 +14,7 @@ from pcontact.mesh.components import components
 from pcontact.mesh.distribute import distribute
 from pcontact.mesh.reader import read_mesh
 from pcontact.runtime.petsc import MPI
-from pcontact.scene.model import (
-    Contact,
-)
+from pcontact.scene.model import Contact
 from pcontact.simulation import Simulation
 from pcontact.space.space import Space
 from tests.support.pairs import CONSTANTS, by_key, residual_of
