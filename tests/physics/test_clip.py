@@ -31,7 +31,6 @@ def mesh(shared_tmp):
     return make_mesh(clip_mesh, shared_tmp / "clip.msh", 2, 0.2, 2, "quadrilateral")
 
 
-@pytest.mark.parallel(3)
 def test_snaps_in(mesh):
     """Through the snap; the forces balance, and nothing is left of them."""
     observer = history(mesh)
