@@ -58,21 +58,22 @@ def phases(item, array, name):
     return np.column_stack([state["status"], kind, np.sign(state["pressure"]).astype(int)])
 
 
-def farthest(kind, u, directions):
+def farthest(kinds, u, directions):
     """The largest h = 2^-k, and a direction v, for which no point changes on the way to u + h v.
 
     Parameters
     ----------
-    kind : callable
-        What must not change, as an array, of a displacement (n_owned, d).
+    kinds : list of callable
+        What must not change, as an array, of a displacement (n_owned, d); the cheapest first.
     u : ndarray (n_owned, d)
     directions : list of ndarray (n_owned, d)
     """
-    before = kind(u)
+    before = [kind(u) for kind in kinds]
     for h in 0.5 ** np.arange(16):
         for v in directions:
             # as far as halves can tell
-            if all(np.array_equal(kind(u + part * h * v), before) for part in (1.0, 0.5, 0.25)):
+            way = [u + part * h * v for part in (1.0, 0.5, 0.25)]
+            if all(np.array_equal(kind(x), was) for kind, was in zip(kinds, before, strict=True) for x in way):
                 return h, v
     raise AssertionError("points change as soon as anything moves")
 
@@ -84,7 +85,7 @@ def taylor(item, u, name):
     """
     space = item.space
     directions = [motion(space, 0.01, 0.01, 0.01, seed, 0.01) for seed in range(5, 11)]
-    h, v = farthest(lambda moved: phases(item, moved, name), u, directions)
+    h, v = farthest([lambda moved: phases(item, moved, name)], u, directions)
     slope = dense_item(item, vector_of(space, u)) @ v.ravel()
     start = residual_of(item, u)
     scale = max(np.abs(start).max(), np.abs(h * slope).max(), 1e-300)

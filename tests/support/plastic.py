@@ -159,11 +159,7 @@ def flowing(bulk, u):
 
 def taylor(bulk, item, u, name, directions):
     """|R(u + h v) - R(u) - h K v| over |h K v| for h and its halves; of some v that which goes farthest unchanged."""
-
-    def kind(u):
-        return np.concatenate([phases(item, u, name).ravel(), flowing(bulk, u)])
-
-    h, v = farthest(kind, u, directions)
+    h, v = farthest([lambda moved: phases(item, moved, name), lambda moved: flowing(bulk, moved)], u, directions)
     slope, start = dense_item(item, vector_of(item.space, u)) @ v.ravel(), residual_of(item, u)
     scale, errors = max(np.abs(h * slope).max(), 1e-3 * np.abs(start).max(), 1e-300), []
     for part in h * 0.5 ** np.arange(6, 10):
