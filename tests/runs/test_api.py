@@ -165,6 +165,7 @@ def test_report_and_history_are_those_of_the_files(on_ranks, ranks):
     np.testing.assert_allclose(np.array(list(found["history"].values())).T, table, **exact)
 
 
+@pytest.mark.slow
 def test_fields_are_those_of_the_files(on_ranks):
     """On one rank to the last digit."""
     folder, found = on_ranks(1)
@@ -190,6 +191,7 @@ def _file_order(folder):
     return pc.run(folder / "case" / "scene.toml", comm=SELF).fields().cell_numbers
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ranks", [2, 3])
 def test_gathered_fields_do_not_depend_on_the_ranks(on_ranks, ranks):
     """Nodes, cells and quadrature points have the places that they have on one rank."""
