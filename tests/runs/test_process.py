@@ -68,6 +68,7 @@ def test_a_log_that_does_not_know_all_letters(tmp_path):
     assert (tmp_path / "log").read_text() == "W\\xfcrfel\npcontact: error: Tr\\xe4ger\n"
 
 
+@pytest.mark.slow
 def test_a_run_that_nobody_reads(tmp_path):
     """It goes on and keeps its results, with what PETSc prints, too."""
     lay_out(tmp_path / "case", Case([]))
@@ -104,6 +105,7 @@ def test_standard_streams_that_are_closed(tmp_path):
 LETTERS = SCENE.replace("two squares", "zwei Würfel").replace("upper_top", "kräfte").replace('"pair"', '"Paar ä"')
 
 
+@pytest.mark.slow
 def test_a_locale_without_letters(tmp_path):
     """Names in the scene may have all letters."""
     folder = tmp_path / "case"

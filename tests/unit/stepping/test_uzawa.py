@@ -113,6 +113,7 @@ def test_flat_surfaces(tmp_path, cell, order, friction):
     np.testing.assert_allclose(other, -one, rtol=0.0, atol=0.03 * np.linalg.norm(one))
 
 
+@pytest.mark.slow
 def test_a_disk_on_a_block(tmp_path):
     """Curved cells of degree 2: with multipliers of each surface alone load steps were cut back, in vain."""
     path = disk_on_block(tmp_path / "d.msh", h=0.08, order=2)
@@ -131,6 +132,7 @@ def test_a_disk_on_a_block(tmp_path):
     assert peaks[0] == pytest.approx(peaks[1], rel=0.1)
 
 
+@pytest.mark.slow
 def test_the_pressure_of_both_surfaces_is_hertz(tmp_path):
     """As near as with a source and a target: the two surfaces do not drift apart (error of 47 %)."""
     mesh, found = generate(compare.CASE, tmp_path / "c.msh", compare.CASE.half_width / 5, 1), []
