@@ -109,7 +109,7 @@ class Simulation:
         symmetric = all(item.symmetric for item in self.problem.items)
         modes = near_null_space(self.problem.space, colours)
         self.accuracy.propose(self.options, self.problem.linear)
-        self.newton = Newton(self.problem, self.options, symmetric, modes, self.timing, bool(self.floating))
+        self.newton = Newton(self.problem, self.options, symmetric, modes, self.timing, motions)
         self.settle = uzawa(self.problem.contacts, self.newton, self.options)
         self.renew = search_update(self.problem, self.newton, self.options)
         meets = motions and not self.problem.linear

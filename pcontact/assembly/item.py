@@ -194,7 +194,7 @@ class Item:
         """
         return 0.0
 
-    def clearance(self, u, fields):
+    def clearance(self, u, fields, beyond=False):
         """How far points are from contact, and what motions of whole bodies would change. *Collective.*
 
         Parameters
@@ -202,6 +202,8 @@ class Item:
         u : PETSc.Vec
         fields : list of PETSc.Vec
             Displacements of m motions of every body at once.
+        beyond : bool
+            Whether distances count from where the law bears nothing any more.
 
         Returns
         -------
@@ -218,6 +220,12 @@ class Item:
     def force_magnitudes(self, u):
         """Sums (n_components,) of the magnitudes of the contact forces at the points of this rank on every connected
         component [force]. *Collective.*
+        """
+        return np.zeros(self.space.mesh.n_components)
+
+    def bonds(self):
+        """What adhesion at the points of this rank may exert on every connected component without pressure
+        (n_components,) [force]. *Collective.*
         """
         return np.zeros(self.space.mesh.n_components)
 

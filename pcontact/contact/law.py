@@ -60,8 +60,13 @@ class Frictionless:
         Whether the bound is that of the pressure, so that open points bear nothing.
     symmetric : bool
         Whether the tangent of theta = 1 is symmetric.
+    reach : float
+        Tension tau_n from which points bear nothing [stress]; 0 also where there is no such tension.
+    bond : float
+        The bound where the normal traction is zero, if tension ends it [stress].
     """
 
+    bond = reach = 0.0
     tangential = can_slip = tied = False
     follows_pressure = symmetric = True
 
@@ -119,6 +124,8 @@ class RowLaw(FrictionLaw):
         self.row = np.asarray(row, dtype=float)
         self.follows_pressure = bool(self.row[1] != 0.0)
         self.symmetric = not self.follows_pressure
+        if self.follows_pressure:
+            self.bond, self.reach = float(min(self.row[0], self.row[2])), float(self.row[0] / self.row[1])
 
     def bounded(self, view, normal, tau, traction, slope, status):
         """See :meth:`FrictionLaw.bounded`."""

@@ -152,13 +152,13 @@ def relative_motion(pair, u, since):
     return pair.space.comm.allreduce(float(np.max(parts, initial=0.0)), op=MPI.MAX)
 
 
-def clearance(pair, u, fields):
+def clearance(pair, u, fields, beyond):
     """How far points are from contact, and what motions of whole bodies would change, see
     :meth:`pcontact.assembly.item.Item.clearance`. *Collective.*"""
     p, source = pair.pairing, pair.source
     own, other = components_of(pair.space, p, source)
     some = np.flatnonzero(p.paired & (own != other))
-    distance = pair.pressed(u) / pair.gamma_points
+    distance = (pair.pressed(u) - (pair.law.reach if beyond else 0.0)) / pair.gamma_points
     rows = np.empty((len(some), 2, len(fields)))
     for k, field in enumerate(fields):
         values = p.exchange.gather(field)

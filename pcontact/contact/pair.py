@@ -367,6 +367,10 @@ class ContactPair(Item):
         """Closed area (n_components,) at the end of the last load step, of this rank. *Collective.*"""
         return borne(self.space, self.pairing, self.source, self.closed.astype(float))
 
+    def bonds(self):
+        """Forces (n_components,) that adhesion may exert without pressure, of this rank. *Collective.*"""
+        return borne(self.space, self.pairing, self.source, np.where(self.pairing.paired, self.law.bond, 0.0))
+
     def area_changed_by_supports(self, before, u):
         """Area of the points of this rank that ``u``, in which only supports have moved, opens or closes. *Collective.*
 
@@ -435,9 +439,9 @@ class ContactPair(Item):
         """See :func:`pcontact.contact.motion.relative_motion`. *Collective.*"""
         return motion.relative_motion(self, u, since)
 
-    def clearance(self, u, fields):
+    def clearance(self, u, fields, beyond=False):
         """See :func:`pcontact.contact.motion.clearance`. *Collective.*"""
-        return motion.clearance(self, u, fields)
+        return motion.clearance(self, u, fields, beyond)
 
     # -- what remains of a load step ------------------------------------------------------------------------------
 

@@ -16,6 +16,7 @@ from pcontact.runtime.petsc import (
     keep_preconditioner,
     newton_reasons,
 )
+from pcontact.solve.balance import Balance
 from pcontact.solve.diagnosis import diagnose
 from pcontact.solve.line_search import FARTHEST, zero_of
 from pcontact.solve.linear import Reuse, check_tolerances, newton_defaults, refresh_smoother, solver_defaults
@@ -56,8 +57,9 @@ class Newton:
     near_null_space : PETSc.NullSpace
     timing : dict of str to float
         ``assembly`` and ``linear`` seconds are added, and by searches in its iterations ``search``.
-    loose : bool
-        Whether supports leave a body free: what holds it changes with every iteration, and so must the preconditioner.
+    motions : dict of int to ndarray, optional
+        What supports leave free, see :func:`pcontact.space.modes.free_motions`: what holds such bodies changes with
+        every iteration, and so must the preconditioner.
 
     Attributes
     ----------
@@ -72,8 +74,9 @@ class Newton:
         Whether the load step may be made shorter where a solution is in doubt; whoever makes load steps says so.
     """
 
-    def __init__(self, problem, options, symmetric, near_null_space, timing, loose=False):
+    def __init__(self, problem, options, symmetric, near_null_space, timing, motions=None):
         self.problem, self.timing = problem, timing
+        self._balance = Balance(problem, motions) if motions and not problem.linear else None
         self._options = options
         plastic = problem.yields
         self._without = frozenset(options.get("newton_without") or ())
@@ -103,7 +106,7 @@ class Newton:
         # Python hears signals only where it runs; a Krylov iteration is long beside the microsecond that this takes
         self.snes.getKSP().setMonitor(_hear)
         patience = options.get("pc_patience")
-        self._reuse = None if lags or direct or loose or patience < 0 else Reuse(patience)
+        self._reuse = None if lags or direct or motions or patience < 0 else Reuse(patience)
         self._filter = deflation(problem, options) or contact_preconditioner(problem, options)
         self.solver = self._solver(symmetric, len(near_null_space.getVecs()))
         self._floor, self._least, self._goal, self._first = 0.0, 0.0, None, None
@@ -243,6 +246,18 @@ class Newton:
         rtol, atol, _, _ = snes.getTolerances()
         if iteration > 0 and norm > 0.5 * self._norms[-2]:
             self._floor = 8.0 * self.problem.roundoff(snes.getSolution())
+        reason = self._ends(snes, iteration, norm, rtol, atol)
+        if reason != reasons.ITERATING:
+            rests = self._goal or self._balance is None or self._balance.rests(snes.getSolution(), self._f)
+            return reason if rests else reasons.ITERATING
+        circles = (self._circles and cycles(self._norms)) or repeats(self._norms)
+        if circles and "cycles" not in self._without:
+            return reasons.DIVERGED_LOCAL_MIN
+        return reasons.ITERATING
+
+    def _ends(self, snes, iteration, norm, rtol, atol):
+        """Why an iteration ends with this norm of the residual, or that it does not. *Collective.*"""
+        reasons = PETSc.SNES.ConvergedReason
         if norm <= atol or (norm <= max(self._floor, self._least) and self._balanced(snes.getSolution(), norm)):
             return reasons.CONVERGED_FNORM_ABS
         if (iteration > 0 or self._near) and norm <= (self._goal or rtol) * self._first:
@@ -251,9 +266,6 @@ class Newton:
             stuck = iteration > 0 and norm <= NEARLY * self._floor and norm > 0.5 * self._norms[-2]
             if stuck and self._balanced(snes.getSolution(), norm):
                 return reasons.CONVERGED_FNORM_ABS
-        circles = (self._circles and cycles(self._norms)) or repeats(self._norms)
-        if circles and "cycles" not in self._without:
-            return reasons.DIVERGED_LOCAL_MIN
         return reasons.ITERATING
 
     def left(self, u):
@@ -414,6 +426,8 @@ class Newton:
         start, before = clock.perf_counter(), self._apart
         self._predicting = beginning and self.problem.predicts and "prediction" not in self._without
         self._begins = beginning
+        if beginning and self._balance is not None:
+            self._balance.begin()
         self._norms, self._solved, self._was_full = [], [0], False
         try:
             self.snes.solve(None, u)

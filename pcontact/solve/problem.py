@@ -237,6 +237,10 @@ class Problem:
         """Norm of the rounding errors that the residual at ``u`` may carry [force]. *Collective.*"""
         return np.finfo(float).eps * self._norm(self._magnitude(u))
 
+    def roundoff_of(self, u):
+        """The same for the forces on every component (n_components,) [force]. *Collective.*"""
+        return np.finfo(float).eps * self.space.norms(self._magnitude(u))
+
     def rounding_of_sum(self, u):
         """Rounding errors that the sum of all forces at ``u`` may carry [force]. *Collective.*"""
         return np.finfo(float).eps * float(np.linalg.norm(self.space.comm.allreduce(self._magnitude(u).sum(axis=0))))
@@ -277,6 +281,10 @@ class Problem:
     def borne(self, u):
         """Sums of the magnitudes of the contact forces on every component (n_components,) [force]. *Collective.*"""
         return self.space.comm.allreduce(sum(item.force_magnitudes(u) for item in self.others), op=MPI.SUM)
+
+    def bonds(self):
+        """Forces (n_components,) that adhesion may exert on every component without pressure [force]. *Collective.*"""
+        return self.space.comm.allreduce(sum(item.bonds() for item in self.others), op=MPI.SUM)
 
     def touched(self):
         """Area of every component (n_components,) that was closed at the end of the last load step. *Collective.*"""

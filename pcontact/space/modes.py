@@ -251,6 +251,10 @@ class RigidBodies:
         """Amounts (n_bodies, n_modes) of the motions nearest to a displacement (n_owned, d). *Collective.*"""
         return self._sums(np.einsum("n,ind,nd->ni", self._weight, self.fields, values))
 
+    def sums_along(self, forces):
+        """Sums (n_bodies, n_modes) of forces (n_owned, d) along the motions. *Collective.*"""
+        return self._sums(np.einsum("ind,nd->ni", self.fields, forces))
+
     def field(self, amounts):
         """Displacement (n_owned, d) of amounts of the motions."""
         return np.einsum("ni,ind->nd", amounts[self._place], self.fields)

@@ -113,6 +113,12 @@ class Space:
         own = np.max(np.linalg.norm(values, axis=1), initial=0.0)
         return self.comm.allreduce(float(own), op=MPI.MAX)
 
+    def norms(self, values):
+        """Norms (n_components,) of vectors (n_owned, d) of all owned nodes of every component. *Collective.*"""
+        component = self.component[self.owned_local]
+        own = np.bincount(component, np.sum(values**2, axis=1), minlength=self.mesh.n_components)
+        return np.sqrt(self.comm.allreduce(own, op=MPI.SUM))
+
     def exchange(self, nodes):
         """Plan for the values of any global nodes. *Collective.*"""
         return NodeExchange(self._template, nodes, self.dim)

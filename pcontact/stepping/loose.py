@@ -18,6 +18,9 @@ from pcontact.space.modes import RigidBodies, component_frames
 
 # part of the external forces on a body: contact that bears less of them bears none
 NOTHING = 1e-6
+# so many times the sum of the magnitudes of a body's residual may be that of its contact forces: pressures that balance
+# each other, and rounding errors of strains
+MORE = 100.0
 # distance that is left where a free body touches, in sizes of the body: more than rounding errors
 CLEAR = 1e-12
 # points in a round, of each rank, that a body must not overlap with, those that do most; and rounds
@@ -50,18 +53,29 @@ class LooseBodies:
         self._unknowns = space.dim * space.comm.allreduce(own, op=MPI.SUM)
         self._clear = CLEAR * float(np.max(component_frames(space)[1]))
 
-    def free(self, u):
-        """Loose bodies on which no contact acts: no more than the solver leaves open. *Collective.*
+    def open(self, u):
+        """Contact forces (n_components,) that count as none at a solution: what its residual leaves open [force].
+        *Collective.*
+        """
+        problem, space = self.problem, self.problem.space
+        applied, residual = problem.applied(), space.vector()
+        problem.residual(u, residual)
+        forces = residual.getArray(readonly=True).reshape(-1, space.dim)
+        # a norm of the residual is this much in the sum of its magnitudes; that of all bodies says nothing of one that
+        # bears less than the others leave open
+        least = MORE * np.sqrt(self._unknowns) * np.maximum(space.norms(forces), 8.0 * problem.roundoff_of(u))
+        residual.destroy()
+        return np.where(applied > 0.0, np.minimum(least, NOTHING * applied), least)
+
+    def free(self, u, least):
+        """Loose bodies on which no contact acts, or less than `least` (n_components,) [force]. *Collective.*
 
         Returns
         -------
         list of int
             Connected components.
         """
-        contact, applied = self.problem.borne(u), self.problem.applied()
-        # a norm of the residual is this much in the sum of its magnitudes
-        least = np.sqrt(self._unknowns) * self.newton.left(u)
-        least = np.where(applied > 0.0, np.minimum(least, NOTHING * applied), least)
+        contact = self.problem.borne(u)
         return np.flatnonzero(self._loose & (contact <= least)).tolist()
 
     def __call__(self, u, before, result):
@@ -80,9 +94,19 @@ class LooseBodies:
         NewtonResult
             With ``free``: the bodies on which no contact acts.
         """
-        free = self.free(u)
-        if free and not self._place(u, before, free):
-            log.info("free bodies have no place that they do not share with others: they stay where Newton left them")
+        least = self.open(u)
+        free = self.free(u, least)
+        if free:
+            found, chosen = u.copy(), np.isin(np.arange(len(least)), free)
+            placed = self._place(u, before, free)
+            # a place without overlap is no solution where an adhesion acts before bodies touch
+            bonds = NOTHING * self.problem.bonds()
+            if placed and np.any((bonds > 0.0) & (self.problem.borne(u) > np.maximum(least, bonds)), where=chosen):
+                found.copy(u)
+                placed = self._place(u, before, free, True)
+            found.destroy()
+            if not placed:
+                log.info("free bodies have no place that they do not share with others: they stay where Newton left them")
         return replace(result, free=free)
 
     def begin(self, u):
@@ -98,15 +122,16 @@ class LooseBodies:
         """
         free = self._loose & (self.problem.touched() == 0.0) & (self.problem.applied() == 0.0)
         if free.any():
-            self._place(u, u, np.flatnonzero(free).tolist())
+            self._place(u, u, np.flatnonzero(free).tolist(), True)
 
-    def _place(self, u, before, free):
-        """Move free bodies to the place nearest to where they were; whether they have one. *Collective.*"""
+    def _place(self, u, before, free, beyond=False):
+        """Move free bodies to the place nearest to where they were, on demand beyond the reach of adhesion; whether they
+        have one. *Collective.*"""
         space = self.problem.space
         bodies = RigidBodies(space, self.problem.aid, {k: self.motions[k] for k in free})
         change = (u.getArray(readonly=True) - before.getArray(readonly=True)).reshape(-1, space.dim)
         back = -bodies.amounts(change)
-        points = Points(self.problem, u, bodies)
+        points = Points(self.problem, u, bodies, beyond)
         away = points.apart(back, self._clear)
         # where nothing has been moved apart yet, what overlaps says nothing of what may
         least = self._clear if before is u else max(points.overlap(0.0 * back), self._clear)
@@ -126,14 +151,16 @@ class Points:
         Where distances are measured.
     bodies : pcontact.space.modes.RigidBodies
         The free ones.
+    beyond : bool
+        Distances count from where the law bears nothing any more, not from where points touch.
     """
 
-    def __init__(self, problem, u, bodies):
+    def __init__(self, problem, u, bodies, beyond=False):
         space = problem.space
         self._comm, fields = space.comm, [space.vector() for _ in bodies.fields]
         for field, values in zip(fields, bodies.fields, strict=True):
             field.setArray(values.ravel())
-        parts = [item.clearance(u, fields) for item in problem.others]
+        parts = [item.clearance(u, fields, beyond) for item in problem.others]
         distance, numbers, rows = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
         # the last place is that of what does not move
         place = np.full(space.mesh.n_components + 1, -1, dtype=np.int64)

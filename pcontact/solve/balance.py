@@ -1,0 +1,58 @@
+"""Whether the forces on each loose body balance along the motions that supports leave it.
+
+The norm of the residual is that of all bodies. One that hardly anything holds, beside others that are pressed hard, may
+bear less than the others leave open: its own forces are what says whether it has come to rest.
+"""
+
+import numpy as np
+
+from pcontact.runtime.petsc import MPI
+from pcontact.space.modes import RigidBodies
+
+# part of the forces on a loose body that may be left along its free motions
+LEFT = 1e-6
+# iterations in a row that leave more than this part of it, after which it counts as all that there is
+LESS, PATIENCE = 0.1, 2
+
+
+class Balance:
+    """Forces along the free motions of loose bodies.
+
+    Parameters
+    ----------
+    problem : pcontact.solve.problem.Problem
+    motions : dict of int to ndarray
+        Rigid motions of the bodies, see :func:`pcontact.space.modes.free_motions`.
+
+    Notes
+    -----
+    The constructor is *Collective*.
+    """
+
+    def __init__(self, problem, motions):
+        self._problem, space = problem, problem.space
+        self._bodies = RigidBodies(space, np.ones(space.n_owned), motions)
+        own = np.bincount(space.component[space.owned_local], minlength=space.mesh.n_components)
+        self._nodes = space.comm.allreduce(own, op=MPI.SUM)[self._bodies.bodies]
+        self.begin()
+
+    def begin(self):
+        """Forget the iterations of the last solve."""
+        self._least, self._vain = np.inf, 0
+
+    def rests(self, u, f):
+        """Whether the residual ``f`` at ``u`` leaves hardly a part of the forces on each body along its free motions, or
+        iterations do not make it less any more. *Collective.*
+
+        Rounding errors of a body's own forces are nothing.
+        """
+        problem, bodies = self._problem, self._bodies
+        left = np.linalg.norm(bodies.sums_along(f.getArray(readonly=True).reshape(-1, problem.space.dim)), axis=1)
+        forces = (problem.borne(u) + problem.applied())[bodies.bodies] / np.sqrt(self._nodes)
+        moves = left > np.maximum(LEFT * forces, problem.roundoff_of(u)[bodies.bodies])
+        if not moves.any():
+            return True
+        rest = float(np.linalg.norm(left[moves]))
+        self._vain = 0 if rest <= LESS * self._least else self._vain + 1
+        self._least = min(self._least, rest)
+        return self._vain >= PATIENCE
