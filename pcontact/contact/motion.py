@@ -16,18 +16,26 @@ FAR, NEARLY = 30.0, 0.99
 DEEPER = 0.1
 
 
-def step_limit(pair, u, y):
+def step_limit(pair, u, y, falls=None):
     """Part of the Newton step ``-y`` to take so that the pair makes sense after it. *Collective.*
 
     While no point is closed, a body that nothing holds goes until its nearest point has just closed (a tenth of a facet
     deep), be that less or more than the step, in which what it is given to lean on is of no size; afterwards its points
     may move by a search radius, beyond which their partners mean nothing. Where open points bear a tangential traction,
-    as by Tresca's law, a body may hang on that: its step has a size, and is not prolonged.
+    as by Tresca's law, a body may hang on that: its step has a size, and is not prolonged. A body may fall in spite of
+    it: where the traction has hardly a part along the way. A pair that such a body moves away from has no say.
+
+    Parameters
+    ----------
+    pair : pcontact.contact.pair.ContactPair
+    u, y : PETSc.Vec
+    falls : ndarray (n_components,) of bool, optional
+        Bodies that nothing but the stabilisation holds back in the step.
 
     Returns
     -------
-    float
-        At most 1 once a point bears a traction.
+    float or None
+        At most 1 once a point bears a traction; None for no say.
     """
     p, source, comm = pair.pairing, pair.source, pair.space.comm
     traction, gap = pair.terms.normal_state(p, p.exchange.gather(u), p.acts)
@@ -35,7 +43,11 @@ def step_limit(pair, u, y):
     approach = moved - p.gap0
     part = pair.radius / max(float(np.max(np.abs(approach), initial=0.0)), 1e-300)
     closed = p.paired & (traction + pair.gamma_points * gap <= 0.0)
-    bears = comm.allreduce(bool(np.any(pair.forces(u)[1] > OPEN)), op=MPI.LOR)
+    bearing, falling = pair.forces(u)[1] > OPEN, np.zeros(len(gap), dtype=bool)
+    if falls is not None and falls.any():
+        # the last place is that of an obstacle
+        falling = np.append(falls, False)[np.column_stack(components_of(pair.space, p, source))].any(axis=1)
+    bears = comm.allreduce(bool(np.any(bearing & ~falling)), op=MPI.LOR)
     if not comm.allreduce(bool(closed.any()), op=MPI.LOR):
         coming = p.paired & (approach > 0.0)
         depth, gap, approach = 0.1 * source.size[source.facet[coming]], gap[coming], approach[coming]
@@ -49,6 +61,8 @@ def step_limit(pair, u, y):
             # what the load has bent is prolonged, too: to be put right before anything touches
             touch *= 1.0 if touch < FAR else NEARLY
         part = comm.allreduce(part, op=MPI.MIN)
+        if touch == np.inf and part > 1.0 and comm.allreduce(bool(np.all(falling[p.paired])), op=MPI.LAND):
+            return None
         return min(touch, part) if touch < np.inf else min(1.0, part)
     return min(1.0, comm.allreduce(part, op=MPI.MIN))
 

@@ -427,9 +427,9 @@ class ContactPair(Item):
 
     # -- how far the points go ------------------------------------------------------------------------------------
 
-    def step_limit(self, u, y):
+    def step_limit(self, u, y, falls=None):
         """See :func:`pcontact.contact.motion.step_limit`. *Collective.*"""
-        return motion.step_limit(self, u, y) if self.floats and not self.law.tied else None
+        return motion.step_limit(self, u, y, falls) if self.floats and not self.law.tied else None
 
     def normal_motion(self, u, before):
         """See :func:`pcontact.contact.motion.normal_motion`. *Collective.*"""

@@ -188,7 +188,10 @@ class Newton:
         array = y.getArray().reshape(self.problem.fixed.shape)
         array[self.problem.fixed] = 0.0
         y.assemble()
-        part = 1.0 if "step_limit" in self._without else self.problem.step_limit(x, y)
+        part = 1.0
+        if "step_limit" not in self._without:
+            falls = None if self._balance is None else self._balance.falls(y, self._f)
+            part = self.problem.step_limit(x, y, falls)
         if part != 1.0:
             y.scale(part)
         if self._stretches:

@@ -214,11 +214,11 @@ class Problem:
         d = self.space.dim
         return self._joined.sum(values) if values else np.zeros((0, d, d))
 
-    def step_limit(self, u, y):
+    def step_limit(self, u, y, falls=None):
         """Part of the Newton step ``-y`` that all items admit; more than 1 where loose bodies touch nothing yet.
-        *Collective.*
+        *Collective.* `falls` (n_components,) of bool says which bodies nothing but the stabilisation holds back in it.
         """
-        parts = [item.step_limit(u, y) for item in self.others]
+        parts = [item.step_limit(u, y, falls) for item in self.others]
         # nothing holds a loose body before it touches something: it goes there whatever its load is
         return min([part for part in parts if part is not None], default=1.0)
 
