@@ -48,11 +48,12 @@ def step_limit(pair, u, y, falls=None):
         # the last place is that of an obstacle
         falling = np.append(falls, False)[np.column_stack(components_of(pair.space, p, source))].any(axis=1)
     bears = comm.allreduce(bool(np.any(bearing & ~falling)), op=MPI.LOR)
+    sized = bears or (falls is not None and not comm.allreduce(bool(falling.any()), op=MPI.LOR))
     if not comm.allreduce(bool(closed.any()), op=MPI.LOR):
         coming = p.paired & (approach > 0.0)
         depth, gap, approach = 0.1 * source.size[source.facet[coming]], gap[coming], approach[coming]
         touch = comm.allreduce(float(np.min((gap + depth) / approach, initial=np.inf)), op=MPI.MIN)
-        if bears:
+        if sized:
             touch = min(touch, 1.0)
         if 1.0 < touch < np.inf:
             # the less the load, and the step, the less deep: else what has just closed springs back

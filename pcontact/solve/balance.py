@@ -12,8 +12,8 @@ from pcontact.space.modes import RigidBodies
 # part of the forces on a loose body that may be left along its free motions
 LEFT = 1e-6
 # iterations in a row that leave more than this part of it, after which it counts as all that there is
-LESS, PATIENCE = 0.1, 2
-# part of the forces along its free motions that something else than the stabilisation bears where a body falls
+LESS, PATIENCE = 0.5, 3
+# part of the forces along its free motions that something else than the stabilisation may bear where a body falls
 HELD = 0.5
 
 
@@ -59,16 +59,17 @@ class Balance:
         self._least = min(self._least, rest)
         return self._vain >= PATIENCE
 
-    def falls(self, y, f):
-        """Components (n_components,) that nothing but the stabilisation holds back in the Newton step ``-y`` from where
-        the residual is ``f``. *Collective.*
+    def falls(self, u, y, f):
+        """Components (n_components,) that nothing but the stabilisation holds back in the Newton step ``-y`` from ``u``,
+        where the residual is ``f``. *Collective.*
 
-        What the tangent says of such a body is where it goes, not how far.
+        What the tangent says of such a body is where it goes, not how far. Rounding errors make none fall.
         """
         problem, bodies = self._problem, self._bodies
         y, f = (vector.getArray(readonly=True).reshape(-1, problem.space.dim) for vector in (y, f))
         force, held = bodies.sums_along(f), bodies.sums_along(problem.aid[:, None] * y)
         rest, force = np.linalg.norm(force - held, axis=1), np.linalg.norm(force, axis=1)
         falls = np.zeros(problem.space.mesh.n_components, dtype=bool)
-        falls[bodies.bodies] = (force > 0.0) & (rest <= HELD * force)
+        rounded = 8.0 * problem.roundoff_of(u)[bodies.bodies]
+        falls[bodies.bodies] = (force > rounded) & (rest <= HELD * force)
         return falls

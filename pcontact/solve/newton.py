@@ -190,7 +190,7 @@ class Newton:
         y.assemble()
         part = 1.0
         if "step_limit" not in self._without:
-            falls = None if self._balance is None else self._balance.falls(y, self._f)
+            falls = None if self._balance is None else self._balance.falls(x, y, self._f)
             part = self.problem.step_limit(x, y, falls)
         if part != 1.0:
             y.scale(part)
