@@ -36,11 +36,19 @@ class Balance:
         self._bodies = RigidBodies(space, np.ones(space.n_owned), motions)
         own = np.bincount(space.component[space.owned_local], minlength=space.mesh.n_components)
         self._nodes = space.comm.allreduce(own, op=MPI.SUM)[self._bodies.bodies]
-        self.begin()
+        self._rounded, self._least, self._vain = 0.0, np.inf, 0
 
-    def begin(self):
-        """Forget the iterations of the last solve."""
-        self._least, self._vain = np.inf, 0
+    def begin(self, u):
+        """Forget the iterations of the last solve. *Collective.*
+
+        Bodies that spring back keep the rounding errors of the forces that held them in ``u``.
+        """
+        self._rounded, self._least, self._vain = 0.0, np.inf, 0
+        self._rounded = self._rounding(u)
+
+    def _rounding(self, u):
+        """Rounding errors of the forces on the bodies at ``u``, or at the beginning [force]. *Collective.*"""
+        return np.maximum(8.0 * self._problem.roundoff_of(u)[self._bodies.bodies], self._rounded)
 
     def rests(self, u, f):
         """Whether the residual ``f`` at ``u`` leaves hardly a part of the forces on each body along its free motions, or
@@ -51,7 +59,7 @@ class Balance:
         problem, bodies = self._problem, self._bodies
         left = np.linalg.norm(bodies.sums_along(f.getArray(readonly=True).reshape(-1, problem.space.dim)), axis=1)
         forces = (problem.borne(u) + problem.applied())[bodies.bodies] / np.sqrt(self._nodes)
-        moves = left > np.maximum(LEFT * forces, problem.roundoff_of(u)[bodies.bodies])
+        moves = left > np.maximum(LEFT * forces, self._rounding(u))
         if not moves.any():
             return True
         rest = float(np.linalg.norm(left[moves]))
@@ -70,6 +78,5 @@ class Balance:
         force, held = bodies.sums_along(f), bodies.sums_along(problem.aid[:, None] * y)
         rest, force = np.linalg.norm(force - held, axis=1), np.linalg.norm(force, axis=1)
         falls = np.zeros(problem.space.mesh.n_components, dtype=bool)
-        rounded = 8.0 * problem.roundoff_of(u)[bodies.bodies]
-        falls[bodies.bodies] = (force > rounded) & (rest <= HELD * force)
+        falls[bodies.bodies] = (force > self._rounding(u)) & (rest <= HELD * force)
         return falls

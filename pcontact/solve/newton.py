@@ -430,7 +430,7 @@ class Newton:
         self._predicting = beginning and self.problem.predicts and "prediction" not in self._without
         self._begins = beginning
         if beginning and self._balance is not None:
-            self._balance.begin()
+            self._balance.begin(u)
         self._norms, self._solved, self._was_full = [], [0], False
         try:
             self.snes.solve(None, u)
