@@ -113,7 +113,7 @@ class Simulation:
         self.settle = uzawa(self.problem.contacts, self.newton, self.options)
         self.renew = search_update(self.problem, self.newton, self.options)
         meets = motions and not self.problem.linear
-        self.rest = LooseBodies(self.problem, self.newton, motions) if meets else None
+        self.rest = LooseBodies(self.problem, motions) if meets else None
 
     def run(self, directory=None, observers=(), keep=False, said="command line: -o"):
         """All load steps. *Collective.*

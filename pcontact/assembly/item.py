@@ -155,8 +155,10 @@ class Item:
     # -- what Newton's method asks of contact ----------------------------------------------------------------------
 
     def step_limit(self, u, y, falls=None):
-        """Part of the Newton step ``-y`` from ``u`` to take; None for no say. `falls` (n_components,) of bool says which
-        bodies nothing holds back. *Collective.*"""
+        """Part of the Newton step ``-y`` from ``u`` to take; None for no say. *Collective.*
+
+        `falls` (n_components,) of bool says which bodies nothing but the stabilisation holds back; None: not known.
+        """
         return None
 
     def defer(self, before, u, rule):

@@ -51,8 +51,8 @@ class Balance:
         return np.maximum(8.0 * self._problem.roundoff_of(u)[self._bodies.bodies], self._rounded)
 
     def rests(self, u, f):
-        """Whether the residual ``f`` at ``u`` leaves hardly a part of the forces on each body along its free motions, or
-        iterations do not make it less any more. *Collective.*
+        """Whether the residual ``f`` at ``u`` leaves hardly a part of the forces on each body along its free motions,
+        or iterations do not make it less any more. *Collective.*
 
         Rounding errors of a body's own forces are nothing.
         """
@@ -68,8 +68,8 @@ class Balance:
         return self._vain >= PATIENCE
 
     def falls(self, u, y, f):
-        """Components (n_components,) that nothing but the stabilisation holds back in the Newton step ``-y`` from ``u``,
-        where the residual is ``f``. *Collective.*
+        """Components (n_components,) that nothing but the stabilisation holds back in the Newton step ``-y`` from
+        ``u``, where the residual is ``f``. *Collective.*
 
         What the tangent says of such a body is where it goes, not how far. Rounding errors make none fall.
         """

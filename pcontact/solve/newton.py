@@ -271,13 +271,6 @@ class Newton:
                 return reasons.CONVERGED_FNORM_ABS
         return reasons.ITERATING
 
-    def left(self, u):
-        """Largest norm of the residual with which a load step may have ended in ``u`` [force]. *Collective.*"""
-        rtol, atol, _, _ = self.snes.getTolerances()
-        rounded = 8.0 * self.problem.roundoff(u)
-        forces = max(rtol, SMALL) * max(self.problem.acting(u), ROUNDED * self._first)
-        return max(atol, self._least, rounded, min(rtol * self._first, max(forces, NEARLY * rounded)))
-
     def _balanced(self, u, norm):
         """Whether a residual that rounding errors hide is small against the forces: those of a body that flows without
         bound exceed any load, those of a gap times a huge gamma any stress. Bodies that nothing loads may move without

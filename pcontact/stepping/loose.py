@@ -35,7 +35,6 @@ class LooseBodies:
     Parameters
     ----------
     problem : pcontact.solve.problem.Problem
-    newton : pcontact.solve.newton.Newton
     motions : dict of int to ndarray
         Their rigid motions, see :func:`pcontact.space.modes.free_motions`.
 
@@ -44,8 +43,8 @@ class LooseBodies:
     The constructor is *Collective*.
     """
 
-    def __init__(self, problem, newton, motions):
-        self.problem, self.newton, self.motions = problem, newton, motions
+    def __init__(self, problem, motions):
+        self.problem, self.motions = problem, motions
         self._loose = np.zeros(problem.space.mesh.n_components, dtype=bool)
         self._loose[list(motions)] = True
         space = problem.space
@@ -106,7 +105,8 @@ class LooseBodies:
                 placed = self._place(u, before, free, True)
             found.destroy()
             if not placed:
-                log.info("free bodies have no place that they do not share with others: they stay where Newton left them")
+                text = "free bodies have no place that they do not share with others: they stay where Newton left them"
+                log.info(text)
         return replace(result, free=free)
 
     def begin(self, u):
@@ -125,8 +125,8 @@ class LooseBodies:
             self._place(u, u, np.flatnonzero(free).tolist(), True)
 
     def _place(self, u, before, free, beyond=False):
-        """Move free bodies to the place nearest to where they were, on demand beyond the reach of adhesion; whether they
-        have one. *Collective.*"""
+        """Move free bodies to the place nearest to where they were, on demand beyond the reach of adhesion; whether
+        they have one. *Collective.*"""
         space = self.problem.space
         bodies = RigidBodies(space, self.problem.aid, {k: self.motions[k] for k in free})
         change = (u.getArray(readonly=True) - before.getArray(readonly=True)).reshape(-1, space.dim)

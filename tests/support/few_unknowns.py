@@ -63,7 +63,7 @@ class FewUnknowns:
     def closed_area(self):
         return 1.0
 
-    def step_limit(self, u, y):
+    def step_limit(self, u, y, falls=None):
         return 1.0
 
     def roundoff(self, u):

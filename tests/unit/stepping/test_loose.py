@@ -131,6 +131,64 @@ def test_free_blocks_push_each_other_out_of_the_floor(shared_tmp):
     np.testing.assert_allclose(places(solved(scene(pc_type="lu"))), found, atol=SAME)
 
 
+def adhesion_scene(path, contacts, petsc, E=1.0, squeeze=0.0):
+    """A soft block that may move up and down, with adhesion; far above it a block that bears forces of its own."""
+    return Scene(
+        mesh=MeshSpec(path),
+        materials={"soft": Material(1.0, 0.2), "hard": Material(E, 0.2)},
+        bodies=[Body("lower", "soft"), Body("upper", "hard")],
+        contacts=contacts,
+        displacements=[
+            Displacement("upper_bottom", [0.0, 0.0]),
+            Displacement("upper_top", [0.0, -squeeze], amplitude=[(0, 0), (1, 1)]),
+            Displacement("lower_left", [0.0, "free"]),
+        ],
+        steps=Steps(1.0, 2), output=Output(fields=False, probes=["lower"]), petsc=petsc,
+    )  # fmt: skip
+
+
+@pytest.mark.parallel
+def test_a_body_comes_to_rest_by_its_own_forces(shared_tmp):
+    """A round floor with adhesion lifts a soft block beside a stiff one that is squeezed: what its residual may be is a
+    million times what adhesion can bear. The slope of the floor has the block slip out of the reach of adhesion."""
+    path = shared_tmp / "b.msh"
+    on_root(WORLD, lambda: two_blocks(path, 2, 3, 3, gap=0.5))
+    lifts = {"displacement": [0.0, 0.2], "amplitude": [(0, 0), (1, 1)]}
+    round_floor = Obstacle("sphere", center=[0.0, -100.0], radius=100.0, **lifts)
+    floor = Contact("lower_bottom", obstacle=round_floor, name="floor", friction=0.4, adhesion=0.003)
+
+    def run(comm=WORLD, **petsc):
+        return solved(adhesion_scene(path, [floor], petsc, 1e6, 0.1), comm)
+
+    records = run()
+    # a free one stays where nothing acts on it, not where it does not overlap
+    for record in records:
+        assert record["free"] == ["lower"] and record["contacts"]["floor"]["force"] == [0.0, 0.0]
+    found = places(records)
+    assert (found[:, 0, 0, 1] > np.array([0.1, 0.2])).all()
+    np.testing.assert_allclose(found[:, 0, 1], found[:, 0, 0], atol=1e-9)
+    for comm, petsc in [(SELF, {}), (WORLD, {"pc_type": "lu", "snes_rtol": 1e-12})]:
+        np.testing.assert_allclose(places(run(comm, **petsc)), found, atol=1e-9)
+
+
+@pytest.mark.parallel
+def test_what_rounding_errors_move_is_not_brought_to_where_it_touches(shared_tmp):
+    """A sloping lid with adhesion drags a block and loses it: what is left is its strain, in a step of its size."""
+    path = shared_tmp / "b.msh"
+    on_root(WORLD, lambda: two_blocks(path, 2, 3, 3, gap=0.5))
+    flat = Obstacle("plane", point=[0.0, -0.005], normal=[0.0, 1.0])
+    slope = Obstacle("plane", point=[0.0, 1.0], normal=[0.005, -1.0], displacement=[0.01, 0.0])
+    contacts = [
+        Contact("lower_bottom", obstacle=flat, name="floor"),
+        Contact("lower_top", obstacle=slope, name="lid", friction=0.07, adhesion=1e-4),
+    ]
+    for petsc in ({}, {"pc_type": "lu", "snes_rtol": 1e-12}):
+        records = solved(adhesion_scene(path, contacts, petsc))
+        assert [record["time"] for record in records] == [0.5, 1.0]
+        assert all(record["cutbacks"] == 0 and record["free"] == ["lower"] for record in records)
+        assert records[-1]["contacts"]["lid"]["force"] == [0.0, 0.0]
+
+
 @pytest.mark.parallel
 def test_a_load_on_a_body_that_nothing_holds_fails(shared_tmp):
     """A force sideways: as long as the lid presses, friction bears it."""
@@ -301,8 +359,15 @@ def test_how_far_a_loose_body_goes_before_it_touches(tmp_path, law, hangs):
         way = y.getArray().reshape(-1, 2)
         upper = space.points[space.owned_local, 1] > 1.0 + 0.5 * gap
         # a long step ends a tenth of a facet deep
-        for length, part in ((1e-6, 1.0 if hangs else 0.99e6 * gap), (0.1, (gap + 0.05) / 0.1)):
+        for length, fall in ((1e-6, 0.99e6 * gap), (0.1, (gap + 0.05) / 0.1)):
+            part = min(fall, 1.0) if hangs else fall
             way[upper, 1] = length
             assert pair.step_limit(u, y) == pytest.approx(part, rel=1e-6)
+            # where it falls it does not hang, and where nothing falls a step has its size
+            assert pair.step_limit(u, y, np.array([False, True])) == pytest.approx(fall, rel=1e-6)
+            assert pair.step_limit(u, y, np.array([False, False])) == pytest.approx(min(fall, 1.0), rel=1e-6)
+        # a pair that it falls away from has no say
+        y.scale(-1.0)
+        assert pair.step_limit(u, y, np.array([False, True])) is None
     finally:
         simulation.close()
