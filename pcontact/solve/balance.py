@@ -78,5 +78,8 @@ class Balance:
         force, held = bodies.sums_along(f), bodies.sums_along(problem.aid[:, None] * y)
         rest, force = np.linalg.norm(force - held, axis=1), np.linalg.norm(force, axis=1)
         falls = np.zeros(problem.space.mesh.n_components, dtype=bool)
-        falls[bodies.bodies] = (force > self._rounding(u)) & (rest <= HELD * force)
+        falls[bodies.bodies] = (force > 0.0) & (rest <= HELD * force)
+        # the sums are the same on all ranks; rounding errors cost as much as a residual
+        if falls.any():
+            falls[bodies.bodies] &= force > self._rounding(u)
         return falls
