@@ -25,6 +25,7 @@ HEURISTICS = {
     "prediction": {"newton_without": "prediction"},
     "stick_first": {"newton_without": "stick_first"},
     "waiting": {"newton_without": "waiting"},
+    "opening": {"newton_without": "opening"},
     "half_step": {"newton_without": "half_step"},
     "line_search": {"newton_without": "line_search"},
     "step_limit": {"newton_without": "step_limit"},

@@ -21,7 +21,7 @@ class StatusRule:
     frozen : bool
         Points that were closed at the end of the last load step are closed, and stick; all others are open.
     waiting : ndarray (np,) of bool, optional
-        Points that stay open, see :meth:`Item.defer`.
+        Points that stay open, see :meth:`Item.defer` and :meth:`Item.recede`.
     """
 
     stick: bool = False
@@ -166,6 +166,18 @@ class Item:
         None without any. *Collective.*
         """
         return None
+
+    def turned(self, u):
+        """What ``u`` changes at the points of this rank (4,): area closed in the last tangent, area of that open in
+        ``u``, area closed in ``u`` alone [length^(d - 1)], number of the points that open. *Collective.*
+        """
+        return np.zeros(4)
+
+    def recede(self, u, rule):
+        """The rule under which points that are open in the last tangent or in ``u`` stay so; None if none is left that
+        is closed. *Collective.*
+        """
+        return rule
 
     def closed_count(self):
         """Points of this rank that were closed at the end of the last load step."""

@@ -22,6 +22,7 @@ from pcontact.contact.formulation.methods import Method, Penalty
 from pcontact.contact.law import OPEN, SLIP, STICK, View, contact_law
 from pcontact.contact.pairing import Pairing
 from pcontact.contact.points import BlockRows, PartnerPoints, SourcePoints, interpolate
+from pcontact.contact.receding import still_closed, turned
 from pcontact.contact.search.partners import ObstacleSearch, TargetSearch
 from pcontact.contact.summary import borne
 from pcontact.contact.surface.obstacle import RigidObstacle
@@ -424,6 +425,29 @@ class ContactPair(Item):
             stick, slip = comm.allreduce(own, op=MPI.SUM)
             sticks = bool(stick > slip)
         return rule.wait(waiting, sticks)
+
+    @property
+    def _recedes(self):
+        """Whether the pressure says what is open, and a tangent has been asked for."""
+        return not self.bilateral and self.law.follows_pressure and self._status is not None
+
+    def turned(self, u):
+        """See :meth:`pcontact.assembly.item.Item.turned`. *Collective.*"""
+        if not self._recedes:
+            return np.zeros(4)
+        p = self.pairing
+        return turned(self._status > OPEN, p.paired, self.pressed(u, p.acts), self.source.jxw)
+
+    def recede(self, u, rule):
+        """Keep open what is open in the last tangent or in tension in ``u``, and the edge of the rest, see
+        :func:`pcontact.contact.receding.still_closed`. *Collective.*
+        """
+        if not self._recedes:
+            return rule
+        comm, closed = self.space.comm, self._status > OPEN
+        left = still_closed(closed, self.pressed(u, self.pairing.acts), self.source.jxw, comm)
+        before, after = comm.allreduce(np.array([closed.sum(), left.sum()]), op=MPI.SUM)
+        return None if after == 0 < before else rule.wait(~left)
 
     # -- how far the points go ------------------------------------------------------------------------------------
 

@@ -173,7 +173,8 @@ SECTIONS = {
 }
 # of Newton's method, each of which may be left out
 HEURISTICS = (
-    "prediction", "stick_first", "waiting", "half_step", "line_search", "step_limit", "stabilisation", "cycles",
+    "prediction", "stick_first", "waiting", "opening", "half_step", "line_search", "step_limit", "stabilisation",
+    "cycles",
 )  # fmt: skip
 OPTIONS = listed(
     Option(

@@ -116,6 +116,8 @@ class Newton:
         self._approach = 1.0 if "half_step" in self._without else APPROACH
         # status rules of a run, and those of an iteration in which points wait
         self._rules, self._waiting = None, None
+        # rules of the next iteration where the contact recedes, once in a run, and the area closed before it did
+        self._receding, self._has_receded, self._area = None, False, 0.0
         self.norms, self._norms, self._solved, self._was_full = [], [], [], False
         self.divisible = False
 
@@ -154,9 +156,12 @@ class Newton:
         self._was_full = False
         # a rough solution under another law than the scene's is no place to look from
         if iteration > 0 and self._follow is not None and not self._goal and self._follow(x):
-            self._known, full = None, False
+            self._known, full, self._receding = None, False, None
             self.problem.residual(x, self._f, self._rules)
         start = clock.perf_counter()
+        if self._receding is not None:
+            self._waiting = self._receding
+            self.problem.residual(x, self._f, self._waiting)
         if full and "waiting" not in self._without:
             self._waiting = self.problem.defer(self._before, x, self._rules)
             if self._waiting is not None:
@@ -196,9 +201,32 @@ class Newton:
             y.scale(part)
         if self._stretches:
             start = clock.perf_counter()
-            self._stretch(x, y, 1.0 if part != 1.0 else FARTHEST)
-            self._was_full = self._was_full and part == 1.0
+            if not self._recedes(x, y, part == 1.0):
+                self._stretch(x, y, 1.0 if part != 1.0 else FARTHEST)
+                self._was_full = self._was_full and part == 1.0
             self.timing["assembly"] += clock.perf_counter() - start
+
+    def _recedes(self, x, y, full):
+        """Whether the step, if it is a full one, is taken since the contact recedes in it. *Collective.*
+
+        See :meth:`pcontact.solve.problem.Problem.recede`. The residual has no say about such a step: each iteration
+        leaves fewer points closed than the one before, and so they come to an end.
+        """
+        going, self._receding = self._receding is not None, None
+        if not full or self._has_receded or "opening" in self._without:
+            return False
+        x.copy(self._trial)
+        self._trial.axpy(-1.0, y)
+        self._receding = self.problem.recede(self._trial, self._rules, self._area if going else None)
+        if not going:
+            if self._receding is None:
+                return False
+            self._area = self.problem.closed_area()
+        # where it ends, the step still goes to the solution under the rules, and the law says what closes there
+        self._has_receded = self._receding is None
+        x.copy(self._before)
+        self._begins, self._was_full = False, self._has_receded
+        return True
 
     def _stretch(self, x, y, farthest):
         """Go to where the residual no longer points along the step; in the first one, not too far, see `APPROACH`."""
@@ -424,7 +452,7 @@ class Newton:
         self._begins = beginning
         if beginning and self._balance is not None:
             self._balance.begin(u)
-        self._norms, self._solved, self._was_full = [], [0], False
+        self._norms, self._solved, self._was_full, self._has_receded = [], [0], False, False
         try:
             self.snes.solve(None, u)
         except PETSc.Error as error:
@@ -432,7 +460,7 @@ class Newton:
             raise self._options.fault(error) or error from None
         finally:
             # a linear solve that fails ends an iteration early
-            self._waiting = None
+            self._waiting = self._receding = None
         self.timing["linear"] += clock.perf_counter() - start - (self._apart - before)
         reason = self.snes.getConvergedReason()
         if len(self._norms) < 2:

@@ -8,6 +8,12 @@ from pcontact.assembly.pattern import JoinedPattern
 from pcontact.runtime import profile
 from pcontact.runtime.petsc import MPI
 
+# a contact recedes where so many points, and such a part of the closed area, open in a step, and at most such a part of
+# what opens closes elsewhere
+MANY, WIDE, MIXED = 12, 0.02, 0.1
+# part of the area opened since that may overlap; where most of it does, the bodies do not lift off
+MOSTLY = 0.6
+
 
 class Problem:
     """Residual and generalised Jacobian of one load step.
@@ -182,6 +188,40 @@ class Problem:
         if all(rule is None for rule in found):
             return None
         return tuple(old if new is None else new for old, new in zip(rules, found, strict=True))
+
+    def recede(self, u, rules=None, since=None):
+        """Rules under which points that are open in the last tangent, or at the end ``u`` of a full Newton step, stay
+        so; None where the step ends otherwise. *Collective.*
+
+        A step has many points to open, and none to close, where a contact recedes: bodies that touch everywhere are
+        pressed in one place. Taken at its word, the next step closes points far away: what is cut loose there overlaps.
+        They open in the iteration after, while others overlap farther on: a false contact travels through the bodies.
+        Points that do not close again cannot travel, and each iteration leaves fewer of them closed; which of them are
+        to close is asked when no more open, and they are few. With friction a load step may have several solutions, and
+        which of them is found depends on which points have slipped on the way: there the law holds throughout.
+
+        Parameters
+        ----------
+        u : PETSc.Vec
+        rules : tuple of StatusRule, optional
+        since : float, optional
+            Closed area before the first step that such rules followed, if this one has begun under them
+            [length^(d - 1)].
+        """
+        rules = rules or self.by_law
+        slips = any(item.can_slip for item in self.others)
+        if self.yields or slips or any(rule.frozen for rule in rules):
+            return None
+        own = sum((item.turned(u) for item in self.others), np.zeros(4))
+        closed, opens, closes, count = self.space.comm.allreduce(own, op=MPI.SUM)
+        if since is None:
+            goes = count >= MANY and opens > WIDE * closed and closes <= MIXED * opens
+        else:
+            goes = count > 0 and closes <= MOSTLY * (since - self.closed_area())
+        if not goes:
+            return None
+        found = tuple(item.recede(u, rule) for item, rule in zip(self.others, rules, strict=True))
+        return None if any(rule is None for rule in found) else found
 
     # -- tangent ----------------------------------------------------------------------------------------------------
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from meshes import one_block
+from meshes import layer_on_base, one_block
 from pcontact.runtime.petsc import MPI
 from pcontact.scene.model import Body, Contact, Displacement, Load, Material, MeshSpec, Obstacle, Output, Scene, Steps
 from pcontact.simulation import Simulation
@@ -180,3 +180,21 @@ def test_other_laws(shared_tmp, run, theta, law):
     records, cuts = run(scene(shared_tmp / "b.msh", [floor], count=4, displacements=[drag, press]))
     assert not cuts
     assert all(r["imbalance"] < 1e-6 for r in records)
+
+
+@pytest.mark.parametrize(("stiffness", "length"), [(0.1, 2.70), (1.0, 1.335), (10.0, 0.924)])
+def test_a_layer_lifts_off(shared_tmp, run, stiffness, length):
+    """Pressed in the middle, it lifts off at once wherever it does not end up in contact: half the length of contact."""
+    path = shared_tmp / "layer.msh"
+    if WORLD.rank == 0:
+        layer_on_base(path, 10)
+    WORLD.Barrier()
+    records, cuts = run(Scene(
+        mesh=MeshSpec(path), contacts=[Contact("layer_bottom", "base_top", name="pair")],
+        materials={"layer": Material(1e4, 0.3), "base": Material(1e4 * stiffness, 0.3)},
+        bodies=[Body("layer", "layer"), Body("base", "base")], loads=[Load("strip", pressure=1.0)], steps=Steps(),
+        displacements=[Displacement("symmetry", [0.0, "free"]), Displacement("base_bottom", ["free", 0.0])],
+        output=Output(fields=False),
+    ))  # fmt: skip
+    assert not cuts and records[-1]["newton"] <= 12
+    assert records[-1]["contacts"]["pair"]["area"] == pytest.approx(length, abs=0.05)

@@ -60,6 +60,9 @@ class FewUnknowns:
     def defer(self, before, u, rules=None):
         return None
 
+    def recede(self, u, rules=None, since=None):
+        return None
+
     def closed_area(self):
         return 1.0
 
