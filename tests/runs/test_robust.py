@@ -182,9 +182,9 @@ def test_other_laws(shared_tmp, run, theta, law):
     assert all(r["imbalance"] < 1e-6 for r in records)
 
 
-@pytest.mark.parametrize(("stiffness", "length"), [(0.1, 2.70), (1.0, 1.335), (10.0, 0.924)])
+@pytest.mark.parametrize(("stiffness", "length"), [(0.1, 2.70), (10.0, 0.924)])
 def test_a_layer_lifts_off(shared_tmp, run, stiffness, length):
-    """Pressed in the middle, it lifts off at once wherever it does not end up in contact: half the length of contact."""
+    """Pressed in the middle, it lifts off at once but where it ends up in contact: half the length of contact."""
     path = shared_tmp / "layer.msh"
     if WORLD.rank == 0:
         layer_on_base(path, 10)
