@@ -35,11 +35,11 @@ from pcontact.space.modes import colour, component_frames, free_motions
 from pcontact.space.space import Space
 from pcontact.space.supports import Supports
 
-# What is added to the diagonal of the tangent, never to the residual, for bodies that no support holds: AID times
-# modulus over size squared, per volume. Each Newton iteration reduces the error of such a body's position only to the
-# ratio of this stiffness to that of what the body rests on, which may be the softest body: a modulus counts up to
-# CONTRAST times that of the softest body only, but never less than LEAST / AID of itself
-AID, CONTRAST, LEAST = 1e-6, 100.0, 1e-12
+# What is added to the diagonal of the tangent, never to the residual, for bodies that no support holds: STABILISATION
+# times modulus over size squared, per volume. Each Newton iteration reduces the error of such a body's position only to
+# the ratio of this stiffness to that of what the body rests on, which may be the softest body: a modulus counts up to
+# CONTRAST times that of the softest body only, but never less than LEAST / STABILISATION of itself
+STABILISATION, CONTRAST, LEAST = 1e-6, 100.0, 1e-12
 
 
 def override(scene, options, accuracy):
@@ -121,8 +121,8 @@ def bulk_item(scene, space, constants):
         return PlasticBulk(space, constants, materials)
 
 
-def _aid(space, scene, constants, free):
-    """Diagonal aid (n_owned,) on the bodies that the supports leave free. *Collective.*"""
+def _stabilisation(space, scene, constants, free):
+    """Diagonal (n_owned,) that stabilises the bodies that the supports leave free. *Collective.*"""
     if not free:
         return np.zeros(space.n_owned)
     _, scale = component_frames(space)
@@ -135,8 +135,8 @@ def _aid(space, scene, constants, free):
     softest = np.min(modulus)
     stiffness = np.zeros(space.mesh.n_components)
     for k in free:
-        aid = max(AID * min(modulus[k], CONTRAST * softest), LEAST * modulus[k])
-        stiffness[k] = aid / scale[k] ** 2
+        added = max(STABILISATION * min(modulus[k], CONTRAST * softest), LEAST * modulus[k])
+        stiffness[k] = added / scale[k] ** 2
     return lumped_volume(space) * stiffness[space.component[space.owned_local]]
 
 
@@ -274,7 +274,7 @@ def _assemble(scene, mesh, space, constants):
     contacts, edges = contact_reports(scene, space, constants, supports, free, bulk, tied)
     _announce(mesh, free)
     items = [bulk, *(pair for contact in contacts for pair in contact.pairs)]
-    problem = Problem(space, items, supports, forces, _aid(space, scene, constants, free), contacts)
+    problem = Problem(space, items, supports, forces, _stabilisation(space, scene, constants, free), contacts)
     # modes of their own cost a set-up that grows with their square; only bodies that nothing holds are worth it
     loose = {(a, b) for a, b in edges if a in free or b in free}
     colours = colour(mesh.n_components, loose)

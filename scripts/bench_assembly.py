@@ -56,7 +56,7 @@ def kernels(simulation):
 
     def whole():
         # a view is not the object that was written last: all rows are written
-        matrix.write(blocks.view(), problem._sum([values]), problem.aid)
+        matrix.write(blocks.view(), problem._sum([values]), problem.stabilisation)
 
     result = {
         "stiffness of the bodies, from scratch": (
@@ -66,7 +66,7 @@ def kernels(simulation):
         "matrix, all rows": (whole, 2 * nbytes(blocks) + nbytes(matrix._at, matrix._columns)),
         "matrix, rows of contact": (
             # the first of the five writes all rows
-            lambda: matrix.write(blocks, problem._sum([values]), problem.aid), 2 * nbytes(values)
+            lambda: matrix.write(blocks, problem._sum([values]), problem.stabilisation), 2 * nbytes(values)
         ),
         "contact residual": (lambda: contact.residual(u, out), points),
         "contact tangent": (lambda: contact.tangent(u), points + 2 * nbytes(values)),

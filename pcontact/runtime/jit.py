@@ -1,6 +1,8 @@
 """The decorators of compiled kernels, and how often each was called."""
 
+import pickle
 from collections import Counter
+from contextlib import suppress
 
 import numba
 from numba.core.caching import FunctionCache
@@ -30,7 +32,17 @@ def tell_uncached():
 
 
 class _Cache(FunctionCache):
-    """Kernels kept on disk, unless the disk is full."""
+    """Kernels kept on disk, unless the disk is full; what another version left and this one cannot read is none."""
+
+    def load_overload(self, sig, target_context):
+        """A kernel that was kept, or None."""
+        try:
+            return super().load_overload(sig, target_context)
+        except (AttributeError, ImportError, pickle.UnpicklingError, EOFError, ValueError, TypeError, KeyError):
+            # names of types that this version does not have, or a file that was cut off
+            with suppress(OSError):
+                self.flush()
+            return None
 
     def save_overload(self, sig, data):
         """Keep a kernel."""

@@ -75,7 +75,7 @@ class Balance:
         """
         problem, bodies = self._problem, self._bodies
         y, f = (vector.getArray(readonly=True).reshape(-1, problem.space.dim) for vector in (y, f))
-        force, held = bodies.sums_along(f), bodies.sums_along(problem.aid[:, None] * y)
+        force, held = bodies.sums_along(f), bodies.sums_along(problem.stabilisation[:, None] * y)
         rest, force = np.linalg.norm(force - held, axis=1), np.linalg.norm(force, axis=1)
         falls = np.zeros(problem.space.mesh.n_components, dtype=bool)
         falls[bodies.bodies] = (force > 0.0) & (rest <= HELD * force)

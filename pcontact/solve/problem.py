@@ -26,7 +26,7 @@ class Problem:
     supports : pcontact.space.supports.Supports
     forces : list of (ndarray (n_owned, d), callable)
         Nodal forces at factor 1 and their factor of time.
-    aid : ndarray (n_owned,)
+    stabilisation : ndarray (n_owned,)
         Added to the diagonal of the matrix, never to the residual: steadies bodies that nothing holds yet.
     contacts : list of pcontact.contact.report.ContactReport, optional
         Of the contact pairs among the items.
@@ -38,7 +38,7 @@ class Problem:
     linear : bool
         Whether the tangent is constant.
     stabilised : bool
-        Whether `aid` is added to the matrix.
+        Whether `stabilisation` is added to the matrix.
     loose : sequence of int
         Bodies whose rigid motions get a coarse space, see `pcontact.solve.preconditioners.deflation`.
 
@@ -48,8 +48,9 @@ class Problem:
     tangent: a tuple, :attr:`by_law` if nothing is said.
     """
 
-    def __init__(self, space, items, supports, forces, aid, contacts=()):
-        self.space, self.items, self.supports, self.forces, self.aid = space, items, supports, forces, aid
+    def __init__(self, space, items, supports, forces, stabilisation, contacts=()):
+        self.space, self.items, self.supports, self.forces = space, items, supports, forces
+        self.stabilisation = stabilisation
         self.bulk, self.others, self.contacts = items[0], items[1:], list(contacts)
         self.time, self.loose, self.stabilised = 0.0, (), True
         self.fixed = np.ascontiguousarray(supports.fixed[space.owned_local])
@@ -237,7 +238,8 @@ class Problem:
             if versions != self._versions:
                 self._renew()
                 self._versions = versions
-            self.matrix.write(stiffness, self._sum(values), self.aid if self.stabilised else 0.0 * self.aid)
+            added = self.stabilisation if self.stabilised else 0.0 * self.stabilisation
+            self.matrix.write(stiffness, self._sum(values), added)
         profile.mark("assembly")
 
     def closed_area(self):

@@ -128,7 +128,7 @@ class LooseBodies:
         """Move free bodies to the place nearest to where they were, on demand beyond the reach of adhesion; whether
         they have one. *Collective.*"""
         space = self.problem.space
-        bodies = RigidBodies(space, self.problem.aid, {k: self.motions[k] for k in free})
+        bodies = RigidBodies(space, self.problem.stabilisation, {k: self.motions[k] for k in free})
         change = (u.getArray(readonly=True) - before.getArray(readonly=True)).reshape(-1, space.dim)
         back = -bodies.amounts(change)
         points = Points(self.problem, u, bodies, beyond)

@@ -74,7 +74,7 @@ def singular(simulation):
     n = jacobian.getSize()[0]
     dense = np.array(jacobian.getValues(range(n), range(n)))
     free = ~problem.fixed.ravel()
-    dense[np.diag_indices(n)] -= np.repeat(problem.aid, problem.space.dim) * free
+    dense[np.diag_indices(n)] -= np.repeat(problem.stabilisation, problem.space.dim) * free
     dense = dense[np.ix_(free, free)]
     return float(np.linalg.svd(dense, compute_uv=False)[-1] / np.abs(dense).max())
 

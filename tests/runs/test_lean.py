@@ -32,7 +32,7 @@ PIECES = {
         (),
     ),
     "self contact": (("contact.search.self_surface", "contact.search.exclusion", "contact.search.cones"),
-        ("nobody", "writable", "no_cones", "Apart", "Cones")),
+        ("no_exclusion", "writable", "no_cones", "Exclusion", "Cones")),
     # bodies near enough to meet are found for any pair
     "all surfaces": (("contact.search.all_surfaces",), ("meetings", "near_pairs", "component_boxes")),
     "tied surfaces": (

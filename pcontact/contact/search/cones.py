@@ -62,7 +62,7 @@ def no_cones(d):
     return Cones(np.zeros((0, 3)), none, none, np.zeros((0, d)), np.zeros((0, d)), np.zeros(0, dtype=np.int64))
 
 
-def normal_cones(tree, x_facets, kinds, corners, apart=None):
+def normal_cones(tree, x_facets, kinds, corners, exclusion=None):
     """The cones over a tree.
 
     Parameters
@@ -72,7 +72,7 @@ def normal_cones(tree, x_facets, kinds, corners, apart=None):
     kinds : (nf,) int64
     corners : (nf, k) int64
         Numbers of the facets' nodes, those of the corners first: neighbours share numbers.
-    apart : pcontact.contact.search.exclusion.Apart, optional
+    exclusion : pcontact.contact.search.exclusion.Exclusion, optional
         Of the facets; that of points is not read.
 
     Returns
@@ -89,13 +89,13 @@ def normal_cones(tree, x_facets, kinds, corners, apart=None):
     _fill_nodes(tree, cones)
     angle = cones[:, 3]
     axes = np.ascontiguousarray(cones[:, :3]), np.where(angle < ALL, np.cos(angle), -1.0), np.sin(angle)
-    if apart is None or not apart.facet_parts.size:
+    if exclusion is None or not exclusion.facet_parts.size:
         return Cones(*axes, *no_cones(d)[3:])
     lower, upper = (np.empty((n_nodes + nf, d)) for _ in range(2))
     parts = np.empty(n_nodes + nf, dtype=np.int64)
-    boxes = facet_boxes(apart.facet_x, kinds)
+    boxes = facet_boxes(exclusion.facet_x, kinds)
     lower[n_nodes:], upper[n_nodes:] = (box[tree.order] for box in boxes)
-    parts[n_nodes:] = apart.facet_parts[tree.order]
+    parts[n_nodes:] = exclusion.facet_parts[tree.order]
     _fill_undeformed(tree, lower, upper, parts)
     return Cones(*axes, lower, upper, parts)
 

@@ -140,10 +140,10 @@ class _Searched:
         self._target, self._numbers, self._opposite = target, numbers, opposite
         self._facets = x, kinds, _, self._own, corners = target.around(x_facets)
         self._tree = build_tree(*facet_boxes(x, kinds), target.bodies())
-        self._apart, self._cones = target.apart(self._tree), None
+        self._exclusion, self._cones = target.exclusion(self._tree), None
         self._search = closest_points if method == "closest_point" else ray_tracing
         if corners is not None and len(kinds) and self._search is closest_points:
-            self._cones = normal_cones(self._tree, x, kinds, corners, self._apart)
+            self._cones = normal_cones(self._tree, x, kinds, corners, self._exclusion)
 
     def project(self, asked, radius):
         """Answers of this rank for some points, and how many facets were tried.
@@ -159,9 +159,9 @@ class _Searched:
         target, (x, kinds, ids) = self._target, self._facets[:3]
         d = x.shape[2]
         points, normals, about = asked[:, :d], asked[:, d : 2 * d], asked[:, 2 * d :]
-        apart = None if self._apart is None else target.placed(self._apart, about)
+        exclusion = None if self._exclusion is None else target.placed(self._exclusion, about)
         p = self._search(
-            self._tree, x, kinds, ids, points, normals, radius, own=self._own, apart=apart, cones=self._cones,
+            self._tree, x, kinds, ids, points, normals, radius, own=self._own, exclusion=exclusion, cones=self._cones,
             opposite=self._opposite,
         )  # fmt: skip
         rows = np.flatnonzero(p.facet >= 0)

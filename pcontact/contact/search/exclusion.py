@@ -28,7 +28,7 @@ from pcontact.runtime.jit import njit_inner_exact
 SLACK = 0.1
 
 
-class Apart(NamedTuple):
+class Exclusion(NamedTuple):
     """Where points and facets are in the undeformed bodies; all arrays empty where points are not on the surface.
 
     Attributes
@@ -67,18 +67,18 @@ class Apart(NamedTuple):
     whole: np.ndarray
 
 
-def writable(apart):
+def writable(exclusion):
     """As one compiled specialisation takes it."""
     kinds = {"x": float, "slack": float, "facet_x": float}
-    arrays = apart._asdict().items()
-    return Apart(*(np.require(array, kinds.get(name, np.int64), ["C", "W"]) for name, array in arrays))
+    arrays = exclusion._asdict().items()
+    return Exclusion(*(np.require(array, kinds.get(name, np.int64), ["C", "W"]) for name, array in arrays))
 
 
-def nobody(d):
+def no_exclusion(d):
     """For points that are not on the surface searched."""
     none, pairs = np.zeros(0), np.zeros((0, 0))
     none_of = np.zeros((0, d)), none, none, pairs, none, np.zeros((0, 0, d)), none, none, pairs, none, none, none
-    return writable(Apart(*none_of))
+    return writable(Exclusion(*none_of))
 
 
 def whole_branches(tree, parts):
@@ -108,12 +108,12 @@ def clash(one, other):
 
 
 @njit_inner_exact
-def is_own(apart, q, facet, kind, u, v, n0, n1, n2, shapes):
+def is_own(exclusion, q, facet, kind, u, v, n0, n1, n2, shapes):
     """Whether a facet belongs to the neighbourhood of point q, see the head of the module.
 
     Parameters
     ----------
-    apart : Apart
+    exclusion : Exclusion
     q, facet : int
     kind : int
         Of the facet, see `facet_maps`.
@@ -124,21 +124,21 @@ def is_own(apart, q, facet, kind, u, v, n0, n1, n2, shapes):
     shapes : (6, 9) float64
         Scratch.
     """
-    if clash(apart.sides[q], apart.facet_sides[facet]):
+    if clash(exclusion.sides[q], exclusion.facet_sides[facet]):
         return True
-    if apart.parts[q] != apart.facet_parts[facet]:
+    if exclusion.parts[q] != exclusion.facet_parts[facet]:
         return False
-    if apart.cells[q] == apart.facet_cells[facet]:
+    if exclusion.cells[q] == exclusion.facet_cells[facet]:
         return True
-    for i in range(apart.nodes.shape[1]):
-        for j in range(apart.facet_nodes.shape[1]):
-            if apart.nodes[q, i] == apart.facet_nodes[facet, j]:
+    for i in range(exclusion.nodes.shape[1]):
+        for j in range(exclusion.facet_nodes.shape[1]):
+            if exclusion.nodes[q, i] == exclusion.facet_nodes[facet, j]:
                 return True
     fill_shapes(kind, u, v, shapes)
     gap = 0.0
-    for k in range(apart.x.shape[1]):
+    for k in range(exclusion.x.shape[1]):
         y = 0.0
         for i in range(NODE_COUNTS[kind]):
-            y += shapes[0, i] * apart.facet_x[facet, i, k]
-        gap += (y - apart.x[q, k]) * (n0 if k == 0 else (n1 if k == 1 else n2))
-    return gap < -apart.slack[q]
+            y += shapes[0, i] * exclusion.facet_x[facet, i, k]
+        gap += (y - exclusion.x[q, k]) * (n0 if k == 0 else (n1 if k == 1 else n2))
+    return gap < -exclusion.slack[q]

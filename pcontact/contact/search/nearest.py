@@ -59,7 +59,7 @@ STARTS = 32  # nodes below the root at most from which the points of a facet sta
 
 @njit_exact
 def search_all(
-    rays, tree, x_facets, kinds, ids, own, points, normals, radii, facing, opposite, partners, apart, cones
+    rays, tree, x_facets, kinds, ids, own, points, normals, radii, facing, opposite, partners, exclusion, cones
 ):  # fmt: skip
     """Write the partners of all points.
 
@@ -77,27 +77,27 @@ def search_all(
     aside = np.empty(n_nodes + nf, dtype=np.int64)
     starts, box = np.zeros(STARTS, dtype=np.int64), np.zeros((2, 3))
     _search_points(
-        rays, tree, x_facets, kinds, ids, own, points, normals, radii, facing, opposite, partners, apart, cones, keys,
-        items, found, leaves, group, aside, starts, box, nodes, shapes, jet, grid, x, n, p,
+        rays, tree, x_facets, kinds, ids, own, points, normals, radii, facing, opposite, partners, exclusion, cones,
+        keys, items, found, leaves, group, aside, starts, box, nodes, shapes, jet, grid, x, n, p,
     )  # fmt: skip
 
 
 @njit_inner_exact
 def _search_points(
-    rays, tree, x_facets, kinds, ids, own, points, normals, radii, facing, opposite, partners, apart, cones, keys,
+    rays, tree, x_facets, kinds, ids, own, points, normals, radii, facing, opposite, partners, exclusion, cones, keys,
     items, found, leaves, group, aside, starts, box, nodes, shapes, jet, grid, x, n, p,
 ):  # fmt: skip
     """One point after the other, with the scratch arrays of :func:`search_all`."""
-    n_nodes, nf, on_it = tree.child.size, kinds.size, apart.parts.size > 0
+    n_nodes, nf, on_it = tree.child.size, kinds.size, exclusion.parts.size > 0
     # points that lie together start together below the root, as far down as the partner of the first one allows
     first, end, n_starts, hint = 0, 0, 0, np.inf
     q, again, done = 0, False, False
     while q < points.shape[0] and n_nodes > 0:
         if again:
-            n_starts = starts_of(tree, points, q, q + 1, radii[q], apart, starts, box)
+            n_starts = starts_of(tree, points, q, q + 1, radii[q], exclusion, starts, box)
         elif q >= end:
-            first, end, hint = q, end_of(points, q, apart), np.inf
-            n_starts = starts_of(tree, points, q, q + 1, radii[q], apart, starts, box)
+            first, end, hint = q, end_of(points, q, exclusion), np.inf
+            n_starts = starts_of(tree, points, q, q + 1, radii[q], exclusion, starts, box)
         rounding = load_point(points, normals, q, x, n)
         if n_starts == 0 or not rounding < np.inf:
             # the starts are those of this point alone
@@ -125,7 +125,7 @@ def _search_points(
                         side = _side(row, cones.axis, cones.cosine, n_nodes + leaf)
                         row[LOST] = _loses(row, side, n, facing)
                         if on_it and row[LOST] == 0.0:
-                            row[LOST] = _is_own_on(apart, q, tree.order[leaf], kinds, row, side, shapes)
+                            row[LOST] = _is_own_on(exclusion, q, tree.order[leaf], kinds, row, side, shapes)
                         if row[LOST] == 0.0 and _is_passed_by(
                             found, leaves, group[i], n_found, tree, x_facets, kinds, x, p, nodes, shapes, jet, grid
                         ):
@@ -158,7 +158,7 @@ def _search_points(
                     if (
                         row[LOST] > 0.0
                         or n[0] * row[N] + n[1] * row[N + 1] + n[2] * row[N + 2] < facing
-                        or (on_it and _is_own(apart, q, facet, kinds[facet], row, N, 1.0, shapes))
+                        or (on_it and _is_own(exclusion, q, facet, kinds[facet], row, N, 1.0, shapes))
                         or _is_passed_by(
                             found, leaves, slot, n_found, tree, x_facets, kinds, x, p, nodes, shapes, jet, grid
                         )
@@ -176,7 +176,7 @@ def _search_points(
             n_queue = pop(keys, items, n_queue)
             if item < n_nodes:
                 n_queue, n_aside = expand(
-                    rays, tree, item, x, n, facing, rounding, radius, keys, items, n_queue, cones, apart, q, aside,
+                    rays, tree, item, x, n, facing, rounding, radius, keys, items, n_queue, cones, exclusion, q, aside,
                     n_aside,
                 )  # fmt: skip
             elif item < n_nodes + nf:
@@ -208,15 +208,15 @@ def _search_points(
             reach = 0.0
             for other in range(q + 1, end):
                 reach = max(reach, min(radii[other], hint + apart_from(points, other, q) * (1.0 + NEARLY)))
-            n_starts = starts_of(tree, points, q + 1, end, reach, apart, starts, box)
+            n_starts = starts_of(tree, points, q + 1, end, reach, exclusion, starts, box)
         q += 1
 
 
 @njit_inner_exact
-def _is_own(apart, q, facet, kind, row, column, factor, shapes):
-    """`apart.is_own` with a multiple of three columns of a solved facet as the normal."""
+def _is_own(exclusion, q, facet, kind, row, column, factor, shapes):
+    """`exclusion.is_own` with a multiple of three columns of a solved facet as the normal."""
     n0, n1, n2 = factor * row[column], factor * row[column + 1], factor * row[column + 2]
-    return is_own(apart, q, facet, kind, row[U], row[V], n0, n1, n2, shapes)
+    return is_own(exclusion, q, facet, kind, row[U], row[V], n0, n1, n2, shapes)
 
 
 @njit_inner_exact
@@ -250,11 +250,11 @@ def _loses(row, side, n, facing):
 
 
 @njit_inner_exact
-def _is_own_on(apart, q, facet, kinds, row, side, shapes):
+def _is_own_on(exclusion, q, facet, kinds, row, side, shapes):
     """1 if a facet belongs to the point's neighbourhood on the side that is known, else 0."""
     if side == np.inf:
         return 0.0
-    return 1.0 if _is_own(apart, q, facet, kinds[facet], row, R, side, shapes) else 0.0
+    return 1.0 if _is_own(exclusion, q, facet, kinds[facet], row, R, side, shapes) else 0.0
 
 
 @njit_inner_exact

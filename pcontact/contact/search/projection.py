@@ -29,7 +29,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pcontact.contact.search.cones import no_cones
-from pcontact.contact.search.exclusion import nobody, writable
+from pcontact.contact.search.exclusion import no_exclusion, writable
 from pcontact.contact.search.nearest import search_all
 from pcontact.contact.search.table import EVEN, TIE
 from pcontact.contact.search.tree import build_tree
@@ -106,7 +106,7 @@ def no_partners(points, normals):
 
 
 def closest_points(
-    tree, x_facets, kinds, ids, points, normals, radius, facing=FACING, own=None, apart=None, cones=None,
+    tree, x_facets, kinds, ids, points, normals, radius, facing=FACING, own=None, exclusion=None, cones=None,
     opposite=False,
 ):  # fmt: skip
     """Closest point projection.
@@ -132,7 +132,7 @@ def closest_points(
         corners but hide nothing behind them; a rank that is also given the neighbours of its facets (those that
         share a node) decides as if it had them all, and `better` of all ranks is then exactly the search in the
         whole surface.
-    apart : pcontact.contact.search.exclusion.Apart, optional
+    exclusion : pcontact.contact.search.exclusion.Exclusion, optional
         The points are on the surface searched (self contact): facets that are no partners although they face the
         point.
     cones : pcontact.contact.search.cones.Cones, optional
@@ -150,11 +150,11 @@ def closest_points(
     ValueError
         If arrays do not fit together.
     """
-    return _search(False, tree, x_facets, kinds, ids, points, normals, radius, facing, own, apart, cones, opposite)
+    return _search(False, tree, x_facets, kinds, ids, points, normals, radius, facing, own, exclusion, cones, opposite)
 
 
 def ray_tracing(
-    tree, x_facets, kinds, ids, points, normals, radius, facing=FACING, own=None, apart=None, cones=None,
+    tree, x_facets, kinds, ids, points, normals, radius, facing=FACING, own=None, exclusion=None, cones=None,
     opposite=False,
 ):  # fmt: skip
     """Partners along the source normal: y = x + g nX, smallest abs(g) <= radius, n = nX.
@@ -162,7 +162,7 @@ def ray_tracing(
     Only facets with nX . nY <= -facing count. Parameters and result as in `closest_points`; `distance` is
     abs(g); a ray that meets the surface is not beside its border.
     """
-    return _search(True, tree, x_facets, kinds, ids, points, normals, radius, facing, own, apart, cones, opposite)
+    return _search(True, tree, x_facets, kinds, ids, points, normals, radius, facing, own, exclusion, cones, opposite)
 
 
 def better(a, b):
@@ -180,7 +180,7 @@ def better(a, b):
     Returns
     -------
     Partners
-        `facet` still counts within the search that found it; `id` tells facets apart. `candidates` are
+        `facet` still counts within the search that found it; `id` tells facets exclusion. `candidates` are
         summed.
     """
     offset = np.maximum(np.abs(a.y), np.abs(b.y)).max(axis=1, initial=0.0)
@@ -195,7 +195,7 @@ def better(a, b):
     return Partners(*merged)._replace(candidates=a.candidates + b.candidates)
 
 
-def _search(rays, tree, x_facets, kinds, ids, points, normals, radius, facing, own, apart, cones, opposite):
+def _search(rays, tree, x_facets, kinds, ids, points, normals, radius, facing, own, exclusion, cones, opposite):
     """Check and convert the arguments (one compiled specialisation serves all), run the kernel."""
     points, normals, x_facets = (_floats(array) for array in (points, normals, x_facets))
     kinds, ids = (np.require(array, np.int64, ["C", "W"]) for array in (kinds, ids))
@@ -215,11 +215,11 @@ def _search(rays, tree, x_facets, kinds, ids, points, normals, radius, facing, o
         simple = np.empty_like(kinds)
         simplest_kinds(x_facets, kinds, simple)
         own = np.ones(kinds.size, dtype=np.bool_) if own is None else np.require(own, np.bool_, ["C", "W"])
-        apart = nobody(d) if apart is None else writable(apart)
+        exclusion = no_exclusion(d) if exclusion is None else writable(exclusion)
         cones = no_cones(d) if cones is None or rays else cones
         search_all(
             rays, tree, x_facets, simple, ids, own, points, normals, radii, float(facing), bool(opposite), partners,
-            apart, cones,
+            exclusion, cones,
         )
     return partners
 

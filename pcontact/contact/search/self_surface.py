@@ -4,7 +4,7 @@ from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
 
-from pcontact.contact.search.exclusion import SLACK, nobody, whole_branches, writable
+from pcontact.contact.search.exclusion import SLACK, no_exclusion, whole_branches, writable
 from pcontact.contact.surface.rim import Rim
 from pcontact.contact.surface.sides import FACETS, TargetSurface
 from pcontact.runtime.petsc import MPI
@@ -56,22 +56,22 @@ class SelfSurface(TargetSurface):
         """Bodies of the facets of :meth:`around` if they are no partners of themselves, else None."""
         return None if self.meets_itself else np.concatenate([self.table, self.rim.table])[:, 1]
 
-    def apart(self, tree):
+    def exclusion(self, tree):
         """Where the facets of :meth:`around`, in a tree, are in the undeformed bodies; without points."""
         table = np.concatenate([self.table, self.rim.table])
         whole = np.zeros(0) if self.meets_itself else whole_branches(tree, table[:, 1])
-        facets = nobody(self.x.shape[2])._replace(
+        facets = no_exclusion(self.x.shape[2])._replace(
             facet_x=np.concatenate([self.x, self.rim.x]), facet_cells=table[:, 0], facet_parts=table[:, 1],
             facet_nodes=table[:, NODES:], facet_sides=table[:, 3], whole=whole,
         )  # fmt: skip
         return writable(facets)
 
-    def placed(self, apart, about):
+    def placed(self, exclusion, about):
         """The same with points of any rank, from their rows of :attr:`about`."""
         d = self.x.shape[2]
         point = about[:, d:]
         points = {"cells": point[:, 0], "parts": point[:, 1], "slack": point[:, 2], "sides": point[:, 3]}
-        return writable(apart._replace(x=about[:, :d], nodes=point[:, NODES:], **points))
+        return writable(exclusion._replace(x=about[:, :d], nodes=point[:, NODES:], **points))
 
 
 def _shortest(x):

@@ -57,17 +57,17 @@ def pop(keys, items, count):
 
 
 @njit_inner_exact
-def expand(rays, tree, node, x, n, facing, rounding, radius, keys, items, count, cones, apart, q, aside, n_aside):
+def expand(rays, tree, node, x, n, facing, rounding, radius, keys, items, count, cones, exclusion, q, aside, n_aside):
     """Push the children of a node, or the facets of a leaf, that may hold a partner; return the new counts."""
     inner = tree.child[node] >= 0
     lower, upper = (tree.lower, tree.upper) if inner else (tree.facet_lower, tree.facet_upper)
     first, last = (tree.child[node], tree.child[node] + 2) if inner else (tree.first[node], tree.last[node])
     shift = 0 if inner else tree.child.size
-    known, on_it = cones.cosine.size > 0 and not rays, apart.parts.size > 0
+    known, on_it = cones.cosine.size > 0 and not rays, exclusion.parts.size > 0
     axes, cosines, sines, parts = cones.axis, cones.cosine, cones.sine, cones.parts
-    low0, high0, xq = cones.lower, cones.upper, apart.x[q if on_it else 0 : (q if on_it else 0) + 1]
-    part, slack = (apart.parts[q], apart.slack[q]) if on_it else (-1, 0.0)
-    whole = apart.whole
+    low0, high0, xq = cones.lower, cones.upper, exclusion.x[q if on_it else 0 : (q if on_it else 0) + 1]
+    part, slack = (exclusion.parts[q], exclusion.slack[q]) if on_it else (-1, 0.0)
+    whole = exclusion.whole
     for i in range(first, last):
         item = shift + i
         if item < whole.size and whole[item] == part:
@@ -98,7 +98,7 @@ def start_bound(rays, tree, node, x, n, facing, rounding):
 
 
 @njit_inner_exact
-def starts_of(tree, points, q, end, reach, apart, starts, box):
+def starts_of(tree, points, q, end, reach, exclusion, starts, box):
     """Where the walks of points that lie together start: nodes of the tree within reach of the box around them.
 
     Parameters
@@ -117,7 +117,7 @@ def starts_of(tree, points, q, end, reach, apart, starts, box):
     int
         The number of nodes.
     """
-    d, offset, passing = points.shape[1], 0.0, apart.whole.size > 0
+    d, offset, passing = points.shape[1], 0.0, exclusion.whole.size > 0
     for k in range(d):
         box[0, k], box[1, k] = np.inf, -np.inf
     for p in range(q, end):
@@ -136,7 +136,7 @@ def starts_of(tree, points, q, end, reach, apart, starts, box):
         count -= 1
         starts[at] = starts[count]
         for child in range(tree.child[node], tree.child[node] + 2):
-            if passing and apart.whole[child] == apart.parts[q]:
+            if passing and exclusion.whole[child] == exclusion.parts[q]:
                 continue
             away2 = 0.0
             for k in range(d):
@@ -148,15 +148,16 @@ def starts_of(tree, points, q, end, reach, apart, starts, box):
 
 
 @njit_inner_exact
-def end_of(points, q, apart):
+def end_of(points, q, exclusion):
     """The first point that does not lie together with point q: on another facet, or some distances further on.
 
     Points of a facet come one after the other; where nothing says of which facet they are, those belong together
     whose distance from point q is not much larger than that of the next one.
     """
     end, d = q + 1, points.shape[1]
-    if apart.whole.size > 0:
-        while end < points.shape[0] and apart.cells[end] == apart.cells[q] and apart.parts[end] == apart.parts[q]:
+    if exclusion.whole.size > 0:
+        cells, parts = exclusion.cells, exclusion.parts
+        while end < points.shape[0] and cells[end] == cells[q] and parts[end] == parts[q]:
             end += 1
         return end
     near2 = 0.0

@@ -347,8 +347,8 @@ class TargetSurface:
         """Bodies of the facets of :meth:`around` whose own points pass them by; None: there are none."""
         return None
 
-    def apart(self, tree):
-        """See :class:`pcontact.contact.search.exclusion.Apart`; None: no point is on the surface."""
+    def exclusion(self, tree):
+        """See :class:`pcontact.contact.search.exclusion.Exclusion`; None: no point is on the surface."""
         return None
 
     def deformed(self, nodal, origin=0.0):

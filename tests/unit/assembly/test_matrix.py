@@ -151,7 +151,7 @@ def times(space, matrix, values):
 
 @parallel
 def test_global_matrix_without_supports(both):
-    """It is the bulk item; the rigid modes of each body are in its kernel; the aid goes to the diagonal."""
+    """It is the bulk item; the rigid modes of each body are in its kernel; the stabilisation goes to the diagonal."""
     space, serial = both
     matrix = global_matrix(space, supports_of(space)).matrix
     values = field(space)

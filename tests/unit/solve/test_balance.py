@@ -45,7 +45,7 @@ def test_balance(simulation):
     force, way = (vector.getArray().reshape(-1, 2) for vector in (f, y))
     force[upper, 1] = -1.0
     # the same way at all nodes is that of the sum of the forces
-    total = [WORLD.allreduce(float(values.sum())) for values in (force[upper, 1], problem.aid[upper])]
+    total = [WORLD.allreduce(float(values.sum())) for values in (force[upper, 1], problem.stabilisation[upper])]
     way[upper, 1] = total[0] / total[1]
     falls = balance.falls(u, y, f)
     assert falls[number] and falls.sum() == 1

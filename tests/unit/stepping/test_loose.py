@@ -319,7 +319,7 @@ def test_motions_change_distances_as_foreseen(tmp_path):
         u = space.vector()
         for item in problem.items:
             item.detect(u, 0.25)
-        bodies = RigidBodies(space, problem.aid, simulation.rest.motions)
+        bodies = RigidBodies(space, problem.stabilisation, simulation.rest.motions)
         amounts = 0.01 * np.random.default_rng(3).standard_normal((2, 6))
         fields = [space.vector() for _ in bodies.fields]
         for field, values in zip(fields, bodies.fields, strict=True):

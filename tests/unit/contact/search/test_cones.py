@@ -30,11 +30,11 @@ def same(surface, nodal, points, normals, radius, about=None):
     """Compares both searches; facets tried per point without and with cones."""
     x, kinds, ids, own, corners = surface.around(np.ascontiguousarray(surface.deformed(nodal)))
     tree = build_tree(*facet_boxes(x, kinds))
-    apart = surface.apart(tree)
-    cones = normal_cones(tree, x, kinds, corners, None if about is None else apart)
-    apart = None if about is None else surface.placed(apart, about)
+    exclusion = surface.exclusion(tree)
+    cones = normal_cones(tree, x, kinds, corners, None if about is None else exclusion)
+    exclusion = None if about is None else surface.placed(exclusion, about)
     all_, some = (
-        closest_points(tree, x, kinds, ids, points, normals, radius, own=own, apart=apart, cones=said)
+        closest_points(tree, x, kinds, ids, points, normals, radius, own=own, exclusion=exclusion, cones=said)
         for said in (None, cones)
     )
     np.testing.assert_array_equal(some.id, all_.id)
