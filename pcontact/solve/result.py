@@ -1,12 +1,6 @@
-"""How a solve of a load step ended, and whether it goes in circles."""
+"""How a solve of a load step ended."""
 
 from dataclasses import dataclass, replace
-
-# iterations in which the residual has to fall to half of what it was in as many before, else Newton goes in circles
-# (and a multiple of two and three: short circles come back to where they were)
-CYCLE = 6
-# relative difference of norms that are the same
-SAME = 1e-3
 
 
 @dataclass
@@ -54,16 +48,3 @@ def combined(first, second):
         krylov=first.krylov + second.krylov,
         hardest=max(first.hardest, second.hardest),
     )
-
-
-def cycles(norms):
-    """Whether iterations go in circles: points change their status in turn, and the norm stays where it is."""
-    if len(norms) < 2 * CYCLE:
-        return False
-    return bool(min(norms[-CYCLE:]) > 0.5 * min(norms[-2 * CYCLE : -CYCLE]))
-
-
-def repeats(norms):
-    """Whether iterations have gone through the same few states twice: the norms come back, one by one."""
-    last, before = norms[-CYCLE:], norms[-2 * CYCLE : -CYCLE]
-    return len(before) == CYCLE and all(abs(a - b) <= SAME * b for a, b in zip(last, before, strict=True))

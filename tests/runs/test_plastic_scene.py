@@ -24,7 +24,7 @@ from pcontact.runtime.petsc import MPI
 from pcontact.scene import describe, read_scene, validate
 from pcontact.scene.model import Body, Displacement, Material, MeshSpec, Output, Scene
 from pcontact.simulation import Simulation
-from pcontact.solve.result import cycles, repeats
+from pcontact.solve.convergence import cycles, repeats
 from pcontact.space.space import Space
 from tests.support.bad_input import INNER
 from tests.support.small import DIMENSION, block_file, keys

@@ -1,0 +1,139 @@
+"""When Newton's method has converged, and when it gets nowhere."""
+
+import numpy as np
+
+from pcontact.runtime.petsc import PETSc, diverged_nan
+
+# the forces of a solution are known to this part of the first residual at best; so many times the expected rounding
+# errors end a method that no longer gets on; they may hide this part of the forces at work at most or, where no force
+# is applied, this part of the displacements
+ROUNDED, NEARLY, BALANCED, MOVED = 1e-10, 100.0, 1e-3, 1e-9
+# a residual of this part of the forces at work is small enough, unless the tolerance is looser
+SMALL = 1e-6
+# eight rounding errors per sum of some eighty terms: what an exact solution would leave
+TERMS = 8.0
+# iterations in which the residual has to fall to half of what it was in as many before, else Newton goes in circles
+# (and a multiple of two and three: short circles come back to where they were)
+CYCLE = 6
+# relative difference of norms that are the same
+SAME = 1e-3
+
+
+def cycles(norms):
+    """Whether iterations go in circles: points change their status in turn, and the norm stays where it is."""
+    if len(norms) < 2 * CYCLE:
+        return False
+    return bool(min(norms[-CYCLE:]) > 0.5 * min(norms[-2 * CYCLE : -CYCLE]))
+
+
+def repeats(norms):
+    """Whether iterations have gone through the same few states twice: the norms come back, one by one."""
+    last, before = norms[-CYCLE:], norms[-2 * CYCLE : -CYCLE]
+    return len(before) == CYCLE and all(abs(a - b) <= SAME * b for a, b in zip(last, before, strict=True))
+
+
+class ConvergenceTest:
+    """Compares the residual with the first one, the forces at work and its rounding errors; the step says nothing.
+
+    Called by SNES at every iterate.
+
+    Parameters
+    ----------
+    problem : pcontact.solve.problem.Problem
+    balance : pcontact.solve.balance.Balance or None
+        Of loose bodies, if there are some: they are to be at rest, too.
+    residual : PETSc.Vec
+        At the present iterate, whenever this is called.
+    stagnates : bool
+        Whether iterates that repeat end a run.
+
+    Attributes
+    ----------
+    norms : list of float
+        Of the residual [force] at the iterates of the present run.
+    krylov : list of int
+        Sums of the Krylov iterations before them, in this run.
+    predicted_from : float
+        The norm of the true residual at an iterate for which SNES gets a predicted one; else nan.
+    """
+
+    def __init__(self, problem, balance, residual, stagnates):
+        self._problem, self._balance, self._residual, self._stagnates = problem, balance, residual, stagnates
+        self._floor, self._least, self._first, self._start = 0.0, 0.0, None, None
+        self.predicted_from = np.nan
+        self.begin()
+
+    def begin_step(self, u):
+        """A load step begins at ``u``. *Collective.*"""
+        self._least = TERMS * self._problem.roundoff(u)
+        self._first, self._start, self.predicted_from = None, u, np.nan
+
+    def begin(self, goal=None, near=False, circles=False):
+        """A run begins.
+
+        Parameters
+        ----------
+        goal : float, optional
+            Part of the first residual of the load step that will do; absent: what the options say.
+        near : bool
+            Whether it may end where it begins.
+        circles : bool
+            Whether it ends where the norm of the residual stays where it is.
+        """
+        self._goal, self._near, self._circles = goal, near, circles
+        self.norms, self.krylov = [], [0]
+
+    def __call__(self, snes, iteration, norms):
+        norm = norms[2]
+        reasons = PETSc.SNES.ConvergedReason
+        if not np.isfinite(norm):
+            return diverged_nan
+        if iteration == 0:
+            self.norms, self.krylov, self._floor = [], [], self._least
+        self.krylov.append(snes.getLinearSolveIterations())
+        if self._first is None:
+            # the predicted one may be much larger, and means no more
+            self._first = float(np.fmin(norm, self.predicted_from))
+        self.norms.append(norm)
+        u = snes.getSolution()
+        if iteration > 0 and norm > 0.5 * self.norms[-2]:
+            self._floor = TERMS * self._problem.roundoff(u)
+        reason = self._ends(u, iteration, norm, snes.getTolerances())
+        if reason != reasons.ITERATING:
+            rests = self._goal or self._balance is None or self._balance.rests(u, self._residual)
+            return reason if rests else reasons.ITERATING
+        circles = (self._circles and cycles(self.norms)) or repeats(self.norms)
+        return reasons.DIVERGED_LOCAL_MIN if circles and self._stagnates else reasons.ITERATING
+
+    def _ends(self, u, iteration, norm, tolerances):
+        """Why an iteration ends with this norm of the residual, or that it does not. *Collective.*"""
+        reasons = PETSc.SNES.ConvergedReason
+        rtol, atol = tolerances[:2]
+        if norm <= atol or (norm <= max(self._floor, self._least) and self._balanced(u, norm)):
+            return reasons.CONVERGED_FNORM_ABS
+        if (iteration > 0 or self._near) and norm <= (self._goal or rtol) * self._first:
+            if self._goal or self._small(u, norm, max(rtol, SMALL)):
+                return reasons.CONVERGED_FNORM_RELATIVE
+            stuck = iteration > 0 and norm <= NEARLY * self._floor and norm > 0.5 * self.norms[-2]
+            if stuck and self._balanced(u, norm):
+                return reasons.CONVERGED_FNORM_ABS
+        return reasons.ITERATING
+
+    def _balanced(self, u, norm):
+        """Whether a residual that rounding errors hide is small against the forces: those of a body that flows without
+        bound exceed any load, those of a gap times a huge gamma any stress. Bodies that nothing loads may move without
+        any force: there a residual is enough that hardly changes their displacements. *Collective.*"""
+        if norm <= BALANCED * self._problem.acting(u):
+            return True
+        if self._problem.loaded() > 0.0:
+            return False
+        # bodies that spring back to where they were have no displacements left to compare with
+        return norm <= MOVED * max(self._problem.stiffness_scale(x) for x in (u, self._start))
+
+    def _small(self, u, norm, part):
+        """Whether a residual is small against the forces at work. The first residual, of bodies whose supports alone
+        have moved, is many orders of magnitude larger where one is stiff, or gamma large: its rounding errors may be
+        what is left. *Collective.*"""
+        if norm <= part * self._problem.acting(u):
+            return True
+        return norm <= part * ROUNDED * self._first and self._balanced(u, norm)
