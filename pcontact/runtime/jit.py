@@ -1,8 +1,12 @@
 """The decorators of compiled kernels, and how often each was called."""
 
 import pickle
+import re
+import zlib
 from collections import Counter
 from contextlib import suppress
+from functools import cache
+from pathlib import Path
 
 import numba
 from numba.core.caching import FunctionCache
@@ -10,6 +14,10 @@ from numba.core.cpu import CPUTargetOptions
 from numba.core.registry import CPUDispatcher
 
 from pcontact.runtime import log
+
+# where modules lie whose kernels others call; of these packages, one module alone has a part in kernels
+PACKAGE, FOREIGN, OWN = Path(__file__).resolve().parents[1], ("runtime.",), "runtime.jit"
+IMPORT = re.compile(r"^[ \t]*from[ \t]+([\w.]+)[ \t]+import[ \t]+(\([^)]*\)|[^\n]*)", re.MULTILINE)
 
 # calls from Python, by "module.function"; what a kernel calls itself is a part of it
 CALLS = Counter()
@@ -31,8 +39,61 @@ def tell_uncached():
         )  # fmt: skip
 
 
+@cache
+def _file_of(module):
+    """The source of a module of this package, by its name below the package; None if there is none."""
+    path = PACKAGE.joinpath(*module.split("."))
+    return next((file for file in (path.with_suffix(".py"), path / "__init__.py") if file.is_file()), None)
+
+
+@cache
+def _read(path):
+    """Checksum of a source, and the modules of this package from which it imports names."""
+    text = path.read_text(encoding="utf-8")
+    found, prefix = set(), f"{PACKAGE.name}."
+    for module, names in IMPORT.findall(text):
+        if f"{module}.".startswith(prefix):
+            home = module[len(prefix) :]
+            found.add(home)
+            found |= {f"{home}.{name}".lstrip(".") for name in re.findall(r"\w+", names)}
+    known = {name for name in found if name and _file_of(name) is not None}
+    return zlib.crc32(text.encode()), {name for name in known if name == OWN or not name.startswith(FOREIGN)}
+
+
+@cache
+def sources(path):
+    """Checksums of all modules of this package that a source imports from, directly or not, by name.
+
+    The code of a kernel contains that of the kernels it calls, and the values of the constants it names.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+
+    Returns
+    -------
+    dict of str to int
+    """
+    found, left = {}, list(_read(path)[1])
+    while left:
+        name = left.pop()
+        if name not in found:
+            found[name], more = _read(_file_of(name))
+            left += more
+    return found
+
+
 class _Cache(FunctionCache):
     """Kernels kept on disk, unless the disk is full; what another version left and this one cannot read is none."""
+
+    def __init__(self, function):
+        """Kernels are those of a source and of what it imports from, whereas numba looks at the one file only."""
+        super().__init__(function)
+        path = Path(function.__code__.co_filename)
+        # what is typed in has no source
+        called = sorted(sources(path).items()) if path.is_file() else []
+        stamp = zlib.crc32(repr(called).encode())
+        self._cache_file._source_stamp = (self._cache_file._source_stamp, stamp)
 
     def load_overload(self, sig, target_context):
         """A kernel that was kept, or None."""
