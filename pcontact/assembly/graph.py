@@ -1,8 +1,26 @@
 """Compiled kernels of the block sparse pattern: rows and columns are nodes, entries are (d, d) blocks."""
 
+from typing import NamedTuple
+
 import numpy as np
 
 from pcontact.runtime.jit import njit, njit_inner
+
+
+class BlockRows(NamedTuple):
+    """A pattern of block rows and the values on it.
+
+    Attributes
+    ----------
+    rowptr : ndarray (n + 1,)
+    columns : ndarray (nnz,)
+        Sorted within each row.
+    values : ndarray (nnz, d, d)
+    """
+
+    rowptr: np.ndarray
+    columns: np.ndarray
+    values: np.ndarray
 
 
 @njit

@@ -260,7 +260,7 @@ class Bulk(Item):
         Lame constants of each body [stress].
     yields : bool
         Whether bodies may yield.
-    states : dict of int to pcontact.assembly.plastic.PlasticState
+    states : dict of int to pcontact.assembly.plastic_kernels.PlasticState
         Internal variables, by block; empty where none may yield.
     """
 

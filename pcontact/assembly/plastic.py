@@ -1,47 +1,20 @@
 """The bulk item of scenes in which a body may yield."""
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from pcontact.assembly.bulk import ElasticBulk
 from pcontact.assembly.geometry import chunks, hoop, n_points
-from pcontact.assembly.graph import node_graph
+from pcontact.assembly.graph import BlockRows, node_graph
 from pcontact.assembly.item import LAW
 from pcontact.assembly.pattern import OwnedRows, positions
-from pcontact.assembly.plastic_kernels import add_forces, add_tangent, commit, excess_at
+from pcontact.assembly.plastic_kernels import CellPoints, PlasticState, add_forces, add_tangent, commit, excess_at
 from pcontact.material.mandel import HALF
+from pcontact.material.plastic import VonMises
 from pcontact.runtime.parallel import take_rows
 from pcontact.runtime.petsc import MPI
 
 POINTS = 1 << 10  # of a cell at most
 NO_RING = np.zeros((0, 0, 0))
-
-
-@dataclass
-class PlasticState:
-    """Material and internal variables of the cells of one block.
-
-    Attributes
-    ----------
-    constants (3,), curve (k, 3), plane_stress
-        See `pcontact.material.plastic.return_map`.
-    strain : ndarray (nc, nq, m)
-        Committed plastic strain at the quadrature points, Mandel components.
-    p : ndarray (nc, nq)
-        Committed equivalent plastic strain.
-    """
-
-    constants: np.ndarray
-    curve: np.ndarray
-    plane_stress: bool
-    strain: np.ndarray
-    p: np.ndarray
-
-    @property
-    def material(self):
-        """What kernels need of the material."""
-        return self.constants, self.curve, self.plane_stress
 
 
 class PlasticBulk(ElasticBulk):
@@ -87,24 +60,23 @@ class PlasticBulk(ElasticBulk):
         space = self.space
         nc, m = len(space.cells[number]), 6 if space.dim == 3 else 4
         nq, plane_stress = n_points(space, number), space.kinematics == "plane_stress"
-        return PlasticState(constants, curve, plane_stress, np.zeros((nc, nq, m)), np.zeros((nc, nq)))
+        return PlasticState(VonMises(constants, curve, plane_stress), np.zeros((nc, nq, m)), np.zeros((nc, nq)))
 
     def _chunks(self):
-        """State, rows, gradients, weights, N / r and cells of the chunks of all cells that may yield."""
+        """Block, cells, points, weights and state of the chunks of all cells that may yield."""
         space = self.space
         for number, state in self.states.items():
             for rows, grad, jxw, shapes in chunks(space, number):
                 ring = hoop(space, number, rows, shapes)
                 ring = NO_RING if ring is None else np.ascontiguousarray(ring)
-                yield number, state, rows, grad, np.ascontiguousarray(jxw), ring, space.cells[number][rows]
+                points = CellPoints(space.cells[number][rows], grad, ring)
+                yield number, rows, points, np.ascontiguousarray(jxw), state.of(rows)
 
     def _forces(self, u, absolute):
         nodal = self.space.local.gather(u)
         local = np.zeros_like(nodal)
-        for _, state, rows, grad, jxw, ring, cells in self._chunks():
-            add_forces(
-                grad, jxw, ring, nodal, cells, *state.material, state.strain[rows], state.p[rows], absolute, local
-            )
+        for _, _, points, jxw, state in self._chunks():
+            add_forces(points, jxw, state, nodal, absolute, local)
         return self.space.summed(self.space.local, local)
 
     def residual(self, u, out, rule=LAW):
@@ -130,10 +102,9 @@ class PlasticBulk(ElasticBulk):
         nodal = self.space.local.gather(u)
         d = self.space.dim
         local, count = np.zeros((len(self._pattern[1]), d, d)), 0
-        for _, state, rows, grad, jxw, ring, cells in self._chunks():
-            count += add_tangent(
-                grad, jxw, ring, nodal, cells, *state.material, state.strain[rows], state.p[rows], *self._pattern, local
-            )
+        blocks = BlockRows(*self._pattern, local)
+        for _, _, points, jxw, state in self._chunks():
+            count += add_tangent(points, jxw, state, nodal, blocks)
         if not self.space.comm.allreduce(count, op=MPI.SUM):
             return self.values
         values = self.values.copy()
@@ -143,16 +114,16 @@ class PlasticBulk(ElasticBulk):
     def commit(self, u, time):
         """Take the internal variables to a displacement. *Collective.*"""
         nodal = self.space.local.gather(u)
-        for _, state, rows, grad, _, ring, cells in self._chunks():
-            commit(grad, ring, nodal, cells, *state.material, state.strain[rows], state.p[rows])
+        for _, _, points, _, state in self._chunks():
+            commit(points, state, nodal)
 
     def flowing(self, u):
         """Part of the volume that may yield which yields between the committed displacement and ``u``. *Collective.*"""
         nodal, sums = self.space.local.gather(u), np.zeros(2)
-        for _, state, rows, grad, jxw, ring, cells in self._chunks():
-            strain, p = state.strain[rows].copy(), state.p[rows].copy()
-            commit(grad, ring, nodal, cells, *state.material, strain, p)
-            sums += [np.sum(jxw[~(p <= state.p[rows])]), np.sum(jxw)]
+        for _, _, points, jxw, state in self._chunks():
+            trial = PlasticState(state.material, state.strain.copy(), state.p.copy())
+            commit(points, trial, nodal)
+            sums += [np.sum(jxw[~(trial.p <= state.p)]), np.sum(jxw)]
         flowing, volume = self.space.comm.allreduce(sums, op=MPI.SUM)
         return float(flowing / volume) if volume > 0.0 else 0.0
 
@@ -196,13 +167,10 @@ class PlasticBulk(ElasticBulk):
         """Mean stress and volume of every cell, see :meth:`ElasticBulk.stress`. *Collective.*"""
         result = super().stress(u)
         nodal = self.space.local.gather(u)
-        for number, state, rows, grad, jxw, ring, cells in self._chunks():
+        for number, rows, points, jxw, state in self._chunks():
             m = state.strain.shape[2]
-            excess = np.zeros(state.strain[rows].shape)
-            excess_at(
-                nodal, cells, grad, ring, *state.material, state.strain[rows], state.p[rows], False, excess,
-                np.zeros((0, 0, m, m)),
-            )  # fmt: skip
+            excess = np.zeros(state.strain.shape)
+            excess_at(points, state, nodal, False, excess, np.zeros((0, 0, m, m)))
             mean = np.einsum("cq,cqm->cm", jxw, excess) / jxw.sum(axis=1)[:, None]
             mean[:, 3:] *= HALF
             result[number][0][rows, :m] += mean
@@ -217,8 +185,8 @@ class PlasticBulk(ElasticBulk):
             For each block.
         """
         result = [np.zeros(len(cells)) for cells in self.space.cells]
-        for number, state, rows, _, jxw, _, _ in self._chunks():
-            result[number][rows] = np.sum(jxw * state.p[rows], axis=1) / jxw.sum(axis=1)
+        for number, rows, _, jxw, state in self._chunks():
+            result[number][rows] = np.sum(jxw * state.p, axis=1) / jxw.sum(axis=1)
         return result
 
     def plasticity(self):
@@ -232,8 +200,8 @@ class PlasticBulk(ElasticBulk):
             Of the points that have yielded [length^d, with axial symmetry length^3].
         """
         largest, volume = 0.0, 0.0
-        for _, state, rows, _, jxw, _, _ in self._chunks():
-            largest = max(largest, float(np.max(state.p[rows], initial=0.0)))
-            volume += float(np.sum(jxw[state.p[rows] > 0.0]))
+        for _, _, _, jxw, state in self._chunks():
+            largest = max(largest, float(np.max(state.p, initial=0.0)))
+            volume += float(np.sum(jxw[state.p > 0.0]))
         comm = self.space.comm
         return comm.allreduce(largest, op=MPI.MAX), comm.allreduce(volume, op=MPI.SUM)

@@ -6,24 +6,65 @@ a deviator (in plane stress it has no 33 component): a mean dilatation of the ce
 
 Common arguments, one row per cell c and quadrature point q:
 
-    grad (nc, nq, nn, d), jxw (nc, nq)       shape gradients and weights
-    ring (nc, nq, nn)                        N / r with axial symmetry, else (0, 0, 0)
-    nodal (n, d), cells (nc, nn)             displacement, and numbers into it
-    constants, curve, plane_stress           the material, see `pcontact.material.plastic.return_map`
-    plastic_strain (nc, nq, m), p (nc, nq)   the committed state
+    points : CellPoints          the points
+    jxw (nc, nq)                 their weights, see `pcontact.assembly.geometry.chunks`
+    state : PlasticState         the material, and the committed state of the points
+    nodal (n, d)                 displacement [length]
 """
+
+from typing import NamedTuple
 
 import numpy as np
 
 from pcontact.assembly.graph import find
 from pcontact.material.mandel import HALF
-from pcontact.material.plastic import flows, return_map
+from pcontact.material.plastic import VonMises, flows, return_map
 from pcontact.runtime.jit import njit, njit_inline, njit_inner
 
 
+class CellPoints(NamedTuple):
+    """Quadrature points of cells: what takes the displacement of the nodes to the strain of the points.
+
+    Attributes
+    ----------
+    cells : ndarray (nc, nn)
+        Nodes, numbers into the displacement (n, d) that the kernels are given.
+    grad : ndarray (nc, nq, nn, d)
+        Shape gradients [1/length].
+    ring : ndarray (nc, nq, nn)
+        N / r with axial symmetry [1/length], else (0, 0, 0).
+    """
+
+    cells: np.ndarray
+    grad: np.ndarray
+    ring: np.ndarray
+
+
+class PlasticState(NamedTuple):
+    """Material and internal variables of the cells of one block, or of some of them.
+
+    Attributes
+    ----------
+    material : pcontact.material.plastic.VonMises
+    strain : ndarray (nc, nq, m)
+        Committed plastic strain at the quadrature points, Mandel components.
+    p : ndarray (nc, nq)
+        Committed equivalent plastic strain.
+    """
+
+    material: VonMises
+    strain: np.ndarray
+    p: np.ndarray
+
+    def of(self, rows):
+        """That of some cells, views for a slice."""
+        return PlasticState(self.material, self.strain[rows], self.p[rows])
+
+
 @njit_inline
-def strain_at(nodal, cells, grad, ring, c, q, strain):
+def strain_at(points, nodal, c, q, strain):
     """Mandel strain (m,) of a point, see `pcontact.material.mandel`."""
+    cells, grad, ring = points.cells, points.grad, points.ring
     d = nodal.shape[1]
     strain[:] = 0.0
     for a in range(cells.shape[1]):
@@ -43,8 +84,9 @@ def strain_at(nodal, cells, grad, ring, c, q, strain):
 
 
 @njit_inline
-def fill_operator(grad, ring, c, q, out):
+def fill_operator(points, c, q, out):
     """Strain operator (m, nn, d) of a point: strain = sum over the nodes of out[:, a, :] u_a."""
+    grad, ring = points.grad, points.ring
     nn, d = grad.shape[2], grad.shape[3]
     out[:] = 0.0
     for a in range(nn):
@@ -65,21 +107,21 @@ def fill_operator(grad, ring, c, q, out):
 
 
 @njit
-def add_forces(grad, jxw, ring, nodal, cells, constants, curve, plane_stress, plastic_strain, p, absolute, out):
+def add_forces(points, jxw, state, nodal, absolute, out):
     """Add the nodal forces of the excess to ``out`` (n, d) [force], or the sizes of their terms (``absolute``)."""
+    cells, grad = points.cells, points.grad
+    material, plastic_strain, p = state.material, state.strain, state.p
     nq, nn, d = grad.shape[1], grad.shape[2], grad.shape[3]
     m = plastic_strain.shape[2]
     strain, excess, work, tangent = np.zeros(m), np.zeros(m), np.zeros(m), np.zeros((m, m))
     operator = np.zeros((m, nn, d))
     for c in range(cells.shape[0]):
         for q in range(nq):
-            strain_at(nodal, cells, grad, ring, c, q, strain)
-            if p[c, q] == 0.0 and not flows(constants, curve, plane_stress, strain, plastic_strain[c, q], 0.0, work):
+            strain_at(points, nodal, c, q, strain)
+            if p[c, q] == 0.0 and not flows(material, strain, plastic_strain[c, q], 0.0, work):
                 continue
-            return_map(
-                constants, curve, plane_stress, strain, plastic_strain[c, q], p[c, q], False, work, excess, tangent
-            )
-            fill_operator(grad, ring, c, q, operator)
+            return_map(material, strain, plastic_strain[c, q], p[c, q], False, work, excess, tangent)
+            fill_operator(points, c, q, operator)
             for a in range(nn):
                 for i in range(d):
                     force = 0.0
@@ -90,8 +132,10 @@ def add_forces(grad, jxw, ring, nodal, cells, constants, curve, plane_stress, pl
 
 
 @njit
-def add_tangent(grad, jxw, ring, nodal, cells, constants, curve, plane_stress, plastic_strain, p, rowptr, columns, out):
-    """Add the derivative of the forces to block values (nnz, d, d); returns how many cells yield."""
+def add_tangent(points, jxw, state, nodal, blocks):
+    """Add the derivative of the forces to block rows; returns how many cells yield."""
+    cells, grad = points.cells, points.grad
+    material, plastic_strain, p = state.material, state.strain, state.p
     nq, nn, d = grad.shape[1], grad.shape[2], grad.shape[3]
     m = plastic_strain.shape[2]
     strain, excess, work, tangent = np.zeros(m), np.zeros(m), np.zeros(m), np.zeros((m, m))
@@ -101,23 +145,21 @@ def add_tangent(grad, jxw, ring, nodal, cells, constants, curve, plane_stress, p
     for c in range(cells.shape[0]):
         touched = False
         for q in range(nq):
-            strain_at(nodal, cells, grad, ring, c, q, strain)
-            if not flows(constants, curve, plane_stress, strain, plastic_strain[c, q], p[c, q], work):
+            strain_at(points, nodal, c, q, strain)
+            if not flows(material, strain, plastic_strain[c, q], p[c, q], work):
                 continue
-            _, yields = return_map(
-                constants, curve, plane_stress, strain, plastic_strain[c, q], p[c, q], True, work, excess, tangent
-            )
+            _, yields = return_map(material, strain, plastic_strain[c, q], p[c, q], True, work, excess, tangent)
             if not yields:
                 continue
             if not touched:
                 stiffness[:] = 0.0
                 touched = True
-            fill_operator(grad, ring, c, q, operator)
+            fill_operator(points, c, q, operator)
             pull(tangent, flat, jxw[c, q], pulled)
             square(flat, pulled, stiffness)
         if touched:
             count += 1
-            scatter(stiffness, cells, c, rowptr, columns, out)
+            scatter(stiffness, cells, c, blocks)
     return count
 
 
@@ -148,8 +190,9 @@ def square(operator, pulled, out):
 
 
 @njit_inner
-def scatter(stiffness, cells, c, rowptr, columns, out):
-    """Add the matrix (nn d, nn d) of cell ``c`` to block values (nnz, d, d); returns how many blocks had no place."""
+def scatter(stiffness, cells, c, blocks):
+    """Add the matrix (nn d, nn d) of cell ``c`` to block rows; returns how many blocks had no place."""
+    rowptr, columns, out = blocks.rowptr, blocks.columns, blocks.values
     nn, d, missing = cells.shape[1], out.shape[1], 0
     for a in range(nn):
         row = cells[c, a]
@@ -165,28 +208,27 @@ def scatter(stiffness, cells, c, rowptr, columns, out):
 
 
 @njit
-def commit(grad, ring, nodal, cells, constants, curve, plane_stress, plastic_strain, p):
+def commit(points, state, nodal):
     """Let the state of all points, in place, follow the displacement."""
+    material, plastic_strain, p = state.material, state.strain, state.p
     m = plastic_strain.shape[2]
     strain, excess, work, tangent = np.zeros(m), np.zeros(m), np.zeros(m), np.zeros((m, m))
-    for c in range(cells.shape[0]):
-        for q in range(grad.shape[1]):
-            strain_at(nodal, cells, grad, ring, c, q, strain)
-            if flows(constants, curve, plane_stress, strain, plastic_strain[c, q], p[c, q], work):
+    for c in range(p.shape[0]):
+        for q in range(p.shape[1]):
+            strain_at(points, nodal, c, q, strain)
+            if flows(material, strain, plastic_strain[c, q], p[c, q], work):
                 p[c, q], _ = return_map(
-                    constants, curve, plane_stress, strain, plastic_strain[c, q], p[c, q], False,
-                    plastic_strain[c, q], excess, tangent,
-                )  # fmt: skip
+                    material, strain, plastic_strain[c, q], p[c, q], False, plastic_strain[c, q], excess, tangent
+                )
 
 
 @njit
-def excess_at(
-    nodal, cells, grad, ring, constants, curve, plane_stress, plastic_strain, p, want_tangent, excess, tangent
-):
+def excess_at(points, state, nodal, want_tangent, excess, tangent):
     """Excess (nc, nq, m) of cells and, if wanted, its derivative (nc, nq, m, m); flags (nc,) of those that yield.
 
     Both are overwritten.
     """
+    material, plastic_strain, p = state.material, state.strain, state.p
     nc, nq, m = excess.shape
     strain, work = np.zeros(m), np.zeros(m)
     unused = np.zeros((m, m))
@@ -196,11 +238,11 @@ def excess_at(
         tangent[:] = 0.0
     for c in range(nc):
         for q in range(nq):
-            strain_at(nodal, cells, grad, ring, c, q, strain)
-            if p[c, q] == 0.0 and not flows(constants, curve, plane_stress, strain, plastic_strain[c, q], 0.0, work):
+            strain_at(points, nodal, c, q, strain)
+            if p[c, q] == 0.0 and not flows(material, strain, plastic_strain[c, q], 0.0, work):
                 continue
             _, yields = return_map(
-                constants, curve, plane_stress, strain, plastic_strain[c, q], p[c, q], want_tangent, work,
+                material, strain, plastic_strain[c, q], p[c, q], want_tangent, work,
                 excess[c, q], tangent[c, q] if want_tangent else unused,
             )  # fmt: skip
             yielding[c] |= yields

@@ -10,7 +10,7 @@ displacement, the state committed last and the status rule; `commit` takes the s
 
 import numpy as np
 
-from pcontact.assembly.graph import node_graph
+from pcontact.assembly.graph import BlockRows, node_graph
 from pcontact.assembly.item import LAW, Item
 from pcontact.assembly.pattern import OwnedRows
 from pcontact.contact import motion
@@ -21,7 +21,7 @@ from pcontact.contact.formulation.frictionless import FrictionlessTerms
 from pcontact.contact.formulation.methods import Method, Penalty
 from pcontact.contact.law import OPEN, SLIP, STICK, View, contact_law
 from pcontact.contact.pairing import Pairing
-from pcontact.contact.points import BlockRows, PartnerPoints, SourcePoints, interpolate
+from pcontact.contact.points import PartnerPoints, SourcePoints, interpolate
 from pcontact.contact.receding import still_closed, turned
 from pcontact.contact.search.partners import ObstacleSearch, TargetSearch
 from pcontact.contact.summary import borne

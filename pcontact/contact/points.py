@@ -77,14 +77,6 @@ class Excess(NamedTuple):
     consistent: bool
 
 
-class BlockRows(NamedTuple):
-    """A pattern of block rows and the values (nnz, d, d) on it."""
-
-    rowptr: np.ndarray
-    columns: np.ndarray
-    values: np.ndarray
-
-
 def no_excess(n_nodes, d):
     """The :class:`Excess` of cells of n_nodes nodes that cannot yield."""
     return Excess(np.zeros(0, dtype=np.int64), np.zeros((0, n_nodes, d, d)), False)

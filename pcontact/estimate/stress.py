@@ -4,7 +4,7 @@ import numpy as np
 
 from pcontact.assembly.geometry import bulk_degree, some_cells
 from pcontact.assembly.plastic import NO_RING
-from pcontact.assembly.plastic_kernels import excess_at
+from pcontact.assembly.plastic_kernels import CellPoints, excess_at
 from pcontact.contact.traction.plastic import extrapolation
 from pcontact.element.dilatation import Mean, factors, hoop_operator, mean_dilatation
 from pcontact.element.shape import shape
@@ -93,12 +93,9 @@ def _excess(space, state, number, rows, nodal):
     cells = np.arange(len(space.cells[number]))[rows]
     grad, ring, xi = some_cells(space, number, cells)
     ring = NO_RING if ring is None else np.ascontiguousarray(ring)
-    m = state.strain.shape[2]
-    excess = np.zeros(state.strain[rows].shape)
-    excess_at(
-        nodal, space.cells[number][rows], grad, ring, *state.material, state.strain[rows], state.p[rows], False, excess,
-        np.zeros((0, 0, m, m)),
-    )  # fmt: skip
+    state, m = state.of(rows), state.strain.shape[2]
+    excess = np.zeros(state.strain.shape)
+    excess_at(CellPoints(space.cells[number][rows], grad, ring), state, nodal, False, excess, np.zeros((0, 0, m, m)))
     return excess, xi
 
 

@@ -8,8 +8,8 @@ with R, x, p and beta as in :mod:`pcontact.material.hardening`.
 
 Components are those of :mod:`pcontact.material.mandel`: m = 6 in 3D, 4 in 2D.
 
-A material is the row ``constants`` = (lam, mu, Hk) and a ``curve`` of hardening. The state of a point is its plastic
-strain (m,), deviatoric, and the equivalent plastic strain p, accumulated; both begin at 0.
+A material is a :class:`VonMises`. The state of a point is its plastic strain (m,), deviatoric, and the equivalent
+plastic strain p, accumulated; both begin at 0.
 
 The kernels give the **excess** over linear elasticity, sigma - C_e : eps, and its derivative: elastic stiffness is
 integrated once for all cells, and what is added to it has no rounding error where nothing ever yielded. In plane stress
@@ -23,6 +23,8 @@ is sqrt(y_a^2 / 3 + y_b^2 + y_c^2), and each part shrinks on its own; one scalar
 x / R keeps the equation well behaved for any hardening.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 
 from pcontact.material.hardening import RADIUS, flow_length, yield_radius
@@ -32,6 +34,24 @@ from pcontact.runtime.jit import njit_inline, njit_inner_exact
 # A state that was brought back to the yield surface is found there again up to this many times the rounding error of
 # the trial stress: it has to count as elastic, whatever the last digits are.
 ROUNDING = 16.0 * 2.220446049250313e-16
+
+
+class VonMises(NamedTuple):
+    """A material that may yield.
+
+    Attributes
+    ----------
+    constants : ndarray (3,)
+        lam, mu, Hk [stress], see :func:`plastic_constants`.
+    curve : ndarray (k, 3)
+        Isotropic hardening, see `pcontact.material.hardening`.
+    plane_stress : bool
+        For m = 4 only.
+    """
+
+    constants: np.ndarray
+    curve: np.ndarray
+    plane_stress: bool
 
 
 def plastic_constants(lam, mu, kinematic_hardening=0.0):
@@ -86,32 +106,27 @@ def _beyond_rounding(moduli, plane_stress, strain, plastic_strain, norm, radius)
 
 
 @njit_inline
-def flows(constants, curve, plane_stress, strain, plastic_strain, p, work):
+def flows(material, strain, plastic_strain, p, work):
     """Whether a point yields at a strain; one exactly on the yield surface does not.
 
     Parameters as those of :func:`return_map`; ``work`` (m,) is overwritten.
     """
-    moduli = moduli_of(constants, plane_stress)
+    plane_stress = material.plane_stress
+    moduli = moduli_of(material.constants, plane_stress)
     square_a, square_b = _trial(moduli, plane_stress, strain, plastic_strain, work)
-    square, radius = square_a + square_b, yield_radius(curve, p)
+    square, radius = square_a + square_b, yield_radius(material.curve, p)
     return not square <= radius**2 and _beyond_rounding(
         moduli, plane_stress, strain, plastic_strain, np.sqrt(square), radius
     )
 
 
 @njit_inner_exact
-def return_map(
-    constants, curve, plane_stress, strain, plastic_strain, p, want_tangent, new_plastic_strain, excess, tangent
-):
+def return_map(material, strain, plastic_strain, p, want_tangent, new_plastic_strain, excess, tangent):
     """Stress in excess of linear elasticity, and the state that goes with it.
 
     Parameters
     ----------
-    constants : ndarray (3,)
-        lam, mu, Hk [stress].
-    curve : ndarray (k, 3)
-    plane_stress : bool
-        For m = 4 only.
+    material : VonMises
     strain : ndarray (m,)
         Total strain.
     plastic_strain : ndarray (m,)
@@ -141,7 +156,8 @@ def return_map(
 
         excess = -2 mu eps_p,    tangent = -4 mu^2 [(1/h - x/q) m (x) m + x/q I_dev].
     """
-    moduli = moduli_of(constants, plane_stress)
+    curve, plane_stress = material.curve, material.plane_stress
+    moduli = moduli_of(material.constants, plane_stress)
     square_a, square_b = _trial(moduli, plane_stress, strain, plastic_strain, excess)
     square, radius = square_a + square_b, yield_radius(curve, p)
     if square <= radius**2 or not _beyond_rounding(
@@ -245,12 +261,12 @@ def _plane_tangent(moduli, y, x, radius, slope, tangent):
 
 
 @njit_inner_exact
-def second_derivative(constants, curve, plane_stress, strain, plastic_strain, p, weight, work, out):
+def second_derivative(material, strain, plastic_strain, p, weight, work, out):
     """Second derivative of ``weight . sigma`` with respect to the strain.
 
     Parameters
     ----------
-    constants, curve, plane_stress, strain, plastic_strain, p
+    material, strain, plastic_strain, p
         As those of :func:`return_map`.
     weight : ndarray (m,)
         Mandel components; 33 is not read in plane stress.
@@ -265,9 +281,10 @@ def second_derivative(constants, curve, plane_stress, strain, plastic_strain, p,
         Whether the point yields.
     """
     y = work[0]
-    if not flows(constants, curve, plane_stress, strain, plastic_strain, p, y):
+    if not flows(material, strain, plastic_strain, p, y):
         return False
-    moduli = moduli_of(constants, plane_stress)
+    curve, plane_stress = material.curve, material.plane_stress
+    moduli = moduli_of(material.constants, plane_stress)
     square_a, square_b = _trial(moduli, plane_stress, strain, plastic_strain, y)
     stiff_a, stiff_b = _stiffness(moduli, plane_stress)
     x, radius, slope, _ = flow_length(curve, p, square_a, square_b, stiff_a, stiff_b)

@@ -12,7 +12,7 @@ from pcontact.contact.traction.plastic import PlasticTrace
 from pcontact.material.elastic import in_plane, lame
 from pcontact.material.hardening import hardening_curve, hardening_table
 from pcontact.material.mandel import add_elastic_tangent, elastic_stress
-from pcontact.material.plastic import flows, plastic_constants, return_map
+from pcontact.material.plastic import VonMises, flows, plastic_constants, return_map
 from pcontact.scene import amplitude
 from pcontact.scene.model import Body, Displacement, Load, Material, MeshSpec, Output, Scene, Steps
 from tests.support.kinematics import DIRECT, mesh
@@ -52,35 +52,24 @@ class Point:
     """One point: ``move`` gives stress and tangent of a strain and keeps its result as the new state."""
 
     def __init__(self, material, mode, plastic=None, p=0.0):
-        self.constants, self.curve = MATERIALS[material] if isinstance(material, str) else material
-        self.m, self.plane_stress = (6 if mode == "3D" else 4), mode == "plane stress"
+        row, curve = MATERIALS[material] if isinstance(material, str) else material
+        self.m, self.material = (6 if mode == "3D" else 4), VonMises(row, curve, mode == "plane stress")
         self.plastic, self.p = np.zeros(self.m) if plastic is None else plastic, p
 
     def raw(self, strain, want_tangent=True):
         plastic, excess, tangent = np.full(self.m, np.inf), np.full(self.m, np.inf), np.zeros((self.m, self.m))
-        p, yields = return_map(
-            self.constants,
-            self.curve,
-            self.plane_stress,
-            strain,
-            self.plastic,
-            self.p,
-            want_tangent,
-            plastic,
-            excess,
-            tangent,
-        )
+        p, yields = return_map(self.material, strain, self.plastic, self.p, want_tangent, plastic, excess, tangent)
         return excess, plastic, p, yields, tangent
 
     def stress(self, strain):
         excess = self.raw(strain)[0]
         stress = np.empty(self.m)
-        elastic_stress(self.constants, self.plane_stress, strain, stress)
+        elastic_stress(self.material.constants, self.material.plane_stress, strain, stress)
         return stress + excess
 
     def tangent(self, strain):
         tangent = self.raw(strain)[4]
-        add_elastic_tangent(self.constants, self.plane_stress, tangent)
+        add_elastic_tangent(self.material.constants, self.material.plane_stress, tangent)
         return tangent
 
     def move(self, strain):
@@ -89,12 +78,12 @@ class Point:
         return stress, yields
 
     def flows(self, strain):
-        return flows(self.constants, self.curve, self.plane_stress, strain, self.plastic, self.p, np.empty(self.m))
+        return flows(self.material, strain, self.plastic, self.p, np.empty(self.m))
 
     def relative(self, stress):
         """Deviator of a stress minus back stress of the state, a tensor."""
         t = tensor(stress)
-        return t - np.trace(t) / 3.0 * np.eye(3) - 2.0 / 3.0 * self.constants[2] * tensor(self.plastic)
+        return t - np.trace(t) / 3.0 * np.eye(3) - 2.0 / 3.0 * self.material.constants[2] * tensor(self.plastic)
 
 
 def uniaxial(strains, of_strain, of_plastic, hardening, kinematic):

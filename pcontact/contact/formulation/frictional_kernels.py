@@ -150,7 +150,7 @@ def add_tangent(theta, alpha, gamma, source, partner, excess, status, slope, blo
     status : ndarray (np,)
     slope : ndarray (np, d, d)
         D, zero where points are open.
-    blocks : pcontact.contact.points.BlockRows
+    blocks : pcontact.assembly.graph.BlockRows
     """
     d, nn, nt = partner.normal.shape[1], source.cells.shape[1], partner.nodes.shape[1]
     stiff, inverse = np.zeros((d, d)), np.zeros((d, d))

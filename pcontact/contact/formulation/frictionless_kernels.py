@@ -102,7 +102,7 @@ def add_tangent(theta, gamma, source, partner, b, excess, across, closed, blocks
         Its rows along the contact normal.
     closed : ndarray (np,) of bool
         H.
-    blocks : pcontact.contact.points.BlockRows
+    blocks : pcontact.assembly.graph.BlockRows
     """
     facet, cells, shape, jxw = source.facet, source.cells, source.shape, source.jxw
     nodes, normal, at = partner.nodes, partner.normal, excess.at

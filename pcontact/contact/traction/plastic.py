@@ -13,12 +13,22 @@ functions for those of degree 2, products of degree k for tensor cells of degree
 """
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from pcontact.assembly.geometry import some_cells
-from pcontact.assembly.plastic import NO_RING, PlasticState
-from pcontact.assembly.plastic_kernels import excess_at, fill_operator, pull, scatter, square, strain_at
+from pcontact.assembly.plastic import NO_RING
+from pcontact.assembly.plastic_kernels import (
+    CellPoints,
+    PlasticState,
+    excess_at,
+    fill_operator,
+    pull,
+    scatter,
+    square,
+    strain_at,
+)
 from pcontact.contact.points import Excess
 from pcontact.contact.traction.elastic import ElasticTraction
 from pcontact.element.reference import CELLS, reference_nodes
@@ -65,9 +75,28 @@ def _row(i, normal, k):
     return HALF * normal[2 - i] if i != 1 else 0.0
 
 
+class FacetPoints(NamedTuple):
+    """Points on facets, to which the stress at the parent cells' own nq points is extrapolated.
+
+    Attributes
+    ----------
+    points : ndarray (n,)
+        Their numbers among the np points of the source.
+    facet : ndarray (n,)
+        Facet of each, 0 to nf - 1.
+    matrix : ndarray (n, nq)
+        See :func:`extrapolation`.
+    """
+
+    points: np.ndarray
+    facet: np.ndarray
+    matrix: np.ndarray
+
+
 @njit
-def _add_tractions(excess, matrix, facet, points, normal, out):
+def _add_tractions(excess, places, normal, out):
     """Add the extrapolated excess (nf, nq, m) times the outward normal at the points to ``out`` (np, d)."""
+    points, facet, matrix = places.points, places.facet, places.matrix
     d = out.shape[1]
     for n in range(len(points)):
         p = points[n]
@@ -79,9 +108,10 @@ def _add_tractions(excess, matrix, facet, points, normal, out):
 
 
 @njit
-def _add_operators(tangent, yields, grad, ring, matrix, facet, points, normal, first, at, out):
+def _add_operators(parents, tangent, yields, places, normal, first, at, out):
     """Derivative of the excess traction of the points on facets that yield, from row ``first`` of ``out`` on."""
-    nq, nn, d = grad.shape[1], grad.shape[2], grad.shape[3]
+    points, facet, matrix = places.points, places.facet, places.matrix
+    nq, nn, d = parents.grad.shape[1], parents.grad.shape[2], parents.grad.shape[3]
     m = tangent.shape[2]
     operator, pulled = np.zeros((m, nn, d)), np.zeros((nq, m, nn * d))
     flat, last, row = operator.reshape(m, nn * d), -1, first
@@ -92,7 +122,7 @@ def _add_operators(tangent, yields, grad, ring, matrix, facet, points, normal, f
         if f != last:
             last = f
             for q in range(nq):
-                fill_operator(grad, ring, f, q, operator)
+                fill_operator(parents, f, q, operator)
                 pull(tangent[f, q], flat, 1.0, pulled[q])
         at[p] = row
         for q in range(nq):
@@ -121,8 +151,9 @@ def _add_adjoint(at, rows, weights, cells, facet, out):
 
 
 @njit
-def _gather(matrix, facet, points, normal, weights, out):
+def _gather(places, normal, weights, out):
     """Mandel stresses (nf, nq, m), by whose work the vectors (np, d) at the points test the traction."""
+    points, facet, matrix = places.points, places.facet, places.matrix
     for n in range(len(points)):
         p = points[n]
         for q in range(out.shape[1]):
@@ -132,15 +163,14 @@ def _gather(matrix, facet, points, normal, weights, out):
 
 
 @njit
-def _add_curvature(
-    weights, grad, ring, nodal, cells, constants, curve, plane_stress, plastic_strain, p, rowptr, columns, out
-):
-    """Add second derivatives of the stress tested with ``weights`` (nf, nq, m) to block values (nnz, d, d).
+def _add_curvature(parents, state, nodal, weights, blocks):
+    """Add second derivatives of the stress of parent cells, tested with ``weights`` (nf, nq, m), to block rows.
 
     Returns how many entries had no place.
     """
+    material, plastic_strain, p = state.material, state.strain, state.p
     nf, nq, m = weights.shape
-    nn, d = grad.shape[2], grad.shape[3]
+    nn, d = parents.grad.shape[2], parents.grad.shape[3]
     strain, work, second = np.zeros(m), np.zeros((2, m)), np.zeros((m, m))
     operator, pulled = np.zeros((m, nn, d)), np.zeros((m, nn * d))
     flat, stiffness, missing = operator.reshape(m, nn * d), np.zeros((nn * d, nn * d)), 0
@@ -148,32 +178,36 @@ def _add_curvature(
         touched = False
         stiffness[:] = 0.0
         for q in range(nq):
-            strain_at(nodal, cells, grad, ring, f, q, strain)
-            if not second_derivative(
-                constants, curve, plane_stress, strain, plastic_strain[f, q], p[f, q], weights[f, q], work, second
-            ):
+            strain_at(parents, nodal, f, q, strain)
+            if not second_derivative(material, strain, plastic_strain[f, q], p[f, q], weights[f, q], work, second):
                 continue
-            fill_operator(grad, ring, f, q, operator)
+            fill_operator(parents, f, q, operator)
             pull(second, flat, 1.0, pulled)
             square(flat, pulled, stiffness)
             touched = True
         if touched:
-            missing += scatter(stiffness, cells, f, rowptr, columns, out)
+            missing += scatter(stiffness, parents.cells, f, blocks)
     return missing
 
 
 @dataclass
 class _Part:
-    """Facets of the source whose parent cells belong to one block that may yield."""
+    """Facets of the source whose parent cells belong to one block that may yield.
+
+    ``state`` is that of the block, ``rows`` are the parent cells in it; ``grad`` and ``ring`` are those of
+    :class:`pcontact.assembly.plastic_kernels.CellPoints`.
+    """
 
     state: PlasticState
     rows: np.ndarray
     facets: slice
     grad: np.ndarray
     ring: np.ndarray
-    points: np.ndarray
-    facet: np.ndarray
-    matrix: np.ndarray
+    places: FacetPoints
+
+    def parents(self, cells):
+        """Points of the parent cells, by the nodes (nf, nn) of the parent cells of all facets of the source."""
+        return CellPoints(np.ascontiguousarray(cells[self.facets, : self.grad.shape[2]]), self.grad, self.ring)
 
 
 class PlasticTrace:
@@ -212,18 +246,14 @@ class PlasticTrace:
         xi = source.shape[points, : grad.shape[2]] @ reference_nodes(cell, space.degree)
         return _Part(
             bulk.states[facets.block], rows, which, grad, NO_RING if ring is None else np.ascontiguousarray(ring),
-            points, source.facet[points] - which.start, extrapolation(cell, space.degree, rule, xi),
+            FacetPoints(points, source.facet[points] - which.start, extrapolation(cell, space.degree, rule, xi)),
         )  # fmt: skip
 
     def _excess(self, part, values, cells, want_tangent):
         nf, nq, m = len(part.rows), *part.state.strain.shape[1:]
         excess = np.zeros((nf, nq, m))
         tangent = np.zeros((nf, nq, m, m) if want_tangent else (0, 0, m, m))
-        nodes = np.ascontiguousarray(cells[part.facets, : part.grad.shape[2]])
-        yields = excess_at(
-            values, nodes, part.grad, part.ring, *part.state.material, part.state.strain[part.rows],
-            part.state.p[part.rows], want_tangent, excess, tangent,
-        )  # fmt: skip
+        yields = excess_at(part.parents(cells), part.state.of(part.rows), values, want_tangent, excess, tangent)
         return excess, tangent, yields
 
     def traction(self, values, cells):
@@ -239,7 +269,7 @@ class PlasticTrace:
         out = np.zeros_like(self._source.x)
         for part in self._parts:
             excess, _, _ = self._excess(part, values, cells, False)
-            _add_tractions(excess, part.matrix, part.facet, part.points, self._source.normal, out)
+            _add_tractions(excess, part.places, self._source.normal, out)
         return out
 
     def operators(self, values, cells):
@@ -257,13 +287,10 @@ class PlasticTrace:
         for part in self._parts:
             _, tangent, yields = self._excess(part, values, cells, True)
             found.append((part, tangent, yields, count))
-            count += int(np.sum(yields[part.facet]))
+            count += int(np.sum(yields[part.places.facet]))
         rows = np.zeros((count, source.shape.shape[1], *[source.x.shape[1]] * 2))
         for part, tangent, yields, first in found:
-            _add_operators(
-                tangent, yields, part.grad, part.ring, part.matrix, part.facet, part.points, source.normal, first, at,
-                rows,
-            )  # fmt: skip
+            _add_operators(part.parents(cells), tangent, yields, part.places, source.normal, first, at, rows)
         return at, rows
 
     def add_adjoint(self, values, cells, weights, out):
@@ -280,8 +307,8 @@ class PlasticTrace:
         at, rows = self.operators(values, cells)
         _add_adjoint(at, rows, weights, cells, self._source.facet, out)
 
-    def add_curvature(self, values, cells, weights, rowptr, columns, out):
-        """Add the derivative of :meth:`add_adjoint` at constant weights to block values (nnz, d, d).
+    def add_curvature(self, values, cells, weights, blocks):
+        """Add the derivative of :meth:`add_adjoint` at constant weights to blocks (BlockRows).
 
         Returns
         -------
@@ -290,13 +317,9 @@ class PlasticTrace:
         """
         missing = 0
         for part in self._parts:
-            state, tested = part.state, np.zeros((len(part.rows), *part.state.strain.shape[1:]))
-            _gather(part.matrix, part.facet, part.points, self._source.normal, weights, tested)
-            nodes = np.ascontiguousarray(cells[part.facets, : part.grad.shape[2]])
-            missing += _add_curvature(
-                tested, part.grad, part.ring, values, nodes, *state.material, state.strain[part.rows],
-                state.p[part.rows], rowptr, columns, out,
-            )  # fmt: skip
+            tested = np.zeros((len(part.rows), *part.state.strain.shape[1:]))
+            _gather(part.places, self._source.normal, weights, tested)
+            missing += _add_curvature(part.parents(cells), part.state.of(part.rows), values, tested, blocks)
         return missing
 
 
@@ -336,4 +359,4 @@ class PlasticTraction(ElasticTraction):
 
     def add_curvature(self, values, p, weights, blocks):
         """See :meth:`ElasticTraction.add_curvature`."""
-        return self.trace.add_curvature(values, p.cells, weights, *blocks)
+        return self.trace.add_curvature(values, p.cells, weights, blocks)

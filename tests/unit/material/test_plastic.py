@@ -108,7 +108,7 @@ def test_against_tensors(material, mode):
     for size in [0.1, 0.1, 0.8, 8, 0.5, 5, 1, 10, 3, 0.3, 30]:
         strain = random_strain(rng, mode, size)
         before = point.p
-        stress, plastic, p, across = twin(point.constants, point.curve, mode, strain, point.plastic, point.p)
+        stress, plastic, p, across = twin(*point.material[:2], mode, strain, point.plastic, point.p)
         found, yields = point.move(strain)
         scale = abs(stress).max()
         np.testing.assert_allclose(found, stress, rtol=0, atol=1e-11 * scale)
@@ -116,10 +116,10 @@ def test_against_tensors(material, mode):
         np.testing.assert_allclose(point.p, p, rtol=1e-10, atol=1e-17)
         assert yields == (p > before)
         seen.add(yields)
-        crossed = max(crossed, np.sum((point.curve[:, 0] > before) & (point.curve[:, 0] < p)))
+        crossed = max(crossed, np.sum((point.material.curve[:, 0] > before) & (point.material.curve[:, 0] < p)))
         if mode == "plane stress":
             assert found[2] == 0.0
-            found_across = thickness_strain(point.constants, strain, point.plastic)
+            found_across = thickness_strain(point.material.constants, strain, point.plastic)
             np.testing.assert_allclose(found_across, across, rtol=1e-9, atol=1e-16)
     assert seen == {False, True}
     assert crossed >= 2 or "table" not in material
@@ -154,7 +154,7 @@ def test_tangent(material, mode, state):
         relative = point.relative(point.stress(strain))
         direction = 0.5 * direction - 5.0 * YIELD_STRAIN * mandel(relative, point.m) / np.linalg.norm(relative)
         elastic = np.zeros((point.m, point.m))
-        add_elastic_tangent(point.constants, point.plane_stress, elastic)
+        add_elastic_tangent(point.material.constants, point.material.plane_stress, elastic)
         np.testing.assert_array_equal(point.tangent(strain), elastic)
     tangent = point.tangent(strain)
     np.testing.assert_allclose(tangent, tangent.T, rtol=0, atol=1e-14 * abs(tangent).max())
@@ -175,15 +175,14 @@ def test_second_derivative(material, mode):
     m = point.m
     rng = np.random.default_rng(5)
     weight, work, second = rng.normal(size=m), np.empty((2, m)), np.full((m, m), np.inf)
-    arguments = point.constants, point.curve, point.plane_stress
-    assert second_derivative(*arguments, strain, point.plastic, point.p, weight, work, second)
+    assert second_derivative(point.material, strain, point.plastic, point.p, weight, work, second)
     expected, h = np.empty((m, m)), 1e-4 * YIELD_STRAIN
     for i, e in enumerate(np.eye(m)):
         difference = point.raw(strain + h * e)[4] - point.raw(strain - h * e)[4]
         expected[i] = weight @ difference / (2.0 * h)
     np.testing.assert_allclose(second, expected, rtol=0, atol=1e-6 * abs(expected).max())
     kept = second.copy()
-    assert not second_derivative(*arguments, 0.0 * strain, np.zeros(m), point.p, weight, work, second)
+    assert not second_derivative(point.material, 0.0 * strain, np.zeros(m), point.p, weight, work, second)
     np.testing.assert_array_equal(second, kept)
 
 
@@ -241,8 +240,9 @@ def test_on_the_yield_surface(material, mode):
         strain = strain + random_strain(rng, mode, size)
         stress, yields = point.move(strain)
         assert abs(point.plastic[:3].sum()) <= 1e-15 * abs(point.plastic).max()
-        radius = yield_radius(point.curve, point.p)
-        size = 2.0 * LAME[1] * abs(strain).max() + (2.0 * LAME[1] + point.constants[2]) * abs(point.plastic).max()
+        radius = yield_radius(point.material.curve, point.p)
+        kinematic = point.material.constants[2]
+        size = 2.0 * LAME[1] * abs(strain).max() + (2.0 * LAME[1] + kinematic) * abs(point.plastic).max()
         if yields:
             assert abs(np.linalg.norm(point.relative(stress)) - radius) < 4e-15 * (radius + size)
         assert not point.flows(strain)
@@ -257,7 +257,7 @@ def test_perfect_plasticity(mode):
     for _ in range(200):
         stress, yields = point.move(random_strain(rng, mode, 3.0))
         if yields:
-            assert abs(np.linalg.norm(point.relative(stress)) / yield_radius(point.curve, 0.0) - 1.0) < 1e-14
+            assert abs(np.linalg.norm(point.relative(stress)) / yield_radius(point.material.curve, 0.0) - 1.0) < 1e-14
 
 
 @every_mode
@@ -265,7 +265,7 @@ def test_exactly_on_the_surface(mode):
     """Numbers without rounding: the shear that reaches the yield surface is elastic, the next larger flows."""
     point = Point((np.array([1.0, 0.5, 0.0]), hardening_curve(1.0)), mode)
     strain = np.zeros(point.m)
-    strain[3] = yield_radius(point.curve, 0.0)
+    strain[3] = yield_radius(point.material.curve, 0.0)
     assert not point.flows(strain)
     strain[3] *= 1.0 + 1e-13
     assert point.flows(strain)
@@ -285,7 +285,7 @@ def test_no_deviator():
 @pytest.mark.parametrize("unit", [1e-12, 1e12])
 def test_units(material, mode, unit):
     point, strain = yielded(material, mode, seed=8)
-    constants, curve = point.constants * unit, point.curve * [1.0, unit, unit]
+    constants, curve = point.material.constants * unit, point.material.curve * [1.0, unit, unit]
     other = Point((constants, curve), mode, point.plastic, point.p)
     excess, plastic, p, yields, tangent = point.raw(strain)
     for found, expected in zip(other.raw(strain), (excess * unit, plastic, p, yields, tangent * unit), strict=True):
@@ -351,13 +351,11 @@ def test_one_curve_many_ways():
 
 
 @njit
-def _many(constants, curve, plane_stress, strain, plastic, p, excess):
+def _many(material, strain, plastic, p, excess):
     """Commits all points in place; number of those that yielded."""
     tangent, count = np.empty((strain.shape[1], strain.shape[1])), 0
     for i in range(strain.shape[0]):
-        p[i], yields = return_map(
-            constants, curve, plane_stress, strain[i], plastic[i], p[i], False, plastic[i], excess[i], tangent
-        )
+        p[i], yields = return_map(material, strain[i], plastic[i], p[i], False, plastic[i], excess[i], tangent)
         count += yields
     return count
 
@@ -371,9 +369,7 @@ def test_in_a_loop_and_in_place(mode):
     yields = 0
     for _ in range(300):
         strain = random_strain(rng, mode, 3.0)
-        yields += _many(
-            point.constants, point.curve, point.plane_stress, np.stack([strain, strain]), plastic, p, excess
-        )
+        yields += _many(point.material, np.stack([strain, strain]), plastic, p, excess)
         point.move(strain)
     assert yields > 300
     np.testing.assert_array_equal(plastic, [point.plastic, point.plastic])

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from pcontact.assembly.graph import node_graph
+from pcontact.assembly.graph import BlockRows, node_graph
 from pcontact.contact.formulation import frictional_kernels as friction
 from pcontact.contact.law import OPEN, SLIP, STICK, Frictionless, project_rows
-from pcontact.contact.points import BlockRows, PartnerPoints, SourcePoints, no_excess
+from pcontact.contact.points import PartnerPoints, SourcePoints, no_excess
 from pcontact.contact.traction.elastic import tractions
 from pcontact.runtime.petsc import MPI
 from pcontact.scene.model import Contact

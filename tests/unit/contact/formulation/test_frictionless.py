@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from pcontact.assembly.bulk import ElasticBulk
-from pcontact.assembly.graph import node_graph
+from pcontact.assembly.graph import BlockRows, node_graph
 from pcontact.contact.formulation.frictionless_kernels import add_residual, add_tangent, evaluate
 from pcontact.contact.law import Frictionless, View
 from pcontact.contact.pair import contact_pair
-from pcontact.contact.points import BlockRows, PartnerPoints, SourcePoints, interpolate, no_excess
+from pcontact.contact.points import PartnerPoints, SourcePoints, interpolate, no_excess
 from pcontact.contact.surface.obstacle import RigidObstacle
 from pcontact.contact.surface.sides import source_surface, target_surface
 from pcontact.contact.traction.elastic import traction_operator
