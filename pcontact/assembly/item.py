@@ -260,12 +260,14 @@ class Bulk(Item):
         Lame constants of each body [stress].
     yields : bool
         Whether bodies may yield.
+    extrapolates : bool
+        Whether a load step begins where the bodies are if they move on as they did: see :meth:`predict`.
     states : dict of int to pcontact.assembly.plastic_kernels.PlasticState
         Internal variables, by block; empty where none may yield.
     """
 
     constants = ()
-    yields = False
+    yields = extrapolates = False
     states = {}
 
     def counters(self):
