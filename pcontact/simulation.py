@@ -30,7 +30,7 @@ from pcontact.stepping.loose import LooseBodies
 from pcontact.stepping.record import Recorder
 from pcontact.stepping.schedule import Schedule
 from pcontact.stepping.search_update import search_update
-from pcontact.stepping.stepper import Stepper
+from pcontact.stepping.stepper import Stages, Stepper
 from pcontact.stepping.uzawa import uzawa
 
 
@@ -181,9 +181,9 @@ class Simulation:
         # the report has the warnings of those before it
         watch.insert(0, FacetErrors(self.problem.contacts))
         self._announce()
+        stages = Stages(self.renew, self.settle, self.rest)
         self.stepper = Stepper(
-            self.problem, self.newton, schedule, watch, recorder, self.timing, drive(scene), self.settle, self.renew,
-            self.rest,
+            self.problem, self.newton, schedule, watch, recorder, self.timing, drive(scene), stages
         )  # fmt: skip
         if resumed is not None:
             self.stepper.resume(

@@ -66,31 +66,40 @@ def _energy_density(gradient, lam, mu, mean=None):
     return density
 
 
-def _with_hoop(gradient, u, radius):
-    """Gradients (n, 3, 3) with the hoop strain."""
-    full = np.zeros((len(u), 3, 3))
-    full[:, :2, :2], full[:, 2, 2] = gradient, u[:, 0] / radius
-    return full
+class Displacements(NamedTuple):
+    """Displacements at points.
+
+    Attributes
+    ----------
+    u : ndarray (n, d)
+        [length]
+    slope : ndarray (n, d, d)
+        Gradients, entry [i, j] the derivative of component i in direction j.
+    """
+
+    u: np.ndarray
+    slope: np.ndarray
+
+    def with_hoop(self, radius):
+        """With gradients (n, 3, 3) that have the hoop strain, at radii (n,)."""
+        full = np.zeros((len(self.u), 3, 3))
+        full[:, :2, :2], full[:, 2, 2] = self.slope, self.u[:, 0] / radius
+        return Displacements(self.u, full)
 
 
-def _chunk_sums(x, grad, jxw, at, values, nodal, exact, body, constants, axisymmetric, kind):
-    """The four squares summed over a chunk of cells."""
-    n, d = jxw.size, nodal.shape[-1]
+def _squares(points, jxw, found, exact, constants, axisymmetric, kind):
+    """The four squares summed over the points (n, d) of a chunk of cells, with weights (nc, nq)."""
     averaged, on_linear, degree = kind
-    points = np.einsum("qa,cad->cqd", at, x).reshape(n, d)
-    u = np.einsum("qa,cad->cqd", values, nodal).reshape(n, d)
-    slope = np.einsum("cai,cqaj->cqij", nodal, grad).reshape(n, d, d)
-    exact_u, exact_slope = exact(points, body)
     if axisymmetric:
         radius = points[:, 0]
-        slope, exact_slope = _with_hoop(slope, u, radius), _with_hoop(exact_slope, exact_u, radius)
+        found, exact = found.with_hoop(radius), exact.with_hoop(radius)
         jxw = 2.0 * np.pi * jxw * radius.reshape(jxw.shape)
-    mean = (jxw, points.reshape(*jxw.shape, d) if on_linear else None, degree) if averaged else None
+    mean = (jxw, points.reshape(*jxw.shape, points.shape[1]) if on_linear else None, degree) if averaged else None
     integrands = (
-        _energy_density(slope - exact_slope, *constants, mean),
-        _energy_density(exact_slope, *constants),
-        np.sum((u - exact_u) ** 2, axis=1),
-        np.sum(exact_u**2, axis=1),
+        _energy_density(found.slope - exact.slope, *constants, mean),
+        _energy_density(exact.slope, *constants),
+        np.sum((found.u - exact.u) ** 2, axis=1),
+        np.sum(exact.u**2, axis=1),
     )
     return np.array([jxw.ravel() @ integrand for integrand in integrands])
 
@@ -118,23 +127,26 @@ def bulk_error(space, constants, u, exact, degree=None, averaged=False):
     BulkError
     """
     mesh, nodal = space.mesh, space.local.gather(u)
-    sums = np.zeros(4)
+    sums, d = np.zeros(4), space.dim
     for number, block in enumerate(mesh.blocks):
         table, geometry_degree = mesh.geometry_nodes(block)
         xi, weights = quadrature(block.cell, degree or 2 * space.degree + 4)
         dgeo = np.ascontiguousarray(shape_gradient(block.cell, geometry_degree, xi))
         dshape = np.ascontiguousarray(shape_gradient(block.cell, space.degree, xi))
         at, values = shape(block.cell, geometry_degree, xi), shape(block.cell, space.degree, xi)
+        kind = averaged and space.averages(block), linear(block.cell, space.degree), space.degree
         for first in range(0, len(block.nodes), CHUNK):
             rows = slice(first, first + CHUNK)
             x = np.ascontiguousarray(mesh.points[table[rows]])
             grad, jxw = np.empty((len(x), *dshape.shape)), np.empty((len(x), len(weights)))
             gradients(x, dgeo, dshape, weights, grad, jxw)
-            cells = nodal[space.cells[number][rows]]
-            sums += _chunk_sums(
-                x, grad, jxw, at, values, cells, exact, block.body, constants[block.body], space.axisymmetric,
-                (averaged and space.averages(block), linear(block.cell, space.degree), space.degree),
-            )  # fmt: skip
+            points, u = np.einsum("qa,cad->cqd", at, x).reshape(jxw.size, d), nodal[space.cells[number][rows]]
+            found = Displacements(
+                np.einsum("qa,cad->cqd", values, u).reshape(jxw.size, d),
+                np.einsum("cai,cqaj->cqij", u, grad).reshape(jxw.size, d, d),
+            )
+            known = Displacements(*exact(points, block.body))
+            sums += _squares(points, jxw, found, known, constants[block.body], space.axisymmetric, kind)
     return BulkError(*np.sqrt(space.comm.allreduce(sums, op=MPI.SUM)).tolist())
 
 

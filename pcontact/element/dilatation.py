@@ -48,6 +48,25 @@ def dilatation(grad, hoop=None):
     return result
 
 
+class Dilatation(NamedTuple):
+    """What makes the volumetric part more than lam div u.
+
+    Attributes
+    ----------
+    axisymmetric : bool
+        Axial symmetry: the first coordinate is the radius.
+    averaged : bool
+        Mean dilatation.
+    """
+
+    axisymmetric: bool
+    averaged: bool
+
+
+# lam div u alone
+PLAIN = Dilatation(False, False)
+
+
 class Mean(NamedTuple):
     """Mean dilatation of cells: M(x) = slopes[0] + sum_k (x - centre)_k slopes[k].
 

@@ -38,6 +38,29 @@ class FacetGeometry(NamedTuple):
     gradients: np.ndarray
 
 
+class FacetTables(NamedTuple):
+    """What facets of one kind of cell have in common; row ``facet * nq + point`` of a table is a point of a facet.
+
+    Attributes
+    ----------
+    geo : ndarray, (n_facets nq, ng)
+    dgeo : ndarray, (n_facets nq, ng, d)
+        Shape functions of the geometry, and their reference gradients.
+    dshape : ndarray, (n_facets nq, nn, d)
+        Reference gradients of the displacement's shape functions.
+    area : ndarray, (n_facets, d)
+        Area vectors of the reference cell's facets.
+    weights : ndarray, (nq,)
+        Of the quadrature.
+    """
+
+    geo: np.ndarray
+    dgeo: np.ndarray
+    dshape: np.ndarray
+    area: np.ndarray
+    weights: np.ndarray
+
+
 @njit
 def gradients(x, dgeo, dshape, weights, grad, jxw):
     """Physical shape gradients and volume weights of cells.
@@ -97,16 +120,18 @@ def facet_geometry(cell, x, local_facet, geometry_degree, degree, xi, weights):
     on_cell = facet_points(cell, xi).reshape(-1, dim)
     geo, dgeo = shape(cell, geometry_degree, on_cell), shape_gradient(cell, geometry_degree, on_cell)
     values, dshape = shape(cell, degree, on_cell), shape_gradient(cell, degree, on_cell)
-    points, normals, jxw = np.empty((nf, nq, dim)), np.empty((nf, nq, dim)), np.empty((nf, nq))
-    grad = np.empty((nf, nq, dshape.shape[1], dim))
+    result = FacetGeometry(
+        np.empty((nf, nq, dim)), np.empty((nf, nq, dim)), np.empty((nf, nq)),
+        values.reshape(-1, nq, values.shape[1])[local_facet], np.empty((nf, nq, dshape.shape[1], dim)),
+    )  # fmt: skip
     kernel = _facets2 if dim == 2 else _facets3
-    kernel(x, local_facet, geo, dgeo, dshape, facet_area_vectors(cell), weights, points, normals, jxw, grad)
-    return FacetGeometry(points, normals, jxw, values.reshape(-1, nq, values.shape[1])[local_facet], grad)
+    kernel(x, local_facet, FacetTables(geo, dgeo, dshape, facet_area_vectors(cell), weights), result)
+    return result
 
 
 @njit
 def _inverse2(x, c, dgeo, q):
-    """det J and the entries of J^{-1} (row: reference coordinate) of cell c at table row q."""
+    """det J, and the entries of J^{-1} (row: reference coordinate) in their order, of cell c at table row q."""
     j00 = j01 = j10 = j11 = 0.0
     for a in range(x.shape[1]):
         x0, x1 = x[c, a, 0], x[c, a, 1]
@@ -116,12 +141,12 @@ def _inverse2(x, c, dgeo, q):
         j10 += x1 * d0
         j11 += x1 * d1
     det = j00 * j11 - j01 * j10
-    return det, j11 / det, -j01 / det, -j10 / det, j00 / det
+    return det, (j11 / det, -j01 / det, -j10 / det, j00 / det)
 
 
 @njit
 def _inverse3(x, c, dgeo, q):
-    """det J and the entries of J^{-1} (row: reference coordinate) of cell c at table row q."""
+    """det J, and the entries of J^{-1} (row: reference coordinate) in their order, of cell c at table row q."""
     j00 = j01 = j02 = j10 = j11 = j12 = j20 = j21 = j22 = 0.0
     for a in range(x.shape[1]):
         x0, x1, x2 = x[c, a, 0], x[c, a, 1], x[c, a, 2]
@@ -137,16 +162,17 @@ def _inverse3(x, c, dgeo, q):
         j22 += x2 * d2
     c00, c01, c02 = j11 * j22 - j12 * j21, j12 * j20 - j10 * j22, j10 * j21 - j11 * j20
     det = j00 * c00 + j01 * c01 + j02 * c02
-    return (
-        det, c00 / det, (j02 * j21 - j01 * j22) / det, (j01 * j12 - j02 * j11) / det,
+    return det, (
+        c00 / det, (j02 * j21 - j01 * j22) / det, (j01 * j12 - j02 * j11) / det,
         c01 / det, (j00 * j22 - j02 * j20) / det, (j02 * j10 - j00 * j12) / det,
         c02 / det, (j01 * j20 - j00 * j21) / det, (j00 * j11 - j01 * j10) / det,
     )  # fmt: skip
 
 
 @njit
-def _push2(dshape, k, grad, c, q, i00, i01, i10, i11):
+def _push2(dshape, k, inverse, grad, c, q):
     """Physical gradients of table row k into grad[c, q]."""
+    i00, i01, i10, i11 = inverse
     for a in range(dshape.shape[1]):
         d0, d1 = dshape[k, a, 0], dshape[k, a, 1]
         grad[c, q, a, 0] = d0 * i00 + d1 * i10
@@ -154,8 +180,9 @@ def _push2(dshape, k, grad, c, q, i00, i01, i10, i11):
 
 
 @njit
-def _push3(dshape, k, grad, c, q, i00, i01, i02, i10, i11, i12, i20, i21, i22):
+def _push3(dshape, k, inverse, grad, c, q):
     """Physical gradients of table row k into grad[c, q]."""
+    i00, i01, i02, i10, i11, i12, i20, i21, i22 = inverse
     for a in range(dshape.shape[1]):
         d0, d1, d2 = dshape[k, a, 0], dshape[k, a, 1], dshape[k, a, 2]
         grad[c, q, a, 0] = d0 * i00 + d1 * i10 + d2 * i20
@@ -168,8 +195,8 @@ def _gradients2(x, dgeo, dshape, weights, grad, jxw):
     smallest = np.inf
     for c in range(x.shape[0]):
         for q in range(weights.shape[0]):
-            det, i00, i01, i10, i11 = _inverse2(x, c, dgeo, q)
-            _push2(dshape, q, grad, c, q, i00, i01, i10, i11)
+            det, inverse = _inverse2(x, c, dgeo, q)
+            _push2(dshape, q, inverse, grad, c, q)
             jxw[c, q] = weights[q] * det
             smallest = min(smallest, det)
     return smallest
@@ -180,23 +207,26 @@ def _gradients3(x, dgeo, dshape, weights, grad, jxw):
     smallest = np.inf
     for c in range(x.shape[0]):
         for q in range(weights.shape[0]):
-            det, i00, i01, i02, i10, i11, i12, i20, i21, i22 = _inverse3(x, c, dgeo, q)
-            _push3(dshape, q, grad, c, q, i00, i01, i02, i10, i11, i12, i20, i21, i22)
+            det, inverse = _inverse3(x, c, dgeo, q)
+            _push3(dshape, q, inverse, grad, c, q)
             jxw[c, q] = weights[q] * det
             smallest = min(smallest, det)
     return smallest
 
 
 @njit
-def _facets2(x, local_facet, geo, dgeo, dshape, area, weights, points, normals, jxw, grad):
-    """Table rows are facet * nq + point; `area` holds the reference area vectors (n_facets, 2)."""
+def _facets2(x, local_facet, tables, out):
+    """Points, normals, weights and gradients of a :class:`FacetGeometry` in 2D."""
+    geo, dgeo, dshape, area, weights = tables.geo, tables.dgeo, tables.dshape, tables.area, tables.weights
+    points, normals, jxw, grad = out.points, out.normals, out.jxw, out.gradients
     nq = weights.shape[0]
     for c in range(x.shape[0]):
         facet = local_facet[c]
         for q in range(nq):
             k = facet * nq + q
-            det, i00, i01, i10, i11 = _inverse2(x, c, dgeo, k)
-            _push2(dshape, k, grad, c, q, i00, i01, i10, i11)
+            det, inverse = _inverse2(x, c, dgeo, k)
+            _push2(dshape, k, inverse, grad, c, q)
+            i00, i01, i10, i11 = inverse
             n0 = det * (i00 * area[facet, 0] + i10 * area[facet, 1])
             n1 = det * (i01 * area[facet, 0] + i11 * area[facet, 1])
             size = np.sqrt(n0 * n0 + n1 * n1)
@@ -212,16 +242,19 @@ def _facets2(x, local_facet, geo, dgeo, dshape, area, weights, points, normals, 
 
 
 @njit
-def _facets3(x, local_facet, geo, dgeo, dshape, area, weights, points, normals, jxw, grad):
-    """Table rows are facet * nq + point; `area` holds the reference area vectors (n_facets, 3)."""
+def _facets3(x, local_facet, tables, out):
+    """Points, normals, weights and gradients of a :class:`FacetGeometry` in 3D."""
+    geo, dgeo, dshape, area, weights = tables.geo, tables.dgeo, tables.dshape, tables.area, tables.weights
+    points, normals, jxw, grad = out.points, out.normals, out.jxw, out.gradients
     nq = weights.shape[0]
     for c in range(x.shape[0]):
         facet = local_facet[c]
         r0, r1, r2 = area[facet, 0], area[facet, 1], area[facet, 2]
         for q in range(nq):
             k = facet * nq + q
-            det, i00, i01, i02, i10, i11, i12, i20, i21, i22 = _inverse3(x, c, dgeo, k)
-            _push3(dshape, k, grad, c, q, i00, i01, i02, i10, i11, i12, i20, i21, i22)
+            det, inverse = _inverse3(x, c, dgeo, k)
+            _push3(dshape, k, inverse, grad, c, q)
+            i00, i01, i02, i10, i11, i12, i20, i21, i22 = inverse
             n0 = det * (i00 * r0 + i10 * r1 + i20 * r2)
             n1 = det * (i01 * r0 + i11 * r1 + i21 * r2)
             n2 = det * (i02 * r0 + i12 * r1 + i22 * r2)

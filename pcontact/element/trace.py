@@ -10,7 +10,7 @@ dilatation stress and energy are those of `pcontact.element.dilatation`.
 
 import numpy as np
 
-from pcontact.element.dilatation import dilatation, factors, hoop_operator, linear, mean_dilatation, squares
+from pcontact.element.dilatation import PLAIN, dilatation, factors, hoop_operator, linear, mean_dilatation, squares
 from pcontact.element.geometry import facet_geometry, gradients
 from pcontact.element.quadrature import quadrature
 from pcontact.element.reference import CELLS, facet_nodes, n_nodes, reference_nodes
@@ -27,7 +27,7 @@ _AXIS = 1e-8
 _BATCH = 256
 
 
-def trace_constant(cell, x, local_facet, geometry_degree, degree, lam, mu, axisymmetric=False, averaged=False):
+def trace_constant(cell, x, local_facet, geometry_degree, degree, lam, mu, kind=PLAIN):
     """Trace constant of facets.
 
     Parameters
@@ -42,10 +42,7 @@ def trace_constant(cell, x, local_facet, geometry_degree, degree, lam, mu, axisy
         Degree of the geometry and of the displacement.
     lam, mu : float or ndarray, (nf,)
         Lame constants [stress].
-    axisymmetric : bool
-        Axial symmetry, the first coordinate is the radius.
-    averaged : bool
-        Mean dilatation.
+    kind : pcontact.element.dilatation.Dilatation
 
     Returns
     -------
@@ -68,10 +65,9 @@ def trace_constant(cell, x, local_facet, geometry_degree, degree, lam, mu, axisy
     for members, on_degree in ((straight, 1), (~straight, geometry_degree)):
         kept = np.flatnonzero(members)
         nodes = x[kept, : n_nodes(cell, on_degree)]
-        if on_degree == 1 and not (CELLS[cell].is_tensor or axisymmetric):
+        if on_degree == 1 and not (CELLS[cell].is_tensor or kind.axisymmetric):
             result[kept] = _closed_form(cell, nodes, local_facet[kept], degree) * (lam + 2.0 * mu)[kept]
         else:
-            kind = axisymmetric, averaged
             result[kept] = _in_batches(cell, nodes, local_facet[kept], on_degree, degree, lam[kept], mu[kept], kind)
     return result
 
@@ -107,7 +103,7 @@ def _in_batches(cell, x, local_facet, geometry_degree, degree, lam, mu, kind):
     return result
 
 
-def _largest(cell, x, local_facet, geometry_degree, degree, lam, mu, kind=(False, False)):
+def _largest(cell, x, local_facet, geometry_degree, degree, lam, mu, kind):
     """Largest eigenvalue of the local problem, (nf,).
 
     With K the stiffness of the cell and H the weighted tractions, max |H v|^2 / v.K v = max eigenvalue of
@@ -116,7 +112,7 @@ def _largest(cell, x, local_facet, geometry_degree, degree, lam, mu, kind=(False
     """
     extent, modulus = np.ptp(x, axis=1).max(axis=1), lam + 2.0 * mu
     middle = x.mean(axis=1, keepdims=True)  # the rotations below turn about this point
-    if kind[0]:
+    if kind.axisymmetric:
         middle[:, :, 0] = 0.0  # radii stay what they are
     x, lam, mu = (x - middle) / extent[:, None, None], lam / modulus, mu / modulus
     # exact on parallelepipeds; one point more per direction where the Jacobian varies
@@ -125,7 +121,7 @@ def _largest(cell, x, local_facet, geometry_degree, degree, lam, mu, kind=(False
     stiffness = _stiffness(layout, x, lam, mu, kind)
     tractions = _tractions(layout, x, local_facet, lam, mu, kind)
     nodes = np.einsum("na,cai->cni", shape(cell, geometry_degree, reference_nodes(cell, degree)), x)
-    if kind[0]:
+    if kind.axisymmetric:
         _hold_axis(nodes[:, :, 0] <= _AXIS, stiffness, tractions)
         nodes -= nodes.mean(axis=1, keepdims=True)
     stiffness += _rigid_stiffness(nodes, stiffness)

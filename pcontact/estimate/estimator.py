@@ -34,7 +34,7 @@ from pcontact.element.reference import CELLS, facet_nodes, facet_points
 from pcontact.element.shape import shape, shape_gradient
 from pcontact.estimate.bubbles import bubbles, supports
 from pcontact.estimate.facets import FacetPairs, facet_rule
-from pcontact.estimate.local import energies
+from pcontact.estimate.local import LocalFunctions, Moduli, energies
 from pcontact.estimate.recovery import Recovery
 from pcontact.estimate.stress import BlockStress
 from pcontact.estimate.tractions import Cells, on_source, on_target, source_facets
@@ -344,7 +344,8 @@ class Estimator:
             basis = np.zeros((0, 0, 0))
             if averaged:
                 basis = components(jxw, geo @ x if linear(block.cell, space.degree) else None)[0]
-            energies(test, ring, jxw, own, shared, mu, basis, loads, self._fixed(number, rows), out[rows])
+            functions = LocalFunctions(test, ring, jxw, basis)
+            energies(functions, Moduli(own, shared, mu), loads, self._fixed(number, rows), out[rows])
         return out
 
     def _body_force(self, number, time):

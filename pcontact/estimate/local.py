@@ -1,18 +1,51 @@
 """The local problems: elasticity of one cell at a time, small dense systems, all cells of a block in one call."""
 
+from typing import NamedTuple
+
 import numpy as np
 
 from pcontact.runtime.jit import njit
 
 
+class LocalFunctions(NamedTuple):
+    """Test functions of the local problems of nc cells, at nq points each.
+
+    Attributes
+    ----------
+    grad : ndarray (nc, nq, nb, d)
+        Physical gradients [1/length].
+    ring : ndarray (nc, nq, nb), or (0, 0, 0)
+        Test functions over radius with axial symmetry [1/length].
+    jxw : ndarray (nc, nq)
+        Weights of the points, see `pcontact.assembly.geometry.chunks`.
+    basis : ndarray (nc, nq, n)
+        Of the mean dilatation, see `pcontact.element.dilatation.components`; not looked at where that does not count.
+    """
+
+    grad: np.ndarray
+    ring: np.ndarray
+    jxw: np.ndarray
+    basis: np.ndarray
+
+
+class Moduli(NamedTuple):
+    """Factors [stress] of the dilatation and of its mean, see `pcontact.element.dilatation.factors`; shear modulus."""
+
+    own: float
+    shared: float
+    mu: float
+
+
 @njit
-def _assemble(grad, ring, jxw, c, lam, shared, mu, basis, out):
+def _assemble(functions, c, moduli, out):
     """Stiffness (n, n) of cell c for the test functions; the lower triangle is enough."""
+    grad, ring, jxw, basis = functions.grad, functions.ring, functions.jxw, functions.basis
+    lam, shared, mu = moduli.own, moduli.shared, moduli.mu
     nq, nb, d = grad.shape[1], grad.shape[2], grad.shape[3]
     out[:, :] = 0.0
     if shared != 0.0:
         for k in range(basis.shape[2]):
-            _add_mean(grad, ring, jxw, c, shared, basis[c, :, k], out)
+            _add_mean(functions, c, shared, basis[c, :, k], out)
     for q in range(nq):
         w = jxw[c, q]
         for a in range(nb):
@@ -35,8 +68,9 @@ def _assemble(grad, ring, jxw, c, lam, shared, mu, basis, out):
 
 
 @njit
-def _add_mean(grad, ring, jxw, c, shared, weight, out):
+def _add_mean(functions, c, shared, weight, out):
     """Add the energy of one component, of values ``weight`` (nq,), of the mean dilatation of cell c."""
+    grad, ring, jxw = functions.grad, functions.ring, functions.jxw
     nq, nb, d = grad.shape[1], grad.shape[2], grad.shape[3]
     mean, volume = np.zeros(nb * d), 0.0
     for q in range(nq):
@@ -82,23 +116,15 @@ def _square(a, b):
 
 
 @njit
-def energies(grad, ring, jxw, lam, shared, mu, basis, loads, fixed, out):
+def energies(functions, moduli, loads, fixed, out):
     """Squared energy norms of the solutions of the cells' local problems.
 
     Find e with  int sigma(e) : eps(v) = load(v)  for all test functions v of the cell.
 
     Parameters
     ----------
-    grad : ndarray (nc, nq, nb, d)
-        Physical gradients of the test functions [1/length].
-    ring : ndarray (nc, nq, nb), or (0, 0, 0)
-        Test functions over radius with axial symmetry [1/length].
-    jxw : ndarray (nc, nq)
-    lam, shared, mu : float
-        Factors of the dilatation and of its mean, see `pcontact.element.dilatation.factors`, and shear modulus
-        [stress].
-    basis : ndarray (nc, nq, nb)
-        Of the mean dilatation, see `pcontact.element.dilatation.components`; not looked at if ``shared`` is zero.
+    functions : LocalFunctions
+    moduli : Moduli
     loads : ndarray (nc, n_parts, nb, d)
         Residual of each kind, tested [force].
     fixed : ndarray (nc, nb, d) of bool
@@ -110,7 +136,7 @@ def energies(grad, ring, jxw, lam, shared, mu, basis, loads, fixed, out):
     n = nb * d
     matrix, vector = np.zeros((n, n)), np.zeros(n)
     for c in range(nc):
-        _assemble(grad, ring, jxw, c, lam, shared, mu, basis, matrix)
+        _assemble(functions, c, moduli, matrix)
         for a in range(nb):
             for i in range(d):
                 if fixed[c, a, i]:

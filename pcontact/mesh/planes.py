@@ -3,6 +3,8 @@
 All sums are of integers, and extremes are exact: what comes out does not depend on which rank holds which cell.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 
 from pcontact.runtime.jit import njit_exact
@@ -116,12 +118,30 @@ def _extents(slot, corners, normals, low, high):
                 low[a, k], high[a, k] = min(low[a, k], s), max(high[a, k], s)
 
 
+class Bins(NamedTuple):
+    """Bins along the directions of n_parts parts.
+
+    Attributes
+    ----------
+    normals : ndarray (n_parts, n, d)
+    low : ndarray (n_parts, n)
+        Where the first bin begins.
+    scale : ndarray (n_parts, n)
+        Bins per length.
+    """
+
+    normals: np.ndarray
+    low: np.ndarray
+    scale: np.ndarray
+
+
 @njit_exact
-def _histograms(slot, centres, corners, work, normals, low, scale, cells, cut):
+def _histograms(slot, centres, corners, work, along, cells, cut):
     """Work of cells by bins along all directions, and at both ends of every cell, doubled: how many a plane meets.
 
     A plane between the centres of two layers of cells should count the same wherever it is between them.
     """
+    normals, low, scale = along.normals, along.low, along.scale
     bins = cells.shape[2]
     for c in range(slot.shape[0]):
         a = slot[c]
@@ -146,8 +166,9 @@ def _histograms(slot, centres, corners, work, normals, low, scale, cells, cut):
 
 
 @njit_exact
-def _contact(slot, centres, contact, normals, low, scale, out):
+def _contact(slot, centres, contact, along, out):
     """Contact work of cells by bins along all directions."""
+    normals, low, scale = along.normals, along.low, along.scale
     bins = out.shape[2]
     for c in range(slot.shape[0]):
         a = slot[c]
@@ -235,10 +256,10 @@ class Chooser:
         _extents(own, self.corners, normals, low, high)
         low, high = reduced(self.comm, low, MPI.MIN), reduced(self.comm, high, MPI.MAX)
         low, high = np.where(np.isfinite(low), low, 0.0), np.where(np.isfinite(high), high, 1.0)
-        scale = BINS / np.where(high > low, high - low, 1.0)
+        along = Bins(normals, low, BINS / np.where(high > low, high - low, 1.0))
         sums = np.zeros((3, n_parts, normals.shape[1], BINS), dtype=np.int64)
-        _histograms(own, self.centres, self.corners, cells.work[self.rows], normals, low, scale, sums[0], sums[2])
-        _contact(near, touching, cells.contact[self.touching], normals, low, scale, sums[1])
+        _histograms(own, self.centres, self.corners, cells.work[self.rows], along, sums[0], sums[2])
+        _contact(near, touching, cells.contact[self.touching], along, sums[1])
         counts = np.bincount(own[own >= 0], minlength=n_parts)
         sums, counts = reduced(self.comm, sums, MPI.SUM), reduced(self.comm, counts, MPI.SUM)
         chosen = None

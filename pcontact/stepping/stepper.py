@@ -1,7 +1,9 @@
 """The loop over load steps: detect, solve, commit, or cut back."""
 
 import time as clock
+from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 from pcontact.runtime import profile
 from pcontact.runtime.errors import StepFailure
@@ -52,6 +54,24 @@ class Step:
     unbalanced: object = None
 
 
+class Stages(NamedTuple):
+    """What solving a load step has beside Newton's method; None: nothing.
+
+    Attributes
+    ----------
+    renew : callable, optional
+        Solves the load step and looks for partners again, see :class:`pcontact.stepping.search_update.SearchUpdate`.
+    settle : callable, optional
+        Goes on from the solution of the load step, see :class:`pcontact.stepping.uzawa.Uzawa`.
+    rest : callable, optional
+        After that, says where bodies are that nothing holds, see :class:`pcontact.stepping.loose.LooseBodies`.
+    """
+
+    renew: Callable | None = None
+    settle: Callable | None = None
+    rest: Callable | None = None
+
+
 class Stepper:
     """Load steps of a problem.
 
@@ -67,23 +87,15 @@ class Stepper:
         ``search`` and ``solve`` seconds are added.
     drive : callable, optional
         Factors (n,) of all that moves or loads the bodies, at a time. It tells how far the bodies will move on.
-    settle : callable, optional
-        Goes on from the solution of a load step, see :class:`pcontact.stepping.uzawa.Uzawa`.
-    renew : callable, optional
-        Before that, solves the load step and looks for partners again, see
-        :class:`pcontact.stepping.search_update.SearchUpdate`.
-    rest : callable, optional
-        After that, says where bodies are that nothing holds, see :class:`pcontact.stepping.loose.LooseBodies`.
+    stages : Stages, optional
     """
 
-    def __init__(
-        self, problem, newton, schedule, observers, recorder, timing, drive=None, settle=None, renew=None, rest=None
-    ):
+    def __init__(self, problem, newton, schedule, observers, recorder, timing, drive=None, stages=None):
         self.problem, self.newton, self.schedule = problem, newton, schedule
         self.observers, self.recorder, self.timing = observers, recorder, timing
         self.u = problem.space.vector()
         self._number = 0
-        self._drive, self._last, self._settle, self._renew, self._rest = drive, None, settle, renew, rest
+        self._drive, self._last, self._stages = drive, None, Stages() if stages is None else stages
 
     def resume(self, number, time, first, size, values, last=None):
         """Go on from the committed state of an earlier run. *Collective.*
@@ -157,7 +169,7 @@ class Stepper:
                 )
 
     def _attempt(self, target, before):
-        start = clock.perf_counter()
+        start, (renew, settle, rest) = clock.perf_counter(), self._stages
         self.problem.time, self.newton.divisible = target, self.schedule.divisible(target)
         with profile.phase("search"):
             motion, ahead = self.problem.imposed(self.u, target), self._ahead(target)
@@ -166,16 +178,16 @@ class Stepper:
         middle, searched = clock.perf_counter(), self.timing["search"]
         with profile.phase("solve"):
             self.problem.prescribe(self.u, target)
-            if self._rest is not None and self._last is not None:
-                self._rest.begin(self.u)
-            if self._renew is None:
+            if rest is not None and self._last is not None:
+                rest.begin(self.u)
+            if renew is None:
                 result = self.newton.solve(self.u)
             else:
-                result = self._renew(self.u, before, (target, motion, ahead))
-            if self._settle is not None and result.converged:
-                result = self._settle(self.u, result)
-            if self._rest is not None and result.converged:
-                result = self._rest(self.u, before, result)
+                result = renew(self.u, before, (target, motion, ahead))
+            if settle is not None and result.converged:
+                result = settle(self.u, result)
+            if rest is not None and result.converged:
+                result = rest(self.u, before, result)
             self._check_motion(result, before)
         # searches within the solve are counted as such
         again = self.timing["search"] - searched

@@ -7,7 +7,7 @@ import numpy as np
 from pcontact.assembly.geometry import bulk_degree
 from pcontact.contact.surface.facet_maps import KIND
 from pcontact.contact.surface.rim import Rim
-from pcontact.element.dilatation import Mean, dilatation, factors, hoop_operator, mean_dilatation
+from pcontact.element.dilatation import Dilatation, Mean, dilatation, factors, hoop_operator, mean_dilatation
 from pcontact.element.geometry import facet_geometry
 from pcontact.element.quadrature import quadrature
 from pcontact.element.reference import CELLS, facet_nodes, reference_nodes
@@ -194,7 +194,7 @@ def _part(space, facets, constants, quadrature_degree):
         order = bulk_degree(block.cell, space.degree, geometry_degree, space.axisymmetric)
         shared = mean_dilatation(block.cell, coordinates, geometry_degree, space.degree, order, space.axisymmetric)
         shared = shared.times(np.full(len(coordinates), factor))
-    kind = space.axisymmetric, averaged
+    kind = Dilatation(space.axisymmetric, averaged)
     nf, nq = at.jxw.shape
     return {
         "cells": space.cells[facets.block][facets.cells],
@@ -208,7 +208,7 @@ def _part(space, facets, constants, quadrature_degree):
         "mu": np.full(nf, mu),
         "own": np.full(nf, own),
         "shared": shared,
-        "trace": trace_constant(block.cell, coordinates, local, geometry_degree, space.degree, lam, mu, *kind),
+        "trace": trace_constant(block.cell, coordinates, local, geometry_degree, space.degree, lam, mu, kind),
         "size": diameters(mesh.points[mesh.facet_nodes(facets)]),
         "components": block.components[facets.cells],
     }

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pcontact.estimate.local import energies
+from pcontact.estimate.local import LocalFunctions, Moduli, energies
 from tests.support.small import elasticity
 
 
@@ -20,7 +20,7 @@ def test_local_problems(dim, hoop, shared):
     fixed[1, 2, 0] = fixed[0, 0, 1] = True
     out = np.empty((nc, parts + 1))
     basis = rng.normal(size=(nc, nq, 2))
-    energies(grad, ring, jxw, lam, shared, mu, basis, loads, fixed, out)
+    energies(LocalFunctions(grad, ring, jxw, basis), Moduli(lam, shared, mu), loads, fixed, out)
     c4 = elasticity(lam, mu, 3)
     for c in range(nc):
         full = np.zeros((nq, nb, dim, 3, 3))
