@@ -103,7 +103,7 @@ def _in_batches(cell, x, local_facet, geometry_degree, degree, lam, mu, kind):
     return result
 
 
-def _largest(cell, x, local_facet, geometry_degree, degree, lam, mu, kind):
+def _largest(cell, x, local_facet, geometry_degree, degree, lam, mu, kind=PLAIN):
     """Largest eigenvalue of the local problem, (nf,).
 
     With K the stiffness of the cell and H the weighted tractions, max |H v|^2 / v.K v = max eigenvalue of
