@@ -72,20 +72,19 @@ def build_tree(lower, upper, bodies=None):
         # bodies in the same place are told apart by their numbers
         middles += 1e-9 * np.ptp(centre, axis=0).max() * np.linspace(0.0, 1.0, len(sizes))[:, None]
         middles, body = middles[body], body.astype(np.int64)
-    boxes = lower, upper, order, node_lower, node_upper, child, first, last
-    count = _build(centre, np.ascontiguousarray(middles), body, *boxes)
-    return Tree(
-        node_lower[:count].copy(), node_upper[:count].copy(), child[:count].copy(), first[:count].copy(),
-        last[:count].copy(), order, lower[order], upper[order],
-    )  # fmt: skip
+    tree = Tree(node_lower, node_upper, child, first, last, order, lower, upper)
+    count = _build(centre, np.ascontiguousarray(middles), body, tree)
+    return Tree(*(array[:count].copy() for array in tree[:5]), order, lower[order], upper[order])
 
 
 @njit_exact
-def _build(centre, middles, body, lower, upper, order, node_lower, node_upper, child, first, last):
-    """Fill the node arrays and permute `order`; return the number of nodes.
+def _build(centre, middles, body, tree):
+    """Fill the nodes of a tree and permute its `order`; return the number of nodes.
 
-    Nodes with several bodies (n,) are divided by the middles (n, d) of the bodies, at a border between two of them.
+    The boxes of its facets are in the order of their numbers, before and after. Nodes with several bodies (n,) are
+    divided by the middles (n, d) of the bodies, at a border between two of them.
     """
+    child, first, last, order, lower, upper = tree[2:]
     n, d = lower.shape
     if n == 0:
         return 0
@@ -107,7 +106,7 @@ def _build(centre, middles, body, lower, upper, order, node_lower, node_upper, c
                 f = order[i]
                 low, high = min(low, lower[f, k]), max(high, upper[f, k])
                 c_low, c_high = min(c_low, at[f, k]), max(c_high, at[f, k])
-            node_lower[node, k], node_upper[node, k] = low, high
+            tree.lower[node, k], tree.upper[node, k] = low, high
             if c_high - c_low > widest:
                 widest, axis = c_high - c_low, k
         if b - a <= LEAF_SIZE:

@@ -169,7 +169,7 @@ def _ask(comm, exchanger, own):
     box = np.concatenate([tree.lower[0], tree.upper[0]]) if n else np.concatenate([empty, -empty])
     boxes = np.array(comm.allgather(box))
     centre = _centres(own.x)
-    table = np.column_stack([own.x.reshape(n, width * d), centre, own.normal, own.near, own.component, own.named])
+    table = np.column_stack([own.x.reshape(n, width * d), own.normal, own.near, own.component, own.named])
     reach = WIDE * own.near[:, None]
     touched = np.zeros((n, width), dtype=np.bool_)
     sends, rows = {}, {}
@@ -179,12 +179,14 @@ def _ask(comm, exchanger, own):
             sends[rank], rows[rank] = table[inside], np.flatnonzero(inside)
     answers = {}
     for rank, asked in exchanger(sends, np.float64, table.shape[1]).items():
-        x = np.ascontiguousarray(asked[:, : width * d].reshape(-1, width, d))
-        cut = np.split(asked[:, width * d :], [d, 2 * d, 2 * d + 1], axis=1)
-        query = (x, *(np.ascontiguousarray(part) for part in cut[:2]), np.ascontiguousarray(cut[2][:, 0]))
-        said = np.ascontiguousarray(cut[3].astype(np.int64))
+        x, normal, numbers = np.split(asked, [width * d, width * d + d], axis=1)
+        near, component, named = (np.ascontiguousarray(column) for column in numbers.T)
+        query = Boundary(
+            np.ascontiguousarray(x).reshape(-1, width, d), np.ascontiguousarray(normal), near,
+            component.astype(np.int64), named.astype(np.int64),
+        )  # fmt: skip
         answers[rank] = np.zeros((len(asked), 2), dtype=np.int64)
-        _lie_on(tree, *own, *query, said, touched, answers[rank])
+        _lie_on(tree, own, query, _centres(query.x), touched, answers[rank])
     kind, other = np.zeros((2, n), dtype=np.int64)
     for rank, part in exchanger(answers, np.int64, 2).items():
         better = part[:, 0] > kind[rows[rank]]
@@ -237,15 +239,15 @@ def _touch(x, y, near, touched):
 
 
 @njit_exact
-def _lie_on(tree, x, normal, near, component, named, xs, centres, normals, nears, said, touched, out):
-    """For facets that are asked about (xs to said) what they lie on among those of the tree.
+def _lie_on(tree, own, query, centres, touched, out):
+    """For facets that are asked about (`query`) what they lie on among those of the tree (`own`).
 
-    said (n, 2): body, and whether a group has it; touched (n_facets, k): vertices of the facets of the tree at which
-    facets near to them end; out (n, 2): see `_ask`.
+    centres (n, d): of the facets asked about; touched (n_facets, k): vertices of the facets of the tree at which facets
+    near to them end; out (n, 2): see `_ask`.
     """
-    stack, vertices = np.empty(STACK_SIZE, dtype=np.int64), np.zeros(xs.shape[1], dtype=np.bool_)
-    d = centres.shape[1]
-    for q in range(centres.shape[0] if x.shape[0] > 0 else 0):
+    d, width = centres.shape[1], query.x.shape[1]
+    stack, vertices = np.empty(STACK_SIZE, dtype=np.int64), np.zeros(width, dtype=np.bool_)
+    for q in range(centres.shape[0] if own.x.shape[0] > 0 else 0):
         stack[0], depth = 0, 1
         while depth > 0:
             depth -= 1
@@ -253,7 +255,7 @@ def _lie_on(tree, x, normal, near, component, named, xs, centres, normals, nears
             apart = False
             for i in range(d):
                 p = centres[q, i]
-                reach = WIDE * nears[q]
+                reach = WIDE * query.near[q]
                 apart = apart or p < tree.lower[node, i] - reach or p > tree.upper[node, i] + reach
             if apart:
                 continue
@@ -265,17 +267,17 @@ def _lie_on(tree, x, normal, near, component, named, xs, centres, normals, nears
                 f = tree.order[place]
                 cosine = 0.0
                 for i in range(d):
-                    cosine += normals[q, i] * normal[f, i]
-                close = min(nears[q], near[f])
-                if cosine > CURVED or not _inside(centres[q], x[f], normal[f], WIDE * close):
+                    cosine += query.normal[q, i] * own.normal[f, i]
+                close = min(query.near[q], own.near[f])
+                if cosine > CURVED or not _inside(centres[q], own.x[f], own.normal[f], WIDE * close):
                     continue
                 kind = APART
-                if component[f] == said[q, 0]:
-                    kind = NAMED if named[f] + said[q, 1] > 0 else CUT
+                if own.component[f] == query.component[q]:
+                    kind = NAMED if own.named[f] + query.named[q] > 0 else CUT
                 if kind == CUT:
-                    _touch(x[f], xs[q], close, touched[f])
-                if cosine > FACING or not _inside(centres[q], x[f], normal[f], close):
+                    _touch(own.x[f], query.x[q], close, touched[f])
+                if cosine > FACING or not _inside(centres[q], own.x[f], own.normal[f], close):
                     continue
-                kind = 2 * kind + (_touch(xs[q], x[f], close, vertices) == xs.shape[1])
+                kind = 2 * kind + (_touch(query.x[q], own.x[f], close, vertices) == width)
                 if kind > out[q, 0]:
-                    out[q, 0], out[q, 1] = kind, component[f]
+                    out[q, 0], out[q, 1] = kind, own.component[f]
