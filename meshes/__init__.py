@@ -5,15 +5,17 @@
 
 from __future__ import annotations
 
+from .bars import round_bar
 from .beam import beam
 from .blocks import one_block, overclosed_cubes, two_blocks
 from .clip import CLIP, ClipShape, clip
+from .cook import cook
 from .disk_on_block import disk_on_block
 from .dome import dome_on_block
 from .heap import heap
 from .hertz import ball_on_block, cylinder_on_block, cylinders, two_balls
 from .indent import indent
-from .ironing import ironing
+from .ironing import ironing, ironing_slab
 from .layer import layer_on_base
 from .punch import punch
 from .rings import rings
@@ -36,6 +38,9 @@ GENERATORS = {
         two_balls,
         ball_on_block,
         ironing,
+        ironing_slab,
+        cook,
+        round_bar,
         thick_cylinder,
         cylinder_strip,
         indent,

@@ -342,3 +342,14 @@ def add(grid: Grid) -> tuple[int, dict[str, int]]:
         kind = _kind(_FACET[grid.cell], grid.order)[0]
         mesh.addElementsByType(tags[name], kind, [], (first + found).ravel())
     return body, tags
+
+
+def add_vertex(grid: Grid, place: Sequence[float]) -> int:
+    """Put the node of a grid that is nearest to a place into the model as an entity of its own, after :func:`add` of
+    this grid, the last one; its tag."""
+    mesh = gmsh.model.mesh
+    node = int(mesh.getMaxNodeTag()) - len(grid.points) + 1
+    node += int(np.linalg.norm(grid.points - np.asarray(place), axis=1).argmin())
+    vertex = gmsh.model.addDiscreteEntity(0)
+    mesh.addElementsByType(vertex, 15, [], [node])
+    return vertex

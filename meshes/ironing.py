@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from .blocks import Box
+from .grid import add, lattice, name_boundary, near
 from .tools import check_cell, generate, gmsh_model, group, move_nodes, write
 
 _DEFAULT_CELL = {2: "quadrilateral", 3: "hexahedron"}
@@ -87,4 +88,53 @@ def ironing(
             group(dim - 1, f"{name}_sides", sides.values())
         generate(dim, order)
         _round_off(bodies["indenter"], radius)
+        return write(path)
+
+
+# the foundation, and the slab on it: its sides, the highest of its round bottom, which touches y = 4, and its top
+_FOUNDATION = np.array([12.0, 4.0])
+_LEFT, _RIGHT, _TIP, _EDGE, _TOP = 0.2, 1.4, 4.2, 4.5, 5.4
+
+
+def _arc(x: np.ndarray) -> np.ndarray:
+    """Height of the circle through (0.2, 4.5), (0.8, 4.2), (1.4, 4.5)."""
+    half, rise = 0.5 * (_RIGHT - _LEFT), _EDGE - _TIP
+    radius = (half**2 + rise**2) / (2.0 * rise)
+    return _TIP + radius - np.sqrt(radius**2 - (x - _LEFT - half) ** 2)
+
+
+def ironing_slab(path: str | Path, n: int = 4, order: int = 1, cell: str = "quadrilateral") -> Path:
+    """A slab with a round bottom above a long foundation, both deformable, in the plane: it is pressed down by 1, then
+    dragged along by 10 (K. A. Fischer, P. Wriggers, Comput. Methods Appl. Mech. Engrg. 195, 2006, 5020).
+
+    Groups: foundation, slab; foundation_top, foundation_bottom, foundation_sides, slab_skin (bottom and sides),
+    slab_top.
+
+    Parameters
+    ----------
+    path : file to write
+    n : cells per unit of length
+    order : 1 or 2, degree of the geometry
+    cell : quadrilateral, triangle
+    """
+    check_cell("ironing_slab", cell, 2, order)
+    axes = [np.linspace(0.0, length, order * round(n * length) + 1) for length in _FOUNDATION]
+    x, y = np.meshgrid(*axes, indexing="ij")
+    across, up = max(2, round(n * (_RIGHT - _LEFT))), max(2, round(n * (_TOP - _TIP)))
+    a, b = np.meshgrid(
+        np.linspace(_LEFT, _RIGHT, order * across + 1), np.linspace(0.0, 1.0, order * up + 1), indexing="ij"
+    )
+    plates = {"foundation": (x, y), "slab": (a, (1.0 - b) * _arc(a) + b * _TOP)}
+    with gmsh_model("ironing_slab"):
+        for name, places in plates.items():
+            grid = lattice(np.stack([*places, np.zeros_like(places[0])], axis=-1), order, cell)
+            if name == "slab":
+                grid = name_boundary(grid, "slab_skin", slab_top=near(1, _TOP))
+            else:
+                ends = {"foundation_top": near(1, _FOUNDATION[1]), "foundation_bottom": near(1, 0.0)}
+                grid = name_boundary(grid, "foundation_sides", **ends)
+            body, tags = add(grid)
+            group(2, name, [body])
+            for key, tag in tags.items():
+                group(1, key, [tag])
         return write(path)

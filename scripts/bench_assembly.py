@@ -63,7 +63,7 @@ def kernels(simulation):
             lambda: ElasticBulk(space, bulk.constants), geometry + 2 * nbytes(bulk.values)
         ),
         "bulk residual": (lambda: bulk.residual(u, out), nbytes(bulk.values, bulk.columns, out) + out.nbytes),
-        "matrix, all rows": (whole, 2 * nbytes(blocks) + nbytes(matrix._at, matrix._columns)),
+        "matrix, all rows": (whole, 2 * nbytes(blocks) + nbytes(matrix._at, matrix._rows.columns)),
         "matrix, rows of contact": (
             # the first of the five writes all rows
             lambda: matrix.write(blocks, problem._sum([values]), problem.stabilisation), 2 * nbytes(values)

@@ -23,37 +23,71 @@ class BlockRows(NamedTuple):
     values: np.ndarray
 
 
+class Incidence(NamedTuple):
+    """The elements at each of n nodes.
+
+    Attributes
+    ----------
+    pointer : ndarray (n + 1,)
+        Where those of each node begin.
+    table, row : ndarray (pointer[n],)
+        Table of each element, and its row in it.
+    """
+
+    pointer: np.ndarray
+    table: np.ndarray
+    row: np.ndarray
+
+
+class Elements(NamedTuple):
+    """The nodes of the elements of several tables, of which each has a number of nodes of its own.
+
+    Attributes
+    ----------
+    nodes : ndarray (n,)
+        All tables, one row after the other.
+    first, width : ndarray (n_tables,)
+        Where a table begins, and how many nodes an element of it has.
+    """
+
+    nodes: np.ndarray
+    first: np.ndarray
+    width: np.ndarray
+
+
 @njit
-def _incidence(cells, n_nodes, pointer, start):
-    """Add the number of cells at each node to ``pointer[1:]`` (start 0), see :func:`node_graph`."""
+def _count_incidence(cells, pointer):
+    """Add the number of cells at each node to ``pointer[1:]``, see :func:`node_graph`."""
     for c in range(cells.shape[0]):
         for a in range(cells.shape[1]):
             pointer[cells[c, a] + 1] += 1
 
 
 @njit
-def _fill_incidence(cells, block, cursor, which_block, which_cell):
+def _fill_incidence(cells, number, cursor, incidence):
     for c in range(cells.shape[0]):
         for a in range(cells.shape[1]):
             k = cursor[cells[c, a]]
-            which_block[k] = block
-            which_cell[k] = c
+            incidence.table[k] = number
+            incidence.row[k] = c
             cursor[cells[c, a]] = k + 1
 
 
 @njit
-def _rows(flat, offsets, widths, pointer, which_block, which_cell, rowptr, columns, fill):
+def _rows(elements, incidence, rowptr, columns, fill):
     """Count (fill False) or write (fill True) the sorted unique columns of every row."""
+    nodes, pointer = elements.nodes, incidence.pointer
     n = len(pointer) - 1
     last_seen = np.full(n, -1, np.int64)
     buffer = np.empty(n, np.int64)
     for row in range(n):
         count = 0
         for k in range(pointer[row], pointer[row + 1]):
-            width = widths[which_block[k]]
-            first = offsets[which_block[k]] + which_cell[k] * width
+            table = incidence.table[k]
+            width = elements.width[table]
+            first = elements.first[table] + incidence.row[k] * width
             for a in range(width):
-                node = flat[first + a]
+                node = nodes[first + a]
                 if last_seen[node] != row:
                     last_seen[node] = row
                     buffer[count] = node
@@ -84,20 +118,21 @@ def node_graph(tables, n_nodes):
     tables = [np.ascontiguousarray(t, dtype=np.int64) for t in tables]
     pointer = np.zeros(n_nodes + 1, dtype=np.int64)
     for table in tables:
-        _incidence(table, n_nodes, pointer, 0)
+        _count_incidence(table, pointer)
     pointer = np.cumsum(pointer)
-    which_block = np.empty(pointer[-1], dtype=np.int32)
-    which_cell = np.empty(pointer[-1], dtype=np.int32)
+    incidence = Incidence(pointer, np.empty(pointer[-1], dtype=np.int32), np.empty(pointer[-1], dtype=np.int32))
     cursor = pointer[:-1].copy()
     for number, table in enumerate(tables):
-        _fill_incidence(table, number, cursor, which_block, which_cell)
-    flat = np.concatenate([t.ravel() for t in tables]) if tables else np.zeros(0, dtype=np.int64)
-    offsets = np.cumsum([0] + [t.size for t in tables])[:-1].astype(np.int64)
-    widths = np.array([t.shape[1] for t in tables], dtype=np.int64)
+        _fill_incidence(table, number, cursor, incidence)
+    elements = Elements(
+        np.concatenate([t.ravel() for t in tables]) if tables else np.zeros(0, dtype=np.int64),
+        np.cumsum([0] + [t.size for t in tables])[:-1].astype(np.int64),
+        np.array([t.shape[1] for t in tables], dtype=np.int64),
+    )
     rowptr = np.zeros(n_nodes + 1, dtype=np.int64)
-    _rows(flat, offsets, widths, pointer, which_block, which_cell, rowptr, np.zeros(0, np.int64), False)
+    _rows(elements, incidence, rowptr, np.zeros(0, np.int64), False)
     columns = np.empty(rowptr[-1], dtype=np.int64)
-    _rows(flat, offsets, widths, pointer, which_block, which_cell, rowptr, columns, True)
+    _rows(elements, incidence, rowptr, columns, True)
     return rowptr, columns
 
 

@@ -1,6 +1,7 @@
 """The global matrix: one AIJ matrix whose values are written in place from the items' blocks."""
 
 import weakref
+from typing import NamedTuple
 
 import numpy as np
 
@@ -9,9 +10,63 @@ from pcontact.runtime.jit import njit
 from pcontact.runtime.petsc import MPI, PETSc, local_values
 
 
+class MatrixRows(NamedTuple):
+    """Owned block rows as PETSc keeps them: in one matrix of the owned columns, and one of all others.
+
+    Attributes
+    ----------
+    rowptr : ndarray (n + 1,)
+    columns : ndarray (nnz,)
+        Global nodes, sorted within each row.
+    start : int
+        Global number of the first row; the owned columns are start to start + n - 1.
+    own, other : ndarray (n + 1,)
+        Blocks of owned columns, and of others, before each row.
+    """
+
+    rowptr: np.ndarray
+    columns: np.ndarray
+    start: int
+    own: np.ndarray
+    other: np.ndarray
+
+
+class Prescribed(NamedTuple):
+    """Components that supports prescribe, in block rows.
+
+    Attributes
+    ----------
+    row : ndarray (n, d) of bool
+    column : ndarray (nnz, d) of bool
+        Of the columns of all blocks.
+    diagonal : ndarray (n, d)
+        What stands on the diagonal of such a row [force/length].
+    """
+
+    row: np.ndarray
+    column: np.ndarray
+    diagonal: np.ndarray
+
+
+class PlacedBlocks(NamedTuple):
+    """Block values on a part of a pattern.
+
+    Attributes
+    ----------
+    at : ndarray (nnz,)
+        Their row in ``values`` for each block of the pattern; -1: none.
+    values : ndarray (n, d, d)
+    """
+
+    at: np.ndarray
+    values: np.ndarray
+
+
 @njit
-def _scalar_pattern(rowptr, columns, d, start, end, i, j, own, other):
-    """Scalar CSR (i, j) of a block pattern, and block counts of owned and other columns before each row."""
+def _scalar_pattern(block_rows, d, i, j):
+    """Scalar CSR (i, j) of block rows, whose counts of owned and other columns are written, too."""
+    rowptr, columns, start = block_rows.rowptr, block_rows.columns, block_rows.start
+    own, other, end = block_rows.own, block_rows.other, block_rows.start + len(block_rows.rowptr) - 1
     k = 0
     for row in range(len(rowptr) - 1):
         n_own = 0
@@ -30,14 +85,15 @@ def _scalar_pattern(rowptr, columns, d, start, end, i, j, own, other):
 
 
 @njit
-def _write(
-    rows, rowptr, columns, start, end, own, other, fixed_row, fixed_column, diagonal, extra, at_a, a, at_b, b, da, oa
-):
-    """Write blocks a[at_a[k]] + b[at_b[k]] of some rows into the value arrays of the two local matrices.
+def _write(rows, block_rows, first, second, extra, prescribed, da, oa):
+    """Write the sum of two sets of blocks, in some rows, into the value arrays of the two local matrices.
 
-    Rows and columns of prescribed components become ``diagonal`` times the identity; ``extra`` (n_rows,) is added to
-    the diagonal.
+    Rows and columns of prescribed components become a diagonal matrix; ``extra`` (n,) is added to the diagonal.
     """
+    rowptr, columns, start = block_rows.rowptr, block_rows.columns, block_rows.start
+    own, other, end = block_rows.own, block_rows.other, block_rows.start + len(block_rows.rowptr) - 1
+    at_a, a, at_b, b = first.at, first.values, second.at, second.values
+    fixed_row, fixed_column, diagonal = prescribed.row, prescribed.column, prescribed.diagonal
     d = fixed_row.shape[1]
     for row in rows:
         n_own = own[row + 1] - own[row]
@@ -100,7 +156,7 @@ class GlobalMatrix:
         self.matrix = PETSc.Mat().create(comm=space.comm)
         self.matrix.setSizes(((n, total), (n, total)), bsize=d)
         self.matrix.setType("mpiaij" if space.comm.size > 1 else "seqaij")
-        self._rowptr = None
+        self._rows = None
         # the first set as it was written last: where it has not changed, only rows of the second are written
         self._written = _nothing
 
@@ -119,10 +175,10 @@ class GlobalMatrix:
         """
         rowptr, columns = union(*first, *second)
         same = (
-            self._rowptr is not None
-            and len(columns) == len(self._columns)
-            and np.array_equal(rowptr, self._rowptr)
-            and np.array_equal(columns, self._columns)
+            self._rows is not None
+            and len(columns) == len(self._rows.columns)
+            and np.array_equal(rowptr, self._rows.rowptr)
+            and np.array_equal(columns, self._rows.columns)
         )
         changed = not self._space.comm.allreduce(int(same), op=MPI.MIN)
         if changed:
@@ -141,9 +197,9 @@ class GlobalMatrix:
         i = np.empty(n * d + 1, dtype=PETSc.IntType)
         j = np.empty(len(columns) * d * d, dtype=PETSc.IntType)
         own, other = np.zeros(n + 1, dtype=np.int64), np.zeros(n + 1, dtype=np.int64)
-        _scalar_pattern(rowptr, columns, d, space.start, space.start + n, i, j, own, other)
+        self._rows = MatrixRows(rowptr, columns, int(space.start), own, other)
+        _scalar_pattern(self._rows, d, i, j)
         self.matrix.setPreallocationCSR((i, j, np.zeros(len(j))))
-        self._rowptr, self._columns, self._own, self._other = rowptr, columns, own, other
         nodes, place = np.unique(columns, return_inverse=True)
         flags = space.exchange(nodes).gather(self._flags) > 0.5
         self._fixed_column = np.ascontiguousarray(flags[place])
@@ -159,23 +215,24 @@ class GlobalMatrix:
             Added to the diagonal of free components.
         """
         space, d = self._space, self._space.dim
-        at, rows = self._at[0], self._second_rows
+        placed = [PlacedBlocks(at, values) for at, values in zip(self._at, (first, second), strict=True)]
+        rows = self._second_rows
         if self._written() is not first:
             rows = np.arange(space.n_owned)
             self._diagonal = np.zeros((space.n_owned, d))
-            _diagonal_of(self._rowptr, self._columns, space.start, at, first, self._diagonal)
+            _diagonal_of(self._rows, placed[0], self._diagonal)
             self._written = weakref.ref(first)
-        sizes = (int(self._own[-1]) * d * d, int(self._other[-1]) * d * d)
+        prescribed = Prescribed(self._fixed_row, self._fixed_column, self._diagonal)
+        sizes = (int(self._rows.own[-1]) * d * d, int(self._rows.other[-1]) * d * d)
         with local_values(self.matrix, sizes) as (da, oa):
-            _write(
-                rows, self._rowptr, self._columns, space.start, space.start + space.n_owned, self._own, self._other,
-                self._fixed_row, self._fixed_column, self._diagonal, extra, at, first, self._at[1], second, da, oa,
-            )  # fmt: skip
+            _write(rows, self._rows, *placed, extra, prescribed, da, oa)
 
 
 @njit
-def _diagonal_of(rowptr, columns, start, at, values, out):
-    """Diagonal (n_rows, d) of the first set of blocks."""
+def _diagonal_of(block_rows, placed, out):
+    """Diagonal (n, d) of a set of blocks."""
+    rowptr, columns, start = block_rows.rowptr, block_rows.columns, block_rows.start
+    at, values = placed.at, placed.values
     for row in range(len(rowptr) - 1):
         for k in range(rowptr[row], rowptr[row + 1]):
             if columns[k] == start + row and at[k] >= 0:

@@ -254,15 +254,17 @@ def project(law, bilateral, normal, tau, traction, derivative):
 
 
 @njit_inner
-def _project_all(law, bilateral, paired, normal, tau, traction, slope, status, spare):
+def _project_all(law, bilateral, paired, normal, tau, traction, slope, status):
+    last = len(slope) - 1
     for p in range(len(paired)):
         if paired[p]:
-            derivative = slope[p] if len(slope) > 0 else spare
-            status[p] = project(law, bilateral, normal[p], tau[p], traction[p], derivative)
+            status[p] = project(law, bilateral, normal[p], tau[p], traction[p], slope[min(p, last)])
 
 
 @njit
 def project_rows(law, bilateral, paired, normal, tau, traction, slope, status):
     """Write traction (np, d), status (np,) and, unless it has the length 0, derivative (np, d, d) of paired points."""
     d = normal.shape[1]
-    _project_all(law, bilateral, paired, normal, tau, traction, slope, status, np.zeros((d, d)))
+    # one that all points overwrite, where nobody asks
+    slope = slope if len(slope) > 0 else np.zeros((1, d, d))
+    _project_all(law, bilateral, paired, normal, tau, traction, slope, status)

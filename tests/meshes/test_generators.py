@@ -46,6 +46,7 @@ DENT = "block_top block_bottom block_side"
 SNAP = "clip_root clip_skin clip_sides catch_skin catch_base catch_sides"
 SNAP_ENDS = " clip_front clip_back catch_front catch_back"
 C_STRIP = "strip_inner strip_outer lip_upper lip_lower"
+IRON = "foundation_top foundation_bottom foundation_sides slab_skin slab_top"
 FOOT = "slab_top slab_bottom slab_sides indenter_top indenter_skin indenter_sides"
 
 # name, arguments, bodies, groups of facets that make up the whole boundary
@@ -123,6 +124,12 @@ CASES = [
     ("ironing", {"h": 0.2}, "slab indenter", FOOT),
     ("ironing", {"dim": 3, "h": 0.3}, "slab indenter", FOOT),
     ("ironing", {"dim": 3, "h": 0.4, "cell": "tetrahedron"}, "slab indenter", FOOT),
+    ("ironing_slab", {"n": 2}, "foundation slab", IRON),
+    ("ironing_slab", {"n": 2, "cell": "triangle"}, "foundation slab", IRON),
+    ("cook", {"n": 4}, "panel", "left right bottom top"),
+    ("cook", {"n": 3, "cell": "triangle"}, "panel", "left right bottom top"),
+    ("round_bar", {"n": (3, 5)}, "bar", "axis middle end side"),
+    ("round_bar", {"n": (3, 5), "cell": "triangle", "waist": 1.0}, "bar", "axis middle end side"),
     ("thick_cylinder", {"n": (3, 4), "grading": 3.0}, "body", PIPE),
     ("thick_cylinder", {"n": (3, 4), "cell": "triangle"}, "body", PIPE),
     ("thick_cylinder", {"dim": 3, "n": (3, 4), "height": 40.0}, "body", PIPE + " front back"),

@@ -110,8 +110,7 @@ class FrictionalTerms(FrictionlessTerms):
     def _augmented(self, p, values, wanted):
         """Boundary traction and augmented traction (np, d) of the points that are wanted (np,)."""
         traction, jump, tau = self._traction(p, values, wanted), self._jump(p, values, wanted), np.empty_like(p.normal)
-        gamma, alpha = self.method.gamma, self.method.alpha
-        augment(traction, jump, self._before, p.source.facet, p.partner, gamma, alpha, wanted, tau)
+        augment(self.method.parameters, p.source, p.partner, traction, jump, self._before, wanted, tau)
         return traction, tau
 
     def forces(self, p, values, view):
@@ -129,10 +128,9 @@ class FrictionalTerms(FrictionlessTerms):
 
     def add_residual(self, p, values, view, local):
         """Add to forces ``local`` (n, d)."""
-        method = self.method
         traction, tau = self._augmented(p, values, p.acts)
         force, status = self.law.project(view, p.normal, tau)
-        add_residual(method.theta, method.alpha, method.gamma, p.source, p.partner, traction, force, status, local)
+        add_residual(self.method.parameters, p.source, p.partner, traction, force, status, local)
         if self.traction.consistent:
             self.traction.add_adjoint(values, p, self._weights(p, traction, force), local)
 
@@ -145,11 +143,8 @@ class FrictionalTerms(FrictionlessTerms):
 
     def add_tangent(self, p, values, view, slopes, blocks):
         """Add to blocks (BlockRows); returns how many entries had no place."""
-        method = self.method
-        missing = add_tangent(
-            method.theta, method.alpha, method.gamma, p.source, p.partner, self.traction.excess(values, p), *slopes,
-            blocks,
-        )  # fmt: skip
+        excess = self.traction.excess(values, p)
+        missing = add_tangent(self.method.parameters, p.source, p.partner, excess, *slopes, blocks)
         if self.traction.consistent:
             traction, tau = self._augmented(p, values, p.acts)
             force, _ = self.law.project(view, p.normal, tau)

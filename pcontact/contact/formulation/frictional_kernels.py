@@ -18,6 +18,8 @@ Nodes are numbers into ``u`` (n, d). Where the gradients have width 0 there is n
 theta = 0: the penalty method, see `pcontact.contact.formulation.methods`.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 
 from pcontact.assembly.graph import find
@@ -44,8 +46,9 @@ def jumps(u, source, partner, wanted, out):
 
 
 @njit_inner
-def augment(traction, jump, before, facet, partner, gamma, alpha, wanted, tau):
+def augment(parameters, source, partner, traction, jump, before, wanted, tau):
     """Augmented traction tau (np, d) [stress]; ``before`` (np, d) is the jump from which slip counts."""
+    gamma, alpha, facet = parameters.gamma, parameters.alpha, source.facet
     normal, gap0 = partner.normal, partner.gap0
     d = normal.shape[1]
     for p in range(len(facet)):
@@ -77,13 +80,12 @@ def _node_operator(grad, volumetric, mu, normal_x, out):
 
 
 @njit
-def add_residual(theta, alpha, gamma, source, partner, traction, force, status, out):
+def add_residual(parameters, source, partner, traction, force, status, out):
     """Add the residual of the pair to ``out`` (n, d) [force].
 
     Parameters
     ----------
-    theta, alpha : float
-    gamma : ndarray (nf,)
+    parameters : pcontact.contact.formulation.parameters.Parameters
     source : pcontact.contact.points.SourcePoints
     partner : pcontact.contact.points.PartnerPoints
     traction, force : ndarray (np, d)
@@ -93,13 +95,13 @@ def add_residual(theta, alpha, gamma, source, partner, traction, force, status, 
     out : ndarray (n, d)
     """
     d = partner.normal.shape[1]
-    _add_forces(
-        theta, alpha, gamma, source, partner, traction, force, status, out, np.zeros(d), np.zeros((d, d))
-    )  # fmt: skip
+    _add_forces(parameters, source, partner, traction, force, status, out, np.zeros((d + 1, d)))
 
 
 @njit_inner
-def _add_forces(theta, alpha, gamma, source, partner, traction, force, status, out, weight, operator):
+def _add_forces(parameters, source, partner, traction, force, status, out, work):
+    theta, alpha, gamma = parameters.theta, parameters.alpha, parameters.gamma
+    weight, operator = work[0], work[1:]
     facet, cells, shape, jxw = source.facet, source.cells, source.shape, source.jxw
     grad, nodes, normal = source.grad, partner.nodes, partner.normal
     d = normal.shape[1]
@@ -135,14 +137,37 @@ def _weigh(force, traction, normal, gamma, alpha, factor, out):
         out[i] = factor / gamma * (along * normal[i] + across / alpha)
 
 
+class _Operators(NamedTuple):
+    """Operators of one point, computed anew for each.
+
+    Attributes
+    ----------
+    part : ndarray (nn + nt,)
+        N: shape functions of the nodes of its parent cell, minus those of the nodes of its partner.
+    elastic, real : ndarray (nn + nt, d, d)
+        T and S [stress/length].
+    stiff, inverse : ndarray (d, d)
+        D G [stress/length], G^-1.
+    pull, weak : ndarray (nn + nt, d, d)
+        D (G N - S) [stress/length], G^-1 (D G N + (I - D) S).
+    """
+
+    part: np.ndarray
+    elastic: np.ndarray
+    real: np.ndarray
+    stiff: np.ndarray
+    inverse: np.ndarray
+    pull: np.ndarray
+    weak: np.ndarray
+
+
 @njit
-def add_tangent(theta, alpha, gamma, source, partner, excess, status, slope, blocks):
+def add_tangent(parameters, source, partner, excess, status, slope, blocks):
     """Add the generalised Jacobian of the pair to block values; returns how many entries had no place.
 
     Parameters
     ----------
-    theta, alpha : float
-    gamma : ndarray (nf,)
+    parameters : pcontact.contact.formulation.parameters.Parameters
     source : pcontact.contact.points.SourcePoints
     partner : pcontact.contact.points.PartnerPoints
     excess : pcontact.contact.points.Excess
@@ -152,45 +177,43 @@ def add_tangent(theta, alpha, gamma, source, partner, excess, status, slope, blo
         D, zero where points are open.
     blocks : pcontact.assembly.graph.BlockRows
     """
-    d, nn, nt = partner.normal.shape[1], source.cells.shape[1], partner.nodes.shape[1]
-    stiff, inverse = np.zeros((d, d)), np.zeros((d, d))
-    operator, real = np.zeros((nn + nt, d, d)), np.zeros((nn + nt, d, d))
-    pull, weak = np.zeros((nn + nt, d, d)), np.zeros((nn + nt, d, d))
-    return _add_blocks(
-        theta, alpha, gamma, source, partner, excess, status, slope, blocks,
-        stiff, inverse, operator, real, pull, weak, np.zeros(nn + nt),
+    d, n = partner.normal.shape[1], source.cells.shape[1] + partner.nodes.shape[1]
+    operators = _Operators(
+        np.zeros(n), np.zeros((n, d, d)), np.zeros((n, d, d)), np.zeros((d, d)), np.zeros((d, d)),
+        np.zeros((n, d, d)), np.zeros((n, d, d)),
     )  # fmt: skip
+    return _add_blocks(parameters, source, partner, excess, status, slope, operators, blocks)
 
 
 @njit_inner
-def _add_blocks(
-    theta, alpha, gamma, source, partner, excess, status, slope, blocks,
-    stiff, inverse, operator, real, pull, weak, part,
-):  # fmt: skip
+def _add_blocks(parameters, source, partner, excess, status, slope, operators, blocks):
+    theta, alpha, gamma = parameters.theta, parameters.alpha, parameters.gamma
+    part, elastic, real = operators.part, operators.elastic, operators.real
+    pull, weak = operators.pull, operators.weak
     facet, cells, shape, jxw = source.facet, source.cells, source.shape, source.jxw
     grad, nodes, normal, at = source.grad, partner.nodes, partner.normal, excess.at
     rowptr, columns, values = blocks.rowptr, blocks.columns, blocks.values
     d, nn, nt = normal.shape[1], cells.shape[1], nodes.shape[1]
-    adjoint = real if excess.consistent else operator
+    adjoint = real if excess.consistent else elastic
     missing = 0
     for p in range(len(facet)):
         f = facet[p]
         touches = status[p] > 0
         if not touches and theta == 0.0:
             continue
-        _stiffness(slope[p], normal[p], gamma[f], alpha, stiff, inverse)
+        _stiffness(slope[p], normal[p], gamma[f], alpha, operators.stiff, operators.inverse)
         width = nn + nt if touches else nn
         for a in range(nn):
             part[a] = shape[p, a]
         for a in range(grad.shape[1]):
-            _node_operator(grad[p, a], source.volumetric[p, a], source.mu[f], source.normal[p], operator[a])
+            _node_operator(grad[p, a], source.volumetric[p, a], source.mu[f], source.normal[p], elastic[a])
             yields = len(at) > 0 and at[p] >= 0
             for i in range(d):
                 for j in range(d):
-                    real[a, i, j] = operator[a, i, j] + (excess.rows[at[p], a, i, j] if yields else 0.0)
+                    real[a, i, j] = elastic[a, i, j] + (excess.rows[at[p], a, i, j] if yields else 0.0)
         for m in range(nt):
             part[nn + m] = -partner.shape[p, m]
-        _columns(theta, width, part, real, slope[p], stiff, inverse, pull, weak)
+        _columns(theta, width, slope[p], operators)
         for r in range(width):
             row = cells[f, r] if r < nn else nodes[p, r - nn]
             for c in range(width):
@@ -225,8 +248,10 @@ def _stiffness(slope, normal, gamma, alpha, stiff, inverse):
 
 
 @njit_inner
-def _columns(theta, width, part, operator, slope, stiff, inverse, pull, weak):
-    """For every node: pull = D (G N - T),  weak = G^-1 (D G N + (I - D) T)."""
+def _columns(theta, width, slope, operators):
+    """For the first nodes: pull = D (G N - S),  weak = G^-1 (D G N + (I - D) S)."""
+    part, operator, stiff, inverse = operators.part, operators.real, operators.stiff, operators.inverse
+    pull, weak = operators.pull, operators.weak
     d = slope.shape[0]
     for c in range(width):
         for i in range(d):

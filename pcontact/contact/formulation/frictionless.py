@@ -81,10 +81,9 @@ class FrictionlessTerms:
 
     def add_residual(self, p, values, view, local):
         """Add to forces ``local`` (n, d)."""
-        method = self.method
         traction, tau = self._pressed(p, values)
         pressure = np.where(self.law.closed(view, tau), tau, 0.0)
-        add_residual(method.theta, method.gamma, p.source, p.partner, p.b, traction, pressure, local)
+        add_residual(self.method.parameters, p.source, p.partner, p.b, traction, pressure, local)
         if self.traction.consistent:
             self.traction.add_adjoint(values, p, self._weights(p, traction, pressure), local)
 
@@ -95,12 +94,11 @@ class FrictionlessTerms:
 
     def add_tangent(self, p, values, view, slopes, blocks):
         """Add to blocks (BlockRows); returns how many entries had no place."""
-        method, excess = self.method, self.traction.excess(values, p)
+        excess = self.traction.excess(values, p)
         points = np.flatnonzero(excess.at >= 0)
         across = np.einsum("kaij,ki->kaj", excess.rows, p.normal[points[np.argsort(excess.at[points])]])
-        missing = add_tangent(
-            method.theta, method.gamma, p.source, p.partner, p.b, excess, np.ascontiguousarray(across), slopes, blocks
-        )
+        across = np.ascontiguousarray(across)
+        missing = add_tangent(self.method.parameters, p.source, p.partner, p.b, excess, across, slopes, blocks)
         if self.traction.consistent:
             traction, tau = self._pressed(p, values)
             pressure = np.where(self.law.closed(view, tau), tau, 0.0)

@@ -60,8 +60,9 @@ def evaluate(u, source, partner, b, traction, gap):
 
 
 @njit
-def add_residual(theta, gamma, source, partner, b, traction, pressure, out):
+def add_residual(parameters, source, partner, b, traction, pressure, out):
     """Add the residual of the pair to ``out`` (n, d) [force]; ``pressure`` (np,) is P [stress]."""
+    theta, gamma = parameters.theta, parameters.gamma
     facet, cells, shape, jxw = source.facet, source.cells, source.shape, source.jxw
     nodes, normal = partner.nodes, partner.normal
     d, traces = normal.shape[1], b.shape[1] if theta != 0.0 else 0
@@ -86,13 +87,12 @@ def add_residual(theta, gamma, source, partner, b, traction, pressure, out):
 
 
 @njit
-def add_tangent(theta, gamma, source, partner, b, excess, across, closed, blocks):
+def add_tangent(parameters, source, partner, b, excess, across, closed, blocks):
     """Add the generalised Jacobian of the pair to block values; returns how many entries had no place.
 
     Parameters
     ----------
-    theta : float
-    gamma : ndarray (nf,)
+    parameters : pcontact.contact.formulation.parameters.Parameters
     source : pcontact.contact.points.SourcePoints
     partner : pcontact.contact.points.PartnerPoints
     b : ndarray (np, nn, d)
@@ -104,6 +104,7 @@ def add_tangent(theta, gamma, source, partner, b, excess, across, closed, blocks
         H.
     blocks : pcontact.assembly.graph.BlockRows
     """
+    theta, gamma = parameters.theta, parameters.gamma
     facet, cells, shape, jxw = source.facet, source.cells, source.shape, source.jxw
     nodes, normal, at = partner.nodes, partner.normal, excess.at
     rowptr, columns, values = blocks.rowptr, blocks.columns, blocks.values

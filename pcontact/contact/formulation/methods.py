@@ -16,7 +16,7 @@ import dataclasses
 
 import numpy as np
 
-from pcontact.contact.formulation.parameters import GAMMA0, parameter
+from pcontact.contact.formulation.parameters import GAMMA0, Parameters, parameter
 
 # shape functions below this are those of nodes off the facet
 OFF = 1e-12
@@ -51,6 +51,11 @@ class Method:
         self.alpha = 1.0 if contact.alpha is None else float(contact.alpha)
         self.gamma0 = parameter(contact)
         self.gamma = self.gamma0 * trace
+
+    @property
+    def parameters(self):
+        """What kernels need of them."""
+        return Parameters(self.theta, self.alpha, self.gamma)
 
     @property
     def stiff(self):

@@ -1,7 +1,11 @@
-"""Dimensionless parameters that a pair takes when the scene does not say them.
+"""Parameters of a pair, and the dimensionless ones that it takes when the scene does not say them.
 
 gamma = gamma0 times the constant of the trace inequality of the parent cell [stress/length], in every formulation.
 """
+
+from typing import NamedTuple
+
+import numpy as np
 
 # by theta. theta = -1 is coercive for any value; below 1 multigrid fails for quadratic hexahedra
 GAMMA0 = {1.0: 2.0, 0.0: 1.0, -1.0: 1.0}
@@ -10,6 +14,24 @@ GAMMA0 = {1.0: 2.0, 0.0: 1.0, -1.0: 1.0}
 # block, 10 facets in the half width, error in L2: 19 % with 3, 49 % with 10, 138 % with 100). Multipliers take the
 # penetration away in a few updates, and leave the smaller number
 TRACELESS = {"penalty": 3.0, "augmented_lagrangian": 1.0}
+
+
+class Parameters(NamedTuple):
+    """What the terms of a pair are weighted with.
+
+    Attributes
+    ----------
+    theta : float
+        Of the adjoint term: 1, 0, -1.
+    alpha : float
+        Of the tangential part over that of the normal one.
+    gamma : ndarray (nf,)
+        Of the facets of the source [stress/length].
+    """
+
+    theta: float
+    alpha: float
+    gamma: np.ndarray
 
 
 def coercive(theta):

@@ -5,6 +5,7 @@ import pytest
 
 from pcontact.assembly.graph import BlockRows, node_graph
 from pcontact.contact.formulation import frictional_kernels as friction
+from pcontact.contact.formulation.parameters import Parameters
 from pcontact.contact.law import OPEN, SLIP, STICK, Frictionless, project_rows
 from pcontact.contact.points import PartnerPoints, SourcePoints, no_excess
 from pcontact.contact.traction.elastic import tractions
@@ -106,8 +107,12 @@ class Points:
         source, partner = self.sides
         friction.jumps(u, source, partner, wanted, jump)
         tractions(u, source, wanted, traction)
-        friction.augment(traction, jump, self.before, self.facet, partner, self.gamma, self.alpha, wanted, tau)
+        friction.augment(self.parameters(0.0), source, partner, traction, jump, self.before, wanted, tau)
         return traction, jump, tau
+
+    def parameters(self, theta):
+        """Parameters as kernels take them."""
+        return Parameters(theta, self.alpha, self.gamma)
 
     @property
     def sides(self):
@@ -126,7 +131,7 @@ class Points:
     def residual(self, u, law, theta, bilateral):
         """(n d,) of the compiled kernel."""
         out, (force, _, status) = np.zeros((self.n, self.d)), self.projected(u, law, bilateral)
-        friction.add_residual(theta, self.alpha, self.gamma, *self.sides, self.evaluate(u)[0], force, status, out)
+        friction.add_residual(self.parameters(theta), *self.sides, self.evaluate(u)[0], force, status, out)
         return out.ravel()
 
     def add_tangent(self, u, law, theta, bilateral, tables):
@@ -135,7 +140,7 @@ class Points:
         values = np.zeros((len(columns), self.d, self.d))
         _, slope, status = self.projected(u, law, bilateral)
         missing = friction.add_tangent(
-            theta, self.alpha, self.gamma, *self.sides, no_excess(self.shape.shape[1], self.d), status, slope,
+            self.parameters(theta), *self.sides, no_excess(self.shape.shape[1], self.d), status, slope,
             BlockRows(rowptr, columns, values),
         )  # fmt: skip
         return rowptr, columns, values, missing

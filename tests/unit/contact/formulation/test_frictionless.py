@@ -6,6 +6,7 @@ import pytest
 from pcontact.assembly.bulk import ElasticBulk
 from pcontact.assembly.graph import BlockRows, node_graph
 from pcontact.contact.formulation.frictionless_kernels import add_residual, add_tangent, evaluate
+from pcontact.contact.formulation.parameters import Parameters
 from pcontact.contact.law import Frictionless, View
 from pcontact.contact.pair import contact_pair
 from pcontact.contact.points import PartnerPoints, SourcePoints, interpolate, no_excess
@@ -84,7 +85,7 @@ class Random:
     def residual(self, u, theta, bilateral):
         """(n d,) of the compiled kernel."""
         out, pressure = np.zeros((self.n, self.d)), np.where(self.closed(u, bilateral), self.tau(u), 0.0)
-        add_residual(theta, self.gamma, *self.sides, self.b, self.evaluate(u)[0], pressure, out)
+        add_residual(Parameters(theta, 1.0, self.gamma), *self.sides, self.b, self.evaluate(u)[0], pressure, out)
         return out.ravel()
 
     def tangent(self, u, theta, bilateral):
@@ -100,7 +101,7 @@ class Random:
         """Of the compiled kernel, where nothing yields; returns what had no place."""
         nn = self.b.shape[1]
         return add_tangent(
-            theta, self.gamma, *self.sides, self.b, no_excess(nn, self.d), np.zeros((0, nn, self.d)),
+            Parameters(theta, 1.0, self.gamma), *self.sides, self.b, no_excess(nn, self.d), np.zeros((0, nn, self.d)),
             self.closed(u, bilateral), BlockRows(rowptr, columns, values),
         )  # fmt: skip
 
