@@ -9,6 +9,8 @@ long and cross, all triangles meet in the centroid. Lengths are measured in the 
 polygons leave over of a facet is cut along the whole lines on which its border lies.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 
 from pcontact.runtime.jit import njit_exact
@@ -29,6 +31,53 @@ SAME = 1e-9
 PARALLEL = 1e-11
 # by how much squares of lengths that count as equal differ at most, over their sum
 EQUAL = 1e-8
+
+
+class Polygons(NamedTuple):
+    """Convex polygons, counter-clockwise, in the reference domain of a facet.
+
+    Attributes
+    ----------
+    vertices : (m, k, 2) float64
+    corners : (m,) int64
+        How many vertices each has, the first ones; 0: the polygon is no more.
+    """
+
+    vertices: np.ndarray
+    corners: np.ndarray
+
+
+class Tiles(NamedTuple):
+    """Room for tiles.
+
+    Attributes
+    ----------
+    owners, kinds : (n,) int64
+        Facet of each tile, and its number of vertices, 3 or 4 (a parallelogram).
+    vertices : (n, 3, 2) float64
+        A vertex of each tile and its two neighbours, counter-clockwise.
+    """
+
+    owners: np.ndarray
+    kinds: np.ndarray
+    vertices: np.ndarray
+
+
+class TiledFacet(NamedTuple):
+    """A facet that is tiled.
+
+    Attributes
+    ----------
+    number : int
+    domain : (n, 2) float64
+        Vertices of the reference domain: the unit triangle or the square.
+    least : float
+        Area that counts as none [reference area].
+    """
+
+    number: int
+    domain: np.ndarray
+    least: float
 
 
 @njit_exact
@@ -97,20 +146,20 @@ def _corners(p, n):
 
 
 @njit_exact
-def _add(a, b, c, sides, facet, least, count, owners, kinds, tiles):
+def _add(a, b, c, sides, facet, count, tiles):
     """Append a tile with the neighbouring vertices b, a, c, or only count it if there is no room."""
     size = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
-    if 0.5 * size <= least:
+    if 0.5 * size <= facet.least:
         return count
-    if count < len(owners):
-        owners[count], kinds[count] = facet, sides
+    if count < len(tiles.owners):
+        tiles.owners[count], tiles.kinds[count], vertices = facet.number, sides, tiles.vertices
         for k in range(2):
-            tiles[count, 0, k], tiles[count, 1, k], tiles[count, 2, k] = a[k], b[k], c[k]
+            vertices[count, 0, k], vertices[count, 1, k], vertices[count, 2, k] = a[k], b[k], c[k]
     return count + 1
 
 
 @njit_exact
-def _around_centroid(p, n, facet, least, count, owners, kinds, tiles):
+def _around_centroid(p, n, facet, count, tiles):
     """Append the triangles between the edges of a polygon and its centroid."""
     centre, whole = np.zeros(2), 0.0
     for i in range(1, n - 1):
@@ -121,14 +170,14 @@ def _around_centroid(p, n, facet, least, count, owners, kinds, tiles):
     for k in range(2):
         centre[k] = p[0, k] + centre[k] / whole
     for i in range(n):
-        count = _add(centre, p[i], p[(i + 1) % n], 3, facet, least, count, owners, kinds, tiles)
+        count = _add(centre, p[i], p[(i + 1) % n], 3, facet, count, tiles)
     return count
 
 
 @njit_exact
-def _cut_corners(regular, p, n, facet, least, count, owners, kinds, tiles):
+def _cut_corners(p, n, facet, count, tiles):
     """Cut off, in place, the corners with the shortest diagonals; return how many are left (0: all), and tiles."""
-    lengths, shortest = np.empty(n), np.inf
+    regular, lengths, shortest = len(facet.domain), np.empty(n), np.inf
     for i in range(n):
         before, after = (i + n - 1) % n, (i + 1) % n
         lengths[i] = _length2(regular, p[after, 0] - p[before, 0], p[after, 1] - p[before, 1])
@@ -136,10 +185,10 @@ def _cut_corners(regular, p, n, facet, least, count, owners, kinds, tiles):
     cut = lengths <= shortest * (1.0 + EQUAL)
     for i in range(n):
         if cut[i] and cut[(i + 1) % n]:
-            return 0, _around_centroid(p, n, facet, least, count, owners, kinds, tiles)
+            return 0, _around_centroid(p, n, facet, count, tiles)
     for i in range(n):
         if cut[i]:
-            count = _add(p[i], p[(i + 1) % n], p[(i + n - 1) % n], 3, facet, least, count, owners, kinds, tiles)
+            count = _add(p[i], p[(i + 1) % n], p[(i + n - 1) % n], 3, facet, count, tiles)
     left = 0
     for i in range(n):
         if not cut[i]:
@@ -149,25 +198,25 @@ def _cut_corners(regular, p, n, facet, least, count, owners, kinds, tiles):
 
 
 @njit_exact
-def _emit(regular, p, n, facet, least, count, owners, kinds, tiles):
+def _emit(p, n, facet, count, tiles):
     """Append the tiles of a polygon, which is lost, or only count them if there is no room."""
-    n = _corners(p, n)
+    n, regular = _corners(p, n), len(facet.domain)
     while n > 4:
-        n, count = _cut_corners(regular, p, n, facet, least, count, owners, kinds, tiles)
+        n, count = _cut_corners(p, n, facet, count, tiles)
     if n == 4:
         x, y = p[0, 0] - p[1, 0] + p[2, 0] - p[3, 0], p[0, 1] - p[1, 1] + p[2, 1] - p[3, 1]
         if abs(x) + abs(y) <= PARALLEL:
-            return _add(p[0], p[1], p[3], 4, facet, least, count, owners, kinds, tiles)
+            return _add(p[0], p[1], p[3], 4, facet, count, tiles)
         one = _length2(regular, p[2, 0] - p[0, 0], p[2, 1] - p[0, 1])
         other = _length2(regular, p[3, 0] - p[1, 0], p[3, 1] - p[1, 1])
         if abs(one - other) <= EQUAL * (one + other):
-            return _around_centroid(p, n, facet, least, count, owners, kinds, tiles)
+            return _around_centroid(p, n, facet, count, tiles)
         # corners 1 and 3, or 0 and 2
         i, j = (1, 3) if one < other else (0, 2)
-        count = _add(p[i], p[i + 1], p[(i + 3) % 4], 3, facet, least, count, owners, kinds, tiles)
-        return _add(p[j], p[(j + 1) % 4], p[j - 1], 3, facet, least, count, owners, kinds, tiles)
+        count = _add(p[i], p[i + 1], p[(i + 3) % 4], 3, facet, count, tiles)
+        return _add(p[j], p[(j + 1) % 4], p[j - 1], 3, facet, count, tiles)
     if n == 3:
-        count = _add(p[0], p[1], p[2], 3, facet, least, count, owners, kinds, tiles)
+        count = _add(p[0], p[1], p[2], 3, facet, count, tiles)
     return count
 
 
@@ -186,9 +235,10 @@ def _within(polygon, n, domain, work):
 
 
 @njit_exact
-def _take(regular, polygon, m, pieces, sizes, n_pieces, facet, least, count, owners, kinds, tiles, work):
+def _take(polygon, m, remains, n_pieces, facet, count, tiles, work):
     """Take a polygon out of the pieces that are left; return how many there are, and tiles. -1: no room."""
-    lengths = np.empty(m)
+    regular, least, lengths = len(facet.domain), facet.least, np.empty(m)
+    pieces, sizes = remains.vertices, remains.corners
     for e in range(m):
         x, y = polygon[(e + 1) % m, 0] - polygon[e, 0], polygon[(e + 1) % m, 1] - polygon[e, 1]
         lengths[e] = -_length2(regular, x, y)
@@ -216,7 +266,7 @@ def _take(regular, polygon, m, pieces, sizes, n_pieces, facet, least, count, own
         if n == 0:
             # nothing in common: the piece stays whole, and what was cut off on the way is forgotten
             continue
-        count = _emit(regular, work[0], n, facet, least, count, owners, kinds, tiles)
+        count = _emit(work[0], n, facet, count, tiles)
         sizes[r] = 0
         if room > n_pieces:
             room -= 1
@@ -248,27 +298,29 @@ def _crosses(a, b, domain):
 
 
 @njit_exact
-def _is_shared(polygons, corners, first, last, j, e):
+def _is_shared(polygons, j, e):
     """Whether edge e of polygon j is also one of another polygon, run through the other way."""
-    a, b = polygons[j, e], polygons[j, (e + 1) % corners[j]]
-    for i in range(first, last):
+    vertices, corners = polygons.vertices, polygons.corners
+    a, b = vertices[j, e], vertices[j, (e + 1) % corners[j]]
+    for i in range(len(corners)):
         for k in range(corners[i] if i != j else 0):
-            c, d = polygons[i, (k + 1) % corners[i]], polygons[i, k]
+            c, d = vertices[i, (k + 1) % corners[i]], vertices[i, k]
             if abs(a[0] - c[0]) + abs(a[1] - c[1]) + abs(b[0] - d[0]) + abs(b[1] - d[1]) < SAME:
                 return True
     return False
 
 
 @njit_exact
-def _is_covered(polygons, corners, first, last, p, n):
+def _is_covered(polygons, p, n):
     """Whether the mean of the vertices of a polygon is in one of some polygons."""
+    vertices, corners = polygons.vertices, polygons.corners
     x, y = 0.0, 0.0
     for i in range(n):
         x, y = x + p[i, 0] / n, y + p[i, 1] / n
-    for j in range(first, last):
+    for j in range(len(corners)):
         inside = True
         for e in range(corners[j]):
-            a, b = polygons[j, e], polygons[j, (e + 1) % corners[j]]
+            a, b = vertices[j, e], vertices[j, (e + 1) % corners[j]]
             inside = inside and (b[0] - a[0]) * (y - a[1]) - (b[1] - a[1]) * (x - a[0]) >= 0.0
         if inside:
             return True
@@ -276,18 +328,19 @@ def _is_covered(polygons, corners, first, last, p, n):
 
 
 @njit_exact
-def _left_over(domain, first, last, polygons, corners, least, pieces, sizes, work):
+def _left_over(facet, polygons, remains, work):
     """Pieces of a facet outside of polygons that do not overlap; how many there are, and their area. -1: no room.
 
     The lines through all edges that are no other polygon's divide the facet into pieces that are covered or not.
     """
-    n_pieces, total = 1, 0.0
+    vertices, corners, pieces, sizes = polygons.vertices, polygons.corners, remains.vertices, remains.corners
+    domain, least, n_pieces, total = facet.domain, facet.least, 1, 0.0
     sizes[0] = len(domain)
     pieces[0, : len(domain)] = domain
-    for j in range(first, last):
+    for j in range(len(corners)):
         for e in range(corners[j]):
-            a, b = polygons[j, e], polygons[j, (e + 1) % corners[j]]
-            if not _crosses(a, b, domain) or _is_shared(polygons, corners, first, last, j, e):
+            a, b = vertices[j, e], vertices[j, (e + 1) % corners[j]]
+            if not _crosses(a, b, domain) or _is_shared(polygons, j, e):
                 continue
             for r in range(n_pieces):
                 n, rest = split(pieces[r], sizes[r], a, b, work[1], work[2])
@@ -299,7 +352,7 @@ def _left_over(domain, first, last, polygons, corners, least, pieces, sizes, wor
                 sizes[r], sizes[n_pieces] = n, rest
                 n_pieces += 1
     for r in range(n_pieces):
-        if _is_covered(polygons, corners, first, last, pieces[r], sizes[r]):
+        if _is_covered(polygons, pieces[r], sizes[r]):
             sizes[r] = 0
         else:
             total += area(pieces[r], sizes[r])
@@ -307,36 +360,34 @@ def _left_over(domain, first, last, polygons, corners, least, pieces, sizes, wor
 
 
 @njit_exact
-def _take_all(domain, first, last, polygons, corners, facet, least, count, owners, kinds, tiles, pieces, sizes, work):
+def _take_all(facet, polygons, remains, count, tiles, work):
     """Tiles of polygons that overlap, each as far as those before have left it; pieces that remain, and tiles."""
-    n_pieces, copy = 1, np.empty((MOST, 2))
-    sizes[0] = len(domain)
-    pieces[0, : len(domain)] = domain
-    for j in range(first, last):
-        copy[: corners[j]] = polygons[j, : corners[j]]
-        n_pieces, count = _take(
-            len(domain), copy, corners[j], pieces, sizes, n_pieces, facet, least, count, owners, kinds, tiles, work
-        )  # fmt: skip
+    domain, corners, n_pieces, copy = facet.domain, polygons.corners, 1, np.empty((MOST, 2))
+    remains.corners[0] = len(domain)
+    remains.vertices[0, : len(domain)] = domain
+    for j in range(len(corners)):
+        copy[: corners[j]] = polygons.vertices[j, : corners[j]]
+        n_pieces, count = _take(copy, corners[j], remains, n_pieces, facet, count, tiles, work)
         if n_pieces < 0:
             break
     return n_pieces, count
 
 
 @njit_exact
-def _emit_whole(domain, first, last, polygons, corners, facet, least, count, owners, kinds, tiles, work):
+def _emit_whole(facet, polygons, count, tiles, work):
     """Append the tiles of some polygons of a facet, each as far as it is within the domain; return area and tiles."""
     total = 0.0
-    for j in range(first, last):
-        n = _within(polygons[j], corners[j], domain, work)
+    for j in range(len(polygons.corners)):
+        n = _within(polygons.vertices[j], polygons.corners[j], facet.domain, work)
         own = area(work[0], n) if n >= 3 else 0.0
-        if own > least:
+        if own > facet.least:
             total += own
-            count = _emit(len(domain), work[0], n, facet, least, count, owners, kinds, tiles)
+            count = _emit(work[0], n, facet, count, tiles)
     return total, count
 
 
 @njit_exact
-def tile(domain, first, polygons, corners, cut, owners, kinds, tiles):
+def tile(domain, first, polygons, cut, tiles):
     """Tiles of facets, none of which crosses the edge of a polygon.
 
     Each polygon is cut off at the border of its facet, and what is left of the facet is tiled, too. Where several lie
@@ -348,16 +399,12 @@ def tile(domain, first, polygons, corners, cut, owners, kinds, tiles):
         Vertices of the reference domain: the unit triangle or the square.
     first : (nf + 1,) int64
         The polygons of facet f are first[f] to first[f + 1], the nearest first.
-    polygons : (m, 4, 2) float64
-        Convex, counter-clockwise.
-    corners : (m,) int64
-        How many vertices each has.
+    polygons : Polygons
+        With four vertices at most.
     cut : (nf,) bool
         Output: false where a facet has no polygons within it, or too many pieces; it has no tiles.
-    owners, kinds : (n,) int64
-        Output, as far as there is room: facet of each tile, and its number of vertices, 3 or 4 (a parallelogram).
-    tiles : (n, 3, 2) float64
-        Output: a vertex of each tile and its two neighbours, counter-clockwise.
+    tiles : Tiles
+        Output, as far as there is room.
 
     Returns
     -------
@@ -365,27 +412,24 @@ def tile(domain, first, polygons, corners, cut, owners, kinds, tiles):
         Number of tiles.
     """
     work = np.empty((3, MOST, 2))
-    pieces, sizes = np.empty((PIECES, MOST, 2)), np.empty(PIECES, dtype=np.int64)
-    regular, whole, count = len(domain), area(domain, len(domain)), 0
-    least = SLIVER * whole
+    remains = Polygons(np.empty((PIECES, MOST, 2)), np.empty(PIECES, dtype=np.int64))
+    whole, count = area(domain, len(domain)), 0
     for f in range(len(first) - 1):
         start, low, high = count, first[f], first[f + 1]
-        total, count = _emit_whole(
-            domain, low, high, polygons, corners, f, least, count, owners, kinds, tiles, work
-        )  # fmt: skip
+        facet = TiledFacet(f, domain, SLIVER * whole)
+        own = Polygons(polygons.vertices[low:high], polygons.corners[low:high])
+        total, count = _emit_whole(facet, own, count, tiles, work)
         cut[f] = total > WHOLE * whole
         if not cut[f] or abs(total - whole) <= WHOLE * whole:
             count = count if cut[f] else start
             continue
-        n_pieces, rest = _left_over(domain, low, high, polygons, corners, least, pieces, sizes, work)
+        n_pieces, rest = _left_over(facet, own, remains, work)
         if n_pieces < 0 or abs(total + rest - whole) > WHOLE * whole:
-            n_pieces, count = _take_all(
-                domain, low, high, polygons, corners, f, least, start, owners, kinds, tiles, pieces, sizes, work
-            )  # fmt: skip
+            n_pieces, count = _take_all(facet, own, remains, start, tiles, work)
         cut[f] = n_pieces >= 0
         if not cut[f]:
             count = start
         for r in range(n_pieces):
-            if sizes[r] >= 3:
-                count = _emit(regular, pieces[r], sizes[r], f, least, count, owners, kinds, tiles)
+            if remains.corners[r] >= 3:
+                count = _emit(remains.vertices[r], remains.corners[r], facet, count, tiles)
     return count

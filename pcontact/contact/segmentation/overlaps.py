@@ -10,7 +10,7 @@ import numpy as np
 
 from pcontact.contact.search.exchange import route
 from pcontact.contact.search.tree import build_tree
-from pcontact.contact.segmentation.clipping import tile
+from pcontact.contact.segmentation.clipping import Polygons, Tiles, tile
 from pcontact.contact.surface.facet_maps import SQUARE_CORNERS, TRIANGLE_CORNERS, facet_boxes
 from pcontact.element.reference import CELLS, facet_nodes
 from pcontact.element.shape import shape, shape_gradient
@@ -85,8 +85,10 @@ def _corners(kind):
 
 
 @njit_exact
-def _overlapping(lower, upper, child, first, last, facet_lower, facet_upper, low, high, asked, found):
+def _overlapping(tree, low, high, asked, found):
     """Pairs of a box (low, high) and a facet (place in the tree's order) whose boxes meet; how many there are."""
+    lower, upper, child, first, last = tree.lower, tree.upper, tree.child, tree.first, tree.last
+    facet_lower, facet_upper = tree.facet_lower, tree.facet_upper
     count, stack = 0, np.empty(128, dtype=np.int64)
     d = lower.shape[1]
     for q in range(len(low) if len(lower) else 0):
@@ -115,7 +117,7 @@ def _overlapping(lower, upper, child, first, last, facet_lower, facet_upper, low
 
 def _meeting(target, tree, low, high):
     """Rows of the target's facets whose boxes meet some boxes (n, 3): numbers of the box and of the facet."""
-    arguments = *tree[:5], tree.facet_lower, tree.facet_upper, np.ascontiguousarray(low), np.ascontiguousarray(high)
+    arguments = tree, np.ascontiguousarray(low), np.ascontiguousarray(high)
     none = np.zeros(0, dtype=np.int64)
     room = _overlapping(*arguments, none, none)
     asked, found = np.zeros(room, dtype=np.int64), np.zeros(room, dtype=np.int64)
@@ -185,7 +187,7 @@ def _ranking(frames, row, away, centre, polygons):
 
 
 def _polygons(target, frames, row, number, count, body, corners):
-    """What target facets cover of source facets: first (nf + 1,), polygons (n, 4, 2), numbers of their corners."""
+    """What target facets cover of source facets: first (nf + 1,), and their polygons."""
     centre = np.where((count == 3)[:, None], corners[:, :3].mean(axis=1), corners.mean(axis=1))
     ahead = np.einsum("ni,ni->n", centre - frames.centre[row], frames.normal[row])
     away = np.abs(ahead)
@@ -206,7 +208,7 @@ def _polygons(target, frames, row, number, count, body, corners):
     which = order[which]
     order = np.lexsort((number[which], *_ranking(frames, row[which], away[which], centre[which], polygons), row[which]))
     first = np.searchsorted(row[which][order], np.arange(len(frames.centre) + 1))
-    return first, np.ascontiguousarray(polygons[order]), count[order]
+    return first, Polygons(np.ascontiguousarray(polygons[order]), count[order])
 
 
 def tiles(space, parts, target):
@@ -237,11 +239,12 @@ def tiles(space, parts, target):
     for k, frames in enumerate(every):
         end = begin + len(frames.centre)
         own = (faced[0] >= begin) & (faced[0] < end)
-        polygons = _polygons(target, frames, faced[0][own] - begin, *(a[own] for a in faced[1:]))
-        arguments = _corners(frames.kind), *polygons
-        cut, begin = np.zeros(len(frames.centre), dtype=bool), end
-        room = tile(*arguments, cut, none, none, np.zeros((0, 3, 2)))
-        owners, kinds, vertices = np.zeros(room, np.int64), np.zeros(room, np.int64), np.zeros((room, 3, 2))
-        tile(*arguments, cut, owners, kinds, vertices)
-        found.append((np.full(room, k), owners, kinds, vertices))
+        arguments = (
+            _corners(frames.kind), *_polygons(target, frames, faced[0][own] - begin, *(a[own] for a in faced[1:])),
+            np.zeros(len(frames.centre), dtype=bool),
+        )  # fmt: skip
+        begin, room = end, tile(*arguments, Tiles(none, none, np.zeros((0, 3, 2))))
+        cut = Tiles(np.zeros(room, np.int64), np.zeros(room, np.int64), np.zeros((room, 3, 2)))
+        tile(*arguments, cut)
+        found.append((np.full(room, k), *cut))
     return tuple(np.concatenate(columns) for columns in zip(*found, strict=True))

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from drivers.cases.patch import errors, scene
-from pcontact.contact.segmentation.clipping import tile
+from pcontact.contact.segmentation.clipping import Polygons, Tiles, tile
 from pcontact.contact.segmentation.overlaps import tiles as tiles_of
 from pcontact.contact.segmentation.pieces import _at, cut_source, cuts
 from pcontact.contact.surface.facet_maps import SQUARE_CORNERS, TRIANGLE_CORNERS
@@ -21,13 +21,13 @@ DOMAINS = {"triangle": TRIANGLE_CORNERS, "square": SQUARE_CORNERS}
 def found_tiles(domain, polygons, corners):
     """Tiles (n, 3, 2) of one facet, their numbers of vertices (n,), and whether it was cut."""
     first, cut = np.array([0, len(corners)]), np.zeros(1, dtype=bool)
-    polygons, corners = np.ascontiguousarray(polygons, dtype=float), np.array(corners, dtype=np.int64)
+    polygons = Polygons(np.ascontiguousarray(polygons, dtype=float), np.array(corners, dtype=np.int64))
     none = np.zeros(0, np.int64)
-    room = tile(domain, first, polygons, corners, cut, none, none, np.zeros((0, 3, 2)))
-    owners, kinds, found = np.zeros(room, np.int64), np.zeros(room, np.int64), np.zeros((room, 3, 2))
-    assert tile(domain, first, polygons, corners, cut, owners, kinds, found) == room
-    assert set(kinds) <= {3, 4}
-    return found, kinds, bool(cut[0])
+    room = tile(domain, first, polygons, cut, Tiles(none, none, np.zeros((0, 3, 2))))
+    found = Tiles(np.zeros(room, np.int64), np.zeros(room, np.int64), np.zeros((room, 3, 2)))
+    assert tile(domain, first, polygons, cut, found) == room
+    assert set(found.kinds) <= {3, 4}
+    return found.vertices, found.kinds, bool(cut[0])
 
 
 def tiles(domain, polygons, corners):
