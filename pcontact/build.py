@@ -3,18 +3,22 @@
 import numpy as np
 
 from pcontact.assembly.bulk import ElasticBulk
+from pcontact.assembly.finite import FiniteBulk
 from pcontact.assembly.geometry import chunks
 from pcontact.assembly.loads import load_vector, lumped_volume
+from pcontact.assembly.mixed import MixedBulk
 from pcontact.assembly.plastic import PlasticBulk
 from pcontact.contact.search.unjoined import unjoined
 from pcontact.element.reference import CELLS
 from pcontact.material.elastic import in_plane, lame
+from pcontact.material.finite import FiniteMaterial
 from pcontact.material.hardening import hardening_curve, hardening_table
-from pcontact.material.plastic import plastic_constants
+from pcontact.material.plastic import VonMises, plastic_constants
 from pcontact.mesh.load import load_mesh
 from pcontact.pairs import contact_reports, tied_pairs
 from pcontact.runtime import log, profile
 from pcontact.runtime.errors import TOLD
+from pcontact.runtime.messages import input_error
 from pcontact.scene import (
     amplitude,
     check_apart,
@@ -102,23 +106,36 @@ def read(scene, comm, options):
     return load_mesh(comm, scene.mesh_path, scene.mesh.order or 1, regions, pairs, check, weight, method)
 
 
+def _small(material):
+    """Constants and hardening curve of a material that may yield; None for others."""
+    if not material.plastic:
+        return None
+    row = plastic_constants(*lame(material.E, material.nu), material.kinematic_hardening)
+    if material.hardening_curve is not None:
+        return row, hardening_table(material.hardening_curve)
+    return row, hardening_curve(material.yield_stress, material.hardening)
+
+
+def _finite(material, kinematics):
+    """A material for finite strain."""
+    elastic = plastic_constants(*lame(material.E, material.nu)), np.zeros((0, 3))
+    small = VonMises(*(_small(material) or elastic), kinematics == "plane_stress")
+    terms = np.array(material.terms, dtype=np.float64).reshape(-1, 2)
+    return FiniteMaterial(small, terms, material.multiplicative, 0.0, 0.0)
+
+
 def bulk_item(scene, space, constants):
-    """The item of all bodies: an elastic one unless a body may yield. *Collective.*"""
-    materials = []
-    for body in scene.bodies:
-        material = scene.materials[body.material]
-        if not material.plastic:
-            materials.append(None)
-            continue
-        row = plastic_constants(*lame(material.E, material.nu), material.kinematic_hardening)
-        if material.hardening_curve is not None:
-            materials.append((row, hardening_table(material.hardening_curve)))
-        else:
-            materials.append((row, hardening_curve(material.yield_stress, material.hardening)))
+    """The item of all bodies: an elastic one unless a body may yield, or has finite strain. *Collective.*"""
+    materials = [scene.materials[body.material] for body in scene.bodies]
+    finite = [_finite(material, scene.mesh.kinematics) if scene.finite(body) else None
+              for body, material in zip(scene.bodies, materials, strict=True)]  # fmt: skip
+    small = [_small(material) if other is None else None for material, other in zip(materials, finite, strict=True)]
     with profile.phase("bulk_assembly"):
-        if not any(materials):
-            return ElasticBulk(space, constants)
-        return PlasticBulk(space, constants, materials)
+        if all(finite):
+            return FiniteBulk(space, constants, finite)
+        if any(finite):
+            return MixedBulk(space, constants, small, finite)
+        return PlasticBulk(space, constants, small) if any(small) else ElasticBulk(space, constants)
 
 
 def _stabilisation(space, scene, constants, free):
@@ -179,6 +196,21 @@ def _check_locking(scene, space):
             )  # fmt: skip
     if space.degree == 2 and scene.mesh.mean_dilatation is False and space.kinematics != "plane_stress":
         _warn_of_stress(scene)
+
+
+def _check_finite_contacts(scene, space):
+    """Refuse contacts of bodies with finite strain. *Collective.*"""
+    if not any(scene.finite(body) for body in scene.bodies):
+        return
+    mesh = space.mesh
+    for index, contact in enumerate(scene.contacts):
+        names = mesh.facet_groups if contact.all else (contact.source, contact.target)
+        own = {mesh.blocks[facets.block].body for name in names for facets in mesh.facet_groups.get(name, [])}
+        bodies = sorted(set().union(*space.comm.allgather(own)))
+        finite = [scene.bodies[body].region for body in bodies if scene.finite(scene.bodies[body])]
+        if finite:
+            found = f"bodies with finite strain: {', '.join(finite)}"
+            raise input_error(scene.where, f"contacts[{index}] ({contact.name})", found, 'bodies with strain = "small"')
 
 
 def _check_joined(scene, space):
@@ -263,6 +295,7 @@ def _assemble(scene, mesh, space, constants):
     """See :func:`assemble`. *Collective.*"""
     end = scene.steps.end
     _check_locking(scene, space)
+    _check_finite_contacts(scene, space)
     _check_joined(scene, space)
     supports = Supports(
         space, scene.displacements, [amplitude(d.amplitude, end) for d in scene.displacements], scene.where

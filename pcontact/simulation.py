@@ -3,6 +3,7 @@
 import difflib
 import gc
 import time as clock
+from functools import partial
 from pathlib import Path
 
 import pcontact
@@ -109,7 +110,9 @@ class Simulation:
         symmetric = all(item.symmetric for item in self.problem.items)
         modes = near_null_space(self.problem.space, colours)
         self.accuracy.propose(self.options, self.problem.linear)
-        self.newton = Newton(self.problem, self.options, symmetric, modes, self.timing, motions)
+        turns = self.problem.extrapolates
+        modes_at = partial(near_null_space, self.problem.space, colours) if turns else None
+        self.newton = Newton(self.problem, self.options, symmetric, modes, self.timing, motions, modes_at)
         self.settle = uzawa(self.problem.contacts, self.newton, self.options)
         self.renew = search_update(self.problem, self.newton, self.options)
         meets = motions and not self.problem.linear

@@ -298,3 +298,12 @@ class Bulk(Item):
         list of (ndarray (nc, 6), ndarray (nc,))
         """
         raise NotImplementedError
+
+    def fields(self, u):
+        """What else there is to see in cells: values (nc, ...) of the cells of each block, by name. *Collective.*
+
+        Returns
+        -------
+        dict of str to list of ndarray
+        """
+        return {}

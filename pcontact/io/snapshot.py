@@ -83,6 +83,7 @@ class Snapshot(Observer):
             "stress": [values for values, _ in stress],
             "equivalent_stress": [equivalent_stress(values) for values, _ in stress],
         }
+        data.update(bulk.fields(u))
         strain = bulk.plastic_strain()
         if strain is not None:
             data["equivalent_plastic_strain"] = strain

@@ -6,11 +6,28 @@ from pcontact.scene.model import Contact, Scene
 from pcontact.scene.validate import resolve_contacts
 
 
-def _plastic(scene):
-    """Bodies that may yield, and how each hardens."""
+def _plastic(scene, finite=None):
+    """Bodies that may yield, and how each hardens: all, or those with finite strain or without."""
     return [
-        f"{body.region} ({_hardening(scene.materials[body.material])})" for body in scene.bodies if scene.yields(body)
+        f"{body.region} ({_hardening(scene.materials[body.material])})"
+        for body in scene.bodies
+        if scene.yields(body) and finite in (None, scene.finite(body))
     ]
+
+
+def _strains(scene):
+    """Elasticity and plasticity of the bodies, in lines."""
+    lines = []
+    for finite, words in ((False, "small strain"), (True, "finite strain")):
+        bodies = [body for body in scene.bodies if scene.finite(body) == finite]
+        kinds = {body.region: scene.materials[body.material].law.replace("_", "-") for body in bodies}
+        if bodies:
+            names = [f"{name} ({kinds[name]})" if finite else name for name in kinds]
+            lines.append(f"{words} elasticity: {', '.join(names)}")
+        plastic = _plastic(scene, finite)
+        if plastic:
+            lines.append(f"{words} von Mises plasticity: {', '.join(plastic)}")
+    return lines
 
 
 def _hardening(material):
@@ -36,7 +53,7 @@ _FEATURES = (
     ("contact of all surfaces", lambda scene: any(contact.all and not contact.obstacle for contact in scene.contacts)),
     ("tied surfaces", lambda scene: any(contact.tied for contact in scene.contacts)),
     ("unbiased contact", lambda scene: any(_is_unbiased(contact) for contact in scene.contacts)),
-    ("finite strain", lambda scene: False),
+    ("finite strain", lambda scene: any(scene.finite(body) for body in scene.bodies)),
     ("inertia", lambda scene: False),
 )
 
@@ -60,9 +77,7 @@ def describe(
     active, left_out : list of str
         One entry per piece of physics.
     """
-    active = ["small strain elasticity: " + ", ".join(body.region for body in scene.bodies)]
-    if _plastic(scene):
-        active.append("small strain von Mises plasticity: " + ", ".join(_plastic(scene)))
+    active = _strains(scene)
     if scene.mesh.kinematics != "plane_strain" or dim == 2:
         active.append(scene.mesh.kinematics.replace("_", " "))
     if averaged:

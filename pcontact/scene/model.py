@@ -31,6 +31,8 @@ from pcontact.scene.values import (
     EXPRESSION,
     FUNCTION,
     HARDENING_CURVE,
+    MOONEY_RIVLIN,
+    OGDEN,
     VECTOR,
 )
 
@@ -87,6 +89,10 @@ class MeshSpec:
         f"degree 2 with nu > {POOR:g}; `pcontact check` says which bodies. Triangles and tetrahedra of degree 1 have "
         "no mean other than what they have",
     )  # fmt: skip
+    strain: str = key(
+        choice("small", "finite"), "strain of the bodies that do not say it themselves", "small",
+        more="see [finite_strain.md](finite_strain.md)",
+    )  # fmt: skip
 
 
 @table
@@ -99,8 +105,9 @@ class Material:
         "Poisson's ratio",
     )  # fmt: skip
     yield_stress: float | None = key(
-        POSITIVE, "yield stress of a uniaxial test: the material yields (von Mises, small strain)", None, "stress",
+        POSITIVE, "yield stress of a uniaxial test: the material yields (von Mises)", None, "stress",
         "elastic, or see `hardening_curve`",
+        more="With finite strain it is a Kirchhoff stress, over the logarithmic plastic strain",
     )  # fmt: skip
     hardening: float = key(
         NON_NEGATIVE, "with `yield_stress`: isotropic, d(yield stress) / d(equivalent plastic strain)", 0.0, "stress"
@@ -112,11 +119,44 @@ class Material:
         HARDENING_CURVE, "instead of `yield_stress` and `hardening`: yield stress over the equivalent plastic strain",
         None, "stress", "none", more="linear between the points, constant beyond the last",
     )  # fmt: skip
+    law: str = key(
+        choice("hencky", "neo_hooke", "mooney_rivlin", "ogden"), "with finite strain: elasticity", "hencky",
+        more="`hencky`: Hooke's law of logarithmic strain; the others are rubber, see "
+        "[finite_strain.md](finite_strain.md). `E` and `nu` are those of small strain with all of them",
+    )  # fmt: skip
+    mooney_rivlin: Sequence[float] | None = key(
+        MOONEY_RIVLIN, "with `law = \"mooney_rivlin\"`: c10 and c01", None, "stress", "none",
+        more="`E` must be 4 (1 + nu) (c10 + c01)",
+    )  # fmt: skip
+    ogden: Table | None = key(
+        OGDEN, "with `law = \"ogden\"`: mu [stress] and alpha of every term", None, otherwise="none",
+        more="`E` must be (1 + nu) sum(mu alpha)",
+    )  # fmt: skip
+    split: str | None = key(
+        choice("multiplicative", "additive"), "with finite strain: of elastic and plastic strain", None,
+        otherwise="multiplicative, with `kinematic_hardening` additive",
+        more="Additive is right for plastic strains up to some 0.3, and the only one with kinematic hardening",
+    )  # fmt: skip
 
     @property
     def plastic(self) -> bool:
         """Whether it may yield."""
         return self.yield_stress is not None or self.hardening_curve is not None
+
+    @property
+    def multiplicative(self) -> bool:
+        """Whether finite elastic and plastic strain are split multiplicatively."""
+        return self.split == "multiplicative" if self.split is not None else self.kinematic_hardening == 0.0
+
+    @property
+    def terms(self) -> Table:
+        """Terms (mu, alpha) of rubber in the form of Ogden; none for Hencky's law."""
+        if self.law == "ogden":
+            return self.ogden
+        if self.law == "mooney_rivlin":
+            first, second = self.mooney_rivlin
+            return [(2.0 * first, 2.0), (-2.0 * second, -2.0)]
+        return [(self.E / (2.0 * (1.0 + self.nu)), 2.0)] if self.law == "neo_hooke" else []
 
 
 @table
@@ -125,6 +165,10 @@ class Body:
 
     region: str = key(TEXT, f"{REGION} cells")
     material: str = key(TEXT, "name of a material")
+    strain: str | None = key(
+        choice("small", "finite"), "small strain, or any", None, otherwise="that of `[mesh]`",
+        more="see [finite_strain.md](finite_strain.md)",
+    )  # fmt: skip
 
 
 @table
@@ -419,6 +463,10 @@ class Scene:
             **{key: replace(getattr(self, key)) for key in SINGLE_TABLES},
             **{**lists, "contacts": contacts},
         )
+
+    def finite(self, body: Body) -> bool:
+        """Whether a body has finite strain."""
+        return (self.mesh.strain if body.strain is None else body.strain) == "finite"
 
     def yields(self, body: Body) -> bool:
         """Whether a body may yield."""

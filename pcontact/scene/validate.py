@@ -23,6 +23,7 @@ from pcontact.scene.model import (
 from pcontact.scene.places import tables
 
 ALIKE = 0.5  # likeness of two file names above which one may be meant by the other
+ALIKE_MODULI = 1e-3  # relative difference of Young's modulus and that of the terms of rubber
 MOST_PAIRS = 26  # of two surfaces beside a contact of all: a bit for each surface fits into the digits of a number
 SMALLEST = 1e-12  # of the run: the shortest step
 
@@ -48,6 +49,7 @@ def validate(scene: Scene) -> None:
         found = 'true with kinematics = "plane_stress"'
         raise input_error(scene.where, "mesh.mean_dilatation", found, "false, plane stress does not lock")
     _check_bodies(scene)
+    _check_strain(scene)
     for where, table in tables(scene):
         if isinstance(table, Material):
             _check_material(scene, where, table)
@@ -192,6 +194,21 @@ def _check_bodies(scene):
             raise input_error(scene.where, key, found, listed(scene.materials))
 
 
+def _check_strain(scene):
+    """Laws of rubber are for finite strain, which some parts of the program do not have."""
+    for index, body in enumerate(scene.bodies):
+        material, where = scene.materials[body.material], f"bodies[{index}] ({body.region})"
+        if material.law != "hencky" and not scene.finite(body):
+            found = f'"{material.law}" in body {body.region} with small strain'
+            raise input_error(scene.where, f"materials.{body.material}.law", found, f'{where}.strain = "finite"')
+        if material.law != "hencky" and scene.mesh.kinematics == "plane_stress":
+            found = f'"{material.law}" with kinematics = "plane_stress"'
+            raise input_error(scene.where, f"materials.{body.material}.law", found, '"hencky"')
+        if scene.output.estimate and scene.finite(body):
+            found = f"true with finite strain (body {body.region})"
+            raise input_error(scene.where, "output.estimate", found, "false: the estimate is one of small strain")
+
+
 def _check_unique(scene, key, attribute):
     seen = {}
     for index, item in enumerate(getattr(scene, key)):
@@ -216,6 +233,29 @@ def _check_material(scene, where, material):
             if getattr(material, key) > 0:
                 found = f"{getattr(material, key)!r} without yield_stress{or_else}"
                 raise input_error(scene.where, f"{where}.{key}", found, f"{key} together with yield_stress{or_else}")
+
+
+    _check_law(scene, where, material)
+    if material.split == "multiplicative" and material.kinematic_hardening > 0:
+        found = "multiplicative with kinematic_hardening"
+        raise input_error(scene.where, f"{where}.split", found, '"additive"')
+
+
+def _check_law(scene, where, material):
+    """Constants of rubber go with their law, and with Young's modulus."""
+    for law in ("mooney_rivlin", "ogden"):
+        said = getattr(material, law) is not None
+        if said != (material.law == law):
+            found = f'{law} without law = "{law}"' if said else "nothing"
+            raise input_error(scene.where, f"{where}.{law}", found, f'{law} together with law = "{law}"')
+    if material.law == "hencky":
+        return
+    if material.plastic:
+        raise input_error(scene.where, f"{where}.law", f'"{material.law}" of what may yield', '"hencky"')
+    young = (1.0 + material.nu) * sum(modulus * power for modulus, power in material.terms)
+    if abs(young - material.E) > ALIKE_MODULI * young:
+        found = f'{material.E:g} with a law = "{material.law}" of other stiffness'
+        raise input_error(scene.where, f"{where}.E", found, f"{young:.6g}, that of its terms")
 
 
 def _check_contact(scene, where, contact):

@@ -49,6 +49,14 @@ def _check_hardening(rows):
             raise ValueError(f"whose stresses decrease in entry {index}")
 
 
+def _check_ogden(rows):
+    for index, (modulus, power) in enumerate(rows):
+        if modulus * power == 0.0:
+            raise ValueError(f"whose entry {index} has no stiffness")
+    if sum(modulus * power for modulus, power in rows) <= 0:
+        raise ValueError("whose shear modulus sum(mu alpha) / 2 is not positive")
+
+
 VECTOR = sequence("a list of one finite number per direction (2 or 3)", number(), (2, 3))
 COMPONENTS = sequence(
     'a list of one finite number or "free" per direction (2 or 3)', either("", "free", number()), (2, 3)
@@ -63,3 +71,5 @@ HARDENING_CURVE = _pairs(
     "and not decreasing",
     _check_hardening,
 )
+OGDEN = _pairs("a list of [mu, alpha] pairs, not zero, sum(mu alpha) > 0", _check_ogden)
+MOONEY_RIVLIN = sequence("a list of two numbers c10, c01 with c10 + c01 > 0", number(), (2,), lambda c: sum(c) > 0)

@@ -46,6 +46,8 @@ class Newton:
     near_null_space : PETSc.NullSpace
     timing : dict of str to float
         ``assembly`` and ``linear`` seconds are added, and by searches in its iterations ``search``.
+    modes_at : callable, optional
+        Near-null space at a displacement, for bodies that turn: renewed with every load step.
     motions : dict of int to ndarray, optional
         What supports leave free, see :func:`pcontact.space.modes.free_motions`: what holds such bodies changes with
         every iteration, and so must the preconditioner.
@@ -63,8 +65,8 @@ class Newton:
         Whether the load step may be made shorter where a solution is in doubt; whoever makes load steps says so.
     """
 
-    def __init__(self, problem, options, symmetric, near_null_space, timing, motions=None):
-        self.problem, self.timing = problem, timing
+    def __init__(self, problem, options, symmetric, near_null_space, timing, motions=None, modes_at=None):
+        self.problem, self.timing, self._modes_at = problem, timing, modes_at
         self._balance = Balance(problem, motions) if motions and not problem.linear else None
         self._options = options
         plastic = problem.yields
@@ -200,6 +202,8 @@ class Newton:
         -------
         NewtonResult
         """
+        if self._modes_at is not None:
+            self.problem.matrix.matrix.setNearNullSpace(self._modes_at(u))
         self._renew_preconditioner()
         free_garbage(self.problem.space.comm)
         if self._reuse is not None:

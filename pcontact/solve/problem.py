@@ -57,7 +57,7 @@ class Problem:
         self.matrix = GlobalMatrix(space, supports.fixed)
         self._versions = None
         self.pattern_changes = 0
-        self._committed, self._changed = None, set()
+        self._committed, self._changed, self._goes_on = None, set(), False
 
     @property
     def linear(self):
@@ -70,6 +70,11 @@ class Problem:
         return self.bulk.yields
 
     @property
+    def extrapolates(self):
+        """Whether a load step begins where the bodies are if they go on as they did."""
+        return self.bulk.extrapolates
+
+    @property
     def parts(self):
         """What reports, remembers and is counted as one: the items, those of a contact together."""
         pairs = {id(pair) for contact in self.contacts for pair in contact.pairs}
@@ -80,17 +85,28 @@ class Problem:
         """Whether the load step begins with what :meth:`predicted` says."""
         return self._committed is not None
 
-    def prescribe(self, u, time):
+    def prescribe(self, u, time, ahead=None):
         """Enter the prescribed displacements of a time into ``u``, the committed displacement so far. *Collective.*
 
-        Decides whether the load step begins with a prediction: where bodies may yield, and where supports that move
-        alone open or close points.
+        Decides whether the load step begins with a prediction: where bodies may yield, where supports that move alone
+        open or close points, and where bodies have finite strain. These begin where they are if they go on as they did
+        (`ahead`), unless they cannot be there: from a committed state they would have to turn by a whole load step.
         """
         moves = not self.linear and self.imposed(u, time) > 0.0
-        before = u.copy() if self.yields or moves else None
+        before = u.copy() if self.yields or moves or self.extrapolates else None
+        self._goes_on = self.extrapolates and ahead is not None and self._can_be(ahead)
+        if self._goes_on:
+            ahead.copy(before)
+            ahead.copy(u)
         self._enter(u, time)
         self._changed = self._changed_by_supports(before, u) if moves else set()
-        self._committed = before if self.yields or self._changed else None
+        self._committed = before if self.yields or self._changed or self.extrapolates else None
+
+    def _can_be(self, u):
+        """Whether all cells can be integrated. *Collective.*"""
+        out = np.zeros((self.space.n_owned, self.space.dim))
+        self.bulk.residual(u, out)
+        return bool(np.isfinite(self._norm(out)))
 
     def _changed_by_supports(self, before, u):
         """Names of the items with points that the supports alone open or close. *Collective.*"""
@@ -148,9 +164,13 @@ class Problem:
         out = -self.external(self.time)
         with profile.phase("bulk_assembly"):
             self.bulk.predict(u, self._committed, out)
-        self._add_others(u, out, self.frozen(rules))
+        self._add_others(u, out, self._rules_of_prediction(rules))
         out[self.fixed] = 0.0
         f.setArray(out.ravel())
+
+    def _rules_of_prediction(self, rules):
+        """Bodies that go on as they did bring their points along; else see :meth:`predicted`. *Collective.*"""
+        return (rules or self.by_law) if self._goes_on else self.frozen(rules)
 
     # -- rules for the status of points -----------------------------------------------------------------------------
 
@@ -228,7 +248,7 @@ class Problem:
 
     def tangent(self, u, rules=None, predicted=False):
         """Write the generalised Jacobian at ``u``, or that of :meth:`predicted`, into the matrix. *Collective.*"""
-        rules = self.frozen(rules) if predicted else (rules or self.by_law)
+        rules = self._rules_of_prediction(rules) if predicted else (rules or self.by_law)
         with profile.phase("contact_assembly"):
             values = [item.tangent(u, rule) for item, rule in zip(self.others, rules, strict=True)]
         with profile.phase("bulk_assembly"):

@@ -123,7 +123,7 @@ def colour(n_components, edges):
     return colours
 
 
-def near_null_space(space, colours):
+def near_null_space(space, colours, u=None):
     """Rigid modes of every body, bodies of one colour sharing vectors. *Collective.*
 
     Parameters
@@ -131,6 +131,8 @@ def near_null_space(space, colours):
     space : Space
     colours : ndarray (n_components,)
         Bodies that can touch have different colours, so that relative rigid motion across a contact is in the span.
+    u : PETSc.Vec, optional
+        Displacement, where turns are those of the places that it leads to.
 
     Returns
     -------
@@ -141,8 +143,9 @@ def near_null_space(space, colours):
     own = space.owned_local
     component = space.component[own]
     size = np.where(scale > 0, scale, 1.0)
-    modes = rigid_modes(space.points[own], centre[component], 1.0)
     d = space.dim
+    moved = 0.0 if u is None else u.getArray(readonly=True).reshape(-1, d)
+    modes = rigid_modes(space.points[own] + moved, centre[component], 1.0)
     modes[d:] /= size[component][None, :, None]
     vectors = []
     for c in range(int(colours.max()) + 1 if len(colours) else 0):

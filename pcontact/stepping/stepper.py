@@ -177,7 +177,7 @@ class Stepper:
                 item.detect(self.u, target, motion, ahead)
         middle, searched = clock.perf_counter(), self.timing["search"]
         with profile.phase("solve"):
-            self.problem.prescribe(self.u, target)
+            self.problem.prescribe(self.u, target, self._continued(target) if self.problem.extrapolates else None)
             if rest is not None and self._last is not None:
                 rest.begin(self.u)
             if renew is None:
@@ -195,6 +195,26 @@ class Stepper:
         self.timing["solve"] += clock.perf_counter() - middle - again
         return result
 
+    def _way(self, target):
+        """How far the bodies move if they go on as what drives them does."""
+        begin, before = self._last
+        past, now, then = (self._drive(time) for time in (begin, self.schedule.time, target))
+        last = now - past
+        part = float((then - now) @ last) / max(float(last @ last), 1e-300)
+        part = min(max(part, -1.0), 2.0)
+        way = self.u.copy()
+        way.axpy(-1.0, before)
+        way.scale(part)
+        return way
+
+    def _continued(self, target):
+        """Displacement if the bodies go on as what drives them does; None before the second load step."""
+        if self._last is None:
+            return None
+        way = self._way(target)
+        way.axpy(1.0, self.u)
+        return way
+
     def _ahead(self, target):
         """Displacement if the bodies move on as what drives them does, None where that tells nothing. *Collective.*
 
@@ -204,14 +224,7 @@ class Stepper:
         pairs = self.problem.others
         if not pairs or self._last is None or any(item.floats for item in pairs):
             return None
-        begin, before = self._last
-        past, now, then = (self._drive(time) for time in (begin, self.schedule.time, target))
-        last = now - past
-        part = float((then - now) @ last) / max(float(last @ last), 1e-300)
-        part = min(max(part, -1.0), 2.0)
-        way = self.u.copy()
-        way.axpy(-1.0, before)
-        way.scale(part)
+        way = self._way(target)
         # bodies that jump do not go on so
         space = self.problem.space
         if space.longest(way.getArray(readonly=True).reshape(-1, space.dim)) > 0.5 * min(item.radius for item in pairs):

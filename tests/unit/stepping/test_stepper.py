@@ -128,6 +128,8 @@ class Number:
 class MadeUp:
     """Problem, space and item at once, with a record of who called what."""
 
+    extrapolates = False
+
     def __init__(self):
         self.space, self.items, self.others, self.time, self.calls = self, [self], [], 0.0, []
 
@@ -143,7 +145,7 @@ class MadeUp:
     def commit(self, u, time):
         self.calls.append(("commit", u.value, time))
 
-    def prescribe(self, u, time):
+    def prescribe(self, u, time, ahead=None):
         u.value = time
 
     def unbalanced(self, u):

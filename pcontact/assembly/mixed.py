@@ -1,0 +1,133 @@
+"""The bulk item of scenes in which some bodies have finite strain and others do not: the sum of two."""
+
+import numpy as np
+
+from pcontact.assembly.bulk import ElasticBulk
+from pcontact.assembly.finite import FiniteBulk
+from pcontact.assembly.geometry import chunks, hoop
+from pcontact.assembly.item import LAW, Bulk
+from pcontact.assembly.pattern import positions
+from pcontact.assembly.plastic import PlasticBulk
+
+
+class MixedBulk(Bulk):
+    """Item of all bodies, of which some have finite strain.
+
+    Parameters
+    ----------
+    space : pcontact.space.space.Space
+    constants : list of (float, float)
+        Lame constants of each body of the scene [stress], see :class:`ElasticBulk`.
+    small : list of (ndarray (3,), ndarray (k, 3)) or None
+        See :class:`PlasticBulk`; None for elastic bodies and those with finite strain.
+    finite : list of pcontact.material.finite.FiniteMaterial or None
+        See :class:`FiniteBulk`; None for bodies without finite strain.
+
+    Attributes
+    ----------
+    small : ElasticBulk or PlasticBulk
+        In which bodies with finite strain have no stiffness.
+    finite : FiniteBulk
+
+    Notes
+    -----
+    *Collective.*
+    """
+
+    symmetric, extrapolates = False, True
+
+    def __init__(self, space, constants, small, finite):
+        self.space, self.constants = space, constants
+        own = [(0.0, 0.0) if other else pair for pair, other in zip(constants, finite, strict=True)]
+        self.small = PlasticBulk(space, own, small) if any(small) else ElasticBulk(space, own)
+        self.finite = FiniteBulk(space, constants, finite)
+        self.yields, self.states = self.small.yields or self.finite.yields, self.small.states
+        self.parts = self.finite.parts
+        self._place = positions(*self.finite.pattern(), *self.small.pattern())
+
+    def pattern(self):
+        """Owned block rows: rowptr (n_owned + 1,), columns (nnz,)."""
+        return self.small.pattern()
+
+    def residual(self, u, out, rule=LAW):
+        """Add the internal forces of the owned nodes to ``out`` (n_owned, d). *Collective.*"""
+        self.small.residual(u, out)
+        self.finite.residual(u, out)
+
+    def predict(self, u, base, out):
+        """Add the forces at ``u`` as those of each kind of body are predicted from ``base``. *Collective.*"""
+        self.small.predict(u, base, out)
+        self.finite.predict(u, base, out)
+
+    def add_magnitude(self, u, out):
+        """Add the sum of the absolute terms of :meth:`residual` to ``out`` (n_owned, d). *Collective.*"""
+        self.small.add_magnitude(u, out)
+        self.finite.add_magnitude(u, out)
+
+    def tangent(self, u, rule=LAW):
+        """Values (nnz, d, d) on :meth:`pattern`. *Collective.*"""
+        values = self.small.tangent(u).copy()
+        values[self._place] += self.finite.tangent(u)
+        return values
+
+    def commit(self, u, time):
+        """Take the internal variables to a displacement. *Collective.*"""
+        self.small.commit(u, time)
+        self.finite.commit(u, time)
+
+    def flowing(self, u):
+        """The larger of the parts of the volume that may yield, of both kinds of bodies, which yields. *Collective.*"""
+        return max(self.small.flowing(u), self.finite.flowing(u))
+
+    def counters(self):
+        """Quadrature points with internal variables."""
+        return {"points": sum(part.counters()["points"] for part in (self.small, self.finite)), "work": 0}
+
+    def memory(self):
+        """Internal variables by block, see :meth:`PlasticBulk.memory`; blocks have one kind or the other."""
+        return {**self.small.memory(), **self.finite.memory()}
+
+    def memory_keys(self):
+        """Keys (n,) of all rows that :meth:`memory` may have."""
+        parts = [part.memory_keys() for part in (self.small, self.finite)]
+        return np.concatenate([np.zeros(0, dtype=np.int64), *(keys for keys in parts if keys is not None)])
+
+    def recall(self, name, chunks):
+        """Take back what :meth:`memory` gave, see `pcontact.assembly.item.Item.recall`."""
+        return (self.finite if int(name) in self.finite.parts else self.small).recall(name, chunks)
+
+    # -- report -----------------------------------------------------------------------------------------------------
+
+    def _joined(self, small, finite):
+        """Values of each block, from the item that has its cells."""
+        return [finite[number] if number in self.finite.parts else values for number, values in enumerate(small)]
+
+    def stress(self, u):
+        """Mean stress, Cauchy's with finite strain, and undeformed volume of the cells of each block. *Collective.*"""
+        return self._joined(self.small.stress(u), self.finite.stress(u))
+
+    def fields(self, u):
+        """Logarithmic strain, and that of small strain where bodies have no other. *Collective.*"""
+        nodal, space = self.space.local.gather(u), self.space
+        result = [np.zeros((len(cells), 6)) for cells in space.cells]
+        for number in set(range(len(result))) - set(self.finite.parts):
+            for rows, grad, jxw, shapes in chunks(space, number):
+                values, d = nodal[space.cells[number][rows]], space.dim
+                h = np.zeros((len(values), 3, 3))
+                weight = jxw / jxw.sum(axis=1)[:, None]
+                h[:, :d, :d] = np.einsum("cq,cqaj,cai->cij", weight, grad, values)
+                ring = hoop(space, number, rows, shapes)
+                if ring is not None:
+                    h[:, 2, 2] = np.einsum("cq,cqa,ca->c", weight, ring, values[:, :, 0])
+                result[number][rows] = 0.5 * (h + h.transpose(0, 2, 1))[:, [0, 1, 2, 0, 1, 0], [0, 1, 2, 1, 2, 2]]
+        return {"log_strain": self._joined(result, self.finite.fields(u)["log_strain"])}
+
+    def plastic_strain(self):
+        """Mean equivalent plastic strain (nc,) of the cells of each block; None where nothing may yield."""
+        found = [values for values in (self.small.plastic_strain(), self.finite.plastic_strain()) if values is not None]
+        return [sum(parts) for parts in zip(*found, strict=True)] if found else None
+
+    def plasticity(self):
+        """Largest equivalent plastic strain, and volume that has yielded [length^d]. *Collective.*"""
+        parts = [self.small.plasticity(), self.finite.plasticity()]
+        return max(strain for strain, _ in parts), sum(volume for _, volume in parts)
