@@ -31,6 +31,9 @@ PIECES = {
          "contact.traction.plastic"),
         (),
     ),
+    "finite strain": (
+        ("material.finite", "material.log_strain", "assembly.finite", "assembly.finite_kernels", "assembly.mixed"), (),
+    ),
     "self contact": (("contact.search.self_surface", "contact.search.exclusion", "contact.search.cones"),
         ("no_exclusion", "writable", "no_cones", "Exclusion", "Cones")),
     # bodies near enough to meet are found for any pair
@@ -44,7 +47,7 @@ PIECES = {
     "obstacles": (("contact.surface.obstacle",), ()),
     # what says that a cell has none, and what axial symmetry needs, too
     "mean dilatation": (
-        ("element.dilatation",), ("Mean", "linear", "dilatation", "factors", "squares", "hoop_operator"),
+        ("element.dilatation",), ("Mean", "Dilatation", "linear", "dilatation", "factors", "squares", "hoop_operator"),
     ),
 }  # fmt: skip
 
@@ -80,6 +83,10 @@ def with_piece(path, piece):
     if piece == "mean dilatation":
         result = scene(path)
         result.mesh.mean_dilatation = True
+        return result
+    if piece == "finite strain":
+        result = scene(path)
+        result.mesh.strain, result.contacts = "finite", []
         return result
     return scene(path, **{
         "friction": {"friction": 0.4},
