@@ -1,0 +1,664 @@
+"""Contact at finite motion: partner, gap, normal and slip of one point at a displacement, and their derivatives.
+
+x is the present place of a source point, y(xi) a point of its target facet, which is frozen while the point on it
+moves; a_i = y,i are the target's tangents and c_b = x,b those of the source, with the dual bases a^i and c^b. The
+contact normal n points from source to target, the gap is g = (y - x) . n (>= 0 open), [[du]] = du_S(X) - du_T(xi).
+
+* ray: y = x + g n with the outward normal n of the source;  dn = - sum_b c^b (n . du_S,b),
+  [a_i, -n] (dxi, dg) = [[du]] + g dn
+* closest: (x - y) . a_i = 0, n is minus the outward normal of the target;  dg = -n . [[du]],
+  (a_i . a_j + g n . y,ij) dxi_j = a_i . [[du]] - g n . du_T,i,  dn = - sum_i a^i (n . da_i)
+* both: da_i = du_T,i + y,ij dxi_j
+
+Slip is convected: with the committed state k at the same point of the target, and A+ the matrix with the rows a^i,
+
+    z = y_k(xi) - x_k - g n_k + lag    (closest: without g n_k),    zeta = A_k+ z,    s = A zeta
+
+goes from where the point was over the target to the present partner's place of then, in components on the old
+tangents, which the new ones carry. Turning either state alone changes nothing. With dA_k,i = y_k,ij dxi_j
+
+    ds = dA zeta + A dzeta,
+    dzeta = A_k+ (A_k dxi - n_k dg - dA_k zeta) + (A_k^T A_k)^-1 dA_k^T (z - A_k zeta)
+
+* held at an edge or corner: n and xi are frozen, s = [[u]] - [[u_k]] + lag
+* tied: xi is frozen, and w = y - x - A zeta_0 - g_0 n with the components of the offset that the undeformed bodies
+  have;  g = w . n, s = -w
+* obstacle: normal, gap and Hessian of the distance are given;  dg = -n . dx, dn = -Hess dx, s = x - x_c with the place
+  x_c to which the obstacle has carried the point since then
+* without partner: n is the outward normal of the source, g = 0, s = 0
+
+A facet goes on beyond its edges up to `BEYOND` in reference coordinates, of triangles up to barycentric coordinates of
+`-BESIDE`; farther a point has no partner. To g a number of the point is added (`shift`) that does not change.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from pcontact.contact.surface.facet_maps import NODE_COUNTS, fill_shapes, is_triangle
+from pcontact.runtime.jit import njit, njit_inner
+
+NONE, RAY, CLOSEST, HELD, TIED, OBSTACLE = range(6)
+BEYOND, BESIDE = 1.5, 0.25
+# of Newton's method for the partner: iterations, largest step and last one in reference coordinates
+ITERATIONS, FARTHEST, SMALLEST = 40, 1.0, 1e-13
+
+
+class FiniteSource(NamedTuple):
+    """Points (np) of a source with nf facets, of whose parent cells ms nodes are on the facet.
+
+    Attributes
+    ----------
+    facet : ndarray (np,)
+    cells : ndarray (nf, nn)
+        Nodes of the parent cells, numbers into nodal values (n, d).
+    on : ndarray (nf, ms)
+        Which of them are on the facet.
+    shape : ndarray (np, ms)
+        Their shape functions at the points.
+    slope : ndarray (np, d - 1, ms)
+        Derivatives of these along the tangents of the undeformed facet [1/length].
+    x : ndarray (np, d)
+        Undeformed places of the points, relative to the origin [length].
+    tangent : ndarray (np, d - 1, d)
+        Orthonormal tangents of the undeformed facet; (t_y, -t_x) and t_1 x t_2 are its outward normal.
+    jxw : ndarray (np,)
+        Weights [length^(d - 1)].
+    """
+
+    facet: np.ndarray
+    cells: np.ndarray
+    on: np.ndarray
+    shape: np.ndarray
+    slope: np.ndarray
+    x: np.ndarray
+    tangent: np.ndarray
+    jxw: np.ndarray
+
+
+class FinitePartner(NamedTuple):
+    """What is frozen of the partners of the points.
+
+    Attributes
+    ----------
+    mode : ndarray (np,)
+        NONE, RAY, CLOSEST, HELD, TIED or OBSTACLE.
+    nodes : ndarray (np, mt)
+        Of the target facets, numbers into nodal values; of width 0 for an obstacle.
+    kind : ndarray (np,)
+        See `pcontact.contact.surface.facet_maps`.
+    xi : ndarray (np, 2)
+        Where Newton's method for the partner begins; the partner itself where that is frozen.
+    normal : ndarray (np, d)
+        Where it is frozen, and of obstacles.
+    shift : ndarray (np,)
+        Added to the gap [length].
+    offset : ndarray (np, d)
+        Of tied points: zeta_0 and g_0 [length].
+    gap : ndarray (np,)
+        Of obstacles [length].
+    curvature : ndarray (np, d, d)
+        Hessian of the distance of obstacles [1/length]; else of length 0.
+    start : ndarray (np, d)
+        x_c, of obstacles, relative to the origin [length].
+    """
+
+    mode: np.ndarray
+    nodes: np.ndarray
+    kind: np.ndarray
+    xi: np.ndarray
+    normal: np.ndarray
+    shift: np.ndarray
+    offset: np.ndarray
+    gap: np.ndarray
+    curvature: np.ndarray
+    start: np.ndarray
+
+
+class Motion(NamedTuple):
+    """Nodal values (n, d): undeformed places relative to the origin, displacements now and committed [length]; and the
+    lag (np, d) of the points, see `pcontact.contact.formulation.frictional`, in the committed state."""
+
+    x: np.ndarray
+    u: np.ndarray
+    before: np.ndarray
+    lag: np.ndarray
+
+
+class PointWork(NamedTuple):
+    """What is computed at one point; of two values or rows for tangents the first alone counts in the plane.
+
+    Attributes
+    ----------
+    shapes : ndarray (6, 9)
+        Of the target facet and their derivatives, see `facet_maps.fill_shapes`.
+    xi, zeta : ndarray (2,)
+    x, old_x, y, old_y, n, old_n, slip, rest : ndarray (d,)
+        ``rest`` is z - A_k zeta.
+    gap : ndarray (1,)
+    c, c_dual, old_c, a, a_dual, old_a, old_dual : ndarray (2, d)
+    bend, old_bend : ndarray (3, d)
+        y,11, y,12, y,22.
+    metric, old_metric : ndarray (2, 2)
+        Inverse of a_i . a_j + g n . y,ij, and of the old a_i . a_j.
+    inverse : ndarray (d, d)
+        Of [a_i, -n].
+    dn, ds : ndarray (d, k)
+    dg : ndarray (k,)
+    dxi : ndarray (2, k)
+        Derivatives with respect to the displacements of the ms nodes of the source facet and the mt ones of the target.
+    r, da, dz : ndarray (d,), (2, d), (2,)
+        Scratch.
+    """
+
+    shapes: np.ndarray
+    xi: np.ndarray
+    zeta: np.ndarray
+    x: np.ndarray
+    old_x: np.ndarray
+    y: np.ndarray
+    old_y: np.ndarray
+    n: np.ndarray
+    old_n: np.ndarray
+    slip: np.ndarray
+    rest: np.ndarray
+    gap: np.ndarray
+    c: np.ndarray
+    c_dual: np.ndarray
+    old_c: np.ndarray
+    a: np.ndarray
+    a_dual: np.ndarray
+    old_a: np.ndarray
+    old_dual: np.ndarray
+    bend: np.ndarray
+    old_bend: np.ndarray
+    metric: np.ndarray
+    old_metric: np.ndarray
+    inverse: np.ndarray
+    dn: np.ndarray
+    ds: np.ndarray
+    dg: np.ndarray
+    dxi: np.ndarray
+    r: np.ndarray
+    da: np.ndarray
+    dz: np.ndarray
+
+
+def point_work(d, width):
+    """Scratch for points in d dimensions with ``width`` nodes of both sides."""
+    v, m, k = (lambda: np.zeros(d)), (lambda rows: np.zeros((rows, d))), width * d
+    return PointWork(
+        np.zeros((6, 9)), np.zeros(2), np.zeros(2), v(), v(), v(), v(), v(), v(), v(), v(), np.zeros(1),
+        m(2), m(2), m(2), m(2), m(2), m(2), m(2), m(3), m(3), np.zeros((2, 2)), np.zeros((2, 2)), np.zeros((d, d)),
+        np.zeros((d, k)), np.zeros((d, k)), np.zeros(k), np.zeros((2, k)), v(), m(2), np.zeros(2),
+    )  # fmt: skip
+
+
+@njit_inner
+def dot(a, b):
+    """a . b"""
+    value = 0.0
+    for i in range(len(a)):
+        value += a[i] * b[i]
+    return value
+
+
+@njit_inner
+def unit_normal(c, n):
+    """Write the unit normal of tangents: the tangent turned by -90 degrees, or the cross product; their length."""
+    if len(n) == 2:
+        n[0], n[1] = c[0, 1], -c[0, 0]
+    else:
+        n[0] = c[0, 1] * c[1, 2] - c[0, 2] * c[1, 1]
+        n[1] = c[0, 2] * c[1, 0] - c[0, 0] * c[1, 2]
+        n[2] = c[0, 0] * c[1, 1] - c[0, 1] * c[1, 0]
+    length = np.sqrt(dot(n, n))
+    for i in range(len(n)):
+        n[i] /= length
+    return length
+
+
+@njit_inner
+def _invert(h11, h12, h22, nb, out):
+    if nb == 1:
+        out[0, 0] = 1.0 / h11
+        return h11
+    det = h11 * h22 - h12 * h12
+    out[0, 0], out[0, 1], out[1, 0], out[1, 1] = h22 / det, -h12 / det, -h12 / det, h11 / det
+    return det if h11 > 0.0 else -abs(det)
+
+
+@njit_inner
+def _dual(a, metric, out):
+    """Dual basis of tangents a (2, d), and the inverse of their metric."""
+    d = a.shape[1]
+    nb = d - 1
+    _invert(dot(a[0], a[0]), dot(a[0], a[1]), dot(a[1], a[1]), nb, metric)
+    for i in range(nb):
+        for k in range(d):
+            out[i, k] = metric[i, 0] * a[0, k]
+            if nb == 2:
+                out[i, k] += metric[i, 1] * a[1, k]
+
+
+@njit_inner
+def _source_at(source, p, u, x, c):
+    """Place and tangents of a source point under nodal displacements."""
+    f, d = source.facet[p], u.shape[1]
+    for k in range(d):
+        x[k] = source.x[p, k]
+        for b in range(d - 1):
+            c[b, k] = source.tangent[p, b, k]
+    for a in range(source.on.shape[1]):
+        node = source.cells[f, source.on[f, a]]
+        for k in range(d):
+            x[k] += source.shape[p, a] * u[node, k]
+            for b in range(d - 1):
+                c[b, k] += source.slope[p, b, a] * u[node, k]
+
+
+@njit_inner
+def _target_at(nodes, count, x, u, shapes, y, a, bend):
+    """Place, tangents and second derivatives of the target facet from its shape functions."""
+    d = u.shape[1]
+    for k in range(d):
+        y[k] = 0.0
+        for i in range(2):
+            a[i, k] = 0.0
+        for i in range(3):
+            bend[i, k] = 0.0
+    for m in range(count):
+        node = nodes[m]
+        for k in range(d):
+            place = x[node, k] + u[node, k]
+            y[k] += shapes[0, m] * place
+            a[0, k] += shapes[1, m] * place
+            bend[0, k] += shapes[3, m] * place
+            if d == 3:
+                a[1, k] += shapes[2, m] * place
+                bend[1, k] += shapes[4, m] * place
+                bend[2, k] += shapes[5, m] * place
+
+
+@njit_inner
+def _is_near(kind, u, v, d):
+    """Whether a reference point is on the facet as it goes on beyond its edges."""
+    if is_triangle(kind):
+        return u >= -BESIDE and v >= -BESIDE and 1.0 - u - v >= -BESIDE
+    return abs(u) <= BEYOND and (d == 2 or abs(v) <= BEYOND)
+
+
+@njit_inner
+def _cross_rows(w):
+    """Inverse of [a_i, -n] in w.inverse; False where n is along the facet or leaves it on the wrong side."""
+    a, n, out = w.a, w.n, w.inverse
+    if len(n) == 2:
+        det = n[0] * a[0, 1] - n[1] * a[0, 0]
+        out[0, 0], out[0, 1] = n[1] / -det, n[0] / det
+        out[1, 0], out[1, 1] = a[0, 1] / -det, a[0, 0] / det
+        return det < 0.0
+    for k in range(3):
+        i, j = (k + 1) % 3, (k + 2) % 3
+        out[0, k] = a[1, i] * n[j] - a[1, j] * n[i]
+        out[1, k] = n[i] * a[0, j] - n[j] * a[0, i]
+        out[2, k] = -(a[0, i] * a[1, j] - a[0, j] * a[1, i])
+    det = -dot(n, out[2])
+    for i in range(3):
+        for k in range(3):
+            out[i, k] /= det
+    return det < 0.0
+
+
+@njit_inner
+def _hessian(w, nb, gap_n):
+    """Inverse of a_i . a_j + gap_n . y,ij in w.metric, where gap_n is y - x; False where that is not positive."""
+    h11 = dot(w.a[0], w.a[0]) + dot(gap_n, w.bend[0])
+    h12 = dot(w.a[0], w.a[1]) + dot(gap_n, w.bend[1])
+    h22 = dot(w.a[1], w.a[1]) + dot(gap_n, w.bend[2])
+    return _invert(h11, h12, h22, nb, w.metric) > 0.0
+
+
+@njit_inner
+def _trace_ray(kind, nodes, motion, w):
+    """Partner along the normal, from w.xi on; whether there is one."""
+    d, count, g = len(w.n), NODE_COUNTS[kind], 0.0
+    nb = d - 1
+    for _ in range(ITERATIONS):
+        fill_shapes(kind, w.xi[0], w.xi[1], w.shapes)
+        _target_at(nodes, count, motion.x, motion.u, w.shapes, w.y, w.a, w.bend)
+        if not _cross_rows(w):
+            return False
+        for k in range(d):
+            w.r[k] = w.x[k] + g * w.n[k] - w.y[k]
+        step = 0.0
+        for i in range(nb):
+            w.dz[i] = dot(w.inverse[i], w.r)
+            step = max(step, abs(w.dz[i]))
+        g += dot(w.inverse[nb], w.r)
+        if step <= SMALLEST:
+            w.gap[0] = g
+            return _is_near(kind, w.xi[0], w.xi[1], d)
+        part = min(1.0, FARTHEST / step)
+        for i in range(nb):
+            w.xi[i] += part * w.dz[i]
+    return False
+
+
+@njit_inner
+def _project(kind, nodes, motion, w):
+    """Closest point of the facet, from w.xi on, and the normal; whether there is one."""
+    d, count = len(w.n), NODE_COUNTS[kind]
+    nb = d - 1
+    for _ in range(ITERATIONS):
+        fill_shapes(kind, w.xi[0], w.xi[1], w.shapes)
+        _target_at(nodes, count, motion.x, motion.u, w.shapes, w.y, w.a, w.bend)
+        for k in range(d):
+            w.r[k] = w.y[k] - w.x[k]
+        if not _hessian(w, nb, w.r):
+            return False
+        step, first, second = 0.0, dot(w.r, w.a[0]), dot(w.r, w.a[1])
+        for i in range(nb):
+            w.dz[i] = -w.metric[i, 0] * first
+            if nb == 2:
+                w.dz[i] -= w.metric[i, 1] * second
+            step = max(step, abs(w.dz[i]))
+        if step <= SMALLEST:
+            unit_normal(w.a, w.n)
+            for k in range(d):
+                w.n[k] = -w.n[k]
+            w.gap[0] = dot(w.r, w.n)
+            return _is_near(kind, w.xi[0], w.xi[1], d)
+        part = min(1.0, FARTHEST / step)
+        for i in range(nb):
+            w.xi[i] += part * w.dz[i]
+    return False
+
+
+@njit_inner
+def _frozen(kind, nodes, motion, w):
+    """The target at a frozen partner."""
+    fill_shapes(kind, w.xi[0], w.xi[1], w.shapes)
+    _target_at(nodes, NODE_COUNTS[kind], motion.x, motion.u, w.shapes, w.y, w.a, w.bend)
+
+
+@njit_inner
+def _slip(mode, source, p, nodes, kind, motion, w):
+    """Slip of a point against its target, and zeta."""
+    d = len(w.n)
+    nb = d - 1
+    _source_at(source, p, motion.before, w.old_x, w.old_c)
+    _target_at(nodes, NODE_COUNTS[kind], motion.x, motion.before, w.shapes, w.old_y, w.old_a, w.old_bend)
+    if mode == HELD:
+        for k in range(d):
+            w.slip[k] = w.x[k] - w.y[k] - w.old_x[k] + w.old_y[k] + motion.lag[p, k]
+        return
+    over = 0.0
+    if mode == RAY:
+        unit_normal(w.old_c, w.old_n)
+        over = w.gap[0]
+    for k in range(d):
+        w.rest[k] = w.old_y[k] - w.old_x[k] - over * w.old_n[k] + motion.lag[p, k]
+        w.slip[k] = 0.0
+    _dual(w.old_a, w.old_metric, w.old_dual)
+    for i in range(nb):
+        w.zeta[i] = dot(w.old_dual[i], w.rest)
+    for i in range(nb):
+        for k in range(d):
+            w.rest[k] -= w.old_a[i, k] * w.zeta[i]
+            w.slip[k] += w.a[i, k] * w.zeta[i]
+
+
+@njit_inner
+def place_point(source, partner, motion, p, slides, w):
+    """Normal, gap, partner and, where the point `slides` with friction, slip of a point; whether it has a partner."""
+    mode, kind, d = partner.mode[p], partner.kind[p], motion.u.shape[1]
+    _source_at(source, p, motion.u, w.x, w.c)
+    w.gap[0] = 0.0
+    for k in range(d):
+        w.slip[k] = 0.0
+    if mode == OBSTACLE:
+        w.gap[0] = partner.gap[p] + partner.shift[p]
+        for k in range(d):
+            w.n[k] = partner.normal[p, k]
+            w.slip[k] = w.x[k] - partner.start[p, k] + motion.lag[p, k]
+        return True
+    unit_normal(w.c, w.n)
+    if mode == NONE:
+        return False
+    nodes = partner.nodes[p]
+    w.xi[0], w.xi[1] = partner.xi[p, 0], partner.xi[p, 1]
+    if mode == RAY or mode == CLOSEST:
+        found = _trace_ray(kind, nodes, motion, w) if mode == RAY else _project(kind, nodes, motion, w)
+        if not found:
+            unit_normal(w.c, w.n)
+            w.gap[0] = 0.0
+            return False
+    elif mode == HELD:
+        _frozen(kind, nodes, motion, w)
+        for k in range(d):
+            w.n[k] = partner.normal[p, k]
+            w.gap[0] += (w.y[k] - w.x[k]) * w.n[k]
+    else:
+        _frozen(kind, nodes, motion, w)
+        unit_normal(w.a, w.n)
+        for k in range(d):
+            w.n[k] = -w.n[k]
+        for k in range(d):
+            w.slip[k] = w.x[k] - w.y[k] + partner.offset[p, d - 1] * w.n[k]
+            for i in range(d - 1):
+                w.slip[k] += w.a[i, k] * partner.offset[p, i]
+        w.gap[0] = -dot(w.slip, w.n)
+        return True
+    if slides:
+        _slip(mode, source, p, nodes, kind, motion, w)
+    w.gap[0] += partner.shift[p]
+    return True
+
+
+@njit_inner
+def _turn_of_source(source, p, a, j, w, k):
+    """dn of the source's normal in column k, from node a of the facet along j. w.c_dual is known."""
+    for i in range(len(w.n)):
+        value = 0.0
+        for b in range(len(w.n) - 1):
+            value -= w.c_dual[b, i] * source.slope[p, b, a]
+        w.dn[i, k] = value * w.n[j]
+
+
+@njit_inner
+def derive_point(source, partner, p, mode, slides, w):
+    """Derivatives of what :func:`place_point` has just found at a point; ``mode`` is NONE where it found no partner."""
+    d = len(w.n)
+    nb, ms, mt = d - 1, source.on.shape[1], partner.nodes.shape[1]
+    gap = w.gap[0] - (partner.shift[p] if mode != TIED else 0.0)
+    if mode == RAY or mode == NONE:
+        _dual(w.c, w.metric, w.c_dual)
+    if mode == CLOSEST or mode == TIED:
+        _dual(w.a, w.metric, w.a_dual)
+    if mode == CLOSEST:
+        for k in range(d):
+            w.r[k] = gap * w.n[k]
+        _hessian(w, nb, w.r)
+    for slot in range(ms + mt):
+        m = slot - ms
+        if mode != NONE and mode != OBSTACLE and m >= NODE_COUNTS[partner.kind[p]]:
+            for k in range(slot * d, (slot + 1) * d):
+                w.dg[k] = 0.0
+                for i in range(d):
+                    w.dn[i, k], w.ds[i, k] = 0.0, 0.0
+                w.dxi[0, k], w.dxi[1, k] = 0.0, 0.0
+            continue
+        value = source.shape[p, slot] if m < 0 else -w.shapes[0, m]
+        for j in range(d):
+            _column(source, partner, p, mode, slot, m, j, value, gap, slides, w)
+
+
+@njit_inner
+def _column(source, partner, p, mode, slot, m, j, value, gap, slides, w):
+    """Derivatives with respect to displacement j of a node: ``value`` of [[du]] is along j."""
+    d = len(w.n)
+    nb, k = d - 1, slot * d + j
+    w.dg[k], w.dxi[0, k], w.dxi[1, k] = 0.0, 0.0, 0.0
+    for i in range(d):
+        w.dn[i, k], w.ds[i, k] = 0.0, 0.0
+    if mode == NONE:
+        if m < 0:
+            _turn_of_source(source, p, slot, j, w, k)
+        return
+    if mode == OBSTACLE:
+        w.dg[k] = -w.n[j] * value
+        w.ds[j, k] = value
+        for i in range(d):
+            w.dn[i, k] = -partner.curvature[p, i, j] * value
+        return
+    if mode == HELD:
+        w.dg[k] = -w.n[j] * value
+        w.ds[j, k] = value
+        return
+    if mode == RAY:
+        if m < 0:
+            _turn_of_source(source, p, slot, j, w, k)
+        for i in range(d):
+            w.r[i] = gap * w.dn[i, k]
+        w.r[j] += value
+        for i in range(nb):
+            w.dxi[i, k] = dot(w.inverse[i], w.r)
+        w.dg[k] = dot(w.inverse[nb], w.r)
+    elif mode == CLOSEST:
+        w.dg[k] = -w.n[j] * value
+        for i in range(nb):
+            w.dz[i] = w.a[i, j] * value - (gap * w.n[j] * w.shapes[1 + i, m] if m >= 0 else 0.0)
+        for i in range(nb):
+            w.dxi[i, k] = w.metric[i, 0] * w.dz[0]
+            if nb == 2:
+                w.dxi[i, k] += w.metric[i, 1] * w.dz[1]
+    for i in range(nb):
+        for q in range(d):
+            w.da[i, q] = w.bend[i, q] * w.dxi[0, k]
+            if nb == 2:
+                w.da[i, q] += w.bend[i + 1, q] * w.dxi[1, k]
+        if m >= 0:
+            w.da[i, j] += w.shapes[1 + i, m]
+    if mode != RAY:
+        for i in range(nb):
+            along = dot(w.n, w.da[i])
+            for q in range(d):
+                w.dn[q, k] -= w.a_dual[i, q] * along
+    if mode == TIED:
+        _tied_column(partner, p, j, value, w, k)
+    elif slides:
+        _slip_column(mode, w, k)
+
+
+@njit_inner
+def _tied_column(partner, p, j, value, w, k):
+    """ds = [[du]] + dA zeta_0 + g_0 dn and dg = -(n . ds + s . dn)."""
+    d = len(w.n)
+    w.ds[j, k] = value
+    for q in range(d):
+        w.ds[q, k] += partner.offset[p, d - 1] * w.dn[q, k]
+        for i in range(d - 1):
+            w.ds[q, k] += w.da[i, q] * partner.offset[p, i]
+    for q in range(d):
+        w.dg[k] -= w.n[q] * w.ds[q, k] + w.slip[q] * w.dn[q, k]
+
+
+@njit_inner
+def _slip_column(mode, w, k):
+    """ds from dxi, dg and da."""
+    d = len(w.n)
+    nb = d - 1
+    over = w.dg[k] if mode == RAY else 0.0
+    for i in range(nb):
+        w.dz[i] = 0.0
+    for q in range(d):
+        # A_k dxi - n_k dg - dA_k zeta
+        w.r[q] = -over * w.old_n[q]
+        for i in range(nb):
+            w.r[q] += w.old_a[i, q] * w.dxi[i, k]
+            turn = w.old_bend[i, q] * w.dxi[0, k]
+            if nb == 2:
+                turn += w.old_bend[i + 1, q] * w.dxi[1, k]
+            w.r[q] -= turn * w.zeta[i]
+            w.dz[i] += turn * w.rest[q]
+    for i in range(nb):
+        dzeta = dot(w.old_dual[i], w.r) + w.old_metric[i, 0] * w.dz[0]
+        if nb == 2:
+            dzeta += w.old_metric[i, 1] * w.dz[1]
+        for q in range(d):
+            w.ds[q, k] += w.da[i, q] * w.zeta[i] + w.a[i, q] * dzeta
+
+
+@njit
+def evaluate(source, partner, motion, slides, work, live, normal, gap, slip, shape, xi):
+    """Contact at all points.
+
+    Parameters
+    ----------
+    source : FiniteSource
+    partner : FinitePartner
+    motion : Motion
+    slides : bool
+        Whether slip is wanted.
+    work : PointWork
+    live : ndarray (np,) of bool
+        Out: whether the point has a partner at this displacement.
+    normal : ndarray (np, d)
+        Out: n.
+    gap : ndarray (np,)
+        Out: g; 0 without partner [length].
+    slip : ndarray (np, d)
+        Out: (I - n n) s, likewise [length].
+    shape : ndarray (np, mt)
+        Out: shape functions of the target facet at the partner.
+    xi : ndarray (np, 2)
+        Out: reference coordinates there.
+    """
+    d, mt = normal.shape[1], partner.nodes.shape[1]
+    for p in range(len(source.facet)):
+        live[p] = place_point(source, partner, motion, p, slides, work)
+        along = dot(work.slip, work.n)
+        gap[p] = work.gap[0]
+        for k in range(d):
+            normal[p, k] = work.n[k]
+            slip[p, k] = work.slip[k] - along * work.n[k]
+        count = NODE_COUNTS[partner.kind[p]] if live[p] else 0
+        for m in range(mt):
+            shape[p, m] = work.shapes[0, m] if m < count else 0.0
+        xi[p, 0], xi[p, 1] = work.xi[0], work.xi[1]
+
+
+@njit
+def stretch(source, grad, u, out):
+    """Largest ratio w = |F^-T N| on each facet: lengths along the normal shrink by 1/w where they are free to.
+
+    Parameters
+    ----------
+    source : FiniteSource
+    grad : ndarray (np, nn, d)
+        Shape gradients of the parent cells [1/length].
+    u : ndarray (n, d)
+        Displacement.
+    out : ndarray (nf,)
+        Out.
+    """
+    d = u.shape[1]
+    f, x, c, n = np.zeros((d, d)), np.zeros(d), np.zeros((2, d)), np.zeros(d)
+    out[:] = 0.0
+    for p in range(len(source.facet)):
+        facet = source.facet[p]
+        for i in range(d):
+            for j in range(d):
+                f[i, j] = 1.0 if i == j else 0.0
+        for a in range(grad.shape[1]):
+            for i in range(d):
+                for j in range(d):
+                    f[i, j] += u[source.cells[facet, a], i] * grad[p, a, j]
+        det = f[0, 0] * f[1, 1] - f[0, 1] * f[1, 0]
+        if d == 3:
+            det = f[2, 2] * det
+            det += f[0, 1] * f[1, 2] * f[2, 0] - f[0, 0] * f[1, 2] * f[2, 1]
+            det += f[0, 2] * f[1, 0] * f[2, 1] - f[0, 2] * f[1, 1] * f[2, 0]
+        _source_at(source, p, u, x, c)
+        if det > 0.0:
+            out[facet] = max(out[facet], unit_normal(c, n) / det)

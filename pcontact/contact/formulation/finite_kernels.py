@@ -1,0 +1,308 @@
+"""Contact at finite motion: residual and tangent at the quadrature points of the source, over its undeformed surface.
+
+With normal n, gap g and tangential slip s_T = (I - n n) s of `pcontact.contact.formulation.finite_geometry`, and the
+nominal traction t = P1 N of the source (force per undeformed area),
+
+    tau = t + gamma (g n - alpha s_T),    P = project(tau, n)
+    R   = - int P . [[v]] + theta int (P - t) . G^-1 T[v],    G^-1 = (n n + (I - n n) / alpha) / gamma
+
+T[v] is the derivative of t in the committed state with elastic moduli: linear in v and constant. Without friction s
+does not exist, and 1 / alpha is 0. The tangent is exact; partner, gap and normal move with the bodies:
+
+    dtau = dt + gamma (n dg + g dn - alpha ds_T),    ds_T = (I - n n) ds - (n . s) dn - n (s . dn)
+    dP   = D dtau + P_n dn - n (P . dn) - D (tau_n dn - n (tau . dn)),    D = dP/dtau
+    dR   = - int dP . [[v]] + int (P . v_T,i) dxi_i + theta int (G^-1 (dP - dt) + dG^-1 (P - t)) . T[v]
+    dG^-1 = (1 - 1 / alpha) / gamma (dn n + n dn)
+
+What n does to P at a fixed tau follows from D, whatever the law: turning tau and n together turns P.
+
+Parameters of kernels not told there: `source`, `partner`, `motion`, `work` as in `finite_geometry`; ``traction``,
+``tau``, ``force`` (np, d) are t, tau and P [stress], ``status`` (np,) is 0 where P = 0, ``adjoint`` (np, nn, d, d) is
+T, row i of it the traction t_i, of length 0 where theta = 0.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from pcontact.assembly.graph import find
+from pcontact.contact.formulation.finite_geometry import NONE, derive_point, dot, place_point
+from pcontact.contact.surface.facet_maps import NODE_COUNTS
+from pcontact.runtime.jit import njit, njit_inner
+
+
+class FiniteParameters(NamedTuple):
+    """What the terms of a pair are weighted with.
+
+    Attributes
+    ----------
+    theta : float
+    alpha, inverse : float
+        alpha and 1 / alpha; both 0 without friction.
+    gamma : ndarray (nf,)
+        [stress/length]
+    """
+
+    theta: float
+    alpha: float
+    inverse: float
+    gamma: np.ndarray
+
+
+class Slopes(NamedTuple):
+    """Derivatives of tractions of some points.
+
+    Attributes
+    ----------
+    at : ndarray (np,)
+        Row of each point in ``rows``, -1 where the traction is constant.
+    rows : ndarray (n, nn, d, d)
+        dt_i / du_aj [stress/length].
+    """
+
+    at: np.ndarray
+    rows: np.ndarray
+
+
+@njit
+def augment(parameters, facet, normal, traction, gap, slip, live, tau):
+    """tau (np, d) of points with the traction (np, d), gap (np,) and slip (np, d); 0 without partner."""
+    for p in range(len(facet)):
+        gamma = parameters.gamma[facet[p]]
+        for i in range(normal.shape[1]):
+            tau[p, i] = 0.0
+            if live[p]:
+                tau[p, i] = traction[p, i] + gamma * (gap[p] * normal[p, i] - parameters.alpha * slip[p, i])
+
+
+@njit_inner
+def _weigh(parameters, gamma, n, v, out):
+    """out = G^-1 v."""
+    along = dot(v, n)
+    for i in range(len(n)):
+        out[i] = (along * n[i] + (v[i] - along * n[i]) * parameters.inverse) / gamma
+
+
+@njit
+def add_residual(parameters, source, partner, shape, normal, traction, force, status, adjoint, out):
+    """Add the residual to ``out`` (n, d) [force]; ``shape`` (np, mt), ``normal`` (np, d) are those of `evaluate`."""
+    d = normal.shape[1]
+    rest, weight = np.zeros(d), np.zeros(d)
+    for p in range(len(source.facet)):
+        f, w = source.facet[p], source.jxw[p]
+        if parameters.theta != 0.0:
+            for i in range(d):
+                rest[i] = force[p, i] - traction[p, i]
+            _weigh(parameters, parameters.gamma[f], normal[p], rest, weight)
+            for a in range(source.cells.shape[1]):
+                for j in range(d):
+                    value = 0.0
+                    for i in range(d):
+                        value += weight[i] * adjoint[p, a, i, j]
+                    out[source.cells[f, a], j] += parameters.theta * w * value
+        if status[p] == 0:
+            continue
+        for a in range(source.on.shape[1]):
+            for i in range(d):
+                out[source.cells[f, source.on[f, a]], i] -= w * source.shape[p, a] * force[p, i]
+        for m in range(partner.nodes.shape[1]):
+            for i in range(d):
+                out[partner.nodes[p, m], i] += w * shape[p, m] * force[p, i]
+
+
+class TangentWork(NamedTuple):
+    """Scratch of the tangent, with columns for the displacements of all nodes of a cell and its partner.
+
+    Attributes
+    ----------
+    dtau, dforce, weak : ndarray (d, n)
+        dtau, later without what turns; dP; G^-1 (dP - dt) + dG^-1 (P - t).
+    dn : ndarray (d, n)
+    rest, turned : ndarray (d,)
+    """
+
+    dtau: np.ndarray
+    dforce: np.ndarray
+    weak: np.ndarray
+    dn: np.ndarray
+    rest: np.ndarray
+    turned: np.ndarray
+
+
+def tangent_work(d, width):
+    """Scratch for ``width`` nodes of cell and partner."""
+    wide = (np.zeros((d, width * d)) for _ in range(4))
+    return TangentWork(*wide, np.zeros(d), np.zeros(d))
+
+
+@njit_inner
+def _fill_dtau(parameters, gamma, ms, nn, mt, on, work, out):
+    """gamma (n dg + g dn - alpha ds_T) and dn in the columns of the nodes of both facets."""
+    d, n, g, s = len(work.n), work.n, work.gap[0], work.slip
+    across = dot(n, s)
+    for slot in range(ms + mt):
+        place = on[slot] if slot < ms else nn + slot - ms
+        for j in range(d):
+            k, column = slot * d + j, place * d + j
+            slides, turns = 0.0, 0.0
+            if parameters.alpha != 0.0:
+                for i in range(d):
+                    slides += n[i] * work.ds[i, k]
+                    turns += s[i] * work.dn[i, k]
+            for i in range(d):
+                dn = work.dn[i, k]
+                value = n[i] * work.dg[k] + g * dn
+                if parameters.alpha != 0.0:
+                    slip = work.ds[i, k] - n[i] * slides - across * dn - n[i] * turns
+                    value -= parameters.alpha * slip
+                out.dtau[i, column] += gamma * value
+                out.dn[i, column] += dn
+
+
+@njit_inner
+def _fill_dforce(n, tau, force, slope, columns, out):
+    """dP = D (dtau - tau_n dn + n (tau . dn)) + P_n dn - n (P . dn)."""
+    d = len(n)
+    tau_n, force_n = dot(tau, n), dot(force, n)
+    for k in range(columns):
+        along, pushed = 0.0, 0.0
+        for i in range(d):
+            along += tau[i] * out.dn[i, k]
+            pushed += force[i] * out.dn[i, k]
+        for i in range(d):
+            out.turned[i] = out.dtau[i, k] - tau_n * out.dn[i, k] + n[i] * along
+        for i in range(d):
+            value = force_n * out.dn[i, k] - n[i] * pushed
+            for q in range(d):
+                value += slope[i, q] * out.turned[q]
+            out.dforce[i, k] = value
+
+
+@njit_inner
+def _fill_weak(parameters, gamma, n, slopes, row, nn, columns, out):
+    """G^-1 (dP - dt) + dG^-1 (P - t) with P - t in out.rest."""
+    d = len(n)
+    factor, along = (1.0 - parameters.inverse) / gamma, dot(out.rest, n)
+    for k in range(columns):
+        a, j, turn = k // d, k % d, 0.0
+        for i in range(d):
+            out.turned[i] = out.dforce[i, k]
+            if a < nn and row >= 0:
+                out.turned[i] -= slopes.rows[row, a, i, j]
+            turn += out.dn[i, k] * out.rest[i]
+        between = dot(out.turned, n)
+        for i in range(d):
+            value = (between * n[i] + (out.turned[i] - between * n[i]) * parameters.inverse) / gamma
+            out.weak[i, k] = value + factor * (out.dn[i, k] * along + n[i] * turn)
+
+
+@njit
+def add_tangent(
+    parameters, source, partner, motion, traction, tau, force, status, slope, slopes, adjoint, work, out, blocks
+):
+    """Add the tangent to block rows; returns how many entries had no place.
+
+    Parameters
+    ----------
+    slope : ndarray (np, d, d)
+        D, zero where points are open.
+    slopes : Slopes
+    work : pcontact.contact.formulation.finite_geometry.PointWork
+        For ms + mt nodes.
+    out : TangentWork
+        For nn + mt nodes.
+    blocks : pcontact.assembly.graph.BlockRows
+    """
+    theta, slides = parameters.theta, parameters.alpha != 0.0
+    d, nn, ms, mt = motion.u.shape[1], source.cells.shape[1], source.on.shape[1], partner.nodes.shape[1]
+    missing, columns = 0, (nn + mt) * d
+    for p in range(len(source.facet)):
+        if status[p] == 0 and theta == 0.0:
+            continue
+        f = source.facet[p]
+        gamma = parameters.gamma[f]
+        found = place_point(source, partner, motion, p, slides, work)
+        # what is open does not depend on its partner, but for the normal of the closest point
+        mode = partner.mode[p] if found else NONE
+        derive_point(source, partner, p, mode, slides, work)
+        out.dtau[:, :] = 0.0
+        out.dn[:, :] = 0.0
+        _fill_dtau(parameters, gamma if found else 0.0, ms, nn, mt, source.on[f], work, out)
+        row = slopes.at[p]
+        if row >= 0:
+            for a in range(nn):
+                for i in range(d):
+                    for j in range(d):
+                        out.dtau[i, a * d + j] += slopes.rows[row, a, i, j]
+        _fill_dforce(work.n, tau[p], force[p], slope[p], columns, out)
+        if theta != 0.0:
+            for i in range(d):
+                out.rest[i] = force[p, i] - traction[p, i]
+            _fill_weak(parameters, gamma, work.n, slopes, row, nn, columns, out)
+            missing += _add_weak(theta * source.jxw[p], source, partner, p, adjoint[p], out, blocks)
+        if status[p] > 0:
+            missing += _add_pressed(source.jxw[p], source, partner, p, force[p], work, out, blocks)
+    return missing
+
+
+@njit_inner
+def _add_pressed(weight, source, partner, p, force, work, out, blocks):
+    """- int dP . [[v]] + int (P . v_T,i) dxi_i"""
+    f, d = source.facet[p], len(force)
+    nn, ms, mt = source.cells.shape[1], source.on.shape[1], partner.nodes.shape[1]
+    missing, mt = 0, min(mt, NODE_COUNTS[partner.kind[p]])
+    for r in range(ms + mt):
+        m = r - ms
+        row = partner.nodes[p, m] if m >= 0 else source.cells[f, source.on[f, r]]
+        part = work.shapes[0, m] if m >= 0 else -source.shape[p, r]
+        for c in range(nn + mt):
+            column = source.cells[f, c] if c < nn else partner.nodes[p, c - nn]
+            k = find(blocks.columns, blocks.rowptr[row], blocks.rowptr[row + 1], column)
+            if k < 0:
+                missing += 1
+                continue
+            for i in range(d):
+                for j in range(d):
+                    blocks.values[k, i, j] += weight * part * out.dforce[i, c * d + j]
+        if m < 0:
+            continue
+        for s in range(ms + mt):
+            column = source.cells[f, source.on[f, s]] if s < ms else partner.nodes[p, s - ms]
+            k = find(blocks.columns, blocks.rowptr[row], blocks.rowptr[row + 1], column)
+            if k < 0:
+                missing += 1
+                continue
+            for j in range(d):
+                moved = work.shapes[1, m] * work.dxi[0, s * d + j] + work.shapes[2, m] * work.dxi[1, s * d + j]
+                for i in range(d):
+                    blocks.values[k, i, j] += weight * moved * force[i]
+    return missing
+
+
+@njit_inner
+def _add_weak(weight, source, partner, p, adjoint, out, blocks):
+    """theta int (G^-1 (dP - dt) + dG^-1 (P - t)) . T[v]; a node that nothing depends on needs no place."""
+    f, d = source.facet[p], adjoint.shape[1]
+    nn, mt = source.cells.shape[1], partner.nodes.shape[1]
+    missing = 0
+    for c in range(nn + mt):
+        still = True
+        for j in range(d):
+            for i in range(d):
+                still = still and out.weak[i, c * d + j] == 0.0
+        if still:
+            continue
+        column = source.cells[f, c] if c < nn else partner.nodes[p, c - nn]
+        for r in range(nn):
+            row = source.cells[f, r]
+            k = find(blocks.columns, blocks.rowptr[row], blocks.rowptr[row + 1], column)
+            if k < 0:
+                missing += 1
+                continue
+            for i in range(d):
+                for j in range(d):
+                    value = 0.0
+                    for q in range(d):
+                        value += adjoint[r, q, i] * out.weak[q, c * d + j]
+                    blocks.values[k, i, j] += weight * value
+    return missing

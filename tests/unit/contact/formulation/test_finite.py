@@ -1,0 +1,329 @@
+"""Contact at finite motion, one point at a time: against plain numpy, by differences, turned, and in balance."""
+
+from itertools import product
+
+import numpy as np
+import pytest
+
+from pcontact.assembly.graph import BlockRows
+from pcontact.contact.formulation.finite_geometry import (
+    CLOSEST,
+    HELD,
+    NONE,
+    OBSTACLE,
+    RAY,
+    TIED,
+    FinitePartner,
+    FiniteSource,
+    Motion,
+    evaluate,
+    point_work,
+)
+from pcontact.contact.formulation.finite_kernels import (
+    FiniteParameters,
+    Slopes,
+    add_residual,
+    add_tangent,
+    augment,
+    tangent_work,
+)
+from pcontact.contact.law import OPEN, SLIP, STICK, RowLaw, Tied, View
+from pcontact.contact.surface.facet_maps import KIND
+from pcontact.element.reference import reference_nodes
+from pcontact.element.shape import shape, shape_gradient
+
+FACETS = [("segment", 1), ("segment", 2), ("triangle", 1), ("triangle", 2), ("quadrilateral", 1), ("quadrilateral", 2)]
+# law, status that is expected, and gap in parts of the facet
+STATES = {
+    "open": ([0.0, 0.4, np.inf], OPEN, 0.2),
+    "stick": ([0.0, 50.0, np.inf], STICK, -0.1),
+    "slip": ([0.0, 0.02, np.inf], SLIP, -0.1),
+    "tresca": ([0.01, 0.0, 0.01], SLIP, 0.02),
+    "frictionless": (None, SLIP, -0.1),
+}
+NAMES = {RAY: "ray", CLOSEST: "closest", HELD: "held", TIED: "tied", OBSTACLE: "obstacle", NONE: "none"}
+EXTRA = 2
+GAMMA, ALPHA, WEIGHT = 3.0, 0.7, 0.37
+
+
+def turn_of(d, angle=1.1):
+    """A rotation."""
+    if d == 2:
+        return np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    axis = np.array([1.0, -2.0, 0.5]) / np.linalg.norm([1.0, -2.0, 0.5])
+    cross = np.cross(np.eye(3), -axis)
+    return np.eye(3) + np.sin(angle) * cross + (1.0 - np.cos(angle)) * cross @ cross
+
+
+class Setting:
+    """A source point, its facet with nodes of the cell behind, and a target facet above it; the source's traction is
+    linear in the displacement, with random numbers."""
+
+    def __init__(self, facet, degree, mode, state, theta, seed=0):
+        random = np.random.default_rng(seed)
+        self.facet, self.degree, self.mode, self.theta, self.name = facet, degree, mode, theta, state
+        ref = reference_nodes(facet, degree)
+        self.nb, count = ref.shape[1], len(ref)
+        self.d = d = self.nb + 1
+        self.ms, self.mt = count, (0 if mode == OBSTACLE else count)
+        self.nn = self.ms + EXTRA
+        row, self.status, gap = STATES[state]
+        self.law = Tied() if mode == TIED else (None if row is None else RowLaw(row))
+        flat = np.column_stack([ref, np.zeros(count)])
+        # the plane's normal of a segment along x is -y, that of a face in the xy plane +z
+        under = flat * [1.0, -1.0] if d == 2 else flat
+        own = under + 0.08 * random.standard_normal(under.shape)
+        side = -1.0 if d == 2 else 1.0
+        over = flat[:, [1, 0, 2]] if d == 3 else flat * [-1.0, 1.0]
+        over = over + 0.08 * random.standard_normal(over.shape) + side * gap * np.eye(d)[-1] + 0.05 * np.eye(d)[0]
+        behind = -side * np.eye(d)[-1] + random.standard_normal((EXTRA, d))
+        self.x = np.concatenate([own, behind, over])[: self.nn + self.mt]
+        n = len(self.x)
+        self.u, self.before = 0.02 * random.standard_normal((2, n, d))
+        inside = np.full((1, self.nb), 0.3 if facet == "triangle" else 0.15)
+        self.shape, self.dshape = shape(facet, degree, inside)[0], shape_gradient(facet, degree, inside)[0]
+        along = self.dshape.T @ own
+        q = np.linalg.inv(np.linalg.cholesky(along @ along.T))
+        self.source = FiniteSource(
+            np.zeros(1, np.int64), np.arange(self.nn)[None], np.arange(self.ms)[None], self.shape[None],
+            (q @ self.dshape.T)[None], (self.shape @ own)[None], (q @ along)[None], np.array([WEIGHT]),
+        )  # fmt: skip
+        self.xi0 = inside[0] + 0.05
+        offset, normal = 0.1 * random.standard_normal(d), random.standard_normal(d)
+        self.normal, self.offset = normal / np.linalg.norm(normal) * side, offset
+        self.centre = (self.shape @ own) + side * (1.0 + gap) * np.eye(d)[-1] + 0.1 * random.standard_normal(d)
+        self.lag = 0.01 * random.standard_normal(d)
+        self.frictional = self.law is not None
+        self.parameters = FiniteParameters(
+            theta, ALPHA if self.frictional else 0.0, 1.0 / ALPHA if self.frictional else 0.0, np.array([GAMMA])
+        )
+        self.t0 = 0.2 * random.standard_normal(d) if state != "open" else 0.02 * random.standard_normal(d)
+        self.dt, self.adjoint = random.standard_normal((2, self.nn, d, d))
+        self.blocks = BlockRows(np.arange(n + 1) * n, np.tile(np.arange(n), n), np.zeros((n * n, d, d)))
+
+    def partner(self, u):
+        """What kernels get; of an obstacle, a sphere around `centre`, at u."""
+        d, x = self.d, self.shape @ (self.x + u)[: self.ms]
+        away = x - self.centre
+        length = np.linalg.norm(away)
+        xi = np.zeros((1, 2))
+        xi[0, : self.nb] = self.xi0
+        normal, curved = self.normal[None], np.zeros((0, d, d))
+        if self.mode == OBSTACLE:
+            normal = -away[None] / length
+            curved = ((np.eye(d) - np.outer(away, away) / length**2) / length)[None]
+        return FinitePartner(
+            np.array([self.mode]), self.nn + np.arange(self.mt)[None], np.array([KIND[self.facet, self.degree]]), xi,
+            normal, np.array([0.003]), self.offset[None], np.array([length - 1.0]), curved,
+            (self.shape @ (self.x + self.before)[: self.ms])[None] + 0.01,
+        )  # fmt: skip
+
+    def motion(self, u):
+        return Motion(self.x, u, self.before, self.lag[None])
+
+    def at(self, u):
+        """Residual, and what the law says."""
+        d, partner = self.d, self.partner(u)
+        traction = (self.t0 + np.einsum("aij,aj->i", self.dt, u[: self.nn]))[None]
+        live, normal, gap = np.zeros(1, bool), np.zeros((1, d)), np.zeros(1)
+        slip, part, xi, tau = np.zeros((1, d)), np.zeros((1, self.mt)), np.zeros((1, 2)), np.zeros((1, d))
+        evaluate(
+            self.source, partner, self.motion(u), self.frictional, point_work(d, self.ms + self.mt), live, normal, gap,
+            slip, part, xi,
+        )  # fmt: skip
+        augment(self.parameters, self.source.facet, normal, traction, gap, slip, live, tau)
+        slope = np.zeros((1, d, d))
+        if self.frictional:
+            force, status = self.law.project(View(live, self.mode == TIED, False), normal, tau, slope)
+        else:
+            tau_n = float(tau[0] @ normal[0])
+            closed = live & (tau_n <= 0.0)
+            force, status = closed[:, None] * tau_n * normal, np.where(closed, SLIP, OPEN)
+            slope[:] = closed[0] * np.outer(normal, normal)
+        out = np.zeros_like(self.x)
+        adjoint = self.adjoint[None] if self.theta else np.zeros((0, self.nn, d, d))
+        add_residual(self.parameters, self.source, partner, part, normal, traction, force, status, adjoint, out)
+        found = {"normal": normal[0], "gap": gap[0], "slip": slip[0], "xi": xi[0], "status": status[0], "live": live[0]}
+        return out, found, (traction, tau, force, status, slope, adjoint)
+
+    def tangent(self, u):
+        self.blocks.values[:] = 0.0
+        traction, tau, force, status, slope, adjoint = self.at(u)[2]
+        missing = add_tangent(
+            self.parameters, self.source, self.partner(u), self.motion(u), traction, tau, force, status, slope,
+            Slopes(np.zeros(1, np.int64), self.dt[None]), adjoint, point_work(self.d, self.ms + self.mt),
+            tangent_work(self.d, self.nn + self.mt), self.blocks,
+        )  # fmt: skip
+        assert missing == 0
+        n = len(self.x)
+        return self.blocks.values.reshape(n, n, self.d, self.d).transpose(0, 2, 1, 3).reshape(n * self.d, n * self.d)
+
+    # -- the same in plain numpy ------------------------------------------------------------------------------------
+
+    def _normal(self, tangents):
+        n = np.array([tangents[0, 1], -tangents[0, 0]]) if self.d == 2 else np.cross(*tangents)
+        return n / np.linalg.norm(n)
+
+    def _target(self, u, xi):
+        z = (self.x + u)[self.nn :]
+        return (
+            shape(self.facet, self.degree, xi[None])[0] @ z,
+            shape_gradient(self.facet, self.degree, xi[None])[0].T @ z,
+        )
+
+    def _partner(self, u):
+        """xi and g by Newton's method with differences."""
+        x, n = self.shape @ (self.x + u)[: self.ms], self._normal(self.dshape.T @ (self.x + u)[: self.ms])
+
+        def wrong(v):
+            y, a = self._target(u, v[:-1])
+            if self.mode == RAY:
+                return y - x - v[-1] * n
+            return np.append(a @ (x - y), v[-1] + (y - x) @ self._normal(a))
+
+        v, h = np.append(self.xi0, 0.0), 1e-6
+        for _ in range(30):
+            jacobian = np.column_stack([(wrong(v + h * e) - wrong(v - h * e)) / (2 * h) for e in np.eye(self.d)])
+            v = v - np.linalg.solve(jacobian, wrong(v))
+        return v[:-1], v[-1]
+
+    def twin(self, u):
+        """Residual, normal, gap and tangential slip from the formulas."""
+        one = np.eye(self.d)
+        x, old = (self.shape @ (self.x + w)[: self.ms] for w in (u, self.before))
+        xi, g = self._partner(u)
+        y, a = self._target(u, xi)
+        n, old_n = (self._normal(self.dshape.T @ (self.x + w)[: self.ms]) for w in (u, self.before))
+        n = n if self.mode == RAY else -self._normal(a)
+        old_y, old_a = self._target(self.before, xi)
+        z = old_y - old - (g * old_n if self.mode == RAY else 0.0) + self.lag
+        slip = (one - np.outer(n, n)) @ (a.T @ np.linalg.lstsq(old_a.T, z, rcond=None)[0])
+        g = g + 0.003
+        t = self.t0 + np.einsum("aij,aj->i", self.dt, u[: self.nn])
+        tau = t + GAMMA * (g * n - (ALPHA * slip if self.frictional else 0.0))
+        tau_n = tau @ n
+        tau_t = tau - tau_n * n
+        push = min(tau_n, 0.0)
+        force = push * n
+        weight = np.outer(n, n)
+        if self.frictional:
+            row = self.law.row
+            rho = min(max(row[0] - row[1] * tau_n, 0.0), row[2])
+            force = force + tau_t * min(1.0, rho / np.linalg.norm(tau_t))
+            weight = weight + (one - np.outer(n, n)) / ALPHA
+        out = np.zeros_like(self.x)
+        out[: self.nn] += self.theta * np.einsum("i,aij->aj", weight @ (force - t) / GAMMA, self.adjoint)
+        out[: self.ms] -= np.outer(self.shape, force)
+        out[self.nn :] += np.outer(shape(self.facet, self.degree, xi[None])[0], force)
+        return WEIGHT * out, n, g, slip
+
+
+def settings(modes, thetas=(0.0, -1.0), states=STATES):
+    cases = product(FACETS, modes, states, thetas)
+    return [pytest.param((*f, m, s, t), id=f"{f[0]}{f[1]}-{NAMES[m]}-{s}-{t:+.0f}") for f, m, s, t in cases]
+
+
+def setting(case):
+    """The first of some random settings in which the point has the status that the state says."""
+    for seed in range(50):
+        one = Setting(*case, seed)
+        _, found, _ = one.at(one.u)
+        if found["live"] == (one.mode != NONE) and found["status"] == (one.status if found["live"] else OPEN):
+            return one
+    raise AssertionError(f"no setting for {case}")
+
+
+@pytest.mark.parametrize("case", settings([RAY, CLOSEST]))
+def test_twin_and_difference(case):
+    """Residual as the formulas say, tangent as its differences, forces in balance."""
+    one = setting(case)
+    residual, found, _ = one.at(one.u)
+    twin, normal, gap, slip = one.twin(one.u)
+    scale = np.abs(twin).max() + (one.status == OPEN)
+    assert np.abs(residual - twin).max() < 1e-12 * scale
+    np.testing.assert_allclose(found["normal"], normal, atol=1e-12)
+    np.testing.assert_allclose(found["gap"], gap, atol=1e-12)
+    if one.frictional:
+        np.testing.assert_allclose(found["slip"], slip, atol=1e-12)
+    check_difference(one)
+    if one.theta == 0.0:
+        assert np.abs(residual.sum(axis=0)).max() < 1e-14
+
+
+def check_difference(one):
+    h, k = 1e-5, one.tangent(one.u)
+    difference = np.empty_like(k)
+    for column in range(k.shape[1]):
+        e = np.zeros(k.shape[1])
+        e[column] = h
+        e = e.reshape(one.u.shape)
+        # of fourth order
+        (a, b), (c, e2) = ([one.at(one.u + f * e)[0] for f in (s, -s)] for s in (1.0, 2.0))
+        difference[:, column] = (8.0 * (a - b) - (c - e2)).ravel() / (12.0 * h)
+    scale = np.abs(k).max() + (one.status == OPEN and one.theta == 0.0)
+    assert np.abs(k - difference).max() < 1e-8 * scale
+
+
+@pytest.mark.parametrize("case", settings([HELD, OBSTACLE], states=["slip", "frictionless"])
+                         + settings([NONE], thetas=[-1.0], states=["slip", "frictionless"])
+                         + settings([TIED], states=["stick"]))  # fmt: skip
+def test_difference_of_other_partners(case):
+    """Frozen normals, tied points, a sphere, and points without a partner."""
+    one = setting(case)
+    residual, _, _ = one.at(one.u)
+    check_difference(one)
+    if one.theta == 0.0 and one.mode != OBSTACLE:
+        assert np.abs(residual.sum(axis=0)).max() < 1e-14
+
+
+@pytest.mark.parametrize("facet", FACETS, ids=lambda f: f"{f[0]}{f[1]}")
+@pytest.mark.parametrize("mode", [RAY, CLOSEST], ids=NAMES.get)
+def test_turned(facet, mode):
+    """Gap and slip do not change where one of the two states, or both, are turned; the lag belongs to the old one."""
+    one = Setting(*facet, mode, "stick", 0.0)
+    _, still, _ = one.at(one.u)
+    q = turn_of(one.d)
+
+    def turned(w):
+        return (one.x + w) @ q.T - one.x
+
+    _, both, _ = one.at(turned(one.u))
+    np.testing.assert_allclose(both["gap"], still["gap"], atol=1e-13)
+    np.testing.assert_allclose(both["slip"], q @ still["slip"], atol=1e-13)
+    np.testing.assert_allclose(both["normal"], q @ still["normal"], atol=1e-13)
+    one.before, one.lag = turned(one.before), q @ one.lag
+    _, old, _ = one.at(one.u)
+    np.testing.assert_allclose(old["slip"], still["slip"], atol=1e-13)
+
+
+@pytest.mark.parametrize("mode", [RAY, CLOSEST], ids=NAMES.get)
+@pytest.mark.parametrize("facet", FACETS, ids=lambda f: f"{f[0]}{f[1]}")
+def test_beyond(facet, mode):
+    """A facet goes on beyond its edge for a while; farther away a point has no partner, and nothing acts."""
+    one = Setting(*facet, mode, "stick", 0.0)
+    size, live = 1.0 if facet[0] == "triangle" else 2.0, []
+    for part in (0.1, 2.0):
+        u = one.u.copy()
+        u[one.nn :] += part * size * np.eye(one.d)[0] * (1.0 if one.d == 2 else -1.0)
+        residual, found, _ = one.at(u)
+        live.append(found["live"])
+        assert found["live"] or not residual.any()
+    assert live == [True, False]
+
+
+@pytest.mark.parametrize("mode", [RAY, CLOSEST], ids=NAMES.get)
+def test_small_motion(mode):
+    """For small motions along surfaces that touch slip is the change of the jump."""
+    one = Setting("quadrilateral", 1, mode, "stick", 0.0)
+    one.x[:, 2] = 0.0
+    (one.before, u), one.lag = 1e-6 * np.random.default_rng(1).standard_normal((2, *one.x.shape)), np.zeros(3)
+    own = one.x[: one.ms]
+    along = one.dshape.T @ own
+    q = np.linalg.inv(np.linalg.cholesky(along @ along.T))
+    one.source = one.source._replace(
+        x=(one.shape @ own)[None], tangent=(q @ along)[None], slope=(q @ one.dshape.T)[None]
+    )
+    _, found, _ = one.at(u)
+    weight = shape("quadrilateral", 1, found["xi"][None])[0]
+    jump = one.shape @ (u - one.before)[: one.ms] - weight @ (u - one.before)[one.nn :]
+    np.testing.assert_allclose(found["slip"][:2], jump[:2], atol=1e-10)
