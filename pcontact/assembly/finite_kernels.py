@@ -108,14 +108,15 @@ class CellWork(NamedTuple):
         M_bb' [stress * length^d].
     deformation, stretch : ndarray (3, 3)
         Fb and Ui of a point.
-    grad : ndarray (nn, 3)
-        Gb_a of a point; with axial symmetry the last one is Ui33 N_a / R.
     tensor, piola : ndarray (3, 3)
         S and P of a point [stress].
-    operator, pulled : ndarray (m, nn d)
-        B and A B of a point.
-    bent : ndarray (nn, 3)
-        S Gb_a of a point.
+    operator, pulled : ndarray (nn d, nq m)
+        B and weight A B of all points, the components of a point beside each other: sums over points are dot
+        products of rows.
+    grad, bent : ndarray (nn, nq d)
+        Gb_a and weight S Gb_a of all points.
+    hoop, bent_hoop : ndarray (nn, nq)
+        Ui33 N_a / R, and the same times weight and S33, with axial symmetry.
     stiffness : ndarray (nn d, nn d)
     point : pcontact.material.finite.PointWork
     """
@@ -130,12 +131,14 @@ class CellWork(NamedTuple):
     amount: np.ndarray
     deformation: np.ndarray
     stretch: np.ndarray
-    grad: np.ndarray
     tensor: np.ndarray
     piola: np.ndarray
     operator: np.ndarray
     pulled: np.ndarray
+    grad: np.ndarray
     bent: np.ndarray
+    hoop: np.ndarray
+    bent_hoop: np.ndarray
     stiffness: np.ndarray
     point: PointWork
 
@@ -144,8 +147,8 @@ def cell_work(cells):
     """A :class:`CellWork` for cells of a kind."""
     nq, nn, d = cells.grad.shape[1:]
     m, nb, n = 6 if d == 3 else 4, cells.basis.shape[2], nn * d
-    shapes = [(nq, 3, 3), (nq,), (nq,), (nq, 3, 3), (nb, n), (nb, nb), (nb, n), (nb,), (3, 3), (3, 3), (nn, 3), (3, 3),
-              (3, 3), (m, n), (m, n), (nn, 3), (n, n)]  # fmt: skip
+    shapes = [(nq, 3, 3), (nq,), (nq,), (nq, 3, 3), (nb, n), (nb, nb), (nb, n), (nb,), (3, 3), (3, 3), (3, 3), (3, 3),
+              (n, nq * m), (n, nq * m), (nn, nq * d), (nn, nq * d), (nn, nq), (nn, nq), (n, n)]  # fmt: skip
     return CellWork(*(np.zeros(shape) for shape in shapes), point_work(m))
 
 
@@ -293,62 +296,65 @@ def _to_tensor(v, out):
 
 
 @njit_inner
-def _fill_operator(cells, c, q, work):
-    """Gb_a, S Gb_a and B of a point. After :func:`point_of_cell`."""
-    nn, d = cells.grad.shape[2], cells.grad.shape[3]
-    fb, ui, s, operator = work.deformation, work.stretch, work.tensor, work.operator
+def _fill_operators(cells, c, q, weight, work):
+    """Gb_a, S Gb_a, B and A B of a point. After :func:`point_of_cell`."""
+    nn, d, m = cells.grad.shape[2], cells.grad.shape[3], work.point.stress.shape[0]
+    fb, ui, s, operator, at = work.deformation, work.stretch, work.tensor, work.operator, q * m
     hoop = cells.ring.shape[0] > 0
     for a in range(nn):
-        g, bent = work.grad[a], work.bent[a]
+        g, bent, first = work.grad[a], work.bent[a], q * d
         for i in range(d):
             value = 0.0
             for j in range(d):
                 value += ui[i, j] * cells.grad[c, q, a, j]
-            g[i] = value
+            g[first + i] = value
         for i in range(d):
             value = 0.0
             for j in range(d):
-                value += s[i, j] * g[j]
-            bent[i] = value
+                value += s[i, j] * g[first + j]
+            bent[first + i] = weight * value
+        x, y = g[first], g[first + 1]
         for i in range(d):
-            n = a * d + i
-            operator[0, n] = fb[i, 0] * g[0]
-            operator[1, n] = fb[i, 1] * g[1]
-            operator[3, n] = HALF * (fb[i, 0] * g[1] + fb[i, 1] * g[0])
+            row = operator[a * d + i]
+            row[at] = fb[i, 0] * x
+            row[at + 1] = fb[i, 1] * y
+            row[at + 3] = HALF * (fb[i, 0] * y + fb[i, 1] * x)
             if d == 3:
-                operator[2, n] = fb[i, 2] * g[2]
-                operator[4, n] = HALF * (fb[i, 1] * g[2] + fb[i, 2] * g[1])
-                operator[5, n] = HALF * (fb[i, 0] * g[2] + fb[i, 2] * g[0])
-        if d == 2:
-            operator[2, a * d] = 0.0
-            operator[2, a * d + 1] = 0.0
-            if hoop:
-                g[2] = ui[2, 2] * cells.ring[c, q, a]
-                bent[2] = s[2, 2] * g[2]
-                operator[2, a * d] = fb[2, 2] * g[2]
+                z = g[first + 2]
+                row[at + 2] = fb[i, 2] * z
+                row[at + 4] = HALF * (fb[i, 1] * z + fb[i, 2] * y)
+                row[at + 5] = HALF * (fb[i, 0] * z + fb[i, 2] * x)
+            else:
+                row[at + 2] = 0.0
+        if hoop:
+            work.hoop[a, q] = ui[2, 2] * cells.ring[c, q, a]
+            work.bent_hoop[a, q] = weight * s[2, 2] * work.hoop[a, q]
+            operator[a * d, at + 2] = fb[2, 2] * work.hoop[a, q]
+    tangent = work.point.tangent
+    if m == 6:
+        # written out: loops of a length that the compiler does not know take three times as long
+        for n in range(nn * d):
+            row, out = operator[n], work.pulled[n]
+            x, y, z = weight * row[at], weight * row[at + 1], weight * row[at + 2]
+            xy, yz, xz = weight * row[at + 3], weight * row[at + 4], weight * row[at + 5]
+            for k in range(6):
+                t = tangent[k]
+                out[at + k] = t[0] * x + t[1] * y + t[2] * z + t[3] * xy + t[4] * yz + t[5] * xz
+        return
+    for n in range(nn * d):
+        row, out = operator[n], work.pulled[n]
+        x, y, z, xy = weight * row[at], weight * row[at + 1], weight * row[at + 2], weight * row[at + 3]
+        for k in range(4):
+            t = tangent[k]
+            out[at + k] = t[0] * x + t[1] * y + t[2] * z + t[3] * xy
 
 
 @njit_inner
-def _pull(tangent, operator, weight, out):
-    """out = weight A B."""
-    m, n = operator.shape
-    for k in range(m):
-        out[k, :] = 0.0
-        for other in range(m):
-            factor = weight * tangent[k, other]
-            for j in range(n):
-                out[k, j] += factor * operator[other, j]
-
-
-@njit_inner
-def _add_upper(left, right, out):
-    """Add the upper triangle of left^T right to ``out`` (n, n)."""
-    m, n = left.shape
-    for i in range(n):
-        for k in range(m):
-            factor = left[k, i]
-            for j in range(i, n):
-                out[i, j] += factor * right[k, j]
+def _dot(a, b):
+    value = 0.0
+    for k in range(a.shape[0]):
+        value += a[k] * b[k]
+    return value
 
 
 @njit
@@ -405,26 +411,28 @@ def cell_stiffness(state, cells, nodal, c, work):
     """Upper triangle of the stiffness of a cell; False if it cannot be integrated."""
     nq, nn, d = cells.grad.shape[1], cells.grad.shape[2], cells.grad.shape[3]
     stiffness = work.stiffness
-    stiffness[:, :] = 0.0
     if not begin_cell(state, cells, nodal, c, CONSISTENT, work):
         return False
     for q in range(nq):
         if not point_of_cell(state, cells, c, q, CONSISTENT, work):
             return False
-        weight = cells.jxw[c, q]
-        _fill_operator(cells, c, q, work)
-        _pull(work.point.tangent, work.operator, weight, work.pulled)
-        _add_upper(work.operator, work.pulled, stiffness)
-        for a in range(nn):
-            for b in range(a, nn):
-                value = 0.0
-                for i in range(d):
-                    value += work.bent[a, i] * work.grad[b, i]
-                for i in range(d):
-                    stiffness[a * d + i, b * d + i] += weight * value
-                if cells.ring.shape[0] > 0:
-                    stiffness[a * d, b * d] += weight * work.bent[a, 2] * work.grad[b, 2]
-    _add_upper(work.means, work.weighted, stiffness)
+        _fill_operators(cells, c, q, cells.jxw[c, q], work)
+    n = nn * d
+    for i in range(n):
+        for j in range(i, n):
+            stiffness[i, j] = _dot(work.operator[i], work.pulled[j])
+    for a in range(nn):
+        for b in range(a, nn):
+            value = _dot(work.grad[a], work.bent[b])
+            for i in range(d):
+                stiffness[a * d + i, b * d + i] += value
+            if cells.ring.shape[0] > 0:
+                stiffness[a * d, b * d] += _dot(work.hoop[a], work.bent_hoop[b])
+    for b in range(len(work.means)):
+        for i in range(n):
+            factor = work.means[b, i]
+            for j in range(i, n):
+                stiffness[i, j] += factor * work.weighted[b, j]
     return True
 
 
@@ -495,8 +503,7 @@ def cell_piola(state, cells, nodal, c, mode, work, piola, slope):
                 piola[q, i, j] = work.piola[i, j]
         if mode == STRESS:
             continue
-        _fill_operator(cells, c, q, work)
-        _pull(work.point.tangent, work.operator, 1.0, work.pulled)
+        _fill_operators(cells, c, q, 1.0, work)
         fb, ui, out, pulled = work.deformation, work.stretch, slope[q], work.pulled
         out[:, :, :] = 0.0
         for i in range(d):
@@ -505,7 +512,7 @@ def cell_piola(state, cells, nodal, c, mode, work, piola, slope):
                 for a in range(nn):
                     value = 0.0
                     for k in range(d):
-                        value += work.bent[a, k] * ui[k, j]
+                        value += work.bent[a, q * d + k] * ui[k, j]
                     out[i, j, a * d + i] += value
                 # Fb dS Ui, by components
                 for k in range(m):
@@ -516,7 +523,7 @@ def cell_piola(state, cells, nodal, c, mode, work, piola, slope):
                         factor = HALF * (fb[i, s] * ui[t, j] + fb[i, t] * ui[s, j])
                     if factor != 0.0:
                         for n in range(nn * d):
-                            out[i, j, n] += factor * pulled[k, n]
+                            out[i, j, n] += factor * pulled[n, q * m + k]
                 # Fb Cb^-1 Ui = F^-T
                 for b in range(nb):
                     factor = work.inverse[q, j, i] * cells.basis[c, q, b] / cells.volume[c]
