@@ -29,7 +29,9 @@ def diagnose(problem, u, reason, norm):
     found = []
     size = size_of(problem.space.mesh)
     moved = u.norm(PETSc.NormType.NORM_INFINITY)
-    if not moved <= size:
+    if problem.extrapolates and not problem.integrable(u):
+        found.append("cells are turned inside out: smaller load steps, or a prescribed displacement instead of a load")
+    elif not problem.extrapolates and not moved <= size:
         found.append(
             f"displacements of {moved:.3g}, more than the size of the bodies ({size:.3g}): the load is too large for "
             "small strains, or nothing holds a body"

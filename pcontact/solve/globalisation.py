@@ -3,7 +3,7 @@
 import numpy as np
 
 from pcontact.runtime.petsc import MPI
-from pcontact.solve.line_search import FARTHEST, zero_of
+from pcontact.solve.line_search import FARTHEST, decrease_of, zero_of
 
 # part of the first Newton step of a load step that is taken where all of it goes too far. Bodies that touch along
 # curved surfaces, moved by half their approach, overlap on the area on which they will be in contact: Hertz, approach
@@ -116,7 +116,10 @@ class Globalisation:
         self._trial.axpy(-part, y)
 
     def _follow(self, x, y, f, farthest):
-        """Go to where the residual no longer points along the step; in the first one, not too far, see `APPROACH`."""
+        """Go to where the residual no longer points along the step; in the first one, not too far, see `APPROACH`.
+
+        Where the tangent may not be positive the step may lead away from there: then its norm is to fall.
+        """
         full, partly = self._full, self._partly
 
         def component(part):
@@ -125,7 +128,15 @@ class Globalisation:
             self._problem.residual(self._trial, out, self._rules)
             return out.dot(y)
 
-        part = zero_of(component, f.dot(y), self._approach if self._begins else 1.0, farthest)
+        def norm(part):
+            component(part)
+            return (full if part == 1.0 else partly).norm()
+
+        along = f.dot(y)
+        if self._problem.extrapolates and (not self._problem.others or not along > 0.0):
+            part = decrease_of(norm, f.norm())
+        else:
+            part = zero_of(component, along, self._approach if self._begins else 1.0, farthest)
         # a step that has been cut says nothing of where it would have ended
         self._begins, self._was_full = False, part >= 1.0
         x.copy(self._before)

@@ -71,3 +71,32 @@ def zero_of(component, first, most=1.0, farthest=FARTHEST):
                 fa *= 0.5
             side = -1
     return best
+
+
+def decrease_of(norm, first):
+    """The largest of 1, 1/2, 1/4, ... of a step at which the norm of the residual is at most what it was.
+
+    For bodies whose tangent may not be positive, so that the residual along a step says nothing, and that may be turned
+    inside out on the way.
+
+    Parameters
+    ----------
+    norm : callable
+        The norm at a part of the step; not finite where the residual has no value.
+    first : float
+        At 0.
+
+    Returns
+    -------
+    float
+        Where the norm is smallest among the parts that were tried if it nowhere is as small as that.
+    """
+    best, least, part = 1.0, np.inf, 1.0
+    for _ in range(MOST):
+        value = norm(part)
+        if value <= first:
+            return part
+        if value < least:
+            best, least = part, value
+        part *= 0.5
+    return best

@@ -94,7 +94,7 @@ class Problem:
         """
         moves = not self.linear and self.imposed(u, time) > 0.0
         before = u.copy() if self.yields or moves or self.extrapolates else None
-        self._goes_on = self.extrapolates and ahead is not None and self._can_be(ahead)
+        self._goes_on = self.extrapolates and ahead is not None and self.integrable(ahead)
         if self._goes_on:
             ahead.copy(before)
             ahead.copy(u)
@@ -102,8 +102,8 @@ class Problem:
         self._changed = self._changed_by_supports(before, u) if moves else set()
         self._committed = before if self.yields or self._changed or self.extrapolates else None
 
-    def _can_be(self, u):
-        """Whether all cells can be integrated. *Collective.*"""
+    def integrable(self, u):
+        """Whether all points of the bodies can be integrated: no cell is turned inside out. *Collective.*"""
         out = np.zeros((self.space.n_owned, self.space.dim))
         self.bulk.residual(u, out)
         return bool(np.isfinite(self._norm(out)))

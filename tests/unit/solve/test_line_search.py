@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pcontact.solve.line_search import BEYOND, ENOUGH, FARTHEST, MOST, zero_of
+from pcontact.solve.line_search import BEYOND, ENOUGH, FARTHEST, MOST, decrease_of, zero_of
 
 
 def pieces(*points):
@@ -65,3 +65,23 @@ def test_nothing_is_known():
     assert zero_of(lambda at: 1.0, -1.0) == 1.0
     part = zero_of(lambda at: 1.0 - 4.0 * at if at < 0.6 else np.nan, 1.0)
     assert abs(part - 0.25) < 0.05
+
+
+def test_a_step_after_which_the_norm_is_smaller_is_taken():
+    function, asked = pieces((0, 1), (1, 0.9))
+    assert decrease_of(function, 1.0) == 1.0 and asked == [1.0]
+
+
+def test_a_step_is_halved_until_the_norm_is_smaller():
+    """Also where there is none at its end: bodies that are turned inside out."""
+    function, asked = pieces((0, 1), (0.3, 0.5), (1, 9))
+    assert decrease_of(function, 1.0) == 0.25 and asked == [1.0, 0.5, 0.25]
+    for nothing in (np.nan, np.inf):
+        assert decrease_of(lambda at, nothing=nothing: 0.5 if at < 0.2 else nothing, 1.0) == 0.125
+
+
+def test_the_smallest_norm_of_a_step_that_only_rises():
+    asked = []
+    assert decrease_of(lambda at: asked.append(at) or 2.0 - 8.0 * (at == 0.25) / 16.0, 1.0) == 0.25
+    assert len(asked) == MOST
+    assert decrease_of(lambda at: np.nan, 1.0) == 1.0
