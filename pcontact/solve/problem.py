@@ -37,6 +37,8 @@ class Problem:
         Time at which the load step ends.
     linear : bool
         Whether the tangent is constant.
+    goes_on : bool
+        Whether the load step begins where the bodies are if they go on as they did.
     stabilised : bool
         Whether `stabilisation` is added to the matrix.
     loose : sequence of int
@@ -57,7 +59,7 @@ class Problem:
         self.matrix = GlobalMatrix(space, supports.fixed)
         self._versions = None
         self.pattern_changes = 0
-        self._committed, self._changed, self._goes_on = None, set(), False
+        self._committed, self._changed, self.goes_on = None, set(), False
 
     @property
     def linear(self):
@@ -71,7 +73,7 @@ class Problem:
 
     @property
     def extrapolates(self):
-        """Whether a load step begins where the bodies are if they go on as they did."""
+        """Whether load steps begin where the bodies are if they go on as they did, once they have moved."""
         return self.bulk.extrapolates
 
     @property
@@ -94,8 +96,8 @@ class Problem:
         """
         moves = not self.linear and self.imposed(u, time) > 0.0
         before = u.copy() if self.yields or moves or self.extrapolates else None
-        self._goes_on = self.extrapolates and ahead is not None and self.integrable(ahead)
-        if self._goes_on:
+        self.goes_on = self.extrapolates and ahead is not None and self.integrable(ahead)
+        if self.goes_on:
             ahead.copy(before)
             ahead.copy(u)
         self._enter(u, time)
@@ -170,7 +172,7 @@ class Problem:
 
     def _rules_of_prediction(self, rules):
         """Bodies that go on as they did bring their points along; else see :meth:`predicted`. *Collective.*"""
-        return (rules or self.by_law) if self._goes_on else self.frozen(rules)
+        return (rules or self.by_law) if self.goes_on else self.frozen(rules)
 
     # -- rules for the status of points -----------------------------------------------------------------------------
 
