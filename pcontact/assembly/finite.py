@@ -69,8 +69,8 @@ class FiniteBulk(Bulk):
         self._local, self._owned, self.rowptr, self.columns = (rowptr, columns), owned, owned.rowptr, owned.columns
         nodes, self._column = np.unique(self.columns, return_inverse=True)
         self._exchange = space.exchange(nodes)
-        # the tangent of a prediction, until it is asked for again
-        self._kept = None
+        # displacement and forces of the last residual; the tangent of a prediction, until it is asked for again
+        self._forget()
 
     def _state(self, number, material):
         space, block = self.space, self.space.mesh.blocks[number]
@@ -135,11 +135,24 @@ class FiniteBulk(Bulk):
 
         A point that cannot be integrated leaves NaN.
         """
-        nodal = self.space.local.gather(u)
-        local = np.zeros_like(nodal)
-        for _, _, cells, state in self.chunks():
-            add_forces(state, cells, nodal, cell_work(cells), local)
-        out += self.space.summed(self.space.local, local)
+        at, forces = self._forces
+        if at is None or not self._same(at, u):
+            nodal = self.space.local.gather(u)
+            local = np.zeros_like(nodal)
+            for _, _, cells, state in self.chunks():
+                add_forces(state, cells, nodal, cell_work(cells), local)
+            forces = self.space.summed(self.space.local, local)
+            # line search, convergence test and report ask for them at the same place
+            self._forces = u.getArray(readonly=True).copy(), forces
+        out += forces
+
+    def _same(self, at, u):
+        """Whether a displacement is the one of which the values at the owned nodes have been kept. *Collective.*"""
+        return self.space.comm.allreduce(np.array_equal(at, u.getArray(readonly=True)), op=MPI.LAND)
+
+    def _forget(self):
+        """Keep nothing that was found from another state of the points."""
+        self._forces, self._kept = (None, None), None
 
     def add_magnitude(self, u, out):
         """Add the sum of the absolute terms of :meth:`residual` to ``out`` (n_owned, d). *Collective.*"""
@@ -153,10 +166,8 @@ class FiniteBulk(Bulk):
     def tangent(self, u, rule=LAW):
         """Values (nnz, d, d) on :meth:`pattern`. *Collective.*"""
         kept, self._kept = self._kept, None
-        if kept is not None:
-            same = np.array_equal(kept[0], u.getArray(readonly=True))
-            if self.space.comm.allreduce(same, op=MPI.LAND):
-                return kept[1]
+        if kept is not None and self._same(kept[0], u):
+            return kept[1]
         nodal = self.space.local.gather(u)
         d = self.space.dim
         local = np.zeros((len(self._local[1]), d, d))
@@ -189,7 +200,7 @@ class FiniteBulk(Bulk):
 
     def commit(self, u, time):
         """Take the internal variables to a displacement. *Collective.*"""
-        self._kept = None
+        self._forget()
         nodal = self.space.local.gather(u)
         for _, _, cells, state in self.chunks(self._own):
             commit(state, cells, nodal, cell_work(cells))
@@ -242,6 +253,7 @@ class FiniteBulk(Bulk):
 
     def recall(self, name, chunks):
         """Take back what :meth:`memory` gave, see `pcontact.assembly.item.Item.recall`."""
+        self._forget()
         part = self._own.get(int(name))
         if part is None:
             return 0

@@ -137,10 +137,12 @@ class Newton:
 
     def _residual(self, snes, x, f):
         with self._timed():
-            if not self._globalisation.recall(x, f):
+            predicts_alone = self._predicting and self.problem.goes_on
+            if not (predicts_alone or self._globalisation.recall(x, f)):
                 self.problem.residual(x, f, self._rules)
             if self._predicting:
-                self._converges.predicted_from = f.norm()
+                # where bodies go on as they did, the prediction is as good as the residual
+                self._converges.predicted_from = np.nan if predicts_alone else f.norm()
                 self.problem.predicted(x, f, self._rules)
 
     def _update(self, snes, iteration):
