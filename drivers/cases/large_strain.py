@@ -192,7 +192,7 @@ def run(args):
         results[name] = {"rows": rows, "newton": counts, "cuts": cuts, "residuals": norms}
         worst = max((abs(found / expected - 1.0) for _, expected, found in rows if np.isfinite(expected)), default=0.0)
         if not converged or (worst > BOUNDS[name] and not args.tiny):
-            log.error("%s: %s", name, f"{100.0 * worst:.3g} % off" if converged else "not converged")
+            log.error_line(f"{name}: {100.0 * worst:.3g} % off" if converged else f"{name}: not converged")
             status = 1
         if name == "necking":
             _curve(args, records)

@@ -75,7 +75,7 @@ def solve(case, folder, options):
         with running(scene, None, [counts]) as (_, converged):
             ended = "converged" if converged else "failed"
     except InputError as error:
-        log.error("%s", error)
+        log.error_line(str(error))
     row = {key: getattr(counts, key) for key in ("steps", "newton", "most", "krylov", "cuts")}
     seconds = MPI.COMM_WORLD.allreduce(time.perf_counter() - start, op=MPI.MAX)
     return {"family": case.family, "scene": case.name, **row, "seconds": seconds, "ended": ended}
@@ -181,7 +181,7 @@ def run(args):
         Path(args.o / "robustness.md").write_text(markdown(rows, variants))
     faults = compare(rows, json.loads(args.against.read_text())["rows"]) if args.against else []
     for fault in faults:
-        log.error("%s", fault)
+        log.error_line(fault)
     return 1 if faults else 0
 
 
