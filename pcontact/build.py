@@ -44,6 +44,9 @@ from pcontact.space.supports import Supports
 # the ratio of this stiffness to that of what the body rests on, which may be the softest body: a modulus counts up to
 # CONTRAST times that of the softest body only, but never less than LEAST / STABILISATION of itself
 STABILISATION, CONTRAST, LEAST = 1e-6, 100.0, 1e-12
+# Turns of bodies with small strain [degrees] that need no word, for they shrink by less than 0.1 % (1 - cos), and
+# beyond which the strain of the turn, 1.5 % and more, is larger than any that small strain is for
+SLIGHT, FAR = 2.5, 10.0
 
 
 def override(scene, options, accuracy):
@@ -213,6 +216,25 @@ def _check_finite_contacts(scene, space):
             raise input_error(scene.where, f"contacts[{index}] ({contact.name})", found, 'bodies with strain = "small"')
 
 
+def _check_turns(scene, space, supports):
+    """Refuse, or warn of, supports that turn bodies with small strain farther than it represents. *Collective.*"""
+    for number in supports.turns:
+        nodes, angle = supports.nodes[number], np.degrees(supports.largest_turn(number))
+        own = {block.body for block, cells in zip(space.mesh.blocks, space.cells, strict=True)
+               if np.isin(nodes, cells).any()}  # fmt: skip
+        bodies = sorted(set().union(*space.comm.allgather(own)))
+        small = [scene.bodies[body].region for body in bodies if not scene.finite(scene.bodies[body])]
+        if not small or angle <= SLIGHT:
+            continue
+        where, names = f"displacements[{number}] ({supports.regions[number]}).angle", ", ".join(small)
+        strain = 100.0 * (1.0 - np.cos(np.radians(angle)))
+        found = f"a turn by {angle:g} degrees of bodies with small strain ({names}), which shrink by {strain:.2g} %"
+        if angle > FAR:
+            unsafe(scene, "turn", where, found, f'strain = "finite" of these bodies, or at most {FAR:g} degrees')
+        else:
+            log.warning('%s: %s; remedy: strain = "finite"', where, found)
+
+
 def _check_joined(scene, space):
     """Refuse, or warn of, boundary facets inside a body; warn of bodies that touch without contact. *Collective.*"""
     every = [contact for contact in scene.contacts if contact.all and contact.obstacle is None]
@@ -301,6 +323,7 @@ def _assemble(scene, mesh, space, constants):
         space, scene.displacements, [amplitude(d.amplitude, end) for d in scene.displacements], scene.where
     )
     forces = [(load_vector(space, load), amplitude(load.amplitude, end)) for load in scene.loads]
+    _check_turns(scene, space, supports)
     bulk = bulk_item(scene, space, constants)
     tied = tied_pairs(scene, space, constants, bulk)
     free = free_motions(space, supports)

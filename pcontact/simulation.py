@@ -29,7 +29,7 @@ from pcontact.solve.newton import Newton
 from pcontact.space.modes import near_null_space
 from pcontact.stepping.loose import LooseBodies
 from pcontact.stepping.record import Recorder
-from pcontact.stepping.schedule import Schedule
+from pcontact.stepping.schedule import Control, Schedule
 from pcontact.stepping.search_update import search_update
 from pcontact.stepping.stepper import Stages, Stepper
 from pcontact.stepping.uzawa import uzawa
@@ -156,7 +156,9 @@ class Simulation:
         obstacles = [contact.obstacle for contact in scene.contacts if contact.obstacle is not None]
         moved = [*scene.displacements, *scene.loads, *obstacles]
         stops = [t for one in moved for t, _ in (one.amplitude or [])]
-        schedule = Schedule(scene.steps.end, scene.steps.count, scene.steps.smallest_step, stops)
+        supports = self.problem.supports
+        control = Control(scene.steps.longest_step, supports.turned if supports.turns else None)
+        schedule = Schedule(scene.steps.end, scene.steps.count, scene.steps.smallest_step, stops, control)
         watch = [Terminal(scene.steps.end, build.yielding_volume(scene, space)), *observers]
         estimate = ErrorEstimate(self.problem, scene, self.newton) if scene.output.estimate else None
         self.error_estimate = estimate

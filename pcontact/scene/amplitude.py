@@ -67,7 +67,7 @@ def drive(scene):
         Factors (n,) at a time, of all displacements, loads and obstacles that are not zero. A level set of the user's
         may move with time.
     """
-    acting = [one.amplitude for one in scene.displacements if any(v != "free" and v for v in one.value)]
+    acting = [one.amplitude for one in scene.displacements if one.turns or any(v != "free" and v for v in one.value)]
     acting += [one.amplitude for one in scene.loads]
     obstacles = [pair.obstacle for pair in scene.contacts if pair.obstacle is not None]
     acting += [one.amplitude for one in obstacles if one.displacement is not None and any(one.displacement)]

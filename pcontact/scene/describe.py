@@ -83,13 +83,21 @@ def describe(
     if averaged:
         active.append("mean dilatation: " + ", ".join(averaged))
     active += [_contact(contact) for contact in resolve_contacts(scene, {}).contacts]
+    followers = [load.region for load in scene.loads if load.follower]
+    if followers:
+        active.append(f"pressure on the deformed surface: {', '.join(followers)}")
     for key in ("pressure", "traction", "body_force"):
-        regions = [load.region for load in scene.loads if getattr(load, key) is not None]
+        regions = [load.region for load in scene.loads if getattr(load, key) is not None and not load.follower]
         if regions:
             active.append(f"{key.replace('_', ' ')}: {', '.join(regions)}")
     if scene.displacements:
         regions = dict.fromkeys(item.region for item in scene.displacements)
         active.append("prescribed displacement: " + ", ".join(regions))
+    turning = dict.fromkeys(item.region for item in scene.displacements if item.turns)
+    if turning:
+        active.append("supports that turn: " + ", ".join(turning))
+    if scene.steps.viscous_stabilisation is not None:
+        active.append(f"viscous stabilisation: {scene.steps.viscous_stabilisation:g}")
     if scene.output.estimate:
         active.append("error estimate of every step")
     return active, [name for name, asked in _FEATURES if not asked(scene)]

@@ -43,10 +43,12 @@ LOCKING = 0.45
 # the same of triangles and tetrahedra of degree 2, whose mean dilatation is but constant (3, 5, 9 and 39 % at 0.46,
 # 0.48, 0.49, 0.499; 5.5 % with it; with 16 cells 1.3, 2.0, 3.4 and 19 %; 2.8 %)
 POOR = 0.49
+# planned load steps in the longest one, where their iterations say how long they are
+LONGER = 4
 # settings whose answers may be wrong, which `Scene.allow_unsafe` lets run: gamma0 below the bound of coercivity,
 # triangles and tetrahedra of degree 1 near nu = 0.5, a coarse source on a fine target in space, friction with several
-# solutions, a mesh whose bodies are cut where cells do not meet facet to facet
-UNSAFE = ("gamma0", "locking", "facet_sizes", "friction", "mesh")
+# solutions, a mesh whose bodies are cut where cells do not meet facet to facet, supports that turn small strain far
+UNSAFE = ("gamma0", "locking", "facet_sizes", "friction", "mesh", "turn")
 
 # group of facets that a contact of all surfaces takes: the whole boundary of all bodies
 OUTER = "outer surfaces"
@@ -324,11 +326,26 @@ CONTACT_DEFAULTS = {name: one.default for name, one in keys(Contact).items() if 
 
 @table
 class Displacement:
-    """Prescribed displacement of a group of cells, facets, edges or vertices."""
+    """Prescribed displacement of a group of cells, facets, edges or vertices; with `angle` a turn as well."""
 
     region: str = key(TEXT, f"{REGION} cells, facets, edges or vertices")
     value: Sequence[float | str] = key(COMPONENTS, 'a number, or `"free"`, for each of the d directions', unit="length")
-    amplitude: Table | None = amplitude()
+    amplitude: Table | None = amplitude("factor of `value` and `angle`")
+    angle: float | None = key(
+        number(), "the group turns by this angle, as a rigid body", None, "degrees", "none",
+        more="see below. Positive: counterclockwise, seen from where `axis` points to",
+    )  # fmt: skip
+    point: Sequence[float] | None = key(
+        VECTOR, "with `angle`: a point of the axis; in the plane the centre", None, "length", "must be said"
+    )
+    axis: Sequence[float] | None = key(
+        DIRECTION, "with `angle`, in space: direction of the axis, of any length", None, otherwise="must be said"
+    )
+
+    @property
+    def turns(self) -> bool:
+        """Whether it turns what it holds."""
+        return bool(self.angle)
 
 
 @table
@@ -342,6 +359,10 @@ class Load:
     traction: Sequence[float] | None = key(VECTOR, "force per area", None, "stress")
     body_force: Sequence[float] | None = key(VECTOR, "force per volume", None, "stress / length")
     amplitude: Table | None = amplitude()
+    follower: bool = key(
+        BOOLEAN, "with `pressure`: it acts on the deformed surface, along its normal there", False,
+        more="see below. Otherwise forces are those of the undeformed surface, whatever becomes of it",
+    )  # fmt: skip
 
 
 @table
@@ -357,11 +378,31 @@ class Steps:
         POSITIVE, "smallest load step: a step that fails is halved down to this", None, "time", "end / count / 1024",
         option="steps_min",
     )  # fmt: skip
+    control: str = key(
+        choice("fixed", "auto"), "how long load steps are", "fixed", option="steps_control",
+        more="`fixed`: as planned, shorter only after one that failed; `auto`: begins so, and then makes the next one "
+        "shorter where Newton's method took many iterations, and longer where it took few",
+    )  # fmt: skip
+    max_step: float | None = key(
+        POSITIVE, "with `control = \"auto\"`: longest load step", None, "time", "4 end / count", option="steps_max"
+    )
+    viscous_stabilisation: float | None = key(
+        POSITIVE, "viscosity that resists every motion, for bodies that snap", None, "stress time / length^2", "none",
+        option="steps_viscous_stabilisation",
+        more="see below. The report has its work, which is to be small against that of the stresses",
+    )  # fmt: skip
 
     @property
     def smallest_step(self) -> float:
         """`min_step`, or what stands for it when it is not said [time]."""
         return self.end / self.count / 1024 if self.min_step is None else self.min_step
+
+    @property
+    def longest_step(self) -> float | None:
+        """`max_step`, or what stands for it when it is not said [time]; None where load steps are as planned."""
+        if self.control != "auto":
+            return None
+        return min(LONGER * self.end / self.count, self.end) if self.max_step is None else self.max_step
 
 
 @table

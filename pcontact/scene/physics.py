@@ -30,7 +30,7 @@ from pcontact.scene.places import tables
 LEFT_OUT = {MeshSpec: ("file",), Contact: ("name", "obstacle")}
 # what an amplitude multiplies
 MULTIPLIED = {
-    Displacement: ("value",),
+    Displacement: ("value", "angle"),
     Load: ("pressure", "traction", "body_force"),
     Obstacle: ("displacement",),
 }

@@ -8,13 +8,14 @@ import numpy as np
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.messages import input_error, listed, unknown_name
 from pcontact.scene.expression import Expression
+from pcontact.scene.keys import keys
 from pcontact.scene.model import Body, Contact, Displacement, Load, MeshSpec, Obstacle, Scene
 from pcontact.scene.places import tables
 
 # part of the largest radius by which rounding may put a node on the wrong side of the axis
 ROUNDING = 1e-9
 _VECTORS = {
-    Displacement: ("value",),
+    Displacement: ("value", "point", "axis"),
     Load: ("traction", "body_force"),
     Obstacle: ("point", "normal", "center", "axis", "displacement"),
 }
@@ -45,12 +46,29 @@ def check_dimension(scene: Scene, dim: int) -> None:
         if isinstance(table, MeshSpec) and table.kinematics != "plane_strain" and dim == 3:
             found = f'"{table.kinematics}" with a 3D mesh'
             raise input_error(scene.where, "mesh.kinematics", found, "no such key, it is for 2D meshes only")
+        if isinstance(table, Displacement) and table.angle is not None:
+            _check_turn(scene, where, table, dim)
         if isinstance(table, Obstacle) and table.expression is not None and dim == 2:
             if "z" in Expression(table.expression).names:
                 raise input_error(scene.where, f"{where}.expression", "z with a 2D mesh", "x, y, t")
         if isinstance(table, Obstacle) and table.shape == "cylinder" and dim == 2:
             allowed = '"plane" | "sphere" (a circle) | "level_set"'
             raise input_error(scene.where, f"{where}.shape", '"cylinder" with a 2D mesh', allowed)
+
+
+def _check_turn(scene, where, displacement, dim):
+    """An axis in space and none in the plane; components that the turn changes are prescribed."""
+    if (displacement.axis is None) != (dim == 2):
+        found = "nothing" if displacement.axis is None else f"{list(displacement.axis)} with a 2D mesh"
+        allowed = keys(Displacement)["axis"].rule.allowed if dim == 3 else "nothing, it turns about the point"
+        raise input_error(scene.where, f"{where}.axis", found, allowed)
+    axis = np.zeros(3) if dim == 2 else np.abs(displacement.axis)
+    for direction, entry in enumerate(displacement.value):
+        along = axis[direction] ** 2 >= (1.0 - ROUNDING) * (axis @ axis) if dim == 3 else False
+        if entry == "free" and not along:
+            found = f'"free" in direction {direction}, in which the turn moves nodes'
+            allowed = 'a number; "free" along an axis in a direction of the mesh only'
+            raise input_error(scene.where, f"{where}.value", found, allowed)
 
 
 def check_radius(scene: Scene, points: np.ndarray, mesh_path: str | Path) -> None:

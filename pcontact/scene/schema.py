@@ -15,6 +15,7 @@ from pcontact.scene.model import (
     RENAMED,
     SINGLE_TABLES,
     Contact,
+    Displacement,
     Load,
     Material,
     Obstacle,
@@ -35,6 +36,7 @@ TOGETHER = {
             for name in ("friction_limit", "adhesion")
         },
     },
+    Displacement: {"dependentRequired": {"angle": ["point"], "point": ["angle"], "axis": ["angle"]}},
     Load: {"oneOf": [{"required": [name]} for name in LOADS]},
     Obstacle: {
         "allOf": [

@@ -15,6 +15,7 @@ from pcontact.scene.model import (
     OUTER,
     SINGLE_TABLES,
     Contact,
+    Displacement,
     Load,
     Material,
     Obstacle,
@@ -371,6 +372,11 @@ def _check_load(scene, where, load):
         raise input_error(
             scene.where, where, " and ".join(said) or "no value", f"exactly one of {', '.join(LOADS)}"
         )
+    if load.follower and load.pressure is None:
+        raise input_error(scene.where, f"{where}.follower", f"true with {said[0]}", "pressure instead, or false")
+    if load.follower and scene.mesh.kinematics == "plane_stress":
+        found = 'true with kinematics = "plane_stress"'
+        raise input_error(scene.where, f"{where}.follower", found, "false: the thickness is not followed")
 
 
 def _check_displacements(scene):
@@ -384,6 +390,21 @@ def _check_displacements(scene):
                 key = f"displacements[{index}] ({item.region}).value"
                 found = f"direction {direction} prescribed a second time, as in displacements[{first}]"
                 raise input_error(scene.where, key, found, "each direction of a region once")
+        _check_turn(scene, f"displacements[{index}] ({item.region})", item)
+
+
+def _check_turn(scene, where, item):
+    """Keys of an axis go with an angle, and the other way round."""
+    if item.angle is None:
+        for key in ("point", "axis"):
+            if getattr(item, key) is not None:
+                raise input_error(scene.where, f"{where}.{key}", f"{key} without angle", "angle as well")
+        return
+    if scene.mesh.kinematics == "axisymmetric":
+        found = 'an angle with kinematics = "axisymmetric"'
+        raise input_error(scene.where, f"{where}.angle", found, "nothing: rings do not turn in their plane")
+    if item.point is None:
+        raise input_error(scene.where, f"{where}.point", "nothing", keys(Displacement)["point"].rule.allowed)
 
 
 def _check_steps(scene):
@@ -392,6 +413,14 @@ def _check_steps(scene):
         found = f"{steps.min_step!r}, longer than a step"
         raise input_error(
             scene.where, "steps.min_step", found, f"at most end / count = {steps.end / steps.count:g}"
+        )
+    if steps.max_step is not None and steps.control != "auto":
+        raise input_error(
+            scene.where, "steps.max_step", f'{steps.max_step:g} with control = "{steps.control}"', 'control = "auto"'
+        )
+    if steps.max_step is not None and steps.max_step < steps.smallest_step:
+        raise input_error(
+            scene.where, "steps.max_step", f"{steps.max_step:g}", f"at least min_step = {steps.smallest_step:g}"
         )
     if steps.smallest_step < SMALLEST * steps.end:
         # shorter ones drown in the rounding error of the time: a run would not get on

@@ -427,3 +427,21 @@ class Problem:
         for region, row in zip(supports.regions, table, strict=True):
             result[region] = (np.asarray(result.get(region, 0.0)) + row).tolist()
         return result
+
+    def moments(self, u, unbalanced):
+        """Moments of the reactions of supports that turn, about their centres, by region. *Collective.*
+
+        Parameters
+        ----------
+        u : PETSc.Vec
+        unbalanced : ndarray (n_owned, d)
+            As for :meth:`reactions`.
+
+        Returns
+        -------
+        dict of str to float or list of float
+            [force * length]
+        """
+        moved = u.getArray(readonly=True).reshape(unbalanced.shape)
+        own = self.supports.moments(self.time, self.space.owned_local, moved, unbalanced)
+        return {self.supports.regions[k]: self.space.comm.allreduce(value).tolist() for k, value in own.items()}

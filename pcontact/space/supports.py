@@ -3,6 +3,10 @@
 import numpy as np
 
 from pcontact.runtime.parallel import agree
+from pcontact.space.turn import Turn, moments
+
+# two supports that turn agree at a node where they are no farther apart than this part of its distance from the axis
+SAME = 1e-12
 
 
 class Supports:
@@ -24,6 +28,8 @@ class Supports:
         radial component is held at zero; what no displacement prescribes there has the number after the last.
     regions : list of str
         Region of each displacement.
+    turns : dict of int to pcontact.space.turn.Turn
+        Of the displacements that turn what they hold.
 
     Raises
     ------
@@ -40,8 +46,16 @@ class Supports:
     def __init__(self, space, displacements, amplitudes, source="scene"):
         self._displacements, self._amplitudes = displacements, amplitudes
         self.regions = [d.region for d in displacements]
+        self._points = space.points
+        self.turns = {
+            number: Turn(one.point, one.axis, np.radians(one.angle))
+            for number, one in enumerate(displacements) if one.turns
+        }  # fmt: skip
         self.which = np.full((space.n_local, space.dim), -1, dtype=np.int64)
         self.nodes = []
+        self._table = np.array(
+            [[0.0 if v == "free" else float(v) for v in d.value] for d in displacements] + [[0.0] * space.dim]
+        )
         message = None
         for number, displacement in enumerate(displacements):
             nodes = space.region(displacement.region)
@@ -51,18 +65,16 @@ class Supports:
                     continue
                 before = self.which[nodes, axis]
                 for other in np.unique(before[before >= 0]):
-                    if self._differ(number, int(other), axis):
+                    if self._differ(number, int(other), axis, nodes[before == other]):
                         at = ", ".join(f"{c:g}" for c in space.points[nodes[before == other][0]])
                         message = message or (
-                            f"{source}: displacements[{number}] ({displacement.region}).value: found {value:g} in "
-                            f"direction {axis} at the point ({at}), where displacements[{other}] "
-                            f"({displacements[other].region}) prescribes {displacements[other].value[axis]:g}; "
+                            f"{source}: displacements[{number}] ({displacement.region}).value: found "
+                            f"{self._said(number, axis)} in direction {axis} at the point ({at}), where "
+                            f"displacements[{other}] ({displacements[other].region}) prescribes "
+                            f"{self._said(int(other), axis)}; "
                             "allowed: one value (and one amplitude) per point and direction"
                         )
                 self.which[nodes, axis] = number
-        self._table = np.array(
-            [[0.0 if v == "free" else float(v) for v in d.value] for d in displacements] + [[0.0] * space.dim]
-        )
         off_axis = self._hold_axis(space, source)
         agree(space.comm, message or off_axis)
 
@@ -80,11 +92,36 @@ class Supports:
                 )
         return None
 
-    def _differ(self, first, second, axis):
+    def _said(self, number, axis):
+        """What a displacement prescribes in a direction, in words."""
+        one = self._displacements[number]
+        return f"{one.value[axis]:g}" + (f" and a turn by {one.angle:g} degrees" if one.turns else "")
+
+    def _differ(self, first, second, axis, nodes):
+        if first in self.turns or second in self.turns:
+            return self._part(first, second, axis, nodes)
         pair = [(self._displacements[k].value[axis], self._amplitudes[k]) for k in (first, second)]
         times = np.concatenate([amplitude.times for _, amplitude in pair])
         a, b = (value * amplitude.factor(times) for value, amplitude in pair)
         return bool(np.any(a != b))
+
+    def _part(self, first, second, axis, nodes):
+        """Whether two displacements, of which one turns, differ at nodes that both prescribe."""
+        times = np.unique(np.concatenate([self._amplitudes[k].times for k in (first, second)]))
+        # turns are not linear between the corners
+        for time in np.concatenate([times, 0.5 * (times[1:] + times[:-1])]):
+            a, b = (self._value(k, time, nodes)[:, axis] for k in (first, second))
+            arms = [np.linalg.norm(self._points[nodes] - self.turns[k].point, axis=1)
+                    for k in (first, second) if k in self.turns]  # fmt: skip
+            if np.any(np.abs(a - b) > SAME * np.maximum.reduce([*arms, np.abs(a), np.abs(b)])):
+                return True
+        return False
+
+    def _value(self, number, time, nodes):
+        """What a displacement wants of nodes (n,): (n, d) [length]."""
+        factor, turn = self._amplitudes[number].factor(time), self.turns.get(number)
+        turned = 0.0 if turn is None else turn.displacement(self._points[nodes], factor)
+        return self._table[number] * factor + np.zeros((len(nodes), 1)) + turned
 
     @property
     def fixed(self):
@@ -99,6 +136,45 @@ class Supports:
             number = self.which[on, axis]
             factors = np.array([*(a.factor(time) for a in self._amplitudes), 0.0])
             out[on, axis] = self._table[number, axis] * factors[number]
+        for number, turn in self.turns.items():
+            nodes = self.nodes[number]
+            turned = turn.displacement(self._points[nodes], self._amplitudes[number].factor(time))
+            out[nodes] += np.where(self.which[nodes] == number, turned, 0.0)
         return out
+
+    def turned(self, begin, end):
+        """Largest angle by which one turns between two times, linear between its corners [radian]."""
+        angles = [
+            abs(float(turn.angle(self._amplitudes[k].factor(end) - self._amplitudes[k].factor(begin))))
+            for k, turn in self.turns.items()
+        ]
+        return max(angles, default=0.0)
+
+    def largest_turn(self, number):
+        """Largest angle of a displacement that turns, over all times [radian]."""
+        return float(np.max(np.abs(self.turns[number].angle(self._amplitudes[number].factors))))
+
+    def moments(self, time, owned, u, forces):
+        """Moments of forces about the centres of the supports that turn, in the places of ``u``, on this rank.
+
+        Parameters
+        ----------
+        time : float
+        owned : ndarray (n_owned,)
+            Local numbers of the owned nodes.
+        u, forces : ndarray (n_owned, d)
+            Displacement [length]; forces [force].
+
+        Returns
+        -------
+        dict of int to ndarray ()  or (3,)
+            By number of the displacement: about the centre that has moved with it [force * length].
+        """
+        result = {}
+        for number, turn in self.turns.items():
+            centre = turn.point + self._table[number] * self._amplitudes[number].factor(time)
+            own = np.where(self.which[owned] == number, forces, 0.0)
+            result[number] = moments(self._points[owned] + u - centre, own)
+        return result
 
 

@@ -62,6 +62,8 @@ class Recorder:
             "probes": {name: self._probe(nodes, u) for name, nodes in self._probes.items()},
             "plastic": self._plastic(),
         }
+        if problem.supports.turns:
+            record["moments"] = problem.moments(u, step.unbalanced)
         self._warn_of_lost(step.time, record["contacts"])
         if step.uzawa is not None:
             record["uzawa"] = step.uzawa

@@ -1,6 +1,24 @@
-"""Times of the load steps: equal at first, halved when a step fails, grown back when steps are easy."""
+"""Times of the load steps: equal at first, halved when a step fails, grown back when steps are easy; as long as the
+iterations of the last one say where the user leaves it to them."""
+
+from typing import NamedTuple
 
 import numpy as np
+
+
+class Control(NamedTuple):
+    """How long load steps may get, where Newton's method says so; and how far bodies may turn in one.
+
+    Attributes
+    ----------
+    longest : float or None
+        Load steps follow the iterations, up to this one [time]; None: they are those that were planned.
+    turn : callable, optional
+        Largest angle by which supports turn between two times, linear between corners [radian].
+    """
+
+    longest: float | None = None
+    turn: object = None
 
 
 class Schedule:
@@ -16,25 +34,40 @@ class Schedule:
         Smallest step [time].
     stops : sequence of float
         Times that must be met: the corners of the amplitudes.
+    control : Control, optional
     """
 
     EASY = 8  # Newton iterations up to which a step may grow again
     DOUBTED = 0.1  # part of the planned steps to which they are cut for the sake of a better solution
+    # iterations of a load step of the right length; another one changes its length with their square root (Crisfield),
+    # and to its half or its double at most
+    WANTED, LEAST, MOST = 8, 0.5, 2.0
+    # farthest that supports turn in a load step [radian]: straight ways of nodes shorten a body by 1 - cos of the half
+    # of it, 0.4 %
+    TURN = np.radians(10.0)
 
-    def __init__(self, end, count, smallest, stops=()):
-        self.end, self.smallest = end, smallest
-        self._largest = end / count
-        self._step = self._largest
+    def __init__(self, end, count, smallest, stops=(), control=None):
+        self.end, self.smallest, self._control = end, smallest, control or Control()
+        self._planned = end / count
+        self._largest = self._control.longest or self._planned
+        self._step = min(self._planned, self._largest)
         self._stops = np.unique([t for t in [*stops, end] if 0.0 < t <= end])
         self.time = 0.0
 
     def next(self):
         """Time at which the coming step ends."""
-        eps = 1e-9 * self._largest
+        eps = 1e-9 * self._planned
         stop = self._stops[np.searchsorted(self._stops, self.time + eps)]
         target = self.time + self._step
         # a remainder much shorter than a step is joined to it
-        return float(stop) if target > stop - 1e-6 * self._step else float(target)
+        target = float(stop) if target > stop - 1e-6 * self._step else float(target)
+        return target if self._control.turn is None else self._turned(target)
+
+    def _turned(self, target):
+        """The first of as few equal parts of a load step as supports need to turn."""
+        # the last of equal parts is not to be parted for the sake of a rounding error
+        parts = int(np.ceil(self._control.turn(self.time, target) / self.TURN * (1.0 - 1e-9)))
+        return target if parts <= 1 else self.time + (target - self.time) / parts
 
     @property
     def done(self):
@@ -52,13 +85,22 @@ class Schedule:
 
     def accept(self, target, iterations):
         """The step to ``target`` converged in some Newton iterations."""
-        self.time = target
-        if iterations <= self.EASY:
+        taken, self.time = target - self.time, target
+        if self._control.longest is not None:
+            self._follow(taken, iterations)
+        elif iterations <= self.EASY:
             self._step = min(2.0 * self._step, self._largest)
+
+    def _follow(self, taken, iterations):
+        """The next load step is as long as the iterations of one of some length say."""
+        factor = min(max(np.sqrt(self.WANTED / max(iterations, 1)), self.LEAST), self.MOST)
+        step = factor * taken
+        # a load step that a stop has cut short says little of longer ones unless it was hard
+        self._step = max(step, self.smallest) if factor < 1.0 else min(max(step, self._step), self._largest)
 
     def divisible(self, target):
         """Whether the step to ``target`` may be made smaller because its solution is in doubt."""
-        return 0.5 * (target - self.time) >= max(self.smallest, self.DOUBTED * self._largest)
+        return 0.5 * (target - self.time) >= max(self.smallest, self.DOUBTED * self._planned)
 
     def cut(self, target):
         """The step to ``target`` failed.

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pcontact.stepping.schedule import Schedule
+from pcontact.stepping.schedule import Control, Schedule
 
 
 def walk(schedule, works):
@@ -82,3 +82,64 @@ def test_a_short_step_to_a_stop_does_not_shrink_the_others():
     reached, _ = walk(Schedule(1.0, 4, 1e-3, [0.26]), lambda a, b: 3)
     sizes = np.diff([0, *reached])
     np.testing.assert_allclose(sizes[:3], [0.25, 0.01, 0.25])
+
+
+def test_iterations_say_how_long_load_steps_are():
+    """Between the shortest and the longest; a load step of the wanted iterations keeps its length."""
+    control = Control(longest=0.2)
+    easy, _ = walk(Schedule(1.0, 20, 0.01, control=control), lambda a, b: 2)
+    np.testing.assert_allclose(np.diff([0, *easy])[:4], [0.05, 0.1, 0.2, 0.2])
+    right, _ = walk(Schedule(1.0, 20, 0.01, control=control), lambda a, b: Schedule.WANTED)
+    np.testing.assert_allclose(np.diff([0, *right]), 0.05)
+    hard, _ = walk(Schedule(1.0, 20, 0.01, control=control), lambda a, b: 100)
+    np.testing.assert_allclose(np.diff([0, *hard])[:5], [0.05, 0.025, 0.0125, 0.01, 0.01])
+    slow, _ = walk(Schedule(1.0, 20, 0.01, control=control), lambda a, b: 2 * Schedule.WANTED)
+    assert slow[1] - slow[0] == pytest.approx(0.05 / np.sqrt(2.0))
+
+
+def test_iterations_settle_where_a_load_step_takes_the_wanted_ones():
+    """Iterations that grow with the length of the load step."""
+    sizes = np.diff([0, *walk(Schedule(1.0, 4, 1e-3, control=Control(0.5)), lambda a, b: round(100 * (b - a)))[0]])
+    np.testing.assert_allclose(sizes[4:-1], 0.08, rtol=0.1)
+
+
+def test_planned_load_steps_do_not_follow_their_iterations():
+    for iterations in (1, 100):
+        reached, _ = walk(Schedule(1.0, 20, 0.01), lambda a, b, n=iterations: n)
+        np.testing.assert_allclose(np.diff([0, *reached]), 0.05)
+
+
+def test_a_stop_does_not_shorten_load_steps_that_follow_their_iterations():
+    reached, _ = walk(Schedule(1.0, 5, 1e-3, [0.21], Control(0.2)), lambda a, b: 7)
+    np.testing.assert_allclose(np.diff([0, *reached])[:3], [0.2, 0.01, 0.2])
+
+
+def test_a_failed_load_step_is_cut_and_the_next_follow_their_iterations():
+    reached, tried = walk(Schedule(1.0, 4, 1e-3, control=Control(0.5)), lambda a, b: 8 if b - a < 0.2 else None)
+    assert tried[:2] == [0.25, 0.125]
+    np.testing.assert_allclose(np.diff([0, *reached]), 0.125)
+
+
+def test_load_steps_that_follow_iterations_go_on_as_they_were():
+    """Time and length are all that the rest of a run depends on."""
+    def works(a, b):
+        return round(60 * (b - a)) + (20 if a < 0.3 else 0)
+
+    whole, _ = walk(Schedule(1.0, 10, 1e-3, [0.5], Control(0.3)), works)
+    first, second = (Schedule(1.0, 10, 1e-3, [0.5], Control(0.3)) for _ in range(2))
+    done = []
+    while len(done) < 6:
+        done.append(first.next())
+        first.accept(done[-1], works(first.time, done[-1]))
+    second.resume(first.time, first.size)
+    assert [*done, *walk(second, works)[0]] == whole
+
+
+@pytest.mark.parametrize("count, parts", [(1, 9), (2, 10), (9, 9), (20, 20), (4, 12)])
+def test_supports_turn_by_ten_degrees_at_most(count, parts):
+    """A quarter of a turn: a load step is parted equally, and no more than it must be."""
+    control = Control(turn=lambda begin, end: np.radians(90.0) * (end - begin))
+    reached, _ = walk(Schedule(1.0, count, 1e-3, [0.25, 0.5], control) if count == 4 else
+                      Schedule(1.0, count, 1e-3, control=control), lambda a, b: 3)  # fmt: skip
+    np.testing.assert_allclose(np.diff([0, *reached]), 1.0 / parts)
+    assert reached[-1] == 1.0
