@@ -18,6 +18,9 @@ if "PYTEST_XDIST_WORKER" in os.environ:
     for variable in [name for name in os.environ if name.startswith(INHERITED)]:
         del os.environ[variable]
 
+# ranks that wait let others compute: three on two cores would wait for each other's time slices in every message
+os.environ.setdefault("OMPI_MCA_mpi_yield_when_idle", "1")
+
 import numpy as np  # noqa: E402
 import pytest  # noqa: E402
 from mpi4py import MPI  # noqa: E402
