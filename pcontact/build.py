@@ -39,14 +39,20 @@ from pcontact.space.modes import colour, component_frames, free_motions
 from pcontact.space.space import Space
 from pcontact.space.supports import Supports
 
-# What is added to the diagonal of the tangent, never to the residual, for bodies that no support holds: STABILISATION
-# times modulus over size squared, per volume. Each Newton iteration reduces the error of such a body's position only to
-# the ratio of this stiffness to that of what the body rests on, which may be the softest body: a modulus counts up to
-# CONTRAST times that of the softest body only, but never less than LEAST / STABILISATION of itself
-STABILISATION, CONTRAST, LEAST = 1e-6, 100.0, 1e-12
-# Turns of bodies with small strain [degrees] that need no word, for they shrink by less than 0.1 % (1 - cos), and
-# beyond which the strain of the turn, 1.5 % and more, is larger than any that small strain is for
-SLIGHT, FAR = 2.5, 10.0
+# [modulus / size^2, per volume] What is added to the diagonal of the tangent, never to the residual, for bodies that no
+# support holds. Each Newton iteration reduces the error of such a body's position only to the ratio of this stiffness
+# to that of what the body rests on, which may be the softest body. Row: stabilisation.
+STABILISATION = 1e-6
+# [-] A modulus counts up to so many times that of the softest body only. Row: stabilisation.
+CONTRAST = 100.0
+# [modulus / size^2, per volume] So much of a body's own modulus counts nevertheless. From: 5000 rounding errors of the
+# diagonal.
+LEAST = 1e-12
+# [degrees] Turn of bodies with small strain that needs no word. From: they shrink by less than 0.1 %, 1 - cos.
+SLIGHT = 2.5
+# [degrees] Turn of bodies with small strain that is refused. From: the strain of the turn, 1.5 % and more, is larger
+# than any that small strain is for.
+FAR = 10.0
 
 
 def override(scene, options, accuracy):

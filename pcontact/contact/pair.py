@@ -22,7 +22,7 @@ from pcontact.contact.formulation.methods import Method, Penalty
 from pcontact.contact.law import OPEN, SLIP, STICK, View, contact_law
 from pcontact.contact.pairing import Pairing
 from pcontact.contact.points import PartnerPoints, SourcePoints, interpolate
-from pcontact.contact.receding import still_closed, turned
+from pcontact.contact.receding import MANY, MIXED, WIDE, still_closed, turned
 from pcontact.contact.search.partners import ObstacleSearch, TargetSearch
 from pcontact.contact.summary import borne
 from pcontact.contact.surface.obstacle import RigidObstacle
@@ -32,15 +32,15 @@ from pcontact.mesh.mesh import bounding_box
 from pcontact.runtime.parallel import take_rows
 from pcontact.runtime.petsc import MPI
 
-# facets ahead, in their own sizes, that get their place in the pattern before they close
+# [facet sizes] So far ahead, facets get their place in the pattern before they close. From: chosen; what closes
+# farther away makes a new pattern.
 FORESEEN = 4.0
-# Where the contact is too small by a width d, the bodies overlap beside its edge up to 3/2 d from there: their gap is
-# that of a crack and that of the edge, proportional to sqrt(x) (2/3 x - d). So much of what closes is right.
+# [-] Part of what closes that is right. From: where the contact is too small by a width d, the bodies overlap beside
+# its edge up to 3/2 d from there: their gap is that of a crack and that of the edge, proportional to
+# sqrt(x) (2/3 x - d). Row: waiting.
 RIGHT = 2.0 / 3.0
-# points, and part of the closed area, that have to close for this, and part of that area that may open at the same time
-MANY, WIDE, MIXED = 12, 0.02, 0.1
-# places along a step between which points that close are told apart
-BINS = 1000
+# [places] Along a step, between which points that close are told apart. From: chosen, 0.1 % of a step.
+PLACES = 1000
 
 # formulations of a scene
 METHODS = {"nitsche": Method, "penalty": Penalty, "augmented_lagrangian": AugmentedLagrangian}
@@ -410,8 +410,8 @@ class ContactPair(Item):
         p, jxw, comm = self.pairing, self.source.jxw, self.space.comm
         first, last = self.pressed(before, p.acts), self.pressed(u, p.acts)
         closed, closes = p.paired & (first <= 0.0), np.flatnonzero(p.paired & (first > 0.0) & (last <= 0.0))
-        place = (BINS * first[closes] / (first[closes] - last[closes])).astype(np.int64)
-        areas = np.bincount(place, jxw[closes], minlength=BINS + 1)
+        place = (PLACES * first[closes] / (first[closes] - last[closes])).astype(np.int64)
+        areas = np.bincount(place, jxw[closes], minlength=PLACES + 1)
         others = [jxw[closed].sum(), jxw[closed & (last > 0.0)].sum(), len(closes)]
         areas = comm.allreduce(np.append(np.cumsum(areas), others), op=MPI.SUM)
         areas, (area, opens, count) = areas[:-3], areas[-3:]

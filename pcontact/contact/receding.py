@@ -4,14 +4,23 @@ import numpy as np
 
 from pcontact.runtime.petsc import MPI
 
-# Area that opens, in parts of that which a full Newton step finds in tension. Where the contact is taken too wide by d,
-# the pressure near its edge is that of the edge sought plus that of a rigid punch, proportional to sqrt(x) - d / 2 /
-# sqrt(x) at the distance x: it is a tension up to d / 2 only.
+# [points] So many, and such a part of the closed area, have to open, or to close, for a rule that takes a contact to
+# grow or to recede all along its edge. Rows: opening, waiting.
+MANY = 12
+# [-] See MANY. Rows: opening, waiting.
+WIDE = 0.02
+# [-] Part of that area which may change the other way at the same time. Rows: opening, waiting.
+MIXED = 0.1
+# [-] Area that opens, in parts of that which a full Newton step finds in tension. Row: opening. From: where the contact
+# is taken too wide by d, the pressure near its edge is that of the edge sought plus that of a rigid punch, proportional
+# to sqrt(x) - d / 2 / sqrt(x) at the distance x: it is a tension up to d / 2 only.
 AGAIN = 2.0
-# part of the force of the points without tension that those may bear which open nevertheless
+# [-] Part of the force of the points without tension that those may bear which open nevertheless. Row: opening.
 BORNE = 0.1
-# pressures are told apart in bins of equal ratio over so many decades below the largest one
-BINS, DECADES = 1000, 12.0
+# [bins] Of equal ratio, by which pressures are told apart. From: chosen; a bin is 3 % of a pressure.
+BINS = 1000
+# [decades] Of the bins below the largest pressure. From: chosen; smaller pressures open together.
+DECADES = 12.0
 
 
 def weakest(pressure, area, opened, comm):

@@ -7,14 +7,19 @@ bear less than the others leave open: its own forces are what says whether it ha
 import numpy as np
 
 from pcontact.runtime.petsc import MPI
+from pcontact.solve.problem import ROUNDINGS
 from pcontact.space.modes import RigidBodies
 
-# part of the forces on a loose body that may be left along its free motions
+# [-] Part of the forces on a loose body that may be left along its free motions. From: SMALL of convergence.py, for
+# the forces on one body instead of those on all.
 LEFT = 1e-6
-# iterations in a row that leave more than this part of it, after which it counts as all that there is
-LESS, PATIENCE = 0.5, 3
-# part of the forces along its free motions that something else than the stabilisation may bear where a body falls
-HELD = 0.5
+# [-] Part of what was left that an iteration has to get below. From: bisection, the slowest method that counts.
+LESS = 0.5
+# [iterations] So many in a row that leave more: then what is left counts as rounding errors. Row: stabilisation.
+VAIN = 3
+# [-] Part of the force along its free motions that contact and supports may bear where a body counts as falling.
+# Row: step_limit.
+BORNE_IN_FALL = 0.5
 
 
 class Balance:
@@ -48,7 +53,7 @@ class Balance:
 
     def _rounding(self, u):
         """Rounding errors of the forces on the bodies at ``u``, or at the beginning [force]. *Collective.*"""
-        return np.maximum(8.0 * self._problem.roundoff_of(u)[self._bodies.bodies], self._rounded)
+        return np.maximum(ROUNDINGS * self._problem.roundoff_of(u)[self._bodies.bodies], self._rounded)
 
     def rests(self, u, f):
         """Whether the residual ``f`` at ``u`` leaves hardly a part of the forces on each body along its free motions,
@@ -65,7 +70,7 @@ class Balance:
         rest = float(np.linalg.norm(left[moves]))
         self._vain = 0 if rest <= LESS * self._least else self._vain + 1
         self._least = min(self._least, rest)
-        return self._vain >= PATIENCE
+        return self._vain >= VAIN
 
     def falls(self, u, y, f):
         """Components (n_components,) that nothing but the stabilisation holds back in the Newton step ``-y`` from
@@ -78,7 +83,7 @@ class Balance:
         force, held = bodies.sums_along(f), bodies.sums_along(problem.stabilisation[:, None] * y)
         rest, force = np.linalg.norm(force - held, axis=1), np.linalg.norm(force, axis=1)
         falls = np.zeros(problem.space.mesh.n_components, dtype=bool)
-        falls[bodies.bodies] = (force > 0.0) & (rest <= HELD * force)
+        falls[bodies.bodies] = (force > 0.0) & (rest <= BORNE_IN_FALL * force)
         # the sums are the same on all ranks; rounding errors cost as much as a residual
         if falls.any():
             falls[bodies.bodies] &= force > self._rounding(u)

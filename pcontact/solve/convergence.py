@@ -3,19 +3,25 @@
 import numpy as np
 
 from pcontact.runtime.petsc import PETSc, diverged_nan
+from pcontact.solve.problem import ROUNDINGS
 
-# the forces of a solution are known to this part of the first residual at best; so many times the expected rounding
-# errors end a method that no longer gets on; they may hide this part of the forces at work at most or, where no force
-# is applied, this part of the displacements
-ROUNDED, NEARLY, BALANCED, MOVED = 1e-10, 100.0, 1e-3, 1e-9
-# a residual of this part of the forces at work is small enough, unless the tolerance is looser
+# [-] Part of the first residual below which the forces of a solution are not known. From: chosen, 5e5 rounding
+# errors of a double.
+ROUNDED = 1e-10
+# [-] So many times the expected rounding errors, a residual that no longer falls ends the method. From: chosen, two
+# digits.
+NEARLY = 100.0
+# [-] Part of the forces at work that rounding errors may hide. From: chosen, less than what meshes leave open.
+BALANCED = 1e-3
+# [-] Part of the displacements that rounding errors may hide where no force is applied. From: chosen, nine digits.
+MOVED = 1e-9
+# [-] A residual of this part of the forces at work is small enough, unless the tolerance is looser.
+# From: chosen, a hundred times the default of snes_rtol.
 SMALL = 1e-6
-# eight rounding errors per sum of some eighty terms: what an exact solution would leave
-TERMS = 8.0
-# iterations in which the residual has to fall to half of what it was in as many before, else Newton goes in circles
-# (and a multiple of two and three: short circles come back to where they were)
+# [iterations] In so many the residual has to fall to half of what it was in as many before, else Newton goes in
+# circles; a multiple of two and three, since short circles come back to where they were. Row: cycles.
 CYCLE = 6
-# relative difference of norms that are the same
+# [-] Difference of norms, in parts of one, that count as the same. Row: cycles.
 SAME = 1e-3
 
 
@@ -65,7 +71,7 @@ class ConvergenceTest:
 
     def begin_step(self, u):
         """A load step begins at ``u``. *Collective.*"""
-        self._least = TERMS * self._problem.roundoff(u)
+        self._least = ROUNDINGS * self._problem.roundoff(u)
         self._first, self._start, self.predicted_from = None, u, np.nan
 
     def begin(self, goal=None, near=False, circles=False):
@@ -100,7 +106,7 @@ class ConvergenceTest:
         self.norms.append(norm)
         u = snes.getSolution()
         if iteration > 0 and norm > 0.5 * self.norms[-2]:
-            self._floor = TERMS * self._problem.roundoff(u)
+            self._floor = ROUNDINGS * self._problem.roundoff(u)
         reason = self._ends(u, iteration, norm, snes.getTolerances())
         if reason != reasons.ITERATING:
             rests = self._goal or self._balance is None or self._balance.rests(u, self._residual)

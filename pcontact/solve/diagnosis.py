@@ -2,12 +2,13 @@
 
 from pcontact.mesh.mesh import size_of
 from pcontact.runtime.petsc import PETSc
+from pcontact.solve.convergence import BALANCED
 from pcontact.solve.preconditioners.direct import FAILED
+from pcontact.solve.problem import ROUNDINGS
 
-# part of the volume that may yield from which on a limit load is near
+# [-] Part of the volume that may yield from which on a limit load is near. From: chosen; a sentence depends on it, no
+# iteration.
 YIELDED = 0.5
-# part of the forces at work that rounding errors of contact may be
-HIDDEN = 1e-3
 
 
 def diagnose(problem, u, reason, norm):
@@ -36,11 +37,11 @@ def diagnose(problem, u, reason, norm):
             f"displacements of {moved:.3g}, more than the size of the bodies ({size:.3g}): the load is too large for "
             "small strains, or nothing holds a body"
         )
-    elif min(norm, problem.loaded() or norm) <= 8.0 * problem.roundoff(u):
+    elif min(norm, problem.loaded() or norm) <= ROUNDINGS * problem.roundoff(u):
         found.append("rounding errors of the stresses hide the rest: the load is too small for these displacements")
     errors, acting = problem.rounding_of_contacts(u), problem.acting(u)
     worst = max(errors, key=errors.get, default=None)
-    if worst is not None and errors[worst] > HIDDEN * acting > 0.0:
+    if worst is not None and errors[worst] > BALANCED * acting > 0.0:
         found = [
             f"rounding errors of the gap of contact {worst}, times its gamma, are {errors[worst]:.2g}, and the forces "
             f"{acting:.2g}: its gamma0 is too large"

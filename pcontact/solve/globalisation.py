@@ -5,10 +5,10 @@ import numpy as np
 from pcontact.runtime.petsc import MPI
 from pcontact.solve.line_search import FARTHEST, decrease_of, zero_of
 
-# part of the first Newton step of a load step that is taken where all of it goes too far. Bodies that touch along
-# curved surfaces, moved by half their approach, overlap on the area on which they will be in contact: Hertz, approach
-# a^2 / R, overlap a^2 / (2 R). From there the statuses of nearly all points are right; moved all the way, twice as
-# many close.
+# [-] Part of the first Newton step of a load step that is taken where all of it goes too far. From: Hertz, approach
+# a^2 / R, overlap a^2 / (2 R): bodies that touch along curved surfaces, moved by half their approach, overlap on the
+# area on which they will be in contact. There the statuses of nearly all points are right; moved all the way, twice as
+# many close. Row: half_step.
 APPROACH = 0.5
 
 

@@ -6,10 +6,10 @@ Least distance programming, by non-negative least squares (C. L. Lawson, R. J. H
 
 import numpy as np
 
-# part of the columns' size below which a gradient is a rounding error
+# [-] Part of the columns' size below which a gradient is a rounding error. From: 500 rounding errors of a double.
 TINY = 1e-13
-# what bounds that are not met cost
-STIFF = 1e12
+# [-] What bounds that are not met cost, in squares of distances. From: chosen, below the inverse of TINY.
+UNMET = 1e12
 
 
 def least_squares_of_positive(a, b):
@@ -39,7 +39,7 @@ def nearest_point(rows, bounds):
     """The x with the least norm for which rows @ x >= bounds.
 
     Bounds that contradict each other, if only by rounding errors, are met as well as all of them can be: what is left
-    costs `STIFF` times its square.
+    costs `UNMET` times its square.
 
     Parameters
     ----------
@@ -58,7 +58,7 @@ def nearest_point(rows, bounds):
     scale = np.max(distance, initial=0.0)
     if not scale > 0.0:
         return np.zeros(n)
-    columns = np.vstack([(rows / size[:, None]).T, np.eye(m) / np.sqrt(STIFF), distance / scale])
+    columns = np.vstack([(rows / size[:, None]).T, np.eye(m) / np.sqrt(UNMET), distance / scale])
     last = np.zeros(len(columns))
     last[-1] = 1.0
     rest = columns @ least_squares_of_positive(columns, last) - last

@@ -2,12 +2,16 @@
 
 import numpy as np
 
-# part of the residual's first component along the step that may be left
+# [-] Part of the residual's first component along the step that may be left. Row: line_search.
 ENOUGH = 0.1
-# part that is left behind a full step for which it is worth to go beyond it, and how far one goes at most
-BEYOND, FARTHEST = 0.03, 2.0
-MOST = 8  # residuals per step
-INNER = 0.2  # distance from the ends of the bracket that a new point keeps, in parts of the bracket
+# [-] Part of it that is left behind a full step for which it is worth to go beyond the step. Row: line_search.
+BEYOND = 0.03
+# [full steps] How far one goes at most. Row: line_search.
+FARTHEST = 2.0
+# [residuals] Per step. From: seven points, each of which takes INNER of the bracket at least, leave a fifth of it.
+RESIDUALS = 8
+# [-] Distance from the ends of the bracket that a new point keeps, in parts of the bracket. Row: line_search.
+INNER = 0.2
 
 
 def zero_of(component, first, most=1.0, farthest=FARTHEST):
@@ -51,7 +55,7 @@ def zero_of(component, first, most=1.0, farthest=FARTHEST):
     a, fa, b, fb = 0.0, first, most, value
     best, smallest = most, abs(value)
     side = 0
-    for _ in range(MOST - 1):
+    for _ in range(RESIDUALS - 1):
         slope = fa - fb
         at = a + (b - a) * (fa / slope if np.isfinite(slope) else 0.5)
         at = min(max(at, a + INNER * (b - a)), b - INNER * (b - a))
@@ -92,7 +96,7 @@ def decrease_of(norm, first):
         Where the norm is smallest among the parts that were tried if it nowhere is as small as that.
     """
     best, least, part = 1.0, np.inf, 1.0
-    for _ in range(MOST):
+    for _ in range(RESIDUALS):
         value = norm(part)
         if value <= first:
             return part

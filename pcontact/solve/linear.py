@@ -5,12 +5,15 @@ import numpy as np
 from pcontact.runtime.petsc import forget_pattern, full_steps, line_search_limit
 from pcontact.solve.preconditioners.contact import preconditioner
 
-# the area in contact may grow by this factor before the preconditioner is set up again
+# [-] The area in contact may grow by this factor before the preconditioner is set up again. Row: reuse.
 GROWN = 2.0
-# ranks up to which multigrid takes W cycles: on many, coarse levels wait for messages, and W cycles visit them often
+# [ranks] So many at most take W cycles of multigrid: on many, coarse levels wait for messages, and W cycles visit them
+# often. From: chosen; more ranks than that were not measured.
 FEW = 64
-# a relative tolerance is below it; those of Eisenstat and Walker, as petsc4py calls them
-RELATIVE, EISENSTAT_WALKER = 1.0, {"rtol0": "rtol_0", "rtolmax": "rtol_max"}
+# [-] A relative tolerance is below it. From: its meaning, the residual at first.
+RELATIVE = 1.0
+# relative tolerances of Eisenstat and Walker, as petsc4py calls them
+EISENSTAT_WALKER = {"rtol0": "rtol_0", "rtolmax": "rtol_max"}
 
 
 class Reuse:

@@ -26,8 +26,10 @@ from pcontact.solve.preconditioners.direct import PIVOTS, DirectFallback
 from pcontact.solve.result import NewtonResult, combined
 from pcontact.solve.stability import UNSTABLE, unstable
 
-# part of the first residual to which a load step is solved as if nothing could slip; the same where bodies may yield
-HELD_GOAL, HELD_GOAL_PLASTIC = 0.1, 0.02
+# [-] Part of the first residual to which a load step is solved as if nothing could slip. Row: stick_first.
+HELD_GOAL = 0.1
+# [-] The same where bodies may yield: the first residual is the elastic one, and larger. Row: stick_first.
+HELD_GOAL_PLASTIC = 0.02
 
 
 def _hear(ksp, iteration, norm):

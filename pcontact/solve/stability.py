@@ -9,13 +9,13 @@ Newton's method may come there where it follows the smallest residual, for which
 import numpy as np
 
 from pcontact.runtime.petsc import PETSc, has_package
-from pcontact.solve.preconditioners.direct import MOST
+from pcontact.solve.preconditioners.direct import MOST_UNKNOWNS, MUMPS_SPARE
 
 PREFIX = "stability_"
 # of a solve that ended in such a solution
 UNSTABLE = "unstable solution"
-# part of the work space that MUMPS adds to its estimate, in per cent; what has it compute the determinant
-SPARE, DETERMINANT = {"icntl": 14, "ival": 60}, {"icntl": 33, "ival": 1}
+# what MUMPS is told of its work space, and that it is to compute the determinant
+SPARE, DETERMINANT = {"icntl": 14, "ival": MUMPS_SPARE}, {"icntl": 33, "ival": 1}
 
 
 def determinant_sign(matrix):
@@ -48,7 +48,7 @@ def unstable(problem, u):
     u : PETSc.Vec
     """
     space = problem.space
-    if not has_package("mumps") or space.n_dofs > MOST[space.dim]:
+    if not has_package("mumps") or space.n_dofs > MOST_UNKNOWNS[space.dim]:
         return False
     problem.tangent(u)
     return determinant_sign(problem.matrix.matrix) < 0

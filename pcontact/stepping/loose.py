@@ -14,19 +14,23 @@ from pcontact.mesh.components import label
 from pcontact.runtime import log
 from pcontact.runtime.petsc import MPI
 from pcontact.solve.least_distance import nearest_point
+from pcontact.solve.problem import ROUNDINGS
 from pcontact.space.modes import RigidBodies, component_frames
 
-# part of the external forces on a body: contact that bears less of them bears none
+# [-] Part of the external forces on a body: contact that bears less of them bears none. From: as LEFT of balance.py,
+# what is left of them where Newton's method ends.
 NOTHING = 1e-6
-# so many times the sum of the magnitudes of a body's residual may be that of its contact forces: pressures that balance
-# each other, and rounding errors of strains
+# [-] So many times the sum of the magnitudes of a body's residual may be that of its contact forces: pressures that
+# balance each other, and rounding errors of strains. From: chosen, two digits.
 MORE = 100.0
-# distance that is left where a free body touches, in sizes of the body: more than rounding errors
+# [body sizes] Distance that is left where a free body touches. From: 5000 rounding errors of a double.
 CLEAR = 1e-12
-# points in a round, of each rank, that a body must not overlap with, those that do most; and rounds
-WORST, ROUNDS = 200, 50
-# names in a line
-MOST = 5
+# [points] On each rank in a round, those that overlap most. From: chosen; a round solves a dense problem of this size.
+WORST = 200
+# [rounds] At most. From: chosen; what overlaps after them stays where Newton's method has left it.
+ROUNDS = 50
+# [names] In a line of the log. From: chosen; no iteration depends on it.
+NAMED = 5
 
 
 class LooseBodies:
@@ -62,7 +66,7 @@ class LooseBodies:
         forces = residual.getArray(readonly=True).reshape(-1, space.dim)
         # a norm of the residual is this much in the sum of its magnitudes; that of all bodies says nothing of one that
         # bears less than the others leave open
-        least = MORE * np.sqrt(self._unknowns) * np.maximum(space.norms(forces), 8.0 * problem.roundoff_of(u))
+        least = MORE * np.sqrt(self._unknowns) * np.maximum(space.norms(forces), ROUNDINGS * problem.roundoff_of(u))
         residual.destroy()
         return np.where(applied > 0.0, np.minimum(least, NOTHING * applied), least)
 
@@ -256,5 +260,5 @@ class Announcer:
         return [self.names[k] for k in free]
 
     def _listed(self, bodies):
-        more = f" and {len(bodies) - MOST} more" if len(bodies) > MOST else ""
-        return ("body " if len(bodies) == 1 else "bodies ") + ", ".join(self.names[k] for k in bodies[:MOST]) + more
+        more = f" and {len(bodies) - NAMED} more" if len(bodies) > NAMED else ""
+        return ("body " if len(bodies) == 1 else "bodies ") + ", ".join(self.names[k] for k in bodies[:NAMED]) + more

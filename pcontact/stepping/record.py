@@ -4,11 +4,12 @@ import numpy as np
 
 from pcontact.runtime import log
 from pcontact.runtime.petsc import MPI
+from pcontact.solve.problem import ROUNDINGS
 from pcontact.stepping.loose import Announcer
 
-# part of the largest force of the run that may be out of balance without a word; so many times its rounding errors, a
-# sum of forces is hidden by them
-UNBALANCED, ERRORS = 1e-3, 8.0
+# [-] Part of the largest force of the run that may be out of balance without a word. From: chosen, as BALANCED of
+# convergence.py.
+UNBALANCED = 1e-3
 
 
 class Recorder:
@@ -93,7 +94,7 @@ class Recorder:
 
     def _warn(self, time, u, total, imbalance, touching):
         """Say what hides the balance of forces. *Collective.*"""
-        if total > ERRORS * self._problem.rounding_of_sum(u):
+        if total > ROUNDINGS * self._problem.rounding_of_sum(u):
             why = "the residual that the tolerances leave does: smaller ones (-snes_rtol), or smaller load steps"
         elif touching or self._problem.loaded() > 0.0:
             why = "rounding errors of the stresses hide them, the displacements are right only where they are imposed"

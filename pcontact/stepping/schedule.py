@@ -37,13 +37,19 @@ class Schedule:
     control : Control, optional
     """
 
-    EASY = 8  # Newton iterations up to which a step may grow again
-    DOUBTED = 0.1  # part of the planned steps to which they are cut for the sake of a better solution
-    # iterations of a load step of the right length; another one changes its length with their square root (Crisfield),
-    # and to its half or its double at most
-    WANTED, LEAST, MOST = 8, 0.5, 2.0
-    # farthest that supports turn in a load step [radian]: straight ways of nodes shorten a body by 1 - cos of the half
-    # of it, 0.4 %
+    # [iterations] Of Newton's method up to which a load step may grow again. From: chosen.
+    EASY = 8
+    # [-] Part of the planned load step to which it is cut for the sake of a better solution. Row: stick_first.
+    DOUBTED = 0.1
+    # [iterations] Of a load step of the right length; another one changes its length with their square root.
+    # From: Crisfield for the root; the number as EASY.
+    WANTED = 8
+    # [-] Part of its length that a load step becomes at least. From: a cut does the same.
+    SHORTER = 0.5
+    # [-] Multiple of its length that a load step becomes at most. From: the inverse of SHORTER.
+    LONGER = 2.0
+    # [radian] Farthest that supports turn in a load step. From: straight ways of nodes shorten a body by 1 - cos of the
+    # half of it, 0.4 %.
     TURN = np.radians(10.0)
 
     def __init__(self, end, count, smallest, stops=(), control=None):
@@ -93,7 +99,7 @@ class Schedule:
 
     def _follow(self, taken, iterations):
         """The next load step is as long as the iterations of one of some length say."""
-        factor = min(max(np.sqrt(self.WANTED / max(iterations, 1)), self.LEAST), self.MOST)
+        factor = min(max(np.sqrt(self.WANTED / max(iterations, 1)), self.SHORTER), self.LONGER)
         step = factor * taken
         # a load step that a stop has cut short says little of longer ones unless it was hard
         self._step = max(step, self.smallest) if factor < 1.0 else min(max(step, self._step), self._largest)

@@ -8,13 +8,15 @@ import numpy as np
 from pcontact.runtime import profile
 from pcontact.solve.result import combined
 
-# way of closed points since the last search, in sizes of their facets, up to which their partners are good enough: the
-# part of it by which a normal turns on its way to the next facet is of second order
+# [facet sizes] Motion of closed points since the last search up to which their partners are good enough. From: what a
+# normal turns on its way to the next facet is of second order in it. Table: updates.
 NEAR = 0.1
-# Newton iterations after which a new search has changed nothing worth another one
+# [iterations] Of Newton's method after a new search that has changed nothing worth another one. Table: updates.
 SETTLED = 1
-# searches at iterations of a load step at most, and where Newton's method that did so has ended
-FOLLOWED, AGAIN = 10, 4
+# [searches] At iterations of a load step at most. Table: updates.
+FOLLOWED = 10
+# [searches] Where Newton's method that searched at its iterations has ended, at most. Table: updates.
+AT_THE_END = 4
 
 
 class SearchUpdate:
@@ -115,5 +117,5 @@ class SearchUpdate:
 def search_update(problem, newton, options):
     """What searches within load steps as the user asks for, None for no search but the first of a load step."""
     follows = options.get("contact_search_every") == "newton"
-    most = options.get("contact_search_again", AGAIN if follows else 0)
+    most = options.get("contact_search_again", AT_THE_END if follows else 0)
     return SearchUpdate(problem, newton, most, follows) if (most > 0 or follows) and not problem.linear else None

@@ -8,6 +8,15 @@ from typing import NamedTuple
 from pcontact.runtime import profile
 from pcontact.runtime.errors import StepFailure
 
+# [-] Bodies are expected to move on by so many times their last motion at most. From: a load step is at most twice as
+# long as the one before, see Schedule.accept.
+ONWARD = 2.0
+# [-] And back by so many times at most. From: where loads turn, the way back is the way that is known.
+BACK = 1.0
+# [search radii] Motion from which on bodies jump, and are not expected to go on so. From: chosen; half of that at which
+# the load step is refused.
+JUMP = 0.5
+
 
 @dataclass
 class Step:
@@ -201,7 +210,7 @@ class Stepper:
         past, now, then = (self._drive(time) for time in (begin, self.schedule.time, target))
         last = now - past
         part = float((then - now) @ last) / max(float(last @ last), 1e-300)
-        part = min(max(part, -1.0), 2.0)
+        part = min(max(part, -BACK), ONWARD)
         way = self.u.copy()
         way.axpy(-1.0, before)
         way.scale(part)
@@ -227,7 +236,8 @@ class Stepper:
         way = self._way(target)
         # bodies that jump do not go on so
         space = self.problem.space
-        if space.longest(way.getArray(readonly=True).reshape(-1, space.dim)) > 0.5 * min(item.radius for item in pairs):
+        longest = space.longest(way.getArray(readonly=True).reshape(-1, space.dim))
+        if longest > JUMP * min(item.radius for item in pairs):
             return None
         way.axpy(1.0, self.u)
         return way

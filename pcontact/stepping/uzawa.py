@@ -7,13 +7,16 @@ from pcontact.contact.formulation.augmented import AugmentedLagrangian, update_m
 from pcontact.runtime import log
 from pcontact.solve.result import combined
 
-# change up to which a load step may end after the last update, with a warning: bodies enter each other by this part of
-# what pressure does to a layer of cells
+# [-] Change of the multipliers, in parts of the traction, up to which a load step may end after the last update, with a
+# warning. From: bodies enter each other by 1 % of what pressure does to a layer of cells.
 CREEP = 1e-2
-# so many updates in a row, each of which leaves the same part of the change, up to this much of it, tell the rate
-STEADY, ALIKE = 4, 0.1
-# updates that a user may be asked for
-PATIENCE = 300
+# [updates] So many in a row, each of which leaves the same part of the change, tell the rate. From: chosen; it decides
+# whether a load step is cut or the run ends.
+STEADY = 4
+# [-] Difference of these parts, in parts of one, that counts as none. From: chosen, as STEADY.
+ALIKE = 0.1
+# [updates] That a user may be asked for. From: chosen; a sentence depends on it, no iteration.
+ASKED = 300
 
 
 class Uzawa:
@@ -134,7 +137,7 @@ def _remedy(left, updates, wanted):
     """What to do where each update leaves a part of the change, and another part of it is wanted."""
     if left is not None and left < 1.0:
         needed = updates + math.ceil(math.log(wanted) / math.log(left))
-        if needed <= PATIENCE:
+        if needed <= ASKED:
             return f"-contact_uzawa_max_it {needed}"
     more = "" if left is not None else "-contact_uzawa_max_it, "
     return more + 'a gamma0 near 1, formulation = "nitsche"'

@@ -13,11 +13,10 @@ import numpy as np
 
 from pcontact.runtime import log
 from pcontact.runtime.petsc import PETSc, has_package
+from pcontact.solve.preconditioners.direct import MUMPS_SPARE
 
 MULTIGRID = ("gamg", "hypre", "ml", "mg")
 PREFIX = "contact_filter_"
-# part of the work space that MUMPS adds to its estimate, in per cent
-SPARE = 60
 
 
 class DirectSolve:
@@ -76,7 +75,7 @@ class DirectSolve:
         if mumps:
             pc.setFactorSolverType("mumps")
             pc.setFactorSetUpSolverType()
-            pc.getFactorMatrix().setMumpsIcntl(14, SPARE)
+            pc.getFactorMatrix().setMumpsIcntl(14, MUMPS_SPARE)
         pc.setFromOptions()
         pc.setUp()
         self._parts = [pc, part, part.createVecRight(), part.createVecLeft()]

@@ -20,7 +20,8 @@ from pcontact.solve.preconditioners.contact import MULTIGRID, ContactPreconditio
 from pcontact.space.modes import component_frames, rigid_modes
 
 PREFIX = "rigid_bodies_"
-# colours of the near-null space beyond which bodies get the coarse space instead
+# [colours] Of the near-null space, beyond which bodies get the coarse space instead. From: chosen; a colour is six
+# more columns in each coarse level of multigrid.
 MOST_COLOURS = 2
 
 

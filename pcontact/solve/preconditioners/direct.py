@@ -8,8 +8,11 @@ problems of moderate size take them unasked.
 from pcontact.runtime import log
 from pcontact.runtime.petsc import has_package
 
-# unknowns up to which the program turns to a direct solver by itself, by the dimension of space: about 1 GB
-MOST = {2: 400_000, 3: 60_000}
+# [unknowns] So many at most for which the program turns to a direct solver by itself, by the dimension of space. From:
+# factors of about 1 GB. Row: direct.
+MOST_UNKNOWNS = {2: 400_000, 3: 60_000}
+# [%] Of the work space, that MUMPS adds to its estimate. From: chosen.
+MUMPS_SPARE = 60
 # what SNES calls a linear solve that failed, and Newton's method that gets nowhere: on badly scaled tangents residuals
 # of the Krylov method are small where corrections are still wrong
 FAILED = "diverged linear solve"
@@ -35,7 +38,7 @@ class DirectFallback:
         self._options, self._space = options, space
         self._serial = space.comm.size == 1
         able = self._serial or has_package("mumps")
-        self.possible = bool(wanted and able and not chosen and space.n_dofs <= MOST[space.dim])
+        self.possible = bool(wanted and able and not chosen and space.n_dofs <= MOST_UNKNOWNS[space.dim])
         self.active = False
 
     def takes_over(self, result):

@@ -7,7 +7,7 @@ from pcontact.runtime.parallel import on_root
 from pcontact.runtime.petsc import MPI
 from pcontact.scene.model import Body, Contact, Displacement, Material, MeshSpec, Output, Scene
 from pcontact.simulation import Simulation
-from pcontact.solve.balance import PATIENCE, Balance
+from pcontact.solve.balance import VAIN, Balance
 from pcontact.space.modes import free_motions
 
 WORLD = MPI.COMM_WORLD
@@ -53,9 +53,9 @@ def test_balance(simulation):
     y.scale(0.1)
     assert not balance.falls(u, y, f).any()
     # iterations that do not help
-    assert [balance.rests(u, f) for _ in range(PATIENCE + 1)] == [False] * PATIENCE + [True]
+    assert [balance.rests(u, f) for _ in range(VAIN + 1)] == [False] * VAIN + [True]
     balance.begin(u)
-    for _ in range(3 * PATIENCE):
+    for _ in range(3 * VAIN):
         assert not balance.rests(u, f)
         f.scale(0.1)
     f.zeroEntries()

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pcontact.solve.line_search import BEYOND, ENOUGH, FARTHEST, MOST, decrease_of, zero_of
+from pcontact.solve.line_search import BEYOND, ENOUGH, FARTHEST, RESIDUALS, decrease_of, zero_of
 
 
 def pieces(*points):
@@ -54,7 +54,7 @@ def test_a_corner_behind_which_all_is_stiff(corner, slope):
     if zero >= 1.0 - 2.0 * ENOUGH / slope:
         assert part > 0.9
         return
-    assert len(asked) <= MOST
+    assert len(asked) <= RESIDUALS
     # a stiff corner near the end of the step is approached from before it: most of the step is made
     assert abs(function(part)) <= ENOUGH or abs(part - zero) < 0.1 * zero or (part > 0.75 and function(part) < 0.25)
 
@@ -83,5 +83,5 @@ def test_a_step_is_halved_until_the_norm_is_smaller():
 def test_the_smallest_norm_of_a_step_that_only_rises():
     asked = []
     assert decrease_of(lambda at: asked.append(at) or 2.0 - 8.0 * (at == 0.25) / 16.0, 1.0) == 0.25
-    assert len(asked) == MOST
+    assert len(asked) == RESIDUALS
     assert decrease_of(lambda at: np.nan, 1.0) == 1.0
