@@ -1,7 +1,6 @@
 """One point against one facet: the closest point.
 
-In every kernel `nodes` (9, 3) are the facet's nodes relative to its node 0 (`facet_maps.load_nodes`) and `p`
-(3,) is the point relative to the same node. `shapes` (6, 9), `jet` (6, 3) and `grid` (5, 5) are scratch.
+Both come as a :class:`LocalFacet`; kernels that take some of its arrays alone call them by the same names.
 
 The closest point of a facet is either interior, hence a stationary point of the distance, or lies on an edge.
 Edges are solved exactly (straight: closed form; quadratic: all roots of a cubic). Interiors are solved in
@@ -9,6 +8,8 @@ closed form where the map is affine; otherwise, unless control points exclude th
 local minimum of the distance on a 5 x 5 grid and from the closest point of the edges; where Newton wants to leave
 the facet the edges hold the answer.
 """
+
+from typing import NamedTuple
 
 import numpy as np
 
@@ -39,9 +40,32 @@ ALIKE = 2e-15
 INSIDE = 1e-14
 
 
+class LocalFacet(NamedTuple):
+    """A facet and a point in coordinates relative to its node 0, and room to evaluate its map.
+
+    Attributes
+    ----------
+    nodes : (9, 3) float64
+        Nodes of the facet, see `facet_maps.load_nodes` [length].
+    p : (3,) float64
+        The point [length].
+    shapes, jet : (6, 9), (6, 3) float64
+        Scratch for `facet_maps.fill_jet`: shape functions, the map, and their derivatives.
+    grid : (GRID, GRID) float64
+        Scratch for values at the starts of Newton's method.
+    """
+
+    nodes: np.ndarray
+    p: np.ndarray
+    shapes: np.ndarray
+    jet: np.ndarray
+    grid: np.ndarray
+
+
 @njit_inner_exact
-def closest_on_facet(kind, nodes, p, shapes, jet, grid):
-    """Reference coordinates (u, v) of the point of a facet that is closest to `p`."""
+def closest_on_facet(kind, local):
+    """Reference coordinates (u, v) of the point of a facet that is closest to its `p`."""
+    nodes, p = local.nodes, local.p
     if kind == SEGMENT2:
         return _closest_on_line(nodes, 0, 1, p)[0], 0.0
     if kind == SEGMENT3:
@@ -52,7 +76,7 @@ def closest_on_facet(kind, nodes, p, shapes, jet, grid):
             return u, v
         u, v, _ = _closest_on_edges(kind, nodes, p)
         return u, v
-    return _closest_on_curved(kind, nodes, p, shapes, jet, grid)
+    return _closest_on_curved(kind, local)
 
 
 @njit_inner_exact
@@ -262,8 +286,9 @@ def _may_be_inside(kind, nodes, p, scratch):
 
 
 @njit_inner_exact
-def _closest_on_curved(kind, nodes, p, shapes, jet, grid):
+def _closest_on_curved(kind, local):
     """Global minimum of the distance over a curved or bilinear facet."""
+    nodes, p, shapes, jet, grid = local
     best_u, best_v, best2 = _closest_on_edges(kind, nodes, p)
     if not _may_be_inside(kind, nodes, p, shapes):
         return best_u, best_v
@@ -283,7 +308,7 @@ def _closest_on_curved(kind, nodes, p, shapes, jet, grid):
             u, v = grid_point(kind, i, j)
         else:
             continue
-        u, v = _descend(kind, nodes, p, u, v, shapes, jet)
+        u, v = _descend(kind, local, u, v)
         fill_jet(kind, u, v, nodes, 1, shapes, jet)
         d2 = _distance2(jet, p)
         # from the edges' point the way goes inside only downhill, though distances may not show it
@@ -357,8 +382,9 @@ def _steepest(jet, r0, r1, r2):
 
 
 @njit_inner_exact
-def _descend(kind, nodes, p, u, v, shapes, jet):
+def _descend(kind, local, u, v):
     """Minimise the distance from (u, v) by Newton's method with backtracking inside the reference domain."""
+    nodes, p, shapes, jet, _ = local
     for _ in range(100):
         fill_jet(kind, u, v, nodes, 6, shapes, jet)
         y0, y1, y2 = jet[0, 0], jet[0, 1], jet[0, 2]

@@ -284,13 +284,12 @@ def _fill_undeformed(tree, lower, upper, parts):
 
 
 @njit_inline
-def holds_none(axes, cosines, sines, item, lower, upper, row, x, n, facing):
+def holds_none(cones, item, lower, upper, row, x, n, facing):
     """Whether no partner of a point can be on the facets of an item, whatever body they belong to.
 
     Parameters
     ----------
-    axes, cosines, sines : ndarray
-        Of :class:`Cones`.
+    cones : Cones
     item : int
         Number among nodes and facets.
     lower, upper : (m, d) float64
@@ -300,7 +299,7 @@ def holds_none(axes, cosines, sines, item, lower, upper, row, x, n, facing):
     facing : float
         Smallest cosine between its normal and the contact normal.
     """
-    cosine, sine, d = cosines[item], sines[item], lower.shape[1]
+    axes, cosine, sine, d = cones.axis, cones.cosine[item], cones.sine[item], lower.shape[1]
     facing_away = False
     if cosine >= 0.0:
         # the contact normal is a normal of the cone, reversed
@@ -321,13 +320,12 @@ def holds_none(axes, cosines, sines, item, lower, upper, row, x, n, facing):
 
 
 @njit_inline
-def is_behind(axes, cosines, sines, parts, lower, upper, item, part, x, slack):
+def is_behind(cones, item, part, x, slack):
     """Whether all facets of an item are behind a point, through the material of its body: see `.exclusion`.
 
     Parameters
     ----------
-    axes, cosines, sines, parts, lower, upper : ndarray
-        Of :class:`Cones`.
+    cones : Cones
     item : int
     part : int
         Body of the point.
@@ -336,8 +334,9 @@ def is_behind(axes, cosines, sines, parts, lower, upper, item, part, x, slack):
     slack : float
         [length].
     """
-    behind, cosine, sine = False, cosines[item], sines[item]
-    if cosine >= 0.0 and parts[item] == part:
+    axes, lower, upper = cones.axis, cones.lower, cones.upper
+    behind, cosine, sine = False, cones.cosine[item], cones.sine[item]
+    if cosine >= 0.0 and cones.parts[item] == part:
         distance2, size2, along = 0.0, 0.0, 0.0
         for k in range(lower.shape[1]):
             r, half = 0.5 * (lower[item, k] + upper[item, k]) - x[k], 0.5 * (upper[item, k] - lower[item, k])

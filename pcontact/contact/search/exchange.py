@@ -6,6 +6,7 @@ import numpy as np
 
 from pcontact.contact.search.cones import normal_cones
 from pcontact.contact.search.projection import closest_points, ray_tracing
+from pcontact.contact.search.query import QueryPoints, TargetFacets
 from pcontact.contact.search.table import EVEN, TIE
 from pcontact.contact.search.tree import build_tree
 from pcontact.contact.search.walk import ROUNDING
@@ -138,12 +139,13 @@ class _Searched:
 
     def __init__(self, target, x_facets, method, numbers, opposite):
         self._target, self._numbers, self._opposite = target, numbers, opposite
-        self._facets = x, kinds, _, self._own, corners = target.around(x_facets)
-        self._tree = build_tree(*facet_boxes(x, kinds), target.bodies())
-        self._exclusion, self._cones = target.exclusion(self._tree), None
+        x, kinds, ids, own, corners = target.around(x_facets)
+        tree, cones = build_tree(*facet_boxes(x, kinds), target.bodies()), None
+        self._exclusion = target.exclusion(tree)
         self._search = closest_points if method == "closest_point" else ray_tracing
         if corners is not None and len(kinds) and self._search is closest_points:
-            self._cones = normal_cones(self._tree, x, kinds, corners, self._exclusion)
+            cones = normal_cones(tree, x, kinds, corners, self._exclusion)
+        self._facets = TargetFacets(tree, x, kinds, ids, own, cones)
 
     def project(self, asked, radius):
         """Answers of this rank for some points, and how many facets were tried.
@@ -156,14 +158,10 @@ class _Searched:
             Of those: facet id, distance, gap, how it is held, facet size, y, normal, nodes, shape, offset if known.
         candidates : int
         """
-        target, (x, kinds, ids) = self._target, self._facets[:3]
-        d = x.shape[2]
-        points, normals, about = asked[:, :d], asked[:, d : 2 * d], asked[:, 2 * d :]
+        target, d = self._target, self._facets.x.shape[2]
+        query, about = QueryPoints(asked[:, :d], asked[:, d : 2 * d], radius), asked[:, 2 * d :]
         exclusion = None if self._exclusion is None else target.placed(self._exclusion, about)
-        p = self._search(
-            self._tree, x, kinds, ids, points, normals, radius, own=self._own, exclusion=exclusion, cones=self._cones,
-            opposite=self._opposite,
-        )  # fmt: skip
+        p = self._search(self._facets, query, exclusion=exclusion, opposite=self._opposite)
         rows = np.flatnonzero(p.facet >= 0)
         facet = p.facet[rows]
         weights, nodes = target.shape(facet, p.xi[rows]), self._numbers[target.nodes[facet]]
@@ -197,7 +195,7 @@ def _best(points, answers, n_points, d):
     return winner
 
 
-def find_partners(space, target, nodal, points, normals, radius, method, origin=0.0, opposite=False):
+def find_partners(space, target, nodal, query, method, origin=0.0, opposite=False):
     """Partner of every source point of this rank among the target facets of all ranks. *Collective.*
 
     Parameters
@@ -206,10 +204,8 @@ def find_partners(space, target, nodal, points, normals, radius, method, origin=
     target : pcontact.contact.surface.sides.TargetSurface
     nodal : ndarray (n_local, d)
         Displacement of the local nodes [length].
-    points, normals : ndarray (np, d)
-        Deformed source points, relative to the origin [length], and their unit outward normals.
-    radius : float
-        Farthest partner [length].
+    query : pcontact.contact.search.query.QueryPoints
+        Deformed source points, relative to the origin, with one radius for all.
     method : {"closest_point", "ray_tracing"}
     origin : ndarray (d,), optional
         Near the surfaces: the sum of a displacement and a position far from it loses the digits of the displacement.
@@ -220,34 +216,35 @@ def find_partners(space, target, nodal, points, normals, radius, method, origin=
     -------
     Found
     """
-    d, comm = space.dim, space.comm
+    d, comm, n_points = space.dim, space.comm, len(query.x)
     x_facets = np.ascontiguousarray(target.deformed(nodal, origin))
     width = int(comm.allreduce(target.nodes.shape[1], op=MPI.MAX))
     if target.nodes.shape[1] < width:
         missing = width - target.nodes.shape[1]
         target.nodes = np.pad(target.nodes, ((0, 0), (0, missing)), mode="edge")
     searched = _Searched(target, x_facets, method, space.nodes, opposite)
-    asking = np.column_stack([points, normals] if target.about is None else [points, normals, target.about])
+    about = [] if target.about is None else [target.about]
+    asking = np.column_stack([query.x, query.normal, *about])
     if comm.size == 1:
-        count = len(points)
-        found, answers, candidates = searched.project(asking, radius)
+        count = n_points
+        found, answers, candidates = searched.project(asking, query.radius)
     else:
         boxes = facet_boxes(x_facets, target.kinds)
         columns = 5 + 2 * d + 2 * width + (0 if target.smooth is None else d)
-        found, answers, candidates, count = _remote(space, searched, boxes, asking, radius, columns)
-    profile.count(searches=1, points=len(points), asked=count, candidates=candidates)
-    winner = _best(found, answers, len(points), d)
+        found, answers, candidates, count = _remote(space, searched, boxes, asking, query.radius, columns)
+    profile.count(searches=1, points=n_points, asked=count, candidates=candidates)
+    winner = _best(found, answers, n_points, d)
     rows = np.flatnonzero(winner >= 0)
     best, first = answers[winner[rows]], 5
     out = Found(
-        np.full(len(points), -1, dtype=np.int64),
-        np.zeros((len(points), d)),
-        np.zeros((len(points), d)),
-        np.zeros(len(points)),
-        np.zeros((len(points), width), dtype=np.int64),
-        np.zeros((len(points), width)),
+        np.full(n_points, -1, dtype=np.int64),
+        np.zeros((n_points, d)),
+        np.zeros((n_points, d)),
+        np.zeros(n_points),
+        np.zeros((n_points, width), dtype=np.int64),
+        np.zeros((n_points, width)),
         candidates,
-        None if target.smooth is None else np.zeros((len(points), d)),
+        None if target.smooth is None else np.zeros((n_points, d)),
     )
     out.id[rows], out.gap[rows] = best[:, 0], best[:, 2]
     ends = np.cumsum([d, d, width, width])

@@ -108,7 +108,7 @@ def clash(one, other):
 
 
 @njit_inner_exact
-def is_own(exclusion, q, facet, kind, u, v, n0, n1, n2, shapes):
+def is_own(exclusion, q, facet, kind, xi, normal, shapes):
     """Whether a facet belongs to the neighbourhood of point q, see the head of the module.
 
     Parameters
@@ -117,9 +117,9 @@ def is_own(exclusion, q, facet, kind, u, v, n0, n1, n2, shapes):
     q, facet : int
     kind : int
         Of the facet, see `facet_maps`.
-    u, v : float
+    xi : (float, float)
         Reference coordinates of the partner.
-    n0, n1, n2 : float
+    normal : (float, float, float)
         Contact normal.
     shapes : (6, 9) float64
         Scratch.
@@ -134,11 +134,11 @@ def is_own(exclusion, q, facet, kind, u, v, n0, n1, n2, shapes):
         for j in range(exclusion.facet_nodes.shape[1]):
             if exclusion.nodes[q, i] == exclusion.facet_nodes[facet, j]:
                 return True
-    fill_shapes(kind, u, v, shapes)
+    fill_shapes(kind, xi[0], xi[1], shapes)
     gap = 0.0
     for k in range(exclusion.x.shape[1]):
         y = 0.0
         for i in range(NODE_COUNTS[kind]):
             y += shapes[0, i] * exclusion.facet_x[facet, i, k]
-        gap += (y - exclusion.x[q, k]) * (n0 if k == 0 else (n1 if k == 1 else n2))
+        gap += (y - exclusion.x[q, k]) * normal[k]
     return gap < -exclusion.slack[q]

@@ -9,9 +9,11 @@ What cannot hold a partner (`cones`) is set aside, and solved only where it meet
 count, and whether it is nearer.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 
-from pcontact.contact.search.closest_point import GRID, closest_on_facet
+from pcontact.contact.search.closest_point import GRID, LocalFacet, closest_on_facet
 from pcontact.contact.search.exclusion import is_own
 from pcontact.contact.search.ray import ray_on_facet
 from pcontact.contact.search.table import (
@@ -33,6 +35,7 @@ from pcontact.contact.search.table import (
     TOUCH,
     N,
     R,
+    Solved,
     U,
     V,
     goes_before,
@@ -40,7 +43,18 @@ from pcontact.contact.search.table import (
     sort_group,
     write_partner,
 )  # fmt: skip
-from pcontact.contact.search.walk import apart_from, end_of, expand, load_point, pop, push, start_bound, starts_of
+from pcontact.contact.search.walk import (
+    QueryPoint,
+    Queue,
+    apart_from,
+    end_of,
+    expand,
+    load_point,
+    pop,
+    push,
+    start_bound,
+    starts_of,
+)
 from pcontact.contact.surface.facet_maps import (
     SQUARE_CORNERS,
     TRIANGLE_CORNERS,
@@ -57,37 +71,63 @@ NEARLY = 1e-5
 STARTS = 32  # nodes below the root at most from which the points of a facet start
 
 
-@njit_exact
-def search_all(
-    rays, tree, x_facets, kinds, ids, own, points, normals, radii, facing, opposite, partners, exclusion, cones
-):  # fmt: skip
-    """Write the partners of all points.
+class Workspace(NamedTuple):
+    """Scratch of a search, for one point after the other.
 
-    Parameters are those of `projection.closest_points`, with `kinds` simplified
-    (`facet_maps.simplest_kinds`), `radii` (np,), and `rays` True for ray tracing; `partners` comes filled for
-    points without a partner.
+    Attributes
+    ----------
+    queue : Queue
+    solved : Solved
+    starts : (STARTS,) int64
+        Nodes of the tree at which the walks start.
+    box : (2, 3) float64
+        Around points that lie together [length].
+    x, n : (3,) float64
+        The point [length] and its normal.
+    local : LocalFacet
     """
-    n_nodes, nf = tree.child.size, kinds.size
-    # heap items: nodes, then facets in the order of the leaves, then rows of `found`
+
+    queue: Queue
+    solved: Solved
+    starts: np.ndarray
+    box: np.ndarray
+    x: np.ndarray
+    n: np.ndarray
+    local: LocalFacet
+
+
+@njit_exact
+def search_all(target, query, criteria, exclusion, projections):
+    """Write where all points are projected to.
+
+    Parameters
+    ----------
+    target : pcontact.contact.search.query.TargetFacets
+    query : pcontact.contact.search.query.QueryPoints
+    criteria : pcontact.contact.search.query.Criteria
+    exclusion : pcontact.contact.search.exclusion.Exclusion
+    projections : pcontact.contact.search.projection.Projections
+        Comes filled for points without a partner.
+    """
+    n_nodes, nf = target.tree.child.size, target.kinds.size
+    # heap items: nodes, then facets in the order of the leaves, then rows of solved facets
     keys, items = np.empty(n_nodes + 2 * nf), np.empty(n_nodes + 2 * nf, dtype=np.int64)
-    found, leaves, group = np.zeros((nf, COLUMNS)), np.empty(nf, dtype=np.int64), np.empty(nf, dtype=np.int64)
-    nodes, shapes, jet, grid = np.zeros((9, 3)), np.zeros((6, 9)), np.zeros((6, 3)), np.empty((GRID, GRID))
-    x, n, p = np.zeros(3), np.zeros(3), np.zeros(3)
-    # nodes and facets that hold no partner, but perhaps a neighbour of one: walked only beside a facet that may win
-    aside = np.empty(n_nodes + nf, dtype=np.int64)
-    starts, box = np.zeros(STARTS, dtype=np.int64), np.zeros((2, 3))
-    _search_points(
-        rays, tree, x_facets, kinds, ids, own, points, normals, radii, facing, opposite, partners, exclusion, cones,
-        keys, items, found, leaves, group, aside, starts, box, nodes, shapes, jet, grid, x, n, p,
-    )  # fmt: skip
+    queue = Queue(keys, items, np.empty(n_nodes + nf, dtype=np.int64))
+    leaves, group = np.empty(nf, dtype=np.int64), np.empty(nf, dtype=np.int64)
+    solved = Solved(np.zeros((nf, COLUMNS)), leaves, group)
+    starts, box, x, n = np.zeros(STARTS, dtype=np.int64), np.zeros((2, 3)), np.zeros(3), np.zeros(3)
+    local = LocalFacet(np.zeros((9, 3)), np.zeros(3), np.zeros((6, 9)), np.zeros((6, 3)), np.zeros((GRID, GRID)))
+    work = Workspace(queue, solved, starts, box, x, n, local)
+    _search_points(target, query, criteria, exclusion, projections, work)
 
 
 @njit_inner_exact
-def _search_points(
-    rays, tree, x_facets, kinds, ids, own, points, normals, radii, facing, opposite, partners, exclusion, cones, keys,
-    items, found, leaves, group, aside, starts, box, nodes, shapes, jet, grid, x, n, p,
-):  # fmt: skip
-    """One point after the other, with the scratch arrays of :func:`search_all`."""
+def _search_points(target, query, criteria, exclusion, projections, work):
+    """One point after the other."""
+    tree, kinds, points, radii = target.tree, target.kinds, query.x, query.radius
+    rays, facing, opposite = criteria
+    queue, solved, starts, box, x, n, local = work
+    found, leaves, group = solved
     n_nodes, nf, on_it = tree.child.size, kinds.size, exclusion.parts.size > 0
     # points that lie together start together below the root, as far down as the partner of the first one allows
     first, end, n_starts, hint = 0, 0, 0, np.inf
@@ -98,7 +138,7 @@ def _search_points(
         elif q >= end:
             first, end, hint = q, end_of(points, q, exclusion), np.inf
             n_starts = starts_of(tree, points, q, q + 1, radii[q], exclusion, starts, box)
-        rounding = load_point(points, normals, q, x, n)
+        rounding = load_point(query, q, x, n)
         if n_starts == 0 or not rounding < np.inf:
             # the starts are those of this point alone
             end = q + 1 if q == first or again else end
@@ -108,49 +148,45 @@ def _search_points(
         if not again and hint < np.inf:
             # the partner of the first point is no farther than that; whether it is this one's, too, is to be seen
             radius = min(radius, hint + apart_from(points, q, first) * (1.0 + NEARLY) + 16.0 * rounding)
+        point = QueryPoint(q, x, n, rounding, radius)
         done = False
         for i in range(n_starts):
-            key = start_bound(rays, tree, starts[i], x, n, facing, rounding)
+            key = start_bound(tree, criteria, point, starts[i])
             if key <= radius:
-                n_queue = push(keys, items, n_queue, key, starts[i])
+                n_queue = push(queue, n_queue, key, starts[i])
         while n_queue > 0 or n_group > 0:
-            key, item = (keys[0], items[0]) if n_queue > 0 else (np.inf, -1)
+            key, item = (queue.keys[0], queue.items[0]) if n_queue > 0 else (np.inf, -1)
             if n_group > 0 and not key <= limit:
-                n_more = 0
                 if n_aside > 0:
+                    n_all = n_found
                     for i in range(n_group):
                         row, leaf = found[group[i]], leaves[group[i]]
                         if row[LOST] > 0.0 or not _asks(row):
                             continue
-                        side = _side(row, cones.axis, cones.cosine, n_nodes + leaf)
+                        side = _side(row, target.cones, n_nodes + leaf)
                         row[LOST] = _loses(row, side, n, facing)
                         if on_it and row[LOST] == 0.0:
-                            row[LOST] = _is_own_on(exclusion, q, tree.order[leaf], kinds, row, side, shapes)
-                        if row[LOST] == 0.0 and _is_passed_by(
-                            found, leaves, group[i], n_found, tree, x_facets, kinds, x, p, nodes, shapes, jet, grid
-                        ):
+                            row[LOST] = _is_own_on(exclusion, q, tree.order[leaf], kinds, row, side, local.shapes)
+                        if row[LOST] == 0.0 and _is_passed_by(target, point, solved, group[i], n_found, local):
                             row[LOST] = 1.0
                         if row[LOST] > 0.0:
                             continue
-                        n_aside, n_more = _fetch(
-                            found, row, n_found, n_more, leaves, aside, n_aside, tree, x_facets, kinds, facing,
-                            rounding, x, n, p, nodes, shapes, jet, grid,
-                        )  # fmt: skip
+                        n_aside, n_all = _fetch(target, criteria, point, work, row, n_all, n_aside)
                     joined = n_group
-                    for slot in range(n_found, n_found + n_more):
+                    for slot in range(n_found, n_all):
                         tie = TIE * found[slot, SIZE] + rounding
                         if found[slot, DISTANCE] <= radius and abs(found[slot, DISTANCE] - nearest) <= tie:
                             limit = max(limit, nearest * (1.0 + 1e-14) + tie)
                             group[n_group] = slot
                             n_group += 1
-                    n_found += n_more
-                    partners.candidates[q] += n_more
+                    projections.candidates[q] += n_all - n_found
+                    n_found = n_all
                     if n_group > joined:
                         continue
-                sort_group(group, n_group, leaves, tree.order, ids)
+                sort_group(solved, n_group, tree.order, target.ids)
                 if not rays:
                     for i in range(n_group):
-                        set_normal(found, group, n_group, found[group[i]], facing > 0.0, opposite)
+                        set_normal(solved, n_group, found[group[i]], facing > 0.0, opposite)
                 winner = -1
                 for i in range(n_group):
                     slot = group[i]
@@ -158,37 +194,29 @@ def _search_points(
                     if (
                         row[LOST] > 0.0
                         or n[0] * row[N] + n[1] * row[N + 1] + n[2] * row[N + 2] < facing
-                        or (on_it and _is_own(exclusion, q, facet, kinds[facet], row, N, 1.0, shapes))
-                        or _is_passed_by(
-                            found, leaves, slot, n_found, tree, x_facets, kinds, x, p, nodes, shapes, jet, grid
-                        )
+                        or (on_it and _is_own(exclusion, q, facet, kinds[facet], row, N, 1.0, local.shapes))
+                        or _is_passed_by(target, point, solved, slot, n_found, local)
                     ):
                         continue
                     # one of the others may be held at an edge whose neighbours are not known here: it hides nothing
-                    if own[facet] and (winner < 0 or goes_before(row, found[winner])):
+                    if target.own[facet] and (winner < 0 or goes_before(row, found[winner])):
                         winner = slot
                 if winner >= 0:
-                    write_partner(partners, q, x, found[winner], tree.order[leaves[winner]], ids)
+                    write_partner(projections, q, x, found[winner], tree.order[leaves[winner]], target.ids)
                     done = True
                     break
                 n_group = 0
                 continue
-            n_queue = pop(keys, items, n_queue)
+            n_queue = pop(queue, n_queue)
             if item < n_nodes:
-                n_queue, n_aside = expand(
-                    rays, tree, item, x, n, facing, rounding, radius, keys, items, n_queue, cones, exclusion, q, aside,
-                    n_aside,
-                )  # fmt: skip
+                n_queue, n_aside = expand(target, criteria, exclusion, point, item, queue, n_queue, n_aside)
             elif item < n_nodes + nf:
                 row = found[n_found]
-                partners.candidates[q] += 1
-                _solve(
-                    rays, tree, item - n_nodes, x_facets, kinds, x, n, facing, rounding, p, nodes, shapes, jet, grid,
-                    row,
-                )  # fmt: skip
+                projections.candidates[q] += 1
+                _solve(target, criteria, point, local, item - n_nodes, row)
                 if row[DISTANCE] <= radius and row[DISTANCE] < np.inf:
                     leaves[n_found] = item - n_nodes
-                    n_queue = push(keys, items, n_queue, row[DISTANCE], n_nodes + nf + n_found)
+                    n_queue = push(queue, n_queue, row[DISTANCE], n_nodes + nf + n_found)
                     n_found += 1
             else:
                 slot = item - n_nodes - nf
@@ -215,8 +243,8 @@ def _search_points(
 @njit_inner_exact
 def _is_own(exclusion, q, facet, kind, row, column, factor, shapes):
     """`exclusion.is_own` with a multiple of three columns of a solved facet as the normal."""
-    n0, n1, n2 = factor * row[column], factor * row[column + 1], factor * row[column + 2]
-    return is_own(exclusion, q, facet, kind, row[U], row[V], n0, n1, n2, shapes)
+    normal = factor * row[column], factor * row[column + 1], factor * row[column + 2]
+    return is_own(exclusion, q, facet, kind, (row[U], row[V]), normal, shapes)
 
 
 @njit_inner_exact
@@ -226,16 +254,17 @@ def _asks(row):
 
 
 @njit_inner_exact
-def _side(row, axes, cosines, item):
+def _side(row, cones, item):
     """The multiple of the offset r of a facet held at an edge that is its contact normal, if it has one.
 
     It is along r, and against a normal of the cone. Returns -1 / |r| (inside), 1 / |r| (outside), 0 (along no normal of
     the cone: a neighbour is nearer), inf (not known).
     """
-    if cosines[item] < 0.0 or row[DISTANCE] <= TOUCH * row[SIZE] + row[SLACK]:
+    axes, cosine = cones.axis, cones.cosine[item]
+    if cosine < 0.0 or row[DISTANCE] <= TOUCH * row[SIZE] + row[SLACK]:
         return np.inf
     along = row[R] * axes[item, 0] + row[R + 1] * axes[item, 1] + row[R + 2] * axes[item, 2]
-    if abs(along) < cosines[item] * row[DISTANCE]:
+    if abs(along) < cosine * row[DISTANCE]:
         return 0.0
     return -1.0 / row[DISTANCE] if along > 0.0 else 1.0 / row[DISTANCE]
 
@@ -258,15 +287,13 @@ def _is_own_on(exclusion, q, facet, kinds, row, side, shapes):
 
 
 @njit_inner_exact
-def _fetch(
-    found, row, n_found, count, leaves, aside, n_aside, tree, x_facets, kinds, facing, rounding,
-    x, n, p, nodes, shapes, jet, grid,
-):  # fmt: skip
+def _fetch(target, criteria, point, work, row, n_found, n_aside):
     """Solve the facets set aside at the nearest point of a solved facet.
 
     They hold no partner, but their normals count there, and whether they are nearer. Returns how many are left aside,
-    and how many rows of `found` there are from `n_found` on (they were `count`).
+    and how many facets are solved (they were `n_found`).
     """
+    tree, x, aside, solved = target.tree, point.x, work.queue.aside, work.solved
     n_nodes, k = tree.child.size, 0
     lower, upper, facet_lower, facet_upper = tree.lower, tree.upper, tree.facet_lower, tree.facet_upper
     slack = SAME_POINT * row[SIZE] + row[SLACK]
@@ -282,10 +309,9 @@ def _fetch(
         n_aside -= 1
         aside[k] = aside[n_aside]
         if item >= n_nodes:
-            leaf, other = item - n_nodes, found[n_found + count]
-            _solve(False, tree, leaf, x_facets, kinds, x, n, facing, rounding, p, nodes, shapes, jet, grid, other)
-            leaves[n_found + count] = leaf
-            count += 1
+            _solve(target, criteria, point, work.local, item - n_nodes, solved.found[n_found])
+            solved.leaves[n_found] = item - n_nodes
+            n_found += 1
             continue
         first, last, shift = tree.child[item], tree.child[item] + 2, 0
         if first < 0:
@@ -293,7 +319,7 @@ def _fetch(
         for child in range(first, last):
             aside[n_aside] = shift + child
             n_aside += 1
-    return n_aside, count
+    return n_aside, n_found
 
 
 @njit_inline
@@ -307,10 +333,12 @@ def _distance_to_box(lower, upper, row, x, solved):
 
 
 @njit_inner_exact
-def _solve(rays, tree, leaf, x_facets, kinds, x, n, facing, rounding, p, nodes, shapes, jet, grid, row):
+def _solve(target, criteria, point, local, leaf, row):
     """Fill the row of one facet; distance inf if it is no partner whatever its neighbours are."""
+    tree, x_facets, x, n, rounding = target.tree, target.x, point.x, point.n, point.rounding
+    nodes, p, shapes, jet, _ = local
     facet = tree.order[leaf]
-    kind, size2 = kinds[facet], 0.0
+    kind, size2 = target.kinds[facet], 0.0
     load_nodes(x_facets, facet, kind, nodes)
     for k in range(x_facets.shape[2]):
         p[k] = x[k] - x_facets[facet, 0, k]
@@ -319,14 +347,14 @@ def _solve(rays, tree, leaf, x_facets, kinds, x, n, facing, rounding, p, nodes, 
     row[DISTANCE], row[INTERIOR], row[ANGLE], row[LOST], row[HELD] = np.inf, 1.0, 1.0, 0.0, 0.0
     if not row[SIZE] > 0.0:
         return
-    if rays:
+    if criteria.rays:
         slack = 1e-12 * row[SIZE] + row[SLACK]
-        g, row[U], row[V], over = ray_on_facet(kind, nodes, p, n, facing, slack, shapes, jet, grid)
+        g, row[U], row[V], over = ray_on_facet(kind, local, n, criteria.facing, slack)
         row[DISTANCE], row[GAP], row[HELD] = abs(g), g, max(over - 1e-14 - rounding / row[SIZE], 0.0)
         for k in range(3):
             row[R + k], row[N + k] = g * n[k], n[k]
         return
-    row[U], row[V] = closest_on_facet(kind, nodes, p, shapes, jet, grid)
+    row[U], row[V] = closest_on_facet(kind, local)
     fill_jet(kind, row[U], row[V], nodes, 3, shapes, jet)
     r0, r1, r2 = jet[0, 0] - p[0], jet[0, 1] - p[1], jet[0, 2] - p[2]
     distance = np.sqrt(r0 * r0 + r1 * r1 + r2 * r2)
@@ -342,11 +370,11 @@ def _solve(rays, tree, leaf, x_facets, kinds, x, n, facing, rounding, p, nodes, 
     along = r0 * n0 + r1 * n1 + r2 * n2
     s0, s1, s2 = r0 - along * n0, r1 - along * n1, r2 - along * n2
     sideways = np.sqrt(s0 * s0 + s1 * s1 + s2 * s2)
-    rounding = row[SLACK] + 1e-14 * distance
-    if sideways > TOUCH * row[SIZE] + rounding:
+    slack = row[SLACK] + 1e-14 * distance
+    if sideways > TOUCH * row[SIZE] + slack:
         row[INTERIOR], row[HELD] = 0.0, CORNER if _is_corner(kind, row[U], row[V]) else EDGE
     else:
-        row[HELD] = max(sideways - 1e-14 * row[SIZE] - rounding, 0.0) / row[SIZE]
+        row[HELD] = max(sideways - 1e-14 * row[SIZE] - slack, 0.0) / row[SIZE]
     row[DISTANCE] = distance
     row[R], row[R + 1], row[R + 2], row[NY], row[NY + 1], row[NY + 2] = r0, r1, r2, n0, n1, n2
 
@@ -388,29 +416,31 @@ def _corner_angle(kind, u, v, jet):
 
 
 @njit_inner_exact
-def _is_passed_by(found, leaves, slot, count, tree, x_facets, kinds, x, p, nodes, shapes, jet, grid):
+def _is_passed_by(target, point, solved, slot, count, local):
     """Whether a projection held at an edge is passed by: a neighbour at that edge has a nearer point.
 
     The neighbour has been solved: it is nearer. It counts even if the facing rule rejected it: a point beside
     a box, its nearest side rejected, must not be taken for one that has gone through the top.
     """
-    row = found[slot]
+    found, row = solved.found, solved.found[slot]
     if row[INTERIOR] > 0.0 or row[DISTANCE] <= TOUCH * row[SIZE] + row[SLACK]:
         return False
+    tree, x_facets, kinds, x = target.tree, target.x, target.kinds, point.x
+    nodes, p, shapes, jet, _ = local
     d, slack = x_facets.shape[2], SAME_POINT * row[SIZE] + row[SLACK]
     lower, upper = tree.facet_lower, tree.facet_upper
     nearer = row[DISTANCE] * (1.0 - 1e-14) - TIE * row[SIZE] - row[SLACK]
     for other in range(count):
         if not found[other, DISTANCE] < nearer:
             continue
-        leaf = leaves[other]
+        leaf = solved.leaves[other]
         if _distance_to_box(lower, upper, leaf, x, row) > slack:
             continue
         facet = tree.order[leaf]
         load_nodes(x_facets, facet, kinds[facet], nodes)
         for k in range(d):
             p[k] = (x[k] - x_facets[facet, 0, k]) + row[R + k]
-        u, v = closest_on_facet(kinds[facet], nodes, p, shapes, jet, grid)
+        u, v = closest_on_facet(kinds[facet], local)
         fill_jet(kinds[facet], u, v, nodes, 1, shapes, jet)
         if (jet[0, 0] - p[0]) ** 2 + (jet[0, 1] - p[1]) ** 2 + (jet[0, 2] - p[2]) ** 2 <= slack * slack:
             return True

@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pcontact.contact.search.exchange import find_partners
+from pcontact.contact.search.query import QueryPoints
 from pcontact.runtime.parallel import together
 
 # smallest cosine between the normals of a source point and its obstacle
@@ -87,9 +88,8 @@ class TargetSearch:
         -------
         Partners
         """
-        found = find_partners(
-            self.space, self.target, nodal, x, normal, radius, self.method, origin, self.opposite
-        )  # fmt: skip
+        query = QueryPoints(x, normal, radius)
+        found = find_partners(self.space, self.target, nodal, query, self.method, origin, self.opposite)
         self.candidates += found.candidates
         return Partners(
             found.gap, found.normal, found.id >= 0, found.id, found.nodes, found.shape, found.offset

@@ -31,6 +31,7 @@ import numpy as np
 from pcontact.contact.search.cones import no_cones
 from pcontact.contact.search.exclusion import no_exclusion, writable
 from pcontact.contact.search.nearest import search_all
+from pcontact.contact.search.query import Criteria, QueryPoints
 from pcontact.contact.search.table import EVEN, TIE
 from pcontact.contact.search.tree import build_tree
 from pcontact.contact.search.walk import ROUNDING
@@ -41,8 +42,10 @@ FACING = 0.2
 NO_ID = np.iinfo(np.int64).max
 
 
-class Partners(NamedTuple):
-    """One partner per point; without a partner: facet -1, id NO_ID, gap and distance inf, y the point itself.
+class Projections(NamedTuple):
+    """One partner per point among the facets searched.
+
+    Without a partner: facet -1, id NO_ID, gap and distance inf, y the point itself.
 
     Attributes
     ----------
@@ -82,12 +85,12 @@ class Partners(NamedTuple):
 
 
 def surface_tree(x_facets, kinds):
-    """Tree over facets, see `closest_points` for the arrays."""
+    """Tree over facets, see `query.TargetFacets` for the arrays."""
     return build_tree(*facet_boxes(x_facets, kinds))
 
 
-def no_partners(points, normals):
-    """Partners of points that have none.
+def no_projections(points, normals):
+    """For points that have no partner.
 
     Parameters
     ----------
@@ -95,91 +98,67 @@ def no_partners(points, normals):
 
     Returns
     -------
-    Partners
+    Projections
     """
     n, d = points.shape
-    return Partners(
+    return Projections(
         np.full(n, -1, dtype=np.int64), np.zeros((n, d - 1)), np.array(points), np.array(normals),
         np.full(n, np.inf), np.full(n, np.inf), np.full(n, NO_ID, dtype=np.int64),
         np.zeros(n, dtype=np.int64), np.zeros(n), np.zeros(n),
     )  # fmt: skip
 
 
-def closest_points(
-    tree, x_facets, kinds, ids, points, normals, radius, facing=FACING, own=None, exclusion=None, cones=None,
-    opposite=False,
-):  # fmt: skip
+def closest_points(target, query, facing=FACING, exclusion=None, opposite=False):
     """Closest point projection.
 
     Parameters
     ----------
-    tree : Tree
-        Of these facets, from `surface_tree`.
-    x_facets : (nf, m, d) float64
-        Deformed node coordinates [length], m at least the largest node count.
-    kinds : (nf,) int64
-        `facet_maps.KIND`.
-    ids : (nf,) int64
-        Global facet numbers.
-    points, normals : (np, d) float64
-        Points and outward normals of the source; a point without a (finite) normal has no partner.
-    radius : float or (np,) array_like
-        Largest distance of a partner [length], in penetration too.
+    target : pcontact.contact.search.query.TargetFacets
+    query : pcontact.contact.search.query.QueryPoints
     facing : float, optional
         Smallest nX . n of a partner, in (0, 1).
-    own : (nf,) bool array_like, optional
-        Facets that may be partners (default: all). The others take part in the decisions about edges and
-        corners but hide nothing behind them; a rank that is also given the neighbours of its facets (those that
-        share a node) decides as if it had them all, and `better` of all ranks is then exactly the search in the
-        whole surface.
     exclusion : pcontact.contact.search.exclusion.Exclusion, optional
         The points are on the surface searched (self contact): facets that are no partners although they face the
         point.
-    cones : pcontact.contact.search.cones.Cones, optional
-        Of these facets and these places: facets that can hold no partner are left out early, and partners stay the
-        same.
     opposite : bool, optional
         No point beside the border of the surface has a partner there.
 
     Returns
     -------
-    Partners
+    Projections
 
     Raises
     ------
     ValueError
         If arrays do not fit together.
     """
-    return _search(False, tree, x_facets, kinds, ids, points, normals, radius, facing, own, exclusion, cones, opposite)
+    return _search(target, query, Criteria(False, float(facing), bool(opposite)), exclusion)
 
 
-def ray_tracing(
-    tree, x_facets, kinds, ids, points, normals, radius, facing=FACING, own=None, exclusion=None, cones=None,
-    opposite=False,
-):  # fmt: skip
+def ray_tracing(target, query, facing=FACING, exclusion=None, opposite=False):
     """Partners along the source normal: y = x + g nX, smallest abs(g) <= radius, n = nX.
 
     Only facets with nX . nY <= -facing count. Parameters and result as in `closest_points`; `distance` is
-    abs(g); a ray that meets the surface is not beside its border.
+    abs(g); a ray that meets the surface is not beside its border. Cones tell nothing here.
     """
-    return _search(True, tree, x_facets, kinds, ids, points, normals, radius, facing, own, exclusion, cones, opposite)
+    return _search(target, query, Criteria(True, float(facing), bool(opposite)), exclusion)
 
 
 def better(a, b):
     """Merge what two searches over different facets found for the same points; the rule of the module's head.
 
     A projection to an edge or corner is decided from the facets that share it. Where these are spread over
-    searches that did not know them as neighbours (`own` of `closest_points`), each decided from its part of
+    searches that did not know them as neighbours (`own` of `query.TargetFacets`), each decided from its part of
     them: no mean normal can be formed here, and the rule for ties chooses one of the results.
 
     Parameters
     ----------
-    a, b : Partners
+    a, b : Projections
         For the same points in the same order.
 
     Returns
     -------
-    Partners
+    Projections
         `facet` still counts within the search that found it; `id` tells facets exclusion. `candidates` are
         summed.
     """
@@ -192,36 +171,34 @@ def better(a, b):
     first = np.where(a.held == b.held, by_distance, a.held < b.held)
     take = np.where(tied_a & tied_b, first, tied_a)
     merged = [np.where(take[:, None] if u.ndim == 2 else take, u, v) for u, v in zip(a, b, strict=True)]
-    return Partners(*merged)._replace(candidates=a.candidates + b.candidates)
+    return Projections(*merged)._replace(candidates=a.candidates + b.candidates)
 
 
-def _search(rays, tree, x_facets, kinds, ids, points, normals, radius, facing, own, exclusion, cones, opposite):
+def _search(target, query, criteria, exclusion):
     """Check and convert the arguments (one compiled specialisation serves all), run the kernel."""
-    points, normals, x_facets = (_floats(array) for array in (points, normals, x_facets))
-    kinds, ids = (np.require(array, np.int64, ["C", "W"]) for array in (kinds, ids))
+    x, points, normals = (_floats(array) for array in (target.x, query.x, query.normal))
+    kinds, ids = (np.require(array, np.int64, ["C", "W"]) for array in (target.kinds, target.ids))
     d = points.shape[1]
     radii = np.empty(len(points))
-    radii[:] = radius
-    if normals.shape != points.shape or x_facets.shape[2] != d:
-        shapes = f"points {points.shape}, normals {normals.shape}, facets {x_facets.shape}"
-        raise ValueError(f"{shapes} do not fit")
-    if not x_facets.shape[0] == kinds.size == ids.size == tree.order.size:
-        counts = f"{x_facets.shape[0]} facets, {kinds.size} kinds, {ids.size} ids, tree of {tree.order.size}"
+    radii[:] = query.radius
+    if normals.shape != points.shape or x.shape[2] != d:
+        raise ValueError(f"points {points.shape}, normals {normals.shape}, facets {x.shape} do not fit")
+    if not x.shape[0] == kinds.size == ids.size == target.tree.order.size:
+        counts = f"{x.shape[0]} facets, {kinds.size} kinds, {ids.size} ids, tree of {target.tree.order.size}"
         raise ValueError(counts)
     if np.any((kinds < 2) != (d == 2)):
         raise ValueError(f"facet kinds do not fit the dimension {d}")
-    partners = no_partners(points, normals)
+    projections = no_projections(points, normals)
     if kinds.size and len(points):
         simple = np.empty_like(kinds)
-        simplest_kinds(x_facets, kinds, simple)
-        own = np.ones(kinds.size, dtype=np.bool_) if own is None else np.require(own, np.bool_, ["C", "W"])
+        simplest_kinds(x, kinds, simple)
+        own = np.ones(kinds.size) if target.own is None else target.own
         exclusion = no_exclusion(d) if exclusion is None else writable(exclusion)
-        cones = no_cones(d) if cones is None or rays else cones
-        search_all(
-            rays, tree, x_facets, simple, ids, own, points, normals, radii, float(facing), bool(opposite), partners,
-            exclusion, cones,
-        )
-    return partners
+        cones = no_cones(d) if target.cones is None or criteria.rays else target.cones
+        own = np.require(own, np.bool_, ["C", "W"])
+        facets = target._replace(x=x, kinds=simple, ids=ids, own=own, cones=cones)
+        search_all(facets, QueryPoints(points, normals, radii), criteria, exclusion, projections)
+    return projections
 
 
 def _floats(array):

@@ -1,7 +1,7 @@
 """One line against one facet: the intersection.
 
-Arguments and scratch are those of `closest_point`. Affine facets and plane curves are solved in closed
-form, other facets by Newton's method from every local minimum, on a 5 x 5 grid, of the distance to the line.
+Both are relative to the facet's node 0, see `closest_point.LocalFacet`. Affine facets and plane curves are solved in
+closed form, other facets by Newton's method from every local minimum, on a 5 x 5 grid, of the distance to the line.
 """
 
 import numpy as np
@@ -24,11 +24,14 @@ EDGE_TOLERANCE = 1e-9
 
 
 @njit_inner_exact
-def ray_on_facet(kind, nodes, p, n, facing, slack, shapes, jet, grid):
+def ray_on_facet(kind, local, n, facing, slack):
     """The intersection p + g n of a line with a facet that faces it, with the smallest abs(g).
 
     Parameters
     ----------
+    kind : int
+        Of the facet, see `facet_maps`.
+    local : LocalFacet
     n : (3,) float64
         Unit direction.
     facing : float
@@ -43,32 +46,34 @@ def ray_on_facet(kind, nodes, p, n, facing, slack, shapes, jet, grid):
     over : float
         How far beyond the border of the facet the line passes, in reference coordinates.
     """
+    nodes, p, grid = local.nodes, local.p, local.grid
     best, best_u, best_v, best_over = np.inf, 0.0, 0.0, 0.0
     if is_segment(kind):
         s0, s1 = _line_parameters(kind, nodes, p, n)
         for s in (s0, s1):
-            g, u, v, over = _accept(kind, nodes, p, n, s, 0.0, facing, shapes, jet)
+            g, u, v, over = _accept(kind, local, n, s, 0.0, facing)
             if abs(g) < abs(best):
                 best, best_u, best_v, best_over = g, u, v, over
         return best, best_u, best_v, best_over
     if kind == TRIANGLE3 or kind == PARALLELOGRAM:
         u, v = _plane_parameters(kind, nodes, p, n)
-        return _accept(kind, nodes, p, n, u, v, facing, shapes, jet)
-    _fill_line_grid(kind, nodes, p, n, shapes, jet, grid)
+        return _accept(kind, local, n, u, v, facing)
+    _fill_line_grid(kind, local, n)
     for start in range(GRID * GRID):
         if not is_grid_minimum(kind, grid, start // GRID, start % GRID):
             continue
         u, v = grid_point(kind, start // GRID, start % GRID)
-        u, v = _shoot(kind, nodes, p, n, u, v, slack, shapes, jet)
-        g, u, v, over = _accept(kind, nodes, p, n, u, v, facing, shapes, jet)
+        u, v = _shoot(kind, local, n, u, v, slack)
+        g, u, v, over = _accept(kind, local, n, u, v, facing)
         if abs(g) < abs(best):
             best, best_u, best_v, best_over = g, u, v, over
     return best, best_u, best_v, best_over
 
 
 @njit_inner_exact
-def _accept(kind, nodes, p, n, u, v, facing, shapes, jet):
+def _accept(kind, local, n, u, v, facing):
     """Check that the reference point is on the facet and that the facet faces the line there."""
+    nodes, p, shapes, jet, _ = local
     c, d = clamp(kind, u, v)
     over = max(abs(c - u), abs(d - v))
     if not over <= EDGE_TOLERANCE:
@@ -125,7 +130,9 @@ def _off_line(jet, p, n):
 
 
 @njit_inner_exact
-def _fill_line_grid(kind, nodes, p, n, shapes, jet, grid):
+def _fill_line_grid(kind, local, n):
+    """Squared distance between the line and the facet at the starts of Newton's method."""
+    nodes, p, shapes, jet, grid = local
     for i in range(GRID):
         for j in range(GRID):
             grid[i, j] = np.inf
@@ -137,8 +144,9 @@ def _fill_line_grid(kind, nodes, p, n, shapes, jet, grid):
 
 
 @njit_inner_exact
-def _shoot(kind, nodes, p, n, u, v, slack, shapes, jet):
+def _shoot(kind, local, n, u, v, slack):
     """Newton's method with backtracking for the point of the facet that lies on the line; nan if it fails."""
+    nodes, p, shapes, jet, _ = local
     for _ in range(50):
         fill_jet(kind, u, v, nodes, 3, shapes, jet)
         q0, q1, q2 = _off_line(jet, p, n)

@@ -1,5 +1,7 @@
 """The table of facets that the search has solved for a point, one row each: groups of them, normals, the winner."""
 
+from typing import NamedTuple
+
 import numpy as np
 
 from pcontact.runtime.jit import njit_inner_exact
@@ -20,9 +22,28 @@ DISTANCE, GAP, U, V, R, NY, N = 0, 1, 2, 3, 4, 7, 10
 INTERIOR, ANGLE, SIZE, SLACK, LOST, HELD, COLUMNS = 13, 14, 15, 16, 17, 18, 19
 
 
+class Solved(NamedTuple):
+    """Facets that are solved for a point, in the order in which they were.
+
+    Attributes
+    ----------
+    found : (nf, COLUMNS) float64
+        The table.
+    leaves : (nf,) int64
+        Number of each of these facets in the order of the leaves of the tree.
+    group : (nf,) int64
+        Rows of those whose distances agree.
+    """
+
+    found: np.ndarray
+    leaves: np.ndarray
+    group: np.ndarray
+
+
 @njit_inner_exact
-def sort_group(group, count, leaves, order, ids):
+def sort_group(solved, count, order, ids):
     """Sort a group by global number: sums over it and its winner must not depend on the facets' order."""
+    group, leaves = solved.group, solved.leaves
     for i in range(1, count):
         slot, j = group[i], i
         while j > 0 and ids[order[leaves[group[j - 1]]]] > ids[order[leaves[slot]]]:
@@ -41,8 +62,9 @@ def goes_before(row, other):
 
 
 @njit_inner_exact
-def set_normal(found, group, count, row, strict, opposite):
+def set_normal(solved, count, row, strict, opposite):
     """Contact normal and gap of one facet of a group, see the head of `projection`; no normal: no partner."""
+    found, group = solved.found, solved.group
     touching = row[DISTANCE] <= TOUCH * row[SIZE] + row[SLACK]
     if row[INTERIOR] > 0.0 and not touching:
         n0, n1, n2 = -row[NY], -row[NY + 1], -row[NY + 2]
@@ -78,13 +100,13 @@ def set_normal(found, group, count, row, strict, opposite):
 
 
 @njit_inner_exact
-def write_partner(partners, q, x, row, facet, ids):
+def write_partner(projections, q, x, row, facet, ids):
     """Copy the winner to the arrays of the result."""
-    partners.facet[q], partners.id[q] = facet, ids[facet]
-    partners.gap[q], partners.distance[q] = row[GAP], row[DISTANCE]
-    partners.size[q], partners.held[q] = row[SIZE], row[HELD]
-    partners.xi[q, 0] = row[U]
-    if partners.xi.shape[1] == 2:
-        partners.xi[q, 1] = row[V]
-    for k in range(partners.y.shape[1]):
-        partners.y[q, k], partners.normal[q, k] = x[k] + row[R + k], row[N + k]
+    projections.facet[q], projections.id[q] = facet, ids[facet]
+    projections.gap[q], projections.distance[q] = row[GAP], row[DISTANCE]
+    projections.size[q], projections.held[q] = row[SIZE], row[HELD]
+    projections.xi[q, 0] = row[U]
+    if projections.xi.shape[1] == 2:
+        projections.xi[q, 1] = row[V]
+    for k in range(projections.y.shape[1]):
+        projections.y[q, k], projections.normal[q, k] = x[k] + row[R + k], row[N + k]

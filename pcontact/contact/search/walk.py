@@ -1,5 +1,7 @@
 """The walk of the tree of facets: a heap of boxes by their distance, and what bounds that distance from below."""
 
+from typing import NamedTuple
+
 import numpy as np
 
 from pcontact.contact.search.cones import holds_none, is_behind
@@ -10,10 +12,50 @@ TOGETHER, SPREAD = 32, 4.0
 ROUNDING = 1e-15  # of the largest coordinate: what a stored coordinate is worth
 
 
+class Queue(NamedTuple):
+    """What the walk for a point has before it; items are nodes of the tree, then facets in the order of the leaves.
+
+    Attributes
+    ----------
+    keys : (n,) float64
+        A heap: lower bounds of distances [length].
+    items : (n,) int64
+        What they belong to; after the facets come rows of the table of solved facets.
+    aside : (m,) int64
+        Items that hold no partner, but perhaps a neighbour of one: visited only beside a facet that may win.
+    """
+
+    keys: np.ndarray
+    items: np.ndarray
+    aside: np.ndarray
+
+
+class QueryPoint(NamedTuple):
+    """The point whose partner is looked for.
+
+    Attributes
+    ----------
+    number : int
+        Among the points of the search.
+    x, n : (3,) float64
+        Its place [length] and unit normal.
+    rounding : float
+        What its coordinates are worth [length].
+    radius : float
+        Largest distance of a partner [length].
+    """
+
+    number: int
+    x: np.ndarray
+    n: np.ndarray
+    rounding: float
+    radius: float
+
+
 @njit_inner_exact
-def load_point(points, normals, q, x, n):
+def load_point(query, q, x, n):
     """Copy a point and its normal, made a unit vector; return the rounding length, inf if unusable."""
-    offset, length2 = 0.0, 0.0
+    points, normals, offset, length2 = query.x, query.normal, 0.0, 0.0
     for k in range(points.shape[1]):
         x[k], n[k] = points[q, k], normals[q, k]
         offset, length2 = offset + abs(x[k]), length2 + n[k] * n[k]
@@ -26,9 +68,9 @@ def load_point(points, normals, q, x, n):
 
 
 @njit_inner_exact
-def push(keys, items, count, key, item):
+def push(queue, count, key, item):
     """Add to the heap; return its size."""
-    i = count
+    keys, items, i = queue.keys, queue.items, count
     while i > 0:
         parent = (i - 1) // 2
         if keys[parent] <= key:
@@ -40,8 +82,9 @@ def push(keys, items, count, key, item):
 
 
 @njit_inner_exact
-def pop(keys, items, count):
+def pop(queue, count):
     """Remove the first of the heap; return its size."""
+    keys, items = queue.keys, queue.items
     count -= 1
     key, item, i = keys[count], items[count], 0
     while 2 * i + 1 < count:
@@ -57,44 +100,44 @@ def pop(keys, items, count):
 
 
 @njit_inner_exact
-def expand(rays, tree, node, x, n, facing, rounding, radius, keys, items, count, cones, exclusion, q, aside, n_aside):
+def expand(target, criteria, exclusion, point, node, queue, count, n_aside):
     """Push the children of a node, or the facets of a leaf, that may hold a partner; return the new counts."""
+    tree, cones, q, x, n = target.tree, target.cones, point.number, point.x, point.n
     inner = tree.child[node] >= 0
     lower, upper = (tree.lower, tree.upper) if inner else (tree.facet_lower, tree.facet_upper)
     first, last = (tree.child[node], tree.child[node] + 2) if inner else (tree.first[node], tree.last[node])
     shift = 0 if inner else tree.child.size
-    known, on_it = cones.cosine.size > 0 and not rays, exclusion.parts.size > 0
-    axes, cosines, sines, parts = cones.axis, cones.cosine, cones.sine, cones.parts
-    low0, high0, xq = cones.lower, cones.upper, exclusion.x[q if on_it else 0 : (q if on_it else 0) + 1]
+    known, on_it = cones.cosine.size > 0 and not criteria.rays, exclusion.parts.size > 0
+    xq = exclusion.x[q if on_it else 0 : (q if on_it else 0) + 1]
     part, slack = (exclusion.parts[q], exclusion.slack[q]) if on_it else (-1, 0.0)
     whole = exclusion.whole
     for i in range(first, last):
         item = shift + i
         if item < whole.size and whole[item] == part:
             continue  # nothing but the point's own body
-        if rays:
-            key = ray_bound(lower, upper, i, x, n, rounding)
+        if criteria.rays:
+            key = ray_bound(lower, upper, i, x, n, point.rounding)
         else:
-            key = bound(lower, upper, i, x, n, facing, rounding)
-        if not key <= radius:
+            key = bound(lower, upper, i, x, n, criteria.facing, point.rounding)
+        if not key <= point.radius:
             continue
         if known and (
-            holds_none(axes, cosines, sines, item, lower, upper, i, x, n, facing)
-            or (on_it and is_behind(axes, cosines, sines, parts, low0, high0, item, part, xq[0], slack))
+            holds_none(cones, item, lower, upper, i, x, n, criteria.facing)
+            or (on_it and is_behind(cones, item, part, xq[0], slack))
         ):
-            aside[n_aside] = item
+            queue.aside[n_aside] = item
             n_aside += 1
         else:
-            count = push(keys, items, count, key, item)
+            count = push(queue, count, key, item)
     return count, n_aside
 
 
 @njit_inner_exact
-def start_bound(rays, tree, node, x, n, facing, rounding):
+def start_bound(tree, criteria, point, node):
     """Lower bound of the distance of any accepted partner in a node of the tree."""
-    if rays:
-        return ray_bound(tree.lower, tree.upper, node, x, n, rounding)
-    return bound(tree.lower, tree.upper, node, x, n, facing, rounding)
+    if criteria.rays:
+        return ray_bound(tree.lower, tree.upper, node, point.x, point.n, point.rounding)
+    return bound(tree.lower, tree.upper, node, point.x, point.n, criteria.facing, point.rounding)
 
 
 @njit_inner_exact

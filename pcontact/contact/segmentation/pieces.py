@@ -17,6 +17,7 @@ import dataclasses
 import numpy as np
 
 from pcontact.contact.search.exchange import find_partners
+from pcontact.contact.search.query import QueryPoints
 from pcontact.contact.segmentation.overlaps import tiles
 from pcontact.contact.surface.sides import default_quadrature
 from pcontact.element.quadrature import quadrature
@@ -78,7 +79,7 @@ def _places(space, parts, part, row, s, search, ends):
     first = np.cumsum([0, *(len(facets.cells) for facets in parts)], dtype=np.int64)
     target = target.seen_from(first[part] + row, x)
     nodal = np.zeros((space.n_local, space.dim))
-    found = find_partners(space, target, nodal, x, normal, radius, method)
+    found = find_partners(space, target, nodal, QueryPoints(x, normal, radius), method)
     # the first two are the ends of a facet: its middle is no place to cut
     at = np.argmax(found.shape[:, :2], axis=1)[:, None]
     node = np.take_along_axis(found.nodes, at, axis=1)[:, 0]

@@ -6,6 +6,7 @@ import pytest
 from meshes import spring
 from pcontact.contact.search.cones import normal_cones
 from pcontact.contact.search.projection import closest_points
+from pcontact.contact.search.query import QueryPoints, TargetFacets
 from pcontact.contact.search.self_surface import self_surface
 from pcontact.contact.search.tree import build_tree
 from pcontact.contact.surface.facet_maps import facet_boxes
@@ -33,8 +34,9 @@ def same(surface, nodal, points, normals, radius, about=None):
     exclusion = surface.exclusion(tree)
     cones = normal_cones(tree, x, kinds, corners, None if about is None else exclusion)
     exclusion = None if about is None else surface.placed(exclusion, about)
+    query = QueryPoints(points, normals, radius)
     all_, some = (
-        closest_points(tree, x, kinds, ids, points, normals, radius, own=own, exclusion=exclusion, cones=said)
+        closest_points(TargetFacets(tree, x, kinds, ids, own, said), query, exclusion=exclusion)
         for said in (None, cones)
     )
     np.testing.assert_array_equal(some.id, all_.id)

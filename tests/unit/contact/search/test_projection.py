@@ -9,10 +9,11 @@ from pcontact.contact.search.projection import (
     NO_ID,
     better,
     closest_points,
-    no_partners,
+    no_projections,
     ray_tracing,
     surface_tree,
 )
+from pcontact.contact.search.query import QueryPoints, TargetFacets
 from pcontact.contact.search.tree import LEAF_SIZE, build_tree
 from pcontact.contact.surface.facet_maps import MAX_NODES, NODE_COUNTS, facet_boxes, facet_shapes, fill_shapes
 
@@ -43,7 +44,8 @@ def search(
     ids = np.arange(len(x)) if ids is None else ids
     points, normals = np.atleast_2d(points).astype(float), np.atleast_2d(normals).astype(float)
     normals = np.ascontiguousarray(np.broadcast_to(normals, points.shape))
-    return method(surface_tree(x, kinds), x, kinds, ids, points, normals, radius, facing, own, **said)
+    target = TargetFacets(surface_tree(x, kinds), x, kinds, ids, own)
+    return method(target, QueryPoints(points, normals, radius), facing, **said)
 
 
 def random_facet(kind, rng, bend=0.15):
@@ -253,7 +255,7 @@ def test_tree_search_is_brute_force(kind):
     points, normals = rng.uniform(-1, 1, (200, d)), rng.normal(size=(200, d))
     for method in (closest_points, ray_tracing):
         everything = search(x, kind, points, normals, radius=1.0, method=method)
-        merged = no_partners(points, normals)
+        merged = no_projections(points, normals)
         for f in range(len(x)):
             one = search(x[f : f + 1], kind, points, normals, 1.0, ids=np.array([f]), method=method)
             merged = better(merged, one)

@@ -7,6 +7,7 @@ from drivers._common import make_mesh, running
 from meshes import c_strip
 from pcontact.contact.pair import contact_pair
 from pcontact.contact.search.exchange import find_partners
+from pcontact.contact.search.query import QueryPoints
 from pcontact.contact.search.self_surface import self_surface
 from pcontact.contact.surface.sides import source_surface, target_surface
 from pcontact.contact.unbiased import contacts_of_halves, halved
@@ -31,7 +32,7 @@ def found(space, search, radius=10.0, moved=None):
     target = self_surface(space, target_surface(space, "skin"), source)
     nodal = np.zeros((space.n_local, space.dim)) if moved is None else moved
     x = source.x + np.einsum("pa,pad->pd", source.shape, nodal[source.cells[source.facet]])
-    return source, find_partners(space, target, nodal, x, source.normal, radius, search)
+    return source, find_partners(space, target, nodal, QueryPoints(x, source.normal, radius), search)
 
 
 # -- what is no partner -------------------------------

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from pcontact.contact.search.exchange import find_partners
+from pcontact.contact.search.query import QueryPoints
 from pcontact.contact.surface.sides import target_surface
 from pcontact.runtime.petsc import MPI
 from tests.support.small import DIMENSION, SELF, bend, block_file, make_space
@@ -18,7 +19,7 @@ def partners(comm, path, x, normals):
     target = target_surface(space, "top")
     mine = np.arange(comm.rank, len(x), comm.size)
     still = np.zeros((space.n_local, space.dim))
-    found = find_partners(space, target, still, x[mine], normals[mine], 0.6, "closest_point")
+    found = find_partners(space, target, still, QueryPoints(x[mine], normals[mine], 0.6), "closest_point")
     rows = comm.allgather(np.column_stack([mine, found.id, found.gap, found.normal]))
     table = np.concatenate(rows)
     return table[np.argsort(table[:, 0])]
