@@ -82,23 +82,34 @@ def test_bodies_turn_without_strain(mesh):
     assert max(np.abs(force).max() for force in steps[-1]["reactions"].values()) < 1e-11
 
 
+def twisted(path):
+    """A block that is turned about a slanted axis, and back a little."""
+    around = {"angle": 50.0, "point": [0.4, 0.5, 1.0], "axis": [0, 0.2, 1]}
+    ramp = [(0, 0), (0.8, 1), (1, 0.8)]
+    return scene(path, Displacement("bottom", [0, 0, 0]), Displacement("top", [0, 0, 0.1], ramp, **around),
+                 law="hencky", count=3)  # fmt: skip
+
+
+def same(one, other):
+    for key in ("moments", "reactions"):
+        np.testing.assert_allclose(one[key]["top"], other[key]["top"], rtol=1e-8, atol=1e-8)
+
+
+@parallel(2, 3)
+def test_ranks(mesh, shared_tmp):
+    alone = run(twisted(mesh[3]), SELF, shared_tmp / f"alone{WORLD.rank}")
+    same(run(twisted(mesh[3]), WORLD, shared_tmp / "together")[-1], alone[-1])
+
+
 @parallel(1, 2, 3)
 @pytest.mark.usefixtures("one_order")
-def test_restart_and_ranks(mesh, shared_tmp):
-    around = {"angle": 50.0, "point": [0.4, 0.5, 1.0], "axis": [0, 0.2, 1]}
-    one = scene(
-        mesh[3], Displacement("bottom", [0, 0, 0]),
-        Displacement("top", [0, 0, 0.1], [(0, 0), (0.8, 1), (1, 0.8)], **around), law="hencky", count=3,
-    )  # fmt: skip
-    alone = steps_of(one, SELF)
+def test_restart(mesh, shared_tmp):
     whole, cut, rest = (shared_tmp / name for name in ("whole", "cut", "rest"))
-    steps = run(one, WORLD, whole, [Keep(whole, cut, WORLD)])
+    steps = run(twisted(mesh[3]), WORLD, whole, [Keep(whole, cut, WORLD)])
+    after = run(twisted(mesh[3]), WORLD, rest, restart=cut)
     assert len(steps) > STOP + 1
-    after = run(one, WORLD, rest, restart=cut)
     assert [step["time"] for step in after] == [step["time"] for step in steps[STOP:]]
-    for a, b in ((steps[-1], after[-1]), (steps[-1], alone[-1])):
-        for key in ("moments", "reactions"):
-            np.testing.assert_allclose(a[key]["top"], b[key]["top"], rtol=1e-8, atol=1e-8)
+    same(steps[-1], after[-1])
 
 
 def test_small_strain_says_where_it_ends(mesh, caplog):
