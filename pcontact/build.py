@@ -4,6 +4,7 @@ import numpy as np
 
 from pcontact.assembly.bulk import ElasticBulk
 from pcontact.assembly.finite import FiniteBulk
+from pcontact.assembly.follower import FollowerPressure
 from pcontact.assembly.geometry import chunks
 from pcontact.assembly.loads import load_vector, lumped_volume
 from pcontact.assembly.mixed import MixedBulk
@@ -222,6 +223,15 @@ def _check_finite_contacts(scene, space):
             raise input_error(scene.where, f"contacts[{index}] ({contact.name})", found, 'bodies with strain = "small"')
 
 
+def _followers(scene, space, supports):
+    """The items of the pressures that follow their surfaces. *Collective.*"""
+    return [
+        FollowerPressure(space, load.region, load.pressure, amplitude(load.amplitude, scene.steps.end), supports.fixed,
+                         f"loads[{number}] ({load.region})")
+        for number, load in enumerate(scene.loads) if load.follower
+    ]  # fmt: skip
+
+
 def _check_turns(scene, space, supports):
     """Refuse, or warn of, supports that turn bodies with small strain farther than it represents. *Collective.*"""
     for number in supports.turns:
@@ -328,14 +338,14 @@ def _assemble(scene, mesh, space, constants):
     supports = Supports(
         space, scene.displacements, [amplitude(d.amplitude, end) for d in scene.displacements], scene.where
     )
-    forces = [(load_vector(space, load), amplitude(load.amplitude, end)) for load in scene.loads]
+    forces = [(load_vector(space, load), amplitude(load.amplitude, end)) for load in scene.loads if not load.follower]
     _check_turns(scene, space, supports)
     bulk = bulk_item(scene, space, constants)
     tied = tied_pairs(scene, space, constants, bulk)
     free = free_motions(space, supports)
     contacts, edges = contact_reports(scene, space, constants, supports, free, bulk, tied)
     _announce(mesh, free)
-    items = [bulk, *(pair for contact in contacts for pair in contact.pairs)]
+    items = [bulk, *(pair for contact in contacts for pair in contact.pairs), *_followers(scene, space, supports)]
     problem = Problem(space, items, supports, forces, _stabilisation(space, scene, constants, free), contacts)
     # modes of their own cost a set-up that grows with their square; only bodies that nothing holds are worth it
     loose = {(a, b) for a, b in edges if a in free or b in free}

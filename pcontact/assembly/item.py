@@ -86,6 +86,11 @@ class Item:
         """Add the forces on the owned nodes to ``out`` (n_owned, d) [force]. *Collective.*"""
         raise NotImplementedError
 
+    def external(self, u, out):
+        """Add those of its forces that come from outside the bodies to ``out`` (n_owned, d) [force]: loads, which
+        :meth:`residual` has with the other sign. Contact with obstacles says so itself, see `rigid`. *Collective.*
+        """
+
     def add_magnitude(self, u, out):
         """Add the sum of the absolute terms of :meth:`residual` to ``out`` (n_owned, d): the scale of rounding errors.
         *Collective.*

@@ -63,7 +63,7 @@ class Balance:
         """
         problem, bodies = self._problem, self._bodies
         left = np.linalg.norm(bodies.sums_along(f.getArray(readonly=True).reshape(-1, problem.space.dim)), axis=1)
-        forces = (problem.borne(u) + problem.applied())[bodies.bodies] / np.sqrt(self._nodes)
+        forces = (problem.borne(u) + problem.applied(u))[bodies.bodies] / np.sqrt(self._nodes)
         moves = left > np.maximum(LEFT * forces, self._rounding(u))
         if not moves.any():
             return True

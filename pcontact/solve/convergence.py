@@ -134,7 +134,7 @@ class ConvergenceTest:
         any force: there a residual is enough that hardly changes their displacements. *Collective.*"""
         if norm <= BALANCED * self._problem.acting(u):
             return True
-        if self._problem.loaded() > 0.0:
+        if self._problem.loaded(u) > 0.0:
             return False
         # bodies that spring back to where they were have no displacements left to compare with
         return norm <= MOVED * max(self._problem.stiffness_scale(x) for x in (u, self._start))

@@ -37,7 +37,7 @@ def diagnose(problem, u, reason, norm):
             f"displacements of {moved:.3g}, more than the size of the bodies ({size:.3g}): the load is too large for "
             "small strains, or nothing holds a body"
         )
-    elif min(norm, problem.loaded() or norm) <= ROUNDINGS * problem.roundoff(u):
+    elif min(norm, problem.loaded(u) or norm) <= ROUNDINGS * problem.roundoff(u):
         found.append("rounding errors of the stresses hide the rest: the load is too small for these displacements")
     errors, acting = problem.rounding_of_contacts(u), problem.acting(u)
     worst = max(errors, key=errors.get, default=None)

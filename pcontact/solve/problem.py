@@ -137,6 +137,13 @@ class Problem:
             total += amplitude.factor(time) * force
         return total
 
+    def applied_forces(self, u):
+        """Nodal external forces (n_owned, d), with those that depend on the displacement [force]. *Collective.*"""
+        total = self.external(self.time)
+        for item in self.others:
+            item.external(u, total)
+        return total
+
     def unbalanced(self, u, rules=None):
         """Internal plus contact minus external forces (n_owned, d); reactions where prescribed. *Collective.*"""
         out = -self.external(self.time)
@@ -311,9 +318,9 @@ class Problem:
         """Rounding errors that the sum of all forces at ``u`` may carry [force]. *Collective.*"""
         return np.finfo(float).eps * float(np.linalg.norm(self.space.comm.allreduce(self._magnitude(u).sum(axis=0))))
 
-    def loaded(self):
-        """Norm of the external forces [force]. *Collective.*"""
-        return self._norm(self.external(self.time))
+    def loaded(self, u):
+        """Norm of the external forces at ``u`` [force]. *Collective.*"""
+        return self._norm(self.applied_forces(u))
 
     def acting(self, u):
         """Largest of the norms of the external forces, and of those of the stresses at ``u`` where nodes are supported
@@ -322,7 +329,7 @@ class Problem:
         At equilibrium supports and contact bear them. What contact says at ``u`` is no measure: it is gamma times a
         gap, of which rounding errors may be all.
         """
-        external, stresses = self.external(self.time), np.zeros((self.space.n_owned, self.space.dim))
+        external, stresses = self.applied_forces(u), np.zeros((self.space.n_owned, self.space.dim))
         self.bulk.residual(u, stresses)
         held = np.where(self.fixed, stresses, 0.0)
         return max(self._norm(external), self._norm(held), self._norm(stresses - held))
@@ -356,9 +363,11 @@ class Problem:
         """Area of every component (n_components,) that was closed at the end of the last load step. *Collective.*"""
         return self.space.comm.allreduce(sum(item.closed_areas() for item in self.others), op=MPI.SUM)
 
-    def applied(self):
-        """Sums of the magnitudes of the external forces on every component (n_components,) [force]. *Collective.*"""
-        space, size = self.space, np.linalg.norm(self.external(self.time), axis=1)
+    def applied(self, u):
+        """Sums of the magnitudes of the external forces on every component (n_components,) at ``u`` [force].
+        *Collective.*
+        """
+        space, size = self.space, np.linalg.norm(self.applied_forces(u), axis=1)
         own = np.bincount(space.component[space.owned_local], size, minlength=space.mesh.n_components)
         return space.comm.allreduce(own, op=MPI.SUM)
 
@@ -386,15 +395,16 @@ class Problem:
             own = (float(size[k]), space.points[node], mesh.component_names[space.component[node]])
         return max(space.comm.allgather(own), key=lambda entry: entry[0])
 
-    def imbalance(self, record):
-        """Sum of all forces on the bodies, and the largest of them [force]. *Collective.*
+    def imbalance(self, record, u):
+        """Sum of all forces on the bodies at ``u``, and the largest of them [force]. *Collective.*
 
         Parameters
         ----------
         record : dict
             With ``reactions`` and ``contacts`` of a step.
+        u : PETSc.Vec
         """
-        applied = self.space.comm.allreduce(self.external(self.time).sum(axis=0))
+        applied = self.space.comm.allreduce(self.applied_forces(u).sum(axis=0))
         obstacles = {contact.name for contact in self.contacts if contact.rigid}
         forces = [np.asarray(force) for force in record["reactions"].values()]
         forces += [-np.asarray(pair["force"]) for name, pair in record["contacts"].items() if name in obstacles]

@@ -61,7 +61,7 @@ class LooseBodies:
         *Collective.*
         """
         problem, space = self.problem, self.problem.space
-        applied, residual = problem.applied(), space.vector()
+        applied, residual = problem.applied(u), space.vector()
         problem.residual(u, residual)
         forces = residual.getArray(readonly=True).reshape(-1, space.dim)
         # a norm of the residual is this much in the sum of its magnitudes; that of all bodies says nothing of one that
@@ -124,7 +124,7 @@ class LooseBodies:
         u : PETSc.Vec
             The committed displacement with the prescribed ones entered; overwritten.
         """
-        free = self._loose & (self.problem.touched() == 0.0) & (self.problem.applied() == 0.0)
+        free = self._loose & (self.problem.touched() == 0.0) & (self.problem.applied(u) == 0.0)
         if free.any():
             self._place(u, u, np.flatnonzero(free).tolist(), True)
 

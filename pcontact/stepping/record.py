@@ -72,7 +72,7 @@ class Recorder:
             record["free"] = self._announce(step.time, step.free)
             record["free_bodies"] = len(step.free)
         # relative to the largest force of the run: bodies that have parted leave nothing to compare with
-        total, largest = problem.imbalance(record)
+        total, largest = problem.imbalance(record, u)
         self.carried = max(self.carried, largest)
         imbalance = total / self.carried if self.carried > 0.0 else 0.0
         if imbalance > UNBALANCED:
@@ -96,7 +96,7 @@ class Recorder:
         """Say what hides the balance of forces. *Collective.*"""
         if total > ROUNDINGS * self._problem.rounding_of_sum(u):
             why = "the residual that the tolerances leave does: smaller ones (-snes_rtol), or smaller load steps"
-        elif touching or self._problem.loaded() > 0.0:
+        elif touching or self._problem.loaded(u) > 0.0:
             why = "rounding errors of the stresses hide them, the displacements are right only where they are imposed"
         else:
             # where nothing is applied and nothing touches, bodies that move leave rounding errors alone

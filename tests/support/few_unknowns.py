@@ -75,7 +75,7 @@ class FewUnknowns:
     def acting(self, u):
         return self._load
 
-    def loaded(self):
+    def loaded(self, u):
         return self._load
 
     def stiffness_scale(self, u):

@@ -1,0 +1,126 @@
+"""The item of a pressure that follows the surface it acts on."""
+
+import numpy as np
+
+from pcontact.assembly.follower_kernels import Facets, add_forces, add_stiffness
+from pcontact.assembly.graph import node_graph
+from pcontact.assembly.item import LAW, Item
+from pcontact.assembly.pattern import OwnedRows
+from pcontact.element.quadrature import quadrature
+from pcontact.element.reference import CELLS, facet_nodes
+from pcontact.element.shape import shape, shape_gradient
+
+# relative difference of two powers that rounding errors explain
+ROUNDING = 1e-10
+# random displacements in mean lengths of facets
+SLIGHT = 0.05
+
+
+def _facets(space, facets, numbers):
+    """The facets of one block; their nodes have other numbers (n_local,)."""
+    mesh, block = space.mesh, space.mesh.blocks[facets.block]
+    kind, (table, degree) = CELLS[block.cell].facet, mesh.geometry_nodes(block)
+    # exact: c has the degree of one shape function and a tangent, in space of one more tangent, in a ring of a radius
+    xi, weights = quadrature(kind, 3 * max(space.degree, degree) - 1)
+    nodes = table[facets.cells[:, None], facet_nodes(block.cell, degree)[facets.local]]
+    points = mesh.points[nodes]
+    return Facets(
+        np.ascontiguousarray(numbers[space.facet_nodes(facets)]),
+        np.einsum("qa,fa->fq", shape(kind, degree, xi), points[:, :, 0]),
+        np.einsum("qai,faj->fqij", shape_gradient(kind, degree, xi), points),
+        shape(kind, space.degree, xi), np.ascontiguousarray(shape_gradient(kind, space.degree, xi)), weights,
+    )  # fmt: skip
+
+
+class FollowerPressure(Item):
+    """A pressure on the deformed surface, along its normal there.
+
+    Parameters
+    ----------
+    space : pcontact.space.space.Space
+    region : str
+        Group of facets.
+    pressure : float
+        At factor 1, positive in compression [stress].
+    amplitude : pcontact.scene.amplitude.Amplitude
+    fixed : ndarray (n_local, d)
+        Flags of prescribed components.
+    name : str
+
+    Notes
+    -----
+    The constructor is *Collective*. The work that a pressure does on its way is that of the volume which the surface
+    sweeps, and the tangent is symmetric, but for what the rim of the surface sweeps: where supports leave it nothing,
+    or only ways within planes that it lies in.
+    """
+
+    def __init__(self, space, region, pressure, amplitude, fixed, name):
+        self.space, self.name, self._pressure, self._amplitude = space, name, pressure, amplitude
+        self._factor, self._ring = 0.0, space.axisymmetric
+        groups = space.mesh.facet_groups.get(region, [])
+        nodes = np.unique(np.concatenate([np.zeros(0, np.int64), *(space.facet_nodes(f).ravel() for f in groups)]))
+        numbers = np.full(space.n_local, -1, dtype=np.int64)
+        numbers[nodes] = np.arange(len(nodes))
+        self._parts = [_facets(space, facets, numbers) for facets in groups]
+        self._nodes = space.exchange(space.nodes[nodes])
+        self._local = node_graph([part.nodes for part in self._parts], len(nodes))
+        self._owned = OwnedRows(space.numbering, space.exchanger, space.nodes[nodes], *self._local)
+        self.symmetric = self._is_symmetric(nodes, fixed[nodes])
+
+    def _is_symmetric(self, nodes, fixed):
+        """Whether two random displacements do the same work on each other's forces, at a third. *Collective.*"""
+        space = self.space
+        numbers = space.mesh.file_nodes[space.mesh_nodes[nodes]].astype(float)
+        # the same on all ranks
+        first, second, at = (
+            np.where(fixed, 0.0, np.sin(np.multiply.outer(numbers + k, 12.9898 * np.arange(1, space.dim + 1) + k)))
+            for k in (1.0, 2.0, 3.0)
+        )
+        lengths = np.concatenate([np.zeros(0), *(np.linalg.norm(p.tangents, axis=-1).ravel() for p in self._parts)])
+        total, count = space.comm.allreduce(np.array([lengths.sum(), len(lengths)]))
+        values = self._stiffness(SLIGHT * total / max(count, 1.0) * at, 1.0)
+        rows = np.repeat(np.arange(len(nodes)), np.diff(self._local[0]))
+        columns = self._local[1]
+        terms = [np.einsum("ni,nij,nj->n", a[rows], values, b[columns]) for a, b in ((first, second), (second, first))]
+        own = np.array([terms[0].sum(), terms[1].sum(), np.abs(values).sum()])
+        one, other, size = space.comm.allreduce(own)
+        return bool(abs(one - other) <= ROUNDING * size)
+
+    def _stiffness(self, u, pressure):
+        """Values on the local pattern at a displacement (n, d) of the nodes."""
+        d = self.space.dim
+        values = np.zeros((len(self._local[1]), d, d))
+        for part in self._parts:
+            add_stiffness(part, u, pressure, self._ring, *self._local, values)
+        return values
+
+    def _forces(self, u, out, sign, absolute=False):
+        moved = self._nodes.gather(u)
+        forces = np.zeros(moved.shape)
+        for part in self._parts:
+            add_forces(part, moved, self._factor * self._pressure, self._ring, absolute, forces)
+        out += sign * self.space.summed(self._nodes, forces)
+
+    def detect(self, u, time, motion=0.0, ahead=None):
+        """The pressure is that of the end of the load step."""
+        self._factor = float(self._amplitude.factor(time))
+
+    def pattern(self):
+        """Owned block rows: rowptr (n_owned + 1,), columns (nnz,)."""
+        return self._owned.rowptr, self._owned.columns
+
+    def residual(self, u, out, rule=LAW):
+        """Add the forces of the owned nodes to ``out`` (n_owned, d). *Collective.*"""
+        self._forces(u, out, 1.0)
+
+    def external(self, u, out):
+        """Add the forces of the pressure at ``u`` to ``out`` (n_owned, d). *Collective.*"""
+        self._forces(u, out, -1.0)
+
+    def add_magnitude(self, u, out):
+        """Add the sum of the absolute terms of the forces to ``out`` (n_owned, d). *Collective.*"""
+        self._forces(u, out, 1.0, True)
+
+    def tangent(self, u, rule=LAW):
+        """Values (nnz, d, d) on the pattern. *Collective.*"""
+        return self._owned.sum(self._stiffness(self._nodes.gather(u), self._factor * self._pressure))
