@@ -19,7 +19,6 @@ from pcontact.mesh.load import load_mesh
 from pcontact.pairs import contact_reports, tied_pairs
 from pcontact.runtime import log, profile
 from pcontact.runtime.errors import TOLD
-from pcontact.runtime.messages import input_error
 from pcontact.scene import (
     amplitude,
     check_apart,
@@ -208,21 +207,6 @@ def _check_locking(scene, space):
         _warn_of_stress(scene)
 
 
-def _check_finite_contacts(scene, space):
-    """Refuse contacts of bodies with finite strain. *Collective.*"""
-    if not any(scene.finite(body) for body in scene.bodies):
-        return
-    mesh = space.mesh
-    for index, contact in enumerate(scene.contacts):
-        names = mesh.facet_groups if contact.all else (contact.source, contact.target)
-        own = {mesh.blocks[facets.block].body for name in names for facets in mesh.facet_groups.get(name, [])}
-        bodies = sorted(set().union(*space.comm.allgather(own)))
-        finite = [scene.bodies[body].region for body in bodies if scene.finite(scene.bodies[body])]
-        if finite:
-            found = f"bodies with finite strain: {', '.join(finite)}"
-            raise input_error(scene.where, f"contacts[{index}] ({contact.name})", found, 'bodies with strain = "small"')
-
-
 def _followers(scene, space, supports):
     """The items of the pressures that follow their surfaces. *Collective.*"""
     return [
@@ -333,7 +317,6 @@ def _assemble(scene, mesh, space, constants):
     """See :func:`assemble`. *Collective.*"""
     end = scene.steps.end
     _check_locking(scene, space)
-    _check_finite_contacts(scene, space)
     _check_joined(scene, space)
     supports = Supports(
         space, scene.displacements, [amplitude(d.amplitude, end) for d in scene.displacements], scene.where

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from pcontact.contact.finite_pair import finite_pair
 from pcontact.contact.formulation.parameters import coercive, parameter
 from pcontact.contact.law import ADDED, contact_law
 from pcontact.contact.pair import contact_pair
@@ -75,6 +76,14 @@ def _trace(space, bulk, source, contact):
     return trace if space.comm.allreduce(trace.parts, op=MPI.SUM) else None
 
 
+def _moves(space, bulk, source, target):
+    """Whether a body of a pair has finite strain. *Collective.*"""
+    finite = [block.components for number, block in enumerate(space.mesh.blocks) if number in bulk.parts]
+    finite = np.unique(np.concatenate([np.zeros(0, dtype=np.int64), *finite]))
+    sides = [source.components] + ([] if isinstance(target, RigidObstacle) else [target.components])
+    return space.comm.allreduce(any(bool(np.isin(side, finite).any()) for side in sides), op=MPI.LOR)
+
+
 def pair_of(space, bulk, contact, source, target, radius, floats=False):
     """The pair of a contact in its formulation. *Collective.*
 
@@ -85,6 +94,8 @@ def pair_of(space, bulk, contact, source, target, radius, floats=False):
         See :func:`pcontact.contact.pair.contact_pair`.
     """
     trace = _trace(space, bulk, source, contact) if contact.formulation == "nitsche" else None
+    if bulk.finite is not None and _moves(space, bulk, source, target):
+        return finite_pair(space, bulk, contact, source, target, radius, floats, trace)
     return contact_pair(space, contact, source, target, radius, floats, trace)
 
 
@@ -243,6 +254,15 @@ def _check_numbers(scene, number, contact):
         )  # fmt: skip
 
 
+def _check_geometry(scene, space, bulk, number, contact):
+    """Refuse facets whose places their nodes do not carry, where partners move on them."""
+    if bulk.finite is not None and contact.obstacle is None and space.mesh.curved and space.degree == 1:
+        raise input_error(
+            scene.where, f"contacts[{number}] ({contact.name})",
+            "bodies with finite strain, order = 1, and a mesh of degree 2", "order = 2, or a mesh of degree 1",
+        )  # fmt: skip
+
+
 def _check_sizes(scene, space, number, contact, pair):
     """Refuse a source in space too coarse for its target, unless the scene allows it. *Collective.*"""
     if space.dim == 2 or contact.obstacle is not None or is_unbiased(contact) or contact.all:
@@ -328,6 +348,7 @@ def contact_reports(scene, space, constants, supports, free, bulk, tied):
         space.mesh.facet_groups[OUTER] = outer_surfaces(space)
     for number, contact in enumerate(scene.contacts):
         _check_numbers(scene, number, contact)
+        _check_geometry(scene, space, bulk, number, contact)
         if contact.tied:
             reports.append(ContactReport(contact, [tied[number]]))
             continue

@@ -28,6 +28,7 @@ from pcontact.scene.amplitude import drive
 from pcontact.solve.newton import Newton
 from pcontact.space.modes import near_null_space
 from pcontact.stepping.loose import LooseBodies
+from pcontact.stepping.partner_update import partner_update
 from pcontact.stepping.record import Recorder
 from pcontact.stepping.schedule import Control, Schedule
 from pcontact.stepping.search_update import search_update
@@ -114,7 +115,9 @@ class Simulation:
         modes_at = partial(near_null_space, self.problem.space, colours) if turns else None
         self.newton = Newton(self.problem, self.options, symmetric, modes, self.timing, motions, modes_at)
         self.settle = uzawa(self.problem.contacts, self.newton, self.options)
-        self.renew = search_update(self.problem, self.newton, self.options)
+        self.renew = partner_update(self.problem, self.newton)
+        if self.renew is None:
+            self.renew = search_update(self.problem, self.newton, self.options)
         meets = motions and not self.problem.linear
         self.rest = LooseBodies(self.problem, motions) if meets else None
 

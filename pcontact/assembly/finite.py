@@ -54,7 +54,7 @@ class FiniteBulk(Bulk):
     name = "bodies with finite strain"
 
     def __init__(self, space, constants, materials):
-        self.space, self.constants = space, constants
+        self.space, self.constants, self.finite = space, constants, self
         self.yields = any(material is not None and material.yields for material in materials)
         self.parts = {
             number: self._state(number, materials[block.body])

@@ -51,13 +51,22 @@ def some_cells(space, number, rows):
 
     N / r is None without axial symmetry.
     """
+    grad, _, values, xi = some_cells_weighted(space, number, rows)
+    return grad, hoop(space, number, rows, values), xi
+
+
+def some_cells_weighted(space, number, rows):
+    """Gradients (n, nq, nn, d) and quadrature weights (n, nq) of some cells of a block, as of :func:`chunks`, shape
+    functions (nq, nn), and the points (nq, d) of the rule."""
     mesh, block = space.mesh, space.mesh.blocks[number]
     table, geometry_degree, xi, weights = _rule(space, number)
     dshape = np.ascontiguousarray(shape_gradient(block.cell, space.degree, xi))
     grad, jxw = np.empty((len(rows), *dshape.shape)), np.empty((len(rows), len(weights)))
     x = np.ascontiguousarray(mesh.points[table[rows]])
     gradients(x, np.ascontiguousarray(shape_gradient(block.cell, geometry_degree, xi)), dshape, weights, grad, jxw)
-    return grad, hoop(space, number, rows, shape(block.cell, space.degree, xi)), xi
+    if space.axisymmetric:
+        jxw *= 2.0 * np.pi * _radius(space, number, rows)
+    return grad, jxw, shape(block.cell, space.degree, xi), xi
 
 
 def hoop(space, number, rows, values):

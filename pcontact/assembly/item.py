@@ -64,13 +64,15 @@ class Item:
         Points of this rank whose status changed in each tangent of the load step.
     too_deep : int
         Points of this rank deeper in an obstacle than the radius.
+    renews : bool
+        Whether :meth:`renew` is to be asked at the solution of a load step.
     """
 
     name = "bodies"
     space = None
     changes = True
     version = 0
-    can_slip = rigid = floats = stiff = False
+    can_slip = rigid = floats = stiff = renews = False
     symmetric = True
     radius = np.inf
     flips = ()
@@ -116,6 +118,22 @@ class Item:
         ahead : PETSc.Vec, optional
             Displacement among which partners are looked for: where the load step is expected to end.
         """
+
+    def renew(self, u, before, time):
+        """Find again, at a solution ``u``, what the load step that began at ``before`` keeps. *Collective.*
+
+        Parameters
+        ----------
+        u, before : PETSc.Vec
+        time : float
+            At which the load step ends.
+
+        Returns
+        -------
+        bool
+            Whether that has changed, so that ``u`` may be no solution any more.
+        """
+        return False
 
     def commit(self, u, time):
         """End the load step: what the next one needs to know is that of ``u``. *Collective.*"""
@@ -269,11 +287,15 @@ class Bulk(Item):
         Whether a load step begins where the bodies are if they move on as they did: see :meth:`predict`.
     states : dict of int to pcontact.assembly.plastic_kernels.PlasticState
         Internal variables, by block; empty where none may yield.
+    parts : dict of int to pcontact.assembly.finite_kernels.FiniteState
+        The same of blocks with finite strain.
+    finite : pcontact.assembly.finite.FiniteBulk or None
+        The item that has their cells.
     """
 
     constants = ()
     yields = extrapolates = False
-    states = {}
+    states, parts, finite = {}, {}, None
 
     def counters(self):
         """Quadrature points with internal variables."""

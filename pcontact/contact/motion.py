@@ -39,8 +39,7 @@ def step_limit(pair, u, y, falls=None):
     """
     p, source, comm = pair.pairing, pair.source, pair.space.comm
     traction, gap = pair.terms.normal_state(p, p.exchange.gather(u), p.acts)
-    moved = pair.terms.gap(p, p.exchange.gather(y))
-    approach = moved - p.gap0
+    approach = pair.terms.approach(p, u, y)
     part = pair.radius / max(float(np.max(np.abs(approach), initial=0.0)), 1e-300)
     closed = p.paired & (traction + pair.gamma_points * gap <= 0.0)
     bearing, falling = pair.forces(u)[1] > OPEN, np.zeros(len(gap), dtype=bool)

@@ -9,6 +9,8 @@ from pcontact.assembly.bulk import ElasticBulk
 from pcontact.assembly.finite import FiniteBulk
 from pcontact.assembly.mixed import MixedBulk
 from pcontact.assembly.plastic import PlasticBulk
+from pcontact.contact.finite_pair import FinitePair
+from pcontact.contact.pair import ContactPair
 from pcontact.io.result import load_result
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.petsc import MPI
@@ -113,15 +115,20 @@ def test_items(tmp_path, lower, upper, kind, small):
         simulation.close()
 
 
-def test_contact_is_refused(tmp_path):
+@pytest.mark.parametrize("strain, kind", [("small", ContactPair), ("finite", FinitePair)])
+def test_pairs(tmp_path, strain, kind):
+    """Pairs of bodies without finite strain are those that they were; one body with it is enough for the other kind."""
     path = two_blocks(tmp_path / "blocks.msh", 2, 1, 1, "quadrilateral")
-    scene = two(path, ("elastic", "small"), ("elastic", "finite"))
+    scene = two(path, ("elastic", "small"), ("elastic", strain))
     scene.displacements = scene.displacements[:2]
     for contact in (Contact("lower_top", "upper_bottom"), Contact(all=True)):
         scene.contacts = [contact]
-        with pytest.raises(InputError) as caught:
-            Simulation(scene, MPI.COMM_SELF)
-        assert "contacts[0]" in str(caught.value) and "upper" in str(caught.value)
+        simulation = Simulation(scene, MPI.COMM_SELF)
+        try:
+            assert {type(pair) for report in simulation.problem.contacts for pair in report.pairs} == {kind}
+            assert (simulation.renew is None) == (strain == "small")
+        finally:
+            simulation.close()
 
 
 @pytest.mark.parametrize("upper", ["small", "finite"])

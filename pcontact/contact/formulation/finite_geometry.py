@@ -12,13 +12,15 @@ contact normal n points from source to target, the gap is g = (y - x) . n (>= 0 
 
 Slip is convected: with the committed state k at the same point of the target, and A+ the matrix with the rows a^i,
 
-    z = y_k(xi) - x_k - g n_k + lag    (closest: without g n_k),    zeta = A_k+ z,    s = A zeta
+    z = y_k(xi) - x_k - g n_k    (closest: without g n_k),    zeta = A_k+ z + B+ lag,    s = A zeta
 
 goes from where the point was over the target to the present partner's place of then, in components on the old
-tangents, which the new ones carry. Turning either state alone changes nothing. With dA_k,i = y_k,ij dxi_j
+tangents, which the new ones carry. The lag is a vector across n_k, in components on B = (I - n_k n_k) A_k (closest: it
+is across the target, and added to z): at rest it stays what it is. Turning either state alone changes nothing. With
+dA_k,i = y_k,ij dxi_j and zeta_z = A_k+ z
 
-    ds = dA zeta + A dzeta,
-    dzeta = A_k+ (A_k dxi - n_k dg - dA_k zeta) + (A_k^T A_k)^-1 dA_k^T (z - A_k zeta)
+    ds = dA zeta + A dzeta,    dzeta = A_k+ (A_k dxi - n_k dg - dA_k zeta_z)
+                                       + (A_k^T A_k)^-1 dA_k^T (z - A_k zeta_z) - B+ dA_k (B+ lag)
 
 * held at an edge or corner: n and xi are frozen, s = [[u]] - [[u_k]] + lag
 * tied: xi is frozen, and w = y - x - A zeta_0 - g_0 n with the components of the offset that the undeformed bodies
@@ -132,11 +134,13 @@ class PointWork(NamedTuple):
     ----------
     shapes : ndarray (6, 9)
         Of the target facet and their derivatives, see `facet_maps.fill_shapes`.
-    xi, zeta : ndarray (2,)
+    xi, zeta, zeta_lag : ndarray (2,)
+        zeta_z and B+ lag.
     x, old_x, y, old_y, n, old_n, slip, rest : ndarray (d,)
-        ``rest`` is z - A_k zeta.
+        ``rest`` is z - A_k zeta_z.
     gap : ndarray (1,)
-    c, c_dual, old_c, a, a_dual, old_a, old_dual : ndarray (2, d)
+    c, c_dual, old_c, a, a_dual, old_a, old_dual, across : ndarray (2, d)
+        ``across`` are the rows of B+.
     bend, old_bend : ndarray (3, d)
         y,11, y,12, y,22.
     metric, old_metric : ndarray (2, 2)
@@ -147,13 +151,14 @@ class PointWork(NamedTuple):
     dg : ndarray (k,)
     dxi : ndarray (2, k)
         Derivatives with respect to the displacements of the ms nodes of the source facet and the mt ones of the target.
-    r, da, dz : ndarray (d,), (2, d), (2,)
+    r, t, da, dz : ndarray (d,), (d,), (2, d), (2,)
         Scratch.
     """
 
     shapes: np.ndarray
     xi: np.ndarray
     zeta: np.ndarray
+    zeta_lag: np.ndarray
     x: np.ndarray
     old_x: np.ndarray
     y: np.ndarray
@@ -170,6 +175,7 @@ class PointWork(NamedTuple):
     a_dual: np.ndarray
     old_a: np.ndarray
     old_dual: np.ndarray
+    across: np.ndarray
     bend: np.ndarray
     old_bend: np.ndarray
     metric: np.ndarray
@@ -180,6 +186,7 @@ class PointWork(NamedTuple):
     dg: np.ndarray
     dxi: np.ndarray
     r: np.ndarray
+    t: np.ndarray
     da: np.ndarray
     dz: np.ndarray
 
@@ -188,9 +195,10 @@ def point_work(d, width):
     """Scratch for points in d dimensions with ``width`` nodes of both sides."""
     v, m, k = (lambda: np.zeros(d)), (lambda rows: np.zeros((rows, d))), width * d
     return PointWork(
-        np.zeros((6, 9)), np.zeros(2), np.zeros(2), v(), v(), v(), v(), v(), v(), v(), v(), np.zeros(1),
-        m(2), m(2), m(2), m(2), m(2), m(2), m(2), m(3), m(3), np.zeros((2, 2)), np.zeros((2, 2)), np.zeros((d, d)),
-        np.zeros((d, k)), np.zeros((d, k)), np.zeros(k), np.zeros((2, k)), v(), m(2), np.zeros(2),
+        np.zeros((6, 9)), np.zeros(2), np.zeros(2), np.zeros(2), v(), v(), v(), v(), v(), v(), v(), v(), np.zeros(1),
+        m(2), m(2), m(2), m(2), m(2), m(2), m(2), m(2), m(3), m(3), np.zeros((2, 2)), np.zeros((2, 2)),
+        np.zeros((d, d)), np.zeros((d, k)), np.zeros((d, k)), np.zeros(k), np.zeros((2, k)), v(), v(), m(2),
+        np.zeros(2),
     )  # fmt: skip
 
 
@@ -397,15 +405,22 @@ def _slip(mode, source, p, nodes, kind, motion, w):
         unit_normal(w.old_c, w.old_n)
         over = w.gap[0]
     for k in range(d):
-        w.rest[k] = w.old_y[k] - w.old_x[k] - over * w.old_n[k] + motion.lag[p, k]
+        w.rest[k] = w.old_y[k] - w.old_x[k] - over * w.old_n[k] + (motion.lag[p, k] if mode == CLOSEST else 0.0)
         w.slip[k] = 0.0
+    if mode == RAY:
+        for i in range(nb):
+            along = dot(w.old_n, w.old_a[i])
+            for k in range(d):
+                w.da[i, k] = w.old_a[i, k] - along * w.old_n[k]
+        _dual(w.da, w.old_metric, w.across)
     _dual(w.old_a, w.old_metric, w.old_dual)
     for i in range(nb):
         w.zeta[i] = dot(w.old_dual[i], w.rest)
+        w.zeta_lag[i] = dot(w.across[i], motion.lag[p]) if mode == RAY else 0.0
     for i in range(nb):
         for k in range(d):
             w.rest[k] -= w.old_a[i, k] * w.zeta[i]
-            w.slip[k] += w.a[i, k] * w.zeta[i]
+            w.slip[k] += w.a[i, k] * (w.zeta[i] + w.zeta_lag[i])
 
 
 @njit_inner
@@ -572,21 +587,22 @@ def _slip_column(mode, w, k):
     for i in range(nb):
         w.dz[i] = 0.0
     for q in range(d):
-        # A_k dxi - n_k dg - dA_k zeta
-        w.r[q] = -over * w.old_n[q]
+        # A_k dxi - n_k dg - dA_k zeta_z, and dA_k (B+ lag)
+        w.r[q], w.t[q] = -over * w.old_n[q], 0.0
         for i in range(nb):
             w.r[q] += w.old_a[i, q] * w.dxi[i, k]
             turn = w.old_bend[i, q] * w.dxi[0, k]
             if nb == 2:
                 turn += w.old_bend[i + 1, q] * w.dxi[1, k]
             w.r[q] -= turn * w.zeta[i]
+            w.t[q] += turn * w.zeta_lag[i]
             w.dz[i] += turn * w.rest[q]
     for i in range(nb):
-        dzeta = dot(w.old_dual[i], w.r) + w.old_metric[i, 0] * w.dz[0]
+        dzeta = dot(w.old_dual[i], w.r) + w.old_metric[i, 0] * w.dz[0] - dot(w.across[i], w.t)
         if nb == 2:
             dzeta += w.old_metric[i, 1] * w.dz[1]
         for q in range(d):
-            w.ds[q, k] += w.da[i, q] * w.zeta[i] + w.a[i, q] * dzeta
+            w.ds[q, k] += w.da[i, q] * (w.zeta[i] + w.zeta_lag[i]) + w.a[i, q] * dzeta
 
 
 @njit
@@ -662,3 +678,38 @@ def stretch(source, grad, u, out):
         _source_at(source, p, u, x, c)
         if det > 0.0:
             out[facet] = max(out[facet], unit_normal(c, n) / det)
+
+
+@njit
+def current_normals(source, u, normal):
+    """Outward unit normals (np, d) of the source under nodal displacements (n, d)."""
+    d = u.shape[1]
+    x, c, n = np.zeros(d), np.zeros((2, d)), np.zeros(d)
+    for p in range(len(source.facet)):
+        _source_at(source, p, u, x, c)
+        unit_normal(c, n)
+        for k in range(d):
+            normal[p, k] = n[k]
+
+
+@njit
+def tied_offsets(source, partner, x, u, offset):
+    """Components zeta_0 and g_0 of y - x at tied points: offset (np, d), at nodal values (n, d) [length]."""
+    d = u.shape[1]
+    nb, shapes, metric = d - 1, np.zeros((6, 9)), np.zeros((2, 2))
+    place, c, y, n = np.zeros(d), np.zeros((2, d)), np.zeros(d), np.zeros(d)
+    a, dual, bend = np.zeros((2, d)), np.zeros((2, d)), np.zeros((3, d))
+    for p in range(len(source.facet)):
+        if partner.mode[p] != TIED:
+            continue
+        kind = partner.kind[p]
+        _source_at(source, p, u, place, c)
+        fill_shapes(kind, partner.xi[p, 0], partner.xi[p, 1], shapes)
+        _target_at(partner.nodes[p], NODE_COUNTS[kind], x, u, shapes, y, a, bend)
+        _dual(a, metric, dual)
+        unit_normal(a, n)
+        for k in range(d):
+            y[k] -= place[k]
+        for i in range(nb):
+            offset[p, i] = dot(dual[i], y)
+        offset[p, nb] = -dot(n, y)

@@ -51,6 +51,10 @@ class FrictionlessTerms:
         """Gap (np,) [length]."""
         return self._evaluate(p, values)[1]
 
+    def approach(self, p, u, y):
+        """How far a step -y from u (distributed vectors) closes the gap (np,) [length]. *Collective.*"""
+        return self.gap(p, p.exchange.gather(y)) - p.gap0
+
     def _evaluate(self, p, values):
         traction, gap = np.empty(len(p.paired)), np.empty(len(p.paired))
         evaluate(values, p.source, p.partner, p.b, traction, gap)

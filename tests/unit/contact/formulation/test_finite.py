@@ -93,6 +93,9 @@ class Setting:
         self.normal, self.offset = normal / np.linalg.norm(normal) * side, offset
         self.centre = (self.shape @ own) + side * (1.0 + gap) * np.eye(d)[-1] + 0.1 * random.standard_normal(d)
         self.lag = 0.01 * random.standard_normal(d)
+        if mode == RAY:
+            along = self._normal(self.dshape.T @ (self.x + self.before)[: self.ms])
+            self.lag -= along * (along @ self.lag)
         self.frictional = self.law is not None
         self.parameters = FiniteParameters(
             theta, ALPHA if self.frictional else 0.0, 1.0 / ALPHA if self.frictional else 0.0, np.array([GAMMA])
@@ -196,8 +199,11 @@ class Setting:
         n, old_n = (self._normal(self.dshape.T @ (self.x + w)[: self.ms]) for w in (u, self.before))
         n = n if self.mode == RAY else -self._normal(a)
         old_y, old_a = self._target(self.before, xi)
-        z = old_y - old - (g * old_n if self.mode == RAY else 0.0) + self.lag
-        slip = (one - np.outer(n, n)) @ (a.T @ np.linalg.lstsq(old_a.T, z, rcond=None)[0])
+        z, beside = old_y - old - (g * old_n if self.mode == RAY else 0.0), old_a.T
+        if self.mode == RAY:
+            beside = (one - np.outer(old_n, old_n)) @ beside
+        zeta = [np.linalg.lstsq(b, v, rcond=None)[0] for b, v in ((old_a.T, z), (beside, self.lag))]
+        slip = (one - np.outer(n, n)) @ (a.T @ sum(zeta))
         g = g + 0.003
         t = self.t0 + np.einsum("aij,aj->i", self.dt, u[: self.nn])
         tau = t + GAMMA * (g * n - (ALPHA * slip if self.frictional else 0.0))

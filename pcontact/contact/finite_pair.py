@@ -1,0 +1,340 @@
+"""A contact pair of bodies with finite motion: the facets of the partners are frozen, nothing else."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pcontact.contact.formulation.averages import add_at_nodes
+from pcontact.contact.formulation.finite import FiniteTerms
+from pcontact.contact.formulation.finite_geometry import (
+    CLOSEST,
+    HELD,
+    NONE,
+    OBSTACLE,
+    RAY,
+    TIED,
+    FinitePartner,
+    FiniteSource,
+    current_normals,
+    tied_offsets,
+)
+from pcontact.contact.formulation.methods import OFF
+from pcontact.contact.law import OPEN, contact_law
+from pcontact.contact.pair import METHODS, ContactPair
+from pcontact.contact.pairing import Pairing
+from pcontact.contact.points import PartnerPoints, SourcePoints
+from pcontact.contact.search.partners import ObstacleSearch, TargetSearch
+from pcontact.contact.surface.facet_maps import KIND, MAX_NODES
+from pcontact.contact.surface.obstacle import RigidObstacle
+from pcontact.contact.traction.finite import FiniteTraction, NoTraction
+from pcontact.element.reference import reference_nodes
+from pcontact.mesh.mesh import size_of
+from pcontact.runtime.petsc import MPI
+
+# difference of unit vectors from which a contact normal is not that of the facet: a partner held at an edge
+APART = 1e-6
+# step of the differences that make the curvature of an obstacle, in parts of the model
+STEP = 1e-5
+
+
+@dataclass
+class FinitePairing(Pairing):
+    """Partners of the source points, whose facets are frozen until the next search.
+
+    ``partner`` has shape functions and normals where the search found them; ``b`` is empty.
+
+    Attributes
+    ----------
+    points : FiniteSource
+    frozen : FinitePartner
+    x : ndarray (n, d)
+        Undeformed places of the nodes, relative to the origin [length].
+    obstacle : ObstacleAt or None
+    """
+
+    points: FiniteSource
+    frozen: FinitePartner
+    x: np.ndarray
+    obstacle: object = None
+
+    def partner_at(self, values, curved):
+        """The partners at nodal values (n, d), of obstacles with their curvature where `curved`. *Collective.*"""
+        if self.obstacle is None:
+            return self.frozen
+        return self.obstacle(self.points, self.frozen, values, curved)
+
+
+class ObstacleAt:
+    """An obstacle at the end of a load step.
+
+    Parameters
+    ----------
+    search : ObstacleSearch
+    time : float
+    origin : ndarray (d,)
+    step : float
+        Of differences of normals [length].
+    """
+
+    def __init__(self, search, time, origin, step):
+        self.search, self.time, self.origin, self.step = search, time, origin, step
+
+    def __call__(self, points, frozen, values, curved):
+        """Partners with normal, gap and curvature at nodal values (n, d). *Collective.*"""
+        x = places(points, values)
+        gap, normal = self.search.distance(x, self.time, self.origin)
+        curvature, d = np.zeros((0, x.shape[1], x.shape[1])), x.shape[1]
+        if curved:
+            curvature = np.empty((len(x), d, d))
+            for j in range(d):
+                shift = self.step * np.eye(d)[j]
+                (_, ahead), (_, back) = (self.search.distance(x + s, self.time, self.origin) for s in (shift, -shift))
+                curvature[:, :, j] = (back - ahead) / (2.0 * self.step)
+        gap, normal = np.ascontiguousarray(gap), np.ascontiguousarray(normal)
+        return frozen._replace(gap=gap, normal=normal, curvature=curvature)
+
+
+def places(points, values):
+    """Places (np, d) of source points, relative to the origin, at nodal values (n, d) [length]."""
+    on = np.take_along_axis(points.cells, points.on, axis=1)[points.facet]
+    return points.x + np.einsum("pa,pad->pd", points.shape, values[on])
+
+
+def _tangents(normal):
+    """Orthonormal tangents (np, d - 1, d) of unit normals (np, d): (t_y, -t_x) and t_1 x t_2 are the normal."""
+    if normal.shape[1] == 2:
+        return np.stack([-normal[:, 1], normal[:, 0]], axis=1)[:, None]
+    axis = np.eye(3)[np.argmin(np.abs(normal), axis=1)]
+    first = np.cross(axis, normal)
+    first /= np.linalg.norm(first, axis=1, keepdims=True)
+    return np.stack([first, np.cross(normal, first)], axis=1)
+
+
+def finite_source(source, origin):
+    """The points of a source as kernels of finite motion want them.
+
+    Parameters
+    ----------
+    source : pcontact.contact.surface.sides.SourceSurface
+        With the gradients of its cells.
+    origin : ndarray (d,)
+    """
+    largest = np.zeros(source.cells.shape)
+    np.maximum.at(largest, source.facet, np.abs(source.shape))
+    on = largest > OFF
+    on = np.ascontiguousarray(np.argsort(~on, axis=1, kind="stable")[:, : int(on.sum(axis=1).max(initial=1))])
+    tangent, columns = _tangents(source.normal), on[source.facet]
+    slope = np.einsum("pad,pbd->pba", source.grad, tangent)
+    return FiniteSource(
+        source.facet, source.cells, on, np.ascontiguousarray(np.take_along_axis(source.shape, columns, axis=1)),
+        np.ascontiguousarray(np.take_along_axis(slope, columns[:, None], axis=2)),
+        np.ascontiguousarray(source.x - origin), np.ascontiguousarray(tangent), source.jxw,
+    )  # fmt: skip
+
+
+def kinds_of(nodes, d, degree):
+    """Kinds (np,) of facets from their nodes (np, m), of which short rows are padded with the first one."""
+    if d == 2:
+        return np.full(len(nodes), KIND["segment", degree])
+    triangle, square = KIND["triangle", degree], KIND["quadrilateral", degree]
+    corners = len(reference_nodes("triangle", degree))
+    if nodes.shape[1] <= corners:
+        return np.full(len(nodes), triangle)
+    return np.where(nodes[:, corners] == nodes[:, 0], triangle, square)
+
+
+def _reference(kinds, degree):
+    """Reference coordinates (np, 9, 2) of the nodes of facets of some kinds."""
+    table = np.zeros((MAX_NODES, MAX_NODES, 2))
+    for (name, order), kind in KIND.items():
+        if order == degree:
+            nodes = reference_nodes(name, degree)
+            table[kind, : len(nodes), : nodes.shape[1]] = nodes
+    return table[kinds]
+
+
+class FinitePair(ContactPair):
+    """One source surface and its partners at finite motion; parameters as for `ContactPair`, with `FiniteTerms` and a
+    source that has the gradients of its cells, whatever the formulation."""
+
+    def __init__(self, space, contact, source, search, terms, radius, floats=False):
+        super().__init__(space, contact, source, search, terms, radius, floats)
+        self._points = finite_source(source, self.origin)
+        self.renews = not (self.rigid or self.law.tied)
+
+    def _find(self, nodal, x, time):
+        """Partners, by the normals of the deformed source. *Collective.*"""
+        normal = np.empty_like(self.source.normal)
+        current_normals(self._points, nodal, normal)
+        found = self.search.find(nodal, x, normal, time, self.radius, self.origin)
+        self._normals, self._time = normal, time
+        if self.chords is None:
+            return found
+        return found._replace(gap=self.chords(found.gap, found.normal, found.paired, found.offset))
+
+    def _plan(self, nodes, paired):
+        super()._plan(nodes, paired)
+        space = self.space
+        vector = space.vector()
+        vector.setArray((space.points - self.origin)[space.owned_local].ravel())
+        self._places = self._planned[0].gather(vector)
+        vector.destroy()
+
+    def _freeze(self, u, gap, normal, found):
+        """Freeze facets; what the gap has beside that of the places is kept, too. *Collective.*"""
+        paired, source, d = found.paired, self.source, self.space.dim
+        if not self.rigid or self.pairing is None:
+            self._plan(found.nodes, paired)
+        exchange, cells, unique = self._planned
+        nodes = np.zeros(found.nodes.shape, dtype=np.int64)
+        if len(unique):
+            nodes = np.minimum(np.searchsorted(unique, found.nodes), len(unique) - 1)
+        nodes = np.ascontiguousarray(np.where(paired[:, None], nodes, 0).astype(np.int64))
+        shape = np.ascontiguousarray(np.where(paired[:, None], found.shape, 0.0))
+        n, every, small = len(gap), np.ones(len(gap), dtype=bool), self.terms.traction.small
+        points = SourcePoints(
+            source.facet, cells, source.shape, source.jxw, source.normal, small.grad, small.volumetric, small.mu
+        )
+        normal = np.ascontiguousarray(np.where(paired[:, None], normal, self._normals))
+        acts = paired.copy() if self.method.theta == 0.0 else every
+        mode = OBSTACLE if self.rigid else TIED if self.law.tied else RAY if self._traces else CLOSEST
+        kinds, xi = np.zeros(n, dtype=np.int64), np.zeros((n, 2))
+        if not self.rigid:
+            kinds = kinds_of(found.nodes, d, self.space.degree)
+            xi = np.einsum("pm,pmk->pk", shape, _reference(kinds, self.space.degree)[:, : shape.shape[1]])
+        frozen = FinitePartner(
+            np.where(paired, mode, NONE), nodes, kinds.astype(np.int64), xi, normal, np.zeros(n), np.zeros((n, d)),
+            np.zeros(n), np.zeros((0, d, d)), np.zeros((n, d)),
+        )  # fmt: skip
+        obstacle = None
+        if self.rigid:
+            obstacle = ObstacleAt(self.search, self._time, self.origin, STEP * size_of(self.space.mesh))
+        p = FinitePairing(
+            exchange, points, PartnerPoints(nodes, shape, normal, np.zeros(n)), paired, found.ids,
+            np.empty((n, 0, d)), acts, every, self._points._replace(cells=cells), frozen, self._places, obstacle,
+        )  # fmt: skip
+        values = exchange.gather(u)
+        self.pairing = p
+        self._hold(p, values, gap, normal)
+        # of points that have lost their partner: a plane across the normal
+        p.gap0[:] = gap + np.einsum("pd,pd->p", self._jump(p, values), normal)
+
+    @property
+    def _traces(self):
+        return self.search.method == "ray_tracing"
+
+    def _jump(self, p, values):
+        jump = np.einsum("pa,pad->pd", self.source.shape, values[p.cells[self.source.facet]])
+        return jump - np.einsum("pm,pmd->pd", p.target_shape, values[p.targets])
+
+    def _hold(self, p, values, gap, normal):
+        """Modes and numbers of points that do not follow the facets alone. *Collective.*"""
+        if self.law.tied:
+            offset = np.zeros_like(p.frozen.offset)
+            tied_offsets(p.points, p.frozen, p.x, values, offset)
+            p.frozen = p.frozen._replace(offset=offset)
+            return
+        contact = self.terms.place(p, values)
+        mode = p.frozen.mode
+        if not self.rigid and not self._traces:
+            off = ~contact.live | (np.abs(contact.normal - normal).max(axis=1) > APART)
+            p.frozen = p.frozen._replace(mode=np.where((mode == CLOSEST) & off, HELD, mode))
+            contact = self.terms.place(p, values)
+        p.frozen = p.frozen._replace(shift=np.where(contact.live, gap - contact.gap, 0.0))
+
+    def _start_step(self, u, time):
+        p = self.pairing
+        if self.rigid:
+            values = p.exchange.gather(u)
+            start = places(p.points, values) + self.search.moved(self.time, time)
+            p.frozen = p.frozen._replace(start=start)
+        super()._start_step(u, time)
+
+    def _couples(self, closed):
+        """Also points that are open, where the closest point's normal stands in their adjoint term."""
+        if self.method.theta != 0.0 and not self.rigid:
+            return self.pairing.paired
+        return super()._couples(closed)
+
+    def renew(self, u, before, time):
+        """See :meth:`pcontact.assembly.item.Item.renew`. *Collective.*"""
+        if not self.renews:
+            return False
+        nodal = self.space.local.gather(u)
+        found = self._find(nodal, self.deformed(nodal), time)
+        closed = self.terms.forces(self.pairing, self.pairing.exchange.gather(u), self._view())[1] > OPEN
+        gap = found.gap if self.offset is None else found.gap + self.offset
+        now = np.where(found.paired, found.ids, -1)
+        then = np.where(self.pairing.paired, self.pairing.ids, -1)
+        touches = closed | (found.paired & (gap <= 0.0))
+        if not self.space.comm.allreduce(bool(np.any(touches & (now != then))), op=MPI.LOR):
+            return False
+        self.detect(before, time, 0.0, u)
+        return True
+
+    def add_magnitude(self, u, out):
+        """Add the sum of the absolute terms of :meth:`residual` to ``out`` (n_owned, d); gaps are differences of
+        places. *Collective.*
+        """
+        p, source = self.pairing, self.source
+        values = p.exchange.gather(u)
+        _, status = self.terms.forces(p, values, self._view())
+        some = np.flatnonzero(status > OPEN)
+        size = np.abs(values) + np.abs(p.x)
+        facet, targets = source.facet[some], p.targets[some]
+        own, other = np.abs(source.shape[some]), np.abs(p.target_shape[some])
+        size = np.einsum("pa,pad->p", own, size[p.cells[facet]]) + np.einsum("pm,pmd->p", other, size[targets])
+        size = np.repeat((size * self.gamma[facet] * source.jxw[some])[:, None], self.space.dim, axis=1)
+        local = np.zeros_like(values)
+        add_at_nodes(own, p.cells, facet, size, local)
+        add_at_nodes(other, targets, np.arange(len(some)), size, local)
+        out += self.space.summed(p.exchange, local)
+
+    def normal_motion(self, u, before):
+        """Largest change of the gap of a point with a partner between two displacements [length]; where bodies turn,
+        the motion of points without one says nothing. *Collective.*
+        """
+        if self.law.tied:
+            return 0.0
+        p = self.pairing
+        change = self.terms.gap(p, p.exchange.gather(u)) - self.terms.gap(p, p.exchange.gather(before))
+        return self.space.comm.allreduce(float(np.max(np.abs(change[p.paired]), initial=0.0)), op=MPI.MAX)
+
+    def commit(self, u, time):
+        """End the load step. *Collective.*"""
+        self.time, self._begun = time, True
+        self.committed = self.terms.commit(self.pairing, self.pairing.exchange.gather(u), self._view())
+
+    def state(self, u):
+        """See :meth:`ContactPair.state`; pressure, traction and weight are per undeformed area. *Collective.*"""
+        p = self.pairing
+        state = self.terms.state(p, p.exchange.gather(u), self._view())
+        gap = np.where(p.paired, state["gap"], self.radius)
+        return {**state, "gap": gap, "weight": self.source.jxw, "x": self.source.x}
+
+
+def finite_pair(space, bulk, contact, source, target, radius, floats=False, trace=None):
+    """The pair of a contact between bodies of which some have finite strain. *Collective.*
+
+    Parameters
+    ----------
+    bulk : pcontact.assembly.item.Bulk
+    others
+        See :func:`pcontact.contact.pair.contact_pair`.
+
+    Returns
+    -------
+    FinitePair
+    """
+    law = contact_law(contact)
+    method = METHODS[contact.formulation or "nitsche"](contact, source.trace, source.x.shape)
+    if method.has_traction:
+        traction = FiniteTraction(space, bulk, source, contact.source, trace)
+    else:
+        traction = NoTraction(source)
+    terms = FiniteTerms(space, source, method, traction, law)
+    if isinstance(target, RigidObstacle):
+        search = ObstacleSearch(space, target)
+    else:
+        search = TargetSearch(space, target, contact.search, contact.bilateral or law.tied)
+    return FinitePair(space, contact, source, search, terms, radius, floats)

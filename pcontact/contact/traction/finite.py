@@ -1,0 +1,194 @@
+"""Traction at contact of bodies with finite strain: t = P N per undeformed area, with the first Piola-Kirchhoff stress
+P of the parent cell's own quadrature points, extrapolated to the facet as in `pcontact.contact.traction.plastic`.
+
+Facets of bodies without finite strain have P = sigma: t is what small strain says, on the undeformed facet.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from pcontact.assembly.finite_kernels import STRESS, FiniteCells, cell_piola, cell_work
+from pcontact.assembly.geometry import some_cells_weighted
+from pcontact.contact.formulation.finite_kernels import Slopes
+from pcontact.contact.traction.elastic import ElasticTraction
+from pcontact.contact.traction.plastic import FacetPoints, PlasticTraction, extrapolation
+from pcontact.element.reference import reference_nodes
+from pcontact.material.finite import CONSISTENT, ELASTIC
+from pcontact.runtime.jit import njit
+
+
+@njit
+def _add_tractions(state, cells, nodal, mode, first, places, normal, wanted, at, work, piola, slope, out, rows):
+    """Add tractions (np, d) of points and, unless STRESS, their derivatives in the rows ``at`` (np,).
+
+    ``first`` (nf + 1,) says where the points of each facet begin. Of a cell that cannot be integrated both are NaN.
+    """
+    d = normal.shape[1]
+    for c in range(len(cells.nodes)):
+        asked = False
+        for k in range(first[c], first[c + 1]):
+            asked = asked or wanted[places.points[k]]
+        if not asked:
+            continue
+        good = cell_piola(state, cells, nodal, c, mode, work, piola, slope)
+        for k in range(first[c], first[c + 1]):
+            p = places.points[k]
+            if not wanted[p]:
+                continue
+            if not good:
+                out[p, :] = np.nan
+                continue
+            for q in range(piola.shape[0]):
+                share = places.matrix[k, q]
+                for i in range(d):
+                    for j in range(d):
+                        out[p, i] += share * piola[q, i, j] * normal[p, j]
+            if mode == STRESS or at[p] < 0:
+                continue
+            row = rows[at[p]]
+            for q in range(piola.shape[0]):
+                share = places.matrix[k, q]
+                for i in range(d):
+                    for j in range(d):
+                        factor = share * normal[p, j]
+                        for a in range(cells.nodes.shape[1]):
+                            for m in range(d):
+                                row[a, i, m] += factor * slope[q, i, j, a * d + m]
+
+
+@njit
+def _add_elastic(source, at, rows):
+    """Add the derivatives of elastic tractions of small strain to the rows ``at`` (np,) of the points."""
+    d = source.normal.shape[1]
+    for p in range(len(source.facet)):
+        mu = source.mu[source.facet[p]]
+        if at[p] < 0:
+            continue
+        for a in range(source.grad.shape[1]):
+            along = 0.0
+            for i in range(d):
+                along += source.grad[p, a, i] * source.normal[p, i]
+            for i in range(d):
+                for j in range(d):
+                    value = source.normal[p, i] * source.volumetric[p, a, j]
+                    rows[at[p], a, i, j] += value + mu * source.grad[p, a, i] * source.normal[p, j]
+                rows[at[p], a, i, i] += mu * along
+
+
+class _Part(NamedTuple):
+    """Facets of the source whose parent cells belong to one block with finite strain.
+
+    ``number`` is that of the block, ``rows`` are the parent cells in it, ``facets`` those of the source, ``first``
+    (nf + 1,) says where the points of each begin; see :class:`FacetPoints` for ``places``.
+    """
+
+    number: int
+    rows: np.ndarray
+    facets: slice
+    cells: FiniteCells
+    first: np.ndarray
+    places: FacetPoints
+
+
+class FiniteTraction:
+    """Tractions of a source and their derivatives.
+
+    Parameters
+    ----------
+    space : pcontact.space.space.Space
+    bulk : pcontact.assembly.item.Bulk
+        Holds the committed internal variables.
+    source : pcontact.contact.surface.sides.SourceSurface
+    name : str
+        Its facet group.
+    trace : pcontact.contact.traction.plastic.PlasticTrace or None
+        Of the facets without finite strain, where their cells may yield.
+
+    Attributes
+    ----------
+    symmetric, consistent : bool
+        See `pcontact.contact.traction.elastic.ElasticTraction`.
+    small : SourceSurface
+        The source, whose facets with finite strain have no moduli.
+    """
+
+    symmetric, consistent = False, False
+
+    def __init__(self, space, bulk, source, name, trace=None):
+        self.source, self._bulk, self._parts, first = source, bulk, [], 0
+        finite = np.zeros(len(source.cells), dtype=bool)
+        for facets in space.mesh.facet_groups.get(name, []):
+            which = slice(first, first + len(facets.cells))
+            first = which.stop
+            if facets.block in bulk.parts:
+                self._parts.append(self._part(space, facets, which))
+                finite[which] = True
+        self.small = source.mute(finite)
+        self._rest = ElasticTraction(self.small) if trace is None else PlasticTraction(self.small, trace)
+
+    def _part(self, space, facets, which):
+        source, cell = self.source, space.mesh.blocks[facets.block].cell
+        rows = np.ascontiguousarray(facets.cells)
+        grad, jxw, shapes, rule = some_cells_weighted(space, facets.block, rows)
+        cells = self._bulk.finite.cells(facets.block, rows, grad, jxw, shapes)
+        # facets without a shear modulus take part without their traction
+        speaks = source.mu[source.facet] > 0.0
+        points = np.flatnonzero((source.facet >= which.start) & (source.facet < which.stop) & speaks)
+        points = points[np.argsort(source.facet[points], kind="stable")]
+        xi = source.shape[points, : grad.shape[2]] @ reference_nodes(cell, space.degree)
+        facet = source.facet[points] - which.start
+        first = np.searchsorted(facet, np.arange(len(rows) + 1))
+        places = FacetPoints(points, facet, np.ascontiguousarray(extrapolation(cell, space.degree, rule, xi)))
+        return _Part(facets.block, rows, which, cells, first, places)
+
+    def _add(self, values, p, wanted, mode, at, out, rows):
+        d = out.shape[1]
+        for part in self._parts:
+            nodes = np.ascontiguousarray(p.cells[part.facets, : part.cells.grad.shape[2]])
+            cells, state = part.cells._replace(nodes=nodes), self._bulk.parts[part.number].of(part.rows)
+            nq, nn = cells.grad.shape[1:3]
+            slope = np.zeros((nq, d, d, nn * d))
+            _add_tractions(
+                state, cells, values, mode, part.first, part.places, self.source.normal, wanted, at, cell_work(cells),
+                np.zeros((nq, d, d)), slope, out, rows,
+            )  # fmt: skip
+
+    def traction(self, values, p, wanted):
+        """Tractions (np, d) of the points that are wanted (np,) at nodal values (n, d) [stress]."""
+        out = self._rest.elastic(values, p, wanted)
+        self._rest.add_excess(values, p, out)
+        self._add(values, p, wanted, STRESS, np.zeros(0, dtype=np.int64), out, np.zeros((0, 0, 0, 0)))
+        return out
+
+    def slopes(self, values, p, wanted, elastic=False):
+        """Derivatives of the tractions of the wanted points, a `Slopes`; where `elastic`, with elastic moduli."""
+        d = self.source.x.shape[1]
+        at = np.where(wanted, np.cumsum(wanted) - 1, -1)
+        rows = np.zeros((int(wanted.sum()), self.source.shape.shape[1], d, d))
+        _add_elastic(p.source, at, rows)
+        if not elastic:
+            excess = self._rest.excess(values, p)
+            if len(excess.at):
+                some = np.flatnonzero(wanted & (excess.at >= 0))
+                rows[at[some]] += excess.rows[excess.at[some]]
+        self._add(values, p, wanted, ELASTIC if elastic else CONSISTENT, at, np.zeros_like(self.source.x), rows)
+        return Slopes(at, rows)
+
+
+class NoTraction:
+    """Where the source's stress does not enter."""
+
+    symmetric, consistent = True, False
+
+    def __init__(self, source):
+        self.source = self.small = source
+
+    def traction(self, values, p, wanted):
+        """Zeros (np, d)."""
+        return np.zeros_like(self.source.x)
+
+    def slopes(self, values, p, wanted, elastic=False):
+        """None at any point."""
+        d = self.source.x.shape[1]
+        return Slopes(np.full(len(self.source.facet), -1), np.zeros((0, self.source.shape.shape[1], d, d)))

@@ -1,0 +1,65 @@
+"""At finite motion partners have other facets where the bodies have gone: a load step ends when none has any more."""
+
+import time as clock
+from dataclasses import replace
+
+from pcontact.runtime import profile
+from pcontact.solve.result import combined
+
+# searches after Newton's method has ended, in a load step
+MOST = 8
+
+
+class PartnerUpdate:
+    """Solves a load step, and again with the facets that points have at the solution, until they have them already.
+
+    Within a run of Newton's method facets are frozen, and go on beyond their edges; the points on them move.
+
+    Parameters
+    ----------
+    problem : pcontact.solve.problem.Problem
+    newton : pcontact.solve.newton.Newton
+    """
+
+    def __init__(self, problem, newton):
+        self.problem, self.newton = problem, newton
+
+    def __call__(self, u, before, search):
+        """Solve a load step. *Collective.*
+
+        Parameters
+        ----------
+        u : PETSc.Vec
+            As for :meth:`pcontact.solve.newton.Newton.solve`.
+        before : PETSc.Vec
+            The committed displacement.
+        search : tuple (time, motion, ahead)
+            What the items were told for the first search.
+
+        Returns
+        -------
+        pcontact.solve.result.NewtonResult
+            With the iterations of all runs. Not converged where facets still change after as many searches as are made.
+        """
+        result = self.newton.solve(u)
+        for _ in range(MOST):
+            if not result.converged or not self._renewed(u, before, search[0]):
+                return result
+            result = combined(result, self.newton.again(u, near=True))
+        if result.converged and self._renewed(u, before, search[0]):
+            reason = f"points of contact still find other facets after {MOST} searches"
+            return replace(result, converged=False, reason=reason)
+        return result
+
+    def _renewed(self, u, before, time):
+        """Whether an item has changed its partners. *Collective.*"""
+        start = clock.perf_counter()
+        with profile.phase("search"):
+            changed = [item.renew(u, before, time) for item in self.problem.others]
+        self.newton.timing["search"] += clock.perf_counter() - start
+        return any(changed)
+
+
+def partner_update(problem, newton):
+    """What renews facets within load steps; None where no item asks for it."""
+    return PartnerUpdate(problem, newton) if any(item.renews for item in problem.others) else None

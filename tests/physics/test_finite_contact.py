@@ -1,0 +1,100 @@
+"""Contact at finite strain against closed forms: patch, turned bodies."""
+
+import numpy as np
+import pytest
+
+from tests.support.finite_contact import mesh, moved, slanted, turn, two
+
+# deformation of both blocks, law, traction per undeformed area on the source, not turned and turned by 60 degrees
+PATCH = {
+    "frictionless": (np.diag([0.8, 0.8]), {}, (-0.130097, 0.520387), (-0.515717, 0.147526)),
+    "stick": (np.diag([1.1, 0.7]), {"friction": 2.0}, (-0.017082, 0.589227), (-0.518826, 0.279820)),
+}
+
+
+@pytest.mark.parametrize("search", ["ray_tracing", "closest_point"])
+@pytest.mark.parametrize("degrees", [0.0, 60.0])
+@pytest.mark.parametrize("name", PATCH)
+@pytest.mark.parametrize("theta", [0.0, -1.0])
+@pytest.mark.parametrize("cell, order", [("quadrilateral", 1), ("triangle", 2), ("quadrilateral", 2)])
+def test_patch(shared_tmp, name, degrees, search, theta, cell, order):
+    """Blocks whose meshes do not match, at a homogeneous deformation: to round-off."""
+    path = mesh(slanted, shared_tmp / f"slanted_{cell}_{order}.msh", order=order, cell=cell)
+    f, law, still, turned = PATCH[name]
+
+    def place(x, time):
+        return x @ (turn(degrees * time) @ (np.eye(2) + time * (f - np.eye(2)))).T
+
+    def look(simulation):
+        space, u = simulation.problem.space, simulation.stepper.u
+        x = space.points + space.local.gather(u)
+        np.testing.assert_allclose(x, place(space.points, 1.0), atol=1e-11)
+        (pair,) = simulation.problem.contacts[0].pairs
+        state = pair.state(u)
+        assert np.all(state["status"] > 0)
+        expected = turned if degrees else still
+        np.testing.assert_allclose(state["traction"], np.tile(expected, (len(state["gap"]), 1)), atol=2e-6)
+        assert np.abs(state["gap"]).max(initial=0.0) < 1e-11
+        if theta == 0.0 and "slip" in state:
+            assert np.abs(state["slip"]).max(initial=0.0) < 1e-11
+
+    scene = two(path, 6, search=search, theta=theta, **law, order=order)
+    if theta:
+        scene.contacts[0].gamma0 = 1.0
+    moved(scene, place, look)
+
+
+class States:
+    """The state of the pair after every load step, and Newton's residuals."""
+
+    def __init__(self):
+        self.states, self.norms, self.pair = [], [], None
+
+    def step(self, step, u, record):
+        self.states.append(self.pair.state(u))
+        self.norms.append(step.norms)
+
+    def cut(self, target, outcome):
+        raise AssertionError(outcome.reason)
+
+    def end(self, converged):
+        pass
+
+
+def turned(path, degrees, search, law):
+    """States of blocks that are pressed in one load step, stay for two, and are turned by so much in nine."""
+    look = States()
+
+    def place(x, time):
+        push = 0.1 * min(time, 1.0) * np.where(x[:, 1] > 0.5, 1.0, 0.0)[:, None] * np.array([0.3, -1.0])
+        return (x + push) @ turn(degrees * max(time - 3.0, 0.0) / 9.0).T
+
+    def begin(simulation):
+        (look.pair,) = simulation.problem.contacts[0].pairs
+
+    scene = two(path, 12, end=12.0, held=("bottom", "top"), search=search, **law)
+    moved(scene, place, observers=[look], begin=begin)
+    return look
+
+
+@pytest.mark.parametrize("search", ["ray_tracing", "closest_point"])
+@pytest.mark.parametrize(
+    "law, digits",
+    [
+        ({}, 1e-9), ({"friction": 0.1}, 1e-9), ({"friction": 2.0}, 1e-9), ({"tied": True}, 1e-9),
+        ({"formulation": "penalty", "friction": 0.3}, 1e-9),
+        # the weight of P - t is that of the last load step
+        ({"friction": 0.3, "theta": -1.0}, 2e-2),
+        # multipliers settle to this
+        ({"formulation": "augmented_lagrangian", "friction": 0.3}, 1e-3),
+    ],
+)  # fmt: skip
+def test_turn(shared_tmp, search, law, digits):
+    """Tractions of blocks that are pressed and then turned by 90 degrees turn with them, and no point changes."""
+    path = mesh(slanted, shared_tmp / "slanted.msh", 4, 6)
+    still, turns = (turned(path, degrees, search, law) for degrees in (0.0, 90.0))
+    for number, (one, other) in enumerate(zip(still.states[2:], turns.states[2:], strict=True)):
+        assert 0 < np.sum(one["status"] > 0)
+        np.testing.assert_array_equal(one["status"] > 0, other["status"] > 0)
+        expected = one["traction"] @ turn(10.0 * number).T
+        np.testing.assert_allclose(other["traction"], expected, atol=digits * np.abs(expected).max())
