@@ -7,12 +7,17 @@ from pcontact.contact.summary import components_of
 from pcontact.runtime.jit import njit
 from pcontact.runtime.petsc import MPI
 
-# how deep a loose body goes that is brought to where it touches, in parts of a step on what it is given to lean on, a
-# millionth of its own stiffness (`pcontact.build`)
+# [-] How deep a loose body goes that is brought to where it touches, in parts of the step. From: the step is what the
+# load does to what the body is given to lean on, a millionth of its own stiffness (`pcontact.build`); so deep is ten
+# times what it does to the body.
 GENTLE = 1e-5
-# steps prolonged more than this end before it touches, after this part of the way
-FAR, NEARLY = 30.0, 0.99
-# part of a facet by which a point may be deeper in its partner than was known without being counted as lost
+# [facet sizes] The same where the step is short. Row: step_limit.
+TOUCHED = 0.1
+# [steps] Way to where it touches from which on a prolonged step ends before. Row: step_limit.
+LONG = 30.0
+# [-] Part of the way after which it ends then. Row: step_limit.
+SHORT_OF = 0.99
+# [facet sizes] Depth beyond the known one from which on a point counts as lost. From: chosen.
 DEEPER = 0.1
 
 
@@ -50,7 +55,7 @@ def step_limit(pair, u, y, falls=None):
     sized = bears or (falls is not None and not comm.allreduce(bool(falling.any()), op=MPI.LOR))
     if not comm.allreduce(bool(closed.any()), op=MPI.LOR):
         coming = p.paired & (approach > 0.0)
-        depth, gap, approach = 0.1 * source.size[source.facet[coming]], gap[coming], approach[coming]
+        depth, gap, approach = TOUCHED * source.size[source.facet[coming]], gap[coming], approach[coming]
         touch = comm.allreduce(float(np.min((gap + depth) / approach, initial=np.inf)), op=MPI.MIN)
         if sized:
             touch = min(touch, 1.0)
@@ -59,7 +64,7 @@ def step_limit(pair, u, y, falls=None):
             depth = np.minimum(depth, GENTLE * approach)
             touch = max(1.0, comm.allreduce(float(np.min((gap + depth) / approach, initial=np.inf)), op=MPI.MIN))
             # what the load has bent is prolonged, too: to be put right before anything touches
-            touch *= 1.0 if touch < FAR else NEARLY
+            touch *= 1.0 if touch < LONG else SHORT_OF
         part = comm.allreduce(part, op=MPI.MIN)
         if touch == np.inf and part > 1.0 and comm.allreduce(bool(np.all(falling[p.paired])), op=MPI.LAND):
             return None
