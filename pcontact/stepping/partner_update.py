@@ -6,8 +6,8 @@ from dataclasses import replace
 from pcontact.runtime import profile
 from pcontact.solve.result import combined
 
-# searches after Newton's method has ended, in a load step
-MOST = 8
+# [searches] After Newton's method has ended, in a load step at most. From: chosen; then the load step is cut.
+RENEWALS = 8
 
 
 class PartnerUpdate:
@@ -42,12 +42,12 @@ class PartnerUpdate:
             With the iterations of all runs. Not converged where facets still change after as many searches as are made.
         """
         result = self.newton.solve(u)
-        for _ in range(MOST):
+        for _ in range(RENEWALS):
             if not result.converged or not self._renewed(u, before, search[0]):
                 return result
             result = combined(result, self.newton.again(u, near=True))
         if result.converged and self._renewed(u, before, search[0]):
-            reason = f"points of contact still find other facets after {MOST} searches"
+            reason = f"points of contact still find other facets after {RENEWALS} searches"
             return replace(result, converged=False, reason=reason)
         return result
 
