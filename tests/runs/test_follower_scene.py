@@ -67,7 +67,7 @@ def blown(path):
 
 
 def same(one, other):
-    np.testing.assert_allclose(one["probes"]["top"]["mean"], other["probes"]["top"]["mean"], rtol=1e-8)
+    np.testing.assert_allclose(one["probes"]["top"]["mean"], other["probes"]["top"]["mean"], rtol=1e-8, atol=1e-10)
     np.testing.assert_allclose(one["reactions"]["bottom"], other["reactions"]["bottom"], rtol=1e-8, atol=1e-10)
 
 
