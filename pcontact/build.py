@@ -9,6 +9,7 @@ from pcontact.assembly.geometry import chunks
 from pcontact.assembly.loads import load_vector, lumped_volume
 from pcontact.assembly.mixed import MixedBulk
 from pcontact.assembly.plastic import PlasticBulk
+from pcontact.assembly.viscous import ViscousStabilisation
 from pcontact.contact.search.unjoined import unjoined
 from pcontact.element.reference import CELLS
 from pcontact.material.elastic import in_plane, lame
@@ -325,11 +326,16 @@ def _assemble(scene, mesh, space, constants):
     _check_turns(scene, space, supports)
     bulk = bulk_item(scene, space, constants)
     tied = tied_pairs(scene, space, constants, bulk)
-    free = free_motions(space, supports)
+    eta = scene.steps.viscous_stabilisation
+    # dashpots hold every body: where it goes is no longer open
+    free = free_motions(space, supports) if eta is None else {}
     contacts, edges = contact_reports(scene, space, constants, supports, free, bulk, tied)
     _announce(mesh, free)
     items = [bulk, *(pair for contact in contacts for pair in contact.pairs), *_followers(scene, space, supports)]
+    viscous = [] if eta is None else [ViscousStabilisation(space, eta, bulk)]
+    items += viscous
     problem = Problem(space, items, supports, forces, _stabilisation(space, scene, constants, free), contacts)
+    problem.viscous = viscous[0] if viscous else None
     # modes of their own cost a set-up that grows with their square; only bodies that nothing holds are worth it
     loose = {(a, b) for a, b in edges if a in free or b in free}
     colours = colour(mesh.n_components, loose)

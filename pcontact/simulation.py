@@ -169,6 +169,8 @@ class Simulation:
         carriers = {"largest_force": recorder, "direct": self.newton}
         if estimate is not None:
             carriers["largest_energy"] = estimate
+        if self.problem.viscous is not None:
+            carriers |= {"viscous_work": self.problem.viscous.taken, "stress_work": self.problem.viscous.stressed}
         output, writes = scene.output, directory is not None
         directory = Path(directory) if writes else None
         if keep or (writes and output.fields):

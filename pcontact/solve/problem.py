@@ -43,6 +43,8 @@ class Problem:
         Whether the load step begins where the bodies are if they go on as they did.
     stabilised : bool
         Whether `stabilisation` is added to the matrix.
+    viscous : pcontact.assembly.viscous.ViscousStabilisation or None
+        That among the items.
     loose : sequence of int
         Bodies whose rigid motions get a coarse space, see `pcontact.solve.preconditioners.deflation`.
 
@@ -56,7 +58,7 @@ class Problem:
         self.space, self.items, self.supports, self.forces = space, items, supports, forces
         self.stabilisation = stabilisation
         self.bulk, self.others, self.contacts = items[0], items[1:], list(contacts)
-        self.time, self.loose, self.stabilised = 0.0, (), True
+        self.time, self.loose, self.stabilised, self.viscous = 0.0, (), True, None
         self.fixed = np.ascontiguousarray(supports.fixed[space.owned_local])
         self.matrix = GlobalMatrix(space, supports.fixed)
         self._versions = None
@@ -411,6 +413,10 @@ class Problem:
         inner = [np.asarray(pair["force"]) for pair in record["contacts"].values()]
         largest = max(float(np.linalg.norm(force)) for force in [applied, *forces, *inner])
         total = applied + sum(forces)
+        if self.viscous is not None:
+            drag = np.zeros((self.space.n_owned, self.space.dim))
+            self.viscous.drag(u, drag)
+            total = total + self.space.comm.allreduce(drag.sum(axis=0))
         if self.space.axisymmetric:
             total[0] = 0.0  # radial forces are borne by the ring
         return float(np.linalg.norm(total)), largest

@@ -10,6 +10,9 @@ from pcontact.stepping.loose import Announcer
 # [-] Part of the largest force of the run that may be out of balance without a word. From: chosen, as BALANCED of
 # convergence.py.
 UNBALANCED = 1e-3
+# [-] Part of the work of the stresses that a viscous stabilisation may take up without a word. From: chosen, as
+# UNBALANCED.
+VISCOUS = 1e-3
 
 
 class Recorder:
@@ -65,6 +68,8 @@ class Recorder:
         }
         if problem.supports.turns:
             record["moments"] = problem.moments(u, step.unbalanced)
+        if problem.viscous is not None:
+            record["viscous"] = self._viscous(step.time, u)
         self._warn_of_lost(step.time, record["contacts"])
         if step.uzawa is not None:
             record["uzawa"] = step.uzawa
@@ -91,6 +96,21 @@ class Recorder:
                     "left theirs: bodies went far in a load step; smaller load steps, or -contact_search_every newton",
                     time, name, passed, left,
                 )  # fmt: skip
+
+    def _viscous(self, time, u):
+        """Work of the viscous stabilisation, and over that of the stresses; warn once where it is not small.
+        *Collective.*
+        """
+        viscous = self._problem.viscous
+        ratio = viscous.account(u)
+        if ratio > VISCOUS and "viscous" not in self._told:
+            self._told.add("viscous")
+            log.warning(
+                "time %g: the viscous stabilisation has taken up %.2g %% of the work of the stresses (small: %g %%); "
+                "where no body snaps or floats, a smaller viscous_stabilisation makes forces more accurate",
+                time, 100.0 * ratio, 100.0 * VISCOUS,
+            )  # fmt: skip
+        return {"work": viscous.taken.carried, "ratio": ratio}
 
     def _warn(self, time, u, total, imbalance, touching):
         """Say what hides the balance of forces. *Collective.*"""
