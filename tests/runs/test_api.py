@@ -449,6 +449,7 @@ def test_on_step_sees_each_step_and_ends_the_run(folder):
     np.testing.assert_allclose(run.fields().displacement, seen[1].fields().displacement, rtol=1e-9, atol=1e-12)
 
 
+@pytest.mark.slow
 @parallel
 def test_a_run_that_was_ended_goes_on(folder):
     """From its checkpoint; in its own directory with the load steps of before."""
@@ -498,6 +499,7 @@ def test_a_run_within_a_run(squares):
     assert run.report["model"] == alone.report["model"] and len(inner[0].history["time"]) == 3
 
 
+@pytest.mark.slow
 def test_an_interrupt(squares):
     """It comes through PETSc as itself, and the next run is none the worse."""
     def stop(number, frame):
@@ -529,6 +531,7 @@ def dragged(tmp_path, monkeypatch):
     return folder / "drag.toml"
 
 
+@pytest.mark.slow
 def test_the_code_of_the_page(dragged, capsys):
     """Both pieces do what they say."""
     first, second = re.findall(r"```python\n(.*?)```", (ROOT / "docs" / "python.md").read_text(), re.DOTALL)

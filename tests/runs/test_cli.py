@@ -13,7 +13,8 @@ from tests.support.bad_input import CASES, Case
 from tests.support.commands import LATE, check_line, execute, in_turn, lay_out
 
 
-@pytest.mark.parametrize("ranks", [1, pytest.param(3, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("ranks", [1, 3])
 def test_bad_input(tmp_path, ranks):
     """Every rank ends with status 2, one line comes out, nobody waits for the others, nothing is written."""
     folders = [tmp_path / str(k) for k in range(len(CASES))]

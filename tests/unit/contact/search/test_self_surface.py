@@ -154,7 +154,8 @@ def probes(record):
 
 @pytest.mark.parallel
 @pytest.mark.parametrize("cell, search, friction", [
-    ("quadrilateral", "closest_point", 0.3), ("quadrilateral", "ray_tracing", 0.3), ("triangle", "closest_point", 0.3),
+    ("quadrilateral", "closest_point", 0.3), ("quadrilateral", "ray_tracing", 0.3),
+    pytest.param("triangle", "closest_point", 0.3, marks=pytest.mark.slow),
 ])  # fmt: skip
 def test_lips_of_one_body_are_those_of_two(shared_tmp, cell, search, friction):
     """Same points, same partners: the same numbers; hoop force of a closed ring under pressure."""
