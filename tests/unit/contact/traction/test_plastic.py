@@ -70,7 +70,8 @@ def space(request, tmp_path_factory):
 
 @pytest.mark.parametrize("partner", ["body", "plane"])
 @pytest.mark.parametrize("theta, adjoint", ADJOINTS)
-@pytest.mark.parametrize("name", ["none", "coulomb", "limit"])
+# all cases together take long: those of the third law are left to the slow tests
+@pytest.mark.parametrize("name", ["none", "coulomb", pytest.param("limit", marks=pytest.mark.slow)])
 @every_case
 def test_tangent(space, name, theta, adjoint, partner):
     """Open, sticking, slipping, mixed, in the second load step of a body that has yielded in the first."""
