@@ -17,7 +17,7 @@ from pcontact.io.cost_forecast import cost_forecast, friction_bytes, plastic_byt
 from pcontact.io.counters import held
 from pcontact.runtime.parallel import on_root
 from pcontact.runtime.petsc import MPI
-from pcontact.scene.model import Body, Contact, Displacement, Material, MeshSpec, Obstacle, Output, Scene, Steps
+from pcontact.scene.model import Body, Contact, Displacement, Load, Material, MeshSpec, Obstacle, Output, Scene, Steps
 from pcontact.simulation import Simulation
 
 WORLD = MPI.COMM_WORLD
@@ -34,6 +34,8 @@ PIECES = {
     "finite strain": (
         ("material.finite", "material.log_strain", "assembly.finite", "assembly.finite_kernels", "assembly.mixed"), (),
     ),
+    "pressure that follows": (("assembly.follower", "assembly.follower_kernels"), ()),
+    "viscous stabilisation": (("assembly.viscous",), ()),
     "self contact": (("contact.search.self_surface", "contact.search.exclusion", "contact.search.cones"),
         ("no_exclusion", "writable", "no_cones", "Exclusion", "Cones")),
     # bodies near enough to meet are found for any pair
@@ -79,6 +81,14 @@ def with_piece(path, piece):
     if piece == "obstacles":
         result = scene(path)
         result.contacts.append(lowest)
+        return result
+    if piece == "pressure that follows":
+        result = scene(path)
+        result.loads = [Load("upper_left", pressure=0.01, follower=True)]
+        return result
+    if piece == "viscous stabilisation":
+        result = scene(path)
+        result.steps.viscous_stabilisation = 1e-3
         return result
     if piece == "mean dilatation":
         result = scene(path)

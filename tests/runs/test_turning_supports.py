@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from meshes import one_block
+from meshes import one_block, two_blocks
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.petsc import MPI
-from pcontact.scene.model import Body, Displacement, Material, MeshSpec, Output, Scene, Steps
+from pcontact.scene.model import Body, Contact, Displacement, Material, MeshSpec, Output, Scene, Steps
 from pcontact.simulation import Simulation
 from tests.support.restarts import STOP, Keep, run
 
@@ -55,6 +55,23 @@ def test_forces_turn_with_the_body(mesh):
         x, y = still[-1]["reactions"][region]
         np.testing.assert_allclose(turned[-1]["reactions"][region], [-y, x], rtol=1e-8)
     assert turned[-1]["moments"].keys() == {"bottom", "top"} and "moments" not in still[-1]
+
+
+def test_forces_turn_with_a_pair_in_contact(tmp_path):
+    """Two blocks, pressed and turned by a right angle, with as many closed points as without the turn."""
+    path, centre, ends = two_blocks(tmp_path / "blocks.msh", 2, 4, 3), {"angle": 90.0, "point": [0.5, 1.0]}, []
+    for turn, way in (({}, [0.0, -0.1]), (centre, [0.1, 0.0])):
+        one = scene(path, Displacement("lower_bottom", [0, 0], **turn), Displacement("upper_top", way, **turn))
+        one.bodies = [Body("lower", "m"), Body("upper", "m")]
+        one.contacts = [Contact("upper_bottom", "lower_top", name="pair", search="ray_tracing")]
+        ends.append(steps_of(one)[-1])
+    still, turned = ends
+    for region in ("lower_bottom", "upper_top"):
+        x, y = still["reactions"][region]
+        # gamma is that of the stretch at the beginning of the load step, which is another one on the way
+        np.testing.assert_allclose(turned["reactions"][region], [-y, x], rtol=1e-4, atol=1e-7 * abs(y))
+    counts = [[end["contacts"]["pair"][key] for key in ("open", "stick", "slip")] for end in ends]
+    assert counts[0] == counts[1] and counts[0][0] < sum(counts[0])
 
 
 def test_moments_balance(mesh):
