@@ -119,6 +119,11 @@ class Item:
             Displacement among which partners are looked for: where the load step is expected to end.
         """
 
+    def strays(self, u):
+        """Whether ``u`` is so far from where the load step's partners were found that they are to be found again within
+        Newton's method, see :meth:`renew`. *Collective.*"""
+        return False
+
     def renew(self, u, before, time):
         """Find again, at a solution ``u``, what the load step that began at ``before`` keeps. *Collective.*
 

@@ -35,6 +35,9 @@ from pcontact.runtime.petsc import MPI
 APART = 1e-6
 # step of the differences that make the curvature of an obstacle, in parts of the model
 STEP = 1e-5
+# [reference coordinates] How far beside its facet a closed point may be before it looks for another one within Newton's
+# method. From: chosen; what is beside an edge by rounding errors stays.
+PAST = 0.05
 
 
 @dataclass
@@ -153,6 +156,14 @@ def _reference(kinds, degree):
     return table[kinds]
 
 
+def _inside(kinds, xi):
+    """Whether reference points (np, 2) are on facets of some kinds (np,), or hardly beside them."""
+    u, v = xi.T
+    triangle = np.isin(kinds, [KIND["triangle", degree] for degree in (1, 2)])
+    inside = np.where(triangle, np.minimum(np.minimum(u, v), 1.0 - u - v) >= -PAST, np.abs(u) <= 1.0 + PAST)
+    return inside & (triangle | (np.abs(v) <= 1.0 + PAST))
+
+
 class FinitePair(ContactPair):
     """One source surface and its partners at finite motion; parameters as for `ContactPair`, with `FiniteTerms` and a
     source that has the gradients of its cells, whatever the formulation."""
@@ -255,6 +266,20 @@ class FinitePair(ContactPair):
         if self.method.theta != 0.0 and not self.rigid:
             return self.pairing.paired
         return super()._couples(closed)
+
+    def strays(self, u):
+        """Whether a point that was closed in the last tangent is beyond the facet of its partner. *Collective.*
+
+        There the facet that goes on is no longer the body, and farther away there is no partner any more: a pressure
+        would end at once, and no displacement might fulfil the equations.
+        """
+        astray = False
+        if self.renews and self._status is not None:
+            p = self.pairing
+            contact = self.terms.place(p, p.exchange.gather(u))
+            closed = p.paired & (self._status > OPEN)
+            astray = bool(np.any(closed & ~(contact.live & _inside(p.frozen.kind, contact.xi))))
+        return self.space.comm.allreduce(astray, op=MPI.LOR)
 
     def renew(self, u, before, time):
         """See :meth:`pcontact.assembly.item.Item.renew`. *Collective.*"""

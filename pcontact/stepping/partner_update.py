@@ -8,12 +8,17 @@ from pcontact.solve.result import combined
 
 # [searches] After Newton's method has ended, in a load step at most. From: chosen; then the load step is cut.
 RENEWALS = 8
+# [searches] Between the iterations of Newton's method in a load step at most, where closed points leave their facets.
+# From: chosen; points that go to and fro keep the facets of the last one.
+WITHIN = 8
 
 
 class PartnerUpdate:
     """Solves a load step, and again with the facets that points have at the solution, until they have them already.
 
-    Within a run of Newton's method facets are frozen, and go on beyond their edges; the points on them move.
+    Between two renewals facets are frozen, and go on beyond their edges; the points on them move. Closed points that an
+    iteration of Newton's method takes beyond their facets get others at once: along a ray the place of the partner is
+    the same on both sides of an edge, so that the residual does not jump.
 
     Parameters
     ----------
@@ -41,7 +46,15 @@ class PartnerUpdate:
         pcontact.solve.result.NewtonResult
             With the iterations of all runs. Not converged where facets still change after as many searches as are made.
         """
-        result = self.newton.solve(u)
+        left = [WITHIN]
+
+        def follow(x):
+            if not left[0] or not any([item.strays(x) for item in self.problem.others]):
+                return False
+            left[0] -= 1
+            return self._renewed(x, before, search[0])
+
+        result = self.newton.solve(u, follow)
         for _ in range(RENEWALS):
             if not result.converged or not self._renewed(u, before, search[0]):
                 return result

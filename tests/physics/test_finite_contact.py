@@ -3,6 +3,10 @@
 import numpy as np
 import pytest
 
+from drivers._common import running
+from meshes.ironing import ironing_slab
+from pcontact.runtime.observer import Observer
+from pcontact.scene.model import Body, Contact, Displacement, Material, MeshSpec, Output, Scene, Steps
 from tests.support.finite_contact import mesh, moved, slanted, turn, two
 
 # deformation of both blocks, law, traction per undeformed area on the source, not turned and turned by 60 degrees
@@ -98,3 +102,44 @@ def test_turn(shared_tmp, search, law, digits):
         np.testing.assert_array_equal(one["status"] > 0, other["status"] > 0)
         expected = one["traction"] @ turn(10.0 * number).T
         np.testing.assert_allclose(other["traction"], expected, atol=digits * np.abs(expected).max())
+
+
+class Forces(Observer):
+    """Forces on the foundation, by contact and by its support, of load steps none of which may be cut."""
+
+    def __init__(self):
+        self.forces = []
+
+    def step(self, step, u, record):
+        self.forces.append([record["contacts"]["sole"]["force"], record["reactions"]["foundation_bottom"]])
+
+    def cut(self, target, result):
+        raise AssertionError(result.reason)
+
+
+@pytest.mark.parallel(1, 3)
+def test_points_that_leave_their_facets_in_a_load_step_find_others(shared_tmp):
+    """A slab with a round bottom is pressed deep into a soft foundation, then dragged along by a facet in each load
+    step: no step is cut. With facets that are the same until Newton's method has ended seven are."""
+    path = mesh(ironing_slab, shared_tmp / "ironing.msh", n=2)
+    look = Forces()
+    scene = Scene(
+        mesh=MeshSpec(path, strain="finite"),
+        materials={"soft": Material(689.6, 0.32, law="neo_hooke"), "stiff": Material(6896.0, 0.32, law="neo_hooke")},
+        bodies=[Body("foundation", "soft"), Body("slab", "stiff")],
+        contacts=[Contact("foundation_top", "slab_skin", name="sole", friction=0.3, search="ray_tracing")],
+        displacements=[
+            Displacement("foundation_bottom", [0.0, 0.0]),
+            Displacement("slab_top", ["free", -1.0], [(0, 0), (5, 1), (10, 1)]),
+            Displacement("slab_top", [1.0, "free"], [(0, 0), (5, 0), (10, 1)]),
+        ],
+        steps=Steps(end=10.0, count=10),
+        output=Output(fields=False),
+    )
+    with running(scene, None, [look]) as (_, converged):
+        assert converged
+    forces = np.abs(look.forces)
+    assert len(forces) == 10
+    np.testing.assert_allclose(forces[:, 0], forces[:, 1], rtol=1e-5, atol=1e-4)
+    # all of it slides at the end; the rays are those of the deformed foundation, which rises in front of the slab
+    assert forces[-1, 0, 0] > 0.3 * forces[-1, 0, 1]
