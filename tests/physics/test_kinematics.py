@@ -210,9 +210,9 @@ def test_shaft_in_a_sleeve(shared_tmp, theta):
 
     def look(simulation):
         assert simulation.floating == {}
-        record = simulation.problem.contacts[0].summary(simulation.stepper.u)
-        reactions = simulation.problem.reactions(simulation.stepper.u)
-        total, _ = simulation.problem.imbalance({"reactions": reactions, "contacts": {"c": record}})
+        problem, u = simulation.problem, simulation.stepper.u
+        record = problem.contacts[0].summary(u)
+        total, _ = problem.imbalance({"reactions": problem.reactions(u), "contacts": {"c": record}}, u)
         return record, total
 
     pair_, imbalance = solved(scene, look)

@@ -14,8 +14,16 @@ from typing import NamedTuple
 import numpy as np
 
 from pcontact.contact.formulation.averages import patch_means
-from pcontact.contact.formulation.finite_geometry import Motion, evaluate, point_work, stretch
+from pcontact.contact.formulation.finite_geometry import (
+    Motion,
+    Placed,
+    evaluate,
+    point_work,
+    stretch,
+    unplaced,
+)
 from pcontact.contact.formulation.finite_kernels import (
+    Acting,
     FiniteParameters,
     add_residual,
     add_tangent,
@@ -28,26 +36,11 @@ from pcontact.runtime.parallel import take_rows
 
 
 class Contact(NamedTuple):
-    """What :func:`pcontact.contact.formulation.finite_geometry.evaluate` finds, with the partner and motion it had."""
+    """Where the points are, a :class:`Placed`, with the partner and the motion by which they are there."""
 
     partner: object
     motion: Motion
-    live: np.ndarray
-    normal: np.ndarray
-    gap: np.ndarray
-    slip: np.ndarray
-    shape: np.ndarray
-    xi: np.ndarray
-
-
-class Acting(NamedTuple):
-    """Tractions of the points: t, tau, P (np, d) [stress], status (np,), D (np, d, d) or of length 0."""
-
-    traction: np.ndarray
-    tau: np.ndarray
-    force: np.ndarray
-    status: np.ndarray
-    slope: np.ndarray
+    placed: Placed
 
 
 class FiniteTerms:
@@ -95,7 +88,7 @@ class FiniteTerms:
             stick = at.status == STICK
             if self.method.has_traction:
                 lag = np.where(stick[:, None], patch_means(self.space, p, self.source, lag, stick), lag)
-            self._lag = np.where((at.status > OPEN)[:, None], across(lag, contact.normal), 0.0)
+            self._lag = np.where((at.status > OPEN)[:, None], across(lag, contact.placed.normal), 0.0)
         self.method.commit()
         return at.status
 
@@ -117,51 +110,40 @@ class FiniteTerms:
     @property
     def parameters(self):
         """Weights of the terms."""
-        return FiniteParameters(*self._weights, self.method.gamma)
+        return FiniteParameters(*self._weights, self.method.gamma, self._adjoint)
 
-    def _work(self, p):
-        return point_work(self.space.dim, p.points.on.shape[1] + p.targets.shape[1])
+    def place(self, p, values):
+        """Where the points are at nodal values (n, d), without slip: a :class:`Placed`. *Collective.*"""
+        return self._contact(p, values, slides=False).placed
 
-    def place(self, p, values, slides=False, tangent=False):
-        """Normal, gap and partner at nodal values (n, d), see :func:`evaluate`; with slip where it `slides`.
-        *Collective.*
-        """
-        partner = p.partner_at(values, tangent)
-        motion = Motion(p.x, values, values if self._before is None else self._before, self._carried)
-        return self._placed(p, partner, motion, slides)
+    def _contact(self, p, values, tangent=False, slides=None):
+        before = values if self._before is None else self._before
+        partner, motion = p.partner_at(values, tangent), Motion(p.x, values, before, self._carried)
+        return Contact(partner, motion, self._placed(p, partner, motion, self.slides if slides is None else slides))
 
     def _placed(self, p, partner, motion, slides):
-        d, n, width = self.space.dim, len(p.paired), p.targets.shape[1]
-        found = Contact(
-            partner, motion, np.empty(n, dtype=bool), np.empty((n, d)), np.empty(n), np.empty((n, d)),
-            np.empty((n, width)), np.empty((n, 2)),
-        )  # fmt: skip
-        evaluate(p.points, partner, motion, slides, self._work(p), *found[2:])
-        return found
-
-    def _contact(self, p, values, tangent=False):
-        return self.place(p, values, self.slides, tangent)
+        d, (n, width) = self.space.dim, p.targets.shape
+        placed, work = unplaced(n, d, width), point_work(d, p.points.on.shape[1] + width)
+        evaluate(p.points, partner, motion, slides, work, placed)
+        return placed
 
     def _traction(self, p, values, wanted):
         return self.method.traction(self.traction.traction(values, p, wanted))
 
     def _acting(self, p, values, view, contact, wanted=None, sloped=False):
         """Tractions at the points, an :class:`Acting`."""
-        n, d = len(p.paired), self.space.dim
+        n, d, placed = len(p.paired), self.space.dim, contact.placed
         traction, tau = self._traction(p, values, p.acts if wanted is None else wanted), np.empty((n, d))
-        augment(
-            self.parameters, p.points.facet, contact.normal, traction, contact.gap, contact.slip, contact.live, tau
-        )  # fmt: skip
-        view = view._replace(paired=view.paired & contact.live)
-        slope = np.zeros((n, d, d)) if sloped else None
+        augment(self.parameters, p.points.facet, placed, traction, tau)
+        view, slope = view._replace(paired=view.paired & placed.live), np.zeros((n if sloped else 0, d, d))
         if self.slides:
-            force, status = self.law.project(view, contact.normal, tau, slope)
+            force, status = self.law.project(view, placed.normal, tau, slope)
         else:
-            tau_n = np.einsum("pd,pd->p", tau, contact.normal)
+            tau_n = np.einsum("pd,pd->p", tau, placed.normal)
             closed = self.law.closed(view, tau_n)
-            force, status = np.where(closed, tau_n, 0.0)[:, None] * contact.normal, np.where(closed, SLIP, OPEN)
+            force, status = np.where(closed, tau_n, 0.0)[:, None] * placed.normal, np.where(closed, SLIP, OPEN)
             if sloped:
-                slope[closed] = contact.normal[closed, :, None] * contact.normal[closed, None, :]
+                slope[closed] = placed.normal[closed, :, None] * placed.normal[closed, None, :]
         return Acting(traction, tau, force, status, slope)
 
     def gap(self, p, values, wanted=None):
@@ -170,9 +152,9 @@ class FiniteTerms:
         """
         return self._gap(p, values, self.place(p, values))
 
-    def _gap(self, p, values, contact):
-        alone = np.flatnonzero(~contact.live)
-        gap = contact.gap.copy()
+    def _gap(self, p, values, placed):
+        alone = np.flatnonzero(~placed.live)
+        gap = placed.gap.copy()
         jump = np.einsum("pa,pad->pd", self.source.shape[alone], values[p.cells[self.source.facet[alone]]])
         jump -= np.einsum("pm,pmd->pd", p.target_shape[alone], values[p.targets[alone]])
         gap[alone] = p.gap0[alone] - np.einsum("pd,pd->p", jump, p.normal[alone])
@@ -185,9 +167,9 @@ class FiniteTerms:
 
     def normal_state(self, p, values, wanted=None):
         """Normal traction and gap (np,), at least of the points that are wanted (np,). *Collective.*"""
-        contact = self.place(p, values)
+        placed = self.place(p, values)
         traction = self._traction(p, values, p.every if wanted is None else wanted)
-        return np.einsum("pd,pd->p", traction, contact.normal), self._gap(p, values, contact)
+        return np.einsum("pd,pd->p", traction, placed.normal), self._gap(p, values, placed)
 
     def forces(self, p, values, view):
         """Tractions P (np, d) that act on the source, and status (np,). *Collective.*"""
@@ -206,20 +188,16 @@ class FiniteTerms:
         """Add to forces ``local`` (n, d). *Collective.*"""
         contact = self._contact(p, values)
         at = self._acting(p, values, view, contact)
-        add_residual(
-            self.parameters, p.points, contact.partner, contact.shape, contact.normal, at.traction, at.force,
-            at.status, self._adjoint, local,
-        )  # fmt: skip
+        add_residual(self.parameters, p.points, contact.partner, contact.placed, at, local)
 
     def add_tangent(self, p, values, view, slopes, blocks):
         """Add to blocks (BlockRows); returns how many entries had no place."""
         contact, at = slopes
         wanted = p.every if self.method.theta != 0.0 else at.status > OPEN
         tractions = self.traction.slopes(values, p, wanted)
+        work = tangent_work(self.space.dim, p.cells.shape[1], p.points.on.shape[1], p.targets.shape[1])
         return add_tangent(
-            self.parameters, p.points, contact.partner, contact.motion, at.traction, at.tau, at.force, at.status,
-            at.slope, tractions, self._adjoint, self._work(p),
-            tangent_work(self.space.dim, p.cells.shape[1] + p.targets.shape[1]), blocks,
+            self.parameters, p.points, contact.partner, contact.motion, at, tractions, work, blocks
         )  # fmt: skip
 
     # -- report ---------------------------------------------------------------------------------------------------
@@ -228,11 +206,12 @@ class FiniteTerms:
         """What `pcontact.contact.pair.ContactPair.state` says of the points. *Collective.*"""
         contact = self._contact(p, values)
         at = self._acting(p, values, view, contact, p.every)
-        along = np.einsum("pd,pd->p", at.force, contact.normal)
+        placed = contact.placed
+        along = np.einsum("pd,pd->p", at.force, placed.normal)
         state = {
-            "pressure": -along, "gap": self._gap(p, values, contact), "traction": at.force, "normal": contact.normal,
-            "status": at.status, "normal_stress": np.einsum("pd,pd->p", at.traction, contact.normal),
-            "paired": p.paired & contact.live,
+            "pressure": -along, "gap": self._gap(p, values, placed), "traction": at.force, "normal": placed.normal,
+            "status": at.status, "normal_stress": np.einsum("pd,pd->p", at.traction, placed.normal),
+            "paired": p.paired & placed.live,
         }  # fmt: skip
         if self.slides:
             # of the load step alone

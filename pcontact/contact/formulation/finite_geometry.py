@@ -503,16 +503,18 @@ def derive_point(source, partner, p, mode, slides, w):
                     w.dn[i, k], w.ds[i, k] = 0.0, 0.0
                 w.dxi[0, k], w.dxi[1, k] = 0.0, 0.0
             continue
-        value = source.shape[p, slot] if m < 0 else -w.shapes[0, m]
         for j in range(d):
-            _column(source, partner, p, mode, slot, m, j, value, gap, slides, w)
+            _column(source, partner, p, mode, slot, j, slides, w)
 
 
 @njit_inner
-def _column(source, partner, p, mode, slot, m, j, value, gap, slides, w):
-    """Derivatives with respect to displacement j of a node: ``value`` of [[du]] is along j."""
+def _column(source, partner, p, mode, slot, j, slides, w):
+    """Derivatives with respect to displacement j of a node."""
     d = len(w.n)
-    nb, k = d - 1, slot * d + j
+    nb, k, m = d - 1, slot * d + j, slot - source.on.shape[1]
+    # of [[du]] along j
+    value = source.shape[p, slot] if m < 0 else -w.shapes[0, m]
+    gap = w.gap[0] - (partner.shift[p] if mode != TIED else 0.0)
     w.dg[k], w.dxi[0, k], w.dxi[1, k] = 0.0, 0.0, 0.0
     for i in range(d):
         w.dn[i, k], w.ds[i, k] = 0.0, 0.0
@@ -605,8 +607,42 @@ def _slip_column(mode, w, k):
             w.ds[q, k] += w.da[i, q] * (w.zeta[i] + w.zeta_lag[i]) + w.a[i, q] * dzeta
 
 
+class Placed(NamedTuple):
+    """Contact at the points (np).
+
+    Attributes
+    ----------
+    live : ndarray (np,) of bool
+        Whether the point has a partner at this displacement.
+    normal : ndarray (np, d)
+        n.
+    gap : ndarray (np,)
+        g; 0 without partner [length].
+    slip : ndarray (np, d)
+        (I - n n) s, likewise [length].
+    shape : ndarray (np, mt)
+        Shape functions of the target facet at the partner.
+    xi : ndarray (np, 2)
+        Reference coordinates there.
+    """
+
+    live: np.ndarray
+    normal: np.ndarray
+    gap: np.ndarray
+    slip: np.ndarray
+    shape: np.ndarray
+    xi: np.ndarray
+
+
+def unplaced(n, d, mt):
+    """A :class:`Placed` of n points in d dimensions, with partners of mt nodes, to be written."""
+    return Placed(
+        np.empty(n, dtype=bool), np.empty((n, d)), np.empty(n), np.empty((n, d)), np.empty((n, mt)), np.empty((n, 2))
+    )
+
+
 @njit
-def evaluate(source, partner, motion, slides, work, live, normal, gap, slip, shape, xi):
+def evaluate(source, partner, motion, slides, work, out):
     """Contact at all points.
 
     Parameters
@@ -617,31 +653,21 @@ def evaluate(source, partner, motion, slides, work, live, normal, gap, slip, sha
     slides : bool
         Whether slip is wanted.
     work : PointWork
-    live : ndarray (np,) of bool
-        Out: whether the point has a partner at this displacement.
-    normal : ndarray (np, d)
-        Out: n.
-    gap : ndarray (np,)
-        Out: g; 0 without partner [length].
-    slip : ndarray (np, d)
-        Out: (I - n n) s, likewise [length].
-    shape : ndarray (np, mt)
-        Out: shape functions of the target facet at the partner.
-    xi : ndarray (np, 2)
-        Out: reference coordinates there.
+    out : Placed
+        Out.
     """
-    d, mt = normal.shape[1], partner.nodes.shape[1]
+    d, mt = out.normal.shape[1], partner.nodes.shape[1]
     for p in range(len(source.facet)):
-        live[p] = place_point(source, partner, motion, p, slides, work)
+        live = place_point(source, partner, motion, p, slides, work)
         along = dot(work.slip, work.n)
-        gap[p] = work.gap[0]
+        out.live[p], out.gap[p] = live, work.gap[0]
         for k in range(d):
-            normal[p, k] = work.n[k]
-            slip[p, k] = work.slip[k] - along * work.n[k]
-        count = NODE_COUNTS[partner.kind[p]] if live[p] else 0
+            out.normal[p, k] = work.n[k]
+            out.slip[p, k] = work.slip[k] - along * work.n[k]
+        count = NODE_COUNTS[partner.kind[p]] if live else 0
         for m in range(mt):
-            shape[p, m] = work.shapes[0, m] if m < count else 0.0
-        xi[p, 0], xi[p, 1] = work.xi[0], work.xi[1]
+            out.shape[p, m] = work.shapes[0, m] if m < count else 0.0
+        out.xi[p, 0], out.xi[p, 1] = work.xi[0], work.xi[1]
 
 
 @njit

@@ -16,9 +16,7 @@ does not exist, and 1 / alpha is 0. The tangent is exact; partner, gap and norma
 
 What n does to P at a fixed tau follows from D, whatever the law: turning tau and n together turns P.
 
-Parameters of kernels not told there: `source`, `partner`, `motion`, `work` as in `finite_geometry`; ``traction``,
-``tau``, ``force`` (np, d) are t, tau and P [stress], ``status`` (np,) is 0 where P = 0, ``adjoint`` (np, nn, d, d) is
-T, row i of it the traction t_i, of length 0 where theta = 0.
+Parameters of kernels not told there: `source`, `partner`, `motion` as in `finite_geometry`.
 """
 
 from typing import NamedTuple
@@ -26,7 +24,14 @@ from typing import NamedTuple
 import numpy as np
 
 from pcontact.assembly.graph import find
-from pcontact.contact.formulation.finite_geometry import NONE, derive_point, dot, place_point
+from pcontact.contact.formulation.finite_geometry import (
+    NONE,
+    PointWork,
+    derive_point,
+    dot,
+    place_point,
+    point_work,
+)
 from pcontact.contact.surface.facet_maps import NODE_COUNTS
 from pcontact.runtime.jit import njit, njit_inner
 
@@ -41,12 +46,35 @@ class FiniteParameters(NamedTuple):
         alpha and 1 / alpha; both 0 without friction.
     gamma : ndarray (nf,)
         [stress/length]
+    adjoint : ndarray (np, nn, d, d)
+        T, row i of it the traction t_i [stress/length]; of length 0 where theta = 0.
     """
 
     theta: float
     alpha: float
     inverse: float
     gamma: np.ndarray
+    adjoint: np.ndarray
+
+
+class Acting(NamedTuple):
+    """Tractions of the points (np).
+
+    Attributes
+    ----------
+    traction, tau, force : ndarray (np, d)
+        t, tau and P [stress].
+    status : ndarray (np,)
+        0 where P = 0.
+    slope : ndarray (np, d, d)
+        D, zero where points are open; of length 0 where it is not asked for.
+    """
+
+    traction: np.ndarray
+    tau: np.ndarray
+    force: np.ndarray
+    status: np.ndarray
+    slope: np.ndarray
 
 
 class Slopes(NamedTuple):
@@ -65,14 +93,15 @@ class Slopes(NamedTuple):
 
 
 @njit
-def augment(parameters, facet, normal, traction, gap, slip, live, tau):
-    """tau (np, d) of points with the traction (np, d), gap (np,) and slip (np, d); 0 without partner."""
+def augment(parameters, facet, placed, traction, tau):
+    """tau (np, d) of points with the traction (np, d), where they are `Placed`; 0 without partner."""
     for p in range(len(facet)):
         gamma = parameters.gamma[facet[p]]
-        for i in range(normal.shape[1]):
+        for i in range(tau.shape[1]):
             tau[p, i] = 0.0
-            if live[p]:
-                tau[p, i] = traction[p, i] + gamma * (gap[p] * normal[p, i] - parameters.alpha * slip[p, i])
+            if placed.live[p]:
+                pushed = placed.gap[p] * placed.normal[p, i] - parameters.alpha * placed.slip[p, i]
+                tau[p, i] = traction[p, i] + gamma * pushed
 
 
 @njit_inner
@@ -84,15 +113,15 @@ def _weigh(parameters, gamma, n, v, out):
 
 
 @njit
-def add_residual(parameters, source, partner, shape, normal, traction, force, status, adjoint, out):
-    """Add the residual to ``out`` (n, d) [force]; ``shape`` (np, mt), ``normal`` (np, d) are those of `evaluate`."""
-    d = normal.shape[1]
+def add_residual(parameters, source, partner, placed, acting, out):
+    """Add the residual to ``out`` (n, d) [force]; ``placed`` is what `evaluate` says."""
+    normal, force, adjoint, d = placed.normal, acting.force, parameters.adjoint, placed.normal.shape[1]
     rest, weight = np.zeros(d), np.zeros(d)
     for p in range(len(source.facet)):
         f, w = source.facet[p], source.jxw[p]
         if parameters.theta != 0.0:
             for i in range(d):
-                rest[i] = force[p, i] - traction[p, i]
+                rest[i] = force[p, i] - acting.traction[p, i]
             _weigh(parameters, parameters.gamma[f], normal[p], rest, weight)
             for a in range(source.cells.shape[1]):
                 for j in range(d):
@@ -100,14 +129,14 @@ def add_residual(parameters, source, partner, shape, normal, traction, force, st
                     for i in range(d):
                         value += weight[i] * adjoint[p, a, i, j]
                     out[source.cells[f, a], j] += parameters.theta * w * value
-        if status[p] == 0:
+        if acting.status[p] == 0:
             continue
         for a in range(source.on.shape[1]):
             for i in range(d):
                 out[source.cells[f, source.on[f, a]], i] -= w * source.shape[p, a] * force[p, i]
         for m in range(partner.nodes.shape[1]):
             for i in range(d):
-                out[partner.nodes[p, m], i] += w * shape[p, m] * force[p, i]
+                out[partner.nodes[p, m], i] += w * placed.shape[p, m] * force[p, i]
 
 
 class TangentWork(NamedTuple):
@@ -119,6 +148,8 @@ class TangentWork(NamedTuple):
         dtau, later without what turns; dP; G^-1 (dP - dt) + dG^-1 (P - t).
     dn : ndarray (d, n)
     rest, turned : ndarray (d,)
+    point : pcontact.contact.formulation.finite_geometry.PointWork
+        For the nodes of both facets.
     """
 
     dtau: np.ndarray
@@ -127,12 +158,13 @@ class TangentWork(NamedTuple):
     dn: np.ndarray
     rest: np.ndarray
     turned: np.ndarray
+    point: PointWork
 
 
-def tangent_work(d, width):
-    """Scratch for ``width`` nodes of cell and partner."""
-    wide = (np.zeros((d, width * d)) for _ in range(4))
-    return TangentWork(*wide, np.zeros(d), np.zeros(d))
+def tangent_work(d, nn, ms, mt):
+    """Scratch for cells of nn nodes, ms of which are on the facet, and partners of mt nodes."""
+    wide = (np.zeros((d, (nn + mt) * d)) for _ in range(4))
+    return TangentWork(*wide, np.zeros(d), np.zeros(d), point_work(d, ms + mt))
 
 
 @njit_inner
@@ -197,27 +229,22 @@ def _fill_weak(parameters, gamma, n, slopes, row, nn, columns, out):
 
 
 @njit
-def add_tangent(
-    parameters, source, partner, motion, traction, tau, force, status, slope, slopes, adjoint, work, out, blocks
-):
+def add_tangent(parameters, source, partner, motion, acting, slopes, out, blocks):
     """Add the tangent to block rows; returns how many entries had no place.
 
     Parameters
     ----------
-    slope : ndarray (np, d, d)
-        D, zero where points are open.
+    acting : Acting
     slopes : Slopes
-    work : pcontact.contact.formulation.finite_geometry.PointWork
-        For ms + mt nodes.
     out : TangentWork
-        For nn + mt nodes.
     blocks : pcontact.assembly.graph.BlockRows
     """
-    theta, slides = parameters.theta, parameters.alpha != 0.0
+    theta, slides, adjoint, work = parameters.theta, parameters.alpha != 0.0, parameters.adjoint, out.point
     d, nn, ms, mt = motion.u.shape[1], source.cells.shape[1], source.on.shape[1], partner.nodes.shape[1]
     missing, columns = 0, (nn + mt) * d
     for p in range(len(source.facet)):
-        if status[p] == 0 and theta == 0.0:
+        force = acting.force[p]
+        if acting.status[p] == 0 and theta == 0.0:
             continue
         f = source.facet[p]
         gamma = parameters.gamma[f]
@@ -234,21 +261,21 @@ def add_tangent(
                 for i in range(d):
                     for j in range(d):
                         out.dtau[i, a * d + j] += slopes.rows[row, a, i, j]
-        _fill_dforce(work.n, tau[p], force[p], slope[p], columns, out)
+        _fill_dforce(work.n, acting.tau[p], force, acting.slope[p], columns, out)
         if theta != 0.0:
             for i in range(d):
-                out.rest[i] = force[p, i] - traction[p, i]
+                out.rest[i] = force[i] - acting.traction[p, i]
             _fill_weak(parameters, gamma, work.n, slopes, row, nn, columns, out)
             missing += _add_weak(theta * source.jxw[p], source, partner, p, adjoint[p], out, blocks)
-        if status[p] > 0:
-            missing += _add_pressed(source.jxw[p], source, partner, p, force[p], work, out, blocks)
+        if acting.status[p] > 0:
+            missing += _add_pressed(source.jxw[p], source, partner, p, force, out, blocks)
     return missing
 
 
 @njit_inner
-def _add_pressed(weight, source, partner, p, force, work, out, blocks):
+def _add_pressed(weight, source, partner, p, force, out, blocks):
     """- int dP . [[v]] + int (P . v_T,i) dxi_i"""
-    f, d = source.facet[p], len(force)
+    f, d, work = source.facet[p], len(force), out.point
     nn, ms, mt = source.cells.shape[1], source.on.shape[1], partner.nodes.shape[1]
     missing, mt = 0, min(mt, NODE_COUNTS[partner.kind[p]])
     for r in range(ms + mt):

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pcontact.assembly.finite_kernels import STRESS, FiniteCells, cell_piola, cell_work
+from pcontact.assembly.finite_kernels import STRESS, CellWork, FiniteCells, cell_piola, cell_work
 from pcontact.assembly.geometry import some_cells_weighted
 from pcontact.contact.formulation.finite_kernels import Slopes
 from pcontact.contact.traction.elastic import ElasticTraction
@@ -18,35 +18,79 @@ from pcontact.material.finite import CONSISTENT, ELASTIC
 from pcontact.runtime.jit import njit
 
 
-@njit
-def _add_tractions(state, cells, nodal, mode, first, places, normal, wanted, at, work, piola, slope, out, rows):
-    """Add tractions (np, d) of points and, unless STRESS, their derivatives in the rows ``at`` (np,).
+class _Facets(NamedTuple):
+    """Facets of the source whose parent cells, ``cells``, belong to one block with finite strain: ``first`` (nf + 1,)
+    says where the points of each begin in ``places``."""
 
-    ``first`` (nf + 1,) says where the points of each facet begin. Of a cell that cannot be integrated both are NaN.
+    cells: FiniteCells
+    first: np.ndarray
+    places: FacetPoints
+
+
+class _Part(NamedTuple):
+    """Those of one block: its ``number``, the ``rows`` of the parent cells in it, and ``which`` of the source's facets
+    they are."""
+
+    number: int
+    rows: np.ndarray
+    which: slice
+    facets: _Facets
+
+
+class _Asked(NamedTuple):
+    """What is asked of the points (np): ``mode``, STRESS, CONSISTENT or ELASTIC; whether they are ``wanted`` (np,);
+    the row ``at`` (np,) of their derivative, -1 for none."""
+
+    mode: int
+    wanted: np.ndarray
+    at: np.ndarray
+
+
+class _Answer(NamedTuple):
+    """Tractions (np, d) [stress], and their derivatives ``rows`` (n, nn, d, d) [stress/length]."""
+
+    tractions: np.ndarray
+    rows: np.ndarray
+
+
+class _Stresses(NamedTuple):
+    """Scratch: ``cell``; the stress P (nq, d, d) of a cell at its points, and its derivative (nq, d, d, nn d)."""
+
+    cell: CellWork
+    piola: np.ndarray
+    slope: np.ndarray
+
+
+@njit
+def _add_tractions(state, facets, nodal, normal, asked, work, out):
+    """Add tractions of points with outward normals (np, d) and, unless STRESS, their derivatives to an `_Answer`.
+
+    Of a cell that cannot be integrated both are NaN.
     """
-    d = normal.shape[1]
+    d, cells, first, places, wanted = normal.shape[1], facets.cells, facets.first, facets.places, asked.wanted
+    piola, slope = work.piola, work.slope
     for c in range(len(cells.nodes)):
-        asked = False
+        some = False
         for k in range(first[c], first[c + 1]):
-            asked = asked or wanted[places.points[k]]
-        if not asked:
+            some = some or wanted[places.points[k]]
+        if not some:
             continue
-        good = cell_piola(state, cells, nodal, c, mode, work, piola, slope)
+        good = cell_piola(state, cells, nodal, c, asked.mode, work.cell, piola, slope)
         for k in range(first[c], first[c + 1]):
             p = places.points[k]
             if not wanted[p]:
                 continue
             if not good:
-                out[p, :] = np.nan
+                out.tractions[p, :] = np.nan
                 continue
             for q in range(piola.shape[0]):
                 share = places.matrix[k, q]
                 for i in range(d):
                     for j in range(d):
-                        out[p, i] += share * piola[q, i, j] * normal[p, j]
-            if mode == STRESS or at[p] < 0:
+                        out.tractions[p, i] += share * piola[q, i, j] * normal[p, j]
+            if asked.mode == STRESS or asked.at[p] < 0:
                 continue
-            row = rows[at[p]]
+            row = out.rows[asked.at[p]]
             for q in range(piola.shape[0]):
                 share = places.matrix[k, q]
                 for i in range(d):
@@ -74,21 +118,6 @@ def _add_elastic(source, at, rows):
                     value = source.normal[p, i] * source.volumetric[p, a, j]
                     rows[at[p], a, i, j] += value + mu * source.grad[p, a, i] * source.normal[p, j]
                 rows[at[p], a, i, i] += mu * along
-
-
-class _Part(NamedTuple):
-    """Facets of the source whose parent cells belong to one block with finite strain.
-
-    ``number`` is that of the block, ``rows`` are the parent cells in it, ``facets`` those of the source, ``first``
-    (nf + 1,) says where the points of each begin; see :class:`FacetPoints` for ``places``.
-    """
-
-    number: int
-    rows: np.ndarray
-    facets: slice
-    cells: FiniteCells
-    first: np.ndarray
-    places: FacetPoints
 
 
 class FiniteTraction:
@@ -140,25 +169,24 @@ class FiniteTraction:
         facet = source.facet[points] - which.start
         first = np.searchsorted(facet, np.arange(len(rows) + 1))
         places = FacetPoints(points, facet, np.ascontiguousarray(extrapolation(cell, space.degree, rule, xi)))
-        return _Part(facets.block, rows, which, cells, first, places)
+        return _Part(facets.block, rows, which, _Facets(cells, first, places))
 
-    def _add(self, values, p, wanted, mode, at, out, rows):
-        d = out.shape[1]
+    def _add(self, values, p, asked, out):
+        d = out.tractions.shape[1]
         for part in self._parts:
-            nodes = np.ascontiguousarray(p.cells[part.facets, : part.cells.grad.shape[2]])
-            cells, state = part.cells._replace(nodes=nodes), self._bulk.parts[part.number].of(part.rows)
+            nodes = np.ascontiguousarray(p.cells[part.which, : part.facets.cells.grad.shape[2]])
+            cells, state = part.facets.cells._replace(nodes=nodes), self._bulk.parts[part.number].of(part.rows)
             nq, nn = cells.grad.shape[1:3]
-            slope = np.zeros((nq, d, d, nn * d))
-            _add_tractions(
-                state, cells, values, mode, part.first, part.places, self.source.normal, wanted, at, cell_work(cells),
-                np.zeros((nq, d, d)), slope, out, rows,
-            )  # fmt: skip
+            work = _Stresses(cell_work(cells), np.zeros((nq, d, d)), np.zeros((nq, d, d, nn * d)))
+            facets = part.facets._replace(cells=cells)
+            _add_tractions(state, facets, values, self.source.normal, asked, work, out)
 
     def traction(self, values, p, wanted):
         """Tractions (np, d) of the points that are wanted (np,) at nodal values (n, d) [stress]."""
         out = self._rest.elastic(values, p, wanted)
         self._rest.add_excess(values, p, out)
-        self._add(values, p, wanted, STRESS, np.zeros(0, dtype=np.int64), out, np.zeros((0, 0, 0, 0)))
+        asked = _Asked(STRESS, wanted, np.zeros(0, dtype=np.int64))
+        self._add(values, p, asked, _Answer(out, np.zeros((0, 0, 0, 0))))
         return out
 
     def slopes(self, values, p, wanted, elastic=False):
@@ -172,7 +200,8 @@ class FiniteTraction:
             if len(excess.at):
                 some = np.flatnonzero(wanted & (excess.at >= 0))
                 rows[at[some]] += excess.rows[excess.at[some]]
-        self._add(values, p, wanted, ELASTIC if elastic else CONSISTENT, at, np.zeros_like(self.source.x), rows)
+        asked = _Asked(ELASTIC if elastic else CONSISTENT, wanted, at)
+        self._add(values, p, asked, _Answer(np.zeros_like(self.source.x), rows))
         return Slopes(at, rows)
 
 

@@ -18,8 +18,10 @@ from pcontact.contact.formulation.finite_geometry import (
     Motion,
     evaluate,
     point_work,
+    unplaced,
 )
 from pcontact.contact.formulation.finite_kernels import (
+    Acting,
     FiniteParameters,
     Slopes,
     add_residual,
@@ -97,11 +99,11 @@ class Setting:
             along = self._normal(self.dshape.T @ (self.x + self.before)[: self.ms])
             self.lag -= along * (along @ self.lag)
         self.frictional = self.law is not None
-        self.parameters = FiniteParameters(
-            theta, ALPHA if self.frictional else 0.0, 1.0 / ALPHA if self.frictional else 0.0, np.array([GAMMA])
-        )
         self.t0 = 0.2 * random.standard_normal(d) if state != "open" else 0.02 * random.standard_normal(d)
         self.dt, self.adjoint = random.standard_normal((2, self.nn, d, d))
+        alpha, inverse = (ALPHA, 1.0 / ALPHA) if self.frictional else (0.0, 0.0)
+        adjoint = self.adjoint[None] if theta else np.zeros((0, self.nn, d, d))
+        self.parameters = FiniteParameters(theta, alpha, inverse, np.array([GAMMA]), adjoint)
         self.blocks = BlockRows(np.arange(n + 1) * n, np.tile(np.arange(n), n), np.zeros((n * n, d, d)))
 
     def partner(self, u):
@@ -128,14 +130,11 @@ class Setting:
         """Residual, and what the law says."""
         d, partner = self.d, self.partner(u)
         traction = (self.t0 + np.einsum("aij,aj->i", self.dt, u[: self.nn]))[None]
-        live, normal, gap = np.zeros(1, bool), np.zeros((1, d)), np.zeros(1)
-        slip, part, xi, tau = np.zeros((1, d)), np.zeros((1, self.mt)), np.zeros((1, 2)), np.zeros((1, d))
-        evaluate(
-            self.source, partner, self.motion(u), self.frictional, point_work(d, self.ms + self.mt), live, normal, gap,
-            slip, part, xi,
-        )  # fmt: skip
-        augment(self.parameters, self.source.facet, normal, traction, gap, slip, live, tau)
-        slope = np.zeros((1, d, d))
+        placed, tau = unplaced(1, d, self.mt), np.zeros((1, d))
+        work = point_work(d, self.ms + self.mt)
+        evaluate(self.source, partner, self.motion(u), self.frictional, work, placed)
+        augment(self.parameters, self.source.facet, placed, traction, tau)
+        slope, normal, live = np.zeros((1, d, d)), placed.normal, placed.live
         if self.frictional:
             force, status = self.law.project(View(live, self.mode == TIED, False), normal, tau, slope)
         else:
@@ -143,19 +142,17 @@ class Setting:
             closed = live & (tau_n <= 0.0)
             force, status = closed[:, None] * tau_n * normal, np.where(closed, SLIP, OPEN)
             slope[:] = closed[0] * np.outer(normal, normal)
-        out = np.zeros_like(self.x)
-        adjoint = self.adjoint[None] if self.theta else np.zeros((0, self.nn, d, d))
-        add_residual(self.parameters, self.source, partner, part, normal, traction, force, status, adjoint, out)
-        found = {"normal": normal[0], "gap": gap[0], "slip": slip[0], "xi": xi[0], "status": status[0], "live": live[0]}
-        return out, found, (traction, tau, force, status, slope, adjoint)
+        out, acting = np.zeros_like(self.x), Acting(traction, tau, force, status, slope)
+        add_residual(self.parameters, self.source, partner, placed, acting, out)
+        found = {key: getattr(placed, key)[0] for key in ("normal", "gap", "slip", "xi", "live")}
+        return out, {**found, "status": status[0]}, acting
 
     def tangent(self, u):
         self.blocks.values[:] = 0.0
-        traction, tau, force, status, slope, adjoint = self.at(u)[2]
+        slopes = Slopes(np.zeros(1, np.int64), self.dt[None])
         missing = add_tangent(
-            self.parameters, self.source, self.partner(u), self.motion(u), traction, tau, force, status, slope,
-            Slopes(np.zeros(1, np.int64), self.dt[None]), adjoint, point_work(self.d, self.ms + self.mt),
-            tangent_work(self.d, self.nn + self.mt), self.blocks,
+            self.parameters, self.source, self.partner(u), self.motion(u), self.at(u)[2], slopes,
+            tangent_work(self.d, self.nn, self.ms, self.mt), self.blocks,
         )  # fmt: skip
         assert missing == 0
         n = len(self.x)
