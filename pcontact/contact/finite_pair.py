@@ -18,14 +18,12 @@ from pcontact.contact.formulation.finite_geometry import (
     current_normals,
     tied_offsets,
 )
-from pcontact.contact.formulation.methods import OFF
+from pcontact.contact.formulation.methods import facet_columns
 from pcontact.contact.law import OPEN, contact_law
-from pcontact.contact.pair import METHODS, ContactPair
+from pcontact.contact.pair import METHODS, ContactPair, partner_search
 from pcontact.contact.pairing import Pairing
 from pcontact.contact.points import PartnerPoints, SourcePoints
-from pcontact.contact.search.partners import ObstacleSearch, TargetSearch
 from pcontact.contact.surface.facet_maps import KIND, MAX_NODES
-from pcontact.contact.surface.obstacle import RigidObstacle
 from pcontact.contact.traction.finite import FiniteTraction, NoTraction
 from pcontact.element.reference import reference_nodes
 from pcontact.mesh.mesh import size_of
@@ -122,10 +120,7 @@ def finite_source(source, origin):
         With the gradients of its cells.
     origin : ndarray (d,)
     """
-    largest = np.zeros(source.cells.shape)
-    np.maximum.at(largest, source.facet, np.abs(source.shape))
-    on = largest > OFF
-    on = np.ascontiguousarray(np.argsort(~on, axis=1, kind="stable")[:, : int(on.sum(axis=1).max(initial=1))])
+    on = np.ascontiguousarray(facet_columns(source)[0])
     tangent, columns = _tangents(source.normal), on[source.facet]
     slope = np.einsum("pad,pbd->pba", source.grad, tangent)
     return FiniteSource(
@@ -358,8 +353,4 @@ def finite_pair(space, bulk, contact, source, target, radius, floats=False, trac
     else:
         traction = NoTraction(source)
     terms = FiniteTerms(space, source, method, traction, law)
-    if isinstance(target, RigidObstacle):
-        search = ObstacleSearch(space, target)
-    else:
-        search = TargetSearch(space, target, contact.search, contact.bilateral or law.tied)
-    return FinitePair(space, contact, source, search, terms, radius, floats)
+    return FinitePair(space, contact, source, partner_search(space, contact, target, law), terms, radius, floats)

@@ -529,6 +529,13 @@ class ContactPair(Item):
         return borne(self.space, self.pairing, self.source, np.linalg.norm(self.state(u)["traction"], axis=1))
 
 
+def partner_search(space, contact, target, law):
+    """Who says who the partner of a point is, of a contact with a law: a :class:`TargetSearch` or `ObstacleSearch`."""
+    if isinstance(target, RigidObstacle):
+        return ObstacleSearch(space, target)
+    return TargetSearch(space, target, contact.search, contact.bilateral or law.tied)
+
+
 def contact_pair(space, contact, source, target, radius, floats=False, trace=None, law=None):
     """The pair of a contact in its formulation.
 
@@ -561,8 +568,4 @@ def contact_pair(space, contact, source, target, radius, floats=False, trace=Non
     else:
         traction = PlasticTraction(source, trace, method.theta != 0.0 and contact.adjoint == "consistent")
     terms = (FrictionalTerms if law.tangential else FrictionlessTerms)(space, source, method, traction, law)
-    if isinstance(target, RigidObstacle):
-        search = ObstacleSearch(space, target)
-    else:
-        search = TargetSearch(space, target, contact.search, contact.bilateral or law.tied)
-    return ContactPair(space, contact, source, search, terms, radius, floats)
+    return ContactPair(space, contact, source, partner_search(space, contact, target, law), terms, radius, floats)

@@ -95,6 +95,27 @@ class Penalty(Method):
     has_traction = False
 
 
+def facet_columns(source):
+    """Which nodes of the parent cells are on the facets of a source.
+
+    Parameters
+    ----------
+    source : pcontact.contact.surface.sides.SourceSurface
+
+    Returns
+    -------
+    columns : ndarray (nf, m)
+        Of ``cells``; where a facet has fewer than m nodes the row ends with some that are off it.
+    kept : ndarray (nf, m) of bool
+        Whether they are on it.
+    """
+    largest = np.zeros(source.cells.shape)
+    np.maximum.at(largest, source.facet, np.abs(source.shape))
+    on = largest > OFF
+    columns = np.argsort(~on, axis=1, kind="stable")[:, : int(on.sum(axis=1).max(initial=1))]
+    return columns, np.take_along_axis(on, columns, axis=1)
+
+
 def without_traction(source):
     """The source surface without what its traction is made from.
 
@@ -108,13 +129,7 @@ def without_traction(source):
         The same points; ``cells`` (nf, m) and ``shape`` (np, m) have the nodes of the facets alone, ``grad`` and
         ``volumetric`` are of width 0.
     """
-    nf, nn = source.cells.shape
-    largest = np.zeros((nf, nn))
-    np.maximum.at(largest, source.facet, np.abs(source.shape))
-    on = largest > OFF
-    width = int(on.sum(axis=1).max(initial=1))
-    columns = np.argsort(~on, axis=1, kind="stable")[:, :width]
-    kept = np.take_along_axis(on, columns, axis=1)
+    columns, kept = facet_columns(source)
     every = columns[source.facet]
     shape = np.where(kept[source.facet], np.take_along_axis(source.shape, every, axis=1), 0.0)
     return dataclasses.replace(

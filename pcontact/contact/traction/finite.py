@@ -12,8 +12,7 @@ from pcontact.assembly.finite_kernels import STRESS, CellWork, FiniteCells, cell
 from pcontact.assembly.geometry import some_cells_weighted
 from pcontact.contact.formulation.finite_kernels import Slopes
 from pcontact.contact.traction.elastic import ElasticTraction
-from pcontact.contact.traction.plastic import FacetPoints, PlasticTraction, extrapolation
-from pcontact.element.reference import reference_nodes
+from pcontact.contact.traction.plastic import FacetPoints, PlasticTraction, facet_points
 from pcontact.material.finite import CONSISTENT, ELASTIC
 from pcontact.runtime.jit import njit
 
@@ -161,14 +160,9 @@ class FiniteTraction:
         rows = np.ascontiguousarray(facets.cells)
         grad, jxw, shapes, rule = some_cells_weighted(space, facets.block, rows)
         cells = self._bulk.finite.cells(facets.block, rows, grad, jxw, shapes)
-        # facets without a shear modulus take part without their traction
-        speaks = source.mu[source.facet] > 0.0
-        points = np.flatnonzero((source.facet >= which.start) & (source.facet < which.stop) & speaks)
-        points = points[np.argsort(source.facet[points], kind="stable")]
-        xi = source.shape[points, : grad.shape[2]] @ reference_nodes(cell, space.degree)
-        facet = source.facet[points] - which.start
-        first = np.searchsorted(facet, np.arange(len(rows) + 1))
-        places = FacetPoints(points, facet, np.ascontiguousarray(extrapolation(cell, space.degree, rule, xi)))
+        places = facet_points(source, which, cell, space.degree, rule)
+        places = places._replace(matrix=np.ascontiguousarray(places.matrix))
+        first = np.searchsorted(places.facet, np.arange(len(rows) + 1))
         return _Part(facets.block, rows, which, _Facets(cells, first, places))
 
     def _add(self, values, p, asked, out):

@@ -210,6 +210,33 @@ class _Part:
         return CellPoints(np.ascontiguousarray(cells[self.facets, : self.grad.shape[2]]), self.grad, self.ring)
 
 
+def facet_points(source, which, cell, degree, rule):
+    """The points of some facets of a source, in their order.
+
+    Parameters
+    ----------
+    source : pcontact.contact.surface.sides.SourceSurface
+    which : slice
+        Facets of the source, whose parent cells are of one kind.
+    cell : str
+        That kind.
+    degree : int
+        Of the displacement.
+    rule : ndarray (nq, d)
+        Quadrature points of the cells in the reference domain.
+
+    Returns
+    -------
+    FacetPoints
+    """
+    # facets without a shear modulus take part without their traction
+    speaks = source.mu[source.facet] > 0.0
+    points = np.flatnonzero((source.facet >= which.start) & (source.facet < which.stop) & speaks)
+    nodes = reference_nodes(cell, degree)
+    xi = source.shape[points, : len(nodes)] @ nodes
+    return FacetPoints(points, source.facet[points] - which.start, extrapolation(cell, degree, rule, xi))
+
+
 class PlasticTrace:
     """Excess traction at the quadrature points of a source.
 
@@ -237,16 +264,12 @@ class PlasticTrace:
         return len(self._parts)
 
     def _part(self, space, bulk, facets, which):
-        source, cell = self._source, space.mesh.blocks[facets.block].cell
+        cell = space.mesh.blocks[facets.block].cell
         rows = np.ascontiguousarray(facets.cells)
         grad, ring, rule = some_cells(space, facets.block, rows)
-        # facets without a shear modulus take part without their traction
-        speaks = source.mu[source.facet] > 0.0
-        points = np.flatnonzero((source.facet >= which.start) & (source.facet < which.stop) & speaks)
-        xi = source.shape[points, : grad.shape[2]] @ reference_nodes(cell, space.degree)
         return _Part(
             bulk.states[facets.block], rows, which, grad, NO_RING if ring is None else np.ascontiguousarray(ring),
-            FacetPoints(points, source.facet[points] - which.start, extrapolation(cell, space.degree, rule, xi)),
+            facet_points(self._source, which, cell, space.degree, rule),
         )  # fmt: skip
 
     def _excess(self, part, values, cells, want_tangent):
