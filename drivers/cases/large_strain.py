@@ -16,9 +16,9 @@ The table ends with Newton's iterations per load step and how fast the last resi
 
 import numpy as np
 
-from drivers._common import draw, log, main, make_mesh, make_parser, print_table, running, write_json
+from drivers._common import draw, main, make_mesh
+from drivers.cases._known import Found, at, case_parser, compare, solve
 from meshes import cook, cylinder_strip, round_bar
-from pcontact.runtime.observer import Observer
 from pcontact.scene.model import Body, Displacement, Load, Material, MeshSpec, Output, Scene, Steps
 
 CASES = ("tube", "rubber", "cook", "necking")
@@ -32,35 +32,12 @@ NECK = {8.0: 5.266, 10.0: 4.49}
 BOUNDS = {"tube": 5e-4, "rubber": 5e-4, "cook": 1e-3, "necking": 1e-2}
 
 
-def voce(unit=1.0, count=400, most=3.0):
-    """Points of the yield stress over the plastic strain of Cook's membrane and the bar, times a unit of stress."""
+def voce(count=400, most=3.0):
+    """Points of the yield stress over the plastic strain, of Cook's membrane and of the bar."""
     # dense where the curve bends
     p = most * np.linspace(0.0, 1.0, count) ** 2
     stress = 0.45 + 0.265 * (1.0 - np.exp(-16.93 * p)) + 0.12924 * p
-    return [(float(a), float(unit * b)) for a, b in zip(p, stress, strict=True)]
-
-
-class Rows(Observer):
-    """Keeps the records of the load steps."""
-
-    def __init__(self):
-        self.records = []
-
-    def step(self, step, u, record):
-        self.records.append({**record, "time": step.time})
-
-
-def solve(args, name, scene):
-    """The records of a run, by time, and the last norms of the residual. *Collective.*"""
-    rows = Rows()
-    with running(scene, args.o / name, [rows]) as (simulation, converged):
-        norms = list(simulation.newton.norms)
-    return rows.records, converged, norms
-
-
-def at(records, time):
-    """The record that is nearest to a time."""
-    return min(records, key=lambda record: abs(record["time"] - time))
+    return [(float(a), float(b)) for a, b in zip(p, stress, strict=True)]
 
 
 def strip(path, n, inner, outer, values, material, steps, petsc):
@@ -97,7 +74,7 @@ def tube(args, petsc):
     records, converged, norms = solve(args, "tube", scene)
     expected = [0.5 / np.sqrt(3.0) * np.log((300.0 + a**2) / a**2) for a in radii]
     rows = [(f"pressure, a = {a:g}", e, f) for a, e, f in zip(radii, expected, pressures(records, radii), strict=True)]
-    return rows, records, converged, norms
+    return Found(rows, records, converged, norms)
 
 
 def rubber(args, petsc):
@@ -110,7 +87,7 @@ def rubber(args, petsc):
     expected = [np.log(la / lb) + 0.5 * (lb**-2 - la**-2) for la, lb in zip(stretches, outer, strict=True)]
     found = pressures(records, stretches)
     rows = [(f"pressure, stretch {la:g}", e, f) for la, e, f in zip(stretches, expected, found, strict=True)]
-    return rows, records, converged, norms
+    return Found(rows, records, converged, norms)
 
 
 def _young(mu, bulk):
@@ -137,7 +114,7 @@ def membrane(args, petsc):
         some, ended, norms = solve(args, f"cook_{n}", scene)
         records, converged = records + some, converged and ended
         rows.append((f"corner, {n} x {n}", CORNER.get(n, np.nan), some[-1]["probes"]["corner"]["mean"][1]))
-    return rows, records, converged, norms
+    return Found(rows, records, converged, norms)
 
 
 def necking(args, petsc):
@@ -166,38 +143,11 @@ def necking(args, petsc):
         if elongation in NECK:
             radius = 0.982 * 6.413 + record["probes"]["neck"]["mean"][0]
             rows.append((f"radius of the neck, {elongation:g}", NECK[elongation], radius))
-    return rows, records, converged, norms
+    _curve(args, records)
+    return Found(rows, records, converged, norms)
 
 
 MAKERS = {"tube": tube, "rubber": rubber, "cook": membrane, "necking": necking}
-
-
-def tail(norms):
-    """The last four norms of the residual over the first one."""
-    return "  ".join(f"{norm / norms[0]:.1e}" for norm in norms[-4:]) if norms else "-"
-
-
-def run(args):
-    """All cases asked for; 1 where one does not converge or misses a known answer."""
-    status, results = 0, {}
-    petsc = {"snes_rtol": "1e-10"}
-    for name in args.case:
-        rows, records, converged, norms = MAKERS[name](args, petsc)
-        counts = [record["newton"] for record in records]
-        cuts = sum(record["cutbacks"] for record in records)
-        table = [(*row, 100.0 * (row[2] / row[1] - 1.0)) for row in rows]
-        print_table(name, ["", "expected", "found", "off [%]"], table)
-        log.info("  Newton %.2f a load step, at most %d; %d cut; last residuals %s", np.mean(counts), max(counts), cuts,
-                 tail(norms))  # fmt: skip
-        results[name] = {"rows": rows, "newton": counts, "cuts": cuts, "residuals": norms}
-        worst = max((abs(found / expected - 1.0) for _, expected, found in rows if np.isfinite(expected)), default=0.0)
-        if not converged or (worst > BOUNDS[name] and not args.tiny):
-            log.error_line(f"{name}: {100.0 * worst:.3g} % off" if converged else f"{name}: not converged")
-            status = 1
-        if name == "necking":
-            _curve(args, records)
-        write_json(args.o / "large_strain.json", results)
-    return status
 
 
 def _curve(args, records):
@@ -214,9 +164,10 @@ def _curve(args, records):
     draw(args.o / "necking.png", paint)
 
 
+def run(args):
+    """All cases asked for; 1 where one does not converge or misses a known answer."""
+    return compare(args, MAKERS, BOUNDS, "large_strain", {"snes_rtol": "1e-10"})
+
+
 if __name__ == "__main__":
-    parser = make_parser(__doc__, "large_strain_results")
-    parser.add_argument("--case", nargs="+", choices=CASES, default=list(CASES), help="which ones (default: all)")
-    parser.add_argument("--n", type=int, default=None, help="cells along a side (default: several, by case)")
-    parser.add_argument("--fields", action="store_true", help="write fields for ParaView")
-    main(run, parser)
+    main(run, case_parser(__doc__, "large_strain", CASES))
