@@ -332,10 +332,8 @@ def _assemble(scene, mesh, space, constants):
     contacts, edges = contact_reports(scene, space, constants, supports, free, bulk, tied)
     _announce(mesh, free)
     items = [bulk, *(pair for contact in contacts for pair in contact.pairs), *_followers(scene, space, supports)]
-    viscous = [] if eta is None else [ViscousStabilisation(space, eta, bulk)]
-    items += viscous
-    problem = Problem(space, items, supports, forces, _stabilisation(space, scene, constants, free), contacts)
-    problem.viscous = viscous[0] if viscous else None
+    viscous = None if eta is None else ViscousStabilisation(space, eta, bulk)
+    problem = Problem(space, items, supports, forces, _stabilisation(space, scene, constants, free), contacts, viscous)
     # modes of their own cost a set-up that grows with their square; only bodies that nothing holds are worth it
     loose = {(a, b) for a, b in edges if a in free or b in free}
     colours = colour(mesh.n_components, loose)

@@ -4,7 +4,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pcontact.contact.formulation.averages import add_at_nodes
 from pcontact.contact.formulation.finite import FiniteTerms
 from pcontact.contact.formulation.finite_geometry import (
     CLOSEST,
@@ -22,7 +21,6 @@ from pcontact.contact.formulation.methods import facet_columns
 from pcontact.contact.law import OPEN, contact_law
 from pcontact.contact.pair import METHODS, ContactPair, partner_search
 from pcontact.contact.pairing import Pairing
-from pcontact.contact.points import PartnerPoints, SourcePoints
 from pcontact.contact.surface.facet_maps import KIND, MAX_NODES
 from pcontact.contact.traction.finite import FiniteTraction, NoTraction
 from pcontact.element.reference import reference_nodes
@@ -168,15 +166,15 @@ class FinitePair(ContactPair):
         self._points = finite_source(source, self.origin)
         self.renews = not (self.rigid or self.law.tied)
 
-    def _find(self, nodal, x, time):
-        """Partners, by the normals of the deformed source. *Collective.*"""
-        normal = np.empty_like(self.source.normal)
-        current_normals(self._points, nodal, normal)
-        found = self.search.find(nodal, x, normal, time, self.radius, self.origin)
-        self._normals, self._time = normal, time
-        if self.chords is None:
-            return found
-        return found._replace(gap=self.chords(found.gap, found.normal, found.paired, found.offset))
+    def detect(self, u, time, motion=0.0, ahead=None):
+        """See :meth:`ContactPair.detect`. *Collective.*"""
+        self._time = time
+        super().detect(u, time, motion, ahead)
+
+    def _turn(self, nodal):
+        """Normals of the deformed source."""
+        self._normals = np.empty_like(self.source.normal)
+        current_normals(self._points, nodal, self._normals)
 
     def _plan(self, nodes, paired):
         super()._plan(nodes, paired)
@@ -188,65 +186,51 @@ class FinitePair(ContactPair):
 
     def _freeze(self, u, gap, normal, found):
         """Freeze facets; what the gap has beside that of the places is kept, too. *Collective.*"""
-        paired, source, d = found.paired, self.source, self.space.dim
-        if not self.rigid or self.pairing is None:
-            self._plan(found.nodes, paired)
-        exchange, cells, unique = self._planned
-        nodes = np.zeros(found.nodes.shape, dtype=np.int64)
-        if len(unique):
-            nodes = np.minimum(np.searchsorted(unique, found.nodes), len(unique) - 1)
-        nodes = np.ascontiguousarray(np.where(paired[:, None], nodes, 0).astype(np.int64))
-        shape = np.ascontiguousarray(np.where(paired[:, None], found.shape, 0.0))
-        n, every, small = len(gap), np.ones(len(gap), dtype=bool), self.terms.traction.small
-        points = SourcePoints(
-            source.facet, cells, source.shape, source.jxw, source.normal, small.grad, small.volumetric, small.mu
-        )
-        normal = np.ascontiguousarray(np.where(paired[:, None], normal, self._normals))
-        acts = paired.copy() if self.method.theta == 0.0 else every
+        super()._freeze(u, gap, normal, found)
+        if self.law.tied:
+            p, offset = self.pairing, np.zeros_like(self.source.x)
+            tied_offsets(p.points, p.frozen, p.x, p.exchange.gather(u), offset)
+            p.frozen = p.frozen._replace(offset=offset)
+
+    def _paired(self, normal, found):
+        p, (n, d) = super()._paired(normal, found), normal.shape
         mode = OBSTACLE if self.rigid else TIED if self.law.tied else RAY if self._traces else CLOSEST
-        kinds, xi = np.zeros(n, dtype=np.int64), np.zeros((n, 2))
-        if not self.rigid:
-            kinds = kinds_of(found.nodes, d, self.space.degree)
-            xi = np.einsum("pm,pmk->pk", shape, _reference(kinds, self.space.degree)[:, : shape.shape[1]])
-        frozen = FinitePartner(
-            np.where(paired, mode, NONE), nodes, kinds.astype(np.int64), xi, normal, np.zeros(n), np.zeros((n, d)),
-            np.zeros(n), np.zeros((0, d, d)), np.zeros((n, d)),
-        )  # fmt: skip
-        obstacle = None
+        kinds, xi, obstacle = np.zeros(n, dtype=np.int64), np.zeros((n, 2)), None
         if self.rigid:
             obstacle = ObstacleAt(self.search, self._time, self.origin, STEP * size_of(self.space.mesh))
-        p = FinitePairing(
-            exchange, points, PartnerPoints(nodes, shape, normal, np.zeros(n)), paired, found.ids,
-            np.empty((n, 0, d)), acts, every, self._points._replace(cells=cells), frozen, self._places, obstacle,
+        else:
+            kinds = kinds_of(found.nodes, d, self.space.degree).astype(np.int64)
+            at = _reference(kinds, self.space.degree)[:, : p.target_shape.shape[1]]
+            xi = np.einsum("pm,pmk->pk", p.target_shape, at)
+        frozen = FinitePartner(
+            np.where(p.paired, mode, NONE), p.targets, kinds, xi, normal, np.zeros(n), np.zeros((n, d)), np.zeros(n),
+            np.zeros((0, d, d)), np.zeros((n, d)),
         )  # fmt: skip
-        values = exchange.gather(u)
-        self.pairing = p
-        self._hold(p, values, gap, normal)
-        # of points that have lost their partner: a plane across the normal
-        p.gap0[:] = gap + np.einsum("pd,pd->p", self._jump(p, values), normal)
+        points = self._points._replace(cells=p.cells)
+        return FinitePairing(**vars(p), points=points, frozen=frozen, x=self._places, obstacle=obstacle)
+
+    @property
+    def _stressed(self):
+        return self.terms.traction.small
 
     @property
     def _traces(self):
         return self.search.method == "ray_tracing"
 
-    def _jump(self, p, values):
-        jump = np.einsum("pa,pad->pd", self.source.shape, values[p.cells[self.source.facet]])
-        return jump - np.einsum("pm,pmd->pd", p.target_shape, values[p.targets])
-
-    def _hold(self, p, values, gap, normal):
-        """Modes and numbers of points that do not follow the facets alone. *Collective.*"""
-        if self.law.tied:
-            offset = np.zeros_like(p.frozen.offset)
-            tied_offsets(p.points, p.frozen, p.x, values, offset)
-            p.frozen = p.frozen._replace(offset=offset)
-            return
-        contact = self.terms.place(p, values)
+    def _take_gap(self, values, gap):
+        """Modes and numbers of points that do not follow the facets alone; and of points that have lost their partner
+        a plane across the normal. *Collective.*
+        """
+        p, contact = self.pairing, self.terms.place(self.pairing, values)
         mode = p.frozen.mode
         if not self.rigid and not self._traces:
-            off = ~contact.live | (np.abs(contact.normal - normal).max(axis=1) > APART)
+            off = ~contact.live | (np.abs(contact.normal - p.normal).max(axis=1) > APART)
             p.frozen = p.frozen._replace(mode=np.where((mode == CLOSEST) & off, HELD, mode))
             contact = self.terms.place(p, values)
         p.frozen = p.frozen._replace(shift=np.where(contact.live, gap - contact.gap, 0.0))
+        jump = np.einsum("pa,pad->pd", self.source.shape, values[p.cells[self.source.facet]])
+        jump -= np.einsum("pm,pmd->pd", p.target_shape, values[p.targets])
+        p.gap0[:] = gap + np.einsum("pd,pd->p", jump, p.normal)
 
     def _start_step(self, u, time):
         p = self.pairing
@@ -292,23 +276,9 @@ class FinitePair(ContactPair):
         self.detect(before, time, 0.0, u)
         return True
 
-    def add_magnitude(self, u, out):
-        """Add the sum of the absolute terms of :meth:`residual` to ``out`` (n_owned, d); gaps are differences of
-        places. *Collective.*
-        """
-        p, source = self.pairing, self.source
-        values = p.exchange.gather(u)
-        _, status = self.terms.forces(p, values, self._view())
-        some = np.flatnonzero(status > OPEN)
-        size = np.abs(values) + np.abs(p.x)
-        facet, targets = source.facet[some], p.targets[some]
-        own, other = np.abs(source.shape[some]), np.abs(p.target_shape[some])
-        size = np.einsum("pa,pad->p", own, size[p.cells[facet]]) + np.einsum("pm,pmd->p", other, size[targets])
-        size = np.repeat((size * self.gamma[facet] * source.jxw[some])[:, None], self.space.dim, axis=1)
-        local = np.zeros_like(values)
-        add_at_nodes(own, p.cells, facet, size, local)
-        add_at_nodes(other, targets, np.arange(len(some)), size, local)
-        out += self.space.summed(p.exchange, local)
+    def _lengths(self, p, values):
+        """Places."""
+        return np.abs(values) + np.abs(p.x), np.zeros(len(p.paired))
 
     def normal_motion(self, u, before):
         """Largest change of the gap of a point with a partner between two displacements [length]; where bodies turn,

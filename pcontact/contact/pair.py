@@ -93,7 +93,7 @@ class ContactPair(Item):
         self.bilateral = contact.bilateral or self.law.tied
         self.time, self.version, self.flips, self._status = 0.0, 0, [], None
         self.lost, self._begun, self.offset, self.chords, self.pairing = (0, 0), False, None, None, None
-        self._coupled = np.zeros(len(source.facet), dtype=bool)
+        self._normals, self._coupled = source.normal, np.zeros(len(source.facet), dtype=bool)
         self.committed = np.full(len(source.facet), OPEN, dtype=np.int64)
         low, high = bounding_box(space.comm, space.points)
         # of few digits, so that subtracting it rounds nothing
@@ -165,7 +165,7 @@ class ContactPair(Item):
         # surfaces that touch are closed in the first tangent, whatever the rounding of their coordinates says
         gap = np.where(paired & (np.abs(gap) > self.rounding), gap, 0.0)
         gap = gap if self.offset is None else gap + self.offset
-        normal = np.ascontiguousarray(np.where(paired[:, None], found.normal, source.normal))
+        normal = np.ascontiguousarray(np.where(paired[:, None], found.normal, self._normals))
         # obstacles have moved on already, and displacements that are expected are not those of a solution
         compares = self._begun and expected is u and not self.rigid
         self.lost = self._count_lost(gap, paired) if compares else (0, 0)
@@ -197,10 +197,14 @@ class ContactPair(Item):
         """Partners, with the gap between the surfaces that the facets stand for, if they are to be told apart.
         *Collective.*
         """
-        found = self.search.find(nodal, x, self.source.normal, time, self.radius, self.origin)
+        self._turn(nodal)
+        found = self.search.find(nodal, x, self._normals, time, self.radius, self.origin)
         if self.chords is None:
             return found
         return found._replace(gap=self.chords(found.gap, found.normal, found.paired, found.offset))
+
+    def _turn(self, nodal):
+        """Outward normals of the source by which partners are looked for: those of the undeformed one."""
 
     def _adjust_obstacle(self, nodal, x):
         """An initial overlap that is adjusted away: with the obstacle where it is before it moves. *Collective.*"""
@@ -215,26 +219,37 @@ class ContactPair(Item):
             self.offset = np.where(found.paired, np.maximum(-gap, 0.0), 0.0)
 
     def _freeze(self, u, gap, normal, found):
-        paired = found.paired
+        """Partners that stay until the next search, with the gap that it found at displacements. *Collective.*"""
         if not self.rigid or self.pairing is None:
-            self._plan(found.nodes, paired)
-        exchange, cells, unique = self._planned
-        places = np.zeros(found.nodes.shape, dtype=np.int64)
+            self._plan(found.nodes, found.paired)
+        self.pairing = self._paired(normal, found)
+        if not self.law.tied:
+            self._take_gap(self.pairing.exchange.gather(u), gap)
+
+    def _paired(self, normal, found):
+        """Points and partners, whose nodes have their numbers in the exchange: a :class:`Pairing`."""
+        (exchange, cells, unique), paired, source = self._planned, found.paired, self._stressed
+        nodes = np.zeros(found.nodes.shape, dtype=np.int64)
         if len(unique):
-            places = np.minimum(np.searchsorted(unique, found.nodes), len(unique) - 1)
-        b = self.terms.operator(normal, self.pairing)
+            nodes = np.minimum(np.searchsorted(unique, found.nodes), len(unique) - 1)
+        nodes = np.ascontiguousarray(np.where(paired[:, None], nodes, 0).astype(np.int64))
         shape = np.ascontiguousarray(np.where(paired[:, None], found.shape, 0.0))
-        places = np.ascontiguousarray(np.where(paired[:, None], places, 0).astype(np.int64))
-        source, every = self.source, np.ones(len(gap), dtype=bool)
         points = SourcePoints(
             source.facet, cells, source.shape, source.jxw, source.normal, source.grad, source.volumetric, source.mu
         )
-        partner = PartnerPoints(places, shape, normal, np.zeros(len(gap)))
+        partner, every = PartnerPoints(nodes, shape, normal, np.zeros(len(paired))), np.ones(len(paired), dtype=bool)
         acts = paired.copy() if self.method.theta == 0.0 else every
-        self.pairing = Pairing(exchange, points, partner, paired, found.ids, b, acts, every)
-        if not self.law.tied:
-            # the gap is linear in u from here on and takes the value found where partners were looked for
-            partner.gap0[:] = gap - self.terms.gap(self.pairing, exchange.gather(u))
+        b = self.terms.operator(normal, self.pairing)
+        return Pairing(exchange, points, partner, paired, found.ids, b, acts, every)
+
+    @property
+    def _stressed(self):
+        """The source with the moduli of its traction."""
+        return self.source
+
+    def _take_gap(self, values, gap):
+        """The gap is linear from here on and takes the value found where partners were looked for."""
+        self.pairing.gap0[:] = gap - self.terms.gap(self.pairing, values)
 
     def _plan(self, nodes, paired):
         """Who brings the displacement of the source's cells and of the partners (np, m): against obstacles, once."""
@@ -301,15 +316,20 @@ class ContactPair(Item):
         _, status = self.terms.forces(p, values, self._view())
         # open points bear nothing, however far they are
         some = np.flatnonzero(status > OPEN)
-        values, facet, targets = np.abs(values), source.facet[some], p.targets[some]
+        size, initial = self._lengths(p, values)
+        facet, targets = source.facet[some], p.targets[some]
         own, other = np.abs(source.shape[some]), np.abs(p.target_shape[some])
-        size = np.einsum("pa,pad->p", own, values[p.cells[facet]]) + np.einsum("pm,pmd->p", other, values[targets])
-        size = (size + np.abs(p.gap0[some])) * self.gamma[facet] * source.jxw[some]
+        size = np.einsum("pa,pad->p", own, size[p.cells[facet]]) + np.einsum("pm,pmd->p", other, size[targets])
+        size = (size + initial[some]) * self.gamma[facet] * source.jxw[some]
         size = np.repeat(size[:, None], self.space.dim, axis=1)
         local = np.zeros_like(values)
         add_at_nodes(own, p.cells, facet, size, local)
         add_at_nodes(other, targets, np.arange(len(some)), size, local)
         out += self.space.summed(p.exchange, local)
+
+    def _lengths(self, p, values):
+        """What gaps are differences of [length]: magnitudes at the nodes (n, d), and of the points (np,) besides."""
+        return np.abs(values), np.abs(p.gap0)
 
     def tangent(self, u, rule=LAW):
         """Values (nnz, d, d) on :meth:`pattern`, which grows when a point closes that was thought far. *Collective.*"""

@@ -32,6 +32,8 @@ class Problem:
         Added to the diagonal of the matrix, never to the residual: steadies bodies that nothing holds yet.
     contacts : list of pcontact.contact.report.ContactReport, optional
         Of the contact pairs among the items.
+    viscous : pcontact.assembly.viscous.ViscousStabilisation, optional
+        Joins the items.
 
     Attributes
     ----------
@@ -43,8 +45,6 @@ class Problem:
         Whether the load step begins where the bodies are if they go on as they did.
     stabilised : bool
         Whether `stabilisation` is added to the matrix.
-    viscous : pcontact.assembly.viscous.ViscousStabilisation or None
-        That among the items.
     loose : sequence of int
         Bodies whose rigid motions get a coarse space, see `pcontact.solve.preconditioners.deflation`.
 
@@ -54,11 +54,12 @@ class Problem:
     tangent: a tuple, :attr:`by_law` if nothing is said.
     """
 
-    def __init__(self, space, items, supports, forces, stabilisation, contacts=()):
+    def __init__(self, space, items, supports, forces, stabilisation, contacts=(), viscous=None):
+        items = items if viscous is None else [*items, viscous]
         self.space, self.items, self.supports, self.forces = space, items, supports, forces
         self.stabilisation = stabilisation
         self.bulk, self.others, self.contacts = items[0], items[1:], list(contacts)
-        self.time, self.loose, self.stabilised, self.viscous = 0.0, (), True, None
+        self.time, self.loose, self.stabilised, self.viscous = 0.0, (), True, viscous
         self.fixed = np.ascontiguousarray(supports.fixed[space.owned_local])
         self.matrix = GlobalMatrix(space, supports.fixed)
         self._versions = None

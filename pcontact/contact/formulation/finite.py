@@ -66,6 +66,10 @@ class FiniteTerms:
 
     # -- a load step ----------------------------------------------------------------------------------------------
 
+    def operator(self, normal, last):
+        """Of width 0: all of the traction counts."""
+        return np.empty((len(normal), 0, normal.shape[1]))
+
     def begin(self, p, values, moved):
         """A load step begins, with a pairing and the committed displacements (n, d)."""
         self.method.begin()
