@@ -6,7 +6,7 @@ from pcontact.assembly.bulk import ElasticBulk
 from pcontact.assembly.finite import FiniteBulk
 from pcontact.assembly.follower import FollowerPressure
 from pcontact.assembly.geometry import chunks
-from pcontact.assembly.loads import load_vector, lumped_volume
+from pcontact.assembly.loads import TimedLoad, load_vector, lumped_volume, value_of
 from pcontact.assembly.mixed import MixedBulk
 from pcontact.assembly.plastic import PlasticBulk
 from pcontact.assembly.viscous import ViscousStabilisation
@@ -21,7 +21,7 @@ from pcontact.pairs import contact_reports, tied_pairs
 from pcontact.runtime import log, profile
 from pcontact.runtime.errors import TOLD
 from pcontact.scene import (
-    amplitude,
+    amplitude_of,
     check_apart,
     check_dimension,
     check_lost,
@@ -33,6 +33,8 @@ from pcontact.scene import (
 )
 from pcontact.scene.keys import options as key_options
 from pcontact.scene.model import LOCKING, POOR, Contact
+from pcontact.scene.places import place
+from pcontact.scene.prescribed import Prescribed
 from pcontact.scene.unsafe import unsafe
 from pcontact.solve.preconditioners.deflation import MOST_COLOURS
 from pcontact.solve.problem import Problem
@@ -211,10 +213,31 @@ def _check_locking(scene, space):
 def _followers(scene, space, supports):
     """The items of the pressures that follow their surfaces. *Collective.*"""
     return [
-        FollowerPressure(space, load.region, load.pressure, amplitude(load.amplitude, scene.steps.end), supports.fixed,
-                         f"loads[{number}] ({load.region})")
+        FollowerPressure(space, load.region, _prescribed(scene, number), amplitude_of(load, scene.steps.end),
+                         supports.fixed, f"loads[{number}] ({load.region})")
         for number, load in enumerate(scene.loads) if load.follower
     ]  # fmt: skip
+
+
+def _prescribed(scene, number):
+    """The value of a load, as a function of place and time."""
+    load = scene.loads[number]
+    key, value = value_of(load)
+    return Prescribed(value, scene.where, f"{place('loads', number, load.region)}.{key}")
+
+
+def _forces(scene, space):
+    """Nodal forces at factor 1 with their amplitudes, and loads whose expressions have the time. *Collective.*"""
+    forces, timed = [], []
+    for number, load in enumerate(scene.loads):
+        if load.follower:
+            continue
+        prescribed, factor = _prescribed(scene, number), amplitude_of(load, scene.steps.end)
+        if prescribed.timed:
+            timed.append(TimedLoad(space, load, prescribed, factor))
+        else:
+            forces.append((load_vector(space, load, prescribed), factor))
+    return forces, timed
 
 
 def _check_turns(scene, space, supports):
@@ -320,9 +343,9 @@ def _assemble(scene, mesh, space, constants):
     _check_locking(scene, space)
     _check_joined(scene, space)
     supports = Supports(
-        space, scene.displacements, [amplitude(d.amplitude, end) for d in scene.displacements], scene.where
+        space, scene.displacements, [amplitude_of(d, end) for d in scene.displacements], scene.where
     )
-    forces = [(load_vector(space, load), amplitude(load.amplitude, end)) for load in scene.loads if not load.follower]
+    forces, timed = _forces(scene, space)
     _check_turns(scene, space, supports)
     bulk = bulk_item(scene, space, constants)
     tied = tied_pairs(scene, space, constants, bulk)
@@ -334,6 +357,7 @@ def _assemble(scene, mesh, space, constants):
     items = [bulk, *(pair for contact in contacts for pair in contact.pairs), *_followers(scene, space, supports)]
     viscous = None if eta is None else ViscousStabilisation(space, eta, bulk)
     problem = Problem(space, items, supports, forces, _stabilisation(space, scene, constants, free), contacts, viscous)
+    problem.timed = timed
     # modes of their own cost a set-up that grows with their square; only bodies that nothing holds are worth it
     loose = {(a, b) for a, b in edges if a in free or b in free}
     colours = colour(mesh.n_components, loose)

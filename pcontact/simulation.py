@@ -4,7 +4,10 @@ import difflib
 import gc
 import time as clock
 from functools import partial
+from itertools import product
 from pathlib import Path
+
+import numpy as np
 
 import pcontact
 from pcontact import build
@@ -16,6 +19,7 @@ from pcontact.io.identity import Identity
 from pcontact.io.observers import FacetErrors, Fields, Records, Terminal
 from pcontact.io.restart import ANYWAY, read_checkpoint
 from pcontact.io.snapshot import Snapshot
+from pcontact.mesh.mesh import bounding_box
 from pcontact.runtime import log, profile
 from pcontact.runtime.errors import TOLD, StepFailure, Stopped
 from pcontact.runtime.jit import CALLS, tell_uncached
@@ -191,9 +195,11 @@ class Simulation:
         # the report has the warnings of those before it
         watch.insert(0, FacetErrors(self.problem.contacts))
         self._announce()
+        low, high = bounding_box(self.comm, space.mesh.points)
+        places = np.array(list(product(*zip(low, high, strict=True))) + [0.5 * (low + high)])
         stages = Stages(self.renew, self.settle, self.rest)
         self.stepper = Stepper(
-            self.problem, self.newton, schedule, watch, recorder, self.timing, drive(scene), stages
+            self.problem, self.newton, schedule, watch, recorder, self.timing, drive(scene, places), stages
         )  # fmt: skip
         if resumed is not None:
             self.stepper.resume(

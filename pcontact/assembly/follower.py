@@ -9,6 +9,7 @@ from pcontact.assembly.pattern import OwnedRows
 from pcontact.element.quadrature import quadrature
 from pcontact.element.reference import CELLS, facet_nodes
 from pcontact.element.shape import shape, shape_gradient
+from pcontact.runtime.parallel import together
 
 # [-] Difference of two works that rounding errors explain, over the sum of all terms of the tangent. From: far above
 # eps, far below what a rim that moves adds.
@@ -18,7 +19,7 @@ SLIGHT = 0.05
 
 
 def _facets(space, facets, numbers):
-    """The facets of one block; their nodes have other numbers (n_local,)."""
+    """The facets of one block, and their quadrature points (nf, nq, d); their nodes have other numbers (n_local,)."""
     mesh, block = space.mesh, space.mesh.blocks[facets.block]
     kind, (table, degree) = CELLS[block.cell].facet, mesh.geometry_nodes(block)
     # exact: c has the degree of one shape function and a tangent, in space of one more tangent, in a ring of a radius
@@ -29,8 +30,9 @@ def _facets(space, facets, numbers):
         np.ascontiguousarray(numbers[space.facet_nodes(facets)]),
         np.einsum("qa,fa->fq", shape(kind, degree, xi), points[:, :, 0]),
         np.einsum("qai,faj->fqij", shape_gradient(kind, degree, xi), points),
-        shape(kind, space.degree, xi), np.ascontiguousarray(shape_gradient(kind, space.degree, xi)), weights,
-    )  # fmt: skip
+        shape(kind, space.degree, xi), np.ascontiguousarray(shape_gradient(kind, space.degree, xi)),
+        np.tile(weights, (len(nodes), 1)),
+    ), np.einsum("qa,fad->fqd", shape(kind, degree, xi), points)  # fmt: skip
 
 
 class FollowerPressure(Item):
@@ -41,8 +43,8 @@ class FollowerPressure(Item):
     space : pcontact.space.space.Space
     region : str
         Group of facets.
-    pressure : float
-        At factor 1, positive in compression [stress].
+    pressure : pcontact.scene.prescribed.Prescribed
+        At factor 1, positive in compression [stress], a function of the undeformed place.
     amplitude : pcontact.scene.amplitude.Amplitude
     fixed : ndarray (n_local, d)
         Flags of prescribed components.
@@ -57,16 +59,33 @@ class FollowerPressure(Item):
 
     def __init__(self, space, region, pressure, amplitude, fixed, name):
         self.space, self.name, self._pressure, self._amplitude = space, name, pressure, amplitude
-        self._factor, self._ring = 0.0, space.axisymmetric
+        self._factor, self._ring, self._time = 0.0, space.axisymmetric, None
         groups = space.mesh.facet_groups.get(region, [])
         nodes = np.unique(np.concatenate([np.zeros(0, np.int64), *(space.facet_nodes(f).ravel() for f in groups)]))
         numbers = np.full(space.n_local, -1, dtype=np.int64)
         numbers[nodes] = np.arange(len(nodes))
-        self._parts = [_facets(space, facets, numbers) for facets in groups]
+        facets = [_facets(space, facets, numbers) for facets in groups]
+        self._parts, self._points = [part for part, _ in facets], [points for _, points in facets]
+        self._weights = [part.weights for part in self._parts]
         self._nodes = space.exchange(space.nodes[nodes])
         self._local = node_graph([part.nodes for part in self._parts], len(nodes))
         self._owned = OwnedRows(space.numbering, space.exchanger, space.nodes[nodes], *self._local)
-        self.symmetric = self._is_symmetric(nodes, fixed[nodes])
+        # that of a pressure that differs from place to place is not that of the volume swept alone
+        self.symmetric = not pressure.varies and self._is_symmetric(nodes, fixed[nodes])
+        if not pressure.varies:
+            self._weigh(0.0)
+
+    def _weigh(self, time):
+        """The pressure at the points, at a time. *Collective* with expressions."""
+        def at(points):
+            return self._pressure(points.reshape(-1, points.shape[2]), time).reshape(points.shape[:2])
+
+        if self._pressure.varies:
+            values = together(self.space.comm, lambda: [at(points) for points in self._points])
+        else:
+            values = [at(points) for points in self._points]
+        self._parts = [part._replace(weights=weights * value)
+                       for part, weights, value in zip(self._parts, self._weights, values, strict=True)]  # fmt: skip
 
     def _is_symmetric(self, nodes, fixed):
         """Whether two random displacements do the same work on each other's forces, at a third. *Collective.*"""
@@ -99,12 +118,15 @@ class FollowerPressure(Item):
         moved = self._nodes.gather(u)
         forces = np.zeros(moved.shape)
         for part in self._parts:
-            add_forces(part, moved, self._factor * self._pressure, self._ring, absolute, forces)
+            add_forces(part, moved, self._factor, self._ring, absolute, forces)
         out += sign * self.space.summed(self._nodes, forces)
 
     def detect(self, u, time, motion=0.0, ahead=None):
         """The pressure is that of the end of the load step."""
         self._factor = float(self._amplitude.factor(time))
+        if self._pressure.varies and time != self._time:
+            self._weigh(time)
+            self._time = time
 
     def pattern(self):
         """Owned block rows: rowptr (n_owned + 1,), columns (nnz,)."""
@@ -124,4 +146,4 @@ class FollowerPressure(Item):
 
     def tangent(self, u, rule=LAW):
         """Values (nnz, d, d) on the pattern. *Collective.*"""
-        return self._owned.sum(self._stiffness(self._nodes.gather(u), self._factor * self._pressure))
+        return self._owned.sum(self._stiffness(self._nodes.gather(u), self._factor))

@@ -29,7 +29,8 @@ class Facets(NamedTuple):
     shape : ndarray (nq, nn)
     slope : ndarray (nq, nn, d - 1)
         Shape functions of the displacement on the facet, and their reference gradients.
-    weights : ndarray (nq,)
+    weights : ndarray (nf, nq)
+        Of the quadrature, times what the pressure is there at factor 1 [stress].
     """
 
     nodes: np.ndarray
@@ -50,7 +51,7 @@ def add_forces(facets, u, pressure, ring, absolute, out):
     u : ndarray (n, d)
         Displacement of the nodes [length].
     pressure : float
-        [stress]
+        Factor of the pressure.
     ring : bool
         With axial symmetry.
     absolute : bool
@@ -61,7 +62,7 @@ def add_forces(facets, u, pressure, ring, absolute, out):
     d = u.shape[1]
     c, t = np.zeros(d), np.zeros((d - 1, d))
     for f in range(facets.nodes.shape[0]):
-        for q in range(len(facets.weights)):
+        for q in range(facets.weights.shape[1]):
             radius = facets.radius[f, q]
             t[:, :] = facets.tangents[f, q]
             for a in range(facets.nodes.shape[1]):
@@ -76,7 +77,7 @@ def add_forces(facets, u, pressure, ring, absolute, out):
                 for j in range(3):
                     k, m = (j + 1) % 3, (j + 2) % 3
                     c[j] = t[0, k] * t[1, m] - t[0, m] * t[1, k]
-            weight = pressure * facets.weights[q] * (2.0 * np.pi * radius if ring else 1.0)
+            weight = pressure * facets.weights[f, q] * (2.0 * np.pi * radius if ring else 1.0)
             for a in range(facets.nodes.shape[1]):
                 for j in range(d):
                     term = weight * facets.shape[q, a] * c[j]
@@ -98,7 +99,7 @@ def add_stiffness(facets, u, pressure, ring, rowptr, columns, values):
     d, nn = u.shape[1], facets.nodes.shape[1]
     t, block = np.zeros((d - 1, d)), np.zeros((d, d))
     for f in range(facets.nodes.shape[0]):
-        for q in range(len(facets.weights)):
+        for q in range(facets.weights.shape[1]):
             radius = facets.radius[f, q]
             t[:, :] = facets.tangents[f, q]
             for a in range(nn):
@@ -107,7 +108,7 @@ def add_stiffness(facets, u, pressure, ring, rowptr, columns, values):
                 for i in range(d - 1):
                     for j in range(d):
                         t[i, j] += facets.slope[q, a, i] * u[node, j]
-            weight = pressure * facets.weights[q]
+            weight = pressure * facets.weights[f, q]
             for b in range(nn):
                 block[:, :] = 0.0
                 if d == 2:

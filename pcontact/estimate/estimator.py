@@ -27,6 +27,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pcontact.assembly.bulk import ElasticBulk
+from pcontact.assembly.loads import value_of
 from pcontact.element.dilatation import components, factors, hoop_operator, linear
 from pcontact.element.geometry import facet_geometry, gradients
 from pcontact.element.quadrature import quadrature
@@ -39,6 +40,7 @@ from pcontact.estimate.recovery import Recovery
 from pcontact.estimate.stress import BlockStress
 from pcontact.estimate.tractions import Cells, on_source, on_target, source_facets
 from pcontact.runtime.petsc import MPI
+from pcontact.scene.prescribed import Prescribed
 
 PARTS = ("interior", "jumps", "neumann", "contact", "friction")
 INTERIOR, JUMPS, NEUMANN, CONTACT, FRICTION = range(len(PARTS))
@@ -254,12 +256,24 @@ class Estimator:
                 if facets.block != number or not len(facets.cells):
                     continue
                 where = facets.cells, facets.local
-                if load.pressure is not None:
-                    density = -load.pressure * normal[where]
-                else:
-                    density = np.broadcast_to(np.asarray(load.traction, dtype=float), normal[where].shape)
-                result.setdefault(NEUMANN, np.zeros_like(traction))[where] += amplitude.factor(time) * density
+                value = self._values(load, self._places(number, *where), time)
+                value = -value * normal[where] if load.pressure is not None else value
+                result.setdefault(NEUMANN, np.zeros_like(traction))[where] += amplitude.factor(time) * value
         return result
+
+    def _places(self, number, cells, local):
+        """Points (n, nq, d) of facets of a block [length]."""
+        mesh, block = self.space.mesh, self.space.mesh.blocks[number]
+        table, geometry_degree = mesh.geometry_nodes(block)
+        points = facet_points(block.cell, facet_rule(block.cell, self.space.degree)[0])
+        values = np.stack([shape(block.cell, geometry_degree, at) for at in points])
+        return np.einsum("fqa,fad->fqd", values[local], mesh.points[table[cells]])
+
+    @staticmethod
+    def _values(load, points, time):
+        """Values (n, nq, m) of a load at points (n, nq, d); where they are not finite the run has said so."""
+        prescribed = Prescribed(value_of(load)[1])
+        return prescribed(points.reshape(-1, points.shape[2]), time).reshape(*points.shape[:2], -1)
 
     def _test(self, number, traction, jump, outer, jxw, tested):
         """Test the residuals of a block's facets with the functions on them."""
@@ -323,7 +337,6 @@ class Estimator:
         out, (lam, mu) = np.zeros((len(block.nodes), len(PARTS) + 1)), self.bulk.constants[block.body]
         averaged = space.averages(block)
         own, shared = factors(lam, mu, averaged, space.degree)
-        force = self._body_force(number, time)
         for rows in self._parts(number, dtests.size + dshape.size):
             x = np.ascontiguousarray(mesh.points[table[rows]])
             jxw, radius = np.empty((len(x), len(weights))), None
@@ -339,8 +352,9 @@ class Estimator:
             sigma, around = stress(grad, shape(block.cell, space.degree, xi), radius, xi)
             loads = np.ascontiguousarray(tested[rows])
             loads[:, INTERIOR] -= _work(sigma, around, test, ring, jxw)
+            force = self._body_force(number, rows, geo @ x, time)
             if force is not None:
-                loads[:, INTERIOR] += (jxw @ tests)[:, :, None] * force[rows][:, None, :]
+                loads[:, INTERIOR] += np.einsum("cq,qb,cqd->cbd", jxw, tests, force)
             basis = np.zeros((0, 0, 0))
             if averaged:
                 basis = components(jxw, geo @ x if linear(block.cell, space.degree) else None)[0]
@@ -348,15 +362,16 @@ class Estimator:
             energies(functions, Moduli(own, shared, mu), loads, self._fixed(number, rows), out[rows])
         return out
 
-    def _body_force(self, number, time):
-        """Force density (nc, d) in a block's cells, None where there is none."""
+    def _body_force(self, number, rows, points, time):
+        """Force density at points (n, nq, d) of some of a block's cells, None where there is none in the block."""
         total = None
         for load, amplitude in self._loads:
             groups = self.space.mesh.cell_groups.get(load.region, []) if load.body_force is not None else []
             if number < len(groups) and len(groups[number]):
-                if total is None:
-                    total = np.zeros((len(self.space.mesh.blocks[number].nodes), self.space.dim))
-                total[groups[number]] += amplitude.factor(time) * np.asarray(load.body_force, dtype=float)
+                chosen = np.zeros(len(self.space.mesh.blocks[number].nodes), dtype=bool)
+                chosen[groups[number]] = True
+                total, own = np.zeros(points.shape) if total is None else total, chosen[rows]
+                total[own] += amplitude.factor(time) * self._values(load, points[own], time)
         return total
 
 

@@ -5,7 +5,7 @@ import numpy as np
 from pcontact.estimate.estimator import Estimator
 from pcontact.runtime.observer import Observer
 from pcontact.runtime.petsc import PETSc
-from pcontact.scene import amplitude
+from pcontact.scene import amplitude_of
 from pcontact.solve.preconditioners.contact import new_preconditioner
 
 # one more Newton step is solved to this part of its right-hand side, with so many iterations at most
@@ -60,7 +60,7 @@ class ErrorEstimate(Observer):
     """
 
     def __init__(self, problem, scene, newton):
-        loads = [(load, amplitude(load.amplitude, scene.steps.end)) for load in scene.loads]
+        loads = [(load, amplitude_of(load, scene.steps.end)) for load in scene.loads]
         self._problem, self._newton, self.cells = problem, newton, []
         # the largest norm of the run so far, which a restarted run goes on with
         self.last, self.carried = None, 0.0

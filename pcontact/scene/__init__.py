@@ -1,6 +1,6 @@
 """What the user describes: dataclasses, the TOML reader and the checks. Neither PETSc nor MPI."""
 
-from pcontact.scene.amplitude import Amplitude, amplitude
+from pcontact.scene.amplitude import Amplitude, amplitude, amplitude_of
 from pcontact.scene.describe import describe
 from pcontact.scene.function import obstacle_functions, require_no_code
 from pcontact.scene.model import (
@@ -33,6 +33,7 @@ __all__ = [
     "Scene",
     "Steps",
     "amplitude",
+    "amplitude_of",
     "check_apart",
     "check_dimension",
     "check_lost",

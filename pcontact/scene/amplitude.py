@@ -4,6 +4,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pcontact.scene.model import Displacement, Load, Obstacle
+from pcontact.scene.prescribed import expressions, names
+
+# what an amplitude multiplies
+MULTIPLIED = {
+    Displacement: ("value", "angle"),
+    Load: ("pressure", "traction", "body_force"),
+    Obstacle: ("displacement",),
+}
+# [parts of the run] Times at which the size of what has expressions of the time is looked at. From: chosen.
+LOOKS = 32
+
 
 @dataclass(frozen=True)
 class Amplitude:
@@ -54,12 +66,24 @@ def amplitude(table, end):
     return Amplitude(rows[:, 0].copy(), rows[:, 1].copy())
 
 
-def drive(scene):
+def timed(one):
+    """Whether a table has expressions of the time."""
+    return any("t" in names(getattr(one, key)) for key in MULTIPLIED[type(one)])
+
+
+def amplitude_of(one, end):
+    """Amplitude of a table: without one a ramp, or 1 where an expression has the time; see :func:`amplitude`."""
+    return amplitude(((0.0, 1.0), (end, 1.0)) if one.amplitude is None and timed(one) else one.amplitude, end)
+
+
+def drive(scene, places):
     """What moves or loads the bodies of a scene.
 
     Parameters
     ----------
     scene : pcontact.scene.model.Scene
+    places : ndarray (n, d)
+        Where expressions are looked at [length].
 
     Returns
     -------
@@ -67,14 +91,29 @@ def drive(scene):
         Factors (n,) at a time, of all displacements, loads and obstacles that are not zero. A level set of the user's
         may move with time.
     """
-    acting = [one.amplitude for one in scene.displacements if one.turns or any(v != "free" and v for v in one.value)]
-    acting += [one.amplitude for one in scene.loads]
+    end, moved = scene.steps.end, [*scene.displacements, *scene.loads]
+    acting = [one for one in scene.displacements if one.turns or any(v != "free" and v for v in one.value)]
+    factors = [amplitude_of(one, end).factor for one in [*acting, *scene.loads] if not timed(one)]
     obstacles = [pair.obstacle for pair in scene.contacts if pair.obstacle is not None]
-    acting += [one.amplitude for one in obstacles if one.displacement is not None and any(one.displacement)]
-    acting += [None for one in obstacles if one.shape == "level_set"]
-    amplitudes = [amplitude(table, scene.steps.end) for table in acting]
+    factors += [amplitude(one.amplitude, end).factor for one in obstacles if any(one.displacement or ())]
+    factors += [amplitude(None, end).factor for one in obstacles if one.shape == "level_set"]
+    varying = [size for one in moved if timed(one) for size in _sizes(one, end, places)]
 
-    def factors(time):
-        return np.array([one.factor(time) for one in amplitudes])
+    def at(time):
+        return np.concatenate([[one(time) for one in factors], *(one(time) for one in varying)])
 
-    return factors
+    return at
+
+
+def _sizes(one, end, places):
+    """Functions of time: what the expressions of a table are at places, in parts of their largest value."""
+    factor = amplitude_of(one, end).factor
+    for key in MULTIPLIED[type(one)]:
+        for expression in expressions(getattr(one, key)).values():
+
+            def size(time, expression=expression):
+                return factor(time) * np.nan_to_num(expression(places, time), posinf=0.0, neginf=0.0)
+
+            largest = max(float(np.abs(size(time)).max()) for time in np.linspace(0.0, end, LOOKS))
+            if largest > 0.0:
+                yield lambda time, size=size, largest=largest: size(time) / largest

@@ -33,7 +33,9 @@ from pcontact.scene.values import (
     HARDENING_CURVE,
     MOONEY_RIVLIN,
     OGDEN,
+    SCALAR,
     VECTOR,
+    VECTORS,
 )
 
 # Poisson's ratio above which cells are too stiff, or lose the digits of the stress, as they are: those of degree 1, and
@@ -59,9 +61,10 @@ Function = str | Callable  # "module.py:name" beside the scene, or the function 
 REGION = "name of a group of"
 
 
-def amplitude(what: str = "factor of the value"):
-    """The key for how a value goes over the time of the run."""
-    return key(AMPLITUDE, f"{what} over the time", None, otherwise="a ramp from 0 to 1 over the run")
+def amplitude(what: str = "factor of the value", timed: bool = False):
+    """The key for how a value goes over the time of the run; `timed`: of what may have expressions."""
+    more = "; 1 where an expression has `t`" if timed else ""
+    return key(AMPLITUDE, f"{what} over the time", None, otherwise=f"a ramp from 0 to 1 over the run{more}")
 
 
 @table
@@ -329,8 +332,11 @@ class Displacement:
     """Prescribed displacement of a group of cells, facets, edges or vertices; with `angle` a turn as well."""
 
     region: str = key(TEXT, f"{REGION} cells, facets, edges or vertices")
-    value: Sequence[float | str] = key(COMPONENTS, 'a number, or `"free"`, for each of the d directions', unit="length")
-    amplitude: Table | None = amplitude("factor of `value` and `angle`")
+    value: Sequence[float | str] = key(
+        COMPONENTS, 'a number, `"free"`, or an expression of the place in the mesh, for each of the d directions',
+        unit="length", more="see below",
+    )  # fmt: skip
+    amplitude: Table | None = amplitude("factor of `value` and `angle`", True)
     angle: float | None = key(
         number(), "the group turns by this angle, as a rigid body", None, "degrees", "none",
         more="see below. Positive: counterclockwise, seen from where `axis` points to",
@@ -353,12 +359,12 @@ class Load:
     """Exactly one of pressure or traction on facets, or body force in cells."""
 
     region: str = key(TEXT, f"{REGION} facets (`pressure`, `traction`) or cells (`body_force`)")
-    pressure: float | None = key(
-        number(), "positive in compression", None, "stress", more="Exactly one of the three must be said"
+    pressure: float | str | None = key(
+        SCALAR, "positive in compression", None, "stress", more="Exactly one of the three must be said"
     )
-    traction: Sequence[float] | None = key(VECTOR, "force per area", None, "stress")
-    body_force: Sequence[float] | None = key(VECTOR, "force per volume", None, "stress / length")
-    amplitude: Table | None = amplitude()
+    traction: Sequence[float | str] | None = key(VECTORS, "force per area", None, "stress")
+    body_force: Sequence[float | str] | None = key(VECTORS, "force per volume", None, "stress / length")
+    amplitude: Table | None = amplitude(timed=True)
     follower: bool = key(
         BOOLEAN, "with `pressure`: it acts on the deformed surface, along its normal there", False,
         more="see below. Otherwise forces are those of the undeformed surface, whatever becomes of it",

@@ -11,15 +11,12 @@ from dataclasses import fields
 import numpy as np
 
 from pcontact.runtime.messages import shown
-from pcontact.scene.amplitude import Amplitude, amplitude
+from pcontact.scene.amplitude import MULTIPLIED, Amplitude, amplitude_of
 from pcontact.scene.model import (
     CONTACT_DEFAULTS,
     Contact,
-    Displacement,
-    Load,
     Material,
     MeshSpec,
-    Obstacle,
     Output,
     Scene,
     Steps,
@@ -28,12 +25,6 @@ from pcontact.scene.places import tables
 
 # keys that are names of places, or tables of their own
 LEFT_OUT = {MeshSpec: ("file",), Contact: ("name", "obstacle")}
-# what an amplitude multiplies
-MULTIPLIED = {
-    Displacement: ("value", "angle"),
-    Load: ("pressure", "traction", "body_force"),
-    Obstacle: ("displacement",),
-}
 AMPLITUDE, FUNCTIONS = "amplitude", ("function", "gradient")
 # two amplitudes that differ by less, in parts of the largest factor, are the same
 SAME = 1e-12
@@ -64,7 +55,7 @@ def physics(scene: Scene) -> dict[str, dict[str, object]]:
             for field in fields(table)
             if field.name not in left_out and (field.name == AMPLITUDE or getattr(table, field.name) != field.default)
         ]
-        result[where] = {key: _plain(scene, key, getattr(table, key)) for key in said}
+        result[where] = {key: _plain(scene, table, key, getattr(table, key)) for key in said}
     return result
 
 
@@ -75,14 +66,14 @@ def _acts(table):
     return any(number not in (None, "free") and number for number in numbers)
 
 
-def _plain(scene, key, value):
-    """A value in the types of JSON."""
+def _plain(scene, table, key, value):
+    """A value of a table in the types of JSON."""
     if key == AMPLITUDE:
-        rows = amplitude(value, scene.steps.end)
+        rows = amplitude_of(table, scene.steps.end)
         return np.column_stack([rows.times, rows.factors]).tolist()
     if key in FUNCTIONS and value is not None:
         return _text(scene, value)
-    return [_plain(scene, None, part) for part in value] if isinstance(value, list | tuple) else value
+    return [_plain(scene, table, None, part) for part in value] if isinstance(value, list | tuple) else value
 
 
 def _text(scene, reference):

@@ -7,10 +7,10 @@ import numpy as np
 
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.messages import input_error, listed, unknown_name
-from pcontact.scene.expression import Expression
 from pcontact.scene.keys import keys
 from pcontact.scene.model import Body, Contact, Displacement, Load, MeshSpec, Obstacle, Scene
 from pcontact.scene.places import tables
+from pcontact.scene.prescribed import names
 
 # part of the largest radius by which rounding may put a node on the wrong side of the axis
 ROUNDING = 1e-9
@@ -18,6 +18,11 @@ _VECTORS = {
     Displacement: ("value", "point", "axis"),
     Load: ("traction", "body_force"),
     Obstacle: ("point", "normal", "center", "axis", "displacement"),
+}
+_EXPRESSIONS = {
+    Displacement: ("value",),
+    Load: ("pressure", "traction", "body_force"),
+    Obstacle: ("expression",),
 }
 _KINDS = {"cells": "a group of cells", "facets": "a group of facets", "nodes": "a group of edges or vertices"}
 
@@ -48,9 +53,9 @@ def check_dimension(scene: Scene, dim: int) -> None:
             raise input_error(scene.where, "mesh.kinematics", found, "no such key, it is for 2D meshes only")
         if isinstance(table, Displacement) and table.angle is not None:
             _check_turn(scene, where, table, dim)
-        if isinstance(table, Obstacle) and table.expression is not None and dim == 2:
-            if "z" in Expression(table.expression).names:
-                raise input_error(scene.where, f"{where}.expression", "z with a 2D mesh", "x, y, t")
+        for key in _EXPRESSIONS.get(type(table), ()) if dim == 2 else ():
+            if "z" in names(getattr(table, key)):
+                raise input_error(scene.where, f"{where}.{key}", "z with a 2D mesh", "x, y, t")
         if isinstance(table, Obstacle) and table.shape == "cylinder" and dim == 2:
             allowed = '"plane" | "sphere" (a circle) | "level_set"'
             raise input_error(scene.where, f"{where}.shape", '"cylinder" with a 2D mesh', allowed)

@@ -22,6 +22,7 @@ from pcontact.scene.model import (
     Scene,
 )
 from pcontact.scene.places import tables
+from pcontact.scene.prescribed import expressions
 
 ALIKE = 0.5  # likeness of two file names above which one may be meant by the other
 ALIKE_MODULI = 1e-3  # relative difference of Young's modulus and that of the terms of rubber
@@ -394,12 +395,15 @@ def _check_displacements(scene):
 
 
 def _check_turn(scene, where, item):
-    """Keys of an axis go with an angle, and the other way round."""
+    """Keys of an axis go with an angle, and the other way round; expressions do not go with it."""
     if item.angle is None:
         for key in ("point", "axis"):
             if getattr(item, key) is not None:
                 raise input_error(scene.where, f"{where}.{key}", f"{key} without angle", "angle as well")
         return
+    if expressions(item.value):
+        found = f"{shown(list(item.value))} together with angle"
+        raise input_error(scene.where, f"{where}.value", found, "numbers, it moves as a rigid body")
     if scene.mesh.kinematics == "axisymmetric":
         found = 'an angle with kinematics = "axisymmetric"'
         raise input_error(scene.where, f"{where}.angle", found, "nothing: rings do not turn in their plane")

@@ -57,10 +57,25 @@ def _check_ogden(rows):
         raise ValueError("whose shear modulus sum(mu alpha) / 2 is not positive")
 
 
+def _or_expression(rule, words=()):
+    """What a rule accepts, or the text of an expression; `words` are for the rule."""
+
+    def accept(value):
+        text = isinstance(value, str) and value not in words
+        return _expression(value) if text else rule.accept(value)
+
+    return Rule(rule.allowed, accept, {"anyOf": [rule.schema, {"type": "string", "pattern": r"\S"}]})
+
+
+SCALAR = _or_expression(number())._replace(allowed=f"a finite number, or {ALLOWED}")
 VECTOR = sequence("a list of one finite number per direction (2 or 3)", number(), (2, 3))
-COMPONENTS = sequence(
-    'a list of one finite number or "free" per direction (2 or 3)', either("", "free", number()), (2, 3)
+VECTORS = sequence(
+    f"a list of one finite number or expression per direction (2 or 3), {ALLOWED}", _or_expression(number()), (2, 3)
 )
+COMPONENTS = sequence(
+    f'a list of one finite number, "free" or expression per direction (2 or 3), {ALLOWED}',
+    _or_expression(either("", "free", number()), ("free",)), (2, 3),
+)  # fmt: skip
 DIRECTION = sequence("a list of one finite number per direction (2 or 3), not all zero", number(), (2, 3), any)
 DIRECTION.schema["contains"] = {"not": {"const": 0}}
 FUNCTION = text('"FILE.py:NAME", a function in a Python file beside the scene', _function, r"\.py:[^:]+$")

@@ -45,6 +45,8 @@ class Problem:
         Whether the load step begins where the bodies are if they go on as they did.
     stabilised : bool
         Whether `stabilisation` is added to the matrix.
+    timed : sequence of pcontact.assembly.loads.TimedLoad
+        External forces whose distribution depends on the time.
     loose : sequence of int
         Bodies whose rigid motions get a coarse space, see `pcontact.solve.preconditioners.deflation`.
 
@@ -59,7 +61,7 @@ class Problem:
         self.space, self.items, self.supports, self.forces = space, items, supports, forces
         self.stabilisation = stabilisation
         self.bulk, self.others, self.contacts = items[0], items[1:], list(contacts)
-        self.time, self.loose, self.stabilised, self.viscous = 0.0, (), True, viscous
+        self.time, self.loose, self.stabilised, self.viscous, self.timed = 0.0, (), True, viscous, ()
         self.fixed = np.ascontiguousarray(supports.fixed[space.owned_local])
         self.matrix = GlobalMatrix(space, supports.fixed)
         self._versions = None
@@ -134,10 +136,12 @@ class Problem:
         return self.space.longest(change)
 
     def external(self, time):
-        """Nodal external forces (n_owned, d) [force]."""
+        """Nodal external forces (n_owned, d) [force]. *Collective.*"""
         total = np.zeros((self.space.n_owned, self.space.dim))
         for force, amplitude in self.forces:
             total += amplitude.factor(time) * force
+        for load in self.timed:
+            total += load.at(time)
         return total
 
     def applied_forces(self, u):

@@ -2,11 +2,15 @@
 
 import numpy as np
 
-from pcontact.runtime.parallel import agree
+from pcontact.runtime.errors import InputError
+from pcontact.runtime.parallel import agree, together
+from pcontact.scene.prescribed import Prescribed
 from pcontact.space.turn import Turn, moments
 
 # two supports that turn agree at a node where they are no farther apart than this part of its distance from the axis
 SAME = 1e-12
+# [parts of the run] Times at which two supports with expressions are compared. From: chosen.
+LOOKS = 16
 
 
 class Supports:
@@ -46,16 +50,19 @@ class Supports:
     def __init__(self, space, displacements, amplitudes, source="scene"):
         self._displacements, self._amplitudes = displacements, amplitudes
         self.regions = [d.region for d in displacements]
-        self._points = space.points
+        self._points, self._comm = space.points, space.comm
         self.turns = {
             number: Turn(one.point, one.axis, np.radians(one.angle))
             for number, one in enumerate(displacements) if one.turns
         }  # fmt: skip
         self.which = np.full((space.n_local, space.dim), -1, dtype=np.int64)
         self.nodes = []
-        self._table = np.array(
-            [[0.0 if v == "free" else float(v) for v in d.value] for d in displacements] + [[0.0] * space.dim]
-        )
+        values = [Prescribed(d.value, source, f"displacements[{number}] ({d.region}).value")
+                  for number, d in enumerate(displacements)]  # fmt: skip
+        self._table = np.array([[0.0 if isinstance(v, str) else float(v) for v in d.value] for d in displacements]
+                               + [[0.0] * space.dim])  # fmt: skip
+        # of those with expressions, which the table has as zero
+        self._varying = {number: one for number, one in enumerate(values) if one.varies}
         message = None
         for number, displacement in enumerate(displacements):
             nodes = space.region(displacement.region)
@@ -65,8 +72,13 @@ class Supports:
                     continue
                 before = self.which[nodes, axis]
                 for other in np.unique(before[before >= 0]):
-                    if self._differ(number, int(other), axis, nodes[before == other]):
-                        at = ", ".join(f"{c:g}" for c in space.points[nodes[before == other][0]])
+                    common = nodes[before == other]
+                    try:
+                        differ = self._differ(number, int(other), axis, common)
+                    except InputError as error:
+                        message, differ = message or str(error), False
+                    if differ:
+                        at = ", ".join(f"{c:g}" for c in space.points[common[0]])
                         message = message or (
                             f"{source}: displacements[{number}] ({displacement.region}).value: found "
                             f"{self._said(number, axis)} in direction {axis} at the point ({at}), where "
@@ -84,21 +96,39 @@ class Supports:
         prescribed = np.unique(self.which[axis, 0])
         self.which[axis & (self.which[:, 0] < 0), 0] = len(self.regions)
         for number in prescribed[prescribed >= 0]:
-            if self._table[number, 0] != 0.0:
+            varies = number in self._varying and self._varying[number].has(0)
+            try:
+                moves = varies and self._moves(number, np.flatnonzero(axis & (self.which[:, 0] == number)))
+            except InputError as error:
+                return str(error)
+            if moves or self._table[number, 0] != 0.0:
                 return (
                     f"{source}: displacements[{number}] ({self.regions[number]}).value: found "
-                    f"{self._table[number, 0]:g} in direction 0 on the axis of symmetry; allowed: 0 or 'free', x is "
+                    f"{self._said(number, 0)} in direction 0 on the axis of symmetry; allowed: 0 or 'free', x is "
                     "the radius"
                 )
         return None
 
+    def _moves(self, number, nodes):
+        """Whether a displacement with expressions moves nodes in direction 0."""
+        return any(self._value(number, time, nodes)[:, 0].any() for time in self._times(number))
+
+    def _times(self, *numbers):
+        """Times at which displacements that are not linear between the corners of amplitudes are compared."""
+        times = np.unique(np.concatenate([self._amplitudes[k].times for k in numbers]))
+        if any(k in self._varying and self._varying[k].timed for k in numbers):
+            return np.union1d(times, np.linspace(times[0], times[-1], LOOKS))
+        return np.concatenate([times, 0.5 * (times[1:] + times[:-1])])
+
     def _said(self, number, axis):
         """What a displacement prescribes in a direction, in words."""
         one = self._displacements[number]
-        return f"{one.value[axis]:g}" + (f" and a turn by {one.angle:g} degrees" if one.turns else "")
+        value = one.value[axis]
+        said = f"{value!r}" if isinstance(value, str) else f"{value:g}"
+        return said + (f" and a turn by {one.angle:g} degrees" if one.turns else "")
 
     def _differ(self, first, second, axis, nodes):
-        if first in self.turns or second in self.turns:
+        if {first, second} & (self.turns.keys() | self._varying.keys()):
             return self._part(first, second, axis, nodes)
         pair = [(self._displacements[k].value[axis], self._amplitudes[k]) for k in (first, second)]
         times = np.concatenate([amplitude.times for _, amplitude in pair])
@@ -106,13 +136,14 @@ class Supports:
         return bool(np.any(a != b))
 
     def _part(self, first, second, axis, nodes):
-        """Whether two displacements, of which one turns, differ at nodes that both prescribe."""
-        times = np.unique(np.concatenate([self._amplitudes[k].times for k in (first, second)]))
-        # turns are not linear between the corners
-        for time in np.concatenate([times, 0.5 * (times[1:] + times[:-1])]):
+        """Whether two displacements, of which one turns or varies, differ at nodes that both prescribe."""
+        for time in self._times(first, second):
             a, b = (self._value(k, time, nodes)[:, axis] for k in (first, second))
             arms = [np.linalg.norm(self._points[nodes] - self.turns[k].point, axis=1)
                     for k in (first, second) if k in self.turns]  # fmt: skip
+            # an expression that is zero here has the rounding errors of what it is elsewhere
+            arms += [np.full(len(nodes), np.abs(self._value(k, time, self.nodes[k])).max(initial=0.0))
+                     for k in (first, second) if k in self._varying]  # fmt: skip
             if np.any(np.abs(a - b) > SAME * np.maximum.reduce([*arms, np.abs(a), np.abs(b)])):
                 return True
         return False
@@ -121,7 +152,9 @@ class Supports:
         """What a displacement wants of nodes (n,): (n, d) [length]."""
         factor, turn = self._amplitudes[number].factor(time), self.turns.get(number)
         turned = 0.0 if turn is None else turn.displacement(self._points[nodes], factor)
-        return self._table[number] * factor + np.zeros((len(nodes), 1)) + turned
+        varying = self._varying.get(number)
+        value = self._table[number] if varying is None else varying(self._points[nodes], time)
+        return value * factor + np.zeros((len(nodes), 1)) + turned
 
     @property
     def fixed(self):
@@ -129,7 +162,13 @@ class Supports:
         return self.which >= 0
 
     def values(self, time):
-        """Prescribed values (n_local, d) [length] at a time, zero where free."""
+        """Prescribed values (n_local, d) [length] at a time, zero where free. *Collective* with expressions.
+
+        Raises
+        ------
+        InputError
+            On every rank: the value of an expression is not finite.
+        """
         out = np.zeros(self.which.shape)
         for axis in range(out.shape[1]):
             on = self.which[:, axis] >= 0
@@ -140,7 +179,17 @@ class Supports:
             nodes = self.nodes[number]
             turned = turn.displacement(self._points[nodes], self._amplitudes[number].factor(time))
             out[nodes] += np.where(self.which[nodes] == number, turned, 0.0)
+        if self._varying:
+            together(self._comm, self._add_varying, time, out)
         return out
+
+    def _add_varying(self, time, out):
+        """Add what expressions say; the table has zeros there."""
+        for number, one in self._varying.items():
+            factor = self._amplitudes[number].factor(time)
+            for axis in range(out.shape[1]):
+                nodes = np.flatnonzero(self.which[:, axis] == number) if one.has(axis) else self.nodes[number][:0]
+                out[nodes, axis] += factor * one.entry(axis, self._points[nodes], time)
 
     def turned(self, begin, end):
         """Largest angle by which one turns between two times, linear between its corners [radian]."""

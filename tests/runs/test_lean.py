@@ -229,3 +229,15 @@ def test_prices_of_what_is_left_out(mesh):
     simulation.scene.contacts[0].friction = 0.2
     assert "left out, friction" not in " ".join(cost_forecast(simulation.problem, simulation.scene))
     simulation.close()
+
+
+def test_numbers_are_no_expressions(mesh, monkeypatch):
+    """Loads that are numbers parse nothing, and are integrated once."""
+    case = scene(mesh)
+    case.loads = [Load("upper_left", pressure=0.01), Load("upper", body_force=[0.0, 0.01, 0.0])]
+    for name in ("scene.prescribed.Expression", "build.TimedLoad"):
+        monkeypatch.setattr(f"pcontact.{name}", _missing("expressions", name))
+    counters(case)
+    case.loads[0].pressure = "0.01*t"
+    with pytest.raises(AssertionError, match="expressions"):
+        counters(case)

@@ -10,6 +10,7 @@ from pcontact.element.reference import CELLS
 from pcontact.element.shape import shape, shape_gradient
 from pcontact.scene.amplitude import amplitude
 from pcontact.scene.model import Load
+from pcontact.scene.prescribed import Prescribed
 from pcontact.space.space import Space
 from tests.support.small import SELF, bend, block_file, dense, make_space, vector_of
 
@@ -30,7 +31,7 @@ def sides(space):
 
 def item_of(space, region, fixed=None):
     held = np.zeros((space.n_local, space.dim), dtype=bool) if fixed is None else fixed
-    item = FollowerPressure(space, region, PRESSURE, amplitude([(0, 0), (1, 1)], 1.0), held, "p")
+    item = FollowerPressure(space, region, Prescribed(PRESSURE), amplitude([(0, 0), (1, 1)], 1.0), held, "p")
     item.detect(None, 1.0)
     return item
 

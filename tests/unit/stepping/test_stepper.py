@@ -107,7 +107,7 @@ def test_what_drives_a_scene(block):
     case = scene(block, [(0, 0), (2, 1), (4, 0)], 4.0, loads=[Load("top", pressure=1.0)])
     case.displacements.append(Displacement("bottom", ["free", 0.0]))
     case.contacts += [Contact("top", obstacle=ball, name="ball"), Contact("left", obstacle=wave, name="wave")]
-    factors = drive(case)
+    factors = drive(case, np.zeros((1, 2)))
     np.testing.assert_allclose(factors(1.0), [0.5, 0.25, 0.5, 0.25])
     np.testing.assert_allclose(factors(3.0), [0.5, 0.75, 1.5, 0.75])
 

@@ -1,0 +1,91 @@
+"""Quadrature points of groups: what is distributed over facets, cells or nodes is summed over them."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from pcontact.assembly.geometry import CHUNK
+from pcontact.element.geometry import facet_geometry, gradients
+from pcontact.element.quadrature import quadrature
+from pcontact.element.reference import CELLS
+from pcontact.element.shape import shape, shape_gradient
+
+
+class Patch(NamedTuple):
+    """Elements of one kind of a group, with their quadrature points.
+
+    Attributes
+    ----------
+    nodes : ndarray (n, nn)
+        Local nodes.
+    shape : ndarray (n, nq, nn)
+    weight : ndarray (n, nq)
+        Area, volume, or 1 for nodes; with axial symmetry of the whole circumference.
+    points : ndarray (n, nq, d)
+        [length]
+    normals : ndarray (n, nq, d) or None
+        Outward normals of facets.
+    """
+
+    nodes: np.ndarray
+    shape: np.ndarray
+    weight: np.ndarray
+    points: np.ndarray
+    normals: np.ndarray | None = None
+
+    def forces(self, density):
+        """Forces (n, nn, d) of a density (n, nq, d)."""
+        return np.einsum("nq,nqa,nqd->nad", self.weight, self.shape, density)
+
+    def values(self, nodal):
+        """Values (n, nq, d) at the points of values (n_local, d) at the nodes."""
+        return np.einsum("nqa,nad->nqd", self.shape, nodal[self.nodes])
+
+
+def facet_patches(space, region):
+    """Patches of a group of facets."""
+    mesh = space.mesh
+    for facets in mesh.facet_groups.get(region, []):
+        block = mesh.blocks[facets.block]
+        table, geometry_degree = mesh.geometry_nodes(block)
+        xi, weights = quadrature(CELLS[block.cell].facet, 2 * space.degree + 2 * (geometry_degree - 1))
+        x = np.ascontiguousarray(mesh.points[table[facets.cells]])
+        at = facet_geometry(block.cell, x, facets.local, geometry_degree, space.degree, xi, weights)
+        weight = at.jxw * space.circumference(at.points)
+        yield Patch(space.cells[facets.block][facets.cells], at.shape, weight, at.points, at.normals)
+
+
+def cell_patches(space, region, more=0):
+    """Patches of a group of cells, exact for products of two displacements and a polynomial of the degree `more`."""
+    mesh = space.mesh
+    for number, rows in enumerate(mesh.cell_groups.get(region, [])):
+        if not len(rows):
+            continue
+        block = mesh.blocks[number]
+        table, geometry_degree = mesh.geometry_nodes(block)
+        degree = 2 * space.degree + more + (geometry_degree - 1) * mesh.dim + space.axisymmetric
+        xi, weights = quadrature(block.cell, degree)
+        geo, values = (shape(block.cell, k, xi) for k in (geometry_degree, space.degree))
+        dgeo, dshape = (np.ascontiguousarray(shape_gradient(block.cell, k, xi)) for k in (geometry_degree, 1))
+        for first in range(0, len(rows), CHUNK):
+            some = rows[first : first + CHUNK]
+            x = np.ascontiguousarray(mesh.points[table[some]])
+            jxw = np.empty((len(some), len(weights)))
+            gradients(x, dgeo, dshape, weights, np.empty((len(some), *dshape.shape)), jxw)
+            points = geo @ x
+            shapes = np.broadcast_to(values, (len(some), *values.shape))
+            yield Patch(space.cells[number][some], shapes, jxw * space.circumference(points), points)
+
+
+def assembled(space, parts):
+    """Forces (n_owned, d) of the owned nodes from those (n, nn, d) of elements with local nodes (n, nn). *Collective.*
+
+    Parameters
+    ----------
+    space : pcontact.space.space.Space
+    parts : iterable of (ndarray (n, nn), ndarray (n, nn, d))
+    """
+    local = np.zeros((space.n_local, space.dim))
+    for nodes, forces in parts:
+        np.add.at(local, nodes, forces)
+    return space.summed(space.local, local)
