@@ -163,8 +163,7 @@ class Simulation:
         obstacles = [contact.obstacle for contact in scene.contacts if contact.obstacle is not None]
         moved = [*scene.displacements, *scene.loads, *obstacles]
         stops = [t for one in moved for t, _ in (one.amplitude or [])]
-        supports = self.problem.supports
-        control = Control(scene.steps.longest_step, supports.turned if supports.turns else None)
+        control = Control(scene.steps.longest_step, self.problem.angle)
         schedule = Schedule(scene.steps.end, scene.steps.count, scene.steps.smallest_step, stops, control)
         watch = [Terminal(scene.steps.end, build.yielding_volume(scene, space)), *observers]
         estimate = ErrorEstimate(self.problem, scene, self.newton) if scene.output.estimate else None

@@ -119,6 +119,10 @@ class Item:
             Displacement among which partners are looked for: where the load step is expected to end.
         """
 
+    def angle(self, start, end):
+        """How far an obstacle turns between two times [radian]."""
+        return 0.0
+
     def strays(self, u):
         """Whether ``u`` is so far from where the load step's partners were found that they are to be found again within
         Newton's method, see :meth:`renew`. *Collective.*"""

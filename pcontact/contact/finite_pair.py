@@ -232,13 +232,11 @@ class FinitePair(ContactPair):
         jump -= np.einsum("pm,pmd->pd", p.target_shape, values[p.targets])
         p.gap0[:] = gap + np.einsum("pd,pd->p", jump, p.normal)
 
-    def _start_step(self, u, time):
-        p = self.pairing
-        if self.rigid:
-            values = p.exchange.gather(u)
-            start = places(p.points, values) + self.search.moved(self.time, time)
-            p.frozen = p.frozen._replace(start=start)
-        super()._start_step(u, time)
+    def _places_at(self, p, values):
+        return places(p.points, values)
+
+    def _carry(self, p, values, moved):
+        p.frozen = p.frozen._replace(start=places(p.points, values) + moved)
 
     def _couples(self, closed):
         """Also points that are open, where the closest point's normal stands in their adjoint term."""

@@ -31,6 +31,7 @@ from pcontact.contact.traction.plastic import PlasticTraction
 from pcontact.mesh.mesh import bounding_box
 from pcontact.runtime.parallel import take_rows
 from pcontact.runtime.petsc import MPI
+from pcontact.space.turn import moments
 
 # [facet sizes] So far ahead, facets get their place in the pattern before they close. From: chosen; what closes
 # farther away makes a new pattern.
@@ -182,7 +183,20 @@ class ContactPair(Item):
 
     def _start_step(self, u, time):
         self.flips, self._status = [], None
-        self.terms.begin(self.pairing, self.pairing.exchange.gather(u), self.search.moved(self.time, time))
+        p, search, moved = self.pairing, self.search, 0.0
+        values = p.exchange.gather(u)
+        if self.rigid:
+            moved = search.moved(self._places_at(p, values), self.time, time, self.origin)
+            self._carry(p, values, moved)
+        self.terms.begin(p, values, moved, lambda vectors: search.turned(vectors, self.time, time))
+
+    def _places_at(self, p, values):
+        """Places (np, d) of the source points at nodal values (n, d), relative to the origin [length]."""
+        jump = np.einsum("pa,pad->pd", self.source.shape, values[p.cells[self.source.facet]])
+        return (self.source.x - self.origin) + jump
+
+    def _carry(self, p, values, moved):
+        """An obstacle moves points (np, d), (d,) or not at all [length]."""
 
     def deformed(self, nodal):
         """Points of the source (np, d) under displacements (n_local, d), relative to the origin: no digits are lost."""
@@ -475,6 +489,10 @@ class ContactPair(Item):
         """See :func:`pcontact.contact.motion.step_limit`. *Collective.*"""
         return motion.step_limit(self, u, y, falls) if self.floats and not self.law.tied else None
 
+    def angle(self, start, end):
+        """See :meth:`pcontact.assembly.item.Item.angle`."""
+        return abs(self.target.angle(start, end)) if self.rigid else 0.0
+
     def normal_motion(self, u, before):
         """See :func:`pcontact.contact.motion.normal_motion`. *Collective.*"""
         return 0.0 if self.law.tied else motion.normal_motion(self, u, before)
@@ -543,6 +561,13 @@ class ContactPair(Item):
         state.update(self.terms.state(p, values, view))
         state["status"] = np.where(closed, state["status"], OPEN)
         return state
+
+    def moment(self, u, state):
+        """Moment of contact on an obstacle about the point that it turns about, of the points of this rank: a number in
+        the plane, (3,) in space [force * length]. *Collective.*
+        """
+        arms = self.deformed(self.space.local.gather(u)) + (self.origin - self.target.pivot(self.time))
+        return moments(arms, -state["traction"] * state["weight"][:, None])
 
     def force_magnitudes(self, u):
         """Magnitudes of the forces on every component, see :func:`pcontact.contact.summary.borne`. *Collective.*"""

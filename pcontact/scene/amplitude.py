@@ -11,7 +11,7 @@ from pcontact.scene.prescribed import expressions, names
 MULTIPLIED = {
     Displacement: ("value", "angle"),
     Load: ("pressure", "traction", "body_force"),
-    Obstacle: ("displacement",),
+    Obstacle: ("displacement", "angle"),
 }
 # [parts of the run] Times at which the size of what has expressions of the time is looked at. From: chosen.
 LOOKS = 32
@@ -95,7 +95,7 @@ def drive(scene, places):
     acting = [one for one in scene.displacements if one.turns or any(v != "free" and v for v in one.value)]
     factors = [amplitude_of(one, end).factor for one in [*acting, *scene.loads] if not timed(one)]
     obstacles = [pair.obstacle for pair in scene.contacts if pair.obstacle is not None]
-    factors += [amplitude(one.amplitude, end).factor for one in obstacles if any(one.displacement or ())]
+    factors += [amplitude(one.amplitude, end).factor for one in obstacles if one.moves]
     factors += [amplitude(None, end).factor for one in obstacles if one.shape == "level_set"]
     varying = [size for one in moved if timed(one) for size in _sizes(one, end, places)]
 

@@ -107,6 +107,7 @@ def _contact(contact: Contact) -> str:
     """One line: partners, law, numerics."""
     if contact.obstacle is not None:
         moving = "moving " if contact.obstacle.displacement is not None else ""
+        moving += "turning " if contact.obstacle.turns else ""
         source = "every body" if contact.all else contact.source
         partners = f"{source} -> {moving}rigid {contact.obstacle.shape.replace('_', ' ')}"
     elif contact.all:

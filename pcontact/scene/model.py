@@ -206,7 +206,29 @@ class Obstacle:
     displacement: Sequence[float] | None = key(
         VECTOR, "translation at factor 1", None, "length", "it stands still"
     )
-    amplitude: Table | None = amplitude("factor of `displacement`")
+    amplitude: Table | None = amplitude("factor of `displacement` and `angle`")
+    angle: float | None = key(
+        number(), "it turns by this angle at factor 1", None, "degrees", "none",
+        more="see below. Positive: counterclockwise, seen from where `turn_axis` points to",
+    )  # fmt: skip
+    pivot: Sequence[float] | None = key(
+        VECTOR, "with `angle`: a point of the axis that it turns about; in the plane the centre", None, "length",
+        "`point` or `center`; of a level set it must be said",
+    )  # fmt: skip
+    turn_axis: Sequence[float] | None = key(
+        DIRECTION, "with `angle`, in space: direction of the axis that it turns about, of any length", None,
+        otherwise="of a cylinder its `axis`; else it must be said",
+    )  # fmt: skip
+
+    @property
+    def turns(self) -> bool:
+        """Whether it turns."""
+        return bool(self.angle)
+
+    @property
+    def moves(self) -> bool:
+        """Whether it is displaced or turns."""
+        return self.turns or (self.displacement is not None and any(self.displacement))
 
 
 @table
@@ -552,7 +574,7 @@ OBSTACLE_KEYS = {
     "cylinder": (("point", "axis", "radius"), ("inside",)),
     "level_set": ((), ("expression", "function", "gradient")),
 }
-MOTION_KEYS = ("displacement", "amplitude")
+MOTION_KEYS = ("displacement", "amplitude", "angle", "pivot", "turn_axis")
 # keys of a load of which exactly one must be there
 LOADS = ("pressure", "traction", "body_force")
 # old names of keys: (table, old name) -> new name; the old one is still read, and warned of once

@@ -17,7 +17,7 @@ ROUNDING = 1e-9
 _VECTORS = {
     Displacement: ("value", "point", "axis"),
     Load: ("traction", "body_force"),
-    Obstacle: ("point", "normal", "center", "axis", "displacement"),
+    Obstacle: ("point", "normal", "center", "axis", "displacement", "pivot", "turn_axis"),
 }
 _EXPRESSIONS = {
     Displacement: ("value",),
@@ -56,17 +56,25 @@ def check_dimension(scene: Scene, dim: int) -> None:
         for key in _EXPRESSIONS.get(type(table), ()) if dim == 2 else ():
             if "z" in names(getattr(table, key)):
                 raise input_error(scene.where, f"{where}.{key}", "z with a 2D mesh", "x, y, t")
+        if isinstance(table, Obstacle) and table.angle is not None:
+            has = table.turn_axis is not None or (dim == 3 and table.shape == "cylinder")
+            _check_axis(scene, f"{where}.turn_axis", table, table.turn_axis, has == (dim == 3))
         if isinstance(table, Obstacle) and table.shape == "cylinder" and dim == 2:
             allowed = '"plane" | "sphere" (a circle) | "level_set"'
             raise input_error(scene.where, f"{where}.shape", '"cylinder" with a 2D mesh', allowed)
 
 
+def _check_axis(scene, where, table, axis, fits):
+    """An axis in space and none in the plane."""
+    if not fits:
+        found = "nothing" if axis is None else f"{list(axis)} with a 2D mesh"
+        allowed = keys(type(table))["axis"].rule.allowed if axis is None else "nothing, it turns about the point"
+        raise input_error(scene.where, where, found, allowed)
+
+
 def _check_turn(scene, where, displacement, dim):
     """An axis in space and none in the plane; components that the turn changes are prescribed."""
-    if (displacement.axis is None) != (dim == 2):
-        found = "nothing" if displacement.axis is None else f"{list(displacement.axis)} with a 2D mesh"
-        allowed = keys(Displacement)["axis"].rule.allowed if dim == 3 else "nothing, it turns about the point"
-        raise input_error(scene.where, f"{where}.axis", found, allowed)
+    _check_axis(scene, f"{where}.axis", displacement, displacement.axis, (displacement.axis is None) == (dim == 2))
     axis = np.zeros(3) if dim == 2 else np.abs(displacement.axis)
     for direction, entry in enumerate(displacement.value):
         along = axis[direction] ** 2 >= (1.0 - ROUNDING) * (axis @ axis) if dim == 3 else False

@@ -43,7 +43,8 @@ TOGETHER = {
             {"if": {"properties": {"shape": {"const": shape}}}, "then": {"required": list(needed)}}
             for shape, (needed, _) in OBSTACLE_KEYS.items()
         ],
-        "dependentRequired": {"amplitude": ["displacement"]},
+        "dependentRequired": {"pivot": ["angle"], "turn_axis": ["angle"]},
+        "dependentSchemas": {"amplitude": {"anyOf": [{"required": [key]} for key in ("displacement", "angle")]}},
     },
 }
 

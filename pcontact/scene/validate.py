@@ -345,10 +345,12 @@ def _check_obstacle(scene, where, obstacle):
             raise input_error(scene.where, f"{where}.{key}", "nothing", keys(Obstacle)[key].rule.allowed)
     if obstacle.shape == "level_set":
         _check_level_set(scene, where, obstacle)
-    if obstacle.amplitude is not None and obstacle.displacement is None:
-        raise input_error(
-            scene.where, f"{where}.amplitude", "an amplitude without displacement", "both or neither"
-        )
+    if obstacle.amplitude is not None and obstacle.displacement is None and obstacle.angle is None:
+        found = "an amplitude without displacement or angle"
+        raise input_error(scene.where, f"{where}.amplitude", found, "displacement or angle as well")
+    _check_angle(scene, where, obstacle, ("pivot", "turn_axis"))
+    if obstacle.angle is not None and obstacle.shape == "level_set" and obstacle.pivot is None:
+        raise input_error(scene.where, f"{where}.pivot", "nothing", keys(Obstacle)["pivot"].rule.allowed)
 
 
 def _check_level_set(scene, where, obstacle):
@@ -396,19 +398,24 @@ def _check_displacements(scene):
 
 def _check_turn(scene, where, item):
     """Keys of an axis go with an angle, and the other way round; expressions do not go with it."""
+    _check_angle(scene, where, item, ("point", "axis"))
     if item.angle is None:
-        for key in ("point", "axis"):
-            if getattr(item, key) is not None:
-                raise input_error(scene.where, f"{where}.{key}", f"{key} without angle", "angle as well")
         return
     if expressions(item.value):
         found = f"{shown(list(item.value))} together with angle"
         raise input_error(scene.where, f"{where}.value", found, "numbers, it moves as a rigid body")
-    if scene.mesh.kinematics == "axisymmetric":
-        found = 'an angle with kinematics = "axisymmetric"'
-        raise input_error(scene.where, f"{where}.angle", found, "nothing: rings do not turn in their plane")
     if item.point is None:
         raise input_error(scene.where, f"{where}.point", "nothing", keys(Displacement)["point"].rule.allowed)
+
+
+def _check_angle(scene, where, item, needing):
+    """Some keys need an angle, which rings do not have."""
+    for key in needing:
+        if item.angle is None and getattr(item, key) is not None:
+            raise input_error(scene.where, f"{where}.{key}", f"{key} without angle", "angle as well")
+    if item.angle is not None and scene.mesh.kinematics == "axisymmetric":
+        found = 'an angle with kinematics = "axisymmetric"'
+        raise input_error(scene.where, f"{where}.angle", found, "nothing: rings do not turn in their plane")
 
 
 def _check_steps(scene):

@@ -89,6 +89,10 @@ class Problem:
         pairs = {id(pair) for contact in self.contacts for pair in contact.pairs}
         return [*(item for item in self.items if id(item) not in pairs), *self.contacts]
 
+    def angle(self, start, end):
+        """Largest angle by which supports or obstacles turn between two times [radian]."""
+        return max([self.supports.turned(start, end), *(item.angle(start, end) for item in self.others)])
+
     @property
     def predicts(self):
         """Whether the load step begins with what :meth:`predicted` says."""

@@ -14,7 +14,7 @@ class Control(NamedTuple):
     longest : float or None
         Load steps follow the iterations, up to this one [time]; None: they are those that were planned.
     turn : callable, optional
-        Largest angle by which supports turn between two times, linear between corners [radian].
+        Largest angle by which supports or obstacles turn between two times, linear between corners [radian].
     """
 
     longest: float | None = None
@@ -48,8 +48,8 @@ class Schedule:
     SHORTER = 0.5
     # [-] Multiple of its length that a load step becomes at most. From: the inverse of SHORTER.
     LONGER = 2.0
-    # [radian] Farthest that supports turn in a load step. From: straight ways of nodes shorten a body by 1 - cos of the
-    # half of it, 0.4 %.
+    # [radian] Farthest that supports and obstacles turn in a load step. From: straight ways of nodes shorten a body by
+    # 1 - cos of the half of it, 0.4 %.
     TURN = np.radians(10.0)
 
     def __init__(self, end, count, smallest, stops=(), control=None):
@@ -70,7 +70,7 @@ class Schedule:
         return target if self._control.turn is None else self._turned(target)
 
     def _turned(self, target):
-        """The first of as few equal parts of a load step as supports need to turn."""
+        """The first of as few equal parts of a load step as those need that turn."""
         # the last of equal parts is not to be parted for the sake of a rounding error
         parts = int(np.ceil(self._control.turn(self.time, target) / self.TURN * (1.0 - 1e-9)))
         return target if parts <= 1 else self.time + (target - self.time) / parts

@@ -203,7 +203,7 @@ def value_cases():
          "a number > 0"),
         ("inside = true", "inside = 'yes'", f"{ball}.obstacle.inside", "a string 'yes'", "true | false"),
         ("displacement = [0, 0, 0.1]", "", f"{ball}.obstacle.amplitude", "without displacement",
-         "both or neither"),
+         "displacement or angle as well"),
         ("axis = [0, 1, 0]", "axis = [0, 0, 0]", f"{pipe}.obstacle.axis", "a list [0, 0, 0]", "not all zero"),
         ('["free", "free", -0.02]', "-0.02", f"{top}.value", "a number -0.02", '"free"'),
         ('["free", "free", -0.02]', '["fre", 1]', f"{top}.value", "entry 0 is a string 'fre'", '"free"'),

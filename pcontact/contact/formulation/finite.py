@@ -70,10 +70,11 @@ class FiniteTerms:
         """Of width 0: all of the traction counts."""
         return np.empty((len(normal), 0, normal.shape[1]))
 
-    def begin(self, p, values, moved):
-        """A load step begins, with a pairing and the committed displacements (n, d)."""
+    def begin(self, p, values, moved, turned):
+        """See :meth:`pcontact.contact.formulation.frictionless.FrictionlessTerms.begin`; the displacements are the
+        committed ones."""
         self.method.begin()
-        self._before, self._carried = values, self._lag
+        self._before, self._carried = values, turned(self._lag)
         w = np.empty(len(p.cells))
         stretch(p.points, self.source.grad, values, w)
         w = np.maximum(w, 1.0)

@@ -48,12 +48,12 @@ class FrictionalTerms(FrictionlessTerms):
         """Of width 0: all of the traction counts."""
         return np.empty((len(normal), 0, normal.shape[1]))
 
-    def begin(self, p, values, moved):
+    def begin(self, p, values, moved, turned):
         """Remember the jump at the beginning of the step, and the one from which the law counts slip."""
-        super().begin(p, values, moved)
+        super().begin(p, values, moved, turned)
         if not self.law.tied:
             self._start = self._jump(p, values, p.acts) + moved
-            self._before = self._start - self._lag
+            self._before = self._start - turned(self._lag)
 
     def commit(self, p, values, view):
         """Also by how much the jump lags behind the law. *Collective.*"""

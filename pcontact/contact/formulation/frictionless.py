@@ -27,8 +27,18 @@ class FrictionlessTerms:
         """Operator b (np, nn, d) of the normal traction, from that of the last pairing where normals are the same."""
         return self.traction.normal_operator(normal, last)
 
-    def begin(self, p, values, moved):
-        """A load step begins, with a pairing, displacements (n, d), and what an obstacle has moved since the last."""
+    def begin(self, p, values, moved, turned):
+        """A load step begins, with a pairing and displacements (n, d).
+
+        Parameters
+        ----------
+        p : pcontact.contact.pairing.Pairing
+        values : ndarray (n, d)
+        moved : ndarray (np, d) or (d,), or zero
+            What an obstacle moves in it [length].
+        turned : callable
+            Vectors (np, d) that turn with the obstacle, at the end of it.
+        """
         self.method.begin()
 
     def commit(self, p, values, view):

@@ -95,9 +95,14 @@ class TargetSearch:
             found.gap, found.normal, found.id >= 0, found.id, found.nodes, found.shape, found.offset
         )  # fmt: skip
 
-    def moved(self, start, end):
-        """What the partners have moved apart from the displacements between two times (d,) or zero [length]."""
+    def moved(self, x, start, end, origin):
+        """What partners at places (np, d), relative to the origin, move between two times apart from the displacements:
+        (np, d), (d,) or zero [length]."""
         return 0.0
+
+    def turned(self, vectors, start, end):
+        """Vectors (np, d) that turn with the partners between two times, apart from the displacements."""
+        return vectors
 
 
 class ObstacleSearch:
@@ -130,6 +135,10 @@ class ObstacleSearch:
         ids, nodes = np.zeros(n, dtype=np.int64), np.zeros((n, 0), dtype=np.int64)
         return Partners(gap, away, paired, ids, nodes, np.zeros((n, 0)), None)
 
-    def moved(self, start, end):
+    def moved(self, x, start, end, origin):
         """See :meth:`TargetSearch.moved`."""
-        return self.target.moved(start, end)
+        return self.target.moved(x, start, end, origin)
+
+    def turned(self, vectors, start, end):
+        """See :meth:`TargetSearch.turned`."""
+        return self.target.turned(vectors, start, end)

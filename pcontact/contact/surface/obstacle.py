@@ -2,6 +2,8 @@
 
 import numpy as np
 
+from pcontact.space.turn import Turn
+
 
 def _unit(v):
     return v / np.linalg.norm(v, axis=-1, keepdims=True)
@@ -58,11 +60,20 @@ class RigidObstacle:
     ----------
     obstacle : pcontact.scene.model.Obstacle
     amplitude : pcontact.scene.amplitude.Amplitude
-        Factor of its displacement.
+        Factor of its displacement and its turn.
     size : float
         Size of the model [length], for difference quotients of a level set without gradient.
     functions : (callable, callable or None), optional
         Level set and gradient, see :func:`pcontact.scene.function.obstacle_functions`.
+
+    Attributes
+    ----------
+    turns : bool
+
+    Notes
+    -----
+    With a factor f of the amplitude a place X of it is at c + f shift + Q(f angle) (X - c), c the pivot. What turns is
+    asked in its own frame, where it is at f = 0.
     """
 
     def __init__(self, obstacle, amplitude, size, functions=None):
@@ -73,6 +84,11 @@ class RigidObstacle:
         self._place = np.zeros(1)
         if obstacle.shape != "level_set":
             self._place = np.asarray(obstacle.center if obstacle.shape == "sphere" else obstacle.point, dtype=float)
+        self.turns, self._turn, self._pivot = obstacle.turns, None, self._place
+        if self.turns:
+            self._pivot = self._place if obstacle.pivot is None else np.asarray(obstacle.pivot, dtype=float)
+            axis = obstacle.axis if obstacle.turn_axis is None else obstacle.turn_axis
+            self._turn = Turn(np.zeros(len(self._pivot)), axis, np.radians(obstacle.angle))
         if obstacle.shape == "plane":
             self._distance = _plane(obstacle)
         elif obstacle.shape == "sphere":
@@ -82,11 +98,41 @@ class RigidObstacle:
         else:
             self._distance = _level_set(*functions, size)
 
-    def moved(self, start, end):
-        """What the obstacle moves between two times (d,) or zero [length]; what a level set does is not known."""
-        if self._shift is None:
+    def moved(self, x, start, end, origin=0.0):
+        """What the obstacle moves between two times [length]; what a level set does by itself is not known.
+
+        Parameters
+        ----------
+        x : ndarray (n, d)
+            Places that it has at the first one, relative to the origin [length].
+        start, end : float
+        origin : ndarray (d,), optional
+
+        Returns
+        -------
+        ndarray (n, d), or (d,) or zero where it does not turn
+        """
+        first = self._amplitude.factor(start)
+        factor, way = self._amplitude.factor(end) - first, 0.0
+        if self._shift is not None:
+            way = self._shift * factor
+        return way if self._turn is None else way + self._turn.displacement(x + (origin - self.pivot(start)), factor)
+
+    def turned(self, vectors, start, end):
+        """Vectors (n, d) that turn with the obstacle between two times."""
+        if self._turn is None:
+            return vectors
+        return vectors + self._turn.displacement(vectors, self._amplitude.factor(end) - self._amplitude.factor(start))
+
+    def angle(self, start, end):
+        """Angle between two times, linear between the corners of the amplitude [radian]."""
+        if self._turn is None:
             return 0.0
-        return self._shift * (self._amplitude.factor(end) - self._amplitude.factor(start))
+        return float(self._turn.angle(self._amplitude.factor(end) - self._amplitude.factor(start)))
+
+    def pivot(self, time):
+        """The point (d,) that it turns about, where that is at a time [length]."""
+        return self._pivot + (0.0 if self._shift is None else self._shift * self._amplitude.factor(time))
 
     def gap(self, x, time, origin=0.0):
         """Signed distance and contact normal.
@@ -106,11 +152,14 @@ class RigidObstacle:
         normal : ndarray (n, d)
             Towards the obstacle, minus the gradient of the distance.
         """
-        origin = origin - self._place
+        origin, factor = origin - self._place, self._amplitude.factor(time)
         if self._shift is not None:
-            origin = origin - self._shift * self._amplitude.factor(time)
+            origin = origin - self._shift * factor
         x = x + origin
         if not len(x):
             return np.zeros(0), np.zeros_like(x)
-        gap, slope = self._distance(x, time)
-        return gap, -slope
+        if self._turn is None:
+            gap, slope = self._distance(x, time)
+            return gap, -slope
+        gap, slope = self._distance(x + self._turn.displacement(x + (self._place - self._pivot), -factor), time)
+        return gap, -(slope + self._turn.displacement(slope, factor))
