@@ -3,12 +3,14 @@
 import numpy as np
 
 from pcontact.assembly.bulk import ElasticBulk
+from pcontact.assembly.coupling import TotalLoad
 from pcontact.assembly.finite import FiniteBulk
 from pcontact.assembly.follower import FollowerPressure
 from pcontact.assembly.geometry import chunks
 from pcontact.assembly.loads import TimedLoad, load_vector, lumped_volume, value_of
 from pcontact.assembly.mixed import MixedBulk
 from pcontact.assembly.plastic import PlasticBulk
+from pcontact.assembly.springs import GroundSprings
 from pcontact.assembly.viscous import ViscousStabilisation
 from pcontact.contact.search.unjoined import unjoined
 from pcontact.element.reference import CELLS
@@ -227,17 +229,23 @@ def _prescribed(scene, number):
 
 
 def _forces(scene, space):
-    """Nodal forces at factor 1 with their amplitudes, and loads whose expressions have the time. *Collective.*"""
-    forces, timed = [], []
+    """Nodal forces at factor 1 with their amplitudes, loads whose expressions have the time, and those of which the
+    report has the resultant. *Collective.*"""
+    forces, timed, total = [], [], []
     for number, load in enumerate(scene.loads):
         if load.follower:
             continue
-        prescribed, factor = _prescribed(scene, number), amplitude_of(load, scene.steps.end)
+        factor, where = amplitude_of(load, scene.steps.end), place("loads", number, load.region)
+        if load.total:
+            total.append(TotalLoad(space, load, number, factor, (scene.where, where)))
+            forces.append((total[-1].vector, factor))
+            continue
+        prescribed = _prescribed(scene, number)
         if prescribed.timed:
             timed.append(TimedLoad(space, load, prescribed, factor))
         else:
             forces.append((load_vector(space, load, prescribed), factor))
-    return forces, timed
+    return forces, timed, total
 
 
 def _check_turns(scene, space, supports):
@@ -265,7 +273,7 @@ def _check_joined(scene, space):
     if any(contact.self_contact for contact in every):
         return
     mesh = space.mesh
-    used = {region.region for region in (*scene.displacements, *scene.loads)}
+    used = {region.region for region in (*scene.displacements, *scene.loads, *scene.springs)} - {None}
     used |= {name for contact in scene.contacts for name in (contact.source, contact.target) if name is not None}
     found = unjoined(mesh, space.exchanger, used, not every)
     if found.doubled or found.hanging:
@@ -345,19 +353,21 @@ def _assemble(scene, mesh, space, constants):
     supports = Supports(
         space, scene.displacements, [amplitude_of(d, end) for d in scene.displacements], scene.where
     )
-    forces, timed = _forces(scene, space)
+    forces, timed, total = _forces(scene, space)
+    springs = [GroundSprings(space, spring) for spring in scene.springs]
     _check_turns(scene, space, supports)
     bulk = bulk_item(scene, space, constants)
     tied = tied_pairs(scene, space, constants, bulk)
     eta = scene.steps.viscous_stabilisation
     # dashpots hold every body: where it goes is no longer open
-    free = free_motions(space, supports) if eta is None else {}
+    free = free_motions(space, supports, springs) if eta is None else {}
     contacts, edges = contact_reports(scene, space, constants, supports, free, bulk, tied)
     _announce(mesh, free)
     items = [bulk, *(pair for contact in contacts for pair in contact.pairs), *_followers(scene, space, supports)]
+    items += springs
     viscous = None if eta is None else ViscousStabilisation(space, eta, bulk)
     problem = Problem(space, items, supports, forces, _stabilisation(space, scene, constants, free), contacts, viscous)
-    problem.timed = timed
+    problem.timed, problem.total, problem.springs = timed, total, springs
     # modes of their own cost a set-up that grows with their square; only bodies that nothing holds are worth it
     loose = {(a, b) for a, b in edges if a in free or b in free}
     colours = colour(mesh.n_components, loose)

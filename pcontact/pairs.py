@@ -125,7 +125,8 @@ def _fitted(space, contact, source, target, radius):
 
 def _muted(scene, space, supports, contact, source):
     """The source of a contact of all surfaces; facets with a load or support take part without their traction."""
-    return source.mute(burdened(space, supports, scene.loads, source, contact_law(contact).tangential))
+    burdens = [load.region for load in scene.loads if load.body_force is None] + [one.region for one in scene.springs]
+    return source.mute(burdened(space, supports, burdens, source, contact_law(contact).tangential))
 
 
 def _halves(scene, space, bulk, contact, supports, radius, floats, smooth):

@@ -7,8 +7,9 @@ import numpy as np
 from pcontact.assembly.geometry import CHUNK
 from pcontact.element.geometry import facet_geometry, gradients
 from pcontact.element.quadrature import quadrature
-from pcontact.element.reference import CELLS
+from pcontact.element.reference import CELLS, facet_nodes
 from pcontact.element.shape import shape, shape_gradient
+from pcontact.runtime.petsc import MPI
 
 
 class Patch(NamedTuple):
@@ -52,7 +53,10 @@ def facet_patches(space, region):
         x = np.ascontiguousarray(mesh.points[table[facets.cells]])
         at = facet_geometry(block.cell, x, facets.local, geometry_degree, space.degree, xi, weights)
         weight = at.jxw * space.circumference(at.points)
-        yield Patch(space.cells[facets.block][facets.cells], at.shape, weight, at.points, at.normals)
+        # of the cell's nodes those of the facet: the others' shape functions are zero there
+        own = facet_nodes(block.cell, space.degree)[facets.local]
+        shapes = np.take_along_axis(at.shape, own[:, None, :], axis=2)
+        yield Patch(space.facet_nodes(facets), shapes, weight, at.points, at.normals)
 
 
 def cell_patches(space, region, more=0):
@@ -75,6 +79,25 @@ def cell_patches(space, region, more=0):
             points = geo @ x
             shapes = np.broadcast_to(values, (len(some), *values.shape))
             yield Patch(space.cells[number][some], shapes, jxw * space.circumference(points), points)
+
+
+def node_patches(space, nodes):
+    """The owned ones of some nodes (n,), each with the weight 1."""
+    nodes = nodes[np.isin(nodes, space.owned_local)]
+    if len(nodes):
+        ones = np.ones((len(nodes), 1))
+        yield Patch(nodes[:, None], ones[:, :, None], ones, space.points[nodes][:, None])
+
+
+def group_patches(space, region):
+    """Patches of a group: of its facets, or without any of its cells, or of its nodes. *Collective.*"""
+    mesh = space.mesh
+    facets = sum(len(one.cells) for one in mesh.facet_groups.get(region, []))
+    cells = sum(len(rows) for rows in mesh.cell_groups.get(region, []))
+    facets, cells = space.comm.allreduce(np.array([facets, cells]), op=MPI.SUM)
+    if facets:
+        return list(facet_patches(space, region))
+    return list(cell_patches(space, region) if cells else node_patches(space, space.region(region)))
 
 
 def assembled(space, parts):

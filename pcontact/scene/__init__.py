@@ -13,6 +13,7 @@ from pcontact.scene.model import (
     Obstacle,
     Output,
     Scene,
+    Spring,
     Steps,
 )
 from pcontact.scene.physics import differences, physics
@@ -31,6 +32,7 @@ __all__ = [
     "Obstacle",
     "Output",
     "Scene",
+    "Spring",
     "Steps",
     "amplitude",
     "amplitude_of",

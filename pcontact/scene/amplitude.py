@@ -10,7 +10,7 @@ from pcontact.scene.prescribed import expressions, names
 # what an amplitude multiplies
 MULTIPLIED = {
     Displacement: ("value", "angle"),
-    Load: ("pressure", "traction", "body_force"),
+    Load: ("pressure", "traction", "body_force", "force", "moment"),
     Obstacle: ("displacement", "angle"),
 }
 # [parts of the run] Times at which the size of what has expressions of the time is looked at. From: chosen.

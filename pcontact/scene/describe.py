@@ -90,6 +90,11 @@ def describe(
         regions = [load.region for load in scene.loads if getattr(load, key) is not None and not load.follower]
         if regions:
             active.append(f"{key.replace('_', ' ')}: {', '.join(regions)}")
+    total = [load.name or load.region or f"at {list(load.at)}" for load in scene.loads if load.total]
+    if total:
+        active.append(f"total force: {', '.join(total)}")
+    if scene.springs:
+        active.append(f"springs to the ground: {', '.join(spring.name or spring.region for spring in scene.springs)}")
     if scene.displacements:
         regions = dict.fromkeys(item.region for item in scene.displacements)
         active.append("prescribed displacement: " + ", ".join(regions))

@@ -29,11 +29,14 @@ from pcontact.scene.values import (
     COMPONENTS,
     DIRECTION,
     EXPRESSION,
+    FOUNDATION,
     FUNCTION,
     HARDENING_CURVE,
+    MOMENT,
     MOONEY_RIVLIN,
     OGDEN,
     SCALAR,
+    STIFFNESSES,
     VECTOR,
     VECTORS,
 )
@@ -378,11 +381,15 @@ class Displacement:
 
 @table
 class Load:
-    """Exactly one of pressure or traction on facets, or body force in cells."""
+    """Pressure or traction on facets, body force in cells, or a total force and moment on any group."""
 
-    region: str = key(TEXT, f"{REGION} facets (`pressure`, `traction`) or cells (`body_force`)")
+    region: str | None = key(
+        TEXT, f"{REGION} facets (`pressure`, `traction`), cells (`body_force`) or any kind (`force`, `moment`)", None,
+        otherwise="must be said, unless `at`",
+    )  # fmt: skip
     pressure: float | str | None = key(
-        SCALAR, "positive in compression", None, "stress", more="Exactly one of the three must be said"
+        SCALAR, "positive in compression", None, "stress", more="Exactly one must be said: of this, "
+        "`traction`, `body_force`, or `force` and `moment`"
     )
     traction: Sequence[float | str] | None = key(VECTORS, "force per area", None, "stress")
     body_force: Sequence[float | str] | None = key(VECTORS, "force per volume", None, "stress / length")
@@ -391,6 +398,47 @@ class Load:
         BOOLEAN, "with `pressure`: it acts on the deformed surface, along its normal there", False,
         more="see below. Otherwise forces are those of the undeformed surface, whatever becomes of it",
     )  # fmt: skip
+    force: Sequence[float] | None = key(
+        VECTOR, "total force on the group, spread evenly, or at a node, see `at`", None, "force", more="see below"
+    )
+    moment: float | Sequence[float] | None = key(
+        MOMENT, "total moment on the group, about its centroid", None, "force length",
+        more="with `force` or alone; see below",
+    )  # fmt: skip
+    point: Sequence[float] | None = key(
+        VECTOR, "with `force` or `moment`: where the force acts, and of what point the report says displacement and "
+        "rotation", None, "length", "the centroid of the group",
+    )  # fmt: skip
+    at: Sequence[float] | None = key(
+        VECTOR, "with `force`: it acts at the node that is nearest to this place, of the group or of the mesh", None,
+        "length", "on the whole group",
+    )  # fmt: skip
+    within: float | None = key(
+        POSITIVE, "with `at`: how far the node may be from there", None, "length", "1e-6 of the size of the mesh"
+    )
+    name: str | None = key(
+        TEXT, "with `force` or `moment`: its name in report and history, unique", None, otherwise="that of the group"
+    )
+
+    @property
+    def total(self) -> bool:
+        """Whether its resultant is given."""
+        return self.force is not None or self.moment is not None
+
+
+@table
+class Spring:
+    """Springs between a group and the ground, without force in the undeformed state."""
+
+    region: str = key(TEXT, f"{REGION} facets; with `stiffness` of any kind")
+    per_area: float | Sequence[float] | None = key(
+        FOUNDATION, "stiffness per area of facets, along their undeformed normal or in each direction", None,
+        "stress / length", more="Exactly one of the two must be said",
+    )  # fmt: skip
+    stiffness: Sequence[float] | None = key(
+        STIFFNESSES, "stiffness of the whole group in each direction, spread evenly", None, "force / length"
+    )
+    name: str | None = key(TEXT, "its name in report and history, unique", None, otherwise="that of the group")
 
 
 @table
@@ -459,7 +507,8 @@ class Output:
 
 
 SINGLE_TABLES = {"mesh": MeshSpec, "steps": Steps, "output": Output}
-LIST_TABLES = {"bodies": Body, "contacts": Contact, "displacements": Displacement, "loads": Load}
+LIST_TABLES = {"bodies": Body, "contacts": Contact, "displacements": Displacement, "loads": Load,
+               "springs": Spring}  # fmt: skip
 
 
 @dataclass
@@ -468,7 +517,7 @@ class Scene:
 
     Parameters
     ----------
-    mesh, materials, bodies, contacts, displacements, loads, steps, output : the tables
+    mesh, materials, bodies, contacts, displacements, loads, springs, steps, output : the tables
     petsc : dict of str to str
         Options of this scene, without the leading dash; the command line wins.
     title, accuracy, allow_unsafe : keys, see the declarations
@@ -500,6 +549,7 @@ class Scene:
     )  # fmt: skip
     path: Path | None = None
     beside: Path | None = None
+    springs: list[Spring] = field(default_factory=list)
 
     @property
     def where(self) -> str:
@@ -575,7 +625,9 @@ OBSTACLE_KEYS = {
     "level_set": ((), ("expression", "function", "gradient")),
 }
 MOTION_KEYS = ("displacement", "amplitude", "angle", "pivot", "turn_axis")
-# keys of a load of which exactly one must be there
+# keys of a load of which exactly one must be there; of TOTALS one or both instead, and what goes with them
 LOADS = ("pressure", "traction", "body_force")
+TOTALS = ("force", "moment")
+OF_TOTALS = ("point", "at", "within", "name")
 # old names of keys: (table, old name) -> new name; the old one is still read, and warned of once
 RENAMED: dict[tuple[type, str], str] = {}

@@ -8,7 +8,7 @@ import numpy as np
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.messages import input_error, listed, unknown_name
 from pcontact.scene.keys import keys
-from pcontact.scene.model import Body, Contact, Displacement, Load, MeshSpec, Obstacle, Scene
+from pcontact.scene.model import Body, Contact, Displacement, Load, MeshSpec, Obstacle, Scene, Spring
 from pcontact.scene.places import tables
 from pcontact.scene.prescribed import names
 
@@ -16,7 +16,8 @@ from pcontact.scene.prescribed import names
 ROUNDING = 1e-9
 _VECTORS = {
     Displacement: ("value", "point", "axis"),
-    Load: ("traction", "body_force"),
+    Load: ("traction", "body_force", "force", "point", "at"),
+    Spring: ("stiffness",),
     Obstacle: ("point", "normal", "center", "axis", "displacement", "pivot", "turn_axis"),
 }
 _EXPRESSIONS = {
@@ -51,6 +52,12 @@ def check_dimension(scene: Scene, dim: int) -> None:
         if isinstance(table, MeshSpec) and table.kinematics != "plane_strain" and dim == 3:
             found = f'"{table.kinematics}" with a 3D mesh'
             raise input_error(scene.where, "mesh.kinematics", found, "no such key, it is for 2D meshes only")
+        if isinstance(table, Spring) and isinstance(table.per_area, tuple) and len(table.per_area) != dim:
+            found = f"{len(table.per_area)} entries, {list(table.per_area)}"
+            raise input_error(scene.where, f"{where}.per_area", found, f"a number, or {dim} entries: it is {dim}D")
+        if isinstance(table, Load) and table.moment is not None and isinstance(table.moment, tuple) != (dim == 3):
+            allowed = "a list of 3 numbers, the mesh is 3D" if dim == 3 else "a number, the mesh is 2D"
+            raise input_error(scene.where, f"{where}.moment", f"{table.moment}", allowed)
         if isinstance(table, Displacement) and table.angle is not None:
             _check_turn(scene, where, table, dim)
         for key in _EXPRESSIONS.get(type(table), ()) if dim == 2 else ():
@@ -142,8 +149,12 @@ def check_regions(
                 _check_apart(scene, where, table, facet_groups)
         elif isinstance(table, Displacement):
             _require(scene, f"{where}.region", table.region, groups, tuple(groups), mesh_path)
-        elif isinstance(table, Load):
+        elif isinstance(table, Spring):
+            kinds = ("facets",) if table.per_area is not None else tuple(groups)
+            _require(scene, f"{where}.region", table.region, groups, kinds, mesh_path)
+        elif isinstance(table, Load) and table.region is not None:
             kinds = ("facets",) if table.body_force is None else ("cells",)
+            kinds = tuple(groups) if table.total else kinds
             _require(scene, f"{where}.region", table.region, groups, kinds, mesh_path)
     for index, probe in enumerate(scene.output.probes):
         _require(scene, f"output.probes[{index}]", probe, groups, tuple(groups), mesh_path)
@@ -169,7 +180,7 @@ def check_lost(scene: Scene, lost: Mapping[str, str], mesh_path: str | Path) -> 
     for _, table in tables(scene):
         if isinstance(table, Contact):
             named |= {table.source, table.target}
-        elif isinstance(table, Body | Displacement | Load):
+        elif isinstance(table, Body | Displacement | Load | Spring):
             named.add(table.region)
     for name in lost:
         if name in named:

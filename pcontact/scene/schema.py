@@ -14,12 +14,14 @@ from pcontact.scene.model import (
     OBSTACLE_KEYS,
     RENAMED,
     SINGLE_TABLES,
+    TOTALS,
     Contact,
     Displacement,
     Load,
     Material,
     Obstacle,
     Scene,
+    Spring,
 )
 
 # what the keys of a table must be together
@@ -37,7 +39,15 @@ TOGETHER = {
         },
     },
     Displacement: {"dependentRequired": {"angle": ["point"], "point": ["angle"], "axis": ["angle"]}},
-    Load: {"oneOf": [{"required": [name]} for name in LOADS]},
+    Load: {
+        "oneOf": [*({"required": [name]} for name in LOADS), {"anyOf": [{"required": [name]} for name in TOTALS]}],
+        "anyOf": [{"required": [name]} for name in ("region", "at")],
+        "dependentRequired": {"at": ["force"], "within": ["at"]},
+        "dependentSchemas": {
+            name: {"anyOf": [{"required": [other]} for other in TOTALS]} for name in ("point", "name")
+        },
+    },
+    Spring: {"oneOf": [{"required": [name]} for name in ("per_area", "stiffness")]},
     Obstacle: {
         "allOf": [
             {"if": {"properties": {"shape": {"const": shape}}}, "then": {"required": list(needed)}}

@@ -12,16 +12,19 @@ from pcontact.scene.model import (
     LOADS,
     MOTION_KEYS,
     OBSTACLE_KEYS,
+    OF_TOTALS,
     OUTER,
     SINGLE_TABLES,
+    TOTALS,
     Contact,
     Displacement,
     Load,
     Material,
     Obstacle,
     Scene,
+    Spring,
 )
-from pcontact.scene.places import tables
+from pcontact.scene.places import place, tables
 from pcontact.scene.prescribed import expressions
 
 ALIKE = 0.5  # likeness of two file names above which one may be meant by the other
@@ -61,6 +64,11 @@ def validate(scene: Scene) -> None:
             _check_obstacle(scene, where, table)
         elif isinstance(table, Load):
             _check_load(scene, where, table)
+        elif isinstance(table, Spring):
+            _check_spring(scene, where, table)
+    _check_names(scene, "loads", [(k, one) for k, one in enumerate(scene.loads) if one.total])
+    _check_names(scene, "springs", enumerate(scene.springs))
+    _check_estimate(scene)
     _check_unique(scene, "contacts", "name")
     _check_displacements(scene)
     _check_steps(scene)
@@ -371,15 +379,56 @@ def _check_level_set(scene, where, obstacle):
 
 def _check_load(scene, where, load):
     said = [key for key in LOADS if getattr(load, key) is not None]
-    if len(said) != 1:
-        raise input_error(
-            scene.where, where, " and ".join(said) or "no value", f"exactly one of {', '.join(LOADS)}"
-        )
+    totals = [key for key in TOTALS if getattr(load, key) is not None]
+    if len(said) + bool(totals) != 1:
+        found = " and ".join([*said, *totals]) or "no value"
+        raise input_error(scene.where, where, found, f"exactly one of {', '.join(LOADS)}, or force and moment")
+    for key in OF_TOTALS:
+        if getattr(load, key) is not None and not totals:
+            raise input_error(scene.where, f"{where}.{key}", f"{key} with {said[0]}", "force or moment with it")
+    if load.region is None and load.at is None:
+        more = "; or at, the place of a node" if totals else ""
+        raise input_error(scene.where, f"{where}.region", "nothing", f"{keys(Load)['region'].rule.allowed}{more}")
+    for key in ("moment", "point"):
+        if load.at is not None and getattr(load, key) is not None:
+            raise input_error(scene.where, f"{where}.{key}", f"{key} together with at", "force alone, at a node")
+        if getattr(load, key) is not None and scene.mesh.kinematics == "axisymmetric":
+            found = f'{key} with kinematics = "axisymmetric"'
+            raise input_error(scene.where, f"{where}.{key}", found, "nothing: rings do not turn in their plane")
+    if load.within is not None and load.at is None:
+        raise input_error(scene.where, f"{where}.within", "within without at", "at as well")
     if load.follower and load.pressure is None:
-        raise input_error(scene.where, f"{where}.follower", f"true with {said[0]}", "pressure instead, or false")
+        found = f"true with {(said or totals)[0]}"
+        raise input_error(scene.where, f"{where}.follower", found, "pressure instead, or false")
     if load.follower and scene.mesh.kinematics == "plane_stress":
         found = 'true with kinematics = "plane_stress"'
         raise input_error(scene.where, f"{where}.follower", found, "false: the thickness is not followed")
+
+
+def _check_spring(scene, where, spring):
+    if (spring.per_area is None) == (spring.stiffness is None):
+        found = "neither per_area nor stiffness" if spring.stiffness is None else "both per_area and stiffness"
+        raise input_error(scene.where, where, found, "exactly one of per_area, stiffness")
+
+
+def _check_names(scene, key, tables):
+    """Names in the report are unique, whether they are said or those of groups."""
+    seen = {}
+    for index, item in tables:
+        name = item.name or item.region
+        if name is not None and name in seen:
+            found = f"{name!r} a second time, as in {key}[{seen[name]}]"
+            raise input_error(scene.where, f"{place(key, index, item.region)}.name", found, "a name of its own")
+        seen[name] = index
+
+
+def _check_estimate(scene):
+    """What the estimate of the error does not know."""
+    strange = [place("loads", k, one.region) for k, one in enumerate(scene.loads) if one.total]
+    strange += [place("springs", k, one.region) for k, one in enumerate(scene.springs)]
+    if scene.output.estimate and strange:
+        allowed = "false, or tractions instead of total forces, and no springs"
+        raise input_error(scene.where, "output.estimate", f"true together with {strange[0]}", allowed)
 
 
 def _check_displacements(scene):

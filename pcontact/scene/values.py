@@ -69,6 +69,20 @@ def _or_expression(rule, words=()):
 
 SCALAR = _or_expression(number())._replace(allowed=f"a finite number, or {ALLOWED}")
 VECTOR = sequence("a list of one finite number per direction (2 or 3)", number(), (2, 3))
+STIFFNESSES = sequence(
+    "a list of one number >= 0 per direction (2 or 3), not all zero", number(least=0), (2, 3), any
+)
+STIFFNESSES.schema["contains"] = {"not": {"const": 0}}
+MOMENT = Rule(
+    "a finite number in the plane, a list of 3 finite numbers in space",
+    lambda value: entries(value, number(), (3,)) if isinstance(value, list | tuple) else number().accept(value),
+    {"anyOf": [number().schema, {"type": "array", "items": number().schema, "minItems": 3, "maxItems": 3}]},
+)
+FOUNDATION = Rule(
+    f"a number > 0, along the normal, or {STIFFNESSES.allowed}",
+    lambda value: STIFFNESSES.accept(value) if isinstance(value, list | tuple) else number(above=0).accept(value),
+    {"anyOf": [number(above=0).schema, STIFFNESSES.schema]},
+)
 VECTORS = sequence(
     f"a list of one finite number or expression per direction (2 or 3), {ALLOWED}", _or_expression(number()), (2, 3)
 )

@@ -47,6 +47,10 @@ class Problem:
         Whether `stabilisation` is added to the matrix.
     timed : sequence of pcontact.assembly.loads.TimedLoad
         External forces whose distribution depends on the time.
+    total : sequence of pcontact.assembly.coupling.TotalLoad
+        Loads of which the report has resultant and mean motion.
+    springs : sequence of pcontact.assembly.springs.GroundSprings
+        Those among the items.
     loose : sequence of int
         Bodies whose rigid motions get a coarse space, see `pcontact.solve.preconditioners.deflation`.
 
@@ -62,6 +66,7 @@ class Problem:
         self.stabilisation = stabilisation
         self.bulk, self.others, self.contacts = items[0], items[1:], list(contacts)
         self.time, self.loose, self.stabilised, self.viscous, self.timed = 0.0, (), True, viscous, ()
+        self.total = self.springs = ()
         self.fixed = np.ascontiguousarray(supports.fixed[space.owned_local])
         self.matrix = GlobalMatrix(space, supports.fixed)
         self._versions = None
@@ -412,7 +417,7 @@ class Problem:
         Parameters
         ----------
         record : dict
-            With ``reactions`` and ``contacts`` of a step.
+            With ``reactions`` and ``contacts`` of a step, and ``springs`` where there are some.
         u : PETSc.Vec
         """
         applied = self.space.comm.allreduce(self.applied_forces(u).sum(axis=0))
@@ -420,6 +425,8 @@ class Problem:
         forces = [np.asarray(force) for force in record["reactions"].values()]
         forces += [-np.asarray(pair["force"]) for name, pair in record["contacts"].items() if name in obstacles]
         inner = [np.asarray(pair["force"]) for pair in record["contacts"].values()]
+        # springs may bear all of the load: their sum is nothing to compare with
+        inner += [np.asarray(spring["force"]) for spring in record.get("springs", {}).values()]
         largest = max(float(np.linalg.norm(force)) for force in [applied, *forces, *inner])
         total = applied + sum(forces)
         if self.viscous is not None:

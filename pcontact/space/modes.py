@@ -175,8 +175,15 @@ def body_modes(space, nodes):
     return modes[1:2] if space.axisymmetric else modes
 
 
-def free_motions(space, supports):
-    """Rigid motions that the supports leave to each component; components without any are left out. *Collective.*
+def free_motions(space, supports, springs=()):
+    """Rigid motions that supports leave to each component; components without any are left out. *Collective.*
+
+    Parameters
+    ----------
+    space : Space
+    supports : pcontact.space.supports.Supports
+    springs : sequence
+        What else holds bodies to the ground: has `hold`, see :class:`pcontact.assembly.springs.GroundSprings`.
 
     Returns
     -------
@@ -188,6 +195,8 @@ def free_motions(space, supports):
     gram = np.zeros((space.mesh.n_components, len(modes), len(modes)))
     rows = modes[:, nodes, axes].T
     np.add.at(gram, space.component[nodes], rows[:, :, None] * rows[:, None, :])
+    for spring in springs:
+        gram += spring.hold(modes)
     space.comm.Allreduce(MPI.IN_PLACE, gram, op=MPI.SUM)
     free = {}
     for k, g in enumerate(gram):

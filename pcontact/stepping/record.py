@@ -70,6 +70,10 @@ class Recorder:
             record["moments"] = problem.moments(u, step.unbalanced)
         if problem.viscous is not None:
             record["viscous"] = self._viscous(step.time, u)
+        if problem.total:
+            record["loads"] = {load.name: load.record(u, step.time) for load in problem.total}
+        if problem.springs:
+            record["springs"] = {spring.name: spring.record(u) for spring in problem.springs}
         self._warn_of_lost(step.time, record["contacts"])
         if step.uzawa is not None:
             record["uzawa"] = step.uzawa

@@ -17,7 +17,19 @@ from pcontact.io.cost_forecast import cost_forecast, friction_bytes, plastic_byt
 from pcontact.io.counters import held
 from pcontact.runtime.parallel import on_root
 from pcontact.runtime.petsc import MPI
-from pcontact.scene.model import Body, Contact, Displacement, Load, Material, MeshSpec, Obstacle, Output, Scene, Steps
+from pcontact.scene.model import (
+    Body,
+    Contact,
+    Displacement,
+    Load,
+    Material,
+    MeshSpec,
+    Obstacle,
+    Output,
+    Scene,
+    Spring,
+    Steps,
+)
 from pcontact.simulation import Simulation
 
 WORLD = MPI.COMM_WORLD
@@ -36,6 +48,7 @@ PIECES = {
     ),
     "pressure that follows": (("assembly.follower", "assembly.follower_kernels"), ()),
     "viscous stabilisation": (("assembly.viscous",), ()),
+    "springs": (("assembly.springs",), ()),
     "self contact": (("contact.search.self_surface", "contact.search.exclusion", "contact.search.cones"),
         ("no_exclusion", "writable", "no_cones", "Exclusion", "Cones")),
     # bodies near enough to meet are found for any pair
@@ -85,6 +98,10 @@ def with_piece(path, piece):
     if piece == "pressure that follows":
         result = scene(path)
         result.loads = [Load("upper_left", pressure=0.01, follower=True)]
+        return result
+    if piece == "springs":
+        result = scene(path)
+        result.springs = [Spring("upper_left", per_area=0.01)]
         return result
     if piece == "viscous stabilisation":
         result = scene(path)
@@ -232,10 +249,10 @@ def test_prices_of_what_is_left_out(mesh):
 
 
 def test_numbers_are_no_expressions(mesh, monkeypatch):
-    """Loads that are numbers parse nothing, and are integrated once."""
+    """Loads that are numbers parse nothing and are integrated once, without averages over their groups."""
     case = scene(mesh)
     case.loads = [Load("upper_left", pressure=0.01), Load("upper", body_force=[0.0, 0.01, 0.0])]
-    for name in ("scene.prescribed.Expression", "build.TimedLoad"):
+    for name in ("scene.prescribed.Expression", "build.TimedLoad", "build.TotalLoad"):
         monkeypatch.setattr(f"pcontact.{name}", _missing("expressions", name))
     counters(case)
     case.loads[0].pressure = "0.01*t"

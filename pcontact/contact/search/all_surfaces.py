@@ -64,14 +64,15 @@ def paired_elsewhere(space, contacts, ids):
     return marks
 
 
-def burdened(space, supports, loads, source, tangential):
+def burdened(space, supports, loaded, source, tangential):
     """Facets (nf,) of the outer surfaces with a load, or with a prescribed displacement of all their nodes.
 
     Parameters
     ----------
     space : pcontact.space.space.Space
     supports : pcontact.space.supports.Supports
-    loads : list of pcontact.scene.model.Load
+    loaded : list of str
+        Groups with loads or springs.
     source : pcontact.contact.surface.sides.SourceSurface
         The outer surfaces.
     tangential : bool
@@ -82,9 +83,8 @@ def burdened(space, supports, loads, source, tangential):
     normal = np.zeros(fixed.shape)
     np.maximum.at(normal, source.facet, np.abs(source.normal))
     flags = (fixed & ((normal > ALONG) | tangential)).any(axis=1)
-    for load in loads:
-        if load.body_force is None:
-            flags |= np.isin(source.facet_ids, facet_ids(space, load.region))
+    for region in loaded:
+        flags |= np.isin(source.facet_ids, facet_ids(space, region))
     return flags
 
 
