@@ -4,6 +4,7 @@ import numpy as np
 
 from pcontact.assembly.bulk import ElasticBulk
 from pcontact.assembly.coupling import TotalLoad
+from pcontact.assembly.distortion import SLIGHT
 from pcontact.assembly.finite import FiniteBulk
 from pcontact.assembly.follower import FollowerPressure
 from pcontact.assembly.geometry import chunks
@@ -53,8 +54,6 @@ CONTRAST = 100.0
 # [modulus / size^2, per volume] So much of a body's own modulus counts nevertheless. From: 5000 rounding errors of the
 # diagonal.
 LEAST = 1e-12
-# [degrees] Turn of bodies with small strain that needs no word. From: they shrink by less than 0.1 %, 1 - cos.
-SLIGHT = 2.5
 # [degrees] Turn of bodies with small strain that is refused. From: the strain of the turn, 1.5 % and more, is larger
 # than any that small strain is for.
 FAR = 10.0

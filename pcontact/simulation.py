@@ -16,7 +16,7 @@ from pcontact.io.cost_report import CostReport
 from pcontact.io.counters import Counters
 from pcontact.io.error_estimate import ErrorEstimate, label
 from pcontact.io.identity import Identity
-from pcontact.io.observers import FacetErrors, Fields, Records, Terminal
+from pcontact.io.observers import FacetErrors, Fields, Records, SmallStrain, Terminal
 from pcontact.io.restart import ANYWAY, read_checkpoint
 from pcontact.io.snapshot import Snapshot
 from pcontact.mesh.mesh import bounding_box
@@ -168,7 +168,7 @@ class Simulation:
         watch = [Terminal(scene.steps.end, build.yielding_volume(scene, space)), *observers]
         estimate = ErrorEstimate(self.problem, scene, self.newton) if scene.output.estimate else None
         self.error_estimate = estimate
-        recorder = Recorder(self.problem, scene.output.probes)
+        recorder = Recorder(self.problem, scene.output.probes, [body.region for body in scene.bodies])
         carriers = {"largest_force": recorder, "direct": self.newton}
         if estimate is not None:
             carriers["largest_energy"] = estimate
@@ -192,7 +192,7 @@ class Simulation:
         if estimate is not None:
             watch.insert(0, estimate)
         # the report has the warnings of those before it
-        watch.insert(0, FacetErrors(self.problem.contacts))
+        watch[:0] = [FacetErrors(self.problem.contacts), SmallStrain()]
         self._announce()
         low, high = bounding_box(self.comm, space.mesh.points)
         places = np.array(list(product(*zip(low, high, strict=True))) + [0.5 * (low + high)])

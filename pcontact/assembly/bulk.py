@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from pcontact.assembly.distortion import distortions
 from pcontact.assembly.geometry import chunks, hoop, points_of
 from pcontact.assembly.graph import find, multiply, node_graph
 from pcontact.assembly.item import LAW, Bulk
@@ -151,6 +152,10 @@ class ElasticBulk(Bulk):
     def tangent(self, u, rule=LAW):
         """Values (nnz, d, d) on :meth:`pattern`."""
         return self.values
+
+    def distortions(self, u, held):
+        """See :func:`pcontact.assembly.distortion.distortions`. *Collective.*"""
+        return distortions(self, u, held)
 
     def stress(self, u):
         """Mean stress of every cell. *Collective.*

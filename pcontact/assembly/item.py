@@ -322,6 +322,11 @@ class Bulk(Item):
         """Largest equivalent plastic strain, and volume that has yielded [length^d]. *Collective.*"""
         return 0.0, 0.0
 
+    def distortions(self, u, held):
+        """How far bodies with small strain are from what it represents, see
+        :func:`pcontact.assembly.distortion.distortions`; of those with finite strain nothing. *Collective.*"""
+        return {}
+
     def plastic_strain(self):
         """Equivalent plastic strain (nc,) of the cells of each block; None where nothing may yield."""
         return None

@@ -127,6 +127,10 @@ class MixedBulk(Bulk):
         found = [values for values in (self.small.plastic_strain(), self.finite.plastic_strain()) if values is not None]
         return [sum(parts) for parts in zip(*found, strict=True)] if found else None
 
+    def distortions(self, u, held):
+        """Of the bodies without finite strain, see :func:`pcontact.assembly.distortion.distortions`. *Collective.*"""
+        return self.small.distortions(u, held)
+
     def plasticity(self):
         """Largest equivalent plastic strain, and volume that has yielded [length^d]. *Collective.*"""
         parts = [self.small.plasticity(), self.finite.plasticity()]

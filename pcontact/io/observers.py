@@ -10,6 +10,12 @@ from pcontact.runtime import log
 from pcontact.runtime.observer import Observer
 from pcontact.runtime.parallel import on_root
 
+# [-] Part by which small strain may put results wrong without a word. From: chosen; a strain of 4 %, or a turn by 11.5
+# degrees, of a whole body.
+ENOUGH = 0.02
+# [-] So many times the error of the first word is worth another one at the end of the run. From: chosen.
+MUCH = 2.0
+
 
 class Terminal(Observer):
     """One line per load step, and why a step was cut.
@@ -93,6 +99,37 @@ class FacetErrors(Observer):
                     contact.name, gap, "100 % or more" if error > 1.0 else f"about {100.0 * error:.0f} %", time, error,
                     SMOOTH,
                 )  # fmt: skip
+
+
+class SmallStrain(Observer):
+    """Warns of bodies that are strained or turned beyond small strain: as it happens, and at the end how far."""
+
+    def __init__(self):
+        self._told, self._worst = {}, {}
+
+    def step(self, step, u, record):
+        """Warn of each body once, and keep the worst step of each."""
+        for name, found in record.get("small_strain", {}).items():
+            if found["error"] > self._worst.get(name, (0.0,))[0]:
+                self._worst[name] = found["error"], step.time, found
+            if found["error"] > ENOUGH and name not in self._told:
+                self._told[name] = found["error"]
+                self._warn(name, step.time, found)
+
+    def end(self, converged):
+        """Warn again where it has become much worse."""
+        for name, (error, time, found) in self._worst.items():
+            if name in self._told and error > MUCH * self._told[name]:
+                self._warn(name, time, found)
+
+    def _warn(self, name, time, found):
+        error, at = found["error"], " ".join(f"{v + 0.0:.4g}" for v in found["place"])
+        log.warning(
+            "time %g: body %s goes beyond small strain: a strain of %.2g and a rotation by %.2g degrees in the mean, "
+            "most at (%s), put results wrong by %s; remedy: strain = \"finite\"",
+            time, name, found["strain"], found["rotation"], at,
+            "100 % or more" if error > 1.0 else f"about {100.0 * error:.2g} %",
+        )  # fmt: skip
 
 
 class Records(Observer):

@@ -23,17 +23,20 @@ class Recorder:
     problem : pcontact.solve.problem.Problem
     probes : list of str
         Regions whose displacement is recorded.
+    bodies : sequence of str, optional
+        Their regions. Absent: nothing is said of where small strain ends.
 
     Notes
     -----
     The constructor is *Collective*.
     """
 
-    def __init__(self, problem, probes):
+    def __init__(self, problem, probes, bodies=()):
         # the largest force of the run so far, which a restarted run goes on with
         self._problem, self.carried, self._told = problem, 0.0, set()
         self._announce = Announcer(problem.space.mesh.component_names)
         space = problem.space
+        self._bodies, self._held = bodies, _held(problem) if bodies else None
         owned = np.zeros(space.n_local, dtype=bool)
         owned[space.owned_local] = True
         self._probes = {}
@@ -66,6 +69,8 @@ class Recorder:
             "probes": {name: self._probe(nodes, u) for name, nodes in self._probes.items()},
             "plastic": self._plastic(),
         }
+        if self._bodies:
+            record["small_strain"] = self._distortions(u)
         if problem.supports.turns:
             record["moments"] = problem.moments(u, step.unbalanced)
         if problem.viscous is not None:
@@ -132,6 +137,16 @@ class Recorder:
         strain, volume = self._problem.bulk.plasticity()
         return {"max_equivalent_strain": float(strain), "yielded_volume": float(volume)}
 
+    def _distortions(self, u):
+        """How far the bodies with small strain are from what it represents, by region. *Collective.*"""
+        result = {}
+        for number, found in self._problem.bulk.distortions(u, self._held).items():
+            result[self._bodies[number]] = {
+                "error": float(max(found.errors)), "strain": found.strain, "rotation": found.rotation,
+                "stiffening": found.stiffening, "place": list(found.place),
+            }  # fmt: skip
+        return result
+
     def _probe(self, nodes, u):
         space = self._problem.space
         comm, d = space.comm, space.dim
@@ -143,3 +158,10 @@ class Recorder:
         comm.Allreduce(MPI.IN_PLACE, high, op=MPI.MAX)
         mean = total[:d] / max(total[d], 1.0)
         return {"mean": mean.tolist(), "min": low.tolist(), "max": high.tolist()}
+
+
+def _held(problem):
+    """Flags (n_components,) of the connected components of which a displacement is prescribed. *Collective.*"""
+    space, held = problem.space, np.zeros(problem.space.mesh.n_components, dtype=bool)
+    held[space.component[problem.supports.fixed.any(axis=1)]] = True
+    return space.comm.allreduce(held, op=MPI.LOR)

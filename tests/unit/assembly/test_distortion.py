@@ -1,0 +1,140 @@
+"""How far bodies are from small strain: the kernel against numpy, homogeneous motions, ranks."""
+
+import numpy as np
+import pytest
+
+from pcontact.assembly.bulk import ElasticBulk
+from pcontact.assembly.distortion import SLIGHT, Distortion, distortions
+from pcontact.assembly.geometry import some_cells_weighted
+from pcontact.assembly.plastic import PlasticBulk
+from pcontact.material.elastic import lame
+from pcontact.material.hardening import hardening_curve
+from pcontact.material.plastic import plastic_constants
+from pcontact.runtime.parallel import on_root
+from pcontact.runtime.petsc import MPI
+from pcontact.space.space import Space
+from tests.support.small import SELF, bend, block_file, make_space
+
+WORLD = MPI.COMM_WORLD
+CONSTANTS = lame(10.0, 0.3)
+HELD = np.array([True])
+
+
+def displaced(space, motion):
+    """A displacement as a vector: `motion` takes places to it. *Collective.*"""
+    u = space.vector()
+    u.setArray(motion(space.points[space.owned_local]).ravel())
+    return u
+
+
+def linear(gradient):
+    """The motion with a displacement gradient."""
+    return lambda x: x @ np.asarray(gradient).T
+
+
+def found(space, motion, held=HELD, bulk=None):
+    (one,) = distortions(bulk or ElasticBulk(space, [CONSTANTS]), displaced(space, motion), held).values()
+    return one
+
+
+def turn(d, angle):
+    """What small strain takes for a turn in the first plane."""
+    h = np.zeros((d, d))
+    h[0, 1], h[1, 0] = -angle, angle
+    return h
+
+
+def expected(space, u, lam, mu, limit):
+    """Strain, mean squares of the rotation by volume and by work, stiffening: of homogeneous cells, with numpy."""
+    totals = np.zeros(6)
+    for number, block in enumerate(space.mesh.blocks):
+        grad, jxw, _, _ = some_cells_weighted(space, number, np.arange(len(block.nodes)))
+        for gradients, weights, cell in zip(grad, jxw, space.cells[number], strict=True):
+            h = np.zeros((3, 3))
+            h[: space.dim, : space.dim] = np.einsum("qaj,ai,q->ij", gradients, u[cell], weights) / weights.sum()
+            e, w = 0.5 * (h + h.T), 0.5 * (h - h.T)
+            size = np.linalg.norm(e)
+            stress = min(1.0, limit / size) * (2.0 * mu * e + lam * np.trace(e) * np.eye(3))
+            work = weights.sum() * np.sum(stress * e)
+            square = 0.5 * np.sum(w * w)
+            missing = -0.5 * weights.sum() * np.sum(stress * (w @ w))
+            totals += [weights.sum(), work, work * size, weights.sum() * square, work * square, missing]
+    volume, work, strain, turned, weighted, missing = totals
+    return strain / work, np.degrees(np.sqrt(max(turned / volume, weighted / work))), abs(missing) / work
+
+
+@pytest.mark.parametrize("cell", ["triangle", "tetrahedron"])
+@pytest.mark.parametrize("limit", [np.inf, 0.02])
+def test_against_numpy(tmp_path, cell, limit):
+    """Cells of one strain each, whose means are those of their centres."""
+    space = make_space(SELF, block_file(tmp_path / "block.msh", cell), ["block"], 1, bend)
+    rng = np.random.default_rng(3)
+    u = displaced(space, lambda x: 0.05 * rng.standard_normal(x.shape) + 0.1 * x)
+    bulk = ElasticBulk(space, [CONSTANTS])
+    if np.isfinite(limit):
+        curve = hardening_curve(2.0 * CONSTANTS[1] * limit * np.sqrt(1.5))
+        bulk = PlasticBulk(space, [CONSTANTS], [(plastic_constants(*CONSTANTS), curve)])
+    (one,) = distortions(bulk, u, HELD).values()
+    np.testing.assert_allclose(one[:3], expected(space, space.local.gather(u), *CONSTANTS, limit), rtol=1e-10)
+
+
+@pytest.mark.parametrize("cell, degree", [("quadrilateral", 1), ("triangle", 2), ("hexahedron", 2)])
+def test_a_bar_is_wrong_by_half_its_strain(tmp_path, cell, degree):
+    space = make_space(SELF, block_file(tmp_path / "block.msh", cell), ["block"], degree, bend)
+    stretch = np.zeros((space.dim, space.dim))
+    stretch[1, 1] = -0.03
+    one = found(space, linear(stretch))
+    np.testing.assert_allclose(one[:3], [0.03, 0.0, 0.0], atol=1e-12)
+    assert abs(max(one.errors) - 0.015) < 1e-12
+
+
+def test_a_turn_against_a_strain(tmp_path):
+    """A body that is pressed along y and turned by 5 degrees in small strain has its work wrong by the strain of the
+    turn over its own, unless nothing holds it: then it is wrong by its length alone."""
+    space = make_space(SELF, block_file(tmp_path / "block.msh", "quadrilateral"), ["block"])
+    lam, mu = CONSTANTS
+    angle, e = np.radians(5.0), 0.01
+    h = turn(2, angle) + np.diag([lam / (lam + 2.0 * mu) * e, -e])
+    one = found(space, linear(h))
+    # along y alone there is a stress
+    np.testing.assert_allclose([one.rotation, one.stiffening], [5.0, 0.5 * angle**2 / e], rtol=1e-10)
+    assert abs(max(one.errors) - one.stiffening) < 1e-12
+    loose = found(space, linear(h), ~HELD)
+    assert loose.stiffening == 0.0 and max(loose.errors) < 0.006
+    # a slight turn is without a word, whatever the strain
+    assert Distortion(0.0, SLIGHT, 1.0, ()).errors == (0.0, 0.5 * np.radians(SLIGHT) ** 2, 0.0)
+
+
+def test_a_strain_in_a_corner_is_no_matter(tmp_path):
+    """One cell in 256 is strained five times as much as the others."""
+    space = make_space(SELF, block_file(tmp_path / "block.msh", "quadrilateral", 16), ["block"])
+    corner = 1.0 / 16.0
+
+    def motion(x):
+        return 0.01 * x + 0.1 * corner * np.all(x == 0.0, axis=1)[:, None]
+
+    one = found(space, motion)
+    assert max(one.place) < corner and max(one.errors) < 0.02
+
+
+def test_axial_symmetry(tmp_path):
+    """The hoop strain counts, and rings by their volume."""
+    path = block_file(tmp_path / "block.msh", "quadrilateral")
+    space = make_space(SELF, path, ["block"], 1, lambda x: x + [1.0, 0.0])
+    space = Space(space.mesh, 1, "axisymmetric")
+    one = found(space, linear([[0.02, 0.0], [0.0, 0.02]]))
+    np.testing.assert_allclose(one[:3], [0.02 * np.sqrt(3.0), 0.0, 0.0], atol=1e-12)
+    np.testing.assert_allclose(found(space, linear(turn(2, 0.1))).rotation, np.degrees(0.1), rtol=1e-10)
+
+
+@pytest.mark.parallel(3)
+def test_ranks(shared_tmp):
+    path = shared_tmp / "block.msh"
+    on_root(WORLD, block_file, path, "hexahedron", 4)
+
+    def motion(x):
+        return np.column_stack([0.1 * x[:, 1] ** 2, 0.05 * np.sin(3.0 * x[:, 0]), 0.02 * x[:, 2] * x[:, 0]])
+
+    one, alone = found(make_space(WORLD, path, ["block"]), motion), found(make_space(SELF, path, ["block"]), motion)
+    np.testing.assert_allclose(one[:3], alone[:3], rtol=1e-12)
+    assert one.place == alone.place and one.rotation > 0.0
