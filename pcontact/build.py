@@ -8,10 +8,11 @@ from pcontact.assembly.distortion import SLIGHT
 from pcontact.assembly.finite import FiniteBulk
 from pcontact.assembly.follower import FollowerPressure
 from pcontact.assembly.geometry import chunks
+from pcontact.assembly.heat import Heat, HeatedElasticBulk, HeatedPlasticBulk, Heating
 from pcontact.assembly.loads import TimedLoad, load_vector, lumped_volume, value_of
 from pcontact.assembly.mixed import MixedBulk
 from pcontact.assembly.plastic import PlasticBulk
-from pcontact.assembly.springs import GroundSprings
+from pcontact.assembly.springs import GroundSprings, SpinForces
 from pcontact.assembly.viscous import ViscousStabilisation
 from pcontact.contact.search.unjoined import unjoined
 from pcontact.element.reference import CELLS
@@ -23,6 +24,7 @@ from pcontact.mesh.load import load_mesh
 from pcontact.pairs import contact_reports, tied_pairs
 from pcontact.runtime import log, profile
 from pcontact.runtime.errors import TOLD
+from pcontact.runtime.messages import input_error
 from pcontact.scene import (
     amplitude_of,
     check_apart,
@@ -34,6 +36,7 @@ from pcontact.scene import (
     resolve_contacts,
     validate,
 )
+from pcontact.scene.amplitude import Squared
 from pcontact.scene.keys import options as key_options
 from pcontact.scene.model import LOCKING, POOR, Contact
 from pcontact.scene.places import place
@@ -148,6 +151,10 @@ def bulk_item(scene, space, constants):
             return FiniteBulk(space, constants, finite)
         if any(finite):
             return MixedBulk(space, constants, small, finite)
+        heat = _heat(scene, space, constants)
+        if heat is not None:
+            return HeatedPlasticBulk(heat, space, constants, small) if any(small) else HeatedElasticBulk(
+                heat, space, constants)  # fmt: skip
         return PlasticBulk(space, constants, small) if any(small) else ElasticBulk(space, constants)
 
 
@@ -241,10 +248,56 @@ def _forces(scene, space):
             continue
         prescribed = _prescribed(scene, number)
         if prescribed.timed:
-            timed.append(TimedLoad(space, load, prescribed, factor))
+            timed.append(TimedLoad(space, load, prescribed, factor, _masses(scene, space, load, where)))
         else:
-            forces.append((load_vector(space, load, prescribed), factor))
+            factor = factor if load.angular_speed is None else Squared(factor.times, factor.factors)
+            vector = load_vector(space, load, prescribed, 0.0, _masses(scene, space, load, where))
+            forces.append((vector, factor))
     return forces, timed, total
+
+
+def _masses(scene, space, load, where):
+    """Density of the bodies, of a load per mass; refuse it in bodies that have none. *Collective.*"""
+    if load.acceleration is None and load.angular_speed is None:
+        return ()
+    masses = [scene.materials[body.material].density for body in scene.bodies]
+    groups = space.mesh.cell_groups.get(load.region, [])
+    own = {block.body for block, rows in zip(space.mesh.blocks, groups, strict=False) if len(rows)}
+    for body in sorted(set().union(*space.comm.allgather(own))):
+        if masses[body] is None:
+            found = f"body {scene.bodies[body].region} without density"
+            allowed = f"density of [materials.{scene.bodies[body].material}]"
+            raise input_error(scene.where, f"{where}.{value_of(load)[0]}", found, allowed)
+    return masses
+
+
+def _spinning(scene, space):
+    """What the displacement adds to centrifugal forces in bodies with finite strain. *Collective.*"""
+    finite = {number: scene.materials[body.material].density
+              for number, body in enumerate(scene.bodies) if scene.finite(body)}  # fmt: skip
+    spins = [(number, load) for number, load in enumerate(scene.loads) if load.angular_speed is not None and finite]
+    result = []
+    for number, load in spins:
+        factor = amplitude_of(load, scene.steps.end)
+        name = place("loads", number, load.region)
+        result.append(SpinForces(space, load, name, finite, Squared(factor.times, factor.factors)))
+    return result
+
+
+def _heat(scene, space, constants):
+    """Thermal stress of the bodies, None without temperatures. *Collective.*"""
+    if not scene.temperatures:
+        return None
+    # in plane stress the third direction is free to expand
+    normal = 2.0 if scene.mesh.kinematics == "plane_stress" else 3.0
+    moduli = [(normal * lam + 2.0 * mu) * (scene.materials[body.material].expansion or 0.0)
+              for body, (lam, mu) in zip(scene.bodies, constants, strict=True)]  # fmt: skip
+    heatings = []
+    for number, one in enumerate(scene.temperatures):
+        where = place("temperatures", number, one.region)
+        value = Prescribed(one.value, scene.where, f"{where}.value")
+        heatings.append(Heating(one.region, value, one.reference, amplitude_of(one, scene.steps.end), where))
+    return Heat(space, heatings, moduli, scene.where)
 
 
 def _check_turns(scene, space, supports):
@@ -363,7 +416,7 @@ def _assemble(scene, mesh, space, constants):
     contacts, edges = contact_reports(scene, space, constants, supports, free, bulk, tied)
     _announce(mesh, free)
     items = [bulk, *(pair for contact in contacts for pair in contact.pairs), *_followers(scene, space, supports)]
-    items += springs
+    items += [*springs, *_spinning(scene, space)]
     viscous = None if eta is None else ViscousStabilisation(space, eta, bulk)
     problem = Problem(space, items, supports, forces, _stabilisation(space, scene, constants, free), contacts, viscous)
     problem.timed, problem.total, problem.springs = timed, total, springs

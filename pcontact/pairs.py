@@ -15,6 +15,7 @@ from pcontact.contact.surface.facet_maps import KIND
 from pcontact.contact.surface.obstacle import RigidObstacle
 from pcontact.contact.surface.sides import components_of, diameters, extents, source_surface, target_surface
 from pcontact.contact.surface.smooth_geometry import Chords, smooth_surface
+from pcontact.contact.traction.heated import HeatedTraction
 from pcontact.contact.traction.plastic import PlasticTrace
 from pcontact.contact.unbiased import contacts_of_halves, halved, is_unbiased
 from pcontact.mesh.mesh import size_of
@@ -96,7 +97,12 @@ def pair_of(space, bulk, contact, source, target, radius, floats=False):
     trace = _trace(space, bulk, source, contact) if contact.formulation == "nitsche" else None
     if bulk.finite is not None and _moves(space, bulk, source, target):
         return finite_pair(space, bulk, contact, source, target, radius, floats, trace)
-    return contact_pair(space, contact, source, target, radius, floats, trace)
+    pair = contact_pair(space, contact, source, target, radius, floats, trace)
+    if bulk.heat is not None and contact.formulation == "nitsche":
+        heated = bulk.heat.trace(source, contact.source)
+        if heated is not None:
+            pair.terms.traction = HeatedTraction(pair.terms.traction, heated)
+    return pair
 
 
 def _cuts(space, contact, source, target):
@@ -125,7 +131,8 @@ def _fitted(space, contact, source, target, radius):
 
 def _muted(scene, space, supports, contact, source):
     """The source of a contact of all surfaces; facets with a load or support take part without their traction."""
-    burdens = [load.region for load in scene.loads if load.body_force is None] + [one.region for one in scene.springs]
+    # groups of cells have no facets
+    burdens = [one.region for one in (*scene.loads, *scene.springs)]
     return source.mute(burdened(space, supports, burdens, source, contact_law(contact).tangential))
 
 

@@ -161,7 +161,7 @@ class Simulation:
             resumed = read_checkpoint(self.restart, space, identity, self.anyway)
         since = None if resumed is None else resumed.time
         obstacles = [contact.obstacle for contact in scene.contacts if contact.obstacle is not None]
-        moved = [*scene.displacements, *scene.loads, *obstacles]
+        moved = [*scene.displacements, *scene.loads, *scene.temperatures, *obstacles]
         stops = [t for one in moved for t, _ in (one.amplitude or [])]
         control = Control(scene.steps.longest_step, self.problem.angle)
         schedule = Schedule(scene.steps.end, scene.steps.count, scene.steps.smallest_step, stops, control)

@@ -300,11 +300,13 @@ class Bulk(Item):
         The same of blocks with finite strain.
     finite : pcontact.assembly.finite.FiniteBulk or None
         The item that has their cells.
+    heat : pcontact.assembly.heat.Heat or None
+        Thermal stress of the cells.
     """
 
     constants = ()
     yields = extrapolates = False
-    states, parts, finite = {}, {}, None
+    states, parts, finite, heat = {}, {}, None, None
 
     def counters(self):
         """Quadrature points with internal variables."""

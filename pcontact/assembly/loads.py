@@ -5,17 +5,35 @@ import numpy as np
 from pcontact.assembly.geometry import chunks
 from pcontact.assembly.patches import assembled, cell_patches, facet_patches
 from pcontact.runtime.parallel import together
+from pcontact.scene.model import LOADS
 from pcontact.scene.prescribed import Prescribed
 
 # degree of the polynomial up to which a force density in cells is integrated exactly
 SMOOTH = 2
 
 
-def density(load, prescribed, patch, time):
-    """Force per area or volume (n, nq, d) of a load at the points of a patch, without its factor of time.
+def across(space, load):
+    """What takes places relative to the axis of a load with `angular_speed` to those across it (d, d)."""
+    if space.axisymmetric:
+        return np.diag([1.0, 0.0])
+    if load.axis is None:
+        return np.eye(2)
+    axis = np.asarray(load.axis, dtype=float) / np.linalg.norm(load.axis)
+    return np.eye(3) - np.outer(axis, axis)
+
+
+def _centrifugal(space, load, points):
+    """Force per mass (n, nq, d) at points of bodies that turn."""
+    point = 0.0 if load.point is None else np.asarray(load.point, dtype=float)
+    return load.angular_speed**2 * (points - point) @ across(space, load)
+
+
+def density(space, load, prescribed, patch, time):
+    """Force per area, volume or mass (n, nq, d) of a load at the points of a patch, without its factor of time.
 
     Parameters
     ----------
+    space : pcontact.space.space.Space
     load : pcontact.scene.model.Load
     prescribed : pcontact.scene.prescribed.Prescribed
         Of its value.
@@ -27,6 +45,8 @@ def density(load, prescribed, patch, time):
     InputError
         On this rank: a value is not finite.
     """
+    if load.angular_speed is not None:
+        return _centrifugal(space, load, patch.points)
     shape = patch.points.shape
     values = prescribed(patch.points.reshape(-1, shape[2]), time).reshape(*shape[:2], -1)
     return -values * patch.normals if load.pressure is not None else values
@@ -34,8 +54,7 @@ def density(load, prescribed, patch, time):
 
 def value_of(load):
     """The key of a load that says its size, and its value."""
-    return next((key, getattr(load, key)) for key in ("pressure", "traction", "body_force")
-                if getattr(load, key) is not None)  # fmt: skip
+    return next((key, getattr(load, key)) for key in LOADS if getattr(load, key) is not None)
 
 
 def _constant_body_force(space, load):
@@ -51,7 +70,7 @@ def _constant_body_force(space, load):
             yield cells[rows], weight[:, :, None] * np.asarray(load.body_force, dtype=float)
 
 
-def load_vector(space, load, prescribed=None, time=0.0):
+def load_vector(space, load, prescribed=None, time=0.0, masses=()):
     """Nodal forces of a load at factor 1. *Collective.*
 
     Parameters
@@ -63,6 +82,8 @@ def load_vector(space, load, prescribed=None, time=0.0):
         Of its value, for messages that name the scene.
     time : float
         Of expressions.
+    masses : sequence of float
+        Density of each body, for forces per mass [mass / length^3].
 
     Returns
     -------
@@ -78,12 +99,15 @@ def load_vector(space, load, prescribed=None, time=0.0):
     prescribed = Prescribed(value_of(load)[1]) if prescribed is None else prescribed
     if load.body_force is not None and not prescribed.varies:
         return assembled(space, _constant_body_force(space, load))
-    patches = facet_patches(space, load.region) if load.body_force is None else cell_patches(space, load.region, SMOOTH)
+    on_facets = load.pressure is not None or load.traction is not None
+    patches = facet_patches(space, load.region) if on_facets else cell_patches(space, load.region, SMOOTH)
+    per_mass = load.acceleration is not None or load.angular_speed is not None
 
-    def parts():
-        return [(patch.nodes, patch.forces(density(load, prescribed, patch, time))) for patch in patches]
+    def forces(patch):
+        mass = masses[patch.body] if per_mass else 1.0
+        return patch.nodes, mass * patch.forces(density(space, load, prescribed, patch, time))
 
-    return assembled(space, together(space.comm, parts))
+    return assembled(space, together(space.comm, lambda: [forces(patch) for patch in patches]))
 
 
 class TimedLoad:
@@ -95,16 +119,19 @@ class TimedLoad:
     load : pcontact.scene.model.Load
     prescribed : pcontact.scene.prescribed.Prescribed
     amplitude : pcontact.scene.amplitude.Amplitude
+    masses : sequence of float
+        See :func:`load_vector`.
     """
 
-    def __init__(self, space, load, prescribed, amplitude):
+    def __init__(self, space, load, prescribed, amplitude, masses=()):
         self._space, self._load, self._prescribed, self._amplitude = space, load, prescribed, amplitude
+        self._masses = masses
         self._time, self._forces = None, None
 
     def at(self, time):
         """Nodal forces (n_owned, d) [force]. *Collective.*"""
         if time != self._time:
-            self._forces = load_vector(self._space, self._load, self._prescribed, time)
+            self._forces = load_vector(self._space, self._load, self._prescribed, time, self._masses)
             self._forces *= self._amplitude.factor(time)
             self._time = time
         return self._forces

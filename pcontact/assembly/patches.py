@@ -26,6 +26,8 @@ class Patch(NamedTuple):
         [length]
     normals : ndarray (n, nq, d) or None
         Outward normals of facets.
+    body : int
+        Of cells.
     """
 
     nodes: np.ndarray
@@ -33,6 +35,7 @@ class Patch(NamedTuple):
     weight: np.ndarray
     points: np.ndarray
     normals: np.ndarray | None = None
+    body: int = -1
 
     def forces(self, density):
         """Forces (n, nn, d) of a density (n, nq, d)."""
@@ -78,7 +81,7 @@ def cell_patches(space, region, more=0):
             gradients(x, dgeo, dshape, weights, np.empty((len(some), *dshape.shape)), jxw)
             points = geo @ x
             shapes = np.broadcast_to(values, (len(some), *values.shape))
-            yield Patch(space.cells[number][some], shapes, jxw * space.circumference(points), points)
+            yield Patch(space.cells[number][some], shapes, jxw * space.circumference(points), points, body=block.body)
 
 
 def node_patches(space, nodes):

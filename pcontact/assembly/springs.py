@@ -1,14 +1,79 @@
-"""The item of springs between a group and the ground: R += K u, K = int N k N^T."""
+"""Items of forces that are linear in the displacement of a group: springs to the ground, R += K u, K = int N k N^T."""
 
 import numpy as np
 
 from pcontact.assembly.graph import multiply, node_graph
 from pcontact.assembly.item import LAW, Item
-from pcontact.assembly.patches import facet_patches, group_patches
+from pcontact.assembly.loads import across
+from pcontact.assembly.patches import cell_patches, facet_patches, group_patches
 from pcontact.assembly.pattern import OwnedRows
 
 
-class GroundSprings(Item):
+class LinearForces(Item):
+    """Forces R += f K u of a group that follow from the displacement there, K constant and f a factor of time.
+
+    Parameters
+    ----------
+    space : pcontact.space.space.Space
+    name : str
+    patches : list of pcontact.assembly.patches.Patch
+        Their elements.
+    blocks : callable
+        Stiffness (n, nn, nn, d, d) of the elements of a patch.
+
+    Notes
+    -----
+    The constructor is *Collective*.
+    """
+
+    changes = False
+
+    def __init__(self, space, name, patches, blocks):
+        self.space, self.name, self._factor = space, name, 1.0
+        nodes = np.unique(np.concatenate([np.zeros(0, np.int64), *(patch.nodes.ravel() for patch in patches)]))
+        numbers = np.full(space.n_local, -1, dtype=np.int64)
+        numbers[nodes] = np.arange(len(nodes))
+        tables = [np.ascontiguousarray(numbers[patch.nodes]) for patch in patches]
+        rowptr, columns = node_graph(tables, len(nodes))
+        values = np.zeros((len(columns), space.dim, space.dim))
+        # sorted: columns are sorted in each row
+        place = np.repeat(np.arange(len(nodes)), np.diff(rowptr)) * len(nodes) + columns
+        for table, patch in zip(tables, patches, strict=True):
+            entries = table[:, :, None] * len(nodes) + table[:, None, :]
+            np.add.at(values, np.searchsorted(place, entries), blocks(patch))
+        self._local = nodes, rowptr, columns, values
+        owned = OwnedRows(space.numbering, space.exchanger, space.nodes[nodes], rowptr, columns)
+        self._rowptr, self._columns, self._values = owned.rowptr, owned.columns, owned.sum(values)
+        needed, self._column = np.unique(self._columns, return_inverse=True)
+        self._exchange = space.exchange(needed)
+
+    def pattern(self):
+        """Owned block rows: rowptr (n_owned + 1,), columns (nnz,)."""
+        return self._rowptr, self._columns
+
+    def _product(self, values, u):
+        y = np.empty((self.space.n_owned, self.space.dim))
+        multiply(self._rowptr, self._column, values, u, y)
+        return self._factor * y
+
+    def residual(self, u, out, rule=LAW):
+        """Add the forces of the owned nodes to ``out`` (n_owned, d). *Collective.*"""
+        out += self._product(self._values, self._exchange.gather(u))
+
+    def external(self, u, out):
+        """Add the forces on the bodies to ``out`` (n_owned, d) [force]. *Collective.*"""
+        out -= self._product(self._values, self._exchange.gather(u))
+
+    def add_magnitude(self, u, out):
+        """Add the sum of the absolute terms of :meth:`residual` to ``out`` (n_owned, d). *Collective.*"""
+        out += np.abs(self._product(np.abs(self._values), np.abs(self._exchange.gather(u))))
+
+    def tangent(self, u, rule=LAW):
+        """Values (nnz, d, d) on :meth:`pattern`."""
+        return self._factor * self._values
+
+
+class GroundSprings(LinearForces):
     """Springs between a group and the ground, linear in the displacement.
 
     Parameters
@@ -21,34 +86,17 @@ class GroundSprings(Item):
     The constructor is *Collective*.
     """
 
-    changes = False
-
     def __init__(self, space, spring):
-        self.space, self.name = space, spring.name or spring.region
         patches = list(facet_patches(space, spring.region)) if spring.per_area else group_patches(space, spring.region)
-        self._stiffness = self._tensor(spring, patches)
-        nodes = np.unique(np.concatenate([np.zeros(0, np.int64), *(patch.nodes.ravel() for patch in patches)]))
-        numbers = np.full(space.n_local, -1, dtype=np.int64)
-        numbers[nodes] = np.arange(len(nodes))
-        tables = [np.ascontiguousarray(numbers[patch.nodes]) for patch in patches]
-        rowptr, columns = node_graph(tables, len(nodes))
-        values = np.zeros((len(columns), space.dim, space.dim))
-        # sorted: columns are sorted in each row
-        place = np.repeat(np.arange(len(nodes)), np.diff(rowptr)) * len(nodes) + columns
-        for table, patch in zip(tables, patches, strict=True):
-            entries = table[:, :, None] * len(nodes) + table[:, None, :]
-            np.add.at(values, np.searchsorted(place, entries), self._blocks(patch))
-        self._local = nodes, rowptr, columns, values
-        owned = OwnedRows(space.numbering, space.exchanger, space.nodes[nodes], rowptr, columns)
-        self._rowptr, self._columns, self._values = owned.rowptr, owned.columns, owned.sum(values)
-        needed, self._column = np.unique(self._columns, return_inverse=True)
-        self._exchange = space.exchange(needed)
+        self._stiffness = self._tensor(space, spring, patches)
+        super().__init__(space, spring.name or spring.region, patches, self._blocks)
 
-    def _tensor(self, spring, patches):
+    @staticmethod
+    def _tensor(space, spring, patches):
         """A number along the normal, or a stiffness (d,) in each direction, per measure. *Collective.*"""
         if spring.per_area is not None:
             return spring.per_area if np.ndim(spring.per_area) == 0 else np.array(spring.per_area)
-        total = self.space.comm.allreduce(float(sum(patch.weight.sum() for patch in patches)))
+        total = space.comm.allreduce(float(sum(patch.weight.sum() for patch in patches)))
         return np.array(spring.stiffness) / total
 
     def _blocks(self, patch):
@@ -74,33 +122,43 @@ class GroundSprings(Item):
         """Largest stiffness of a direction, so that what holds does not depend on units."""
         return float(np.max(self._stiffness))
 
-    def pattern(self):
-        """Owned block rows: rowptr (n_owned + 1,), columns (nnz,)."""
-        return self._rowptr, self._columns
-
-    def _product(self, values, u):
-        y = np.empty((self.space.n_owned, self.space.dim))
-        multiply(self._rowptr, self._column, values, u, y)
-        return y
-
-    def residual(self, u, out, rule=LAW):
-        """Add the forces of the springs to ``out`` (n_owned, d). *Collective.*"""
-        out += self._product(self._values, self._exchange.gather(u))
-
-    def external(self, u, out):
-        """Add the forces of the springs on the bodies to ``out`` (n_owned, d) [force]. *Collective.*"""
-        out -= self._product(self._values, self._exchange.gather(u))
-
-    def add_magnitude(self, u, out):
-        """Add the sum of the absolute terms of :meth:`residual` to ``out`` (n_owned, d). *Collective.*"""
-        out += self._product(np.abs(self._values), np.abs(self._exchange.gather(u)))
-
-    def tangent(self, u, rule=LAW):
-        """Values (nnz, d, d) on :meth:`pattern`."""
-        return self._values
-
     def record(self, u):
         """Force of the springs on the bodies, for the report. *Collective.*"""
         own = np.zeros((self.space.n_owned, self.space.dim))
         self.external(u, own)
         return {"force": self.space.comm.allreduce(own.sum(axis=0)).tolist()}
+
+
+class SpinForces(LinearForces):
+    """What the displacement adds to the centrifugal force of bodies with finite strain: -K = rho w^2 int N P N^T.
+
+    Parameters
+    ----------
+    space : pcontact.space.space.Space
+    load : pcontact.scene.model.Load
+        With an angular speed w.
+    name : str
+    masses : dict of int to float
+        Density of the bodies with finite strain, by number.
+    amplitude : pcontact.scene.amplitude.Squared
+
+    Notes
+    -----
+    The constructor is *Collective*.
+    """
+
+    changes = True
+
+    def __init__(self, space, load, name, masses, amplitude):
+        self._masses, self._amplitude = masses, amplitude
+        self._across = -(load.angular_speed**2) * across(space, load)
+        patches = [patch for patch in cell_patches(space, load.region) if patch.body in masses]
+        super().__init__(space, name, patches, self._blocks)
+
+    def _blocks(self, patch):
+        products = np.einsum("nq,nqa,nqb->nab", patch.weight, patch.shape, patch.shape)
+        return self._masses[patch.body] * products[..., None, None] * self._across
+
+    def detect(self, u, time, motion=0.0, ahead=None):
+        """The speed is that of the end of the load step."""
+        self._factor = float(self._amplitude.factor(time))

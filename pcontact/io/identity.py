@@ -125,5 +125,5 @@ def _regions(scene):
     """Groups that the physics of a scene is about."""
     names = [body.region for body in scene.bodies]
     names += [name for contact in scene.contacts for name in (contact.source, contact.target)]
-    names += [one.region for one in (*scene.displacements, *scene.loads, *scene.springs)]
+    names += [one.region for one in (*scene.displacements, *scene.loads, *scene.springs, *scene.temperatures)]
     return {name for name in names if name not in (None, OUTER)}

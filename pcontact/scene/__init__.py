@@ -15,6 +15,7 @@ from pcontact.scene.model import (
     Scene,
     Spring,
     Steps,
+    Temperature,
 )
 from pcontact.scene.physics import differences, physics
 from pcontact.scene.reader import read_scene, scene_from
@@ -34,6 +35,7 @@ __all__ = [
     "Scene",
     "Spring",
     "Steps",
+    "Temperature",
     "amplitude",
     "amplitude_of",
     "check_apart",

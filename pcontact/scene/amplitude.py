@@ -4,13 +4,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pcontact.scene.model import Displacement, Load, Obstacle
+from pcontact.scene.model import Displacement, Load, Obstacle, Temperature
 from pcontact.scene.prescribed import expressions, names
 
 # what an amplitude multiplies
 MULTIPLIED = {
     Displacement: ("value", "angle"),
-    Load: ("pressure", "traction", "body_force", "force", "moment"),
+    Load: ("pressure", "traction", "body_force", "acceleration", "angular_speed", "force", "moment"),
+    Temperature: ("value",),
     Obstacle: ("displacement", "angle"),
 }
 # [parts of the run] Times at which the size of what has expressions of the time is looked at. From: chosen.
@@ -76,6 +77,14 @@ def amplitude_of(one, end):
     return amplitude(((0.0, 1.0), (end, 1.0)) if one.amplitude is None and timed(one) else one.amplitude, end)
 
 
+class Squared(Amplitude):
+    """The square of an amplitude."""
+
+    def factor(self, time):
+        """See :meth:`Amplitude.factor`."""
+        return super().factor(time) ** 2
+
+
 def drive(scene, places):
     """What moves or loads the bodies of a scene.
 
@@ -91,9 +100,9 @@ def drive(scene, places):
         Factors (n,) at a time, of all displacements, loads and obstacles that are not zero. A level set of the user's
         may move with time.
     """
-    end, moved = scene.steps.end, [*scene.displacements, *scene.loads]
+    end, moved = scene.steps.end, [*scene.displacements, *scene.loads, *scene.temperatures]
     acting = [one for one in scene.displacements if one.turns or any(v != "free" and v for v in one.value)]
-    factors = [amplitude_of(one, end).factor for one in [*acting, *scene.loads] if not timed(one)]
+    factors = [amplitude_of(one, end).factor for one in [*acting, *scene.loads, *scene.temperatures] if not timed(one)]
     obstacles = [pair.obstacle for pair in scene.contacts if pair.obstacle is not None]
     factors += [amplitude(one.amplitude, end).factor for one in obstacles if one.moves]
     factors += [amplitude(None, end).factor for one in obstacles if one.shape == "level_set"]

@@ -86,13 +86,15 @@ def describe(
     followers = [load.region for load in scene.loads if load.follower]
     if followers:
         active.append(f"pressure on the deformed surface: {', '.join(followers)}")
-    for key in ("pressure", "traction", "body_force"):
+    for key in ("pressure", "traction", "body_force", "acceleration", "angular_speed"):
         regions = [load.region for load in scene.loads if getattr(load, key) is not None and not load.follower]
         if regions:
             active.append(f"{key.replace('_', ' ')}: {', '.join(regions)}")
     total = [load.name or load.region or f"at {list(load.at)}" for load in scene.loads if load.total]
     if total:
         active.append(f"total force: {', '.join(total)}")
+    if scene.temperatures:
+        active.append(f"thermal strain: {', '.join(one.region or 'all bodies' for one in scene.temperatures)}")
     if scene.springs:
         active.append(f"springs to the ground: {', '.join(spring.name or spring.region for spring in scene.springs)}")
     if scene.displacements:

@@ -145,6 +145,12 @@ class Material:
         otherwise="multiplicative, with `kinematic_hardening` additive",
         more="Additive is right for plastic strains up to some 0.3, and the only one with kinematic hardening",
     )  # fmt: skip
+    expansion: float | None = key(
+        number(), "thermal expansion, for `[[temperatures]]`", None, "1 / temperature", "0", more="with small strain"
+    )
+    density: float | None = key(
+        POSITIVE, "mass per volume, for `acceleration` and `angular_speed` of loads", None, "mass / length^3", "none"
+    )
 
     @property
     def plastic(self) -> bool:
@@ -381,15 +387,15 @@ class Displacement:
 
 @table
 class Load:
-    """Pressure or traction on facets, body force in cells, or a total force and moment on any group."""
+    """Pressure or traction on facets, forces in cells, or a total force and moment on any group."""
 
     region: str | None = key(
-        TEXT, f"{REGION} facets (`pressure`, `traction`), cells (`body_force`) or any kind (`force`, `moment`)", None,
+        TEXT, f"{REGION} facets (`pressure`, `traction`), of any kind (`force`, `moment`), or of cells", None,
         otherwise="must be said, unless `at`",
     )  # fmt: skip
     pressure: float | str | None = key(
         SCALAR, "positive in compression", None, "stress", more="Exactly one must be said: of this, "
-        "`traction`, `body_force`, or `force` and `moment`"
+        "`traction`, `body_force`, `acceleration`, `angular_speed`, or `force` and `moment`"
     )
     traction: Sequence[float | str] | None = key(VECTORS, "force per area", None, "stress")
     body_force: Sequence[float | str] | None = key(VECTORS, "force per volume", None, "stress / length")
@@ -407,7 +413,7 @@ class Load:
     )  # fmt: skip
     point: Sequence[float] | None = key(
         VECTOR, "with `force` or `moment`: where the force acts, and of what point the report says displacement and "
-        "rotation", None, "length", "the centroid of the group",
+        "rotation; with `angular_speed`: a point of the axis", None, "length", "the centroid of the group",
     )  # fmt: skip
     at: Sequence[float] | None = key(
         VECTOR, "with `force`: it acts at the node that is nearest to this place, of the group or of the mesh", None,
@@ -416,6 +422,17 @@ class Load:
     within: float | None = key(
         POSITIVE, "with `at`: how far the node may be from there", None, "length", "1e-6 of the size of the mesh"
     )
+    acceleration: Sequence[float | str] | None = key(
+        VECTORS, "force per mass, such as that of gravity, times the `density` of the bodies", None, "length / time^2"
+    )
+    angular_speed: float | None = key(
+        number(), "the centrifugal force of bodies that turn about an axis, seen by who turns with them", None,
+        "radian / time", more="The amplitude is a factor of the speed, the force goes with its square; see below",
+    )  # fmt: skip
+    axis: Sequence[float] | None = key(
+        DIRECTION, "with `angular_speed`, in space: direction of the axis through `point`, of any length", None,
+        otherwise="must be said",
+    )  # fmt: skip
     name: str | None = key(
         TEXT, "with `force` or `moment`: its name in report and history, unique", None, otherwise="that of the group"
     )
@@ -424,6 +441,18 @@ class Load:
     def total(self) -> bool:
         """Whether its resultant is given."""
         return self.force is not None or self.moment is not None
+
+
+@table
+class Temperature:
+    """Temperature of cells, for the thermal strain of bodies with `expansion`."""
+
+    value: float | str = key(
+        SCALAR, "temperature, or an expression of the place in the undeformed mesh and the time", unit="temperature"
+    )
+    region: str | None = key(TEXT, f"{REGION} cells", None, otherwise="all cells")
+    reference: float = key(number(), "temperature without thermal strain", 0.0, "temperature")
+    amplitude: Table | None = amplitude("factor of the difference of `value` and `reference`", True)
 
 
 @table
@@ -508,7 +537,7 @@ class Output:
 
 SINGLE_TABLES = {"mesh": MeshSpec, "steps": Steps, "output": Output}
 LIST_TABLES = {"bodies": Body, "contacts": Contact, "displacements": Displacement, "loads": Load,
-               "springs": Spring}  # fmt: skip
+               "springs": Spring, "temperatures": Temperature}  # fmt: skip
 
 
 @dataclass
@@ -517,7 +546,8 @@ class Scene:
 
     Parameters
     ----------
-    mesh, materials, bodies, contacts, displacements, loads, springs, steps, output : the tables
+    mesh, materials, bodies, contacts, displacements, loads, springs, temperatures, steps, output : the
+        tables
     petsc : dict of str to str
         Options of this scene, without the leading dash; the command line wins.
     title, accuracy, allow_unsafe : keys, see the declarations
@@ -550,6 +580,7 @@ class Scene:
     path: Path | None = None
     beside: Path | None = None
     springs: list[Spring] = field(default_factory=list)
+    temperatures: list[Temperature] = field(default_factory=list)
 
     @property
     def where(self) -> str:
@@ -626,7 +657,7 @@ OBSTACLE_KEYS = {
 }
 MOTION_KEYS = ("displacement", "amplitude", "angle", "pivot", "turn_axis")
 # keys of a load of which exactly one must be there; of TOTALS one or both instead, and what goes with them
-LOADS = ("pressure", "traction", "body_force")
+LOADS = ("pressure", "traction", "body_force", "acceleration", "angular_speed")
 TOTALS = ("force", "moment")
 OF_TOTALS = ("point", "at", "within", "name")
 # old names of keys: (table, old name) -> new name; the old one is still read, and warned of once

@@ -8,7 +8,7 @@ import numpy as np
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.messages import input_error, listed, unknown_name
 from pcontact.scene.keys import keys
-from pcontact.scene.model import Body, Contact, Displacement, Load, MeshSpec, Obstacle, Scene, Spring
+from pcontact.scene.model import Body, Contact, Displacement, Load, MeshSpec, Obstacle, Scene, Spring, Temperature
 from pcontact.scene.places import tables
 from pcontact.scene.prescribed import names
 
@@ -16,13 +16,14 @@ from pcontact.scene.prescribed import names
 ROUNDING = 1e-9
 _VECTORS = {
     Displacement: ("value", "point", "axis"),
-    Load: ("traction", "body_force", "force", "point", "at"),
+    Load: ("traction", "body_force", "force", "point", "at", "acceleration", "axis"),
     Spring: ("stiffness",),
     Obstacle: ("point", "normal", "center", "axis", "displacement", "pivot", "turn_axis"),
 }
 _EXPRESSIONS = {
     Displacement: ("value",),
-    Load: ("pressure", "traction", "body_force"),
+    Load: ("pressure", "traction", "body_force", "acceleration"),
+    Temperature: ("value",),
     Obstacle: ("expression",),
 }
 _KINDS = {"cells": "a group of cells", "facets": "a group of facets", "nodes": "a group of edges or vertices"}
@@ -58,6 +59,10 @@ def check_dimension(scene: Scene, dim: int) -> None:
         if isinstance(table, Load) and table.moment is not None and isinstance(table.moment, tuple) != (dim == 3):
             allowed = "a list of 3 numbers, the mesh is 3D" if dim == 3 else "a number, the mesh is 2D"
             raise input_error(scene.where, f"{where}.moment", f"{table.moment}", allowed)
+        if isinstance(table, Load) and table.angular_speed is not None and (table.axis is None) != (dim == 2):
+            found = "nothing" if table.axis is None else f"{list(table.axis)} with a 2D mesh"
+            allowed = keys(Load)["axis"].rule.allowed if dim == 3 else "nothing, the axis is known"
+            raise input_error(scene.where, f"{where}.axis", found, allowed)
         if isinstance(table, Displacement) and table.angle is not None:
             _check_turn(scene, where, table, dim)
         for key in _EXPRESSIONS.get(type(table), ()) if dim == 2 else ():
@@ -149,11 +154,13 @@ def check_regions(
                 _check_apart(scene, where, table, facet_groups)
         elif isinstance(table, Displacement):
             _require(scene, f"{where}.region", table.region, groups, tuple(groups), mesh_path)
+        elif isinstance(table, Temperature) and table.region is not None:
+            _require(scene, f"{where}.region", table.region, groups, ("cells",), mesh_path)
         elif isinstance(table, Spring):
             kinds = ("facets",) if table.per_area is not None else tuple(groups)
             _require(scene, f"{where}.region", table.region, groups, kinds, mesh_path)
         elif isinstance(table, Load) and table.region is not None:
-            kinds = ("facets",) if table.body_force is None else ("cells",)
+            kinds = ("facets",) if table.pressure is not None or table.traction is not None else ("cells",)
             kinds = tuple(groups) if table.total else kinds
             _require(scene, f"{where}.region", table.region, groups, kinds, mesh_path)
     for index, probe in enumerate(scene.output.probes):
@@ -180,7 +187,7 @@ def check_lost(scene: Scene, lost: Mapping[str, str], mesh_path: str | Path) -> 
     for _, table in tables(scene):
         if isinstance(table, Contact):
             named |= {table.source, table.target}
-        elif isinstance(table, Body | Displacement | Load | Spring):
+        elif isinstance(table, Body | Displacement | Load | Spring | Temperature):
             named.add(table.region)
     for name in lost:
         if name in named:

@@ -44,7 +44,8 @@ TOGETHER = {
         "anyOf": [{"required": [name]} for name in ("region", "at")],
         "dependentRequired": {"at": ["force"], "within": ["at"]},
         "dependentSchemas": {
-            name: {"anyOf": [{"required": [other]} for other in TOTALS]} for name in ("point", "name")
+            **{name: {"anyOf": [{"required": [other]} for other in others]} for name, others in
+               {"point": (*TOTALS, "angular_speed"), "name": TOTALS, "axis": ("angular_speed",)}.items()},
         },
     },
     Spring: {"oneOf": [{"required": [name]} for name in ("per_area", "stiffness")]},

@@ -69,6 +69,7 @@ def validate(scene: Scene) -> None:
     _check_names(scene, "loads", [(k, one) for k, one in enumerate(scene.loads) if one.total])
     _check_names(scene, "springs", enumerate(scene.springs))
     _check_estimate(scene)
+    _check_temperatures(scene)
     _check_unique(scene, "contacts", "name")
     _check_displacements(scene)
     _check_steps(scene)
@@ -384,11 +385,16 @@ def _check_load(scene, where, load):
         found = " and ".join([*said, *totals]) or "no value"
         raise input_error(scene.where, where, found, f"exactly one of {', '.join(LOADS)}, or force and moment")
     for key in OF_TOTALS:
-        if getattr(load, key) is not None and not totals:
+        turns = key == "point" and load.angular_speed is not None
+        if getattr(load, key) is not None and not totals and not turns:
             raise input_error(scene.where, f"{where}.{key}", f"{key} with {said[0]}", "force or moment with it")
     if load.region is None and load.at is None:
         more = "; or at, the place of a node" if totals else ""
         raise input_error(scene.where, f"{where}.region", "nothing", f"{keys(Load)['region'].rule.allowed}{more}")
+    if load.axis is not None and load.angular_speed is None:
+        raise input_error(scene.where, f"{where}.axis", "axis without angular_speed", "angular_speed as well")
+    if load.angular_speed is not None and scene.mesh.kinematics != "axisymmetric" and load.point is None:
+        raise input_error(scene.where, f"{where}.point", "nothing", keys(Load)["point"].rule.allowed)
     for key in ("moment", "point"):
         if load.at is not None and getattr(load, key) is not None:
             raise input_error(scene.where, f"{where}.{key}", f"{key} together with at", "force alone, at a node")
@@ -411,6 +417,20 @@ def _check_spring(scene, where, spring):
         raise input_error(scene.where, where, found, "exactly one of per_area, stiffness")
 
 
+def _check_temperatures(scene):
+    """Thermal strain is one of small strain; that of bodies that yield in plane stress is not in their law."""
+    for index, item in enumerate(scene.temperatures):
+        where = place("temperatures", index, item.region)
+        for body in scene.bodies:
+            material = scene.materials[body.material]
+            if scene.finite(body):
+                found = f"body {body.region} with finite strain"
+                raise input_error(scene.where, where, found, "thermal strain with small strain of all bodies")
+            if scene.mesh.kinematics == "plane_stress" and material.plastic and material.expansion:
+                found = f'body {body.region} that may yield, with expansion and kinematics = "plane_stress"'
+                raise input_error(scene.where, where, found, "elastic bodies, or other kinematics")
+
+
 def _check_names(scene, key, tables):
     """Names in the report are unique, whether they are said or those of groups."""
     seen = {}
@@ -425,9 +445,12 @@ def _check_names(scene, key, tables):
 def _check_estimate(scene):
     """What the estimate of the error does not know."""
     strange = [place("loads", k, one.region) for k, one in enumerate(scene.loads) if one.total]
+    strange += [place("temperatures", k, one.region) for k, one in enumerate(scene.temperatures)]
+    strange += [place("loads", k, one.region) for k, one in enumerate(scene.loads)
+                if one.acceleration is not None or one.angular_speed is not None]  # fmt: skip
     strange += [place("springs", k, one.region) for k, one in enumerate(scene.springs)]
     if scene.output.estimate and strange:
-        allowed = "false, or tractions instead of total forces, and no springs"
+        allowed = "false, or tractions and body forces alone"
         raise input_error(scene.where, "output.estimate", f"true together with {strange[0]}", allowed)
 
 

@@ -29,6 +29,7 @@ from pcontact.scene.model import (
     Scene,
     Spring,
     Steps,
+    Temperature,
 )
 from pcontact.simulation import Simulation
 
@@ -49,6 +50,7 @@ PIECES = {
     "pressure that follows": (("assembly.follower", "assembly.follower_kernels"), ()),
     "viscous stabilisation": (("assembly.viscous",), ()),
     "springs": (("assembly.springs",), ()),
+    "thermal strain": (("assembly.heat", "contact.traction.heated"), ()),
     "self contact": (("contact.search.self_surface", "contact.search.exclusion", "contact.search.cones"),
         ("no_exclusion", "writable", "no_cones", "Exclusion", "Cones")),
     # bodies near enough to meet are found for any pair
@@ -98,6 +100,10 @@ def with_piece(path, piece):
     if piece == "pressure that follows":
         result = scene(path)
         result.loads = [Load("upper_left", pressure=0.01, follower=True)]
+        return result
+    if piece == "thermal strain":
+        result = scene(path)
+        result.temperatures, result.materials["soft"].expansion = [Temperature(1.0)], 1e-5
         return result
     if piece == "springs":
         result = scene(path)

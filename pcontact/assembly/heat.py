@@ -1,0 +1,269 @@
+"""Thermal strain of bodies with small strain: the stress -beta dT I that heated cells have at zero strain.
+
+The stress is  C : (eps - alpha dT I) = C : eps - beta dT I,  beta = (3 lam + 2 mu) alpha, in plane stress
+(2 lam + 2 mu) alpha with the lam of plane stress. Yielding is a matter of the deviator, which beta dT I does not have.
+Where cells take their mean dilatation, beta dT is projected as the dilatation is (`pcontact.element.dilatation`): a
+temperature that varies within a cell then strains it as far as its mean dilatation can follow.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from pcontact.assembly.bulk import ElasticBulk
+from pcontact.assembly.geometry import chunks, hoop, points_of, some_cells_weighted
+from pcontact.assembly.item import LAW
+from pcontact.assembly.plastic import PlasticBulk
+from pcontact.element.dilatation import components, dilatation, linear
+from pcontact.runtime.parallel import agree, together
+from pcontact.runtime.petsc import MPI
+
+
+class Heating(NamedTuple):
+    """What heats a group of cells.
+
+    Attributes
+    ----------
+    region : str or None
+        Group of cells; None: all.
+    prescribed : pcontact.scene.prescribed.Prescribed
+        Temperature at factor 1.
+    reference : float
+        Temperature without thermal strain.
+    amplitude : pcontact.scene.amplitude.Amplitude
+        Factor of the difference.
+    key : str
+        For messages.
+    """
+
+    region: str | None
+    prescribed: object
+    reference: float
+    amplitude: object
+    key: str
+
+
+def _fit(space, block, jxw, points, values):
+    """Projection of values (nc, nq) as that of the mean dilatation, a function of points (n, m, d) and their cells."""
+    basis, volume, centre, inverse = components(jxw, points if linear(block.cell, space.degree) else None)
+    parts = np.einsum("cq,cqb,cq->cb", jxw, basis, values) / volume[:, None]
+
+    def at(x, cells):
+        if inverse is None:
+            return np.repeat(parts[cells], x.shape[1], axis=1)
+        slopes = np.einsum("ck,ckl->cl", parts[cells, 1:], inverse[cells])
+        return parts[cells, :1] + np.einsum("cqk,ck->cq", x - centre[cells][:, None], slopes)
+
+    return at
+
+
+class Heat:
+    """Thermal stress beta dT [stress] of the cells, at a time.
+
+    Parameters
+    ----------
+    space : pcontact.space.space.Space
+    heatings : list of Heating
+    moduli : list of float
+        beta of each body [stress / temperature].
+    source : str
+        Name of the scene, for messages.
+
+    Attributes
+    ----------
+    forces : ndarray (n_owned, d)
+        int beta dT div v of the owned nodes [force].
+    means : list of ndarray (nc,)
+        Mean of beta dT over the cells of each block.
+
+    Raises
+    ------
+    InputError
+        On every rank: two heatings have a cell in common, or none heats a cell that expands.
+
+    Notes
+    -----
+    The constructor is *Collective*.
+    """
+
+    def __init__(self, space, heatings, moduli, source):
+        self.space, self._heatings, self._moduli = space, heatings, moduli
+        self._time, self._traces, self.forces = None, [], np.zeros((space.n_owned, space.dim))
+        self._which = [np.full(len(block.nodes), -1, dtype=np.int64) for block in space.mesh.blocks]
+        self.means = [np.zeros(len(which)) for which in self._which]
+        message = None
+        for number, one in enumerate(heatings):
+            groups = [np.arange(len(w)) for w in self._which]
+            groups = groups if one.region is None else space.mesh.cell_groups.get(one.region, [])
+            for which, rows in zip(self._which, groups, strict=False):
+                twice = which[rows] >= 0
+                if twice.any():
+                    other = heatings[int(which[rows][twice][0])].key
+                    message = (f"{source}: {one.key}.region: found {int(twice.sum())} cells that {other} heats, too; "
+                               "allowed: one temperature in each cell")  # fmt: skip
+                which[rows] = number
+        agree(space.comm, message)
+        expands = any((which >= 0).any() and moduli[block.body]
+                      for which, block in zip(self._which, space.mesh.blocks, strict=True))  # fmt: skip
+        if not space.comm.allreduce(expands, op=MPI.LOR):
+            agree(space.comm, f"{source}: {heatings[0].key}: found no cell of a material with expansion; allowed: "
+                              "materials of heated bodies with expansion")  # fmt: skip
+
+    def stress(self, number, rows, points):
+        """beta dT (n, nq) at points (n, nq, d) of cells (n,) of a block, as the temperature says."""
+        out, which = np.zeros(points.shape[:2]), self._which[number][rows]
+        for k in np.unique(which[which >= 0]):
+            one, own = self._heatings[k], which == k
+            values = one.prescribed(points[own].reshape(-1, points.shape[2]), self._time)[:, 0] - one.reference
+            out[own] = one.amplitude.factor(self._time) * values.reshape(-1, points.shape[1])
+        return self._moduli[self.space.mesh.blocks[number].body] * out
+
+    def detect(self, time):
+        """Take the temperatures of a time. *Collective.*"""
+        if time == self._time:
+            return
+        self._time = time
+        local, self.means = together(self.space.comm, self._integrated)
+        self.forces = self.space.summed(self.space.local, local)
+        together(self.space.comm, self._tell)
+
+    def _tell(self):
+        for trace in self._traces:
+            trace.take(self)
+
+    def _heated(self, number):
+        """Whether a block has cells that are heated and expand."""
+        return bool((self._which[number] >= 0).any() and self._moduli[self.space.mesh.blocks[number].body])
+
+    def _integrated(self):
+        """Forces at local nodes (n_local, d), and means of the cells."""
+        space = self.space
+        local, means = np.zeros((space.n_local, space.dim)), [np.zeros(len(which)) for which in self._which]
+        for number, block in enumerate(space.mesh.blocks):
+            for rows, grad, jxw, shapes in chunks(space, number) if self._heated(number) else ():
+                points = points_of(space, number, rows)
+                some = np.arange(rows.start, rows.stop)
+                values = self.stress(number, some, points)
+                if space.averages(block):
+                    values = _fit(space, block, jxw, points, values)(points, np.arange(len(some)))
+                operator = dilatation(grad, hoop(space, number, rows, shapes))
+                np.add.at(local, space.cells[number][rows], np.einsum("cq,cq,cqad->cad", jxw, values, operator))
+                means[number][rows] = np.sum(jxw * values, axis=1) / jxw.sum(axis=1)
+        return local, means
+
+    def trace(self, source, name):
+        """The thermal stress at the points of a source surface; None where it has none. *Collective.*
+
+        Parameters
+        ----------
+        source : pcontact.contact.surface.sides.SourceSurface
+        name : str
+            Its facet group.
+
+        Returns
+        -------
+        HeatTrace or None
+        """
+        trace = HeatTrace(self, source, name)
+        if not self.space.comm.allreduce(bool(trace.parts), op=MPI.LOR):
+            return None
+        self._traces.append(trace)
+        return trace
+
+    def facets(self, name):
+        """Block, rows of the cells and first number of the facets of a group whose cells are heated."""
+        first = 0
+        for facets in self.space.mesh.facet_groups.get(name, []):
+            if self._heated(facets.block):
+                yield facets.block, facets.cells, first
+            first += len(facets.cells)
+
+    def on_cells(self, number, rows, cells, points):
+        """beta dT (n, m) at points (n, m, d) of cells, of which ``cells`` (n,) says the place in ``rows``."""
+        space, block = self.space, self.space.mesh.blocks[number]
+        if not space.averages(block):
+            return self.stress(number, rows[cells], points)
+        _, jxw, shapes, _ = some_cells_weighted(space, number, rows)
+        own = points_of(space, number, rows)
+        return _fit(space, block, jxw, own, self.stress(number, rows, own))(points, cells)
+
+
+class HeatTrace:
+    """beta dT at the points of a source surface.
+
+    Parameters
+    ----------
+    heat : Heat
+    source : pcontact.contact.surface.sides.SourceSurface
+    name : str
+        Its facet group.
+
+    Attributes
+    ----------
+    values : ndarray (np,)
+        Of the time that the heat has been told last [stress].
+    parts : list
+        Points and parent cells, by block.
+    """
+
+    def __init__(self, heat, source, name):
+        self.values, self.parts = np.zeros(len(source.facet)), []
+        # facets without a shear modulus take part without their traction
+        speaks = source.mu[source.facet] > 0.0
+        for number, rows, first in heat.facets(name):
+            points = np.flatnonzero((source.facet >= first) & (source.facet < first + len(rows)) & speaks)
+            self.parts.append((number, rows, points, source.facet[points] - first, source.x[points][:, None]))
+
+    def take(self, heat):
+        """Take the temperatures that the heat has."""
+        for number, rows, points, cells, x in self.parts:
+            self.values[points] = heat.on_cells(number, rows, cells, x)[:, 0]
+
+
+class _Heated:
+    """What thermal strain adds to the item of all bodies.
+
+    Parameters
+    ----------
+    heat : Heat
+    others
+        Those of the item.
+    """
+
+    def __init__(self, heat, *others):
+        super().__init__(*others)
+        self.heat = heat
+
+    def detect(self, u, time, motion=0.0, ahead=None):
+        """The temperatures are those of the end of the load step. *Collective.*"""
+        self.heat.detect(time)
+
+    def residual(self, u, out, rule=LAW):
+        """Add the internal forces of the owned nodes to ``out`` (n_owned, d). *Collective.*"""
+        super().residual(u, out, rule)
+        out -= self.heat.forces
+
+    def add_magnitude(self, u, out):
+        """Add the sum of the absolute terms of :meth:`residual` to ``out`` (n_owned, d). *Collective.*"""
+        super().add_magnitude(u, out)
+        out += np.abs(self.heat.forces)
+
+    def stress(self, u):
+        """Mean stress and volume of every cell, see :meth:`ElasticBulk.stress`. *Collective.*"""
+        result = super().stress(u)
+        for (stress, _), mean in zip(result, self.heat.means, strict=True):
+            stress[:, : 2 if self.space.kinematics == "plane_stress" else 3] -= mean[:, None]
+        return result
+
+
+class HeatedElasticBulk(_Heated, ElasticBulk):
+    """Item of elastic bodies with thermal strain; parameters are a :class:`Heat` and those of :class:`ElasticBulk`."""
+
+
+class HeatedPlasticBulk(_Heated, PlasticBulk):
+    """The same of bodies that may yield."""
+
+    def predict(self, u, committed, out):
+        """Add the forces of bodies that go from the committed displacement to ``u`` without yielding. *Collective.*"""
+        super().predict(u, committed, out)
+        out -= self.heat.forces

@@ -1,0 +1,42 @@
+"""The traction of a source with thermal strain: that without, and -beta dT n_X."""
+
+from pcontact.contact.traction.elastic import ElasticTraction
+
+
+class HeatedTraction(ElasticTraction):
+    """A traction with that of thermal strain added, which does not depend on the displacement.
+
+    Parameters
+    ----------
+    rest : ElasticTraction
+        The traction without.
+    trace : pcontact.assembly.heat.HeatTrace
+        beta dT at the points.
+    """
+
+    def __init__(self, rest, trace):
+        super().__init__(rest.source)
+        self._rest, self._trace = rest, trace
+        self.consistent, self.symmetric = rest.consistent, rest.symmetric
+
+    def add_excess(self, values, p, traction):
+        """See :meth:`ElasticTraction.add_excess`."""
+        self._rest.add_excess(values, p, traction)
+        traction -= self._trace.values[:, None] * self.source.normal
+
+    def add_normal_excess(self, values, p, traction):
+        """See :meth:`ElasticTraction.add_normal_excess`."""
+        self._rest.add_normal_excess(values, p, traction)
+        traction -= self._trace.values * (self.source.normal * p.normal).sum(axis=1)
+
+    def excess(self, values, p):
+        """See :meth:`ElasticTraction.excess`."""
+        return self._rest.excess(values, p)
+
+    def add_adjoint(self, values, p, weights, out):
+        """See :meth:`ElasticTraction.add_adjoint`."""
+        self._rest.add_adjoint(values, p, weights, out)
+
+    def add_curvature(self, values, p, weights, blocks):
+        """See :meth:`ElasticTraction.add_curvature`."""
+        return self._rest.add_curvature(values, p, weights, blocks)
