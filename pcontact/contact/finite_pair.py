@@ -271,7 +271,10 @@ class FinitePair(ContactPair):
         touches = closed | (found.paired & (gap <= 0.0))
         if not self.space.comm.allreduce(bool(np.any(touches & (now != then))), op=MPI.LOR):
             return False
+        flips, status = self.flips, self._status
         self.detect(before, time, 0.0, u)
+        # the load step goes on with the same points; the other half of the contact may have kept its partners
+        self.flips, self._status = flips, status
         return True
 
     def _lengths(self, p, values):

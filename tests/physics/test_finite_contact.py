@@ -74,7 +74,7 @@ def turned(path, degrees, search, law):
         return (x + push) @ turn(degrees * max(time - 3.0, 0.0) / 9.0).T
 
     def begin(simulation):
-        (look.pair,) = simulation.problem.contacts[0].pairs
+        look.pair = simulation.problem.contacts[0]
 
     scene = two(path, 12, end=12.0, held=("bottom", "top"), search=search, **law)
     moved(scene, place, observers=[look], begin=begin)
@@ -86,7 +86,7 @@ def turned(path, degrees, search, law):
     "law, digits",
     [
         ({}, 1e-9), ({"friction": 0.1}, 1e-9), ({"friction": 2.0}, 1e-9), ({"tied": True}, 1e-9),
-        ({"formulation": "penalty", "friction": 0.3}, 1e-9),
+        ({"formulation": "penalty", "friction": 0.3}, 1e-9), ({"unbiased": True, "friction": 0.3}, 1e-9),
         # the weight of P - t is that of the last load step
         ({"friction": 0.3, "theta": -1.0}, 2e-2),
         # multipliers settle to this

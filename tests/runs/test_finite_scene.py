@@ -171,3 +171,21 @@ def test_additive_split_has_a_warning(tmp_path, caplog):
             simulation.close()
         told = [line for line in caplog.messages if "additive" in line]
         assert len(told) == warned and all("block" in line and "multiplicative" in line for line in told)
+
+
+def test_one_side_may_find_other_facets(tmp_path):
+    """Dragged so far in a load step that the points of one of two surfaces get other facets, and the others do not."""
+    path = two_blocks(tmp_path / "blocks.msh", 2, 4, 3)
+    scene = Scene(
+        MeshSpec(path, strain="finite"), {"m": Material(10.0, 0.3, law="neo_hooke")},
+        [Body("lower", "m"), Body("upper", "m")], contacts=[Contact("upper_bottom", "lower_top", unbiased=True)],
+        displacements=[Displacement("lower_bottom", [0, 0]), Displacement("upper_top", [0.2, -0.1])],
+        steps=Steps(count=2), output=Output(fields=False),
+    )  # fmt: skip
+    simulation = Simulation(scene, MPI.COMM_SELF)
+    try:
+        assert simulation.run(keep=True)
+        first, last = simulation.records.report.data["steps"]
+        assert first["cutbacks"] == last["cutbacks"] == 0 and last["newton"] <= 5
+    finally:
+        simulation.close()

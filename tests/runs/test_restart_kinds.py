@@ -49,8 +49,11 @@ def run(case, comm, directory, kept=None, restart=None):
     return watch.records
 
 
-PARALLEL = ["tied", "unbiased", "self contact"]
-SERIAL = ["tied, multipliers", "multipliers, small gamma", "moving plane", "kinematic hardening", "space, tied"]
+PARALLEL = ["tied", "unbiased", "self contact", "finite strain, unbiased, hardening"]
+SERIAL = [
+    "tied, multipliers", "multipliers, small gamma", "moving plane", "kinematic hardening", "space, tied",
+    "finite strain, tied", "finite strain, rubber, theta -1", "finite strain, multipliers", "finite strain, roll",
+]  # fmt: skip
 
 
 @pytest.mark.parametrize("kind", [*SERIAL, *(pytest.param(kind, marks=pytest.mark.parallel) for kind in PARALLEL)])

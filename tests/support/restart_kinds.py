@@ -78,9 +78,17 @@ def lips(folder, **said):
     )
 
 
+def large(case, E=100.0, **said):
+    """The same of softer bodies, with finite strain."""
+    case.mesh.strain = "finite"
+    case.materials = {"m": Material(E, 0.3, **said)}
+    return case
+
+
 PLANE = Obstacle("plane", point=[0, 0], normal=[0, 1])
 MOVING = Obstacle("plane", point=[0, -0.01], normal=[0, 1], displacement=[0.02, 0.02], amplitude=UP_AND_DOWN)
 BALL = Obstacle("sphere", center=[0.5, -5.0], radius=5.0)
+ROLL = Obstacle("sphere", center=[0.5, -5.0], radius=5.0, angle=8.0, displacement=[0.0, 0.02], amplitude=TO_AND_FRO)
 SOFT = {"material": Material(1000.0, 0.3, yield_stress=12.0, hardening=50.0)}
 KINDS = {
     "frictionless": lambda f: stacked(f),
@@ -121,6 +129,16 @@ KINDS = {
     "loose": loose,
     "space": lambda f: stacked(f, 3, friction=0.3),
     "space, tied": lambda f: stacked(f, 3, tied=True, cell="tetrahedron"),
+    "finite strain": lambda f: large(stacked(f, friction=0.3, search="ray_tracing")),
+    "finite strain, tied": lambda f: large(stacked(f, tied=True)),
+    "finite strain, rubber, theta -1": lambda f: large(stacked(f, friction=0.3, theta=-1.0), law="neo_hooke"),
+    "finite strain, multipliers": lambda f: large(stacked(f, friction=0.3, formulation="augmented_lagrangian")),
+    "finite strain, unbiased, hardening": lambda f: large(
+        stacked(f, friction=0.3, unbiased=True), yield_stress=10.0, hardening=20.0
+    ),
+    "finite strain, self contact": lambda f: large(lips(f), 2000.0),
+    "finite strain, roll": lambda f: large(on_obstacle(f, ROLL, friction=0.3)),
+    "finite strain, space": lambda f: large(stacked(f, 3, friction=0.3, search="ray_tracing")),
 }
 
 

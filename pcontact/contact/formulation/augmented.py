@@ -61,7 +61,7 @@ class AugmentedLagrangian(Penalty):
     def __init__(self, contact, trace, shape):
         super().__init__(contact, trace, shape)
         self.multiplier = np.zeros(shape)
-        self._kept, self._base, self._grown = self.multiplier, self.gamma, 1.0
+        self._kept, self._first, self._grown = self.multiplier, self.gamma, 1.0
 
     def short(self):
         """The default gamma over that which acts; 1 where that is no smaller."""
@@ -70,11 +70,12 @@ class AugmentedLagrangian(Penalty):
     def stiffen(self):
         """Let gamma grow, not beyond the default one."""
         self._grown *= min(GROWTH, self.short())
-        self.gamma = self._grown * self._base
+        self.gamma = self._grown * self._first
 
-    def begin(self):
+    def begin(self, stretch=None):
         """Start from the multipliers of the last load step, with the gamma that the scene says."""
-        self.multiplier, self.gamma, self._grown = self._kept, self._base, 1.0
+        super().begin(stretch)
+        self.multiplier, self._first, self._grown = self._kept, self.gamma, 1.0
 
     def commit(self):
         """Keep the multipliers for the next load step."""

@@ -59,7 +59,7 @@ class FiniteTerms:
         self.space, self.source, self.method, self.traction, self.law = space, source, method, traction, law
         self.slides, alpha = law.tangential, method.alpha if law.tangential else 0.0
         self._weights = method.theta, alpha, 1.0 / alpha if law.tangential else 0.0
-        self._gamma, self._lag = method.gamma, np.zeros_like(source.x)
+        self._lag = np.zeros_like(source.x)
         # that of the load step; what the next one will start from is known when this one has been committed
         self._carried = self._lag
         self._before = self._adjoint = None
@@ -73,12 +73,11 @@ class FiniteTerms:
     def begin(self, p, values, moved, turned):
         """See :meth:`pcontact.contact.formulation.frictionless.FrictionlessTerms.begin`; the displacements are the
         committed ones."""
-        self.method.begin()
         self._before, self._carried = values, turned(self._lag)
         w = np.empty(len(p.cells))
         stretch(p.points, self.source.grad, values, w)
         w = np.maximum(w, 1.0)
-        self.method.gamma = self._gamma * ((1.0 + np.log(w)) * w**2)
+        self.method.begin((1.0 + np.log(w)) * w**2)
         d, nn = self.space.dim, p.cells.shape[1]
         self._adjoint = np.zeros((0, nn, d, d))
         if self.method.theta != 0.0:

@@ -50,7 +50,7 @@ class Method:
         self.theta = float(contact.theta) if self.has_traction else 0.0
         self.alpha = 1.0 if contact.alpha is None else float(contact.alpha)
         self.gamma0 = parameter(contact)
-        self.gamma = self.gamma0 * trace
+        self._default = self.gamma = self.gamma0 * trace
 
     @property
     def parameters(self):
@@ -74,8 +74,15 @@ class Method:
         """What stands in the place of the source's traction (np, d) [stress]."""
         return traction
 
-    def begin(self):
-        """A load step is tried: what it changes is that of the last one."""
+    def begin(self, stretch=None):
+        """A load step is tried: what it changes is that of the last one.
+
+        Parameters
+        ----------
+        stretch : ndarray (nf,), optional
+            By which gamma grows where the cells behind the facets are compressed.
+        """
+        self.gamma = self._default if stretch is None else self._default * stretch
 
     def commit(self):
         """The load step has ended."""

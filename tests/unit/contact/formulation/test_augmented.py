@@ -95,6 +95,18 @@ class Twin:
         return (nn @ tau, nn) if self.item.bilateral or tau @ n <= 0.0 else (0.0 * n, 0.0 * nn)
 
 
+def test_gamma_grows_from_that_of_the_stretch():
+    """Updates let gamma grow; by how much the cells are compressed counts all the same, and does not stay."""
+    method = AugmentedLagrangian(contact_of("augmented_lagrangian", gamma0=0.05), np.array([2.0, 3.0]), (4, 2))
+    for stretch, factor in (([1.0, 4.0], 10.0), ([2.0, 1.0], 10.0)):
+        method.begin(np.array(stretch))
+        np.testing.assert_allclose(method.gamma, 0.05 * np.array([2.0, 3.0]) * stretch)
+        method.stiffen()
+        np.testing.assert_allclose(method.gamma, factor * 0.05 * np.array([2.0, 3.0]) * stretch)
+    method.begin()
+    np.testing.assert_allclose(method.gamma, 0.05 * np.array([2.0, 3.0]))
+
+
 def advance(item, first):
     """A committed load step, with an update of the multipliers if there are any; then the search of the next one."""
     space = item.space
