@@ -19,9 +19,11 @@ from .ironing import ironing, ironing_slab
 from .layer import layer_on_base
 from .punch import punch
 from .rings import rings
+from .seal import seal
 from .shells import shells, tubes
 from .spring import c_strip, spring
 from .thick_cylinder import cylinder_strip, thick_cylinder
+from .turning import hemisphere_on_cube, pad_on_ring
 
 GENERATORS = {
     function.__name__: function
@@ -52,6 +54,9 @@ GENERATORS = {
         punch,
         shells,
         tubes,
+        hemisphere_on_cube,
+        pad_on_ring,
+        seal,
     )
 }
 

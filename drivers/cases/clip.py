@@ -5,10 +5,14 @@ travel of :data:`meshes.CLIP` and the catch's base is held, so that the force is
 rides up the ramp of the catch, falls to the friction of the crests, pulls the clip in behind them, and is zero after
 the snap. ``--pull`` pulls the clip back out afterwards and shows the force that holds it.
 
-The table compares the histories of several meshes: the difference in L2 over the travel from that of the finest one,
-over the norm of that. The meshes are of degree 2, for round corners; with straight facets the force jumps from facet to
-facet. Partners are frozen during a load step, where it is expected to end: where a corner passes another, that is not
-foreseen. Plane strain, or a clip of width 3 in space. Small strains.
+The table compares the histories of several meshes and numbers of load steps: the difference in L2 over the travel from
+that of the finest mesh with most load steps, over the norm of that. The meshes are of degree 2, for round corners; with
+straight facets the force jumps from facet to facet. Partners are frozen during a load step, where it is expected to
+end: where a corner passes another, that is not foreseen. Plane strain, or a clip of width 3 in space.
+
+``--strain small finite`` runs every case with small and with finite strain, whose partners and normals move within a
+load step, and has the difference of the two in the table. Finite strain wants the displacement of degree 2 on these
+meshes, which is then the default, and looks for partners along the normals of the clip.
 """
 
 from itertools import product
@@ -16,6 +20,7 @@ from itertools import product
 import numpy as np
 
 from drivers._common import draw, log, main, make_mesh, make_parser, print_table, running, write_json
+from drivers.cases._known import tail
 from meshes import CLIP, clip
 from pcontact.io.picture import picture
 from pcontact.runtime.observer import Observer
@@ -26,6 +31,7 @@ from pcontact.scene.model import Body, Contact, Displacement, Material, MeshSpec
 E_MODULUS, NU = 2000.0, 0.35
 WIDTH = 3.0  # in space
 CELL = {2: "quadrilateral", 3: "hexahedron"}
+STRAINS = ("small", "finite")
 STAGES = ("before", "ramp", "top", "snapped")
 # of the largest force: what counts as none
 NO_FORCE = 1e-6
@@ -33,7 +39,7 @@ SAMPLES = 2000
 
 
 def scene(path, dim=2, friction=0.2, *, yield_stress=25.0, hardening=50.0, count=120, pull=False, order=1, fields=False,
-          petsc=None, **contact):  # fmt: skip
+          petsc=None, strain="small", **contact):  # fmt: skip
     """The scene on a mesh of :func:`meshes.clip`.
 
     Parameters
@@ -53,14 +59,18 @@ def scene(path, dim=2, friction=0.2, *, yield_stress=25.0, hardening=50.0, count
     fields : bool
         Whether fields are written.
     petsc : dict of str to str, optional
+    strain : small or finite
     contact : further keys of :class:`pcontact.scene.model.Contact`
     """
     zeros = [0.0] * (dim - 1)
     plastic = {"yield_stress": yield_stress, "hardening": hardening} if yield_stress else {}
+    if strain == "finite":
+        # corners have no normal that a closest point could follow
+        contact = {"search": "ray_tracing", **contact}
     amplitude = [(0.0, 0.0), (0.5, 1.0), (1.0, 0.0)] if pull else [(0.0, 0.0), (1.0, 1.0)]
     return Scene(
         title=f"Snap-fit, {dim}D, friction {friction:g}",
-        mesh=MeshSpec(path, order=order),
+        mesh=MeshSpec(path, order=order, strain=strain),
         materials={"plastic": Material(E_MODULUS, NU, **plastic)},
         bodies=[Body("clip", "plastic"), Body("catch", "plastic")],
         contacts=[Contact("clip_skin", "catch_skin", name="hook", friction=friction, **contact)],
@@ -76,7 +86,7 @@ def scene(path, dim=2, friction=0.2, *, yield_stress=25.0, hardening=50.0, count
 
 
 class History(Observer):
-    """Observer: rows (a dict per load step) of the forces, and the attempts that failed.
+    """Observer: rows (a dict per load step) of the forces, norms of the residual, and the attempts that failed.
 
     Parameters
     ----------
@@ -85,7 +95,7 @@ class History(Observer):
     """
 
     def __init__(self, width=1.0):
-        self.rows, self.cuts, self._width = [], [], width
+        self.rows, self.cuts, self.norms, self._width = [], [], [], width
 
     def step(self, step, u, record):
         """Keep the step's numbers."""
@@ -100,6 +110,7 @@ class History(Observer):
         row["plastic_strain"] = record["plastic"]["max_equivalent_strain"]
         row.update(newton=step.newton, krylov=step.krylov, cutbacks=step.cutbacks)
         self.rows.append({key: float(value) if isinstance(value, np.generic) else value for key, value in row.items()})
+        self.norms.append(step.norms)
 
     def cut(self, target, result):
         """Keep why."""
@@ -182,56 +193,71 @@ def _plot(runs):
 
 
 def cases(args):
-    """Dimension and mesh size of every case of the command line."""
+    """Dimension, mesh size, load steps and strain of every case of the command line."""
     if args.tiny:
-        return [(2, 0.2)]
+        return [(2, 0.2, 30, strain) for strain in STRAINS]
     sizes = {2: args.h or [0.1, 0.05, 0.025], 3: args.h or [0.2]}
-    return [case for dim in args.dim for case in product([dim], sizes[dim])]
+    return [case for dim in args.dim for case in product([dim], sizes[dim], args.steps, args.strain)]
 
 
-def solve(args, dim, h, directory, fields):
+def solve(args, case, directory, fields):
     """Whether all steps of a case converged, and its history. *Collective.*"""
+    dim, h, count, strain = case
     cell = args.cell if args.cell and len(args.dim) == 1 else CELL[dim]
     path = make_mesh(clip, args.o / f"clip_{dim}d_{h:g}.msh", dim, h, args.geometry, cell, width=WIDTH)
     history = History(1.0 if dim == 2 else WIDTH)
-    keys = {"yield_stress": args.yield_stress, "hardening": args.hardening, "order": args.order, "pull": args.pull}
-    count = 30 if args.tiny else args.steps
-    case = scene(path, dim, args.friction, count=count, fields=fields, **keys)
-    with running(case, directory, [history]) as (simulation, converged):
+    order = args.order or (args.geometry if "finite" in args.strain else 1)
+    keys = {"yield_stress": args.yield_stress, "hardening": args.hardening, "order": order, "pull": args.pull}
+    one = scene(path, dim, args.friction, count=count, fields=fields, strain=strain, **keys)
+    with running(one, directory, [history]) as (simulation, converged):
         return converged, history, simulation.problem.space.n_dofs
 
 
 def _compare(results, runs):
-    """Adds to every result how far its histories are from those of the finest mesh of its dimension."""
+    """Adds to every result how far its histories are from those of the finest mesh, and of small strain."""
     for result, rows in zip(results, runs, strict=True):
-        same = [k for k, other in enumerate(results) if other["dim"] == result["dim"]]
-        finest = min(same, key=lambda k: results[k]["h"])
-        done = result["converged"] and results[finest]["converged"]
+        same = [k for k, other in enumerate(results) if all(other[key] == result[key] for key in ("dim", "strain"))]
+        finest = min(same, key=lambda k: (results[k]["h"], -results[k]["count"]))
+        small = [k for k, other in enumerate(results) if other["strain"] == "small" != result["strain"]
+                 and all(other[key] == result[key] for key in ("dim", "h", "count"))]  # fmt: skip
         for key in ("push", "vertical"):
-            result[f"{key}_l2"] = distance(rows, runs[finest], key) if done and len(same) > 1 else float("nan")
+            for name, others in (("l2", [finest] if len(same) > 1 else []), ("small", small)):
+                done = others and result["converged"] and results[others[0]]["converged"]
+                result[f"{key}_{name}"] = distance(rows, runs[others[0]], key) if done else float("nan")
+
+
+def _show(label, directory, rows):
+    """The table of a history, and the pictures of its fields."""
+    columns = ["travel", "push", "vertical", "open", "stick", "slip", "max_pressure", "newton", "cutbacks"]
+    print_table(f"snap-fit, {label}", columns, [[row[key] for key in columns] for row in rows])
+    on_root(MPI.COMM_WORLD, _pictures, directory, rows)
 
 
 def run(args):
     """Every case; 1 when a step fails, the forces do not balance, or the hook does not come free."""
     results, runs, drawn = [], {}, set()
-    for dim, h in cases(args):
-        label = f"{dim}D, h {h:g}"
-        directory = args.o / f"{dim}d_h{h:g}"
-        fields = not args.tiny and dim not in drawn
-        converged, history, unknowns = solve(args, dim, h, directory, fields)
+    if args.tiny:
+        args.geometry, args.order = 1, 1
+    for case in cases(args):
+        dim, h, count, strain = case
+        label = f"{dim}D, h {h:g}, {count} steps, {strain} strain"
+        directory = args.o / "_".join([f"{dim}d", f"h{h:g}", str(count), strain])
+        fields = not args.tiny and (dim, strain) not in drawn
+        converged, history, unknowns = solve(args, case, directory, fields)
         rows = history.rows
         if fields and rows:
-            columns = ["travel", "push", "vertical", "open", "stick", "slip", "max_pressure", "newton", "cutbacks"]
-            print_table(f"snap-fit, {label}", columns, [[row[key] for key in columns] for row in rows])
-            on_root(MPI.COMM_WORLD, _pictures, directory, rows)
-            drawn.add(dim)
+            _show(label, directory, rows)
+            drawn.add((dim, strain))
         found = measure(rows) if rows else {"imbalance": np.inf, "left": np.inf}
-        head = {"dim": dim, "h": h, "unknowns": unknowns, "converged": converged}
-        results.append({**head, **found, "cuts": history.cuts})
+        head = {"dim": dim, "h": h, "strain": strain, "count": count, "unknowns": unknowns, "converged": converged}
+        results.append({**head, **found, "cuts": history.cuts, "residuals": history.norms})
         runs[label] = rows
+        if rows:
+            most = int(np.argmax(column(rows, "push")))
+            log.info("%s: last residuals at the peak %s", label, tail(history.norms[most]))
     _compare(results, list(runs.values()))
     columns = [*head, "steps", "cutbacks", "newton", "newton_max", "peak", "peak_vertical", "snap", "left",
-               "retention", "imbalance", "push_l2", "vertical_l2"]  # fmt: skip
+               "retention", "imbalance", "push_l2", "vertical_l2", "push_small", "vertical_small"]  # fmt: skip
     nothing = float("nan")
     table = [[row.get(key, nothing) for key in columns] for row in results]
     print_table("snap-fit, forces per width; newton: iterations per load step", columns, table)
@@ -248,11 +274,13 @@ if __name__ == "__main__":
     text = "element sizes of the surfaces (default: 0.1 0.05 0.025 in the plane, 0.2 in space)"
     parser.add_argument("--h", type=float, nargs="+", default=None, help=text)
     parser.add_argument("--cell", default=None, help="quadrilateral, triangle, hexahedron, tetrahedron")
-    parser.add_argument("--order", type=int, default=1, choices=[1, 2], help="degree of the displacement")
+    text = "degree of the displacement (default: 1, with finite strain that of the mesh)"
+    parser.add_argument("--order", type=int, default=None, choices=[1, 2], help=text)
     parser.add_argument("--geometry", type=int, default=2, choices=[1, 2], help="degree of the mesh")
     parser.add_argument("--friction", type=float, default=0.2, help="coefficient of friction")
     parser.add_argument("--yield-stress", type=float, default=25.0, help="0: elastic")
     parser.add_argument("--hardening", type=float, default=50.0, help="d(yield stress) / d(plastic strain)")
-    parser.add_argument("--steps", type=int, default=120, help="load steps of the way in")
+    parser.add_argument("--steps", type=int, nargs="+", default=[120], help="load steps of the way in")
+    parser.add_argument("--strain", nargs="+", choices=STRAINS, default=["small"], help="small, finite, or both")
     parser.add_argument("--pull", action="store_true", help="pull the clip back out afterwards")
     main(run, parser)

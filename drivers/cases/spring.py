@@ -14,9 +14,10 @@ The table has both.
 The travel ends where the coils are closed: between the parts of the wire that lie on the plates no gap is left, and the
 force turns upwards. Load steps get shorter on the way, as that is where it happens.
 
-Linear kinematics: strains and rotations are small. The wire is twisted by (pitch - wire) / (coil radius) per turn until
-the coils close, 0.08 by default; the helix neither widens nor unwinds as it is compressed, and coils meet where the
-undeformed helix puts them. Long springs would buckle; here they do not.
+Small strain, unless ``--strain`` says finite, or both to compare them. With small strain the wire is twisted by
+(pitch - wire) / (coil radius) per turn until the coils close, 0.08 by default; the helix neither widens nor unwinds as
+it is compressed, and coils meet where the undeformed helix puts them. With finite strain it does both. Long springs
+would buckle; here they do not.
 
 The table has for every load step the largest penetration at a quadrature point over the diameter of the wire. As
 partners are those at the end that was expected for the load step, they are looked for once more at the end of the run.
@@ -25,6 +26,7 @@ partners are those at the end that was expected for the load step, they are look
 import numpy as np
 
 from drivers._common import draw, log, main, make_mesh, make_parser, print_table, running, write_json
+from drivers.cases._known import tail
 from meshes import spring
 from meshes.spring import Helix
 from pcontact.io.picture import picture
@@ -38,6 +40,7 @@ E_MODULUS, NU = 206e3, 0.3
 # load step, that of moved ends, is a million times the forces. The fronts of a direct solver are as small as a section.
 PETSC = {"pc_type": "lu", "pc_factor_mat_solver_type": "mumps", "snes_rtol": "1e-11"}
 FINEST = 0.1  # last load step in units of the first
+STRAINS = ("small", "finite")
 CLOSED, GAP = 1.0, 0.1  # turns at each end that are closed, and the gap between them in wires
 
 
@@ -117,7 +120,7 @@ def reach(args, travel):
     return max(args.pitch - args.wire, 2.0 * first)
 
 
-def scene(path, args, travel, fields=False):
+def scene(path, args, travel, fields=False, strain="small"):
     """The scene on a mesh of :func:`meshes.spring` with ground ends.
 
     Parameters
@@ -129,6 +132,7 @@ def scene(path, args, travel, fields=False):
         Of the upper plate [length].
     fields : bool
         Whether fields are written.
+    strain : small or finite
     """
     plastic = {"yield_stress": args.yield_stress, "hardening": args.hardening} if args.yield_stress else {}
     height, friction, moved = helix(args).height, args.friction or None, graded(args.steps)
@@ -138,7 +142,7 @@ def scene(path, args, travel, fields=False):
     )
     return Scene(
         title=f"Helical spring, {args.coils:g} turns",
-        mesh=MeshSpec(path, order=args.order),
+        mesh=MeshSpec(path, order=args.order, strain=strain),
         materials={"steel": Material(E_MODULUS, NU, **plastic)},
         bodies=[Body("spring", "steel")],
         contacts=[
@@ -157,7 +161,7 @@ def scene(path, args, travel, fields=False):
 
 
 class History(Observer):
-    """Observer: rows (a dict per load step).
+    """Observer: rows (a dict per load step), norms of the residual, and the attempts that failed.
 
     Parameters
     ----------
@@ -168,7 +172,7 @@ class History(Observer):
     """
 
     def __init__(self, travel, wire, count):
-        self.rows, self.cuts, self._travel, self._wire = [], [], travel, wire
+        self.rows, self.cuts, self.norms, self._travel, self._wire = [], [], [], travel, wire
         self._times, self._factors = zip(*graded(count), strict=True)
 
     def step(self, step, u, record):
@@ -186,6 +190,7 @@ class History(Observer):
         row["plastic_strain"] = record["plastic"]["max_equivalent_strain"] if record.get("plastic") else 0.0
         row.update(newton=step.newton, krylov=step.krylov, cutbacks=step.cutbacks)
         self.rows.append({key: float(value) if isinstance(value, np.generic) else value for key, value in row.items()})
+        self.norms.append(step.norms)
 
     def cut(self, target, result):
         """Keep why."""
@@ -208,23 +213,24 @@ def _pictures(directory, rows):
         picture(directory, field="equivalent_stress", step=step, scale=1.0, cut=False, output=directory / f"{name}.png")
 
 
-def _plot(rows, args):
+def _plot(runs, args):
     """Soft part to scale; all of it, with the penetration, in powers of ten."""
-    travel, force, depth = (np.array([row[key] for row in rows]) for key in ("travel", "force", "penetration"))
-    begun, solid = np.array([0.0, travel[-1]]), closing_travel(args)
+    begun, solid = np.array([0.0, closing_travel(args) * args.travel]), closing_travel(args)
     free = textbook(args, ground(args))
     formulas = ((textbook(args), "k:", "turns between the closed ones"), (free, "k--", "free turns"))
 
     def paint(axes):
         soft, whole = axes
-        soft.plot([0.0, *travel], [0.0, *force], ".-", lw=1, label="computed")
+        for strain, rows in runs.items():
+            travel, force, depth = (np.array([row[key] for row in rows]) for key in ("travel", "force", "penetration"))
+            soft.plot([0.0, *travel], [0.0, *force], ".-", lw=1, label=f"{strain} strain")
+            whole.semilogy(travel, force, ".-", lw=1, label=f"force, {strain} strain")
+            touched = depth > 0.0
+            whole.semilogy(travel[touched], depth[touched], "s-", ms=3, lw=1, label=f"penetration / wire, {strain}")
         for stiffness, style, name in formulas:
             soft.plot(begun, stiffness * begun, style, lw=1, label=f"G d^4 / (8 D^3 n), {name}")
-        soft.set_ylim(0.0, 1.5 * formulas[0][0] * travel[-1])
+        soft.set_ylim(0.0, 1.5 * formulas[0][0] * begun[-1])
         soft.set_ylabel("force")
-        whole.semilogy(travel, force, ".-", lw=1, label="force")
-        touched = depth > 0.0
-        whole.semilogy(travel[touched], depth[touched], "s-", ms=3, lw=1, label="penetration / wire")
         whole.axhline(1e-3, color="k", ls=":", lw=1, label="1e-3")
         for one in axes:
             one.axvline(solid, color="0.5", lw=1, label="coils closed")
@@ -252,29 +258,49 @@ def measure(rows, args):
     return result
 
 
-def run(args):
-    """One run; 1 when a step fails."""
-    if args.tiny:
-        args.coils, args.h, args.along, args.steps, args.radius = 2.5, 0.5, 2.0, 2, 3.0
-    travel = closing_travel(args) * args.travel
-    path = mesh(args.o / "spring.msh", args)
+def _run(args, path, travel, strain):
+    """What a run with one kind of strain gave. *Collective.*"""
     history = History(travel, args.wire, args.steps)
-    with running(scene(path, args, travel, not args.no_fields), args.o / "run", [history]) as (simulation, converged):
+    folder = args.o / ("run" if len(args.strain) == 1 else strain)
+    with running(scene(path, args, travel, not args.no_fields, strain), folder, [history]) as (simulation, converged):
         unknowns = simulation.problem.space.vector().getSize()
         left = left_inside(simulation) / args.wire
     rows = history.rows
     columns = ["travel", "force", "newton", "krylov", "cutbacks", "penetration", "area", "plastic_strain"]
-    print_table(f"spring, {unknowns} unknowns", columns, [[row[key] for key in columns] for row in rows])
+    title = f"spring, {strain} strain, {unknowns} unknowns"
+    print_table(title, columns, [[row[key] for key in columns] for row in rows])
     result = {"unknowns": unknowns, "travel": travel, "converged": converged, "left": left}
     if rows:
         result.update(measure(rows, args))
-        draw(args.o / "spring.png", _plot(rows, args), 2)
+        log.info("last residuals: first load step %s, last one %s", *(tail(history.norms[k]) for k in (0, -1)))
         if not args.no_fields:
-            on_root(MPI.COMM_WORLD, _pictures, args.o / "run", rows)
+            on_root(MPI.COMM_WORLD, _pictures, folder, rows)
     print_table("the run", ["", ""], [[key, value] for key, value in result.items()])
-    write_json(args.o / "spring.json", {"result": result, "rows": rows, "cuts": history.cuts})
+    return {"result": result, "rows": rows, "cuts": history.cuts, "residuals": history.norms}
+
+
+def _compare(runs):
+    """Forces with finite and with small strain at the same travel."""
+    small, finite = ({row["travel"]: row["force"] for row in runs[strain]["rows"]} for strain in STRAINS)
+    rows = [(travel, small[travel], finite[travel], 100.0 * (finite[travel] / small[travel] - 1.0))
+            for travel in small if travel in finite]  # fmt: skip
+    print_table("force over travel", ["travel", "small strain", "finite strain", "difference [%]"], rows)
+
+
+def run(args):
+    """One run for each kind of strain; 1 when a step fails."""
+    if args.tiny:
+        args.coils, args.h, args.along, args.steps, args.radius, args.strain = 2.5, 0.5, 2.0, 2, 3.0, list(STRAINS)
+    travel = closing_travel(args) * args.travel
+    path = mesh(args.o / "spring.msh", args)
+    runs = {strain: _run(args, path, travel, strain) for strain in args.strain}
+    if len(runs) == len(STRAINS):
+        _compare(runs)
+    if all(one["rows"] for one in runs.values()):
+        draw(args.o / "spring.png", _plot({strain: one["rows"] for strain, one in runs.items()}, args), 2)
+    write_json(args.o / "spring.json", {**runs[args.strain[0]], "runs": runs})
     log.info("plot and pictures in %s", args.o)
-    return 0 if converged else 1
+    return 0 if all(one["result"]["converged"] for one in runs.values()) else 1
 
 
 if __name__ == "__main__":
@@ -292,5 +318,6 @@ if __name__ == "__main__":
     parser.add_argument("--hardening", type=float, default=2000.0, help="of a wire that yields")
     parser.add_argument("--travel", type=float, default=1.0, help="in units of that which closes the coils")
     parser.add_argument("--steps", type=int, default=16, help="load steps, which get shorter")
+    parser.add_argument("--strain", nargs="+", choices=STRAINS, default=["small"], help="small, finite, or both")
     parser.add_argument("--no-fields", action="store_true", help="write neither fields nor pictures")
     main(run, parser)

@@ -126,6 +126,15 @@ CASES = [
     ("ironing", {"dim": 3, "h": 0.4, "cell": "tetrahedron"}, "slab indenter", FOOT),
     ("ironing_slab", {"n": 2}, "foundation slab", IRON),
     ("ironing_slab", {"n": 2, "cell": "triangle"}, "foundation slab", IRON),
+    (
+        "hemisphere_on_cube",
+        {"n": 4},
+        "hemisphere cube",
+        "hemisphere_skin hemisphere_inside hemisphere_top cube_top cube_bottom cube_sides",
+    ),
+    ("pad_on_ring", {"n": 2}, "ring pad", "ring_top ring_bottom ring_sides pad_bottom pad_top pad_sides"),
+    ("seal", {"n": (2, 12)}, "seal", "base outside inside symmetry"),
+    ("seal", {"n": (2, 12), "cell": "triangle"}, "seal", "base outside inside symmetry"),
     ("cook", {"n": 4}, "panel", "left right bottom top"),
     ("cook", {"n": 3, "cell": "triangle"}, "panel", "left right bottom top"),
     ("round_bar", {"n": (3, 5)}, "bar", "axis middle end side"),
@@ -431,12 +440,17 @@ QUARTER = 0.25 * np.pi * (200.0**2 - 100.0**2)
         ("indent", {"dim": 3, "h": 0.2, "cell": "tetrahedron"}, "block", 125.0),
         ("indent", {"h": 0.2, "radius": 1.0}, "ball", 0.25 * np.pi),
         ("indent", {"dim": 3, "h": 0.2, "radius": 1.0}, "ball", np.pi / 6),
+        ("hemisphere_on_cube", {"n": 8}, "hemisphere", 7.0 / 12.0 * np.pi),
+        ("hemisphere_on_cube", {"n": 8}, "cube", 8.0),
+        ("pad_on_ring", {}, "ring", 0.084 * np.pi),
+        ("pad_on_ring", {}, "pad", 0.016),
+        ("seal", {}, "seal", 0.36 + 0.255 * np.pi),
     ],
 )
 @pytest.mark.parametrize("order", [1, 2])
 def test_areas_and_volumes(read, name, arguments, body, expected, order):
     # A round body loses a part of the order of the angle squared to straight sides, of the fourth power to parabolas.
-    flat = body != "ball" and name != "thick_cylinder"
+    flat = body not in ("ball", "hemisphere", "ring", "seal") and name != "thick_cylinder"
     tolerance = 1e-12 if flat else {1: 0.06, 2: 1e-3}[order]
     assert measure(read(name, order, **arguments), body, order) == pytest.approx(expected, rel=tolerance)
 
@@ -461,6 +475,9 @@ def test_thick_cylinder_is_graded_and_round(read):
         ("indent", {"h": 0.2}, "block_bottom", (0, -1, 0)),
         ("indent", {"dim": 3, "h": 0.25}, "block_top", (0, 0, 1)),
         ("indent", {"dim": 3, "h": 0.25}, "side_x", (-1, 0, 0)),
+        ("hemisphere_on_cube", {"n": 4}, "hemisphere_top", (0, 0, 1)),
+        ("pad_on_ring", {"n": 2}, "pad_bottom", (0, 0, -1)),
+        ("seal", {"n": (2, 12)}, "base", (0, -1, 0)),
     ],
 )
 def test_facets_look_outward(read, name, arguments, group, direction):
