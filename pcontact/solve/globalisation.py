@@ -118,25 +118,35 @@ class Globalisation:
     def _follow(self, x, y, f, farthest):
         """Go to where the residual no longer points along the step; in the first one, not too far, see `APPROACH`.
 
-        Where the tangent may not be positive the step may lead away from there: then its norm is to fall.
+        Where the tangent may not be positive the step may lead away from there: then its norm is to fall. Where bodies
+        turn and slide, the residual is curved along the step and hardly points along it: a full step that takes more of
+        it away than going there does is taken.
         """
-        full, partly = self._full, self._partly
+        full, partly, ends = self._full, self._partly, []
 
-        def component(part):
-            out = full if part == 1.0 else partly
+        def at(part, out):
             self._go(x, y, part)
             self._problem.residual(self._trial, out, self._rules)
             return out.dot(y)
+
+        def component(part):
+            if part != 1.0:
+                return at(part, partly)
+            if not ends:
+                ends.append(at(part, full))
+            return ends[0]
 
         def norm(part):
             component(part)
             return (full if part == 1.0 else partly).norm()
 
-        along = f.dot(y)
-        if self._problem.extrapolates and (not self._problem.others or not along > 0.0):
+        along, turns = f.dot(y), self._problem.extrapolates
+        if turns and (not self._problem.others or not along > 0.0):
             part = decrease_of(norm, f.norm())
         else:
             part = zero_of(component, along, self._approach if self._begins else 1.0, farthest)
+            if turns and part < 1.0 and norm(1.0) <= min(f.norm(), norm(part)):
+                part = 1.0
         # a step that has been cut says nothing of where it would have ended
         self._begins, self._was_full = False, part >= 1.0
         x.copy(self._before)

@@ -55,6 +55,27 @@ def test_the_line_search_holds_what_full_steps_throw_away():
     assert not without.converged
 
 
+def test_a_residual_that_hardly_points_along_the_step():
+    """Curved along the step, and nearly across it, as where a normal turns: a full step takes most of it away."""
+
+    def residual(u):
+        return np.array([0.2 * (u[1] + 0.5 * u[0] ** 2) - 1e-4 * (1.0 - u[0]), u[0] - 1.0])
+
+    def tangent(u):
+        return np.array([[0.2 * u[0] + 1e-4, 0.2], [1.0, 0.0]])
+
+    def problem(turns):
+        one = FewUnknowns(2, residual, tangent)
+        one.extrapolates = turns
+        return one
+
+    result, u = solved(problem(True), np.zeros(2))
+    assert result.converged and result.newton == 2
+    np.testing.assert_allclose(u, [1.0, -0.5], atol=1e-9)
+    along, _ = solved(problem(False), np.zeros(2))
+    assert along.newton > result.newton
+
+
 def test_a_residual_that_is_not_finite_ends_the_attempt():
     """So says a material point that cannot be integrated; the load step is then cut."""
     problem = FewUnknowns(1, lambda u: np.where(u < 0.5, u - 1.0, np.nan), lambda u: np.eye(1))
