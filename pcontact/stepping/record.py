@@ -164,4 +164,4 @@ def _held(problem):
     """Flags (n_components,) of the connected components of which a displacement is prescribed. *Collective.*"""
     space, held = problem.space, np.zeros(problem.space.mesh.n_components, dtype=bool)
     held[space.component[problem.supports.fixed.any(axis=1)]] = True
-    return space.comm.allreduce(held, op=MPI.LOR)
+    return space.comm.allreduce(held.astype(np.int64), op=MPI.SUM) > 0
