@@ -128,7 +128,7 @@ class Item:
         Newton's method, see :meth:`renew`. *Collective.*"""
         return False
 
-    def renew(self, u, before, time):
+    def renew(self, u, before, time, firm=False):
         """Find again, at a solution ``u``, what the load step that began at ``before`` keeps. *Collective.*
 
         Parameters
@@ -136,6 +136,8 @@ class Item:
         u, before : PETSc.Vec
         time : float
             At which the load step ends.
+        firm : bool
+            Keep it where it is hardly another one.
 
         Returns
         -------

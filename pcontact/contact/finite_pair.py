@@ -32,7 +32,7 @@ APART = 1e-6
 # step of the differences that make the curvature of an obstacle, in parts of the model
 STEP = 1e-5
 # [reference coordinates] How far beside its facet a closed point may be before it looks for another one within Newton's
-# method. From: chosen; what is beside an edge by rounding errors stays.
+# method, and after it where searches do not settle. From: chosen; what is beside an edge by rounding errors stays.
 PAST = 0.05
 
 
@@ -258,17 +258,20 @@ class FinitePair(ContactPair):
             astray = bool(np.any(closed & ~(contact.live & _inside(p.frozen.kind, contact.xi))))
         return self.space.comm.allreduce(astray, op=MPI.LOR)
 
-    def renew(self, u, before, time):
+    def renew(self, u, before, time, firm=False):
         """See :meth:`pcontact.assembly.item.Item.renew`. *Collective.*"""
         if not self.renews:
             return False
-        nodal = self.space.local.gather(u)
-        found = self._find(nodal, self.deformed(nodal), time)
-        closed = self.terms.forces(self.pairing, self.pairing.exchange.gather(u), self._view())[1] > OPEN
+        p, nodal = self.pairing, self.space.local.gather(u)
+        found, values = self._find(nodal, self.deformed(nodal), time), p.exchange.gather(u)
+        closed = self.terms.forces(p, values, self._view())[1] > OPEN
         gap = found.gap if self.offset is None else found.gap + self.offset
         now = np.where(found.paired, found.ids, -1)
-        then = np.where(self.pairing.paired, self.pairing.ids, -1)
+        then = np.where(p.paired, p.ids, -1)
         touches = closed | (found.paired & (gap <= 0.0))
+        if firm:
+            contact = self.terms.place(p, values)
+            touches &= ~(p.paired & contact.live & _inside(p.frozen.kind, contact.xi))
         if not self.space.comm.allreduce(bool(np.any(touches & (now != then))), op=MPI.LOR):
             return False
         flips, status = self.flips, self._status

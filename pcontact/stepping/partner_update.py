@@ -11,6 +11,9 @@ RENEWALS = 8
 # [searches] Between the iterations of Newton's method in a load step at most, where closed points leave their facets.
 # From: chosen; points that go to and fro keep the facets of the last one.
 WITHIN = 8
+# [searches] After so many of them points that are hardly beyond their facets keep them. From: chosen; where a point is
+# to end on the edge between two facets, each of them leads just beyond it, to the other one.
+FIRM = RENEWALS // 2
 
 
 class PartnerUpdate:
@@ -18,7 +21,8 @@ class PartnerUpdate:
 
     Between two renewals facets are frozen, and go on beyond their edges; the points on them move. Closed points that an
     iteration of Newton's method takes beyond their facets get others at once: along a ray the place of the partner is
-    the same on both sides of an edge, so that the residual does not jump.
+    the same on both sides of an edge, so that the residual does not jump. Points that end on an edge would change
+    between its two facets for ever: in later searches they stay.
 
     Parameters
     ----------
@@ -55,20 +59,20 @@ class PartnerUpdate:
             return self._renewed(x, before, search[0])
 
         result = self.newton.solve(u, follow)
-        for _ in range(RENEWALS):
-            if not result.converged or not self._renewed(u, before, search[0]):
+        for searches in range(RENEWALS):
+            if not result.converged or not self._renewed(u, before, search[0], searches >= FIRM):
                 return result
             result = combined(result, self.newton.again(u, near=True))
-        if result.converged and self._renewed(u, before, search[0]):
+        if result.converged and self._renewed(u, before, search[0], True):
             reason = f"points of contact still find other facets after {RENEWALS} searches"
             return replace(result, converged=False, reason=reason)
         return result
 
-    def _renewed(self, u, before, time):
-        """Whether an item has changed its partners. *Collective.*"""
+    def _renewed(self, u, before, time, firm=False):
+        """Whether an item has changed its partners, see :meth:`pcontact.assembly.item.Item.renew`. *Collective.*"""
         start = clock.perf_counter()
         with profile.phase("search"):
-            changed = [item.renew(u, before, time) for item in self.problem.others]
+            changed = [item.renew(u, before, time, firm) for item in self.problem.others]
         self.newton.timing["search"] += clock.perf_counter() - start
         return any(changed)
 

@@ -7,6 +7,7 @@ from drivers._common import running
 from meshes.ironing import ironing_slab
 from pcontact.runtime.observer import Observer
 from pcontact.scene.model import Body, Contact, Displacement, Material, MeshSpec, Output, Scene, Steps
+from pcontact.simulation import Simulation
 from tests.support.finite_contact import mesh, moved, slanted, turn, two
 
 # deformation of both blocks, law, traction per undeformed area on the source, not turned and turned by 60 degrees
@@ -46,6 +47,23 @@ def test_patch(shared_tmp, name, degrees, search, theta, cell, order):
     if theta:
         scene.contacts[0].gamma0 = 1.0
     moved(scene, place, look)
+
+
+def test_points_hardly_beyond_their_facets(shared_tmp):
+    """A solution at which points have slid over the edges of their facets: hardly, they may keep them; farther, not."""
+    simulation = Simulation(two(mesh(slanted, shared_tmp / "edges.msh"), 1, search="ray_tracing"))
+    try:
+        space, (pair,) = simulation.problem.space, simulation.problem.contacts[0].pairs
+        u, before = space.vector(), space.vector()
+        upper = np.isin(np.arange(len(space.points)), pair.source.cells)[space.owned_local]
+        along, into = np.array([4.0, 1.0]) / 17**0.5, np.array([1.0, -4.0]) / 17**0.5
+        for slid, kept in ((0.02, True), (0.2, False)):
+            pair.detect(before, 0.0)
+            u.setArray(np.where(upper[:, None], slid * along + 1e-3 * into, 0.0).ravel())
+            assert pair.renew(u, before, 1.0, firm=True) is not kept
+            assert pair.renew(u, before, 1.0) is kept
+    finally:
+        simulation.close()
 
 
 class States:
