@@ -89,6 +89,11 @@ class ConvergenceTest:
         self._goal, self._near, self._circles = goal, near, circles
         self.norms, self.krylov = [], [0]
 
+    @property
+    def part(self):
+        """Part of the largest residual of the run that is left."""
+        return self.norms[-1] / max(self.norms)
+
     def __call__(self, snes, iteration, norms):
         norm = norms[2]
         reasons = PETSc.SNES.ConvergedReason

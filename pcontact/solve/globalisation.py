@@ -62,7 +62,7 @@ class Globalisation:
 
     def forget(self):
         """Partners have been looked for again: what is known of the last step says nothing any more."""
-        self._known, self._was_full, self._receding = None, False, None
+        self._known, self._receding = None, None
 
     def prepare(self, x, f):
         """Before an iteration: where the contact recedes, or too many points have closed in a full step, the residual
@@ -144,8 +144,11 @@ class Globalisation:
         if turns and (not self._problem.others or not along > 0.0):
             part = decrease_of(norm, f.norm())
         else:
-            part = zero_of(component, along, self._approach if self._begins else 1.0, farthest)
-            if turns and part < 1.0 and norm(1.0) <= min(f.norm(), norm(part)):
+            # what bends, and not what recedes, leaves a residual behind a full step where bodies turn
+            beyond = 1.0 if turns else farthest
+            approach = self._approach if self._begins else 1.0
+            part = zero_of(component, along, approach, beyond)
+            if turns and approach == 1.0 and part < 1.0 and norm(1.0) <= min(f.norm(), norm(part)):
                 part = 1.0
         # a step that has been cut says nothing of where it would have ended
         self._begins, self._was_full = False, part >= 1.0

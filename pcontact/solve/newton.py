@@ -151,7 +151,7 @@ class Newton:
         """Before an iteration: where partners have been looked for again, the residual is that among the new ones."""
         x = snes.getSolution()
         # a rough solution under another law than the scene's is no place to look from
-        if iteration > 0 and self._search is not None and not self._rough and self._search(x):
+        if iteration > 0 and self._search is not None and not self._rough and self._search(x, self._converges.part):
             self._globalisation.forget()
             self.problem.residual(x, self._f, self._rules)
         with self._timed():
@@ -200,7 +200,8 @@ class Newton:
         u : PETSc.Vec
             With the prescribed displacements entered; overwritten by the solution.
         follow : callable, optional
-            Called with every iterate but the first; returns whether it changed the partners of points. *Collective.*
+            Called with every iterate but the first, and with the part of the largest residual of the run that is left
+            at it; returns whether it changed the partners of points. *Collective.*
 
         Returns
         -------

@@ -14,6 +14,10 @@ WITHIN = 8
 # [searches] After so many of them points that are hardly beyond their facets keep them. From: chosen; where a point is
 # to end on the edge between two facets, each of them leads just beyond it, to the other one.
 FIRM = RENEWALS // 2
+# [-] Part of the largest residual of a run below which iterates are so near to the solution that facets are those of
+# the solution: found again between the iterations, they need no run of their own. From: ball on block, 12,000 and
+# 50,000 unknowns, 8 iterations without and 6 with it, whether 0.1 or 0.001.
+SETTLED = 1e-3
 
 
 class PartnerUpdate:
@@ -52,11 +56,12 @@ class PartnerUpdate:
         """
         left = [WITHIN]
 
-        def follow(x):
-            if not left[0] or not any([item.strays(x) for item in self.problem.others]):
+        def follow(x, part):
+            if not left[0] or not (part < SETTLED or any([item.strays(x) for item in self.problem.others])):
                 return False
-            left[0] -= 1
-            return self._renewed(x, before, search[0])
+            changed = self._renewed(x, before, search[0])
+            left[0] -= changed
+            return changed
 
         result = self.newton.solve(u, follow)
         for searches in range(RENEWALS):

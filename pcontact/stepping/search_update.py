@@ -69,7 +69,7 @@ class SearchUpdate:
             return self.newton.solve(u), since
         begin, searched = u.copy(), [since]
 
-        def follow(x):
+        def follow(x, part):
             if len(searched) > FOLLOWED or self._strayed(x, searched[-1]) <= NEAR:
                 return False
             searched.append(x.copy())

@@ -16,6 +16,11 @@ does not exist, and 1 / alpha is 0. The tangent is exact; partner, gap and norma
 
 What n does to P at a fixed tau follows from D, whatever the law: turning tau and n together turns P.
 
+Terms with dn and dxi in them have no sign, and are of the order of |P| / size of the facet, where those with dg are of
+the order of gamma. At a solution, where g is small, they are small beside these. At an iterate in which bodies overlap
+by a good part of a facet they are not: the tangent would be indefinite and say nothing of what comes after the overlap.
+So dn and dxi are scaled by depth / |g| where the overlap is beyond a depth that solutions do not reach.
+
 Parameters of kernels not told there: `source`, `partner`, `motion` as in `finite_geometry`.
 """
 
@@ -48,6 +53,8 @@ class FiniteParameters(NamedTuple):
         [stress/length]
     adjoint : ndarray (np, nn, d, d)
         T, row i of it the traction t_i [stress/length]; of length 0 where theta = 0.
+    depth : ndarray (nf,)
+        Overlap beyond which the tangent turns normals and moves partners in part only [length].
     """
 
     theta: float
@@ -55,6 +62,7 @@ class FiniteParameters(NamedTuple):
     inverse: float
     gamma: np.ndarray
     adjoint: np.ndarray
+    depth: np.ndarray
 
 
 class Acting(NamedTuple):
@@ -228,6 +236,19 @@ def _fill_weak(parameters, gamma, n, slopes, row, nn, columns, out):
             out.weak[i, k] = value + factor * (out.dn[i, k] * along + n[i] * turn)
 
 
+@njit_inner
+def _damp(depth, nodes, work):
+    """Scale dn and d xi of a point whose overlap is beyond a depth."""
+    if -work.gap[0] <= depth:
+        return
+    part = -depth / work.gap[0]
+    for k in range(nodes * len(work.n)):
+        for i in range(len(work.n)):
+            work.dn[i, k] *= part
+        work.dxi[0, k] *= part
+        work.dxi[1, k] *= part
+
+
 @njit
 def add_tangent(parameters, source, partner, motion, acting, slopes, out, blocks):
     """Add the tangent to block rows; returns how many entries had no place.
@@ -252,6 +273,7 @@ def add_tangent(parameters, source, partner, motion, acting, slopes, out, blocks
         # what is open does not depend on its partner, but for the normal of the closest point
         mode = partner.mode[p] if found else NONE
         derive_point(source, partner, p, mode, slides, work)
+        _damp(parameters.depth[f], ms + mt, work)
         out.dtau[:, :] = 0.0
         out.dn[:, :] = 0.0
         _fill_dtau(parameters, gamma if found else 0.0, ms, nn, mt, source.on[f], work, out)

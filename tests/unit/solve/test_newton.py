@@ -69,10 +69,11 @@ def test_a_residual_that_hardly_points_along_the_step():
         one.extrapolates = turns
         return one
 
-    result, u = solved(problem(True), np.zeros(2))
+    # the first step of a load step is another matter, see `APPROACH`
+    result, u = solved(problem(True), np.zeros(2), newton_without="half_step")
     assert result.converged and result.newton == 2
     np.testing.assert_allclose(u, [1.0, -0.5], atol=1e-9)
-    along, _ = solved(problem(False), np.zeros(2))
+    along, _ = solved(problem(False), np.zeros(2), newton_without="half_step")
     assert along.newton > result.newton
 
 

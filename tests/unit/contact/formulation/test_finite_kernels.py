@@ -103,7 +103,7 @@ class Setting:
         self.dt, self.adjoint = random.standard_normal((2, self.nn, d, d))
         alpha, inverse = (ALPHA, 1.0 / ALPHA) if self.frictional else (0.0, 0.0)
         adjoint = self.adjoint[None] if theta else np.zeros((0, self.nn, d, d))
-        self.parameters = FiniteParameters(theta, alpha, inverse, np.array([GAMMA]), adjoint)
+        self.parameters = FiniteParameters(theta, alpha, inverse, np.array([GAMMA]), adjoint, np.array([np.inf]))
         self.blocks = BlockRows(np.arange(n + 1) * n, np.tile(np.arange(n), n), np.zeros((n * n, d, d)))
 
     def partner(self, u):
@@ -277,6 +277,22 @@ def test_difference_of_other_partners(case):
     check_difference(one)
     if one.theta == 0.0 and one.mode != OBSTACLE:
         assert np.abs(residual.sum(axis=0)).max() < 1e-14
+
+
+@pytest.mark.parametrize("mode", [OBSTACLE, CLOSEST], ids=NAMES.get)
+def test_tangent_of_deep_overlap(mode):
+    """Half of what turns and moves counts at twice the depth, and all of it above."""
+    one = setting(("quadrilateral", 1, mode, "slip", 0.0))
+    overlap = -one.at(one.u)[1]["gap"]
+    assert overlap > 0.01
+
+    def tangent(depth):
+        one.parameters = one.parameters._replace(depth=np.array([depth]))
+        return one.tangent(one.u)
+
+    full, half, none = tangent(np.inf), tangent(0.5 * overlap), tangent(0.0)
+    assert (tangent(overlap) == full).all() and np.abs(full - none).max() > 1e-3 * np.abs(full).max()
+    np.testing.assert_allclose(half, 0.5 * (full + none), atol=1e-13 * np.abs(full).max())
 
 
 @pytest.mark.parametrize("facet", FACETS, ids=lambda f: f"{f[0]}{f[1]}")
