@@ -26,6 +26,7 @@ from pcontact.runtime import log, profile
 from pcontact.runtime.errors import TOLD
 from pcontact.runtime.messages import input_error
 from pcontact.scene import (
+    amplitude,
     amplitude_of,
     check_apart,
     check_dimension,
@@ -44,7 +45,8 @@ from pcontact.scene.prescribed import Prescribed
 from pcontact.scene.unsafe import unsafe
 from pcontact.solve.preconditioners.deflation import MOST_COLOURS
 from pcontact.solve.problem import Problem
-from pcontact.space.modes import colour, component_frames, free_motions
+from pcontact.space.modes import colour, component_frames, free_motions, join
+from pcontact.space.rigid import RigidGroup
 from pcontact.space.space import Space
 from pcontact.space.supports import Supports
 
@@ -300,6 +302,19 @@ def _heat(scene, space, constants):
     return Heat(space, heatings, moduli, scene.where)
 
 
+def _rigid_groups(scene, space, supports):
+    """The groups that move as rigid bodies; bodies that one joins are one from here on. *Collective.*"""
+    groups, moved = [], supports.fixed
+    for number, one in enumerate(scene.couplings):
+        factor, where = amplitude(one.amplitude, scene.steps.end), place("couplings", number, one.region)
+        groups.append(RigidGroup(space, one, factor, moved, (scene.where, where)))
+        moved[groups[-1].nodes] = True
+        bodies = sorted(set().union(*space.comm.allgather(set(space.component[groups[-1].nodes].tolist()))))
+        if len(bodies) > 1:
+            join(space, np.column_stack([bodies[:-1], bodies[1:]]))
+    return groups
+
+
 def _check_turns(scene, space, supports):
     """Refuse, or warn of, supports that turn bodies with small strain farther than it represents. *Collective.*"""
     for number in supports.turns:
@@ -325,7 +340,7 @@ def _check_joined(scene, space):
     if any(contact.self_contact for contact in every):
         return
     mesh = space.mesh
-    used = {region.region for region in (*scene.displacements, *scene.loads, *scene.springs)} - {None}
+    used = {one.region for one in (*scene.displacements, *scene.loads, *scene.springs, *scene.couplings)} - {None}
     used |= {name for contact in scene.contacts for name in (contact.source, contact.target) if name is not None}
     found = unjoined(mesh, space.exchanger, used, not every)
     if found.doubled or found.hanging:
@@ -405,6 +420,7 @@ def _assemble(scene, mesh, space, constants):
     supports = Supports(
         space, scene.displacements, [amplitude_of(d, end) for d in scene.displacements], scene.where
     )
+    supports.groups = _rigid_groups(scene, space, supports)
     forces, timed, total = _forces(scene, space)
     springs = [GroundSprings(space, spring) for spring in scene.springs]
     _check_turns(scene, space, supports)
@@ -412,7 +428,7 @@ def _assemble(scene, mesh, space, constants):
     tied = tied_pairs(scene, space, constants, bulk)
     eta = scene.steps.viscous_stabilisation
     # dashpots hold every body: where it goes is no longer open
-    free = free_motions(space, supports, springs) if eta is None else {}
+    free = free_motions(space, supports, [*springs, *supports.groups]) if eta is None else {}
     contacts, edges = contact_reports(scene, space, constants, supports, free, bulk, tied)
     _announce(mesh, free)
     items = [bulk, *(pair for contact in contacts for pair in contact.pairs), *_followers(scene, space, supports)]

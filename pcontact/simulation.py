@@ -113,7 +113,7 @@ class Simulation:
         # yields, the traction's derivative is not the adjoint operator, that of elasticity. Without a traction of the
         # source there is nothing unsymmetric but the slip
         symmetric = all(item.symmetric for item in self.problem.items)
-        modes = near_null_space(self.problem.space, colours)
+        modes = near_null_space(self.problem.space, colours, None, self.problem.followers)
         self.accuracy.propose(self.options, self.problem.linear)
         turns = self.problem.extrapolates
         modes_at = partial(near_null_space, self.problem.space, colours) if turns else None
@@ -161,7 +161,7 @@ class Simulation:
             resumed = read_checkpoint(self.restart, space, identity, self.anyway)
         since = None if resumed is None else resumed.time
         obstacles = [contact.obstacle for contact in scene.contacts if contact.obstacle is not None]
-        moved = [*scene.displacements, *scene.loads, *scene.temperatures, *obstacles]
+        moved = [*scene.displacements, *scene.loads, *scene.temperatures, *scene.couplings, *obstacles]
         stops = [t for one in moved for t, _ in (one.amplitude or [])]
         control = Control(scene.steps.longest_step, self.problem.angle)
         schedule = Schedule(scene.steps.end, scene.steps.count, scene.steps.smallest_step, stops, control)

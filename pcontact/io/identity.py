@@ -125,5 +125,6 @@ def _regions(scene):
     """Groups that the physics of a scene is about."""
     names = [body.region for body in scene.bodies]
     names += [name for contact in scene.contacts for name in (contact.source, contact.target)]
-    names += [one.region for one in (*scene.displacements, *scene.loads, *scene.springs, *scene.temperatures)]
+    tables = scene.displacements, scene.loads, scene.springs, scene.temperatures, scene.couplings
+    names += [one.region for table in tables for one in table]
     return {name for name in names if name not in (None, OUTER)}

@@ -6,6 +6,7 @@ from pcontact.scene.function import obstacle_functions, require_no_code
 from pcontact.scene.model import (
     Body,
     Contact,
+    Coupling,
     Displacement,
     Load,
     Material,
@@ -26,6 +27,7 @@ __all__ = [
     "Amplitude",
     "Body",
     "Contact",
+    "Coupling",
     "Displacement",
     "Load",
     "Material",

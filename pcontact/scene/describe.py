@@ -95,6 +95,8 @@ def describe(
         active.append(f"total force: {', '.join(total)}")
     if scene.temperatures:
         active.append(f"thermal strain: {', '.join(one.region or 'all bodies' for one in scene.temperatures)}")
+    if scene.couplings:
+        active.append(f"rigid groups: {', '.join(one.name or one.region for one in scene.couplings)}")
     if scene.springs:
         active.append(f"springs to the ground: {', '.join(spring.name or spring.region for spring in scene.springs)}")
     if scene.displacements:

@@ -35,10 +35,12 @@ from pcontact.scene.values import (
     MOMENT,
     MOONEY_RIVLIN,
     OGDEN,
+    ROTATION,
     SCALAR,
     STIFFNESSES,
     VECTOR,
     VECTORS,
+    WAYS,
 )
 
 # Poisson's ratio above which cells are too stiff, or lose the digits of the stress, as they are: those of degree 1, and
@@ -444,6 +446,24 @@ class Load:
 
 
 @table
+class Coupling:
+    """A group that moves as a rigid body with a reference point, with small turns."""
+
+    region: str = key(TEXT, f"{REGION} facets, cells, edges or vertices, not in a line")
+    point: Sequence[float] | None = key(
+        VECTOR, "the reference point", None, "length", "the mean place of the nodes of the group"
+    )
+    displacement: Sequence[float | str] | None = key(
+        WAYS, 'of the point: a number, or `"free"`, for each of the d directions', None, "length", "free"
+    )
+    rotation: float | str | Sequence[float | str] | None = key(
+        ROTATION, "of the group, about the axes of the mesh", None, "radian", "free"
+    )
+    amplitude: Table | None = amplitude("factor of `displacement` and `rotation`")
+    name: str | None = key(TEXT, "its name in report and history, unique", None, otherwise="that of the group")
+
+
+@table
 class Temperature:
     """Temperature of cells, for the thermal strain of bodies with `expansion`."""
 
@@ -537,7 +557,8 @@ class Output:
 
 SINGLE_TABLES = {"mesh": MeshSpec, "steps": Steps, "output": Output}
 LIST_TABLES = {"bodies": Body, "contacts": Contact, "displacements": Displacement, "loads": Load,
-               "springs": Spring, "temperatures": Temperature}  # fmt: skip
+               "springs": Spring, "temperatures": Temperature,
+               "couplings": Coupling}  # fmt: skip
 
 
 @dataclass
@@ -546,7 +567,7 @@ class Scene:
 
     Parameters
     ----------
-    mesh, materials, bodies, contacts, displacements, loads, springs, temperatures, steps, output : the
+    mesh, materials, bodies, contacts, displacements, loads, springs, temperatures, couplings, steps, output : the
         tables
     petsc : dict of str to str
         Options of this scene, without the leading dash; the command line wins.
@@ -581,6 +602,7 @@ class Scene:
     beside: Path | None = None
     springs: list[Spring] = field(default_factory=list)
     temperatures: list[Temperature] = field(default_factory=list)
+    couplings: list[Coupling] = field(default_factory=list)
 
     @property
     def where(self) -> str:

@@ -8,7 +8,18 @@ import numpy as np
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.messages import input_error, listed, unknown_name
 from pcontact.scene.keys import keys
-from pcontact.scene.model import Body, Contact, Displacement, Load, MeshSpec, Obstacle, Scene, Spring, Temperature
+from pcontact.scene.model import (
+    Body,
+    Contact,
+    Coupling,
+    Displacement,
+    Load,
+    MeshSpec,
+    Obstacle,
+    Scene,
+    Spring,
+    Temperature,
+)
 from pcontact.scene.places import tables
 from pcontact.scene.prescribed import names
 
@@ -18,6 +29,7 @@ _VECTORS = {
     Displacement: ("value", "point", "axis"),
     Load: ("traction", "body_force", "force", "point", "at", "acceleration", "axis"),
     Spring: ("stiffness",),
+    Coupling: ("point", "displacement"),
     Obstacle: ("point", "normal", "center", "axis", "displacement", "pivot", "turn_axis"),
 }
 _EXPRESSIONS = {
@@ -63,6 +75,10 @@ def check_dimension(scene: Scene, dim: int) -> None:
             found = "nothing" if table.axis is None else f"{list(table.axis)} with a 2D mesh"
             allowed = keys(Load)["axis"].rule.allowed if dim == 3 else "nothing, the axis is known"
             raise input_error(scene.where, f"{where}.axis", found, allowed)
+        turns = isinstance(table, Coupling) and table.rotation is not None
+        if turns and isinstance(table.rotation, tuple) != (dim == 3):
+            allowed = "a list of 3, the mesh is 3D" if dim == 3 else 'a number or "free", the mesh is 2D'
+            raise input_error(scene.where, f"{where}.rotation", f"{table.rotation}", allowed)
         if isinstance(table, Displacement) and table.angle is not None:
             _check_turn(scene, where, table, dim)
         for key in _EXPRESSIONS.get(type(table), ()) if dim == 2 else ():
@@ -152,7 +168,7 @@ def check_regions(
             if table.target is not None:
                 _require(scene, f"{where}.target", table.target, groups, ("facets",), mesh_path)
                 _check_apart(scene, where, table, facet_groups)
-        elif isinstance(table, Displacement):
+        elif isinstance(table, Displacement | Coupling):
             _require(scene, f"{where}.region", table.region, groups, tuple(groups), mesh_path)
         elif isinstance(table, Temperature) and table.region is not None:
             _require(scene, f"{where}.region", table.region, groups, ("cells",), mesh_path)
@@ -187,7 +203,7 @@ def check_lost(scene: Scene, lost: Mapping[str, str], mesh_path: str | Path) -> 
     for _, table in tables(scene):
         if isinstance(table, Contact):
             named |= {table.source, table.target}
-        elif isinstance(table, Body | Displacement | Load | Spring | Temperature):
+        elif isinstance(table, Body | Displacement | Load | Spring | Temperature | Coupling):
             named.add(table.region)
     for name in lost:
         if name in named:

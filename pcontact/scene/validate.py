@@ -68,6 +68,8 @@ def validate(scene: Scene) -> None:
             _check_spring(scene, where, table)
     _check_names(scene, "loads", [(k, one) for k, one in enumerate(scene.loads) if one.total])
     _check_names(scene, "springs", enumerate(scene.springs))
+    _check_names(scene, "couplings", enumerate(scene.couplings))
+    _check_couplings(scene)
     _check_estimate(scene)
     _check_temperatures(scene)
     _check_unique(scene, "contacts", "name")
@@ -431,6 +433,19 @@ def _check_temperatures(scene):
                 raise input_error(scene.where, where, found, "elastic bodies, or other kinematics")
 
 
+def _check_couplings(scene):
+    """Rigid groups turn by small angles; rings do not turn in their plane, and do not widen as rigid ones."""
+    for index, item in enumerate(scene.couplings):
+        where, first = place("couplings", index, item.region), item.displacement[0] if item.displacement else "free"
+        for body in scene.bodies:
+            if scene.finite(body):
+                found = f"body {body.region} with finite strain"
+                raise input_error(scene.where, where, found, "small strain; or displacements with an angle")
+        if scene.mesh.kinematics == "axisymmetric" and (item.rotation not in (None, "free") or first != "free"):
+            found = f'{"rotation" if first == "free" else "a radial displacement"} with kinematics = "axisymmetric"'
+            raise input_error(scene.where, where, found, 'displacement = ["free", ...] alone: a rigid ring')
+
+
 def _check_names(scene, key, tables):
     """Names in the report are unique, whether they are said or those of groups."""
     seen = {}
@@ -445,6 +460,7 @@ def _check_names(scene, key, tables):
 def _check_estimate(scene):
     """What the estimate of the error does not know."""
     strange = [place("loads", k, one.region) for k, one in enumerate(scene.loads) if one.total]
+    strange += [place("couplings", k, one.region) for k, one in enumerate(scene.couplings)]
     strange += [place("temperatures", k, one.region) for k, one in enumerate(scene.temperatures)]
     strange += [place("loads", k, one.region) for k, one in enumerate(scene.loads)
                 if one.acceleration is not None or one.angular_speed is not None]  # fmt: skip

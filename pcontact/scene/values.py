@@ -78,6 +78,13 @@ MOMENT = Rule(
     lambda value: entries(value, number(), (3,)) if isinstance(value, list | tuple) else number().accept(value),
     {"anyOf": [number().schema, {"type": "array", "items": number().schema, "minItems": 3, "maxItems": 3}]},
 )
+ROTATION = Rule(
+    'a finite number or "free" in the plane, a list of 3 of them in space',
+    lambda value: entries(value, either("", "free", number()), (3,)) if isinstance(value, list | tuple)
+    else either("", "free", number()).accept(value),
+    {"anyOf": [{"const": "free"}, number().schema, {"type": "array", "minItems": 3, "maxItems": 3}]},
+)  # fmt: skip
+WAYS = sequence('a list of one finite number or "free" per direction (2 or 3)', either("", "free", number()), (2, 3))
 FOUNDATION = Rule(
     f"a number > 0, along the normal, or {STIFFNESSES.allowed}",
     lambda value: STIFFNESSES.accept(value) if isinstance(value, list | tuple) else number(above=0).accept(value),

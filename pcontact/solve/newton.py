@@ -177,9 +177,7 @@ class Newton:
 
     def _limit(self, x, y):
         """Prescribed components stay where they are, whatever an inexact linear solve says."""
-        array = y.getArray().reshape(self.problem.fixed.shape)
-        array[self.problem.fixed] = 0.0
-        y.assemble()
+        self.problem.follow(y)
         with self._timed():
             self._globalisation.limit(x, y, self._f)
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from pcontact.assembly.constrained import ConstrainedMatrix
 from pcontact.assembly.item import FROZEN, LAW, STICK
 from pcontact.assembly.matrix import GlobalMatrix
 from pcontact.assembly.pattern import JoinedPattern
@@ -51,6 +52,8 @@ class Problem:
         Loads of which the report has resultant and mean motion.
     springs : sequence of pcontact.assembly.springs.GroundSprings
         Those among the items.
+    groups : sequence of pcontact.space.rigid.RigidGroup
+        Whose displacement is rigid: Newton's method has their leading components.
     loose : sequence of int
         Bodies whose rigid motions get a coarse space, see `pcontact.solve.preconditioners.deflation`.
 
@@ -68,7 +71,10 @@ class Problem:
         self.time, self.loose, self.stabilised, self.viscous, self.timed = 0.0, (), True, viscous, ()
         self.total = self.springs = ()
         self.fixed = np.ascontiguousarray(supports.fixed[space.owned_local])
+        self.groups = supports.groups
         self.matrix = GlobalMatrix(space, supports.fixed)
+        if self.groups:
+            self.matrix = ConstrainedMatrix(space, supports.fixed, self.groups)
         self._versions = None
         self.pattern_changes = 0
         self._committed, self._changed, self.goes_on = None, set(), False
@@ -136,13 +142,34 @@ class Problem:
         values = self.supports.values(time)[self.space.owned_local]
         array = u.getArray().reshape(values.shape)
         array[self.fixed] = values[self.fixed]
+        for group in self.groups:
+            group.enter(array, time)
         u.assemble()
 
     def imposed(self, u, time):
         """Largest change that the prescribed displacements make to ``u`` [length]. *Collective.*"""
         values = self.supports.values(time)[self.space.owned_local]
-        change = np.where(self.fixed, values - u.getArray(readonly=True).reshape(values.shape), 0.0)
+        before = u.getArray(readonly=True).reshape(values.shape)
+        change = np.where(self.fixed, values - before, 0.0)
+        if self.groups:
+            after = before.copy()
+            for group in self.groups:
+                group.enter(after, time)
+            change += after - before
         return self.space.longest(change)
+
+    @property
+    def followers(self):
+        """Components (n_owned, d) that follow others and are none of the linear system's; None without any."""
+        return self.matrix.follows if self.groups else None
+
+    def follow(self, y):
+        """Prescribed components stay where they are in a step ``y``, and rigid groups move as such. *Collective.*"""
+        array = y.getArray().reshape(self.fixed.shape)
+        array[self.fixed] = 0.0
+        for group in self.groups:
+            group.follow(array)
+        y.assemble()
 
     def external(self, time):
         """Nodal external forces (n_owned, d) [force]. *Collective.*"""
@@ -175,8 +202,13 @@ class Problem:
 
     def residual(self, u, f, rules=None):
         """Residual vector: zero at prescribed components. *Collective.*"""
-        out = self.unbalanced(u, rules)
+        self._set(self.unbalanced(u, rules), f)
+
+    def _set(self, out, f):
+        """Forces (n_owned, d) as a residual vector: zero at prescribed components. *Collective.*"""
         out[self.fixed] = 0.0
+        for group in self.groups:
+            group.lead(out)
         f.setArray(out.ravel())
 
     def predicted(self, u, f, rules=None):
@@ -192,8 +224,7 @@ class Problem:
         with profile.phase("bulk_assembly"):
             self.bulk.predict(u, self._committed, out)
         self._add_others(u, out, self._rules_of_prediction(rules))
-        out[self.fixed] = 0.0
-        f.setArray(out.ravel())
+        self._set(out, f)
 
     def _rules_of_prediction(self, rules):
         """Bodies that go on as they did bring their points along; else see :meth:`predicted`. *Collective.*"""
@@ -417,7 +448,7 @@ class Problem:
         Parameters
         ----------
         record : dict
-            With ``reactions`` and ``contacts`` of a step, and ``springs`` where there are some.
+            With ``reactions`` and ``contacts`` of a step, and ``springs`` and ``couplings`` where there are some.
         u : PETSc.Vec
         """
         applied = self.space.comm.allreduce(self.applied_forces(u).sum(axis=0))
@@ -427,6 +458,7 @@ class Problem:
         inner = [np.asarray(pair["force"]) for pair in record["contacts"].values()]
         # springs may bear all of the load: their sum is nothing to compare with
         inner += [np.asarray(spring["force"]) for spring in record.get("springs", {}).values()]
+        forces += [np.asarray(group["force"]) for group in record.get("couplings", {}).values()]
         largest = max(float(np.linalg.norm(force)) for force in [applied, *forces, *inner])
         total = applied + sum(forces)
         if self.viscous is not None:

@@ -123,7 +123,7 @@ def colour(n_components, edges):
     return colours
 
 
-def near_null_space(space, colours, u=None):
+def near_null_space(space, colours, u=None, followers=None):
     """Rigid modes of every body, bodies of one colour sharing vectors. *Collective.*
 
     Parameters
@@ -133,6 +133,8 @@ def near_null_space(space, colours, u=None):
         Bodies that can touch have different colours, so that relative rigid motion across a contact is in the span.
     u : PETSc.Vec, optional
         Displacement, where turns are those of the places that it leads to.
+    followers : ndarray (n_owned, d) of bool, optional
+        Components that are none of the system's, see :class:`pcontact.space.rigid.RigidGroup`.
 
     Returns
     -------
@@ -147,6 +149,8 @@ def near_null_space(space, colours, u=None):
     moved = 0.0 if u is None else u.getArray(readonly=True).reshape(-1, d)
     modes = rigid_modes(space.points[own] + moved, centre[component], 1.0)
     modes[d:] /= size[component][None, :, None]
+    if followers is not None:
+        modes *= ~followers
     vectors = []
     for c in range(int(colours.max()) + 1 if len(colours) else 0):
         mask = (colours[component] == c)[:, None]

@@ -35,6 +35,9 @@ class Supports:
     turns : dict of int to pcontact.space.turn.Turn
         Of the displacements that turn what they hold.
 
+    groups : sequence of pcontact.space.rigid.RigidGroup
+        That move as rigid bodies; whoever builds the problem adds them.
+
     Raises
     ------
     InputError
@@ -48,7 +51,7 @@ class Supports:
     """
 
     def __init__(self, space, displacements, amplitudes, source="scene"):
-        self._displacements, self._amplitudes = displacements, amplitudes
+        self._displacements, self._amplitudes, self.groups = displacements, amplitudes, ()
         self.regions = [d.region for d in displacements]
         self._points, self._comm = space.points, space.comm
         self.turns = {

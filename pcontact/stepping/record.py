@@ -77,6 +77,10 @@ class Recorder:
             record["viscous"] = self._viscous(step.time, u)
         if problem.total:
             record["loads"] = {load.name: load.record(u, step.time) for load in problem.total}
+        if problem.groups:
+            shape = step.unbalanced.shape
+            moved = u.getArray(readonly=True).reshape(shape)
+            record["couplings"] = {group.name: group.record(moved, step.unbalanced) for group in problem.groups}
         if problem.springs:
             record["springs"] = {spring.name: spring.record(u) for spring in problem.springs}
         self._warn_of_lost(step.time, record["contacts"])

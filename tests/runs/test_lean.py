@@ -20,6 +20,7 @@ from pcontact.runtime.petsc import MPI
 from pcontact.scene.model import (
     Body,
     Contact,
+    Coupling,
     Displacement,
     Load,
     Material,
@@ -50,6 +51,7 @@ PIECES = {
     "pressure that follows": (("assembly.follower", "assembly.follower_kernels"), ()),
     "viscous stabilisation": (("assembly.viscous",), ()),
     "springs": (("assembly.springs",), ()),
+    "rigid groups": (("assembly.constrained", "space.rigid"), ()),
     "thermal strain": (("assembly.heat", "contact.traction.heated"), ()),
     "self contact": (("contact.search.self_surface", "contact.search.exclusion", "contact.search.cones"),
         ("no_exclusion", "writable", "no_cones", "Exclusion", "Cones")),
@@ -104,6 +106,10 @@ def with_piece(path, piece):
     if piece == "thermal strain":
         result = scene(path)
         result.temperatures, result.materials["soft"].expansion = [Temperature(1.0)], 1e-5
+        return result
+    if piece == "rigid groups":
+        result = scene(path)
+        result.displacements, result.couplings = result.displacements[:1], [Coupling("upper_top")]
         return result
     if piece == "springs":
         result = scene(path)

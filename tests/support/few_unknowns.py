@@ -66,6 +66,9 @@ class FewUnknowns:
     def closed_area(self):
         return 1.0
 
+    def follow(self, y):
+        """Nothing is prescribed, and nothing follows."""
+
     def step_limit(self, u, y, falls=None):
         return 1.0
 

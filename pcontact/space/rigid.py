@@ -1,0 +1,207 @@
+"""Groups that move as rigid bodies: components of the displacement that follow from a few others.
+
+The nodes of a rigid group have u = U + w x (X - point), small turns: all their components are linear in the m
+components of the motion (U, w) that are not prescribed. As many components of the nodes themselves, far apart, are
+*leading*; the others follow, u = W u_leading + what is prescribed. Newton's method solves for all components but those
+that follow: its matrix is P^T K P and its residual P^T f, P the identity with the rows W of the followers. A
+displacement that is rigid on the group does the same work on P^T f as on f.
+"""
+
+import numpy as np
+
+from pcontact.runtime.parallel import agree
+from pcontact.runtime.petsc import MPI
+from pcontact.space.turn import moments
+
+# [-] Size of a group across the line through its farthest nodes, over that along it, below which it is a line. From:
+# far above the rounding errors of coordinates, far below what is no line.
+LINE = 1e-6
+
+
+def rigid_motions(arms, scale):
+    """Displacements (n, d, k) of translations and of turns by 1 / scale, at the ends of arms (n, d): k = 3 or 6."""
+    n, d = arms.shape
+    turns = np.zeros((n, d, 1 if d == 2 else 3))
+    if d == 2:
+        turns[:, 0, 0], turns[:, 1, 0] = -arms[:, 1], arms[:, 0]
+    else:
+        turns = np.cross(np.eye(3)[None], arms[:, None, :]).transpose(0, 2, 1)
+    return np.concatenate([np.broadcast_to(np.eye(d), (n, d, d)), turns / scale], axis=2)
+
+
+def _chosen(rows):
+    """The rows (m,) of a matrix (n, m) that are most independent, one after the other."""
+    left, chosen = rows.copy(), []
+    for _ in range(rows.shape[1]):
+        k = int(np.argmax(np.round(np.linalg.norm(left, axis=1), 9)))
+        chosen.append(k)
+        way = left[k] / np.linalg.norm(left[k])
+        left = left - np.outer(left @ way, way)
+    return chosen
+
+
+class RigidGroup:
+    """A group that moves as a rigid body.
+
+    Parameters
+    ----------
+    space : pcontact.space.space.Space
+    coupling : pcontact.scene.model.Coupling
+    amplitude : pcontact.scene.amplitude.Amplitude
+    fixed : ndarray (n_local, d) of bool
+        Components that supports prescribe, and nodes of other rigid groups.
+    where : (str, str)
+        Scene and key path, for messages.
+
+    Attributes
+    ----------
+    name : str
+    nodes : ndarray (n,)
+        Local nodes.
+    rows : ndarray (k,)
+        Those that are owned, as rows of owned nodes.
+    leading : ndarray (m,)
+        Global numbers of the leading components, the same on all ranks.
+    following : ndarray (k, d, m)
+        What each component at the owned nodes is in the leading ones.
+
+    Raises
+    ------
+    InputError
+        On every rank: a component is prescribed, or the group is a line.
+
+    Notes
+    -----
+    The constructor is *Collective*.
+    """
+
+    def __init__(self, space, coupling, amplitude, fixed, where):
+        self._space, self._amplitude, d = space, amplitude, space.dim
+        self.name, self.nodes = coupling.name or coupling.region, space.region(coupling.region)
+        agree(space.comm, self._conflict(coupling, fixed, where))
+        numbers = space.nodes[self.nodes]
+        own = (numbers >= space.start) & (numbers < space.start + space.n_owned)
+        self.rows, points = numbers[own] - space.start, space.points[self.nodes[own]]
+        sums = space.comm.allreduce(np.concatenate([points.sum(axis=0), [len(points)]]))
+        centre = sums[:d] / sums[d]
+        spread = space.comm.allreduce(float(np.sum((points - centre) ** 2)))
+        self._scale = np.sqrt(spread / sums[d]) if spread > 0.0 else 1.0
+        self.point = centre if coupling.point is None else np.asarray(coupling.point, dtype=float)
+        self._motions = rigid_motions(points - self.point, self._scale)
+        ends = self._ends(points, numbers[own], centre, where, coupling)
+        wanted = list(coupling.displacement or ["free"] * d)
+        wanted += coupling.rotation if isinstance(coupling.rotation, tuple) else [coupling.rotation]
+        wanted += [None] * (self._motions.shape[2] - len(wanted))
+        if space.axisymmetric:
+            wanted[0] = wanted[2] = 0.0
+        self.free = np.array([one in (None, "free") for one in wanted])
+        self._values = np.array([0.0 if free else float(one) for one, free in zip(wanted, self.free, strict=True)])
+        self._values[d:] *= self._scale
+        gram = space.comm.allreduce(np.einsum("kdi,kdj->ij", self._motions, self._motions))
+        self._inverse = np.linalg.inv(gram)
+        at = rigid_motions(ends[1] - self.point, self._scale)[:, :, self.free]
+        at = at.reshape(len(ends[0]) * d, int(self.free.sum()))
+        chosen = _chosen(at)
+        self.leading = np.array([ends[0][k // d] * d + k % d for k in chosen], dtype=np.int64)
+        self.following = self._motions[:, :, self.free] @ np.linalg.inv(at[chosen].reshape(len(chosen), len(chosen)))
+        # which component of which owned node leads, by number of the leading component
+        mine = (self.leading >= space.start * d) & (self.leading < (space.start + space.n_owned) * d)
+        self._mine, self._at = np.flatnonzero(mine), self.leading[mine] - space.start * d
+
+    def _conflict(self, coupling, fixed, where):
+        """What is wrong with the group on this rank, or None."""
+        held = fixed[self.nodes].any(axis=1) & ~self._space.on_axis()[self.nodes]
+        if not held.any():
+            return None
+        at = ", ".join(f"{c:g}" for c in self._space.points[self.nodes[held][0]])
+        return (f"{where[0]}: {where[1]}.region: found {coupling.region!r}, of which the point ({at}) has a prescribed "
+                "displacement, or is in another coupling; allowed: a group that nothing else moves")  # fmt: skip
+
+    def _ends(self, points, numbers, centre, where, coupling):
+        """Global numbers and places of nodes far apart, two in the plane and three in space. *Collective.*"""
+        space, d = self._space, points.shape[1]
+
+        def farthest(distances):
+            k = int(np.argmax(distances)) if len(distances) else -1
+            own = (-1.0, 0, ()) if k < 0 else (float(distances[k]), int(numbers[k]), tuple(points[k]))
+            # rounding errors must not choose among nodes that are as far
+            return max(space.comm.allgather(own), key=lambda one: (float(f"{one[0]:.9e}"), -one[1]))
+
+        _, first, a = farthest(np.linalg.norm(points - centre, axis=1))
+        length, second, b = farthest(np.linalg.norm(points - np.array(a), axis=1))
+        ends, wide = [(first, a), (second, b)], length > 0.0
+        if d == 3 and wide:
+            way = (np.array(b) - a) / length
+            off = points - np.array(a)
+            across, third, c = farthest(np.linalg.norm(off - np.outer(off @ way, way), axis=1))
+            ends.append((third, c))
+            wide = across > LINE * length
+        if not wide:
+            kind = "in a line" if d == 3 and length > 0.0 else "in one place"
+            agree(space.comm, f"{where[0]}: {where[1]}.region: found {coupling.region!r}, whose nodes are {kind}; "
+                              "allowed: a group with extent")  # fmt: skip
+        return np.array([number for number, _ in ends]), np.array([place for _, place in ends])
+
+    # -- displacements ----------------------------------------------------------------------------------------------
+
+    def _amounts(self, u):
+        """Motion (k,) of the group in a displacement (n_owned, d), turns times the scale. *Collective.*"""
+        own = np.einsum("kdi,kd->i", self._motions, u[self.rows])
+        return self._inverse @ self._space.comm.allreduce(own, op=MPI.SUM)
+
+    def enter(self, u, time):
+        """Let the group be where a displacement (n_owned, d) and what is prescribed have it. *Collective.*"""
+        amounts = self._amounts(u)
+        wanted = self._amplitude.factor(time) * self._values
+        u[self.rows] = self._motions @ np.where(self.free, amounts, wanted)
+
+    def follow(self, y):
+        """Let the followers go along with the leading components in a step (n_owned, d). *Collective.*"""
+        leading = np.zeros(len(self.leading))
+        leading[self._mine] = y.reshape(-1)[self._at]
+        y[self.rows] = self.following @ self._space.comm.allreduce(leading, op=MPI.SUM)
+
+    def motion(self, u):
+        """Displacement (d,) of the point [length], and rotation [radian]: a number in the plane. *Collective.*"""
+        d, amounts = self._space.dim, self._amounts(u)
+        turn = amounts[d:] / self._scale
+        return amounts[:d], turn if d == 3 else float(turn[0])
+
+    # -- forces -----------------------------------------------------------------------------------------------------
+
+    def lead(self, f):
+        """Take forces (n_owned, d) on the group to its leading components. *Collective.*"""
+        sums = self._space.comm.allreduce(np.einsum("kdm,kd->m", self.following, f[self.rows]), op=MPI.SUM)
+        f[self.rows] = 0.0
+        f.reshape(-1)[self._at] = sums[self._mine]
+
+    def hold(self, modes):
+        """What rigid motions (n_modes, n_local, d) of the bodies do that is prescribed, on rank 0, see
+        :func:`pcontact.space.modes.free_motions`. *Collective.*
+        """
+        space = self._space
+        amounts = np.array([self._amounts(mode[space.owned_local]) for mode in modes])[:, ~self.free]
+        held = np.zeros((space.mesh.n_components, len(modes), len(modes)))
+        bodies = space.comm.allgather(space.component[self.nodes[:1]].tolist())
+        if space.comm.rank == 0:
+            held[next(body for some in bodies for body in some)] = amounts @ amounts.T
+        return held
+
+    def record(self, u, unbalanced):
+        """Motion of the point, and what holds its prescribed components, for the report. *Collective.*
+
+        Parameters
+        ----------
+        u, unbalanced : ndarray (n_owned, d)
+            Displacement; internal plus contact minus external forces.
+        """
+        (displacement, rotation), forces = self.motion(u), unbalanced[self.rows]
+        arms = self._space.points[self._space.owned_local[self.rows]] - self.point
+        own = np.concatenate([forces.sum(axis=0), np.atleast_1d(moments(arms, forces))])
+        sums = self._space.comm.allreduce(own, op=MPI.SUM)
+        d = self._space.dim
+        result = {"displacement": displacement.tolist(), "force": sums[:d].tolist()}
+        if not self._space.axisymmetric:
+            result["rotation"] = rotation if d == 2 else rotation.tolist()
+            result["moment"] = float(sums[d]) if d == 2 else sums[d:].tolist()
+        return result
