@@ -17,7 +17,7 @@ FIRM = RENEWALS // 2
 # [-] Part of the largest residual of a run below which iterates are so near to the solution that facets are those of
 # the solution: found again between the iterations, they need no run of their own. From: ball on block, 12,000 and
 # 50,000 unknowns, 8 iterations without and 6 with it, whether 0.1 or 0.001.
-SETTLED = 1e-3
+NEAR_SOLUTION = 1e-3
 
 
 class PartnerUpdate:
@@ -57,7 +57,7 @@ class PartnerUpdate:
         left = [WITHIN]
 
         def follow(x, part):
-            if not left[0] or not (part < SETTLED or any([item.strays(x) for item in self.problem.others])):
+            if not left[0] or not (part < NEAR_SOLUTION or any([item.strays(x) for item in self.problem.others])):
                 return False
             changed = self._renewed(x, before, search[0])
             left[0] -= changed

@@ -50,7 +50,7 @@ def test_tube_of_rubber(tmp_path):
         simulation.close()
     found = [1.0 + rows[k]["probes"]["left"]["mean"][0] for k in (0, 4, 7)]
     np.testing.assert_allclose(found, [1.1, 1.5, 2.0], rtol=3e-4)
-    assert max(row["newton"] for row in rows) <= 8 and max(row["imbalance"] for row in rows) < 1e-8
+    assert max(row["newton"] for row in rows) <= 9 and max(row["imbalance"] for row in rows) < 1e-8
     # the tail is quadratic
     assert norms[-2] < 0.01 * norms[-3] and norms[-1] < 0.01 * norms[-2]
 
