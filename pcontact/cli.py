@@ -1,4 +1,4 @@
-"""The command line: ``pcontact run | check | convert | refine | view | schema``."""
+"""The command line: ``pcontact run | check | import | convert | refine | view | schema``."""
 
 import difflib
 import json
@@ -13,6 +13,8 @@ import numpy as np
 
 from pcontact import __version__
 from pcontact.contact.surface.smooth_geometry import SMOOTH, WRONG, facet_pressure
+from pcontact.importer.write import OPTIONS as IMPORT
+from pcontact.importer.write import import_file
 from pcontact.io import refine, show
 from pcontact.io.cost_forecast import cost_forecast
 from pcontact.mesh.hdf5_writer import convert, mesh_sizes
@@ -66,6 +68,9 @@ class Command(NamedTuple):
 COMMANDS = {
     "run": Command("a scene file", "SCENE.toml [-o DIR] [options]", "solve; results in DIR (default: SCENE_results)"),
     "check": Command("a scene file", "SCENE.toml [options]", "read scene and mesh, solve nothing: what is modelled"),
+    "import": Command(
+        "a deck", "DECK [-o DIR]", "a scene with its mesh from a deck of Abaqus or CalculiX (.inp)", IMPORT
+    ),
     "convert": Command("a mesh file", "MESH [-o FILE.h5] [--order 2]", "a mesh for reading in parallel", CONVERT),
     "refine": Command(
         "a directory", "DIR [-o FILE.msh] [options]",
@@ -317,6 +322,8 @@ def _execute(command, operand, options):
     if command == "refine":
         log.info("wrote %s", on_root(comm, refine.refine_run, operand, options))
         return 0
+    if command == "import":
+        return comm.bcast(on_root(comm, import_file, operand, options.get("o")), root=0)
     if command == "convert":
         convert_mesh(operand, options)
         return 0

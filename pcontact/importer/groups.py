@@ -1,0 +1,128 @@
+"""Groups of the mesh that a scene names, and the file of the mesh."""
+
+from pcontact.importer.elements import VERTICES, face_nodes, faces_of, in_plane
+from pcontact.runtime.files import replace_file
+
+# meshio's names of facets by their vertices
+_FACETS = {2: "line", 3: "triangle", 4: "quad"}
+# gmsh's types, and its order of nodes where it is not the deck's
+_GMSH = {
+    "vertex": (15, None), "line": (1, None), "triangle": (2, None), "quad": (3, None), "triangle6": (9, None),
+    "quad8": (16, None), "tetra": (4, None), "tetra10": (11, [0, 1, 2, 3, 4, 5, 6, 7, 9, 8]), "hexahedron": (5, None),
+    "hexahedron20": (17, [*range(8), 8, 11, 16, 9, 17, 10, 18, 19, 12, 15, 13, 14]),
+}  # fmt: skip
+# cells that are given nodes in their middles
+_COMPLETED = ("quad8", "hexahedron20")
+KINDS = ("cells", "facets", "nodes", "held")
+
+
+class Groups:
+    """Named groups: cells, facets [(element, face)], nodes, and nodes that are held with all that lies between them."""
+
+    def __init__(self):
+        self.members, self._names = {}, {}
+
+    def add(self, kind, name, members):
+        """The name under which members are known; the wanted one, or with a number if another group has it.
+
+        Parameters
+        ----------
+        kind : str
+            Of `KINDS`.
+        name : str
+        members : iterable
+
+        Returns
+        -------
+        str
+        """
+        members = list(dict.fromkeys(members))
+        key = kind, frozenset(members)
+        if key not in self._names:
+            free, number = name, 2
+            while free in self.members:
+                free, number = f"{name}_{number}", number + 1
+            self.members[free] = kind, members
+            self._names[key] = free
+        return self._names[key]
+
+    def of(self, kind):
+        """Names and members of the groups of a kind."""
+        return {name: members for name, (one, members) in self.members.items() if one == kind}
+
+
+def write_mesh(path, deck, groups):
+    """Write the cells of all groups of cells, and the groups, with the deck's numbers of nodes and cells. Serial.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+        A .msh file, of gmsh's version 2.2, in which an element stands once for each of its groups.
+    deck : Deck
+    groups : Groups
+
+    Notes
+    -----
+    A group of nodes that are held has the facets and cells between its nodes too, for nodes that have been added there.
+    """
+    numbers = {name: number for number, name in enumerate(groups.members, 1)}
+    cells = {element for members in groups.of("cells").values() for element in members}
+    dim = 2 if all(in_plane(deck.elements[element][0]) for element in cells) else 3
+    elements = []
+    for name, members in groups.of("cells").items():
+        elements += [(dim, numbers[name], element, *deck.elements[element]) for element in members]
+    other = max(cells, default=0)
+
+    def add(d, name, kind, nodes):
+        elements.append((d, numbers[name], other + len(elements) + 1, kind, nodes))
+
+    for name, members in groups.of("facets").items():
+        for element, face in members:
+            corners = deck.corners(element, face)
+            add(dim - 1, name, _FACETS[len(corners)], corners)
+    for name, members in [*groups.of("nodes").items(), *groups.of("held").items()]:
+        for node in members:
+            add(0, name, "vertex", [node])
+    for name, members in groups.of("held").items():
+        for kind, nodes in _between(deck, cells, members):
+            add(dim if kind in _COMPLETED else dim - 1, name, kind, nodes)
+    used = sorted({node for element in cells for node in deck.elements[element][1]})
+    text = ["$MeshFormat", "2.2 0 8", "$EndMeshFormat", "$PhysicalNames"]
+    names = sorted({(d, number) for d, number, *_ in elements})
+    of_number = {number: name for name, number in numbers.items()}
+    text += [str(len(names)), *(f'{d} {number} "{of_number[number]}"' for d, number in names), "$EndPhysicalNames"]
+    text += ["$Nodes", str(len(used)), *(f"{n} {' '.join(map(repr, deck.nodes[n]))}" for n in used), "$EndNodes"]
+    text += ["$Elements", str(len(elements))]
+    for _, number, tag, kind, nodes in elements:
+        kind_number, order = _GMSH[kind]
+        ordered = nodes if order is None else [nodes[k] for k in order]
+        text.append(f"{tag} {kind_number} 2 {number} {number} {' '.join(map(str, ordered))}")
+    replace_file(path, "\n".join([*text, "$EndElements", ""]))
+
+
+def _between(deck, cells, members):
+    """Facets and cells of completed cells whose nodes are all among the members: (meshio's name, nodes)."""
+    inside, seen = set(members), set()
+    for element in cells:
+        kind, nodes = deck.elements[element]
+        if kind not in _COMPLETED:
+            continue
+        for face in range(len(faces_of(kind))):
+            own = [nodes[k] for k in face_nodes(kind, face)]
+            if inside.issuperset(own) and frozenset(own) not in seen:
+                seen.add(frozenset(own))
+                corners = deck.corners(element, face)
+                yield _FACETS[len(corners)], corners
+        if inside.issuperset(nodes):
+            yield kind, nodes
+
+
+def counted(deck, groups):
+    """Cells and nodes of the mesh in words."""
+    cells = {element for members in groups.of("cells").values() for element in members}
+    nodes = {node for element in cells for node in deck.elements[element][1]}
+    kinds = {}
+    for element in cells:
+        kinds[deck.elements[element][0]] = kinds.get(deck.elements[element][0], 0) + 1
+    known = [f"{n} {kind}" for kind, n in kinds.items() if kind in VERTICES]
+    return f"{len(nodes)} nodes, cells: {', '.join(known)}"

@@ -1,0 +1,394 @@
+"""Materials, bodies and contacts of a deck as tables of a scene."""
+
+import numpy as np
+
+from pcontact.importer.elements import EDGES, KINEMATICS, VERTICES, WEDGES, kind_of
+
+# coefficient of friction from which nothing slips, and what stands for it: the largest that is not refused
+ROUGH, LARGEST = 100.0, 3.0
+# springs of contact that are stiffer than a layer of elements are a numerical means; softer ones are a soft layer
+HARD = 1.0
+# rows of kinematic hardening; numbers of elasticity; surfaces of a pair
+_TWO = 2
+
+
+def materials(deck, findings):
+    """Tables [materials.NAME], by the deck's name in capitals.
+
+    Parameters
+    ----------
+    deck : Deck
+    findings : Findings
+
+    Returns
+    -------
+    dict of str to dict
+    """
+    tables = {}
+    for name, cards in deck.materials.items():
+        table = tables[name] = {}
+        findings.know(cards[0], "NAME")
+        findings.take(cards[0])
+        for card in cards[1:]:
+            reader = _READ.get(card.key)
+            if reader is not None:
+                reader(card, table, findings)
+            elif card.key in ("CONDUCTIVITY", "SPECIFICHEAT", "DAMPING"):
+                findings.skip(card, "no static solution depends on it")
+            else:
+                findings.leave(card, "allowed: *ELASTIC, *PLASTIC, *EXPANSION, *DENSITY")
+        if "E" not in table:
+            findings.leave(cards[0], "has no isotropic elasticity; E = 1 and nu = 0.3 stand in its place")
+            table |= {"E": 1.0, "nu": 0.3}
+    return tables
+
+
+def _rows(card):
+    return [card.numbers(place, words) for place, words in card.rows if any(words)]
+
+
+def _alike(card, rows, width, findings):
+    """The rows of one temperature: the first one, if temperatures differ."""
+    temperatures = list(dict.fromkeys(row[width] if len(row) > width else 0.0 for row in rows))
+    same = [[row[:width] for row in rows if (row[width] if len(row) > width else 0.0) == t] for t in temperatures]
+    if any(part != same[0] for part in same):
+        findings.leave(card, f"its dependence on the temperature; taken at {temperatures[0]:g}")
+    return same[0] if same else []
+
+
+def _elastic(card, table, findings):
+    findings.know(card, "TYPE")
+    rows = _rows(card)
+    if card.word("TYPE", "ISO") not in ("ISO", "ISOTROPIC") or not rows or len(rows[0]) < _TWO:
+        findings.leave(card, "allowed: TYPE=ISO with E and nu")
+        return
+    first = _alike(card, rows, 2, findings)[0]
+    table["E"], table["nu"] = first
+    findings.take(card, f"E = {first[0]:g}, nu = {first[1]:g}")
+
+
+def _plastic(card, table, findings):
+    findings.know(card, "HARDENING")
+    rows = _alike(card, [(row + [0.0])[:3] if len(row) < _TWO else row for row in _rows(card)], 2, findings)
+    kind = card.word("HARDENING", "ISOTROPIC")
+    if not rows or kind not in ("ISOTROPIC", "KINEMATIC") or (kind == "KINEMATIC" and len(rows) != _TWO):
+        findings.leave(card, "allowed: isotropic hardening, or kinematic with two rows")
+        return
+    start, curve = rows[0][1], [[row[1] - rows[0][1], row[0]] for row in rows]
+    if start != 0.0:
+        findings.change(card, f"plastic strains begin at {start:g} in the deck, here at 0")
+    if kind == "KINEMATIC":
+        table["yield_stress"] = curve[0][1]
+        table["kinematic_hardening"] = (curve[1][1] - curve[0][1]) / curve[1][0]
+        findings.change(card, "linear kinematic hardening, which goes on beyond the last row")
+        return
+    table["hardening_curve"] = curve
+    findings.take(card, f"{len(curve)} rows of isotropic hardening")
+
+
+def _expansion(card, table, findings):
+    findings.know(card, "TYPE", "ZERO")
+    rows = _rows(card)
+    if card.word("TYPE", "ISO") != "ISO" or not rows:
+        findings.leave(card, "allowed: TYPE=ISO with one coefficient")
+        return
+    table["expansion"] = _alike(card, rows, 1, findings)[0][0]
+    findings.take(card, f"{table['expansion']:g}")
+
+
+def _density(card, table, findings):
+    rows = _rows(card)
+    if rows:
+        table["density"] = rows[0][0]
+    findings.take(card, "for weight and centrifugal force")
+
+
+_READ = {"ELASTIC": _elastic, "PLASTIC": _plastic, "EXPANSION": _expansion, "DENSITY": _density}
+
+
+def bodies(deck, findings):
+    """Cells of every section.
+
+    Parameters
+    ----------
+    deck : Deck
+    findings : Findings
+
+    Returns
+    -------
+    list of (str, str, list of int)
+        Name, material in capitals, elements.
+    kinematics : str or None
+        Of a plane mesh.
+    thickness : float
+        Of a plane mesh.
+    """
+    owner, names, widths = {}, [], {}
+    for card in deck.model:
+        if card.key not in ("SOLIDSECTION", "MEMBRANESECTION"):
+            continue
+        findings.know(card, "ELSET", "MATERIAL", "ORIENTATION", "CONTROLS")
+        if "ORIENTATION" in card.parameters:
+            findings.skip(card, "the orientation of a material that has none")
+        material = card.need("MATERIAL").upper()
+        if material not in deck.materials:
+            raise card.refuse(f"the unknown material {card.get('MATERIAL')!r}", ", ".join(deck.materials))
+        for element in deck.elements_of(card, card.place, card.need("ELSET")):
+            owner[element] = len(names)
+        names.append((deck.name(card.need("ELSET")), material))
+        width = card.numbers(*card.rows[0])[0] if card.rows and card.rows[0][1][0] else 1.0
+        widths[width] = card
+        findings.take(card)
+    found = [(name, material, []) for name, material in names]
+    homeless = set()
+    for element in deck.cells():
+        if element in owner:
+            found[owner[element]][2].append(element)
+        else:
+            homeless.add(deck.elements[element][0])
+    _say_types(deck, findings, homeless)
+    dims, plane = _families(deck, findings)
+    if dims == {2} and len(widths) > 1:
+        card = list(widths.values())[-1]
+        findings.leave(card, f"thicknesses that differ ({', '.join(f'{w:g}' for w in widths)})")
+    found = [
+        (name, material, [e for e in cells if deck.elements[e][0] not in WEDGES]) for name, material, cells in found
+    ]
+    return [one for one in found if one[2]], plane, next(iter(widths), 1.0) if dims == {2} else 1.0
+
+
+def _say_types(deck, findings, homeless):
+    for word, card in deck.element_cards.items():
+        kind = kind_of(word)
+        if kind.cell is None:
+            findings.leave(card, f"elements of type {word}, which are no cells of a solid")
+        elif kind.cell in WEDGES:
+            findings.leave(card, f"elements of type {word}: there are no wedges")
+        elif kind.cell in homeless:
+            findings.leave(card, f"elements of type {word} without a section")
+        elif kind.remark:
+            findings.change(card, f"type {word} as {kind.cell}: {kind.remark}")
+        else:
+            findings.take(card, f"type {word}")
+    for card in deck.cards:
+        if card.key == "ELEMENT":
+            findings.know(card, "TYPE", "ELSET")
+            if card is not deck.element_cards[card.need("TYPE").upper()]:
+                findings.take(card, "as the others of its type")
+
+
+def _families(deck, findings):
+    """Dimensions of the cells; kinematics of a plane mesh."""
+    kinds = [(kind_of(word), card) for word, card in deck.element_cards.items() if kind_of(word).cell]
+    dims = {kind.dim for kind, _ in kinds}
+    if len(dims) > 1:
+        card = next(card for kind, card in kinds if kind.dim == 2)
+        findings.leave(card, "cells of the plane beside cells of space")
+    families = list(dict.fromkeys(kind.family for kind, _ in kinds if kind.family in KINEMATICS))
+    if len(families) > 1:
+        card = next(card for kind, card in kinds if kind.family == families[1])
+        findings.leave(card, f"{families[1]} beside {families[0]}: there is one kinematics of the mesh")
+    return dims, KINEMATICS[families[0]] if families and dims == {2} else None
+
+
+def surface_faces(deck, surface):
+    """Faces of a surface; of one of nodes, the free faces whose nodes are all in it."""
+    if not surface.nodes:
+        return surface.faces
+    inside = set(surface.nodes)
+    return [row for row in deck.free_faces() if inside.issuperset(deck.corners(*row))]
+
+
+class Contacts:
+    """Contacts and ties of a deck.
+
+    Parameters
+    ----------
+    deck : Deck
+    findings : Findings
+    groups : pcontact.importer.groups.Groups
+    tables : dict of str to dict
+        Of `materials`.
+    bodies : list
+        Of `bodies`.
+    """
+
+    def __init__(self, deck, findings, groups, tables, bodies):
+        self.deck, self.findings, self.groups, self._used = deck, findings, groups, set()
+        self.modulus = {e: tables[material]["E"] for _, material, cells in bodies for e in cells}
+
+    def tables(self):
+        """Tables [[contacts]], with the card that each comes from.
+
+        Returns
+        -------
+        list of (dict, Card)
+        """
+        found = []
+        for card in self.deck.model:
+            if card.key == "CONTACTPAIR":
+                self.findings.know(card, "INTERACTION", "TYPE", "ADJUST", "SMALLSLIDING")
+                for place, words in card.rows:
+                    found.append((self._pair(card, place, words), card))
+            elif card.key == "TIE":
+                self.findings.know(card, "NAME", "POSITIONTOLERANCE", "ADJUST", "TYPE", "CYCLICSYMMETRY", "MULTISTAGE")
+                for place, words in card.rows:
+                    found.append((self._tie(card, place, words), card))
+        for cards in self.deck.interactions.values():
+            if cards[0].place not in self._used:
+                for card in cards:
+                    self.findings.skip(card, "no contact has it")
+        return [(table, card) for table, card in found if table is not None]
+
+    def _side(self, card, place, word):
+        """Name of the group of facets of a surface, its faces; None where there are none."""
+        surface = self.deck.surface_of(card, place, word)
+        faces = surface_faces(self.deck, surface)
+        faces = [row for row in faces if row[0] in self.modulus]
+        if not faces:
+            self.findings.leave(card, f"surface {surface.name} has no facets of solids", place)
+            return None, []
+        if surface.nodes:
+            covered = {n for row in faces for n in self.deck.face_nodes(*row)}
+            words = "the facets between its nodes"
+            if set(surface.nodes) - covered:
+                words += f"; {len(set(surface.nodes) - covered)} nodes are in none"
+            self.findings.change(surface.card, words)
+        else:
+            self.findings.take(surface.card)
+        return self.groups.add("facets", surface.name, faces), faces
+
+    def _sides(self, card, place, words):
+        if len(words) < _TWO or not words[1]:
+            raise card.refuse(", ".join(words) or "nothing", "two surfaces", place)
+        source, faces = self._side(card, place, words[0])
+        target, _ = self._side(card, place, words[1])
+        if source is None or target is None:
+            return None, faces
+        table = {"source": source, "target": target}
+        return table, faces
+
+    def _pair(self, card, place, words):
+        table, faces = self._sides(card, place, words)
+        if table is None:
+            return None
+        kind = card.word("TYPE", "NODETOSURFACE")
+        words = f"{card.get('TYPE') or 'contact'}: Nitsche's method on the facets of the slave"
+        self.findings.change(card, words, place)
+        if kind == "MASSLESS":
+            self.findings.leave(card, "massless contact is for dynamics", place)
+        if "SMALLSLIDING" in card.parameters:
+            self.findings.change(card, "small sliding: partners are found in every load step", place)
+        if "ADJUST" in card.parameters:
+            table["interference"] = "adjust"
+            self.findings.leave(card, "ADJUST closes gaps; here it takes away overlaps only", place)
+        interaction = self.deck.interactions.get(card.need("INTERACTION").upper())
+        if interaction is None:
+            raise card.refuse(f"the unknown interaction {card.get('INTERACTION')!r}", ", ".join(self.deck.interactions))
+        self._interaction(interaction, table, faces)
+        return table
+
+    def _interaction(self, cards, table, faces):
+        self._used.add(cards[0].place)
+        self.findings.know(cards[0], "NAME")
+        self.findings.take(cards[0])
+        tied = False
+        for card in cards[1:]:
+            values = [card.numbers(place, words) for place, words in card.rows]
+            if card.key == "SURFACEBEHAVIOR":
+                self.findings.know(card, "PRESSURE-OVERCLOSURE")
+                tied = self._behavior(card, values, faces)
+            elif card.key == "FRICTION":
+                self._friction(card, values, table)
+            elif card.key in ("GAPCONDUCTANCE", "GAPHEATGENERATION", "CONTACTDAMPING"):
+                self.findings.skip(card, "no static solution depends on it")
+            else:
+                self.findings.leave(card, "not known")
+        if tied:
+            table.pop("friction", None)
+            table.pop("interference", None)
+            table["tied"] = True
+
+    def _behavior(self, card, values, faces):
+        """Pressure over overclosure; whether the surfaces are tied."""
+        kind = card.word("PRESSURE-OVERCLOSURE", "HARD")
+        if kind == "HARD":
+            self.findings.take(card, "no overlap is left")
+            return False
+        first = values[0][0] if values and values[0] else 0.0
+        if kind == "TIED":
+            self.findings.change(card, f"glued without the springs of {first:g}")
+            return True
+        slope = first
+        if kind == "EXPONENTIAL":
+            # the slope where surfaces touch, -ln(0.01) p0 / c0
+            slope = 4.605 * (values[0][1] / first) if len(values[0]) > 1 and first else 0.0
+        if kind not in ("LINEAR", "EXPONENTIAL"):
+            self.findings.leave(card, f"{kind.lower()}: no overlap is left, whatever the pressure")
+            return False
+        stiffness = self._layer(faces)
+        words = f"springs of {slope:g}, {slope / stiffness:.2g} times a layer of elements: here no overlap is left"
+        (self.findings.change if slope >= HARD * stiffness else self.findings.leave)(card, words)
+        return False
+
+    def _layer(self, faces):
+        """Stiffness of the elements of a surface per area: modulus over the length of their faces, the mean."""
+        element, face = zip(*faces, strict=True)
+        sizes = []
+        for one in zip(element, face, strict=True):
+            points = np.array([self.deck.nodes[n] for n in self.deck.corners(*one)])
+            sizes.append(np.linalg.norm(points - np.roll(points, 1, axis=0), axis=1).mean())
+        return float(np.mean([self.modulus[e] for e in element]) / np.mean(sizes))
+
+    def _friction(self, card, values, table):
+        self.findings.know(card, "ROUGH", "TAUMAX", "SLIPTOLERANCE", "ELASTICSLIP")
+        first = values[0] if values and values[0] else [0.0]
+        value = float("inf") if "ROUGH" in card.parameters else first[0]
+        table["friction"] = value
+        if value >= ROUGH:
+            table["friction"] = LARGEST
+            self.findings.change(card, f"nothing slips in the deck; here a friction of {LARGEST:g}")
+        elif value > LARGEST:
+            table["friction"] = LARGEST
+            self.findings.leave(card, f"a friction of {value:g}; here {LARGEST:g}")
+        elif len(first) > 1 and first[1]:
+            self.findings.change(card, f"{value:g}, without the springs of {first[1]:g} where it sticks")
+        else:
+            self.findings.take(card, f"{value:g}")
+        if "TAUMAX" in card.parameters and value < ROUGH:
+            table["friction_limit"] = card.number(card.place, card.need("TAUMAX"))
+
+    def _tie(self, card, place, words):
+        if {"CYCLICSYMMETRY", "MULTISTAGE"} & set(card.parameters):
+            self.findings.leave(card, "cyclic symmetry", place)
+            return None
+        table, _ = self._sides(card, place, words)
+        if table is None:
+            return None
+        table["tied"] = True
+        if card.get("POSITIONTOLERANCE"):
+            value = card.number(card.place, card.need("POSITIONTOLERANCE"))
+            if value > 0.0:
+                table["search_radius"] = value
+        if card.word("ADJUST", "YES") == "NO":
+            self.findings.take(card, "tied as the surfaces lie", place)
+        else:
+            self.findings.change(card, "tied as the surfaces lie: nodes are not moved", place)
+        return table
+
+
+def order_of(deck, findings):
+    """Degree of the displacement, and whether cells of degree 1 are raised to it."""
+    kinds = {deck.elements[element][0] for element in deck.cells()}
+    quadratic = {kind for kind in kinds if kind in EDGES}
+    if quadratic and quadratic != kinds:
+        for word, card in deck.element_cards.items():
+            cell = kind_of(word).cell
+            if cell in VERTICES and cell not in EDGES:
+                findings.change(card, f"type {word} with a displacement of degree 2, as the other elements")
+    for word, card in deck.element_cards.items():
+        cell = kind_of(word).cell
+        if cell in ("quad8", "hexahedron20"):
+            full = "9" if cell == "quad8" else "27"
+            findings.change(card, f"type {word} with {full} nodes: the middles of faces and cells have nodes, too")
+    return 2 if quadratic else 1

@@ -1,0 +1,437 @@
+"""Supports and loads of the steps of a deck, as histories over the run."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from pcontact.importer.deck import faces
+from pcontact.importer.history import Amplitude, History, factors
+
+_NAMED = {"XSYMM": (0,), "YSYMM": (1,), "ZSYMM": (2,), "ENCASTRE": (0, 1, 2), "PINNED": (0, 1, 2)}
+# degrees of freedom of rotation, which nodes of solids do not have
+_ROTATIONS = (4, 5, 6)
+_AXES = np.eye(3)
+# digits of equal numbers
+_DIGITS = 12
+
+
+@dataclass
+class Definition:
+    """A value that a card gives, and how it goes.
+
+    Attributes
+    ----------
+    value : float
+    amplitude : Amplitude or None
+    card : Card
+    fresh : bool
+        Given in this step.
+    """
+
+    value: float
+    amplitude: Amplitude | None
+    card: object
+    fresh: bool = True
+
+
+@dataclass
+class Values:
+    """Values of one kind, by what they belong to, with their histories."""
+
+    now: dict = field(default_factory=dict)
+    histories: dict = field(default_factory=dict)
+
+    def give(self, key, definition, add=False):
+        """A card says a value; loads of one step add up."""
+        old = self.now.get(key)
+        if add and old is not None and old.fresh and old.amplitude is definition.amplitude:
+            definition.value += old.value
+        self.now[key] = definition
+        self.histories.setdefault(key, History())
+
+    def pass_step(self, begin, end, steps):
+        """Go on to the end of a step; `steps`: what is given jumps at its begin."""
+        for key, one in self.now.items():
+            history = self.histories[key]
+            if one.amplitude is not None:
+                history.follow(begin, end, one.value, one.amplitude)
+            elif one.fresh and (steps or end == begin):
+                history.jump(begin, end, one.value)
+            elif one.fresh:
+                history.ramp(begin, end, one.value)
+            one.fresh = False
+
+    def drop(self):
+        """Forget what holds; what it was."""
+        old, self.now = self.now, {}
+        return old
+
+
+def amplitudes(deck, findings):
+    """Amplitudes by name in capitals."""
+    found = {}
+    for card in deck.model:
+        if card.key != "AMPLITUDE":
+            continue
+        findings.know(card, "NAME", "TIME", "DEFINITION", "VALUE", "SHIFTX", "SHIFTY")
+        if card.word("DEFINITION", "TABULAR") != "TABULAR" or card.word("VALUE", "RELATIVE") != "RELATIVE":
+            findings.leave(card, "allowed: a table of relative values")
+            continue
+        shifts = [card.number(card.place, card.get(name, "")) for name in ("SHIFTX", "SHIFTY")]
+        numbers = []
+        for place, words in card.rows:
+            while words and not words[-1]:
+                words = words[:-1]
+            numbers += card.numbers(place, words)
+        if not numbers or len(numbers) % 2:
+            raise card.refuse(f"{len(numbers)} numbers", "pairs of time and factor")
+        points = list(zip([t + shifts[0] for t in numbers[::2]], [f + shifts[1] for f in numbers[1::2]], strict=True))
+        if any(b[0] <= a[0] for a, b in zip(points, points[1:], strict=False)):
+            raise card.refuse("times that do not increase", "increasing times")
+        found[card.need("NAME").upper()] = Amplitude(points, card.word("TIME", "STEPTIME") == "TOTALTIME")
+        findings.take(card)
+    return found
+
+
+class Frames:
+    """Local axes of nodes (*TRANSFORM)."""
+
+    def __init__(self, deck, findings):
+        self.deck, self.of_node, self.card = deck, {}, {}
+        for card in deck.model:
+            if card.key == "TRANSFORM":
+                findings.know(card, "NSET", "TYPE")
+                row = (card.numbers(*card.rows[0]) + [0.0] * 6)[:6] if card.rows else [0.0] * 6
+                for node in deck.nodes_of(card, card.place, card.need("NSET")):
+                    self.of_node[node] = card.word("TYPE", "R"), np.array(row[:3]), np.array(row[3:])
+                    self.card[node] = card
+                findings.take(card)
+
+    def axes(self, node):
+        """Local axes in rows, (3, 3); None where they are those of the mesh."""
+        if node not in self.of_node:
+            return None
+        kind, a, b = self.of_node[node]
+        if kind.startswith("C"):
+            axial = (b - a) / np.linalg.norm(b - a)
+            arm = np.array(self.deck.nodes[node]) - a
+            arm -= (arm @ axial) * axial
+            if np.linalg.norm(arm) < 1e-12 * max(1.0, np.linalg.norm(b - a)):
+                return None
+            first = arm / np.linalg.norm(arm)
+            return np.array([first, np.cross(axial, first), axial])
+        first = a / np.linalg.norm(a)
+        third = np.cross(first, b)
+        third /= np.linalg.norm(third)
+        return np.array([first, np.cross(third, first), third])
+
+
+class Supports:
+    """What holds and loads the nodes, faces and cells of a deck, from step to step.
+
+    Parameters
+    ----------
+    deck : Deck
+    findings : Findings
+    nodes : set of int
+        Nodes of cells.
+    dim : int
+    """
+
+    def __init__(self, deck, findings, nodes, dim):
+        self.deck, self.findings, self.nodes, self.dim = deck, findings, nodes, dim
+        self.amplitudes, self.frames = amplitudes(deck, findings), Frames(deck, findings)
+        self.held, self.forces, self.pressures, self.volumes = Values(), Values(), Values(), Values()
+        self.temperatures, self.initial = Values(), {}
+        self.follower = False
+
+    def before(self):
+        """Supports and temperatures before the first step."""
+        for card in self.deck.model:
+            if card.key == "BOUNDARY":
+                self._boundary(card)
+            elif card.key == "INITIALCONDITIONS" and card.word("TYPE") == "TEMPERATURE":
+                self.findings.know(card, "TYPE")
+                for place, words in card.rows:
+                    value = card.number(place, words[1] if len(words) > 1 else "")
+                    self.initial |= dict.fromkeys(self.deck.nodes_of(card, place, words[0]), value)
+                self.findings.take(card)
+        self.held.pass_step(0.0, 0.0, True)
+
+    def step(self, step, begin, end):
+        """Take the cards of a step."""
+        readers = {"BOUNDARY": self._boundary, "CLOAD": self._cload, "DLOAD": self._dload, "DSLOAD": self._dsload,
+                   "TEMPERATURE": self._temperature}  # fmt: skip
+        renewed = set()
+        for card in step.cards:
+            if card.key not in readers:
+                continue
+            kind = "DLOAD" if card.key == "DSLOAD" else card.key
+            if card.word("OP", "MOD") == "NEW" and kind not in renewed:
+                self._renew(kind)
+            renewed.add(kind)
+            readers[card.key](card)
+        self._released()
+        steps = step.card.word("AMPLITUDE", "RAMP") == "STEP"
+        for values in (self.held, self.forces, self.pressures, self.volumes, self.temperatures):
+            values.pass_step(begin, end, steps)
+
+    def _renew(self, kind):
+        """OP=NEW: what held before ends, loads along a ramp."""
+        if kind == "BOUNDARY":
+            self._dropped = self.held.drop()
+            return
+        if kind == "TEMPERATURE":
+            return
+        for values in (self.forces,) if kind == "CLOAD" else (self.pressures, self.volumes):
+            for key, old in values.drop().items():
+                if values.histories[key].last != 0.0:
+                    values.give(key, Definition(0.0, None, old.card))
+                    self.findings.change(old.card, "ends along a ramp over the step that does not say it")
+
+    _dropped = None
+
+    def _released(self):
+        """Say which supports end, where OP=NEW does not give them again."""
+        if self._dropped:
+            lost = {old.card.place: old.card for key, old in self._dropped.items() if key not in self.held.now}
+            for card in lost.values():
+                self.findings.leave(card, "ends with a later step: a support holds to the end of the run")
+            for key, old in self._dropped.items():
+                self.held.now.setdefault(key, old)
+        self._dropped = None
+
+    def _amplitude(self, card):
+        name = card.get("AMPLITUDE")
+        if name and name.upper() not in self.amplitudes:
+            self.findings.leave(card, f"amplitude {name} is not known: a ramp in its place")
+            return None
+        return self.amplitudes[name.upper()] if name else None
+
+    def _boundary(self, card):
+        self.findings.know(card, "OP", "AMPLITUDE", "FIXED", "TYPE")
+        if card.word("TYPE", "DISPLACEMENT") != "DISPLACEMENT" or "FIXED" in card.parameters:
+            self.findings.leave(card, "allowed: prescribed displacements with values")
+            return
+        amplitude = self._amplitude(card)
+        self.findings.take(card)
+        for place, words in card.rows:
+            nodes = self.deck.nodes_of(card, place, words[0])
+            first = words[1] if len(words) > 1 else ""
+            if first.upper() in _NAMED:
+                dofs, value = [d + 1 for d in _NAMED[first.upper()]], 0.0
+            else:
+                low = card.integer(place, first)
+                high = card.integer(place, words[2]) if len(words) > 2 and words[2] else low
+                dofs, value = range(low, high + 1), card.number(place, words[3] if len(words) > 3 else "")
+            self._prescribe(card, place, nodes, dofs, Definition(value, amplitude, card))
+
+    def _prescribe(self, card, place, nodes, dofs, one):
+        own = [n for n in nodes if n in self.nodes]
+        if not own:
+            self.findings.skip(card, "nodes of no cell", place)
+        for dof in dofs:
+            if dof in _ROTATIONS or (dof == 3 and self.dim == 2 and one.value == 0.0):
+                continue
+            if dof > self.dim or dof < 1:
+                self.findings.leave(card, f"degree of freedom {dof}", place)
+                continue
+            for node in own:
+                definition = Definition(one.value, one.amplitude, card)
+                self.held.give((node, dof - 1), definition)
+
+    def _cload(self, card):
+        self.findings.know(card, "OP", "AMPLITUDE")
+        amplitude = self._amplitude(card)
+        self.findings.take(card)
+        for place, words in card.rows:
+            dof, value = card.integer(place, words[1]), card.number(place, words[2] if len(words) > 2 else "")
+            nodes = self.deck.nodes_of(card, place, words[0])
+            lost = [n for n in nodes if n not in self.nodes]
+            if value and (lost or not 1 <= dof <= self.dim):
+                what = f"degree of freedom {dof}" if not lost else f"node {lost[0]}, of no cell ({len(lost)} in all)"
+                self.findings.leave(card, what, place)
+            if 1 <= dof <= self.dim:
+                for node in set(nodes) - set(lost):
+                    self.forces.give((node, dof - 1), Definition(value, amplitude, card), add=True)
+
+    def _dload(self, card):
+        self.findings.know(card, "OP", "AMPLITUDE")
+        amplitude = self._amplitude(card)
+        self.findings.take(card)
+        for place, words in card.rows:
+            label, numbers = words[1].upper() if len(words) > 1 else "", card.numbers(place, words[2:])
+            if words[0]:
+                elements = self.deck.elements_of(card, place, words[0])
+            else:
+                elements = self.deck.cells()
+            if label[:1] == "P" and label[1:].isdigit():
+                for key in faces(self.deck, card, place, label, elements):
+                    self.pressures.give(key, Definition(numbers[0], amplitude, card), add=True)
+            elif label in ("GRAV", "CENTRIF", "BX", "BY", "BZ") and numbers:
+                key = (label, tuple(numbers[1:]), tuple(elements))
+                self.volumes.give(key, Definition(numbers[0], amplitude, card), add=True)
+            else:
+                self.findings.leave(card, f"{label}; allowed: P1 to P6, GRAV, CENTRIF, BX, BY, BZ", place)
+
+    def _dsload(self, card):
+        self.findings.know(card, "OP", "AMPLITUDE", "FOLLOWER")
+        amplitude = self._amplitude(card)
+        self.findings.take(card)
+        for place, words in card.rows:
+            surface = self.deck.surface_of(card, place, words[0])
+            label = words[1].upper() if len(words) > 1 else ""
+            if label != "P" or surface.nodes:
+                self.findings.leave(card, f"{label}; allowed: P on faces", place)
+                continue
+            for key in surface.faces:
+                self.pressures.give(key, Definition(card.number(place, words[2]), amplitude, card), add=True)
+
+    def _temperature(self, card):
+        self.findings.know(card, "OP", "AMPLITUDE")
+        if card.get("FILE"):
+            return
+        amplitude = self._amplitude(card)
+        self.findings.take(card)
+        for place, words in card.rows:
+            value = card.number(place, words[1] if len(words) > 1 else "")
+            for node in self.deck.nodes_of(card, place, words[0]):
+                self.temperatures.give(node, Definition(value, amplitude, card))
+                if self.temperatures.histories[node].points == [(0.0, 0.0)]:
+                    self.temperatures.histories[node] = History([(0.0, self.initial.get(node, 0.0))])
+
+    # ------------------------------------------------------------ tables
+
+    def displacements(self, groups, end):
+        """Tables [[displacements]] with the cards that they come from."""
+        self._turn()
+        classes = {}
+        for (node, dof), history in self.held.histories.items():
+            if (node, dof) in self.held.now:
+                classes.setdefault((dof, history.key()), []).append(node)
+        merged = {}
+        for (dof, points), nodes in classes.items():
+            most = max((value for _, value in points), key=abs)
+            table = factors(points, most, end)
+            key = frozenset(nodes), None if table is None else tuple(map(tuple, table)), most == 0.0
+            merged.setdefault(key, (nodes, {}))[1][dof] = most
+        tables = []
+        for (_, table, _), (nodes, values) in merged.items():
+            cards = {self.held.now[n, dof].card for n in nodes for dof in values}
+            name = groups.add("held", self._name(nodes, "support"), nodes)
+            one = {"region": name, "value": [values.get(dof, "free") for dof in range(self.dim)]}
+            if table is not None:
+                one["amplitude"] = [list(row) for row in table]
+            tables.append((one, min(cards, key=lambda card: card.place)))
+        return tables
+
+    def _name(self, nodes, word):
+        """Name of the set of just these nodes, or of none."""
+        inside = set(nodes)
+        for key, members in self.deck.node_sets.items():
+            if len(members) >= len(inside) and inside == set(members) & self.nodes:
+                return self.deck.spelling[key]
+        return f"node_{nodes[0]}" if len(inside) == 1 else word
+
+    def _turn(self):
+        """Supports along local axes as ones along those of the mesh, where they are the same."""
+        for node in {node for node, _ in self.held.histories} & set(self.frames.of_node):
+            axes = self.frames.axes(node)
+            own = {dof: self.held.histories.pop((node, dof)) for dof in range(3) if (node, dof) in self.held.histories}
+            now = {dof: self.held.now.pop((node, dof)) for dof in range(3) if (node, dof) in self.held.now}
+            if axes is None:
+                axes = _AXES
+            if len(own) == self.dim and all(history.most == 0.0 for history in own.values()):
+                axes = _AXES
+            for dof, history in own.items():
+                direction = int(np.argmax(np.abs(axes[dof])))
+                size = axes[dof][direction]
+                if abs(size) < 1.0 - 1e-9:
+                    self.findings.leave(self.frames.card[node], "supports in directions that are none of the mesh's")
+                    continue
+                turned = History([(t, value * float(np.sign(size))) for t, value in history.points])
+                self.held.histories[node, direction], self.held.now[node, direction] = turned, now[dof]
+
+    def loads(self, groups, end, thickness):
+        """Tables [[loads]] with the cards that they come from."""
+        return [*self._forces(groups, end, thickness), *self._pressures(groups, end), *self._volumes(groups, end)]
+
+    def _forces(self, groups, end, thickness):
+        """Forces at nodes: those of equal vectors and amplitudes together."""
+        nodes, cards = {}, {}
+        for (node, dof), history in self.forces.histories.items():
+            most = history.most
+            if most == 0.0:
+                continue
+            axes = self.frames.axes(node)
+            table = factors(history.key(), most, end)
+            key = None if table is None else tuple(map(tuple, table))
+            vector = most / thickness * (_AXES if axes is None else axes)[dof]
+            rows = nodes.setdefault(node, {})
+            rows[key] = rows.get(key, np.zeros(3)) + vector
+            cards.setdefault(node, self.forces.now[node, dof].card)
+        same = {}
+        for node, rows in nodes.items():
+            for key, vector in rows.items():
+                scale = np.abs(vector).max()
+                digits = tuple(float(f"{x:.{_DIGITS}g}") if abs(x) > 1e-14 * scale else 0.0 for x in vector)
+                same.setdefault((key, digits), []).append(node)
+        tables = []
+        for (table, vector), members in same.items():
+            name = groups.add("nodes", self._name(members, "forces"), members)
+            one = {"region": name, "force": [len(members) * x for x in vector[: self.dim]]}
+            if any(load["region"] == name for load, _ in tables):
+                one["name"] = f"{name}_{len(tables) + 1}"
+            if table is not None:
+                one["amplitude"] = [list(row) for row in table]
+            tables.append((one, cards[members[0]]))
+        return tables
+
+    def _pressures(self, groups, end):
+        classes = {}
+        for key, history in self.pressures.histories.items():
+            if history.most != 0.0:
+                classes.setdefault(history.key(), []).append(key)
+        tables = []
+        for points, members in classes.items():
+            most = max((value for _, value in points), key=abs)
+            one = {"region": groups.add("facets", self._surface(members), members), "pressure": most}
+            table = factors(points, most, end)
+            if table is not None:
+                one["amplitude"] = table
+            if self.follower:
+                one["follower"] = True
+            tables.append((one, self.pressures.now[members[0]].card))
+        return tables
+
+    def _surface(self, members):
+        inside = set(members)
+        for surface in self.deck.surfaces.values():
+            if inside == set(surface.faces):
+                return surface.name
+        return "pressure"
+
+    def _volumes(self, groups, end):
+        tables = []
+        for (label, numbers, elements), history in self.volumes.histories.items():
+            if history.most == 0.0:
+                continue
+            card = self.volumes.now[label, numbers, elements].card
+            cells = [e for e in elements if e in set(self.deck.cells())]
+            one = {"region": groups.add("cells", "loaded_cells", cells)}
+            if label == "GRAV":
+                one["acceleration"] = [history.most * x for x in (list(numbers) + [0.0] * 3)[: self.dim]]
+            elif label == "CENTRIF":
+                one["angular_speed"] = float(np.sqrt(history.most))
+                if self.dim == 3:
+                    one |= {"point": list(numbers[:3]), "axis": list(numbers[3:6])}
+                self.findings.change(card, "the ramp is one of the speed, not of its square")
+            else:
+                one["body_force"] = [history.most if axis == label[1] else 0.0 for axis in "XYZ"[: self.dim]]
+            table = factors(history.key(), history.most, end)
+            if label == "CENTRIF" and table is not None:
+                table = [[time, float(np.sqrt(max(factor, 0.0)))] for time, factor in table]
+            if table is not None:
+                one["amplitude"] = table
+            tables.append((one, card))
+        return tables

@@ -1,0 +1,253 @@
+"""From a deck to a scene: tables, groups, and what became of every card."""
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from pcontact.importer.deck import read_deck
+from pcontact.importer.elements import in_plane
+from pcontact.importer.findings import Findings
+from pcontact.importer.groups import Groups
+from pcontact.importer.history import factors
+from pcontact.importer.materials import Contacts, bodies, materials, order_of
+from pcontact.importer.supports import Supports
+
+# cards that say what a program writes, or how it iterates
+_OUTPUT = ("", "HEADING", "NODEPRINT", "ELPRINT", "NODEFILE", "ELFILE", "CONTACTFILE", "CONTACTPRINT", "OUTPUT",
+           "NODEOUTPUT", "ELEMENTOUTPUT", "CONTACTOUTPUT", "ENERGYPRINT", "ENERGYFILE", "TIMEPOINTS", "CONTROLS",
+           "RESTART", "PREPRINT", "FILEFORMAT", "SECTIONPRINT", "MONITOR", "PRINT", "CONTACTCONTROLS", "ENDSTEP",
+           "PHYSICALCONSTANTS")  # fmt: skip
+_PROCEDURES = ("DYNAMIC", "FREQUENCY", "HEATTRANSFER", "COUPLEDTEMPERATURE-DISPLACEMENT", "VISCO", "BUCKLE",
+               "UNCOUPLEDTEMPERATURE-DISPLACEMENT", "STEADYSTATEDYNAMICS", "MODALDYNAMIC", "GREEN", "SENSITIVITY",
+               "COMPLEXFREQUENCY", "ELECTROMAGNETICS", "NOANALYSIS", "CRACKPROPAGATION", "ROBUSTDESIGN")  # fmt: skip
+# load steps that a run is planned with at most
+_MOST = 1000
+# part of the range by which temperatures may be off a linear function of the place
+_LINEAR = 1e-9
+
+
+@dataclass
+class Translated:
+    """A scene in the making.
+
+    Attributes
+    ----------
+    deck : Deck
+    findings : Findings
+    groups : Groups
+    tables : list of (str, dict, str)
+        See `pcontact.importer.toml.text`.
+    """
+
+    deck: object
+    findings: Findings
+    groups: Groups
+    tables: list = field(default_factory=list)
+
+
+def translate(path, mesh_name):
+    """Read a deck and make tables of a scene of it.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+    mesh_name : str
+        Name of the mesh file, beside the scene.
+
+    Returns
+    -------
+    Translated
+
+    Raises
+    ------
+    InputError
+        The deck cannot be read.
+    """
+    deck, findings, groups = read_deck(path), Findings(), Groups()
+    done = Translated(deck, findings, groups)
+    for card in deck.cards:
+        _say(card, findings)
+    for card, place, words in deck.lost:
+        findings.leave(card, words, place)
+    known = materials(deck, findings)
+    parts, plane, thickness = bodies(deck, findings)
+    names = {material: deck.spelling[material] for _, material, _ in parts}
+    nodes = {node for _, _, cells in parts for e in cells for node in deck.elements[e][1]}
+    dim = 3 if any(not in_plane(deck.elements[e][0]) for _, _, cells in parts for e in cells) else 2
+    if thickness != 1.0:
+        card = next(card for card in deck.model if card.key == "SOLIDSECTION")
+        findings.change(card, f"forces at nodes are those of a thickness of 1, divided by {thickness:g}")
+    regions = [(groups.add("cells", name, cells), material) for name, material, cells in parts]
+    contacts = Contacts(deck, findings, groups, known, parts).tables()
+    supports = Supports(deck, findings, nodes, dim)
+    steps, finite = _steps(deck, findings, supports)
+    end = steps["end"]
+    heat = _temperatures(deck, findings, groups, supports, parts, known, end)
+    if finite is not None:
+        finite = _finite(finite, findings, heat)
+    supports.follower = finite is not None and plane != "plane_stress"
+    if finite is not None and plane == "plane_stress" and supports.pressures.now:
+        findings.leave(next(iter(supports.pressures.now.values())).card, "a pressure that turns with the surface")
+    mesh = {"file": mesh_name}
+    order = order_of(deck, findings)
+    if order == 2:
+        mesh["order"] = 2
+    if plane is not None and plane != "plane_strain":
+        mesh["kinematics"] = plane
+    if finite is not None:
+        mesh["strain"] = "finite"
+    title = next((" ".join(words) for card in deck.cards if card.key == "HEADING" for _, words in card.rows), "")
+    done.tables = [("", {"title": title or path.name}, ""), ("[mesh]", mesh, "")]
+    for key, name in names.items():
+        table = {k: v for k, v in known[key].items() if k != "expansion" or heat}
+        done.tables.append((f"[materials.{_key(name)}]", table, _at(deck.materials[key][0])))
+    done.tables += [("[[bodies]]", {"region": name, "material": names[m]}, "") for name, m in regions]
+    for header, found in (
+        ("[[contacts]]", contacts), ("[[displacements]]", supports.displacements(groups, end)),
+        ("[[loads]]", supports.loads(groups, end, thickness)), ("[[temperatures]]", heat),
+    ):  # fmt: skip
+        done.tables += [(header, table, _at(card)) for table, card in found]
+    done.tables.append(("[steps]", steps, ""))
+    for key, members in deck.node_sets.items():
+        if deck.spelling[key] not in groups.members and nodes > set(members) and members:
+            groups.add("nodes", deck.spelling[key], members)
+    findings.unsaid(deck.cards)
+    return done
+
+
+def _key(name):
+    return name if all(c.isascii() and (c.isalnum() or c in "_-") for c in name) else f'"{name}"'
+
+
+def _at(card):
+    return f"{card.title}, {card.place}"
+
+
+def _say(card, findings):
+    """What can be said of a card by its keyword alone."""
+    if card.key in _OUTPUT:
+        findings.skip(card)
+    elif card.key in ("NODE", "NSET", "ELSET", "INCLUDE"):
+        findings.know(card, "NSET", "ELSET", "GENERATE", "INPUT", "SYSTEM", "UNSORTED")
+        findings.take(card)
+    elif card.key == "SURFACE":
+        findings.know(card, "NAME", "TYPE")
+        if card.word("TYPE", "ELEMENT") not in ("ELEMENT", "NODE"):
+            findings.leave(card, "allowed: TYPE=ELEMENT, TYPE=NODE")
+        else:
+            findings.take(card)
+    elif card.key == "ORIENTATION":
+        findings.skip(card, "materials have no directions")
+
+
+def _steps(deck, findings, supports):
+    """Table [steps]; the card that asks for finite strain, or None."""
+    supports.before()
+    begin, shortest, finite, small = 0.0, math.inf, None, None
+    for step in deck.steps:
+        findings.know(step.card, "NLGEOM", "INC", "AMPLITUDE", "NAME", "PERTURBATION", "SOLVER", "UNSYMM")
+        findings.take(step.card)
+        other = next((card for card in step.cards if card.key in _PROCEDURES), None)
+        if other is not None:
+            findings.leave(other, "allowed: static steps")
+            for card in step.cards:
+                if card is not other and card.key not in _OUTPUT:
+                    findings.leave(card, "of a step that is not static")
+            continue
+        if "PERTURBATION" in step.card.parameters:
+            findings.leave(step.card, "a linear step about the state before it")
+        card = next((card for card in step.cards if card.key == "STATIC"), step.card)
+        period, first = 1.0, None
+        if card.key == "STATIC":
+            findings.know(card, "DIRECT", "SOLVER", "STABILIZE", "TOTALREWINDTIME")
+            findings.take(card)
+            values = card.numbers(*card.rows[0]) if card.rows else []
+            period = values[1] if len(values) > 1 and values[1] > 0.0 else 1.0
+            first = values[0] if values and values[0] > 0.0 else None
+        if "NLGEOM" in step.card.parameters and step.card.word("NLGEOM") != "NO":
+            finite = finite or step.card
+        elif finite is None:
+            small = small or step.card
+        supports.step(step, begin, begin + period)
+        begin += period
+        shortest = min(shortest, first or period)
+    if finite is not None and small is not None:
+        findings.change(small, "finite strain in this step, too")
+    end = begin or 1.0
+    count = 1 if math.isinf(shortest) else min(_MOST, max(1, round(end / shortest)))
+    return {"end": end, "count": count}, finite
+
+
+def _finite(card, findings, heat):
+    """The card that asks for finite strain, if it can be had."""
+    if heat:
+        findings.leave(card, "NLGEOM with temperatures: small strain")
+        return None
+    findings.change(card, "NLGEOM: finite strain, Hooke's law of logarithmic strain; the same where strains are small")
+    return card
+
+
+def _temperatures(deck, findings, groups, supports, parts, known, end):
+    """Tables [[temperatures]] of the bodies that expand."""
+    tables = []
+    for name, material, cells in parts:
+        if not known[material].get("expansion"):
+            continue
+        of_node = {}
+        for node in sorted({node for e in cells for node in deck.elements[e][1]}):
+            history, start = supports.temperatures.histories.get(node), supports.initial.get(node, 0.0)
+            of_node[node] = start, history.key() if history else ((0.0, start),)
+        card = next((one.card for one in supports.temperatures.now.values()), None)
+        for members, keys in _alike(deck, cells, of_node):
+            if all({value for _, value in points} == {start} for start, points in keys):
+                continue
+            region = groups.add("cells", name if members == cells else f"{name}_heated", members)
+            found = _temperature(deck, keys, end)
+            if found is None:
+                findings.leave(card, f"temperatures of {name} that are no linear function of the place")
+                continue
+            tables.append(({"region": region, **found}, card))
+    return tables
+
+
+def _alike(deck, cells, of_node):
+    """Cells of one temperature, and those in which it varies; with the nodes by their start and history."""
+    parts = {}
+    for element in cells:
+        keys = {of_node[node] for node in deck.elements[element][1]}
+        parts.setdefault(keys.pop() if len(keys) == 1 else None, []).append(element)
+    for members in parts.values():
+        nodes = {}
+        for node in sorted({node for e in members for node in deck.elements[e][1]}):
+            nodes.setdefault(of_node[node], []).append(node)
+        yield members, nodes
+
+
+def _temperature(deck, keys, end):
+    """Value, reference and amplitude of the temperature of a body, from the nodes by start and history; or None."""
+    starts = {start for start, _ in keys}
+    if len(starts) > 1:
+        return None
+    start = starts.pop()
+    shapes, rows, values = set(), [], []
+    for (_, points), nodes in keys.items():
+        rise = [(time, value - start) for time, value in points]
+        most = max((value for _, value in rise), key=abs)
+        if most != 0.0:
+            table = factors(tuple(rise), most, end)
+            shapes.add(None if table is None else tuple((t, round(f, 12)) for t, f in table))
+        rows += [deck.nodes[n] for n in nodes]
+        values += [most] * len(nodes)
+    if len(shapes) != 1:
+        return None
+    table = shapes.pop()
+    more = {"reference": start} | ({} if table is None else {"amplitude": [list(row) for row in table]})
+    if len(set(values)) == 1:
+        return {"value": start + values[0], **more}
+    matrix = np.hstack([np.ones((len(rows), 1)), np.array(rows)])
+    solved, *_ = np.linalg.lstsq(matrix, np.array(values), rcond=None)
+    if np.abs(matrix @ solved - values).max() > _LINEAR * np.ptp(values):
+        return None
+    terms = [f"{c!r}*{axis}" for c, axis in zip(solved[1:].tolist(), "xyz", strict=True) if abs(c) > 0.0]
+    return {"value": " + ".join([repr(start + float(solved[0])), *terms]), **more}

@@ -1,0 +1,254 @@
+"""`pcontact import`: small decks with known answers, run; what is left out is said, with its line."""
+
+import numpy as np
+import pytest
+
+from pcontact.importer.write import import_file
+from pcontact.runtime.errors import InputError
+from pcontact.runtime.petsc import MPI
+from pcontact.scene import read_scene
+from pcontact.simulation import Simulation
+
+SELF = MPI.COMM_SELF
+BRICK = ((0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1))
+EDGES = ((0, 1), (1, 2), (2, 3), (3, 0), (4, 5), (5, 6), (6, 7), (7, 4), (0, 4), (1, 5), (2, 6), (3, 7))
+
+
+def bricks(*boxes, quadratic=False):
+    """Cards of unit bricks, (foot, sides) each, with node numbers from 1, 101, ...: no nodes are shared."""
+    nodes, elements = ["*NODE, NSET=NALL"], [f"*ELEMENT, TYPE={'C3D20' if quadratic else 'C3D8'}, ELSET=EALL"]
+    for k, (foot, sides) in enumerate(boxes):
+        corners = np.array(foot) + np.array(BRICK) * np.array(sides)
+        points = np.vstack([corners, corners[np.array(EDGES)].mean(axis=1)]) if quadratic else corners
+        nodes += [f"{100 * k + i}, {', '.join(f'{x:g}' for x in p)}" for i, p in enumerate(points, 1)]
+        elements.append(f"{k + 1}, " + ",\n".join(", ".join(map(str, row)) for row in np.array_split(
+            np.arange(100 * k + 1, 100 * k + 1 + len(points)), 2)))  # fmt: skip
+    return "\n".join([*nodes, *elements])
+
+
+STEEL = """
+*MATERIAL, NAME=Steel
+*ELASTIC
+200000., 0.0
+*SOLID SECTION, ELSET=EALL, MATERIAL=steel
+"""
+BLOCKS = (
+    bricks(((0, 0, 0), (1, 1, 1)), ((0, 0, 1), (1, 1, 1)))
+    + STEEL
+    + """
+*NSET, NSET=foot
+1, 2, 3, 4
+*NSET, NSET=sides
+NALL,
+*SURFACE, NAME=lower
+1, S2
+*SURFACE, NAME=upper
+2, S1
+*BOUNDARY
+foot, 1, 3
+sides, 1, 2
+"""
+)
+PAIR = """
+*SURFACE INTERACTION, NAME=si
+*SURFACE BEHAVIOR, PRESSURE-OVERCLOSURE=HARD
+*FRICTION
+0.25,
+*CONTACT PAIR, INTERACTION=SI, TYPE=SURFACE TO SURFACE
+upper, lower
+"""
+
+
+def imported(tmp_path, text):
+    """Exit status, list, scene."""
+    (tmp_path / "deck.inp").write_text(text)
+    status = import_file(tmp_path / "deck.inp", tmp_path / "out")
+    return status, (tmp_path / "out" / "import.txt").read_text(), read_scene(tmp_path / "out" / "scene.toml")
+
+
+def solved(scene, probes=()):
+    """The last load step, with the motion of groups."""
+    scene.output.probes, scene.output.fields = probes, False
+    scene.petsc = {"snes_rtol": "1e-12", "ksp_rtol": "1e-13"}
+    simulation = Simulation(scene, SELF)
+    assert simulation.run(keep=True)
+    simulation.close()
+    return simulation.records.data()["steps"]
+
+
+@pytest.mark.parametrize("quadratic", [False, True])
+def test_a_bar_that_is_drawn(tmp_path, quadratic):
+    """By pressure on a face: u = p L / E, whatever the degree."""
+    deck = (
+        bricks(((0, 0, 0), (1, 1, 2)), quadratic=quadratic)
+        + STEEL
+        + """
+*NSET, NSET=foot, GENERATE
+1, 4
+9, 12
+*NSET, NSET=top, GENERATE
+5, 8
+*BOUNDARY
+foot, 3
+1, 1, 2
+2, 2
+*STEP
+*STATIC
+*DLOAD
+EALL, P2, -100.
+*END STEP
+"""
+    )
+    deck = deck if quadratic else deck.replace("9, 12\n", "")
+    status, words, scene = imported(tmp_path, deck)
+    assert status == 0 and "left out" not in words and ("C3D20 with 27 nodes" in words) == quadratic
+    assert scene.mesh.strain == "small" and scene.mesh.order == (2 if quadratic else None)
+    step = solved(scene, ["top"])[-1]
+    assert step["probes"]["top"]["mean"][2] == pytest.approx(100.0 * 2.0 / 200000.0, rel=1e-9)
+
+
+def test_two_blocks_pressed_by_nodal_forces_in_two_steps(tmp_path):
+    """Forces of a step are ramps from those of the step before; contact passes them on."""
+    status, words, scene = imported(
+        tmp_path,
+        BLOCKS
+        + PAIR
+        + """
+*STEP, INC=100
+*STATIC
+0.5, 1.0
+*CLOAD
+105, 3, -100.
+106, 3, -100.
+107, 3, -100.
+108, 3, -100.
+*END STEP
+*STEP
+*STATIC
+1.0, 2.0
+*CLOAD
+105, 3, -50.
+106, 3, -50.
+107, 3, -50.
+108, 3, -50.
+*END STEP
+""",
+    )
+    assert status == 0 and "line" in words
+    assert scene.steps.end == 3.0 and scene.steps.count == 6 and scene.contacts[0].friction == 0.25
+    assert scene.contacts[0].source == "upper" and scene.contacts[0].target == "lower"
+    (load,) = scene.loads
+    assert load.force == (0.0, 0.0, -400.0) and [row[1] for row in load.amplitude] == [0.0, 1.0, 0.5]
+    steps = solved(scene)
+    forces = [step["contacts"]["upper-lower"]["force"][2] for step in steps]
+    np.testing.assert_allclose(forces, [-200.0, -400.0, -350.0, -300.0, -250.0, -200.0], rtol=1e-8)
+
+
+def test_tied_blocks_hang(tmp_path):
+    status, words, scene = imported(
+        tmp_path,
+        BLOCKS
+        + """
+*TIE, NAME=glue, ADJUST=NO, POSITION TOLERANCE=0.01
+upper, lower
+*AMPLITUDE, NAME=up and down
+0., 0., 0.5, 2., 1., 1.
+*STEP
+*STATIC
+0.5, 1.
+*BOUNDARY, AMPLITUDE=up and down
+105, 3, 3, 0.001
+106, 3, 3, 0.001
+107, 3, 3, 0.001
+108, 3, 3, 0.001
+*END STEP
+""",
+    )
+    assert status == 0
+    (tie,) = scene.contacts
+    assert tie.tied and tie.search_radius == 0.01
+    forces = [step["contacts"]["upper-lower"]["force"][2] for step in solved(scene)]
+    np.testing.assert_allclose(np.abs(forces), [200.0, 100.0], rtol=1e-8)
+
+
+def test_thermal_strain_of_the_plane(tmp_path):
+    """A square that is heated grows; the temperature is a linear function of the place."""
+    status, words, scene = imported(
+        tmp_path,
+        """*NODE, NSET=ALL
+1, 0, 0
+2, 1, 0
+3, 1, 1
+4, 0, 1
+*ELEMENT, TYPE=CAX4, ELSET=E
+1, 1, 2, 3, 4
+*MATERIAL, NAME=M
+*ELASTIC
+1000., .25
+*EXPANSION, ZERO=5.
+1e-3
+*SOLID SECTION, ELSET=E, MATERIAL=M
+*INITIAL CONDITIONS, TYPE=TEMPERATURE
+ALL, 20.
+*BOUNDARY
+1, 2
+2, 2
+*STEP
+*STATIC
+*TEMPERATURE
+1, 30.
+2, 30.
+3, 50.
+4, 50.
+*END STEP
+""",
+    )
+    assert status == 0 and scene.mesh.kinematics == "axisymmetric"
+    (heat,) = scene.temperatures
+    assert heat.reference == 20.0 and "y" in heat.value
+    assert len(solved(scene)) == 1
+
+
+@pytest.mark.parametrize(
+    ("more", "at", "words"),
+    [
+        ("*EQUATION\n2\n1, 1, 1., 2, 1, -1.\n", "*EQUATION", "not known"),
+        ("*SPRING, ELSET=S\n1., 2.\n", "*SPRING", "not known"),
+        ("*STEP\n*DYNAMIC\n1., 1.\n*END STEP\n", "*DYNAMIC", "static"),
+        ("*STEP\n*STATIC\n*BOUNDARY, OP=NEW\nfoot, 3\n*END STEP\n", "*BOUNDARY\n", "ends"),
+        ("*STEP\n*STATIC\n*DLOAD\nEALL, HYDRO, 1.\n*END STEP\n", "EALL, HYDRO", "HYDRO"),
+        ("*STEP, PERTURBATION\n*STATIC\n*END STEP\n", "*STEP, PERT", "linear step"),
+        ("*STEP\n*STATIC\n*CLOAD, LOAD CASE=2\n5, 1, 3.\n*END STEP\n", "*CLOAD", "LOADCASE=2"),
+    ],
+)
+def test_what_is_left_out_is_said_with_its_line(tmp_path, more, at, words):
+    text = BLOCKS + PAIR + more
+    status, listed, _ = imported(tmp_path, text)
+    part, line = listed.split("\nleft out (")[1].split("\nchanged (")[0], text[: text.index(at)].count("\n") + 1
+    assert status == 1
+    assert any(f"line {line}:" in row and words in row for row in part.splitlines()), part
+    assert words in (tmp_path / "out" / "scene.toml").read_text()
+
+
+def test_what_is_changed_is_said(tmp_path):
+    text = (
+        BLOCKS.replace("C3D8", "C3D8R") + PAIR.replace("HARD", "LINEAR\n1.e7") + "*STEP, NLGEOM\n*STATIC\n*END STEP\n"
+    )
+    status, listed, scene = imported(tmp_path, text)
+    part = listed.split("\nchanged (")[1].split("\ntaken (")[0]
+    assert status == 0 and scene.mesh.strain == "finite"
+    assert all(word in part for word in ("reduced integration", "springs of 1e+07", "logarithmic strain"))
+
+
+def test_every_card_is_in_the_list(tmp_path):
+    text = BLOCKS + PAIR + "*NOVELTY, A=1\n1, 2\n*STEP\n*STATIC\n*NODE FILE\nU\n*NOVELTY\n*END STEP\n"
+    _, listed, _ = imported(tmp_path, text)
+    lines = text.splitlines()
+    cards = [n for n, line in enumerate(lines, 1) if line.startswith("*")]
+    ranges = [range(a, b) for a, b in zip(cards, [*cards[1:], len(lines) + 1], strict=True)]
+    assert len(cards) == 20 and not [r[0] for r in ranges if not any(f"line {n}:" in listed for n in r)]
+
+
+def test_a_deck_that_cannot_be_read_is_refused(tmp_path):
+    with pytest.raises(InputError, match="line 3"):
+        imported(tmp_path, "*NODE\n1, 0, 0, 0\nx, 1, 0, 0\n")
