@@ -12,6 +12,7 @@ from pcontact.assembly.heat import Heat, HeatedElasticBulk, HeatedPlasticBulk, H
 from pcontact.assembly.loads import TimedLoad, load_vector, lumped_volume, value_of
 from pcontact.assembly.mixed import MixedBulk
 from pcontact.assembly.plastic import PlasticBulk
+from pcontact.assembly.release import Release
 from pcontact.assembly.springs import GroundSprings, SpinForces
 from pcontact.assembly.viscous import ViscousStabilisation
 from pcontact.contact.search.unjoined import unjoined
@@ -387,8 +388,16 @@ def _announce(mesh, free):
         log.info("body %s: %d rigid modes that no support holds%s", name, modes, times)
 
 
-def assemble(scene, mesh):
+def assemble(scene, mesh, span=None):
     """The problem of a scene on its mesh. *Collective.*
+
+    Parameters
+    ----------
+    scene : pcontact.scene.model.Scene
+        Without phases, or that of a phase.
+    mesh : pcontact.mesh.mesh.Mesh
+    span : pcontact.scene.phases.Span, optional
+        Of a phase that goes on from another.
 
     Returns
     -------
@@ -406,15 +415,15 @@ def assemble(scene, mesh):
     ]
     space = Space(mesh, scene.mesh.order, kinematics, *averaged)
     try:
-        return _assemble(scene, mesh, space, constants)
+        return _assemble(scene, space, constants, span)
     except TOLD:
         space.exchanger.free()
         raise
 
 
-def _assemble(scene, mesh, space, constants):
+def _assemble(scene, space, constants, span):
     """See :func:`assemble`. *Collective.*"""
-    end = scene.steps.end
+    end, mesh = scene.steps.end, space.mesh
     _check_locking(scene, space)
     _check_joined(scene, space)
     supports = Supports(
@@ -433,9 +442,11 @@ def _assemble(scene, mesh, space, constants):
     _announce(mesh, free)
     items = [bulk, *(pair for contact in contacts for pair in contact.pairs), *_followers(scene, space, supports)]
     items += [*springs, *_spinning(scene, space)]
+    release = None if span is None else Release(space, span.begin, span.end)
+    items += [] if release is None else [release]
     viscous = None if eta is None else ViscousStabilisation(space, eta, bulk)
     problem = Problem(space, items, supports, forces, _stabilisation(space, scene, constants, free), contacts, viscous)
-    problem.timed, problem.total, problem.springs = timed, total, springs
+    problem.timed, problem.total, problem.springs, problem.release = timed, total, springs, release
     # modes of their own cost a set-up that grows with their square; only bodies that nothing holds are worth it
     loose = {(a, b) for a, b in edges if a in free or b in free}
     colours = colour(mesh.n_components, loose)

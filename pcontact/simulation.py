@@ -6,19 +6,22 @@ import time as clock
 from functools import partial
 from itertools import product
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
 import pcontact
 from pcontact import build
+from pcontact.assembly.release import equilibrium
 from pcontact.io.checkpoint import Checkpoint, remembering
 from pcontact.io.cost_report import CostReport
 from pcontact.io.counters import Counters
 from pcontact.io.error_estimate import ErrorEstimate, label
 from pcontact.io.identity import Identity
 from pcontact.io.observers import FacetErrors, Fields, Records, SmallStrain, Terminal
-from pcontact.io.restart import ANYWAY, read_checkpoint
+from pcontact.io.restart import ANYWAY, checkpoint_time, read_checkpoint
 from pcontact.io.snapshot import Snapshot
+from pcontact.mesh.components import Numbers
 from pcontact.mesh.mesh import bounding_box
 from pcontact.runtime import log, profile
 from pcontact.runtime.errors import TOLD, StepFailure, Stopped
@@ -29,6 +32,7 @@ from pcontact.runtime.petsc import MPI, free_garbage
 from pcontact.runtime.presets import Choice
 from pcontact.scene import describe
 from pcontact.scene.amplitude import drive
+from pcontact.scene.phases import phase_at, scene_of, spans
 from pcontact.solve.newton import Newton
 from pcontact.space.modes import near_null_space
 from pcontact.stepping.loose import LooseBodies
@@ -38,6 +42,57 @@ from pcontact.stepping.schedule import Control, Schedule
 from pcontact.stepping.search_update import search_update
 from pcontact.stepping.stepper import Stages, Stepper
 from pcontact.stepping.uzawa import uzawa
+
+
+class Lasting(NamedTuple):
+    """Observers that watch all phases of a run.
+
+    Attributes
+    ----------
+    strain : pcontact.io.observers.SmallStrain
+    writer : pcontact.io.observers.Fields or None
+    last : list of pcontact.runtime.observer.Observer
+        That come after report and checkpoint.
+    fields : bool
+        Whether the fields of load steps are taken.
+    """
+
+    strain: object
+    writer: object
+    last: list
+    fields: bool
+
+
+class Kept(NamedTuple):
+    """What the next phase needs to know of the last one, on this rank.
+
+    Attributes
+    ----------
+    values : ndarray (n_owned, d)
+        Committed displacement [length].
+    memory : dict of str to dict
+        What the parts of the problem remember, by their names, see :meth:`pcontact.assembly.item.Item.memory`.
+    reactions : ndarray (n_owned, d)
+        Of the supports [force].
+    """
+
+    values: np.ndarray
+    memory: dict
+    reactions: np.ndarray
+
+    @classmethod
+    def of(cls, problem, u, time):
+        """That of a problem at its committed displacement and time. *Collective.*"""
+        values = u.getArray(readonly=True).reshape(-1, problem.space.dim).copy()
+        parts = [part for part in remembering(problem.parts) if part is not problem.release]
+        memory = {part.name: part.memory() for part in parts}
+        return cls(values, memory, np.where(problem.fixed, equilibrium(problem, u, time), 0.0))
+
+    def recall(self, problem):
+        """Give it to the parts of another problem that have the same names."""
+        for part in remembering(problem.parts):
+            for name, rows in self.memory.get(part.name, {}).items():
+                part.recall(name, [rows])
 
 
 class Simulation:
@@ -101,12 +156,20 @@ class Simulation:
         self.scene = build.override(scene, self.options, self.accuracy)
         self.mesh = build.read(self.scene, self.comm, self.options)
         self.scene.mesh.order = self.accuracy.order(self.scene.mesh.order, self.mesh.curved)
+        self.spans, self.number = spans(self.scene), 0
+        if self.spans and self.restart is not None:
+            self.number = phase_at(self.scene, checkpoint_time(self.restart, self.comm))
+        self._components = Numbers.of(self.mesh) if self.spans else None
         with profile.phase("set_up"):
             self._assemble()
         profile.mark("set_up")
 
     def _assemble(self):
-        self.problem, colours, motions = build.assemble(self.scene, self.mesh)
+        """The problem of the present phase, or of the run, and what solves it. *Collective.*"""
+        # what acts in the phase
+        self.part = scene_of(self.scene, self.number) if self.spans else self.scene
+        span = self.spans[self.number] if self.number > 0 else None
+        self.problem, colours, motions = build.assemble(self.part, self.mesh, span)
         self.floating = {k: len(rows) for k, rows in motions.items()}
         self.costs, self.counters = CostReport(self.profile, self.problem), Counters(self.problem, self.calls)
         # slip of Coulomb's law makes the tangent unsymmetric for every theta; that of Tresca's does not. Where a source
@@ -153,73 +216,122 @@ class Simulation:
             return self._run(directory, observers, keep)
 
     def _run(self, directory, observers, keep):
-        scene, space = self.scene, self.problem.space
-        identity = resumed = None
-        if self.restart is not None or (directory is not None and scene.output.checkpoint):
-            identity = Identity.of(scene, space, remembering(self.problem.parts))
-        if self.restart is not None:
-            resumed = read_checkpoint(self.restart, space, identity, self.anyway)
-        since = None if resumed is None else resumed.time
-        obstacles = [contact.obstacle for contact in scene.contacts if contact.obstacle is not None]
-        moved = [*scene.displacements, *scene.loads, *scene.temperatures, *scene.couplings, *obstacles]
-        stops = [t for one in moved for t, _ in (one.amplitude or [])]
-        control = Control(scene.steps.longest_step, self.problem.angle)
-        schedule = Schedule(scene.steps.end, scene.steps.count, scene.steps.smallest_step, stops, control)
-        watch = [Terminal(scene.steps.end, build.yielding_volume(scene, space)), *observers]
-        estimate = ErrorEstimate(self.problem, scene, self.newton) if scene.output.estimate else None
-        self.error_estimate = estimate
-        recorder = Recorder(self.problem, scene.output.probes, [body.region for body in scene.bodies])
-        carriers = {"largest_force": recorder, "direct": self.newton}
-        if estimate is not None:
-            carriers["largest_energy"] = estimate
-        if self.problem.viscous is not None:
-            carriers |= {"viscous_work": self.problem.viscous.taken, "stress_work": self.problem.viscous.stressed}
-        output, writes = scene.output, directory is not None
+        resumed, writes = None, directory is not None
         directory = Path(directory) if writes else None
-        if keep or (writes and output.fields):
-            self.snapshot = Snapshot(self.problem, self.timing, output.smooth, estimate)
-        if writes or keep:
-            if writes and output.checkpoint:
-                first = None if resumed is None else resumed.first
-                items, every = self.problem.parts, output.checkpoint_every
-                watch.insert(0, Checkpoint(directory, space, items, schedule, every, identity, first, carriers))
-            self.records = Records(directory, self.comm, self._head(), self._costs, since)
-            watch.insert(0, self.records)
-            if writes and output.fields:
-                watch.insert(0, Fields(directory, self.snapshot, self.comm, self.timing, since))
-        if self.snapshot is not None:
-            watch.insert(0, self.snapshot)
-        if estimate is not None:
-            watch.insert(0, estimate)
-        # the report has the warnings of those before it
-        watch[:0] = [FacetErrors(self.problem.contacts), SmallStrain()]
+        self._identity = None
+        if self.restart is not None or (writes and self.scene.output.checkpoint):
+            self._identity = Identity.of(self._parts(), self.problem.space, remembering(self.problem.parts))
+        if self.restart is not None:
+            resumed = read_checkpoint(self.restart, self.problem.space, self._identity, self.anyway)
+        lasting = self._lasting(directory, observers, keep, None if resumed is None else resumed.time)
         self._announce()
-        low, high = bounding_box(self.comm, space.mesh.points)
-        places = np.array(list(product(*zip(low, high, strict=True))) + [0.5 * (low + high)])
-        stages = Stages(self.renew, self.settle, self.rest)
-        self.stepper = Stepper(
-            self.problem, self.newton, schedule, watch, recorder, self.timing, drive(scene, places), stages
-        )  # fmt: skip
+        self._prepare(lasting, directory, None if resumed is None else resumed.first)
         if resumed is not None:
             self.stepper.resume(
                 resumed.number, resumed.time, resumed.first, resumed.size, resumed.values, resumed.last
             )
             resumed.recall(self.comm, self.problem.parts)
-            for name, one in carriers.items():
+            for name, one in self._carriers.items():
                 one.carried = resumed.carried.get(name, 0.0)
             log.info("restart from %s at time %g after %d steps", self.restart, resumed.time, resumed.number)
         converged = True
         try:
             self.stepper.run()
+            while self.number + 1 < len(self.spans):
+                self._go_on(lasting, directory)
+                self.stepper.run()
         except StepFailure as failure:
             converged, self.failure = False, failure
             log.error_line(failure)
         except Stopped:
             converged, self.stopped = False, True
-        for observer in watch:
+        for observer in self._watch:
             observer.end(converged)
         self.costs.announce()
         return converged
+
+    def _parts(self):
+        """The scenes of the phases up to the present one, by what they are called; the scene of a run without any."""
+        return [scene_of(self.scene, number) for number in range(self.number + 1)] if self.spans else [self.scene]
+
+    def _lasting(self, directory, observers, keep, since):
+        """The observers of the whole run, and whether fields are taken: a :class:`Lasting`. *Collective.*"""
+        scene, writes = self.scene, directory is not None
+        end = self.spans[-1].end if self.spans else scene.steps.end
+        fields = Fields(directory, self.comm, self.timing, since) if writes and scene.output.fields else None
+        if writes or keep:
+            self.records = Records(directory, self.comm, self._head(), self._costs, since)
+        terminal = Terminal(end, build.yielding_volume(scene, self.problem.space))
+        return Lasting(SmallStrain(), fields, [terminal, *observers], keep or fields is not None)
+
+    def _schedule(self):
+        part, begin = self.part, self.spans[self.number].begin if self.spans else 0.0
+        obstacles = [contact.obstacle for contact in part.contacts if contact.obstacle is not None]
+        moved = [*part.displacements, *part.loads, *part.temperatures, *part.couplings, *obstacles]
+        stops, steps = [t for one in moved for t, _ in (one.amplitude or [])], part.steps
+        control = Control(steps.longest_step, self.problem.angle)
+        return Schedule(steps.end, steps.count, steps.smallest_step, stops, control, begin)
+
+    def _prepare(self, lasting, directory, first):
+        """Schedule, observers and stepper of the present phase, or of the run. *Collective.*"""
+        scene, space, output = self.part, self.problem.space, self.scene.output
+        schedule = self._schedule()
+        estimate = ErrorEstimate(self.problem, scene, self.newton) if output.estimate else None
+        self.error_estimate = estimate
+        name = self.spans[self.number].name if self.spans else None
+        recorder = Recorder(self.problem, output.probes, [body.region for body in scene.bodies], name)
+        self._carriers = {"largest_force": recorder, "direct": self.newton}
+        if estimate is not None:
+            self._carriers["largest_energy"] = estimate
+        if self.problem.viscous is not None:
+            viscous = self.problem.viscous
+            self._carriers |= {"viscous_work": viscous.taken, "stress_work": viscous.stressed}
+        if lasting.fields:
+            self.snapshot = Snapshot(self.problem, self.timing, output.smooth, estimate)
+        checkpoint = None
+        if directory is not None and output.checkpoint:
+            checkpoint = Checkpoint(directory, space, self.problem.parts, schedule, output.checkpoint_every,
+                                    self._identity, first, self._carriers)  # fmt: skip
+        writer = lasting.writer
+        if writer is not None:
+            writer.snapshot = self.snapshot
+        # the report has the warnings of those before it
+        watch = [FacetErrors(self.problem.contacts), lasting.strain, estimate, self.snapshot, writer, self.records,
+                 checkpoint, *lasting.last]  # fmt: skip
+        self._watch = [one for one in watch if one is not None]
+        low, high = bounding_box(self.comm, space.mesh.points)
+        places = np.array(list(product(*zip(low, high, strict=True))) + [0.5 * (low + high)])
+        stages = Stages(self.renew, self.settle, self.rest)
+        self.stepper = Stepper(
+            self.problem, self.newton, schedule, self._watch, recorder, self.timing, drive(scene, places), stages
+        )  # fmt: skip
+
+    def _go_on(self, lasting, directory):
+        """Begin the next phase where the last one has ended. *Collective.*"""
+        stepper, carried = self.stepper, {name: one.carried for name, one in self._carriers.items()}
+        state = Kept.of(self.problem, stepper.u, self.spans[self.number].end)
+        # of the observers of one phase, those of facets have the last word
+        self._watch[0].end(True)
+        self.newton.free()
+        self.problem.space.exchanger.free()
+        self.problem = self.newton = self.stepper = self.settle = self.renew = self.rest = None
+        self.options.withdraw()
+        self.options.propose(self.scene.petsc)
+        self._components.give(self.mesh)
+        self.number += 1
+        span = self.spans[self.number]
+        log.info("phase %s: from time %g to %g", *span)
+        with profile.phase("set_up"):
+            self._assemble()
+        if self._identity is not None:
+            self._identity = Identity.of(self._parts(), self.problem.space, remembering(self.problem.parts))
+        self._prepare(lasting, directory, stepper.first)
+        schedule = self.stepper.schedule
+        self.stepper.resume(stepper.number, span.begin, stepper.first, schedule.size, state.values)
+        state.recall(self.problem)
+        for name, one in self._carriers.items():
+            one.carried = carried.get(name, 0.0)
+        self.problem.release.start(self.problem, self.stepper.u, state.reactions)
 
     def close(self):
         """Take what this run entered back out of the options database, for the next scene."""
@@ -252,6 +364,7 @@ class Simulation:
             self.newton.free()
         self.problem.space.exchanger.free()
         self.problem = self.newton = self.stepper = self.settle = self.renew = self.rest = None
+        self._watch = self._carriers = None
         self.costs = self.counters = self.records = self.error_estimate = self.mesh = None
         gc.collect()
         free_garbage(self.comm)

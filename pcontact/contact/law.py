@@ -13,7 +13,7 @@ The laws here are one row of numbers ``(base, coefficient, limit)``. The bound f
   tau_n = c / F, where a point has opened by a small part of its facet: a bound that ended with the pressure would make
   the traction jump when a point opens, and some problems would have no solution.
 * Tresca: (s, 0, s). The bound holds on the whole surface, as in the literature.
-* Tied: (inf, 0, inf), and no separation.
+* Tied: (inf, 0, inf), and no separation. Held: the same for the points that are closed.
 """
 
 from typing import NamedTuple
@@ -56,6 +56,8 @@ class Frictionless:
         Whether a bound decides between stick and slip.
     tied : bool
         Whether points are tied to the partners that they have in the undeformed bodies.
+    held : bool
+        Whether points that are closed stay as they are, and all others open.
     follows_pressure : bool
         Whether the bound is that of the pressure, so that open points bear nothing.
     symmetric : bool
@@ -67,7 +69,7 @@ class Frictionless:
     """
 
     bond = reach = 0.0
-    tangential = can_slip = tied = False
+    tangential = can_slip = tied = held = False
     follows_pressure = symmetric = True
 
     def closed(self, view, tau):
@@ -142,6 +144,12 @@ class Tied(RowLaw):
         self.symmetric = True
 
 
+class Held(Tied):
+    """Points that are closed stay so, and stick, in tension too; all others stay open."""
+
+    tied, held = False, True
+
+
 def _tresca(contact):
     return RowLaw([contact.tresca, 0.0, contact.tresca]) if contact.tresca else None
 
@@ -155,6 +163,7 @@ def _coulomb(contact):
 
 # what makes a law of a contact of the scene, or None where the contact does not ask for it; the first one counts
 LAWS = {
+    "held": lambda contact: Held() if contact.held else None,
     "tied": lambda contact: Tied() if contact.tied else None,
     "tresca": _tresca,
     "coulomb": _coulomb,
@@ -185,7 +194,7 @@ def contact_law(contact):
     ----------
     contact : pcontact.scene.model.Contact
     """
-    if contact.law is not None:
+    if contact.law is not None and not contact.held:
         return ADDED[contact.law](contact)
     return next(law for law in (make(contact) for make in LAWS.values()) if law is not None)
 

@@ -91,7 +91,7 @@ class ContactPair(Item):
         self.source, self.search, self.terms, self.radius, self.floats = source, search, terms, radius, floats
         self.method, self.law = terms.method, terms.law
         self.rigid, self.changes, self.can_slip = search.rigid, not self.law.tied, self.law.can_slip
-        self.bilateral = contact.bilateral or self.law.tied
+        self.bilateral = contact.bilateral or self.law.tied or self.law.held
         self.time, self.version, self.flips, self._status = 0.0, 0, [], None
         self.lost, self._begun, self.offset, self.chords, self.pairing = (0, 0), False, None, None, None
         self._normals, self._coupled = source.normal, np.zeros(len(source.facet), dtype=bool)
@@ -309,8 +309,8 @@ class ContactPair(Item):
     def _view(self, rule=LAW):
         """The points under a status rule."""
         paired, tied = self.pairing.paired, self.law.tied
-        if rule.frozen and not tied:
-            return View(paired & self.closed, True, True)
+        if self.law.held or (rule.frozen and not tied):
+            return View(paired & self.closed, True, not self.law.held)
         if rule.waiting is not None:
             paired = paired & ~rule.waiting
         return View(paired, self.bilateral, rule.stick and self.can_slip)

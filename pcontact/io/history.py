@@ -55,10 +55,11 @@ def columns(rows):
     Returns
     -------
     dict of str to ndarray (n,)
-        The columns of history.csv, those of the first row; NaN where a later row lacks a number.
+        The columns of history.csv, those of the first row, in a run with phases of all; NaN where a row lacks a number.
     """
     flat = [flatten(row) for row in rows]
-    return {name: _column([row.get(name) for row in flat]) for name in (flat[0] if flat else ())}
+    names = dict.fromkeys(name for row in (flat if flat and "phase" in flat[0] else flat[:1]) for name in row)
+    return {name: _column([row.get(name) for row in flat]) for name in names}
 
 
 def _column(values):
@@ -76,7 +77,7 @@ class History:
     """A table that grows by a row per step and is whole on disk after each. Rank 0 only.
 
     The columns are those of the first row: later rows leave empty what they lack, and what they have
-    beyond is left out with a warning.
+    beyond is left out with a warning; in a run with phases it gets columns.
 
     Parameters
     ----------
@@ -112,6 +113,8 @@ class History:
         if not self._begun:
             self._begin(row)
         beyond = [name for name in row if name not in self.columns]
+        if beyond and "phase" in row:
+            beyond = self._widen(beyond)
         if beyond and not self._warned:
             log.warning("%s: not in the first row's columns, left out: %s", self.path, ", ".join(beyond))
             self._warned = True
@@ -125,6 +128,14 @@ class History:
             column, limit = columns.index("time"), resume_time + 1e-10 * abs(resume_time)
             self.columns = columns
             self._kept = [row for row in rows if len(row) == len(columns) and float(row[column]) <= limit]
+
+    def _widen(self, names):
+        """Add columns, which the rows so far leave empty: other things act in other phases."""
+        self._take_up(np.inf)
+        self._kept = [[*row, *([""] * len(names))] for row in self._kept]
+        self.columns = [*self.columns, *names]
+        replace_file(self.path, _lines([self.columns, *self._kept]))
+        return []
 
     def _begin(self, row):
         """Decide the columns and write the head, with the rows that are kept."""

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from pcontact.mesh.digest import hashes, mesh_digest, total
-from pcontact.scene import differences, physics
+from pcontact.scene import differences, physics_so_far
 from pcontact.scene.model import OUTER
 
 # of the mesh: what a state cannot go on without
@@ -62,13 +62,13 @@ class Identity:
     mesh_file: str | Path = ""
 
     @classmethod
-    def of(cls, scene, space, items):
+    def of(cls, scenes, space, items):
         """That of a run. *Collective.*
 
         Parameters
         ----------
-        scene : pcontact.scene.model.Scene
-            With what the command line says.
+        scenes : list of pcontact.scene.model.Scene
+            With what the command line says; those of the phases so far, one after the other.
         space : pcontact.space.space.Space
         items : list
             Those that remember something.
@@ -77,8 +77,9 @@ class Identity:
         for item in items:
             keys = item.memory_keys()
             rows[item.name] = [space.comm.allreduce(len(keys)), total(space.comm, hashes(keys))]
-        mesh = mesh_digest(space.mesh, space.mesh_nodes[space.owned_local], _regions(scene))
-        return cls(physics(scene), mesh, rows, scene.where, scene.mesh_path)
+        regions = set().union(*(_regions(scene) for scene in scenes))
+        mesh = mesh_digest(space.mesh, space.mesh_nodes[space.owned_local], regions)
+        return cls(physics_so_far(scenes), mesh, rows, scenes[0].where, scenes[0].mesh_path)
 
     @classmethod
     def read(cls, data):

@@ -217,21 +217,24 @@ class Fields(Observer):
     Parameters
     ----------
     directory : pathlib.Path
-    snapshot : pcontact.io.snapshot.Snapshot
-        Observer that has taken the fields of the step before.
     comm : MPI.Comm
     timing : dict
         ``output`` seconds are added.
     resume_time : float, optional
         Steps of an earlier run up to this time are kept.
+
+    Attributes
+    ----------
+    snapshot : pcontact.io.snapshot.Snapshot
+        Observer that has taken the fields of the step before.
     """
 
-    def __init__(self, directory, snapshot, comm, timing, resume_time=None):
+    def __init__(self, directory, comm, timing, resume_time=None):
         self._writer = FieldWriter(directory, comm, resume_time)
-        self._snapshot, self._timing = snapshot, timing
+        self.snapshot, self._timing = None, timing
 
     def step(self, step, u, record):
         """Write the step. *Collective.*"""
-        start, taken = clock.perf_counter(), self._snapshot.taken
+        start, taken = clock.perf_counter(), self.snapshot.taken
         self._writer.write(step.number, step.time, taken.bodies, taken.surfaces, taken.points)
         self._timing["output"] += clock.perf_counter() - start

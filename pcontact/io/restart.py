@@ -81,6 +81,25 @@ class Resumed:
         return None if item is None else item.recall(table.attrs["table"], _chunks(table))
 
 
+def checkpoint_time(directory, comm):
+    """Time of the state of an earlier run; 0 of one that cannot be read. *Collective.*
+
+    Parameters
+    ----------
+    directory : str or pathlib.Path
+    comm : MPI.Comm
+    """
+
+    def read():
+        try:
+            with h5py.File(Path(directory) / NAME, "r") as file:
+                return float(file.attrs["time"])
+        except (OSError, KeyError, TypeError, ValueError):
+            return 0.0
+
+    return comm.bcast(read() if comm.rank == 0 else None)
+
+
 def read_checkpoint(directory, space, identity, anyway=False):
     """State of an earlier run, on any number of ranks. *Collective.*
 

@@ -1,5 +1,7 @@
 """Connected parts of a mesh, and the sense in which their cells are numbered."""
 
+from typing import NamedTuple
+
 import numpy as np
 
 from pcontact.element.quadrature import quadrature
@@ -68,6 +70,31 @@ def label(tables, n_points):
     rank = np.empty(len(first), dtype=np.int64)
     rank[np.argsort(first)] = np.arange(len(first))
     return rank[part]
+
+
+class Numbers(NamedTuple):
+    """The connected components of a distributed mesh as they are, before bodies are joined.
+
+    Attributes
+    ----------
+    names : list of str
+    cells : list of ndarray (nc,)
+        Component of the cells of each block.
+    """
+
+    names: list
+    cells: list
+
+    @classmethod
+    def of(cls, mesh):
+        """Those of a mesh."""
+        return cls(list(mesh.component_names), [block.components.copy() for block in mesh.blocks])
+
+    def give(self, mesh):
+        """Let a mesh have them again."""
+        mesh.n_components, mesh.component_names = len(self.names), list(self.names)
+        for block, cells in zip(mesh.blocks, self.cells, strict=True):
+            block.components = cells.copy()
 
 
 def components(raw):

@@ -13,12 +13,13 @@ from pcontact.scene.model import (
     MeshSpec,
     Obstacle,
     Output,
+    Phase,
     Scene,
     Spring,
     Steps,
     Temperature,
 )
-from pcontact.scene.physics import differences, physics
+from pcontact.scene.physics import differences, physics, physics_so_far
 from pcontact.scene.reader import read_scene, scene_from
 from pcontact.scene.regions import check_apart, check_dimension, check_lost, check_radius, check_regions
 from pcontact.scene.validate import resolve_contacts, validate
@@ -34,6 +35,7 @@ __all__ = [
     "MeshSpec",
     "Obstacle",
     "Output",
+    "Phase",
     "Scene",
     "Spring",
     "Steps",
@@ -49,6 +51,7 @@ __all__ = [
     "differences",
     "obstacle_functions",
     "physics",
+    "physics_so_far",
     "read_scene",
     "require_no_code",
     "resolve_contacts",

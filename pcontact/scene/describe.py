@@ -107,6 +107,8 @@ def describe(
         active.append("supports that turn: " + ", ".join(turning))
     if scene.steps.viscous_stabilisation is not None:
         active.append(f"viscous stabilisation: {scene.steps.viscous_stabilisation:g}")
+    if scene.phases:
+        active.append(f"phases: {', '.join(phase.name for phase in scene.phases)}")
     if scene.output.estimate:
         active.append("error estimate of every step")
     return active, [name for name, asked in _FEATURES if not asked(scene)]

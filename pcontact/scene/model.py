@@ -5,7 +5,7 @@ Each key is declared here, and nowhere else, see `pcontact.scene.keys`. Nothing 
 tuples. Units are the user's own and must be consistent. None means "not said".
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -26,6 +26,7 @@ from pcontact.runtime.rules import (
 from pcontact.scene.keys import key, keys, table
 from pcontact.scene.values import (
     AMPLITUDE,
+    COEFFICIENTS,
     COMPONENTS,
     DIRECTION,
     EXPRESSION,
@@ -52,6 +53,8 @@ LOCKING = 0.45
 POOR = 0.49
 # planned load steps in the longest one, where their iterations say how long they are
 LONGER = 4
+# the smallest load step in parts of the planned one
+SHORTEST = 1.0 / 1024.0
 # settings whose answers may be wrong, which `Scene.allow_unsafe` lets run: gamma0 below the bound of coercivity,
 # triangles and tetrahedra of degree 1 near nu = 0.5, a coarse source on a fine target in space, friction with several
 # solutions, a mesh whose bodies are cut where cells do not meet facet to facet, supports that turn small strain far
@@ -64,6 +67,12 @@ Table = Sequence[Sequence[float]]  # rows of (time, factor), or of (strain, stre
 Function = str | Callable  # "module.py:name" beside the scene, or the function itself
 
 REGION = "name of a group of"
+
+
+def phases(what: str):
+    """The key for the phases in which something acts."""
+    names = sequence("a list of names of phases", TEXT)
+    return key(names, f"phases in which {what}", None, otherwise="all", more="see [phases.md](phases.md)")
 
 
 def amplitude(what: str = "factor of the value", timed: bool = False):
@@ -342,6 +351,9 @@ class Contact:
         BOOLEAN, "gaps are those of the smooth surfaces that straight facets stand for", False,
         option="contact_smooth_geometry", resolved=True, more="for meshes of degree 1, see below",
     )  # fmt: skip
+    phases: Sequence[str] | None = phases("it acts")
+    # of a scene of one phase (`pcontact.scene.phases`): points that are closed stay as they are
+    held: bool = False
 
     def __post_init__(self):
         if self.name is None and self.all:
@@ -380,6 +392,7 @@ class Displacement:
     axis: Sequence[float] | None = key(
         DIRECTION, "with `angle`, in space: direction of the axis, of any length", None, otherwise="must be said"
     )
+    phases: Sequence[str] | None = phases("it holds")
 
     @property
     def turns(self) -> bool:
@@ -438,6 +451,7 @@ class Load:
     name: str | None = key(
         TEXT, "with `force` or `moment`: its name in report and history, unique", None, otherwise="that of the group"
     )
+    phases: Sequence[str] | None = phases("it acts")
 
     @property
     def total(self) -> bool:
@@ -488,13 +502,34 @@ class Spring:
         STIFFNESSES, "stiffness of the whole group in each direction, spread evenly", None, "force / length"
     )
     name: str | None = key(TEXT, "its name in report and history, unique", None, otherwise="that of the group")
+    phases: Sequence[str] | None = phases("they act")
+
+
+@table
+class Phase:
+    """A part of the run, with load steps of its own."""
+
+    name: str = key(TEXT, "its name in report and history, unique")
+    duration: float = key(POSITIVE, "it takes so long; the run ends with the last phase", 1.0, "time")
+    count: int | None = key(
+        integer(1, 1_000_000), "equal load steps to start with", None, otherwise="`count` of `[steps]`"
+    )
+    friction: Mapping[str, float] | None = key(
+        COEFFICIENTS, "Coulomb's coefficient of contacts in this phase, by their names", None, otherwise="their own",
+    )  # fmt: skip
+    tied: Sequence[str] = key(
+        sequence("a list of names of contacts", TEXT), "contacts whose closed points stay as they are", (),
+        otherwise="none", more="see [phases.md](phases.md)",
+    )  # fmt: skip
 
 
 @table
 class Steps:
     """The run from time 0 to `end` in `count` equal steps to start with."""
 
-    end: float = key(POSITIVE, "time at the end of the run", 1.0, "time")
+    end: float = key(
+        POSITIVE, "time at the end of the run", 1.0, "time", more="not with `[[phases]]`, which have durations"
+    )
     count: int = key(
         integer(1, 1_000_000), "equal load steps to start with", 1, option="steps_count",
         more="corners of amplitudes are met",
@@ -520,7 +555,7 @@ class Steps:
     @property
     def smallest_step(self) -> float:
         """`min_step`, or what stands for it when it is not said [time]."""
-        return self.end / self.count / 1024 if self.min_step is None else self.min_step
+        return self.end / self.count * SHORTEST if self.min_step is None else self.min_step
 
     @property
     def longest_step(self) -> float | None:
@@ -558,7 +593,7 @@ class Output:
 SINGLE_TABLES = {"mesh": MeshSpec, "steps": Steps, "output": Output}
 LIST_TABLES = {"bodies": Body, "contacts": Contact, "displacements": Displacement, "loads": Load,
                "springs": Spring, "temperatures": Temperature,
-               "couplings": Coupling}  # fmt: skip
+               "couplings": Coupling, "phases": Phase}  # fmt: skip
 
 
 @dataclass
@@ -567,8 +602,8 @@ class Scene:
 
     Parameters
     ----------
-    mesh, materials, bodies, contacts, displacements, loads, springs, temperatures, couplings, steps, output : the
-        tables
+    mesh, materials, bodies, contacts, displacements, loads, springs, temperatures, couplings, phases, steps, output :
+        the tables
     petsc : dict of str to str
         Options of this scene, without the leading dash; the command line wins.
     title, accuracy, allow_unsafe : keys, see the declarations
@@ -603,6 +638,7 @@ class Scene:
     springs: list[Spring] = field(default_factory=list)
     temperatures: list[Temperature] = field(default_factory=list)
     couplings: list[Coupling] = field(default_factory=list)
+    phases: list[Phase] = field(default_factory=list)
 
     @property
     def where(self) -> str:

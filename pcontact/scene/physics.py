@@ -21,6 +21,7 @@ from pcontact.scene.model import (
     Scene,
     Steps,
 )
+from pcontact.scene.phases import PHASED
 from pcontact.scene.places import tables
 
 # keys that are names of places, or tables of their own
@@ -56,6 +57,29 @@ def physics(scene: Scene) -> dict[str, dict[str, object]]:
             if field.name not in left_out and (field.name == AMPLITUDE or getattr(table, field.name) != field.default)
         ]
         result[where] = {key: _plain(scene, table, key, getattr(table, key)) for key in said}
+    return result
+
+
+def physics_so_far(scenes: list[Scene]) -> dict[str, dict[str, object]]:
+    """Physics of the phases of a run up to the present one, which end with the steps of their scenes.
+
+    Parameters
+    ----------
+    scenes : list of Scene
+        One of a run without phases.
+
+    Returns
+    -------
+    dict of str to dict of str to value
+        As :func:`physics`; of later phases what may act in some of them, with the number of the phase.
+    """
+    result = physics(scenes[0])
+    if scenes[1:]:
+        result["phases[0]"] = {"end": scenes[0].steps.end}
+    for number, scene in enumerate(scenes[1:], 1):
+        result[f"phases[{number}]"] = {"end": scene.steps.end}
+        result |= {f"phases[{number}]: {where}": table for where, table in physics(scene).items()
+                   if where.partition("[")[0] in PHASED}  # fmt: skip
     return result
 
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 
-from pcontact.scene.model import LIST_TABLES, Contact, Scene
+from pcontact.scene.model import LIST_TABLES, Contact, Phase, Scene
 
 
 def place(key: str, index: int, name: object) -> str:
@@ -17,7 +17,7 @@ def tables(scene: Scene) -> Iterator[tuple[str, object]]:
         yield f"materials.{name}", material
     for key in LIST_TABLES:
         for index, item in enumerate(getattr(scene, key)):
-            where = place(key, index, item.name if isinstance(item, Contact) else item.region)
+            where = place(key, index, item.name if isinstance(item, Contact | Phase) else item.region)
             yield where, item
             if isinstance(item, Contact) and item.obstacle is not None:
                 yield f"{where}.obstacle", item.obstacle

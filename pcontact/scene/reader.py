@@ -11,7 +11,7 @@ import numpy as np
 
 from pcontact.runtime import log
 from pcontact.runtime.messages import closeness, cut, input_error, nearest, shown, unknown_name
-from pcontact.scene.model import HEADERS, LIST_TABLES, RENAMED, SINGLE_TABLES, Contact, Material, Obstacle, Scene
+from pcontact.scene.model import HEADERS, LIST_TABLES, RENAMED, SINGLE_TABLES, Contact, Material, Obstacle, Phase, Scene
 from pcontact.scene.places import place
 from pcontact.scene.validate import validate
 
@@ -88,8 +88,8 @@ def changed(data: dict[str, object], changes: Mapping[str, object], file: str) -
         As `tomllib` makes it; left as it is.
     changes : mapping
         Tables are merged, key by key; None takes a key out. A dict in the place of a list of tables has the changes of
-        those that it names: contacts by ``name``, the others by ``region``. All other values take the place of the
-        old ones.
+        those that it names: contacts and phases by ``name``, the others by ``region``. All other values take the place
+        of the old ones.
     file : str
         For messages.
 
@@ -117,7 +117,7 @@ def _merged(table, changes, file, where):
 
 
 def _merged_list(key, items, changes, file):
-    named = "name" if key == "contacts" else "region"
+    named = "name" if key in ("contacts", "phases") else "region"
     names = [item.get(named) if isinstance(item, dict) else None for item in items]
     items = list(items)
     for name, change in changes.items():
@@ -180,8 +180,8 @@ def _parse(path):
 
 
 def _keys(cls):
-    """Keys of a table in a scene file; where a scene is is no key."""
-    return [field.name for field in fields(cls) if cls is not Scene or field.name not in HOME]
+    """Keys of a table in a scene file; where a scene is is no key, nor is what the program knows of a phase."""
+    return [field.name for field in fields(cls) if field.metadata or (cls is Scene and field.name not in HOME)]
 
 
 @cache
@@ -240,7 +240,7 @@ def _list(key, data, file):
     cls = LIST_TABLES[key]
     items = []
     for index, table in enumerate(data):
-        name = table.get("name" if cls is Contact else "region") if isinstance(table, dict) else None
+        name = table.get("name" if cls in (Contact, Phase) else "region") if isinstance(table, dict) else None
         where = place(key, index, name)
         if cls is Contact and isinstance(table, dict) and "obstacle" in table:
             table = {**table, "obstacle": _build(Obstacle, table["obstacle"], file, f"{where}.obstacle")}

@@ -24,6 +24,8 @@ from pcontact.scene.model import (
     Scene,
     Spring,
 )
+from pcontact.scene.phase_checks import check_phase_names, check_phases
+from pcontact.scene.phases import scene_of
 from pcontact.scene.places import place, tables
 from pcontact.scene.prescribed import expressions
 
@@ -55,6 +57,7 @@ def validate(scene: Scene) -> None:
         raise input_error(scene.where, "mesh.mean_dilatation", found, "false, plane stress does not lock")
     _check_bodies(scene)
     _check_strain(scene)
+    check_phase_names(scene)
     for where, table in tables(scene):
         if isinstance(table, Material):
             _check_material(scene, where, table)
@@ -73,6 +76,11 @@ def validate(scene: Scene) -> None:
     _check_estimate(scene)
     _check_temperatures(scene)
     _check_unique(scene, "contacts", "name")
+    if scene.phases:
+        check_phases(scene)
+        for number in range(len(scene.phases)):
+            validate(scene_of(scene, number))
+        return
     _check_displacements(scene)
     _check_steps(scene)
 

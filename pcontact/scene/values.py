@@ -1,7 +1,15 @@
 """Values of scene keys that are more than a number, a word or a name."""
 
-from pcontact.runtime.rules import TEXT, Rule, either, entries, number, sequence, text
+from collections.abc import Mapping
+
+from pcontact.runtime.rules import NON_NEGATIVE, TEXT, Rule, either, entries, number, sequence, text
 from pcontact.scene.expression import ALLOWED, Expression
+
+
+def _coefficients(value):
+    if not isinstance(value, Mapping):
+        raise ValueError
+    return {TEXT.accept(name): NON_NEGATIVE.accept(one) for name, one in value.items()}
 
 
 def _function(value):
@@ -67,6 +75,10 @@ def _or_expression(rule, words=()):
     return Rule(rule.allowed, accept, {"anyOf": [rule.schema, {"type": "string", "pattern": r"\S"}]})
 
 
+COEFFICIENTS = Rule(
+    "a table of names and numbers >= 0", _coefficients,
+    {"type": "object", "additionalProperties": NON_NEGATIVE.schema},
+)  # fmt: skip
 SCALAR = _or_expression(number())._replace(allowed=f"a finite number, or {ALLOWED}")
 VECTOR = sequence("a list of one finite number per direction (2 or 3)", number(), (2, 3))
 STIFFNESSES = sequence(

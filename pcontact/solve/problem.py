@@ -54,6 +54,8 @@ class Problem:
         Those among the items.
     groups : sequence of pcontact.space.rigid.RigidGroup
         Whose displacement is rigid: Newton's method has their leading components.
+    release : pcontact.assembly.release.Release or None
+        The item of what a phase of the run goes on from.
     loose : sequence of int
         Bodies whose rigid motions get a coarse space, see `pcontact.solve.preconditioners.deflation`.
 
@@ -69,7 +71,7 @@ class Problem:
         self.stabilisation = stabilisation
         self.bulk, self.others, self.contacts = items[0], items[1:], list(contacts)
         self.time, self.loose, self.stabilised, self.viscous, self.timed = 0.0, (), True, viscous, ()
-        self.total = self.springs = ()
+        self.total, self.springs, self.release = (), (), None
         self.fixed = np.ascontiguousarray(supports.fixed[space.owned_local])
         self.groups = supports.groups
         self.matrix = GlobalMatrix(space, supports.fixed)
@@ -138,8 +140,13 @@ class Problem:
         areas = self.space.comm.allreduce(areas, op=MPI.SUM)
         return {item.name for item, area in zip(self.others, areas, strict=True) if area > 0.0}
 
-    def _enter(self, u, time):
+    def _prescribed(self, time):
+        """Prescribed displacements (n_owned, d) [length]. *Collective.*"""
         values = self.supports.values(time)[self.space.owned_local]
+        return values if self.release is None else values + self.release.offset
+
+    def _enter(self, u, time):
+        values = self._prescribed(time)
         array = u.getArray().reshape(values.shape)
         array[self.fixed] = values[self.fixed]
         for group in self.groups:
@@ -148,7 +155,7 @@ class Problem:
 
     def imposed(self, u, time):
         """Largest change that the prescribed displacements make to ``u`` [length]. *Collective.*"""
-        values = self.supports.values(time)[self.space.owned_local]
+        values = self._prescribed(time)
         before = u.getArray(readonly=True).reshape(values.shape)
         change = np.where(self.fixed, values - before, 0.0)
         if self.groups:

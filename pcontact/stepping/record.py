@@ -25,13 +25,16 @@ class Recorder:
         Regions whose displacement is recorded.
     bodies : sequence of str, optional
         Their regions. Absent: nothing is said of where small strain ends.
+    phase : str, optional
+        Name of the phase of the run.
 
     Notes
     -----
     The constructor is *Collective*.
     """
 
-    def __init__(self, problem, probes, bodies=()):
+    def __init__(self, problem, probes, bodies=(), phase=None):
+        self._phase = phase
         # the largest force of the run so far, which a restarted run goes on with
         self._problem, self.carried, self._told = problem, 0.0, set()
         self._announce = Announcer(problem.space.mesh.component_names)
@@ -58,8 +61,8 @@ class Recorder:
             As in ``report.json``.
         """
         problem = self._problem
-        record = {
-            "time": step.time,
+        record = {"time": step.time, **({} if self._phase is None else {"phase": self._phase})}
+        record |= {
             "newton": step.newton,
             "krylov": step.krylov,
             "krylov_most": step.hardest,
@@ -81,6 +84,8 @@ class Recorder:
             shape = step.unbalanced.shape
             moved = u.getArray(readonly=True).reshape(shape)
             record["couplings"] = {group.name: group.record(moved, step.unbalanced) for group in problem.groups}
+        if problem.release is not None:
+            record["released"] = problem.release.record()
         if problem.springs:
             record["springs"] = {spring.name: spring.record(u) for spring in problem.springs}
         self._warn_of_lost(step.time, record["contacts"])

@@ -22,7 +22,7 @@ class Control(NamedTuple):
 
 
 class Schedule:
-    """Step sizes of a run from 0 to ``end``.
+    """Step sizes of a run, or of a phase of it, to ``end``.
 
     Parameters
     ----------
@@ -35,6 +35,8 @@ class Schedule:
     stops : sequence of float
         Times that must be met: the corners of the amplitudes.
     control : Control, optional
+    begin : float
+        [time]
     """
 
     # [iterations] Of Newton's method up to which a load step may grow again. From: chosen.
@@ -52,13 +54,13 @@ class Schedule:
     # 1 - cos of the half of it, 0.4 %.
     TURN = np.radians(10.0)
 
-    def __init__(self, end, count, smallest, stops=(), control=None):
+    def __init__(self, end, count, smallest, stops=(), control=None, begin=0.0):
         self.end, self.smallest, self._control = end, smallest, control or Control()
-        self._planned = end / count
+        self._planned = (end - begin) / count
         self._largest = self._control.longest or self._planned
         self._step = min(self._planned, self._largest)
-        self._stops = np.unique([t for t in [*stops, end] if 0.0 < t <= end])
-        self.time = 0.0
+        self._stops = np.unique([t for t in [*stops, end] if begin < t <= end])
+        self.time = begin
 
     def next(self):
         """Time at which the coming step ends."""

@@ -97,13 +97,22 @@ class Stepper:
     drive : callable, optional
         Factors (n,) of all that moves or loads the bodies, at a time. It tells how far the bodies will move on.
     stages : Stages, optional
+
+    Attributes
+    ----------
+    u : PETSc.Vec
+        The committed displacement.
+    number : int
+        Load steps that are done.
+    first : float or None
+        Time at which the first load step of the run has ended.
     """
 
     def __init__(self, problem, newton, schedule, observers, recorder, timing, drive=None, stages=None):
         self.problem, self.newton, self.schedule = problem, newton, schedule
         self.observers, self.recorder, self.timing = observers, recorder, timing
         self.u = problem.space.vector()
-        self._number = 0
+        self.number, self.first = 0, None
         self._drive, self._last, self._stages = drive, None, Stages() if stages is None else stages
 
     def resume(self, number, time, first, size, values, last=None):
@@ -130,7 +139,7 @@ class Stepper:
             before.setArray(last[1].ravel())
             self._last = last[0], before
         self.schedule.resume(time, size)
-        self._number = number
+        self.number, self.first = number, first
 
     def run(self):
         """All load steps. *Collective.*
@@ -140,7 +149,7 @@ class Stepper:
         StepFailure
             When a step does not converge at the smallest size, or at one of which no part would converge either.
         """
-        number, cutbacks = self._number, 0
+        cutbacks = 0
         while not self.schedule.done:
             target = self.schedule.next()
             committed = self.u.copy()
@@ -153,9 +162,10 @@ class Stepper:
                 self._last = self.schedule.time, committed
                 solves = 1 + result.uzawa["updates"] if result.uzawa else 1
                 self.schedule.accept(target, result.newton // solves)
-                number += 1
+                self.number += 1
+                self.first = target if self.first is None else self.first
                 step = Step(
-                    number, target, result.newton, result.krylov, cutbacks, result.residual,
+                    self.number, target, result.newton, result.krylov, cutbacks, result.residual,
                     list(self.newton.norms), *self._last, result.uzawa, result.hardest, result.free,
                     unbalanced,
                 )  # fmt: skip

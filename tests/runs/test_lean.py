@@ -27,6 +27,7 @@ from pcontact.scene.model import (
     MeshSpec,
     Obstacle,
     Output,
+    Phase,
     Scene,
     Spring,
     Steps,
@@ -51,6 +52,7 @@ PIECES = {
     "pressure that follows": (("assembly.follower", "assembly.follower_kernels"), ()),
     "viscous stabilisation": (("assembly.viscous",), ()),
     "springs": (("assembly.springs",), ()),
+    "phases": (("assembly.release",), ()),
     "rigid groups": (("assembly.constrained", "space.rigid"), ()),
     "thermal strain": (("assembly.heat", "contact.traction.heated"), ()),
     "self contact": (("contact.search.self_surface", "contact.search.exclusion", "contact.search.cones"),
@@ -110,6 +112,10 @@ def with_piece(path, piece):
     if piece == "rigid groups":
         result = scene(path)
         result.displacements, result.couplings = result.displacements[:1], [Coupling("upper_top")]
+        return result
+    if piece == "phases":
+        result = scene(path)
+        result.phases = [Phase("press", count=1), Phase("hold", count=1)]
         return result
     if piece == "springs":
         result = scene(path)

@@ -42,6 +42,8 @@ region = "upper_top"
 value = [0.0, -0.05]
 """
 
+PHASES = '[[phases]]\nname = "on"\n[[phases]]\nname = "off"\n'
+
 
 def mesh_text(nodes=None, elements=None, names=None):
     """A gmsh file (MSH 2.2, text)."""
@@ -229,6 +231,39 @@ CASES = {
     "friction with several solutions": Case(
         [r"scene\.toml: contacts\[0\] \(pair\)\.friction: found 5, with", "allowed: <= 3", "-allow_unsafe friction"],
         scene=swapped('name = "pair"', 'name = "pair"\nfriction = 5'),
+    ),
+    "phase of a scene without": Case(
+        [r"displacements\[1\] \(upper_top\)\.phases: found \['on'\] without", r"allowed: \[\[phases\]\] as well"],
+        scene=SCENE + 'phases = ["on"]\n',
+    ),
+    "phase of another name": Case(
+        [r"displacements\[1\] \(upper_top\)\.phases: found 'of'", "no such phase", "allowed: off, on"],
+        scene=SCENE + 'phases = ["of"]\n' + PHASES,
+    ),
+    "phase a second time": Case(
+        [r"phases\[2\] \(on\)\.name: found 'on' a second time"], scene=SCENE + PHASES + '[[phases]]\nname = "on"\n'
+    ),
+    "phases and an end": Case(
+        [r"steps\.end: found 3 together with", "allowed: no such key"], scene=SCENE + PHASES + "[steps]\nend = 3.0\n"
+    ),
+    "phase of no contact": Case(
+        [r"phases\[1\] \(off\)\.tied: found 'pear'", "no such contact", "allowed: pair"],
+        scene=SCENE + PHASES + 'tied = ["pear"]\n',
+    ),
+    "friction of a phase in words": Case(
+        [r"phases\[1\] \(off\)\.friction", "a table of names and numbers >= 0"],
+        scene=SCENE + PHASES + 'friction = "pair"\n',
+    ),
+    "contact that ties before it closes": Case(
+        [r"phases\[0\] \(on\)\.tied: found 'pair', which does not act in the phase before", "allowed: a contact whose"],
+        scene=SCENE + '[[phases]]\nname = "on"\ntied = ["pair"]\n',
+    ),
+    "turn that begins in a phase": Case(
+        [r"displacements\[1\] \(upper_top\)\.phases: found \['off'\] with an angle", "allowed: phases from the first"],
+        scene=SCENE + 'angle = 3.0\npoint = [0.0, 0.0]\nphases = ["off"]\n' + PHASES,
+    ),
+    "phases with an estimate": Case(
+        [r"output\.estimate: found true together with phases"], scene=SCENE + PHASES + "[output]\nestimate = true\n"
     ),
     "unsafe word": Case(
         ["-allow_unsafe", "found 'gama0'", "allowed: some of gamma0, locking, facet_sizes, friction, mesh"],

@@ -270,7 +270,7 @@ def resume(shared_tmp, half):
     """Reads all of a checkpoint for a run that goes on; returns the message, the same on all ranks. *Collective.*"""
     simulation = Simulation(lay(shared_tmp / "case"))
     space, items = simulation.problem.space, simulation.problem.parts
-    identity = Identity.of(simulation.scene, space, remembering(items))
+    identity = Identity.of([simulation.scene], space, remembering(items))
 
     def read(folder):
         try:

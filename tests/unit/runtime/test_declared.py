@@ -38,8 +38,8 @@ def test_every_key_is_declared(cls):
     """Every field of a table but tables and places, with a help; its default is allowed."""
     others = {field.name for field in fields(cls) if field.name not in keys(cls)}
     tables = {"mesh", "materials", "bodies", "contacts", "displacements", "loads", "couplings", "springs",
-              "temperatures", "steps", "output", "petsc"}
-    assert others == {Scene: tables | {"path", "beside"}, Contact: {"obstacle"}}.get(cls, set())
+              "temperatures", "phases", "steps", "output", "petsc"}  # fmt: skip
+    assert others == {Scene: tables | {"path", "beside"}, Contact: {"obstacle", "held"}}.get(cls, set())
     for name, one in keys(cls).items():
         assert one.help and one.rule.allowed
         if one.default is not MISSING:

@@ -1,0 +1,113 @@
+"""What is left of the phase before, in a phase of the run: forces that ramp to zero, and where supports began."""
+
+import numpy as np
+
+from pcontact.assembly.item import LAW, Item
+from pcontact.runtime.parallel import take_rows
+
+
+def equilibrium(problem, u, time):
+    """Internal plus contact minus external forces (n_owned, d) of a problem at its committed displacement and a time
+    [force]. *Collective.*"""
+    problem.time = time
+    for item in problem.items:
+        item.detect(u, time)
+    return problem.unbalanced(u)
+
+
+class Release(Item):
+    """Forces that what acts no longer has exerted at the end of the phase before; they ramp to zero over a phase.
+
+    Parameters
+    ----------
+    space : pcontact.space.space.Space
+    begin, end : float
+        Of the phase [time].
+
+    Attributes
+    ----------
+    forces : ndarray (n_owned, d)
+        On the bodies at the beginning of the phase [force].
+    offset : ndarray (n_owned, d)
+        How far nodes had moved there beyond what is prescribed: supports move them on from where they are [length].
+    """
+
+    name, changes = "phase", False
+
+    def __init__(self, space, begin, end):
+        self.space, self._span, self._part = space, (begin, end), 1.0
+        self.forces, self.offset = (np.zeros((space.n_owned, space.dim)) for _ in range(2))
+
+    def start(self, problem, u, reactions):
+        """Take what a problem lacks of equilibrium at the beginning of the phase, and where its supports are there.
+        *Collective.*
+
+        Whatever has ended, supports, loads, contact, friction, leaves the same gap: the forces on the bodies that the
+        items of this phase and the reactions of supports that stay do not bear.
+
+        Parameters
+        ----------
+        problem : pcontact.solve.problem.Problem
+            This item among its own; its items have the committed state.
+        u : PETSc.Vec
+            The committed displacement.
+        reactions : ndarray (n_owned, d)
+            At the end of the phase before [force].
+        """
+        moved = u.getArray(readonly=True).reshape(self.forces.shape)
+        prescribed = problem.supports.values(self._span[0])[self.space.owned_local]
+        self.offset = np.where(problem.fixed, moved - prescribed, 0.0)
+        self.forces = equilibrium(problem, u, self._span[0]) - np.where(problem.fixed, reactions, 0.0)
+        for group in problem.groups:
+            group.lead(self.forces)
+
+    def pattern(self):
+        """No entries."""
+        return np.zeros(self.space.n_owned + 1, dtype=np.int64), np.zeros(0, dtype=np.int64)
+
+    def detect(self, u, time, motion=0.0, ahead=None):
+        """The part that is left at the end of the load step."""
+        begin, end = self._span
+        self._part = min(max((end - time) / (end - begin), 0.0), 1.0)
+
+    def residual(self, u, out, rule=LAW):
+        """Take the forces off ``out`` (n_owned, d)."""
+        out -= self._part * self.forces
+
+    def external(self, u, out):
+        """Add them to ``out`` (n_owned, d)."""
+        out += self._part * self.forces
+
+    def add_magnitude(self, u, out):
+        """Add their magnitudes to ``out`` (n_owned, d)."""
+        out += self._part * np.abs(self.forces)
+
+    def tangent(self, u, rule=LAW):
+        """None, they do not depend on the displacement."""
+        return np.zeros((0, self.space.dim, self.space.dim))
+
+    def record(self):
+        """Their resultant, for the report. *Collective.*"""
+        return {"force": (self._part * self.space.comm.allreduce(self.forces.sum(axis=0))).tolist()}
+
+    def memory_keys(self):
+        """Numbers (n_owned,) of the owned nodes."""
+        return self.space.mesh.file_nodes[self.space.mesh_nodes[self.space.owned_local]]
+
+    def memory(self):
+        """Forces, and how far supports have been moved before they began."""
+        keys, tables = self.memory_keys(), {"forces": self.forces, "offset": self.offset}
+        rows = {name: np.flatnonzero(table.any(axis=1)) for name, table in tables.items()}
+        return {name: (keys[rows[name]], table[rows[name]]) for name, table in tables.items()}
+
+    def recall(self, name, chunks):
+        """See :meth:`pcontact.assembly.item.Item.recall`."""
+        if name not in ("forces", "offset"):
+            return None
+        values = np.zeros((self.space.n_owned, self.space.dim))
+        count = take_rows(self.memory_keys(), chunks, values)
+        if name == "forces":
+            self.forces = values
+        else:
+            self.offset = values
+        return count

@@ -1,0 +1,104 @@
+"""The phases of a run: what a scene is in each of them, a scene of its own that knows of no others."""
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from pcontact.scene.amplitude import MULTIPLIED, timed
+from pcontact.scene.model import LONGER, SHORTEST, Contact, Scene
+
+# tables of which some may act in some phases only
+PHASED = ("contacts", "displacements", "loads", "springs")
+# tables with amplitudes
+MOVED = ("displacements", "loads", "temperatures", "couplings")
+
+
+class Span(NamedTuple):
+    """A phase in the time of the run.
+
+    Attributes
+    ----------
+    name : str
+    begin, end : float
+        [time]
+    """
+
+    name: str
+    begin: float
+    end: float
+
+
+def spans(scene: Scene) -> list[Span]:
+    """The phases of a scene one after the other; none where the run has no phases."""
+    if not scene.phases:
+        return []
+    ends = np.cumsum([phase.duration for phase in scene.phases]).tolist()
+    return [Span(phase.name, begin, end)
+            for phase, begin, end in zip(scene.phases, [0.0, *ends[:-1]], ends, strict=True)]  # fmt: skip
+
+
+def phase_at(scene: Scene, time: float) -> int:
+    """Number of the phase in which a time is; that of an end belongs to the phase that ends."""
+    ends = [span.end for span in spans(scene)]
+    return min(int(np.searchsorted(np.array(ends) * (1.0 + 1e-12), time)), len(ends) - 1)
+
+
+def acts(one: object, name: str) -> bool:
+    """Whether something acts in a phase."""
+    return one.phases is None or name in one.phases
+
+
+def begun(scene: Scene, one: object, number: int) -> int:
+    """Number of the phase since which something has acted that acts in a phase."""
+    while number > 0 and acts(one, scene.phases[number - 1].name):
+        number -= 1
+    return number
+
+
+def scene_of(scene: Scene, number: int) -> Scene:
+    """The scene in one of its phases.
+
+    Parameters
+    ----------
+    scene : Scene
+        It is left as it is.
+    number : int
+        Of the phase, from 0.
+
+    Returns
+    -------
+    Scene
+        Without phases: with what acts in this one, and steps that end with it. What has no amplitude is a ramp over
+        the first phase in which it acts.
+    """
+    every, phase = spans(scene), scene.phases[number]
+
+    def rising(one, first):
+        if one.amplitude is not None or (type(one) in MULTIPLIED and timed(one)):
+            return one
+        return replace(one, amplitude=((every[first].begin, 0.0), (every[first].end, 1.0)))
+
+    lists = {key: [one for one in getattr(scene, key) if acts(one, phase.name)] for key in PHASED}
+    lists |= {key: list(getattr(scene, key)) for key in MOVED if key not in PHASED}
+    for key in MOVED:
+        lists[key] = [rising(one, begun(scene, one, number) if key in PHASED else 0) for one in lists[key]]
+    for k, one in enumerate(lists["contacts"]):
+        if one.obstacle is not None and one.obstacle.moves:
+            one = replace(one, obstacle=rising(one.obstacle, begun(scene, one, number)))
+        lists["contacts"][k] = _contact(one, phase)
+    for key in PHASED:
+        lists[key] = [replace(one, phases=None) for one in lists[key]]
+    count, span, steps = phase.count or scene.steps.count, every[number], scene.steps
+    longest = None
+    if steps.control == "auto":
+        longest = min(LONGER * phase.duration / count, phase.duration) if steps.max_step is None else steps.max_step
+    shortest = phase.duration / count * SHORTEST if steps.min_step is None else steps.min_step
+    return replace(scene, **lists, phases=[], steps=replace(
+        steps, end=span.end, count=count, min_step=shortest, max_step=longest))  # fmt: skip
+
+
+def _contact(contact: Contact, phase) -> Contact:
+    """A contact as a phase has it."""
+    friction = (phase.friction or {}).get(contact.name, contact.friction)
+    return replace(contact, friction=friction, held=contact.name in phase.tied)
