@@ -46,6 +46,7 @@ from pcontact.scene.prescribed import Prescribed
 from pcontact.scene.unsafe import unsafe
 from pcontact.solve.preconditioners.deflation import MOST_COLOURS
 from pcontact.solve.problem import Problem
+from pcontact.space.middles import MiddleNodes
 from pcontact.space.modes import colour, component_frames, free_motions, join
 from pcontact.space.rigid import RigidGroup
 from pcontact.space.space import Space
@@ -316,6 +317,16 @@ def _rigid_groups(scene, space, supports):
     return groups
 
 
+def _middle_nodes(scene, space):
+    """Nodes of serendipity cells that follow others; None if there are none. *Collective.*"""
+    if not scene.mesh.serendipity:
+        return None
+    if space.degree == 1:
+        raise input_error(scene.where, "mesh.serendipity", "true with a displacement of degree 1", "order = 2")
+    middles = MiddleNodes(space)
+    return middles if middles.count else None
+
+
 def _check_turns(scene, space, supports):
     """Refuse, or warn of, supports that turn bodies with small strain farther than it represents. *Collective.*"""
     for number in supports.turns:
@@ -430,6 +441,7 @@ def _assemble(scene, space, constants, span):
         space, scene.displacements, [amplitude_of(d, end) for d in scene.displacements], scene.where
     )
     supports.groups = _rigid_groups(scene, space, supports)
+    supports.middles = _middle_nodes(scene, space)
     forces, timed, total = _forces(scene, space)
     springs = [GroundSprings(space, spring) for spring in scene.springs]
     _check_turns(scene, space, supports)

@@ -7,7 +7,7 @@ from pcontact.runtime.petsc import PETSc
 
 
 class ConstrainedMatrix:
-    """In the place of :class:`GlobalMatrix`, with rigid groups.
+    """In the place of :class:`GlobalMatrix`, with rigid groups or serendipity cells.
 
     Parameters
     ----------
@@ -15,6 +15,8 @@ class ConstrainedMatrix:
     fixed : ndarray (n_local, d) of bool
         Prescribed components.
     groups : list of pcontact.space.rigid.RigidGroup
+    middles : pcontact.space.middles.MiddleNodes, optional
+        Nodes that follow others of their cells.
 
     Attributes
     ----------
@@ -28,7 +30,7 @@ class ConstrainedMatrix:
     The constructor is *Collective*.
     """
 
-    def __init__(self, space, fixed, groups):
+    def __init__(self, space, fixed, groups, middles=None):
         self._whole, self._renewed = GlobalMatrix(space, fixed), True
         d, n, total = space.dim, space.n_owned * space.dim, space.n_dofs
         sizes = ((n, total), (n, total))
@@ -42,6 +44,9 @@ class ConstrainedMatrix:
             self._follows[at] = True
             m = len(group.leading)
             rows.append((np.repeat(at, m), np.tile(group.leading, len(at)), group.following.ravel()))
+        if middles is not None:
+            rows.append(middles.entries(fixed))
+            self._follows[middles.at()] = True
         row, column, value = (np.concatenate(parts) for parts in zip(*rows, strict=True))
         # a follower has no column of its own; one that leads has the entry 1 in its own row, from its group
         kept = (np.arange(len(row)) >= n) | ~self._follows[row]

@@ -1,6 +1,6 @@
 """Groups of the mesh that a scene names, and the file of the mesh."""
 
-from pcontact.importer.elements import VERTICES, face_nodes, faces_of, in_plane
+from pcontact.importer.elements import VERTICES, in_plane
 from pcontact.runtime.files import replace_file
 
 # meshio's names of facets by their vertices
@@ -11,13 +11,11 @@ _GMSH = {
     "quad8": (16, None), "tetra": (4, None), "tetra10": (11, [0, 1, 2, 3, 4, 5, 6, 7, 9, 8]), "hexahedron": (5, None),
     "hexahedron20": (17, [*range(8), 8, 11, 16, 9, 17, 10, 18, 19, 12, 15, 13, 14]),
 }  # fmt: skip
-# cells that are given nodes in their middles
-_COMPLETED = ("quad8", "hexahedron20")
-KINDS = ("cells", "facets", "nodes", "held")
+KINDS = ("cells", "facets", "nodes")
 
 
 class Groups:
-    """Named groups: cells, facets [(element, face)], nodes, and nodes that are held with all that lies between them."""
+    """Named groups: cells, facets [(element, face)], nodes."""
 
     def __init__(self):
         self.members, self._names = {}, {}
@@ -60,10 +58,6 @@ def write_mesh(path, deck, groups):
         A .msh file, of gmsh's version 2.2, in which an element stands once for each of its groups.
     deck : Deck
     groups : Groups
-
-    Notes
-    -----
-    A group of nodes that are held has the facets and cells between its nodes too, for nodes that have been added there.
     """
     numbers = {name: number for number, name in enumerate(groups.members, 1)}
     cells = {element for members in groups.of("cells").values() for element in members}
@@ -80,12 +74,9 @@ def write_mesh(path, deck, groups):
         for element, face in members:
             corners = deck.corners(element, face)
             add(dim - 1, name, _FACETS[len(corners)], corners)
-    for name, members in [*groups.of("nodes").items(), *groups.of("held").items()]:
+    for name, members in groups.of("nodes").items():
         for node in members:
             add(0, name, "vertex", [node])
-    for name, members in groups.of("held").items():
-        for kind, nodes in _between(deck, cells, members):
-            add(dim if kind in _COMPLETED else dim - 1, name, kind, nodes)
     used = sorted({node for element in cells for node in deck.elements[element][1]})
     text = ["$MeshFormat", "2.2 0 8", "$EndMeshFormat", "$PhysicalNames"]
     names = sorted({(d, number) for d, number, *_ in elements})
@@ -98,23 +89,6 @@ def write_mesh(path, deck, groups):
         ordered = nodes if order is None else [nodes[k] for k in order]
         text.append(f"{tag} {kind_number} 2 {number} {number} {' '.join(map(str, ordered))}")
     replace_file(path, "\n".join([*text, "$EndElements", ""]))
-
-
-def _between(deck, cells, members):
-    """Facets and cells of completed cells whose nodes are all among the members: (meshio's name, nodes)."""
-    inside, seen = set(members), set()
-    for element in cells:
-        kind, nodes = deck.elements[element]
-        if kind not in _COMPLETED:
-            continue
-        for face in range(len(faces_of(kind))):
-            own = [nodes[k] for k in face_nodes(kind, face)]
-            if inside.issuperset(own) and frozenset(own) not in seen:
-                seen.add(frozenset(own))
-                corners = deck.corners(element, face)
-                yield _FACETS[len(corners)], corners
-        if inside.issuperset(nodes):
-            yield kind, nodes
 
 
 def counted(deck, groups):

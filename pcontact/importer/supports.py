@@ -318,7 +318,7 @@ class Supports:
         tables = []
         for (_, table, _), (nodes, values) in merged.items():
             cards = {self.held.now[n, dof].card for n in nodes for dof in values}
-            name = groups.add("held", self._name(nodes, "support"), nodes)
+            name = groups.add("nodes", self._name(nodes, "support"), nodes)
             one = {"region": name, "value": [values.get(dof, "free") for dof in range(self.dim)]}
             if table is not None:
                 one["amplitude"] = [list(row) for row in table]

@@ -90,9 +90,11 @@ def translate(path, mesh_name):
     if finite is not None and plane == "plane_stress" and supports.pressures.now:
         findings.leave(next(iter(supports.pressures.now.values())).card, "a pressure that turns with the surface")
     mesh = {"file": mesh_name}
-    order = order_of(deck, findings)
+    order, serendipity = order_of(deck, findings)
     if order == 2:
         mesh["order"] = 2
+    if serendipity:
+        mesh["serendipity"] = True
     if plane is not None and plane != "plane_strain":
         mesh["kinematics"] = plane
     if finite is not None:

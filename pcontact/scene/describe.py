@@ -80,6 +80,8 @@ def describe(
     active = _strains(scene)
     if scene.mesh.kinematics != "plane_strain" or dim == 2:
         active.append(scene.mesh.kinematics.replace("_", " "))
+    if scene.mesh.serendipity:
+        active.append("serendipity cells")
     if averaged:
         active.append("mean dilatation: " + ", ".join(averaged))
     active += [_contact(contact) for contact in resolve_contacts(scene, {}).contacts]

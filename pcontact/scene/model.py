@@ -108,6 +108,11 @@ class MeshSpec:
         f"degree 2 with nu > {POOR:g}; `pcontact check` says which bodies. Triangles and tetrahedra of degree 1 have "
         "no mean other than what they have",
     )  # fmt: skip
+    serendipity: bool = key(
+        BOOLEAN, "with a displacement of degree 2: quadrilaterals and hexahedra with 8 and 20 nodes", False,
+        more="without those in the middles of faces and cells, as other programs have them; see "
+        "[mesh.md](mesh.md)",
+    )  # fmt: skip
     strain: str = key(
         choice("small", "finite"), "strain of the bodies that do not say it themselves", "small",
         more="see [finite_strain.md](finite_strain.md)",

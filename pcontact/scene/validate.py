@@ -73,6 +73,7 @@ def validate(scene: Scene) -> None:
     _check_names(scene, "springs", enumerate(scene.springs))
     _check_names(scene, "couplings", enumerate(scene.couplings))
     _check_couplings(scene)
+    _check_serendipity(scene)
     _check_estimate(scene)
     _check_temperatures(scene)
     _check_unique(scene, "contacts", "name")
@@ -441,6 +442,15 @@ def _check_temperatures(scene):
                 raise input_error(scene.where, where, found, "elastic bodies, or other kinematics")
 
 
+def _check_serendipity(scene):
+    """Nodes that follow others of their cells can neither be in rigid groups, nor be without degree 2."""
+    if scene.mesh.serendipity and scene.couplings:
+        where = place("couplings", 0, scene.couplings[0].region)
+        raise input_error(scene.where, "mesh.serendipity", f"true together with {where}", "false")
+    if scene.mesh.serendipity and scene.mesh.order == 1:
+        raise input_error(scene.where, "mesh.serendipity", "true with a displacement of degree 1", "order = 2")
+
+
 def _check_couplings(scene):
     """Rigid groups turn by small angles; rings do not turn in their plane, and do not widen as rigid ones."""
     for index, item in enumerate(scene.couplings):
@@ -473,6 +483,7 @@ def _check_estimate(scene):
     strange += [place("loads", k, one.region) for k, one in enumerate(scene.loads)
                 if one.acceleration is not None or one.angular_speed is not None]  # fmt: skip
     strange += [place("springs", k, one.region) for k, one in enumerate(scene.springs)]
+    strange += ["mesh.serendipity"] * scene.mesh.serendipity
     if scene.output.estimate and strange:
         allowed = "false, or tractions and body forces alone"
         raise input_error(scene.where, "output.estimate", f"true together with {strange[0]}", allowed)

@@ -131,6 +131,7 @@ def value_cases():
         ('"ball_on_block.msh"', '"none.msh"', "mesh.file", "'none.msh', no such file", "beside"),
         ("order = 1", "order = 3", "mesh.order", "an integer 3", "an integer from 1 to 2"),
         ("order = 1", "order = 1.0", "mesh.order", "a number 1.0", "an integer from 1 to 2"),
+        ("order = 1", "order = 1\nserendipity = true", "mesh.serendipity", "degree 1", "order = 2"),
         ("order = 1", "order = true", "mesh.order", "a boolean true", "an integer from 1 to 2"),
         ('"plane_strain"', '"plain_strain"', "mesh.kinematics", "a string 'plain_strain'",
          '"plane_strain" |'),
