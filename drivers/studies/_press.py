@@ -1,6 +1,7 @@
 """The ball pressed into a block on which the cost of contact is measured, case by case.
 
 The cases: linear (elastic bodies under body forces, no contact), elastic (frictionless contact), frictional (Coulomb),
+the same two with finite strain (finite, finite_frictional),
 plastic (frictionless contact; perfect plasticity of both bodies), stick (a bound of friction that nothing reaches: all
 closed points stick), and stick with the source or the target 100 times stiffer than the other, or with 100 times the
 default gamma0.
@@ -17,7 +18,8 @@ STICK = {
     "stick_target": (1.0e3, 1.0e5, None),
     "stick_gamma": (1.0e3, 1.0e3, 100.0),
 }
-CASES = ("linear", "elastic", "frictional", "plastic", *STICK)
+FINITE = {"finite": "elastic", "finite_frictional": "frictional"}  # with finite strain
+CASES = ("linear", "elastic", "frictional", "plastic", *FINITE, *STICK)
 BOUND = 1e6  # of friction, a thousand times the modulus [stress]
 DEPTH = 0.02  # that the ball is pressed down [length]
 # cell and degree of the displacement
@@ -52,11 +54,12 @@ def make_scene(
     cells : str
         One of `CELLS`: its degree is that of the displacement.
     """
+    strain, case = ("finite" if case in FINITE else "small"), FINITE.get(case, case)
     ball, block, gamma0 = STICK.get(case, STICK["stick"])
     bound = yield_stress if case == "plastic" else None
     moduli = {"ball": ball, "block": block}
     result = Scene(
-        mesh=MeshSpec(mesh, CELLS[cells][1]),
+        mesh=MeshSpec(mesh, CELLS[cells][1], strain=strain),
         title=f"ball on block, {case}",
         materials={name: Material(modulus, 0.3, yield_stress=bound) for name, modulus in moduli.items()},
         bodies=[Body(name, name) for name in moduli],

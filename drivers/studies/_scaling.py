@@ -11,7 +11,9 @@ from pcontact.runtime.petsc import MPI
 KEY = ("ranks", "size", "cells", "case")
 PHASES = ("read", "distribute", "set_up", "search", "bulk_assembly", "contact_assembly", "matrix", "exchange",
           "preconditioner", "krylov")  # fmt: skip
-COLOURS = dict(zip(CASES, ("#8a949c", "#2f6690", "#c8553d", "#588b3f", *["#b08a3e"] * 4), strict=True))
+COLOURS = dict(zip(
+    CASES, ("#8a949c", "#2f6690", "#c8553d", "#588b3f", "#7fb2d6", "#e39a7c", *["#b08a3e"] * 4), strict=True
+))  # fmt: skip
 
 
 def name_of(row: dict) -> str:

@@ -7,7 +7,8 @@ place of older ones of the same ranks, size and case. Tables and plot are then m
 several numbers of ranks show strong scaling, rows with equal unknowns per rank (--per-rank gives these) weak scaling.
 
 The cases: linear (elastic bodies under body forces, no contact), elastic, frictional, plastic (frictionless contact;
-perfect plasticity of both bodies), stick (nothing slips), and stick with the source or the target 100 times stiffer, or
+perfect plasticity of both bodies), finite and finite_frictional (elastic and frictional with finite strain), stick
+(nothing slips), and stick with the source or the target 100 times stiffer, or
 100 times the default gamma0. The cells: tetrahedra of degree 1 (the default), tetrahedra of degree 2, hexahedra
 of degree 1 and 2; hexahedra make a block with a domed underside instead of the ball. Seconds are those of the slowest
 rank; seconds of a phase leave out the phases in it; "exchange" is the time in messages of pcontact, waiting for others

@@ -436,32 +436,37 @@ def cell_stiffness(state, cells, nodal, c, work):
     return True
 
 
+@njit_inner
+def _scatter(stiffness, nodes, c, blocks):
+    """Add the symmetric matrix of cell ``c``, of which the upper triangle is known, to block rows."""
+    rowptr, columns, out = blocks.rowptr, blocks.columns, blocks.values
+    nn, d = nodes.shape[1], out.shape[1]
+    for a in range(nn):
+        row = nodes[c, a]
+        for b in range(nn):
+            k = find(columns, rowptr[row], rowptr[row + 1], nodes[c, b])
+            # written out: loops of a length that the compiler does not know take several times as long
+            if d == 3:
+                for i in range(3):
+                    for j in range(3):
+                        m, n = a * 3 + i, b * 3 + j
+                        out[k, i, j] += stiffness[min(m, n), max(m, n)]
+            else:
+                for i in range(2):
+                    for j in range(2):
+                        m, n = a * 2 + i, b * 2 + j
+                        out[k, i, j] += stiffness[min(m, n), max(m, n)]
+
+
 @njit
 def add_tangent(state, cells, nodal, work, blocks):
     """Add the stiffness of cells to block rows; returns how many could not be integrated."""
-    nn, d, missed = cells.grad.shape[2], cells.grad.shape[3], 0
-    stiffness, rowptr, columns, out = work.stiffness, blocks.rowptr, blocks.columns, blocks.values
+    missed = 0
     for c in range(len(cells.nodes)):
-        if not cell_stiffness(state, cells, nodal, c, work):
+        if cell_stiffness(state, cells, nodal, c, work):
+            _scatter(work.stiffness, cells.nodes, c, blocks)
+        else:
             missed += 1
-            continue
-        for a in range(nn):
-            row = cells.nodes[c, a]
-            for b in range(a, nn):
-                column = cells.nodes[c, b]
-                k = find(columns, rowptr[row], rowptr[row + 1], column)
-                if a == b:
-                    for i in range(d):
-                        out[k, i, i] += stiffness[a * d + i, a * d + i]
-                        for j in range(i + 1, d):
-                            out[k, i, j] += stiffness[a * d + i, a * d + j]
-                            out[k, j, i] += stiffness[a * d + i, a * d + j]
-                    continue
-                mirror = find(columns, rowptr[column], rowptr[column + 1], row)
-                for i in range(d):
-                    for j in range(d):
-                        out[k, i, j] += stiffness[a * d + i, b * d + j]
-                        out[mirror, j, i] += stiffness[a * d + i, b * d + j]
     return missed
 
 

@@ -289,7 +289,8 @@ class FinitePair(ContactPair):
         if not self.space.comm.allreduce(bool(np.any(touches & (now != then))), op=MPI.LOR):
             return False
         flips, status = self.flips, self._status
-        self.detect(before, time, 0.0, u)
+        self._time = time
+        self._take(found, u, before, time)
         # the load step goes on with the same points; the other half of the contact may have kept its partners
         self.flips, self._status = flips, status
         return True

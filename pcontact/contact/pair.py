@@ -153,16 +153,20 @@ class ContactPair(Item):
         if self.law.tied and self.pairing is not None:
             self._start_step(u, time)
             return
-        source, space = self.source, self.space
-        expected = u if ahead is None else ahead
+        space, expected = self.space, u if ahead is None else ahead
         if self.law.tied:
             expected = space.vector()
         nodal = space.local.gather(expected)
         x = self.deformed(nodal)
         self._adjust_obstacle(nodal, x)
-        found = self._find(nodal, x, time)
+        self._take(self._find(nodal, x, time), expected, u, time, motion)
+
+    def _take(self, found, expected, u, time, motion=0.0):
+        """Take the partners that were found at displacements that are expected, in a load step that begins at ``u``.
+        *Collective.*
+        """
         self._adjust_target(found)
-        paired, gap = found.paired, found.gap
+        source, paired, gap = self.source, found.paired, found.gap
         # surfaces that touch are closed in the first tangent, whatever the rounding of their coordinates says
         gap = np.where(paired & (np.abs(gap) > self.rounding), gap, 0.0)
         gap = gap if self.offset is None else gap + self.offset

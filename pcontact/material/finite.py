@@ -32,6 +32,7 @@ from pcontact.material.log_strain import (
     axes_operator,
     compose,
     eigenpairs,
+    log_difference,
     slopes,
     twice_green,
     volume_change,
@@ -297,7 +298,7 @@ def stress_at(material, h, plastic_strain, p, pressure, mode, work):
         work.strain[i] = 0.5 * np.log1p(values[i])
     if mode != STRESS:
         moduli[:, :] = 0.0
-    yields = False
+    yields, crossed = False, len(material.small.curve) > 0 and not material.multiplicative and p > 0.0
     if len(material.terms) > 0:
         _rubber(material.terms, work.strain, mode, stress, moduli)
     else:
@@ -316,8 +317,51 @@ def stress_at(material, h, plastic_strain, p, pressure, mode, work):
             if mode != STRESS:
                 for j in range(3):
                     moduli[i, j] += slope
-    _to_green(mode, work)
+    # strain that has flowed before along other axes leaves shear stresses along these
+    if crossed or (mode == ELASTIC and yields):
+        _to_green(mode, work)
+    else:
+        _to_green_along(mode, work)
     return True, plastic, p, yields
+
+
+@njit_inner_exact
+def _to_green_along(mode, work):
+    """:func:`_to_green` of a stress that has the axes of the strain whatever the strain is, and its derivative.
+
+    S_i = t_i / c_i along the axes, and, since the law is isotropic,
+
+        dS_i/dG_j = dt_i/de_j / (c_i c_j) - 2 t_i / c_i^2 (i = j),
+        (S_i - S_j) / (G_i - G_j) = dt_ij/de_ij f_ij (1 / c_i + 1 / c_j) / 2 - (t_i + t_j) / (c_i c_j)
+
+    where no second divided difference of the logarithm is left.
+    """
+    m, axes, moduli, part, stress = work.stress.shape[0], work.axes, work.moduli, work.part, work.kirchhoff
+    x, y, z = 1.0 / (1.0 + work.values[0]), 1.0 / (1.0 + work.values[1]), 1.0 / (1.0 + work.values[2])
+    for n in range(m):
+        work.stress[n] = axes[0, n] * (x * stress[0]) + axes[1, n] * (y * stress[1]) + axes[2, n] * (z * stress[2])
+    if mode == STRESS:
+        return
+    work.row[0], work.row[1], work.row[2] = x, y, z
+    for i in range(3):
+        for j in range(3):
+            moduli[i, j] *= work.row[i] * work.row[j]
+        moduli[i, i] -= 2.0 * stress[i] * work.row[i] ** 2
+        for n in range(m):
+            part[i, n] = moduli[i, 0] * axes[0, n] + moduli[i, 1] * axes[1, n] + moduli[i, 2] * axes[2, n]
+    for k in range(3, m):
+        i, j = (0, 1) if k == 3 else ((1, 2) if k == 4 else (0, 2))
+        factor = 0.5 * moduli[k, k] * log_difference(work.values[i], work.values[j]) * (work.row[i] + work.row[j])
+        factor -= (stress[i] + stress[j]) * work.row[i] * work.row[j]
+        for n in range(m):
+            part[k, n] = factor * axes[k, n]
+    for i in range(m):
+        for n in range(i, m):
+            value = 0.0
+            for k in range(m):
+                value += axes[k, i] * part[k, n]
+            work.tangent[i, n] = value
+            work.tangent[n, i] = value
 
 
 @njit_inner_exact

@@ -11,9 +11,9 @@ RENEWALS = 8
 # [searches] Between the iterations of Newton's method in a load step at most, where closed points leave their facets.
 # From: chosen; points that go to and fro keep the facets of the last one.
 WITHIN = 8
-# [searches] After so many of them points that are hardly beyond their facets keep them. From: chosen; where a point is
-# to end on the edge between two facets, each of them leads just beyond it, to the other one.
-FIRM = RENEWALS // 2
+# [searches] After so many of them points that are hardly beyond their facets keep them. From: ball on block, 12,000
+# unknowns: a point that is to end on the edge between two facets goes to and fro, with 4 four times.
+FIRM = 1
 # [-] Part of the largest residual of a run below which iterates are so near to the solution that facets are those of
 # the solution: found again between the iterations, they need no run of their own. From: ball on block, 12,000 and
 # 50,000 unknowns, 8 iterations without and 6 with it, whether 0.1 or 0.001.
