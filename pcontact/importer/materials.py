@@ -199,6 +199,11 @@ def surface_faces(deck, surface):
     return [row for row in deck.free_faces() if inside.issuperset(deck.corners(*row))]
 
 
+def name_of(table):
+    """Name of a contact that does not say its own."""
+    return f"{table['source']}-{table['target']}"
+
+
 class Contacts:
     """Contacts and ties of a deck.
 
@@ -215,6 +220,7 @@ class Contacts:
 
     def __init__(self, deck, findings, groups, tables, bodies):
         self.deck, self.findings, self.groups, self._used = deck, findings, groups, set()
+        self._pairs = {}
         self.modulus = {e: tables[material]["E"] for _, material, cells in bodies for e in cells}
 
     def tables(self):
@@ -239,6 +245,59 @@ class Contacts:
                 for card in cards:
                     self.findings.skip(card, "no contact has it")
         return [(table, card) for table, card in found if table is not None]
+
+    def change(self, card, following):
+        """Another friction or behaviour from a step on.
+
+        Parameters
+        ----------
+        card : Card
+            *CHANGE FRICTION or *CHANGE SURFACE BEHAVIOR.
+        following : Card or None
+            The one that says it.
+
+        Returns
+        -------
+        dict of str to float
+            Coefficients of friction of contacts, by their names.
+        """
+        self.findings.know(card, "INTERACTION")
+        wanted = {"CHANGEFRICTION": "FRICTION", "CHANGESURFACEBEHAVIOR": "SURFACEBEHAVIOR"}[card.key]
+        name = card.need("INTERACTION").upper()
+        if following is None or following.key != wanted or name not in self.deck.interactions:
+            raise card.refuse("no interaction, or no card that says it", f"INTERACTION=, and *{wanted} after it")
+        values = [following.numbers(place, words) for place, words in following.rows]
+        pairs = self._pairs.get(name, [])
+        self.findings.take(card)
+        if wanted == "SURFACEBEHAVIOR":
+            if not pairs or self._behavior(following, values, pairs[0][1]) != ("tied" in pairs[0][0]):
+                self.findings.leave(following, "ties from a step on, or lets go")
+            return {}
+        table = {}
+        self._friction(following, values, table)
+        return {name_of(pair): table["friction"] for pair, _ in pairs}
+
+    def switch(self, card):
+        """*MODEL CHANGE of contact pairs.
+
+        Returns
+        -------
+        list of (str, bool)
+            Names of contacts, and whether they act from here on.
+        """
+        self.findings.know(card, "TYPE", "ADD", "REMOVE")
+        if card.word("TYPE") != "CONTACTPAIR" or not {"ADD", "REMOVE"} & set(card.parameters):
+            self.findings.leave(card, "allowed: TYPE=CONTACT PAIR with ADD or REMOVE")
+            return []
+        known = {name_of(pair) for pairs in self._pairs.values() for pair, _ in pairs}
+        found = []
+        for place, words in card.rows:
+            sides, _ = self._sides(card, place, words)
+            if sides is None or name_of(sides) not in known:
+                raise card.refuse(", ".join(words), "the surfaces of a contact pair", place)
+            found.append((name_of(sides), "ADD" in card.parameters))
+        self.findings.take(card)
+        return found
 
     def _side(self, card, place, word):
         """Name of the group of facets of a surface, its faces; None where there are none."""
@@ -286,6 +345,7 @@ class Contacts:
         if interaction is None:
             raise card.refuse(f"the unknown interaction {card.get('INTERACTION')!r}", ", ".join(self.deck.interactions))
         self._interaction(interaction, table, faces)
+        self._pairs.setdefault(card.need("INTERACTION").upper(), []).append((table, faces))
         return table
 
     def _interaction(self, cards, table, faces):

@@ -143,7 +143,8 @@ class Supports:
         self.amplitudes, self.frames = amplitudes(deck, findings), Frames(deck, findings)
         self.held, self.forces, self.pressures, self.volumes = Values(), Values(), Values(), Values()
         self.temperatures, self.initial = Values(), {}
-        self.follower = False
+        self.follower, self.count = False, 0
+        self.active, self.card_of = {}, {}
 
     def before(self):
         """Supports and temperatures before the first step."""
@@ -171,15 +172,17 @@ class Supports:
                 self._renew(kind)
             renewed.add(kind)
             readers[card.key](card)
-        self._released()
+        for key in self.held.now:
+            self.active.setdefault(key, []).append(self.count)
+        self.count += 1
         steps = step.card.word("AMPLITUDE", "RAMP") == "STEP"
         for values in (self.held, self.forces, self.pressures, self.volumes, self.temperatures):
             values.pass_step(begin, end, steps)
 
     def _renew(self, kind):
-        """OP=NEW: what held before ends, loads along a ramp."""
+        """OP=NEW: what held before lets go, loads end along a ramp."""
         if kind == "BOUNDARY":
-            self._dropped = self.held.drop()
+            self.held.drop()
             return
         if kind == "TEMPERATURE":
             return
@@ -188,18 +191,6 @@ class Supports:
                 if values.histories[key].last != 0.0:
                     values.give(key, Definition(0.0, None, old.card))
                     self.findings.change(old.card, "ends along a ramp over the step that does not say it")
-
-    _dropped = None
-
-    def _released(self):
-        """Say which supports end, where OP=NEW does not give them again."""
-        if self._dropped:
-            lost = {old.card.place: old.card for key, old in self._dropped.items() if key not in self.held.now}
-            for card in lost.values():
-                self.findings.leave(card, "ends with a later step: a support holds to the end of the run")
-            for key, old in self._dropped.items():
-                self.held.now.setdefault(key, old)
-        self._dropped = None
 
     def _amplitude(self, card):
         name = card.get("AMPLITUDE")
@@ -237,8 +228,8 @@ class Supports:
                 self.findings.leave(card, f"degree of freedom {dof}", place)
                 continue
             for node in own:
-                definition = Definition(one.value, one.amplitude, card)
-                self.held.give((node, dof - 1), definition)
+                self.held.give((node, dof - 1), Definition(one.value, one.amplitude, card))
+                self.card_of[node, dof - 1] = card
 
     def _cload(self, card):
         self.findings.know(card, "OP", "AMPLITUDE")
@@ -302,24 +293,46 @@ class Supports:
 
     # ------------------------------------------------------------ tables
 
-    def displacements(self, groups, end):
-        """Tables [[displacements]] with the cards that they come from."""
+    @property
+    def changes(self):
+        """Whether a support begins or ends with a step but the first and the last one."""
+        return any(len(steps) != self.count for steps in self.active.values())
+
+    def displacements(self, groups, end, phases=()):
+        """Tables [[displacements]] with the cards that they come from.
+
+        Parameters
+        ----------
+        groups : Groups
+        end : float
+            Of the run; infinite where every table is to say its amplitude.
+        phases : sequence of str
+            Names of the phases, a step each; none: supports hold all the time.
+        """
         self._turn()
         classes = {}
         for (node, dof), history in self.held.histories.items():
-            if (node, dof) in self.held.now:
-                classes.setdefault((dof, history.key()), []).append(node)
+            steps = tuple(self.active.get((node, dof), ()))
+            if self.count and not steps:
+                # taken away before anything happened
+                continue
+            if phases and steps[0] > 0:
+                words = "begins with a later step: its value counts from where the nodes are"
+                self.findings.leave(self.card_of[node, dof], words)
+            classes.setdefault((dof, history.key(), steps if phases else ()), []).append(node)
         merged = {}
-        for (dof, points), nodes in classes.items():
+        for (dof, points, steps), nodes in classes.items():
             most = max((value for _, value in points), key=abs)
             table = factors(points, most, end)
-            key = frozenset(nodes), None if table is None else tuple(map(tuple, table)), most == 0.0
+            key = frozenset(nodes), None if table is None else tuple(map(tuple, table)), most == 0.0, steps
             merged.setdefault(key, (nodes, {}))[1][dof] = most
         tables = []
-        for (_, table, _), (nodes, values) in merged.items():
-            cards = {self.held.now[n, dof].card for n in nodes for dof in values}
+        for (_, table, _, steps), (nodes, values) in merged.items():
+            cards = {self.card_of[n, dof] for n in nodes for dof in values}
             name = groups.add("nodes", self._name(nodes, "support"), nodes)
             one = {"region": name, "value": [values.get(dof, "free") for dof in range(self.dim)]}
+            if phases and len(steps) != len(phases):
+                one["phases"] = [phases[k] for k in steps]
             if table is not None:
                 one["amplitude"] = [list(row) for row in table]
             tables.append((one, min(cards, key=lambda card: card.place)))
@@ -338,7 +351,8 @@ class Supports:
         for node in {node for node, _ in self.held.histories} & set(self.frames.of_node):
             axes = self.frames.axes(node)
             own = {dof: self.held.histories.pop((node, dof)) for dof in range(3) if (node, dof) in self.held.histories}
-            now = {dof: self.held.now.pop((node, dof)) for dof in range(3) if (node, dof) in self.held.now}
+            cards = {dof: self.card_of.pop((node, dof)) for dof in own}
+            active = {dof: self.active.pop((node, dof), None) for dof in own}
             if axes is None:
                 axes = _AXES
             if len(own) == self.dim and all(history.most == 0.0 for history in own.values()):
@@ -350,7 +364,10 @@ class Supports:
                     self.findings.leave(self.frames.card[node], "supports in directions that are none of the mesh's")
                     continue
                 turned = History([(t, value * float(np.sign(size))) for t, value in history.points])
-                self.held.histories[node, direction], self.held.now[node, direction] = turned, now[dof]
+                self.held.histories[node, direction] = turned
+                self.card_of[node, direction] = cards[dof]
+                if active[dof] is not None:
+                    self.active[node, direction] = active[dof]
 
     def loads(self, groups, end, thickness):
         """Tables [[loads]] with the cards that they come from."""

@@ -10,6 +10,8 @@ def value(one):
     if isinstance(one, str):
         escaped = one.replace("\\", "\\\\").replace('"', '\\"')
         return '"' + "".join(c if c.isprintable() else " " for c in escaped) + '"'
+    if isinstance(one, dict):
+        return "{ " + ", ".join(f"{key(name)} = {value(part)}" for name, part in one.items()) + " }"
     if isinstance(one, (list, tuple)):
         return f"[{', '.join(map(value, one))}]"
     if isinstance(one, float):

@@ -1,6 +1,5 @@
 """From a deck to a scene: tables, groups, and what became of every card."""
 
-import math
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -10,19 +9,10 @@ from pcontact.importer.elements import in_plane
 from pcontact.importer.findings import Findings
 from pcontact.importer.groups import Groups
 from pcontact.importer.history import factors
-from pcontact.importer.materials import Contacts, bodies, materials, order_of
+from pcontact.importer.materials import Contacts, bodies, materials, name_of, order_of
+from pcontact.importer.steps import OUTPUT, read_steps
 from pcontact.importer.supports import Supports
 
-# cards that say what a program writes, or how it iterates
-_OUTPUT = ("", "HEADING", "NODEPRINT", "ELPRINT", "NODEFILE", "ELFILE", "CONTACTFILE", "CONTACTPRINT", "OUTPUT",
-           "NODEOUTPUT", "ELEMENTOUTPUT", "CONTACTOUTPUT", "ENERGYPRINT", "ENERGYFILE", "TIMEPOINTS", "CONTROLS",
-           "RESTART", "PREPRINT", "FILEFORMAT", "SECTIONPRINT", "MONITOR", "PRINT", "CONTACTCONTROLS", "ENDSTEP",
-           "PHYSICALCONSTANTS")  # fmt: skip
-_PROCEDURES = ("DYNAMIC", "FREQUENCY", "HEATTRANSFER", "COUPLEDTEMPERATURE-DISPLACEMENT", "VISCO", "BUCKLE",
-               "UNCOUPLEDTEMPERATURE-DISPLACEMENT", "STEADYSTATEDYNAMICS", "MODALDYNAMIC", "GREEN", "SENSITIVITY",
-               "COMPLEXFREQUENCY", "ELECTROMAGNETICS", "NOANALYSIS", "CRACKPROPAGATION", "ROBUSTDESIGN")  # fmt: skip
-# load steps that a run is planned with at most
-_MOST = 1000
 # part of the range by which temperatures may be off a linear function of the place
 _LINEAR = 1e-9
 
@@ -79,10 +69,13 @@ def translate(path, mesh_name):
         card = next(card for card in deck.model if card.key == "SOLIDSECTION")
         findings.change(card, f"forces at nodes are those of a thickness of 1, divided by {thickness:g}")
     regions = [(groups.add("cells", name, cells), material) for name, material, cells in parts]
-    contacts = Contacts(deck, findings, groups, known, parts).tables()
+    pairs = Contacts(deck, findings, groups, known, parts)
+    contacts = pairs.tables()
     supports = Supports(deck, findings, nodes, dim)
-    steps, finite = _steps(deck, findings, supports)
-    end = steps["end"]
+    run = read_steps(deck, findings, supports, pairs)
+    end, finite = run.ramp_end, run.finite
+    for table, _ in contacts:
+        table |= run.acting(name_of(table))
     heat = _temperatures(deck, findings, groups, supports, parts, known, end)
     if finite is not None:
         finite = _finite(finite, findings, heat)
@@ -106,11 +99,11 @@ def translate(path, mesh_name):
         done.tables.append((f"[materials.{_key(name)}]", table, _at(deck.materials[key][0])))
     done.tables += [("[[bodies]]", {"region": name, "material": names[m]}, "") for name, m in regions]
     for header, found in (
-        ("[[contacts]]", contacts), ("[[displacements]]", supports.displacements(groups, end)),
+        ("[[contacts]]", contacts), ("[[displacements]]", supports.displacements(groups, end, run.names)),
         ("[[loads]]", supports.loads(groups, end, thickness)), ("[[temperatures]]", heat),
     ):  # fmt: skip
         done.tables += [(header, table, _at(card)) for table, card in found]
-    done.tables.append(("[steps]", steps, ""))
+    done.tables += run.tables()
     for key, members in deck.node_sets.items():
         if deck.spelling[key] not in groups.members and nodes > set(members) and members:
             groups.add("nodes", deck.spelling[key], members)
@@ -128,10 +121,10 @@ def _at(card):
 
 def _say(card, findings):
     """What can be said of a card by its keyword alone."""
-    if card.key in _OUTPUT:
+    if card.key in OUTPUT:
         findings.skip(card)
     elif card.key in ("NODE", "NSET", "ELSET", "INCLUDE"):
-        findings.know(card, "NSET", "ELSET", "GENERATE", "INPUT", "SYSTEM", "UNSORTED")
+        findings.know(card, "NSET", "ELSET", "GENERATE", "INPUT", "SYSTEM", "UNSORTED", "FREQUENCY")
         findings.take(card)
     elif card.key == "SURFACE":
         findings.know(card, "NAME", "TYPE")
@@ -141,44 +134,6 @@ def _say(card, findings):
             findings.take(card)
     elif card.key == "ORIENTATION":
         findings.skip(card, "materials have no directions")
-
-
-def _steps(deck, findings, supports):
-    """Table [steps]; the card that asks for finite strain, or None."""
-    supports.before()
-    begin, shortest, finite, small = 0.0, math.inf, None, None
-    for step in deck.steps:
-        findings.know(step.card, "NLGEOM", "INC", "AMPLITUDE", "NAME", "PERTURBATION", "SOLVER", "UNSYMM")
-        findings.take(step.card)
-        other = next((card for card in step.cards if card.key in _PROCEDURES), None)
-        if other is not None:
-            findings.leave(other, "allowed: static steps")
-            for card in step.cards:
-                if card is not other and card.key not in _OUTPUT:
-                    findings.leave(card, "of a step that is not static")
-            continue
-        if "PERTURBATION" in step.card.parameters:
-            findings.leave(step.card, "a linear step about the state before it")
-        card = next((card for card in step.cards if card.key == "STATIC"), step.card)
-        period, first = 1.0, None
-        if card.key == "STATIC":
-            findings.know(card, "DIRECT", "SOLVER", "STABILIZE", "TOTALREWINDTIME")
-            findings.take(card)
-            values = card.numbers(*card.rows[0]) if card.rows else []
-            period = values[1] if len(values) > 1 and values[1] > 0.0 else 1.0
-            first = values[0] if values and values[0] > 0.0 else None
-        if "NLGEOM" in step.card.parameters and step.card.word("NLGEOM") != "NO":
-            finite = finite or step.card
-        elif finite is None:
-            small = small or step.card
-        supports.step(step, begin, begin + period)
-        begin += period
-        shortest = min(shortest, first or period)
-    if finite is not None and small is not None:
-        findings.change(small, "finite strain in this step, too")
-    end = begin or 1.0
-    count = 1 if math.isinf(shortest) else min(_MOST, max(1, round(end / shortest)))
-    return {"end": end, "count": count}, finite
 
 
 def _finite(card, findings, heat):

@@ -171,6 +171,53 @@ upper, lower
     np.testing.assert_allclose(np.abs(forces), [200.0, 100.0], rtol=1e-8)
 
 
+def test_supports_friction_and_contacts_that_change_are_phases(tmp_path):
+    """The upper block is held and pressed; it lets go and presses the lower one; then its contact is taken away."""
+    status, _, scene = imported(
+        tmp_path,
+        BLOCKS
+        + """101, 3
+102, 3
+103, 3
+104, 3
+*NSET, NSET=top, GENERATE
+105, 108
+"""
+        + PAIR
+        + """*STEP
+*STATIC
+1., 2.
+*BOUNDARY
+top, 3, 3, -0.001
+*END STEP
+*STEP
+*STATIC
+*CHANGE FRICTION, INTERACTION=si
+*FRICTION
+0.5
+*BOUNDARY, OP=NEW
+foot, 1, 3
+sides, 1, 2
+top, 3, 3, -0.001
+*END STEP
+*STEP
+*STATIC
+*MODEL CHANGE, TYPE=CONTACT PAIR, REMOVE
+upper, lower
+*END STEP
+""",
+    )
+    assert status == 0
+    assert [(phase.name, phase.duration, phase.count) for phase in scene.phases] == [
+        ("step_1", 2.0, 2), ("step_2", 1.0, 1), ("step_3", 1.0, 1)]  # fmt: skip
+    assert scene.phases[1].friction == {"upper-lower": 0.5} and scene.contacts[0].phases == ("step_1", "step_2")
+    assert [one.phases for one in scene.displacements].count(("step_1",)) == 1
+    steps = solved(scene)
+    # held as it is, the surface of the source has forces of its own in the first phase
+    assert steps[2]["contacts"]["upper-lower"]["force"][2] == pytest.approx(-100.0, rel=1e-8)
+    assert "upper-lower" not in steps[3]["contacts"] and abs(steps[3]["reactions"]["foot"][2]) < 1e-6
+
+
 def test_thermal_strain_of_the_plane(tmp_path):
     """A square that is heated grows; the temperature is a linear function of the place."""
     status, words, scene = imported(
@@ -215,7 +262,11 @@ ALL, 20.
         ("*EQUATION\n2\n1, 1, 1., 2, 1, -1.\n", "*EQUATION", "not known"),
         ("*SPRING, ELSET=S\n1., 2.\n", "*SPRING", "not known"),
         ("*STEP\n*DYNAMIC\n1., 1.\n*END STEP\n", "*DYNAMIC", "static"),
-        ("*STEP\n*STATIC\n*BOUNDARY, OP=NEW\nfoot, 3\n*END STEP\n", "*BOUNDARY\n", "ends"),
+        (
+            2 * "*STEP\n*STATIC\n*END STEP\n" + "*STEP\n*STATIC\n*BOUNDARY\n105, 3\n*END STEP\n",
+            "*BOUNDARY\n105",
+            "begins",
+        ),
         ("*STEP\n*STATIC\n*DLOAD\nEALL, HYDRO, 1.\n*END STEP\n", "EALL, HYDRO", "HYDRO"),
         ("*STEP, PERTURBATION\n*STATIC\n*END STEP\n", "*STEP, PERT", "linear step"),
         ("*STEP\n*STATIC\n*CLOAD, LOAD CASE=2\n5, 1, 3.\n*END STEP\n", "*CLOAD", "LOADCASE=2"),

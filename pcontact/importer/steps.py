@@ -1,0 +1,146 @@
+"""Steps of a deck: one run through all of them, or a phase for each where supports or contacts begin, end or change."""
+
+import math
+from dataclasses import dataclass, field
+
+# cards that say what a program writes, or how it iterates
+OUTPUT = ("", "HEADING", "NODEPRINT", "ELPRINT", "NODEFILE", "ELFILE", "CONTACTFILE", "CONTACTPRINT", "OUTPUT",
+          "NODEOUTPUT", "ELEMENTOUTPUT", "CONTACTOUTPUT", "ENERGYPRINT", "ENERGYFILE", "TIMEPOINTS", "CONTROLS",
+          "RESTART", "PREPRINT", "FILEFORMAT", "SECTIONPRINT", "MONITOR", "PRINT", "CONTACTCONTROLS", "ENDSTEP",
+          "PHYSICALCONSTANTS")  # fmt: skip
+_PROCEDURES = ("DYNAMIC", "FREQUENCY", "HEATTRANSFER", "COUPLEDTEMPERATURE-DISPLACEMENT", "VISCO", "BUCKLE",
+               "UNCOUPLEDTEMPERATURE-DISPLACEMENT", "STEADYSTATEDYNAMICS", "MODALDYNAMIC", "GREEN", "SENSITIVITY",
+               "COMPLEXFREQUENCY", "ELECTROMAGNETICS", "NOANALYSIS", "CRACKPROPAGATION", "ROBUSTDESIGN")  # fmt: skip
+# load steps that a run, or a phase, is planned with at most
+_MOST = 1000
+
+
+@dataclass
+class Run:
+    """The static steps.
+
+    Attributes
+    ----------
+    periods : list of (float, int)
+        Duration and load steps of each.
+    finite : Card or None
+        The first step that asks for finite strain.
+    phased : bool
+        Whether each is a phase.
+    friction : list of dict of str to float
+        Coefficients of each that are not the contacts' own.
+    off : list of set of str
+        Contacts that do not act in each.
+    """
+
+    periods: list = field(default_factory=list)
+    finite: object = None
+    phased: bool = False
+    friction: list = field(default_factory=list)
+    off: list = field(default_factory=list)
+
+    @property
+    def names(self):
+        """Names of the phases; none in a run without."""
+        return [f"step_{k}" for k in range(1, len(self.periods) + 1)] if self.phased else []
+
+    @property
+    def ramp_end(self):
+        """End of the ramp that a value without an amplitude has; infinite where none has it."""
+        return math.inf if self.phased else sum(period for period, _ in self.periods) or 1.0
+
+    def acting(self, name):
+        """The key of the phases in which a contact acts, if it does not in all."""
+        acts = [phase for phase, off in zip(self.names, self.off, strict=False) if name not in off]
+        return {} if len(acts) == len(self.names) else {"phases": acts}
+
+    def tables(self):
+        """Tables of the scene, see `pcontact.importer.toml.text`."""
+        if not self.phased:
+            shortest = min((period / count for period, count in self.periods), default=math.inf)
+            count = 1 if math.isinf(shortest) else min(_MOST, max(1, round(self.ramp_end / shortest)))
+            return [("[steps]", {"end": self.ramp_end, "count": count}, "")]
+        tables = []
+        for name, (period, count), friction in zip(self.names, self.periods, self.friction, strict=True):
+            one = {"name": name, "duration": period, "count": count} | ({"friction": friction} if friction else {})
+            tables.append(("[[phases]]", one, ""))
+        return tables
+
+
+def read_steps(deck, findings, supports, contacts):
+    """Take all steps of a deck.
+
+    Parameters
+    ----------
+    deck : Deck
+    findings : Findings
+    supports : pcontact.importer.supports.Supports
+    contacts : pcontact.importer.materials.Contacts
+
+    Returns
+    -------
+    Run
+    """
+    supports.before()
+    run, begin, small, friction, off = Run(), 0.0, None, {}, set()
+    for step in deck.steps:
+        findings.know(step.card, "NLGEOM", "INC", "AMPLITUDE", "NAME", "PERTURBATION", "SOLVER", "UNSYMM")
+        findings.take(step.card)
+        if not _static(step, findings):
+            continue
+        period, count = _period(step, findings)
+        if "NLGEOM" in step.card.parameters and step.card.word("NLGEOM") != "NO":
+            run.finite = run.finite or step.card
+        elif run.finite is None:
+            small = small or step.card
+        friction, off = dict(friction), set(off)
+        for card, following in zip(step.cards, [*step.cards[1:], None], strict=True):
+            if card.key in ("CHANGEFRICTION", "CHANGESURFACEBEHAVIOR"):
+                friction |= contacts.change(card, following)
+            elif card.key == "MODELCHANGE":
+                for name, on in contacts.switch(card):
+                    (off.discard if on else off.add)(name)
+        run.friction.append({name: value for name, value in friction.items() if name not in off})
+        run.off.append(off)
+        supports.step(step, begin, begin + period)
+        run.periods.append((period, count))
+        begin += period
+    if run.finite is not None and small is not None:
+        findings.change(small, "finite strain in this step, too")
+    run.phased = len(run.periods) > 1 and (supports.changes or any(run.friction) or any(run.off))
+    if len(run.periods) == 1:
+        _alone(run, deck, findings)
+    return run
+
+
+def _alone(run, deck, findings):
+    """A run of one step has no phases: what changes in it does so from the beginning."""
+    if any(run.friction) or any(run.off):
+        findings.leave(deck.steps[0].card, "contacts that change in the only step")
+
+
+def _static(step, findings):
+    """Whether it is a static step; what is left out of it."""
+    other = next((card for card in step.cards if card.key in _PROCEDURES), None)
+    if other is not None:
+        findings.leave(other, "allowed: static steps")
+        for card in step.cards:
+            if card is not other and card.key not in OUTPUT:
+                findings.leave(card, "of a step that is not static")
+        return False
+    if "PERTURBATION" in step.card.parameters:
+        findings.leave(step.card, "a linear step about the state before it")
+    return True
+
+
+def _period(step, findings):
+    """Duration of a step, and load steps to begin with."""
+    period, first = 1.0, None
+    for card in step.cards:
+        if card.key == "STATIC":
+            findings.know(card, "DIRECT", "SOLVER", "STABILIZE", "TOTALREWINDTIME")
+            findings.take(card)
+            values = card.numbers(*card.rows[0]) if card.rows else []
+            period = values[1] if len(values) > 1 and values[1] > 0.0 else 1.0
+            first = values[0] if values and values[0] > 0.0 else None
+    return period, min(_MOST, max(1, round(period / (first or period))))
