@@ -21,7 +21,9 @@ from pcontact.material.elastic import in_plane, lame
 from pcontact.material.finite import FiniteMaterial
 from pcontact.material.hardening import hardening_curve, hardening_table
 from pcontact.material.plastic import VonMises, plastic_constants
+from pcontact.mesh.groups import RawMesh
 from pcontact.mesh.load import load_mesh
+from pcontact.mesh.section import OTHER, cut
 from pcontact.pairs import contact_reports, tied_pairs
 from pcontact.runtime import log, profile
 from pcontact.runtime.errors import TOLD
@@ -49,6 +51,7 @@ from pcontact.solve.problem import Problem
 from pcontact.space.middles import MiddleNodes
 from pcontact.space.modes import colour, component_frames, free_motions, join
 from pcontact.space.rigid import RigidGroup
+from pcontact.space.section import PretensionSection
 from pcontact.space.space import Space
 from pcontact.space.supports import Supports
 
@@ -121,9 +124,20 @@ def read(scene, comm, options):
         check_lost(scene, mesh.lost, mesh.path)
         check_regions(scene, mesh.cell_groups, mesh.facet_groups, mesh.node_groups, mesh.path)
         check_apart(scene, getattr(mesh, "common", {}))
+        _cut(scene, mesh)
 
     regions = [b.region for b in scene.bodies]
     return load_mesh(comm, scene.mesh_path, scene.mesh.order or 1, regions, pairs, check, weight, method)
+
+
+def _cut(scene, mesh):
+    """Cut bolts at their sections."""
+    for number, one in enumerate(scene.pretensions):
+        if not isinstance(mesh, RawMesh):
+            found = f"a section of the converted mesh {mesh.path}, whose nodes cannot be doubled"
+            where = f"{place('pretensions', number, one.region)}.region"
+            raise input_error(scene.where, where, found, "the file that it was converted from")
+        cut(mesh, one.region)
 
 
 def _small(material):
@@ -311,9 +325,7 @@ def _rigid_groups(scene, space, supports):
         factor, where = amplitude(one.amplitude, scene.steps.end), place("couplings", number, one.region)
         groups.append(RigidGroup(space, one, factor, moved, (scene.where, where)))
         moved[groups[-1].nodes] = True
-        bodies = sorted(set().union(*space.comm.allgather(set(space.component[groups[-1].nodes].tolist()))))
-        if len(bodies) > 1:
-            join(space, np.column_stack([bodies[:-1], bodies[1:]]))
+        _join(space, groups[-1].nodes)
     return groups
 
 
@@ -325,6 +337,25 @@ def _middle_nodes(scene, space):
         raise input_error(scene.where, "mesh.serendipity", "true with a displacement of degree 1", "order = 2")
     middles = MiddleNodes(space)
     return middles if middles.count else None
+
+
+def _join(space, nodes):
+    """Bodies that have some of local nodes are one from here on. *Collective.*"""
+    bodies = sorted(set().union(*space.comm.allgather(set(space.component[nodes].tolist()))))
+    if len(bodies) > 1:
+        join(space, np.column_stack([bodies[:-1], bodies[1:]]))
+
+
+def _sections(scene, space, fixed, couplings):
+    """The sections that are drawn together; bodies on both sides of one are one from here on. *Collective.*"""
+    for group in couplings:
+        fixed[group.nodes] = True
+    sections = []
+    for number, one in enumerate(scene.pretensions):
+        factor, where = amplitude(one.amplitude, scene.steps.end), place("pretensions", number, one.region)
+        sections.append(PretensionSection(space, one, factor, fixed, (scene.where, where)))
+        _join(space, sections[-1].nodes)
+    return sections
 
 
 def _check_turns(scene, space, supports):
@@ -353,6 +384,7 @@ def _check_joined(scene, space):
         return
     mesh = space.mesh
     used = {one.region for one in (*scene.displacements, *scene.loads, *scene.springs, *scene.couplings)} - {None}
+    used |= {name for one in scene.pretensions for name in (one.region, OTHER.format(one.region))}
     used |= {name for contact in scene.contacts for name in (contact.source, contact.target) if name is not None}
     found = unjoined(mesh, space.exchanger, used, not every)
     if found.doubled or found.hanging:
@@ -440,9 +472,12 @@ def _assemble(scene, space, constants, span):
     supports = Supports(
         space, scene.displacements, [amplitude_of(d, end) for d in scene.displacements], scene.where
     )
-    supports.groups = _rigid_groups(scene, space, supports)
+    couplings = _rigid_groups(scene, space, supports)
+    sections = _sections(scene, space, supports.fixed, couplings)
+    supports.groups = [*couplings, *sections]
     supports.middles = _middle_nodes(scene, space)
     forces, timed, total = _forces(scene, space)
+    forces += [section.force for section in sections if section.free]
     springs = [GroundSprings(space, spring) for spring in scene.springs]
     _check_turns(scene, space, supports)
     bulk = bulk_item(scene, space, constants)
@@ -459,6 +494,7 @@ def _assemble(scene, space, constants, span):
     viscous = None if eta is None else ViscousStabilisation(space, eta, bulk)
     problem = Problem(space, items, supports, forces, _stabilisation(space, scene, constants, free), contacts, viscous)
     problem.timed, problem.total, problem.springs, problem.release = timed, total, springs, release
+    problem.sections = sections
     # modes of their own cost a set-up that grows with their square; only bodies that nothing holds are worth it
     loose = {(a, b) for a, b in edges if a in free or b in free}
     colours = colour(mesh.n_components, loose)

@@ -14,7 +14,7 @@ class ConstrainedMatrix:
     space : pcontact.space.space.Space
     fixed : ndarray (n_local, d) of bool
         Prescribed components.
-    groups : list of pcontact.space.rigid.RigidGroup
+    groups : list of pcontact.space.rigid.RigidGroup or pcontact.space.section.PretensionSection
     middles : pcontact.space.middles.MiddleNodes, optional
         Nodes that follow others of their cells.
 
@@ -40,10 +40,8 @@ class ConstrainedMatrix:
         rows = [(np.arange(n), space.start * d + np.arange(n), np.ones(n))]
         self._follows = np.zeros(n, dtype=bool)
         for group in groups:
-            at = (group.rows[:, None] * d + np.arange(d)).ravel()
-            self._follows[at] = True
-            m = len(group.leading)
-            rows.append((np.repeat(at, m), np.tile(group.leading, len(at)), group.following.ravel()))
+            self._follows[group.followers()] = True
+            rows.append(group.ways())
         if middles is not None:
             rows.append(middles.entries(fixed))
             self._follows[middles.at()] = True

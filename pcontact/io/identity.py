@@ -126,6 +126,6 @@ def _regions(scene):
     """Groups that the physics of a scene is about."""
     names = [body.region for body in scene.bodies]
     names += [name for contact in scene.contacts for name in (contact.source, contact.target)]
-    tables = scene.displacements, scene.loads, scene.springs, scene.temperatures, scene.couplings
+    tables = scene.displacements, scene.loads, scene.springs, scene.temperatures, scene.couplings, scene.pretensions
     names += [one.region for table in tables for one in table]
     return {name for name in names if name not in (None, OUTER)}

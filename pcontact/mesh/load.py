@@ -107,9 +107,9 @@ def load_mesh(comm, path, order, regions, pairs, check, weight=WEIGHT, method="b
         Contact pairs: source and target surfaces and search radius, see
         :func:`pcontact.mesh.contact_weights.contact_facets`.
     check : callable
-        Called before anything else is done with the mesh; may raise InputError. Its argument is a
-        :class:`pcontact.mesh.groups.RawMesh`, on rank 0; or a :class:`pcontact.mesh.hdf5_reader.Summary`, on every
-        rank.
+        Called before anything else is done with the mesh; may raise InputError, and cut a mesh that is whole. Its
+        argument is a :class:`pcontact.mesh.groups.RawMesh`, on rank 0; or a
+        :class:`pcontact.mesh.hdf5_reader.Summary`, on every rank.
     weight, method
         See :func:`pcontact.mesh.partition.partition`.
 

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pcontact.scene.model import Coupling, Displacement, Load, Obstacle, Temperature
+from pcontact.scene.model import Coupling, Displacement, Load, Obstacle, Pretension, Temperature
 from pcontact.scene.prescribed import expressions, names
 
 # what an amplitude multiplies
@@ -13,6 +13,7 @@ MULTIPLIED = {
     Load: ("pressure", "traction", "body_force", "acceleration", "angular_speed", "force", "moment"),
     Temperature: ("value",),
     Coupling: ("displacement", "rotation"),
+    Pretension: ("force", "shortening"),
     Obstacle: ("displacement", "angle"),
 }
 # [parts of the run] Times at which the size of what has expressions of the time is looked at. From: chosen.
@@ -103,7 +104,7 @@ def drive(scene, places):
     """
     end, moved = scene.steps.end, [*scene.displacements, *scene.loads, *scene.temperatures]
     acting = [one for one in scene.displacements if one.turns or any(v != "free" and v for v in one.value)]
-    acting += [*scene.loads, *scene.temperatures, *scene.couplings]
+    acting += [*scene.loads, *scene.temperatures, *scene.couplings, *scene.pretensions]
     factors = [amplitude_of(one, end).factor for one in acting if not timed(one)]
     obstacles = [pair.obstacle for pair in scene.contacts if pair.obstacle is not None]
     factors += [amplitude(one.amplitude, end).factor for one in obstacles if one.moves]

@@ -99,6 +99,8 @@ def describe(
         active.append(f"thermal strain: {', '.join(one.region or 'all bodies' for one in scene.temperatures)}")
     if scene.couplings:
         active.append(f"rigid groups: {', '.join(one.name or one.region for one in scene.couplings)}")
+    if scene.pretensions:
+        active.append(f"pre-tension: {', '.join(one.name or one.region for one in scene.pretensions)}")
     if scene.springs:
         active.append(f"springs to the ground: {', '.join(spring.name or spring.region for spring in scene.springs)}")
     if scene.displacements:

@@ -483,6 +483,22 @@ class Coupling:
 
 
 @table
+class Pretension:
+    """A section across a bolt, whose sides are drawn together by a force or by a length."""
+
+    region: str = key(TEXT, f"{REGION} facets in a plane across a body, from one side of it to the other")
+    force: float | None = key(
+        number(), "tension of the section", None, "force", more="Exactly one must be said: of this and `shortening`"
+    )
+    shortening: float | None = key(number(), "by which the sides are drawn into each other", None, "length")
+    amplitude: Table | None = amplitude()
+    name: str | None = key(TEXT, "its name in report and history, unique", None, otherwise="that of the group")
+    phases: Sequence[str] | None = phases("it draws; in all others the sides stay as near as they are")
+    # of a scene of one phase (`pcontact.scene.phases`): the sides stay
+    locked: bool = False
+
+
+@table
 class Temperature:
     """Temperature of cells, for the thermal strain of bodies with `expansion`."""
 
@@ -598,7 +614,7 @@ class Output:
 SINGLE_TABLES = {"mesh": MeshSpec, "steps": Steps, "output": Output}
 LIST_TABLES = {"bodies": Body, "contacts": Contact, "displacements": Displacement, "loads": Load,
                "springs": Spring, "temperatures": Temperature,
-               "couplings": Coupling, "phases": Phase}  # fmt: skip
+               "couplings": Coupling, "pretensions": Pretension, "phases": Phase}  # fmt: skip
 
 
 @dataclass
@@ -607,8 +623,9 @@ class Scene:
 
     Parameters
     ----------
-    mesh, materials, bodies, contacts, displacements, loads, springs, temperatures, couplings, phases, steps, output :
+    mesh, materials, bodies, contacts, displacements, loads, springs, temperatures, couplings, pretensions, phases :
         the tables
+    steps, output : the tables
     petsc : dict of str to str
         Options of this scene, without the leading dash; the command line wins.
     title, accuracy, allow_unsafe : keys, see the declarations
@@ -644,6 +661,7 @@ class Scene:
     temperatures: list[Temperature] = field(default_factory=list)
     couplings: list[Coupling] = field(default_factory=list)
     phases: list[Phase] = field(default_factory=list)
+    pretensions: list[Pretension] = field(default_factory=list)
 
     @property
     def where(self) -> str:

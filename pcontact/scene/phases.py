@@ -9,9 +9,9 @@ from pcontact.scene.amplitude import MULTIPLIED, timed
 from pcontact.scene.model import LONGER, SHORTEST, Contact, Scene
 
 # tables of which some may act in some phases only
-PHASED = ("contacts", "displacements", "loads", "springs")
+PHASED = ("contacts", "displacements", "loads", "springs", "pretensions")
 # tables with amplitudes
-MOVED = ("displacements", "loads", "temperatures", "couplings")
+MOVED = ("displacements", "loads", "temperatures", "couplings", "pretensions")
 
 
 class Span(NamedTuple):
@@ -80,6 +80,8 @@ def scene_of(scene: Scene, number: int) -> Scene:
         return replace(one, amplitude=((every[first].begin, 0.0), (every[first].end, 1.0)))
 
     lists = {key: [one for one in getattr(scene, key) if acts(one, phase.name)] for key in PHASED}
+    # sections that do not draw stay as they are
+    lists["pretensions"] = [replace(one, locked=not acts(one, phase.name)) for one in scene.pretensions]
     lists |= {key: list(getattr(scene, key)) for key in MOVED if key not in PHASED}
     for key in MOVED:
         lists[key] = [rising(one, begun(scene, one, number) if key in PHASED else 0) for one in lists[key]]

@@ -16,6 +16,7 @@ from pcontact.scene.model import (
     Load,
     MeshSpec,
     Obstacle,
+    Pretension,
     Scene,
     Spring,
     Temperature,
@@ -172,6 +173,8 @@ def check_regions(
             _require(scene, f"{where}.region", table.region, groups, tuple(groups), mesh_path)
         elif isinstance(table, Temperature) and table.region is not None:
             _require(scene, f"{where}.region", table.region, groups, ("cells",), mesh_path)
+        elif isinstance(table, Pretension):
+            _require(scene, f"{where}.region", table.region, groups, ("facets",), mesh_path)
         elif isinstance(table, Spring):
             kinds = ("facets",) if table.per_area is not None else tuple(groups)
             _require(scene, f"{where}.region", table.region, groups, kinds, mesh_path)
@@ -203,7 +206,7 @@ def check_lost(scene: Scene, lost: Mapping[str, str], mesh_path: str | Path) -> 
     for _, table in tables(scene):
         if isinstance(table, Contact):
             named |= {table.source, table.target}
-        elif isinstance(table, Body | Displacement | Load | Spring | Temperature | Coupling):
+        elif isinstance(table, Body | Displacement | Load | Spring | Temperature | Coupling | Pretension):
             named.add(table.region)
     for name in lost:
         if name in named:

@@ -20,6 +20,7 @@ from pcontact.scene.model import (
     Load,
     Material,
     Obstacle,
+    Pretension,
     Scene,
     Spring,
 )
@@ -49,6 +50,7 @@ TOGETHER = {
         },
     },
     Spring: {"oneOf": [{"required": [name]} for name in ("per_area", "stiffness")]},
+    Pretension: {"oneOf": [{"required": [name]} for name in ("force", "shortening")]},
     Obstacle: {
         "allOf": [
             {"if": {"properties": {"shape": {"const": shape}}}, "then": {"required": list(needed)}}

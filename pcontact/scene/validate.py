@@ -72,8 +72,10 @@ def validate(scene: Scene) -> None:
     _check_names(scene, "loads", [(k, one) for k, one in enumerate(scene.loads) if one.total])
     _check_names(scene, "springs", enumerate(scene.springs))
     _check_names(scene, "couplings", enumerate(scene.couplings))
+    _check_names(scene, "pretensions", enumerate(scene.pretensions))
     _check_couplings(scene)
     _check_serendipity(scene)
+    _check_pretensions(scene)
     _check_estimate(scene)
     _check_temperatures(scene)
     _check_unique(scene, "contacts", "name")
@@ -443,9 +445,11 @@ def _check_temperatures(scene):
 
 
 def _check_serendipity(scene):
-    """Nodes that follow others of their cells can neither be in rigid groups, nor be without degree 2."""
-    if scene.mesh.serendipity and scene.couplings:
-        where = place("couplings", 0, scene.couplings[0].region)
+    """Nodes that follow others of their cells can neither be in groups that follow, nor be without degree 2."""
+    follow = {"couplings": scene.couplings, "pretensions": scene.pretensions}
+    groups = [place(key, 0, table[0].region) for key, table in follow.items() if table]
+    if scene.mesh.serendipity and groups:
+        where = groups[0]
         raise input_error(scene.where, "mesh.serendipity", f"true together with {where}", "false")
     if scene.mesh.serendipity and scene.mesh.order == 1:
         raise input_error(scene.where, "mesh.serendipity", "true with a displacement of degree 1", "order = 2")
@@ -464,6 +468,22 @@ def _check_couplings(scene):
             raise input_error(scene.where, where, found, 'displacement = ["free", ...] alone: a rigid ring')
 
 
+def _check_pretensions(scene):
+    """One value of each section; sides are no surfaces that may meet, and turn little."""
+    for index, item in enumerate(scene.pretensions):
+        where = place("pretensions", index, item.region)
+        if (item.force is None) == (item.shortening is None):
+            found = "neither force nor shortening" if item.force is None else "both force and shortening"
+            raise input_error(scene.where, where, found, "exactly one of force, shortening")
+        if item.region in [other.region for other in scene.pretensions[:index]]:
+            raise input_error(scene.where, f"{where}.region", f"{item.region!r} a second time", "each section once")
+        if any(scene.finite(body) for body in scene.bodies):
+            raise input_error(scene.where, where, "bodies with finite strain", "small strain of all bodies")
+        if any(contact.all for contact in scene.contacts):
+            found = "a contact of all surfaces, which the sides of the section are, too"
+            raise input_error(scene.where, where, found, "contacts with source and target")
+
+
 def _check_names(scene, key, tables):
     """Names in the report are unique, whether they are said or those of groups."""
     seen = {}
@@ -479,6 +499,7 @@ def _check_estimate(scene):
     """What the estimate of the error does not know."""
     strange = [place("loads", k, one.region) for k, one in enumerate(scene.loads) if one.total]
     strange += [place("couplings", k, one.region) for k, one in enumerate(scene.couplings)]
+    strange += [place("pretensions", k, one.region) for k, one in enumerate(scene.pretensions)]
     strange += [place("temperatures", k, one.region) for k, one in enumerate(scene.temperatures)]
     strange += [place("loads", k, one.region) for k, one in enumerate(scene.loads)
                 if one.acceleration is not None or one.angular_speed is not None]  # fmt: skip

@@ -54,6 +54,8 @@ class Problem:
         Those among the items.
     groups : sequence of pcontact.space.rigid.RigidGroup
         Whose displacement is rigid: Newton's method has their leading components.
+    sections : sequence of pcontact.space.section.PretensionSection
+        Those among the groups.
     release : pcontact.assembly.release.Release or None
         The item of what a phase of the run goes on from.
     middles : pcontact.space.middles.MiddleNodes or None
@@ -73,7 +75,7 @@ class Problem:
         self.stabilisation = stabilisation
         self.bulk, self.others, self.contacts = items[0], items[1:], list(contacts)
         self.time, self.loose, self.stabilised, self.viscous, self.timed = 0.0, (), True, viscous, ()
-        self.total, self.springs, self.release = (), (), None
+        self.total, self.springs, self.sections, self.release = (), (), (), None
         self.fixed = np.ascontiguousarray(supports.fixed[space.owned_local])
         self.groups, self.middles, fixed = supports.groups, supports.middles, supports.fixed
         if self.middles is not None:
@@ -479,6 +481,7 @@ class Problem:
         inner = [np.asarray(pair["force"]) for pair in record["contacts"].values()]
         # springs may bear all of the load: their sum is nothing to compare with
         inner += [np.asarray(spring["force"]) for spring in record.get("springs", {}).values()]
+        inner += [np.array([section["force"]]) for section in record.get("pretensions", {}).values()]
         forces += [np.asarray(group["force"]) for group in record.get("couplings", {}).values()]
         largest = max(float(np.linalg.norm(force)) for force in [applied, *forces, *inner])
         total = applied + sum(forces)

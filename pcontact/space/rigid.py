@@ -142,6 +142,16 @@ class RigidGroup:
                               "allowed: a group with extent")  # fmt: skip
         return np.array([number for number, _ in ends]), np.array([place for _, place in ends])
 
+    def ways(self):
+        """Rows, columns and values of what follows on this rank: rows of owned components, columns global."""
+        at, m = self.followers(), len(self.leading)
+        return np.repeat(at, m), np.tile(self.leading, len(at)), self.following.ravel()
+
+    def followers(self):
+        """Owned components (n,) that follow, those that lead among them."""
+        d = self._space.dim
+        return (self.rows[:, None] * d + np.arange(d)).ravel()
+
     # -- displacements ----------------------------------------------------------------------------------------------
 
     def _amounts(self, u):

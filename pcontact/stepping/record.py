@@ -80,10 +80,15 @@ class Recorder:
             record["viscous"] = self._viscous(step.time, u)
         if problem.total:
             record["loads"] = {load.name: load.record(u, step.time) for load in problem.total}
-        if problem.groups:
-            shape = step.unbalanced.shape
-            moved = u.getArray(readonly=True).reshape(shape)
-            record["couplings"] = {group.name: group.record(moved, step.unbalanced) for group in problem.groups}
+        moved = u.getArray(readonly=True).reshape(-1, problem.space.dim)
+        couplings = [group for group in problem.groups if group not in problem.sections]
+        if couplings:
+            record["couplings"] = {group.name: group.record(moved, step.unbalanced) for group in couplings}
+        if problem.sections:
+            forces = step.unbalanced.copy()
+            if problem.release is not None:
+                problem.release.external(u, forces)
+            record["pretensions"] = {one.name: one.record(moved, forces, step.time) for one in problem.sections}
         if problem.release is not None:
             record["released"] = problem.release.record()
         if problem.springs:

@@ -8,11 +8,14 @@ import inspect
 import sys
 from dataclasses import replace
 
+import meshio
+import numpy as np
 import pytest
 from numba.core.registry import CPUDispatcher
 
 from meshes.blocks import two_blocks
 from pcontact.contact.formulation.frictionless import FrictionlessTerms
+from pcontact.element.reference import facet_nodes
 from pcontact.io.cost_forecast import cost_forecast, friction_bytes, plastic_bytes
 from pcontact.io.counters import held
 from pcontact.runtime.parallel import on_root
@@ -28,6 +31,7 @@ from pcontact.scene.model import (
     Obstacle,
     Output,
     Phase,
+    Pretension,
     Scene,
     Spring,
     Steps,
@@ -52,6 +56,7 @@ PIECES = {
     "pressure that follows": (("assembly.follower", "assembly.follower_kernels"), ()),
     "viscous stabilisation": (("assembly.viscous",), ()),
     "springs": (("assembly.springs",), ()),
+    "pre-tension": (("space.section", "mesh.section"), ("plane",)),
     "phases": (("assembly.release",), ()),
     "rigid groups": (("assembly.constrained", "space.rigid"), ()),
     "serendipity cells": (("assembly.constrained", "space.middles"), ()),
@@ -91,6 +96,19 @@ def scene(path, **contact):
     )
 
 
+def section(path):
+    """The mesh with a group "cut" across the lower block."""
+    old, new = meshio.read(path), path.with_name("cut.msh")
+    facets = [cell[facet] for block in old.cells if block.type == "hexahedron" for cell in block.data
+              for facet in facet_nodes("hexahedron", 1)]  # fmt: skip
+    quads = {tuple(sorted(facet)): facet for facet in facets if np.allclose(old.points[facet, 2], 0.5)}
+    tags = {name: [*parts, np.full(len(quads), 99)] for name, parts in old.cell_data.items()}
+    cells = [*((block.type, block.data) for block in old.cells), ("quad", np.array(list(quads.values())))]
+    mesh = meshio.Mesh(old.points, cells, cell_data=tags, field_data={**old.field_data, "cut": np.array([99, 2])})
+    meshio.write(new, mesh, "gmsh22", binary=False)
+    return new
+
+
 def with_piece(path, piece):
     """The scene with a piece of physics."""
     lowest = Contact("lower_bottom", obstacle=Obstacle("plane", [0.0, 0.0, 0.0], [0.0, 0.0, 1.0]), name="floor")
@@ -113,6 +131,10 @@ def with_piece(path, piece):
     if piece == "rigid groups":
         result = scene(path)
         result.displacements, result.couplings = result.displacements[:1], [Coupling("upper_top")]
+        return result
+    if piece == "pre-tension":
+        result = scene(section(path))
+        result.pretensions = [Pretension("cut", shortening=0.001)]
         return result
     if piece == "phases":
         result = scene(path)

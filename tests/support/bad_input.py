@@ -236,6 +236,14 @@ CASES = {
         [r"displacements\[1\] \(upper_top\)\.phases: found \['on'\] without", r"allowed: \[\[phases\]\] as well"],
         scene=SCENE + 'phases = ["on"]\n',
     ),
+    "pre-tension without a value": Case(
+        [r"pretensions\[0\] \(lower_top\): found neither force nor", "allowed: exactly one of force, shortening"],
+        scene=SCENE + '[[pretensions]]\nregion = "lower_top"\n',
+    ),
+    "pre-tension on the boundary": Case(
+        [r"mesh\.msh: section 'lower_top': found 1 facets, . on one side", "allowed: all facets of a plane across"],
+        scene=SCENE + '[[pretensions]]\nregion = "lower_top"\nforce = 1.0\n',
+    ),
     "phase of another name": Case(
         [r"displacements\[1\] \(upper_top\)\.phases: found 'of'", "no such phase", "allowed: off, on"],
         scene=SCENE + 'phases = ["of"]\n' + PHASES,

@@ -18,7 +18,7 @@ from pcontact.runtime.errors import InputError
 from pcontact.runtime.options import Options
 from pcontact.runtime.petsc import PETSc, own_options
 from pcontact.runtime.rules import POSITIVE, choice
-from pcontact.scene import Contact, Material, Obstacle, Scene, Steps, read_scene, scene_from
+from pcontact.scene import Contact, Material, Obstacle, Pretension, Scene, Steps, read_scene, scene_from
 from pcontact.scene.keys import keys
 from pcontact.scene.model import HEADERS, RENAMED
 from pcontact.scene.schema import schema
@@ -38,8 +38,9 @@ def test_every_key_is_declared(cls):
     """Every field of a table but tables and places, with a help; its default is allowed."""
     others = {field.name for field in fields(cls) if field.name not in keys(cls)}
     tables = {"mesh", "materials", "bodies", "contacts", "displacements", "loads", "couplings", "springs",
-              "temperatures", "phases", "steps", "output", "petsc"}  # fmt: skip
-    assert others == {Scene: tables | {"path", "beside"}, Contact: {"obstacle", "held"}}.get(cls, set())
+              "temperatures", "phases", "pretensions", "steps", "output", "petsc"}  # fmt: skip
+    known = {Scene: tables | {"path", "beside"}, Contact: {"obstacle", "held"}, Pretension: {"locked"}}
+    assert others == known.get(cls, set())
     for name, one in keys(cls).items():
         assert one.help and one.rule.allowed
         if one.default is not MISSING:
