@@ -169,6 +169,7 @@ class FinitePair(ContactPair):
     def detect(self, u, time, motion=0.0, ahead=None):
         """See :meth:`ContactPair.detect`. *Collective.*"""
         self._time = time
+        self.terms.start()
         super().detect(u, time, motion, ahead)
 
     def _turn(self, nodal):

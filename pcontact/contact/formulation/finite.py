@@ -35,10 +35,11 @@ from pcontact.contact.law import OPEN, SLIP, STICK
 from pcontact.runtime.parallel import take_rows
 
 # [facet sizes] Overlap beyond which the tangent turns normals and moves partners in part only, see
-# `pcontact.contact.formulation.finite_kernels`. From: ball on block, 50,000 unknowns, pressed by half a facet in one
-# load step: 6 iterations at 0.05, 7 at 0.1, no convergence without; ironing with coarse cells, whose solutions overlap
-# by 0.07: 5.1 iterations a load step at 0.1, 5.7 at 0.05.
-DEEP = 0.1
+# `pcontact.contact.formulation.finite_kernels`, in the first tangents of a load step; [tangents] these, and by how many
+# more it doubles: what overlaps that much then does so at the solution. From: ball on block, 50,000 unknowns, pressed
+# by half a facet in one load step: 6 iterations at 0.03, 9 at 0.1, no convergence without; ironing with coarse cells,
+# whose solutions overlap by 0.07.
+DEEP, EARLY = 0.03, 3
 
 
 class Contact(NamedTuple):
@@ -80,9 +81,14 @@ class FiniteTerms:
         # that of the load step; what the next one will start from is known when this one has been committed
         self._carried = self._lag
         self._before = self._adjoint = None
+        self._made = 0
         self.last = LastTangent(*np.zeros((2, len(source.x)), dtype=bool))
 
     # -- a load step ----------------------------------------------------------------------------------------------
+
+    def start(self):
+        """The next tangent is the first one of a load step."""
+        self._made = 0
 
     def operator(self, normal, last):
         """Of width 0: all of the traction counts."""
@@ -132,7 +138,8 @@ class FiniteTerms:
     @property
     def parameters(self):
         """Weights of the terms."""
-        return FiniteParameters(*self._weights, self.method.gamma, self._adjoint, DEEP * self.source.size)
+        deep = DEEP * 2.0 ** max(0, self._made - EARLY)
+        return FiniteParameters(*self._weights, self.method.gamma, self._adjoint, deep * self.source.size)
 
     def place(self, p, values):
         """Where the points are at nodal values (n, d), without slip: a :class:`Placed`. *Collective.*"""
@@ -215,6 +222,7 @@ class FiniteTerms:
     def add_tangent(self, p, values, view, slopes, blocks):
         """Add to blocks (BlockRows); returns how many entries had no place."""
         contact, at = slopes
+        self._made += 1
         beyond = -contact.placed.gap > self.parameters.depth[p.points.facet]
         self.last = LastTangent(at.status > OPEN, beyond & (at.status == STICK))
         wanted = p.every if self.method.theta != 0.0 else at.status > OPEN
