@@ -103,10 +103,11 @@ def compare(args, makers, bounds, name, petsc):
     return status
 
 
-def case_parser(description, name, cases):
-    """Parser of a driver with cases: which ones, how fine, fields or not."""
+def case_parser(description, name, cases, n=None):
+    """Parser of a driver with cases: which ones, how fine (with n = "+" several), fields or not."""
     parser = make_parser(description, f"{name}_results")
     parser.add_argument("--case", nargs="+", choices=cases, default=list(cases), help="which ones (default: all)")
-    parser.add_argument("--n", type=int, default=None, help="cells along a side (default: by case, or several)")
+    text = "cells along a side (default: by case, or several)"
+    parser.add_argument("--n", type=int, nargs=n, default=None, help=text)
     parser.add_argument("--fields", action="store_true", help="write fields for ParaView")
     return parser
