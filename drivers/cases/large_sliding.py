@@ -13,6 +13,8 @@ Expected numbers are those of an independent code of the same formulation on mes
 finer of two (8 cells per unit), of upsetting the mean of four meshes.
 """
 
+from dataclasses import replace
+
 import numpy as np
 
 from drivers._common import draw, main, make_mesh
@@ -30,24 +32,27 @@ MIDDLE = 16.52
 BOUNDS = {"ring": 0.01, "ironing": 0.03, "upsetting": 0.015}
 
 
+def ring_scene(path, friction, depth, count):
+    """A quarter of a ring under a plate that goes down by `depth` in `count` load steps; the mesh is in `path`."""
+    plate = Obstacle("plane", point=[0.0, 1.0], normal=[0.0, -1.0], displacement=[0.0, -depth])
+    return Scene(
+        title=f"A rubber ring under a plate, friction {friction:g}",
+        mesh=MeshSpec(path, strain="finite", mean_dilatation=True),
+        materials={"rubber": Material(1.0, 0.4, law="neo_hooke")},
+        bodies=[Body("body", "rubber")],
+        contacts=[Contact("outer", obstacle=plate, name="plate", friction=friction)],
+        displacements=[Displacement("side_x", [0.0, "free"]), Displacement("side_y", ["free", 0.0])],
+        steps=Steps(count=count),
+    )
+
+
 def ring(args, petsc):
     """The ring with and without friction."""
     rows, records, converged, norms = [], [], True, []
     n, count, depth = ((2, 12), 4, 0.1) if args.tiny else ((8, 64), 25, 0.5)
     path = make_mesh(thick_cylinder, args.o / "ring.msh", 2, n, inner=0.7, outer=1.0)
     for friction in (0.5,) if args.tiny else (0.0, 0.5):
-        plate = Obstacle("plane", point=[0.0, 1.0], normal=[0.0, -1.0], displacement=[0.0, -depth])
-        scene = Scene(
-            title=f"A rubber ring under a plate, friction {friction:g}",
-            mesh=MeshSpec(path, strain="finite", mean_dilatation=True),
-            materials={"rubber": Material(1.0, 0.4, law="neo_hooke")},
-            bodies=[Body("body", "rubber")],
-            contacts=[Contact("outer", obstacle=plate, name="plate", friction=friction)],
-            displacements=[Displacement("side_x", [0.0, "free"]), Displacement("side_y", ["free", 0.0])],
-            steps=Steps(count=count),
-            output=Output(fields=args.fields),
-            petsc=petsc,
-        )
+        scene = replace(ring_scene(path, friction, depth, count), output=Output(fields=args.fields), petsc=petsc)
         some, ended, norms = solve(args, f"ring_{friction:g}", scene)
         records, converged = records + some, converged and ended
         for height, force in RING[friction].items():
@@ -58,12 +63,9 @@ def ring(args, petsc):
     return Found(rows, records, converged, norms)
 
 
-def ironing(args, petsc):
-    """The slab that irons a foundation."""
-    n, press, drag, way = (2, 4, 2, 0.2) if args.tiny else (args.n or 4, 20, 100, 10.0)
-    down = 0.4 if args.tiny else 1.0
-    path = make_mesh(ironing_slab, args.o / "ironing.msh", n)
-    scene = Scene(
+def ironing_scene(path, down, way, press, drag):
+    """The slab goes down by `down` in `press` load steps, then along by `way` in `drag` ones; the mesh is in `path`."""
+    return Scene(
         title="A slab irons a foundation",
         mesh=MeshSpec(path, strain="finite"),
         materials={"soft": Material(689.6, 0.32, law="neo_hooke"), "stiff": Material(6896.0, 0.32, law="neo_hooke")},
@@ -75,9 +77,15 @@ def ironing(args, petsc):
             Displacement("slab_top", [way, "free"], [(0, 0), (press, 0), (press + drag, 1)]),
         ],
         steps=Steps(end=float(press + drag), count=press + drag),
-        output=Output(fields=args.fields),
-        petsc=petsc,
     )
+
+
+def ironing(args, petsc):
+    """The slab that irons a foundation."""
+    n, press, drag, way = (2, 4, 2, 0.2) if args.tiny else (args.n or 4, 20, 100, 10.0)
+    path = make_mesh(ironing_slab, args.o / "ironing.msh", n)
+    scene = ironing_scene(path, 0.4 if args.tiny else 1.0, way, press, drag)
+    scene = replace(scene, output=Output(fields=args.fields), petsc=petsc)
     records, converged, norms = solve(args, "ironing", scene)
     rows = []
     places = (press, "pressed"), (press + drag / 2, "half way")
@@ -104,12 +112,10 @@ def _curves(args, records, press, speed):
     draw(args.o / "ironing.png", paint)
 
 
-def upsetting(args, petsc):
-    """The billet between rough dies."""
-    n, most, count = ((4, 6), 0.1, 4) if args.tiny else ((args.n or 12, 3 * (args.n or 12) // 2), 0.6, 60)
-    path = make_mesh(round_bar, args.o / "billet.msh", n, radius=10.0, length=30.0, waist=1.0)
+def upsetting_scene(path, most, count):
+    """The billet goes down by the part `most` of its height in `count` load steps; the mesh is in `path`."""
     die = Obstacle("plane", point=[0.0, 15.0], normal=[0.0, -1.0], displacement=[0.0, -15.0 * most])
-    scene = Scene(
+    return Scene(
         title="A billet is upset between rough dies",
         mesh=MeshSpec(path, kinematics="axisymmetric", strain="finite", mean_dilatation=True),
         materials={"m": Material(200.0, 0.3, yield_stress=0.7, hardening=0.3)},
@@ -121,10 +127,16 @@ def upsetting(args, petsc):
             Displacement("end", [0.0, -15.0 * most]),
         ],
         steps=Steps(end=most, count=count),
-        output=Output(fields=args.fields, probes=["neck"]),
         allow_unsafe=["friction"],
-        petsc=petsc,
     )
+
+
+def upsetting(args, petsc):
+    """The billet between rough dies."""
+    n, most, count = ((4, 6), 0.1, 4) if args.tiny else ((args.n or 12, 3 * (args.n or 12) // 2), 0.6, 60)
+    path = make_mesh(round_bar, args.o / "billet.msh", n, radius=10.0, length=30.0, waist=1.0)
+    scene = upsetting_scene(path, most, count)
+    scene = replace(scene, output=Output(fields=args.fields, probes=["neck"]), petsc=petsc)
     records, converged, norms = solve(args, "upsetting", scene)
     rows = []
     for part in [part for part in UPSETTING if part <= most]:

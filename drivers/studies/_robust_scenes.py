@@ -24,13 +24,27 @@ from drivers._common import make_mesh
 from drivers.cases import clip as clips
 from drivers.cases import indent as indents
 from drivers.cases import ironing as irons
+from drivers.cases import large_sliding as slides
 from drivers.cases import slider as sliders
 from drivers.cases import spring as springs
 from drivers.cases import stack as heaps
 from drivers.studies import _extreme_scenes as extremes
 from drivers.studies import _extreme_shapes as shapes
 from drivers.studies._press import make_scene as make_press
-from meshes import ball_on_block, clip, cylinder_on_block, heap, indent, ironing, layer_on_base, one_block, two_blocks
+from meshes import (
+    ball_on_block,
+    clip,
+    cylinder_on_block,
+    heap,
+    indent,
+    ironing,
+    ironing_slab,
+    layer_on_base,
+    one_block,
+    round_bar,
+    thick_cylinder,
+    two_blocks,
+)
 from meshes.bricks import Brick, bricks
 from pcontact.scene.model import Body, Contact, Displacement, Load, Material, MeshSpec, Obstacle, Output, Scene, Steps
 
@@ -257,12 +271,19 @@ def dragged(folder, dim=2, law="coulomb", mu=0.5, **keys):
     return sliders.scene(path, dim, sliders.law_keys(law, mu), count=20, **keys)
 
 
-def pressed(folder, unknowns=50_000, friction=0.0, yield_stress=None):
+def pressed(folder, unknowns=50_000, friction=0.0, yield_stress=None, strain="small"):
     """A ball on a block in space, in one load step."""
     path = make_mesh(ball_on_block, folder / "mesh.msh", unknowns=unknowns)
     case = make_press(path, "plastic" if yield_stress else "elastic", yield_stress=yield_stress or 5.0)
+    case = replace(case, mesh=replace(case.mesh, strain=strain))
     contacts = [replace(contact, friction=friction) for contact in case.contacts]
     return replace(case, contacts=contacts)
+
+
+def large(folder, make, mesh, arguments, **keys):
+    """Bodies with finite strain that turn and slide far, see `drivers/cases/large_sliding.py`."""
+    scene = make(make_mesh(mesh[0], folder / "mesh.msh", *mesh[1:], **arguments), **keys)
+    return replace(scene, output=Output(fields=False))
 
 
 def extreme(folder, build, **keys):
@@ -322,6 +343,18 @@ def _cases():
     for law in sliders.LAWS:
         yield "slider", law, dragged, {"law": law}
     yield "slider", "3D", dragged, {"dim": 3}
+    quarter, ring = (thick_cylinder, 2, (4, 32)), {"inner": 0.7, "outer": 1.0}
+    for friction in (0.0, 0.5):
+        keys = {"make": slides.ring_scene, "friction": friction, "depth": 0.5, "count": 10}
+        yield "finite", f"ring, friction {friction:g}", large, {"mesh": quarter, "arguments": ring, **keys}
+    keys = {"make": slides.ironing_scene, "down": 1.0, "way": 2.0, "press": 20, "drag": 20}
+    yield "finite", "ironing", large, {"mesh": (ironing_slab, 3), "arguments": {}, **keys}
+    keys = {"make": slides.upsetting_scene, "most": 0.4, "count": 20}
+    billet = {"radius": 10.0, "length": 30.0, "waist": 1.0}
+    yield "finite", "upsetting", large, {"mesh": (round_bar, (8, 12)), "arguments": billet, **keys}
+    for friction in (0.0, 0.3):
+        keys = {"unknowns": 12_000, "friction": friction, "strain": "finite"}
+        yield "finite", f"ball on block, friction {friction:g}", pressed, keys
     stack, bars = extremes.stack, extremes.bars
     for word, build, keys in (
         ("nu 0.49999", stack, {**solid, "nu": (0.49999, 0.49999)}),
