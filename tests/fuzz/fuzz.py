@@ -221,6 +221,7 @@ def _compared(case, variant, reference, base, result, singular=None):
 
 # the simplest value of a draw, by the end of its name
 SIMPLE = [
+    ("strain", "small"),
     ("dim", 2), ("arrangement", "stack"), ("bodies", 2), ("bodies", 1), ("degree", 1), ("order", 1),
     ("kinematics", "plane_strain"), ("count", 1), ("end", 1.0), ("floor", False), ("cell", "quadrilateral"),
     ("cell", "hexahedron"), ("curved", (0, 0)), ("jitter", 0.0), ("grade", 0.0), ("yields", False),

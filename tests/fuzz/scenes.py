@@ -51,6 +51,11 @@ class Case:
         """Whether x is a radius."""
         return self.scene["mesh"].get("kinematics") == "axisymmetric"
 
+    @property
+    def finite(self):
+        """Whether a body has finite strain."""
+        return any(part.get("strain") == "finite" for part in (self.scene["mesh"], *self.scene["bodies"]))
+
     def copy(self):
         """With a scene of its own; the mesh is shared."""
         return Case(self.seed, copy.deepcopy(self.scene), self.mesh, self.length, self.stress, set(self.tags))
@@ -453,17 +458,31 @@ def scene_of(seed, plan=None):
     scene, mesh = (_stack if make == "stack" else _slot)(draw, d, degree, order)
     if draw.chance("mean", 0.15) and scene["mesh"].get("kinematics") != "plane_stress":
         scene["mesh"]["mean_dilatation"] = draw.chance("mean.value", 0.5)
+    _strained(draw, scene)
     for key in ("contacts", "displacements", "loads"):
         if not scene[key]:
             del scene[key]
     case = Case(seed, scene, mesh)
-    _sensible(case)
+    _sensible(case, draw)
     return case
 
 
-def _sensible(case):
+def _strained(draw, scene):
+    """Finite strain of all bodies, or of some of them."""
+    kind = draw.one("strain", ["small", "finite", "both"], [80, 14, 6])
+    if kind == "finite":
+        scene["mesh"]["strain"] = "finite"
+    elif kind == "both":
+        for number, body in enumerate(scene["bodies"]):
+            body["strain"] = ["finite", "small"][number % 2]
+
+
+def _sensible(case, draw):
     """Keys that exclude each other."""
     scene = case.scene
+    if case.finite:
+        # curved facets of pairs that move need their nodes in the middle
+        scene["mesh"]["order"] = max(scene["mesh"]["order"], draw.drawn["degree"])
     for body in scene["bodies"]:
         cells = {e.cell for e in case.mesh.bodies[body["region"]]}
         material = scene["materials"][body["material"]]
