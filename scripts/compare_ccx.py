@@ -1,44 +1,85 @@
 #!/usr/bin/env python3
 """Compare imported decks with CalculiX: displacements at the nodes, in the discrete L2 norm.
 
-    python scripts/compare_ccx.py DECK.inp ... [--ccx PATH] [--stiff X] [--work DIR] [--seconds N]
+    python scripts/compare_ccx.py DECK.inp|FOLDER ... [--stiff X] [--work DIR] [--seconds N] [--jobs N] [-o FILE]
 
-Every deck is imported and run, and run by `ccx`, which writes the displacements of its last increment into a .frd file.
-The table has for each deck what the import says, whether both runs end, and the difference over all nodes of the deck,
-|u - u_ccx| / |u_ccx|. `--stiff X` gives `ccx` springs of contact that are X times as stiff as in the deck: the program
-leaves no overlap.
+Of a folder all decks with a contact pair are taken. Decks with steps that are not static, or with elements that are no
+cells of a solid, are named with that reason. Every other is imported and run, and run by `ccx`, which writes the
+displacements of its last increment into a .frd file; where `ccx` does not end, DECK.frd.ref beside the deck stands in.
+The table has for each deck what is in it, what the import says, whether the program's run ends, and the difference over
+all nodes of the deck, |u - u_ccx| / |u_ccx|. `--stiff X` makes X times as stiff what `ccx` has of linear springs of
+contact, and of springs where friction sticks: the program leaves no overlap. Decks of which something was left
+out are run only with `--all`.
 """
 
 import argparse
 import re
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
 
 from pcontact.importer.deck import read_deck
-from pcontact.importer.elements import in_plane
+from pcontact.importer.elements import in_plane, kind_of
+from pcontact.importer.steps import PROCEDURES
 from pcontact.importer.write import LIST, SCENE, import_file
 from pcontact.io.result import load_result
 from pcontact.runtime.errors import InputError
 
 WIDTH = 12  # letters of a number in a .frd file
+HEAD = ["deck", "what is in it", "imported", "runs", "difference", "remark"]
+AGREE = 0.01  # largest difference that counts as agreement
+COMMAND = "scripts/compare_ccx.py"
+
+
+def decks_of(paths):
+    """The decks, and those of folders that have a contact pair; by name."""
+    found = []
+    for path in paths:
+        if not path.is_dir():
+            found.append(path)
+            continue
+        for deck in sorted(path.glob("*.inp")):
+            if re.search(r"(?im)^\*contact *pair", deck.read_text(encoding="utf-8", errors="replace")):
+                found.append(deck)
+    return found
+
+
+def contents(deck):
+    """What is in a deck, and why it is no static one of solids (empty: it is)."""
+    elements = sorted(deck.element_cards)
+    words = ["/".join(elements), f"{len(deck.nodes)} nodes", f"{len(deck.steps)} step{'s' * (len(deck.steps) != 1)}"]
+    words += ["friction"] if any(c.key == "FRICTION" for rows in deck.interactions.values() for c in rows) else []
+    words += ["plastic"] if any(c.key == "PLASTIC" for rows in deck.materials.values() for c in rows) else []
+    words += ["NLGEOM"] if any("NLGEOM" in step.card.parameters for step in deck.steps) else []
+    others = [word for word in elements if kind_of(word).dim == 0]
+    procedures = sorted({c.title.upper() for step in deck.steps for c in step.cards if c.key in PROCEDURES})
+    reason = f"not static: {', '.join(procedures)}" if procedures else ""
+    if others:
+        reason = "; ".join(filter(None, [reason, f"no solids: {', '.join(others)}"]))
+    return ", ".join(words), reason
 
 
 def for_ccx(deck, target, stiff):
-    """Copy a deck, with displacements in the .frd file and other springs of contact."""
+    """Copy a deck, with displacements in the .frd file and stiffer springs of contact."""
     plane = all(in_plane(deck.elements[e][0]) for e in deck.cells())
-    lines, slope = [], False
+    lines, stiffer = [], None
     for line in deck.path.read_text(encoding="utf-8", errors="replace").splitlines():
         word = "".join(line.split()).upper()
         if word.startswith("*ENDSTEP"):
             lines += [f"*NODE FILE{', OUTPUT=2D' if plane else ''}", "U"]
-        if slope and not word.startswith("*") and stiff != 1.0:
-            first, *rest = line.split(",")
-            line, slope = ",".join([repr(stiff * float(first)), *rest]), False
-        if word.startswith("*SURFACEBEHAVIOR"):
-            slope = "OVERCLOSURE=LINEAR" in word
+        if stiffer is not None and not word.startswith("*") and stiff != 1.0:
+            values = line.split(",")
+            if len(values) > stiffer and values[stiffer].strip():
+                values[stiffer] = repr(stiff * float(values[stiffer]))
+            line, stiffer = ",".join(values), None
+        elif word.startswith("*") and not word.startswith("**"):
+            # the stiffness is the first number of a linear law, the second of a law of friction
+            linear = word.startswith("*SURFACEBEHAVIOR") and "OVERCLOSURE=LINEAR" in word
+            sticks = word.startswith(("*FRICTION", "*CHANGEFRICTION"))
+            stiffer = 0 if linear else 1 if sticks else None
         lines.append(line)
     target.write_text("\n".join([*lines, ""]))
 
@@ -75,7 +116,8 @@ def run_ccx(deck, folder, options):
 
 def run_ours(deck, folder, options):
     """Displacements by the program, or why there are none."""
-    words = [sys.executable, "-m", "pcontact", "run", str(folder / SCENE), "-o", str(folder / "results")]
+    words = ["mpirun", "-n", str(options.ranks)] if options.ranks > 1 else []
+    words += [sys.executable, "-m", "pcontact", "run", str(folder / SCENE), "-o", str(folder / "results")]
     try:
         ended = subprocess.run(words, capture_output=True, text=True, timeout=options.seconds)
     except subprocess.TimeoutExpired:
@@ -91,43 +133,86 @@ def run_ours(deck, folder, options):
     return dict(zip(used, bodies.point_data["displacement"], strict=False))
 
 
+def remarks(folder):
+    """The first line that was left out, else what became of the elements; from the list of the import."""
+    text = (folder / LIST).read_text()
+    left = text.partition("\nleft out (")[2].partition("\nchanged (")[0].splitlines()[1:]
+    left = [line.strip() for line in left if line.startswith("  ")]
+    if left:
+        return left[0] + (f" (and {len(left) - 1} more)" if len(left) > 1 else "")
+    changed = text.partition("\nchanged (")[2].partition("\ntaken (")[0].splitlines()
+    found = [line.partition(": ")[2] for line in changed if "*ELEMENT" in line.upper()]
+    return found[0].strip() if found else ""
+
+
 def compare(path, options):
-    """One row of the table."""
+    """One row of the table, and the difference if there is one."""
     folder = options.work / path.stem
     try:
         deck = read_deck(path)
+        what, reason = contents(deck)
+        if reason and not options.all:
+            return [path.stem, what, "", "", "", reason], None
         status = import_file(path, folder)
     except InputError as error:
-        return [path.stem, "no", "", "", str(error)]
-    text = (folder / LIST).read_text()
-    part = text.partition("\nleft out (")[2].partition("\nchanged (")[0].splitlines()[1:2] if status else []
-    remark = part[0].strip() if part else ""
+        return [path.stem, "", "no", "", "", str(error).partition(": ")[2]], None
+    row, remark = [path.stem, what, "in part" if status else "yes"], remarks(folder)
     if status and not options.all:
-        return [path.stem, "in part", "", "", remark]
+        return [*row, "", "", remark], None
     own = run_ours(deck, folder, options)
     if isinstance(own, str):
-        return [path.stem, "in part" if status else "yes", "no", "", own]
+        return [*row, "no", "", own], None
     other = run_ccx(deck, folder, options)
     if isinstance(other, str):
-        return [path.stem, "in part" if status else "yes", "yes", "", other]
+        reference = path.with_suffix(".frd.ref")
+        read = read_frd(reference) if reference.exists() else {}
+        if not read.keys() >= own.keys():
+            return [*row, "yes", "", other], None
+        other, remark = read, "; ".join(filter(None, [f"against {reference.name}", remark]))
     nodes = sorted(own.keys() & other.keys())
     a, b = (np.array([of[n] for n in nodes]) for of in (own, other))
     difference = np.linalg.norm(a - b) / max(np.linalg.norm(b), 1e-300)
-    return [path.stem, "in part" if status else "yes", "yes", f"{100.0 * difference:.3g} %", remark]
+    return [*row, "yes", f"{100.0 * difference:.3g} %", remark], difference
+
+
+def table(rows, differences, options):
+    """The page with the table."""
+    static = [row for row in rows if row[2]]
+    counts = [len(rows), len(static)]
+    counts += [sum(row[2] == "yes" for row in static), sum(row[3] == "yes" for row in static), len(differences)]
+    counts.append(sum(difference <= AGREE for difference in differences))
+    words = (
+        "# Contact decks beside CalculiX: table\n\n"
+        f"Written by `python {COMMAND} FOLDER -o FILE{options.said}`; what is taken of a deck, and how to read it: "
+        "[import.md](../import.md).\n\n"
+        "Decks: {}; static and of solids: {}; imported whole: {}; run: {}; compared: {}; within 1 %: {}.\n"
+    ).format(*counts)
+    lines = [" | ".join(cell.replace("|", "/") for cell in row) for row in rows]
+    head = " | ".join(HEAD)
+    return "\n".join([words, f"| {head} |", "|---" * len(HEAD) + "|", *[f"| {line} |" for line in lines], ""])
 
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("decks", nargs="+", type=Path)
+    parser.add_argument("decks", nargs="+", type=Path, help="decks, or folders of decks")
     parser.add_argument("--ccx", default="ccx", help="the program, by its path")
     parser.add_argument("--stiff", type=float, default=1.0, help="factor of the springs of contact in ccx")
     parser.add_argument("--work", type=Path, default=Path("compare_ccx"), help="where the runs go")
     parser.add_argument("--seconds", type=float, default=300.0, help="longest run")
+    parser.add_argument("-n", "--ranks", type=int, default=1, help="ranks of the program")
+    parser.add_argument("--jobs", type=int, default=1, help="decks at a time")
+    parser.add_argument("-o", "--output", type=Path, help="file of the table; absent: printed only")
     parser.add_argument("--all", action="store_true", help="decks of which something is left out, too")
     options = parser.parse_args()
-    print("| deck | imports | runs | difference | |\n|---|---|---|---|---|")
-    for path in options.decks:
-        print("| " + " | ".join(compare(path, options)) + " |", flush=True)
+    options.said = f" --seconds {options.seconds:g}" + (f" --stiff {options.stiff:g}" if options.stiff != 1.0 else "")
+    rows, differences = [], []
+    with ThreadPoolExecutor(options.jobs) as pool:
+        for row, difference in pool.map(lambda path: compare(path, options), decks_of(options.decks)):
+            rows.append(row)
+            differences += [] if difference is None else [difference]
+            print(" | ".join(row), flush=True)
+            if options.output:
+                options.output.write_text(table(rows, differences, options))
 
 
 if __name__ == "__main__":

@@ -8,7 +8,7 @@ OUTPUT = ("", "HEADING", "NODEPRINT", "ELPRINT", "NODEFILE", "ELFILE", "CONTACTF
           "NODEOUTPUT", "ELEMENTOUTPUT", "CONTACTOUTPUT", "ENERGYPRINT", "ENERGYFILE", "TIMEPOINTS", "CONTROLS",
           "RESTART", "PREPRINT", "FILEFORMAT", "SECTIONPRINT", "MONITOR", "PRINT", "CONTACTCONTROLS", "ENDSTEP",
           "PHYSICALCONSTANTS")  # fmt: skip
-_PROCEDURES = ("DYNAMIC", "FREQUENCY", "HEATTRANSFER", "COUPLEDTEMPERATURE-DISPLACEMENT", "VISCO", "BUCKLE",
+PROCEDURES = ("DYNAMIC", "FREQUENCY", "HEATTRANSFER", "COUPLEDTEMPERATURE-DISPLACEMENT", "VISCO", "BUCKLE",
                "UNCOUPLEDTEMPERATURE-DISPLACEMENT", "STEADYSTATEDYNAMICS", "MODALDYNAMIC", "GREEN", "SENSITIVITY",
                "COMPLEXFREQUENCY", "ELECTROMAGNETICS", "NOANALYSIS", "CRACKPROPAGATION", "ROBUSTDESIGN")  # fmt: skip
 # load steps that a run, or a phase, is planned with at most
@@ -121,7 +121,7 @@ def _alone(run, deck, findings):
 
 def _static(step, findings):
     """Whether it is a static step; what is left out of it."""
-    other = next((card for card in step.cards if card.key in _PROCEDURES), None)
+    other = next((card for card in step.cards if card.key in PROCEDURES), None)
     if other is not None:
         findings.leave(other, "allowed: static steps")
         for card in step.cards:

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from pcontact.importer.deck import faces
+from pcontact.importer.elements import EDGES
 from pcontact.importer.history import Amplitude, History, factors
 
 _NAMED = {"XSYMM": (0,), "YSYMM": (1,), "ZSYMM": (2,), "ENCASTRE": (0, 1, 2), "PINNED": (0, 1, 2)}
@@ -335,8 +336,22 @@ class Supports:
                 one["phases"] = [phases[k] for k in steps]
             if table is not None:
                 one["amplitude"] = [list(row) for row in table]
-            tables.append((one, min(cards, key=lambda card: card.place)))
+            card = min(cards, key=lambda card: card.place)
+            tables.append((one, card))
+            held = self._raised_faces(set(nodes))
+            if held:
+                tables.append(({**one, "region": groups.add("facets", f"{name}_faces", held)}, card))
+                words = f"{name}: faces of elements of degree 1, all of whose nodes it holds, as a whole"
+                self.findings.change(card, words)
         return tables
+
+    def _raised_faces(self, nodes):
+        """Free faces with all nodes among these, of elements that the deck has with degree 1 and the scene with 2."""
+        kinds = {self.deck.elements[element][0] for element in self.deck.cells()}
+        if not kinds & EDGES.keys() or kinds <= EDGES.keys():
+            return []
+        free = [(e, face) for e, face in self.deck.free_faces() if self.deck.elements[e][0] not in EDGES]
+        return [one for one in free if nodes.issuperset(self.deck.corners(*one))]
 
     def _name(self, nodes, word):
         """Name of the set of just these nodes, or of none."""

@@ -107,6 +107,33 @@ EALL, P2, -100.
     assert step["probes"]["top"]["mean"][2] == pytest.approx(100.0 * 2.0 / 200000.0, rel=1e-9)
 
 
+def test_a_held_element_of_degree_1_beside_one_of_degree_2_stays_rigid(tmp_path):
+    """The lower block is held at its eight vertices, the upper one, of degree 2, is pressed onto it: u = -p L / E."""
+    boxes = ((0, 0, 0), (1, 1, 1)), ((0, 0, 1), (1, 1, 1))
+    low, high = bricks(*boxes), bricks(*boxes, quadratic=True)
+    nodes = [line for line in high.partition("*ELEMENT")[0].splitlines() if line.startswith(("10", "11", "12"))]
+    upper = high[high.index("\n2, 101") :]
+    lines = ["*NODE", *nodes, low.replace("\n2, 101", "\n*ELEMENT, TYPE=C3D8, ELSET=unused\n2, 101").partition(
+        "\n*ELEMENT, TYPE=C3D8, ELSET=unused")[0], "*ELEMENT, TYPE=C3D20, ELSET=EALL" + upper]  # fmt: skip
+    steps = """
+*NSET, NSET=block, GENERATE
+1, 8
+*SURFACE, NAME=lower
+1, S2
+*SURFACE, NAME=upper
+2, S1
+*BOUNDARY
+block, 1, 3
+101, 1, 2
+102, 2
+"""
+    press = "*STEP\n*STATIC\n*DLOAD\n2, P2, 100.\n*END STEP\n"
+    status, words, scene = imported(tmp_path, "\n".join(lines) + STEEL + steps + PAIR.lstrip("\n") + press)
+    assert status == 0 and "as a whole" in words and scene.mesh.order == 2
+    probes = solved(scene, ["lower", "upper"])[-1]["probes"]
+    assert np.abs(probes["lower"]["mean"]).max() < 1e-15 and abs(probes["upper"]["mean"][2]) < 2e-5
+
+
 def test_two_blocks_pressed_by_nodal_forces_in_two_steps(tmp_path):
     """Forces of a step are ramps from those of the step before; contact passes them on."""
     status, words, scene = imported(
