@@ -53,6 +53,11 @@ PIECES = {
     "finite strain": (
         ("material.finite", "material.log_strain", "assembly.finite", "assembly.finite_kernels", "assembly.mixed"), (),
     ),
+    "contact that moves": (
+        ("contact.finite_pair", "contact.formulation.finite", "contact.formulation.finite_geometry",
+         "contact.formulation.finite_kernels", "contact.traction.finite"),
+        (),
+    ),
     "pressure that follows": (("assembly.follower", "assembly.follower_kernels"), ()),
     "viscous stabilisation": (("assembly.viscous",), ()),
     "springs": (("assembly.springs",), ()),
@@ -155,6 +160,10 @@ def with_piece(path, piece):
     if piece == "mean dilatation":
         result = scene(path)
         result.mesh.mean_dilatation = True
+        return result
+    if piece == "contact that moves":
+        result = scene(path)
+        result.mesh.strain = "finite"
         return result
     if piece == "finite strain":
         result = scene(path)
