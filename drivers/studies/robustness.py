@@ -23,14 +23,12 @@ from pcontact.runtime.petsc import MPI
 # what may be left out, and the options that do so
 HEURISTICS = {
     "prediction": {"newton_without": "prediction"},
-    "stick_first": {"newton_without": "stick_first"},
     "waiting": {"newton_without": "waiting"},
     "opening": {"newton_without": "opening"},
     "half_step": {"newton_without": "half_step"},
     "line_search": {"newton_without": "line_search"},
     "step_limit": {"newton_without": "step_limit"},
     "stabilisation": {"newton_without": "stabilisation"},
-    "cycles": {"newton_without": "cycles"},
     "direct": {"pc_rescue": "false"},
     "reuse": {"pc_patience": "-1"},
 }

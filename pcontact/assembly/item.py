@@ -33,7 +33,7 @@ class StatusRule:
         return replace(self, waiting=waiting, stick=self.stick or stick)
 
 
-LAW, STICK, FROZEN = StatusRule(), StatusRule(stick=True), StatusRule(stick=True, frozen=True)
+LAW, FROZEN = StatusRule(), StatusRule(stick=True, frozen=True)
 
 
 class Item:
@@ -49,7 +49,7 @@ class Item:
     version : int
         Grows when the pattern changes.
     can_slip : bool
-        Whether points may slip, so that :data:`STICK` makes a difference.
+        Whether points that are closed may slip.
     rigid : bool
         Whether the forces of the item come from outside the bodies: contact with an obstacle.
     floats : bool

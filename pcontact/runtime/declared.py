@@ -173,9 +173,10 @@ SECTIONS = {
 }
 # of Newton's method, each of which may be left out
 HEURISTICS = (
-    "prediction", "stick_first", "waiting", "opening", "half_step", "line_search", "step_limit", "stabilisation",
-    "cycles",
+    "prediction", "waiting", "opening", "half_step", "line_search", "step_limit", "stabilisation",
 )  # fmt: skip
+# those of earlier versions: left out anyway, and a warning says so
+FORMER_HEURISTICS = ("stick_first", "cycles")
 OPTIONS = listed(
     Option(
         "contact_search_every", choice("step", "newton"),
@@ -208,7 +209,7 @@ OPTIONS = listed(
         False, section="contact",
     ),
     Option(
-        "newton_without", sequence("a list of " + choice(*HEURISTICS).allowed, choice(*HEURISTICS)),
+        "newton_without", sequence("a list of " + choice(*HEURISTICS).allowed, choice(*HEURISTICS, *FORMER_HEURISTICS)),
         "heuristics of Newton's method to leave out", otherwise="none", section="solver",
         more="see [robustness.md](robustness.md)",
     ),

@@ -1,4 +1,4 @@
-"""When Newton's method has converged, and when it gets nowhere."""
+"""When Newton's method has converged."""
 
 import numpy as np
 
@@ -18,25 +18,6 @@ MOVED = 1e-9
 # [-] A residual of this part of the forces at work is small enough, unless the tolerance is looser.
 # From: chosen, a hundred times the default of snes_rtol.
 SMALL = 1e-6
-# [iterations] In so many the residual has to fall to half of what it was in as many before, else Newton goes in
-# circles; a multiple of two and three, since short circles come back to where they were. Row: cycles.
-CYCLE = 6
-# [-] Difference of norms, in parts of one, that count as the same. Row: cycles.
-SAME = 1e-3
-
-
-def cycles(norms):
-    """Whether iterations go in circles: points change their status in turn, and the norm stays where it is."""
-    if len(norms) < 2 * CYCLE:
-        return False
-    return bool(min(norms[-CYCLE:]) > 0.5 * min(norms[-2 * CYCLE : -CYCLE]))
-
-
-def repeats(norms):
-    """Whether iterations have gone through the same few states twice: the norms come back, one by one."""
-    last, before = norms[-CYCLE:], norms[-2 * CYCLE : -CYCLE]
-    return len(before) == CYCLE and all(abs(a - b) <= SAME * b for a, b in zip(last, before, strict=True))
-
 
 class ConvergenceTest:
     """Compares the residual with the first one, the forces at work and its rounding errors; the step says nothing.
@@ -50,8 +31,6 @@ class ConvergenceTest:
         Of loose bodies, if there are some: they are to be at rest, too.
     residual : PETSc.Vec
         At the present iterate, whenever this is called.
-    stagnates : bool
-        Whether iterates that repeat end a run.
 
     Attributes
     ----------
@@ -63,8 +42,8 @@ class ConvergenceTest:
         The norm of the true residual at an iterate for which SNES gets a predicted one; else nan.
     """
 
-    def __init__(self, problem, balance, residual, stagnates):
-        self._problem, self._balance, self._residual, self._stagnates = problem, balance, residual, stagnates
+    def __init__(self, problem, balance, residual):
+        self._problem, self._balance, self._residual = problem, balance, residual
         self._floor, self._least, self._first, self._start = 0.0, 0.0, None, None
         self.predicted_from = np.nan
         self.begin()
@@ -74,19 +53,9 @@ class ConvergenceTest:
         self._least = ROUNDINGS * self._problem.roundoff(u)
         self._first, self._start, self.predicted_from = None, u, np.nan
 
-    def begin(self, goal=None, near=False, circles=False):
-        """A run begins.
-
-        Parameters
-        ----------
-        goal : float, optional
-            Part of the first residual of the load step that will do; absent: what the options say.
-        near : bool
-            Whether it may end where it begins.
-        circles : bool
-            Whether it ends where the norm of the residual stays where it is.
-        """
-        self._goal, self._near, self._circles = goal, near, circles
+    def begin(self, near=False):
+        """A run begins; with `near`, it may end where it begins."""
+        self._near = near
         self.norms, self.krylov = [], [0]
 
     @property
@@ -113,11 +82,8 @@ class ConvergenceTest:
         if iteration > 0 and norm > 0.5 * self.norms[-2]:
             self._floor = ROUNDINGS * self._problem.roundoff(u)
         reason = self._ends(u, iteration, norm, snes.getTolerances())
-        if reason != reasons.ITERATING:
-            rests = self._goal or self._balance is None or self._balance.rests(u, self._residual)
-            return reason if rests else reasons.ITERATING
-        circles = (self._circles and cycles(self.norms)) or repeats(self.norms)
-        return reasons.DIVERGED_LOCAL_MIN if circles and self._stagnates else reasons.ITERATING
+        rests = reason == reasons.ITERATING or self._balance is None or self._balance.rests(u, self._residual)
+        return reason if rests else reasons.ITERATING
 
     def _ends(self, u, iteration, norm, tolerances):
         """Why an iteration ends with this norm of the residual, or that it does not. *Collective.*"""
@@ -125,8 +91,8 @@ class ConvergenceTest:
         rtol, atol = tolerances[:2]
         if norm <= atol or (norm <= max(self._floor, self._least) and self._balanced(u, norm)):
             return reasons.CONVERGED_FNORM_ABS
-        if (iteration > 0 or self._near) and norm <= (self._goal or rtol) * self._first:
-            if self._goal or self._small(u, norm, max(rtol, SMALL)):
+        if (iteration > 0 or self._near) and norm <= rtol * self._first:
+            if self._small(u, norm, max(rtol, SMALL)):
                 return reasons.CONVERGED_FNORM_RELATIVE
             stuck = iteration > 0 and norm <= NEARLY * self._floor and norm > 0.5 * self.norms[-2]
             if stuck and self._balanced(u, norm):

@@ -31,19 +31,11 @@ class Globalisation:
         self._searches = searches and not problem.linear and "line_search" not in without
         self._approach = 1.0 if "half_step" in without else APPROACH
         self._trial, self._full, self._partly, self._before = (problem.space.vector() for _ in range(4))
-        self.begin(None, False)
+        self.begin(False)
 
-    def begin(self, rules, beginning):
-        """A run of Newton's method begins.
-
-        Parameters
-        ----------
-        rules : tuple of pcontact.assembly.item.StatusRule or None
-            By which points are open, stick or slip in it; None: by their laws.
-        beginning : bool
-            Whether it begins where the last load step has ended.
-        """
-        self._rules, self._begins = rules, beginning
+    def begin(self, beginning):
+        """A run of Newton's method begins; `beginning`: where the last load step has ended."""
+        self._begins = beginning
         # rules of an iteration in which points wait
         self._waiting = None
         # those of the next iteration where the contact recedes, once in a run, and the area closed before it did
@@ -57,8 +49,9 @@ class Globalisation:
 
     @property
     def rules(self):
-        """By which the next tangent is made, see :meth:`begin`."""
-        return self._waiting or self._rules
+        """By which points are open, stick or slip in the next tangent: a tuple of
+        `pcontact.assembly.item.StatusRule`, or None where all go by their laws."""
+        return self._waiting
 
     def forget(self):
         """Partners have been looked for again: what is known of the last step says nothing any more."""
@@ -72,7 +65,7 @@ class Globalisation:
             self._waiting = self._receding
             self._problem.residual(x, f, self._waiting)
         if full and "waiting" not in self._without:
-            self._waiting = self._problem.defer(self._before, x, self._rules)
+            self._waiting = self._problem.defer(self._before, x)
             if self._waiting is not None:
                 self._problem.residual(x, f, self._waiting)
 
@@ -99,7 +92,7 @@ class Globalisation:
         if not full or self._has_receded or "opening" in self._without:
             return False
         self._go(x, y, 1.0)
-        self._receding = self._problem.recede(self._trial, self._rules, self._area if going else None)
+        self._receding = self._problem.recede(self._trial, self._area if going else None)
         if not going:
             if self._receding is None:
                 return False
@@ -126,7 +119,7 @@ class Globalisation:
 
         def at(part, out):
             self._go(x, y, part)
-            self._problem.residual(self._trial, out, self._rules)
+            self._problem.residual(self._trial, out)
             return out.dot(y)
 
         def component(part):

@@ -2,11 +2,11 @@
 
 import time as clock
 from contextlib import contextmanager
-from dataclasses import replace
 
 import numpy as np
 
 from pcontact.runtime import log
+from pcontact.runtime.declared import FORMER_HEURISTICS
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.petsc import (
     PETSc,
@@ -24,12 +24,6 @@ from pcontact.solve.preconditioners.contact import contact_preconditioner, new_p
 from pcontact.solve.preconditioners.deflation import Deflation, deflation
 from pcontact.solve.preconditioners.direct import PIVOTS, DirectFallback
 from pcontact.solve.result import NewtonResult, combined
-from pcontact.solve.stability import UNSTABLE, unstable
-
-# [-] Part of the first residual to which a load step is solved as if nothing could slip. Row: stick_first.
-HELD_GOAL = 0.1
-# [-] The same where bodies may yield: the first residual is the elastic one, and larger. Row: stick_first.
-HELD_GOAL_PLASTIC = 0.02
 
 
 def _hear(ksp, iteration, norm):
@@ -63,8 +57,6 @@ class Newton:
         Defaults that were entered into the options database, and those that the user's options kept out.
     norms : list of float
         Of the residual [force] at all iterations of the last load step; each new attempt begins with its first one.
-    divisible : bool
-        Whether the load step may be made shorter where a solution is in doubt; whoever makes load steps says so.
     """
 
     def __init__(self, problem, options, symmetric, near_null_space, timing, motions=None, modes_at=None):
@@ -73,7 +65,8 @@ class Newton:
         self._options = options
         plastic = problem.yields
         self._without = frozenset(options.get("newton_without") or ())
-        self._holds = any(item.can_slip for item in problem.others)
+        for name in sorted(self._without & set(FORMER_HEURISTICS)):
+            log.warning("-newton_without %s: there is no such rule any more", name)
         chosen = not options.given("snes_linesearch_type")
         lags = options.given("snes_lag_preconditioner")
         direct = options.get("pc_type", "gamg") in ("lu", "cholesky")
@@ -88,7 +81,7 @@ class Newton:
         self.snes = PETSc.SNES().create(comm=problem.space.comm)
         self._f = problem.space.vector()
         self._globalisation = Globalisation(problem, self._balance, self._without, chosen)
-        self._converges = ConvergenceTest(problem, self._balance, self._f, "cycles" not in self._without)
+        self._converges = ConvergenceTest(problem, self._balance, self._f)
         self.snes.setFunction(self._residual, self._f)
         self.snes.setJacobian(self._tangent, problem.matrix.matrix)
         self.snes.setConvergenceTest(self._converges)
@@ -103,13 +96,9 @@ class Newton:
         self._filter = deflation(problem, options) or contact_preconditioner(problem, options)
         self.solver = self._solver(symmetric, len(near_null_space.getVecs()))
         problem.stabilised = "stabilisation" not in self._without
-        # whether a run begins with a prediction, and whether it ends where the residual's norm stays where it is
-        self._predicting, self._circles = False, False
-        # what looks for partners at iterates, while there is such a thing; the status rules of the present
-        # run, and whether it is to be a rough solution only
-        self._search, self._rules, self._rough = None, None, False
+        # whether a run begins with a prediction; what looks for partners at iterates, while there is such a thing
+        self._predicting, self._search = False, None
         self.norms = []
-        self.divisible = False
 
     def _take_options(self):
         """Set up SNES as the options say. *Collective.*"""
@@ -141,19 +130,18 @@ class Newton:
         with self._timed():
             predicts_alone = self._predicting and self.problem.goes_on
             if not (predicts_alone or self._globalisation.recall(x, f)):
-                self.problem.residual(x, f, self._rules)
+                self.problem.residual(x, f)
             if self._predicting:
                 # where bodies go on as they did, the prediction is as good as the residual
                 self._converges.predicted_from = np.nan if predicts_alone else f.norm()
-                self.problem.predicted(x, f, self._rules)
+                self.problem.predicted(x, f)
 
     def _update(self, snes, iteration):
         """Before an iteration: where partners have been looked for again, the residual is that among the new ones."""
         x = snes.getSolution()
-        # a rough solution under another law than the scene's is no place to look from
-        if iteration > 0 and self._search is not None and not self._rough and self._search(x, self._converges.part):
+        if iteration > 0 and self._search is not None and self._search(x, self._converges.part):
             self._globalisation.forget()
-            self.problem.residual(x, self._f, self._rules)
+            self.problem.residual(x, self._f)
         with self._timed():
             self._globalisation.prepare(x, self._f)
 
@@ -214,54 +202,16 @@ class Newton:
         before, self._search, self.norms = u.copy(), follow, []
         self._converges.begin_step(before)
         try:
-            result = self._solve(u, before)
+            result = self._run(u, True)
             if self._fallback.takes_over(result):
                 self._turn_direct()
                 before.copy(u)
-                result = combined(result, self._solve(u, before))
+                result = combined(result, self._run(u, True))
             return result
         finally:
             self._search = None
             if self._filter is not None:
                 self._filter.detach(self.snes.getKSP())
-
-    def _solve(self, u, before):
-        """Solve by the law and, where that does not converge and there is friction, from where closed points stick.
-        *Collective.*
-
-        Where the law has not converged, the load step may be so large that it has several solutions: one that is not
-        stable is taken only where the load step is not to be shorter.
-        """
-        self._circles = self._holds or self.problem.yields
-        result = self._run(u, True)
-        if result.converged or not self._holds or "stick_first" in self._without:
-            return result
-        before.copy(u)
-        result = combined(result, self._stick_first(u))
-        if not (result.converged and unstable(self.problem, u)):
-            return result
-        if self.divisible:
-            log.info("time %g: a solution that is not stable is not taken", self.problem.time)
-            return replace(result, converged=False, reason=UNSTABLE)
-        log.warning(
-            "time %g: this solution is not stable, and the load step has others, to which shorter ones have not led",
-            self.problem.time,
-        )  # fmt: skip
-        return result
-
-    def _stick_first(self, u):
-        """Solve roughly as if no closed point could slip, then by the law. *Collective.*
-
-        Newton's method can alternate between two directions in which points may slip; from a state in which they stick
-        each goes in that in which its traction exceeds the bound.
-        """
-        goal = HELD_GOAL_PLASTIC if self.problem.yields else HELD_GOAL
-        held = self._run(u, True, self.problem.sticking(), goal)
-        if not held.converged:
-            # the law alone did no better
-            return held
-        self._circles = False
-        return combined(held, self._run(u, False))
 
     @property
     def carried(self):
@@ -301,17 +251,14 @@ class Newton:
         """Seconds of what SNES calls back, and that are not those of the linear solves."""
         return self.timing["assembly"] + self.timing["search"]
 
-    def _run(self, u, beginning, rules=None, goal=None, near=False):
-        """One SNES solve, from the beginning of the load step or from elsewhere. *Collective.*
-
-        rules, goal, near: see :meth:`pcontact.solve.globalisation.Globalisation.begin` and
-        :meth:`pcontact.solve.convergence.ConvergenceTest.begin`.
+    def _run(self, u, beginning, near=False):
+        """One SNES solve, from the beginning of the load step or from elsewhere; with `near`, it may end where it
+        begins. *Collective.*
         """
         start, before = clock.perf_counter(), self._called_back
         self._predicting = beginning and self.problem.predicts and "prediction" not in self._without
-        self._rules, self._rough = rules, goal is not None
-        self._globalisation.begin(rules, beginning)
-        self._converges.begin(goal, near, self._circles)
+        self._globalisation.begin(beginning)
+        self._converges.begin(near)
         if beginning and self._balance is not None:
             self._balance.begin(u)
         try:
@@ -326,7 +273,7 @@ class Newton:
         reason, norms = self.snes.getConvergedReason(), self._converges.norms
         if len(norms) < 2:
             # a linear solve alone (ksponly) asks for no norm
-            self.problem.residual(u, self._f, rules)
+            self.problem.residual(u, self._f)
             norms = [*norms, self._f.norm()]
         self.norms += norms
         return NewtonResult(

@@ -3,7 +3,7 @@
 import numpy as np
 
 from pcontact.assembly.constrained import ConstrainedMatrix
-from pcontact.assembly.item import FROZEN, LAW, STICK
+from pcontact.assembly.item import FROZEN, LAW
 from pcontact.assembly.matrix import GlobalMatrix
 from pcontact.assembly.pattern import JoinedPattern
 from pcontact.contact.receding import MANY, MIXED, WIDE
@@ -234,7 +234,7 @@ class Problem:
             group.lead(out)
         f.setArray(out.ravel())
 
-    def predicted(self, u, f, rules=None):
+    def predicted(self, u, f):
         """Residual vector at the beginning of a load step, for bodies that do not yield on the way, and points that
         stay open or closed. *Collective.*
 
@@ -246,12 +246,13 @@ class Problem:
         out = -self.external(self.time)
         with profile.phase("bulk_assembly"):
             self.bulk.predict(u, self._committed, out)
-        self._add_others(u, out, self._rules_of_prediction(rules))
+        self._add_others(u, out, self._predicted_rules)
         self._set(out, f)
 
-    def _rules_of_prediction(self, rules):
+    @property
+    def _predicted_rules(self):
         """Bodies that go on as they did bring their points along; else see :meth:`predicted`. *Collective.*"""
-        return (rules or self.by_law) if self.goes_on else self.frozen(rules)
+        return self.by_law if self.goes_on else self.frozen()
 
     # -- rules for the status of points -----------------------------------------------------------------------------
 
@@ -260,38 +261,31 @@ class Problem:
         """All points go by their laws."""
         return (LAW,) * len(self.others)
 
-    def frozen(self, rules=None):
+    def frozen(self):
         """Items with points closed at the end of the last load step keep them so, and the others open. *Collective.*
 
-        Items without closed points go by ``rules``, unless supports that move have closed some of them.
+        Items without closed points go by their laws, unless supports that move have closed some of them.
         """
         names = [item.name for item in self.others]
         counts = np.array([item.closed_count() for item in self.others], dtype=np.int64)
         counts = self.space.comm.allreduce(counts, op=MPI.SUM)
         kept = self._changed | {name for name, count in zip(names, counts, strict=True) if count}
-        return tuple(
-            FROZEN if name in kept else rule for name, rule in zip(names, rules or self.by_law, strict=True)
-        )  # fmt: skip
+        return tuple(FROZEN if name in kept else LAW for name in names)
 
-    def sticking(self):
-        """Closed points stick, whatever the laws of friction say."""
-        return tuple(STICK if item.can_slip else LAW for item in self.others)
-
-    def defer(self, before, u, rules=None):
+    def defer(self, before, u):
         """Rules with points that stay open for an iteration, of those that a Newton step from ``before`` to ``u`` has
         closed; None without any. *Collective.* See :meth:`pcontact.contact.pair.ContactPair.defer`: it is about elastic
         bodies.
         """
-        rules = rules or self.by_law
-        if self.yields or any(rule.frozen for rule in rules):
+        if self.yields:
             return None
         # all items are to be asked
-        found = [item.defer(before, u, rule) for item, rule in zip(self.others, rules, strict=True)]
+        found = [item.defer(before, u, LAW) for item in self.others]
         if all(rule is None for rule in found):
             return None
-        return tuple(old if new is None else new for old, new in zip(rules, found, strict=True))
+        return tuple(LAW if rule is None else rule for rule in found)
 
-    def recede(self, u, rules=None, since=None):
+    def recede(self, u, since=None):
         """Rules under which points that are open in the last tangent, or at the end ``u`` of a full Newton step, stay
         so; None where the step ends otherwise. *Collective.*
 
@@ -305,14 +299,11 @@ class Problem:
         Parameters
         ----------
         u : PETSc.Vec
-        rules : tuple of StatusRule, optional
         since : float, optional
             Closed area before the first step that such rules followed, if this one has begun under them
             [length^(d - 1)].
         """
-        rules = rules or self.by_law
-        slips = any(item.can_slip for item in self.others)
-        if self.yields or slips or any(rule.frozen for rule in rules):
+        if self.yields or any(item.can_slip for item in self.others):
             return None
         own = sum((item.turned(u) for item in self.others), np.zeros(4))
         closed, opens, closes, count = self.space.comm.allreduce(own, op=MPI.SUM)
@@ -322,14 +313,14 @@ class Problem:
             goes = count > 0 and closes <= MOSTLY * (since - self.closed_area())
         if not goes:
             return None
-        found = tuple(item.recede(u, rule) for item, rule in zip(self.others, rules, strict=True))
+        found = tuple(item.recede(u, LAW) for item in self.others)
         return None if any(rule is None for rule in found) else found
 
     # -- tangent ----------------------------------------------------------------------------------------------------
 
     def tangent(self, u, rules=None, predicted=False):
         """Write the generalised Jacobian at ``u``, or that of :meth:`predicted`, into the matrix. *Collective.*"""
-        rules = self._rules_of_prediction(rules) if predicted else (rules or self.by_law)
+        rules = self._predicted_rules if predicted else (rules or self.by_law)
         with profile.phase("contact_assembly"):
             values = [item.tangent(u, rule) for item, rule in zip(self.others, rules, strict=True)]
         with profile.phase("bulk_assembly"):

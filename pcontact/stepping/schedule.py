@@ -41,8 +41,6 @@ class Schedule:
 
     # [iterations] Of Newton's method up to which a load step may grow again. From: chosen.
     EASY = 8
-    # [-] Part of the planned load step to which it is cut for the sake of a better solution. Row: stick_first.
-    DOUBTED = 0.1
     # [iterations] Of a load step of the right length; another one changes its length with their square root.
     # From: Crisfield for the root; the number as EASY.
     WANTED = 8
@@ -105,10 +103,6 @@ class Schedule:
         step = factor * taken
         # a load step that a stop has cut short says little of longer ones unless it was hard
         self._step = max(step, self.smallest) if factor < 1.0 else min(max(step, self._step), self._largest)
-
-    def divisible(self, target):
-        """Whether the step to ``target`` may be made smaller because its solution is in doubt."""
-        return 0.5 * (target - self.time) >= max(self.smallest, self.DOUBTED * self._planned)
 
     def cut(self, target):
         """The step to ``target`` failed.

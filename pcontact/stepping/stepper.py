@@ -189,7 +189,7 @@ class Stepper:
 
     def _attempt(self, target, before):
         start, (renew, settle, rest) = clock.perf_counter(), self._stages
-        self.problem.time, self.newton.divisible = target, self.schedule.divisible(target)
+        self.problem.time = target
         with profile.phase("search"):
             motion, ahead = self.problem.imposed(self.u, target), self._ahead(target)
             for item in self.problem.items:

@@ -24,7 +24,6 @@ from pcontact.runtime.petsc import MPI
 from pcontact.scene import describe, read_scene, validate
 from pcontact.scene.model import Body, Displacement, Material, MeshSpec, Output, Scene
 from pcontact.simulation import Simulation
-from pcontact.solve.convergence import cycles, repeats
 from pcontact.space.space import Space
 from tests.support.bad_input import INNER
 from tests.support.small import DIMENSION, block_file, keys
@@ -377,24 +376,3 @@ def test_a_body_that_is_only_moved(shared_tmp, cell, degree):
     assert [record["newton"] for record in records] in ([1], [2])
     assert records[0]["plastic"]["max_equivalent_strain"] == 0.0
     np.testing.assert_allclose(moved, np.tile(way, (len(moved), 1)), atol=1e-6)
-
-
-def test_a_cycle_is_told_from_progress():
-    for norms, cycle in [
-        ([1.85, 1.87, 1.86] * 4, True),
-        ([1.0, 2.0, 4.0] * 4, True),
-        ([1.85, 1.87, 1.86] * 3, False),  # too short to tell
-        ([100.0, *[1.85, 1.87, 1.86] * 4], True),
-        (0.85 ** np.arange(12), False),
-        (1.1 ** np.arange(12), True),
-    ]:
-        assert cycles(list(norms)) is bool(cycle)
-
-
-@pytest.mark.parametrize("period", [1, 2, 3])
-def test_repeated_norms(period):
-    """Two rounds through the same states are a circle; a norm that still falls, however slowly, is not."""
-    states = np.array([5.0, 3.0, 2.0])[np.arange(12) % period]
-    assert repeats([9.0, *states])
-    assert not repeats(list(states[:11]))
-    assert not repeats(list(states * 0.99 ** np.arange(12)))

