@@ -35,6 +35,7 @@ from pcontact.scene.amplitude import drive
 from pcontact.scene.phases import phase_at, scene_of, spans
 from pcontact.solve.newton import Newton
 from pcontact.space.modes import near_null_space
+from pcontact.stepping.energy import EnergyBalance
 from pcontact.stepping.loose import LooseBodies
 from pcontact.stepping.partner_update import partner_update
 from pcontact.stepping.record import Recorder
@@ -170,6 +171,8 @@ class Simulation:
         self.part = scene_of(self.scene, self.number) if self.spans else self.scene
         span = self.spans[self.number] if self.number > 0 else None
         self.problem, colours, motions = build.assemble(self.part, self.mesh, span)
+        if self.scene.output.energy:
+            self.problem.energy = EnergyBalance(self.problem)
         self.floating = {k: len(rows) for k, rows in motions.items()}
         self.costs, self.counters = CostReport(self.profile, self.problem), Counters(self.problem, self.calls)
         # slip of Coulomb's law makes the tangent unsymmetric for every theta; that of Tresca's does not. Where a source
@@ -286,6 +289,8 @@ class Simulation:
         if self.problem.viscous is not None:
             viscous = self.problem.viscous
             self._carriers |= {"viscous_work": viscous.taken, "stress_work": viscous.stressed}
+        if self.problem.energy is not None:
+            self._carriers |= self.problem.energy.carried
         if lasting.fields:
             self.snapshot = Snapshot(self.problem, self.timing, output.smooth, estimate)
         checkpoint = None

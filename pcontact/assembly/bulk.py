@@ -10,6 +10,7 @@ from pcontact.assembly.pattern import OwnedRows
 from pcontact.element.dilatation import linear, squares
 from pcontact.material.elastic import mean_stress
 from pcontact.runtime.jit import njit
+from pcontact.runtime.petsc import MPI
 
 
 @njit
@@ -152,6 +153,13 @@ class ElasticBulk(Bulk):
     def tangent(self, u, rule=LAW):
         """Values (nnz, d, d) on :meth:`pattern`."""
         return self.values
+
+    def energies(self, u):
+        """See :meth:`pcontact.assembly.item.Bulk.energies`: half of u K u. *Collective.*"""
+        forces = np.zeros((self.space.n_owned, self.space.dim))
+        ElasticBulk.residual(self, u, forces)
+        own = 0.5 * float(np.sum(forces * u.getArray(readonly=True).reshape(forces.shape)))
+        return self.space.comm.allreduce(own, op=MPI.SUM), 0.0
 
     def distortions(self, u, held):
         """See :func:`pcontact.assembly.distortion.distortions`. *Collective.*"""

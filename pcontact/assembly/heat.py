@@ -248,6 +248,10 @@ class _Heated:
         super().add_magnitude(u, out)
         out += np.abs(self.heat.forces)
 
+    def energies(self, u):
+        """Not known: what a temperature does is no work of forces."""
+        return None
+
     def stress(self, u):
         """Mean stress and volume of every cell, see :meth:`ElasticBulk.stress`. *Collective.*"""
         result = super().stress(u)

@@ -326,6 +326,11 @@ class Bulk(Item):
         """Largest equivalent plastic strain, and volume that has yielded [length^d]. *Collective.*"""
         return 0.0, 0.0
 
+    def energies(self, u):
+        """What bodies store, and what plastic flow has dissipated, at a committed displacement [force * length]; None
+        where that is not known. *Collective.*"""
+        return None
+
     def distortions(self, u, held):
         """How far bodies with small strain are from what it represents, see
         :func:`pcontact.assembly.distortion.distortions`; of those with finite strain nothing. *Collective.*"""

@@ -8,7 +8,8 @@ from pcontact.assembly.graph import BlockRows, node_graph
 from pcontact.assembly.item import LAW
 from pcontact.assembly.pattern import OwnedRows, positions
 from pcontact.assembly.plastic_kernels import CellPoints, PlasticState, add_forces, add_tangent, commit, excess_at
-from pcontact.material.mandel import HALF
+from pcontact.material.hardening import yield_work
+from pcontact.material.mandel import HALF, moduli_of
 from pcontact.material.plastic import VonMises
 from pcontact.runtime.parallel import take_rows
 from pcontact.runtime.petsc import MPI
@@ -175,6 +176,31 @@ class PlasticBulk(ElasticBulk):
             mean[:, 3:] *= HALF
             result[number][0][rows, :m] += mean
         return result
+
+    def energies(self, u):
+        """See :meth:`pcontact.assembly.item.Bulk.energies`. *Collective.*
+
+        Stored are 1/2 eps_e C eps_e and what Prager's back stress stores, 1/2 (2/3 Hk) eps_p eps_p; dissipated is the
+        integral of the yield stress over the equivalent plastic strain. With the excess s = -C eps_p of the stress over
+        C eps the first is 1/2 eps C eps + eps s - 1/2 eps_p s.
+        """
+        elastic, _ = super().energies(u)
+        nodal = self.space.local.gather(u)
+        forces = self._forces(u, False)
+        own = np.array([np.sum(forces * u.getArray(readonly=True).reshape(forces.shape)), 0.0])
+        for _, _, points, jxw, state in self._chunks():
+            m = state.strain.shape[2]
+            excess = np.zeros(state.strain.shape)
+            excess_at(points, state, nodal, False, excess, np.zeros((0, 0, m, m)))
+            across = state.strain.copy()
+            if state.material.plane_stress:
+                # plastic flow keeps the volume
+                across[:, :, 2] = -across[:, :, 0] - across[:, :, 1]
+            back = moduli_of(state.material.constants, False)[2]
+            stored = back * np.sum(across**2, axis=2) - np.sum(state.strain * excess, axis=2)
+            own += [0.5 * np.sum(jxw * stored), np.sum(jxw * yield_work(state.material.curve, state.p))]
+        added, dissipated = self.space.comm.allreduce(own, op=MPI.SUM)
+        return elastic + float(added), float(dissipated)
 
     def plastic_strain(self):
         """Mean equivalent plastic strain of every cell.

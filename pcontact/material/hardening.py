@@ -124,3 +124,24 @@ def flow_length(curve, p, square_a, square_b, stiff_a, stiff_b):
         if not root - 1.0 > CLOSE:
             return x, radius, slope, count
     return np.nan, np.nan, slope, MOST_ITERATIONS
+
+
+def yield_work(curve, p):
+    """Integral of the yield stress over the equivalent plastic strain, from 0 on [stress].
+
+    Parameters
+    ----------
+    curve : ndarray (k, 3)
+    p : ndarray
+        Equivalent plastic strain.
+
+    Returns
+    -------
+    ndarray
+        Of the shape of ``p``.
+    """
+    work = np.zeros_like(p)
+    for (start, stress, slope), end in zip(curve, [*curve[1:, 0], np.inf], strict=True):
+        part = np.clip(p, start, end) - start
+        work += part * (stress + 0.5 * slope * part)
+    return work

@@ -605,6 +605,10 @@ class Output:
         BOOLEAN, "with them the fields of the cells averaged at the nodes", False, option="output_smooth",
         more="stress, equivalent stress and equivalent plastic strain, in each body for itself, see below",
     )  # fmt: skip
+    energy: bool = key(
+        BOOLEAN, "works of loads, supports and obstacles, and what became of them, in the report and the history",
+        False, option="output_energy", more="see [results.md](results.md)",
+    )  # fmt: skip
     estimate: bool = key(
         BOOLEAN, "estimate of the error of every step, in the report and the fields", False, option="output_estimate",
         more="see [estimate.md](estimate.md)",

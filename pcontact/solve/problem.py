@@ -58,6 +58,8 @@ class Problem:
         Those among the groups.
     release : pcontact.assembly.release.Release or None
         The item of what a phase of the run goes on from.
+    energy : pcontact.stepping.energy.EnergyBalance or None
+        What sums up the works of the load steps.
     middles : pcontact.space.middles.MiddleNodes or None
         Nodes of serendipity cells that follow others.
     loose : sequence of int
@@ -75,7 +77,7 @@ class Problem:
         self.stabilisation = stabilisation
         self.bulk, self.others, self.contacts = items[0], items[1:], list(contacts)
         self.time, self.loose, self.stabilised, self.viscous, self.timed = 0.0, (), True, viscous, ()
-        self.total, self.springs, self.sections, self.release = (), (), (), None
+        self.total, self.springs, self.sections, self.release, self.energy = (), (), (), None, None
         self.fixed = np.ascontiguousarray(supports.fixed[space.owned_local])
         self.groups, self.middles, fixed = supports.groups, supports.middles, supports.fixed
         if self.middles is not None:
@@ -109,7 +111,8 @@ class Problem:
     def parts(self):
         """What reports, remembers and is counted as one: the items, those of a contact together."""
         pairs = {id(pair) for contact in self.contacts for pair in contact.pairs}
-        return [*(item for item in self.items if id(item) not in pairs), *self.contacts]
+        items = [*(item for item in self.items if id(item) not in pairs), *self.contacts]
+        return items if self.energy is None else [*items, self.energy]
 
     def angle(self, start, end):
         """Largest angle by which supports or obstacles turn between two times [radian]."""
@@ -214,6 +217,26 @@ class Problem:
             self.bulk.residual(u, out)
         self._add_others(u, out, rules)
         return out
+
+    def forces_of_items(self, u):
+        """What :meth:`unbalanced` is the sum of. *Collective.*
+
+        Returns
+        -------
+        forces : list of ndarray (n_owned, d)
+            Minus the loads that do not depend on the displacement, the internal forces of the bodies, and those of all
+            other items [force].
+        unbalanced : ndarray (n_owned, d)
+        """
+        forces = [-self.external(self.time)]
+        for item in self.items:
+            with profile.phase("bulk_assembly" if item is self.bulk else "contact_assembly"):
+                forces.append(np.zeros_like(forces[0]))
+                item.residual(u, forces[-1])
+        unbalanced = np.sum(forces, axis=0)
+        if self.middles is not None:
+            self.middles.lead(unbalanced)
+        return forces, unbalanced
 
     def _add_others(self, u, out, rules):
         with profile.phase("contact_assembly"):

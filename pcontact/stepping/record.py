@@ -78,6 +78,8 @@ class Recorder:
             record["moments"] = problem.moments(u, step.unbalanced)
         if problem.viscous is not None:
             record["viscous"] = self._viscous(step.time, u)
+        if problem.energy is not None:
+            record["energy"] = problem.energy.record(u)
         if problem.total:
             record["loads"] = {load.name: load.record(u, step.time) for load in problem.total}
         moved = u.getArray(readonly=True).reshape(-1, problem.space.dim)

@@ -156,7 +156,7 @@ class Stepper:
             result = self._attempt(target, committed)
             if result.converged:
                 with profile.phase("output"):
-                    unbalanced = self.problem.unbalanced(self.u)
+                    unbalanced = self._unbalanced(committed, target)
                 for item in self.problem.items:
                     item.commit(self.u, target)
                 self._last = self.schedule.time, committed
@@ -213,6 +213,13 @@ class Stepper:
         self.timing["search"] += middle - start
         self.timing["solve"] += clock.perf_counter() - middle - again
         return result
+
+    def _unbalanced(self, before, target):
+        """See :attr:`Step.unbalanced`; works are summed up on the way. *Collective.*"""
+        energy = self.problem.energy
+        if energy is None:
+            return self.problem.unbalanced(self.u)
+        return energy.account(self.u, before, self.schedule.time, target)
 
     def _way(self, target):
         """How far the bodies move if they go on as what drives them does."""

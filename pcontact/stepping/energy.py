@@ -1,0 +1,168 @@
+"""Where the work that loads and supports do goes: stored, dissipated by plastic flow, lost in contact.
+
+Works are sums over the load steps of forces times motions of nodes, by the trapezoidal rule: with forces R at both ends
+of a load step and the motion du in it, 1/2 (R_k + R_k+1) . du. What bodies store, and what their plastic flow has
+dissipated, are functions of their state; so the balance
+
+    loads + supports + obstacles = stored + plastic + contacts + springs + viscous
+
+holds as far as load steps are short and equations are solved.
+"""
+
+import numpy as np
+
+from pcontact.assembly.viscous import Sum
+from pcontact.runtime.parallel import take_rows
+from pcontact.runtime.petsc import MPI
+
+# prefix of names in a checkpoint
+CARRIED = "energy_"
+
+
+class EnergyBalance:
+    """Works and energies of a run, summed up load step by load step.
+
+    Parameters
+    ----------
+    problem : pcontact.solve.problem.Problem
+
+    Attributes
+    ----------
+    name : str
+        In checkpoints.
+    sums : dict of str to Sum
+        Works so far [force * length]: ``loads``, ``supports`` and ``obstacles`` do them on the bodies, which do those
+        of ``bodies`` (against their stresses), ``springs``, ``viscous`` and ``contact NAME`` (what is lost there).
+    """
+
+    name = "energy"
+
+    def __init__(self, problem):
+        self._problem, space = problem, problem.space
+        self._kinds = self._kinds_of(problem)
+        kinds = ["loads", "supports", "bodies", *dict.fromkeys(self._kinds)]
+        if any(pair.rigid for contact in problem.contacts for pair in contact.pairs):
+            kinds.append("obstacles")
+        self.sums = {kind: Sum() for kind in dict.fromkeys(kinds)}
+        # forces at the end of the last load step, with the sign of the residual: of loads, supports, bodies, items
+        names = ["loads", "supports", "bodies", *(f"item {k}" for k in range(len(problem.others)))]
+        self._last = {name: np.zeros((space.n_owned, space.dim)) for name in names}
+        self._record = None
+
+    @staticmethod
+    def _kinds_of(problem):
+        """To which sum each item but the bodies contributes."""
+        of_contacts = {id(pair): f"contact {contact.name}" for contact in problem.contacts for pair in contact.pairs}
+        springs = {id(spring) for spring in problem.springs}
+        result = []
+        for item in problem.others:
+            kind = "springs" if id(item) in springs else "viscous" if item is problem.viscous else "loads"
+            result.append(of_contacts.get(id(item), kind))
+        return result
+
+    @property
+    def carried(self):
+        """What a restarted run goes on with."""
+        return {f"{CARRIED}{kind.replace(' ', '_')}": one for kind, one in self.sums.items()}
+
+    def account(self, u, before, begin, end):
+        """Add the works of a load step from ``before`` to ``u``, which are not committed yet. *Collective.*
+
+        Parameters
+        ----------
+        u, before : PETSc.Vec
+        begin, end : float
+            Of the load step [time].
+
+        Returns
+        -------
+        ndarray (n_owned, d)
+            Internal plus contact minus external forces, see :meth:`pcontact.solve.problem.Problem.unbalanced`.
+        """
+        problem, shape = self._problem, self._last["loads"].shape
+        new, unbalanced = problem.forces_of_items(u)
+        forces = {"loads": new[0], "supports": -unbalanced, "bodies": new[1]}
+        forces |= {f"item {k}": force for k, force in enumerate(new[2:])}
+        values, start = (x.getArray(readonly=True).reshape(shape) for x in (u, before))
+        moved, own = values - start, dict.fromkeys(self.sums, 0.0)
+
+        def work(name, motion):
+            return 0.5 * float(np.sum((self._last[name] + forces[name]) * motion))
+
+        for name, sign in (("loads", -1.0), ("supports", -1.0), ("bodies", 1.0)):
+            own[name] += sign * work(name, moved)
+        for k, (item, kind) in enumerate(zip(problem.others, self._kinds, strict=True)):
+            name = f"item {k}"
+            if kind == "loads":
+                own[kind] -= work(name, moved)
+                continue
+            own[kind] += work(name, moved)
+            if kind.startswith("contact") and item.rigid:
+                given = -work(name, self._with_obstacle(item, start, values, begin, end))
+                own["obstacles"] += given
+                own[kind] += given
+        total = problem.space.comm.allreduce(np.array([own[kind] for kind in self.sums]), op=MPI.SUM)
+        for one, number in zip(self.sums.values(), total, strict=True):
+            one.carried += float(number)
+        self._last = forces
+        return unbalanced
+
+    def _with_obstacle(self, pair, start, values, begin, end):
+        """How nodes (n_owned, d) would move with the obstacle of a pair [length]."""
+        space, obstacle = self._problem.space, pair.target
+        x = space.points[space.owned_local] - pair.origin
+        there = obstacle.moved(x + start, begin, end, pair.origin)
+        back = obstacle.moved(x + values, end, begin, pair.origin)
+        return np.broadcast_to(0.5 * (np.asarray(there) - np.asarray(back)), start.shape)
+
+    def record(self, u):
+        """For the report, at a committed displacement. *Collective.*
+
+        Returns
+        -------
+        dict
+            The sums, those of contacts under ``contacts``; ``stored`` and, where bodies may yield, ``plastic``
+            [force * length], and ``defect``, what is missing in the balance over what has been supplied and stored:
+            where the bodies say what they store.
+        """
+        result = {kind: one.carried for kind, one in self.sums.items() if not kind.startswith("contact ")}
+        contacts = {kind[len("contact ") :]: one.carried for kind, one in self.sums.items() if kind not in result}
+        if contacts:
+            result["contacts"] = contacts
+        found = self._problem.bulk.energies(u)
+        if found is not None:
+            stored, plastic = found
+            result["stored"] = stored
+            if self._problem.yields:
+                result["plastic"] = plastic
+            taken = [stored, plastic, *contacts.values(), result.get("springs", 0.0), result.get("viscous", 0.0)]
+            given = [result[kind] for kind in ("loads", "supports", "obstacles") if kind in result]
+            most = max(abs(number) for number in [*taken, *given])
+            result["defect"] = (sum(given) - sum(taken)) / most if most > 0.0 else 0.0
+        return result
+
+    # -- a checkpoint ---------------------------------------------------------------------------------------------
+
+    def memory_keys(self):
+        """Numbers (n_owned,) of the owned nodes."""
+        space = self._problem.space
+        return space.mesh.file_nodes[space.mesh_nodes[space.owned_local]]
+
+    def memory(self):
+        """Forces at the end of the last load step."""
+        keys = self.memory_keys()
+        rows = {name: np.flatnonzero(force.any(axis=1)) for name, force in self._last.items()}
+        return {name: (keys[rows[name]], force[rows[name]]) for name, force in self._last.items()}
+
+    def recall(self, name, chunks):
+        """See :meth:`pcontact.assembly.item.Item.recall`."""
+        if name not in self._last:
+            return None
+        values = np.zeros_like(self._last[name])
+        count = take_rows(self.memory_keys(), chunks, values)
+        self._last[name] = values
+        return count
+
+    def counters(self):
+        """Nothing is kept at points."""
+        return {"points": 0, "work": 0}
