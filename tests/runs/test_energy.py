@@ -167,7 +167,6 @@ def works(steps):
 
 
 @parallel(2, 3)
-@pytest.mark.usefixtures("one_order")
 def test_ranks(shared_tmp, meshes):
     scene = plastic_drag(meshes)
     alone = works(run(scene, SELF, shared_tmp / f"alone{WORLD.rank}"))
