@@ -48,7 +48,6 @@ from pcontact.scene.prescribed import Prescribed
 from pcontact.scene.unsafe import unsafe
 from pcontact.solve.preconditioners.deflation import MOST_COLOURS
 from pcontact.solve.problem import Problem
-from pcontact.space.middles import MiddleNodes
 from pcontact.space.modes import colour, component_frames, free_motions, join
 from pcontact.space.rigid import RigidGroup
 from pcontact.space.section import PretensionSection
@@ -126,8 +125,10 @@ def read(scene, comm, options):
         check_apart(scene, getattr(mesh, "common", {}))
         _cut(scene, mesh)
 
-    regions = [b.region for b in scene.bodies]
-    return load_mesh(comm, scene.mesh_path, scene.mesh.order or 1, regions, pairs, check, weight, method)
+    regions, order, serendipity = [b.region for b in scene.bodies], scene.mesh.order or 1, scene.mesh.serendipity
+    if serendipity and order == 1:
+        raise input_error(scene.where, "mesh.serendipity", "true with a displacement of degree 1", "order = 2")
+    return load_mesh(comm, scene.mesh_path, order, regions, pairs, check, (weight, method), serendipity)
 
 
 def _cut(scene, mesh):
@@ -329,16 +330,6 @@ def _rigid_groups(scene, space, supports):
     return groups
 
 
-def _middle_nodes(scene, space):
-    """Nodes of serendipity cells that follow others; None if there are none. *Collective.*"""
-    if not scene.mesh.serendipity:
-        return None
-    if space.degree == 1:
-        raise input_error(scene.where, "mesh.serendipity", "true with a displacement of degree 1", "order = 2")
-    middles = MiddleNodes(space)
-    return middles if middles.count else None
-
-
 def _join(space, nodes):
     """Bodies that have some of local nodes are one from here on. *Collective.*"""
     bodies = sorted(set().union(*space.comm.allgather(set(space.component[nodes].tolist()))))
@@ -475,7 +466,6 @@ def _assemble(scene, space, constants, span):
     couplings = _rigid_groups(scene, space, supports)
     sections = _sections(scene, space, supports.fixed, couplings)
     supports.groups = [*couplings, *sections]
-    supports.middles = _middle_nodes(scene, space)
     forces, timed, total = _forces(scene, space)
     forces += [section.force for section in sections if section.free]
     springs = [GroundSprings(space, spring) for spring in scene.springs]

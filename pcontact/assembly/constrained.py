@@ -7,7 +7,7 @@ from pcontact.runtime.petsc import PETSc
 
 
 class ConstrainedMatrix:
-    """In the place of :class:`GlobalMatrix`, with rigid groups or serendipity cells.
+    """In the place of :class:`GlobalMatrix`, with rigid groups.
 
     Parameters
     ----------
@@ -15,8 +15,6 @@ class ConstrainedMatrix:
     fixed : ndarray (n_local, d) of bool
         Prescribed components.
     groups : list of pcontact.space.rigid.RigidGroup or pcontact.space.section.PretensionSection
-    middles : pcontact.space.middles.MiddleNodes, optional
-        Nodes that follow others of their cells.
 
     Attributes
     ----------
@@ -30,7 +28,7 @@ class ConstrainedMatrix:
     The constructor is *Collective*.
     """
 
-    def __init__(self, space, fixed, groups, middles=None):
+    def __init__(self, space, fixed, groups):
         self._whole, self._renewed = GlobalMatrix(space, fixed), True
         d, n, total = space.dim, space.n_owned * space.dim, space.n_dofs
         sizes = ((n, total), (n, total))
@@ -42,9 +40,6 @@ class ConstrainedMatrix:
         for group in groups:
             self._follows[group.followers()] = True
             rows.append(group.ways())
-        if middles is not None:
-            rows.append(middles.entries(fixed))
-            self._follows[middles.at()] = True
         row, column, value = (np.concatenate(parts) for parts in zip(*rows, strict=True))
         # a follower has no column of its own; one that leads has the entry 1 in its own row, from its group
         kept = (np.arange(len(row)) >= n) | ~self._follows[row]

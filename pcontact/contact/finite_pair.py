@@ -132,11 +132,12 @@ def kinds_of(nodes, d, degree):
     """Kinds (np,) of facets from their nodes (np, m), of which short rows are padded with the first one."""
     if d == 2:
         return np.full(len(nodes), KIND["segment", degree])
-    triangle, square = KIND["triangle", degree], KIND["quadrilateral", degree]
-    corners = len(reference_nodes("triangle", degree))
-    if nodes.shape[1] <= corners:
-        return np.full(len(nodes), triangle)
-    return np.where(nodes[:, corners] == nodes[:, 0], triangle, square)
+    kinds = np.full(len(nodes), KIND["triangle", degree])
+    for name in ("quadrilateral8", "quadrilateral"):
+        last = len(reference_nodes(name, degree)) - 1
+        if last < nodes.shape[1]:
+            kinds[nodes[:, last] != nodes[:, 0]] = KIND[name, degree]
+    return kinds
 
 
 def _reference(kinds, degree):

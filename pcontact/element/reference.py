@@ -33,6 +33,8 @@ class Cell:
     faces : tuple of tuple of int
         Local vertices of the quadrilateral faces of a three-dimensional cell, in the order of the faces'
         degree-2 nodes. Empty for all but the hexahedron: other faces carry no node of their own.
+    complete : str or None
+        Of a serendipity cell the one that has nodes in the middles of faces and of itself as well.
     """
 
     name: str
@@ -42,6 +44,7 @@ class Cell:
     facets: tuple[tuple[int, ...], ...]
     edges: tuple[tuple[int, int], ...]
     faces: tuple[tuple[int, ...], ...]
+    complete: str | None = None
 
     @property
     def is_tensor(self):
@@ -68,8 +71,13 @@ CELLS: dict[str, Cell] = {
         Cell("quadrilateral", 2, 4, "segment", _QUADRILATERAL_EDGES, _QUADRILATERAL_EDGES, ()),
         Cell("tetrahedron", 3, 4, "triangle", _TETRAHEDRON_FACETS, _TETRAHEDRON_EDGES, ()),
         Cell("hexahedron", 3, 8, "quadrilateral", _HEXAHEDRON_FACES, _HEXAHEDRON_EDGES, _HEXAHEDRON_FACES),
+        Cell("quadrilateral8", 2, 4, "segment", _QUADRILATERAL_EDGES, _QUADRILATERAL_EDGES, (), "quadrilateral"),
+        Cell("hexahedron20", 3, 8, "quadrilateral8", _HEXAHEDRON_FACES, _HEXAHEDRON_EDGES, (), "hexahedron"),
     )
 }
+
+# serendipity cells by the complete ones
+SERENDIPITY = {cell.complete: cell.name for cell in CELLS.values() if cell.complete is not None}
 
 MESHIO_NAMES: dict[tuple[str, int], str] = {
     ("segment", 1): "line",
@@ -82,6 +90,8 @@ MESHIO_NAMES: dict[tuple[str, int], str] = {
     ("tetrahedron", 2): "tetra10",
     ("hexahedron", 1): "hexahedron",
     ("hexahedron", 2): "hexahedron27",
+    ("quadrilateral8", 2): "quad8",
+    ("hexahedron20", 2): "hexahedron20",
 }
 
 _CORNERS = np.array(
@@ -102,7 +112,7 @@ def _vertices(cell):
 
 
 def n_nodes(cell, degree):
-    """Number of nodes of the complete cell of a degree.
+    """Number of nodes of a cell of a degree.
 
     Parameters
     ----------
@@ -125,7 +135,7 @@ def n_nodes(cell, degree):
     reference = CELLS[cell]
     if degree == 1:
         return reference.n_vertices
-    centre = reference.is_tensor and reference.dim > 1
+    centre = reference.is_tensor and reference.dim > 1 and reference.complete is None
     return reference.n_vertices + len(reference.edges) + len(reference.faces) + centre
 
 
@@ -185,6 +195,36 @@ def face_nodes(cell):
         Row i belongs to degree-2 node n_vertices + n_edges + i. Empty for all cells but the hexahedron.
     """
     return np.array(CELLS[cell].faces, dtype=np.int64).reshape(-1, 4)
+
+
+def middle_weights(cell):
+    """What the middles of faces and of the cell follow in a serendipity cell of degree 2.
+
+    Its displacements are those of the complete cell whose middle nodes follow the others,
+
+        u(middle of a face) = 1/2 sum(u of the middles of its edges) - 1/4 sum(u of its vertices),
+        u(middle of a hexahedron) = 1/4 sum(u of the middles of its edges) - 1/4 sum(u of its vertices),
+
+    the values of the 8 and 20 shape functions there (Zienkiewicz, Taylor: The Finite Element Method, vol. 1).
+
+    Parameters
+    ----------
+    cell : str
+        Serendipity cell.
+
+    Returns
+    -------
+    ndarray, (n_middles, n_nodes) float64
+        Weights of the nodes, in the order of the further nodes of the complete cell.
+    """
+    complete, n = CELLS[CELLS[cell].complete], CELLS[cell].n_vertices
+    edges, share = edge_nodes(cell), 0.5 if CELLS[cell].dim == 2 else 0.25
+    middles, rows = n + np.arange(len(edges)), np.zeros((len(complete.faces) + 1, n + len(edges)))
+    for row, face in zip(rows, complete.faces, strict=False):
+        row[list(face)] = -0.25
+        row[middles[np.isin(edges, face).all(axis=1)]] = 0.5
+    rows[-1, :n], rows[-1, middles] = -0.25, share
+    return rows
 
 
 def facet_nodes(cell, degree):

@@ -1,8 +1,12 @@
-"""Lagrange shape functions of degrees 1 and 2 and their reference gradients."""
+"""Lagrange shape functions of degrees 1 and 2 and their reference gradients.
+
+Those of a serendipity cell of degree 2 are those of the complete cell, of whose middle nodes each takes its share:
+N_a + sum_m w_ma N_m, with the weights of `pcontact.element.reference.middle_weights`.
+"""
 
 import numpy as np
 
-from pcontact.element.reference import CELLS, edge_nodes, reference_nodes
+from pcontact.element.reference import CELLS, edge_nodes, middle_weights, reference_nodes
 
 
 def shape(cell, degree, xi):
@@ -27,6 +31,8 @@ def shape(cell, degree, xi):
         If `degree` is neither 1 nor 2, or the points have another dimension than the cell.
     """
     xi = _points(cell, xi)
+    if CELLS[cell].complete is not None:
+        return _shared(cell, shape(CELLS[cell].complete, degree, xi))
     if CELLS[cell].is_tensor:
         return _lagrange(xi[:, None], reference_nodes(cell, degree), degree).prod(axis=2)
     reference_nodes(cell, degree)  # rejects unknown degrees
@@ -57,6 +63,8 @@ def shape_gradient(cell, degree, xi):
         If `degree` is neither 1 nor 2, or the points have another dimension than the cell.
     """
     xi = _points(cell, xi)
+    if CELLS[cell].complete is not None:
+        return _shared(cell, shape_gradient(CELLS[cell].complete, degree, xi))
     nodes = reference_nodes(cell, degree)
     if not CELLS[cell].is_tensor:
         return _simplex_gradient(cell, degree, xi)
@@ -75,6 +83,15 @@ def _points(cell, xi):
     if xi.ndim != 2 or xi.shape[1] != CELLS[cell].dim:
         raise ValueError(f"{cell}: points of shape {xi.shape}, expected (n_points, {CELLS[cell].dim})")
     return xi
+
+
+def _shared(cell, values):
+    """Values (n_points, n_nodes, ...) of a serendipity cell from those of the complete one."""
+    weights = middle_weights(cell)
+    n = weights.shape[1]
+    if values.shape[1] < n:
+        return values  # degree 1: there are no middles
+    return values[:, :n] + np.einsum("pm...,ma->pa...", values[:, n:], weights)
 
 
 def _barycentric(xi):

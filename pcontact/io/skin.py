@@ -72,6 +72,8 @@ def _triangle_table(cell, degree):
         table = np.array([(0, 1, 2)] if degree == 1 else [(0, 3, 5), (3, 1, 4), (5, 4, 2), (3, 4, 5)])
     elif degree == 1:
         table = np.array([(0, 1, 2), (0, 2, 3)])
+    elif cell == "quadrilateral8":
+        table = np.array([(0, 4, 7), (1, 5, 4), (2, 6, 5), (3, 7, 6), (4, 5, 6), (4, 6, 7)])
     else:
         # divided from the corners to the centre, so that each triangle has its part of an edge
         table = np.array([(k, m, 8) for k, m in zip((0, 4, 1, 5, 2, 6, 3, 7), (4, 1, 5, 2, 6, 3, 7, 0), strict=True)])
@@ -94,6 +96,8 @@ def _tetrahedron_table(cell, degree):
         table = np.array([(0, 1, 2, 3)] if degree == 1 else corners + inside)
     elif degree == 1:
         table = _HEXAHEDRON
+    elif cell == "hexahedron20":
+        table = _without_middles(cell)
     else:
         nodes = {
             tuple(node): i for i, node in enumerate(np.rint(reference_nodes(cell, 2)).astype(int).tolist())
@@ -109,8 +113,28 @@ def _tetrahedron_table(cell, degree):
     )
 
 
+def _without_middles(cell):
+    """Tetrahedra (n, 4) of a hexahedron of 20 nodes: its corners cut off, and what is left divided from a node."""
+    edges, first = CELLS[cell].edges, CELLS[cell].n_vertices
+    at_corner = [[first + k for k, edge in enumerate(edges) if corner in edge] for corner in range(first)]
+    sides = facet_nodes(cell, 2)[:, 4:]
+    polygons = [*at_corner, *sides[:, [0, 1, 2]].tolist(), *sides[:, [0, 2, 3]].tolist()]
+    whole = [*at_corner, *sides.tolist()]
+    # a polygon of the rest that has the node, or is half of one that has, is divided by it already
+    apex = first
+    off = [set(polygon) for polygon in whole if apex not in polygon]
+    fan = [(apex, *polygon) for polygon in polygons if any(set(polygon) <= one for one in off)]
+    table = np.array([(corner, *three) for corner, three in enumerate(at_corner)] + fan)
+    at = reference_nodes(cell, 2)[table]
+    turned = np.linalg.det(at[:, 1:] - at[:, :1]) < 0.0
+    table[turned] = table[turned][:, [0, 1, 3, 2]]
+    return table
+
+
 TRIANGLES = {(c, p): _triangle_table(c, p) for c in ("triangle", "quadrilateral") for p in (1, 2)}
+TRIANGLES["quadrilateral8", 2] = _triangle_table("quadrilateral8", 2)
 TETRAHEDRA = {(c, p): _tetrahedron_table(c, p) for c in ("tetrahedron", "hexahedron") for p in (1, 2)}
+TETRAHEDRA["hexahedron20", 2] = _tetrahedron_table("hexahedron20", 2)
 
 
 def _blocks(piece, dim):

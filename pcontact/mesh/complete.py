@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from pcontact.element.reference import CELLS, edge_nodes, face_nodes, n_nodes
+from pcontact.element.reference import CELLS, SERENDIPITY, edge_nodes, face_nodes, n_nodes
 from pcontact.runtime.jit import njit
 
 
@@ -121,6 +121,34 @@ def complete(raw, degree):
         edge = first[number[len(pairs) :]]
         groups[name] = np.union1d(groups[name], middles[edge[edge < len(pairs)]])
     return replace(raw, points=points, blocks=blocks, node_groups=groups)
+
+
+def without_middles(raw):
+    """Take the nodes in the middles of faces and cells out of quadrilaterals and hexahedra of degree 2.
+
+    Parameters
+    ----------
+    raw : RawMesh
+        Of degree 2.
+
+    Returns
+    -------
+    RawMesh
+        With serendipity cells; the mesh as it is if it has none to take them from.
+    """
+    if not any(block.cell in SERENDIPITY for block in raw.blocks):
+        return raw
+    blocks, used = [], np.zeros(len(raw.points), dtype=bool)
+    for block in raw.blocks:
+        cell = SERENDIPITY.get(block.cell, block.cell)
+        blocks.append(replace(block, cell=cell, nodes=block.nodes[:, : n_nodes(cell, 2)]))
+        used[blocks[-1].nodes] = True
+    number = np.cumsum(used) - 1
+    for block in blocks:
+        block.nodes = number[block.nodes]
+    groups = {name: number[nodes[used[nodes]]] for name, nodes in raw.node_groups.items()}
+    edges = {name: number[ends] for name, ends in raw.edge_groups.items()}
+    return replace(raw, points=raw.points[used], blocks=blocks, node_groups=groups, edge_groups=edges)
 
 
 def with_gaps(cell, nodes):

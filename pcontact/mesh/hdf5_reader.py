@@ -7,7 +7,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from pcontact.element.reference import CELLS, n_nodes
+from pcontact.element.reference import CELLS, SERENDIPITY, n_nodes
 from pcontact.mesh.hdf5_writer import FORMAT, SUFFIX, VERSION
 from pcontact.mesh.slices import MeshSlice, SliceBlock
 from pcontact.runtime.checksum import Damaged, verify
@@ -102,6 +102,8 @@ class ConvertedMesh:
     path : str or pathlib.Path
     order : int
         Degree of the displacement.
+    serendipity : bool
+        Quadrilaterals and hexahedra of degree 2 have no nodes in the middles of faces and cells.
 
     Attributes
     ----------
@@ -116,8 +118,8 @@ class ConvertedMesh:
         On every rank. The constructor is *Collective*.
     """
 
-    def __init__(self, comm, path, order):
-        self.comm, self.path = comm, Path(path)
+    def __init__(self, comm, path, order, serendipity=False):
+        self.comm, self.path, self._cells = comm, Path(path), SERENDIPITY if serendipity else {}
         # each rank a part of the file, before HDF5 makes anything of what it finds
         summed = together(comm, self._verify)
         self.piece = together(comm, self._read, order, summed)
@@ -161,7 +163,7 @@ class ConvertedMesh:
         blocks, at = [], 0
         for k in range(len(file["blocks"])):
             table = file[f"blocks/{k}"]
-            cell = table.attrs["cell"]
+            cell = self._cells.get(table.attrs["cell"], table.attrs["cell"])
             a, b = (min(max(x - at, 0), len(table)) for x in (self._first, end))
             blocks.append(SliceBlock(cell, table[a:b, : n_nodes(cell, degree)].astype(np.int64)))
             at += len(table)

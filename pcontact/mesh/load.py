@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from pcontact.mesh.complete import complete
+from pcontact.mesh.complete import complete, without_middles
 from pcontact.mesh.components import cell_name, components
 from pcontact.mesh.distribute import deal
 from pcontact.mesh.groups import facet_multiplicity, say_lost
@@ -63,7 +63,7 @@ def _component_names(component, body, regions):
     return [" + ".join(name) for name in names]
 
 
-def _read_whole(comm, path, order, regions, surfaces, check):
+def _read_whole(comm, path, order, serendipity, regions, surfaces, check):
     """All of a mesh on rank 0. *Collective.*"""
 
     def prepare():
@@ -75,6 +75,7 @@ def _read_whole(comm, path, order, regions, surfaces, check):
         curved = any(b.degree == 2 for b in raw.blocks)
         if curved or order == 2:
             raw = complete(raw, 2)
+            raw = without_middles(raw) if serendipity else raw
         component = components(raw)
         return (raw, curved, body, component), _component_names(component, body, regions)
 
@@ -82,9 +83,9 @@ def _read_whole(comm, path, order, regions, surfaces, check):
     return whole(comm, *arguments), comm.bcast(names, root=0)
 
 
-def _read_slices(comm, path, order, regions, surfaces, check, pairs):
+def _read_slices(comm, path, order, serendipity, regions, surfaces, check, pairs):
     """A slice of a converted mesh on every rank. *Collective.*"""
-    stored = ConvertedMesh(comm, path, order)
+    stored = ConvertedMesh(comm, path, order, serendipity)
     together(comm, check, stored.summary(pairs))
     say_lost(stored.path, stored.lost)
     stored.set_bodies(regions)
@@ -92,7 +93,7 @@ def _read_slices(comm, path, order, regions, surfaces, check, pairs):
     return stored.piece, stored.component_names(regions)
 
 
-def load_mesh(comm, path, order, regions, pairs, check, weight=WEIGHT, method="bisection"):
+def load_mesh(comm, path, order, regions, pairs, check, dealing=(WEIGHT, "bisection"), serendipity=False):
     """Read, check and distribute a mesh. *Collective.*
 
     Parameters
@@ -110,8 +111,10 @@ def load_mesh(comm, path, order, regions, pairs, check, weight=WEIGHT, method="b
         Called before anything else is done with the mesh; may raise InputError, and cut a mesh that is whole. Its
         argument is a :class:`pcontact.mesh.groups.RawMesh`, on rank 0; or a
         :class:`pcontact.mesh.hdf5_reader.Summary`, on every rank.
-    weight, method
-        See :func:`pcontact.mesh.partition.partition`.
+    dealing : (float, str)
+        Weight and method, see :func:`pcontact.mesh.partition.partition`.
+    serendipity : bool
+        Quadrilaterals and hexahedra of degree 2 have no nodes in the middles of faces and cells.
 
     Returns
     -------
@@ -122,14 +125,15 @@ def load_mesh(comm, path, order, regions, pairs, check, weight=WEIGHT, method="b
     InputError
         On every rank.
     """
+    weight, method = dealing
     if not 0.0 <= weight < np.inf:
         raise InputError(f"command line: -partition_weight: found {weight:g}; allowed: a number >= 0")
     surfaces = sorted({name for source, target, _ in pairs for name in (source, target) if name is not None})
     with profile.phase("read"):
         if is_converted(path):
-            piece, names = _read_slices(comm, path, order, regions, surfaces, check, pairs)
+            piece, names = _read_slices(comm, path, order, serendipity, regions, surfaces, check, pairs)
         else:
-            piece, names = _read_whole(comm, path, order, regions, surfaces, check)
+            piece, names = _read_whole(comm, path, order, serendipity, regions, surfaces, check)
     profile.give_back()
     profile.mark("read")
     with profile.phase("distribute"):

@@ -18,7 +18,8 @@ except (ImportError, OSError):  # not installed, or a system library that it nee
 _TYPES = {(0, 1): 15, (0, 2): 15, (1, 1): 1, (1, 2): 8, (2, 1): 2, (2, 2): 9, (3, 1): 4, (3, 2): 11}
 _ORDER = {11: [0, 1, 2, 3, 4, 5, 6, 7, 9, 8]}
 # cells whose corners carry the sizes, as gmsh calls them in a list of data
-_VIEWS = {"triangle": "ST", "quadrilateral": "SQ", "tetrahedron": "SS", "hexahedron": "SH"}
+_VIEWS = {"triangle": "ST", "quadrilateral": "SQ", "tetrahedron": "SS", "hexahedron": "SH",
+          "quadrilateral8": "SQ", "hexahedron20": "SH"}  # fmt: skip
 SUFFIXES = (".geo", ".geo_unrolled", ".brep", ".step", ".stp")
 _OPTIONS = {
     "General.Terminal": 0,

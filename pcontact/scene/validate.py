@@ -445,12 +445,7 @@ def _check_temperatures(scene):
 
 
 def _check_serendipity(scene):
-    """Nodes that follow others of their cells can neither be in groups that follow, nor be without degree 2."""
-    follow = {"couplings": scene.couplings, "pretensions": scene.pretensions}
-    groups = [place(key, 0, table[0].region) for key, table in follow.items() if table]
-    if scene.mesh.serendipity and groups:
-        where = groups[0]
-        raise input_error(scene.where, "mesh.serendipity", f"true together with {where}", "false")
+    """Serendipity cells are of degree 2."""
     if scene.mesh.serendipity and scene.mesh.order == 1:
         raise input_error(scene.where, "mesh.serendipity", "true with a displacement of degree 1", "order = 2")
 

@@ -60,8 +60,6 @@ class Problem:
         The item of what a phase of the run goes on from.
     energy : pcontact.stepping.energy.EnergyBalance or None
         What sums up the works of the load steps.
-    middles : pcontact.space.middles.MiddleNodes or None
-        Nodes of serendipity cells that follow others.
     loose : sequence of int
         Bodies whose rigid motions get a coarse space, see `pcontact.solve.preconditioners.deflation`.
 
@@ -79,15 +77,8 @@ class Problem:
         self.time, self.loose, self.stabilised, self.viscous, self.timed = 0.0, (), True, viscous, ()
         self.total, self.springs, self.sections, self.release, self.energy = (), (), (), None, None
         self.fixed = np.ascontiguousarray(supports.fixed[space.owned_local])
-        self.groups, self.middles, fixed = supports.groups, supports.middles, supports.fixed
-        if self.middles is not None:
-            # a node that follows goes along with those that are held
-            fixed = fixed.copy()
-            fixed[space.owned_local[self.middles.rows]] = False
-            self.fixed[self.middles.rows] = False
-        self.matrix = GlobalMatrix(space, fixed)
-        if self.groups or self.middles is not None:
-            self.matrix = ConstrainedMatrix(space, fixed, self.groups, self.middles)
+        self.groups, fixed = supports.groups, supports.fixed
+        self.matrix = ConstrainedMatrix(space, fixed, self.groups) if self.groups else GlobalMatrix(space, fixed)
         self._versions = None
         self.pattern_changes = 0
         self._committed, self._changed, self.goes_on = None, set(), False
@@ -163,8 +154,6 @@ class Problem:
         array[self.fixed] = values[self.fixed]
         for group in self.groups:
             group.enter(array, time)
-        if self.middles is not None:
-            self.middles.follow(array)
         u.assemble()
 
     def imposed(self, u, time):
@@ -182,7 +171,7 @@ class Problem:
     @property
     def followers(self):
         """Components (n_owned, d) that follow others and are none of the linear system's; None without any."""
-        return self.matrix.follows if self.groups or self.middles is not None else None
+        return self.matrix.follows if self.groups else None
 
     def follow(self, y):
         """Prescribed components stay where they are in a step ``y``; what follows others does so. *Collective.*"""
@@ -190,8 +179,6 @@ class Problem:
         array[self.fixed] = 0.0
         for group in self.groups:
             group.follow(array)
-        if self.middles is not None:
-            self.middles.follow(array)
         y.assemble()
 
     def external(self, time):
@@ -234,17 +221,12 @@ class Problem:
                 forces.append(np.zeros_like(forces[0]))
                 item.residual(u, forces[-1])
         unbalanced = np.sum(forces, axis=0)
-        if self.middles is not None:
-            self.middles.lead(unbalanced)
         return forces, unbalanced
 
     def _add_others(self, u, out, rules):
         with profile.phase("contact_assembly"):
             for item, rule in zip(self.others, rules or self.by_law, strict=True):
                 item.residual(u, out, rule)
-        if self.middles is not None:
-            # what acts on nodes that follow acts on those that lead them
-            self.middles.lead(out)
 
     def residual(self, u, f, rules=None):
         """Residual vector: zero at prescribed components. *Collective.*"""

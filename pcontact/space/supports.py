@@ -36,8 +36,6 @@ class Supports:
         Of the displacements that turn what they hold.
     groups : sequence of pcontact.space.rigid.RigidGroup
         That move as rigid bodies; whoever builds the problem adds them.
-    middles : pcontact.space.middles.MiddleNodes or None
-        Nodes that follow others of their cells; added likewise.
 
     Raises
     ------
@@ -53,7 +51,7 @@ class Supports:
 
     def __init__(self, space, displacements, amplitudes, source="scene"):
         self._displacements, self._amplitudes = displacements, amplitudes
-        self.groups, self.middles = (), None
+        self.groups = ()
         self.regions = [d.region for d in displacements]
         self._points, self._comm = space.points, space.comm
         self.turns = {

@@ -64,7 +64,6 @@ PIECES = {
     "pre-tension": (("space.section", "mesh.section"), ("plane",)),
     "phases": (("assembly.release",), ()),
     "rigid groups": (("assembly.constrained", "space.rigid"), ()),
-    "serendipity cells": (("assembly.constrained", "space.middles"), ()),
     "thermal strain": (("assembly.heat", "contact.traction.heated"), ()),
     "self contact": (("contact.search.self_surface", "contact.search.exclusion", "contact.search.cones"),
         ("no_exclusion", "writable", "no_cones", "Exclusion", "Cones")),
@@ -144,10 +143,6 @@ def with_piece(path, piece):
     if piece == "phases":
         result = scene(path)
         result.phases = [Phase("press", count=1), Phase("hold", count=1)]
-        return result
-    if piece == "serendipity cells":
-        result = scene(path)
-        result.mesh.order, result.mesh.serendipity = 2, True
         return result
     if piece == "springs":
         result = scene(path)

@@ -11,6 +11,7 @@ from pcontact.runtime.jit import njit_exact, njit_inner_exact
 
 SEGMENT2, SEGMENT3, TRIANGLE3, TRIANGLE6, QUADRILATERAL4, QUADRILATERAL9 = range(6)
 PARALLELOGRAM = 6  # a QUADRILATERAL4 with an affine map; only inside the search
+QUADRILATERAL8 = 7  # only outside of it: searched are QUADRILATERAL9 with the same map
 KIND = {
     ("segment", 1): SEGMENT2,
     ("segment", 2): SEGMENT3,
@@ -18,8 +19,10 @@ KIND = {
     ("triangle", 2): TRIANGLE6,
     ("quadrilateral", 1): QUADRILATERAL4,
     ("quadrilateral", 2): QUADRILATERAL9,
+    ("quadrilateral8", 1): QUADRILATERAL4,
+    ("quadrilateral8", 2): QUADRILATERAL8,
 }
-NODE_COUNTS = np.array([2, 3, 3, 6, 4, 9, 4], dtype=np.int64)
+NODE_COUNTS = np.array([2, 3, 3, 6, 4, 9, 4, 8], dtype=np.int64)
 MAX_NODES = 9
 # corners of the reference domains; edge i joins corners i and i + 1, its middle is node (corners + i)
 TRIANGLE_CORNERS = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
@@ -98,12 +101,17 @@ def fill_shapes(kind, u, v, out):
             out[0, i], out[1, i], out[3, i] = _line3(i, u)
     elif kind == TRIANGLE6:
         _fill_triangle6(u, v, out)
-    elif kind == QUADRILATERAL9:
+    elif kind == QUADRILATERAL9 or kind == QUADRILATERAL8:
         for i in range(9):
             f, df, ddf = _line3(TENSOR[i, 0], u)
             g, dg, ddg = _line3(TENSOR[i, 1], v)
             out[0, i], out[1, i], out[2, i] = f * g, df * g, f * dg
             out[3, i], out[4, i], out[5, i] = ddf * g, df * dg, f * ddg
+        if kind == QUADRILATERAL8:
+            # the ninth node follows the others, see `pcontact.element.reference.middle_weights`
+            for i in range(8):
+                for r in range(6):
+                    out[r, i] += (-0.25 if i < 4 else 0.5) * out[r, 8]
     else:
         for i in range(4):
             a, b = SQUARE_CORNERS[i, 0], SQUARE_CORNERS[i, 1]

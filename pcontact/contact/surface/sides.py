@@ -279,12 +279,10 @@ class TargetSurface:
         Facet kinds of :mod:`pcontact.contact.surface.facet_maps` of the geometry that is searched.
     ids : ndarray (nf,)
         Global facet numbers.
-    layout : ndarray (nf, n)
-        Mesh nodes of the facets, padded with the first node.
     x : ndarray (nf, n, d)
-        Reference coordinates [length].
+        Reference coordinates [length] of the nodes of these kinds, padded with the first one.
     carry : list of (slice, ndarray, str)
-        For each block: rows, table that evaluates the displacement at the layout nodes, facet name.
+        For each block: rows, table that evaluates the displacement at these nodes, facet name.
     nodes : ndarray (nf, m)
         Local space nodes of the facets, padded.
     components : ndarray (nf,)
@@ -407,29 +405,33 @@ def _facets(space, name):
     """The facets of a facet group of this rank."""
     mesh, d = space.mesh, space.dim
     layout_degree = max(2 if mesh.curved else 1, space.degree)
-    kinds, ids, layout, nodes, components, carry, first = [], [], [], [], [], [], 0
+    kinds, ids, places, nodes, components, carry, first = [], [], [], [], [], [], 0
     for facets in mesh.facet_groups.get(name, []):
         block = mesh.blocks[facets.block]
         kind = CELLS[block.cell].facet
         rows = slice(first, first + len(facets.cells))
         first = rows.stop
         table = facet_nodes(block.cell, layout_degree)
-        layout.append(block.nodes[facets.cells[:, None], table[facets.local]])
+        places.append(mesh.points[block.nodes[facets.cells[:, None], table[facets.local]]])
+        # what is searched has the nodes in the middles of its facets
+        searched = CELLS[kind].complete or kind
+        at = reference_nodes(searched, layout_degree)
+        if searched != kind:
+            places[-1] = shape(kind, layout_degree, at) @ places[-1]
         own = facet_nodes(block.cell, space.degree)
         nodes.append(space.cells[facets.block][facets.cells[:, None], own[facets.local]])
-        kinds.append(np.full(len(facets.cells), KIND[(kind, layout_degree)], dtype=np.int64))
+        kinds.append(np.full(len(facets.cells), KIND[searched, layout_degree], dtype=np.int64))
         ids.append(block.ids[facets.cells] * FACETS + facets.local)
         components.append(block.components[facets.cells])
-        carry.append((rows, shape(kind, space.degree, reference_nodes(kind, layout_degree)), kind))
+        carry.append((rows, shape(kind, space.degree, at), kind))
     if not nodes:
         none = np.zeros(0, dtype=np.int64)
         return TargetSurface(none, none, np.zeros((0, d, d)), [], np.zeros((0, d), np.int64), none, space.degree)
-    width, own_width = max(t.shape[1] for t in layout), max(t.shape[1] for t in nodes)
-    table = np.concatenate([_pad(t, width, index=True) for t in layout])
+    width, own_width = max(x.shape[1] for x in places), max(t.shape[1] for t in nodes)
     return TargetSurface(
         np.concatenate(kinds),
         np.concatenate(ids).astype(np.int64),
-        np.ascontiguousarray(mesh.points[table]),
+        np.ascontiguousarray(np.concatenate([_pad(x, width, index=True) for x in places])),
         carry,
         np.ascontiguousarray(np.concatenate([_pad(t, own_width, index=True) for t in nodes])),
         np.concatenate(components),

@@ -12,6 +12,7 @@ from pcontact.element.trace import trace_constant
 
 SOLID = ["triangle", "quadrilateral", "tetrahedron", "hexahedron"]
 CASES = [(cell, geometry, degree) for cell in SOLID for geometry in (1, 2) for degree in (1, 2)]
+CASES += [("quadrilateral8", 2, 2), ("hexahedron20", 1, 2)]
 
 
 def lame(poisson, young=1.0):

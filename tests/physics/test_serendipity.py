@@ -3,24 +3,40 @@
 import numpy as np
 import pytest
 
-from meshes import one_block
+from drivers._common import make_mesh
+from drivers.cases import patch
+from drivers.cases.rings import measure, ring_scene
+from meshes import one_block, rings
 from pcontact.element.quadrature import quadrature
 from pcontact.element.reference import reference_nodes
-from pcontact.element.shape import shape
+from pcontact.element.shape import shape, shape_gradient
+from pcontact.io.result import load_result
+from pcontact.mesh.hdf5_writer import convert
 from pcontact.runtime.petsc import MPI
-from pcontact.scene.model import Body, Contact, Displacement, Load, Material, MeshSpec, Obstacle, Output, Scene
+from pcontact.scene.model import (
+    Body,
+    Contact,
+    Coupling,
+    Displacement,
+    Load,
+    Material,
+    MeshSpec,
+    Obstacle,
+    Output,
+    Scene,
+)
 from pcontact.simulation import Simulation
-from pcontact.space.middles import weights
+from tests.support.patch import blocks, solve
 
 WORLD, SELF = MPI.COMM_WORLD, MPI.COMM_SELF
-CELLS = {2: "quadrilateral", 3: "hexahedron"}
+CELLS = {2: "quadrilateral8", 3: "hexahedron20"}
 E, NU = 100.0, 0.3
 
 
 def serendipity(xi):
     """The 8 or 20 shape functions of textbooks at points (n, d), and their gradients: (n, m), (n, m, d)."""
     n, d = xi.shape
-    nodes = reference_nodes(CELLS[d], 2)[: 8 if d == 2 else 20]
+    nodes = reference_nodes(CELLS[d], 2)
     values, slopes = np.empty((n, len(nodes))), np.empty((n, len(nodes), d))
     for a, node in enumerate(nodes):
         factor = [0.5 * (1 + node[k] * xi[:, k]) if node[k] else 1 - xi[:, k] ** 2 for k in range(d)]
@@ -35,19 +51,11 @@ def serendipity(xi):
 
 
 @pytest.mark.parametrize("dim", [2, 3])
-def test_complete_cells_whose_middles_follow_have_the_serendipity_functions(dim):
+def test_shape_functions_are_those_of_textbooks(dim):
     xi = np.random.default_rng(1).uniform(-1, 1, (7, dim))
-    whole = shape(CELLS[dim], 2, xi)
-    follows = weights(CELLS[dim])
-    way = np.eye(whole.shape[1])[:, : 8 if dim == 2 else 20]
-    for node, leading, values in follows:
-        way[node, leading] = values
-    assert len(follows) == (1 if dim == 2 else 7)
-    np.testing.assert_allclose(whole @ way, serendipity(xi)[0], atol=1e-14)
-
-
-def test_triangles_and_tetrahedra_have_none():
-    assert weights("triangle") == [] and weights("tetrahedron") == []
+    values, slopes = serendipity(xi)
+    np.testing.assert_allclose(shape(CELLS[dim], 2, xi), values, atol=1e-14)
+    np.testing.assert_allclose(shape_gradient(CELLS[dim], 2, xi), slopes, atol=1e-14)
 
 
 def stiffness():
@@ -98,9 +106,8 @@ def test_one_brick_is_that_of_twenty_nodes(cube):
     u = np.zeros(60)
     u[free] = np.linalg.solve(stiffness()[np.ix_(free, free)], force[free])
     step = solved(cube, SELF)
-    top, corner = u.reshape(20, 3)[nodes[:, 2] == 1], np.all(nodes[nodes[:, 2] == 1] != 0.5, axis=1)
-    centre = 0.5 * top[~corner].sum(axis=0) - 0.25 * top[corner].sum(axis=0)
-    np.testing.assert_allclose(step["probes"]["top"]["mean"], (top.sum(axis=0) + centre) / 9, rtol=1e-8)
+    top = u.reshape(20, 3)[nodes[:, 2] == 1]
+    np.testing.assert_allclose(step["probes"]["top"]["mean"], top.mean(axis=0), rtol=1e-8)
     np.testing.assert_allclose(step["reactions"]["bottom"], [-1.0, -0.5, 2.0], rtol=1e-8)
 
 
@@ -112,3 +119,49 @@ def test_ranks_do_not_matter(cube, strain):
     np.testing.assert_allclose(several["probes"]["top"]["mean"], one["probes"]["top"]["mean"], rtol=1e-8)
     np.testing.assert_allclose(several["reactions"]["bottom"], one["reactions"]["bottom"], rtol=1e-7)
     assert one["imbalance"] < 1e-8 and one["contacts"]["right-plane"]["force"][0] > 0.01
+
+
+@pytest.mark.parametrize(("cell", "n_upper", "search"), [
+    ("quadrilateral", 3, "closest_point"), ("quadrilateral", 3, "ray_tracing"), ("hexahedron", 4, "closest_point"),
+])  # fmt: skip
+@pytest.mark.parametrize("theta", [1.0, -1.0])
+def test_uniform_pressure_is_exact_where_the_quadrature_is(shared_tmp, cell, n_upper, search, theta):
+    case = patch.scene(blocks(shared_tmp, cell, 2, n_upper), 2 if cell == "quadrilateral" else 3, 2, theta=theta,
+                       search=search)  # fmt: skip
+    case.mesh.serendipity = True
+    assert max(solve(case, patch.errors)) < 1e-9
+
+
+@pytest.mark.slow
+def test_curved_rings_converge_at_the_rate_of_degree_2(shared_tmp):
+    found = []
+    for n in (16, 32):
+        path = make_mesh(rings, shared_tmp / f"rings{n}.msh", n=n, cell="quadrilateral", order=2)
+        case = ring_scene(path, 2, 0.0)
+        case.mesh.serendipity = True
+        found.append(solve(case, measure))
+    rates = {key: np.log2(found[0][key] / found[1][key]) for key in ("energy", "weighted")}
+    assert min(rates.values()) > 1.4, rates
+
+
+@pytest.mark.parallel(3)
+def test_a_converted_mesh_a_coupling_and_the_fields(cube, shared_tmp):
+    """The mesh itself and the converted one give the same, with a coupling; cells are written with 20 nodes."""
+    path, found = cube.with_name("cubes.msh"), []
+    if WORLD.rank == 0:
+        convert(path, path.with_suffix(".h5"), 2)
+    WORLD.Barrier()
+    for mesh in (path, path.with_suffix(".h5")):
+        case = Scene(
+            MeshSpec(mesh, order=2, serendipity=True), {"m": Material(E, NU)}, [Body("block", "m")],
+            displacements=[Displacement("bottom", [0, 0, 0])],
+            couplings=[Coupling("top", displacement=[0.1, "free", "free"], rotation=[0.0, "free", 0.05])],
+            output=Output(probes=["top"]),
+            petsc={"snes_rtol": "1e-12", "ksp_rtol": "1e-13"},
+        )  # fmt: skip
+        simulation = Simulation(case)
+        assert simulation.run(shared_tmp / mesh.suffix[1:], keep=True)
+        simulation.close()
+        found.append(simulation.records.data()["steps"][-1]["probes"]["top"]["mean"])
+    np.testing.assert_allclose(found[1], found[0], rtol=1e-8, atol=1e-12)
+    assert {name for name, _ in load_result(shared_tmp / "msh").bodies.cells} == {"hexahedron20"}
