@@ -184,10 +184,10 @@ class Simulation:
         turns = self.problem.extrapolates
         modes_at = partial(near_null_space, self.problem.space, colours) if turns else None
         self.newton = Newton(self.problem, self.options, symmetric, modes, self.timing, motions, modes_at)
-        self.settle = uzawa(self.problem.contacts, self.newton, self.options)
-        self.renew = partner_update(self.problem, self.newton)
-        if self.renew is None:
+        self.renew = partners = partner_update(self.problem, self.newton)
+        if partners is None:
             self.renew = search_update(self.problem, self.newton, self.options)
+        self.settle = uzawa(self.problem.contacts, partners or self.newton, self.options)
         meets = motions and not self.problem.linear
         self.rest = LooseBodies(self.problem, motions) if meets else None
 

@@ -7,6 +7,7 @@ import numpy as np
 from pcontact.contact.formulation.finite import FiniteTerms
 from pcontact.contact.formulation.finite_geometry import (
     CLOSEST,
+    FIXED,
     HELD,
     NONE,
     OBSTACLE,
@@ -226,9 +227,12 @@ class FinitePair(ContactPair):
         p, contact = self.pairing, self.terms.place(self.pairing, values)
         mode = p.frozen.mode
         if not self.rigid and not self._traces:
-            off = ~contact.live | (np.abs(contact.normal - p.normal).max(axis=1) > APART)
-            p.frozen = p.frozen._replace(mode=np.where((mode == CLOSEST) & off, HELD, mode))
-            contact = self.terms.place(p, values)
+            off = np.ones(len(mode), dtype=bool)
+            # held at an edge, unless the line to the partner is not along the normal: where they touch
+            for other in (HELD, FIXED):
+                off &= ~contact.live | (np.abs(contact.normal - p.normal).max(axis=1) > APART)
+                p.frozen = p.frozen._replace(mode=np.where((mode == CLOSEST) & off, other, p.frozen.mode))
+                contact = self.terms.place(p, values)
         p.frozen = p.frozen._replace(shift=np.where(contact.live, gap - contact.gap, 0.0))
         jump = np.einsum("pa,pad->pd", self.source.shape, values[p.cells[self.source.facet]])
         jump -= np.einsum("pm,pmd->pd", p.target_shape, values[p.targets])
@@ -282,13 +286,14 @@ class FinitePair(ContactPair):
         found, values = self._find(nodal, self.deformed(nodal), time), p.exchange.gather(u)
         closed = self.terms.forces(p, values, self._view())[1] > OPEN
         gap = found.gap if self.offset is None else found.gap + self.offset
-        now = np.where(found.paired, found.ids, -1)
-        then = np.where(p.paired, p.ids, -1)
-        touches = closed | (found.paired & (gap <= 0.0))
+        touches, contact = closed | (found.paired & (gap <= 0.0)), self.terms.place(p, values)
+        changed = np.where(found.paired, found.ids, -1) != np.where(p.paired, p.ids, -1)
+        if not self._traces:
+            # on the same facet, but held at its edge where it was not, or no longer
+            changed |= found.paired & (np.abs(found.normal - contact.normal).max(axis=1) > APART)
         if firm:
-            contact = self.terms.place(p, values)
             touches &= ~(p.paired & contact.live & _inside(p.frozen.kind, contact.xi))
-        if not self.space.comm.allreduce(bool(np.any(touches & (now != then))), op=MPI.LOR):
+        if not self.space.comm.allreduce(bool(np.any(touches & changed)), op=MPI.LOR):
             return False
         flips, status = self.flips, self._status
         self._time = time
@@ -310,6 +315,11 @@ class FinitePair(ContactPair):
         p = self.pairing
         change = self.terms.gap(p, p.exchange.gather(u)) - self.terms.gap(p, p.exchange.gather(before))
         return self.space.comm.allreduce(float(np.max(np.abs(change[p.paired]), initial=0.0)), op=MPI.MAX)
+
+    def target_shape(self, u):
+        """See :meth:`ContactPair.target_shape`. *Collective.*"""
+        p = self.pairing
+        return p.target_shape if self.rigid else self.terms.place(p, p.exchange.gather(u)).shape
 
     def commit(self, u, time):
         """End the load step. *Collective.*"""

@@ -372,6 +372,10 @@ class ContactPair(Item):
         """Tractions (np, d) that act on the source by the law [stress], and status (np,). *Collective.*"""
         return self.terms.forces(self.pairing, self.pairing.exchange.gather(u), self._view())
 
+    def target_shape(self, u):
+        """Shape functions (np, m) of the partners' facets where the partners are at ``u``. *Collective.*"""
+        return self.pairing.target_shape
+
     def commit(self, u, time):
         """End the load step. *Collective.*"""
         self.time, self._begun = time, True

@@ -36,6 +36,8 @@ class PartnerUpdate:
 
     def __init__(self, problem, newton):
         self.problem, self.newton = problem, newton
+        # committed displacement and end of the load step
+        self._step = None
 
     def __call__(self, u, before, search):
         """Solve a load step. *Collective.*
@@ -54,30 +56,38 @@ class PartnerUpdate:
         pcontact.solve.result.NewtonResult
             With the iterations of all runs. Not converged where facets still change after as many searches as are made.
         """
-        left = [WITHIN]
+        left, self._step = [WITHIN], (before, search[0])
 
         def follow(x, part):
             if not left[0] or not (part < NEAR_SOLUTION or any([item.strays(x) for item in self.problem.others])):
                 return False
-            changed = self._renewed(x, before, search[0])
+            changed = self._renewed(x)
             left[0] -= changed
             return changed
 
-        result = self.newton.solve(u, follow)
+        return self._settled(u, self.newton.solve(u, follow))
+
+    def again(self, u):
+        """Solve on from the solution ``u`` of the load step after multipliers have changed, see
+        :meth:`pcontact.solve.newton.Newton.again`. *Collective.*"""
+        return self._settled(u, self.newton.again(u))
+
+    def _settled(self, u, result):
+        """Go on from a solution until points have its facets. *Collective.*"""
         for searches in range(RENEWALS):
-            if not result.converged or not self._renewed(u, before, search[0], searches >= FIRM):
+            if not result.converged or not self._renewed(u, searches >= FIRM):
                 return result
             result = combined(result, self.newton.again(u, near=True))
-        if result.converged and self._renewed(u, before, search[0], True):
+        if result.converged and self._renewed(u, True):
             reason = f"points of contact still find other facets after {RENEWALS} searches"
             return replace(result, converged=False, reason=reason)
         return result
 
-    def _renewed(self, u, before, time, firm=False):
+    def _renewed(self, u, firm=False):
         """Whether an item has changed its partners, see :meth:`pcontact.assembly.item.Item.renew`. *Collective.*"""
         start = clock.perf_counter()
         with profile.phase("search"):
-            changed = [item.renew(u, before, time, firm) for item in self.problem.others]
+            changed = [item.renew(u, *self._step, firm) for item in self.problem.others]
         self.newton.timing["search"] += clock.perf_counter() - start
         return any(changed)
 

@@ -26,7 +26,8 @@ class Uzawa:
     ----------
     contacts : list of list of pcontact.contact.pair.ContactPair
         Of each contact that has multipliers its pair, or its halves.
-    newton : pcontact.solve.newton.Newton
+    solver : pcontact.solve.newton.Newton or pcontact.stepping.partner_update.PartnerUpdate
+        Solves on with other multipliers by its `again`.
     rtol : float
         Change of the multipliers, relative to the traction, at which they have settled.
     max_it : int
@@ -37,8 +38,8 @@ class Uzawa:
         Whether a load step may end with multipliers that are far from settled.
     """
 
-    def __init__(self, contacts, newton, rtol, max_it, grow, accept):
-        self.contacts, self.newton, self.rtol, self.max_it = contacts, newton, rtol, max_it
+    def __init__(self, contacts, solver, rtol, max_it, grow, accept):
+        self.contacts, self.solver, self.rtol, self.max_it = contacts, solver, rtol, max_it
         self.grow, self.accept = grow, accept
         self._failed = False
 
@@ -76,7 +77,7 @@ class Uzawa:
             if self.grow:
                 for pair in (pair for pairs in self.contacts for pair in pairs):
                     pair.method.stiffen()
-            then = self.newton.again(u)
+            then = self.solver.again(u)
             updates += 1
             result = combined(result, then)
             if not result.converged:
@@ -143,10 +144,10 @@ def _remedy(left, updates, wanted):
     return more + 'a gamma0 near 1, formulation = "nitsche"'
 
 
-def uzawa(contacts, newton, options):
+def uzawa(contacts, solver, options):
     """The loop of the contacts of a problem; None where no pair has multipliers."""
     contacts = [contact.pairs for contact in contacts if isinstance(contact.method, AugmentedLagrangian)]
     if not contacts:
         return None
     names = ("rtol", "max_it", "grow", "accept")
-    return Uzawa(contacts, newton, *(options.get(f"contact_uzawa_{name}") for name in names))
+    return Uzawa(contacts, solver, *(options.get(f"contact_uzawa_{name}") for name in names))

@@ -32,6 +32,16 @@ def test_random_scenes_agree_with_themselves(tmp_path):
     assert steps > 20 * len(SEEDS)
 
 
+@pytest.mark.parametrize("seed", [18, 20], ids=["multipliers", "held at corners"])
+def test_partners_are_those_of_the_solution(seed, tmp_path):
+    """Not those of the iterate that has looked for them: where means of multipliers are taken, and where points are
+    held at corners."""
+    case, variants = fuzz.prepared(seed, {"strain": "finite"}, "renumbered")
+    results = fuzz.run_scenes({seed: (case, variants)}, tmp_path)[seed]
+    findings, _ = fuzz.judged(case, variants, results, tmp_path)
+    assert len(results) == 2 and not findings, "\n".join(map(str, findings))
+
+
 def test_a_body_that_hangs_on_friction_of_open_points(tmp_path):
     """Nothing but Tresca's traction holds a loose block above another one: Newton's steps are as long as they are."""
     case, variants = fuzz.prepared(545, only="tight")

@@ -110,7 +110,7 @@ def acting(pair, u):
     pcontact.contact.formulation.averages.Acting
     """
     traction, status = pair.forces(u)
-    return Acting(pair.pairing, pair.source, traction, status > OPEN)
+    return Acting(pair.pairing, pair.source, traction, status > OPEN, pair.target_shape(u))
 
 
 def update_multipliers(parts, u, rtol):

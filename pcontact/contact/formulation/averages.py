@@ -31,12 +31,15 @@ class Acting(NamedTuple):
     values : ndarray (np, d)
     chosen : ndarray (np,) of bool
         Points that count.
+    target_shape : ndarray (np, m)
+        Shape functions of the partners' facets where the partners are.
     """
 
     pairing: object
     source: object
     values: np.ndarray
     chosen: np.ndarray
+    target_shape: np.ndarray
 
 
 class _Around(NamedTuple):
@@ -56,7 +59,7 @@ def _around(part, both):
     # shape functions of degree 2 change their sign
     sides = [_Around(np.abs(source.shape), pairing.cells, source.facet, 1.0)]
     if both:
-        sides.append(_Around(np.abs(pairing.target_shape), pairing.targets, np.arange(len(source.facet)), -1.0))
+        sides.append(_Around(np.abs(part.target_shape), pairing.targets, np.arange(len(source.facet)), -1.0))
     return sides
 
 
@@ -115,4 +118,4 @@ def patch_means(space, pairing, source, values, chosen):
     ndarray (np, d)
         At all points.
     """
-    return local_means(space, [Acting(pairing, source, values, chosen)])[0]
+    return local_means(space, [Acting(pairing, source, values, chosen, pairing.target_shape)])[0]

@@ -22,7 +22,11 @@ dA_k,i = y_k,ij dxi_j and zeta_z = A_k+ z
     ds = dA zeta + A dzeta,    dzeta = A_k+ (A_k dxi - n_k dg - dA_k zeta_z)
                                        + (A_k^T A_k)^-1 dA_k^T (z - A_k zeta_z) - B+ dA_k (B+ lag)
 
-* held at an edge or corner: n and xi are frozen, s = [[u]] - [[u_k]] + lag
+* held at a corner or an edge, whose unit of xi is e: r = y - x is along n and across e; it slides, a corner stays,
+  dr = -[[du]] + y,e de,  de = (y,e . [[du]] - r . du_T,e) / (y,e . y,e + r . y,ee),  dg = n . dr,
+  dn = (I - n n) dr / g,  s = x - y - (x_k - y_k) + lag. Where r has turned from the normal that was found by more than
+  `AWAY`, the point has gone past the corner: n is that normal, and fixed
+* fixed: n and xi are frozen, s = [[u]] - [[u_k]] + lag
 * tied: xi is frozen, and w = y - x - A zeta_0 - g_0 n with the components of the offset that the undeformed bodies
   have;  g = w . n, s = -w
 * obstacle: normal, gap and Hessian of the distance are given;  dg = -n . dx, dn = -Hess dx, s = x - x_c with the place
@@ -37,10 +41,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from pcontact.contact.formulation.finite_held import held_column, hold
+from pcontact.contact.formulation.finite_places import dot, dual_basis, invert, source_at, target_at, unit_normal
 from pcontact.contact.surface.facet_maps import NODE_COUNTS, fill_shapes, is_triangle
 from pcontact.runtime.jit import njit, njit_inner
 
-NONE, RAY, CLOSEST, HELD, TIED, OBSTACLE = range(6)
+NONE, RAY, CLOSEST, HELD, FIXED, TIED, OBSTACLE = range(7)
 BEYOND, BESIDE = 1.5, 0.25
 # of Newton's method for the partner: iterations, largest step and last one in reference coordinates
 ITERATIONS, FARTHEST, SMALLEST = 40, 1.0, 1e-13
@@ -84,7 +90,7 @@ class FinitePartner(NamedTuple):
     Attributes
     ----------
     mode : ndarray (np,)
-        NONE, RAY, CLOSEST, HELD, TIED or OBSTACLE.
+        NONE, RAY, CLOSEST, HELD, FIXED, TIED or OBSTACLE.
     nodes : ndarray (np, mt)
         Of the target facets, numbers into nodal values; of width 0 for an obstacle.
     kind : ndarray (np,)
@@ -92,7 +98,7 @@ class FinitePartner(NamedTuple):
     xi : ndarray (np, 2)
         Where Newton's method for the partner begins; the partner itself where that is frozen.
     normal : ndarray (np, d)
-        Where it is frozen, and of obstacles.
+        Where it is frozen, of points that are held where they were found, and of obstacles.
     shift : ndarray (np,)
         Added to the gap [length].
     offset : ndarray (np, d)
@@ -151,6 +157,8 @@ class PointWork(NamedTuple):
     dg : ndarray (k,)
     dxi : ndarray (2, k)
         Derivatives with respect to the displacements of the ms nodes of the source facet and the mt ones of the target.
+    edge : ndarray (3,)
+        Of held points e, zero at a corner, and whether n turns (1.0).
     r, t, da, dz : ndarray (d,), (d,), (2, d), (2,)
         Scratch.
     """
@@ -185,6 +193,7 @@ class PointWork(NamedTuple):
     ds: np.ndarray
     dg: np.ndarray
     dxi: np.ndarray
+    edge: np.ndarray
     r: np.ndarray
     t: np.ndarray
     da: np.ndarray
@@ -197,95 +206,9 @@ def point_work(d, width):
     return PointWork(
         np.zeros((6, 9)), np.zeros(2), np.zeros(2), np.zeros(2), v(), v(), v(), v(), v(), v(), v(), v(), np.zeros(1),
         m(2), m(2), m(2), m(2), m(2), m(2), m(2), m(2), m(3), m(3), np.zeros((2, 2)), np.zeros((2, 2)),
-        np.zeros((d, d)), np.zeros((d, k)), np.zeros((d, k)), np.zeros(k), np.zeros((2, k)), v(), v(), m(2),
-        np.zeros(2),
+        np.zeros((d, d)), np.zeros((d, k)), np.zeros((d, k)), np.zeros(k), np.zeros((2, k)), np.zeros(3), v(),
+        v(), m(2), np.zeros(2),
     )  # fmt: skip
-
-
-@njit_inner
-def dot(a, b):
-    """a . b"""
-    value = 0.0
-    for i in range(len(a)):
-        value += a[i] * b[i]
-    return value
-
-
-@njit_inner
-def unit_normal(c, n):
-    """Write the unit normal of tangents: the tangent turned by -90 degrees, or the cross product; their length."""
-    if len(n) == 2:
-        n[0], n[1] = c[0, 1], -c[0, 0]
-    else:
-        n[0] = c[0, 1] * c[1, 2] - c[0, 2] * c[1, 1]
-        n[1] = c[0, 2] * c[1, 0] - c[0, 0] * c[1, 2]
-        n[2] = c[0, 0] * c[1, 1] - c[0, 1] * c[1, 0]
-    length = np.sqrt(dot(n, n))
-    for i in range(len(n)):
-        n[i] /= length
-    return length
-
-
-@njit_inner
-def _invert(h11, h12, h22, nb, out):
-    if nb == 1:
-        out[0, 0] = 1.0 / h11
-        return h11
-    det = h11 * h22 - h12 * h12
-    out[0, 0], out[0, 1], out[1, 0], out[1, 1] = h22 / det, -h12 / det, -h12 / det, h11 / det
-    return det if h11 > 0.0 else -abs(det)
-
-
-@njit_inner
-def _dual(a, metric, out):
-    """Dual basis of tangents a (2, d), and the inverse of their metric."""
-    d = a.shape[1]
-    nb = d - 1
-    _invert(dot(a[0], a[0]), dot(a[0], a[1]), dot(a[1], a[1]), nb, metric)
-    for i in range(nb):
-        for k in range(d):
-            out[i, k] = metric[i, 0] * a[0, k]
-            if nb == 2:
-                out[i, k] += metric[i, 1] * a[1, k]
-
-
-@njit_inner
-def _source_at(source, p, u, x, c):
-    """Place and tangents of a source point under nodal displacements."""
-    f, d = source.facet[p], u.shape[1]
-    for k in range(d):
-        x[k] = source.x[p, k]
-        for b in range(d - 1):
-            c[b, k] = source.tangent[p, b, k]
-    for a in range(source.on.shape[1]):
-        node = source.cells[f, source.on[f, a]]
-        for k in range(d):
-            x[k] += source.shape[p, a] * u[node, k]
-            for b in range(d - 1):
-                c[b, k] += source.slope[p, b, a] * u[node, k]
-
-
-@njit_inner
-def _target_at(nodes, count, x, u, shapes, y, a, bend):
-    """Place, tangents and second derivatives of the target facet from its shape functions."""
-    d = u.shape[1]
-    for k in range(d):
-        y[k] = 0.0
-        for i in range(2):
-            a[i, k] = 0.0
-        for i in range(3):
-            bend[i, k] = 0.0
-    for m in range(count):
-        node = nodes[m]
-        for k in range(d):
-            place = x[node, k] + u[node, k]
-            y[k] += shapes[0, m] * place
-            a[0, k] += shapes[1, m] * place
-            bend[0, k] += shapes[3, m] * place
-            if d == 3:
-                a[1, k] += shapes[2, m] * place
-                bend[1, k] += shapes[4, m] * place
-                bend[2, k] += shapes[5, m] * place
 
 
 @njit_inner
@@ -323,7 +246,7 @@ def _hessian(w, nb, gap_n):
     h11 = dot(w.a[0], w.a[0]) + dot(gap_n, w.bend[0])
     h12 = dot(w.a[0], w.a[1]) + dot(gap_n, w.bend[1])
     h22 = dot(w.a[1], w.a[1]) + dot(gap_n, w.bend[2])
-    return _invert(h11, h12, h22, nb, w.metric) > 0.0
+    return invert(h11, h12, h22, nb, w.metric) > 0.0
 
 
 @njit_inner
@@ -333,7 +256,7 @@ def _trace_ray(kind, nodes, motion, w):
     nb = d - 1
     for _ in range(ITERATIONS):
         fill_shapes(kind, w.xi[0], w.xi[1], w.shapes)
-        _target_at(nodes, count, motion.x, motion.u, w.shapes, w.y, w.a, w.bend)
+        target_at(nodes, count, motion.x, motion.u, w.shapes, w.y, w.a, w.bend)
         if not _cross_rows(w):
             return False
         for k in range(d):
@@ -359,7 +282,7 @@ def _project(kind, nodes, motion, w):
     nb = d - 1
     for _ in range(ITERATIONS):
         fill_shapes(kind, w.xi[0], w.xi[1], w.shapes)
-        _target_at(nodes, count, motion.x, motion.u, w.shapes, w.y, w.a, w.bend)
+        target_at(nodes, count, motion.x, motion.u, w.shapes, w.y, w.a, w.bend)
         for k in range(d):
             w.r[k] = w.y[k] - w.x[k]
         if not _hessian(w, nb, w.r):
@@ -386,7 +309,7 @@ def _project(kind, nodes, motion, w):
 def _frozen(kind, nodes, motion, w):
     """The target at a frozen partner."""
     fill_shapes(kind, w.xi[0], w.xi[1], w.shapes)
-    _target_at(nodes, NODE_COUNTS[kind], motion.x, motion.u, w.shapes, w.y, w.a, w.bend)
+    target_at(nodes, NODE_COUNTS[kind], motion.x, motion.u, w.shapes, w.y, w.a, w.bend)
 
 
 @njit_inner
@@ -394,9 +317,9 @@ def _slip(mode, source, p, nodes, kind, motion, w):
     """Slip of a point against its target, and zeta."""
     d = len(w.n)
     nb = d - 1
-    _source_at(source, p, motion.before, w.old_x, w.old_c)
-    _target_at(nodes, NODE_COUNTS[kind], motion.x, motion.before, w.shapes, w.old_y, w.old_a, w.old_bend)
-    if mode == HELD:
+    source_at(source, p, motion.before, w.old_x, w.old_c)
+    target_at(nodes, NODE_COUNTS[kind], motion.x, motion.before, w.shapes, w.old_y, w.old_a, w.old_bend)
+    if mode == HELD or mode == FIXED:
         for k in range(d):
             w.slip[k] = w.x[k] - w.y[k] - w.old_x[k] + w.old_y[k] + motion.lag[p, k]
         return
@@ -412,8 +335,8 @@ def _slip(mode, source, p, nodes, kind, motion, w):
             along = dot(w.old_n, w.old_a[i])
             for k in range(d):
                 w.da[i, k] = w.old_a[i, k] - along * w.old_n[k]
-        _dual(w.da, w.old_metric, w.across)
-    _dual(w.old_a, w.old_metric, w.old_dual)
+        dual_basis(w.da, w.old_metric, w.across)
+    dual_basis(w.old_a, w.old_metric, w.old_dual)
     for i in range(nb):
         w.zeta[i] = dot(w.old_dual[i], w.rest)
         w.zeta_lag[i] = dot(w.across[i], motion.lag[p]) if mode == RAY else 0.0
@@ -427,7 +350,7 @@ def _slip(mode, source, p, nodes, kind, motion, w):
 def place_point(source, partner, motion, p, slides, w):
     """Normal, gap, partner and, where the point `slides` with friction, slip of a point; whether it has a partner."""
     mode, kind, d = partner.mode[p], partner.kind[p], motion.u.shape[1]
-    _source_at(source, p, motion.u, w.x, w.c)
+    source_at(source, p, motion.u, w.x, w.c)
     w.gap[0] = 0.0
     for k in range(d):
         w.slip[k] = 0.0
@@ -449,6 +372,8 @@ def place_point(source, partner, motion, p, slides, w):
             w.gap[0] = 0.0
             return False
     elif mode == HELD:
+        hold(kind, nodes, motion, partner.normal[p], w)
+    elif mode == FIXED:
         _frozen(kind, nodes, motion, w)
         for k in range(d):
             w.n[k] = partner.normal[p, k]
@@ -487,9 +412,9 @@ def derive_point(source, partner, p, mode, slides, w):
     nb, ms, mt = d - 1, source.on.shape[1], partner.nodes.shape[1]
     gap = w.gap[0] - (partner.shift[p] if mode != TIED else 0.0)
     if mode == RAY or mode == NONE:
-        _dual(w.c, w.metric, w.c_dual)
+        dual_basis(w.c, w.metric, w.c_dual)
     if mode == CLOSEST or mode == TIED:
-        _dual(w.a, w.metric, w.a_dual)
+        dual_basis(w.a, w.metric, w.a_dual)
     if mode == CLOSEST:
         for k in range(d):
             w.r[k] = gap * w.n[k]
@@ -528,9 +453,12 @@ def _column(source, partner, p, mode, slot, j, slides, w):
         for i in range(d):
             w.dn[i, k] = -partner.curvature[p, i, j] * value
         return
-    if mode == HELD:
+    if mode == FIXED:
         w.dg[k] = -w.n[j] * value
         w.ds[j, k] = value
+        return
+    if mode == HELD:
+        held_column(gap, value, m, j, w, k)
         return
     if mode == RAY:
         if m < 0:
@@ -701,7 +629,7 @@ def stretch(source, grad, u, out):
             det = f[2, 2] * det
             det += f[0, 1] * f[1, 2] * f[2, 0] - f[0, 0] * f[1, 2] * f[2, 1]
             det += f[0, 2] * f[1, 0] * f[2, 1] - f[0, 2] * f[1, 1] * f[2, 0]
-        _source_at(source, p, u, x, c)
+        source_at(source, p, u, x, c)
         if det > 0.0:
             out[facet] = max(out[facet], unit_normal(c, n) / det)
 
@@ -712,7 +640,7 @@ def current_normals(source, u, normal):
     d = u.shape[1]
     x, c, n = np.zeros(d), np.zeros((2, d)), np.zeros(d)
     for p in range(len(source.facet)):
-        _source_at(source, p, u, x, c)
+        source_at(source, p, u, x, c)
         unit_normal(c, n)
         for k in range(d):
             normal[p, k] = n[k]
@@ -729,10 +657,10 @@ def tied_offsets(source, partner, x, u, offset):
         if partner.mode[p] != TIED:
             continue
         kind = partner.kind[p]
-        _source_at(source, p, u, place, c)
+        source_at(source, p, u, place, c)
         fill_shapes(kind, partner.xi[p, 0], partner.xi[p, 1], shapes)
-        _target_at(partner.nodes[p], NODE_COUNTS[kind], x, u, shapes, y, a, bend)
-        _dual(a, metric, dual)
+        target_at(partner.nodes[p], NODE_COUNTS[kind], x, u, shapes, y, a, bend)
+        dual_basis(a, metric, dual)
         unit_normal(a, n)
         for k in range(d):
             y[k] -= place[k]

@@ -8,6 +8,7 @@ import pytest
 from pcontact.assembly.graph import BlockRows
 from pcontact.contact.formulation.finite_geometry import (
     CLOSEST,
+    FIXED,
     HELD,
     NONE,
     OBSTACLE,
@@ -43,7 +44,7 @@ STATES = {
     "tresca": ([0.01, 0.0, 0.01], SLIP, 0.02),
     "frictionless": (None, SLIP, -0.1),
 }
-NAMES = {RAY: "ray", CLOSEST: "closest", HELD: "held", TIED: "tied", OBSTACLE: "obstacle", NONE: "none"}
+NAMES = {RAY: "ray", CLOSEST: "closest", HELD: "held", FIXED: "fixed", TIED: "tied", OBSTACLE: "obstacle", NONE: "none"}
 EXTRA = 2
 GAMMA, ALPHA, WEIGHT = 3.0, 0.7, 0.37
 
@@ -91,8 +92,14 @@ class Setting:
             (q @ self.dshape.T)[None], (self.shape @ own)[None], (q @ along)[None], np.array([WEIGHT]),
         )  # fmt: skip
         self.xi0 = inside[0] + 0.05
+        if mode == HELD:
+            # in the middle of an edge, of a segment at its end
+            self.xi0[-1] = 0.0 if facet == "triangle" else -1.0
         offset, normal = 0.1 * random.standard_normal(d), random.standard_normal(d)
         self.normal, self.offset = normal / np.linalg.norm(normal) * side, offset
+        if mode == HELD:
+            line = self._held(self.u)[1] + 0.2 * self.normal
+            self.normal = np.sign(gap) * line / np.linalg.norm(line)
         self.centre = (self.shape @ own) + side * (1.0 + gap) * np.eye(d)[-1] + 0.1 * random.standard_normal(d)
         self.lag = 0.01 * random.standard_normal(d)
         if mode == RAY:
@@ -187,6 +194,18 @@ class Setting:
             v = v - np.linalg.solve(jacobian, wrong(v))
         return v[:-1], v[-1]
 
+    def _held(self, u):
+        """xi, and the line from the point to the partner, by differences."""
+        x, e, h, s = self.shape @ (self.x + u)[: self.ms], np.eye(self.nb)[0] * (self.nb - 1), 1e-4, 0.0
+
+        def away(v):
+            r = self._target(u, self.xi0 + v * e)[0] - x
+            return r @ r
+
+        for _ in range(60 * (self.nb - 1)):
+            s -= 0.5 * h * (away(s + h) - away(s - h)) / (away(s + h) - 2.0 * away(s) + away(s - h))
+        return self.xi0 + s * e, self._target(u, self.xi0 + s * e)[0] - x
+
     def twin(self, u):
         """Residual, normal, gap and tangential slip from the formulas."""
         one = np.eye(self.d)
@@ -267,7 +286,32 @@ def check_difference(one):
     assert np.abs(k - difference).max() < 1e-8 * scale
 
 
-@pytest.mark.parametrize("case", settings([HELD, OBSTACLE], states=["slip", "frictionless"])
+@pytest.mark.parametrize("facet", FACETS, ids=lambda f: f"{f[0]}{f[1]}")
+@pytest.mark.parametrize("state", ["open", "slip"])
+def test_held(facet, state):
+    """The partner is the nearest point of the edge or end, the normal goes there, slip is across it; a point that has
+    gone to the other side of a corner has the normal that was found."""
+    one = setting((*facet, HELD, state, 0.0))
+    _, found, _ = one.at(one.u)
+    xi, line = one._held(one.u)
+    length = np.linalg.norm(line)
+    sign = np.sign(line @ one.normal)
+    np.testing.assert_allclose(found["xi"][: one.nb], xi, atol=1e-7)
+    np.testing.assert_allclose(found["gap"], sign * length + 0.003, atol=1e-9)
+    np.testing.assert_allclose(found["normal"], sign * line / length, atol=1e-7)
+    places = [one.shape @ (one.x + w)[: one.ms] - one._target(w, xi)[0] for w in (one.u, one.before)]
+    slip = places[0] - places[1] + one.lag
+    expected = slip - found["normal"] * (found["normal"] @ slip) if one.frictional else 0.0
+    np.testing.assert_allclose(found["slip"], expected, atol=1e-7)
+    moved = one.u.copy()
+    # beside the corner, or the edge along its first tangent
+    aside = turn_of(2, np.pi / 2) @ one.normal if one.d == 2 else np.cross(one.normal, one._target(one.u, xi)[1][0])
+    moved[: one.nn] += line + 0.1 * aside / np.linalg.norm(aside)
+    np.testing.assert_array_equal(one.at(moved)[1]["normal"], one.normal)
+
+
+@pytest.mark.parametrize("case", settings([HELD], states=["slip", "tresca", "frictionless"])
+                         + settings([FIXED, OBSTACLE], states=["slip", "frictionless"])
                          + settings([NONE], thetas=[-1.0], states=["slip", "frictionless"])
                          + settings([TIED], states=["stick"]))  # fmt: skip
 def test_difference_of_other_partners(case):
