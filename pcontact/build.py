@@ -309,14 +309,15 @@ def _heat(scene, space, constants):
         return None
     # in plane stress the third direction is free to expand
     normal = 2.0 if scene.mesh.kinematics == "plane_stress" else 3.0
-    moduli = [(normal * lam + 2.0 * mu) * (scene.materials[body.material].expansion or 0.0)
-              for body, (lam, mu) in zip(scene.bodies, constants, strict=True)]  # fmt: skip
+    bulk = [lam + 2.0 / normal * mu for lam, mu in constants]
+    moduli = [normal * one * (scene.materials[body.material].expansion or 0.0)
+              for body, one in zip(scene.bodies, bulk, strict=True)]  # fmt: skip
     heatings = []
     for number, one in enumerate(scene.temperatures):
         where = place("temperatures", number, one.region)
         value = Prescribed(one.value, scene.where, f"{where}.value")
         heatings.append(Heating(one.region, value, one.reference, amplitude_of(one, scene.steps.end), where))
-    return Heat(space, heatings, moduli, scene.where)
+    return Heat(space, heatings, moduli, bulk, scene.where)
 
 
 def _rigid_groups(scene, space, supports):

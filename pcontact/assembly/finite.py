@@ -2,6 +2,8 @@
 
 import numpy as np
 
+from pcontact.assembly.deformation import deformation_fields, deformations
+from pcontact.assembly.finite_energy import stored_energy
 from pcontact.assembly.finite_kernels import (
     FiniteCells,
     FiniteState,
@@ -18,6 +20,7 @@ from pcontact.assembly.item import LAW, Bulk
 from pcontact.assembly.pattern import OwnedRows
 from pcontact.assembly.plastic import NO_RING, POINTS
 from pcontact.element.dilatation import components, factors, linear
+from pcontact.material.hardening import yield_work
 from pcontact.runtime import log
 from pcontact.runtime.parallel import take_rows
 from pcontact.runtime.petsc import MPI
@@ -285,9 +288,29 @@ class FiniteBulk(Bulk):
         """
         return [(stress, volume) for stress, _, volume in self._means(u)]
 
-    def fields(self, u):
+    def log_strain(self, u):
         """Mean logarithmic strain ln V (nc, 6) over every deformed cell; zero without finite strain. *Collective.*"""
-        return {"log_strain": [strain for _, strain, _ in self._means(u)]}
+        return [strain for _, strain, _ in self._means(u)]
+
+    def fields(self, u):
+        """See :func:`pcontact.assembly.deformation.deformation_fields`. *Collective.*"""
+        return deformation_fields(self.space, self.space.local.gather(u), self.log_strain(u))
+
+    def deformations(self, u):
+        """See :func:`pcontact.assembly.deformation.deformations`. *Collective.*"""
+        return deformations(self.space, self.fields(u), self.parts)
+
+    def energies(self, u):
+        """See :meth:`pcontact.assembly.item.Bulk.energies`: of the state that goes with ``u``. *Collective.*"""
+        nodal, own = self.space.local.gather(u), np.zeros(2)
+        for _, _, cells, state in self.chunks():
+            stored, p = np.zeros(cells.jxw.shape), np.zeros(cells.jxw.shape)
+            stored_energy(state, cells, nodal, cell_work(cells), stored, p)
+            own[0] += np.sum(cells.jxw * stored)
+            if state.material.yields:
+                own[1] += np.sum(cells.jxw * yield_work(state.material.small.curve, p))
+        stored, plastic = self.space.comm.allreduce(own, op=MPI.SUM)
+        return float(stored), float(plastic)
 
     def plastic_strain(self):
         """Mean equivalent plastic strain (nc,) of the cells of each block; None where nothing may yield."""

@@ -66,6 +66,9 @@ class Heat:
     heatings : list of Heating
     moduli : list of float
         beta of each body [stress / temperature].
+    bulk : list of float
+        Energy density of free expansion by dT is 1/2 (beta dT)^2 / bulk: bulk modulus, in plane stress that of the
+        plane [stress].
     source : str
         Name of the scene, for messages.
 
@@ -86,8 +89,8 @@ class Heat:
     The constructor is *Collective*.
     """
 
-    def __init__(self, space, heatings, moduli, source):
-        self.space, self._heatings, self._moduli = space, heatings, moduli
+    def __init__(self, space, heatings, moduli, bulk, source):
+        self.space, self._heatings, self._moduli, self._bulk = space, heatings, moduli, bulk
         self._time, self._traces, self.forces = None, [], np.zeros((space.n_owned, space.dim))
         self._which = [np.full(len(block.nodes), -1, dtype=np.int64) for block in space.mesh.blocks]
         self.means = [np.zeros(len(which)) for which in self._which]
@@ -135,10 +138,9 @@ class Heat:
         """Whether a block has cells that are heated and expand."""
         return bool((self._which[number] >= 0).any() and self._moduli[self.space.mesh.blocks[number].body])
 
-    def _integrated(self):
-        """Forces at local nodes (n_local, d), and means of the cells."""
+    def _chunks(self):
+        """Block, rows, gradients, weights, hoop operators and beta dT (nc, nq) of the chunks of heated cells."""
         space = self.space
-        local, means = np.zeros((space.n_local, space.dim)), [np.zeros(len(which)) for which in self._which]
         for number, block in enumerate(space.mesh.blocks):
             for rows, grad, jxw, shapes in chunks(space, number) if self._heated(number) else ():
                 points = points_of(space, number, rows)
@@ -146,10 +148,24 @@ class Heat:
                 values = self.stress(number, some, points)
                 if space.averages(block):
                     values = _fit(space, block, jxw, points, values)(points, np.arange(len(some)))
-                operator = dilatation(grad, hoop(space, number, rows, shapes))
-                np.add.at(local, space.cells[number][rows], np.einsum("cq,cq,cqad->cad", jxw, values, operator))
-                means[number][rows] = np.sum(jxw * values, axis=1) / jxw.sum(axis=1)
+                yield number, rows, grad, jxw, hoop(space, number, rows, shapes), values
+
+    def _integrated(self):
+        """Forces at local nodes (n_local, d), and means of the cells."""
+        space = self.space
+        local, means = np.zeros((space.n_local, space.dim)), [np.zeros(len(which)) for which in self._which]
+        for number, rows, grad, jxw, ring, values in self._chunks():
+            operator = dilatation(grad, ring)
+            np.add.at(local, space.cells[number][rows], np.einsum("cq,cq,cqad->cad", jxw, values, operator))
+            means[number][rows] = np.sum(jxw * values, axis=1) / jxw.sum(axis=1)
         return local, means
+
+    def energy(self):
+        """What heated cells would store if they were kept from expanding [force * length]. *Collective.*"""
+        own = 0.0
+        for number, _, _, jxw, _, values in self._chunks():
+            own += 0.5 * np.sum(jxw * values**2) / self._bulk[self.space.mesh.blocks[number].body]
+        return float(self.space.comm.allreduce(own, op=MPI.SUM))
 
     def trace(self, source, name):
         """The thermal stress at the points of a source surface; None where it has none. *Collective.*
@@ -249,8 +265,11 @@ class _Heated:
         out += np.abs(self.heat.forces)
 
     def energies(self, u):
-        """Not known: what a temperature does is no work of forces."""
-        return None
+        """See :meth:`pcontact.assembly.item.Bulk.energies`: stored is 1/2 (eps - alpha dT) C (eps - alpha dT).
+        *Collective.*"""
+        stored, dissipated = super().energies(u)
+        own = float(np.sum(self.heat.forces * u.getArray(readonly=True).reshape(self.heat.forces.shape)))
+        return stored - self.space.comm.allreduce(own, op=MPI.SUM) + self.heat.energy(), dissipated
 
     def stress(self, u):
         """Mean stress and volume of every cell, see :meth:`ElasticBulk.stress`. *Collective.*"""

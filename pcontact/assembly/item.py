@@ -327,9 +327,19 @@ class Bulk(Item):
         return 0.0, 0.0
 
     def energies(self, u):
-        """What bodies store, and what plastic flow has dissipated, at a committed displacement [force * length]; None
-        where that is not known. *Collective.*"""
-        return None
+        """What bodies store, and what plastic flow has dissipated, at a committed displacement [force * length].
+        *Collective.*
+
+        Returns
+        -------
+        stored, dissipated : float
+        """
+        raise NotImplementedError
+
+    def deformations(self, u):
+        """How far bodies with finite strain are stretched and turned, see
+        :func:`pcontact.assembly.deformation.deformations`; of others nothing. *Collective.*"""
+        return {}
 
     def distortions(self, u, held):
         """How far bodies with small strain are from what it represents, see

@@ -3,8 +3,8 @@
 import numpy as np
 
 from pcontact.assembly.bulk import ElasticBulk
+from pcontact.assembly.deformation import deformation_fields, mean_gradients
 from pcontact.assembly.finite import FiniteBulk
-from pcontact.assembly.geometry import chunks, hoop
 from pcontact.assembly.item import LAW, Bulk
 from pcontact.assembly.pattern import positions
 from pcontact.assembly.plastic import PlasticBulk
@@ -107,20 +107,22 @@ class MixedBulk(Bulk):
         return self._joined(self.small.stress(u), self.finite.stress(u))
 
     def fields(self, u):
-        """Logarithmic strain, and that of small strain where bodies have no other. *Collective.*"""
+        """See :func:`pcontact.assembly.deformation.deformation_fields`; bodies with small strain have theirs instead of
+        a logarithmic one. *Collective.*"""
         nodal, space = self.space.local.gather(u), self.space
         result = [np.zeros((len(cells), 6)) for cells in space.cells]
         for number in set(range(len(result))) - set(self.finite.parts):
-            for rows, grad, jxw, shapes in chunks(space, number):
-                values, d = nodal[space.cells[number][rows]], space.dim
-                h = np.zeros((len(values), 3, 3))
-                weight = jxw / jxw.sum(axis=1)[:, None]
-                h[:, :d, :d] = np.einsum("cq,cqaj,cai->cij", weight, grad, values)
-                ring = hoop(space, number, rows, shapes)
-                if ring is not None:
-                    h[:, 2, 2] = np.einsum("cq,cqa,ca->c", weight, ring, values[:, :, 0])
-                result[number][rows] = 0.5 * (h + h.transpose(0, 2, 1))[:, [0, 1, 2, 0, 1, 0], [0, 1, 2, 1, 2, 2]]
-        return {"log_strain": self._joined(result, self.finite.fields(u)["log_strain"])}
+            h = mean_gradients(space, nodal, number)
+            result[number][:] = 0.5 * (h + h.transpose(0, 2, 1))[:, [0, 1, 2, 0, 1, 0], [0, 1, 2, 1, 2, 2]]
+        return deformation_fields(space, nodal, self._joined(result, self.finite.log_strain(u)))
+
+    def deformations(self, u):
+        """Of the bodies with finite strain, see :func:`pcontact.assembly.deformation.deformations`. *Collective.*"""
+        return self.finite.deformations(u)
+
+    def energies(self, u):
+        """See :meth:`pcontact.assembly.item.Bulk.energies`. *Collective.*"""
+        return tuple(sum(parts) for parts in zip(self.small.energies(u), self.finite.energies(u), strict=True))
 
     def plastic_strain(self):
         """Mean equivalent plastic strain (nc,) of the cells of each block; None where nothing may yield."""

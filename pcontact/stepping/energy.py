@@ -4,9 +4,11 @@ Works are sums over the load steps of forces times motions of nodes, by the trap
 of a load step and the motion du in it, 1/2 (R_k + R_k+1) . du. What bodies store, and what their plastic flow has
 dissipated, are functions of their state; so the balance
 
-    loads + supports + obstacles = stored + plastic + contacts + springs + viscous
+    loads + supports + obstacles + heat = stored + plastic + contacts + springs + viscous
 
-holds as far as load steps are short and equations are solved.
+holds as far as load steps are short and equations are solved. Heat supplies what temperature changes of the elastic
+energy 1/2 (eps - alpha dT) C (eps - alpha dT) while nothing moves: with the thermal forces f and the energy c of cells
+that are kept from expanding, -1/2 (u_k + u_k+1) . (f_k+1 - f_k) + c_k+1 - c_k in a load step.
 """
 
 import numpy as np
@@ -32,7 +34,8 @@ class EnergyBalance:
         In checkpoints.
     sums : dict of str to Sum
         Works so far [force * length]: ``loads``, ``supports`` and ``obstacles`` do them on the bodies, which do those
-        of ``bodies`` (against their stresses), ``springs``, ``viscous`` and ``contact NAME`` (what is lost there).
+        of ``bodies`` (against their stresses), ``springs``, ``viscous`` and ``contact NAME`` (what is lost there);
+        ``heat`` without the energy of cells kept from expanding.
     """
 
     name = "energy"
@@ -43,9 +46,11 @@ class EnergyBalance:
         kinds = ["loads", "supports", "bodies", *dict.fromkeys(self._kinds)]
         if any(pair.rigid for contact in problem.contacts for pair in contact.pairs):
             kinds.append("obstacles")
+        kinds += ["heat"] if problem.bulk.heat is not None else []
         self.sums = {kind: Sum() for kind in dict.fromkeys(kinds)}
         # forces at the end of the last load step, with the sign of the residual: of loads, supports, bodies, items
         names = ["loads", "supports", "bodies", *(f"item {k}" for k in range(len(problem.others)))]
+        names += ["heat"] if "heat" in self.sums else []
         self._last = {name: np.zeros((space.n_owned, space.dim)) for name in names}
         self._record = None
 
@@ -91,6 +96,9 @@ class EnergyBalance:
 
         for name, sign in (("loads", -1.0), ("supports", -1.0), ("bodies", 1.0)):
             own[name] += sign * work(name, moved)
+        if "heat" in own:
+            forces["heat"] = problem.bulk.heat.forces
+            own["heat"] -= 0.5 * float(np.sum((forces["heat"] - self._last["heat"]) * (values + start)))
         for k, (item, kind) in enumerate(zip(problem.others, self._kinds, strict=True)):
             name = f"item {k}"
             if kind == "loads":
@@ -122,23 +130,22 @@ class EnergyBalance:
         -------
         dict
             The sums, those of contacts under ``contacts``; ``stored`` and, where bodies may yield, ``plastic``
-            [force * length], and ``defect``, what is missing in the balance over what has been supplied and stored:
-            where the bodies say what they store.
+            [force * length], and ``defect``, what is missing in the balance over the largest part of it.
         """
         result = {kind: one.carried for kind, one in self.sums.items() if not kind.startswith("contact ")}
         contacts = {kind[len("contact ") :]: one.carried for kind, one in self.sums.items() if kind not in result}
         if contacts:
             result["contacts"] = contacts
-        found = self._problem.bulk.energies(u)
-        if found is not None:
-            stored, plastic = found
-            result["stored"] = stored
-            if self._problem.yields:
-                result["plastic"] = plastic
-            taken = [stored, plastic, *contacts.values(), result.get("springs", 0.0), result.get("viscous", 0.0)]
-            given = [result[kind] for kind in ("loads", "supports", "obstacles") if kind in result]
-            most = max(abs(number) for number in [*taken, *given])
-            result["defect"] = (sum(given) - sum(taken)) / most if most > 0.0 else 0.0
+        stored, plastic = self._problem.bulk.energies(u)
+        result["stored"] = stored
+        if self._problem.yields:
+            result["plastic"] = plastic
+        if "heat" in result:
+            result["heat"] += self._problem.bulk.heat.energy()
+        taken = [stored, plastic, *contacts.values(), result.get("springs", 0.0), result.get("viscous", 0.0)]
+        given = [result[kind] for kind in ("loads", "supports", "obstacles", "heat") if kind in result]
+        most = max(abs(number) for number in [*taken, *given])
+        result["defect"] = (sum(given) - sum(taken)) / most if most > 0.0 else 0.0
         return result
 
     # -- a checkpoint ---------------------------------------------------------------------------------------------

@@ -24,7 +24,7 @@ class Recorder:
     probes : list of str
         Regions whose displacement is recorded.
     bodies : sequence of str, optional
-        Their regions. Absent: nothing is said of where small strain ends.
+        Their regions. Absent: nothing is said of where small strain ends, and how far finite strain goes.
     phase : str, optional
         Name of the phase of the run.
 
@@ -74,6 +74,9 @@ class Recorder:
         }
         if self._bodies:
             record["small_strain"] = self._distortions(u)
+            stretched = problem.bulk.deformations(u)
+            if stretched:
+                record["finite_strain"] = {self._bodies[body]: one._asdict() for body, one in stretched.items()}
         if problem.supports.turns:
             record["moments"] = problem.moments(u, step.unbalanced)
         if problem.viscous is not None:

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from meshes import one_block
+from meshes import cylinder_strip, one_block, two_blocks
 from pcontact.runtime.petsc import MPI
 from pcontact.scene.model import (
     Body,
@@ -19,6 +19,7 @@ from pcontact.scene.model import (
     Scene,
     Spring,
     Steps,
+    Temperature,
 )
 from tests.support.restarts import STOP, Keep, run
 
@@ -143,32 +144,156 @@ def test_springs_and_viscosity_take_theirs(tmp_path, meshes):
     assert given == pytest.approx(energy["stored"] + energy["springs"] + energy["viscous"], rel=1e-9)
 
 
-def test_finite_strain_has_the_works(tmp_path, meshes):
-    """Not what is stored; the works of supports and stresses are the same."""
-    scene = bar(meshes, "plane_strain", 0.3, 6, Material(YOUNG, 0.3, yield_stress=YIELD, hardening=HARDENING))
-    scene.mesh = replace(scene.mesh, strain="finite")
-    energy = run(scene, SELF, tmp_path / "out")[-1]["energy"]
-    assert "stored" not in energy and "defect" not in energy
-    assert energy["supports"] == pytest.approx(energy["bodies"], rel=1e-8) and energy["bodies"] > 0.0
+def order_of(defects):
+    """With which power of the load step defects fall, from numbers of load steps that double each time."""
+    return np.log2(np.abs(defects[:-1]) / np.abs(defects[1:]))
+
+
+def finite_bar(folder, end, count, material, kinematics="plane_stress"):
+    """The bar of small strain, drawn with finite strain."""
+    scene = bar(folder, kinematics, end, count, material)
+    return replace(scene, mesh=replace(scene.mesh, strain="finite"))
+
+
+@pytest.mark.parametrize("kinematics", ["plane_stress", "3D"])
+def test_an_elastic_bar_of_twice_its_length(tmp_path, meshes, kinematics):
+    """1/2 E ln(2)^2; the trapezoidal rule misses a part that falls with the square of the load step."""
+    defects = []
+    for count in (8, 16, 32):
+        energy = run(finite_bar(meshes, 1.0, count, Material(YOUNG, 0.3), kinematics), SELF, tmp_path / f"{count}")[-1]
+        energy = energy["energy"]
+        assert energy["stored"] == pytest.approx(0.5 * YOUNG * np.log(2.0) ** 2, rel=1e-9)
+        assert energy["supports"] == pytest.approx(energy["bodies"], rel=1e-9) and "plastic" not in energy
+        defects.append(energy["defect"])
+    assert np.all(np.abs(order_of(defects) - 2.0) < 0.1) and abs(defects[-1]) < 1e-3
+
+
+@pytest.mark.parametrize("split", ["multiplicative", "additive"])
+def test_a_plastic_bar_at_large_strain(tmp_path, meshes, split):
+    """Elongated by half; the closed form in true stress, which does its work on the logarithmic strain."""
+    limit, total = 0.1 * YOUNG, np.log(1.5)
+    back = BACK if split == "additive" else 0.0
+    material = Material(YOUNG, 0.3, yield_stress=limit, hardening=HARDENING, kinematic_hardening=back, split=split)
+    strain, defects = (YOUNG * total - limit) / (YOUNG + HARDENING + back), []
+    stress = limit + (HARDENING + back) * strain
+    for count in (10, 20, 40):
+        scene = finite_bar(meshes, 0.5, count, material)
+        # a load step ends where it begins to yield: the corner of the curve does not fall within one
+        scene.displacements[-1].amplitude = [(0.0, 0.0), (0.4, np.expm1(0.1) / 0.5), (1.0, 1.0)]
+        energy = run(scene, SELF, tmp_path / f"{count}")[-1]["energy"]
+        assert energy["stored"] == pytest.approx(0.5 * stress**2 / YOUNG + 0.5 * back * strain**2, rel=1e-9)
+        assert energy["plastic"] == pytest.approx(limit * strain + 0.5 * HARDENING * strain**2, rel=1e-9)
+        defects.append(energy["defect"])
+    assert np.all(np.abs(order_of(defects) - 2.0) < 0.1) and abs(defects[-1]) < 1e-3
+
+
+@pytest.mark.parametrize("law", ["hencky", "neo_hooke"])
+def test_simple_shear(tmp_path, meshes, law):
+    """Sheared by 1: mu asinh(1/2)^2 * 2 and 1/2 mu."""
+    sides = [Displacement(side, ["y", 0.0]) for side in ("left", "right", "bottom", "top")]
+    scene = Scene(
+        MeshSpec(meshes / "block2.msh", strain="finite"), {"m": Material(YOUNG, 0.3, law=law)}, [Body("block", "m")],
+        displacements=sides, steps=Steps(count=4), output=OUTPUT, petsc={"snes_rtol": "1e-12"},
+    )  # fmt: skip
+    energy, shear = run(scene, SELF, tmp_path / "out")[-1]["energy"], YOUNG / 2.6
+    expected = 2.0 * shear * np.arcsinh(0.5) ** 2 if law == "hencky" else 0.5 * shear
+    assert energy["stored"] == pytest.approx(expected, rel=1e-9)
+
+
+def test_a_tube_of_rubber(tmp_path):
+    """Widened to twice its inner radius: the integral of neo-Hooke's energy over the wall, incompressible."""
+    cylinder_strip(tmp_path / "tube.msh", (24, 1), inner=1.0, outer=2.0, height=1.0)
+    radii, defects = np.sqrt(np.linspace(1.0, 4.0, 4001)), []
+    squares = 1.0 + 3.0 / radii**2
+    density = 0.5 * (squares + 1.0 / squares - 2.0)
+    expected = np.sum((density * radii)[1:] * np.diff(radii) + (density * radii)[:-1] * np.diff(radii)) * np.pi
+    young = 9.0 * 1e4 / (3.0 * 1e4 + 1.0)
+    for count in (8, 16):
+        scene = Scene(
+            MeshSpec(tmp_path / "tube.msh", kinematics="axisymmetric", strain="finite", mean_dilatation=True),
+            {"m": Material(young, 0.5 * young - 1.0, law="neo_hooke")}, [Body("body", "m")],
+            displacements=[Displacement("inner", [1.0, "free"]), Displacement("bottom", ["free", 0.0]),
+                           Displacement("top", ["free", 0.0])],
+            steps=Steps(count=count), output=OUTPUT, petsc={"snes_rtol": "1e-12"},
+        )  # fmt: skip
+        energy = run(scene, SELF, tmp_path / f"{count}")[-1]["energy"]
+        assert energy["stored"] == pytest.approx(expected, rel=2e-3)
+        defects.append(energy["defect"])
+    assert abs(order_of(defects)[0] - 2.0) < 0.2 and abs(defects[-1]) < 5e-3
+
+
+@pytest.mark.parametrize("kinematics", ["plane_stress", "plane_strain", "3D"])
+def test_heat_is_supplied(tmp_path, meshes, kinematics):
+    """A bar that is warmed, drawn and cooled again: the balance is exact, a bar that may expand stores nothing."""
+    scene = bar(meshes, kinematics, 0.01, 5, Material(YOUNG, 0.3, expansion=1e-3))
+    scene.temperatures = [Temperature(8.0, amplitude=[(0, 0), (0.6, 1), (1, 0.3)])]
+    energy = run(scene, SELF, tmp_path / "held")[-1]["energy"]
+    assert abs(energy["defect"]) < 1e-9 and abs(energy["heat"]) > 0.01 * energy["stored"]
+    scene.displacements = scene.displacements[:-1]
+    energy = run(scene, SELF, tmp_path / "free")[-1]["energy"]
+    if kinematics == "plane_strain":
+        # what keeps it from expanding across the plane is no support
+        assert energy["stored"] == pytest.approx(0.5 * YOUNG * (2.4e-3) ** 2, rel=1e-9)
+    else:
+        assert abs(energy["stored"]) < 1e-12 * YOUNG
+    assert energy["heat"] == pytest.approx(energy["stored"], rel=1e-9, abs=1e-12 * YOUNG)
+
+
+def test_heat_of_a_bar_that_yields(tmp_path, meshes):
+    """What is missing falls with the load steps, as without heat."""
+    defects = []
+    for count in (10, 20, 40):
+        material = Material(YOUNG, 0.3, yield_stress=YIELD, hardening=HARDENING, expansion=1e-3)
+        scene = bar(meshes, "plane_strain", 0.01, count, material)
+        scene.temperatures = [Temperature("8 * (1 + y)")]
+        defects.append(run(scene, SELF, tmp_path / f"{count}")[-1]["energy"]["defect"])
+    assert abs(defects[-1]) < 2e-3 and abs(defects[-1]) < 0.3 * abs(defects[0])
+
+
+def test_bodies_of_both_kinds(tmp_path):
+    """One stores by the law of small strain, the other by that of finite strain: tied blocks in a tension test."""
+    two_blocks(tmp_path / "two.msh", 2, 2, 2)
+    scene = Scene(
+        MeshSpec(tmp_path / "two.msh"), {"m": Material(YOUNG, 0.0)},
+        [Body("lower", "m"), Body("upper", "m", strain="finite")],
+        contacts=[Contact("upper_bottom", "lower_top", name="seam", tied=True)],
+        displacements=[Displacement("lower_bottom", [0.0, 0.0]), Displacement("upper_top", [0.0, 0.2])],
+        steps=Steps(count=16), output=OUTPUT, petsc={"snes_rtol": "1e-12"},
+    )  # fmt: skip
+    last = run(scene, SELF, tmp_path / "out")[-1]
+    force = last["reactions"]["upper_top"][1]
+    # nominal stress of the upper block ln(l) / l, of the lower one E e
+    stretch = 1.0
+    for _ in range(60):
+        stretch = np.exp(force / YOUNG * stretch)
+    expected = 0.5 * YOUNG * (np.log(stretch) ** 2 + (force / YOUNG) ** 2)
+    assert last["energy"]["stored"] == pytest.approx(expected, rel=1e-6) and abs(last["energy"]["defect"]) < 2e-4
+    assert set(last["finite_strain"]) == {"upper"} and set(last["small_strain"]) == {"lower"}
+    assert last["finite_strain"]["upper"]["largest_stretch"] == pytest.approx(stretch, rel=1e-6)
 
 
 KEYS = ("supports", "bodies", "stored", "plastic")
 
 
-def plastic_drag(folder):
+def plastic_drag(folder, strain):
     scene = dragged(folder, False, 8)
     scene.materials = {"m": Material(YOUNG, 0.3, yield_stress=YIELD, hardening=HARDENING)}
+    scene.mesh = replace(scene.mesh, strain=strain)
     return replace(scene, output=replace(OUTPUT, checkpoint=True))
 
 
 def works(steps):
     """Rows of numbers of load steps."""
-    return [[step["energy"][key] for key in KEYS] + [step["energy"]["contacts"]["floor"]] for step in steps]
+    rows = [[step["energy"][key] for key in KEYS] + [step["energy"]["contacts"]["floor"]] for step in steps]
+    stretched = [step.get("finite_strain", {}).get("block", {}) for step in steps]
+    return [[*row, *(one[key] for key in ("largest_stretch", "smallest_stretch", "rotation") if one)]
+            for row, one in zip(rows, stretched, strict=True)]  # fmt: skip
 
 
 @parallel(2, 3)
-def test_ranks(shared_tmp, meshes):
-    scene = plastic_drag(meshes)
+@pytest.mark.parametrize("strain", ["small", "finite"])
+def test_ranks(shared_tmp, meshes, strain):
+    scene = plastic_drag(meshes, strain)
     alone = works(run(scene, SELF, shared_tmp / f"alone{WORLD.rank}"))
     assert min(alone[-1]) > 0.0
     np.testing.assert_allclose(works(run(scene, WORLD, shared_tmp / "together")), alone, rtol=1e-7, atol=1e-10)
@@ -176,9 +301,10 @@ def test_ranks(shared_tmp, meshes):
 
 @parallel(1, 2)
 @pytest.mark.usefixtures("one_order")
-def test_restart(shared_tmp, meshes):
+@pytest.mark.parametrize("strain", ["small", "finite"])
+def test_restart(shared_tmp, meshes, strain):
     """The sums go on as if nothing had happened."""
-    scene, (whole, cut, rest) = plastic_drag(meshes), (shared_tmp / name for name in ("whole", "cut", "rest"))
+    scene, (whole, cut, rest) = plastic_drag(meshes, strain), (shared_tmp / name for name in ("whole", "cut", "rest"))
     steps = run(scene, WORLD, whole, [Keep(whole, cut, WORLD)])
     after = run(scene, WORLD, rest, restart=cut)
     np.testing.assert_allclose(works(after), works(steps[STOP:]), rtol=1e-8, atol=1e-12)

@@ -1,5 +1,7 @@
 """Finite strain at the edges of the program: scene, refusals, warnings, fields."""
 
+import json
+
 import numpy as np
 import pytest
 
@@ -11,6 +13,7 @@ from pcontact.assembly.mixed import MixedBulk
 from pcontact.assembly.plastic import PlasticBulk
 from pcontact.contact.finite_pair import FinitePair
 from pcontact.contact.pair import ContactPair
+from pcontact.io.quantity import available
 from pcontact.io.result import load_result
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.petsc import MPI
@@ -152,6 +155,17 @@ def test_fields(tmp_path, upper):
     expected = np.log(1.3) if upper == "finite" else 0.3
     assert strain[body == 1][:, 1].mean() == pytest.approx(expected, rel=0.05)
     assert np.abs(strain[body == 0]).max() > 0.05
+    stretch = [np.concatenate(cells[f"stretch_{k}"]) for k in (1, 2, 3)]
+    assert np.all(stretch[0] >= stretch[1]) and np.all(stretch[1] >= stretch[2])
+    np.testing.assert_allclose(np.log(stretch).sum(axis=0), strain[:, :3].sum(axis=1), atol=1e-12)
+    rotation = np.concatenate(cells["rotation"])
+    assert not rotation[:, :2].any() and np.abs(rotation[body == 0, 2]).max() > 1.0
+    report = json.loads((tmp_path / "out" / "report.json").read_text())["steps"][-1]["finite_strain"]
+    assert set(report) == ({"lower"} if upper == "small" else {"lower", "upper"})
+    assert report["lower"]["largest_stretch"] == pytest.approx(stretch[0][body == 0].max(), rel=1e-6)
+    assert report["lower"]["smallest_stretch"] == pytest.approx(stretch[2][body == 0].min(), rel=1e-6)
+    assert report["lower"]["rotation"] == pytest.approx(np.abs(rotation[body == 0, 2]).max(), rel=1e-6)
+    assert {"stretch_1", "rotation", "rotation_z"} <= set(available(load_result(tmp_path / "out")))
 
 
 def test_additive_split_has_a_warning(tmp_path, caplog):
