@@ -32,11 +32,12 @@ def test_random_scenes_agree_with_themselves(tmp_path):
     assert steps > 20 * len(SEEDS)
 
 
-@pytest.mark.parametrize("seed", [18, 20], ids=["multipliers", "held at corners"])
-def test_partners_are_those_of_the_solution(seed, tmp_path):
+@pytest.mark.parametrize(("seed", "variant"), [(18, "renumbered"), (20, "renumbered"), (1006, "ranks")],
+                         ids=["multipliers", "held at corners", "facets of two kinds"])  # fmt: skip
+def test_partners_are_those_of_the_solution(seed, variant, tmp_path):
     """Not those of the iterate that has looked for them: where means of multipliers are taken, and where points are
-    held at corners."""
-    case, variants = fuzz.prepared(seed, {"strain": "finite"}, "renumbered")
+    held at corners. On ranks that have facets of one kind alone they are those of the others."""
+    case, variants = fuzz.prepared(seed, {"strain": "finite", "count": 1, "end": 1.0}, variant)
     results = fuzz.run_scenes({seed: (case, variants)}, tmp_path)[seed]
     findings, _ = fuzz.judged(case, variants, results, tmp_path)
     assert len(results) == 2 and not findings, "\n".join(map(str, findings))

@@ -10,7 +10,7 @@ from pcontact.contact.search.query import QueryPoints, TargetFacets
 from pcontact.contact.search.table import EVEN, TIE
 from pcontact.contact.search.tree import build_tree
 from pcontact.contact.search.walk import ROUNDING
-from pcontact.contact.surface.facet_maps import facet_boxes
+from pcontact.contact.surface.facet_maps import facet_boxes, padded
 from pcontact.runtime import profile
 from pcontact.runtime.jit import njit_exact
 from pcontact.runtime.parallel import split_by_rank
@@ -219,9 +219,7 @@ def find_partners(space, target, nodal, query, method, origin=0.0, opposite=Fals
     d, comm, n_points = space.dim, space.comm, len(query.x)
     x_facets = np.ascontiguousarray(target.deformed(nodal, origin))
     width = int(comm.allreduce(target.nodes.shape[1], op=MPI.MAX))
-    if target.nodes.shape[1] < width:
-        missing = width - target.nodes.shape[1]
-        target.nodes = np.pad(target.nodes, ((0, 0), (0, missing)), mode="edge")
+    target.nodes = padded(target.nodes, width)
     searched = _Searched(target, x_facets, method, space.nodes, opposite)
     about = [] if target.about is None else [target.about]
     asking = np.column_stack([query.x, query.normal, *about])

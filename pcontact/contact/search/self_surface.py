@@ -5,6 +5,7 @@ from dataclasses import dataclass, field, fields, replace
 import numpy as np
 
 from pcontact.contact.search.exclusion import SLACK, no_exclusion, whole_branches, writable
+from pcontact.contact.surface.facet_maps import padded
 from pcontact.contact.surface.rim import Rim
 from pcontact.contact.surface.sides import FACETS, TargetSurface
 from pcontact.runtime.petsc import MPI
@@ -100,8 +101,7 @@ def self_surface(space, target, source, meets_itself=True, sides=None):
         As the points of the source see it.
     """
     widths = [int(space.comm.allreduce(table.shape[1], op=MPI.MAX)) for table in (target.x, target.nodes)]
-    x = np.pad(target.x, ((0, 0), (0, widths[0] - target.x.shape[1]), (0, 0)), mode="edge")
-    nodes = np.pad(target.nodes, ((0, 0), (0, widths[1] - target.nodes.shape[1])), mode="edge")
+    x, nodes = padded(target.x, widths[0]), padded(target.nodes, widths[1])
     corners = space.points[source.cells]
     behind = np.einsum("pad,pd->pa", source.x[:, None] - corners[source.facet], source.normal)
     depth = np.full(len(source.cells), np.inf)

@@ -51,6 +51,13 @@ for _kind, _u, _v in (
 CORNERS = np.array([2, 2, 3, 3, 4, 4, 4], dtype=np.int64)
 
 
+def padded(table, width):
+    """Rows (n, m, ...) of the nodes of facets, widened to (n, width, ...) with their first node: so the kind of a facet
+    is seen from its row, see `pcontact.contact.finite_pair.kinds_of`."""
+    missing = width - table.shape[1]
+    return table if not missing else np.concatenate([table, np.repeat(table[:, :1], missing, axis=1)], axis=1)
+
+
 @njit_inner_exact
 def is_triangle(kind):
     """Whether the reference domain is the unit triangle."""

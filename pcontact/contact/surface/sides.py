@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from pcontact.assembly.geometry import bulk_degree
-from pcontact.contact.surface.facet_maps import KIND
+from pcontact.contact.surface.facet_maps import KIND, padded
 from pcontact.contact.surface.rim import Rim
 from pcontact.element.dilatation import Dilatation, Mean, dilatation, factors, hoop_operator, mean_dilatation
 from pcontact.element.geometry import facet_geometry
@@ -169,12 +169,10 @@ def extents(space, name, bodies=False):
     return np.sqrt(12.0 * np.maximum(spread[:, 0], 0.0))
 
 
-def _pad(array, width, index=False):
+def _pad(array, width):
     missing = width - array.shape[1]
     if missing == 0:
         return array
-    if index:
-        return np.concatenate([array, np.repeat(array[:, :1], missing, axis=1)], axis=1)
     return np.concatenate([array, np.zeros((array.shape[0], missing, *array.shape[2:]))], axis=1)
 
 
@@ -244,7 +242,7 @@ def source_surface(space, name, constants, quadrature_degree=None):
     for p in parts:
         p["facet"] = p["facet"] + first
         first += len(p["cells"])
-        p["cells"] = _pad(p["cells"], width, index=True)
+        p["cells"] = padded(p["cells"], width)
         p["shape"], p["grad"] = _pad(p["shape"], width), _pad(p["grad"], width)
     shared = _joined([p.pop("shared") for p in parts], [p["cells"].shape for p in parts], d)
     joined = {key: np.ascontiguousarray(np.concatenate([p[key] for p in parts])) for key in parts[0]}
@@ -395,10 +393,8 @@ def target_surface(space, name, rim=True):
 
 
 def _widened(space, table):
-    """A table (nf, n, ...) padded with its last column to the largest width of all ranks. *Collective.*"""
-    missing = space.comm.allreduce(table.shape[1], op=MPI.MAX) - table.shape[1]
-    widths = [(0, 0), (0, missing), *[(0, 0)] * (table.ndim - 2)]
-    return np.ascontiguousarray(np.pad(table, widths, mode="edge" if len(table) else "constant"))
+    """A table (nf, n, ...) of nodes of facets padded to the largest width of all ranks. *Collective.*"""
+    return np.ascontiguousarray(padded(table, space.comm.allreduce(table.shape[1], op=MPI.MAX)))
 
 
 def _facets(space, name):
@@ -431,9 +427,9 @@ def _facets(space, name):
     return TargetSurface(
         np.concatenate(kinds),
         np.concatenate(ids).astype(np.int64),
-        np.ascontiguousarray(np.concatenate([_pad(x, width, index=True) for x in places])),
+        np.ascontiguousarray(np.concatenate([padded(x, width) for x in places])),
         carry,
-        np.ascontiguousarray(np.concatenate([_pad(t, own_width, index=True) for t in nodes])),
+        np.ascontiguousarray(np.concatenate([padded(t, own_width) for t in nodes])),
         np.concatenate(components),
         space.degree,
     )
