@@ -31,6 +31,7 @@ from pcontact.runtime.parallel import on_root
 from pcontact.runtime.petsc import MPI, PETSc
 from pcontact.scene.model import Scene
 from pcontact.simulation import Simulation
+from pcontact.view import extra
 
 
 class _Parser(argparse.ArgumentParser):
@@ -289,6 +290,25 @@ def draw(
         figure.savefig(path, dpi=dpi)
 
 
+def picture(directory: str | Path, **view: object) -> None:
+    """Draw results as ``pcontact view`` does, if what draws is installed. Serial.
+
+    Parameters
+    ----------
+    directory : of a run
+    **view
+        Parameters of :func:`pcontact.view.picture.picture`.
+    """
+    if extra.missing():
+        log.info("no picture of %s: the extra `view` is not installed", directory)
+        return
+    extra.prepare_off_screen()
+    # VTK is imported here only
+    from pcontact.view.picture import picture as drawn
+
+    drawn(directory, **view)
+
+
 __all__ = [
     "contact_points",
     "draw",
@@ -300,6 +320,7 @@ __all__ = [
     "markdown",
     "observed_rates",
     "parse",
+    "picture",
     "print_table",
     "running",
     "write_json",

@@ -1,4 +1,4 @@
-"""The command line: ``pcontact run | check | import | convert | refine | view | schema``."""
+"""The command line: ``pcontact run | check | import | convert | refine | view | plot | schema``."""
 
 import difflib
 import json
@@ -15,7 +15,7 @@ from pcontact import __version__
 from pcontact.contact.surface.smooth_geometry import SMOOTH, WRONG, facet_pressure
 from pcontact.importer.write import OPTIONS as IMPORT
 from pcontact.importer.write import import_file
-from pcontact.io import refine, show
+from pcontact.io import refine
 from pcontact.io.cost_forecast import cost_forecast
 from pcontact.mesh.hdf5_writer import convert, mesh_sizes
 from pcontact.runtime import log, signals
@@ -30,6 +30,7 @@ from pcontact.scene.keys import options as key_options
 from pcontact.scene.schema import schema
 from pcontact.simulation import Simulation
 from pcontact.space.modes import component_boxes, near_pairs
+from pcontact.view import show
 
 CONVERT = listed(
     Option("order", integer(1, 2), "2: cells completed to degree 2, for a displacement of that degree", 1),
@@ -57,12 +58,15 @@ class Command(NamedTuple):
         Its words, and what it does.
     options : dict of str to Option or None
         Those that it takes; None: those of a run.
+    many : bool
+        Whether it takes several operands, at least two.
     """
 
     operand: str
     usage: str
     help: str
     options: dict | None = None
+    many: bool = False
 
 
 COMMANDS = {
@@ -77,8 +81,12 @@ COMMANDS = {
         "a finer mesh where the error estimate of the run in DIR is large", refine.OPTIONS,
     ),
     "view": Command(
-        "a directory", "DIR [-field NAME] [-o FILE.png]", "a picture of the deformed bodies from the results in DIR",
-        show.OPTIONS,
+        "a directory", "DIR [-field NAME] [-o FILE]",
+        "the deformed bodies: window, picture, page, animation", show.OPTIONS,
+    ),
+    "plot": Command(
+        "a directory and columns of its history", "DIR [X] Y [Y ...]",
+        "columns Y of the history over X, or over the time", show.PLOT, many=True,
     ),
     "schema": Command(
         "", "[-o FILE.json]", "JSON Schema of a scene file, with which editors complete and check it",
@@ -137,7 +145,8 @@ def parse(arguments):
     Returns
     -------
     command : str
-    operand : str or None
+    operand : str, list of str or None
+        A list of a command that takes several.
     options : dict of str to str
 
     Raises
@@ -157,6 +166,8 @@ def parse(arguments):
         if word.startswith("-") and not _number(word):
             value = rest.pop(0) if rest and (not rest[0].startswith("-") or _number(rest[0])) else ""
             options[word.lstrip("-")] = value
+        elif COMMANDS[command].many:
+            operand = [*(operand or []), word]
         elif operand is None:
             operand = word
         else:
@@ -167,8 +178,9 @@ def parse(arguments):
     # with a scene the word is PETSc's
     if asks and (operand is None or COMMANDS[command].options is not None):
         return "help", command, {}
-    if operand is None and wanted:
-        raise InputError(f"command line: pcontact {command}: found no operand; allowed: {wanted}")
+    if wanted and (operand is None or COMMANDS[command].many and len(operand) < 2):
+        found = "no operand" if operand is None else operand[0]
+        raise InputError(f"command line: pcontact {command}: found {found}; allowed: {wanted}")
     if operand is not None and not wanted:
         raise InputError(f"command line: pcontact {command}: found {operand!r}; allowed: no operand")
     return command, operand, options
@@ -313,11 +325,14 @@ def _execute(command, operand, options):
     if command == "help":
         log.info("%s", usage(operand))
         return 0
-    for word in filter(None, (operand, *options.values())):
+    operands = operand if isinstance(operand, list) else [operand]
+    for word in filter(None, (*operands, *options.values())):
         _check_letters(word)
     comm = MPI.COMM_WORLD
-    if command == "view":
-        log.info("wrote %s", on_root(comm, show.show, operand, options))
+    if command in ("view", "plot"):
+        written = on_root(comm, show.show if command == "view" else show.plot_history, operand, options)
+        if written is not None:
+            log.info("wrote %s", written)
         return 0
     if command == "refine":
         log.info("wrote %s", on_root(comm, refine.refine_run, operand, options))

@@ -20,7 +20,8 @@ root=$(cd "$root/.." && pwd -P)
 
 apt_packages=(python3-petsc4py-real python3-mpi4py python3-h5py python3-h5py-mpi python3-venv openmpi-bin
               libopenblas0-serial                                                 # for direct solvers, see docs/spring.md
-              libgl1 libglu1-mesa libxcursor1 libxinerama1 libxft2 libxrender1)   # these are for gmsh
+              libgl1 libglu1-mesa libxcursor1 libxinerama1 libxft2 libxrender1     # these are for gmsh
+              libegl1)                                                            # draws pictures without a display
 modules=(numba gmsh meshio h5py matplotlib tqdm pytest xdist ruff importlinter jsonschema)   # two are called otherwise, see below
 petsc_glob=/usr/lib/petscdir/petsc*/*-real/lib/python3/dist-packages/petsc4py
 stamp_name=pcontact-setup

@@ -19,10 +19,9 @@ from itertools import product
 
 import numpy as np
 
-from drivers._common import draw, log, main, make_mesh, make_parser, print_table, running, write_json
+from drivers._common import draw, log, main, make_mesh, make_parser, picture, print_table, running, write_json
 from drivers.cases._known import tail
 from meshes import CLIP, clip
-from pcontact.io.picture import picture
 from pcontact.runtime.observer import Observer
 from pcontact.runtime.parallel import on_root
 from pcontact.runtime.petsc import MPI

@@ -21,12 +21,12 @@ from drivers._common import (
     make_mesh,
     make_parser,
     observed_rates,
+    picture,
     print_table,
     running,
     write_json,
 )
 from meshes import indent
-from pcontact.io.picture import picture
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.observer import Observer
 from pcontact.runtime.parallel import on_root

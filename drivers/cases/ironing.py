@@ -12,9 +12,8 @@ from itertools import product
 
 import numpy as np
 
-from drivers._common import draw, log, main, make_mesh, make_parser, print_table, running, write_json
+from drivers._common import draw, log, main, make_mesh, make_parser, picture, print_table, running, write_json
 from meshes import ironing
-from pcontact.io.picture import picture
 from pcontact.runtime.observer import Observer
 from pcontact.runtime.parallel import on_root
 from pcontact.runtime.petsc import MPI

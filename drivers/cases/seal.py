@@ -14,10 +14,9 @@ from itertools import product
 
 import numpy as np
 
-from drivers._common import draw, log, main, make_mesh, make_parser, print_table, running, write_json
+from drivers._common import draw, log, main, make_mesh, make_parser, picture, print_table, running, write_json
 from drivers.cases._known import Rows, tail
 from meshes import seal
-from pcontact.io.picture import picture
 from pcontact.runtime.parallel import on_root
 from pcontact.runtime.petsc import MPI
 from pcontact.scene.model import Body, Contact, Displacement, Material, MeshSpec, Obstacle, Output, Scene, Steps

@@ -8,10 +8,9 @@ state (``interference = "adjust"``): they start with a small patch of contact.
 
 import numpy as np
 
-from drivers._common import draw, log, main, make_mesh, make_parser, print_table, running, write_json
+from drivers._common import draw, log, main, make_mesh, make_parser, picture, print_table, running, write_json
 from meshes import heap
 from meshes.heap import RADIUS, layers
-from pcontact.io.picture import picture
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.observer import Observer
 from pcontact.runtime.parallel import on_root

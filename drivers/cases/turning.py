@@ -18,10 +18,9 @@ import time
 
 import numpy as np
 
-from drivers._common import draw, log, main, make_mesh, print_table, running
+from drivers._common import draw, log, main, make_mesh, picture, print_table, running
 from drivers.cases._known import Found, Rows, case_parser, compare
 from meshes import hemisphere_on_cube, one_block, pad_on_ring
-from pcontact.io.picture import picture
 from pcontact.runtime.parallel import on_root
 from pcontact.runtime.petsc import MPI
 from pcontact.scene.model import Body, Contact, Displacement, Material, MeshSpec, Obstacle, Output, Scene, Steps

@@ -13,13 +13,13 @@ from pcontact.assembly.mixed import MixedBulk
 from pcontact.assembly.plastic import PlasticBulk
 from pcontact.contact.finite_pair import FinitePair
 from pcontact.contact.pair import ContactPair
-from pcontact.io.quantity import available
 from pcontact.io.result import load_result
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.petsc import MPI
 from pcontact.scene import describe, read_scene
 from pcontact.scene.model import Body, Contact, Displacement, Material, MeshSpec, Output, Scene, Steps
 from pcontact.simulation import Simulation
+from pcontact.view.quantity import available
 from tests.support.bad_input import INNER
 
 MOONEY = 'E = 2.6\nnu = 0.3\nlaw = "mooney_rivlin"\nmooney_rivlin = [0.4, 0.1]'

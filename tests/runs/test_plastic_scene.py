@@ -10,9 +10,7 @@ import pytest
 from pcontact import build
 from pcontact.assembly.bulk import ElasticBulk
 from pcontact.io.observers import Terminal
-from pcontact.io.quantity import available, find
 from pcontact.io.result import load_result
-from pcontact.io.show import show
 from pcontact.io.smooth import NodeMeans
 from pcontact.mesh.complete import complete
 from pcontact.mesh.components import components
@@ -25,6 +23,8 @@ from pcontact.scene import describe, read_scene, validate
 from pcontact.scene.model import Body, Displacement, Material, MeshSpec, Output, Scene
 from pcontact.simulation import Simulation
 from pcontact.space.space import Space
+from pcontact.view.quantity import available, find
+from pcontact.view.show import show
 from tests.support.bad_input import INNER
 from tests.support.small import DIMENSION, block_file, keys
 
@@ -225,6 +225,7 @@ def test_report_and_fields(shared_tmp, monkeypatch):
 @pytest.mark.parametrize("field", ["equivalent_plastic_strain", "equivalent_plastic_strain_smooth", "stress_smooth_yy"])
 @pytest.mark.parametrize("cell", ["triangle", "hexahedron"])
 def test_pictures(tmp_path, monkeypatch, cell, field):
+    pytest.importorskip("pyvista")
     stub_of(monkeypatch)
     simulation = Simulation(block(tmp_path, cell, output=Output(smooth=True)))
     simulation.run(tmp_path / "out")

@@ -4,10 +4,83 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pcontact.io import raster, skin
 from pcontact.io.fields import Cloud
+from pcontact.view import cells
 
 _AXES = np.eye(3)
+
+
+@dataclass
+class Camera:
+    """An orthographic view.
+
+    Parameters
+    ----------
+    axes : ndarray (3, 3)
+        Rows: to the right, upward, toward the viewer; unit vectors.
+    """
+
+    axes: np.ndarray
+
+    def project(self, points):
+        """Coordinates in the view: right, up, nearness [length].
+
+        Parameters
+        ----------
+        points : ndarray (..., 3)
+
+        Returns
+        -------
+        ndarray (..., 3)
+        """
+        return points @ self.axes.T
+
+
+def look(toward, up):
+    """The view from a direction.
+
+    Parameters
+    ----------
+    toward : array_like (3,)
+        From the object to the viewer.
+    up : array_like (3,)
+        Shown upward as far as possible; not parallel to `toward`.
+
+    Returns
+    -------
+    Camera
+    """
+    toward = np.asarray(toward, dtype=float) / np.linalg.norm(toward)
+    right = np.cross(up, toward)
+    right /= np.linalg.norm(right)
+    return Camera(np.array([right, np.cross(toward, right), toward]))
+
+
+def fit(points, camera, shape, margin=0.05):
+    """The part of the view that holds the points, in the proportions of the picture.
+
+    Parameters
+    ----------
+    points : ndarray (n, 3)
+    camera : Camera
+    shape : tuple of int
+        Height and width in pixels.
+    margin : float
+        Empty border, as a fraction of the size.
+
+    Returns
+    -------
+    tuple of 4 floats
+        Left, right, bottom, top [length].
+    """
+    seen = camera.project(points)[:, :2] if len(points) else np.zeros((1, 2))
+    low, high = seen.min(axis=0), seen.max(axis=0)
+    middle, half = (low + high) / 2, (high - low) / 2 * (1 + 2 * margin)
+    pixel = max(half[0] / shape[1], half[1] / shape[0], 1e-12)
+    return (
+        middle[0] - pixel * shape[1], middle[0] + pixel * shape[1],
+        middle[1] - pixel * shape[0], middle[1] + pixel * shape[0],
+    )  # fmt: skip
 
 
 @dataclass
@@ -89,13 +162,12 @@ def contact_patch(surfaces, positions):
     """
     middles, areas, pressures = [], [], []
     for name, piece in surfaces.items():
-        triangles = skin.surface(piece)
-        corners = positions[name][triangles.nodes]
+        middle, area, owner = cells.middles(piece, positions[name])
         blocks = piece.cell_data.get("contact_pressure")
-        pressure = np.concatenate(blocks) if blocks else np.zeros(triangles.owner.max(initial=-1) + 1)
-        middles.append(corners.mean(axis=1))
-        areas.append(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) / 2)
-        pressures.append(pressure[triangles.owner])
+        pressure = np.concatenate(blocks) if blocks else np.zeros(owner.max(initial=-1) + 1)
+        middles.append(middle)
+        areas.append(area)
+        pressures.append(pressure[owner])
     if not sum(len(part) for part in middles):
         return None
     middle, area, pressure = (np.concatenate(part) for part in (middles, areas, pressures))
@@ -128,7 +200,7 @@ def along(pieces, positions):
     """
     all_, touching = [], []
     for name, piece in pieces.items():
-        nodes, owner = skin.lines(piece)
+        nodes, owner = cells.segments(piece)
         corners = positions[name][nodes]
         all_.append(corners.reshape(-1, 3))
         blocks = piece.cell_data.get("contact_pressure")
@@ -170,7 +242,7 @@ def overview(patch):
     """
     up = up_axis(patch)
     toward = (0.50, -0.80, 0.38) if up == 2 else (0.55, 0.38, 0.80)
-    return raster.look(toward, _AXES[up])
+    return look(toward, _AXES[up])
 
 
 def from_above(patch, positions):
@@ -193,10 +265,10 @@ def from_above(patch, positions):
     flat = np.argsort(np.abs(normal))[:2]
     # nearly as long as wide: keep the coordinates in their order
     upward = flat[np.argmin(sizes[flat])] if np.ptp(sizes[flat]) > 0.2 * sizes[flat].max() else max(flat)
-    camera = raster.look(normal, _AXES[upward])
+    camera = look(normal, _AXES[upward])
     right = camera.axes[0]
     if right[np.argmax(np.abs(right))] < 0:
-        camera = raster.look(normal, -_AXES[upward])
+        camera = look(normal, -_AXES[upward])
     return camera
 
 
@@ -238,4 +310,25 @@ def cut_open(patch, positions):
     normal = sign * _AXES[axis]
     offset = None if halves else sign * (first[axis] + last[axis]) / 2
     side = np.cross(_AXES[up], normal)
-    return normal, offset, raster.look(normal + 0.35 * side + 0.35 * _AXES[up], _AXES[up])
+    return normal, offset, look(normal + 0.35 * side + 0.35 * _AXES[up], _AXES[up])
+
+
+def across(axis, where):
+    """A plane across an axis, and the view upon it.
+
+    Parameters
+    ----------
+    axis : int
+    where : float
+        Coordinate of the plane [length].
+
+    Returns
+    -------
+    plane : tuple of (ndarray (3,), float)
+        Normal, toward the viewer, and offset.
+    camera : Camera
+    """
+    sign = -1.0 if axis == 1 else 1.0
+    normal, up = sign * _AXES[axis], _AXES[1 if axis == 2 else 2]
+    side = np.cross(up, normal)
+    return (normal, sign * where), look(normal + 0.35 * side + 0.35 * up, up)

@@ -1,0 +1,103 @@
+"""Curves of a run's history: forces over time or travel, pressures, works."""
+
+import csv
+import difflib
+from pathlib import Path
+
+import matplotlib
+import numpy as np
+from matplotlib.figure import Figure
+
+from pcontact.runtime.errors import InputError
+from pcontact.runtime.files import written_aside
+
+_DPI = 150
+_STYLE = {"font.family": "DejaVu Sans", "font.size": 9, "axes.linewidth": 0.6, "text.color": "#1c2733",
+          "axes.edgecolor": "#5b6773", "axes.labelcolor": "#5b6773", "xtick.color": "#5b6773",
+          "ytick.color": "#5b6773"}  # fmt: skip
+
+
+def table(directory):
+    """The columns of ``history.csv``.
+
+    Parameters
+    ----------
+    directory : str or Path
+        The output directory of a run.
+
+    Returns
+    -------
+    dict of str to ndarray (n,)
+        What is no number is NaN.
+
+    Raises
+    ------
+    InputError
+    """
+    path = Path(directory) / "history.csv"
+    if not path.is_file():
+        raise InputError(f"{directory}: found no history.csv in it; allowed: the output directory of a run")
+    with open(path, newline="", encoding="utf-8") as stream:
+        head, *rows = csv.reader(stream)
+
+    def number(word):
+        try:
+            return float(word)
+        except ValueError:
+            return float("nan")
+
+    return {name: np.array([number(row[k]) for row in rows]) for k, name in enumerate(head)}
+
+
+def plot(directory, names, output=None, size=(1000, 700)):
+    """Draw columns of the history over another one.
+
+    Parameters
+    ----------
+    directory : str or Path
+        The output directory of a run.
+    names : sequence of str
+        Names of columns: the one across, then those upward; with one name it is drawn over the time.
+    output : str or Path, optional
+        DIRECTORY/Y_over_X.png if absent.
+    size : tuple of int
+        Width and height in pixels.
+
+    Returns
+    -------
+    Path
+
+    Raises
+    ------
+    InputError
+        There is no such column; the message lists all.
+    OutputError
+        The file cannot be written.
+    """
+    columns = table(directory)
+    across, *upward = names if len(names) > 1 else ("time", *names)
+    for name in (across, *upward):
+        if name not in columns:
+            near = difflib.get_close_matches(name, columns, 1)
+            hint = f"; the nearest is {near[0]!r}" if near else ""
+            raise InputError(f"{directory}: no column {name!r}; allowed: {', '.join(columns)}{hint}")
+    output = Path(output or Path(directory) / f"{'_'.join(upward)}_over_{across}.png".replace("/", "_"))
+    output = output if output.suffix else output.with_suffix(".png")
+    with matplotlib.rc_context(_STYLE):
+        figure = Figure(figsize=(size[0] / _DPI, size[1] / _DPI), dpi=_DPI, layout="constrained")
+        axes = figure.subplots()
+        for name in upward:
+            axes.plot(columns[across], columns[name], "o-", ms=3, lw=1.2, label=name)
+        axes.set_xlabel(across)
+        if len(upward) == 1:
+            axes.set_ylabel(upward[0])
+        else:
+            axes.legend(frameon=False)
+        axes.grid(lw=0.3)
+        axes.spines[["top", "right"]].set_visible(False)
+        try:
+            with written_aside(output, "-o") as part:
+                figure.savefig(part, dpi=_DPI)
+        except ValueError as problem:
+            raise InputError(f"{output}: the picture cannot be written: {problem}") from problem
+    return output

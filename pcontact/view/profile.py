@@ -1,0 +1,149 @@
+"""Values of contact surfaces over a coordinate, or over the arc length: unrolled."""
+
+import numpy as np
+from matplotlib.collections import LineCollection, PolyCollection
+
+from pcontact.view import camera, cells
+from pcontact.view.colours import INK
+
+CURVED = 1.05  # length of a surface over that of its chord from which on it is unrolled
+
+
+def _chains(stage):
+    """Of each pair of plane bodies: segments in order, their ends (n, 2, 3), arc lengths and values (n, 2)."""
+    for name, values in stage.quantity.values.items():
+        nodes, owner = cells.segments(stage.result.surfaces[name])
+        if not len(nodes):
+            continue
+        # the arc length is that of the undeformed surface: it is the same in all load steps
+        order, length, turned = cells.arc_length(nodes, stage.result.surfaces[name].points)
+        ends = stage.surfaces[name][nodes[order]]
+        shown = values[nodes[order]] if stage.quantity.at == "point" else np.repeat(values[owner[order], None], 2, 1)
+        ends[turned], shown = ends[turned, ::-1], np.where(turned[:, None], shown[:, ::-1], shown)
+        yield ends, length, shown
+
+
+def _section(stage):
+    """The same of solids: where the plane that cuts them open at the contact meets the surface of the leading pair."""
+    from pcontact.view import shapes
+
+    if stage.patch is None:
+        return
+    name = stage.leading()
+    normal, _, _ = camera.cut_open(stage.patch, stage.positions)
+    origin = (stage.patch.points.min(axis=0) + stage.patch.points.max(axis=0)) / 2
+    values = stage.quantity.values[name]
+    flat = shapes.grid(stage.result.surfaces[name], stage.surfaces[name], values, stage.quantity.at)
+    # a plane through nodes would meet edges only: a little beside them it meets facets
+    origin = origin + 1e-6 * np.ptp(stage.positions, axis=0).max() * normal
+    line = flat.slice(normal=normal, origin=origin)
+    if not line.n_cells:
+        return
+    line = line.clean(tolerance=1e-9, lines_to_points=False)
+    nodes = np.asarray(line.lines).reshape(-1, 3)[:, 1:]
+    order, length, turned = cells.arc_length(nodes, np.asarray(line.points))
+    values = np.asarray(line[shapes.VALUE])
+    shown = values[nodes[order]] if stage.quantity.at == "point" else np.repeat(values[order, None], 2, 1)
+    ends = np.asarray(line.points, dtype=float)[nodes[order]]
+    ends[turned], shown = ends[turned, ::-1], np.where(turned[:, None], shown[:, ::-1], shown)
+    yield ends, length, shown
+
+
+def chains(stage):
+    """Contact surfaces of plane bodies, or sections of those of solids, as chains of segments.
+
+    Parameters
+    ----------
+    stage : pcontact.view.picture.Stage
+
+    Returns
+    -------
+    list of (ndarray (n, 2, 3), ndarray (n, 2), ndarray (n, 2))
+        Ends as they are drawn, arc lengths and values at them.
+    """
+    return list(_section(stage) if stage.solid else _chains(stage))
+
+
+def touching(stage):
+    """Points of the contact surfaces that are under pressure; all if there is no pressure.
+
+    Returns
+    -------
+    ndarray (n, 3)
+    """
+    if stage.solid:
+        return np.zeros((0, 3)) if stage.patch is None else stage.patch.points
+    found, every = [np.zeros((0, 3))], [np.zeros((0, 3))]
+    for name, piece in stage.result.surfaces.items():
+        nodes, owner = cells.segments(piece)
+        corners = stage.surfaces[name][nodes]
+        blocks = piece.cell_data.get("contact_pressure")
+        every.append(corners.reshape(-1, 3))
+        if blocks and len(nodes):
+            found.append(corners[np.concatenate(blocks)[owner] > 0].reshape(-1, 3))
+    found = np.concatenate(found)
+    return found if len(found) else np.concatenate(every)
+
+
+def is_curved(stage):
+    """Whether a surface of plane bodies is longer than its chord where it is under pressure, so that it is unrolled."""
+    if stage.solid:
+        return False
+    points = touching(stage)
+    for ends, arc, _ in chains(stage):
+        near = np.isin(ends.reshape(-1, 3), points).all(axis=1).reshape(-1, 2).all(axis=1)
+        length = np.linalg.norm(np.diff(ends[near], axis=1)[:, 0], axis=1).sum()
+        # parts that are far from each other along the surface, as in self contact, would be two needles
+        if near.any() and np.ptp(arc[near]) < 2 * length > 2 * CURVED * np.ptp(ends[near].reshape(-1, 3), axis=0).max():
+            return True
+    return False
+
+
+def draw(axes, stage, unrolled):
+    """Values over a coordinate, or over the arc length.
+
+    Parameters
+    ----------
+    axes : matplotlib.axes.Axes
+    stage : pcontact.view.picture.Stage
+    unrolled : bool
+    """
+    quantity, found = stage.quantity, chains(stage)
+    if unrolled or stage.solid:
+        found = [(length, values) for _, length, values in found]
+        name, window = "arc length", None
+        under = [np.array(length)[(values > 0).any(axis=1)] for length, values in found]
+        under = [part for part in under if len(part)]
+        if under and stage.none_if_open:
+            low, high = min(part.min() for part in under), max(part.max() for part in under)
+            border, end = 0.5 * (high - low), max(length.max() for length, _ in found)
+            window = max(low - border, 0.0), min(high + border, end)
+    else:
+        pieces = {name: stage.result.surfaces[name] for name in quantity.values}
+        axis, window = camera.along(pieces, stage.surfaces)
+        found, name = [(ends[..., axis], values) for ends, _, values in found], "xy"[axis]
+    for place, values in found:
+        bars = np.stack([place, values], axis=2)
+        feet = np.stack([place[:, ::-1], np.zeros_like(values)], axis=2)
+        colours = stage.colours.rgb(values.mean(axis=1))
+        axes.add_collection(PolyCollection(np.concatenate([bars, feet], axis=1), facecolors=colours, lw=0))
+        axes.add_collection(LineCollection(bars, colors=INK, linewidths=1.1))
+    axes.autoscale_view()
+    if window is not None and window[1] > window[0]:
+        axes.set_xlim(*window)
+    if stage.colours.kinds:
+        axes.set_yticks(stage.colours.kinds, labels=map(quantity.word, stage.colours.kinds))
+    axes.set_xlabel(name)
+    axes.set_ylabel(quantity.label)
+    axes.spines[["top", "right"]].set_visible(False)
+
+
+def on_bodies(axes, stage):
+    """The contact surfaces of plane bodies as coloured lines upon these."""
+    for ends, _, values in chains(stage):
+        colours = stage.colours.rgb(values.mean(axis=1))
+        shown = (values > 0).any(axis=1) | (not stage.none_if_open)
+        for width, colour in ((5.0, INK), (3.5, colours[shown])):
+            axes.add_collection(
+                LineCollection(ends[shown, :, :2], colors=colour, linewidths=width, capstyle="projecting")
+            )
