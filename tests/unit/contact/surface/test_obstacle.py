@@ -87,3 +87,15 @@ def test_small_turns_lose_no_digits():
     rigid = RigidObstacle(obstacle, amplitude(None, 1.0), 1.0)
     gap, normal = rigid.gap(np.array([[0.5, 0.0]]), 1.0, np.array([1e3, 1e3]))
     assert gap[0] == pytest.approx(-0.5e-12, rel=1e-12) and normal[0, 0] == pytest.approx(1e-12, rel=1e-12)
+
+
+def test_normals_of_a_level_set_without_gradient():
+    """To a few rounding errors over the step of the differences, as far as that of a sphere half the model's size."""
+    def sphere(x, time):
+        return np.linalg.norm(x - 0.1, axis=1) - 0.5
+
+    x = 0.1 + np.random.default_rng(1).standard_normal((200, 3))
+    obstacle = RigidObstacle(Obstacle("level_set", expression="x"), amplitude(None, 1.0), 1.0, (sphere, None))
+    _, normal = obstacle.gap(x, 0.0)
+    away = (x - 0.1) / np.linalg.norm(x - 0.1, axis=1, keepdims=True)
+    assert np.abs(normal + away).max() < 1e-11
