@@ -16,6 +16,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from pcontact.adapt.loop import Loop
+from pcontact.adapt.target import wanted
 from pcontact.io.fields import NODE_NUMBER
 from pcontact.io.history import columns
 from pcontact.io.report import jsonable
@@ -118,7 +120,11 @@ def run(scene, options=None, on_step=None, output=None, comm=None, level=None, c
             scene = from_dict(scene)
         elif not isinstance(scene, Scene):
             scene = read(scene)
-        result, failure = _run(Simulation(scene, comm, "options"), on_step, output)
+        aimed = wanted(scene, Options("options"))
+        if aimed is not None:
+            result, failure = _reach(aimed, comm, on_step, output)
+        else:
+            result, failure = _run(Simulation(scene, comm, "options"), on_step, output)
     if comm.rank == 0:
         for text in result.unused:
             warnings.warn(text, UserWarning, stacklevel=2)
@@ -145,6 +151,19 @@ def _run(simulation, on_step, output):
         if together:
             simulation.free()
     return result, failure
+
+
+def _reach(scene, comm, on_step, output):
+    """The result and the failure of the runs that reach an error. *Collective.*"""
+
+    def observers(simulation):
+        return [] if on_step is None else [_Caller(on_step, simulation)]
+
+    try:
+        outcome = Loop(scene, comm, "options", Run, observers).run(output, "output")
+    except _OnStepFailed as error:
+        raise error.own from None
+    return outcome.kept, outcome.failure
 
 
 class _OnStepFailed(Exception):

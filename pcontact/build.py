@@ -92,7 +92,7 @@ def override(scene, options, accuracy):
     for table in (scene, scene.mesh, scene.steps, scene.output):
         for key, option in key_options(type(table)).items():
             setattr(table, key, options.get(option, getattr(table, key)))
-    accuracy.name = scene.accuracy
+    accuracy.name = scene.accuracy if isinstance(scene.accuracy, str) else None
     said = {key: options.get(option, None) for key, option in key_options(Contact).items()}
     validate(scene)
     return resolve_contacts(scene, {key: value for key, value in said.items() if value is not None}, options.said)
@@ -110,11 +110,15 @@ def _pairs(scene):
     return pairs
 
 
-def read(scene, comm, options):
-    """The distributed mesh of a scene. *Collective.*"""
-    pairs = _pairs(scene)
-    weight = options.get("partition_weight")
+def balance(scene, options):
+    """What the partition of a scene's mesh depends on: pairs of surfaces, weight of their facets, method."""
     method = options.get("partition", "graph" if options.given("petscpartitioner_type") else "bisection")
+    return _pairs(scene), options.get("partition_weight"), method
+
+
+def read(scene, comm, options, raw=None):
+    """The distributed mesh of a scene, from its file or, on rank 0, from a mesh that has been read. *Collective.*"""
+    pairs, weight, method = balance(scene, options)
 
     def check(mesh):
         check_dimension(scene, mesh.dim)
@@ -128,7 +132,8 @@ def read(scene, comm, options):
     regions, order, serendipity = [b.region for b in scene.bodies], scene.mesh.order or 1, scene.mesh.serendipity
     if serendipity and order == 1:
         raise input_error(scene.where, "mesh.serendipity", "true with a displacement of degree 1", "order = 2")
-    return load_mesh(comm, scene.mesh_path, order, regions, pairs, check, (weight, method), serendipity)
+    path = scene.mesh_path if raw is None else raw
+    return load_mesh(comm, path, order, regions, pairs, check, (weight, method), serendipity)
 
 
 def _cut(scene, mesh):

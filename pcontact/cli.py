@@ -12,6 +12,8 @@ from typing import NamedTuple
 import numpy as np
 
 from pcontact import __version__
+from pcontact.adapt.loop import Loop
+from pcontact.adapt.target import wanted
 from pcontact.contact.surface.smooth_geometry import SMOOTH, WRONG, facet_pressure
 from pcontact.importer.write import OPTIONS as IMPORT
 from pcontact.importer.write import import_file
@@ -22,12 +24,14 @@ from pcontact.runtime import log, signals
 from pcontact.runtime.declared import OPTIONS, SECTIONS, Option, help_lines, listed, read_all
 from pcontact.runtime.errors import TOLD, InputError
 from pcontact.runtime.files import replace_file
+from pcontact.runtime.options import Options
 from pcontact.runtime.parallel import on_root
 from pcontact.runtime.petsc import MPI
 from pcontact.runtime.rules import integer, text
 from pcontact.scene import Contact, MeshSpec, Output, Scene, Steps, read_scene
 from pcontact.scene.keys import options as key_options
 from pcontact.scene.schema import schema
+from pcontact.scene.target import Budget, Target
 from pcontact.simulation import Simulation
 from pcontact.space.modes import component_boxes, near_pairs
 from pcontact.view import show
@@ -44,7 +48,7 @@ PETSC_HELP = """\
                                                    any option of PETSc; -help with a scene lists them"""
 EXIT = """\
 Exit status: 0 all steps converged, 1 a step did not converge, 2 the input is wrong, 3 output cannot be written or
-another run writes there."""
+another run writes there, 4 the error to reach (-error) was not reached."""
 
 
 class Command(NamedTuple):
@@ -104,7 +108,8 @@ def run_options():
     -------
     dict of str to list of Option
     """
-    scene = [option for cls in (Scene, MeshSpec, Contact, Steps, Output) for option in key_options(cls).values()]
+    tables = (Scene, Target, Budget, MeshSpec, Contact, Steps, Output)
+    scene = [option for cls in tables for option in key_options(cls).values()]
     every = [replace(option, default=None, otherwise="") for option in scene] + list(OPTIONS.values())
     return {title: [option for option in every if option.section == name] for name, title in SECTIONS.items()}
 
@@ -349,7 +354,16 @@ def _execute(command, operand, options):
     if command == "check":
         check_scene(scene)
         return 0
-    _, converged = run_scene(scene, options.get("o") or Path(operand).stem + "_results")
+    directory = options.get("o") or Path(operand).stem + "_results"
+    aimed = wanted(scene, Options())
+    if aimed is not None:
+        outcome = Loop(aimed, take=lambda simulation, _: simulation.unused(OURS)).run(directory)
+        for line in outcome.kept:
+            log.warning("%s", line)
+        if outcome.failure is not None:
+            log.error_line(outcome.failure)
+        return outcome.status
+    _, converged = run_scene(scene, directory)
     return 0 if converged else 1
 
 

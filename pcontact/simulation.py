@@ -106,6 +106,8 @@ class Simulation:
     comm : MPI.Comm, optional
     said : str
         Where the user gives options, for messages.
+    mesh : pcontact.mesh.mesh.Mesh, optional
+        That the scene is to be run on; absent: it is read from the scene's file.
 
     Attributes
     ----------
@@ -113,6 +115,8 @@ class Simulation:
         Why the run ended early, if a load step did not converge.
     stopped : bool
         Whether an observer ended it.
+    begin : callable, optional
+        Where the bodies are expected at the end of load steps, see :class:`pcontact.stepping.stepper.Stages`.
     records, snapshot : pcontact.io.observers.Records, pcontact.io.snapshot.Snapshot or None
         Report and history, and the fields of the last load step that converged, of a run that was asked for them.
 
@@ -126,17 +130,17 @@ class Simulation:
     *Collective.*
     """
 
-    def __init__(self, scene, comm=MPI.COMM_WORLD, said="command line"):
+    def __init__(self, scene, comm=MPI.COMM_WORLD, said="command line", mesh=None):
         self.start = clock.perf_counter()
         self.timing = dict.fromkeys(("search", "assembly", "linear", "solve", "output"), 0.0)
         self.comm, self.options, self.profile, self.calls = comm, Options(said), profile.Profile(), CALLS.copy()
-        self.failure, self.stopped, self.records, self.snapshot = None, False, None, None
+        self.failure, self.stopped, self.records, self.snapshot, self.begin = None, False, None, None, None
         self.problem = self.newton = None
         self.restart = self.options.get("restart")
         self.anyway = self.options.get(ANYWAY)
         try:
             with profile.recording(self.profile):
-                self._set_up(scene)
+                self._set_up(scene, mesh)
         except TOLD:
             self.free()
             raise
@@ -146,7 +150,7 @@ class Simulation:
             raise
         self.timing["setup"] = clock.perf_counter() - self.start
 
-    def _set_up(self, scene):
+    def _set_up(self, scene, mesh):
         # several runs of one process have their own peaks; what earlier ones left is freed first
         free_garbage(self.comm)
         log.forget_warnings()
@@ -155,7 +159,7 @@ class Simulation:
         profile.mark("start")
         self.accuracy = Choice()
         self.scene = build.override(scene, self.options, self.accuracy)
-        self.mesh = build.read(self.scene, self.comm, self.options)
+        self.mesh = build.read(self.scene, self.comm, self.options) if mesh is None else mesh
         self.scene.mesh.order = self.accuracy.order(self.scene.mesh.order, self.mesh.curved)
         self.spans, self.number = spans(self.scene), 0
         if self.spans and self.restart is not None:
@@ -306,7 +310,7 @@ class Simulation:
         self._watch = [one for one in watch if one is not None]
         low, high = bounding_box(self.comm, space.mesh.points)
         places = np.array(list(product(*zip(low, high, strict=True))) + [0.5 * (low + high)])
-        stages = Stages(self.renew, self.settle, self.rest)
+        stages = Stages(self.begin, self.renew, self.settle, self.rest)
         self.stepper = Stepper(
             self.problem, self.newton, schedule, self._watch, recorder, self.timing, drive(scene, places), stages
         )  # fmt: skip

@@ -81,6 +81,10 @@ class ErrorEstimate(Observer):
             "surfaces": estimate.surfaces,
         }
 
+    def norm(self, v):
+        """Energy norm of a displacement of elastic bodies [sqrt(energy)]. *Collective.*"""
+        return self._estimator.norm(v)
+
     def _algebraic(self, unbalanced):
         """Energy norm of the step that Newton's iteration would take next, solved roughly. *Collective.*"""
         problem, matrix = self._problem, self._problem.matrix.matrix

@@ -141,6 +141,18 @@ def of_a_library(rank=0, level=None, stream=None):
             setattr(_State, name, value)
 
 
+@contextmanager
+def quiet():
+    """While this lasts, nothing is said and no warning kept: of runs that are measurements of another one."""
+    off, kept = LOGGER.disabled, (_State.speaks, _State.warnings)
+    try:
+        LOGGER.disabled, _State.speaks = True, False
+        yield
+    finally:
+        LOGGER.disabled = off
+        _State.speaks, _State.warnings = kept
+
+
 def info(message, *args):
     """Log a line, ``message % args``."""
     LOGGER.info(message, *args)

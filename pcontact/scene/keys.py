@@ -32,6 +32,8 @@ class Key:
         What the docs say beyond `help`.
     option : str
         Option of the command line that replaces the key, without the dash.
+    said : Rule or None
+        What the option takes, where that is not what the key does.
     resolved : bool
         The default is filled in after the command line (`pcontact.scene.validate.resolve_contacts`): until then the
         value is None where it is not said.
@@ -44,6 +46,7 @@ class Key:
     otherwise: str = ""
     more: str = ""
     option: str = ""
+    said: Rule | None = None
     resolved: bool = False
 
     @property
@@ -72,7 +75,7 @@ def keys(cls: type) -> dict[str, Key]:
 def options(cls: type) -> dict[str, Option]:
     """By key, the options of the command line that replace keys of a table."""
     return {
-        name: Option(one.option, one.rule, one.help, section="scene", checked=not one.resolved, key=name)
+        name: Option(one.option, one.said or one.rule, one.help, section="scene", checked=not one.resolved, key=name)
         for name, one in keys(cls).items() if one.option
     }  # fmt: skip
 

@@ -24,6 +24,7 @@ from pcontact.runtime.rules import (
     sequence,
 )
 from pcontact.scene.keys import key, keys, table
+from pcontact.scene.target import Budget, Target, preset_or_target
 from pcontact.scene.values import (
     AMPLITUDE,
     COEFFICIENTS,
@@ -649,10 +650,11 @@ class Scene:
     output: Output = field(default_factory=Output)
     petsc: dict[str, str] = field(default_factory=dict)
     title: str = key(ANY_TEXT, "what the report and the pictures are called", "")
-    accuracy: str | None = key(
-        choice(*PRESETS), "preset: what is not said is set to what pays", None, otherwise="none", option="accuracy",
+    accuracy: str | Target | None = key(
+        preset_or_target(choice(*PRESETS)), "preset: what is not said is set to what pays; or an error to reach", None,
+        otherwise="none", option="accuracy", said=choice(*PRESETS),
         more="solver options and, on a mesh of degree 2, the degree of the displacement, where neither the scene nor "
-        "the command line says it; see [accuracy.md](accuracy.md)",
+        "the command line says it; an error to reach refines the mesh; see [accuracy.md](accuracy.md)",
     )  # fmt: skip
     allow_unsafe: Sequence[str] = key(
         sequence("a list of " + choice(*UNSAFE).allowed, choice(*UNSAFE)),
@@ -695,9 +697,15 @@ class Scene:
             self,
             materials={name: replace(material) for name, material in self.materials.items()},
             petsc=dict(self.petsc),
+            accuracy=self._own_accuracy(),
             **{key: replace(getattr(self, key)) for key in SINGLE_TABLES},
             **{**lists, "contacts": contacts},
         )
+
+    def _own_accuracy(self):
+        if not isinstance(self.accuracy, Target):
+            return self.accuracy
+        return replace(self.accuracy, budget=replace(self.accuracy.budget))
 
     def finite(self, body: Body) -> bool:
         """Whether a body has finite strain."""
@@ -730,6 +738,8 @@ HEADERS = {
     Scene: "the scene",
     Material: "[materials.NAME]",
     Obstacle: "obstacle",
+    Target: "accuracy",
+    Budget: "budget",
     **{cls: f"[{name}]" for name, cls in SINGLE_TABLES.items()},
     **{cls: f"[[{name}]]" for name, cls in LIST_TABLES.items()},
 }

@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 
 from pcontact.scene.model import LIST_TABLES, Contact, Phase, Scene
+from pcontact.scene.target import Target
 
 
 def place(key: str, index: int, name: object) -> str:
@@ -12,6 +13,9 @@ def place(key: str, index: int, name: object) -> str:
 
 def tables(scene: Scene) -> Iterator[tuple[str, object]]:
     """All tables of a scene with their key paths, in the order of a scene file, obstacles included."""
+    if isinstance(scene.accuracy, Target):
+        yield "accuracy", scene.accuracy
+        yield "accuracy.budget", scene.accuracy.budget
     yield "mesh", scene.mesh
     for name, material in scene.materials.items():
         yield f"materials.{name}", material

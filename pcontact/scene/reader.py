@@ -13,6 +13,7 @@ from pcontact.runtime import log
 from pcontact.runtime.messages import closeness, cut, input_error, nearest, shown, unknown_name
 from pcontact.scene.model import HEADERS, LIST_TABLES, RENAMED, SINGLE_TABLES, Contact, Material, Obstacle, Phase, Scene
 from pcontact.scene.places import place
+from pcontact.scene.target import Budget, Target
 from pcontact.scene.validate import validate
 
 HOME = ("path", "beside")
@@ -135,7 +136,7 @@ def _scene(data, file, **home):
     scene = Scene(
         **home,
         title=data.get("title", ""),
-        accuracy=data.get("accuracy"),
+        accuracy=_accuracy(data.get("accuracy"), file),
         allow_unsafe=data.get("allow_unsafe", ()),
         mesh=_table("mesh", data.get("mesh", {}), file),
         materials=_materials(data.get("materials", {}), file),
@@ -146,6 +147,14 @@ def _scene(data, file, **home):
     )
     validate(scene)
     return scene
+
+
+def _accuracy(data, file):
+    """A word, or a table with one in it."""
+    if not isinstance(data, dict):
+        return data
+    budget = _build(Budget, data.get("budget", {}), file, "accuracy.budget")
+    return _build(Target, {**data, "budget": budget}, file, "accuracy")
 
 
 def _parse(path):
@@ -181,7 +190,8 @@ def _parse(path):
 
 def _keys(cls):
     """Keys of a table in a scene file; where a scene is is no key, nor is what the program knows of a phase."""
-    return [field.name for field in fields(cls) if field.metadata or (cls is Scene and field.name not in HOME)]
+    plain = {Scene: [field.name for field in fields(Scene) if field.name not in HOME], Target: ["budget"]}.get(cls, [])
+    return [field.name for field in fields(cls) if field.metadata or field.name in plain]
 
 
 @cache

@@ -24,6 +24,7 @@ from pcontact.scene.model import (
     Scene,
     Spring,
 )
+from pcontact.scene.target import Budget, Target
 
 # what the keys of a table must be together
 TOGETHER = {
@@ -95,8 +96,10 @@ def schema() -> dict[str, object]:
         "type": "object", "description": f"tables {HEADERS[Material]}", "additionalProperties": _table(Material),
         "propertyNames": {"pattern": r"\S"},
     }  # fmt: skip
+    target = {"anyOf": [keys(Scene)["accuracy"].said.schema, _table(Target, budget=_table(Budget))]}
+    accuracy = {**_value(keys(Scene)["accuracy"]), **target}
     single = {name: _table(cls) for name, cls in SINGLE_TABLES.items()}
-    scene = _table(Scene, **single, materials=materials, **lists, petsc=petsc)
+    scene = _table(Scene, accuracy=accuracy, **single, materials=materials, **lists, petsc=petsc)
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema", "title": "Scene of pcontact", **scene,
         "required": ["mesh", "materials", "bodies"], "$defs": {"obstacle": _table(Obstacle)},

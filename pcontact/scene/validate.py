@@ -28,6 +28,8 @@ from pcontact.scene.phase_checks import check_phase_names, check_phases
 from pcontact.scene.phases import scene_of
 from pcontact.scene.places import place, tables
 from pcontact.scene.prescribed import expressions
+from pcontact.scene.target import Budget, Target
+from pcontact.scene.target_checks import check_target, unestimated
 
 ALIKE = 0.5  # likeness of two file names above which one may be meant by the other
 ALIKE_MODULI = 1e-3  # relative difference of Young's modulus and that of the terms of rubber
@@ -79,6 +81,8 @@ def validate(scene: Scene) -> None:
     _check_estimate(scene)
     _check_temperatures(scene)
     _check_unique(scene, "contacts", "name")
+    if isinstance(scene.accuracy, Target):
+        check_target(scene)
     if scene.phases:
         check_phases(scene)
         for number in range(len(scene.phases)):
@@ -158,6 +162,8 @@ def _check_types(scene):
         for index, contact in enumerate(scene.contacts)
         if isinstance(contact, Contact) and contact.obstacle is not None
     ]
+    if isinstance(scene.accuracy, Target):
+        expected.append(("accuracy.budget", scene.accuracy.budget, Budget))
     for where, item, cls in expected:
         if not isinstance(item, cls):
             raise input_error(scene.where, where, shown(item), f"a table ({cls.__name__})")
@@ -492,14 +498,7 @@ def _check_names(scene, key, tables):
 
 def _check_estimate(scene):
     """What the estimate of the error does not know."""
-    strange = [place("loads", k, one.region) for k, one in enumerate(scene.loads) if one.total]
-    strange += [place("couplings", k, one.region) for k, one in enumerate(scene.couplings)]
-    strange += [place("pretensions", k, one.region) for k, one in enumerate(scene.pretensions)]
-    strange += [place("temperatures", k, one.region) for k, one in enumerate(scene.temperatures)]
-    strange += [place("loads", k, one.region) for k, one in enumerate(scene.loads)
-                if one.acceleration is not None or one.angular_speed is not None]  # fmt: skip
-    strange += [place("springs", k, one.region) for k, one in enumerate(scene.springs)]
-    strange += ["mesh.serendipity"] * scene.mesh.serendipity
+    strange = unestimated(scene)
     if scene.output.estimate and strange:
         allowed = "false, or tractions and body forces alone"
         raise input_error(scene.where, "output.estimate", f"true together with {strange[0]}", allowed)

@@ -131,6 +131,23 @@ class Problem:
         self._changed = self._changed_by_supports(before, u) if moves else set()
         self._committed = before if self.yields or self._changed or self.extrapolates else None
 
+    def expect(self, u, expected):
+        """Begin the load step where the bodies are expected, but for what is prescribed. *Collective.*
+
+        Parameters
+        ----------
+        u, expected : PETSc.Vec
+            ``u`` after :meth:`prescribe`; overwritten.
+        """
+        array = u.getArray().reshape(self.fixed.shape)
+        own = expected.getArray(readonly=True).reshape(self.fixed.shape)
+        array[~self.fixed] = own[~self.fixed]
+        if self.middles is not None:
+            self.middles.follow(array)
+        u.assemble()
+        # nothing is left to predict, and the first residual says nothing of the forces
+        self._committed, self.goes_on = None, True
+
     def integrable(self, u):
         """Whether all points of the bodies can be integrated: no cell is turned inside out. *Collective.*"""
         out = np.zeros((self.space.n_owned, self.space.dim))

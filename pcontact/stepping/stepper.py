@@ -68,6 +68,8 @@ class Stages(NamedTuple):
 
     Attributes
     ----------
+    start : callable, optional
+        From the time at which a load step ends to the displacement (n_owned, d) that is expected then, or to None.
     renew : callable, optional
         Solves the load step and looks for partners again, see :class:`pcontact.stepping.search_update.SearchUpdate`.
     settle : callable, optional
@@ -76,6 +78,7 @@ class Stages(NamedTuple):
         After that, says where bodies are that nothing holds, see :class:`pcontact.stepping.loose.LooseBodies`.
     """
 
+    start: Callable | None = None
     renew: Callable | None = None
     settle: Callable | None = None
     rest: Callable | None = None
@@ -188,15 +191,18 @@ class Stepper:
                 )
 
     def _attempt(self, target, before):
-        start, (renew, settle, rest) = clock.perf_counter(), self._stages
+        start, (begin, renew, settle, rest) = clock.perf_counter(), self._stages
+        expected = None if begin is None else self._expected(begin(target))
         self.problem.time = target
         with profile.phase("search"):
-            motion, ahead = self.problem.imposed(self.u, target), self._ahead(target)
+            motion, ahead = self.problem.imposed(self.u, target), self._ahead(target, expected)
             for item in self.problem.items:
                 item.detect(self.u, target, motion, ahead)
         middle, searched = clock.perf_counter(), self.timing["search"]
         with profile.phase("solve"):
             self.problem.prescribe(self.u, target, self._continued(target) if self.problem.extrapolates else None)
+            if expected is not None:
+                self.problem.expect(self.u, expected)
             if rest is not None and self._last is not None:
                 rest.begin(self.u)
             if renew is None:
@@ -241,16 +247,29 @@ class Stepper:
         way.axpy(1.0, self.u)
         return way
 
-    def _ahead(self, target):
-        """Displacement if the bodies move on as what drives them does, None where that tells nothing. *Collective.*
+    def _expected(self, values):
+        """A displacement (n_owned, d) as a vector; None for None. *Collective.*"""
+        if values is None:
+            return None
+        vector = self.problem.space.vector()
+        vector.setArray(values.ravel())
+        return vector
+
+    def _ahead(self, target, expected=None):
+        """Displacement that is expected, or if the bodies move on as what drives them does; None where that tells
+        nothing. *Collective.*
 
         Normals and partners are frozen during a load step. Those of its beginning make forces wrong by an amount of the
         order of the step, those of its expected end by one of its square.
         """
         pairs = self.problem.others
-        if not pairs or self._last is None or any(item.floats for item in pairs):
+        if not pairs or any(item.floats for item in pairs) or (self._last is None and expected is None):
             return None
-        way = self._way(target)
+        if expected is None:
+            way = self._way(target)
+        else:
+            way = expected.copy()
+            way.axpy(-1.0, self.u)
         # bodies that jump do not go on so
         space = self.problem.space
         longest = space.longest(way.getArray(readonly=True).reshape(-1, space.dim))

@@ -135,6 +135,21 @@ CASES = {
         [r"contacts\[0\] \(pair\)\.targte", "unknown key", "'target'", "allowed"],
         scene=swapped("target =", "targte ="),
     ),
+    "no accuracy": Case(
+        [r"accuracy\.error", "0.9", "allowed: a part, as 0.02 or 2%"], scene="accuracy = { error = 0.9 }\n" + SCENE
+    ),
+    "an error of nothing": Case(
+        [r"accuracy\.of", "'force:pear'", "the nearest is 'force:pair'", "allowed: force:pair"],
+        scene='accuracy = { error = "2%", of = "force:pear" }\n' + SCENE,
+    ),
+    "no budget": Case(
+        [r"accuracy\.budget\.memory", "'16 apples'", "allowed: a number of bytes, or as 16GB"],
+        scene='accuracy = { error = 0.1, budget = { memory = "16 apples" } }\n' + SCENE,
+    ),
+    "a key of no budget": Case(
+        [r"accuracy\.budget\.tim", "unknown key", "'time'"],
+        scene='accuracy = { error = 0.1, budget = { tim = 3 } }\n' + SCENE,
+    ),
     "misspelt table": Case(
         ["displacement", "'displacements'"], scene=SCENE.replace("[[displacements]]", "[[displacement]]")
     ),

@@ -22,6 +22,7 @@ from pcontact.scene import Contact, Material, Obstacle, Pretension, Scene, Steps
 from pcontact.scene.keys import keys
 from pcontact.scene.model import HEADERS, RENAMED
 from pcontact.scene.schema import schema
+from pcontact.scene.target import Budget, Target
 from tests.support.bad_input import CASES
 from tests.support.bad_input import SCENE as SQUARES
 from tests.support.scenes import FULL, LEVEL_SET, PLAIN, value_cases
@@ -39,7 +40,8 @@ def test_every_key_is_declared(cls):
     others = {field.name for field in fields(cls) if field.name not in keys(cls)}
     tables = {"mesh", "materials", "bodies", "contacts", "displacements", "loads", "couplings", "springs",
               "temperatures", "phases", "pretensions", "steps", "output", "petsc"}  # fmt: skip
-    known = {Scene: tables | {"path", "beside"}, Contact: {"obstacle", "held"}, Pretension: {"locked"}}
+    known = {Scene: tables | {"path", "beside"}, Contact: {"obstacle", "held"}, Pretension: {"locked"},
+             Target: {"budget"}}  # fmt: skip
     assert others == known.get(cls, set())
     for name, one in keys(cls).items():
         assert one.help and one.rule.allowed
@@ -163,11 +165,13 @@ def test_scenes_of_files_and_pages(validator):
 def test_schema_lists_every_key():
     """No other keys, and a description, range and default of every one."""
     found = schema()
+    target = found["properties"]["accuracy"]["anyOf"][1]
+    tables = {cls: header.strip("[]") for cls, header in HEADERS.items() if cls not in (Target, Budget)}
     homes = {
         Scene: found, Material: found["properties"]["materials"]["additionalProperties"],
-        Obstacle: found["$defs"]["obstacle"], **{cls: found["properties"][header.strip("[]")].get(
-            "items", found["properties"][header.strip("[]")]) for cls, header in HEADERS.items()
-            if header.strip("[]") in found["properties"]},
+        Obstacle: found["$defs"]["obstacle"], Target: target, Budget: target["properties"]["budget"],
+        **{cls: found["properties"][name].get("items", found["properties"][name])
+           for cls, name in tables.items() if name in found["properties"]},
     }  # fmt: skip
     assert set(homes) == set(TABLES)
     for cls, home in homes.items():

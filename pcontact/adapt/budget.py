@@ -1,0 +1,70 @@
+"""What the next mesh may cost."""
+
+import numpy as np
+
+from pcontact.adapt.target import free_memory
+from pcontact.runtime import profile
+from pcontact.runtime.petsc import MPI
+
+# [-] The neighbours of the cells that are cut follow: unknowns over those expected, before it has been seen.
+# From: named_error.py.
+FOLLOWERS = 1.4
+# [-] Power of the unknowns that the seconds of a pass grow with. From: multigrid, and searches that take a little more.
+POWER = 1.1
+
+
+class Budgeted:
+    """Keeps the passes within a budget.
+
+    Parameters
+    ----------
+    budget : pcontact.scene.target.Budget
+    comm : MPI.Comm
+
+    Attributes
+    ----------
+    by : str
+        Which part of it has been the limit.
+    """
+
+    def __init__(self, budget, comm):
+        self._unknowns, self._time, self._comm = budget.unknowns, budget.time, comm
+        free = free_memory() if budget.memory is None else None
+        free = comm.allreduce(free if free is not None else np.inf, op=MPI.MIN)
+        self._memory = budget.memory if budget.memory is not None else free
+        self._base = comm.allreduce(profile.memory()[0] * 1024.0)
+        self._followers, self.by = FOLLOWERS, ""
+
+    def growth(self, done, elapsed):
+        """Growth of the cells that the next pass may have at most.
+
+        Parameters
+        ----------
+        done : pcontact.adapt.passes.Pass
+            The last one.
+        elapsed : float
+            Since the beginning [s].
+        """
+        limits = {"unknowns": np.inf, "memory": np.inf, "time": np.inf}
+        if self._unknowns is not None:
+            limits["unknowns"] = self._unknowns / done.unknowns
+        if self._memory is not None and done.memory > self._base:
+            limits["memory"] = (self._memory - self._base) / (done.memory - self._base)
+        if self._time is not None:
+            # the clock of one rank is not that of the others
+            left = self._comm.bcast(max(self._time - elapsed, 0.0))
+            limits["time"] = (left / max(done.seconds, 1e-6)) ** (1.0 / POWER)
+        self.by = min(limits, key=limits.get)
+        return limits[self.by] / self._followers
+
+    def learn(self, done, unknowns):
+        """Take notice of how many cells have followed those that were cut."""
+        seen = unknowns / done.next["unknowns"]
+        self._followers = max(seen, 1.0)
+
+    def holds(self, unknowns):
+        """Whether a mesh has as few unknowns as it may."""
+        if self._unknowns is not None and unknowns > self._unknowns:
+            self.by = "unknowns"
+            return False
+        return True

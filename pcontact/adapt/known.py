@@ -1,0 +1,60 @@
+"""What is known of the estimate: its range over the error, by the class of a scene."""
+
+from typing import NamedTuple
+
+
+class Range(NamedTuple):
+    """Estimate over error.
+
+    Attributes
+    ----------
+    least, most : float
+    words : str
+        Of which scenes.
+    dim : int
+        Of space.
+    """
+
+    least: float
+    most: float
+    words: str
+    dim: int
+
+
+# by simplices or not, dimension and degree. From: drivers/studies/effectivity.py and adapt.py, docs/estimate.md
+MEASURED = {
+    (True, 2, 1): (0.95, 1.45),
+    (True, 2, 2): (0.8, 1.25),
+    (True, 3, 1): (1.3, 2.4),
+    (True, 3, 2): (1.0, 1.6),
+    (False, 2, 1): (0.98, 1.1),
+    (False, 2, 2): (0.8, 1.1),
+    (False, 3, 1): (1.0, 1.15),
+    (False, 3, 2): (0.9, 1.15),
+}
+# [-] Of both ends where friction or plastic flow are in the scene. From: no proof, and fewer scenes.
+WITHOUT_PROOF = 0.9
+
+
+def effectivity(scene, simplices, dim, degree):
+    """The range of the estimate of the energy norm for a class of scenes.
+
+    Parameters
+    ----------
+    scene : pcontact.scene.model.Scene
+    simplices : bool
+        Whether there are triangles or tetrahedra.
+    dim, degree : int
+        Of space and of the displacement.
+
+    Returns
+    -------
+    Range
+    """
+    least, most = MEASURED[simplices, dim, degree]
+    words = f"{'triangles' if dim == 2 else 'tetrahedra'}" if simplices else "quadrilaterals, hexahedra"
+    words += f" of degree {degree}"
+    hard = any(scene.yields(body) for body in scene.bodies)
+    if hard or any(one.friction or one.tresca or one.law for one in scene.contacts):
+        return Range(WITHOUT_PROOF * least, most / WITHOUT_PROOF, f"{words}, with friction or plastic flow", dim)
+    return Range(least, most, f"{words}, elastic without friction", dim)

@@ -1,0 +1,359 @@
+"""Runs on one mesh after the other, until the error is below the target or the budget is spent."""
+
+import shutil
+import time as clock
+from dataclasses import replace
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from pcontact.adapt import variants
+from pcontact.adapt.budget import Budgeted
+from pcontact.adapt.known import effectivity
+from pcontact.adapt.meshes import Meshes
+from pcontact.adapt.passes import Pass, said_of, table
+from pcontact.adapt.sizes import cuts
+from pcontact.adapt.watch import Beginning, Watch
+from pcontact.element.reference import CELLS
+from pcontact.runtime import log
+from pcontact.runtime.errors import TOLD
+from pcontact.runtime.lock import reserved
+from pcontact.runtime.options import Options
+from pcontact.runtime.parallel import on_root
+from pcontact.runtime.petsc import MPI
+from pcontact.simulation import Simulation
+
+REACHED, FAILED, SPENT = 0, 1, 4
+# [-] Part of the target that the next mesh is made for. From: a mesh that just misses it costs another pass.
+AIM = 0.9
+# [-] Part of the target that errors of one kind, other than the mesh's, may have. From: chosen.
+SHARE = 0.1
+# [passes] At most; and those after which a mesh must have brought something. From: each pass at least doubles the cells
+# or is the last one.
+MOST, PATIENCE = 14, 3
+# [-] Part by which the error must have fallen where the cells have grown by the other. From: chosen.
+FALLEN, GROWN = 0.97, 1.3
+# [-] Tolerances of Newton's method: that of the first pass over the target, and the range. From: the first is checked
+# against the algebraic error of every pass.
+FIRST_RTOL, LEAST_RTOL, MOST_RTOL = 0.01, 1e-9, 1e-4
+# [-] Part of what was expected that counts at least. From: chosen.
+LEAST_TRUST = 0.3
+# [load steps] Times as many at once at most. From: chosen.
+MORE_STEPS = 4
+
+
+class Outcome(NamedTuple):
+    """What came of a loop.
+
+    Attributes
+    ----------
+    status : int
+        `REACHED`, `FAILED` or `SPENT`.
+    kept : object
+        What the caller took of the best pass.
+    failure : StepFailure or None
+        Of the pass that did not converge.
+    """
+
+    status: int
+    kept: object
+    failure: object
+
+
+class Loop:
+    """Reaches the error that a scene names.
+
+    Parameters
+    ----------
+    scene : pcontact.scene.model.Scene
+        Of :func:`pcontact.adapt.target.wanted`.
+    comm : MPI.Comm
+    said : str
+        Where the user gives options, for messages.
+    take : callable
+        ``take(simulation, converged)``: what the caller keeps of a pass that has run.
+    observers : callable
+        ``observers(simulation)``: further observers of a pass.
+
+    Raises
+    ------
+    InputError
+        On every rank.
+    """
+
+    def __init__(self, scene, comm=MPI.COMM_WORLD, said="command line", take=lambda *_: None, observers=lambda _: ()):
+        self.scene, self.comm, self.said, self.target = scene, comm, said, scene.accuracy
+        self._take, self._observers, self._options = take, observers, Options(said)
+        self._start, self._budget = clock.perf_counter(), Budgeted(self.target.budget, comm)
+        self._meshes = Meshes(scene, comm, self._options)
+        self._rtol = float(np.clip(FIRST_RTOL * self.target.error, LEAST_RTOL, MOST_RTOL))
+        self._steps, self._others, self._why = scene.steps.count, None, ""
+        self.passes, self.kept = [], None
+
+    # -- one pass -------------------------------------------------------------------------------------------------
+
+    def _scene(self):
+        """The scene of the next pass."""
+        scene = self.scene.copy()
+        scene.accuracy = None
+        scene.output.estimate, scene.steps.count = True, self._steps
+        # looser partners and tolerances than the mesh deserves are no place to save
+        scene.petsc = {"snes_rtol": f"{self._rtol:.3g}", "contact_search_again": "4", **scene.petsc}
+        return scene
+
+    def _run(self, scene, mesh, known, directory):
+        """Run a scene on a mesh (None: on that of the file). *Collective.*
+
+        Returns
+        -------
+        simulation : Simulation
+        watch : Watch
+        converged : bool
+        """
+        simulation = Simulation(scene, self.comm, self.said, mesh)
+        watch = Watch(simulation)
+        if known is not None:
+            simulation.begin = Beginning(simulation, *known)
+        where = None if directory is None else directory / f"pass_{len(self.passes) + 1}"
+        observers = [watch, *self._observers(simulation)]
+        try:
+            converged = simulation.run(where, observers, keep=True, said=self._where)
+        except TOLD:
+            simulation.free()
+            raise
+        except BaseException:
+            # what one rank alone meets is no reason for it to wait for the others
+            simulation.close()
+            raise
+        return simulation, watch, converged
+
+    def run(self, directory=None, said="command line: -o"):
+        """All passes. *Collective.*
+
+        Parameters
+        ----------
+        directory : str or pathlib.Path, optional
+            Where the results of the best pass go.
+        said : str
+            Where the user names it, for messages.
+
+        Returns
+        -------
+        Outcome
+        """
+        directory, self._where = None if directory is None else Path(directory), said
+        with reserved(directory, self.comm, said):
+            status, best, failure = self._passes(directory)
+            if directory is not None:
+                on_root(self.comm, _tidy, directory, best, len(self.passes) + 1)
+        return Outcome(status, self.kept, failure)
+
+    def _passes(self, directory):
+        mesh = known = None
+        while True:
+            scene, begun = self._scene(), clock.perf_counter()
+            simulation, watch, converged = self._run(scene, mesh, known, directory)
+            if not converged and (self.passes or not simulation.stopped):
+                failure = simulation.failure
+                if not self.passes:
+                    self.kept = self._take(simulation, converged)
+                simulation.free()
+                return FAILED, max(len(self.passes), 1), failure
+            if not converged:
+                self.kept = self._take(simulation, converged)
+                simulation.free()
+                return REACHED, 1, None
+            done = self._measured(simulation, watch, clock.perf_counter() - begun)
+            self.passes.append(done)
+            status, step = self._next(simulation, watch, done)
+            if step is not None:
+                mesh, fields = self._meshes.refined(simulation.scene, simulation.mesh, step.more, watch.fields)
+                known = watch.times, fields
+                status = self._fits(simulation, mesh)
+            done.seconds = clock.perf_counter() - begun
+            for line in table(self.passes, self.target, self._why if status is not None else ""):
+                log.info("%s", line)
+            self._tell(simulation, status)
+            self.kept = self._take(simulation, converged)
+            simulation.free()
+            if status is not None:
+                return status, len(self.passes), None
+
+    def _measured(self, simulation, watch, seconds):
+        """What a pass says of its errors. *Collective.*"""
+        space, mesh = simulation.problem.space, simulation.mesh
+        kinds = {block.cell for block in mesh.blocks if len(block.nodes)}
+        simplices = any(not CELLS[kind].is_tensor for some in self.comm.allgather(kinds) for kind in some)
+        known = effectivity(simulation.scene, simplices, mesh.dim, space.degree)
+        norm = watch.norm if watch.norm > 0.0 else 1.0
+        estimate = watch.absolute / norm
+        times = simulation.times()
+        done = Pass(
+            unknowns=space.n_dofs, cells=mesh.n_cells_total, degree=space.degree, estimate=estimate, known=known,
+            parts={"mesh": estimate / known.least, "algebraic": watch.algebraic / norm}, steps=self._steps,
+            seconds=seconds, solve=times["solve"], memory=times["peak_memory_mb"] * 2.0**20,
+        )  # fmt: skip
+        done.parts |= self._beside_the_mesh(simulation, done, norm)
+        done.error = sum(done.parts.values())
+        return done
+
+    def _beside_the_mesh(self, simulation, done, norm):
+        """Errors that the mesh has no part in, measured on the first mesh. *Collective.*"""
+        if self._others is None:
+            self._others = self._measure_others(simulation, norm) | {"of": done.parts["mesh"]}
+        found, first = self._others, self._others["steps"]
+        finer = done.parts["mesh"] / found["of"] if found["of"] > 0.0 else 1.0
+        parts = {"load_steps": found["load_steps"] * first / self._steps}
+        # what a finer rule changes falls as fast as what a finer mesh does, what straight facets do stays
+        parts |= {"quadrature": found["quadrature"] * min(finer, 1.0), "straight_facets": found["straight_facets"]}
+        return {name: value for name, value in parts.items() if value > 0.0}
+
+    def _measure_others(self, simulation, norm):
+        zero = {"load_steps": 0.0, "quadrature": 0.0, "straight_facets": 0.0, "steps": self._steps}
+        if simulation.problem.linear:
+            return zero
+        simulation.close()
+        scene = self._scene()
+        scene.output.estimate = scene.output.checkpoint = False
+        tried = {"load_steps": variants.halved_steps(scene)}
+        if any(not contact.tied for contact in scene.contacts):
+            tried["quadrature"] = variants.finer_quadrature(scene, simulation.problem.space.degree)
+        if any(pair.chords is not None for contact in simulation.problem.contacts for pair in contact.pairs):
+            tried["straight_facets"] = variants.smooth_facets(scene)
+        for name, other in tried.items():
+            value = variants.difference(simulation, other, self.comm, self.said) / norm
+            # with half the steps to go, the other half of a first-order error is left
+            zero[name] = 2.0 * value if name == "load_steps" else value
+        if not np.isfinite(zero["load_steps"]):
+            log.warning("the error of the load steps is not known: twice as many do not converge")
+        return {name: value if np.isfinite(value) else 0.0 for name, value in zero.items()}
+
+    # -- the next one ---------------------------------------------------------------------------------------------
+
+    def _next(self, simulation, watch, done):
+        """Exit status and None, or None and how to cut the cells of the mesh. *Collective.*"""
+        goal = self.target.error
+        if done.error <= goal:
+            self._why = "reached"
+            return REACHED, None
+        if len(self.passes) >= MOST or self._stalls():
+            largest = max(done.parts, key=done.parts.get)
+            self._why = f"not reached: finer meshes do not bring it down, the largest part is {said_of(largest)}"
+            return SPENT, None
+        self._balance(done)
+        others = sum(value for name, value in done.parts.items() if name not in ("mesh", "load_steps", "algebraic"))
+        others += min(done.parts["algebraic"], SHARE * goal) + min(done.parts.get("load_steps", 0.0), SHARE * goal)
+        if others >= goal:
+            largest = max((name for name in done.parts if name != "mesh"), key=done.parts.get)
+            self._why = f"not reached: {said_of(largest)} alone make {100.0 * others:.2g} %, which no mesh takes away"
+            return SPENT, None
+        part = min(AIM * (goal - others) / done.parts["mesh"], 1.0) * self._trust(done)
+        most = self._budget.growth(done, clock.perf_counter() - self._start)
+        if most < GROWN:
+            self._why = f"not reached: the budget is spent ({self._budget.by})"
+            return SPENT, None
+        step = cuts(self.comm, watch.squares, done.degree, simulation.mesh.dim, part, most)
+        done.next = {"unknowns": step.growth * done.unknowns, "mesh": step.part * done.parts["mesh"],
+                     "load_steps": self._steps}  # fmt: skip
+        return None, step
+
+    def _trust(self, done):
+        """What the last pass has brought over what was expected of it: less where solutions are singular."""
+        old = self.passes[-2] if len(self.passes) > 1 else None
+        if old is None or old.next is None or old.degree != done.degree:
+            return 1.0
+        return float(np.clip(old.next["mesh"] / done.parts["mesh"], LEAST_TRUST, 1.0))
+
+    def _balance(self, done):
+        """Spend on load steps and tolerances where they are large beside what is wanted."""
+        share = SHARE * self.target.error
+        steps = done.parts.get("load_steps", 0.0)
+        if steps > share:
+            self._steps = int(np.ceil(self._steps * min(steps / share, MORE_STEPS)))
+        if done.parts["algebraic"] > 0.1 * min(done.parts["mesh"], self.target.error):
+            wanted = 0.1 * self.target.error / done.parts["algebraic"]
+            self._rtol = max(self._rtol * min(wanted, 0.3), LEAST_RTOL)
+
+    def _stalls(self):
+        """Whether the last meshes have brought nothing."""
+        if len(self.passes) < PATIENCE:
+            return False
+        old, new = self.passes[-2], self.passes[-1]
+        same = old.steps == new.steps
+        return same and new.unknowns > GROWN * old.unknowns and new.error > FALLEN * old.error
+
+    def _fits(self, simulation, mesh):
+        """None, or the exit status where a mesh has become too large for the budget. *Collective.*"""
+        unknowns = self.passes[-1].unknowns * mesh.n_nodes_total / simulation.mesh.n_nodes_total
+        self._budget.learn(self.passes[-1], unknowns)
+        if self._budget.holds(unknowns):
+            return None
+        self._why = f"not reached: the budget is spent ({self._budget.by})"
+        return SPENT
+
+    # -- what is told ---------------------------------------------------------------------------------------------
+
+    def _tell(self, simulation, status):
+        """Put the section `accuracy` into the report of a pass. *Collective.*"""
+        section = report(self.passes, self.target, status == REACHED)
+
+        def write():
+            data = simulation.records.report.data
+            data["accuracy"] = {**data["accuracy"], **section}
+            simulation.records.report.write()
+
+        on_root(self.comm, write)
+
+
+def report(passes, target, reached):
+    """Section `accuracy` of the report.
+
+    Parameters
+    ----------
+    passes : list of Pass
+    target : pcontact.scene.target.Target
+    reached : bool
+    """
+    last = passes[-1]
+    return {
+        "target": {"error": target.error, "of": target.of}, "reached": reached, "error": last.error,
+        "estimate": last.estimate, "parts": last.parts,
+        "effectivity": {"least": last.known.least, "most": last.known.most, "of": last.known.words},
+        "rate": rate(passes), "half": cost_of(passes, 0.5 * last.error), "target_cost": cost_of(passes, target.error),
+        "passes": [one.report() for one in passes],
+    }  # fmt: skip
+
+
+def rate(passes):
+    """Power of the unknowns with which the error falls: as seen in the last two passes, or as smooth solutions have."""
+    smooth = passes[-1].degree / passes[-1].known.dim
+    if len(passes) < 2 or passes[-1].unknowns <= passes[-2].unknowns:
+        return smooth
+    old, new = passes[-2:]
+    seen = np.log(old.parts["mesh"] / new.parts["mesh"]) / np.log(new.unknowns / old.unknowns)
+    return float(np.clip(seen, 0.1 * smooth, 2.0 * smooth))
+
+
+def cost_of(passes, error):
+    """Unknowns and seconds that an error would take, from the last pass by the rate seen."""
+    last = passes[-1]
+    growth = max((last.error / error) ** (1.0 / rate(passes)), 1.0) if last.error > 0.0 else 1.0
+    return {"error": error, "unknowns": last.unknowns * growth, "seconds": last.seconds * growth}
+
+
+def _tidy(directory, best, last):
+    """The results of the best pass take the place of those of all passes."""
+    folder = directory / f"pass_{best}"
+    for source in sorted(folder.rglob("*")) if folder.is_dir() else []:
+        if source.is_file():
+            aim = directory / source.relative_to(folder)
+            aim.parent.mkdir(parents=True, exist_ok=True)
+            source.replace(aim)
+    for number in range(1, last + 1):
+        shutil.rmtree(directory / f"pass_{number}", ignore_errors=True)
+
+
+def reach(scene, comm=MPI.COMM_WORLD, directory=None, **more):
+    """Run a scene until its error is reached; parameters as for :class:`Loop`. *Collective.*"""
+    return Loop(replace(scene), comm, **more).run(directory)

@@ -1,0 +1,81 @@
+"""What is known of a pass, and the table of all of them."""
+
+from dataclasses import dataclass, field
+
+NAMES = {
+    "mesh": "the mesh", "load_steps": "the load steps", "quadrature": "the quadrature of contact",
+    "straight_facets": "straight facets of curved surfaces", "algebraic": "Newton's and Krylov's methods",
+}  # fmt: skip
+
+
+@dataclass
+class Pass:
+    """A run on one mesh.
+
+    Attributes
+    ----------
+    unknowns, cells, degree : int
+    estimate : float
+        Of the error of the mesh, relative.
+    known : pcontact.adapt.known.Range
+        Of the estimate over the error.
+    parts : dict of str to float
+        The error by what brings it about, relative; names are keys of `NAMES`.
+    error : float
+        Their sum: the error that is named.
+    steps : int
+        Load steps that were planned.
+    seconds, solve : float
+        Of the whole pass, and of its load steps.
+    memory : float
+        Peak of all ranks together [bytes].
+    next : dict or None
+        What was decided: ``unknowns``, ``mesh`` (its part of the error then) and ``load_steps`` that are expected.
+    """
+
+    unknowns: int
+    cells: int
+    degree: int
+    estimate: float
+    known: object
+    parts: dict = field(default_factory=dict)
+    error: float = 0.0
+    steps: int = 1
+    seconds: float = 0.0
+    solve: float = 0.0
+    memory: float = 0.0
+    next: dict | None = None
+
+    def report(self):
+        """Its entry of the report."""
+        names = ("unknowns", "cells", "degree", "error", "estimate", "parts", "steps", "seconds", "solve", "next")
+        return {name: getattr(self, name) for name in names} | {"memory_mb": self.memory / 2.0**20}
+
+
+def said_of(part):
+    """A part of the error in words."""
+    return NAMES[part]
+
+
+def table(passes, target, why=""):
+    """Lines for the terminal: the last pass, and at the end why it is the last one.
+
+    Parameters
+    ----------
+    passes : list of Pass
+    target : pcontact.scene.target.Target
+    why : str
+        Empty: there is another one.
+    """
+    last = passes[-1]
+    parts = ", ".join(f"{name.replace('_', ' ')} {100.0 * value:.2g} %" for name, value in last.parts.items())
+    line = (
+        f"pass {len(passes)}  {last.unknowns} unknowns  error {100.0 * last.error:.3g} % of {target.of} "
+        f"(target {100.0 * target.error:.3g} %: {parts})  {last.seconds:.1f} s  "
+    )
+    if why:
+        return [f"{line}{why}"]
+    coming = f"next: about {last.next['unknowns']:.3g} unknowns, mesh {100.0 * last.next['mesh']:.2g} %"
+    if last.next["load_steps"] != last.steps:
+        coming += f", {last.next['load_steps']} load steps"
+    return [f"{line}{coming}"]

@@ -1,0 +1,82 @@
+"""What one run tells the loop: the estimates of all load steps, and where the bodies were at their ends."""
+
+import numpy as np
+
+from pcontact.element.reference import reference_nodes
+from pcontact.element.shape import shape
+from pcontact.runtime.observer import Observer
+
+# [load steps] Whose displacements are kept for the next mesh. From: memory, a vector each.
+KEPT = 12
+# [-] Part of the time by which two ends of load steps may differ. From: rounding.
+SAME_TIME = 1e-9
+
+
+class Watch(Observer):
+    """Observer of one run.
+
+    Parameters
+    ----------
+    simulation : pcontact.simulation.Simulation
+
+    Attributes
+    ----------
+    squares : ndarray (n_cells,)
+        Largest squared estimates of the cells of this rank over the load steps, block after block [energy].
+    absolute, norm, algebraic : float
+        Largest of the load steps [sqrt(energy)].
+    times : list of float
+        Ends of the load steps.
+    fields : list of ndarray (n_nodes, d)
+        Displacements then, at all nodes of the mesh of this rank [length]; those of the first load steps.
+    """
+
+    def __init__(self, simulation):
+        self._simulation = simulation
+        cells = sum(len(block.nodes) for block in simulation.mesh.blocks)
+        self.squares, self.absolute, self.norm, self.algebraic = np.zeros(cells), 0.0, 0.0, 0.0
+        self.times, self.fields = [], []
+
+    def step(self, step, u, record):
+        """Take what the load step says. *Collective.*"""
+        estimate = self._simulation.error_estimate
+        own = np.concatenate([np.zeros(0), *(cells**2 for cells in estimate.cells)])
+        self.squares = np.maximum(self.squares, own)
+        self.absolute = max(self.absolute, estimate.last["absolute"])
+        self.algebraic = max(self.algebraic, estimate.last["algebraic"])
+        self.norm = max(self.norm, estimate.last["energy_norm"])
+        if len(self.times) < KEPT:
+            self.times.append(step.time)
+            self.fields.append(at_nodes(self._simulation.problem.space, u))
+
+
+def at_nodes(space, u):
+    """A displacement (n_nodes, d) at all nodes of the mesh of this rank, whatever its degree. *Collective.*"""
+    nodal, mesh = space.local.gather(u), space.mesh
+    values = np.zeros((len(mesh.points), space.dim))
+    for block, cells in zip(mesh.blocks, space.cells, strict=True):
+        weights = shape(block.cell, space.degree, reference_nodes(block.cell, mesh.degree))
+        values[block.nodes] = np.matmul(weights, nodal[cells])
+    return values
+
+
+class Beginning:
+    """Where the bodies were on the last mesh, for :class:`pcontact.stepping.stepper.Stages`.
+
+    Parameters
+    ----------
+    simulation : pcontact.simulation.Simulation
+        That begins there.
+    times : list of float
+    fields : list of ndarray (n_nodes, d)
+        At the nodes of its mesh.
+    """
+
+    def __init__(self, simulation, times, fields):
+        space = simulation.problem.space
+        rows = space.mesh_nodes[space.owned_local]
+        self._known = [(time, field[rows]) for time, field in zip(times, fields, strict=True)]
+
+    def __call__(self, time):
+        """The displacement (n_owned, d) at a time; None where there was no end of a load step."""
+        return next((values for known, values in self._known if abs(known - time) <= SAME_TIME * abs(time)), None)

@@ -1,0 +1,101 @@
+"""The error that a run is to reach: how much of it is allowed, of what, and what that may cost."""
+
+import re
+from dataclasses import field
+
+from pcontact.runtime.rules import Rule, number
+from pcontact.scene.keys import key, table
+
+# what the error may be of, and whether a name belongs to it
+QUANTITIES = {"energy": False, "force": True, "support": True, "displacement": True, "pressure": True}
+OF = "energy | force:CONTACT | support:REGION | displacement:PROBE | pressure:CONTACT"
+# [bytes], [seconds]
+SIZES = {"": 1.0, "kb": 2.0**10, "mb": 2.0**20, "gb": 2.0**30, "tb": 2.0**40}
+TIMES = {"": 1.0, "s": 1.0, "min": 60.0, "h": 3600.0, "d": 86400.0}
+# [-] An error of more than half is none; one below the other is out of reach of load steps and tolerances.
+# From: chosen.
+LARGEST, SMALLEST = 0.5, 1e-6
+
+
+def _number(value, units):
+    """A number, or a text with a number and a unit."""
+    if not isinstance(value, str):
+        return value
+    found = re.fullmatch(r"\s*([0-9.eE+-]+)\s*([A-Za-z%]*)\s*", value)
+    if found is None or found[2].lower() not in units:
+        raise ValueError
+    return float(found[1]) * units[found[2].lower()]
+
+
+def _measured(units, allowed, rule):
+    return Rule(allowed, lambda value: rule.accept(_number(value, units)), {"type": ["number", "string"]})
+
+
+def _of(value):
+    word, colon, name = value.partition(":") if isinstance(value, str) else ("", "", "")
+    if word not in QUANTITIES or not bool(colon) == bool(name.strip()) == QUANTITIES[word]:
+        raise ValueError
+    return value
+
+
+SHARE = _measured(
+    {"": 1.0, "%": 0.01}, f"a part, as 0.02 or 2%, from {SMALLEST:g} to {LARGEST:g}",
+    number(least=SMALLEST, most=LARGEST),
+)  # fmt: skip
+QUANTITY = Rule(OF, _of, {"type": "string"})
+COUNT = _measured({"": 1.0}, "a number >= 1", number(least=1))
+MEMORY = _measured(SIZES, "a number of bytes, or as 16GB", number(above=0))
+TIME = _measured(TIMES, "a number of seconds, or as 10min", number(above=0))
+
+
+def _worded(rule):
+    """The rule for an option of the command line, which is a text."""
+    return rule._replace(schema={"type": "string"})
+
+
+@table
+class Budget:
+    """What reaching an error may cost; then the run ends with the best answer it has, and exit status 4."""
+
+    unknowns: float | None = key(
+        COUNT, "most unknowns of a mesh", None, otherwise="none", option="error_unknowns", said=_worded(COUNT)
+    )
+    memory: float | None = key(
+        MEMORY, "memory of all ranks together", None, "bytes", "four fifths of what the machine has free",
+        option="error_memory", said=_worded(MEMORY),
+    )  # fmt: skip
+    time: float | None = key(
+        TIME, "time of the run, all meshes together", None, "s", "none", option="error_time", said=_worded(TIME)
+    )
+
+
+@table
+class Target:
+    """An error to reach, by refining the mesh where it pays."""
+
+    error: float = key(SHARE, "relative error to reach", option="error", said=_worded(SHARE))
+    of: str = key(
+        QUANTITY, "what it is the error of", "energy", option="error_of", said=_worded(QUANTITY),
+        more="the energy norm of the displacement, or a contact's force, a support's force, the mean displacement of a "
+        "probe, the contact pressure in L2",
+    )  # fmt: skip
+    budget: Budget = field(default_factory=Budget)
+
+    @property
+    def quantity(self) -> str:
+        """The word of `QUANTITIES`."""
+        return self.of.partition(":")[0]
+
+    @property
+    def name(self) -> str:
+        """Of the contact, region or probe; empty: of none."""
+        return self.of.partition(":")[2]
+
+
+def preset_or_target(words: Rule) -> Rule:
+    """The rule of the key `accuracy`: a word, or a table."""
+
+    def accept(value):
+        return value if isinstance(value, Target) else words.accept(value)
+
+    return Rule(f"{words.allowed} | {{ error = 0.02, ... }}", accept, {"anyOf": [words.schema, {"type": "object"}]})

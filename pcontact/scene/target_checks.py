@@ -1,0 +1,44 @@
+"""Checks of an error to reach against the rest of the scene."""
+
+from pcontact.runtime.messages import input_error, listed, unknown_name
+from pcontact.scene.model import Scene
+from pcontact.scene.places import place
+
+
+def unestimated(scene: Scene) -> list[str]:
+    """What a scene has that the estimate of the error does not know, by its places."""
+    loads = [(place("loads", k, one.region), one) for k, one in enumerate(scene.loads)]
+    strange = [where for where, one in loads if one.total]
+    for key in ("couplings", "pretensions", "temperatures"):
+        strange += [place(key, k, one.region) for k, one in enumerate(getattr(scene, key))]
+    strange += [where for where, one in loads if one.acceleration is not None or one.angular_speed is not None]
+    strange += [place("springs", k, one.region) for k, one in enumerate(scene.springs)]
+    return strange + ["mesh.serendipity"] * scene.mesh.serendipity
+
+
+def check_target(scene: Scene) -> None:
+    """Refuse an error to reach where none is estimated, or of something that is not there.
+
+    Raises
+    ------
+    InputError
+    """
+    target, key = scene.accuracy, "accuracy.error"
+    found = [f"finite strain (body {body.region})" for body in scene.bodies if scene.finite(body)]
+    found += ["phases"] if scene.phases else unestimated(scene)
+    if found:
+        allowed = "small strain without phases, under tractions and body forces alone: errors of others are not known"
+        raise input_error(scene.where, key, f"{target.error:g} together with {found[0]}", allowed)
+    rough = [c for c in scene.contacts if c.formulation not in (None, "nitsche")]
+    if rough:
+        found = f'{target.error:g} together with formulation = "{rough[0].formulation}"'
+        raise input_error(scene.where, key, found, '"nitsche": what other formulations put wrong is not estimated')
+    known = {
+        "force": [contact.name for contact in scene.contacts],
+        "pressure": [contact.name for contact in scene.contacts],
+        "support": [one.region for one in scene.displacements],
+        "displacement": list(scene.output.probes),
+    }.get(target.quantity)
+    if known is not None and target.name not in known:
+        found = unknown_name(target.of, f"of no {target.quantity}", [f"{target.quantity}:{name}" for name in known])
+        raise input_error(scene.where, "accuracy.of", found, listed(f"{target.quantity}:{name}" for name in known))

@@ -1,0 +1,86 @@
+"""An error is named and reached: the loop, its report, its budget; from the command line and from Python."""
+
+import json
+from functools import partial
+
+import numpy as np
+import pytest
+
+import pcontact as pc
+from drivers.cases import rings
+from meshes import rings as rings_mesh
+from meshes.punch import punch
+from pcontact.adapt.loop import REACHED, SPENT, Loop
+from pcontact.assembly.error_norms import bulk_error
+from pcontact.io.result import load_result
+from pcontact.material.elastic import lame
+from pcontact.runtime.parallel import on_root
+from pcontact.runtime.petsc import MPI
+from pcontact.scene.model import Body, Contact, Displacement, Material, MeshSpec, Output, Scene
+from pcontact.scene.target import Budget, Target
+
+COMM = MPI.COMM_WORLD
+
+
+def true_error(simulation, converged):
+    """Of the rings, relative."""
+    exact = partial(rings.exact, constants=rings.ring_constants())
+    found = bulk_error(simulation.problem.space, [lame(rings.E, rings.NU)] * 2, simulation.stepper.u, exact)
+    return found.energy / found.energy_of_exact, simulation.mesh.n_cells_total
+
+
+def rings_scene(folder, error, degree=1):
+    path = folder / "rings.msh"
+    on_root(COMM, partial(rings_mesh, path, n=4, cell="triangle", order=2))
+    scene = rings.ring_scene(path, degree, 0.0, gamma0=None)
+    scene.accuracy = Target(error)
+    return scene
+
+
+@pytest.mark.parallel
+@pytest.mark.slow
+def test_rings_reach_their_error(shared_tmp):
+    """The true error is below the one that is named, and the mesh is not much finer than that needs."""
+    loop = Loop(rings_scene(shared_tmp, 0.04), take=true_error)
+    outcome = loop.run(shared_tmp / "out")
+    assert outcome.status == REACHED
+    named, (true, cells) = loop.passes[-1].error, outcome.kept
+    assert true < named <= 0.04 and true > 0.4 * 0.04
+    report = json.loads((shared_tmp / "out" / "report.json").read_text())
+    section = report["accuracy"]
+    assert section["reached"] and section["error"] == pytest.approx(named) and section["target"]["of"] == "energy"
+    assert len(section["passes"]) == len(loop.passes)
+    assert section["half"]["unknowns"] > section["passes"][-1]["unknowns"]
+    assert sum(section["parts"].values()) == pytest.approx(named)
+    assert section["passes"][0]["cells"] < section["passes"][-1]["cells"] == report["cells"] == cells
+    if COMM.rank == 0:
+        assert not list((shared_tmp / "out").glob("pass_*"))
+    COMM.barrier()
+
+
+def punch_scene(folder, **target):
+    path = folder / "punch.msh"
+    on_root(COMM, partial(punch, path, h=0.5))
+    return Scene(
+        mesh=MeshSpec(path), materials={"hard": Material(100.0, 0.3), "soft": Material(1.0, 0.3)},
+        bodies=[Body("punch", "hard"), Body("block", "soft")],
+        contacts=[Contact("block_under", "punch_face", name="face")],
+        displacements=[Displacement("symmetry", [0.0, "free"]), Displacement("block_bottom", ["free", 0.0]),
+                       Displacement("punch_top", ["free", -0.02])],
+        output=Output(fields=True), accuracy=Target(**target),
+    )  # fmt: skip
+
+
+def test_a_budget_that_is_spent(shared_tmp):
+    """The best answer is kept, and what the target would have cost is told."""
+    run = pc.run(punch_scene(shared_tmp, error=0.01, budget=Budget(unknowns=600)), output=shared_tmp / "out")
+    section = run.report["accuracy"]
+    assert not section["reached"] and section["error"] > 0.01 and run.converged
+    assert all(one["unknowns"] <= 600 for one in section["passes"])
+    assert section["target_cost"]["unknowns"] > 600
+    result = load_result(shared_tmp / "out")
+    assert np.concatenate(result.bodies.cell_data["error_estimate"]).shape == (run.report["cells"],)
+
+
+def test_status_of_a_budget_that_is_spent(shared_tmp):
+    assert Loop(punch_scene(shared_tmp, error=0.01, budget=Budget(unknowns=100))).run().status == SPENT

@@ -1,0 +1,63 @@
+"""The error to reach: from the scene, from the command line, and who wins."""
+
+import pytest
+
+from pcontact.adapt.target import wanted
+from pcontact.runtime.errors import InputError
+from pcontact.runtime.options import Options
+from pcontact.runtime.petsc import own_options
+from pcontact.scene import Contact, read_scene
+from pcontact.scene.target import Target
+from tests.support.bad_input import SCENE, mesh_text
+
+
+def scene_of(folder, accuracy=""):
+    (folder / "mesh.msh").write_text(mesh_text())
+    (folder / "scene.toml").write_text(f"{accuracy}\n{SCENE}")
+    return read_scene(folder / "scene.toml")
+
+
+def asked(scene, options):
+    with own_options():
+        read = Options()
+        read.give(options)
+        return wanted(scene, read)
+
+
+def test_nothing_is_wanted(tmp_path):
+    assert asked(scene_of(tmp_path), {}) is None
+    assert asked(scene_of(tmp_path, 'accuracy = "draft"'), {}) is None
+
+
+@pytest.mark.parametrize("text", ["2%", "0.02", "2 %", "2e-2"])
+def test_of_the_command_line(tmp_path, text):
+    found = asked(scene_of(tmp_path), {"error": text, "error_of": "force:pair", "error_memory": "2 GB"})
+    assert found.accuracy.error == pytest.approx(0.02) and found.accuracy.quantity == "force"
+    assert found.accuracy.name == "pair" and found.accuracy.budget.memory == 2.0**31
+
+
+def test_of_the_scene(tmp_path):
+    text = 'accuracy = { error = "1%", of = "support:upper_top", budget = { unknowns = 2e6, time = "10 min" } }'
+    scene = scene_of(tmp_path, text)
+    assert isinstance(scene.accuracy, Target)
+    found = asked(scene, {}).accuracy
+    assert (found.error, found.of) == (0.01, "support:upper_top")
+    assert (found.budget.unknowns, found.budget.time, found.budget.memory) == (2e6, 600.0, None)
+    found = asked(scene, {"error": "3%"}).accuracy
+    assert (found.error, found.of, found.budget.time) == (0.03, "support:upper_top", 600.0)
+    assert scene.accuracy.error == 0.01
+    # a word of the command line is another wish
+    assert asked(scene, {"accuracy": "draft"}) is None
+
+
+def test_what_is_not_estimated_is_refused(tmp_path):
+    scene = scene_of(tmp_path)
+    scene.mesh.strain = "finite"
+    with pytest.raises(InputError, match=r"accuracy\.error: found 0\.02 together with finite strain \(body lower\)"):
+        asked(scene, {"error": "2%"})
+    scene = scene_of(tmp_path)
+    scene.contacts = [Contact("upper_bottom", "lower_top", name="pair", formulation="penalty")]
+    with pytest.raises(InputError, match=r'accuracy\.error: found .*"penalty"; allowed: "nitsche"'):
+        asked(scene, {"error": "2%"})
+    with pytest.raises(InputError, match="-restart"):
+        asked(scene_of(tmp_path), {"error": "2%", "restart": "there"})
