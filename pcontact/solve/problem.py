@@ -142,8 +142,6 @@ class Problem:
         array = u.getArray().reshape(self.fixed.shape)
         own = expected.getArray(readonly=True).reshape(self.fixed.shape)
         array[~self.fixed] = own[~self.fixed]
-        if self.middles is not None:
-            self.middles.follow(array)
         u.assemble()
         # nothing is left to predict, and the first residual says nothing of the forces
         self._committed, self.goes_on = None, True
