@@ -25,12 +25,16 @@ def _kinds(piece):
 
 
 def _own_cells(exchanger, piece, ranks):
-    """Rows (number, component, groups, nodes) of the cells of this rank, a table per kind. *Collective.*
+    """Rows (number, component, groups, values, nodes) of the cells of this rank, a table per kind, and the number of
+    columns of groups and of values. *Collective.*
 
     The slice loses its cells.
     """
     kinds, starts = _kinds(piece), piece.starts
     groups = bits(list(piece.cell_groups), piece.cell_groups, len(piece.ids))
+    n_bits = groups.shape[1]
+    if piece.cell_values is not None:
+        groups = np.column_stack([groups, piece.cell_values])
     tables = {key: [] for key in kinds}
     for block, first in zip(piece.blocks, starts[:-1], strict=True):
         cells = slice(first, first + len(block.nodes))
@@ -55,7 +59,7 @@ def _own_cells(exchanger, piece, ranks):
         if np.any(np.diff(table[:, 0]) < 0):
             table = table[np.argsort(table[:, 0])]
         result[key] = table
-    return result, groups.shape[1]
+    return result, n_bits, groups.shape[1] - n_bits
 
 
 def _own_facets(exchanger, piece, ranks):
@@ -72,20 +76,33 @@ def _own_facets(exchanger, piece, ranks):
 
 
 def _own_nodes(exchanger, piece, tables):
-    """Nodes of this rank's cells: places, coordinates, numbers, columns of groups. *Collective.*"""
+    """Nodes of this rank's cells: places, coordinates, numbers, columns of groups and of values. *Collective.*"""
     nodes = nodes_of(tables, piece.n_nodes_total)
     points = fetch(exchanger, piece.point_starts, piece.points, nodes)
-    if not piece.node_groups and piece.node_ids is None:
-        return nodes, points, nodes, np.zeros((len(nodes), 0), dtype=np.int64)
+    if not piece.node_groups and piece.node_ids is None and piece.node_values is None:
+        return nodes, points, nodes, np.zeros((len(nodes), 0), dtype=np.int64), None
     first = piece.point_starts[piece.comm.rank]
     ids = piece.node_ids if piece.node_ids is not None else first + np.arange(len(piece.points))
     groups = bits(list(piece.node_groups), piece.node_groups, len(piece.points))
-    known = fetch(exchanger, piece.point_starts, np.column_stack([ids, groups]), nodes)
-    return nodes, points, np.ascontiguousarray(known[:, 0]), known[:, 1:]
+    columns = [ids, groups] if piece.node_values is None else [ids, groups, piece.node_values]
+    known = fetch(exchanger, piece.point_starts, np.column_stack(columns), nodes)
+    end = 1 + groups.shape[1]
+    values = None if piece.node_values is None else known[:, end:]
+    return nodes, points, np.ascontiguousarray(known[:, 0]), known[:, 1:end], values
 
 
-def _blocks(cells, n_bits, tables, points):
-    """Blocks of cells along a Z curve, and the columns of their groups. Cells and tables are used up."""
+def _own_edges(piece, ids):
+    """Edges of groups whose vertices are both among some nodes (n,), by numbers, each once. *Collective.*"""
+    own, result = np.sort(ids), {}
+    for name, edges in piece.edge_groups.items():
+        every = np.unique(np.sort(np.concatenate(piece.comm.allgather(edges)), axis=1), axis=0)
+        at = np.minimum(np.searchsorted(own, every), max(len(own) - 1, 0))
+        result[name] = every[(own[at] == every).all(axis=1)] if len(own) else every[:0]
+    return result
+
+
+def _blocks(cells, n_more, tables, points):
+    """Blocks of cells along a Z curve, and the columns of their groups and values. Cells and tables are used up."""
     blocks, groups = [], []
     for cell, body in list(cells):
         rows, nodes = cells.pop((cell, body)), tables.pop(0)
@@ -95,7 +112,7 @@ def _blocks(cells, n_bits, tables, points):
             order = z_order(centre)
         else:
             order = np.zeros(0, dtype=np.int64)
-        rest = rows[:, : 2 + n_bits].copy()
+        rest = rows[:, : 2 + n_more].copy()
         del rows
         nodes = np.ascontiguousarray(nodes[order])
         rest = rest[order]
@@ -147,21 +164,26 @@ def deal(piece, pairs=(), weight=WEIGHT, method="bisection"):
     exchanger = Exchanger(piece.comm)
     ranks = partition(exchanger, piece, pairs, weight, method)
     facets = _own_facets(exchanger, piece, ranks)
-    cells, n_bits = _own_cells(exchanger, piece, ranks)
+    cells, n_bits, n_values = _own_cells(exchanger, piece, ranks)
     head = {
         "comm": piece.comm, "dim": piece.dim, "degree": piece.degree, "curved": piece.curved,
         "n_nodes_total": piece.n_nodes_total, "n_cells_total": piece.n_cells_total,
         "n_components": piece.n_components,
     }  # fmt: skip
-    tables = [rows[:, 2 + n_bits :] for rows in cells.values()]
-    nodes, points, ids, node_bits = _own_nodes(exchanger, piece, tables)
+    tables = [rows[:, 2 + n_bits + n_values :] for rows in cells.values()]
+    nodes, points, ids, node_bits, values = _own_nodes(exchanger, piece, tables)
     exchanger.free()
     piece.points = piece.points[:0]
     tables = list(places(nodes, tables, piece.n_nodes_total))
-    blocks, cell_bits = _blocks(cells, n_bits, tables, points)
+    blocks, columns = _blocks(cells, n_bits + n_values, tables, points)
     order, _ = as_met([block.nodes for block in blocks], len(nodes))
     mesh = Mesh(points=np.ascontiguousarray(points[order]), file_nodes=ids[order], blocks=blocks, **head)
-    _name_groups(mesh, piece, cell_bits, facets, node_bits[order], np.argsort(ids[order], kind="stable"))
+    _name_groups(mesh, piece, columns, facets, node_bits[order], np.argsort(ids[order], kind="stable"))
+    mesh.edge_groups = _own_edges(piece, mesh.file_nodes)
+    if n_values:
+        mesh.cell_values = np.concatenate([rows[:, n_bits:] for rows in columns])
+    if values is not None:
+        mesh.node_values = values[order]
     return mesh
 
 

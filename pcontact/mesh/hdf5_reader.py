@@ -195,6 +195,11 @@ class ConvertedMesh:
             mine = _members(group, "nodes", low, high)
             piece.node_groups[name] = group["nodes"][mine].astype(np.int64) - low
             self._sizes["nodes"][name] = size
+        for name, group, size in _groups(file, "edges", "nodes"):
+            mine = slice(*(size * (self.comm.rank + k) // self.comm.size for k in range(2)))
+            ends, number = np.unique(group["nodes"][mine], return_inverse=True)
+            ids = file["node_ids"][ends] if len(ends) else ends
+            piece.edge_groups[name] = np.asarray(ids).astype(np.int64)[number.reshape(-1, 2)]
 
     def summary(self, pairs):
         """What a scene is checked against. *Collective.*

@@ -71,12 +71,18 @@ class Mesh:
     facet_groups : dict of str to list of Facets
     node_groups : dict of str to ndarray
         Local node numbers.
+    edge_groups : dict of str to ndarray (m, 2)
+        Vertices of the edges of groups, as ``file_nodes``; of the edges that this rank may have.
     cell_groups : dict of str to list of ndarray
         Rows of each block.
     n_components : int
         Connected components of the whole mesh.
     component_names : list of str
         For messages: the body (or bodies) that a component belongs to.
+    origin : pcontact.mesh.refinement.origin.Origin or None
+        What a refined mesh was made from.
+    cell_values, node_values : ndarray (n_cells, k), (n_nodes, k) int64, or None
+        What came with the slices, see `pcontact.mesh.slices.MeshSlice`; all blocks one after the other.
     """
 
     comm: object
@@ -90,9 +96,13 @@ class Mesh:
     blocks: list
     facet_groups: dict = field(default_factory=dict)
     node_groups: dict = field(default_factory=dict)
+    edge_groups: dict = field(default_factory=dict)
     cell_groups: dict = field(default_factory=dict)
     n_components: int = 1
     component_names: list = field(default_factory=list)
+    origin: object = None
+    cell_values: np.ndarray | None = None
+    node_values: np.ndarray | None = None
 
     def geometry_nodes(self, block):
         """Node table of the cells' geometry: all nodes when curved, else the vertices, and its degree."""

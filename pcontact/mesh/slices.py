@@ -60,6 +60,12 @@ class MeshSlice:
         Rows and local facet numbers.
     node_groups : dict of str to ndarray
         Rows of ``points``.
+    edge_groups : dict of str to ndarray (m, 2)
+        Numbers of the vertices of the edges of groups, on any rank; the same names on every rank.
+    cell_values : ndarray (n, k) int64, optional
+        What else is known of the cells and goes with them; on all ranks or none.
+    node_values : ndarray (n_points, k) int64, optional
+        The same of the nodes.
     """
 
     comm: object
@@ -80,6 +86,9 @@ class MeshSlice:
     cell_groups: dict = field(default_factory=dict)
     facet_groups: dict = field(default_factory=dict)
     node_groups: dict = field(default_factory=dict)
+    edge_groups: dict = field(default_factory=dict)
+    cell_values: np.ndarray | None = None
+    node_values: np.ndarray | None = None
 
     @property
     def starts(self):
@@ -107,7 +116,7 @@ def whole(comm, raw, curved, body, component):
             "n_nodes_total": len(raw.points), "n_cells_total": len(body),
             "n_components": int(component.max()) + 1 if len(component) else 0,
             "cells": [(b.cell, b.nodes.shape[1]) for b in raw.blocks],
-            "groups": [list(raw.cell_groups), list(raw.facet_groups), list(raw.node_groups)],
+            "groups": [list(g) for g in (raw.cell_groups, raw.facet_groups, raw.node_groups, raw.edge_groups)],
         }  # fmt: skip
     head = comm.bcast(head, root=0)
     cells, groups = head.pop("cells"), head.pop("groups")
@@ -119,13 +128,13 @@ def whole(comm, raw, curved, body, component):
             comm, blocks=[SliceBlock(b.cell, b.nodes) for b in raw.blocks],
             ids=np.arange(len(body), dtype=np.int64), body=np.asarray(body), component=component, points=raw.points,
             point_starts=starts, cell_groups=raw.cell_groups, facet_groups=raw.facet_groups,
-            node_groups=raw.node_groups, **head,
+            node_groups=raw.node_groups, edge_groups=raw.edge_groups, **head,
         )  # fmt: skip
     return MeshSlice(
         comm, blocks=[SliceBlock(cell, np.zeros((0, width), dtype=np.int64)) for cell, width in cells],
         ids=none, body=none, component=none, points=np.zeros((0, head["dim"])), point_starts=starts,
         cell_groups=dict.fromkeys(groups[0], none), facet_groups=dict.fromkeys(groups[1], (none, none)),
-        node_groups=dict.fromkeys(groups[2], none), **head,
+        node_groups=dict.fromkeys(groups[2], none), edge_groups=dict.fromkeys(groups[3], none.reshape(0, 2)), **head,
     )  # fmt: skip
 
 

@@ -1,0 +1,89 @@
+"""The whole of a distributed mesh on rank 0, as if it had been read from a file: for writers, which have one
+process."""
+
+from pathlib import Path
+
+import numpy as np
+
+from pcontact.mesh.groups import Block, RawMesh
+from pcontact.runtime.parallel import Exchanger
+
+
+def gathered(mesh, path):
+    """The whole mesh on rank 0, None elsewhere; cells and nodes by their numbers. *Collective.*
+
+    Parameters
+    ----------
+    mesh : pcontact.mesh.mesh.Mesh
+    path : str or pathlib.Path
+        For messages.
+
+    Returns
+    -------
+    pcontact.mesh.groups.RawMesh or None
+    """
+    exchanger = Exchanger(mesh.comm)
+    try:
+        return _gathered(exchanger, mesh, Path(path))
+    finally:
+        exchanger.free()
+
+
+def _on_root(exchanger, table, dtype=np.int64):
+    """Rows of all ranks, on rank 0; on others none. *Collective.*"""
+    parts = exchanger({0: table} if len(table) else {}, dtype, table.shape[1])
+    return np.concatenate([np.zeros((0, table.shape[1]), dtype=dtype), *parts.values()])
+
+
+def _gathered(exchanger, mesh, path):
+    degree, points = 2 if mesh.curved else 1, np.zeros((mesh.n_nodes_total, mesh.dim))
+    numbers = _on_root(exchanger, mesh.file_nodes[:, None])[:, 0]
+    places = _on_root(exchanger, mesh.points, np.float64)
+    if len(numbers):
+        points[numbers] = places
+    tables = {}
+    for block in mesh.blocks:
+        nodes, _ = mesh.geometry_nodes(block)
+        rows = _on_root(exchanger, np.column_stack([block.ids, mesh.file_nodes[nodes]]))
+        tables.setdefault(block.cell, []).append(rows)
+    tables = {cell: np.concatenate(parts) for cell, parts in tables.items()}
+    tables = {cell: rows[np.argsort(rows[:, 0])] for cell, rows in tables.items()}
+    groups = [_members(exchanger, mesh, kind) for kind in ("cell", "facet", "node", "edge")]
+    if mesh.comm.rank:
+        return None
+    cells = sorted(tables, key=lambda cell: tables[cell][0, 0] if len(tables[cell]) else 0)
+    ids = np.concatenate([tables[cell][:, 0] for cell in cells])
+    place = np.empty(mesh.n_cells_total, dtype=np.int64)
+    place[ids] = np.arange(len(ids))
+    used = np.zeros(len(points), dtype=bool)
+    for cell in cells:
+        used[tables[cell][:, 1:].ravel()] = True
+    number = np.cumsum(used) - 1
+    raw = RawMesh(path, mesh.dim, points[used], [Block(c, degree, number[tables[c][:, 1:]]) for c in cells])
+    raw.cell_groups = {name: np.sort(place[rows[:, 0]]) for name, rows in groups[0].items()}
+    for name, rows in groups[1].items():
+        pairs = np.unique(place[rows[:, 0]] * 8 + rows[:, 1])
+        raw.facet_groups[name] = pairs // 8, pairs % 8
+    raw.node_groups = {name: np.unique(number[rows[used[rows[:, 0]], 0]]) for name, rows in groups[2].items()}
+    raw.edge_groups = {name: np.unique(np.sort(number[rows], axis=1), axis=0) for name, rows in groups[3].items()}
+    return raw
+
+
+def _members(exchanger, mesh, kind):
+    """Members of the groups of a kind by their numbers, on rank 0. *Collective.*"""
+    result = {}
+    if kind == "cell":
+        for name, parts in mesh.cell_groups.items():
+            ids = [block.ids[rows] for block, rows in zip(mesh.blocks, parts, strict=True)]
+            result[name] = _on_root(exchanger, np.concatenate(ids)[:, None])
+    elif kind == "facet":
+        for name, parts in mesh.facet_groups.items():
+            rows = [np.column_stack([mesh.blocks[f.block].ids[f.cells], f.local]) for f in parts]
+            result[name] = _on_root(exchanger, np.concatenate([np.zeros((0, 2), np.int64), *rows]))
+    elif kind == "node":
+        for name, nodes in mesh.node_groups.items():
+            result[name] = _on_root(exchanger, mesh.file_nodes[nodes][:, None])
+    else:
+        for name, edges in mesh.edge_groups.items():
+            result[name] = _on_root(exchanger, edges)
+    return result

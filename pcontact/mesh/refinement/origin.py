@@ -1,0 +1,114 @@
+"""What a refined mesh remembers of the mesh it was made from, and how the base hears of it to be refined again."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pcontact.mesh.refinement.keys import home_of_key
+from pcontact.runtime.parallel import split_by_rank
+
+
+@dataclass
+class Origin:
+    """Where the cells and nodes of a refined mesh come from; of this rank's, all blocks one after the other.
+
+    Attributes
+    ----------
+    base : pcontact.mesh.mesh.Mesh
+        The mesh of the file, dealt in another way.
+    cells : ndarray (n_cells,) int64
+        Numbers of the cells of the base.
+    path : ndarray (n_cells,) uint64
+    level : ndarray (n_cells,) int64
+        See `pcontact.mesh.refinement.simplices` and `pcontact.mesh.refinement.grids`.
+    keys : ndarray (n_nodes,) uint64
+        Of the nodes, see `pcontact.mesh.refinement.keys`.
+    """
+
+    base: object
+    cells: np.ndarray
+    path: np.ndarray
+    level: np.ndarray
+    keys: np.ndarray
+
+
+def first_origin(base, keys):
+    """The origin of a mesh that has not been refined."""
+    cells = np.concatenate([block.ids for block in base.blocks])
+    zero = np.zeros(len(cells), dtype=np.int64)
+    return Origin(base, cells, zero.view(np.uint64), zero, keys)
+
+
+def to_base(exchanger, base, cells, table):
+    """Rows of a table that belong to cells of the base, on the ranks that have these. *Collective.*
+
+    Parameters
+    ----------
+    exchanger : pcontact.runtime.parallel.Exchanger
+    base : pcontact.mesh.mesh.Mesh
+    cells : ndarray (n,) int64
+        Numbers of cells of the base.
+    table : ndarray (n, k) int64
+
+    Returns
+    -------
+    rows : ndarray (m,)
+        Of the cells of the base here, all blocks one after the other; ascending.
+    table : ndarray (m, k) int64
+    """
+    size, n, width = exchanger.comm.size, max(base.n_cells_total, 1), table.shape[1]
+    own = np.concatenate([np.zeros(0, dtype=np.int64), *(block.ids for block in base.blocks)])
+    # a third rank knows who has a cell
+    asked = exchanger(split_by_rank(own * size // n, own)[0], np.int64, 1)
+    home = cells * size // n
+    sent = exchanger(split_by_rank(home, np.column_stack([cells, table]))[0], np.int64, 1 + width)
+    known = np.concatenate([np.zeros(0, np.int64), *(part.ravel() for part in asked.values())])
+    owner = np.concatenate([np.zeros(0, np.int64), *(np.full(len(part), r) for r, part in asked.items())])
+    rows = np.concatenate([np.zeros((0, 1 + width), np.int64), *sent.values()])
+    order = np.argsort(known)
+    to = owner[order[np.searchsorted(known, rows[:, 0], sorter=order)]] if len(rows) else rows[:, 0]
+    heard = exchanger(split_by_rank(to, rows)[0], np.int64, 1 + width)
+    rows = np.concatenate([np.zeros((0, 1 + width), np.int64), *heard.values()])
+    order = np.argsort(own)
+    at = order[np.searchsorted(own, rows[:, 0], sorter=order)] if len(rows) else rows[:, 0]
+    order = np.argsort(at, kind="stable")
+    return at[order], rows[order, 1:]
+
+
+def values_by_key(exchanger, keys, values, wanted):
+    """Values of nodes that are known on any rank. *Collective.*
+
+    Parameters
+    ----------
+    exchanger : pcontact.runtime.parallel.Exchanger
+    keys, values : ndarray (n,) uint64, (n, k) int64
+        What this rank knows.
+    wanted : ndarray (m,) uint64
+
+    Returns
+    -------
+    known : ndarray (m,) of bool
+    values : ndarray (m, k) int64
+    """
+    size, width = exchanger.comm.size, values.shape[1]
+    sends, _ = split_by_rank(home_of_key(keys, size), np.column_stack([keys.view(np.int64), values]))
+    heard = exchanger(sends, np.int64, 1 + width)
+    table = np.concatenate([np.zeros((0, 1 + width), np.int64), *heard.values()])
+    sends, order = split_by_rank(home_of_key(wanted, size), wanted.view(np.int64))
+    asked = exchanger(sends, np.int64, 1)
+    by_key = np.argsort(table[:, 0])
+    ordered = table[by_key, 0]
+    replies = {}
+    for rank, part in asked.items():
+        part = part.ravel()
+        at = np.minimum(np.searchsorted(ordered, part), max(len(ordered) - 1, 0))
+        answer = np.zeros((len(part), 1 + width), dtype=np.int64)
+        if len(ordered):
+            answer[:, 0] = ordered[at] == part
+            answer[:, 1:] = table[by_key[at], 1:]
+        replies[rank] = answer
+    told = exchanger(replies, np.int64, 1 + width)
+    out = np.zeros((len(wanted), 1 + width), dtype=np.int64)
+    if len(wanted):
+        out[order] = np.concatenate([told[rank] for rank in sorted(sends)])
+    return out[:, 0] > 0, out[:, 1:]

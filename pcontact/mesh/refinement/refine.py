@@ -1,0 +1,334 @@
+"""From a mesh and what is wanted of its cells to a finer or coarser one, with fields, spread over the ranks anew."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from pcontact.mesh.distribute import deal
+from pcontact.mesh.mesh import Mesh
+from pcontact.mesh.partition import WEIGHT
+from pcontact.mesh.refinement.forest import Forest, opposite
+from pcontact.mesh.refinement.keys import home_of_key, vertex_keys
+from pcontact.mesh.refinement.origin import Origin, first_origin, to_base, values_by_key
+from pcontact.mesh.refinement.shared import Neighbours
+from pcontact.mesh.refinement.simplices import Wishes, interpolate
+from pcontact.mesh.slices import COLUMN, MeshSlice, SliceBlock, bits, has_bit
+from pcontact.runtime import profile
+from pcontact.runtime.errors import InputError
+from pcontact.runtime.parallel import Exchanger, split_by_rank, together
+
+SIMPLICES = ("triangle", "tetrahedron")
+
+
+class Balance(NamedTuple):
+    """By what the cells of the new mesh are spread over the ranks, see :func:`pcontact.mesh.partition.partition`.
+
+    Attributes
+    ----------
+    pairs : list of (str, str or None, float or None)
+    weight : float
+    method : str
+    """
+
+    pairs: list = ()
+    weight: float = WEIGHT
+    method: str = "bisection"
+
+
+class Refined(NamedTuple):
+    """A refined mesh.
+
+    Attributes
+    ----------
+    mesh : pcontact.mesh.mesh.Mesh
+    fields : list of ndarray (n_nodes, k)
+        Values at its nodes on this rank.
+    """
+
+    mesh: Mesh
+    fields: list
+
+
+def refine(mesh, more, fields=(), balance=None):
+    """Cut cells that are wanted smaller and join those that are wanted larger. *Collective.*
+
+    Parameters
+    ----------
+    mesh : pcontact.mesh.mesh.Mesh
+        Of a file, or refined.
+    more : ndarray (n_cells,) int
+        By how many cuts the cells of this rank, all blocks one after the other, are to be smaller: one halves a cell,
+        ``mesh.dim`` halve its edges. Below zero: it may be larger by so many. Cells become larger where all those wish
+        it that come from the same one.
+    fields : sequence of ndarray (n_nodes, k) float64
+        Values at the nodes of this rank, interpolated with the shape functions of the layout of the nodes.
+    balance : Balance, optional
+
+    Returns
+    -------
+    Refined
+        The same on any number of ranks, but for the spread of the cells.
+
+    Raises
+    ------
+    InputError
+    """
+    exchanger = Exchanger(mesh.comm)
+    try:
+        with profile.phase("distribute"):
+            origin = mesh.origin or _as_base(mesh)
+            piece, widths = _grown(exchanger, mesh, origin, np.asarray(more, dtype=np.int64), fields)
+            new = deal(piece, *(balance or Balance()))
+    finally:
+        exchanger.free()
+    return _with_origin(new, mesh, origin.base, widths)
+
+
+def _as_base(mesh):
+    keys = np.empty(len(mesh.points), dtype=np.uint64)
+    vertex_keys(mesh.file_nodes, keys)
+    return first_origin(mesh, keys)
+
+
+def _with_origin(new, mesh, base, widths):
+    """The new mesh with its origin and names, and its fields."""
+    new.component_names = list(mesh.component_names)
+    new.n_components = mesh.n_components
+    new.origin = Origin(
+        base, new.cell_values[:, 0].copy(), new.cell_values[:, 1].copy().view(np.uint64), new.cell_values[:, 2].copy(),
+        new.node_values[:, 0].copy().view(np.uint64),
+    )  # fmt: skip
+    values = np.ascontiguousarray(new.node_values[:, 1:]).view(np.float64)
+    parts = [part.copy() for part in np.split(values, np.cumsum(widths)[:-1], axis=1)] if widths else []
+    new.cell_values = new.node_values = None
+    return Refined(new, parts)
+
+
+def _grown(exchanger, mesh, origin, more, fields):
+    """The new mesh in slices, and the widths of the fields that go with its nodes. *Collective.*"""
+    base = origin.base
+    kinds = {block.cell for block in base.blocks}
+    wrong = sorted(kinds - set(SIMPLICES))
+    if wrong:
+        raise InputError(f"found cells that cannot be cut ({', '.join(wrong)}); allowed: {', '.join(SIMPLICES)}")
+    wishes, spans = _wishes(exchanger, mesh, origin, more)
+    columns = bits(list(base.node_groups), base.node_groups, len(base.points))
+    forest = Forest(base, kinds.pop(), columns, _edges(base))
+    forest.cells.wishes[: len(spans)] = spans
+    facets = _mark_facets(base, forest)
+    _close(exchanger, base, forest, wishes)
+    widths = [np.shape(field)[1] for field in fields]
+    values = _carried(exchanger, mesh, origin, forest, fields)
+    return _sliced(exchanger, base, forest, facets, values), widths
+
+
+def _wishes(exchanger, mesh, origin, more):
+    """Wishes for the cells of the base here, sorted, and first and last + 1 of each of its cells (n, 2).
+    *Collective.*"""
+    base = origin.base
+    n = sum(len(block.nodes) for block in base.blocks)
+    wanted = np.maximum(origin.level + more, 0)
+    table = np.column_stack([origin.path.view(np.int64), origin.level, wanted])
+    rows = np.arange(n)
+    if mesh is not base:
+        rows, table = to_base(exchanger, base, origin.cells, table)
+    path = np.ascontiguousarray(table[:, 0]).view(np.uint64)
+    order = np.lexsort((path, rows))
+    ends = np.searchsorted(rows[order], np.arange(n + 1))
+    wishes = Wishes(path[order], table[order, 1].astype(np.int32), table[order, 2].astype(np.int32))
+    return wishes, np.column_stack([ends[:-1], ends[1:]])
+
+
+def _edges(base):
+    """Edges of groups: local vertices (n, 2), and the column and bit of the group among those of nodes."""
+    order, result = np.argsort(base.file_nodes), []
+    for k, name in enumerate(base.node_groups):
+        edges = base.edge_groups.get(name, np.zeros((0, 2), dtype=np.int64))
+        if len(edges):
+            local = order[np.searchsorted(base.file_nodes, edges, sorter=order)]
+            result.append((local, *divmod(k, COLUMN)))
+    return result
+
+
+def _mark_facets(base, forest):
+    """Number the facets of the base that are in groups, for the cells that have them; bits (n, m) of the groups."""
+    starts = np.cumsum([0] + [len(block.nodes) for block in base.blocks])
+    local_vertex = np.argsort(opposite(forest.cell))
+    d1 = len(local_vertex)
+    places = {}
+    for name, parts in base.facet_groups.items():
+        rows = [(starts[part.block] + part.cells) * d1 + local_vertex[part.local] for part in parts]
+        places[name] = np.concatenate([np.zeros(0, dtype=np.int64), *rows])
+    every = np.unique(np.concatenate([np.zeros(0, dtype=np.int64), *places.values()]))
+    forest.cells.facets[every // d1, every % d1] = np.arange(len(every))
+    return bits(list(places), {name: np.searchsorted(every, rows) for name, rows in places.items()}, len(every))
+
+
+def _close(exchanger, base, forest, wishes):
+    """Cut what is due on all ranks. *Collective.*"""
+    neighbours = Neighbours(exchanger, base.file_nodes, base.n_nodes_total)
+    forest.share(neighbours.shared)
+    news = True
+    while news:
+        told = together(base.comm, forest.grow, wishes)
+        nodes, news = forest.nodes, 0
+        if exchanger.comm.size > 1:
+            ends = nodes.shared[told]
+            news = base.comm.allreduce(forest.take_in(neighbours.tell(nodes.key[told], ends)))
+
+
+def _carried(exchanger, mesh, origin, forest, fields):
+    """Values (n, k) float64 of all fields at all nodes of the forest. *Collective.*"""
+    n, nodes = forest.n_nodes, forest.nodes
+    width = sum(np.shape(field)[1] for field in fields)
+    values = np.zeros((n, width))
+    if not width:
+        return values
+    old = np.ascontiguousarray(np.column_stack(fields), dtype=np.float64)
+    known = np.zeros(n, dtype=bool)
+    if mesh is origin.base:
+        known[: forest.base_nodes], values[: forest.base_nodes] = True, old
+    else:
+        known[:], found = values_by_key(exchanger, origin.keys, old.view(np.int64), nodes.key[:n])
+        values[:] = np.ascontiguousarray(found).view(np.float64)
+    interpolate(nodes, n, known, forest.rule, values)
+    return values
+
+
+class _Numbers(NamedTuple):
+    """Nodes as their home ranks keep them, and where the nodes of this rank have their places."""
+
+    table: np.ndarray
+    numbers: np.ndarray
+    starts: np.ndarray
+    places: np.ndarray
+    total: int
+
+
+def _number(exchanger, base, numbers, keys, rows):
+    """Give nodes numbers that do not depend on the ranks: those of the base keep theirs, others follow in the order
+    of keys.
+
+    numbers (n,): of the base, or -1. rows (n, k) int64: what goes with them. *Collective.*
+    """
+    comm, size = exchanger.comm, exchanger.comm.size
+    n_base = base.n_nodes_total
+    old = numbers >= 0
+    home = np.where(old, numbers * size // n_base, home_of_key(keys, size))
+    # nodes of the base before all others, in the order of their numbers; then by keys, without their sign
+    name = np.where(old, numbers, keys.view(np.int64) ^ np.int64(-(2**63)))
+    width = 2 + rows.shape[1]
+    sends, order = split_by_rank(home, np.column_stack([~old, name, rows]))
+    heard = exchanger(sends, np.int64, width)
+    table = np.concatenate([np.zeros((0, width), np.int64), *heard.values()])
+    by_name = np.lexsort((table[:, 1], table[:, 0]))
+    ordered = table[by_name]
+    first = np.ones(len(table), dtype=bool)
+    first[1:] = np.any(ordered[1:, :2] != ordered[:-1, :2], axis=1)
+    index = np.empty(len(table), dtype=np.int64)
+    index[by_name] = np.cumsum(first) - 1
+    ordered = ordered[first]
+    counts = np.array(comm.allgather((int(np.sum(ordered[:, 0] == 0)), len(ordered))), dtype=np.int64)
+    starts = np.concatenate([[0], np.cumsum(counts[:, 1])])
+    fresh = np.cumsum(counts[:, 1] - counts[:, 0])
+    ids = np.where(ordered[:, 0] == 0, ordered[:, 1], 0)
+    new = ordered[:, 0] == 1
+    ids[new] = n_base + (fresh[comm.rank] - new.sum()) + np.arange(new.sum())
+    if comm.allreduce(counts[:, 0].sum() != n_base if comm.rank == 0 else 0):
+        raise ValueError("nodes of the base that no cell has")
+    cuts = np.cumsum([len(part) for part in heard.values()])[:-1]
+    replies = np.column_stack([starts[comm.rank] + index, ids[index]])
+    replies = dict(zip(heard, np.split(replies, cuts), strict=True)) if heard else {}
+    told = exchanger(replies, np.int64, 2)
+    answer = np.zeros((len(numbers), 2), dtype=np.int64)
+    if len(numbers):
+        answer[order] = np.concatenate([told[rank] for rank in sorted(sends)])
+    return _Numbers(ordered[:, 2:], ids, starts, answer, int(starts[-1])), answer[:, 1]
+
+
+def _cell_numbers(exchanger, base, ids, counts):
+    """First new number of the cells that come from cells of the base with numbers ids (n,), and how many there are.
+    *Collective.*
+    """
+    comm, size, n = exchanger.comm, exchanger.comm.size, max(base.n_cells_total, 1)
+    sends, order = split_by_rank(ids * size // n, np.column_stack([ids, counts]))
+    heard = exchanger(sends, np.int64, 2)
+    table = np.concatenate([np.zeros((0, 2), np.int64), *heard.values()])
+    by_id = np.argsort(table[:, 0])
+    first = np.empty(len(table), dtype=np.int64)
+    ends = np.cumsum(table[by_id, 1])
+    first[by_id] = ends - table[by_id, 1]
+    total = int(table[:, 1].sum())
+    before = comm.exscan(total) or 0
+    cuts = np.cumsum([len(part) for part in heard.values()])[:-1]
+    replies = dict(zip(heard, np.split(first + before, cuts), strict=True)) if heard else {}
+    told = exchanger(replies, np.int64, 1)
+    out = np.zeros(len(ids), dtype=np.int64)
+    if len(ids):
+        out[order] = np.concatenate([told[rank].ravel() for rank in sorted(sends)])
+    return out, comm.allreduce(total)
+
+
+def _sliced(exchanger, base, forest, facet_bits, values):
+    """The forest's cells as slices of a mesh. *Collective.*"""
+    n, nodes = forest.n_nodes, forest.nodes
+    cells = [array[: forest.n_cells] for array in forest.cells]
+    order = np.lexsort((cells[3], cells[2]))
+    vertices, middles, row, path, level, facets, _ = (array[order] for array in cells)
+    table = vertices if base.degree == 1 else np.column_stack([vertices, middles])
+    used = np.zeros(n, dtype=bool)
+    used[table.ravel()] = True
+    chosen = np.flatnonzero(used)
+    numbers = np.where(chosen < forest.base_nodes, 0, -1)
+    numbers[numbers == 0] = base.file_nodes[chosen[numbers == 0]]
+    keys = nodes.key[chosen]
+    d, width = base.dim, nodes.groups.shape[1]
+    rows = np.column_stack([nodes.points[chosen].view(np.int64), nodes.groups[chosen], keys.view(np.int64),
+                            values[chosen].view(np.int64)])  # fmt: skip
+    home, new_ids = _number(exchanger, base, numbers, keys, rows)
+    at = np.full(n, -1, dtype=np.int64)
+    at[chosen] = home.places[:, 0]
+    number_of = np.full(n, -1, dtype=np.int64)
+    number_of[chosen] = new_ids
+    base_ids = np.concatenate([block.ids for block in base.blocks])
+    counts = np.bincount(row, minlength=len(base_ids))
+    first, n_cells = _cell_numbers(exchanger, base, base_ids, counts)
+    ids = first[row] + np.arange(len(row)) - (np.cumsum(counts) - counts)[row]
+    starts = np.cumsum([0] + [len(block.nodes) for block in base.blocks])
+    ends = np.searchsorted(row, starts)
+    points = np.ascontiguousarray(home.table[:, :d]).view(np.float64)
+    node_bits = home.table[:, d : d + width]
+    piece = MeshSlice(
+        base.comm, None, d, base.degree, base.curved,
+        [SliceBlock(block.cell, at[table[a:b]]) for block, a, b in zip(base.blocks, ends[:-1], ends[1:], strict=True)],
+        ids, np.concatenate([np.full(len(b.nodes), b.body) for b in base.blocks])[row],
+        np.concatenate([block.components for block in base.blocks])[row], points, home.starts, home.total, n_cells,
+        base.n_components, node_ids=home.numbers,
+        cell_values=np.column_stack([base_ids[row], path.view(np.int64), level]),
+        node_values=np.ascontiguousarray(home.table[:, d + width :]),
+    )  # fmt: skip
+    for name, parts in base.cell_groups.items():
+        inside = np.zeros(len(base_ids), dtype=bool)
+        for start, part in zip(starts, parts, strict=False):
+            inside[start + part] = True
+        piece.cell_groups[name] = np.flatnonzero(inside[row])
+    where, vertex = np.nonzero(facets >= 0)
+    of_base, local = facets[where, vertex], opposite(forest.cell)[vertex]
+    for k, name in enumerate(base.facet_groups):
+        inside = has_bit(facet_bits, k)[of_base]
+        piece.facet_groups[name] = where[inside], local[inside]
+    for k, name in enumerate(base.node_groups):
+        piece.node_groups[name] = np.flatnonzero(has_bit(node_bits, k))
+    piece.edge_groups = _edge_groups(base, forest, vertices, middles, number_of)
+    return piece
+
+
+def _edge_groups(base, forest, vertices, middles, number_of):
+    """Edges of groups by the numbers of their vertices."""
+    result, names = {}, list(base.node_groups)
+    for name in base.edge_groups:
+        inside = has_bit(forest.nodes.groups, names.index(name))[middles]
+        row, edge = np.nonzero(inside)
+        ends = np.take_along_axis(vertices[row], forest.edges[edge], axis=1)
+        result[name] = number_of[ends]
+    return result

@@ -1,0 +1,380 @@
+"""Triangles and tetrahedra cut in halves at their longest edges, until none has a node on one of its edges.
+
+A cell that is cut is cut at its longest edge, whatever is wanted of it (Rivara 1984). What becomes of a cell thus
+depends on the cell alone: all meshes that come from a base are parts of one tree of cells, a cell is known by the
+cell of the base and by the sides that were taken (its *path*), and the coarsest mesh that has certain cells and fits
+together is unique: the order of the cuts, and the ranks that make them, do not matter. A face is cut at its own
+longest edge by both of its cells, since the longest edge of a cell is the longest one of the faces that have it.
+Lengths are compared to 5e-6 (`STEPS`), equal ones by keys.
+
+Edges are known by the node in their middle, which is a node of the mesh with cells of degree 2, and else from the
+time the edge is cut. Values at new nodes, of coordinates and of fields alike, are those of the cell that is cut: on
+an edge with ends a, b and middle m, the node between a and m has
+
+    3/8 a + 3/4 m - 1/8 b                               (`HALF`)
+
+and the node between m and the vertex c, with the middles ac and bc of two more edges of the face,
+
+    -1/8 (a + b) + 1/4 m + 1/2 (ac + bc)                (`FACE`)
+
+which are the shape functions of degree 2; with degree 1 it is the mean of the ends.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from pcontact.mesh.refinement.keys import AWAITED, FREE, enter, middle_key, new_table, place
+from pcontact.runtime.jit import njit_exact, njit_inline
+
+# how a node came to be
+BASE, HALF, FACE = 0, 1, 2
+# by what rule nodes get values: means of the ends; formulas of degree 2, for coordinates too (`CURVED`) or not
+LINEAR, STRAIGHT, CURVED = 0, 1, 2
+# steps per doubling of the square of a length: a relative difference of 5e-6
+STEPS = 65536.0
+# cuts that lead to a cell, at most: the bits of its path
+DEEPEST = 63
+
+
+class Nodes(NamedTuple):
+    """Nodes of one rank, vertices and middles of edges; with room for more.
+
+    Attributes
+    ----------
+    key : ndarray (n,) uint64
+    points : ndarray (n, d)
+        Coordinates [length].
+    length : ndarray (n,) int64
+        Of the edge whose middle it is: logarithm of the square, in `STEPS`.
+    kind : ndarray (n,) int8
+        `BASE`, `HALF`, `FACE`.
+    parents : ndarray (n, 5) int32
+        The nodes of the formulas above, in their order; with degree 1, and in the middles of edges of the base, the
+        ends.
+    split : ndarray (n,) uint8
+        Whether it is in the middle of an edge that is cut.
+    shared : ndarray (n,) uint64
+        Bits of the neighbours that may have it, too.
+    groups : ndarray (n, m) int64
+        Bits of the groups of nodes that it is in.
+    """
+
+    key: np.ndarray
+    points: np.ndarray
+    length: np.ndarray
+    kind: np.ndarray
+    parents: np.ndarray
+    split: np.ndarray
+    shared: np.ndarray
+    groups: np.ndarray
+
+
+class Cells(NamedTuple):
+    """Cells of one rank, with room for more.
+
+    Attributes
+    ----------
+    vertices : ndarray (n, d + 1) int32
+    middles : ndarray (n, n_edges) int32
+    base : ndarray (n,) int32
+        Row of the cell of the base.
+    path : ndarray (n,) uint64
+        Sides that were taken, from the highest bit on.
+    level : ndarray (n,) int32
+        How many cuts lead to it.
+    facets : ndarray (n, d + 1) int32
+        Of the facet opposite each vertex: number of the facet of the base that it is a part of, or -1.
+    wishes : ndarray (n, 2) int32
+        First and last + 1 of the wishes that touch it.
+    """
+
+    vertices: np.ndarray
+    middles: np.ndarray
+    base: np.ndarray
+    path: np.ndarray
+    level: np.ndarray
+    facets: np.ndarray
+    wishes: np.ndarray
+
+
+class Wishes(NamedTuple):
+    """Levels that are wanted in cells of the tree, by base row and path.
+
+    Attributes
+    ----------
+    path : ndarray (n,) uint64
+    level : ndarray (n,) int32
+        Of the cell.
+    wanted : ndarray (n,) int32
+    """
+
+    path: np.ndarray
+    level: np.ndarray
+    wanted: np.ndarray
+
+
+@njit_inline
+def _make(nodes, table, count, a, b):
+    """Number of the node between two others, and whether it is new: then without coordinates."""
+    key = middle_key(nodes.key[a], nodes.key[b])
+    at = place(table[0], table[1], key)
+    if table[1][at] >= 0:
+        return table[1][at], False
+    n = count[0]
+    nodes.split[n] = 1 if table[1][at] == AWAITED else 0
+    table[0][at], table[1][at] = key, n
+    nodes.key[n] = key
+    count[0] = n + 1
+    return np.int32(n), True
+
+
+@njit_inline
+def _measure(nodes, n, a, b):
+    square = 0.0
+    for i in range(nodes.points.shape[1]):
+        square += (nodes.points[a, i] - nodes.points[b, i]) ** 2
+    nodes.length[n] = np.int64(np.floor(STEPS * np.log2(max(square, 1e-300))))
+
+
+@njit_inline
+def _half(nodes, table, count, rule, a, m, b):
+    """The node between an end a of an edge and its middle m."""
+    n, new = _make(nodes, table, count, a, m)
+    if new:
+        nodes.kind[n] = HALF
+        nodes.parents[n, 0], nodes.parents[n, 1], nodes.parents[n, 2] = a, m, b
+        for i in range(nodes.points.shape[1]):
+            if rule == CURVED:
+                x = 0.375 * nodes.points[a, i] + 0.75 * nodes.points[m, i] - 0.125 * nodes.points[b, i]
+            else:
+                x = 0.5 * (nodes.points[a, i] + nodes.points[m, i])
+            nodes.points[n, i] = x
+        _measure(nodes, n, a, m)
+        nodes.shared[n] = nodes.shared[a] & nodes.shared[m]
+        for i in range(nodes.groups.shape[1]):
+            nodes.groups[n, i] = nodes.groups[a, i] & nodes.groups[m, i] & nodes.groups[b, i]
+    return n
+
+
+@njit_inline
+def _across(nodes, table, count, rule, face):
+    """The node between the middle m of an edge a b and the vertex c; face: a, b, m, c, and the middles of a c, b c."""
+    a, b, m, c, ac, bc = face
+    n, new = _make(nodes, table, count, m, c)
+    if new:
+        nodes.kind[n] = FACE
+        if rule == LINEAR:
+            nodes.parents[n, 0], nodes.parents[n, 1] = m, c
+        else:
+            nodes.parents[n, 0], nodes.parents[n, 1], nodes.parents[n, 2] = a, b, m
+            nodes.parents[n, 3], nodes.parents[n, 4] = ac, bc
+        x = nodes.points
+        for i in range(x.shape[1]):
+            if rule == CURVED:
+                x[n, i] = -0.125 * (x[a, i] + x[b, i]) + 0.25 * x[m, i] + 0.5 * (x[ac, i] + x[bc, i])
+            else:
+                x[n, i] = 0.5 * (x[m, i] + x[c, i])
+        _measure(nodes, n, m, c)
+        nodes.shared[n] = nodes.shared[m] & nodes.shared[c]
+        for i in range(nodes.groups.shape[1]):
+            nodes.groups[n, i] = 0
+    return n
+
+
+@njit_inline
+def _due(nodes, cells, wishes, c):
+    """Whether a cell has to be cut: it has a node on an edge, or is wanted smaller."""
+    for e in range(cells.middles.shape[1]):
+        if nodes.split[cells.middles[c, e]]:
+            return True
+    level = cells.level[c]
+    for k in range(cells.wishes[c, 0], cells.wishes[c, 1]):
+        if wishes.wanted[k] > level:
+            return True
+    return False
+
+
+@njit_inline
+def _longest(nodes, cells, c):
+    best = 0
+    for e in range(1, cells.middles.shape[1]):
+        one, other = cells.middles[c, e], cells.middles[c, best]
+        longer = nodes.length[one] > nodes.length[other]
+        if longer or (nodes.length[one] == nodes.length[other] and nodes.key[one] > nodes.key[other]):
+            best = e
+    return best
+
+
+@njit_inline
+def _divide_wishes(cells, wishes, c, n, level):
+    """Give each half of a cell the wishes that touch it."""
+    first, end = cells.wishes[c, 0], cells.wishes[c, 1]
+    if end - first == 1 and wishes.level[first] <= level:
+        cells.wishes[n, 0], cells.wishes[n, 1] = first, end
+        return
+    cut = first
+    while cut < end and (wishes.path[cut] >> np.uint64(DEEPEST - level)) & np.uint64(1) == np.uint64(0):
+        cut += 1
+    cells.wishes[c, 1] = cut
+    cells.wishes[n, 0], cells.wishes[n, 1] = cut, end
+
+
+@njit_exact
+def cut_all(nodes, cells, wishes, table, edges, count, rule, told):
+    """Cut cells, from number ``count[2]`` on, until none is due that was not looked at before another one was cut.
+
+    The first half of a cell takes its place, the second one comes last. Stops where there is no room for another cut.
+
+    Parameters
+    ----------
+    nodes, cells, wishes : Nodes, Cells, Wishes
+    table : tuple of ndarray
+        Nodes by their keys, see `pcontact.mesh.refinement.keys`.
+    edges : ndarray (n_edges, 2) int64
+        Local vertices.
+    count : ndarray (5,) int64
+        Nodes, cells, the cell to begin with, cuts so far, entries of ``told``.
+    rule : int
+        `LINEAR`, `STRAIGHT`, `CURVED`.
+    told : ndarray int32
+        Nodes that have become middles of cut edges, and may be of interest to other ranks.
+
+    Returns
+    -------
+    bool
+        Whether it came to the end.
+    """
+    d1 = cells.vertices.shape[1]
+    c = count[2]
+    across = np.empty(d1, dtype=np.int32)
+    while c < count[1]:
+        if not _due(nodes, cells, wishes, c):
+            c += 1
+            continue
+        if (
+            count[0] + d1 >= nodes.key.shape[0]
+            or count[1] >= cells.base.shape[0]
+            or count[4] >= told.shape[0]
+            or cells.level[c] >= DEEPEST
+        ):
+            count[2] = c
+            return False
+        e = _longest(nodes, cells, c)
+        i, j = edges[e, 0], edges[e, 1]
+        a, b, m = cells.vertices[c, i], cells.vertices[c, j], cells.middles[c, e]
+        if nodes.split[m] == 0:
+            nodes.split[m] = 1
+            if nodes.shared[a] & nodes.shared[b] != np.uint64(0):
+                told[count[4]] = m
+                count[4] += 1
+        near = _half(nodes, table, count, rule, a, m, b)
+        far = _half(nodes, table, count, rule, b, m, a)
+        for v in range(d1):
+            if v != i and v != j:
+                ac, bc = m, m
+                for k in range(edges.shape[0]):
+                    u, w = edges[k, 0], edges[k, 1]
+                    if (u == i and w == v) or (u == v and w == i):
+                        ac = cells.middles[c, k]
+                    elif (u == j and w == v) or (u == v and w == j):
+                        bc = cells.middles[c, k]
+                across[v] = _across(nodes, table, count, rule, (a, b, m, cells.vertices[c, v], ac, bc))
+        n, level = count[1], cells.level[c]
+        cells.vertices[n], cells.middles[n], cells.facets[n] = cells.vertices[c], cells.middles[c], cells.facets[c]
+        cells.base[n], cells.level[n], cells.path[n] = cells.base[c], level + 1, cells.path[c]
+        cells.level[c] = level + 1
+        cells.path[n] |= np.uint64(1) << np.uint64(DEEPEST - level)
+        _divide_wishes(cells, wishes, c, n, level)
+        # the first half has m in place of b, the second one in place of a
+        cells.vertices[c, j], cells.vertices[n, i] = m, m
+        cells.facets[c, i], cells.facets[n, j] = -1, -1
+        for k in range(edges.shape[0]):
+            u, w = edges[k, 0], edges[k, 1]
+            if k == e:
+                cells.middles[c, k], cells.middles[n, k] = near, far
+            elif u == j or w == j:
+                cells.middles[c, k] = across[w if u == j else u]
+            elif u == i or w == i:
+                cells.middles[n, k] = across[w if u == i else u]
+        count[1] = n + 1
+        count[3] += 1
+    count[2] = c
+    return True
+
+
+@njit_exact
+def take_in(nodes, table, keys):
+    """Mark the edges that other ranks have cut, by the keys (n,) of their middles; how many of them are not cut here
+    yet."""
+    news = 0
+    for k in range(keys.shape[0]):
+        at = place(table[0], table[1], keys[k])
+        n = table[1][at]
+        if n == FREE:
+            table[0][at], table[1][at] = keys[k], AWAITED
+        elif n >= 0 and nodes.split[n] == 0:
+            nodes.split[n] = 1
+            news += 1
+    return news
+
+
+@njit_exact
+def base_middles(nodes, cells, table, edges, count, given):
+    """Number the edges of the base: ``cells.middles`` for the first ``count[1]`` cells; in the middles of edges are
+    nodes ``given`` (n_cells, n_edges) where these are known, and new ones at the means of the ends where ``given``
+    has no columns.
+    """
+    for c in range(count[1]):
+        for e in range(edges.shape[0]):
+            a, b = cells.vertices[c, edges[e, 0]], cells.vertices[c, edges[e, 1]]
+            key = middle_key(nodes.key[a], nodes.key[b])
+            at = place(table[0], table[1], key)
+            if table[1][at] == FREE:
+                if given.shape[1]:
+                    n = given[c, e]
+                else:
+                    n = count[0]
+                    count[0] = n + 1
+                    for i in range(nodes.points.shape[1]):
+                        nodes.points[n, i] = 0.5 * (nodes.points[a, i] + nodes.points[b, i])
+                    for i in range(nodes.groups.shape[1]):
+                        nodes.groups[n, i] = 0
+                table[0][at], table[1][at] = key, n
+                nodes.key[n], nodes.kind[n], nodes.split[n] = key, BASE, 0
+                nodes.parents[n, 0], nodes.parents[n, 1] = a, b
+                nodes.shared[n] = nodes.shared[a] & nodes.shared[b]
+                _measure(nodes, n, a, b)
+            cells.middles[c, e] = table[1][at]
+
+
+@njit_exact
+def interpolate(nodes, n, known, rule, values):
+    """Values (n, k) of a field at nodes where they are not known yet, in the order in which the nodes were made."""
+    p, width = nodes.parents, values.shape[1]
+    for s in range(n):
+        if known[s]:
+            continue
+        for i in range(width):
+            if rule == LINEAR or nodes.kind[s] == BASE:
+                values[s, i] = 0.5 * (values[p[s, 0], i] + values[p[s, 1], i])
+            elif nodes.kind[s] == HALF:
+                values[s, i] = 0.375 * values[p[s, 0], i] + 0.75 * values[p[s, 1], i] - 0.125 * values[p[s, 2], i]
+            else:
+                ends, sides = values[p[s, 0], i] + values[p[s, 1], i], values[p[s, 3], i] + values[p[s, 4], i]
+                values[s, i] = -0.125 * ends + 0.25 * values[p[s, 2], i] + 0.5 * sides
+
+
+def grown(array, n):
+    """An array with room for n rows, the present ones first."""
+    out = np.empty((n, *array.shape[1:]), dtype=array.dtype)
+    out[: len(array)] = array
+    return out
+
+
+def rehashed(nodes, n, awaited, room):
+    """A table with room for more keys: the first n nodes, and keys that are awaited. Returns table."""
+    table = new_table(room + len(awaited))
+    enter(*table, awaited, np.full(len(awaited), AWAITED, dtype=np.int32))
+    enter(*table, nodes.key[:n], np.arange(n, dtype=np.int32))
+    return table

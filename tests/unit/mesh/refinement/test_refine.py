@@ -1,0 +1,175 @@
+"""Refinement: conforming meshes, groups, shapes, curved boundaries, fields, coarser meshes, any number of ranks."""
+
+import numpy as np
+import pytest
+
+from drivers._common import make_mesh
+from meshes import ball_on_block, rings
+from meshes.blocks import two_blocks
+from pcontact.element.quadrature import quadrature
+from pcontact.element.reference import CELLS
+from pcontact.element.shape import shape_gradient
+from pcontact.mesh.groups import facet_multiplicity, facet_vertices
+from pcontact.mesh.load import load_mesh
+from pcontact.mesh.mesh import Mesh
+from pcontact.mesh.refinement.gather import gathered
+from pcontact.mesh.refinement.refine import Balance, refine
+from pcontact.runtime.petsc import MPI
+
+COMM = MPI.COMM_WORLD
+
+
+def load(path, order, comm=COMM, regions=("lower", "upper")) -> Mesh:
+    return load_mesh(comm, path, order, list(regions), [], lambda mesh: None)
+
+
+def chosen(mesh, seed, part, value):
+    """A wish for a random part of the cells, by their numbers: the same on any number of ranks."""
+    ids = np.concatenate([block.ids for block in mesh.blocks])
+    lucky = np.random.default_rng(seed).uniform(size=mesh.n_cells_total) < part
+    return np.where(lucky[ids], value, 0)
+
+
+def volume(mesh):
+    total = 0.0
+    for block in mesh.blocks:
+        nodes, degree = mesh.geometry_nodes(block)
+        xi, weights = quadrature(block.cell, 2 * degree * mesh.dim)
+        slopes = shape_gradient(block.cell, degree, xi)
+        jacobian = np.linalg.det(np.einsum("cni,qnj->cqij", mesh.points[nodes], slopes))
+        assert jacobian.min(initial=1.0) > 0.0
+        total += float((jacobian @ weights).sum())
+    return mesh.comm.allreduce(total)
+
+
+def quality(mesh):
+    """Least volume^(2 / d) over the mean square of the edges, that of the regular simplex being 1."""
+    worst, d = 1.0, mesh.dim
+    for block in mesh.blocks:
+        x = mesh.points[block.nodes[:, : d + 1]]
+        i, j = np.triu_indices(d + 1, 1)
+        square = ((x[:, i] - x[:, j]) ** 2).sum(axis=2).mean(axis=1)
+        volumes = np.linalg.det(x[:, 1:] - x[:, :1])
+        regular = (np.sqrt(d + 1) / 2 ** (d / 2)) ** (2 / d)
+        worst = min(worst, float((volumes ** (2 / d) / square).min(initial=worst * regular)) / regular)
+    return mesh.comm.allreduce(worst, op=MPI.MIN)
+
+
+def conforms(raw):
+    """Area of the facets that one cell has alone: that of the outside if cells meet; no facet has more than two
+    cells."""
+    n_facets = len(CELLS[raw.blocks[0].cell].facets)
+    cells = np.repeat(np.arange(raw.offsets[-1]), n_facets)
+    local = np.tile(np.arange(n_facets), raw.offsets[-1])
+    count = facet_multiplicity(raw, cells, local)
+    assert count.max() <= 2
+    return area(raw, cells[count == 1], local[count == 1])
+
+
+def area(raw, cells, local):
+    total = 0.0
+    for _, vertices in facet_vertices(raw, cells, local):
+        x = raw.points[vertices]
+        sides = x[:, 1:3] - x[:, :1] if raw.dim == 3 else x[:, 1:2] - x[:, :1]
+        gram = np.einsum("fij,fkj->fik", sides, sides)
+        # triangles; parallelograms where facets have four vertices
+        total += float(np.sqrt(np.linalg.det(gram)).sum()) * (0.5 if vertices.shape[1] == 3 else 1.0)
+    return total
+
+
+@pytest.mark.parallel
+@pytest.mark.parametrize("cell, order", [("triangle", 1), ("triangle", 2), ("tetrahedron", 1), ("tetrahedron", 2)])
+def test_cells_conform_and_keep_groups(shared_tmp, cell, order):
+    """Marked cells are cut, volume and areas of groups stay, facets have their cells, fields of the degree are kept."""
+    dim = 2 if cell == "triangle" else 3
+    path = make_mesh(two_blocks, shared_tmp / "a.msh", dim, 3, 2, cell)
+    mesh = load(path, order)
+    old = gathered(mesh, path)
+    values = np.column_stack([mesh.points @ np.arange(1.0, dim + 1), (mesh.points[:, 0] - mesh.points[:, 1]) ** order])
+    n = mesh.n_cells_total
+    for seed in range(3):
+        more = chosen(mesh, seed, 0.1, dim)
+        marked = COMM.allreduce(int((more > 0).sum()))
+        before = mesh
+        mesh, (values,) = refine(mesh, more, (values,), Balance([("upper_bottom", "lower_top", None)]))
+        assert mesh.n_cells_total >= before.n_cells_total + (2**dim - 1) * marked
+    new = gathered(mesh, path)
+    x = mesh.points
+    expected = np.column_stack([x @ np.arange(1.0, dim + 1), (x[:, 0] - x[:, 1]) ** order])
+    assert values == pytest.approx(expected, abs=1e-14)
+    assert mesh.n_cells_total > 2 * n and volume(mesh) == pytest.approx(volume(load(path, order)), rel=1e-13)
+    assert mesh.n_nodes_total == COMM.allreduce(int(mesh.file_nodes.max(initial=0)), op=MPI.MAX) + 1
+    if COMM.rank == 0:
+        assert conforms(new) == pytest.approx(conforms(old), rel=1e-13)
+        assert set(new.facet_groups) == set(old.facet_groups)
+        for name in old.facet_groups:
+            assert area(new, *new.facet_groups[name]) == pytest.approx(area(old, *old.facet_groups[name]), rel=1e-13)
+        for name, nodes in old.node_groups.items():
+            members = new.points[new.node_groups[name]]
+            assert np.array_equal(np.sort(members, axis=0), np.sort(old.points[nodes], axis=0))
+        assert sum(len(rows) for rows in new.cell_groups.values()) == mesh.n_cells_total
+
+
+@pytest.mark.parallel
+@pytest.mark.parametrize("cell, order", [("triangle", 2), ("tetrahedron", 1)])
+def test_any_number_of_ranks(shared_tmp, cell, order):
+    """The same nodes, cells, groups and values, bit by bit, as on one rank."""
+    path = make_mesh(two_blocks, shared_tmp / "a.msh", 2 if cell == "triangle" else 3, 3, 2, cell)
+    found = []
+    for comm in (COMM, MPI.COMM_SELF):
+        mesh = load(path, order, comm)
+        field = np.sin(mesh.points)
+        for seed, value in ((0, 3), (1, 4), (2, -2), (3, 1)):
+            mesh, (field,) = refine(mesh, chosen(mesh, seed, 0.15 if value > 0 else 0.9, value), (field,))
+        fields = np.full((mesh.n_nodes_total, mesh.dim), -np.inf)
+        fields[mesh.file_nodes] = field
+        comm.Allreduce(MPI.IN_PLACE, fields, op=MPI.MAX)
+        found.append((gathered(mesh, path), fields))
+    if COMM.rank == 0:
+        (one, a), (other, b) = found
+        assert np.array_equal(one.points, other.points)
+        assert all(np.array_equal(p.nodes, q.nodes) for p, q in zip(one.blocks, other.blocks, strict=True))
+        for name, (cells, local) in one.facet_groups.items():
+            assert np.array_equal(cells, other.facet_groups[name][0])
+            assert np.array_equal(local, other.facet_groups[name][1])
+        assert len(b) > 200 and np.array_equal(a, b)
+
+
+@pytest.mark.parametrize("cell, least", [("triangle", 0.5), ("tetrahedron", 0.35)])
+def test_shapes_stay(shared_tmp, cell, least):
+    """Random refinements, again and again: the worst cell is not much worse than that of the file."""
+    if cell == "triangle":
+        mesh = load(make_mesh(two_blocks, shared_tmp / "a.msh", 2, 3, 2, cell), 1)
+    else:
+        path = make_mesh(ball_on_block, shared_tmp / "ball.msh", h=0.5, symmetry="quarter")
+        mesh = load(path, 1, regions=("ball", "block"))
+    first = quality(mesh)
+    for seed in range(15):
+        mesh, _ = refine(mesh, chosen(mesh, seed, 0.002 if cell == "tetrahedron" else 0.05, 1))
+    assert quality(mesh) > least * first
+
+
+@pytest.mark.parallel
+def test_cells_come_back(shared_tmp):
+    """What no wish needs fine is coarse again: the mesh of the file, with values of its nodes; and half of the way."""
+    base = load(make_mesh(two_blocks, shared_tmp / "a.msh", 3, 3, 2, "tetrahedron"), 1)
+    field = np.cos(base.points[:, :1])
+    level = [base]
+    for _ in range(3):
+        mesh, (field,) = refine(level[-1], np.ones(sum(len(b.nodes) for b in level[-1].blocks), int), (field,))
+        level.append(mesh)
+    back, (values,) = refine(mesh, -mesh.origin.level, (field,))
+    assert back.n_cells_total == base.n_cells_total and back.n_nodes_total == base.n_nodes_total
+    assert np.array_equal(values[:, 0], np.cos(back.points[:, 0]))
+    again, _ = refine(mesh, np.where(mesh.origin.level == 3, -1, 0))
+    assert base.n_cells_total < again.n_cells_total < mesh.n_cells_total
+
+
+@pytest.mark.parallel
+def test_curved_cells_keep_their_shape(shared_tmp):
+    """Rings of degree 2: the volume is that of the curved cells of the file, and new nodes lie on these."""
+    path = make_mesh(rings, shared_tmp / "rings.msh", order=2, cell="triangle")
+    mesh = load(path, 2, regions=("inner", "outer"))
+    first = volume(mesh)
+    new, _ = refine(mesh, chosen(mesh, 0, 0.3, 4))
+    assert new.curved and volume(new) == pytest.approx(first, rel=1e-12)
