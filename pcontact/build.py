@@ -453,7 +453,8 @@ def assemble(scene, mesh, span=None):
         [number for number, body in enumerate(scene.bodies) if scene.averages(body, simplices)]
         for simplices in (False, True)
     ]
-    space = Space(mesh, scene.mesh.order, kinematics, *averaged)
+    reduced = [number for number, body in enumerate(scene.bodies) if body.integration == "reduced"]
+    space = Space(mesh, scene.mesh.order, kinematics, *averaged, reduced)
     try:
         return _assemble(scene, space, constants, span)
     except TOLD:

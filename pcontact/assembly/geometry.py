@@ -5,6 +5,7 @@ import numpy as np
 from pcontact.element.dilatation import hoop_operator
 from pcontact.element.geometry import gradients
 from pcontact.element.quadrature import quadrature
+from pcontact.element.reduced import DEGREE
 from pcontact.element.reference import CELLS
 from pcontact.element.shape import shape, shape_gradient
 
@@ -22,11 +23,18 @@ def bulk_degree(cell, degree, geometry_degree, axisymmetric=False):
     return (max(2 * (degree - 1), 0) if geometry_degree == 1 else 4) + 2 * axisymmetric
 
 
+def rule_degree(space, block, geometry_degree):
+    """Quadrature degree of the integrals over the cells of a block."""
+    if space.reduces(block):
+        return DEGREE
+    return bulk_degree(block.cell, space.degree, geometry_degree, space.axisymmetric)
+
+
 def _rule(space, number):
     """Node table and degree of the geometry, quadrature points and weights of a block's cells."""
     mesh, block = space.mesh, space.mesh.blocks[number]
     table, geometry_degree = mesh.geometry_nodes(block)
-    degree = bulk_degree(block.cell, space.degree, geometry_degree, space.axisymmetric)
+    degree = rule_degree(space, block, geometry_degree)
     return table, geometry_degree, *quadrature(block.cell, degree)
 
 

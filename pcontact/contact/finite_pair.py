@@ -121,7 +121,8 @@ def finite_source(source, origin):
     """
     on = np.ascontiguousarray(facet_columns(source)[0])
     tangent, columns = _tangents(source.normal), on[source.facet]
-    slope = np.einsum("pad,pbd->pba", source.grad, tangent)
+    grad = source.grad if source.slope is None else source.slope
+    slope = np.einsum("pad,pbd->pba", grad, tangent)
     return FiniteSource(
         source.facet, source.cells, on, np.ascontiguousarray(np.take_along_axis(source.shape, columns, axis=1)),
         np.ascontiguousarray(np.take_along_axis(slope, columns[:, None], axis=2)),

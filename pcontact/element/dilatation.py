@@ -49,7 +49,7 @@ def dilatation(grad, hoop=None):
 
 
 class Dilatation(NamedTuple):
-    """What makes the volumetric part more than lam div u.
+    """What makes the stress other than that of lam div u and mu (grad u + grad u^T) at the point itself.
 
     Attributes
     ----------
@@ -57,10 +57,13 @@ class Dilatation(NamedTuple):
         Axial symmetry: the first coordinate is the radius.
     averaged : bool
         Mean dilatation.
+    reduced : bool
+        Reduced integration, see `pcontact.element.reduced`; without axial symmetry.
     """
 
     axisymmetric: bool
     averaged: bool
+    reduced: bool = False
 
 
 # lam div u alone

@@ -5,7 +5,8 @@ lambda_F = max over v of int_F |sigma(v) n|^2 / int_E sigma(v) : eps(v)        [
 with the elastic stress of the parent cell E of facet F: what coercivity needs, whatever the shape of the cell
 and the moduli (Warburton and Hesthaven 2003 for the polynomial inequality on simplices). With axial symmetry both
 integrals have the weight r, the energy has the hoop strain, and nodes on the axis do not move along r; with mean
-dilatation stress and energy are those of `pcontact.element.dilatation`.
+dilatation stress and energy are those of `pcontact.element.dilatation`, with reduced integration those of
+`pcontact.element.reduced`.
 """
 
 import numpy as np
@@ -13,7 +14,8 @@ import numpy as np
 from pcontact.element.dilatation import PLAIN, dilatation, factors, hoop_operator, linear, mean_dilatation, squares
 from pcontact.element.geometry import facet_geometry, gradients
 from pcontact.element.quadrature import quadrature
-from pcontact.element.reference import CELLS, facet_nodes, n_nodes, reference_nodes
+from pcontact.element.reduced import DEGREE, reduced_gradients
+from pcontact.element.reference import CELLS, facet_nodes, facet_points, n_nodes, reference_nodes
 from pcontact.element.shape import shape, shape_gradient
 from pcontact.runtime.jit import njit
 
@@ -117,14 +119,13 @@ def _largest(cell, x, local_facet, geometry_degree, degree, lam, mu, kind=PLAIN)
     x, lam, mu = (x - middle) / extent[:, None, None], lam / modulus, mu / modulus
     # exact on parallelepipeds; one point more per direction where the Jacobian varies
     order = 2 * degree + 2 * (geometry_degree - 1)
-    layout = cell, geometry_degree, degree, order
-    stiffness = _stiffness(layout, x, lam, mu, kind)
-    tractions = _tractions(layout, x, local_facet, lam, mu, kind)
+    stiffness = _stiffness((cell, geometry_degree, degree, DEGREE if kind.reduced else order), x, lam, mu, kind)
+    tractions = _tractions((cell, geometry_degree, degree, order), x, local_facet, lam, mu, kind)
     nodes = np.einsum("na,cai->cni", shape(cell, geometry_degree, reference_nodes(cell, degree)), x)
     if kind.axisymmetric:
         _hold_axis(nodes[:, :, 0] <= _AXIS, stiffness, tractions)
         nodes -= nodes.mean(axis=1, keepdims=True)
-    stiffness += _rigid_stiffness(nodes, stiffness)
+    stiffness += _without_energy(stiffness) if kind.reduced else _rigid_stiffness(nodes, stiffness)
     compliance = np.empty((len(x), tractions.shape[1], tractions.shape[1]))
     _compliance(stiffness, np.ascontiguousarray(tractions.transpose(0, 2, 1)), compliance)
     return np.linalg.eigvalsh(compliance)[:, -1] * modulus / extent
@@ -146,14 +147,14 @@ def _hold_axis(held, stiffness, tractions):
 def _stiffness(layout, x, lam, mu, kind):
     """Elastic stiffness, (nf, nn d, nn d), node by node."""
     cell, geometry_degree, degree, order = layout
-    axisymmetric, averaged = kind
+    axisymmetric, averaged, _ = kind
     points, weights = quadrature(cell, order)
     dgeo, dshape = shape_gradient(cell, geometry_degree, points), shape_gradient(cell, degree, points)
     grad, jxw = np.empty((len(x), *dshape.shape)), np.empty((len(x), len(weights)))
     if not gradients(x, dgeo, dshape, weights, grad, jxw) > 0.0:
         raise ValueError(f"trace constant: a {cell} is inverted or degenerate")
     size = dshape.shape[1] * dshape.shape[2]
-    stiffness, hoop, plain = np.empty((len(x), size, size)), None, not any(kind)
+    stiffness, hoop, plain = np.empty((len(x), size, size)), None, not (axisymmetric or averaged)
     if axisymmetric:
         radius = x[:, :, 0] @ shape(cell, geometry_degree, points).T
         jxw, hoop = jxw * radius, hoop_operator(shape(cell, degree, points), radius)
@@ -169,10 +170,12 @@ def _stiffness(layout, x, lam, mu, kind):
 def _tractions(layout, x, local_facet, lam, mu, kind):
     """Tractions of the shape functions at facet points times the root of the weight, (nf, nq d, nn d)."""
     cell, geometry_degree, degree, order = layout
-    axisymmetric, averaged = kind
+    axisymmetric, averaged, reduced = kind
     xi, weights = quadrature(CELLS[cell].facet, order)
     facets = facet_geometry(cell, x, local_facet, geometry_degree, degree, xi, weights)
     normals, grad, weight, hoop = facets.normals, facets.gradients, facets.jxw, None
+    if reduced:
+        grad = reduced_gradients(cell, x, geometry_degree, facet_points(cell, xi)[local_facet])
     nf, nq, nn, dim = grad.shape
     if axisymmetric:
         radius = facets.points[..., 0]
@@ -180,7 +183,7 @@ def _tractions(layout, x, local_facet, lam, mu, kind):
     own, shared = factors(lam[:, None, None, None], mu[:, None, None, None], averaged, degree)
     volumetric = own * dilatation(grad, hoop)
     if averaged:
-        middle = mean_dilatation(cell, x, geometry_degree, degree, order, axisymmetric)
+        middle = mean_dilatation(cell, x, geometry_degree, degree, DEGREE if reduced else order, axisymmetric)
         volumetric = volumetric + shared * middle.at(facets.points)
     root = np.sqrt(weight)[:, :, None, None]
     mu = mu[:, None, None, None]
@@ -213,6 +216,14 @@ def _rigid_stiffness(nodes, stiffness):
     basis = basis @ vectors
     added = np.where(energy < _RIGID * scale, scale / (nn * dim), 0.0)
     return (basis * added[:, None, :]) @ basis.transpose(0, 2, 1)
+
+
+def _without_energy(stiffness):
+    """Stiffness on all that has no energy, (nf, n, n): with reduced integration more than the rigid modes."""
+    energy, vectors = np.linalg.eigh(stiffness)
+    scale = np.trace(stiffness, axis1=1, axis2=2)[:, None]
+    added = np.where(energy < _RIGID * scale, scale / energy.shape[1], 0.0)
+    return (vectors * added[:, None, :]) @ vectors.transpose(0, 2, 1)
 
 
 @njit

@@ -63,6 +63,8 @@ class Deck:
         Three coordinates each.
     elements : dict of int to (str, list of int)
         Meshio's name of the cell, or the deck's type where it is none; nodes.
+    reduced : set of int
+        Elements with reduced integration that cells of the program have, too.
     element_cards : dict of str to Card
         First card of every type of element of the deck.
     node_sets, element_sets : dict of str to list of int
@@ -86,6 +88,7 @@ class Deck:
     cards: list
     nodes: dict = field(default_factory=dict)
     elements: dict = field(default_factory=dict)
+    reduced: set = field(default_factory=set)
     element_cards: dict = field(default_factory=dict)
     node_sets: dict = field(default_factory=dict)
     element_sets: dict = field(default_factory=dict)
@@ -246,6 +249,8 @@ def _element(deck, card):
             if len(held) > 1 + kind.n_nodes:
                 raise card.refuse(f"{len(held) - 1} nodes of element {held[0]}", f"{kind.n_nodes} for {word}", place)
             deck.elements[held[0]] = kind.cell or word, held[1:]
+            if kind.reduced:
+                deck.reduced.add(held[0])
         else:
             continue
         members.append(held[0])

@@ -29,6 +29,7 @@ EDGES = {
     "wedge15": ((0, 1), (1, 2), (2, 0), (3, 4), (4, 5), (5, 3), (0, 3), (1, 4), (2, 5)),
 }
 WEDGES = ("wedge", "wedge15")
+SERENDIPITY = ("quad8", "hexahedron20")
 _TYPE = re.compile(r"(C3D|CPE|CPS|CAX)(\d+)([A-Z]*)")
 # nodes of elements that are no cells of a solid
 _OTHERS = {"S3": 3, "S6": 6, "S4": 4, "S4R": 4, "S8": 8, "S8R": 8, "M3D3": 3, "M3D4": 4, "M3D4R": 4, "M3D6": 6,
@@ -61,6 +62,8 @@ class Kind(NamedTuple):
         C3D, CPE, CPS, CAX; "" for others.
     remark : str
         What the cells do not have of the element; "": nothing.
+    reduced : bool
+        Whether it has the reduced integration of the program's cells of 8 and 20 nodes.
     """
 
     n_nodes: int | None
@@ -68,6 +71,7 @@ class Kind(NamedTuple):
     cell: str | None
     family: str
     remark: str
+    reduced: bool = False
 
 
 def kind_of(word):
@@ -77,7 +81,10 @@ def kind_of(word):
         return Kind(_OTHERS.get(word), 0, None, "", "")
     family, count, letters = found.group(1), int(found.group(2)), found.group(3)
     dim = 3 if family == "C3D" else 2
-    return Kind(count, dim, _NAMES.get((dim, count)), family, _REMARKS.get(letters, letters))
+    cell = _NAMES.get((dim, count))
+    reduced = cell in SERENDIPITY and family != "CAX" and letters in ("R", "RH")
+    letters = letters.removeprefix("R") if reduced else letters
+    return Kind(count, dim, cell, family, _REMARKS.get(letters, letters), reduced)
 
 
 def in_plane(cell):

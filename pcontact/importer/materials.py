@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from pcontact.importer.elements import EDGES, KINEMATICS, VERTICES, WEDGES, kind_of
+from pcontact.importer.elements import EDGES, KINEMATICS, SERENDIPITY, VERTICES, WEDGES, kind_of
 
 # coefficient of friction from which nothing slips, and what stands for it: the largest that is not refused
 ROUGH, LARGEST = 100.0, 3.0
@@ -437,6 +437,17 @@ class Contacts:
         return table
 
 
+def integration_of(deck, findings, cells):
+    """Integration of a body, "full" or "reduced": where its cells of 8 and 20 nodes differ, that of most of them."""
+    able = [e for e in cells if deck.elements[e][0] in SERENDIPITY]
+    count = sum(e in deck.reduced for e in able)
+    if 0 < count < len(able):
+        word, card = next((w, c) for w, c in deck.element_cards.items() if kind_of(w).reduced)
+        other = "reduced" if 2 * count > len(able) else "full"
+        findings.change(card, f"type {word} beside others of its body: all of them with {other} integration")
+    return "reduced" if 2 * count > len(able) else "full"
+
+
 def order_of(deck, findings):
     """Degree of the displacement, and whether quadrilaterals and hexahedra have no nodes in their middles."""
     kinds = {deck.elements[element][0] for element in deck.cells()}
@@ -446,4 +457,4 @@ def order_of(deck, findings):
             cell = kind_of(word).cell
             if cell in VERTICES and cell not in EDGES:
                 findings.change(card, f"type {word} with a displacement of degree 2, as the other elements")
-    return 2 if quadratic else 1, bool({"quad8", "hexahedron20"} & kinds)
+    return 2 if quadratic else 1, bool(kinds.intersection(SERENDIPITY))

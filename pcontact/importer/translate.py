@@ -9,7 +9,7 @@ from pcontact.importer.elements import in_plane
 from pcontact.importer.findings import Findings
 from pcontact.importer.groups import Groups
 from pcontact.importer.history import factors
-from pcontact.importer.materials import Contacts, bodies, materials, name_of, order_of
+from pcontact.importer.materials import Contacts, bodies, integration_of, materials, name_of, order_of
 from pcontact.importer.steps import OUTPUT, read_steps
 from pcontact.importer.supports import Supports
 
@@ -97,7 +97,11 @@ def translate(path, mesh_name):
     for key, name in names.items():
         table = {k: v for k, v in known[key].items() if k != "expansion" or heat}
         done.tables.append((f"[materials.{_key(name)}]", table, _at(deck.materials[key][0])))
-    done.tables += [("[[bodies]]", {"region": name, "material": names[m]}, "") for name, m in regions]
+    for (name, m), (_, _, cells) in zip(regions, parts, strict=True):
+        body = {"region": name, "material": names[m]}
+        if integration_of(deck, findings, cells) == "reduced":
+            body["integration"] = "reduced"
+        done.tables.append(("[[bodies]]", body, ""))
     for header, found in (
         ("[[contacts]]", contacts), ("[[displacements]]", supports.displacements(groups, end, run.names)),
         ("[[loads]]", supports.loads(groups, end, thickness)), ("[[temperatures]]", heat),

@@ -82,6 +82,9 @@ def describe(
         active.append(scene.mesh.kinematics.replace("_", " "))
     if scene.mesh.serendipity:
         active.append("serendipity cells")
+    reduced = [body.region for body in scene.bodies if body.integration == "reduced"]
+    if reduced:
+        active.append("reduced integration: " + ", ".join(reduced))
     if averaged:
         active.append("mean dilatation: " + ", ".join(averaged))
     active += [_contact(contact) for contact in resolve_contacts(scene, {}).contacts]

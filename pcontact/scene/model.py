@@ -200,6 +200,10 @@ class Body:
         choice("small", "finite"), "small strain, or any", None, otherwise="that of `[mesh]`",
         more="see [finite_strain.md](finite_strain.md)",
     )  # fmt: skip
+    integration: str = key(
+        choice("full", "reduced"), "cells of 8 and 20 nodes: integrals at 3 points in each direction, or at 2", "full",
+        more="reduced: with `serendipity = true`, not with axial symmetry; see [mesh.md](mesh.md)",
+    )  # fmt: skip
 
 
 @table

@@ -451,7 +451,12 @@ def _check_temperatures(scene):
 
 
 def _check_serendipity(scene):
-    """Serendipity cells are of degree 2."""
+    """Serendipity cells are of degree 2, and alone have reduced integration."""
+    reduced = [k for k, body in enumerate(scene.bodies) if body.integration == "reduced"]
+    if reduced and not (scene.mesh.serendipity and scene.mesh.kinematics != "axisymmetric"):
+        where = f"{place('bodies', reduced[0], scene.bodies[reduced[0]].region)}.integration"
+        found = "without mesh.serendipity = true" if not scene.mesh.serendipity else "with axial symmetry"
+        raise input_error(scene.where, where, f'"reduced" {found}', '"full"')
     if scene.mesh.serendipity and scene.mesh.order == 1:
         raise input_error(scene.where, "mesh.serendipity", "true with a displacement of degree 1", "order = 2")
 

@@ -26,6 +26,8 @@ class Space:
         Bodies whose quadrilaterals and hexahedra take their mean dilatation.
     averaged_simplices : sequence of int
         Bodies whose triangles and tetrahedra do; with degree 2.
+    reduced : sequence of int
+        Bodies whose serendipity cells have reduced integration, see `pcontact.element.reduced`.
 
     Attributes
     ----------
@@ -46,9 +48,10 @@ class Space:
     The constructor is *Collective*. Degrees of freedom are interlaced: dof = d * node + direction.
     """
 
-    def __init__(self, mesh, degree, kinematics="plane_strain", averaged=(), averaged_simplices=()):
+    def __init__(self, mesh, degree, kinematics="plane_strain", averaged=(), averaged_simplices=(), reduced=()):
         self.kinematics, self.axisymmetric = kinematics, kinematics == "axisymmetric"
         self._averaged = {True: frozenset(averaged), False: frozenset(averaged_simplices)}
+        self._reduced = frozenset(reduced)
         self.mesh, self.comm, self.dim, self.degree = mesh, mesh.comm, mesh.dim, degree
         self.exchanger = Exchanger(mesh.comm)
         tables = [b.nodes[:, : n_nodes(b.cell, degree)] for b in mesh.blocks]
@@ -86,6 +89,10 @@ class Space:
     def averages(self, block):
         """Whether the cells of a block take their mean dilatation."""
         return block.body in self._averaged[CELLS[block.cell].is_tensor]
+
+    def reduces(self, block):
+        """Whether the cells of a block have reduced integration."""
+        return block.body in self._reduced and CELLS[block.cell].complete is not None
 
     def circumference(self, points):
         """Length 2 pi r of the circles through points (..., d) with axial symmetry, 1 otherwise."""

@@ -58,9 +58,9 @@ def test_shape_functions_are_those_of_textbooks(dim):
     np.testing.assert_allclose(shape_gradient(CELLS[dim], 2, xi), slopes, atol=1e-14)
 
 
-def stiffness():
-    """Of a unit cube of 20 nodes, with the functions above and Hooke's law, (60, 60)."""
-    xi, w = quadrature("hexahedron", 5)
+def stiffness(points):
+    """Of a unit cube of 20 nodes, with the functions above, Hooke's law, and points in each direction, (60, 60)."""
+    xi, w = quadrature("hexahedron", 2 * points - 1)
     slopes = 2.0 * serendipity(xi)[1]
     lam, mu = E * NU / ((1 + NU) * (1 - 2 * NU)), E / (2 * (1 + NU))
     same = np.einsum("qak,qbk,q->ab", slopes, slopes, w / 8)
@@ -70,10 +70,11 @@ def stiffness():
     return result.reshape(60, 60)
 
 
-def solved(path, comm, contact=False, strain="small"):
+def solved(path, comm, contact=False, strain="small", integration="full"):
     """Probe of the upper side and reactions, last residual steps of a block that is held below and drawn above."""
     scene = Scene(
-        MeshSpec(path, order=2, serendipity=True, strain=strain), {"m": Material(E, NU)}, [Body("block", "m")],
+        MeshSpec(path, order=2, serendipity=True, strain=strain), {"m": Material(E, NU)},
+        [Body("block", "m", integration=integration)],
         displacements=[Displacement("bottom", [0, 0, 0])], loads=[Load("top", traction=[1.0, 0.5, -2.0])],
         output=Output(fields=False, probes=["top"]), petsc={"snes_rtol": "1e-12", "ksp_rtol": "1e-13"},
     )  # fmt: skip
@@ -95,7 +96,8 @@ def cube(shared_tmp):
     return path
 
 
-def test_one_brick_is_that_of_twenty_nodes(cube):
+@pytest.mark.parametrize(("integration", "points"), [("full", 3), ("reduced", 2)])
+def test_one_brick_is_that_of_twenty_nodes(cube, integration, points):
     """Mean motion and reaction of a cube against the numpy twin: its own functions, stiffness and loads."""
     nodes = (reference_nodes("hexahedron", 2)[:20] + 1) / 2
     face, w = quadrature("quadrilateral", 4)
@@ -104,18 +106,18 @@ def test_one_brick_is_that_of_twenty_nodes(cube):
     force = np.outer(share, [1.0, 0.5, -2.0]).ravel()
     free = np.repeat(nodes[:, 2] > 0, 3)
     u = np.zeros(60)
-    u[free] = np.linalg.solve(stiffness()[np.ix_(free, free)], force[free])
-    step = solved(cube, SELF)
+    u[free] = np.linalg.solve(stiffness(points)[np.ix_(free, free)], force[free])
+    step = solved(cube, SELF, integration=integration)
     top = u.reshape(20, 3)[nodes[:, 2] == 1]
     np.testing.assert_allclose(step["probes"]["top"]["mean"], top.mean(axis=0), rtol=1e-8)
     np.testing.assert_allclose(step["reactions"]["bottom"], [-1.0, -0.5, 2.0], rtol=1e-8)
 
 
 @pytest.mark.parallel
-@pytest.mark.parametrize("strain", ["small", "finite"])
-def test_ranks_do_not_matter(cube, strain):
+@pytest.mark.parametrize(("strain", "integration"), [("small", "full"), ("small", "reduced"), ("finite", "reduced")])
+def test_ranks_do_not_matter(cube, strain, integration):
     path = cube.with_name("cubes.msh")
-    one, several = solved(path, SELF, True, strain), solved(path, WORLD, True, strain)
+    one, several = (solved(path, comm, True, strain, integration) for comm in (SELF, WORLD))
     np.testing.assert_allclose(several["probes"]["top"]["mean"], one["probes"]["top"]["mean"], rtol=1e-8)
     np.testing.assert_allclose(several["reactions"]["bottom"], one["reactions"]["bottom"], rtol=1e-7)
     assert one["imbalance"] < 1e-8 and one["contacts"]["right-plane"]["force"][0] > 0.01
@@ -124,21 +126,26 @@ def test_ranks_do_not_matter(cube, strain):
 @pytest.mark.parametrize(("cell", "n_upper", "search"), [
     ("quadrilateral", 3, "closest_point"), ("quadrilateral", 3, "ray_tracing"), ("hexahedron", 4, "closest_point"),
 ])  # fmt: skip
-@pytest.mark.parametrize("theta", [1.0, -1.0])
-def test_uniform_pressure_is_exact_where_the_quadrature_is(shared_tmp, cell, n_upper, search, theta):
+@pytest.mark.parametrize(("theta", "integration"), [(1.0, "full"), (-1.0, "reduced")])
+def test_uniform_pressure_is_exact_where_the_quadrature_is(shared_tmp, cell, n_upper, search, theta, integration):
     case = patch.scene(blocks(shared_tmp, cell, 2, n_upper), 2 if cell == "quadrilateral" else 3, 2, theta=theta,
                        search=search)  # fmt: skip
     case.mesh.serendipity = True
+    for body in case.bodies:
+        body.integration = integration
     assert max(solve(case, patch.errors)) < 1e-9
 
 
 @pytest.mark.slow
-def test_curved_rings_converge_at_the_rate_of_degree_2(shared_tmp):
+@pytest.mark.parametrize("integration", ["full", "reduced"])
+def test_curved_rings_converge_at_the_rate_of_degree_2(shared_tmp, integration):
     found = []
     for n in (16, 32):
         path = make_mesh(rings, shared_tmp / f"rings{n}.msh", n=n, cell="quadrilateral", order=2)
         case = ring_scene(path, 2, 0.0)
         case.mesh.serendipity = True
+        for body in case.bodies:
+            body.integration = integration
         found.append(solve(case, measure))
     rates = {key: np.log2(found[0][key] / found[1][key]) for key in ("energy", "weighted")}
     assert min(rates.values()) > 1.4, rates

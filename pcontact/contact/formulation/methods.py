@@ -146,4 +146,5 @@ def without_traction(source):
         grad=np.zeros((len(source.facet), 0, source.x.shape[1])),
         shared=None,
         axisymmetric=False,
+        slope=None,
     )

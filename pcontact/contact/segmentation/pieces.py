@@ -21,6 +21,7 @@ from pcontact.contact.search.query import QueryPoints
 from pcontact.contact.segmentation.overlaps import tiles
 from pcontact.contact.surface.sides import default_quadrature
 from pcontact.element.quadrature import quadrature
+from pcontact.element.reduced import reduced_gradients
 from pcontact.element.reference import facet_area_vectors, facet_points
 from pcontact.element.shape import shape, shape_gradient
 
@@ -35,7 +36,8 @@ AT_NODE = 1.0 - 1e-12
 
 
 def _at(space, facets, rows, s):
-    """Points s (n, d - 1) of facets `rows` of one part: position, normal, area element, shape functions, gradients."""
+    """Points s (n, d - 1) of facets `rows` of one part: position, normal, area element, shape functions, gradients, and
+    those of which the strain is made."""
     mesh, block = space.mesh, space.mesh.blocks[facets.block]
     table, degree = mesh.geometry_nodes(block)
     local = facets.local[rows]
@@ -50,7 +52,8 @@ def _at(space, facets, rows, s):
     area = np.linalg.norm(vector, axis=1)
     grad = np.einsum("paj,pji->pai", shape_gradient(block.cell, space.degree, xi), inverse)
     position = np.einsum("pa,pai->pi", shape(block.cell, degree, xi), x)
-    return position, vector / area[:, None], area, shape(block.cell, space.degree, xi), grad
+    strain = reduced_gradients(block.cell, x, degree, xi[:, None])[:, 0] if space.reduces(block) else grad
+    return position, vector / area[:, None], area, shape(block.cell, space.degree, xi), grad, strain
 
 
 def _ends(space, target):
@@ -208,14 +211,16 @@ def cut_source(space, source, name, target, radius, method, degree=None):
     n, nn, d = len(w), source.shape.shape[1], space.dim
     facet = np.cumsum([0, *(len(facets.cells) for facets in parts)], dtype=np.int64)[part] + row
     x, normal, jxw = np.empty((n, d)), np.empty((n, d)), np.empty(n)
-    values, grad = np.zeros((n, nn)), np.zeros((n, nn, d))
+    values, slope, grad = np.zeros((n, nn)), np.zeros((n, nn, d)), np.zeros((n, nn, d))
     for k, facets in enumerate(parts):
         c = np.flatnonzero(part == k)
-        x[c], normal[c], area, v, g = _at(space, facets, row[c], s[c])
-        values[c, : v.shape[1]], grad[c, : v.shape[1]] = v, g
+        x[c], normal[c], area, v, g, strain = _at(space, facets, row[c], s[c])
+        values[c, : v.shape[1]], slope[c, : v.shape[1]], grad[c, : v.shape[1]] = v, g, strain
         jxw[c] = w[c] * area * space.circumference(x[c])
     whole = ~np.isin(source.facet, facet)
     columns = {"facet": facet, "x": x, "normal": normal, "jxw": jxw, "shape": values, "grad": grad}
+    if source.slope is not None:
+        columns["slope"] = slope
     columns = {key: np.concatenate([getattr(source, key)[whole], value]) for key, value in columns.items()}
     order = np.argsort(columns["facet"], kind="stable")
     return dataclasses.replace(source, **{key: value[order] for key, value in columns.items()})

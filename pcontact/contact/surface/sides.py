@@ -4,13 +4,14 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from pcontact.assembly.geometry import bulk_degree
+from pcontact.assembly.geometry import rule_degree
 from pcontact.contact.surface.facet_maps import KIND, padded
 from pcontact.contact.surface.rim import Rim
 from pcontact.element.dilatation import Dilatation, Mean, dilatation, factors, hoop_operator, mean_dilatation
 from pcontact.element.geometry import facet_geometry
 from pcontact.element.quadrature import quadrature
-from pcontact.element.reference import CELLS, facet_nodes, reference_nodes
+from pcontact.element.reduced import reduced_gradients
+from pcontact.element.reference import CELLS, facet_nodes, facet_points, reference_nodes
 from pcontact.element.shape import shape
 from pcontact.element.trace import trace_constant
 from pcontact.runtime.petsc import MPI
@@ -40,7 +41,7 @@ class SourceSurface:
     shape : ndarray (np, nn)
         Shape functions of the parent cell.
     grad : ndarray (np, nn, d)
-        Their physical gradients [1/length].
+        Their physical gradients, of which the strain is made [1/length].
     mu : ndarray (nf,)
         Shear modulus of the parent cells [stress].
     own : ndarray (nf,)
@@ -55,6 +56,8 @@ class SourceSurface:
     components : ndarray (nf,)
         Connected component of the parent cell.
     axisymmetric : bool
+    slope : ndarray (np, nn, d) or None
+        Where cells have reduced integration, the gradients as they are, for the deformed surface [1/length].
     volumetric : ndarray (np, nn, d)
         Volumetric operator P, see `pcontact.element.dilatation` [stress/length]; follows from the others.
     """
@@ -74,6 +77,7 @@ class SourceSurface:
     size: np.ndarray
     components: np.ndarray
     axisymmetric: bool = False
+    slope: np.ndarray | None = None
     volumetric: np.ndarray = field(init=False)
 
     def __post_init__(self):
@@ -189,10 +193,12 @@ def _part(space, facets, constants, quadrature_degree):
     averaged, shared = space.averages(block), None
     own, factor = factors(lam, mu, averaged, space.degree)
     if averaged:
-        order = bulk_degree(block.cell, space.degree, geometry_degree, space.axisymmetric)
+        order = rule_degree(space, block, geometry_degree)
         shared = mean_dilatation(block.cell, coordinates, geometry_degree, space.degree, order, space.axisymmetric)
         shared = shared.times(np.full(len(coordinates), factor))
-    kind = Dilatation(space.axisymmetric, averaged)
+    kind, grad = Dilatation(space.axisymmetric, averaged, space.reduces(block)), at.gradients
+    if kind.reduced:
+        grad = reduced_gradients(block.cell, coordinates, geometry_degree, facet_points(block.cell, xi)[local])
     nf, nq = at.jxw.shape
     return {
         "cells": space.cells[facets.block][facets.cells],
@@ -202,7 +208,8 @@ def _part(space, facets, constants, quadrature_degree):
         "normal": at.normals.reshape(nf * nq, -1),
         "jxw": (at.jxw * space.circumference(at.points)).ravel(),
         "shape": at.shape.reshape(nf * nq, -1),
-        "grad": at.gradients.reshape(nf * nq, -1, mesh.dim),
+        "grad": grad.reshape(nf * nq, -1, mesh.dim),
+        "slope": at.gradients.reshape(nf * nq, -1, mesh.dim) if kind.reduced else None,
         "mu": np.full(nf, mu),
         "own": np.full(nf, own),
         "shared": shared,
@@ -238,14 +245,18 @@ def source_surface(space, name, constants, quadrature_degree=None):
             empty(0, np.int64), space.axisymmetric,
         )  # fmt: skip
     width = max(p["cells"].shape[1] for p in parts)
+    reduced = any(p["slope"] is not None for p in parts)
     first = 0
     for p in parts:
         p["facet"] = p["facet"] + first
         first += len(p["cells"])
         p["cells"] = padded(p["cells"], width)
         p["shape"], p["grad"] = _pad(p["shape"], width), _pad(p["grad"], width)
+        if reduced:
+            p["slope"] = p["grad"] if p["slope"] is None else _pad(p["slope"], width)
     shared = _joined([p.pop("shared") for p in parts], [p["cells"].shape for p in parts], d)
-    joined = {key: np.ascontiguousarray(np.concatenate([p[key] for p in parts])) for key in parts[0]}
+    keys = [key for key in parts[0] if reduced or key != "slope"]
+    joined = {key: np.ascontiguousarray(np.concatenate([p[key] for p in parts])) for key in keys}
     # a cell's energy bounds the traction on all its facets of the surface together
     _, place, count = np.unique(joined["facet_ids"] // FACETS, return_inverse=True, return_counts=True)
     joined["trace"] *= count[place]

@@ -9,7 +9,8 @@ traction. The residual is continuous at yield with the first; with the second th
 the stress.
 
 Extrapolation is by the polynomials that the cell's points determine: constants for simplices of degree 1, linear
-functions for those of degree 2, products of degree k for tensor cells of degree k.
+functions for those of degree 2, products of degree k for tensor cells of degree k, of
+linear ones with reduced integration.
 """
 
 from dataclasses import dataclass
@@ -59,7 +60,9 @@ def extrapolation(cell, degree, points, xi):
     xi : ndarray (np, d)
         Other points there.
     """
-    order = degree if CELLS[cell].is_tensor else degree - 1
+    order = degree - 1
+    if CELLS[cell].is_tensor:
+        order = min(degree, round(len(points) ** (1.0 / points.shape[1])) - 1)
     return _monomials(cell, order, xi) @ np.linalg.pinv(_monomials(cell, order, points))
 
 
