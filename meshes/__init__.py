@@ -17,13 +17,13 @@ from .hertz import ball_on_block, cylinder_on_block, cylinders, two_balls
 from .indent import indent
 from .ironing import ironing, ironing_slab
 from .layer import layer_on_base
-from .punch import punch
+from .punch import punch, rounded_punch
 from .rings import rings
 from .seal import seal
 from .shells import shells, tubes
 from .spring import c_strip, spring
 from .thick_cylinder import cylinder_strip, thick_cylinder
-from .turning import hemisphere_on_cube, pad_on_ring
+from .turning import disk, hemisphere_on_cube, pad_on_ring
 
 GENERATORS = {
     function.__name__: function
@@ -52,10 +52,12 @@ GENERATORS = {
         heap,
         layer_on_base,
         punch,
+        rounded_punch,
         shells,
         tubes,
         hemisphere_on_cube,
         pad_on_ring,
+        disk,
         seal,
     )
 }

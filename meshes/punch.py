@@ -1,4 +1,4 @@
-"""A flat punch with sharp corners on a block: half of it, in the plane."""
+"""Punches on blocks: half of a flat one with sharp corners in the plane, the meridian of one whose edge is rounded."""
 
 from __future__ import annotations
 
@@ -61,4 +61,71 @@ def punch(
         gmsh.option.setNumber("Mesh.MeshSizeFromPoints", 1)
         gmsh.option.setNumber("Mesh.MeshSizeExtendFromBoundary", 1)
         unstructured("triangle")
+        return finish(path, 2, order)
+
+
+def rounded_punch(
+    path: str | Path,
+    h: float = 5.0,
+    order: int = 1,
+    cell: str = "triangle",
+    *,
+    radius: float = 50.0,
+    fillet: float = 10.0,
+    height: float = 100.0,
+    width: float = 100.0,
+    depth: float = 200.0,
+    edge: float = 0.1,
+) -> Path:
+    """A cylindrical punch whose lower edge is rounded on a cylindrical block: their meridian sections, x the radius.
+
+    The flat part of the punch, up to radius - fillet, touches the block on y = 0.
+
+    Groups: punch, block; punch_skin (flat face and fillet), punch_top, punch_side; block_top, block_bottom, block_side;
+    axis (x = 0, both); points punch_centre, block_centre (the origin).
+
+    Parameters
+    ----------
+    path : file to write
+    h : element size far from the end of the flat face
+    order : 1 or 2, degree of the geometry
+    cell : triangle or quadrilateral
+    radius, fillet, height : of the punch
+    width, depth : radius and depth of the block
+    edge : size at the end of the flat face in units of h
+    """
+    check_cell("rounded_punch", cell, 2, order)
+    flat = radius - fillet
+    if not 0.0 < fillet < radius < width or min(height - fillet, depth, h, edge) <= 0.0:
+        raise ValueError(f"mesh 'rounded_punch': radius {radius}, fillet {fillet}, width {width}; expected 0 < fillet "
+                         "< radius < width, and a height above the fillet")  # fmt: skip
+    with gmsh_model("rounded_punch"):
+        geo = gmsh.model.geo
+        fine, middle = edge * h, 0.5 * h
+        corners = [geo.addPoint(*x, 0.0, size) for x, size in (
+            ((0.0, 0.0), middle), ((flat, 0.0), fine), ((radius, fillet), h), ((radius, height), h), ((0.0, height), h)
+        )]  # fmt: skip
+        centre = geo.addPoint(flat, fillet, 0.0, h)
+        lines = [geo.addLine(corners[0], corners[1]), geo.addCircleArc(corners[1], centre, corners[2])]
+        lines += [geo.addLine(a, b) for a, b in zip(corners[2:], [*corners[3:], corners[0]], strict=True)]
+        upper = geo.addPlaneSurface([geo.addCurveLoop(lines)])
+        corners_below = [geo.addPoint(*x, 0.0, size) for x, size in (
+            ((0.0, -depth), h), ((width, -depth), h), ((width, 0.0), h), ((flat, 0.0), 1.3 * fine), ((0.0, 0.0), middle)
+        )]  # fmt: skip
+        below = [geo.addLine(a, b) for a, b in zip(corners_below, corners_below[1:] + corners_below[:1], strict=True)]
+        lower = geo.addPlaneSurface([geo.addCurveLoop(below)])
+        geo.synchronize()
+        for name, bodies in (("punch", [upper]), ("block", [lower])):
+            group(2, name, bodies)
+        for name, curves in (
+            ("punch_skin", lines[:2]), ("punch_side", [lines[2]]), ("punch_top", [lines[3]]),
+            ("block_bottom", [below[0]]), ("block_side", [below[1]]), ("block_top", below[2:4]),
+            ("axis", [lines[4], below[4]]),
+        ):  # fmt: skip
+            group(1, name, curves)
+        for name, point in (("punch_centre", corners[0]), ("block_centre", corners_below[4])):
+            group(0, name, [point])
+        gmsh.option.setNumber("Mesh.MeshSizeFromPoints", 1)
+        gmsh.option.setNumber("Mesh.MeshSizeExtendFromBoundary", 1)
+        unstructured(cell)
         return finish(path, 2, order)

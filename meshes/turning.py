@@ -1,4 +1,4 @@
-"""Bodies that are turned on each other: a hollow hemisphere on a cube, a square pad on a ring."""
+"""Bodies that are turned on each other: a hollow hemisphere on a cube, a square pad on a ring, a disk."""
 
 from __future__ import annotations
 
@@ -135,3 +135,39 @@ def pad_on_ring(
         )  # fmt: skip
         block = name_boundary(block, "pad_sides", pad_bottom=near(2, 0.0), pad_top=near(2, height))
         return _write(path, {"ring": ring, "pad": block})
+
+
+def disk(
+    path: str | Path, n: int = 4, order: int = 1, cell: str = "hexahedron", *, radius: float = 1.0,
+    thickness: float = 0.05,
+) -> Path:  # fmt: skip
+    """A disk around the z-axis, 0 <= z <= thickness, of one layer of cells.
+
+    Groups: disk; bottom, top, sides.
+
+    Parameters
+    ----------
+    path : file to write
+    n : cells along each side of the square in the middle, and from there to the edge; even
+    order : 1 or 2, degree of the geometry
+    cell : hexahedron
+    radius, thickness : of the disk
+    """
+    check_cell("disk", cell, 3, order)
+    if cell != "hexahedron" or n < 2 or n % 2 or min(radius, thickness) <= 0.0:
+        raise ValueError(f"mesh 'disk': {cell}, n {n}, radius {radius}, thickness {thickness}; expected hexahedra, an "
+                         "even n, a positive radius and thickness")  # fmt: skip
+    half, z = 0.5 * radius, _steps(0.0, thickness, 1, order)
+    with gmsh_model("disk"):
+        side, out = _steps(-1.0, 1.0, n, order), _steps(0.0, 1.0, n // 2, order)
+        x, y, level = np.meshgrid(half * side, half * side, z, indexing="ij")
+        patches = [lattice(np.stack([x, y, level], axis=-1), order, cell)]
+        s, t, level = np.meshgrid(out, side, z, indexing="ij")
+        # from a side of the square to a quarter of the edge
+        x = (1.0 - s) * half + s * radius * np.cos(0.5 * _RIGHT * t)
+        y = (1.0 - s) * half * t + s * radius * np.sin(0.5 * _RIGHT * t)
+        for k in range(4):
+            a, b = round(np.cos(k * _RIGHT)), round(np.sin(k * _RIGHT))
+            patches.append(lattice(np.stack([a * x - b * y, b * x + a * y, level], axis=-1), order, cell))
+        whole = name_boundary(join(patches), "sides", bottom=near(2, 0.0), top=near(2, thickness))
+        return _write(path, {"disk": whole})

@@ -133,6 +133,11 @@ CASES = [
         "hemisphere_skin hemisphere_inside hemisphere_top cube_top cube_bottom cube_sides",
     ),
     ("pad_on_ring", {"n": 2}, "ring pad", "ring_top ring_bottom ring_sides pad_bottom pad_top pad_sides"),
+    ("disk", {"n": 2}, "disk", "bottom top sides"),
+    (
+        "rounded_punch", {"h": 20.0}, "punch block",
+        "punch_skin punch_side punch_top block_bottom block_side block_top axis",
+    ),
     ("seal", {"n": (2, 12)}, "seal", "base outside inside symmetry"),
     ("seal", {"n": (2, 12), "cell": "triangle"}, "seal", "base outside inside symmetry"),
     ("cook", {"n": 4}, "panel", "left right bottom top"),
@@ -444,13 +449,14 @@ QUARTER = 0.25 * np.pi * (200.0**2 - 100.0**2)
         ("hemisphere_on_cube", {"n": 8}, "cube", 8.0),
         ("pad_on_ring", {}, "ring", 0.084 * np.pi),
         ("pad_on_ring", {}, "pad", 0.016),
+        ("disk", {"n": 8, "thickness": 0.1}, "disk", 0.1 * np.pi),
         ("seal", {}, "seal", 0.36 + 0.255 * np.pi),
     ],
 )
 @pytest.mark.parametrize("order", [1, 2])
 def test_areas_and_volumes(read, name, arguments, body, expected, order):
     # A round body loses a part of the order of the angle squared to straight sides, of the fourth power to parabolas.
-    flat = body not in ("ball", "hemisphere", "ring", "seal") and name != "thick_cylinder"
+    flat = body not in ("ball", "disk", "hemisphere", "ring", "seal") and name != "thick_cylinder"
     tolerance = 1e-12 if flat else {1: 0.06, 2: 1e-3}[order]
     assert measure(read(name, order, **arguments), body, order) == pytest.approx(expected, rel=tolerance)
 
@@ -477,6 +483,7 @@ def test_thick_cylinder_is_graded_and_round(read):
         ("indent", {"dim": 3, "h": 0.25}, "side_x", (-1, 0, 0)),
         ("hemisphere_on_cube", {"n": 4}, "hemisphere_top", (0, 0, 1)),
         ("pad_on_ring", {"n": 2}, "pad_bottom", (0, 0, -1)),
+        ("disk", {"n": 2}, "bottom", (0, 0, -1)),
         ("seal", {"n": (2, 12)}, "base", (0, -1, 0)),
     ],
 )
