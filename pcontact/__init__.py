@@ -13,9 +13,14 @@ from importlib import import_module
 __version__ = "0.1.0"
 
 _API, _ERRORS = "pcontact.api", "pcontact.runtime.errors"
+_NAMES = (
+    "Body", "Contact", "ContactResult", "Coupling", "Displacement", "Fields", "Load", "Material", "MeshSpec",
+    "Obstacle", "Output", "Phase", "Picture", "Pretension", "Run", "Scene", "Spring", "Step", "Steps", "Study",
+    "Temperature", "from_dict", "load", "mesh_from", "read", "run", "study",
+)  # fmt: skip
 # where the names of the Python API are at home
 _HOMES = {
-    **dict.fromkeys(("read", "from_dict", "run", "Run", "Step", "Fields", "Scene"), _API),
+    **dict.fromkeys(_NAMES, _API),
     **dict.fromkeys(("InputError", "OutputError", "NotConverged"), _ERRORS),
 }
 

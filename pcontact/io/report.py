@@ -8,6 +8,9 @@ import numpy as np
 
 from pcontact.runtime.files import going_on, make_directory, replace_file
 
+# of report.json: one more where a key changes its meaning or goes; keys may come without that
+FORMAT = 1
+
 
 def jsonable(value):
     """The same in plain JSON types. A number that is not finite becomes None: JSON has no word for it.
@@ -48,14 +51,14 @@ class Report:
     Attributes
     ----------
     data : dict
-        What the file will hold: title, version, ranks, dofs, cells, converged, model (active, left_out),
+        What the file will hold: format, title, version, ranks, dofs, cells, converged, model (active, left_out),
         steps, timing, parallel, memory. Free to be added to; numpy types are converted when it is written.
     """
 
     def __init__(self, path, resume_time=None):
         self.path, self._begun = None if path is None else Path(path), False
         self.data = {
-            "title": "", "version": "", "ranks": 1, "dofs": 0, "cells": 0, "converged": False,
+            "format": FORMAT, "title": "", "version": "", "ranks": 1, "dofs": 0, "cells": 0, "converged": False,
             "model": {"active": [], "left_out": []}, "steps": [], "timing": {}, "parallel": {}, "memory": {},
         }  # fmt: skip
         if resume_time is not None and self.path is not None and self.path.exists():

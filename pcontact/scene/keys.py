@@ -8,9 +8,12 @@ tables of docs/scene.md (``scripts/reference.py``).
 import dataclasses
 from dataclasses import MISSING, dataclass
 from functools import cache
+from typing import Any, TypeVar, dataclass_transform
 
 from pcontact.runtime.declared import Option
 from pcontact.runtime.rules import Rule, optional
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -59,7 +62,7 @@ class Key:
 def key(
     rule: Rule, help: str, default: object = MISSING, unit: str = "", otherwise: str = "", resolved: bool = False,
     **more,
-) -> dataclasses.Field:
+) -> Any:
     """The field of a table for a key; parameters as for :class:`Key`. None is allowed where it is the default."""
     checked = optional(rule) if default is None or resolved else rule
     declared = Key(checked, help, default, unit, otherwise, resolved=resolved, **more)
@@ -80,7 +83,8 @@ def options(cls: type) -> dict[str, Option]:
     }  # fmt: skip
 
 
-def table(cls: type) -> type:
+@dataclass_transform(field_specifiers=(key, dataclasses.field))
+def table(cls: type[T]) -> type[T]:
     """Class decorator: the dataclass of a table, whose docstring lists its keys."""
     cls = dataclass(cls)
     lines = [f"{name} : {one.rule.allowed}\n        {one.text}" for name, one in keys(cls).items()]

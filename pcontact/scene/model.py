@@ -73,13 +73,13 @@ REGION = "name of a group of"
 def phases(what: str):
     """The key for the phases in which something acts."""
     names = sequence("a list of names of phases", TEXT)
-    return key(names, f"phases in which {what}", None, otherwise="all", more="see [phases.md](phases.md)")
+    return key(names, f"phases in which {what}", default=None, otherwise="all", more="see [phases.md](phases.md)")
 
 
 def amplitude(what: str = "factor of the value", timed: bool = False):
     """The key for how a value goes over the time of the run; `timed`: of what may have expressions."""
     more = "; 1 where an expression has `t`" if timed else ""
-    return key(AMPLITUDE, f"{what} over the time", None, otherwise=f"a ramp from 0 to 1 over the run{more}")
+    return key(AMPLITUDE, f"{what} over the time", default=None, otherwise=f"a ramp from 0 to 1 over the run{more}")
 
 
 @table
@@ -92,17 +92,18 @@ class MeshSpec:
         "together, see [mesh.md](mesh.md)",
     )  # fmt: skip
     order: int | None = key(
-        integer(1, 2), "degree of the displacement", None, otherwise="1, or what `accuracy` chooses",
+        integer(1, 2), "degree of the displacement", default=None, otherwise="1, or what `accuracy` chooses",
         option="mesh_order",
         more="A mesh of degree 2 keeps its curved cells with either; 2 with a converted mesh needs `pcontact convert "
         "--order 2`",
     )  # fmt: skip
     kinematics: str = key(
         choice("plane_strain", "plane_stress", "axisymmetric"), "plane meshes only: what happens across the plane",
-        "plane_strain", more="see below; axisymmetric: x is the radius, y the axis",
+        default="plane_strain", more="see below; axisymmetric: x is the radius, y the axis",
     )  # fmt: skip
     mean_dilatation: bool | None = key(
-        BOOLEAN, "cells take their mean volume change (B-bar), the cure for locking", None, otherwise="automatic",
+        BOOLEAN, "cells take their mean volume change (B-bar), the cure for locking",
+        default=None, otherwise="automatic",
         more="its mean in quadrilaterals and hexahedra of degree 1 and in triangles and tetrahedra of degree 2, its "
         "best linear function in quadrilaterals and hexahedra of degree 2. Automatic: quadrilaterals and hexahedra "
         f"in bodies with nu > {LOCKING:g} (those of degree 1 also where bodies may yield), triangles and tetrahedra of "
@@ -110,12 +111,12 @@ class MeshSpec:
         "no mean other than what they have",
     )  # fmt: skip
     serendipity: bool = key(
-        BOOLEAN, "with a displacement of degree 2: quadrilaterals and hexahedra with 8 and 20 nodes", False,
+        BOOLEAN, "with a displacement of degree 2: quadrilaterals and hexahedra with 8 and 20 nodes", default=False,
         more="without those in the middles of faces and cells, as other programs have them; see "
         "[mesh.md](mesh.md)",
     )  # fmt: skip
     strain: str = key(
-        choice("small", "finite"), "strain of the bodies that do not say it themselves", "small",
+        choice("small", "finite"), "strain of the bodies that do not say it themselves", default="small",
         more="see [finite_strain.md](finite_strain.md)",
     )  # fmt: skip
 
@@ -130,43 +131,46 @@ class Material:
         "Poisson's ratio",
     )  # fmt: skip
     yield_stress: float | None = key(
-        POSITIVE, "yield stress of a uniaxial test: the material yields (von Mises)", None, "stress",
-        "elastic, or see `hardening_curve`",
+        POSITIVE, "yield stress of a uniaxial test: the material yields (von Mises)", default=None, unit="stress",
+        otherwise="elastic, or see `hardening_curve`",
         more="With finite strain it is a Kirchhoff stress, over the logarithmic plastic strain",
     )  # fmt: skip
     hardening: float = key(
-        NON_NEGATIVE, "with `yield_stress`: isotropic, d(yield stress) / d(equivalent plastic strain)", 0.0, "stress"
+        NON_NEGATIVE, "with `yield_stress`: isotropic, d(yield stress) / d(equivalent plastic strain)",
+        default=0.0, unit="stress"
     )
     kinematic_hardening: float = key(
-        NON_NEGATIVE, "Prager: d(uniaxial back stress) / d(equivalent plastic strain)", 0.0, "stress"
+        NON_NEGATIVE, "Prager: d(uniaxial back stress) / d(equivalent plastic strain)", default=0.0, unit="stress"
     )
     hardening_curve: Table | None = key(
         HARDENING_CURVE, "instead of `yield_stress` and `hardening`: yield stress over the equivalent plastic strain",
-        None, "stress", "none", more="linear between the points, constant beyond the last",
+        default=None, unit="stress", otherwise="none", more="linear between the points, constant beyond the last",
     )  # fmt: skip
     law: str = key(
-        choice("hencky", "neo_hooke", "mooney_rivlin", "ogden"), "with finite strain: elasticity", "hencky",
+        choice("hencky", "neo_hooke", "mooney_rivlin", "ogden"), "with finite strain: elasticity", default="hencky",
         more="`hencky`: Hooke's law of logarithmic strain; the others are rubber, see "
         "[finite_strain.md](finite_strain.md). `E` and `nu` are those of small strain with all of them",
     )  # fmt: skip
     mooney_rivlin: Sequence[float] | None = key(
-        MOONEY_RIVLIN, "with `law = \"mooney_rivlin\"`: c10 and c01", None, "stress", "none",
+        MOONEY_RIVLIN, "with `law = \"mooney_rivlin\"`: c10 and c01", default=None, unit="stress", otherwise="none",
         more="`E` must be 4 (1 + nu) (c10 + c01)",
     )  # fmt: skip
     ogden: Table | None = key(
-        OGDEN, "with `law = \"ogden\"`: mu [stress] and alpha of every term", None, otherwise="none",
+        OGDEN, "with `law = \"ogden\"`: mu [stress] and alpha of every term", default=None, otherwise="none",
         more="`E` must be (1 + nu) sum(mu alpha)",
     )  # fmt: skip
     split: str | None = key(
-        choice("multiplicative", "additive"), "with finite strain: of elastic and plastic strain", None,
+        choice("multiplicative", "additive"), "with finite strain: of elastic and plastic strain", default=None,
         otherwise="multiplicative, with `kinematic_hardening` additive",
         more="Additive is right for plastic strains up to some 0.3, and the only one with kinematic hardening",
     )  # fmt: skip
     expansion: float | None = key(
-        number(), "thermal expansion, for `[[temperatures]]`", None, "1 / temperature", "0", more="with small strain"
+        number(), "thermal expansion, for `[[temperatures]]`",
+        default=None, unit="1 / temperature", otherwise="0", more="with small strain"
     )
     density: float | None = key(
-        POSITIVE, "mass per volume, for `acceleration` and `angular_speed` of loads", None, "mass / length^3", "none"
+        POSITIVE, "mass per volume, for `acceleration` and `angular_speed` of loads",
+        default=None, unit="mass / length^3", otherwise="none"
     )
 
     @property
@@ -197,7 +201,7 @@ class Body:
     region: str = key(TEXT, f"{REGION} cells")
     material: str = key(TEXT, "name of a material")
     strain: str | None = key(
-        choice("small", "finite"), "small strain, or any", None, otherwise="that of `[mesh]`",
+        choice("small", "finite"), "small strain, or any", default=None, otherwise="that of `[mesh]`",
         more="see [finite_strain.md](finite_strain.md)",
     )  # fmt: skip
     integration: str = key(
@@ -214,39 +218,42 @@ class Obstacle:
         choice("plane", "sphere", "cylinder", "level_set"),
         "shape; a sphere in the plane is a circle, a cylinder is for space only",
     )  # fmt: skip
-    point: Sequence[float] | None = key(VECTOR, "plane: a point of it; cylinder: a point of its axis", None, "length")
-    normal: Sequence[float] | None = key(DIRECTION, "plane: normal into the free space, of any length", None)
-    center: Sequence[float] | None = key(VECTOR, "sphere: its centre", None, "length")
-    axis: Sequence[float] | None = key(DIRECTION, "cylinder: direction of its axis, of any length", None)
-    radius: float | None = key(POSITIVE, "sphere and cylinder", None, "length")
-    inside: bool = key(BOOLEAN, "sphere and cylinder: the free space is inside", False)
+    point: Sequence[float] | None = key(
+        VECTOR, "plane: a point of it; cylinder: a point of its axis", default=None, unit="length",
+    )  # fmt: skip
+    normal: Sequence[float] | None = key(DIRECTION, "plane: normal into the free space, of any length", default=None)
+    center: Sequence[float] | None = key(VECTOR, "sphere: its centre", default=None, unit="length")
+    axis: Sequence[float] | None = key(DIRECTION, "cylinder: direction of its axis, of any length", default=None)
+    radius: float | None = key(POSITIVE, "sphere and cylinder", default=None, unit="length")
+    inside: bool = key(BOOLEAN, "sphere and cylinder: the free space is inside", default=False)
     function: Function | None = key(
-        FUNCTION, "level set: instead of `expression` a program, beside the scene", None,
+        FUNCTION, "level set: instead of `expression` a program, beside the scene", default=None,
         more="[running.md](running.md) says when; `function(x, t)` is the signed distance (n,) of points x (n, d) at "
         "time t, positive in the free space",
     )  # fmt: skip
     gradient: Function | None = key(
-        FUNCTION, "level set: gradient of `function`", None, otherwise="left to the program",
+        FUNCTION, "level set: gradient of `function`", default=None, otherwise="left to the program",
         more="`gradient(x, t)` is (n, d)",
     )  # fmt: skip
     expression: str | None = key(
-        EXPRESSION, "level set: signed distance, positive in the free space", None,
+        EXPRESSION, "level set: signed distance, positive in the free space", default=None,
         more='an expression of `x`, `y`, `z` and the time `t`, such as `"sqrt(x**2 + y**2) - 1 + 0.1*t"`, see below',
     )  # fmt: skip
     displacement: Sequence[float] | None = key(
-        VECTOR, "translation at factor 1", None, "length", "it stands still"
+        VECTOR, "translation at factor 1", default=None, unit="length", otherwise="it stands still"
     )
     amplitude: Table | None = amplitude("factor of `displacement` and `angle`")
     angle: float | None = key(
-        number(), "it turns by this angle at factor 1", None, "degrees", "none",
+        number(), "it turns by this angle at factor 1", default=None, unit="degrees", otherwise="none",
         more="see below. Positive: counterclockwise, seen from where `turn_axis` points to",
     )  # fmt: skip
     pivot: Sequence[float] | None = key(
-        VECTOR, "with `angle`: a point of the axis that it turns about; in the plane the centre", None, "length",
-        "`point` or `center`; of a level set it must be said",
+        VECTOR, "with `angle`: a point of the axis that it turns about; in the plane the centre",
+        default=None, unit="length",
+        otherwise="`point` or `center`; of a level set it must be said",
     )  # fmt: skip
     turn_axis: Sequence[float] | None = key(
-        DIRECTION, "with `angle`, in space: direction of the axis that it turns about, of any length", None,
+        DIRECTION, "with `angle`, in space: direction of the axis that it turns about, of any length", default=None,
         otherwise="of a cylinder its `axis`; else it must be said",
     )  # fmt: skip
 
@@ -270,95 +277,104 @@ class Contact:
     """
 
     source: str | None = key(
-        TEXT, f"{REGION} facets on the boundary of a body: the integrals are taken here", None,
+        TEXT, f"{REGION} facets on the boundary of a body: the integrals are taken here", default=None,
         otherwise="must be said, unless `all`",
     )  # fmt: skip
     target: str | None = key(
-        TEXT, f"{REGION} facets: the points are projected here", None, otherwise="must be said, or `obstacle`",
+        TEXT, f"{REGION} facets: the points are projected here", default=None, otherwise="must be said, or `obstacle`",
         more="Bodies in contact do not share nodes. The same group as `source`: self contact, see below",
     )  # fmt: skip
     obstacle: Obstacle | None = field(default=None, metadata={"table": Obstacle})
-    name: str | None = key(TEXT, "name of the contact, unique", None, otherwise="source-target; of `all`: `all`")
-    friction: float | None = key(NON_NEGATIVE, "Coulomb's coefficient", None, otherwise="0")
+    name: str | None = key(
+        TEXT, "name of the contact, unique", default=None, otherwise="source-target; of `all`: `all`",
+    )  # fmt: skip
+    friction: float | None = key(NON_NEGATIVE, "Coulomb's coefficient", default=None, otherwise="0")
     tresca: float | None = key(
-        NON_NEGATIVE, "instead of `friction`: a fixed bound of the tangential traction, on the whole surface", None,
-        "stress", "none",
+        NON_NEGATIVE, "instead of `friction`: a fixed bound of the tangential traction, on the whole surface",
+        default=None,
+        unit="stress", otherwise="none",
     )  # fmt: skip
     friction_limit: float | None = key(
-        POSITIVE, "with `friction`: the tangential traction is never larger", None, "stress", "none"
+        POSITIVE, "with `friction`: the tangential traction is never larger",
+        default=None, unit="stress", otherwise="none"
     )
     adhesion: float | None = key(
-        NON_NEGATIVE, "with `friction`: tangential traction that closed points bear without pressure", None, "stress",
-        "0",
+        NON_NEGATIVE, "with `friction`: tangential traction that closed points bear without pressure",
+        default=None, unit="stress",
+        otherwise="0",
     )  # fmt: skip
     law: str | None = key(
-        TEXT, "instead of `friction` and `tresca`: the name of a law of friction that a Python program has added", None,
+        TEXT, "instead of `friction` and `tresca`: the name of a law of friction that a Python program has added",
+        default=None,
         otherwise="none", more="`friction`, `friction_limit` and `adhesion` may be numbers of it; see "
         "[extending.md](extending.md)",
     )  # fmt: skip
     bilateral: bool = key(
-        BOOLEAN, "no separation: the gap is closed, and stays so, in tension too", False,
+        BOOLEAN, "no separation: the gap is closed, and stays so, in tension too", default=False,
         more="Places of the source that jut out over the border of the target are free",
     )  # fmt: skip
     unbiased: bool = key(
-        BOOLEAN, "both surfaces are source and target", False, more="see below. Self contact always is"
+        BOOLEAN, "both surfaces are source and target", default=False, more="see below. Self contact always is"
     )
     all: bool = key(
-        BOOLEAN, "instead of `source` and `target`: every body against every other one", False,
+        BOOLEAN, "instead of `source` and `target`: every body against every other one", default=False,
         more="see below. With `obstacle`, instead of `source`: every body against the obstacle",
     )  # fmt: skip
     self_contact: bool | None = key(
-        BOOLEAN, "whether a body is its own partner, too", None,
+        BOOLEAN, "whether a body is its own partner, too", default=None,
         otherwise="of `all`: false, of a surface with itself: true",
     )  # fmt: skip
-    tied: bool = key(BOOLEAN, "the surfaces are glued together as they are", False, more="see below")
+    tied: bool = key(BOOLEAN, "the surfaces are glued together as they are", default=False, more="see below")
     formulation: str | None = key(
-        choice("nitsche", "penalty", "augmented_lagrangian"), "formulation of the contact conditions", "nitsche",
+        choice("nitsche", "penalty", "augmented_lagrangian"), "formulation of the contact conditions",
+        default="nitsche",
         option="contact_formulation", resolved=True, more="see below; pairs of one scene may differ",
     )  # fmt: skip
     theta: float | None = key(
         one_of(1, 0, -1), "variant of Nitsche's method: 1 (symmetric), 0 (fewest terms), -1 (stable for every gamma0)",
-        0.0, option="contact_theta", resolved=True,
+        default=0.0, option="contact_theta", resolved=True,
     )  # fmt: skip
     gamma0: float | None = key(
-        POSITIVE, "dimensionless parameter of the formulation; larger: stiffer contact", None,
+        POSITIVE, "dimensionless parameter of the formulation; larger: stiffer contact", default=None,
         otherwise="2, 1, 1 for theta 1, 0, -1 (unbiased: half); penalty 3, augmented Lagrangian 1",
         option="contact_gamma0", resolved=True,
     )  # fmt: skip
     alpha: float | None = key(
-        POSITIVE, "with friction: parameter of the tangential terms over that of the normal ones", 1.0,
+        POSITIVE, "with friction: parameter of the tangential terms over that of the normal ones", default=1.0,
         option="contact_alpha", resolved=True,
     )  # fmt: skip
     adjoint: str | None = key(
         choice("elastic", "consistent"), "with theta = 1 or -1, where source cells yield: operator of the adjoint term",
-        "elastic", option="contact_adjoint", resolved=True,
+        default="elastic", option="contact_adjoint", resolved=True,
         more="that of elasticity, or `consistent` with the traction's derivative",
     )  # fmt: skip
     quadrature: int | None = key(
-        integer(1, 20), "degree of the quadrature on source facets", None, otherwise="from the element",
+        integer(1, 20), "degree of the quadrature on source facets", default=None, otherwise="from the element",
         option="contact_quadrature", resolved=True,
     )  # fmt: skip
     cut: bool | None = key(
-        BOOLEAN, "whether source facets are cut along the edges of the target", None, otherwise="from the element",
+        BOOLEAN, "whether source facets are cut along the edges of the target",
+        default=None, otherwise="from the element",
         option="contact_cut", resolved=True, more="see below",
     )  # fmt: skip
     search: str | None = key(
-        choice("closest_point", "ray_tracing"), "how a source point finds its partner", "closest_point",
+        choice("closest_point", "ray_tracing"), "how a source point finds its partner", default="closest_point",
         option="contact_search", resolved=True, more="`ray_tracing`: along the normal of the source",
     )  # fmt: skip
     search_radius: float | None = key(
-        POSITIVE, "largest distance at which a partner is looked for", None, "length", "from the surfaces",
+        POSITIVE, "largest distance at which a partner is looked for",
+        default=None, unit="length", otherwise="from the surfaces",
         resolved=True,
         more="From the surfaces: 0.15 of the extent of the smaller surface (half of it where a body is not held); "
         "`all`: 0.15 of the extent of the smallest body; `tied`: the largest facet. The extent is the length of a "
         "straight line that is as wide spread, such as the diagonal of a square: it does not depend on directions",
     )  # fmt: skip
     interference: str | None = key(
-        choice("resolve", "adjust"), "what an initial overlap means", "resolve", resolved=True,
+        choice("resolve", "adjust"), "what an initial overlap means", default="resolve", resolved=True,
         more="it is pushed apart (`resolve`: a shrink fit), or taken as the unloaded state (`adjust`)",
     )  # fmt: skip
     smooth_geometry: bool | None = key(
-        BOOLEAN, "gaps are those of the smooth surfaces that straight facets stand for", False,
+        BOOLEAN, "gaps are those of the smooth surfaces that straight facets stand for", default=False,
         option="contact_smooth_geometry", resolved=True, more="for meshes of degree 1, see below",
     )  # fmt: skip
     phases: Sequence[str] | None = phases("it acts")
@@ -393,14 +409,16 @@ class Displacement:
     )  # fmt: skip
     amplitude: Table | None = amplitude("factor of `value` and `angle`", True)
     angle: float | None = key(
-        number(), "the group turns by this angle, as a rigid body", None, "degrees", "none",
+        number(), "the group turns by this angle, as a rigid body", default=None, unit="degrees", otherwise="none",
         more="see below. Positive: counterclockwise, seen from where `axis` points to",
     )  # fmt: skip
     point: Sequence[float] | None = key(
-        VECTOR, "with `angle`: a point of the axis; in the plane the centre", None, "length", "must be said"
+        VECTOR, "with `angle`: a point of the axis; in the plane the centre",
+        default=None, unit="length", otherwise="must be said"
     )
     axis: Sequence[float] | None = key(
-        DIRECTION, "with `angle`, in space: direction of the axis, of any length", None, otherwise="must be said"
+        DIRECTION, "with `angle`, in space: direction of the axis, of any length",
+        default=None, otherwise="must be said"
     )
     phases: Sequence[str] | None = phases("it holds")
 
@@ -415,51 +433,57 @@ class Load:
     """Pressure or traction on facets, forces in cells, or a total force and moment on any group."""
 
     region: str | None = key(
-        TEXT, f"{REGION} facets (`pressure`, `traction`), of any kind (`force`, `moment`), or of cells", None,
+        TEXT, f"{REGION} facets (`pressure`, `traction`), of any kind (`force`, `moment`), or of cells", default=None,
         otherwise="must be said, unless `at`",
     )  # fmt: skip
     pressure: float | str | None = key(
-        SCALAR, "positive in compression", None, "stress", more="Exactly one must be said: of this, "
+        SCALAR, "positive in compression", default=None, unit="stress", more="Exactly one must be said: of this, "
         "`traction`, `body_force`, `acceleration`, `angular_speed`, or `force` and `moment`"
     )
-    traction: Sequence[float | str] | None = key(VECTORS, "force per area", None, "stress")
-    body_force: Sequence[float | str] | None = key(VECTORS, "force per volume", None, "stress / length")
+    traction: Sequence[float | str] | None = key(VECTORS, "force per area", default=None, unit="stress")
+    body_force: Sequence[float | str] | None = key(VECTORS, "force per volume", default=None, unit="stress / length")
     amplitude: Table | None = amplitude(timed=True)
     follower: bool = key(
-        BOOLEAN, "with `pressure`: it acts on the deformed surface, along its normal there", False,
+        BOOLEAN, "with `pressure`: it acts on the deformed surface, along its normal there", default=False,
         more="see below. Otherwise forces are those of the undeformed surface, whatever becomes of it",
     )  # fmt: skip
     force: Sequence[float] | None = key(
-        VECTOR, "total force on the group, spread evenly, or at a node, see `at`", None, "force", more="see below"
+        VECTOR, "total force on the group, spread evenly, or at a node, see `at`",
+        default=None, unit="force", more="see below"
     )
     moment: float | Sequence[float] | None = key(
-        MOMENT, "total moment on the group, about its centroid", None, "force length",
+        MOMENT, "total moment on the group, about its centroid", default=None, unit="force length",
         more="with `force` or alone; see below",
     )  # fmt: skip
     point: Sequence[float] | None = key(
         VECTOR, "with `force` or `moment`: where the force acts, and of what point the report says displacement and "
-        "rotation; with `angular_speed`: a point of the axis", None, "length", "the centroid of the group",
+        "rotation; with `angular_speed`: a point of the axis",
+        default=None, unit="length", otherwise="the centroid of the group",
     )  # fmt: skip
     at: Sequence[float] | None = key(
-        VECTOR, "with `force`: it acts at the node that is nearest to this place, of the group or of the mesh", None,
-        "length", "on the whole group",
+        VECTOR, "with `force`: it acts at the node that is nearest to this place, of the group or of the mesh",
+        default=None,
+        unit="length", otherwise="on the whole group",
     )  # fmt: skip
     within: float | None = key(
-        POSITIVE, "with `at`: how far the node may be from there", None, "length", "1e-6 of the size of the mesh"
+        POSITIVE, "with `at`: how far the node may be from there",
+        default=None, unit="length", otherwise="1e-6 of the size of the mesh"
     )
     acceleration: Sequence[float | str] | None = key(
-        VECTORS, "force per mass, such as that of gravity, times the `density` of the bodies", None, "length / time^2"
+        VECTORS, "force per mass, such as that of gravity, times the `density` of the bodies",
+        default=None, unit="length / time^2"
     )
     angular_speed: float | None = key(
-        number(), "the centrifugal force of bodies that turn about an axis, seen by who turns with them", None,
-        "radian / time", more="The amplitude is a factor of the speed, the force goes with its square; see below",
+        number(), "the centrifugal force of bodies that turn about an axis, seen by who turns with them", default=None,
+        unit="radian / time", more="The amplitude is a factor of the speed, the force goes with its square; see below",
     )  # fmt: skip
     axis: Sequence[float] | None = key(
-        DIRECTION, "with `angular_speed`, in space: direction of the axis through `point`, of any length", None,
+        DIRECTION, "with `angular_speed`, in space: direction of the axis through `point`, of any length", default=None,
         otherwise="must be said",
     )  # fmt: skip
     name: str | None = key(
-        TEXT, "with `force` or `moment`: its name in report and history, unique", None, otherwise="that of the group"
+        TEXT, "with `force` or `moment`: its name in report and history, unique",
+        default=None, otherwise="that of the group"
     )
     phases: Sequence[str] | None = phases("it acts")
 
@@ -475,16 +499,17 @@ class Coupling:
 
     region: str = key(TEXT, f"{REGION} facets, cells, edges or vertices, not in a line")
     point: Sequence[float] | None = key(
-        VECTOR, "the reference point", None, "length", "the mean place of the nodes of the group"
+        VECTOR, "the reference point", default=None, unit="length", otherwise="the mean place of the nodes of the group"
     )
     displacement: Sequence[float | str] | None = key(
-        WAYS, 'of the point: a number, or `"free"`, for each of the d directions', None, "length", "free"
+        WAYS, 'of the point: a number, or `"free"`, for each of the d directions',
+        default=None, unit="length", otherwise="free"
     )
     rotation: float | str | Sequence[float | str] | None = key(
-        ROTATION, "of the group, about the axes of the mesh", None, "radian", "free"
+        ROTATION, "of the group, about the axes of the mesh", default=None, unit="radian", otherwise="free"
     )
     amplitude: Table | None = amplitude("factor of `displacement` and `rotation`")
-    name: str | None = key(TEXT, "its name in report and history, unique", None, otherwise="that of the group")
+    name: str | None = key(TEXT, "its name in report and history, unique", default=None, otherwise="that of the group")
 
 
 @table
@@ -493,11 +518,14 @@ class Pretension:
 
     region: str = key(TEXT, f"{REGION} facets in a plane across a body, from one side of it to the other")
     force: float | None = key(
-        number(), "tension of the section", None, "force", more="Exactly one must be said: of this and `shortening`"
+        number(), "tension of the section",
+        default=None, unit="force", more="Exactly one must be said: of this and `shortening`"
     )
-    shortening: float | None = key(number(), "by which the sides are drawn into each other", None, "length")
+    shortening: float | None = key(
+        number(), "by which the sides are drawn into each other", default=None, unit="length",
+    )  # fmt: skip
     amplitude: Table | None = amplitude()
-    name: str | None = key(TEXT, "its name in report and history, unique", None, otherwise="that of the group")
+    name: str | None = key(TEXT, "its name in report and history, unique", default=None, otherwise="that of the group")
     phases: Sequence[str] | None = phases("it draws; in all others the sides stay as near as they are")
     # of a scene of one phase (`pcontact.scene.phases`): the sides stay
     locked: bool = False
@@ -510,8 +538,8 @@ class Temperature:
     value: float | str = key(
         SCALAR, "temperature, or an expression of the place in the undeformed mesh and the time", unit="temperature"
     )
-    region: str | None = key(TEXT, f"{REGION} cells", None, otherwise="all cells")
-    reference: float = key(number(), "temperature without thermal strain", 0.0, "temperature")
+    region: str | None = key(TEXT, f"{REGION} cells", default=None, otherwise="all cells")
+    reference: float = key(number(), "temperature without thermal strain", default=0.0, unit="temperature")
     amplitude: Table | None = amplitude("factor of the difference of `value` and `reference`", True)
 
 
@@ -521,13 +549,14 @@ class Spring:
 
     region: str = key(TEXT, f"{REGION} facets; with `stiffness` of any kind")
     per_area: float | Sequence[float] | None = key(
-        FOUNDATION, "stiffness per area of facets, along their undeformed normal or in each direction", None,
-        "stress / length", more="Exactly one of the two must be said",
+        FOUNDATION, "stiffness per area of facets, along their undeformed normal or in each direction", default=None,
+        unit="stress / length", more="Exactly one of the two must be said",
     )  # fmt: skip
     stiffness: Sequence[float] | None = key(
-        STIFFNESSES, "stiffness of the whole group in each direction, spread evenly", None, "force / length"
+        STIFFNESSES, "stiffness of the whole group in each direction, spread evenly",
+        default=None, unit="force / length"
     )
-    name: str | None = key(TEXT, "its name in report and history, unique", None, otherwise="that of the group")
+    name: str | None = key(TEXT, "its name in report and history, unique", default=None, otherwise="that of the group")
     phases: Sequence[str] | None = phases("they act")
 
 
@@ -536,15 +565,16 @@ class Phase:
     """A part of the run, with load steps of its own."""
 
     name: str = key(TEXT, "its name in report and history, unique")
-    duration: float = key(POSITIVE, "it takes so long; the run ends with the last phase", 1.0, "time")
+    duration: float = key(POSITIVE, "it takes so long; the run ends with the last phase", default=1.0, unit="time")
     count: int | None = key(
-        integer(1, 1_000_000), "equal load steps to start with", None, otherwise="`count` of `[steps]`"
+        integer(1, 1_000_000), "equal load steps to start with", default=None, otherwise="`count` of `[steps]`"
     )
     friction: Mapping[str, float] | None = key(
-        COEFFICIENTS, "Coulomb's coefficient of contacts in this phase, by their names", None, otherwise="their own",
+        COEFFICIENTS, "Coulomb's coefficient of contacts in this phase, by their names",
+        default=None, otherwise="their own",
     )  # fmt: skip
     tied: Sequence[str] = key(
-        sequence("a list of names of contacts", TEXT), "contacts whose closed points stay as they are", (),
+        sequence("a list of names of contacts", TEXT), "contacts whose closed points stay as they are", default=(),
         otherwise="none", more="see [phases.md](phases.md)",
     )  # fmt: skip
 
@@ -554,26 +584,30 @@ class Steps:
     """The run from time 0 to `end` in `count` equal steps to start with."""
 
     end: float = key(
-        POSITIVE, "time at the end of the run", 1.0, "time", more="not with `[[phases]]`, which have durations"
+        POSITIVE, "time at the end of the run",
+        default=1.0, unit="time", more="not with `[[phases]]`, which have durations"
     )
     count: int = key(
-        integer(1, 1_000_000), "equal load steps to start with", 1, option="steps_count",
+        integer(1, 1_000_000), "equal load steps to start with", default=1, option="steps_count",
         more="corners of amplitudes are met",
     )  # fmt: skip
     min_step: float | None = key(
-        POSITIVE, "smallest load step: a step that fails is halved down to this", None, "time", "end / count / 1024",
+        POSITIVE, "smallest load step: a step that fails is halved down to this",
+        default=None, unit="time", otherwise="end / count / 1024",
         option="steps_min",
     )  # fmt: skip
     control: str = key(
-        choice("fixed", "auto"), "how long load steps are", "fixed", option="steps_control",
+        choice("fixed", "auto"), "how long load steps are", default="fixed", option="steps_control",
         more="`fixed`: as planned, shorter only after one that failed; `auto`: begins so, and then makes the next one "
         "shorter where Newton's method took many iterations, and longer where it took few",
     )  # fmt: skip
     max_step: float | None = key(
-        POSITIVE, "with `control = \"auto\"`: longest load step", None, "time", "4 end / count", option="steps_max"
+        POSITIVE, "with `control = \"auto\"`: longest load step",
+        default=None, unit="time", otherwise="4 end / count", option="steps_max"
     )
     viscous_stabilisation: float | None = key(
-        POSITIVE, "viscosity that resists every motion, for bodies that snap", None, "stress time / length^2", "none",
+        POSITIVE, "viscosity that resists every motion, for bodies that snap",
+        default=None, unit="stress time / length^2", otherwise="none",
         option="steps_viscous_stabilisation",
         more="see below. The report has its work, which is to be small against that of the stresses",
     )  # fmt: skip
@@ -596,26 +630,28 @@ class Output:
     """What is written."""
 
     fields: bool = key(
-        BOOLEAN, "fields of every step", True, option="output_fields", more="for `pcontact view` and ParaView"
+        BOOLEAN, "fields of every step", default=True, option="output_fields", more="for `pcontact view` and ParaView"
     )
     checkpoint: bool = key(
-        BOOLEAN, "write `checkpoint.h5`, for `-restart DIR`", False, more="see [restart.md](restart.md)"
+        BOOLEAN, "write `checkpoint.h5`, for `-restart DIR`", default=False, more="see [restart.md](restart.md)"
     )
-    checkpoint_every: int = key(integer(1), "load steps between two checkpoints", 1, option="checkpoint_every")
+    checkpoint_every: int = key(integer(1), "load steps between two checkpoints", default=1, option="checkpoint_every")
     probes: Sequence[str] = key(
-        sequence("a list of names of groups", TEXT), "groups whose displacement is reported: mean, least, largest", (),
+        sequence("a list of names of groups", TEXT), "groups whose displacement is reported: mean, least, largest",
+        default=(),
         otherwise="none",
     )  # fmt: skip
     smooth: bool = key(
-        BOOLEAN, "with them the fields of the cells averaged at the nodes", False, option="output_smooth",
+        BOOLEAN, "with them the fields of the cells averaged at the nodes", default=False, option="output_smooth",
         more="stress, equivalent stress and equivalent plastic strain, in each body for itself, see below",
     )  # fmt: skip
     energy: bool = key(
         BOOLEAN, "works of loads, supports and obstacles, and what became of them, in the report and the history",
-        False, option="output_energy", more="see [results.md](results.md)",
+        default=False, option="output_energy", more="see [results.md](results.md)",
     )  # fmt: skip
     estimate: bool = key(
-        BOOLEAN, "estimate of the error of every step, in the report and the fields", False, option="output_estimate",
+        BOOLEAN, "estimate of the error of every step, in the report and the fields",
+        default=False, option="output_estimate",
         more="see [estimate.md](estimate.md)",
     )  # fmt: skip
 
@@ -653,16 +689,18 @@ class Scene:
     steps: Steps = field(default_factory=Steps)
     output: Output = field(default_factory=Output)
     petsc: dict[str, str] = field(default_factory=dict)
-    title: str = key(ANY_TEXT, "what the report and the pictures are called", "")
+    title: str = key(ANY_TEXT, "what the report and the pictures are called", default="")
     accuracy: str | Target | None = key(
-        preset_or_target(choice(*PRESETS)), "preset: what is not said is set to what pays; or an error to reach", None,
+        preset_or_target(choice(*PRESETS)), "preset: what is not said is set to what pays; or an error to reach",
+        default=None,
         otherwise="none", option="accuracy", said=choice(*PRESETS),
         more="solver options and, on a mesh of degree 2, the degree of the displacement, where neither the scene nor "
         "the command line says it; an error to reach refines the mesh; see [accuracy.md](accuracy.md)",
     )  # fmt: skip
     allow_unsafe: Sequence[str] = key(
         sequence("a list of " + choice(*UNSAFE).allowed, choice(*UNSAFE)),
-        "settings that run with a warning instead of being refused", (), otherwise="none", option="allow_unsafe",
+        "settings that run with a warning instead of being refused",
+        default=(), otherwise="none", option="allow_unsafe",
         more="see [options.md](options.md)",
     )  # fmt: skip
     path: Path | None = None

@@ -534,7 +534,7 @@ def dragged(tmp_path, monkeypatch):
 @pytest.mark.slow
 def test_the_code_of_the_page(dragged, capsys):
     """Both pieces do what they say."""
-    first, second = re.findall(r"```python\n(.*?)```", (ROOT / "docs" / "python.md").read_text(), re.DOTALL)
+    first, _, second = re.findall(r"```python\n(.*?)```", (ROOT / "docs" / "python.md").read_text(), re.DOTALL)
     found = {}
     exec(first, found)
     assert found["run"].history["contacts.drag.force_x"][-1] == pytest.approx(0.2, rel=1e-3)

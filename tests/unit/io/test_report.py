@@ -19,6 +19,7 @@ def test_report_is_plain_json_after_every_step(tmp_path):
     assert data["steps"][0]["reactions"]["base"] == [0.0, 0.0, None]
     assert data["steps"][0]["plastic"]["yielded_volume"] is None
     assert set(data) == {
+        "format",
         "title",
         "version",
         "ranks",

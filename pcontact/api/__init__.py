@@ -1,0 +1,40 @@
+"""The Python API: scenes made, read and run in memory. ``import pcontact as pc`` has its names.
+
+A run is a function call: it writes nothing unless asked, reads no command line, has PETSc options of its own, shows
+nothing, raises what goes wrong, and leaves nothing behind but what it returns.
+"""
+
+# ruff: noqa: E402
+from pcontact.runtime import start
+
+# before PETSc starts: the command line is the caller's
+start.as_library()
+
+from pcontact.api.fields import Fields
+from pcontact.api.meshes import mesh_from
+from pcontact.api.results import ContactResult, Picture, Run, load
+from pcontact.api.running import Step, run
+from pcontact.api.scenes import Scene, from_dict, read
+from pcontact.api.study import Study, study
+from pcontact.scene import (
+    Body,
+    Contact,
+    Coupling,
+    Displacement,
+    Load,
+    Material,
+    MeshSpec,
+    Obstacle,
+    Output,
+    Phase,
+    Pretension,
+    Spring,
+    Steps,
+    Temperature,
+)
+
+__all__ = [
+    "Body", "Contact", "ContactResult", "Coupling", "Displacement", "Fields", "Load", "Material", "MeshSpec",
+    "Obstacle", "Output", "Phase", "Picture", "Pretension", "Run", "Scene", "Spring", "Step", "Steps", "Study",
+    "Temperature", "from_dict", "load", "mesh_from", "read", "run", "study",
+]  # fmt: skip

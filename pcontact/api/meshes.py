@@ -1,0 +1,176 @@
+"""Meshes from memory: arrays, meshio, pyvista, a model of gmsh."""
+
+from __future__ import annotations
+
+import atexit
+import shutil
+import tempfile
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pcontact.runtime.errors import InputError
+from pcontact.scene import MeshSpec
+
+_folder: list[Path] = []
+_VTK = {3: "line", 5: "triangle", 9: "quad", 10: "tetra", 12: "hexahedron", 21: "line3", 22: "triangle6", 23: "quad8",
+        24: "tetra10", 25: "hexahedron20", 28: "quad9", 29: "hexahedron27"}  # fmt: skip
+# corners of the facets of cells, and what they are; middle nodes are not needed to name them
+_FACETS: dict[str, tuple[str, list[tuple[int, ...]]]] = {
+    "triangle": ("line", [(0, 1), (1, 2), (2, 0)]),
+    "quad": ("line", [(0, 1), (1, 2), (2, 3), (3, 0)]),
+    "tetra": ("triangle", [(0, 1, 2), (0, 1, 3), (0, 2, 3), (1, 2, 3)]),
+    "hexahedron": ("quad", [(0, 1, 2, 3), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7)]),
+}
+_KINDS = {2: "line", 3: "triangle", 4: "quad"}
+
+
+def mesh_from(
+    source: Any,
+    groups: Mapping[str, Any] | None = None,
+    facets: Mapping[str, Any] | None = None,
+    **keys: Any,
+) -> MeshSpec:
+    """The mesh of a scene, from a file or from memory.
+
+    Parameters
+    ----------
+    source : str, pathlib.Path, meshio.Mesh, pyvista dataset, the module gmsh, or (points, cells)
+        Of gmsh, its current model with its physical groups; of arrays, points (n, d) and a dict from types of cells as
+        meshio calls them to nodes (nc, nn) in VTK's order. Cells and groups (cell sets) of meshio are kept.
+    groups : dict, optional
+        Further groups of cells: numbers (k,) or a mask (n_cells,) over all cells, block after block; "all" names them
+        all.
+    facets : dict, optional
+        Further groups of facets: their corners (k, 2 to 4) as rows of the points, or a function of points (n, d) that
+        says (n,) which of them are on it: facets of the boundary with all corners there belong to it.
+    **keys
+        Other keys of ``[mesh]``: `order`, `kinematics`, `strain`, ...
+
+    Returns
+    -------
+    pcontact.scene.MeshSpec
+
+    Raises
+    ------
+    InputError
+        It is nothing of these, or a group has no facets.
+    """
+    if isinstance(source, MeshSpec):
+        return source
+    if isinstance(source, (str, Path)) and not groups and not facets:
+        return MeshSpec(file=source, **keys)
+    return MeshSpec(file=_written(source, groups or {}, facets or {}), **keys)
+
+
+def _place() -> Path:
+    """A file of this process's own, that goes when it ends."""
+    if not _folder:
+        _folder.append(Path(tempfile.mkdtemp(prefix="pcontact_")))
+        atexit.register(shutil.rmtree, _folder[0], ignore_errors=True)
+    return _folder[0] / f"mesh_{len(list(_folder[0].iterdir()))}.msh"
+
+
+def _written(source: Any, groups: Mapping[str, Any], facets: Mapping[str, Any]) -> Path:
+    path = _place()
+    if getattr(source, "__name__", "") == "gmsh" and not groups and not facets:
+        source.option.setNumber("Mesh.MshFileVersion", 4.1)
+        source.write(str(path))
+        return path
+    import meshio
+
+    points, blocks, named = _parts(source, meshio)
+    solid = any(kind.startswith(("tetra", "hexa")) for kind, _ in blocks)
+    flat = points if solid or np.ptp(points[:, 2]) else points[:, :2]
+    ends = np.cumsum([0, *(len(nodes) for _, nodes in blocks)])
+    for name, chosen in groups.items():
+        rows = np.arange(ends[-1]) if isinstance(chosen, str) and chosen == "all" else np.asarray(chosen)
+        rows = np.flatnonzero(rows) if rows.dtype == bool else rows
+        named[name] = [rows[(rows >= a) & (rows < b)] - a for a, b in zip(ends[:-1], ends[1:], strict=True)]
+    entries = [(name, kind, nodes[rows]) for name, parts in named.items()
+               for (kind, nodes), rows in zip(blocks, parts, strict=True) if len(rows)]  # fmt: skip
+    for name, chosen in facets.items():
+        entries += [(name, kind, nodes) for kind, nodes in _facets(name, chosen, flat, blocks)]
+    taken = [np.isin(np.arange(len(nodes)), np.concatenate([np.zeros(0, int), *(parts[k] for parts in named.values())]))
+             for k, (_, nodes) in enumerate(blocks)]  # fmt: skip
+    entries += [("", kind, nodes[~own]) for (kind, nodes), own in zip(blocks, taken, strict=True) if not own.all()]
+    _write(path, points, entries, meshio)
+    return path
+
+
+def _parts(source: Any, meshio: Any) -> tuple[np.ndarray, list[tuple[str, np.ndarray]], dict[str, list[np.ndarray]]]:
+    """Points (n, 3), blocks of cells, and named groups: rows of each block."""
+    if isinstance(source, (str, Path)):
+        source = meshio.read(source)
+    if isinstance(source, tuple) and len(source) == 2:
+        points, cells = source
+        blocks = [(kind, np.asarray(nodes, dtype=np.int64)) for kind, nodes in dict(cells).items()]
+        return _solid(points), blocks, {}
+    if isinstance(source, meshio.Mesh):
+        blocks = [(block.type, np.asarray(block.data, dtype=np.int64)) for block in source.cells]
+        sets = {name: [np.asarray([] if rows is None else rows, dtype=np.int64) for rows in parts]
+                for name, parts in source.cell_sets.items() if not name.startswith("gmsh:")}  # fmt: skip
+        return _solid(source.points), blocks, sets
+    if hasattr(source, "cast_to_unstructured_grid"):
+        grid = source.cast_to_unstructured_grid()
+        blocks = [(_VTK[int(kind)], np.asarray(nodes, dtype=np.int64)) for kind, nodes in grid.cells_dict.items()
+                  if int(kind) in _VTK]  # fmt: skip
+        return _solid(grid.points), blocks, {}
+    raise InputError(
+        f"mesh: found {type(source).__name__}; allowed: a file, meshio.Mesh, a pyvista dataset, the module gmsh, or "
+        "(points, cells)"
+    )
+
+
+def _solid(points: Any) -> np.ndarray:
+    array = np.asarray(points, dtype=float)
+    return np.pad(array, ((0, 0), (0, 3 - array.shape[1])))
+
+
+def _facets(
+    name: str, chosen: Any, points: np.ndarray, blocks: Sequence[tuple[str, np.ndarray]]
+) -> list[tuple[str, np.ndarray]]:
+    """Facets of a group by their corners."""
+    if not callable(chosen):
+        corners = np.atleast_2d(np.asarray(chosen, dtype=np.int64))
+        return [(_KINDS[corners.shape[1]], corners)]
+    on = np.asarray(chosen(points), dtype=bool)
+    found = [(kind, corners[on[corners].all(axis=1)]) for kind, corners in _boundary(blocks)]
+    if not any(len(corners) for _, corners in found):
+        raise InputError(f"mesh: facets {name!r}: found no facet of the boundary there; allowed: a group with some")
+    return [(kind, corners) for kind, corners in found if len(corners)]
+
+
+def _boundary(blocks: Sequence[tuple[str, np.ndarray]]) -> list[tuple[str, np.ndarray]]:
+    """Corners of the facets that belong to one cell only."""
+    top = 3 if any(kind.startswith(("tetra", "hexa")) for kind, _ in blocks) else 2
+    found: dict[str, list[np.ndarray]] = {}
+    for kind, nodes in blocks:
+        base = kind.rstrip("0123456789")
+        if base in _FACETS and (base in ("tetra", "hexahedron")) == (top == 3):
+            facet, table = _FACETS[base]
+            found.setdefault(facet, []).append(nodes[:, np.array(table)].reshape(-1, len(table[0])))
+    result = []
+    for facet, parts in found.items():
+        every = np.concatenate(parts)
+        _, first, count = np.unique(np.sort(every, axis=1), axis=0, return_index=True, return_counts=True)
+        result.append((facet, every[first[count == 1]]))
+    return result
+
+
+def _write(path: Path, points: np.ndarray, entries: Sequence[tuple[str, str, np.ndarray]], meshio: Any) -> None:
+    """A .msh file; a cell of two groups is listed in each."""
+    dims = {"vertex": 0, "line": 1, "triangle": 2, "quad": 2, "tetra": 3, "hexahedron": 3}
+    tags: dict[tuple[str, int], int] = {}
+    cells, numbers = [], []
+    for name, kind, nodes in entries:
+        dim = dims[kind.rstrip("0123456789")]
+        tag = tags.setdefault((name, dim), len(tags) + 1) if name else 0
+        cells.append((kind, nodes))
+        numbers.append(np.full(len(nodes), tag, dtype=np.int32))
+    data = {"gmsh:physical": numbers, "gmsh:geometrical": [array.copy() for array in numbers]}
+    names = {name: np.array([tag, dim]) for (name, dim), tag in tags.items()}
+    made = meshio.Mesh(points, cells, cell_data=data, field_data=names)
+    meshio.write(path, made, file_format="gmsh22", binary=False)

@@ -1,0 +1,187 @@
+"""Runs in memory: a function call, its load steps, and what the caller's function says of them."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from pcontact.adapt.loop import Loop
+from pcontact.adapt.target import wanted
+from pcontact.api.fields import Fields
+from pcontact.api.results import Run
+from pcontact.api.scenes import from_dict, read
+from pcontact.io.report import jsonable
+from pcontact.runtime import log
+from pcontact.runtime.errors import TOLD, NotConverged, Stopped
+from pcontact.runtime.observer import Observer
+from pcontact.runtime.options import Options
+from pcontact.runtime.petsc import MPI, own_options
+from pcontact.scene import model
+from pcontact.simulation import Simulation
+
+
+def run(
+    scene: model.Scene | Mapping[str, Any] | str | Path,
+    options: Mapping[str, Any] | str | None = None,
+    on_step: Callable[[Step], object] | None = None,
+    output: str | Path | None = None,
+    comm: Any = None,
+    level: str | None = None,
+    check: bool = True,
+) -> Run:
+    """Run a scene. *Collective* on the ranks of `comm`.
+
+    Parameters
+    ----------
+    scene : Scene, str, pathlib.Path or dict
+        A file is read, a dict is taken as by :func:`from_dict`. It is left as it is.
+    options : dict or str, optional
+        Options of this run, of pcontact and of PETSc: ``{"snes_rtol": 1e-10}`` or ``"-snes_rtol 1e-10"``. They win over
+        the scene. Those of the process (``PETSC_OPTIONS``, ``petsc4py.init``) are neither used nor changed.
+    on_step : callable, optional
+        Called with a :class:`Step` after each load step, when it has been committed and written, on every rank. False
+        ends the run, if any rank returns it.
+    output : str or pathlib.Path, optional
+        Directory for what the command line writes; absent: nothing is written.
+    comm : MPI.Comm, optional
+        Absent: all ranks.
+    level : {"error", "warning", "info", "debug"}, optional
+        Lines as important as this are shown on standard output. Absent: none, unless the caller's own logging takes
+        them from the logger "pcontact".
+    check : bool
+        Raise NotConverged where a load step does not converge; otherwise the run is returned as far as it got.
+
+    Returns
+    -------
+    Run
+
+    Raises
+    ------
+    InputError
+        The scene, the mesh or an option is wrong; on every rank.
+    OutputError
+        A file cannot be written; on every rank.
+    NotConverged
+        A load step did not converge; its attribute ``run`` is the run up to the last one that did.
+    """
+    comm = MPI.COMM_WORLD if comm is None else comm
+    with log.of_a_library(comm.rank, level), own_options():
+        Options("options").give(options or {})
+        if isinstance(scene, Mapping):
+            scene = from_dict(scene)
+        elif not isinstance(scene, model.Scene):
+            scene = read(scene)
+        aimed = wanted(scene, Options("options"))
+        if aimed is not None:
+            result, failure = _reach(aimed, comm, on_step, output)
+        else:
+            result, failure = _run(Simulation(scene, comm, "options"), on_step, output)
+    if comm.rank == 0:
+        for text in result.unused:
+            warnings.warn(text, UserWarning, stacklevel=2)
+    if failure is not None and check:
+        raise NotConverged(str(failure), result) from None
+    return result
+
+
+def _run(
+    simulation: Any, on_step: Callable[[Step], object] | None, output: str | Path | None
+) -> tuple[Run, Exception | None]:
+    """The result and the failure of a simulation, which is freed. *Collective.*"""
+    together = simulation.comm.size == 1
+    try:
+        observers = [] if on_step is None else [_Caller(on_step, simulation)]
+        converged = simulation.run(output, observers, keep=True, said="output")
+        result, failure = Run.of(simulation, converged), simulation.failure
+        together = True
+    except (*TOLD, _OnStepFailed) as error:
+        together = True
+        if isinstance(error, _OnStepFailed):
+            raise error.own from None
+        raise
+    finally:
+        # what one rank alone meets is no reason for it to wait for the others
+        if together:
+            simulation.free()
+    return result, failure
+
+
+def _reach(
+    scene: model.Scene, comm: Any, on_step: Callable[[Step], object] | None, output: str | Path | None
+) -> tuple[Run, Exception | None]:
+    """The result and the failure of the runs that reach an error. *Collective.*"""
+
+    def observers(simulation: Any) -> list[Observer]:
+        return [] if on_step is None else [_Caller(on_step, simulation)]
+
+    try:
+        outcome = Loop(scene, comm, "options", Run.of, observers).run(output, "output")
+    except _OnStepFailed as error:
+        raise error.own from None
+    return outcome.kept, outcome.failure
+
+
+class _OnStepFailed(Exception):
+    """The caller's function failed on some rank; `own` is what this rank raises."""
+
+    def __init__(self, own: BaseException) -> None:
+        super().__init__()
+        self.own = own
+
+
+class _Caller(Observer):
+    """Observer that calls the caller's function."""
+
+    def __init__(self, function: Callable[[Step], object], simulation: Any) -> None:
+        self._function, self._simulation = function, simulation
+
+    def step(self, step: Any, u: Any, record: Any) -> None:
+        """Call it, and have all ranks do the same afterwards. *Collective.*"""
+        comm, error, stops = self._simulation.comm, None, False
+        try:
+            stops = self._function(Step(step, record, self._simulation)) is False
+        except Exception as problem:
+            error = problem
+        told = comm.allgather((stops, None if error is None else f"{type(error).__name__}: {error}"))
+        failed = [(rank, text) for rank, (_, text) in enumerate(told) if text is not None]
+        if failed:
+            rank, text = failed[0]
+            raise _OnStepFailed(error or RuntimeError(f"on_step failed on rank {rank}: {text}"))
+        if any(one for one, _ in told):
+            raise Stopped
+
+
+class Step:
+    """A load step that has been committed.
+
+    Attributes
+    ----------
+    number : int
+        From 1.
+    time : float
+        At its end.
+    newton, krylov, cutbacks : int
+        Iterations of the solve that converged, and attempts before it that did not.
+    report : dict
+        As in ``report.json``: reactions, contacts (force, area, largest pressure, ...), probes, ...; the same on every
+        rank.
+    """
+
+    def __init__(self, step: Any, record: Any, simulation: Any) -> None:
+        self.number, self.time, self.report = step.number, step.time, jsonable(record)
+        self.newton, self.krylov, self.cutbacks = step.newton, step.krylov, step.cutbacks
+        self._taken = simulation.snapshot.taken
+        self._fields: Fields | None = None
+        self._comm = simulation.comm
+
+    def fields(self) -> Fields:
+        """The fields at its end, this rank's part: :class:`Fields`."""
+        if self._fields is None:
+            self._fields = Fields.of(self._taken)
+        return self._fields
+
+    def gather(self, everywhere: bool = False) -> Fields | None:
+        """The fields of all ranks, see :meth:`Run.gather`. *Collective.*"""
+        return self.fields().gather(self._comm, everywhere)

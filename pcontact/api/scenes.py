@@ -1,0 +1,138 @@
+"""Scenes in Python: the tables of a scene file as classes, taken in short forms."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+from pcontact.api.meshes import mesh_from
+from pcontact.runtime.errors import InputError
+from pcontact.scene import Body, Contact, Material, MeshSpec, Obstacle, Output, Steps, model, read_scene, scene_from
+
+_TABLES = {**model.LIST_TABLES}
+
+
+class Scene(model.Scene):
+    """A scene: what a scene file says, in Python.
+
+    Parameters
+    ----------
+    mesh : path, MeshSpec, dict, meshio.Mesh, pyvista dataset, the module gmsh, or (points, cells)
+        See :func:`pcontact.mesh_from`, which also names groups.
+    materials : dict of str to Material or dict
+        ``{"steel": {"E": 210e3, "nu": 0.3}}``.
+    bodies : dict of str to str, or list of Body or dict
+        ``{"lower": "steel"}``: material of each group of cells.
+    contacts : list of Contact or dict
+        ``pc.Contact("skin", "top", friction=0.3)``.
+    displacements : dict of str to sequence, or list of Displacement or dict
+        ``{"bottom": [0, 0]}``: value on each group.
+    steps : int, Steps or dict
+        Their number, or the table.
+    output : Output or dict
+    **tables
+        All other tables and keys of a scene file by their names: `loads`, `springs`, `phases`, `petsc`, `title`, ...
+
+    Notes
+    -----
+    Its attributes are the keys of the file and may be changed; a run checks them, and leaves the scene as it is.
+    """
+
+    def __init__(
+        self, mesh: Any, materials: Mapping[str, Any], bodies: Any, contacts: Any = (), displacements: Any = (),
+        steps: Any = None, output: Any = None, **tables: Any,
+    ) -> None:  # fmt: skip
+        known = {field.name for field in fields(model.Scene)}
+        for name in tables:
+            if name not in known:
+                raise InputError(f"scene: found the unknown table {name!r}; allowed: {', '.join(sorted(known))}")
+        if isinstance(bodies, Mapping):
+            bodies = [Body(region, material) for region, material in bodies.items()]
+        if isinstance(displacements, Mapping):
+            displacements = [{"region": region, "value": value} for region, value in displacements.items()]
+        lists = {"bodies": bodies, "contacts": contacts, "displacements": displacements,
+                 **{name: tables.pop(name) for name in list(tables) if name in _TABLES}}  # fmt: skip
+        steps = Steps(count=steps) if isinstance(steps, int) else steps
+        made: dict[str, Any] = {
+            name: [_entry(_TABLES[name], one) for one in many] for name, many in lists.items()
+        }
+        super().__init__(
+            mesh=MeshSpec(**mesh) if isinstance(mesh, Mapping) else mesh_from(mesh),
+            materials={name: _made(Material, one) for name, one in materials.items()},
+            steps=Steps() if steps is None else _made(Steps, steps),
+            output=Output() if output is None else _made(Output, output),
+            **made,
+            **tables,
+        )
+
+    @classmethod
+    def of(cls, scene: model.Scene) -> Scene:
+        """The same scene as one of this class."""
+        made = cls.__new__(cls)
+        made.__dict__.update(scene.__dict__)
+        return made
+
+
+def _made(kind: type, value: Any) -> Any:
+    """A table from a dict."""
+    if not isinstance(value, Mapping):
+        return value
+    known = [field.name for field in fields(kind)]
+    for key in value:
+        if key not in known:
+            raise InputError(f"scene: found the unknown key {key!r}; allowed: {', '.join(known)}")
+    return kind(**value)
+
+
+def _entry(kind: type, value: Any) -> Any:
+    if kind is Contact and isinstance(value, Mapping) and isinstance(value.get("obstacle"), Mapping):
+        value = {**value, "obstacle": _made(Obstacle, value["obstacle"])}
+    return _made(kind, value)
+
+
+def read(path: str | Path, **changes: Any) -> Scene:
+    """Read and check a scene file.
+
+    Parameters
+    ----------
+    path : str or pathlib.Path
+        A TOML file.
+    **changes
+        Keys of the scene with other values: ``steps={"count": 4}``, ``materials={"soft": {"E": 3.0}}``. Tables are
+        merged, None takes a key out; in lists of tables a dict names those that change, contacts by ``name``, the
+        others by ``region``: ``contacts={"ball-block": {"friction": 0.3}}``.
+
+    Returns
+    -------
+    Scene
+        Its attributes are the keys of the file and may be changed; :func:`run` checks them again.
+
+    Raises
+    ------
+    InputError
+        One line: the file, the key, what was found, what is allowed.
+    """
+    return Scene.of(read_scene(path, changes))
+
+
+def from_dict(data: Mapping[str, Any], folder: str | Path | None = None) -> Scene:
+    """A scene from a dict with the keys of a scene file, with the same checks.
+
+    Parameters
+    ----------
+    data : dict
+        Dicts for tables, lists for lists of tables; arrays and numbers of numpy and paths are taken as well.
+    folder : str or pathlib.Path, optional
+        Where the mesh and other files are; absent: the working directory.
+
+    Returns
+    -------
+    Scene
+
+    Raises
+    ------
+    InputError
+    """
+    return Scene.of(scene_from(data, folder))
