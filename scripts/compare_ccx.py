@@ -30,6 +30,7 @@ from pcontact.runtime.errors import InputError
 
 WIDTH = 12  # letters of a number in a .frd file
 HEAD = ["deck", "what is in it", "imported", "runs", "difference", "remark"]
+FIRMNESS = 50.0  # [1 / length] springs of HARD in ccx over the modulus
 AGREE = 0.01  # largest difference that counts as agreement
 COMMAND = "scripts/compare_ccx.py"
 
@@ -80,8 +81,19 @@ def for_ccx(deck, target, stiff):
             linear = word.startswith("*SURFACEBEHAVIOR") and "OVERCLOSURE=LINEAR" in word
             sticks = word.startswith(("*FRICTION", "*CHANGEFRICTION"))
             stiffer = 0 if linear else 1 if sticks else None
+            if word.startswith("*SURFACEBEHAVIOR") and "OVERCLOSURE=HARD" in word and stiff != 1.0:
+                line = line[: line.upper().index("HARD")] + f"LINEAR\n{stiff * hard(deck)!r}"
         lines.append(line)
     target.write_text("\n".join([*lines, ""]))
+
+
+def hard(deck):
+    """The stiffness per area that `ccx` has for HARD: 50 times the modulus of the stiffest material."""
+    moduli = [
+        card.number(*next((place, words[0]) for place, words in card.rows if words[0]))
+        for cards in deck.materials.values() for card in cards if card.key == "ELASTIC"
+    ]  # fmt: skip
+    return FIRMNESS * max(moduli)
 
 
 def read_frd(path):
