@@ -48,11 +48,13 @@ from pcontact.scene.prescribed import Prescribed
 from pcontact.scene.unsafe import unsafe
 from pcontact.solve.preconditioners.deflation import MOST_COLOURS
 from pcontact.solve.problem import Problem
+from pcontact.space.equations import Equations, pair_rows, term_rows
 from pcontact.space.modes import colour, component_frames, free_motions, join
 from pcontact.space.rigid import RigidGroup
 from pcontact.space.section import PretensionSection
 from pcontact.space.space import Space
 from pcontact.space.supports import Supports
+from pcontact.space.turn import Turn
 
 # [modulus / size^2, per volume] What is added to the diagonal of the tangent, never to the residual, for bodies that no
 # support holds. Each Newton iteration reduces the error of such a body's position only to the ratio of this stiffness
@@ -355,6 +357,32 @@ def _sections(scene, space, fixed, couplings):
     return sections
 
 
+def _equations(scene, space, supports, groups):
+    """Linear equations between components of the displacement; None without any. *Collective.*"""
+    if not scene.equations and not scene.periodic:
+        return None
+    paths = [place("equations", number, one.region) for number, one in enumerate(scene.equations)]
+    rows = term_rows(space, scene.equations, (scene.where, paths))
+    for number, one in enumerate(scene.periodic):
+        path = place("periodic", number, one.region)
+        found = pair_rows(space, one, _motion(one, space.dim), (scene.where, path))
+        rows, paths = rows + found, paths + [path] * len(found)
+    taken = np.zeros((space.n_local, space.dim), dtype=bool)
+    for group in groups:
+        taken[group.nodes] = True
+    return Equations(space, rows, supports.fixed, taken, (scene.where, paths))
+
+
+def _motion(periodic, dim):
+    """Q and s of the motion x -> Q x + s of a periodic pair."""
+    shift = np.zeros(dim) if periodic.translation is None else np.array(periodic.translation)
+    if periodic.angle is None:
+        return np.eye(dim), shift
+    turn = Turn(periodic.point, periodic.axis, np.radians(periodic.angle))
+    matrix = np.eye(dim) + turn.displacement(turn.point + np.eye(dim), 1.0).T
+    return matrix, shift + turn.point - matrix @ turn.point
+
+
 def _check_turns(scene, space, supports):
     """Refuse, or warn of, supports that turn bodies with small strain farther than it represents. *Collective.*"""
     for number in supports.turns:
@@ -472,7 +500,8 @@ def _assemble(scene, space, constants, span):
     )
     couplings = _rigid_groups(scene, space, supports)
     sections = _sections(scene, space, supports.fixed, couplings)
-    supports.groups = [*couplings, *sections]
+    equations = _equations(scene, space, supports, [*couplings, *sections])
+    supports.groups = [*couplings, *sections, *([] if equations is None else [equations])]
     forces, timed, total = _forces(scene, space)
     forces += [section.force for section in sections if section.free]
     springs = [GroundSprings(space, spring) for spring in scene.springs]
@@ -491,7 +520,9 @@ def _assemble(scene, space, constants, span):
     viscous = None if eta is None else ViscousStabilisation(space, eta, bulk)
     problem = Problem(space, items, supports, forces, _stabilisation(space, scene, constants, free), contacts, viscous)
     problem.timed, problem.total, problem.springs, problem.release = timed, total, springs, release
-    problem.sections = sections
+    problem.sections, problem.equations = sections, equations
+    if release is not None:
+        release.absolute = supports.absolute[space.owned_local]
     # modes of their own cost a set-up that grows with their square; only bodies that nothing holds are worth it
     loose = {(a, b) for a, b in edges if a in free or b in free}
     colours = colour(mesh.n_components, loose)

@@ -66,7 +66,7 @@ def contents(deck):
 def for_ccx(deck, target, stiff):
     """Copy a deck, with displacements in the .frd file and stiffer springs of contact."""
     plane = all(in_plane(deck.elements[e][0]) for e in deck.cells())
-    lines, stiffer = [], None
+    lines, stiffer, drop = [], None, False
     for line in deck.path.read_text(encoding="utf-8", errors="replace").splitlines():
         word = "".join(line.split()).upper()
         if word.startswith("*ENDSTEP"):
@@ -81,8 +81,12 @@ def for_ccx(deck, target, stiff):
             linear = word.startswith("*SURFACEBEHAVIOR") and "OVERCLOSURE=LINEAR" in word
             sticks = word.startswith(("*FRICTION", "*CHANGEFRICTION"))
             stiffer = 0 if linear else 1 if sticks else None
-            if word.startswith("*SURFACEBEHAVIOR") and "OVERCLOSURE=HARD" in word and stiff != 1.0:
-                line = line[: line.upper().index("HARD")] + f"LINEAR\n{stiff * hard(deck)!r}"
+            soft = re.search(r"(?i)(HARD|EXPONENTIAL) *$", line) if word.startswith("*SURFACEBEHAVIOR") else None
+            drop = soft is not None and stiff != 1.0
+            if drop:
+                line = f"{line[: soft.start()]}LINEAR\n{stiff * hard(deck)!r}"
+        elif drop and not word.startswith("**"):
+            continue
         lines.append(line)
     target.write_text("\n".join([*lines, ""]))
 

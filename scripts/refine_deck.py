@@ -6,7 +6,8 @@
 Nodes and their numbers stay, new ones come after them, where the shape functions of their cell have them: curved edges
 stay curved. A new node belongs to a set, or to the nodes that a line lists with the same values, if all nodes of the
 edge, the face or the cell in which it lies do. Faces of surfaces and of pressures become the faces of the cells within
-them. Forces at nodes and equations stay at the nodes that have them.
+them. Forces at nodes and equations stay at the nodes that have them, but where equations say that all nodes of an edge
+or a face move alike in a direction, new nodes there do too.
 """
 
 import argparse
@@ -16,7 +17,8 @@ from pathlib import Path
 import numpy as np
 
 from pcontact.importer.deck import faces, read_deck
-from pcontact.importer.elements import EDGES, VERTICES, faces_of, in_plane, kind_of
+from pcontact.importer.elements import EDGES, VERTICES, faces_of, kind_of
+from pcontact.importer.equations import read_equations
 
 # reference vertices of cells
 _SQUARE = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]], dtype=float)
@@ -32,6 +34,7 @@ _CORNERS = {
     "tet": np.vstack([np.zeros(3), np.eye(3)]),
 }  # fmt: skip
 WIDTH = 12  # digits after the point that tell places in a cell
+PAIR = 2  # terms of an equation that says that two nodes move alike
 PER_LINE = 8  # numbers in a line of a deck
 
 
@@ -271,6 +274,8 @@ class Writer:
             self._values(card)
         elif card.key == "DLOAD":
             self._pressures(card)
+        elif card.key == "EQUATION":
+            self._equations(card)
         elif card.key and card.key != "INCLUDE":
             self.lines.append(self._title(card))
             self.lines += [", ".join(words) for _, words in card.rows]
@@ -326,6 +331,23 @@ class Writer:
         rows = [(self._new_set(self.finer.with_new(list(dict.fromkeys(members)))), list(words))
                 for words, members in groups.items()]  # fmt: skip
         self._say(card, rows)
+
+    def _equations(self, card):
+        """The equations, and those of new nodes in edges and faces whose nodes move alike."""
+        self.lines.append(self._title(card))
+        self.lines += [", ".join(words) for _, words in card.rows]
+        alike = {}
+        for _, terms in read_equations(card):
+            if len(terms) == PAIR and terms[0][1] == terms[1][1] and terms[0][2] == -terms[1][2]:
+                a, b = (self.deck.nodes_of(card, card.place, word)[0] for word, *_ in terms)
+                sets = [members for members in alike.setdefault(terms[0][1], []) if members & {a, b}]
+                alike[terms[0][1]] = [one for one in alike[terms[0][1]] if one not in sets]
+                alike[terms[0][1]].append(set().union({a, b}, *sets))
+        for dof, sets in alike.items():
+            for members in sets:
+                for new in self.finer.with_new(members):
+                    if new not in members:
+                        self.lines += [f"{PAIR}", f"{new}, {dof}, 1., {min(members)}, {dof}, -1."]
 
     def _pressures(self, card):
         rows = []

@@ -30,6 +30,8 @@ class Release(Item):
         On the bodies at the beginning of the phase [force].
     offset : ndarray (n_owned, d)
         How far nodes had moved there beyond what is prescribed: supports move them on from where they are [length].
+    absolute : ndarray (n_owned, d) of bool
+        Components of which that ends with the phase.
     """
 
     name, changes = "phase", False
@@ -37,6 +39,7 @@ class Release(Item):
     def __init__(self, space, begin, end):
         self.space, self._span, self._part = space, (begin, end), 1.0
         self.forces, self.offset = (np.zeros((space.n_owned, space.dim)) for _ in range(2))
+        self.absolute = np.zeros(self.forces.shape, dtype=bool)
 
     def start(self, problem, u, reactions):
         """Take what a problem lacks of equilibrium at the beginning of the phase, and where its supports are there.
@@ -65,10 +68,17 @@ class Release(Item):
         """No entries."""
         return np.zeros(self.space.n_owned + 1, dtype=np.int64), np.zeros(0, dtype=np.int64)
 
+    def _left(self, time):
+        begin, end = self._span
+        return min(max((end - time) / (end - begin), 0.0), 1.0)
+
     def detect(self, u, time, motion=0.0, ahead=None):
         """The part that is left at the end of the load step."""
-        begin, end = self._span
-        self._part = min(max((end - time) / (end - begin), 0.0), 1.0)
+        self._part = self._left(time)
+
+    def shift(self, time):
+        """What is added to prescribed displacements (n_owned, d) at a time [length]."""
+        return np.where(self.absolute, self._left(time), 1.0) * self.offset
 
     def residual(self, u, out, rule=LAW):
         """Take the forces off ``out`` (n_owned, d)."""

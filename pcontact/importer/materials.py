@@ -8,6 +8,10 @@ from pcontact.importer.elements import EDGES, KINEMATICS, SERENDIPITY, VERTICES,
 ROUGH, LARGEST = 100.0, 3.0
 # springs of contact that are stiffer than a layer of elements are a numerical means; softer ones are a soft layer
 HARD = 1.0
+# parameter of a penalty that leaves little overlap
+STIFF = 1000.0
+# cosine of the angle from which faces face each other
+FACING = 0.5
 # rows of kinematic hardening; numbers of elasticity; surfaces of a pair
 _TWO = 2
 
@@ -199,6 +203,24 @@ def surface_faces(deck, surface):
     return [row for row in deck.free_faces() if inside.issuperset(deck.corners(*row))]
 
 
+def facing_faces(deck, nodes, others):
+    """Free faces with one of some nodes, and of these those that face the other faces, on the whole."""
+    against = np.mean([_outward(deck, row) for row in others], axis=0)
+    inside = set(nodes)
+    found = [row for row in deck.free_faces() if inside & set(deck.corners(*row))]
+    return [row for row in found if _outward(deck, row) @ against < -FACING]
+
+
+def _outward(deck, row):
+    """Unit normal (3,) of a face, out of its element."""
+    points = np.array([deck.nodes[n] for n in deck.corners(*row)])
+    ends = points[1] - points[0]
+    normal = np.array([ends[1], -ends[0], 0.0]) if len(points) == _TWO else np.cross(ends, points[-1] - points[0])
+    centre = np.mean([deck.nodes[n] for n in deck.elements[row[0]][1]], axis=0)
+    normal *= np.sign(normal @ (points.mean(axis=0) - centre))
+    return normal / np.linalg.norm(normal)
+
+
 def name_of(table):
     """Name of a contact that does not say its own."""
     return f"{table['source']}-{table['target']}"
@@ -220,7 +242,7 @@ class Contacts:
 
     def __init__(self, deck, findings, groups, tables, bodies):
         self.deck, self.findings, self.groups, self._used = deck, findings, groups, set()
-        self._pairs = {}
+        self._pairs, self._cards = {}, {}
         self.modulus = {e: tables[material]["E"] for _, material, cells in bodies for e in cells}
 
     def tables(self):
@@ -236,8 +258,8 @@ class Contacts:
                 self.findings.know(card, "INTERACTION", "TYPE", "ADJUST", "SMALLSLIDING")
                 for place, words in card.rows:
                     found.append((self._pair(card, place, words), card))
-            elif card.key == "TIE":
-                self.findings.know(card, "NAME", "POSITIONTOLERANCE", "ADJUST", "TYPE", "CYCLICSYMMETRY", "MULTISTAGE")
+            elif card.key == "TIE" and "CYCLICSYMMETRY" not in card.parameters:
+                self.findings.know(card, "NAME", "POSITIONTOLERANCE", "ADJUST", "TYPE", "MULTISTAGE")
                 for place, words in card.rows:
                     found.append((self._tie(card, place, words), card))
         for cards in self.deck.interactions.values():
@@ -245,6 +267,20 @@ class Contacts:
                 for card in cards:
                     self.findings.skip(card, "no contact has it")
         return [(table, card) for table, card in found if table is not None]
+
+    def press(self, nodes):
+        """Pairs on whose slave's faces forces and equations act, which its stress knows nothing of: a stiff penalty.
+
+        Parameters
+        ----------
+        nodes : set of int
+            Nodes with forces or equations.
+        """
+        for table, faces in (pair for pairs in self._pairs.values() for pair in pairs):
+            if "tied" not in table and any(nodes.issuperset(self.deck.corners(*row)) for row in faces):
+                table |= {"formulation": "penalty", "gamma0": STIFF}
+                words = "forces or equations act on the faces of the slave: a stiff penalty, no Nitsche's method"
+                self.findings.change(self._cards[id(table)], words)
 
     def change(self, card, following):
         """Another friction or behaviour from a step on.
@@ -299,10 +335,19 @@ class Contacts:
         self.findings.take(card)
         return found
 
-    def _side(self, card, place, word):
-        """Name of the group of facets of a surface, its faces; None where there are none."""
+    def _side(self, card, place, word, other=None):
+        """Name of the group of facets of a surface, its faces; None where there are none.
+
+        Nodes that are no whole facet stand for the facets around them that face the `other` surface.
+        """
         surface = self.deck.surface_of(card, place, word)
         faces = surface_faces(self.deck, surface)
+        if not faces and surface.nodes and other is not None:
+            others = surface_faces(self.deck, self.deck.surface_of(card, place, other))
+            faces = facing_faces(self.deck, surface.nodes, others) if others else []
+            if faces:
+                self.findings.change(surface.card, f"the {len(faces)} facets around its {len(surface.nodes)} nodes")
+                return self.groups.add("facets", surface.name, faces), faces
         faces = [row for row in faces if row[0] in self.modulus]
         if not faces:
             self.findings.leave(card, f"surface {surface.name} has no facets of solids", place)
@@ -320,7 +365,7 @@ class Contacts:
     def _sides(self, card, place, words):
         if len(words) < _TWO or not words[1]:
             raise card.refuse(", ".join(words) or "nothing", "two surfaces", place)
-        source, faces = self._side(card, place, words[0])
+        source, faces = self._side(card, place, words[0], words[1])
         target, _ = self._side(card, place, words[1])
         if source is None or target is None:
             return None, faces
@@ -346,6 +391,7 @@ class Contacts:
             raise card.refuse(f"the unknown interaction {card.get('INTERACTION')!r}", ", ".join(self.deck.interactions))
         self._interaction(interaction, table, faces)
         self._pairs.setdefault(card.need("INTERACTION").upper(), []).append((table, faces))
+        self._cards[id(table)] = card
         return table
 
     def _interaction(self, cards, table, faces):
@@ -419,8 +465,8 @@ class Contacts:
             table["friction_limit"] = card.number(card.place, card.need("TAUMAX"))
 
     def _tie(self, card, place, words):
-        if {"CYCLICSYMMETRY", "MULTISTAGE"} & set(card.parameters):
-            self.findings.leave(card, "cyclic symmetry", place)
+        if "MULTISTAGE" in card.parameters:
+            self.findings.leave(card, "a tie of stages of different cyclic symmetry", place)
             return None
         table, _ = self._sides(card, place, words)
         if table is None:

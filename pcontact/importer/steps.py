@@ -13,6 +13,10 @@ PROCEDURES = ("DYNAMIC", "FREQUENCY", "HEATTRANSFER", "COUPLEDTEMPERATURE-DISPLA
                "COMPLEXFREQUENCY", "ELECTROMAGNETICS", "NOANALYSIS", "CRACKPROPAGATION", "ROBUSTDESIGN")  # fmt: skip
 # load steps that a run, or a phase, is planned with at most
 _MOST = 1000
+# load steps of a deck that the scene takes as they are; more are where it begins, and they may grow
+FEW = 20
+# where a static step says its longest increment
+_LONGEST = 3
 
 
 @dataclass
@@ -23,6 +27,8 @@ class Run:
     ----------
     periods : list of (float, int)
         Duration and load steps of each.
+    longest : float or None
+        Largest load step, where their size is left to the program [time].
     finite : Card or None
         The first step that asks for finite strain.
     phased : bool
@@ -34,6 +40,7 @@ class Run:
     """
 
     periods: list = field(default_factory=list)
+    longest: float | None = None
     finite: object = None
     phased: bool = False
     friction: list = field(default_factory=list)
@@ -54,13 +61,19 @@ class Run:
         acts = [phase for phase, off in zip(self.names, self.off, strict=False) if name not in off]
         return {} if len(acts) == len(self.names) else {"phases": acts}
 
+    def _control(self):
+        """Keys of load steps that grow where they go well; of a few equal ones none."""
+        if self.longest is None or all(count <= FEW for _, count in self.periods):
+            return {}
+        return {"control": "auto", "max_step": self.longest}
+
     def tables(self):
         """Tables of the scene, see `pcontact.importer.toml.text`."""
         if not self.phased:
             shortest = min((period / count for period, count in self.periods), default=math.inf)
             count = 1 if math.isinf(shortest) else min(_MOST, max(1, round(self.ramp_end / shortest)))
-            return [("[steps]", {"end": self.ramp_end, "count": count}, "")]
-        tables = []
+            return [("[steps]", {"end": self.ramp_end, "count": count, **self._control()}, "")]
+        tables = [("[steps]", self._control(), "")] if self._control() else []
         for name, (period, count), friction in zip(self.names, self.periods, self.friction, strict=True):
             one = {"name": name, "duration": period, "count": count} | ({"friction": friction} if friction else {})
             tables.append(("[[phases]]", one, ""))
@@ -88,7 +101,8 @@ def read_steps(deck, findings, supports, contacts):
         findings.take(step.card)
         if not _static(step, findings):
             continue
-        period, count = _period(step, findings)
+        period, count, longest = _period(step, findings)
+        run.longest = max(run.longest or 0.0, longest)
         if "NLGEOM" in step.card.parameters and step.card.word("NLGEOM") != "NO":
             run.finite = run.finite or step.card
         elif run.finite is None:
@@ -134,8 +148,8 @@ def _static(step, findings):
 
 
 def _period(step, findings):
-    """Duration of a step, and load steps to begin with."""
-    period, first = 1.0, None
+    """Duration of a step, load steps to begin with, and the longest of them."""
+    period, first, longest = 1.0, None, None
     for card in step.cards:
         if card.key == "STATIC":
             findings.know(card, "DIRECT", "SOLVER", "STABILIZE", "TOTALREWINDTIME")
@@ -143,4 +157,5 @@ def _period(step, findings):
             values = card.numbers(*card.rows[0]) if card.rows else []
             period = values[1] if len(values) > 1 and values[1] > 0.0 else 1.0
             first = values[0] if values and values[0] > 0.0 else None
-    return period, min(_MOST, max(1, round(period / (first or period))))
+            longest = values[3] if len(values) > _LONGEST and values[_LONGEST] > 0.0 else None
+    return period, min(_MOST, max(1, round(period / (first or period)))), longest or period

@@ -299,6 +299,10 @@ class Supports:
         """Whether a support begins or ends with a step but the first and the last one."""
         return any(len(steps) != self.count for steps in self.active.values())
 
+    def pushed(self):
+        """Nodes with forces."""
+        return {node for (node, _), history in self.forces.histories.items() if history.most != 0.0}
+
     def displacements(self, groups, end, phases=()):
         """Tables [[displacements]] with the cards that they come from.
 
@@ -317,9 +321,6 @@ class Supports:
             if self.count and not steps:
                 # taken away before anything happened
                 continue
-            if phases and steps[0] > 0:
-                words = "begins with a later step: its value counts from where the nodes are"
-                self.findings.leave(self.card_of[node, dof], words)
             classes.setdefault((dof, history.key(), steps if phases else ()), []).append(node)
         merged = {}
         for (dof, points, steps), nodes in classes.items():
@@ -334,6 +335,8 @@ class Supports:
             one = {"region": name, "value": [values.get(dof, "free") for dof in range(self.dim)]}
             if phases and len(steps) != len(phases):
                 one["phases"] = [phases[k] for k in steps]
+                if steps[0] > 0:
+                    one["absolute"] = True
             if table is not None:
                 one["amplitude"] = [list(row) for row in table]
             card = min(cards, key=lambda card: card.place)

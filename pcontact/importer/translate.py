@@ -6,6 +6,7 @@ import numpy as np
 
 from pcontact.importer.deck import read_deck
 from pcontact.importer.elements import in_plane
+from pcontact.importer.equations import Cyclic, equated, equations
 from pcontact.importer.findings import Findings
 from pcontact.importer.groups import Groups
 from pcontact.importer.history import factors
@@ -73,6 +74,8 @@ def translate(path, mesh_name):
     contacts = pairs.tables()
     supports = Supports(deck, findings, nodes, dim)
     run = read_steps(deck, findings, supports, pairs)
+    linear, cyclic = equations(deck, findings, groups, supports, dim), Cyclic(deck, findings, groups).tables()
+    pairs.press(supports.pushed() | equated(deck))
     end, finite = run.ramp_end, run.finite
     for table, _ in contacts:
         table |= run.acting(name_of(table))
@@ -105,6 +108,7 @@ def translate(path, mesh_name):
     for header, found in (
         ("[[contacts]]", contacts), ("[[displacements]]", supports.displacements(groups, end, run.names)),
         ("[[loads]]", supports.loads(groups, end, thickness)), ("[[temperatures]]", heat),
+        ("[[equations]]", linear), ("[[periodic]]", cyclic),
     ):  # fmt: skip
         done.tables += [(header, table, _at(card)) for table, card in found]
     done.tables += run.tables()

@@ -128,4 +128,6 @@ def _regions(scene):
     names += [name for contact in scene.contacts for name in (contact.source, contact.target)]
     tables = scene.displacements, scene.loads, scene.springs, scene.temperatures, scene.couplings, scene.pretensions
     names += [one.region for table in tables for one in table]
+    names += [name for one in scene.equations for name, *_ in one.terms]
+    names += [name for one in scene.periodic for name in (one.region, one.partner)]
     return {name for name in names if name not in (None, OUTER)}

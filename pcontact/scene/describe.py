@@ -104,6 +104,10 @@ def describe(
         active.append(f"rigid groups: {', '.join(one.name or one.region for one in scene.couplings)}")
     if scene.pretensions:
         active.append(f"pre-tension: {', '.join(one.name or one.region for one in scene.pretensions)}")
+    if scene.equations:
+        active.append(f"linear equations: {len(scene.equations)}")
+    if scene.periodic:
+        active.append(f"periodic groups: {', '.join(f'{one.region} as {one.partner}' for one in scene.periodic)}")
     if scene.springs:
         active.append(f"springs to the ground: {', '.join(spring.name or spring.region for spring in scene.springs)}")
     if scene.displacements:

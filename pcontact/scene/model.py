@@ -40,6 +40,7 @@ from pcontact.scene.values import (
     ROTATION,
     SCALAR,
     STIFFNESSES,
+    TERMS,
     VECTOR,
     VECTORS,
     WAYS,
@@ -421,6 +422,10 @@ class Displacement:
         default=None, otherwise="must be said"
     )
     phases: Sequence[str] | None = phases("it holds")
+    absolute: bool = key(
+        BOOLEAN, "where it begins with a later phase: `value` counts from the undeformed place", False,
+        more="nodes go there from where they are along a ramp over that phase. Otherwise it counts from where they are",
+    )  # fmt: skip
 
     @property
     def turns(self) -> bool:
@@ -529,6 +534,45 @@ class Pretension:
     phases: Sequence[str] | None = phases("it draws; in all others the sides stay as near as they are")
     # of a scene of one phase (`pcontact.scene.phases`): the sides stay
     locked: bool = False
+
+
+@table
+class Equation:
+    """A linear equation between components of the displacement: the sum of its terms is zero."""
+
+    terms: Sequence[tuple[str, str, float]] = key(
+        TERMS, "a group of one node, a direction, and the coefficient of the displacement there", more="see below"
+    )
+
+    @property
+    def region(self) -> str:
+        """Group of the first term."""
+        return self.terms[0][0]
+
+
+@table
+class Periodic:
+    """Two groups of nodes in pairs: those of one move as their partners do, turned with them."""
+
+    region: str = key(TEXT, f"{REGION} any kind, whose nodes follow")
+    partner: str = key(TEXT, f"{REGION} any kind: each node of `region` is where one of these comes to")
+    translation: Sequence[float] | None = key(
+        VECTOR, "from `partner` to `region`", None, "length", more="This, `angle`, or both must be said"
+    )
+    angle: float | None = key(
+        number(), "`partner` comes to `region` by this turn", None, "degrees", "none",
+        more="Positive: counterclockwise, seen from where `axis` points to",
+    )  # fmt: skip
+    point: Sequence[float] | None = key(
+        VECTOR, "with `angle`: a point of the axis; in the plane the centre", None, "length", "must be said"
+    )
+    axis: Sequence[float] | None = key(
+        DIRECTION, "with `angle`, in space: direction of the axis, of any length", None, otherwise="must be said"
+    )
+    within: float | None = key(
+        POSITIVE, "how far a node may be from where its partner comes to", None, "length",
+        "1e-4 of the extent of `region`",
+    )  # fmt: skip
 
 
 @table
@@ -659,7 +703,8 @@ class Output:
 SINGLE_TABLES = {"mesh": MeshSpec, "steps": Steps, "output": Output}
 LIST_TABLES = {"bodies": Body, "contacts": Contact, "displacements": Displacement, "loads": Load,
                "springs": Spring, "temperatures": Temperature,
-               "couplings": Coupling, "pretensions": Pretension, "phases": Phase}  # fmt: skip
+               "couplings": Coupling, "pretensions": Pretension, "equations": Equation, "periodic": Periodic,
+               "phases": Phase}  # fmt: skip
 
 
 @dataclass
@@ -668,8 +713,8 @@ class Scene:
 
     Parameters
     ----------
-    mesh, materials, bodies, contacts, displacements, loads, springs, temperatures, couplings, pretensions, phases :
-        the tables
+    mesh, materials, bodies, contacts, displacements, loads, springs, temperatures, couplings, pretensions, equations,
+    periodic, phases : the tables
     steps, output : the tables
     petsc : dict of str to str
         Options of this scene, without the leading dash; the command line wins.
@@ -710,6 +755,8 @@ class Scene:
     couplings: list[Coupling] = field(default_factory=list)
     phases: list[Phase] = field(default_factory=list)
     pretensions: list[Pretension] = field(default_factory=list)
+    equations: list[Equation] = field(default_factory=list)
+    periodic: list[Periodic] = field(default_factory=list)
 
     @property
     def where(self) -> str:

@@ -13,9 +13,11 @@ from pcontact.scene.model import (
     Contact,
     Coupling,
     Displacement,
+    Equation,
     Load,
     MeshSpec,
     Obstacle,
+    Periodic,
     Pretension,
     Scene,
     Spring,
@@ -31,6 +33,7 @@ _VECTORS = {
     Load: ("traction", "body_force", "force", "point", "at", "acceleration", "axis"),
     Spring: ("stiffness",),
     Coupling: ("point", "displacement"),
+    Periodic: ("translation", "point", "axis"),
     Obstacle: ("point", "normal", "center", "axis", "displacement", "pivot", "turn_axis"),
 }
 _EXPRESSIONS = {
@@ -80,6 +83,10 @@ def check_dimension(scene: Scene, dim: int) -> None:
         if turns and isinstance(table.rotation, tuple) != (dim == 3):
             allowed = "a list of 3, the mesh is 3D" if dim == 3 else 'a number or "free", the mesh is 2D'
             raise input_error(scene.where, f"{where}.rotation", f"{table.rotation}", allowed)
+        if isinstance(table, Equation) and dim == 2 and any(way == "z" for _, way, _ in table.terms):
+            raise input_error(scene.where, f"{where}.terms", "direction z with a 2D mesh", "x, y")
+        if isinstance(table, Periodic) and table.angle is not None:
+            _check_axis(scene, f"{where}.axis", table, table.axis, (table.axis is None) == (dim == 2))
         if isinstance(table, Displacement) and table.angle is not None:
             _check_turn(scene, where, table, dim)
         for key in _EXPRESSIONS.get(type(table), ()) if dim == 2 else ():
@@ -171,6 +178,12 @@ def check_regions(
                 _check_apart(scene, where, table, facet_groups)
         elif isinstance(table, Displacement | Coupling):
             _require(scene, f"{where}.region", table.region, groups, tuple(groups), mesh_path)
+        elif isinstance(table, Equation):
+            for index, (name, *_) in enumerate(table.terms):
+                _require(scene, f"{where}.terms[{index}]", name, groups, tuple(groups), mesh_path)
+        elif isinstance(table, Periodic):
+            for key in ("region", "partner"):
+                _require(scene, f"{where}.{key}", getattr(table, key), groups, tuple(groups), mesh_path)
         elif isinstance(table, Temperature) and table.region is not None:
             _require(scene, f"{where}.region", table.region, groups, ("cells",), mesh_path)
         elif isinstance(table, Pretension):
@@ -206,6 +219,10 @@ def check_lost(scene: Scene, lost: Mapping[str, str], mesh_path: str | Path) -> 
     for _, table in tables(scene):
         if isinstance(table, Contact):
             named |= {table.source, table.target}
+        elif isinstance(table, Equation):
+            named |= {name for name, *_ in table.terms}
+        elif isinstance(table, Periodic):
+            named |= {table.region, table.partner}
         elif isinstance(table, Body | Displacement | Load | Spring | Temperature | Coupling | Pretension):
             named.add(table.region)
     for name in lost:

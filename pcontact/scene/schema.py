@@ -20,6 +20,7 @@ from pcontact.scene.model import (
     Load,
     Material,
     Obstacle,
+    Periodic,
     Pretension,
     Scene,
     Spring,
@@ -52,6 +53,10 @@ TOGETHER = {
     },
     Spring: {"oneOf": [{"required": [name]} for name in ("per_area", "stiffness")]},
     Pretension: {"oneOf": [{"required": [name]} for name in ("force", "shortening")]},
+    Periodic: {
+        "anyOf": [{"required": [name]} for name in ("translation", "angle")],
+        "dependentRequired": {"angle": ["point"], "point": ["angle"], "axis": ["angle"]},
+    },
     Obstacle: {
         "allOf": [
             {"if": {"properties": {"shape": {"const": shape}}}, "then": {"required": list(needed)}}

@@ -9,7 +9,7 @@ def unestimated(scene: Scene) -> list[str]:
     """What a scene has that the estimate of the error does not know, by its places."""
     loads = [(place("loads", k, one.region), one) for k, one in enumerate(scene.loads)]
     strange = [where for where, one in loads if one.total]
-    for key in ("couplings", "pretensions", "temperatures"):
+    for key in ("couplings", "pretensions", "equations", "periodic", "temperatures"):
         strange += [place(key, k, one.region) for k, one in enumerate(getattr(scene, key))]
     strange += [where for where, one in loads if one.acceleration is not None or one.angular_speed is not None]
     strange += [place("springs", k, one.region) for k, one in enumerate(scene.springs)]

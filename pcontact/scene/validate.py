@@ -78,6 +78,7 @@ def validate(scene: Scene) -> None:
     _check_couplings(scene)
     _check_serendipity(scene)
     _check_pretensions(scene)
+    _check_periodic(scene)
     _check_estimate(scene)
     _check_temperatures(scene)
     _check_unique(scene, "contacts", "name")
@@ -488,6 +489,21 @@ def _check_pretensions(scene):
         if any(contact.all for contact in scene.contacts):
             found = "a contact of all surfaces, which the sides of the section are, too"
             raise input_error(scene.where, where, found, "contacts with source and target")
+
+
+def _check_periodic(scene):
+    """A motion from the partner to the group; parts of rings have no neighbours."""
+    for index, item in enumerate(scene.periodic):
+        where = place("periodic", index, item.region)
+        if item.translation is None and item.angle is None:
+            raise input_error(scene.where, where, "neither translation nor angle", "one of translation, angle, or both")
+        if (item.angle is None) != (item.point is None):
+            key, found = ("point", "nothing") if item.point is None else ("angle", "nothing")
+            raise input_error(scene.where, f"{where}.{key}", found, "angle and point together")
+        if item.axis is not None and item.angle is None:
+            raise input_error(scene.where, f"{where}.axis", "an axis without angle", "angle as well")
+        if scene.mesh.kinematics == "axisymmetric" and item.angle is not None:
+            raise input_error(scene.where, f"{where}.angle", 'a turn with kinematics = "axisymmetric"', "a translation")
 
 
 def _check_names(scene, key, tables):

@@ -113,6 +113,26 @@ DIRECTION = sequence("a list of one finite number per direction (2 or 3), not al
 DIRECTION.schema["contains"] = {"not": {"const": 0}}
 FUNCTION = text('"FILE.py:NAME", a function in a Python file beside the scene', _function, r"\.py:[^:]+$")
 EXPRESSION = text(ALLOWED, _expression)
+
+
+def _term(value):
+    """A group, a direction, a coefficient."""
+    if not isinstance(value, list | tuple) or len(value) != 3:
+        raise ValueError
+    region, direction, factor = value
+    if not isinstance(region, str) or not region.strip() or direction not in ("x", "y", "z"):
+        raise ValueError
+    factor = number().accept(factor)
+    if factor == 0.0:
+        raise ValueError("whose coefficient is zero")
+    return region, direction, factor
+
+
+TERMS = sequence(
+    'a list of at least one [group, "x" | "y" | "z", number that is not 0]',
+    Rule("", _term, {"type": "array", "minItems": 3, "maxItems": 3}), None, bool,
+)  # fmt: skip
+TERMS.schema["minItems"] = 1
 AMPLITUDE = _pairs("a list of [time, factor] pairs of finite numbers, times increasing", _check_amplitude)
 HARDENING_CURVE = _pairs(
     "a list of [equivalent plastic strain, yield stress] pairs, the first strain 0, strains increasing, stresses > 0 "

@@ -56,6 +56,8 @@ class Problem:
         Whose displacement is rigid: Newton's method has their leading components.
     sections : sequence of pcontact.space.section.PretensionSection
         Those among the groups.
+    equations : pcontact.space.equations.Equations or None
+        Those among the groups.
     release : pcontact.assembly.release.Release or None
         The item of what a phase of the run goes on from.
     energy : pcontact.stepping.energy.EnergyBalance or None
@@ -76,6 +78,7 @@ class Problem:
         self.bulk, self.others, self.contacts = items[0], items[1:], list(contacts)
         self.time, self.loose, self.stabilised, self.viscous, self.timed = 0.0, (), True, viscous, ()
         self.total, self.springs, self.sections, self.release, self.energy = (), (), (), None, None
+        self.equations = None
         self.fixed = np.ascontiguousarray(supports.fixed[space.owned_local])
         self.groups, fixed = supports.groups, supports.fixed
         self.matrix = ConstrainedMatrix(space, fixed, self.groups) if self.groups else GlobalMatrix(space, fixed)
@@ -161,7 +164,7 @@ class Problem:
     def _prescribed(self, time):
         """Prescribed displacements (n_owned, d) [length]. *Collective.*"""
         values = self.supports.values(time)[self.space.owned_local]
-        return values if self.release is None else values + self.release.offset
+        return values if self.release is None else values + self.release.shift(time)
 
     def _enter(self, u, time):
         values = self._prescribed(time)
@@ -252,6 +255,9 @@ class Problem:
         out[self.fixed] = 0.0
         for group in self.groups:
             group.lead(out)
+        if self.equations is not None:
+            # some of what follows goes along with what is prescribed
+            out[self.fixed] = 0.0
         f.setArray(out.ravel())
 
     def predicted(self, u, f):
@@ -494,6 +500,7 @@ class Problem:
         inner += [np.asarray(spring["force"]) for spring in record.get("springs", {}).values()]
         inner += [np.array([section["force"]]) for section in record.get("pretensions", {}).values()]
         forces += [np.asarray(group["force"]) for group in record.get("couplings", {}).values()]
+        forces += [np.asarray(record["equations"]["force"])] if "equations" in record else []
         largest = max(float(np.linalg.norm(force)) for force in [applied, *forces, *inner])
         total = applied + sum(forces)
         if self.viscous is not None:

@@ -160,6 +160,12 @@ class Supports:
         return value * factor + np.zeros((len(nodes), 1)) + turned
 
     @property
+    def absolute(self):
+        """Flags (n_local, d) of components whose values count from the undeformed place whenever they begin."""
+        flags = np.array([one.absolute for one in self._displacements] + [False])
+        return (self.which >= 0) & flags[self.which]
+
+    @property
     def fixed(self):
         """Flags (n_local, d) of prescribed components."""
         return self.which >= 0

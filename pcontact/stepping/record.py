@@ -86,7 +86,9 @@ class Recorder:
         if problem.total:
             record["loads"] = {load.name: load.record(u, step.time) for load in problem.total}
         moved = u.getArray(readonly=True).reshape(-1, problem.space.dim)
-        couplings = [group for group in problem.groups if group not in problem.sections]
+        if problem.equations is not None:
+            record["equations"] = problem.equations.record(step.unbalanced)
+        couplings = [one for one in problem.groups if one not in problem.sections and one is not problem.equations]
         if couplings:
             record["couplings"] = {group.name: group.record(moved, step.unbalanced) for group in couplings}
         if problem.sections:

@@ -286,14 +286,9 @@ ALL, 20.
 @pytest.mark.parametrize(
     ("more", "at", "words"),
     [
-        ("*EQUATION\n2\n1, 1, 1., 2, 1, -1.\n", "*EQUATION", "not known"),
+        ("*EQUATION\n2\n1, 1, 1., 2, 6, -1.\n", "2\n1, 1, 1., 2, 6", "degree of freedom beyond 3"),
         ("*SPRING, ELSET=S\n1., 2.\n", "*SPRING", "not known"),
         ("*STEP\n*DYNAMIC\n1., 1.\n*END STEP\n", "*DYNAMIC", "static"),
-        (
-            2 * "*STEP\n*STATIC\n*END STEP\n" + "*STEP\n*STATIC\n*BOUNDARY\n105, 3\n*END STEP\n",
-            "*BOUNDARY\n105",
-            "begins",
-        ),
         ("*STEP\n*STATIC\n*DLOAD\nEALL, HYDRO, 1.\n*END STEP\n", "EALL, HYDRO", "HYDRO"),
         ("*STEP, PERTURBATION\n*STATIC\n*END STEP\n", "*STEP, PERT", "linear step"),
         ("*STEP\n*STATIC\n*CLOAD, LOAD CASE=2\n5, 1, 3.\n*END STEP\n", "*CLOAD", "LOADCASE=2"),
@@ -330,3 +325,89 @@ def test_every_card_is_in_the_list(tmp_path):
 def test_a_deck_that_cannot_be_read_is_refused(tmp_path):
     with pytest.raises(InputError, match="line 3"):
         imported(tmp_path, "*NODE\n1, 0, 0, 0\nx, 1, 0, 0\n")
+
+
+def test_nodes_that_move_alike_and_a_sector(tmp_path):
+    """*EQUATION: a force at one of the upper nodes draws all of them by F L / (E A)."""
+    alike = "".join(f"2\n{node}, 3, 1., 5, 3, -1.\n" for node in (6, 7, 8))
+    deck = (
+        bricks(((0, 0, 0), (1, 1, 1)))
+        + STEEL
+        + "*NSET, NSET=foot\n1, 2, 3, 4\n*BOUNDARY\nfoot, 3\n1, 1, 2\n2, 2\n*EQUATION\n"
+        + alike
+        + "*STEP\n*STATIC\n*CLOAD\n7, 3, 80.\n*END STEP\n"
+    )
+    status, words, scene = imported(tmp_path, deck)
+    assert status == 0 and "left out" not in words and len(scene.equations) == 3
+    assert scene.equations[0].terms == (("node_6", "z", 1.0), ("node_5", "z", -1.0))
+    assert solved(scene, ["node_6"])[-1]["probes"]["node_6"]["mean"][2] == pytest.approx(80.0 / 200000.0, rel=1e-9)
+
+
+def test_a_quarter_that_repeats(tmp_path):
+    """*TIE, CYCLIC SYMMETRY: a brick between two planes through the axis is one of four."""
+    deck = (
+        bricks(((0, 0, 0), (1, 1, 1)))
+        + STEEL
+        + """
+*SURFACE, NAME=along_x
+1, S3
+*SURFACE, NAME=along_y
+1, S6
+*TIE, NAME=cs, CYCLIC SYMMETRY
+along_y, along_x
+*CYCLIC SYMMETRY MODEL, N=4, TIE=cs
+0., 0., 0., 0., 0., 1.
+*NSET, NSET=foot
+1, 2, 3, 4
+*BOUNDARY
+foot, 3
+*STEP
+*STATIC
+*DLOAD
+EALL, P4, -100.
+EALL, P5, -100.
+*END STEP
+"""
+    )
+    status, words, scene = imported(tmp_path, deck)
+    (pair,) = scene.periodic
+    assert status == 0 and (pair.region, pair.partner) == ("along_y", "along_x") and abs(pair.angle) == 90.0
+    # drawn alike in both directions: u = p / E (x, y), but for a turn about the axis
+    scene.petsc = {}
+    step = solved(scene, ["along_x", "along_y"])[-1]
+    low, high = (np.array(step["probes"][name]["mean"]) for name in ("along_x", "along_y"))
+    np.testing.assert_allclose([high[0], high[1]], [-low[1], low[0]], atol=1e-12)
+    assert low[0] == pytest.approx(0.5 * 100.0 / 200000.0, rel=1e-9)
+
+
+def test_a_support_that_begins_late_counts_from_the_undeformed_place(tmp_path):
+    deck = (
+        bricks(((0, 0, 0), (1, 1, 1)))
+        + STEEL
+        + """
+*NSET, NSET=foot
+1, 2, 3, 4
+*NSET, NSET=top
+5, 6, 7, 8
+*BOUNDARY
+foot, 1, 3
+top, 1, 2
+*STEP
+*STATIC
+*CLOAD
+top, 3, 100.
+*END STEP
+*STEP
+*STATIC
+0.5, 1.
+*BOUNDARY
+top, 3, 3, -0.01
+*END STEP
+"""
+    )
+    status, _, scene = imported(tmp_path, deck)
+    assert status == 0 and [one.absolute for one in scene.displacements].count(True) == 1
+    drawn = 400.0 / 200000.0
+    steps = solved(scene, ["top"])
+    means = [step["probes"]["top"]["mean"][2] for step in steps]
+    np.testing.assert_allclose(means, [drawn, 0.5 * drawn - 0.005, -0.01], rtol=1e-9)

@@ -30,6 +30,7 @@ from pcontact.scene.model import (
     MeshSpec,
     Obstacle,
     Output,
+    Periodic,
     Phase,
     Pretension,
     Scene,
@@ -63,6 +64,7 @@ PIECES = {
     "springs": (("assembly.springs",), ()),
     "pre-tension": (("space.section", "mesh.section"), ("plane",)),
     "phases": (("assembly.release",), ()),
+    "equations": (("space.equations",), ()),
     "rigid groups": (("assembly.constrained", "space.rigid"), ()),
     "thermal strain": (("assembly.heat", "contact.traction.heated"), ()),
     "self contact": (("contact.search.self_surface", "contact.search.exclusion", "contact.search.cones"),
@@ -139,6 +141,11 @@ def with_piece(path, piece):
     if piece == "pre-tension":
         result = scene(section(path))
         result.pretensions = [Pretension("cut", shortening=0.001)]
+        return result
+    if piece == "equations":
+        result = scene(path)
+        result.displacements = result.displacements[:1]
+        result.periodic = [Periodic("upper_top", "upper_top", angle=90.0, point=[0.5, 0.5, 0.0], axis=[0, 0, 1])]
         return result
     if piece == "phases":
         result = scene(path)

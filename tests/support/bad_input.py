@@ -259,6 +259,26 @@ CASES = {
         [r"mesh\.msh: section 'lower_top': found 1 facets, . on one side", "allowed: all facets of a plane across"],
         scene=SCENE + '[[pretensions]]\nregion = "lower_top"\nforce = 1.0\n',
     ),
+    "equation without a direction": Case(
+        [r"equations\[0\]\.terms|equations\[0\].*terms", r"allowed: a list of at least one \[group"],
+        scene=SCENE + '[[equations]]\nterms = [["lower_top", 1, 1.0]]\n',
+    ),
+    "equation of the third direction": Case(
+        [r"equations\[0\] \(lower_top\)\.terms: found direction z with a 2D mesh", "allowed: x, y"],
+        scene=SCENE + '[[equations]]\nterms = [["lower_top", "z", 1.0]]\n',
+    ),
+    "equation of many nodes": Case(
+        [r"equations\[0\] \(lower_top\)\.terms: found 'lower_top', a group of 2 nodes", "allowed: groups of one"],
+        scene=SCENE + '[[equations]]\nterms = [["lower_top", "x", 1.0]]\n',
+    ),
+    "periodic groups without a motion": Case(
+        [r"periodic\[0\] \(lower_top\): found neither translation nor angle", "allowed: one of"],
+        scene=SCENE + '[[periodic]]\nregion = "lower_top"\npartner = "lower_bottom"\n',
+    ),
+    "periodic groups that are none": Case(
+        [r"periodic\[0\] \(lower_top\)\.partner: found 'lower_bottom', whose nearest", "allowed: nodes that are pairs"],
+        scene=SCENE + '[[periodic]]\nregion = "lower_top"\npartner = "lower_bottom"\ntranslation = [0.0, 0.5]\n',
+    ),
     "phase of another name": Case(
         [r"displacements\[1\] \(upper_top\)\.phases: found 'of'", "no such phase", "allowed: off, on"],
         scene=SCENE + 'phases = ["of"]\n' + PHASES,

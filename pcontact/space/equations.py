@@ -1,0 +1,293 @@
+"""Linear equations between components of the displacement: in each of them one component follows the others.
+
+An equation says sum(c_k u_k) = 0. One after the other they are solved for a component that no support prescribes, and
+that is put into all others (Gauss' elimination): what is left are components that follow, u_i = sum(w_ij u_j) of
+components that do not, prescribed ones among these. Newton's method does not have those that follow: its matrix is
+P^T K P and its residual P^T f, see :mod:`pcontact.space.rigid`. The forces that equations exert do no work.
+"""
+
+import numpy as np
+
+from pcontact.runtime.errors import InputError
+from pcontact.runtime.parallel import agree
+from pcontact.runtime.petsc import MPI
+
+# [-] Part of the largest coefficient of an equation that counts as zero. From: far above rounding errors.
+ZERO = 1e-12
+# [-] Part of the largest coefficient from which the component that stands first may follow the others. From: chosen.
+FIRST = 0.1
+# [extents of a group] Distance of two nodes that are a pair. From: far above what files round, below sizes of cells.
+NEAR = 1e-4
+# nodes whose partners are looked for at a time
+CHUNK = 512
+
+
+def eliminate(rows, fixed):
+    """Solve equations for components that are not prescribed.
+
+    Parameters
+    ----------
+    rows : list of dict of int to float
+        Coefficients by component; the first component is taken to follow where it can.
+    fixed : set of int
+        Prescribed components.
+
+    Returns
+    -------
+    ways : dict of int to dict of int to float
+        What each component that follows is in those that do not.
+    bound : list of int
+        Rows that are about prescribed components alone.
+    """
+    ways, used, bound = {}, {}, []
+    for number, row in enumerate(rows):
+        size, left = max(map(abs, row.values()), default=0.0), {}
+        for component, factor in row.items():
+            for other, weight in ways.get(component, {component: 1.0}).items():
+                left[other] = left.get(other, 0.0) + factor * weight
+        left = {component: factor for component, factor in left.items() if abs(factor) > ZERO * size}
+        free = [component for component in left if component not in fixed]
+        if not free:
+            bound += [number] * bool(left)
+            continue
+        most = max(abs(left[component]) for component in free)
+        chosen = next(component for component in free if abs(left[component]) >= FIRST * most)
+        pivot = left.pop(chosen)
+        way = {component: -factor / pivot for component, factor in left.items()}
+        for user in used.pop(chosen, ()):
+            weight = ways[user].pop(chosen)
+            for component, factor in way.items():
+                ways[user][component] = ways[user].get(component, 0.0) + weight * factor
+                used.setdefault(component, set()).add(user)
+        ways[chosen] = way
+        for component in way:
+            used.setdefault(component, set()).add(chosen)
+    return ways, bound
+
+
+def single(space, region, where):
+    """Global number of the one node of a region. *Collective.*
+
+    Raises
+    ------
+    InputError
+        On every rank: it has others.
+    """
+    numbers = space.nodes[space.region(region)]
+    numbers = sorted(set().union(*space.comm.allgather(set(numbers.tolist()))))
+    if len(numbers) != 1:
+        raise InputError(
+            f"{where[0]}: {where[1]}.terms: found {region!r}, a group of {len(numbers)} nodes; allowed: groups of one"
+        )
+    return numbers[0]
+
+
+def term_rows(space, equations, where):
+    """Rows of `eliminate` of equations with terms. *Collective.*
+
+    Parameters
+    ----------
+    space : pcontact.space.space.Space
+    equations : list of pcontact.scene.model.Equation
+    where : (str, list of str)
+        Scene and key path of each, for messages.
+    """
+    node, rows = {}, []
+    for path, one in zip(where[1], equations, strict=True):
+        row = {}
+        for region, direction, factor in one.terms:
+            if region not in node:
+                node[region] = single(space, region, (where[0], path))
+            component = node[region] * space.dim + "xyz".index(direction)
+            row[component] = row.get(component, 0.0) + factor
+        rows.append(row)
+    return rows
+
+
+def _gathered(space, region):
+    """Global numbers (n,), places (n, d) of all nodes of a region, on all ranks alike. *Collective.*"""
+    nodes = space.region(region)
+    numbers = space.nodes[nodes]
+    own = (numbers >= space.start) & (numbers < space.start + space.n_owned)
+    parts = space.comm.allgather((numbers[own], space.points[nodes[own]]))
+    return tuple(np.concatenate(one) for one in zip(*parts, strict=True))
+
+
+def _nearest(points, others):
+    """Row of the nearest of other points (m, d), and how far it is, for each point (n, d)."""
+    rows, far = np.zeros(len(points), dtype=np.int64), np.zeros(len(points))
+    for k in range(0, len(points), CHUNK):
+        distances = np.linalg.norm(points[k : k + CHUNK, None] - others[None], axis=2)
+        rows[k : k + CHUNK] = distances.argmin(axis=1)
+        far[k : k + CHUNK] = distances.min(axis=1)
+    return rows, far
+
+
+def pair_rows(space, pair, motion, where):
+    """Rows of `eliminate` of two groups of which one moves as the other, turned. *Collective.*
+
+    Parameters
+    ----------
+    space : pcontact.space.space.Space
+    pair : pcontact.scene.model.Periodic
+    motion : (ndarray (d, d), ndarray (d,))
+        Q and s: a node of the partner at x has its own at Q x + s, and u = Q u(partner).
+    where : (str, str)
+        Scene and key path, for messages.
+
+    Raises
+    ------
+    InputError
+        On every rank: a node has no partner.
+    """
+    d, (turn, shift) = space.dim, motion
+    (followers, places), (leaders, others) = (_gathered(space, name) for name in (pair.region, pair.partner))
+    rows, far = _nearest(places, others @ turn.T + shift)
+    within = NEAR * float(np.ptp(places, axis=0).max(initial=0.0)) if pair.within is None else pair.within
+    if (far > within).any():
+        worst = int(far.argmax())
+        at = ", ".join(f"{c:g}" for c in places[worst])
+        raise InputError(
+            f"{where[0]}: {where[1]}.partner: found {pair.partner!r}, whose nearest node is {far[worst]:.3g} off where "
+            f"that of the node ({at}) of {pair.region!r} is to be; allowed: nodes that are pairs, or a larger within"
+        )
+    found = []
+    for own, partner in zip(followers.tolist(), leaders[rows].tolist(), strict=True):
+        for i in range(d):
+            row = {own * d + i: 1.0}
+            for j in np.flatnonzero(turn[i]).tolist():
+                row[partner * d + j] = row.get(partner * d + j, 0.0) - turn[i, j]
+            found.append(row)
+    return found
+
+
+class Equations:
+    """All equations of a problem; in the place of a :class:`pcontact.space.rigid.RigidGroup`.
+
+    Parameters
+    ----------
+    space : pcontact.space.space.Space
+    rows : list of dict of int to float
+        Coefficients by global number of the component, the same on all ranks.
+    fixed, taken : ndarray (n_local, d) of bool
+        Components that supports prescribe; those that other groups have.
+    where : (str, list of str)
+        Scene and the key path of each row, for messages.
+
+    Raises
+    ------
+    InputError
+        On every rank: a node is in another group.
+
+    Notes
+    -----
+    The constructor is *Collective*. An equation about prescribed components alone is left out: the supports say what
+    they are.
+    """
+
+    leading = np.zeros(0, dtype=np.int64)
+
+    def __init__(self, space, rows, fixed, taken, where):
+        self._space, self._rows, d = space, rows, space.dim
+        every = sorted({component for row in rows for component in row})
+        prescribed = self._flagged(fixed, every)
+        others = self._flagged(taken, every)
+        clash = next((k for k, row in enumerate(rows) if others & row.keys()), None)
+        agree(space.comm, None if clash is None else (
+            f"{where[0]}: {where[1][clash]}: found a node of a rigid group or of a section; allowed: other nodes"
+        ))  # fmt: skip
+        ways, _ = eliminate(rows, prescribed)
+        first, last = space.start * d, (space.start + space.n_owned) * d
+        mine = sorted(component for component in ways if first <= component < last)
+        self._at = np.array(mine, dtype=np.int64) - first
+        self._row = np.array([k for k, component in enumerate(mine) for _ in ways[component]], dtype=np.int64)
+        self._master = np.array([m for component in mine for m in ways[component]], dtype=np.int64)
+        self._weight = np.array([w for component in mine for w in ways[component].values()], dtype=float)
+        held = np.array(sorted(prescribed), dtype=np.int64)
+        self._free = ~np.isin(self._master, held)
+        needed, node = np.unique(self._master // d, return_inverse=True)
+        self._entry, self._count = node * d + self._master % d, len(needed) * d
+        self._exchange = space.exchange(needed)
+        self.count = len(ways)
+
+    def _flagged(self, flags, components):
+        """Components whose flags (n_local, d) are set, on any rank. *Collective.*"""
+        space, d = self._space, self._space.dim
+        own = np.array(components, dtype=np.int64) - space.start * d
+        own = own[(own >= 0) & (own < space.n_owned * d)]
+        set_ = own[flags[space.owned_local].ravel()[own]] + space.start * d
+        return set().union(*space.comm.allgather(set(set_.tolist())))
+
+    def ways(self):
+        """Rows, columns and values of what follows on this rank: rows of owned components, columns global."""
+        return self._at[self._row[self._free]], self._master[self._free], self._weight[self._free]
+
+    def followers(self):
+        """Owned components (n,) that follow."""
+        return self._at
+
+    def _followed(self, u):
+        vector = self._space.vector()
+        vector.setArray(u.ravel())
+        values = self._exchange.gather(vector).ravel()[self._entry]
+        vector.destroy()
+        return np.bincount(self._row, self._weight * values, minlength=len(self._at))
+
+    def enter(self, u, time):
+        """Let components follow in a displacement (n_owned, d). *Collective.*"""
+        self.follow(u)
+
+    def follow(self, y):
+        """Let components follow in a step (n_owned, d). *Collective.*"""
+        y.reshape(-1)[self._at] = self._followed(y)
+
+    def _passed(self, forces):
+        """What forces (n_owned, d) on those that follow are on the others. *Collective.*"""
+        values = np.bincount(self._entry, self._weight * forces.reshape(-1)[self._at][self._row], self._count)
+        return self._space.summed(self._exchange, values.reshape(-1, self._space.dim))
+
+    def lead(self, f):
+        """Take forces (n_owned, d) on components that follow to the others. *Collective.*"""
+        passed = self._passed(f)
+        f.reshape(-1)[self._at] = 0.0
+        f += passed
+
+    def hold(self, modes):
+        """What rigid motions (n_modes, n_local, d) of bodies violate equations between nodes of one body, on rank 0.
+        *Collective.*"""
+        space, d = self._space, self._space.dim
+        local = {int(number): k for k, number in zip(space.owned_local, space.nodes[space.owned_local], strict=True)}
+        values = np.zeros((len(self._rows), len(modes)))
+        bodies = np.zeros((len(self._rows), 2), dtype=np.int64)
+        bodies[:, 0], bodies[:, 1] = space.mesh.n_components, -1
+        for k, row in enumerate(self._rows):
+            for component, factor in row.items():
+                node = local.get(component // d)
+                if node is not None:
+                    values[k] += factor * modes[:, node, component % d]
+                    body = space.component[node]
+                    bodies[k] = min(bodies[k, 0], body), max(bodies[k, 1], body)
+        space.comm.Allreduce(MPI.IN_PLACE, values)
+        least, most = bodies[:, 0].copy(), bodies[:, 1].copy()
+        space.comm.Allreduce(MPI.IN_PLACE, least, op=MPI.MIN)
+        space.comm.Allreduce(MPI.IN_PLACE, most, op=MPI.MAX)
+        held = np.zeros((space.mesh.n_components, len(modes), len(modes)))
+        if space.comm.rank == 0:
+            same = least == most
+            np.add.at(held, least[same], values[same][:, :, None] * values[same][:, None, :])
+        return held
+
+    def record(self, unbalanced):
+        """Resultant of the forces that the equations exert on components that are not prescribed, for the report.
+        *Collective.*
+
+        Parameters
+        ----------
+        unbalanced : ndarray (n_owned, d)
+            Internal plus contact minus external forces.
+        """
+        space, d = self._space, self._space.dim
+        own = np.bincount(self._at % d, unbalanced.reshape(-1)[self._at], minlength=d)
+        back = self._weight * unbalanced.reshape(-1)[self._at][self._row]
+        own = own - np.bincount(self._master[self._free] % d, back[self._free], minlength=d)
+        return {"force": space.comm.allreduce(own, op=MPI.SUM).tolist()}
