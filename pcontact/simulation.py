@@ -275,7 +275,8 @@ class Simulation:
         part, begin = self.part, self.spans[self.number].begin if self.spans else 0.0
         obstacles = [contact.obstacle for contact in part.contacts if contact.obstacle is not None]
         moved = [*part.displacements, *part.loads, *part.temperatures, *part.couplings, *obstacles]
-        stops, steps = [t for one in moved for t, _ in (one.amplitude or [])], part.steps
+        tables = [one.amplitude for one in moved] + [contact.interference_amplitude for contact in part.contacts]
+        stops, steps = [t for table in tables for t, _ in (table or [])], part.steps
         control = Control(steps.longest_step, self.problem.angle)
         return Schedule(steps.end, steps.count, steps.smallest_step, stops, control, begin)
 

@@ -18,9 +18,10 @@ from pcontact.contact.formulation.finite_geometry import (
     current_normals,
     tied_offsets,
 )
+from pcontact.contact.formulation.layer import FiniteLayerTerms
 from pcontact.contact.formulation.methods import facet_columns
 from pcontact.contact.law import OPEN, contact_law
-from pcontact.contact.pair import METHODS, ContactPair, partner_search
+from pcontact.contact.pair import ContactPair, method_of, partner_search
 from pcontact.contact.pairing import Pairing
 from pcontact.contact.surface.facet_maps import KIND, MAX_NODES
 from pcontact.contact.traction.finite import FiniteTraction, NoTraction
@@ -349,10 +350,11 @@ def finite_pair(space, bulk, contact, source, target, radius, floats=False, trac
     FinitePair
     """
     law = contact_law(contact)
-    method = METHODS[contact.formulation or "nitsche"](contact, source.trace, source.x.shape)
+    method = method_of(space, contact, source)
     if method.has_traction:
         traction = FiniteTraction(space, bulk, source, contact.source, trace)
     else:
         traction = NoTraction(source)
-    terms = FiniteTerms(space, source, method, traction, law)
+    kind = FiniteTerms if contact.pressure_overclosure is None else FiniteLayerTerms
+    terms = kind(space, source, method, traction, law)
     return FinitePair(space, contact, source, partner_search(space, contact, target, law), terms, radius, floats)

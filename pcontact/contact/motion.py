@@ -44,9 +44,11 @@ def step_limit(pair, u, y, falls=None):
     """
     p, source, comm = pair.pairing, pair.source, pair.space.comm
     traction, gap = pair.terms.normal_state(p, p.exchange.gather(u), p.acts)
+    overclosed = traction + pair.gamma_points * gap
+    gap = gap - pair.method.begins
     approach = pair.terms.approach(p, u, y)
     part = pair.radius / max(float(np.max(np.abs(approach), initial=0.0)), 1e-300)
-    closed = p.paired & (traction + pair.gamma_points * gap <= 0.0)
+    closed = p.paired & (overclosed <= 0.0)
     bearing, falling = pair.forces(u)[1] > OPEN, np.zeros(len(gap), dtype=bool)
     if falls is not None and falls.any():
         # the last place is that of an obstacle

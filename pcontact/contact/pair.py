@@ -18,7 +18,9 @@ from pcontact.contact.formulation.augmented import AugmentedLagrangian
 from pcontact.contact.formulation.averages import add_at_nodes
 from pcontact.contact.formulation.frictional import FrictionalTerms
 from pcontact.contact.formulation.frictionless import FrictionlessTerms
+from pcontact.contact.formulation.layer import FrictionalLayerTerms, Layer, LayerTerms
 from pcontact.contact.formulation.methods import Method, Penalty
+from pcontact.contact.initial import initial_gap
 from pcontact.contact.law import OPEN, SLIP, STICK, View, contact_law
 from pcontact.contact.pairing import Pairing
 from pcontact.contact.points import PartnerPoints, SourcePoints, interpolate
@@ -45,6 +47,8 @@ PLACES = 1000
 
 # formulations of a scene
 METHODS = {"nitsche": Method, "penalty": Penalty, "augmented_lagrangian": AugmentedLagrangian}
+# terms of a pair without friction and with it; those of a layer
+TERMS, LAYER_TERMS = (FrictionlessTerms, FrictionalTerms), (LayerTerms, FrictionalLayerTerms)
 
 
 class ContactPair(Item):
@@ -83,7 +87,7 @@ class ContactPair(Item):
     rounding : float
         Rounding errors that a gap may carry [length].
     offset : ndarray (np,) or None
-        Initial overlap that is adjusted away [length].
+        What is added to gaps for those that the undeformed bodies are given, see `pcontact.contact.initial` [length].
     """
 
     def __init__(self, space, contact, source, search, terms, radius, floats=False):
@@ -94,6 +98,7 @@ class ContactPair(Item):
         self.bilateral = contact.bilateral or self.law.tied or self.law.held
         self.time, self.version, self.flips, self._status = 0.0, 0, [], None
         self.lost, self._begun, self.offset, self.chords, self.pairing = (0, 0), False, None, None, None
+        self._initial = initial_gap(contact)
         self._normals, self._coupled = source.normal, np.zeros(len(source.facet), dtype=bool)
         self.committed = np.full(len(source.facet), OPEN, dtype=np.int64)
         low, high = bounding_box(space.comm, space.points)
@@ -165,11 +170,11 @@ class ContactPair(Item):
         """Take the partners that were found at displacements that are expected, in a load step that begins at ``u``.
         *Collective.*
         """
-        self._adjust_target(found)
         source, paired, gap = self.source, found.paired, found.gap
         # surfaces that touch are closed in the first tangent, whatever the rounding of their coordinates says
         gap = np.where(paired & (np.abs(gap) > self.rounding), gap, 0.0)
-        gap = gap if self.offset is None else gap + self.offset
+        if self._initial is not None:
+            gap = gap + self._offset(gap, paired, time)
         normal = np.ascontiguousarray(np.where(paired[:, None], found.normal, self._normals))
         # obstacles have moved on already, and displacements that are expected are not those of a solution
         compares = self._begun and expected is u and not self.rigid
@@ -177,7 +182,7 @@ class ContactPair(Item):
         self._freeze(expected, gap, normal, found)
         size = source.size[source.facet]
         # half of the motion closes points (see APPROACH in `pcontact.solve.newton`) before contact pushes them back
-        near = gap <= 0.5 * size + np.minimum(0.55 * motion, FORESEEN * size)
+        near = gap - self.method.begins <= 0.5 * size + np.minimum(0.55 * motion, FORESEEN * size)
         self._coupled = self._couples(near)
         self._new_pattern()
         self._start_step(u, time)
@@ -225,16 +230,18 @@ class ContactPair(Item):
         """Outward normals of the source by which partners are looked for: those of the undeformed one."""
 
     def _adjust_obstacle(self, nodal, x):
-        """An initial overlap that is adjusted away: with the obstacle where it is before it moves. *Collective.*"""
-        if self.contact.interference == "adjust" and self.offset is None and self.rigid:
+        """The gap between undeformed bodies: with the obstacle where it is before it moves. *Collective.*"""
+        if self._initial is not None and not self._initial.known and self.rigid:
             first = self._find(nodal, x, self.time)
-            self.offset = np.where(first.paired, np.maximum(-first.gap, 0.0), 0.0)
+            self._initial.take(first.gap, first.paired)
 
-    def _adjust_target(self, found):
-        """The same between bodies: the overlap that the first search finds."""
-        if self.contact.interference == "adjust" and self.offset is None:
-            gap = np.where(found.paired & (np.abs(found.gap) > self.rounding), found.gap, 0.0)
-            self.offset = np.where(found.paired, np.maximum(-gap, 0.0), 0.0)
+    def _offset(self, gap, paired, time):
+        """What is added to gaps (np,) that a search has found; the first one between bodies finds that of undeformed
+        ones."""
+        if not self._initial.known:
+            self._initial.take(gap, paired)
+        self.offset = self._initial.offset(time)
+        return self.offset
 
     def _freeze(self, u, gap, normal, found):
         """Partners that stay until the next search, with the gap that it found at displacements. *Collective.*"""
@@ -283,7 +290,7 @@ class ContactPair(Item):
 
     def _count_lost(self, gap, paired):
         size = self.source.size[self.source.facet]
-        return motion.lost(gap, paired, self.closed, size)
+        return motion.lost(gap - self.method.begins, paired, self.closed, size)
 
     # -- pattern ------------------------------------------------------------------------------------------------
 
@@ -338,7 +345,7 @@ class ContactPair(Item):
         facet, targets = source.facet[some], p.targets[some]
         own, other = np.abs(source.shape[some]), np.abs(p.target_shape[some])
         size = np.einsum("pa,pad->p", own, size[p.cells[facet]]) + np.einsum("pm,pmd->p", other, size[targets])
-        size = (size + initial[some]) * self.gamma[facet] * source.jxw[some]
+        size = (size + initial[some]) * self.method.firmest[facet] * source.jxw[some]
         size = np.repeat(size[:, None], self.space.dim, axis=1)
         local = np.zeros_like(values)
         add_at_nodes(own, p.cells, facet, size, local)
@@ -582,6 +589,14 @@ class ContactPair(Item):
         return borne(self.space, self.pairing, self.source, np.linalg.norm(self.state(u)["traction"], axis=1))
 
 
+def method_of(space, contact, source):
+    """The formulation of a contact, for a source surface. *Collective.*"""
+    if contact.pressure_overclosure is None:
+        return METHODS[contact.formulation or "nitsche"](contact, source.trace, source.x.shape)
+    softest = space.comm.allreduce(float(np.min(source.trace, initial=np.inf)), op=MPI.MIN)
+    return Layer(contact, source.trace, softest)
+
+
 def partner_search(space, contact, target, law):
     """Who says who the partner of a point is, of a contact with a law: a :class:`TargetSearch` or `ObstacleSearch`."""
     if isinstance(target, RigidObstacle):
@@ -590,7 +605,7 @@ def partner_search(space, contact, target, law):
 
 
 def contact_pair(space, contact, source, target, radius, floats=False, trace=None, law=None):
-    """The pair of a contact in its formulation.
+    """The pair of a contact in its formulation. *Collective.*
 
     Parameters
     ----------
@@ -613,12 +628,12 @@ def contact_pair(space, contact, source, target, radius, floats=False, trace=Non
     ContactPair
     """
     law = contact_law(contact) if law is None else law
-    kind = METHODS[contact.formulation or "nitsche"]
-    method = kind(contact, source.trace, source.x.shape)
+    method = method_of(space, contact, source)
     source = method.source(source)
     if trace is None or not method.has_traction:
         traction = ElasticTraction(source)
     else:
         traction = PlasticTraction(source, trace, method.theta != 0.0 and contact.adjoint == "consistent")
-    terms = (FrictionalTerms if law.tangential else FrictionlessTerms)(space, source, method, traction, law)
+    kinds = TERMS if contact.pressure_overclosure is None else LAYER_TERMS
+    terms = kinds[law.tangential](space, source, method, traction, law)
     return ContactPair(space, contact, source, partner_search(space, contact, target, law), terms, radius, floats)

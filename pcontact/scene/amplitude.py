@@ -106,6 +106,8 @@ def drive(scene, places):
     acting = [one for one in scene.displacements if one.turns or any(v != "free" and v for v in one.value)]
     acting += [*scene.loads, *scene.temperatures, *scene.couplings, *scene.pretensions]
     factors = [amplitude_of(one, end).factor for one in acting if not timed(one)]
+    growing = [pair.interference_amplitude for pair in scene.contacts if pair.interference_amplitude is not None]
+    factors += [amplitude(table, end).factor for table in growing]
     obstacles = [pair.obstacle for pair in scene.contacts if pair.obstacle is not None]
     factors += [amplitude(one.amplitude, end).factor for one in obstacles if one.moves]
     factors += [amplitude(None, end).factor for one in obstacles if one.shape == "level_set"]

@@ -125,6 +125,16 @@ def describe(
     return active, [name for name, asked in _FEATURES if not asked(scene)]
 
 
+def _initial(contact: Contact) -> str:
+    """The gap between the undeformed bodies."""
+    if contact.clearance is not None:
+        words = f"initial clearance {contact.clearance:g}"
+    else:
+        words = f"initial overlap: {contact.interference}"
+        words += f", gaps within {contact.adjust_within:g} too" if contact.adjust_within else ""
+    return f"{words} by an amplitude" if contact.interference_amplitude is not None else words
+
+
 def _contact(contact: Contact) -> str:
     """One line: partners, law, numerics."""
     if contact.obstacle is not None:
@@ -150,12 +160,13 @@ def _contact(contact: Contact) -> str:
             law += f" plus adhesion {contact.adhesion:g}"
     elif contact.tresca:
         law = f"Tresca friction {contact.tresca:g}"
-    words = [partners, law, contact.formulation.replace("_", " ")]
+    layer = contact.pressure_overclosure is not None
+    words = [partners, law, "pressure over overclosure" if layer else contact.formulation.replace("_", " ")]
     if contact.formulation == "nitsche":
         words.append(f"theta {contact.theta:g}")
     words.append("gamma0 from the element" if contact.gamma0 is None else f"gamma0 {contact.gamma0:g}")
     words += [contact.search.replace("_", " ")]
-    words += ["gap or overlap stay"] if contact.tied else [f"initial overlap: {contact.interference}"]
+    words += ["gap or overlap stay"] if contact.tied else [_initial(contact)]
     if contact.smooth_geometry and not contact.tied:
         words.append("gaps of the smooth surfaces of straight facets")
     if contact.meets_itself:

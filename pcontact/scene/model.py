@@ -37,6 +37,7 @@ from pcontact.scene.values import (
     MOMENT,
     MOONEY_RIVLIN,
     OGDEN,
+    PRESSURE_OVERCLOSURE,
     ROTATION,
     SCALAR,
     STIFFNESSES,
@@ -373,6 +374,26 @@ class Contact:
     interference: str | None = key(
         choice("resolve", "adjust"), "what an initial overlap means", default="resolve", resolved=True,
         more="it is pushed apart (`resolve`: a shrink fit), or taken as the unloaded state (`adjust`)",
+    )  # fmt: skip
+    adjust_within: float | None = key(
+        NON_NEGATIVE, "with `interference = \"adjust\"`: gaps of the undeformed bodies up to this are closed as well",
+        None, "length", "0", more="without strain; see below",
+    )  # fmt: skip
+    clearance: float | None = key(
+        number(), "gap of the undeformed bodies wherever they face each other, whatever the mesh has", None, "length",
+        "that of the mesh", more="Negative: an overlap, which is pushed apart; see below",
+    )  # fmt: skip
+    interference_amplitude: Table | None = key(
+        AMPLITUDE, "factor of the initial overlap over the time", None, otherwise="all of it acts from the beginning",
+        more="see below",
+    )  # fmt: skip
+    pressure_overclosure: float | Table | None = key(
+        PRESSURE_OVERCLOSURE, "a soft layer between the surfaces: contact pressure over overclosure, the negative gap",
+        None, "stress / length, or length and stress", "none, the surfaces are hard", more="see below",
+    )  # fmt: skip
+    stick_stiffness: float | None = key(
+        POSITIVE, "with `pressure_overclosure` and friction: tangential traction over slip where points stick", None,
+        "stress / length", "from the element, as of the penalty method",
     )  # fmt: skip
     smooth_geometry: bool | None = key(
         BOOLEAN, "gaps are those of the smooth surfaces that straight facets stand for", default=False,

@@ -35,6 +35,11 @@ ALIKE = 0.5  # likeness of two file names above which one may be meant by the ot
 ALIKE_MODULI = 1e-3  # relative difference of Young's modulus and that of the terms of rubber
 MOST_PAIRS = 26  # of two surfaces beside a contact of all: a bit for each surface fits into the digits of a number
 SMALLEST = 1e-12  # of the run: the shortest step
+# keys of contacts that mean nothing where surfaces are tied
+NOT_TIED = (
+    "friction", "tresca", "bilateral", "unbiased", "obstacle", "interference", "smooth_geometry", "adjust_within",
+    "clearance", "interference_amplitude", "pressure_overclosure",
+)  # fmt: skip
 
 
 def validate(scene: Scene) -> None:
@@ -140,6 +145,10 @@ def _numerics(contact, said):
     for key, default in CONTACT_DEFAULTS.items():
         own = getattr(contact, key)
         values[key] = said.get(key, default if own is None else own)
+    if contact.pressure_overclosure is not None:
+        # what the command line says of formulations is about hard surfaces
+        own = 0.0 if contact.theta is None else contact.theta
+        values |= {"formulation": "penalty", "theta": own, "adjoint": "elastic"}
     return values
 
 
@@ -312,7 +321,46 @@ def _check_contact(scene, where, contact):
         raise input_error(scene.where, f"{where}.self_contact", found, "all = true, or the same source and target")
     if contact.tied:
         _check_tied(scene, where, contact)
+    _check_initial(scene, where, contact)
+    _check_layer(scene, where, contact)
     _check_theta(scene, where, contact)
+
+
+def _check_initial(scene, where, contact):
+    """One word on the gap between the undeformed bodies, and an overlap for its amplitude."""
+    adjusts = contact.interference == "adjust"
+    if contact.adjust_within is not None and not adjusts:
+        found = f"{contact.adjust_within:g} without interference = \"adjust\""
+        raise input_error(scene.where, f"{where}.adjust_within", found, 'interference = "adjust" as well')
+    for key in ("clearance", "interference_amplitude"):
+        if getattr(contact, key) is not None and adjusts:
+            found = f'{key} together with interference = "adjust"'
+            raise input_error(scene.where, f"{where}.{key}", found, f"at most one of {key}, interference = \"adjust\"")
+    if contact.interference_amplitude is not None and (contact.clearance or 0.0) > 0.0:
+        found = f"an amplitude of the overlap together with clearance = {contact.clearance:g}, which leaves none"
+        raise input_error(scene.where, f"{where}.interference_amplitude", found, "clearance < 0, or none")
+    if contact.clearance is not None and (contact.meets_itself or (contact.all and contact.obstacle is None)):
+        found = f"{contact.clearance:g} of surfaces that meet anywhere"
+        raise input_error(scene.where, f"{where}.clearance", found, "pairs of two surfaces")
+
+
+def _check_layer(scene, where, contact):
+    """A layer is a formulation of its own, between surfaces that are not glued."""
+    if contact.stick_stiffness is not None:
+        if contact.pressure_overclosure is None:
+            found, allowed = "stick_stiffness without pressure_overclosure", "pressure_overclosure as well"
+            raise input_error(scene.where, f"{where}.stick_stiffness", found, allowed)
+        if not any((contact.friction, contact.tresca, contact.adhesion, contact.law, scene.phases)):
+            found = "stick_stiffness without friction"
+            raise input_error(scene.where, f"{where}.stick_stiffness", found, "friction as well")
+    if contact.pressure_overclosure is None:
+        return
+    if contact.formulation not in (None, "penalty"):
+        found = f'"{contact.formulation}" with pressure_overclosure'
+        raise input_error(scene.where, f"{where}.formulation", found, 'nothing, or "penalty"')
+    if scene.output.estimate:
+        found = f"true together with {where}.pressure_overclosure"
+        raise input_error(scene.where, "output.estimate", found, "false: the estimate is one of hard surfaces")
 
 
 def _check_all(scene, where, contact):
@@ -340,9 +388,9 @@ def _check_all(scene, where, contact):
 
 def _check_tied(scene, where, contact):
     """What is glued neither slides nor opens, and needs two surfaces."""
-    for key in ("friction", "tresca", "bilateral", "unbiased", "obstacle", "interference", "smooth_geometry"):
+    for key in NOT_TIED:
         value = getattr(contact, key)
-        if value and value != CONTACT_DEFAULTS.get(key):
+        if value not in (None, False, 0.0) and value != CONTACT_DEFAULTS.get(key):
             found = f"{'an obstacle' if key == 'obstacle' else shown(value)} together with tied = true"
             raise input_error(scene.where, f"{where}.{key}", found, "nothing: tied surfaces stay as they are")
     if contact.target == contact.source:
@@ -351,8 +399,11 @@ def _check_tied(scene, where, contact):
 
 def _check_theta(scene, where, contact):
     """Penalty and augmented Lagrangian have no adjoint term that theta could weigh."""
-    if contact.formulation in (None, "nitsche"):
+    layer = contact.pressure_overclosure is not None
+    if contact.formulation in (None, "nitsche") and not layer:
         return
+    if layer and contact.formulation is None:
+        contact = replace(contact, formulation="penalty")
     said = f'with formulation "{contact.formulation}"'
     if contact.theta:
         raise input_error(scene.where, f"{where}.theta", f"{contact.theta:g} {said}", '0, or formulation "nitsche"')

@@ -57,6 +57,18 @@ def _check_hardening(rows):
             raise ValueError(f"whose stresses decrease in entry {index}")
 
 
+def _check_overclosure(rows):
+    if len(rows) < 2:
+        raise ValueError("of one pair")
+    if rows[0][1] != 0:
+        raise ValueError(f"whose first pressure is {rows[0][1]:g}")
+    for index in range(1, len(rows)):
+        if rows[index][0] <= rows[index - 1][0]:
+            raise ValueError(f"whose overclosures do not increase in entry {index}")
+        if rows[index][1] <= 0 or rows[index][1] < rows[index - 1][1]:
+            raise ValueError(f"whose pressure {rows[index][1]:g} in entry {index} is not positive, or decreases")
+
+
 def _check_ogden(rows):
     for index, (modulus, power) in enumerate(rows):
         if modulus * power == 0.0:
@@ -138,6 +150,16 @@ HARDENING_CURVE = _pairs(
     "a list of [equivalent plastic strain, yield stress] pairs, the first strain 0, strains increasing, stresses > 0 "
     "and not decreasing",
     _check_hardening,
+)
+_OVERCLOSURES = _pairs(
+    "a list of at least two [overclosure, pressure] pairs, overclosures increasing, the first pressure 0, all others "
+    "> 0 and not decreasing",
+    _check_overclosure,
+)
+PRESSURE_OVERCLOSURE = Rule(
+    f"a number > 0, or {_OVERCLOSURES.allowed}",
+    lambda value: _OVERCLOSURES.accept(value) if isinstance(value, list | tuple) else number(above=0).accept(value),
+    {"anyOf": [number(above=0).schema, {**_OVERCLOSURES.schema, "minItems": 2}]},
 )
 OGDEN = _pairs("a list of [mu, alpha] pairs, not zero, sum(mu alpha) > 0", _check_ogden)
 MOONEY_RIVLIN = sequence("a list of two numbers c10, c01 with c10 + c01 > 0", number(), (2,), lambda c: sum(c) > 0)

@@ -77,6 +77,8 @@ PIECES = {
     "unbiased contact": (("contact.unbiased",), ("is_unbiased",)),
     "penalty": (("contact.formulation.methods",), ("Method",)),
     "augmented Lagrangian": (("contact.formulation.augmented",), ()),
+    "soft layers": (("contact.formulation.layer",), ()),
+    "initial gaps": (("contact.initial",), ("initial_gap",)),
     "obstacles": (("contact.surface.obstacle",), ()),
     # what says that a cell has none, and what axial symmetry needs, too
     "mean dilatation": (
@@ -179,6 +181,8 @@ def with_piece(path, piece):
         "unbiased contact": {"unbiased": True},
         "penalty": {"formulation": "penalty"},
         "augmented Lagrangian": {"formulation": "augmented_lagrangian"},
+        "soft layers": {"pressure_overclosure": 1000.0},
+        "initial gaps": {"clearance": 0.001},
     }[piece])  # fmt: skip
 
 

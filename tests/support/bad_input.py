@@ -234,6 +234,50 @@ CASES = {
         [r"scene\.toml", r"contacts\[0\] \(pair\)\.theta", '1 with formulation "penalty"', "allowed: 0"],
         scene=swapped('name = "pair"', 'name = "pair"\nformulation = "penalty"\ntheta = 1'),
     ),
+    "adjusted farther without a word": Case(
+        [r"scene\.toml: contacts\[0\] \(pair\)\.adjust_within", "0.1 without interference", "allowed: interference"],
+        scene=swapped('name = "pair"', 'name = "pair"\nadjust_within = 0.1'),
+    ),
+    "two words on the gap": Case(
+        [r"contacts\[0\] \(pair\)\.clearance", "together with interference", "allowed: at most one of clearance"],
+        scene=swapped('name = "pair"', 'name = "pair"\ninterference = "adjust"\nclearance = 0.1'),
+    ),
+    "amplitude of no overlap": Case(
+        [r"contacts\[0\] \(pair\)\.interference_amplitude", "clearance = 0.1", "allowed: clearance < 0"],
+        scene=swapped('name = "pair"', 'name = "pair"\nclearance = 0.1\ninterference_amplitude = [[0, 0], [1, 1]]'),
+    ),
+    "clearance of a surface with itself": Case(
+        [r"contacts\[0\] \(pair\)\.clearance", "surfaces that meet anywhere", "allowed: pairs of two surfaces"],
+        scene=swapped('target = "lower_top"', 'target = "upper_bottom"\nclearance = 0.1'),
+    ),
+    "pressure that falls": Case(
+        [r"contacts\[0\] \(pair\)\.pressure_overclosure", "in entry 2", "decreases", "allowed: a number > 0"],
+        scene=swapped('name = "pair"', 'name = "pair"\npressure_overclosure = [[0, 0], [1, 2], [2, 1]]'),
+    ),
+    "pressure before it begins": Case(
+        [r"contacts\[0\] \(pair\)\.pressure_overclosure", "first pressure is 1", "allowed"],
+        scene=swapped('name = "pair"', 'name = "pair"\npressure_overclosure = [[0, 1], [1, 2]]'),
+    ),
+    "a layer with another formulation": Case(
+        [r"contacts\[0\] \(pair\)\.formulation", '"nitsche" with pressure_overclosure', "allowed: nothing"],
+        scene=swapped('name = "pair"', 'name = "pair"\nformulation = "nitsche"\npressure_overclosure = 10'),
+    ),
+    "a layer with an adjoint term": Case(
+        [r"contacts\[0\] \(pair\)\.theta", '1 with formulation "penalty"', "allowed: 0"],
+        scene=swapped('name = "pair"', 'name = "pair"\ntheta = 1\npressure_overclosure = 10'),
+    ),
+    "a layer that is tied": Case(
+        [r"contacts\[0\] \(pair\)\.pressure_overclosure", "together with tied = true", "allowed: nothing"],
+        scene=swapped('name = "pair"', 'name = "pair"\ntied = true\npressure_overclosure = 10'),
+    ),
+    "sticking without a layer": Case(
+        [r"contacts\[0\] \(pair\)\.stick_stiffness", "without pressure_overclosure", "allowed: pressure_overclosure"],
+        scene=swapped('name = "pair"', 'name = "pair"\nfriction = 0.1\nstick_stiffness = 10'),
+    ),
+    "sticking without friction": Case(
+        [r"contacts\[0\] \(pair\)\.stick_stiffness", "without friction", "allowed: friction"],
+        scene=swapped('name = "pair"', 'name = "pair"\npressure_overclosure = 10\nstick_stiffness = 10'),
+    ),
     "updates of multipliers": Case(
         ["-contact_uzawa_rtol", "found '0'", "allowed: a number > 0"],
         scene=swapped('name = "pair"', 'name = "pair"\nformulation = "augmented_lagrangian"'),

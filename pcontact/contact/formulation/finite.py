@@ -165,15 +165,18 @@ class FiniteTerms:
         traction, tau = self._traction(p, values, p.acts if wanted is None else wanted), np.empty((n, d))
         augment(self.parameters, p.points.facet, placed, traction, tau)
         view, slope = view._replace(paired=view.paired & placed.live), np.zeros((n if sloped else 0, d, d))
+        return Acting(traction, tau, *self._projected(view, placed.normal, tau, slope), slope)
+
+    def _projected(self, view, normal, tau, slope):
+        """Traction P (np, d) and status (np,), by normals and augmented tractions (np, d); fills ``slope`` (np, d, d)
+        unless it has the length 0."""
         if self.slides:
-            force, status = self.law.project(view, placed.normal, tau, slope)
-        else:
-            tau_n = np.einsum("pd,pd->p", tau, placed.normal)
-            closed = self.law.closed(view, tau_n)
-            force, status = np.where(closed, tau_n, 0.0)[:, None] * placed.normal, np.where(closed, SLIP, OPEN)
-            if sloped:
-                slope[closed] = placed.normal[closed, :, None] * placed.normal[closed, None, :]
-        return Acting(traction, tau, force, status, slope)
+            return self.law.project(view, normal, tau, slope)
+        tau_n = np.einsum("pd,pd->p", tau, normal)
+        closed = self.law.closed(view, tau_n)
+        if len(slope):
+            slope[closed] = normal[closed, :, None] * normal[closed, None, :]
+        return np.where(closed, tau_n, 0.0)[:, None] * normal, np.where(closed, SLIP, OPEN)
 
     def gap(self, p, values, wanted=None):
         """Gap (np,) [length]. Without a partner that of a plane across the normal, which the last search has left.

@@ -84,12 +84,16 @@ class FrictionlessTerms:
         """Tractions P (np, d) that act on the source, and status (np,)."""
         _, tau = self._pressed(p, values)
         closed = self.law.closed(view, tau)
-        return np.where(closed, tau, 0.0)[:, None] * p.normal, np.where(closed, SLIP, OPEN)
+        return np.where(closed, tau, 0.0)[:, None] * p.normal, self._status(closed)
+
+    @staticmethod
+    def _status(closed):
+        return np.where(closed, SLIP, OPEN)
 
     def slopes(self, p, values, view):
         """What :meth:`add_tangent` needs of the law, and status (np,)."""
         closed = self.law.closed(view, self._pressed(p, values)[1])
-        return closed, np.where(closed, SLIP, OPEN)
+        return closed, self._status(closed)
 
     # -- residual and tangent -------------------------------------------------------------------------------------
 

@@ -45,6 +45,8 @@ class Method:
 
     # whether the source's stress enters
     has_traction = True
+    # gap below which there may be a pressure [length]
+    begins = 0.0
 
     def __init__(self, contact, trace, shape=None):
         self.theta = float(contact.theta) if self.has_traction else 0.0
@@ -56,6 +58,11 @@ class Method:
     def parameters(self):
         """What kernels need of them."""
         return Parameters(self.theta, self.alpha, self.gamma)
+
+    @property
+    def firmest(self):
+        """The largest stiffness (nf,) between a gap and its traction [stress/length]."""
+        return self.gamma
 
     @property
     def stiff(self):
