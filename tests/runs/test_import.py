@@ -107,6 +107,20 @@ EALL, P2, -100.
     assert step["probes"]["top"]["mean"][2] == pytest.approx(100.0 * 2.0 / 200000.0, rel=1e-9)
 
 
+@pytest.mark.parametrize(("word", "other", "integration"), [
+    ("C3D20R", "C3D20R", "reduced"), ("C3D20R", "C3D20", "full"), ("C3D20", "C3D20", "full"),
+])  # fmt: skip
+def test_reduced_integration_is_that_of_the_body(tmp_path, word, other, integration):
+    """Half a body of each: where types differ the import says which integration all cells have."""
+    deck = bricks(((0, 0, 0), (1, 1, 1)), ((2, 0, 0), (1, 1, 1)), quadratic=True)
+    deck = deck.replace("TYPE=C3D20", f"TYPE={word}")
+    deck = deck.replace("\n2, 101", f"\n*ELEMENT, TYPE={other}, ELSET=EALL\n2, 101")
+    hold = "\n*NSET, NSET=foot\n1, 2, 3, 4, 101, 102, 103, 104\n*BOUNDARY\nfoot, 1, 3\n"
+    status, words, scene = imported(tmp_path, deck + STEEL + hold + "*STEP\n*STATIC\n*DLOAD\n1, P2, 1.\n*END STEP\n")
+    assert status == 0 and [body.integration for body in scene.bodies] == [integration]
+    assert ("all of them with full integration" in words) == (word != other)
+
+
 def test_a_held_element_of_degree_1_beside_one_of_degree_2_stays_rigid(tmp_path):
     """The lower block is held at its eight vertices, the upper one, of degree 2, is pressed onto it: u = -p L / E."""
     boxes = ((0, 0, 0), (1, 1, 1)), ((0, 0, 1), (1, 1, 1))
