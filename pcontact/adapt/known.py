@@ -36,6 +36,17 @@ MEASURED = {
 WITHOUT_PROOF = 0.9
 
 
+# of quantities: from rings, punch and Hertz, drivers/studies/named_error.py
+QUANTITIES = {"pressure": (0.6, 2.5)}
+OTHERS = (0.5, 2.0)
+
+
+def of_quantity(quantity, dim):
+    """The range of the estimate of a quantity."""
+    least, most = QUANTITIES.get(quantity, OTHERS)
+    return Range(least, most, f"{quantity} by a dual problem" if quantity != "pressure" else "pressure in L2", dim)
+
+
 def effectivity(scene, simplices, dim, degree):
     """The range of the estimate of the energy norm for a class of scenes.
 

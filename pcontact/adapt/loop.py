@@ -10,7 +10,7 @@ import numpy as np
 
 from pcontact.adapt import variants
 from pcontact.adapt.budget import Budgeted
-from pcontact.adapt.known import effectivity
+from pcontact.adapt.known import effectivity, of_quantity
 from pcontact.adapt.meshes import Meshes
 from pcontact.adapt.passes import Pass, said_of, table
 from pcontact.adapt.sizes import cuts
@@ -32,6 +32,9 @@ SHARE = 0.1
 # [passes] At most; and those after which a mesh must have brought something. From: each pass at least doubles the cells
 # or is the last one.
 MOST, PATIENCE = 14, 3
+# [-] Unknowns that the target would take over those of now, with which it is out of reach. From: chosen, more than two
+# more passes.
+FARTHEST = 1e4
 # [-] Part by which the error must have fallen where the cells have grown by the other. From: chosen.
 FALLEN, GROWN = 0.97, 1.3
 # [-] Tolerances of Newton's method: that of the first pass over the target, and the range. From: the first is checked
@@ -187,21 +190,36 @@ class Loop:
         simplices = any(not CELLS[kind].is_tensor for some in self.comm.allgather(kinds) for kind in some)
         known = effectivity(simulation.scene, simplices, mesh.dim, space.degree)
         norm = watch.norm if watch.norm > 0.0 else 1.0
-        estimate = watch.absolute / norm
+        estimate, size, found = watch.absolute / norm, norm, None
+        if self.target.quantity != "energy":
+            found = simulation.error_estimate.of_quantity(self.target, watch.record, simulation.stepper.u, watch.time)
+            known, size = of_quantity(self.target.quantity, mesh.dim), abs(found.value) or 1.0
+            estimate = abs(found.error) / size
+            watch.squares = self._indicators(watch.squares, found)
         times = simulation.times()
         done = Pass(
             unknowns=space.n_dofs, cells=mesh.n_cells_total, degree=space.degree, estimate=estimate, known=known,
             parts={"mesh": estimate / known.least, "algebraic": watch.algebraic / norm}, steps=self._steps,
             seconds=seconds, solve=times["solve"], memory=times["peak_memory_mb"] * 2.0**20,
+            quantity=None if found is None else _quantity(found, self.target, self.passes),
         )  # fmt: skip
-        done.parts |= self._beside_the_mesh(simulation, done, norm)
+        done.parts |= self._beside_the_mesh(simulation, done, size, watch.record)
         done.error = sum(done.parts.values())
         return done
 
-    def _beside_the_mesh(self, simulation, done, norm):
+    def _indicators(self, squares, found):
+        """What cells have in the error of a quantity, where that is what the mesh is refined for. *Collective.*"""
+        own = np.concatenate([np.zeros(0), *found.cells])
+        if self.target.quantity != "pressure":
+            return np.abs(own)
+        # the pressure is that of cells on the contact, and depends on the stress of all others
+        sums = self.comm.allreduce(np.array([own.sum(), squares.sum()]), op=MPI.SUM)
+        return own / (sums[0] or 1.0) + squares / (sums[1] or 1.0)
+
+    def _beside_the_mesh(self, simulation, done, norm, record):
         """Errors that the mesh has no part in, measured on the first mesh. *Collective.*"""
         if self._others is None:
-            self._others = self._measure_others(simulation, norm) | {"of": done.parts["mesh"]}
+            self._others = self._measure_others(simulation, norm, record) | {"of": done.parts["mesh"]}
         found, first = self._others, self._others["steps"]
         finer = done.parts["mesh"] / found["of"] if found["of"] > 0.0 else 1.0
         parts = {"load_steps": found["load_steps"] * first / self._steps}
@@ -209,7 +227,7 @@ class Loop:
         parts |= {"quadrature": found["quadrature"] * min(finer, 1.0), "straight_facets": found["straight_facets"]}
         return {name: value for name, value in parts.items() if value > 0.0}
 
-    def _measure_others(self, simulation, norm):
+    def _measure_others(self, simulation, norm, record):
         zero = {"load_steps": 0.0, "quadrature": 0.0, "straight_facets": 0.0, "steps": self._steps}
         if simulation.problem.linear:
             return zero
@@ -222,7 +240,7 @@ class Loop:
         if any(pair.chords is not None for contact in simulation.problem.contacts for pair in contact.pairs):
             tried["straight_facets"] = variants.smooth_facets(scene)
         for name, other in tried.items():
-            value = variants.difference(simulation, other, self.comm, self.said) / norm
+            value = variants.difference(simulation, other, self.target, record) / norm
             # with half the steps to go, the other half of a first-order error is left
             zero[name] = 2.0 * value if name == "load_steps" else value
         if not np.isfinite(zero["load_steps"]):
@@ -241,6 +259,10 @@ class Loop:
             largest = max(done.parts, key=done.parts.get)
             self._why = f"not reached: finer meshes do not bring it down, the largest part is {said_of(largest)}"
             return SPENT, None
+        far = cost_of(self.passes, goal)["unknowns"]
+        if len(self.passes) > PATIENCE and far > FARTHEST * done.unknowns:
+            self._why = f"not reached: at the rate seen it would take {far:.2g} unknowns"
+            return SPENT, None
         self._balance(done)
         others = sum(value for name, value in done.parts.items() if name not in ("mesh", "load_steps", "algebraic"))
         others += min(done.parts["algebraic"], SHARE * goal) + min(done.parts.get("load_steps", 0.0), SHARE * goal)
@@ -253,8 +275,10 @@ class Loop:
         if most < GROWN:
             self._why = f"not reached: the budget is spent ({self._budget.by})"
             return SPENT, None
-        step = cuts(self.comm, watch.squares, done.degree, simulation.mesh.dim, part, most)
-        done.next = {"unknowns": step.growth * done.unknowns, "mesh": step.part * done.parts["mesh"],
+        # errors of quantities are products of two errors of the energy norm
+        power = 2.0 if self.target.quantity not in ("energy", "pressure") else 1.0
+        step = cuts(self.comm, watch.squares, done.degree, simulation.mesh.dim, part ** (1.0 / power), most)
+        done.next = {"unknowns": step.growth * done.unknowns, "mesh": step.part**power * done.parts["mesh"],
                      "load_steps": self._steps}  # fmt: skip
         return None, step
 
@@ -306,6 +330,16 @@ class Loop:
         on_root(self.comm, write)
 
 
+def _quantity(found, target, passes):
+    """Value of a quantity, and what it is extrapolated to, with an uncertainty."""
+    if target.quantity == "pressure":
+        return {"value": found.value, "error": found.error}
+    best = found.value + found.error
+    # what is left of the estimate's own error; and, once there are two, by how much such values differ
+    unsure = max([0.5 * abs(found.error), *(abs(one.quantity["extrapolated"] - best) for one in passes[-1:])])
+    return {"value": found.value, "error": found.error, "extrapolated": best, "uncertainty": unsure}
+
+
 def report(passes, target, reached):
     """Section `accuracy` of the report.
 
@@ -320,14 +354,15 @@ def report(passes, target, reached):
         "target": {"error": target.error, "of": target.of}, "reached": reached, "error": last.error,
         "estimate": last.estimate, "parts": last.parts,
         "effectivity": {"least": last.known.least, "most": last.known.most, "of": last.known.words},
-        "rate": rate(passes), "half": cost_of(passes, 0.5 * last.error), "target_cost": cost_of(passes, target.error),
+        **({} if last.quantity is None else {"quantity": last.quantity}), "rate": rate(passes),
+        "half": cost_of(passes, 0.5 * last.error), "target_cost": cost_of(passes, target.error),
         "passes": [one.report() for one in passes],
     }  # fmt: skip
 
 
 def rate(passes):
     """Power of the unknowns with which the error falls: as seen in the last two passes, or as smooth solutions have."""
-    smooth = passes[-1].degree / passes[-1].known.dim
+    smooth = passes[-1].power * passes[-1].degree / passes[-1].known.dim
     if len(passes) < 2 or passes[-1].unknowns <= passes[-2].unknowns:
         return smooth
     old, new = passes[-2:]

@@ -29,6 +29,8 @@ class Pass:
         Of the whole pass, and of its load steps.
     memory : float
         Peak of all ranks together [bytes].
+    quantity : dict or None
+        Value, error, what it is extrapolated to, uncertainty; None for the energy norm.
     next : dict or None
         What was decided: ``unknowns``, ``mesh`` (its part of the error then) and ``load_steps`` that are expected.
     """
@@ -44,12 +46,19 @@ class Pass:
     seconds: float = 0.0
     solve: float = 0.0
     memory: float = 0.0
+    quantity: dict | None = None
     next: dict | None = None
+
+    @property
+    def power(self):
+        """Power of the error of the energy norm that the error falls with: quantities have products of two of them."""
+        return 2 if self.quantity is not None and "extrapolated" in self.quantity else 1
 
     def report(self):
         """Its entry of the report."""
         names = ("unknowns", "cells", "degree", "error", "estimate", "parts", "steps", "seconds", "solve", "next")
-        return {name: getattr(self, name) for name in names} | {"memory_mb": self.memory / 2.0**20}
+        quantity = {} if self.quantity is None else {"quantity": self.quantity}
+        return {name: getattr(self, name) for name in names} | quantity | {"memory_mb": self.memory / 2.0**20}
 
 
 def said_of(part):

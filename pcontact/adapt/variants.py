@@ -5,8 +5,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from pcontact.estimate.goal import value
 from pcontact.runtime import log
 from pcontact.runtime.errors import TOLD
+from pcontact.runtime.observer import Observer
 from pcontact.simulation import Simulation
 
 # degrees that the quadrature of contact is raised by, where a finer one is tried
@@ -15,12 +17,15 @@ HIGHER = 4
 
 @contextmanager
 def solved(scene, comm, said, mesh):
-    """A run in memory whose lines are not shown; None where it does not converge. *Collective.*"""
+    """A run in memory whose lines are not shown, and the record of its last load step; None where it does not converge.
+    *Collective.*
+    """
     simulation = Simulation(scene, comm, said, mesh)
     try:
         with log.quiet():
-            converged = simulation.run()
-        yield simulation if converged else None
+            last = Last()
+            converged = simulation.run(None, [last])
+        yield simulation, last.record if converged else None
     finally:
         simulation.free()
 
@@ -43,8 +48,19 @@ def smooth_facets(scene):
     return replace(scene, contacts=contacts)
 
 
-def difference(simulation, other, comm, said):
-    """Energy norm of what another setting changes in the solution, and the seconds it took. *Collective.*
+class Last(Observer):
+    """Observer that keeps the record of the last load step."""
+
+    def __init__(self):
+        self.record = None
+
+    def step(self, step, u, record):
+        """Keep it."""
+        self.record = record
+
+
+def difference(simulation, other, target, record):
+    """What another setting changes in the solution. *Collective.*
 
     Parameters
     ----------
@@ -52,19 +68,24 @@ def difference(simulation, other, comm, said):
         That has run.
     other : pcontact.scene.model.Scene
         To be run on the same mesh.
-    comm, said
-        As for :class:`pcontact.simulation.Simulation`.
+    target : pcontact.scene.target.Target
+        Of what the change counts.
+    record : dict
+        Of the last load step of `simulation`.
 
     Returns
     -------
     float
-        [sqrt(energy)]; nan where it is not known.
+        In the energy norm [sqrt(energy)], or of the quantity; nan where it is not known.
     """
     try:
-        with solved(other, comm, said, simulation.mesh) as run:
-            if run is None:
+        with solved(other, simulation.comm, simulation.options.said, simulation.mesh) as (run, last):
+            if last is None:
                 return float("nan")
             values = run.stepper.u.getArray(readonly=True).copy()
+            if target.quantity != "energy":
+                own = value(simulation.problem, target, record, simulation.stepper.u)
+                return abs(value(run.problem, target, last, run.stepper.u) - own)
     except TOLD:
         # a setting that the scene does not take
         return float("nan")

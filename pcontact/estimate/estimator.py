@@ -23,6 +23,7 @@ of the sum of both. No constant is left to choose, and integration by parts stan
 """
 
 from dataclasses import dataclass
+from types import SimpleNamespace
 
 import numpy as np
 
@@ -35,7 +36,7 @@ from pcontact.element.reference import CELLS, facet_nodes, facet_points
 from pcontact.element.shape import shape, shape_gradient
 from pcontact.estimate.bubbles import bubbles, supports
 from pcontact.estimate.facets import FacetPairs, facet_rule
-from pcontact.estimate.local import LocalFunctions, Moduli, energies
+from pcontact.estimate.local import LocalFunctions, Moduli, energies, products
 from pcontact.estimate.recovery import Recovery
 from pcontact.estimate.stress import BlockStress
 from pcontact.estimate.tractions import Cells, on_source, on_target, source_facets
@@ -142,6 +143,17 @@ class Estimator:
         Estimate
         """
         space = self.space
+        nodal, tested, surfaces = self._tested(u, time)
+        squares = [self._solve(number, nodal, time, t) for number, t in enumerate(tested)]
+        total = sum((s.sum(axis=0) for s in squares), np.zeros(len(PARTS) + 1))
+        total = np.sqrt(space.comm.allreduce(total, op=MPI.SUM))
+        parts = dict(zip(PARTS, total[:-1].tolist(), strict=True))
+        return Estimate(float(total[-1]), self._energy(u), parts, surfaces, [np.sqrt(s[:, -1]) for s in squares])
+
+    def _tested(self, u, time):
+        """Displacement (n_local, d), residuals of every block but for what its cells' interiors add, and residuals on
+        surfaces. *Collective.*"""
+        space = self.space
         nodal = space.local.gather(u)
         tested = [np.zeros((len(b.nodes), len(PARTS), *self._width(b))) for b in space.mesh.blocks]
         self._add_facets(nodal, time, tested)
@@ -151,11 +163,38 @@ class Estimator:
             self._add_contact(contact, states, tested)
             if contact.contact.formulation == "nitsche":
                 surfaces[contact.name] = self._on_surface(contact, states)
-        squares = [self._solve(number, nodal, time, t) for number, t in enumerate(tested)]
-        total = sum((s.sum(axis=0) for s in squares), np.zeros(len(PARTS) + 1))
-        total = np.sqrt(space.comm.allreduce(total, op=MPI.SUM))
-        parts = dict(zip(PARTS, total[:-1].tolist(), strict=True))
-        return Estimate(float(total[-1]), self._energy(u), parts, surfaces, [np.sqrt(s[:, -1]) for s in squares])
+        return nodal, tested, surfaces
+
+    def weighted(self, u, time, z):
+        """The residual of a displacement, weighted with what a dual one lacks, see `pcontact.estimate.goal`.
+        *Collective.*
+
+        Parameters
+        ----------
+        u : PETSc.Vec
+        time : float
+        z : PETSc.Vec
+
+        Returns
+        -------
+        list of ndarray (nc,)
+            Of the cells of each block [energy].
+        """
+        nodal, tested, _ = self._tested(u, time)
+        other = self.space.local.gather(z)
+        stresses = self._recovery(self._elastic, other)
+        return [
+            self._solve(number, nodal, time, t, (other, stresses[number]))[:, 0] for number, t in enumerate(tested)
+        ]
+
+    @property
+    def _elastic(self):
+        """The bodies as if none had yielded."""
+        return SimpleNamespace(constants=self.bulk.constants)
+
+    def averaged_stress(self, nodal):
+        """Stress (nc, nn, d, d) at the nodes of each block's cells, averaged in each body. *Collective.*"""
+        return self._recovery(self.bulk, nodal)
 
     def _width(self, block):
         nb = bubbles(block.cell, self.space.degree, np.zeros((1, self.space.dim)))[0].shape[1]
@@ -324,8 +363,9 @@ class Estimator:
         on = supports(block.cell, space.degree)
         return np.einsum("bf,cfi->cbi", on.astype(float), facets.astype(float)) > 0.5
 
-    def _solve(self, number, nodal, time, tested):
-        """Squared energies (nc, n_parts + 1) of a block's local problems."""
+    def _solve(self, number, nodal, time, tested, weight=None):
+        """Squared energies (nc, n_parts + 1) of a block's local problems; or, with a dual displacement and its averaged
+        stress as weight, their energy products (nc, 1) with its local problems."""
         space, mesh = self.space, self.space.mesh
         block = mesh.blocks[number]
         table, geometry_degree = mesh.geometry_nodes(block)
@@ -359,8 +399,15 @@ class Estimator:
             if averaged:
                 basis = components(jxw, geo @ x if linear(block.cell, space.degree) else None)[0]
             functions = LocalFunctions(test, ring, jxw, basis)
-            energies(functions, Moduli(own, shared, mu), loads, self._fixed(number, rows), out[rows])
-        return out
+            fixed, moduli = self._fixed(number, rows), Moduli(own, shared, mu)
+            if weight is None:
+                energies(functions, moduli, loads, fixed, out[rows])
+                continue
+            values = shape(block.cell, space.degree, xi)
+            sigma, _ = BlockStress(space, self._elastic, number, rows, weight[0])(grad, values, radius, xi)
+            sigma = np.einsum("qa,caij->cqij", values, weight[1][rows]) - sigma
+            products(functions, moduli, loads.sum(axis=1), _work(sigma, None, test, ring, jxw), fixed, out[rows, 0])
+        return out if weight is None else out[:, :1]
 
     def _body_force(self, number, rows, points, time):
         """Force density at points (n, nq, d) of some of a block's cells, None where there is none in the block."""

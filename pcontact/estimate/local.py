@@ -116,6 +116,60 @@ def _square(a, b):
 
 
 @njit
+def _forward(a, b):
+    """L^-1 b from the Cholesky factor L, in place."""
+    for i in range(a.shape[0]):
+        s = b[i]
+        for k in range(i):
+            s -= a[i, k] * b[k]
+        b[i] = s / a[i, i]
+
+
+@njit
+def _without(matrix, fixed, c, d):
+    """Take the components that supports hold out of the stiffness of cell c."""
+    for a in range(fixed.shape[1]):
+        for i in range(d):
+            if fixed[c, a, i]:
+                row = a * d + i
+                matrix[row, :] = 0.0
+                matrix[:, row] = 0.0
+                matrix[row, row] = 1.0
+
+
+@njit
+def products(functions, moduli, loads, others, fixed, out):
+    """Energy products of the solutions of two local problems on every cell.
+
+    Parameters
+    ----------
+    functions, moduli, fixed
+        As for :func:`energies`.
+    loads, others : ndarray (nc, nb, d)
+        Their right-hand sides [force].
+    out : ndarray (nc,)
+        Output [energy].
+    """
+    nc, nb, d = loads.shape
+    n = nb * d
+    matrix, first, second = np.zeros((n, n)), np.zeros(n), np.zeros(n)
+    for c in range(nc):
+        _assemble(functions, c, moduli, matrix)
+        _without(matrix, fixed, c, d)
+        _factorise(matrix)
+        for a in range(nb):
+            for i in range(d):
+                free = 0.0 if fixed[c, a, i] else 1.0
+                first[a * d + i], second[a * d + i] = free * loads[c, a, i], free * others[c, a, i]
+        _forward(matrix, first)
+        _forward(matrix, second)
+        total = 0.0
+        for i in range(n):
+            total += first[i] * second[i]
+        out[c] = total
+
+
+@njit
 def energies(functions, moduli, loads, fixed, out):
     """Squared energy norms of the solutions of the cells' local problems.
 
@@ -137,13 +191,7 @@ def energies(functions, moduli, loads, fixed, out):
     matrix, vector = np.zeros((n, n)), np.zeros(n)
     for c in range(nc):
         _assemble(functions, c, moduli, matrix)
-        for a in range(nb):
-            for i in range(d):
-                if fixed[c, a, i]:
-                    row = a * d + i
-                    matrix[row, :] = 0.0
-                    matrix[:, row] = 0.0
-                    matrix[row, row] = 1.0
+        _without(matrix, fixed, c, d)
         _factorise(matrix)
         for part in range(parts + 1):
             for a in range(nb):

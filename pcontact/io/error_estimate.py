@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from pcontact.estimate import goal
 from pcontact.estimate.estimator import Estimator
 from pcontact.runtime.observer import Observer
 from pcontact.runtime.petsc import PETSc
@@ -80,6 +81,38 @@ class ErrorEstimate(Observer):
             "parts": estimate.parts,
             "surfaces": estimate.surfaces,
         }
+
+    def of_quantity(self, target, record, u, time):
+        """The error of a quantity of the last load step, see `pcontact.estimate.goal`. *Collective.*
+
+        Parameters
+        ----------
+        target : pcontact.scene.target.Target
+        record : dict
+            Of the load step.
+        u : PETSc.Vec
+        time : float
+
+        Returns
+        -------
+        pcontact.estimate.goal.GoalError
+        """
+        problem, quantity, name = self._problem, target.quantity, target.name
+        contact = next((one for one in problem.contacts if one.name == name), None)
+        if quantity == "pressure":
+            return goal.surface_pressure(self._estimator, contact, u)
+        if quantity == "force":
+            found = goal.contact_force(problem, contact, record["contacts"][name]["force"], u)
+        elif quantity == "support":
+            found = goal.support_force(problem, name, record["reactions"][name], u)
+        else:
+            found = goal.probe(problem, name, u)
+        preconditioner = new_preconditioner(problem.space.comm, self._newton.snes.getOptionsPrefix())
+        z = problem.space.vector()
+        z.setArray(goal.dual(problem, found, preconditioner).ravel())
+        cells = [found.sign * own for own in self._estimator.weighted(u, time, z)]
+        error = problem.space.comm.allreduce(float(sum(own.sum() for own in cells)))
+        return goal.GoalError(found.value, error, cells)
 
     def norm(self, v):
         """Energy norm of a displacement of elastic bodies [sqrt(energy)]. *Collective.*"""

@@ -1,0 +1,248 @@
+"""The error of a quantity, by the problem that is dual to it (dual weighted residual, Becker and Rannacher 2001).
+
+With N(u; v) the forces of all items on a displacement v, N(u; v) = 0 for all admissible v at the solution, and a
+quantity J(u), the dual displacement z is found with the transposed tangent at u_h,
+
+    N'(u_h)(w, z) = J'(u_h)(w)   for all admissible w,
+
+and J(u) - J(u_h) = rho(z - z_h) but for terms of higher order, rho = -N(u_h; .) being the residual. Of z - z_h each
+cell knows a part in the functions of `pcontact.estimate.bubbles`, a small problem again,
+
+    int_K sigma(e*) : eps(v) = int_K (s* - sigma(z_h)) : eps(v),
+
+with s* the stress of z_h averaged at the nodes. The residual of a cell is that of the estimate of the energy norm.
+
+    force         F . d = C(u; d on the source), of the force on the target, C being the part of N that contact has
+    support       R . d = N(u; d on the support): z is d there, and J(u) - J(u_h) = -rho(z - z_h)
+    displacement  the mean over the region, in its direction
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from pcontact.assembly.loads import load_vector
+from pcontact.estimate.tractions import source_facets
+from pcontact.runtime.petsc import MPI, PETSc
+from pcontact.scene.model import Load
+
+# [-] Of the dual solve. From: the estimate itself is known to a tenth at best.
+DUAL_RTOL = 1e-4
+# [iterations] Of the dual solve at most. From: chosen.
+DUAL_ITERATIONS = 400
+
+
+class Goal(NamedTuple):
+    """A quantity of a solution.
+
+    Attributes
+    ----------
+    value : float
+        J(u_h).
+    slope : ndarray (n_owned, d)
+        J'(u_h), for all nodes.
+    lift : ndarray (n_owned, d) or None
+        What z is at supports; None: nothing.
+    sign : float
+        Of rho(z - z_h) in the error.
+    """
+
+    value: float
+    slope: np.ndarray
+    lift: np.ndarray | None = None
+    sign: float = 1.0
+
+
+class GoalError(NamedTuple):
+    """The error of a quantity.
+
+    Attributes
+    ----------
+    value : float
+        Of the quantity.
+    error : float
+        J(u) - J(u_h).
+    cells : list of ndarray (nc,)
+        What the cells of each block have in it, with signs.
+    """
+
+    value: float
+    error: float
+    cells: list
+
+
+def _direction(vector):
+    """The vector's direction; along the first axis where there is none."""
+    vector = np.asarray(vector, dtype=float)
+    size = np.linalg.norm(vector)
+    return vector / size if size > 0.0 else np.eye(len(vector))[0]
+
+
+def transposed(space, items, u, phi):
+    """phi . N'(u) of some items for a field phi (n_owned, d), as forces (n_owned, d). *Collective.*"""
+    total, d = space.vector(), space.dim
+    for item in items:
+        rowptr, columns = item.pattern()
+        values = item.tangent(u)
+        rows = np.repeat(np.arange(space.n_owned), np.diff(rowptr))
+        some = np.flatnonzero(phi[rows].any(axis=1))
+        forces = np.einsum("eij,ei->ej", values[some], phi[rows[some]])
+        total.setValuesBlocked(columns[some].astype(PETSc.IntType), forces.ravel(), PETSc.InsertMode.ADD)
+    total.assemble()
+    return total.getArray(readonly=True).reshape(-1, d).copy()
+
+
+def contact_force(problem, contact, force, u):
+    """The force of a contact on its source, along itself. *Collective.*
+
+    Parameters
+    ----------
+    problem : pcontact.solve.problem.Problem
+    contact : pcontact.contact.report.ContactReport
+    force : sequence of float
+        Of the report [force].
+    u : PETSc.Vec
+    """
+    space, direction = problem.space, _direction(force)
+    on = np.zeros(space.n_local, dtype=bool)
+    for facets in space.mesh.facet_groups.get(contact.contact.source, []):
+        on[space.facet_nodes(facets)] = True
+    on = space.flag(np.flatnonzero(on))
+    phi = on[space.owned_local][:, None] * direction
+    # the residual has the force on the source with the other sign, and so has the report, on the target
+    return Goal(float(np.linalg.norm(force)), transposed(space, contact.pairs, u, phi))
+
+
+def support_force(problem, region, force, u):
+    """The force of a support, along itself; see :func:`contact_force`. *Collective.*"""
+    space, supports = problem.space, problem.supports
+    names = [number for number, name in enumerate(supports.regions) if name == region]
+    held = np.isin(supports.which[space.owned_local], names)
+    phi = held * _direction(force)
+    slope = transposed(space, problem.items, u, phi)
+    return Goal(float(np.linalg.norm(force)), -slope, phi, -1.0)
+
+
+def probe(problem, region, u):
+    """The mean displacement of a region, over its area or volume, in its direction. *Collective.*"""
+    space, d = problem.space, problem.space.dim
+    values = u.getArray(readonly=True).reshape(-1, d)
+    weights = _weights(space, region)
+    total = space.comm.allreduce(np.concatenate([weights @ values, [weights.sum()]]), op=MPI.SUM)
+    direction = _direction(total[:d])
+    slope = weights[:, None] * direction / total[d]
+    return Goal(float(total[:d] @ direction / total[d]), slope)
+
+
+def value(problem, target, record, u):
+    """A quantity of a load step, as it is named with an error to reach. *Collective.*
+
+    Parameters
+    ----------
+    problem : pcontact.solve.problem.Problem
+    target : pcontact.scene.target.Target
+    record : dict
+    u : PETSc.Vec
+
+    Returns
+    -------
+    float
+        Of the pressure its norm in L2.
+    """
+    if target.quantity == "force":
+        return float(np.linalg.norm(record["contacts"][target.name]["force"]))
+    if target.quantity == "support":
+        return float(np.linalg.norm(record["reactions"][target.name]))
+    if target.quantity == "displacement":
+        return probe(problem, target.name, u).value
+    contact = next(one for one in problem.contacts if one.name == target.name)
+    own = sum(float(state["weight"] @ state["pressure"] ** 2) for state in contact.states(u))
+    return float(np.sqrt(problem.space.comm.allreduce(own, op=MPI.SUM)))
+
+
+def _weights(space, region):
+    """Weights (n_owned,) of the nodes of a region in its mean. *Collective.*"""
+    kinds = [space.mesh.facet_groups, space.mesh.cell_groups]
+    found = [space.comm.allreduce(region in groups, op=MPI.LOR) for groups in kinds]
+    unit = [1.0] + [0.0] * (space.dim - 1)
+    if found[0]:
+        return load_vector(space, Load(region, traction=unit))[:, 0]
+    if found[1]:
+        return load_vector(space, Load(region, body_force=unit))[:, 0]
+    weights = np.zeros(space.n_local)
+    weights[space.region(region)] = 1.0
+    return weights[space.owned_local]
+
+
+def dual(problem, goal, preconditioner):
+    """The dual displacement. *Collective.*
+
+    Parameters
+    ----------
+    problem : pcontact.solve.problem.Problem
+        Its matrix holds the tangent at the solution.
+    goal : Goal
+    preconditioner : PETSc.PC
+
+    Returns
+    -------
+    ndarray (n_owned, d)
+    """
+    space, matrix = problem.space, problem.matrix.matrix
+    right, z = space.vector(), space.vector()
+    right.setArray(np.where(problem.fixed, 0.0, goal.slope).ravel())
+    if right.norm() > 0.0:
+        transpose = matrix.transpose(PETSc.Mat())
+        near = matrix.getNearNullSpace()
+        transpose.setBlockSize(space.dim)
+        transpose.setNearNullSpace(near)
+        ksp = PETSc.KSP().create(comm=space.comm)
+        ksp.setType("gmres")
+        ksp.setPC(preconditioner)
+        ksp.setOperators(transpose, transpose)
+        ksp.setTolerances(rtol=DUAL_RTOL, max_it=DUAL_ITERATIONS)
+        ksp.solve(right, z)
+        ksp.destroy()
+        transpose.destroy()
+    values = z.getArray(readonly=True).reshape(-1, space.dim).copy()
+    values[problem.fixed] = 0.0
+    return values if goal.lift is None else values + goal.lift
+
+
+def surface_pressure(estimator, contact, u):
+    """How far the contact pressure is from that of the stress averaged at the nodes, in L2 on the source. *Collective.*
+
+    Parameters
+    ----------
+    estimator : pcontact.estimate.estimator.Estimator
+    contact : pcontact.contact.report.ContactReport
+    u : PETSc.Vec
+
+    Returns
+    -------
+    GoalError
+        The norm of the pressure, that of its error, and the squared parts of the cells.
+    """
+    space = estimator.space
+    averaged = estimator.averaged_stress(space.local.gather(u))
+    cells, sums = [np.zeros(len(block.nodes)) for block in space.mesh.blocks], np.zeros(2)
+    for pair, state in zip(contact.pairs, contact.states(u), strict=True):
+        source = pair.source
+        place = source_facets(space, pair.contact.source)[source.facet]
+        weight, pressure = state["weight"], state["pressure"]
+        other = np.zeros_like(pressure)
+        for number in np.unique(place[:, 0]):
+            p = np.flatnonzero(place[:, 0] == number)
+            rows = place[p, 1]
+            own = space.cells[number][rows][:, :, None] == source.cells[source.facet[p]][:, None, :]
+            at = np.einsum("pa,pna->pn", source.shape[p], own.astype(float))
+            stress = np.einsum("pn,pnij->pij", at, averaged[number][rows])
+            normal = source.normal[p]
+            other[p] = np.maximum(-np.einsum("pi,pij,pj->p", normal, stress, normal), 0.0)
+        squares = weight * np.where(pressure > 0.0, pressure - other, 0.0) ** 2
+        for number in np.unique(place[:, 0]):
+            p = np.flatnonzero(place[:, 0] == number)
+            np.add.at(cells[number], place[p, 1], squares[p])
+        sums += [squares.sum(), weight @ pressure**2]
+    error, norm = np.sqrt(space.comm.allreduce(sums, op=MPI.SUM))
+    return GoalError(float(norm), float(error), cells)

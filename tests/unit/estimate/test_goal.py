@@ -1,0 +1,98 @@
+"""The error of quantities: local products, the transposed tangent, forces and displacements of known solutions."""
+
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from drivers.cases import rings
+from meshes import rings as rings_mesh
+from pcontact.adapt.watch import Watch
+from pcontact.estimate.goal import transposed, value
+from pcontact.estimate.local import LocalFunctions, Moduli, energies, products
+from pcontact.runtime.parallel import on_root
+from pcontact.runtime.petsc import MPI
+from pcontact.scene.target import Target
+from pcontact.simulation import Simulation
+
+COMM = MPI.COMM_WORLD
+
+
+def test_products_of_local_problems():
+    """With one right-hand side twice they are its energy; else they are those of dense algebra."""
+    rng = np.random.default_rng(4)
+    nc, nq, nb, d = 3, 12, 4, 2
+    functions = LocalFunctions(rng.normal(size=(nc, nq, nb, d)), np.zeros((0, 0, 0)), rng.uniform(0.5, 1, (nc, nq)),
+                               np.zeros((0, 0, 0)))  # fmt: skip
+    moduli, fixed = Moduli(1.3, 0.0, 0.7), np.zeros((nc, nb, d), dtype=bool)
+    fixed[1, 2, 0] = True
+    first, second = rng.normal(size=(2, nc, nb, d))
+    out, squares, both = np.empty(nc), np.empty((nc, 2)), np.empty((nc, 2))
+    products(functions, moduli, first, second, fixed, out)
+    energies(functions, moduli, first[:, None].copy(), fixed, squares)
+    energies(functions, moduli, (first + second)[:, None].copy(), fixed, both)
+    other = np.empty((nc, 2))
+    energies(functions, moduli, second[:, None].copy(), fixed, other)
+    assert out == pytest.approx(0.5 * (both - squares - other)[:, 1])
+    products(functions, moduli, first, first, fixed, out)
+    assert out == pytest.approx(squares[:, 1])
+
+
+@pytest.fixture(scope="module")
+def solved(tmp_path_factory):
+    """Rings on a coarse mesh, by the degree."""
+    folder = COMM.bcast(str(tmp_path_factory.mktemp("rings")) if COMM.rank == 0 else None)
+    path, known = Path(folder) / "rings.msh", {}
+    on_root(COMM, partial(rings_mesh, path, n=6, cell="triangle", order=2))
+
+    def of(degree):
+        if degree not in known:
+            scene = rings.ring_scene(path, degree, 0.0, gamma0=None)
+            scene.output.fields, scene.output.estimate, scene.output.probes = False, True, ["outer_skin"]
+            scene.petsc = {"snes_rtol": "1e-10"}
+            simulation = Simulation(scene)
+            watch = Watch(simulation)
+            assert simulation.run(None, [watch])
+            known[degree] = simulation, watch
+        return known[degree]
+
+    yield of
+    for simulation, _ in known.values():
+        simulation.free()
+
+
+@pytest.mark.parallel
+def test_transposed_tangent_is_the_derivative(solved):
+    """Taylor: phi . (N(u + h w) - N(u)) / h."""
+    simulation, _ = solved(1)
+    problem, u = simulation.problem, simulation.stepper.u
+    space, rng = problem.space, np.random.default_rng(COMM.rank)
+    phi, way = rng.normal(size=(2, space.n_owned, space.dim))
+    slope = transposed(space, problem.items, u, phi)
+    step = 1e-7 * float(np.abs(u.getArray(readonly=True)).max(initial=0.0))
+    step = COMM.allreduce(step, op=MPI.MAX)
+    moved = u.copy()
+    moved.setArray(moved.getArray(readonly=True) + step * way.ravel())
+    change = (problem.unbalanced(moved) - problem.unbalanced(u)) / step
+    sums = COMM.allreduce(np.array([np.vdot(phi, change), np.vdot(slope, way)]), op=MPI.SUM)
+    assert sums[0] == pytest.approx(sums[1], rel=1e-5)
+
+
+@pytest.mark.parallel
+def test_quantities_of_the_rings(solved):
+    """The estimate is 0.5 to 2 times the error of the contact force and of the displacement of the outer circle.
+
+    With degree 1: the forces of degree 2 are as wrong as the circles of degree 2 are, 1e-4.
+    """
+    simulation, watch = solved(1)
+    u, constants = simulation.stepper.u, rings.ring_constants()
+    force = np.sqrt(2.0) * rings.interface_pressure() * rings.MIDDLE
+    # the mean of the vectors of a quarter of a circle
+    outer = abs(rings.radial_displacement(constants[0], rings.LARGE)) * 2.0 * np.sqrt(2.0) / np.pi
+    for of, exact in (("force:circle", force), ("displacement:outer_skin", outer)):
+        target = Target(0.1, of)
+        found = simulation.error_estimate.of_quantity(target, watch.record, u, watch.time)
+        assert found.value == pytest.approx(value(simulation.problem, target, watch.record, u))
+        assert found.error == pytest.approx(COMM.allreduce(sum(own.sum() for own in found.cells)))
+        assert 0.5 < found.error / (exact - found.value) < 2.0, (of, found.value, exact, found.error)
