@@ -118,8 +118,8 @@ def balance(scene, options):
     return _pairs(scene), options.get("partition_weight"), method
 
 
-def read(scene, comm, options, raw=None):
-    """The distributed mesh of a scene, from its file or, on rank 0, from a mesh that has been read. *Collective.*"""
+def read(scene, comm, options):
+    """The distributed mesh of a scene. *Collective.*"""
     pairs, weight, method = balance(scene, options)
 
     def check(mesh):
@@ -134,8 +134,7 @@ def read(scene, comm, options, raw=None):
     regions, order, serendipity = [b.region for b in scene.bodies], scene.mesh.order or 1, scene.mesh.serendipity
     if serendipity and order == 1:
         raise input_error(scene.where, "mesh.serendipity", "true with a displacement of degree 1", "order = 2")
-    path = scene.mesh_path if raw is None else raw
-    return load_mesh(comm, path, order, regions, pairs, check, (weight, method), serendipity)
+    return load_mesh(comm, scene.mesh_path, order, regions, pairs, check, (weight, method), serendipity)
 
 
 def _cut(scene, mesh):

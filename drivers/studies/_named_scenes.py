@@ -5,14 +5,20 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
+from types import SimpleNamespace
 
 from drivers._common import make_mesh
-from drivers.cases import disk_on_block
-from drivers.studies.effectivity import LARGE, MIDDLE, SMALL, _round_scene
+from drivers.cases import cattaneo_mindlin, disk_on_block, hertz, indent, rings, thick_cylinder
+from drivers.studies.adapt import punch_scene
+from drivers.studies.effectivity import LARGE, MIDDLE, SMALL, round_scene, shell_exact
 from meshes import disk_on_block as disk_mesh
+from meshes import indent as indent_mesh
+from meshes import rings as rings_mesh
 from meshes import two_blocks
+from meshes.punch import punch
 from meshes.shells import shells
-from pcontact.scene.model import Body, Contact, Displacement, Material, MeshSpec, Output, Scene, Steps
+from pcontact.scene.model import Body, Contact, Displacement, Load, Material, MeshSpec, Output, Scene, Steps
 
 
 @dataclass(frozen=True)
@@ -26,16 +32,22 @@ class NamedScene:
         ``scene(folder)`` writes the mesh to begin with, and gives the scene. *Collective.*
     quantities : tuple of str
         Whose errors are named, in the words of ``-error_of``.
+    exact : callable or None
+        Displacement and gradient at points of a body; None: a finer solution stands for it.
+    least : float
+        The smallest target that is run: the others take longer than a study may.
     """
 
     title: str
     scene: Callable
     quantities: tuple = ("energy",)
+    exact: Callable | None = None
+    least: float = 0.0
 
 
 def _shells(folder):
     path = make_mesh(shells, folder / "shells.msh", (LARGE, MIDDLE, SMALL), h=0.25, order=2)
-    return _round_scene(path, 2, 0.0, "shells")
+    return round_scene(path, 2, 0.0, "shells")
 
 
 def _disk(folder):
@@ -57,8 +69,72 @@ def _sheared(folder):
     )
 
 
+def _rings(pressure, delta, folder):
+    path = make_mesh(rings_mesh, folder / f"rings_{delta:g}.msh", n=4, cell="triangle", order=2, delta=delta)
+    scene = rings.ring_scene(path, 1, 0.0, pressure=pressure, gamma0=None)
+    return scene
+
+
+def _hertz(name, facets, folder):
+    case = hertz.CASES[name]
+    path = hertz.generate(case, folder / f"{name}.msh", case.half_width / facets, 2, finer=0.5)
+    drive = "force" if case.force else "displacement"
+    args = SimpleNamespace(case=name, order=2, theta=None, gamma0=None, drive=drive, steps=1, hold=0, fields=False)
+    return hertz.make_scene(case, path, args)
+
+
+def _cattaneo(folder):
+    args = SimpleNamespace(h=cattaneo_mindlin.CASE.half_width / 4, order=2, mu=0.2, gamma0=None, press=3, steps=2,
+                           displacement=cattaneo_mindlin.DISPLACEMENT, fields=False)  # fmt: skip
+    return cattaneo_mindlin.make_scene(cattaneo_mindlin.generate(folder / "cattaneo.msh", args, 0.5), args, None)
+
+
+def _hill(folder):
+    path = thick_cylinder.make(folder / "hill.msh", "plane", "triangle", 2, 3)
+    return thick_cylinder.scene(path, "plane", 2, (thick_cylinder.CHECKED,), steps=4)
+
+
+def _indent(folder):
+    path = make_mesh(indent_mesh, folder / "indent.msh", 2, 0.15, 2, "triangle")
+    return indent.scene(path, 2, material=indent.metal(hardening=indent.HARDENING), unload=0, order=2, steps=10)
+
+
+def _punch(folder):
+    scene = punch_scene(make_mesh(punch, folder / "punch.msh", h=0.5, order=2), 2, 0.0)
+    scene.output, scene.petsc = Output(fields=False), {}
+    return scene
+
+
+def _receding(folder):
+    path = make_mesh(two_blocks, folder / "receding.msh", 2, 4, 5, "triangle", order=2)
+    return Scene(
+        title="a block pressed in its middle, whose ends lift off",
+        mesh=MeshSpec(path, order=2),
+        materials={"soft": Material(10.0, 0.3)},
+        bodies=[Body("lower", "soft"), Body("upper", "soft")],
+        contacts=[Contact("upper_bottom", "lower_top", name="face")],
+        displacements=[Displacement("lower_bottom", [0.0, 0.0]), Displacement("upper_top", [0.0, "free"])],
+        loads=[Load("upper_top", traction=[0.0, "-0.5*exp(-100*(x-0.5)**2)"])],
+        output=Output(fields=False),
+    )
+
+
+SCENES = {
+    "rings": NamedScene("rings, Lame", partial(_rings, rings.PRESSURE, 0.0), ("energy", "force:circle"),
+                        partial(rings.exact, constants=rings.ring_constants())),
+    "shrink_fit": NamedScene("rings shrunk onto each other, Lame", partial(_rings, 0.0, 6e-4), ("energy",),
+                             partial(rings.exact, constants=rings.ring_constants(0.0, 6e-4))),
+    "hertz2d": NamedScene("cylinder on block, Hertz", partial(_hertz, "cylinder_on_block", 3),
+                          ("energy", "support:block_bottom")),
+    "hertz3d": NamedScene("ball on block, Hertz", partial(_hertz, "ball_on_block", 2), ("energy",), least=0.05),
+    "cattaneo": NamedScene("Cattaneo and Mindlin", _cattaneo, ("energy",), least=0.02),
+    "hill": NamedScene("thick cylinder, Hill", _hill),
+    "indent": NamedScene("indentation", _indent, ("energy",), least=0.05),
+    "punch": NamedScene("re-entrant punch", _punch, ("energy", "support:punch_top", "force:face")),
+    "receding": NamedScene("receding contact", _receding, ("energy", "force:face", "displacement:upper_top")),
+}  # fmt: skip
 HELD_BACK = {
-    "shells": NamedScene("spherical shells, Lame", _shells, ("energy", "force:round")),
+    "shells": NamedScene("spherical shells, Lame", _shells, ("energy", "force:round"), shell_exact, 0.02),
     "disk": NamedScene("disk resting on a block", _disk, ("energy", "force:disk-block")),
-    "sheared": NamedScene("blocks pressed and sheared, Coulomb", _sheared, ("energy", "support:upper_top")),
+    "sheared": NamedScene("blocks pressed and sheared, Coulomb", _sheared, ("energy", "support:upper_top"), least=0.02),
 }

@@ -111,7 +111,7 @@ def in_space(exact):
     return full
 
 
-def _round_scene(path, degree, theta, title):
+def round_scene(path, degree, theta, title):
     """Two round bodies in space under an outer pressure."""
     sides = [[0.0 if i == k else "free" for i in range(3)] for k in range(3)]
     return Scene(
@@ -165,9 +165,9 @@ def prepare(name, size, degree, theta, folder):
     if kind == "tubes":
         path = make_mesh(tubes, folder / f"{name}_{size}.msh", n=size, order=2)
         exact = partial(rings.exact, constants=rings.ring_constants())
-        return _round_scene(path, degree, theta, kind), in_space(exact)
+        return round_scene(path, degree, theta, kind), in_space(exact)
     path = make_mesh(shells, folder / f"{name}_{size}.msh", (LARGE, MIDDLE, SMALL), h=size, order=2)
-    return _round_scene(path, degree, theta, kind), shell_exact
+    return round_scene(path, degree, theta, kind), shell_exact
 
 
 def _blocks(place, kind, n, degree, theta, folder):

@@ -8,17 +8,19 @@ from typing import NamedTuple
 
 import numpy as np
 
+from pcontact import build
 from pcontact.adapt import variants
 from pcontact.adapt.budget import Budgeted
 from pcontact.adapt.known import effectivity, of_quantity
-from pcontact.adapt.meshes import Meshes
 from pcontact.adapt.passes import Pass, said_of, table
 from pcontact.adapt.sizes import cuts
 from pcontact.adapt.watch import Beginning, Watch
 from pcontact.element.reference import CELLS
+from pcontact.mesh.refinement.refine import SIMPLICES, Balance, refine
 from pcontact.runtime import log
 from pcontact.runtime.errors import TOLD
 from pcontact.runtime.lock import reserved
+from pcontact.runtime.messages import input_error
 from pcontact.runtime.options import Options
 from pcontact.runtime.parallel import on_root
 from pcontact.runtime.petsc import MPI
@@ -79,6 +81,12 @@ class Loop:
     observers : callable
         ``observers(simulation)``: further observers of a pass.
 
+    Attributes
+    ----------
+    passes : list of pcontact.adapt.passes.Pass
+    mesh : pcontact.mesh.mesh.Mesh
+        Of the last one.
+
     Raises
     ------
     InputError
@@ -89,10 +97,15 @@ class Loop:
         self.scene, self.comm, self.said, self.target = scene, comm, said, scene.accuracy
         self._take, self._observers, self._options = take, observers, Options(said)
         self._start, self._budget = clock.perf_counter(), Budgeted(self.target.budget, comm)
-        self._meshes = Meshes(scene, comm, self._options)
         self._rtol = float(np.clip(FIRST_RTOL * self.target.error, LEAST_RTOL, MOST_RTOL))
         self._steps, self._others, self._why = scene.steps.count, None, ""
-        self.passes, self.kept = [], None
+        self.passes, self.kept, self.mesh = [], None, None
+
+    def last_scene(self):
+        """The scene of the last pass, as it would be run alone."""
+        scene = self._scene()
+        scene.steps.count = self.passes[-1].steps
+        return scene
 
     # -- one pass -------------------------------------------------------------------------------------------------
 
@@ -115,6 +128,8 @@ class Loop:
         converged : bool
         """
         simulation = Simulation(scene, self.comm, self.said, mesh)
+        if mesh is None:
+            self._require_simplices(simulation)
         watch = Watch(simulation)
         if known is not None:
             simulation.begin = Beginning(simulation, *known)
@@ -130,6 +145,15 @@ class Loop:
             simulation.close()
             raise
         return simulation, watch, converged
+
+    def _require_simplices(self, simulation):
+        """Refuse cells that cannot be cut. *Collective.*"""
+        own = {block.cell for block in simulation.mesh.blocks if len(block.nodes)}
+        kinds = set().union(*self.comm.allgather(own)) - set(SIMPLICES)
+        if kinds:
+            simulation.free()
+            found = f"{', '.join(sorted(kinds))} cells together with accuracy.error"
+            raise input_error(self.scene.where, "mesh.file", found, "triangles, tetrahedra: others are not cut")
 
     def run(self, directory=None, said="command line: -o"):
         """All passes. *Collective.*
@@ -167,11 +191,13 @@ class Loop:
                 self.kept = self._take(simulation, converged)
                 simulation.free()
                 return REACHED, 1, None
+            self.mesh = simulation.mesh
             done = self._measured(simulation, watch, clock.perf_counter() - begun)
             self.passes.append(done)
             status, step = self._next(simulation, watch, done)
             if step is not None:
-                mesh, fields = self._meshes.refined(simulation.scene, simulation.mesh, step.more, watch.fields)
+                balance = Balance(*build.balance(simulation.scene, self._options))
+                mesh, fields = refine(simulation.mesh, step.more, watch.fields, balance)
                 known = watch.times, fields
                 status = self._fits(simulation, mesh)
             done.seconds = clock.perf_counter() - begun

@@ -5,7 +5,7 @@ import numpy as np
 from pcontact.mesh.complete import complete, without_middles
 from pcontact.mesh.components import cell_name, components
 from pcontact.mesh.distribute import deal
-from pcontact.mesh.groups import RawMesh, facet_multiplicity, say_lost
+from pcontact.mesh.groups import facet_multiplicity, say_lost
 from pcontact.mesh.hdf5_reader import ConvertedMesh, is_converted
 from pcontact.mesh.partition import WEIGHT
 from pcontact.mesh.reader import read_mesh
@@ -67,7 +67,7 @@ def _read_whole(comm, path, order, serendipity, regions, surfaces, check):
     """All of a mesh on rank 0. *Collective.*"""
 
     def prepare():
-        raw = path if isinstance(path, RawMesh) else read_mesh(path)
+        raw = read_mesh(path)
         check(raw)
         say_lost(raw.path, raw.lost)
         body = _bodies(raw, regions)
@@ -99,8 +99,7 @@ def load_mesh(comm, path, order, regions, pairs, check, dealing=(WEIGHT, "bisect
     Parameters
     ----------
     comm : MPI.Comm
-    path : str, pathlib.Path or pcontact.mesh.groups.RawMesh
-        A mesh that has been read counts on rank 0.
+    path : str or pathlib.Path
     order : int
         Degree of the displacement.
     regions : list of str
@@ -131,7 +130,7 @@ def load_mesh(comm, path, order, regions, pairs, check, dealing=(WEIGHT, "bisect
         raise InputError(f"command line: -partition_weight: found {weight:g}; allowed: a number >= 0")
     surfaces = sorted({name for source, target, _ in pairs for name in (source, target) if name is not None})
     with profile.phase("read"):
-        if not isinstance(path, RawMesh) and is_converted(path):
+        if is_converted(path):
             piece, names = _read_slices(comm, path, order, serendipity, regions, surfaces, check, pairs)
         else:
             piece, names = _read_whole(comm, path, order, serendipity, regions, surfaces, check)

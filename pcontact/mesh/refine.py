@@ -13,7 +13,7 @@ import numpy as np
 
 from pcontact.element.reference import edge_nodes
 from pcontact.element.shape import shape
-from pcontact.mesh.groups import Block, RawMesh, facet_vertices, find_facets
+from pcontact.mesh.groups import facet_vertices
 from pcontact.runtime.errors import InputError
 
 SIMPLEX = {1: "segment", 2: "triangle", 3: "tetrahedron"}
@@ -70,11 +70,6 @@ class _Edges:
         """Edges (nc, m) of simplices (nc, k + 1)."""
         pairs = list(itertools.combinations(range(cells.shape[1]), 2))
         return np.stack([np.searchsorted(self.keys, self.key(cells[:, list(pair)])) for pair in pairs], axis=1)
-
-    def mark_longest(self, cells):
-        """Mark the longest edge of each simplex (nc, k + 1)."""
-        table = self.find(cells)
-        self.marked[np.take_along_axis(table, self.rank[table].argmax(axis=1)[:, None], axis=1)] = True
 
     def spread(self, simplices):
         """Mark the longest edge of simplices with a marked edge, until nothing changes."""
@@ -146,7 +141,7 @@ def _cells(raw):
     return np.concatenate([block.nodes for block in raw.blocks]), degrees.pop()
 
 
-def refine(raw, marked, once=None):
+def refine(raw, marked):
     """Refine marked cells, and others as far as they have to follow.
 
     Parameters
@@ -154,8 +149,6 @@ def refine(raw, marked, once=None):
     raw : pcontact.mesh.groups.RawMesh
     marked : ndarray (n_cells,) of bool
         All edges of these cells are halved: a triangle becomes four or more, a tetrahedron eight or more.
-    once : ndarray (n_cells,) of bool, optional
-        Cells whose longest edge is halved.
 
     Returns
     -------
@@ -172,8 +165,6 @@ def refine(raw, marked, once=None):
     cells = nodes[:, : d + 1]
     edges = _Edges(raw.points, cells)
     edges.marked[edges.find(cells[marked])] = True
-    if once is not None:
-        edges.mark_longest(cells[once])
     faces = [cells[:, list(face)] for face in itertools.combinations(range(d + 1), 3)] if d == 3 else []
     edges.spread([*faces, cells])
     edges.number()
@@ -244,35 +235,3 @@ def _compact(refined):
     refined.points, refined.nodes = refined.points[used], number.reshape(refined.nodes.shape)
     refined.groups = {dim: (place[elements], flags) for dim, (elements, flags) in refined.groups.items()}
     return refined
-
-
-def as_raw(refined, path):
-    """A refined mesh as one that has been read.
-
-    Parameters
-    ----------
-    refined : Refined
-    path : pathlib.Path
-        For messages.
-
-    Returns
-    -------
-    pcontact.mesh.groups.RawMesh
-        With the numbers of cells and points that `refined` has.
-    """
-    d = refined.dim
-    raw = RawMesh(path, d, refined.points, [Block(SIMPLEX[d], refined.degree, refined.nodes)])
-    for dim, (elements, flags) in refined.groups.items():
-        for name, chosen in flags.items():
-            corners = elements[chosen][:, : dim + 1]
-            if dim == d:
-                raw.cell_groups[name] = np.flatnonzero(chosen)
-            elif dim == d - 1:
-                cells, local, _ = find_facets(raw.blocks, len(raw.points), corners)
-                order = np.lexsort((local, cells))
-                raw.facet_groups[name] = cells[order], local[order]
-            else:
-                raw.node_groups[name] = np.unique(elements[chosen])
-                if dim == 1:
-                    raw.edge_groups[name] = np.unique(np.sort(corners, axis=1), axis=0)
-    return raw
