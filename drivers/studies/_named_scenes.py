@@ -69,10 +69,9 @@ def _sheared(folder):
     )
 
 
-def _rings(pressure, delta, folder):
-    path = make_mesh(rings_mesh, folder / f"rings_{delta:g}.msh", n=4, cell="triangle", order=2, delta=delta)
-    scene = rings.ring_scene(path, 1, 0.0, pressure=pressure, gamma0=None)
-    return scene
+def _rings(pressure, delta, n, folder):
+    path = make_mesh(rings_mesh, folder / f"rings_{delta:g}.msh", n=n, cell="triangle", order=2, delta=delta)
+    return rings.ring_scene(path, 1, 0.0, pressure=pressure, gamma0=None)
 
 
 def _hertz(name, facets, folder):
@@ -119,10 +118,11 @@ def _receding(folder):
     )
 
 
+# an interference of 6e-4 needs circles that are known better than that: twelve curved cells in a quarter, not four
 SCENES = {
-    "rings": NamedScene("rings, Lame", partial(_rings, rings.PRESSURE, 0.0), ("energy", "force:circle"),
+    "rings": NamedScene("rings, Lame", partial(_rings, rings.PRESSURE, 0.0, 4), ("energy", "force:circle"),
                         partial(rings.exact, constants=rings.ring_constants())),
-    "shrink_fit": NamedScene("rings shrunk onto each other, Lame", partial(_rings, 0.0, 6e-4), ("energy",),
+    "shrink_fit": NamedScene("rings shrunk onto each other, Lame", partial(_rings, 0.0, 6e-4, 12), ("energy",),
                              partial(rings.exact, constants=rings.ring_constants(0.0, 6e-4))),
     "hertz2d": NamedScene("cylinder on block, Hertz", partial(_hertz, "cylinder_on_block", 3),
                           ("energy", "support:block_bottom")),
