@@ -1,9 +1,9 @@
 """Errors that are named and reached: the true error against the one named, and what reaching it costs.
 
-Every scene of `_named_scenes.py` is run with ``-error`` from its coarse mesh, for all quantities and targets. The true
-error is that against the exact solution, or against one of degree 2 on the last mesh with all cells halved and twice
-the load steps. Cost: seconds of the whole loop over those of a run of its last mesh alone, from scratch, without estimate.
-``--held`` runs the scenes that were held back.
+Every scene of `_named_scenes.py` is run with ``-error`` from its coarse mesh, for all quantities and targets. The
+true error is that against the exact solution, or against one of degree 2 on the last mesh with all cells halved and
+twice the load steps. Cost: seconds of the whole loop over those of a run of its last mesh alone, from scratch,
+without estimate. ``--held`` runs the scenes that were held back.
 """
 
 import time as clock
