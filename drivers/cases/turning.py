@@ -7,7 +7,7 @@
 * ``torque``: a thin square pad (side 1, nu 0, E 1e4) under a pressure of 1 is turned by 90 degrees on a rigid plane.
   Moment: mu N times the mean distance of a square's points from its middle, 0.3825979. Friction acts along the chord
   of a load step's way: of the moment 1 - cos(half the angle of a load step) is missing.
-* ``disk``: the same of a round pad of radius 1, a polygon of 48 sides: 2/3 mu N R, less 0.07 % for the polygon.
+* ``disk``: the same of a round pad of radius 1, a polygon of 48 sides: 2/3 mu N R, less 0.14 % for the polygon.
 * ``pad``: a soft square pad presses on a ring that turns by 90 degrees below it and drags it. The moment of the ring's
   support against the bound above, and against mu N times the mean distance of the pad's points from the axis.
 
