@@ -82,6 +82,8 @@ class Deck:
     steps : list of Step
     lost : list of (Card, Place, str)
         Lines that speak of what is no cell of a solid, and how.
+    removed : Card or None
+        Which takes elements away before anything happens.
     """
 
     path: Path
@@ -99,6 +101,7 @@ class Deck:
     model: list = field(default_factory=list)
     steps: list = field(default_factory=list)
     lost: list = field(default_factory=list)
+    removed: Card | None = None
 
     def name(self, name):
         """A name as it was first written."""
@@ -160,6 +163,15 @@ class Deck:
     def cells(self):
         """Numbers of the elements that are cells."""
         return [number for number, (kind, _) in self.elements.items() if kind in VERTICES]
+
+    def remove(self, elements):
+        """Forget elements, and their faces."""
+        gone = set(elements)
+        self.elements = {number: one for number, one in self.elements.items() if number not in gone}
+        for name, members in self.element_sets.items():
+            self.element_sets[name] = [number for number in members if number not in gone]
+        for surface in self.surfaces.values():
+            surface.faces = [row for row in surface.faces if row[0] not in gone]
 
     def free_faces(self):
         """Faces of cells that belong to one cell only, [(element, face)]."""

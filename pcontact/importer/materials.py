@@ -8,6 +8,10 @@ from pcontact.importer.elements import EDGES, KINEMATICS, SERENDIPITY, VERTICES,
 ROUGH, LARGEST = 100.0, 3.0
 # springs of contact that are stiffer than a layer of elements are a numerical means; softer ones are a soft layer
 HARD = 1.0
+# [lengths of an edge] gaps that ADJUST closes of a set of nodes, and those of surfaces that touch
+WHATEVER, TOUCHING = 0.1, 1e-6
+# rows of a table for exponential springs, and from where on they have no pressure [distances at which it is 1 %]
+ROWS, BEGIN = 40, 1.0
 # parameter of a penalty that leaves little overlap
 STIFF = 1000.0
 # cosine of the angle from which faces face each other
@@ -223,7 +227,7 @@ def _outward(deck, row):
 
 def name_of(table):
     """Name of a contact that does not say its own."""
-    return f"{table['source']}-{table['target']}"
+    return table.get("name") or f"{table['source']}-{table['target']}"
 
 
 class Contacts:
@@ -242,7 +246,7 @@ class Contacts:
 
     def __init__(self, deck, findings, groups, tables, bodies):
         self.deck, self.findings, self.groups, self._used = deck, findings, groups, set()
-        self._pairs, self._cards = {}, {}
+        self._pairs, self._cards, self._loose, self.begun = {}, {}, {}, []
         self.modulus = {e: tables[material]["E"] for _, material, cells in bodies for e in cells}
 
     def tables(self):
@@ -262,6 +266,9 @@ class Contacts:
                 self.findings.know(card, "NAME", "POSITIONTOLERANCE", "ADJUST", "TYPE", "MULTISTAGE")
                 for place, words in card.rows:
                     found.append((self._tie(card, place, words), card))
+        for card in self.deck.model:
+            if card.key == "CLEARANCE":
+                self._clearance(card)
         for cards in self.deck.interactions.values():
             if cards[0].place not in self._used:
                 for card in cards:
@@ -277,7 +284,9 @@ class Contacts:
             Nodes with forces or equations.
         """
         for table, faces in (pair for pairs in self._pairs.values() for pair in pairs):
-            if "tied" not in table and any(nodes.issuperset(self.deck.corners(*row)) for row in faces):
+            if {"tied", "pressure_overclosure"} & table.keys():
+                continue
+            if any(nodes.issuperset(self.deck.corners(*row)) for row in faces):
                 table |= {"formulation": "penalty", "gamma0": STIFF}
                 words = "forces or equations act on the faces of the slave: a stiff penalty, no Nitsche's method"
                 self.findings.change(self._cards[id(table)], words)
@@ -306,12 +315,28 @@ class Contacts:
         pairs = self._pairs.get(name, [])
         self.findings.take(card)
         if wanted == "SURFACEBEHAVIOR":
-            if not pairs or self._behavior(following, values, pairs[0][1]) != ("tied" in pairs[0][0]):
-                self.findings.leave(following, "ties from a step on, or lets go")
+            pair, faces = pairs[0] if pairs else ({}, [])
+            other = {"pressure_overclosure": None}
+            tied = self._behavior(following, values, faces, other) if pairs else False
+            if not pairs or tied != ("tied" in pair):
+                self._let_go(card, following, pairs, other["pressure_overclosure"])
+            elif other["pressure_overclosure"] != pair.get("pressure_overclosure"):
+                self.findings.leave(following, "softer or stiffer springs from a step on")
             return {}
         table = {}
         self._friction(following, values, table)
         return {name_of(pair): table["friction"] for pair, _ in pairs}
+
+    def _let_go(self, card, following, pairs, law):
+        """Tied surfaces are in contact from a step on: other contacts in their place."""
+        if not pairs or "tied" not in pairs[0][0]:
+            self.findings.leave(following, "ties from a step on")
+            return
+        for table, _ in pairs:
+            other = {"name": f"{name_of(table)}-let-go", "source": table["source"], "target": table["target"]}
+            other |= {} if law is None else {"pressure_overclosure": law}
+            self.begun.append((table, {**other, **self._loose[id(table)]}, card))
+        self.findings.change(following, "another contact from this step on, in place of the tied surfaces")
 
     def switch(self, card):
         """*MODEL CHANGE of contact pairs.
@@ -321,6 +346,8 @@ class Contacts:
         list of (str, bool)
             Names of contacts, and whether they act from here on.
         """
+        if card is self.deck.removed:
+            return []
         self.findings.know(card, "TYPE", "ADD", "REMOVE")
         if card.word("TYPE") != "CONTACTPAIR" or not {"ADD", "REMOVE"} & set(card.parameters):
             self.findings.leave(card, "allowed: TYPE=CONTACT PAIR with ADD or REMOVE")
@@ -349,6 +376,9 @@ class Contacts:
                 self.findings.change(surface.card, f"the {len(faces)} facets around its {len(surface.nodes)} nodes")
                 return self.groups.add("facets", surface.name, faces), faces
         faces = [row for row in faces if row[0] in self.modulus]
+        if not faces and self.deck.removed is not None and not surface.nodes:
+            self.findings.skip(card, f"surface {surface.name} is that of elements that are not there", place)
+            return None, []
         if not faces:
             self.findings.leave(card, f"surface {surface.name} has no facets of solids", place)
             return None, []
@@ -384,8 +414,9 @@ class Contacts:
         if "SMALLSLIDING" in card.parameters:
             self.findings.change(card, "small sliding: partners are found in every load step", place)
         if "ADJUST" in card.parameters:
-            table["interference"] = "adjust"
-            self.findings.leave(card, "ADJUST closes gaps; here it takes away overlaps only", place)
+            table |= {"interference": "adjust", "adjust_within": self._adjusted(card, place, faces)}
+            words = f"gaps up to {table['adjust_within']:.3g} and overlaps are closed at points, no node is moved"
+            self.findings.change(card, words, place)
         interaction = self.deck.interactions.get(card.need("INTERACTION").upper())
         if interaction is None:
             raise card.refuse(f"the unknown interaction {card.get('INTERACTION')!r}", ", ".join(self.deck.interactions))
@@ -393,6 +424,36 @@ class Contacts:
         self._pairs.setdefault(card.need("INTERACTION").upper(), []).append((table, faces))
         self._cards[id(table)] = card
         return table
+
+    def _adjusted(self, card, place, faces):
+        """How wide gaps are closed by ADJUST: a distance, or a set of nodes whatever their gap."""
+        word = card.need("ADJUST")
+        if word.upper() not in self.deck.node_sets:
+            return max(card.number(place, word), TOUCHING * self._edge(faces))
+        nodes = {node for row in faces for node in self.deck.corners(*row)}
+        if not nodes <= set(self.deck.node_sets[word.upper()]):
+            self.findings.leave(card, f"ADJUST for some nodes of the slave: {word}", place)
+        return WHATEVER * self._edge(faces)
+
+    def _edge(self, faces):
+        """Mean length of the edges of faces."""
+        sizes = []
+        for row in faces:
+            points = np.array([self.deck.nodes[n] for n in self.deck.corners(*row)])
+            sizes.append(np.linalg.norm(points - np.roll(points, 1, axis=0), axis=1).mean())
+        return float(np.mean(sizes))
+
+    def _clearance(self, card):
+        """*CLEARANCE: gaps that are said."""
+        self.findings.know(card, "MASTER", "SLAVE", "VALUE")
+        sides = [self.deck.surface_of(card, card.place, card.need(name)).name for name in ("SLAVE", "MASTER")]
+        pair = next((pair for pairs in self._pairs.values() for pair, _ in pairs
+                     if [pair["source"], pair["target"]] == sides), None)  # fmt: skip
+        if pair is None or "interference" in pair:
+            self.findings.leave(card, "of surfaces that are no contact pair, or with ADJUST")
+            return
+        pair["clearance"] = card.number(card.place, card.need("VALUE"))
+        self.findings.take(card)
 
     def _interaction(self, cards, table, faces):
         self._used.add(cards[0].place)
@@ -403,7 +464,7 @@ class Contacts:
             values = [card.numbers(place, words) for place, words in card.rows]
             if card.key == "SURFACEBEHAVIOR":
                 self.findings.know(card, "PRESSURE-OVERCLOSURE")
-                tied = self._behavior(card, values, faces)
+                tied = self._behavior(card, values, faces, table)
             elif card.key == "FRICTION":
                 self._friction(card, values, table)
             elif card.key in ("GAPCONDUCTANCE", "GAPHEATGENERATION", "CONTACTDAMPING"):
@@ -411,11 +472,12 @@ class Contacts:
             else:
                 self.findings.leave(card, "not known")
         if tied:
+            self._loose[id(table)] = {key: table[key] for key in ("friction",) if key in table}
             table.pop("friction", None)
             table.pop("interference", None)
             table["tied"] = True
 
-    def _behavior(self, card, values, faces):
+    def _behavior(self, card, values, faces, table):
         """Pressure over overclosure; whether the surfaces are tied."""
         kind = card.word("PRESSURE-OVERCLOSURE", "HARD")
         if kind == "HARD":
@@ -425,26 +487,32 @@ class Contacts:
         if kind == "TIED":
             self.findings.change(card, f"glued without the springs of {first:g}")
             return True
+        if kind == "TABULAR":
+            table["pressure_overclosure"] = [[row[1], row[0]] for row in values]
+            self.findings.take(card)
+            return False
         slope = first
         if kind == "EXPONENTIAL":
             # the slope where surfaces touch, -ln(0.01) p0 / c0
             slope = 4.605 * (values[0][1] / first) if len(values[0]) > 1 and first else 0.0
-        if kind not in ("LINEAR", "EXPONENTIAL"):
+        if kind not in ("LINEAR", "EXPONENTIAL") or slope <= 0.0:
             self.findings.leave(card, f"{kind.lower()}: no overlap is left, whatever the pressure")
             return False
-        stiffness = self._layer(faces)
-        words = f"springs of {slope:g}, {slope / stiffness:.2g} times a layer of elements: here no overlap is left"
-        (self.findings.change if slope >= HARD * stiffness else self.findings.leave)(card, words)
+        part = slope / self._layer(faces)
+        words = f"springs of {slope:g}, {part:.2g} times a layer of elements"
+        if part >= HARD:
+            self.findings.change(card, f"{words}: here no overlap is left")
+        elif kind == "LINEAR":
+            table["pressure_overclosure"] = slope
+            self.findings.take(card, words)
+        else:
+            table["pressure_overclosure"] = _exponential(first, values[0][1])
+            self.findings.change(card, f"{words}, as a table of {ROWS} rows")
         return False
 
     def _layer(self, faces):
         """Stiffness of the elements of a surface per area: modulus over the length of their faces, the mean."""
-        element, face = zip(*faces, strict=True)
-        sizes = []
-        for one in zip(element, face, strict=True):
-            points = np.array([self.deck.nodes[n] for n in self.deck.corners(*one)])
-            sizes.append(np.linalg.norm(points - np.roll(points, 1, axis=0), axis=1).mean())
-        return float(np.mean([self.modulus[e] for e in element]) / np.mean(sizes))
+        return float(np.mean([self.modulus[e] for e, _ in faces])) / self._edge(faces)
 
     def _friction(self, card, values, table):
         self.findings.know(card, "ROUGH", "TAUMAX", "SLIPTOLERANCE", "ELASTICSLIP")
@@ -458,7 +526,11 @@ class Contacts:
             table["friction"] = LARGEST
             self.findings.leave(card, f"a friction of {value:g}; here {LARGEST:g}")
         elif len(first) > 1 and first[1]:
-            self.findings.change(card, f"{value:g}, without the springs of {first[1]:g} where it sticks")
+            if "pressure_overclosure" in table:
+                table["stick_stiffness"] = first[1]
+                self.findings.take(card, f"{value:g}")
+            else:
+                self.findings.change(card, f"{value:g}, without the springs of {first[1]:g} where it sticks")
         else:
             self.findings.take(card, f"{value:g}")
         if "TAUMAX" in card.parameters and value < ROUGH:
@@ -492,6 +564,13 @@ def integration_of(deck, findings, cells):
         other = "reduced" if 2 * count > len(able) else "full"
         findings.change(card, f"type {word} beside others of its body: all of them with {other} integration")
     return "reduced" if 2 * count > len(able) else "full"
+
+
+def _exponential(distance, pressure):
+    """Rows (overclosure, pressure) of springs with p0 where surfaces touch, and 1 % of it at a distance."""
+    gaps = np.linspace(-BEGIN, BEGIN, ROWS) * distance
+    rows = pressure * np.exp(4.605 * gaps / distance)
+    return [[float(gap), float(row)] for gap, row in zip(gaps, rows - rows[0], strict=True)]
 
 
 def order_of(deck, findings):

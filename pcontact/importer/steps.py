@@ -3,6 +3,8 @@
 import math
 from dataclasses import dataclass, field
 
+from pcontact.importer.materials import name_of
+
 # cards that say what a program writes, or how it iterates
 OUTPUT = ("", "HEADING", "NODEPRINT", "ELPRINT", "NODEFILE", "ELFILE", "CONTACTFILE", "CONTACTPRINT", "OUTPUT",
           "NODEOUTPUT", "ELEMENTOUTPUT", "CONTACTOUTPUT", "ENERGYPRINT", "ENERGYFILE", "TIMEPOINTS", "CONTROLS",
@@ -95,7 +97,7 @@ def read_steps(deck, findings, supports, contacts):
     Run
     """
     supports.before()
-    run, begin, small, friction, off = Run(), 0.0, None, {}, set()
+    run, begin, small, friction, off, begun = Run(), 0.0, None, {}, set(), []
     for step in deck.steps:
         findings.know(step.card, "NLGEOM", "INC", "AMPLITUDE", "NAME", "PERTURBATION", "SOLVER", "UNSYMM")
         findings.take(step.card)
@@ -116,6 +118,11 @@ def read_steps(deck, findings, supports, contacts):
                     (off.discard if on else off.add)(name)
         run.friction.append({name: value for name, value in friction.items() if name not in off})
         run.off.append(off)
+        for old, new, _ in contacts.begun[len(begun) :]:
+            begun.append(name_of(new))
+            off.add(name_of(old))
+            for before in run.off[:-1]:
+                before.add(name_of(new))
         supports.step(step, begin, begin + period)
         run.periods.append((period, count))
         begin += period

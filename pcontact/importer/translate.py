@@ -14,6 +14,8 @@ from pcontact.importer.materials import Contacts, bodies, integration_of, materi
 from pcontact.importer.steps import OUTPUT, read_steps
 from pcontact.importer.supports import Supports
 
+# thermal strain up to which small strain stands for any: its square is what it leaves out
+SMALL = 0.01
 # part of the range by which temperatures may be off a linear function of the place
 _LINEAR = 1e-9
 
@@ -61,6 +63,7 @@ def translate(path, mesh_name):
         _say(card, findings)
     for card, place, words in deck.lost:
         findings.leave(card, words, place)
+    _remove(deck, findings)
     known = materials(deck, findings)
     parts, plane, thickness = bodies(deck, findings)
     names = {material: deck.spelling[material] for _, material, _ in parts}
@@ -77,11 +80,12 @@ def translate(path, mesh_name):
     linear, cyclic = equations(deck, findings, groups, supports, dim), Cyclic(deck, findings, groups).tables()
     pairs.press(supports.pushed() | equated(deck))
     end, finite = run.ramp_end, run.finite
+    contacts += [(table, card) for _, table, card in pairs.begun]
     for table, _ in contacts:
         table |= run.acting(name_of(table))
     heat = _temperatures(deck, findings, groups, supports, parts, known, end)
     if finite is not None:
-        finite = _finite(finite, findings, heat)
+        finite = _finite(finite, findings, heat, _thermal(heat, known))
     supports.follower = finite is not None and plane != "plane_stress"
     if finite is not None and plane == "plane_stress" and supports.pressures.now:
         findings.leave(next(iter(supports.pressures.now.values())).card, "a pressure that turns with the surface")
@@ -144,8 +148,29 @@ def _say(card, findings):
         findings.skip(card, "materials have no directions")
 
 
-def _finite(card, findings, heat):
+def _thermal(heat, known):
+    """Largest strain of temperatures that are uniform; infinite where one is not."""
+    rises = [abs(one["value"] - one["reference"]) if not isinstance(one["value"], str) else np.inf for one, _ in heat]
+    expansion = max((abs(table.get("expansion") or 0.0) for table in known.values()), default=0.0)
+    return expansion * max(rises, default=0.0)
+
+
+def _remove(deck, findings):
+    """Elements that the first step takes away are not there at all."""
+    for card in deck.steps[0].cards if deck.steps else ():
+        if card.key == "MODELCHANGE" and card.word("TYPE") == "ELEMENT" and "REMOVE" in card.parameters:
+            findings.know(card, "TYPE", "REMOVE")
+            deck.remove([e for place, words in card.rows for word in words if word
+                         for e in deck.elements_of(card, place, word)])  # fmt: skip
+            findings.change(card, "not there from the beginning; the surfaces that they have are in no contact")
+            deck.removed = card
+
+
+def _finite(card, findings, heat, strain):
     """The card that asks for finite strain, if it can be had."""
+    if heat and strain <= SMALL:
+        findings.change(card, f"NLGEOM with temperatures: small strain; they strain by {100 * strain:.2g} %")
+        return None
     if heat:
         findings.leave(card, "NLGEOM with temperatures: small strain")
         return None

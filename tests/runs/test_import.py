@@ -425,3 +425,60 @@ top, 3, 3, -0.01
     steps = solved(scene, ["top"])
     means = [step["probes"]["top"]["mean"][2] for step in steps]
     np.testing.assert_allclose(means, [drawn, 0.5 * drawn - 0.005, -0.01], rtol=1e-9)
+
+
+SOFT = """
+*SURFACE INTERACTION, NAME=si
+*SURFACE BEHAVIOR, PRESSURE-OVERCLOSURE=LINEAR
+1000.,
+*CONTACT PAIR, INTERACTION=SI, TYPE=SURFACE TO SURFACE{more}
+upper, lower
+"""
+PRESS = "*STEP\n*STATIC\n*DLOAD\n2, P2, 100.\n*END STEP\n"
+
+
+def test_springs_between_surfaces(tmp_path):
+    """Softer than a layer of elements: u = -p (2 L / E + 1 / k) at the top."""
+    text = BLOCKS + "*NSET, NSET=top\n105, 106, 107, 108\n" + SOFT.format(more="") + PRESS
+    status, words, scene = imported(tmp_path, text)
+    assert status == 0 and "times a layer of elements" in words and scene.contacts[0].pressure_overclosure == 1000.0
+    mean = solved(scene, ["top"])[-1]["probes"]["top"]["mean"][2]
+    assert mean == pytest.approx(-100.0 * (2.0 / 200000.0 + 1.0 / 1000.0), rel=1e-6)
+
+
+def test_gaps_that_are_closed_or_said(tmp_path):
+    """ADJUST=0.02 takes a gap of 0.01 as closed, *CLEARANCE says another one."""
+    high = BLOCKS.replace(bricks(((0, 0, 0), (1, 1, 1)), ((0, 0, 1), (1, 1, 1))),
+                          bricks(((0, 0, 0), (1, 1, 1)), ((0, 0, 1.01), (1, 1, 1))))  # fmt: skip
+    high += "*NSET, NSET=top\n105, 106, 107, 108\n"
+    status, words, scene = imported(tmp_path, high + SOFT.format(more=", ADJUST=0.02") + PRESS)
+    assert status == 0 and "are closed at points" in words and scene.contacts[0].adjust_within == 0.02
+    assert solved(scene, ["top"])[-1]["probes"]["top"]["mean"][2] == pytest.approx(-0.101, rel=1e-6)
+    said = "*CLEARANCE, MASTER=lower, SLAVE=upper, VALUE=0.001\n"
+    status, _, scene = imported(tmp_path, high + SOFT.format(more="") + said + PRESS)
+    assert status == 0 and scene.contacts[0].clearance == 0.001
+    assert solved(scene, ["top"])[-1]["probes"]["top"]["mean"][2] == pytest.approx(-0.102, rel=1e-6)
+
+
+def test_surfaces_that_are_tied_and_let_go(tmp_path):
+    """Drawn apart in the first step, the upper block is without stress after the second one."""
+    text = (
+        BLOCKS
+        + "*NSET, NSET=top\n105, 106, 107, 108\n*NSET, NSET=low\n101, 102, 103, 104\n"
+        + SOFT.format(more="").replace("LINEAR", "TIED")
+        + "*STEP\n*STATIC\n*BOUNDARY\ntop, 3, 3, 0.01\n*END STEP\n*STEP\n*STATIC\n"
+        + "*CHANGE SURFACE BEHAVIOR, INTERACTION=si\n*SURFACE BEHAVIOR, PRESSURE-OVERCLOSURE=HARD\n*END STEP\n"
+    )
+    status, _, scene = imported(tmp_path, text)
+    assert status == 0 and [one.phases for one in scene.contacts] == [("step_1",), ("step_2",)]
+    first, second = (step["probes"]["low"]["mean"][2] for step in solved(scene, ["low"]))
+    assert (first, second) == pytest.approx((0.005, 0.01), rel=1e-3)
+
+
+def test_elements_that_are_taken_away_first(tmp_path):
+    removed = "*STEP\n*STATIC\n*MODEL CHANGE, TYPE=ELEMENT, REMOVE\n1,\n*DLOAD\n2, P2, 100.\n*BOUNDARY\n"
+    more = "101, 3\n102, 3\n103, 3\n104, 3\n*END STEP\n"
+    status, words, scene = imported(tmp_path, BLOCKS + "*NSET, NSET=top\n105, 106, 107, 108\n" + PAIR + removed + more)
+    assert status == 0 and "not there from the beginning" in words and not scene.contacts
+    mean = solved(scene, ["top"])[-1]["probes"]["top"]["mean"][2]
+    assert mean == pytest.approx(-100.0 / 200000.0, rel=1e-9)
