@@ -340,7 +340,7 @@ def _execute(command, operand, options):
             log.info("wrote %s", written)
         return 0
     if command == "refine":
-        log.info("wrote %s", on_root(comm, refine.refine_run, operand, options))
+        log.info("wrote %s", refine.refine_run(operand, options, comm))
         return 0
     if command == "import":
         return comm.bcast(on_root(comm, import_file, operand, options.get("o")), root=0)

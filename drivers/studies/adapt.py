@@ -20,7 +20,7 @@ from drivers._common import draw, log, main, make_mesh, make_parser, print_table
 from meshes.punch import punch
 from pcontact.estimate.size import largest_contributions
 from pcontact.io.refine import read_estimate
-from pcontact.mesh.refine import refine
+from pcontact.mesh.refine import as_raw, refine
 from pcontact.mesh.remesh import write_refined
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.parallel import on_root
@@ -76,7 +76,7 @@ def next_mesh(directory, path, way, part):
     def work():
         raw, estimates, _ = read_estimate(Path(directory))
         marked = np.ones(len(estimates), bool) if way == "uniform" else largest_contributions(estimates, part)
-        write_refined(path, refine(raw, marked))
+        write_refined(path, as_raw(refine(raw, marked), path))
 
     on_root(MPI.COMM_WORLD, work)
     return path

@@ -30,7 +30,7 @@ from pcontact.element.shape import shape
 from pcontact.material.elastic import in_plane, lame
 from pcontact.mesh.complete import complete
 from pcontact.mesh.reader import read_mesh
-from pcontact.mesh.refine import SIMPLEX, refine
+from pcontact.mesh.refine import SIMPLEX, as_raw, refine
 from pcontact.mesh.remesh import write_refined
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.parallel import on_root
@@ -250,7 +250,7 @@ def finer(simulation, path, unit):
         for number, part in enumerate(scene.bodies):
             body[raw.cell_groups[part.region]] = number
         fine = refine(raw, np.ones(len(body), dtype=bool))
-        write_refined(path, fine)
+        write_refined(path, as_raw(fine, path))
         layout = complete(raw, degree) if degree == 2 else raw
         nodes = np.concatenate([block.nodes for block in layout.blocks])
         u = values[_match(_keys(layout.points[nodes].reshape(-1, d), np.repeat(body, nodes.shape[1]), unit), keys)]

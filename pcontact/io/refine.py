@@ -9,11 +9,15 @@ import numpy as np
 from pcontact.element.reference import CELLS, edge_nodes
 from pcontact.estimate.size import at_vertices, edge_lengths, largest_contributions, new_sizes
 from pcontact.io.result import load_result
+from pcontact.mesh.load import load_plain
 from pcontact.mesh.reader import read_mesh
-from pcontact.mesh.refine import refine
+from pcontact.mesh.refinement.gather import gathered
+from pcontact.mesh.refinement.refine import refine
 from pcontact.mesh.remesh import remesh, write_refined, write_sizes
 from pcontact.runtime.declared import STEP, Option, listed, read_all
 from pcontact.runtime.errors import InputError
+from pcontact.runtime.parallel import on_root
+from pcontact.runtime.petsc import MPI
 from pcontact.runtime.rules import number, text
 
 # part of the squared error whose cells are refined; error wanted of a new mesh over the old one
@@ -31,8 +35,8 @@ OPTIONS = listed(
 NOT_MATCHING = 1e-6
 
 
-def refine_run(directory, options):
-    """Make the mesh that a command line asks for. Serial.
+def refine_run(directory, options, comm=MPI.COMM_SELF):
+    """Make the mesh that a command line asks for. *Collective.*
 
     Parameters
     ----------
@@ -40,34 +44,48 @@ def refine_run(directory, options):
         The output directory of a run with an estimate.
     options : dict of str to str
         Without dashes; keys of `OPTIONS`.
+    comm : MPI.Comm, optional
+        Its ranks cut the cells together; rank 0 alone reads and writes files, and has gmsh make meshes of geometries.
 
     Returns
     -------
     str
-        What was written.
+        What was written; on rank 0.
 
     Raises
     ------
     InputError
+        On every rank.
     """
+    found = on_root(comm, _prepared, Path(directory), options)
+    told, raw, marked, target = found or (None,) * 4
+    if comm.bcast(told is not None):
+        return told
+    mesh = load_plain(comm, raw)
+    marked = comm.bcast(marked)
+    ids = np.concatenate([block.ids for block in mesh.blocks])
+    new, _ = refine(mesh, np.where(marked[ids], mesh.dim, 0))
+    new = gathered(new, directory)
+    on_root(comm, write_refined, target, new)
+    return f"{target}: {new.offsets[-1]} cells from {len(marked)}, {marked.sum()} of them marked" if new else None
+
+
+def _prepared(directory, options):
+    """What was written with a geometry; or else None, the mesh, the cells to cut, and the file to write."""
     values = read_all("refine", OPTIONS, options)
-    directory = Path(directory)
     raw, estimates, degree = read_estimate(directory, values.get("step", -1))
     target = Path(values.get("o") or directory / "refined.msh")
     if target.suffix != ".msh":
         raise InputError(f"command line: -o: found {str(target)!r}; allowed: {OPTIONS['o'].allowed}")
     if not target.parent.is_dir():
         raise InputError(f"command line: -o: found no directory {str(target.parent)!r}; allowed: one that exists")
-    if "geometry" not in values:
-        if "error" in values:
-            raise InputError("command line: -error without -geometry; allowed: -part, or -geometry and -error")
-        marked = largest_contributions(estimates, values.get("part", PART))
-        refined = refine(raw, marked)
-        write_refined(target, refined)
-        return f"{target}: {len(refined.nodes)} cells from {len(estimates)}, of which {int(marked.sum())} were marked"
-    if "part" in values:
-        raise InputError("command line: -part with -geometry; allowed: -error")
-    return _new_mesh(raw, estimates, degree, target, values)
+    if "geometry" in values:
+        if "part" in values:
+            raise InputError("command line: -part with -geometry; allowed: -error")
+        return _new_mesh(raw, estimates, degree, target, values), None, None, None
+    if "error" in values:
+        raise InputError("command line: -error without -geometry; allowed: -part, or -geometry and -error")
+    return None, raw, largest_contributions(estimates, values.get("part", PART)), target
 
 
 def _new_mesh(raw, estimates, degree, target, values):

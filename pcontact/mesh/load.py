@@ -93,6 +93,28 @@ def _read_slices(comm, path, order, serendipity, regions, surfaces, check, pairs
     return stored.piece, stored.component_names(regions)
 
 
+def load_plain(comm, raw):
+    """Distribute a mesh that rank 0 has read as one body, without regard to a scene. *Collective.*
+
+    Parameters
+    ----------
+    comm : MPI.Comm
+    raw : pcontact.mesh.groups.RawMesh or None
+        On rank 0.
+
+    Returns
+    -------
+    Mesh
+    """
+
+    def prepare():
+        curved = any(block.degree == 2 for block in raw.blocks)
+        full = complete(raw, 2) if curved else raw
+        return full, curved, np.zeros(full.offsets[-1], dtype=np.int64), components(full)
+
+    return deal(whole(comm, *(on_root(comm, prepare) or (None,) * 4)))
+
+
 def load_mesh(comm, path, order, regions, pairs, check, dealing=(WEIGHT, "bisection"), serendipity=False):
     """Read, check and distribute a mesh. *Collective.*
 

@@ -53,7 +53,7 @@ _SIZES[list(_KINDS)] = [n for _, _, n in _KINDS.values()]
 _HEXAHEDRON_EDGES = [8, 11, 13, 9, 16, 18, 19, 17, 10, 12, 14, 15]
 
 # positions in gmsh's node order of VTK's nodes, where the two differ
-_VTK_ORDER = {
+VTK_ORDER = {
     11: [0, 1, 2, 3, 4, 5, 6, 7, 9, 8],
     12: [*range(8), *_HEXAHEDRON_EDGES, 22, 23, 21, 24, 20, 25, 26],
     17: [*range(8), *_HEXAHEDRON_EDGES],
@@ -460,8 +460,8 @@ def _fill(path, file, parts, groups, names):
                 f"{path}: element {tags[row]} refers to node {nodes[lost][0]} ({lost.sum()} such in all); "
                 "allowed: nodes of the file"
             )
-        if kind in _VTK_ORDER:
-            rows = rows[:, _VTK_ORDER[kind]]
+        if kind in VTK_ORDER:
+            rows = rows[:, VTK_ORDER[kind]]
         file.tables.append(Table(_KINDS[kind][0], dim, np.ascontiguousarray(rows), tags))
         # elements that belong to no group but were saved are construction
         file.free[rows] = True

@@ -5,6 +5,9 @@ from pathlib import Path
 
 import numpy as np
 
+from pcontact.element.reference import CELLS, edge_nodes, facet_nodes
+from pcontact.mesh.complete import number_rows
+from pcontact.mesh.msh import VTK_ORDER
 from pcontact.runtime import signals
 from pcontact.runtime.errors import TOLD, InputError
 from pcontact.runtime.files import require_end, written_aside
@@ -14,9 +17,10 @@ try:
 except (ImportError, OSError):  # not installed, or a system library that it needs is missing
     gmsh = None
 
-# gmsh's element types by dimension and degree, and where its node order differs from VTK's
-_TYPES = {(0, 1): 15, (0, 2): 15, (1, 1): 1, (1, 2): 8, (2, 1): 2, (2, 2): 9, (3, 1): 4, (3, 2): 11}
-_ORDER = {11: [0, 1, 2, 3, 4, 5, 6, 7, 9, 8]}
+# gmsh's element types by kind and degree
+_TYPES = {("point", 1): 15, ("point", 2): 15, ("segment", 1): 1, ("segment", 2): 8, ("triangle", 1): 2,
+          ("triangle", 2): 9, ("quadrilateral", 1): 3, ("quadrilateral", 2): 10, ("tetrahedron", 1): 4,
+          ("tetrahedron", 2): 11, ("hexahedron", 1): 5, ("hexahedron", 2): 12}  # fmt: skip
 # cells whose corners carry the sizes, as gmsh calls them in a list of data
 _VIEWS = {"triangle": "ST", "quadrilateral": "SQ", "tetrahedron": "SS", "hexahedron": "SH",
           "quadrilateral8": "SQ", "hexahedron20": "SH"}  # fmt: skip
@@ -49,24 +53,71 @@ def _fresh():
         gmsh.finalize()
 
 
-def write_refined(path, refined):
-    """Write a refined mesh with its groups. Serial.
+def write_refined(path, raw):
+    """Write a mesh with its groups. Serial.
 
     Parameters
     ----------
     path : str or pathlib.Path
         .msh file.
-    refined : pcontact.mesh.refine.Refined
+    raw : pcontact.mesh.groups.RawMesh
+        All cells of one degree.
     """
     with _fresh():
         gmsh.model.add("refined")
-        d = refined.dim
-        elements, flags = refined.groups[d]
-        _add(d, refined.nodes, flags, refined)
-        for dim, (elements, flags) in refined.groups.items():
-            if dim != d:
-                _add(dim, elements, flags, None, refined.degree)
+        degree, flags = raw.blocks[0].degree, []
+        for cells in raw.cell_groups.values():
+            flags.append(np.zeros(raw.offsets[-1], dtype=bool))
+            flags[-1][cells] = True
+        tables = [(block.cell, block.nodes) for block in raw.blocks]
+        _add(raw.dim, tables, dict(zip(raw.cell_groups, flags, strict=True)), degree, raw.points)
+        for dim, groups in _lower(raw).items():
+            for tables, flags in groups:
+                _add(dim, tables, flags, degree)
         _write_mesh(path)
+
+
+def _lower(raw):
+    """Elements of the groups of lower dimension: by dimension, tables of one kind and the groups of their rows."""
+    result = {dim: [] for dim in range(raw.dim)}
+    nodes = {name: members[:, None] for name, members in raw.node_groups.items() if name not in raw.edge_groups}
+    lines = {name: _lines(raw, edges) for name, edges in raw.edge_groups.items()}
+    for dim, kind, groups in ((0, "point", nodes), (1, "segment", lines), *_facets(raw)):
+        if not groups:
+            continue
+        every = np.concatenate(list(groups.values()))
+        _, first, number = np.unique(np.sort(every, axis=1), axis=0, return_index=True, return_inverse=True)
+        ends = np.cumsum([len(rows) for rows in groups.values()])[:-1]
+        flags = {name: np.zeros(len(first), dtype=bool) for name in groups}
+        for name, rows in zip(groups, np.split(number.ravel(), ends), strict=True):
+            flags[name][rows] = True
+        result[dim].append(([(kind, every[first])], flags))
+    return result
+
+
+def _facets(raw):
+    """Facets of groups by their kind: dimension, kind, nodes (n, n_facet_nodes) by group."""
+    found = {}
+    for name, (cells, local) in raw.facet_groups.items():
+        number = np.searchsorted(raw.offsets, cells, side="right") - 1
+        for k, block in enumerate(raw.blocks):
+            rows = number == k
+            columns = facet_nodes(block.cell, block.degree)[local[rows]]
+            nodes = block.nodes[(cells[rows] - raw.offsets[k])[:, None], columns]
+            found.setdefault(CELLS[block.cell].facet, {}).setdefault(name, []).append(nodes)
+    for kind, groups in found.items():
+        yield raw.dim - 1, kind, {name: np.concatenate(parts) for name, parts in groups.items()}
+
+
+def _lines(raw, edges):
+    """Edges (n, 2) given by their vertices, with the nodes in their middles where there are some."""
+    if raw.blocks[0].degree == 1:
+        return edges
+    pairs = np.concatenate([block.nodes[:, edge_nodes(block.cell)].reshape(-1, 2) for block in raw.blocks])
+    counts = [(CELLS[block.cell].n_vertices, len(CELLS[block.cell].edges)) for block in raw.blocks]
+    middles = [block.nodes[:, n : n + m].ravel() for block, (n, m) in zip(raw.blocks, counts, strict=True)]
+    first, number = number_rows(np.concatenate([pairs, edges]), len(raw.points))
+    return np.column_stack([edges, np.concatenate(middles)[first[number[len(pairs) :]]]])
 
 
 def _write_mesh(path):
@@ -83,22 +134,28 @@ def _call(part, write, *args):
     write(*args)
 
 
-def _add(dim, elements, flags, refined=None, degree=1):
-    """Add elements, an entity for each set of groups that they belong to; with a mesh, its nodes too."""
-    names = list(flags)
-    table = np.stack([flags[name] for name in names], axis=1) if names else np.zeros((len(elements), 0), bool)
+def _add(dim, tables, flags, degree, points=None):
+    """Add elements, an entity for each set of groups that they belong to; points go to the first one.
+
+    tables : kind and nodes (n, n_nodes) of elements. flags : by group, of the rows of all tables.
+    """
+    names, count = list(flags), sum(len(nodes) for _, nodes in tables)
+    table = np.stack([flags[name] for name in names], axis=1) if names else np.zeros((count, 0), bool)
     sets, number = np.unique(table, axis=0, return_inverse=True)
     entities = [gmsh.model.addDiscreteEntity(dim) for _ in sets]
-    if refined is not None:
-        degree = refined.degree
-        points = np.zeros((len(refined.points), 3))
-        points[:, :dim] = refined.points
-        gmsh.model.mesh.addNodes(dim, entities[0], np.arange(1, len(points) + 1), points.ravel())
-    kind = _TYPES[dim, degree]
-    for k, entity in enumerate(entities):
-        nodes = elements[number == k] + 1
-        nodes = nodes[:, _ORDER[kind]] if kind in _ORDER else nodes
-        gmsh.model.mesh.addElementsByType(entity, kind, [], nodes.ravel())
+    if points is not None:
+        full = np.zeros((len(points), 3))
+        full[:, : points.shape[1]] = points
+        gmsh.model.mesh.addNodes(dim, entities[0], np.arange(1, len(full) + 1), full.ravel())
+    ends = np.cumsum([len(nodes) for _, nodes in tables])[:-1]
+    for (cell, nodes), of_set in zip(tables, np.split(number.ravel(), ends), strict=True):
+        kind = _TYPES[cell, degree]
+        order = VTK_ORDER.get(kind, range(nodes.shape[1]))
+        for k, entity in enumerate(entities):
+            rows = np.empty((int((of_set == k).sum()), nodes.shape[1]), dtype=np.int64)
+            rows[:, order] = nodes[of_set == k] + 1
+            if len(rows):
+                gmsh.model.mesh.addElementsByType(entity, kind, [], rows.ravel())
     for column, name in enumerate(names):
         members = [entity for entity, chosen in zip(entities, sets, strict=True) if chosen[column]]
         gmsh.model.addPhysicalGroup(dim, members, name=name)
