@@ -1,4 +1,4 @@
-"""The command line: ``pcontact run | check | import | convert | refine | view | plot | schema``."""
+"""The command line: ``pcontact run | check | import | convert | refine | view | plot | new | doctor | schema``."""
 
 import difflib
 import json
@@ -15,10 +15,13 @@ from pcontact import __version__
 from pcontact.adapt.loop import Loop
 from pcontact.adapt.target import wanted
 from pcontact.contact.surface.smooth_geometry import SMOOTH, WRONG, facet_pressure
+from pcontact.doctor import examine
 from pcontact.importer.write import OPTIONS as IMPORT
 from pcontact.importer.write import import_file
 from pcontact.io import refine
 from pcontact.io.cost_forecast import cost_forecast
+from pcontact.io.summary import JsonLines, summary
+from pcontact.io.template import write_template
 from pcontact.mesh.hdf5_writer import convert, mesh_sizes
 from pcontact.runtime import log, signals
 from pcontact.runtime.declared import OPTIONS, SECTIONS, Option, help_lines, listed, read_all
@@ -27,7 +30,7 @@ from pcontact.runtime.files import replace_file
 from pcontact.runtime.options import Options
 from pcontact.runtime.parallel import on_root
 from pcontact.runtime.petsc import MPI
-from pcontact.runtime.rules import integer, text
+from pcontact.runtime.rules import BOOLEAN, integer, text
 from pcontact.scene import Contact, MeshSpec, Output, Scene, Steps, read_scene
 from pcontact.scene.keys import options as key_options
 from pcontact.scene.schema import schema
@@ -92,13 +95,18 @@ COMMANDS = {
         "a directory and columns of its history", "DIR [X] Y [Y ...]",
         "columns Y of the history over X, or over the time", show.PLOT, many=True,
     ),
+    "new": Command("the name of a directory", "NAME", "a commented scene with its mesh to start from", listed()),
+    "doctor": Command("", "", "what is installed, how fast this machine is, what to do", listed()),
     "schema": Command(
         "", "[-o FILE.json]", "JSON Schema of a scene file, with which editors complete and check it",
         listed(Option("o", text("a file"), "where it goes", otherwise="standard output", value="FILE.json")),
     ),
 }  # fmt: skip
 # options that are no run's, not even unused
-OURS = ("o", "help", "h", "field", "step", "scale")
+OURS = ("o", "help", "h", "field", "step", "scale", "json")
+JSON = listed(
+    Option("json", BOOLEAN, "a line of JSON for every load step, cut and the end instead of text", False, flag="true")
+)
 
 
 def run_options():
@@ -131,6 +139,7 @@ def usage(command=None):
     lines += [""]
     if any(one.options is None for one in named.values()):
         lines += ["Options of run and check. They win over the scene; its [petsc] table wins over defaults."]
+        lines += help_lines(JSON.values())
         for title, options in run_options().items():
             lines += [f"{title}:", *help_lines(options)]
         lines += ["Of PETSc:", PETSC_HELP]
@@ -339,6 +348,15 @@ def _execute(command, operand, options):
         if written is not None:
             log.info("wrote %s", written)
         return 0
+    if command == "new":
+        read_all(command, {}, options)
+        log.info("wrote %s; its first lines say what to do", on_root(comm, write_template, operand))
+        return 0
+    if command == "doctor":
+        read_all(command, {}, options)
+        for line in examine():
+            log.info("%s", line)
+        return 0
     if command == "refine":
         log.info("wrote %s", refine.refine_run(operand, options, comm))
         return 0
@@ -363,7 +381,15 @@ def _execute(command, operand, options):
         if outcome.failure is not None:
             log.error_line(outcome.failure)
         return outcome.status
-    _, converged = run_scene(scene, directory)
+    machine = JSON["json"].read(options.get("json", "false"))
+    if machine:
+        log.setup(comm.rank, level="error")
+    simulation, converged = run_scene(scene, directory, [JsonLines(comm.rank == 0)] if machine else [])
+    data = simulation.records.data()
+    simulation.close()
+    if not machine:
+        for line in summary(data, directory):
+            log.info("%s", line)
     return 0 if converged else 1
 
 

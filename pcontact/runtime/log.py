@@ -5,6 +5,7 @@ knows nothing of MPI: rank 0 speaks, the others are silent unless asked.
 """
 
 import logging
+import os
 import sys
 from contextlib import contextmanager, suppress
 
@@ -13,6 +14,7 @@ from tqdm import tqdm
 from pcontact.runtime import streams
 
 LOGGER = logging.getLogger("pcontact")
+_YELLOW, _PLAIN = "\033[33m", "\033[0m"
 # a library leaves it to its caller's logging what is shown
 LOGGER.addHandler(logging.NullHandler())
 LEVELS = {"error": logging.ERROR, "warning": logging.WARNING, "info": logging.INFO, "debug": logging.DEBUG}
@@ -48,13 +50,19 @@ def _lost(handler, error):
 class _Formatter(logging.Formatter):
     """Plain text; a level that is not info is named, and so is the rank when several speak."""
 
-    def __init__(self, prefix):
+    def __init__(self, prefix, colours=False):
         super().__init__()
-        self.prefix = prefix
+        self.prefix, self.colours = prefix, colours
 
     def format(self, record):
         level = "" if record.levelno in (logging.INFO, logging.DEBUG) else f"{record.levelname.lower()}: "
-        return f"{self.prefix}{level}{super().format(record)}"
+        text = f"{self.prefix}{level}{super().format(record)}"
+        return f"{_YELLOW}{text}{_PLAIN}" if self.colours and record.levelno >= logging.WARNING else text
+
+
+def _coloured(stream):
+    """Whether warnings are yellow: on a terminal, unless the user wants none (https://no-color.org)."""
+    return streams.is_terminal(stream) and not os.environ.get("NO_COLOR") and os.environ.get("TERM") != "dumb"
 
 
 class _State:
@@ -91,7 +99,7 @@ def setup(rank=0, stream=None, level="info", all_ranks=False):
     for old in list(LOGGER.handlers):
         LOGGER.removeHandler(old)
     handler = _Handler(_State.stream) if _State.speaks else logging.NullHandler()
-    handler.setFormatter(_Formatter(f"[{rank}] " if all_ranks else ""))
+    handler.setFormatter(_Formatter(f"[{rank}] " if all_ranks else "", _coloured(_State.stream)))
     LOGGER.addHandler(handler)
     LOGGER.setLevel(LEVELS[level])
     LOGGER.propagate = False

@@ -1,0 +1,76 @@
+"""The last lines of a run: what came out, what it took, where it is. And the same as lines for programs."""
+
+import json
+import sys
+
+from pcontact.io.report import jsonable
+from pcontact.runtime import log, streams
+from pcontact.runtime.observer import Observer
+
+
+def summary(report, directory):
+    """Lines about a run that has ended.
+
+    Parameters
+    ----------
+    report : dict
+        As in ``report.json``.
+    directory : str or Path
+        Where the results are.
+
+    Returns
+    -------
+    list of str
+    """
+    steps = report["steps"]
+    if not steps:
+        return [f"no load step converged; the report is in {directory}"]
+    last = steps[-1]
+    seconds = report["timing"].get("total")
+    took = f" in {seconds:.1f} s" if isinstance(seconds, float) else ""
+    word = "done" if report["converged"] else "ended early"
+    lines = [f"{word}: {len(steps)} load steps to time {last['time']:g}{took}"
+             + (f", {_peak(report):.0f} MB on the largest rank" if _peak(report) else "")]  # fmt: skip
+    for name, contact in last.get("contacts", {}).items():
+        pressure = max(step["contacts"].get(name, {}).get("max_pressure", 0.0) or 0.0 for step in steps)
+        force = " ".join(f"{value + 0.0:.5g}" for value in contact["force"])
+        lines.append(f"  {name}: force {force}, largest pressure {contact['max_pressure']:.5g} (of all load steps "
+                     f"{pressure:.5g}), penetration {contact['max_penetration']:.3g}")  # fmt: skip
+    if report["warnings"]:
+        lines.append(f"  {len(report['warnings'])} warnings, above and in report.json")
+    lines.append(f"  results in {directory}; pictures: pcontact view {directory}")
+    return lines
+
+
+def _peak(report):
+    """The largest peak of a rank [MB], 0 if it is not known."""
+    marks = report.get("memory", {}).values()
+    return max((mark.get("peak_mb_largest") or 0.0 for mark in marks if isinstance(mark, dict)), default=0.0)
+
+
+class JsonLines(Observer):
+    """Observer that says every load step, cut and the end as a line of JSON on standard output. Rank 0 speaks.
+
+    Parameters
+    ----------
+    speaks : bool
+    """
+
+    def __init__(self, speaks):
+        self._speaks = speaks
+
+    def _say(self, event, **values):
+        if self._speaks:
+            streams.put(sys.stdout, json.dumps(jsonable({"event": event, **values})) + "\n")
+
+    def step(self, step, u, record):
+        """A load step that has been committed, as in ``report.json``."""
+        self._say("step", number=step.number, **record)
+
+    def cut(self, target, result):
+        """A load step that is cut back."""
+        self._say("cut", time=target, reason=result.reason, newton=result.newton, residual=result.residual)
+
+    def end(self, converged):
+        """The end."""
+        self._say("end", converged=converged, warnings=log.warnings())

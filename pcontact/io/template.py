@@ -1,0 +1,118 @@
+"""``pcontact new``: a commented scene with its mesh, to start from."""
+
+from pathlib import Path
+
+import numpy as np
+
+from pcontact.runtime.errors import InputError
+from pcontact.runtime.files import make_directory, replace_file
+
+_SCENE = """\
+# A block is pressed on another one and drawn along it, with friction. Plane strain; units of your own: N, mm, MPa here.
+#
+#     pcontact check {name}/scene.toml                       what is modelled, nothing is solved
+#     pcontact run {name}/scene.toml -o {name}/results          a few seconds (the first run compiles, half a minute)
+#     pcontact view {name}/results                           the contact pressure
+#     pcontact plot {name}/results time contacts.foot.force_x
+#
+# All keys: `pcontact schema` lists them for editors, docs/scene.md explains them.
+title = "{name}"
+
+[mesh]
+file = "blocks.msh"                # beside this file; .msh of gmsh, or any format that meshio reads
+# order = 2                        # degree of the displacement, on a mesh of degree 2
+
+[materials.steel]
+E = 210e3                          # Young's modulus
+nu = 0.3                           # Poisson's ratio
+# yield_stress = 250               # with this steel yields
+# hardening = 1000
+
+[[bodies]]
+region = "lower"                   # a named group of cells (gmsh: physical group)
+material = "steel"
+
+[[bodies]]
+region = "upper"
+material = "steel"
+
+[[contacts]]
+name = "foot"
+source = "upper_bottom"            # named groups of facets; contact integrals are taken here: the finer or softer side
+target = "lower_top"               # the points of the source are projected here
+friction = 0.2                     # Coulomb's coefficient; leave it out for contact without friction
+
+[[displacements]]
+region = "lower_bottom"
+value = [0, 0]                     # held
+
+[[displacements]]
+region = "upper_top"
+value = ["free", -0.005]           # pressed down by 0.005 in the first half
+amplitude = [[0, 0], [1, 1], [2, 1]]
+
+[[displacements]]
+region = "upper_top"
+value = [0.004, "free"]            # and drawn along in the second
+amplitude = [[0, 0], [1, 0], [2, 1]]
+
+[steps]
+end = 2                            # the run goes from time 0 to this
+count = 8                          # load steps; they are cut where Newton's method does not converge
+
+[output]
+energy = true                      # works and what became of them, in report.json and history.csv
+"""
+
+
+def write_template(name):
+    """Write a scene and its mesh into a new directory. Serial.
+
+    Parameters
+    ----------
+    name : str
+        The directory, which must not be there, or be empty.
+
+    Returns
+    -------
+    Path
+        The scene.
+
+    Raises
+    ------
+    InputError
+        There is something already.
+    OutputError
+        It cannot be written.
+    """
+    folder = Path(name)
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise InputError(f"command line: pcontact new: found {name}, which is there already; allowed: a new directory")
+    make_directory(folder)
+    replace_file(folder / "blocks.msh", _mesh())
+    replace_file(folder / "scene.toml", _SCENE.format(name=name))
+    return folder / "scene.toml"
+
+
+def _mesh():
+    """Two blocks of quadrilaterals whose meshes do not match, with their groups, in gmsh's format 2.2."""
+    names = {"lower": 2, "upper": 2, "lower_bottom": 1, "lower_top": 1, "upper_bottom": 1, "upper_top": 1}
+    numbers = {name: k + 1 for k, name in enumerate(names)}
+    points, rows = [], []
+    for body, (nx, ny), (x0, y0), (width, height) in (("lower", (24, 8), (0.0, 0.0), (3.0, 1.0)),
+                                                      ("upper", (14, 7), (0.75, 1.0), (1.4, 0.7))):  # fmt: skip
+        first = len(points) + 1
+        points += [(x, y) for y in np.linspace(y0, y0 + height, ny + 1) for x in np.linspace(x0, x0 + width, nx + 1)]
+        row = first + np.arange(nx + 1)
+        top = row + ny * (nx + 1)
+        rows += [(3, body, (k, k + 1, k + nx + 2, k + nx + 1)) for j in range(ny) for k in row[:-1] + j * (nx + 1)]
+        for side, line in (("bottom", row), ("top", top)):
+            rows += [(1, f"{body}_{side}", pair) for pair in zip(line[:-1], line[1:], strict=True)]
+    lines = ["$MeshFormat", "2.2 0 8", "$EndMeshFormat", "$PhysicalNames", str(len(names))]
+    lines += [f'{names[name]} {numbers[name]} "{name}"' for name in names]
+    lines += ["$EndPhysicalNames", "$Nodes", str(len(points))]
+    lines += [f"{k + 1} {x:.12g} {y:.12g} 0" for k, (x, y) in enumerate(points)]
+    lines += ["$EndNodes", "$Elements", str(len(rows))]
+    lines += [f"{k + 1} {kind} 2 {numbers[name]} {numbers[name]} {' '.join(map(str, nodes))}"
+              for k, (kind, name, nodes) in enumerate(rows)]  # fmt: skip
+    return "\n".join([*lines, "$EndElements", ""])
