@@ -98,7 +98,7 @@ def tables():
     """All tables by name."""
     own = {cls.__name__: key_table(cls) for cls in HEADERS}
     own |= {title: option_table(options) for title, options in list(run_options().items())[1:]}
-    own |= {name: option_table(one.options.values()) for name, one in COMMANDS.items() if one.options is not None}
+    own |= {name: option_table(one.options.values()) for name, one in COMMANDS.items() if one.options}
     commands = [[code(f"pcontact {name} {one.usage}"), one.help] for name, one in COMMANDS.items()]
     return own | {"scene options": scene_options(), "presets": preset_table(), "commands": rows(["", ""], commands)}
 
