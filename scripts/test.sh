@@ -13,6 +13,9 @@ cd "$(dirname "${BASH_SOURCE[0]}")/.." || exit 2
 # what draws is no part of the set-up; where it cannot be had, its tests are left out
 python3 -c 'from pcontact.view import extra; extra.require()' ||
     printf 'without pyvista: tests of pictures are left out\n'
+python3 -c 'import mkdocs, mypy' 2>/dev/null || python3 -m pip install -q --disable-pip-version-check --no-input \
+    -c "$(python3 -c 'import sys; print(sys.prefix)')/pcontact-constraints.txt" mkdocs-material mypy ||
+    printf 'without mkdocs or mypy: their tests are left out\n'
 
 timeout=${TIMEOUT:-900}
 # ranks that wait let others compute: three or four on two cores would wait for each other's time slices

@@ -1,0 +1,106 @@
+"""Build the site of the docs into build/site, without a network.
+
+    python scripts/site.py            pages, then the site (needs the extra `docs`: mkdocs-material)
+    python scripts/site.py --pages    the pages only
+
+Pages are those of docs/, the one of drivers/examples, and the Python API from its docstrings. Links to files beside
+docs/ become their names: the site has no sources. Pages of docs/ that the navigation of mkdocs.yml does not name are
+put below Tables.
+"""
+
+import inspect
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pcontact as pc
+
+ROOT = Path(__file__).resolve().parents[1]
+PAGES = ROOT / "build" / "site_pages"
+LINK = re.compile(r"(!?)\[([^\]]*)\]\(([^)\s]+)\)")
+# pages that stand elsewhere in the repository, and what they are called in the site
+ELSEWHERE = {"drivers/examples/README.md": "examples.md"}
+
+
+def api_page():
+    """The names of the Python API with their docstrings."""
+    lines = ["# Python API", "", "[python.md](python.md) explains it; these are the docstrings.", ""]
+    for name in sorted(n for n in dir(pc) if n in pc._HOMES):
+        one = getattr(pc, name)
+        try:
+            words = f"{name}{inspect.signature(one)}" if not inspect.isclass(one) or name == "Scene" else name
+        except ValueError:
+            words = name
+        lines += [f"## {name}", "", "```text", words, "", inspect.getdoc(one) or "", "```", ""]
+        for method, made in vars(one).items() if inspect.isclass(one) else ():
+            if not method.startswith("_") and (inspect.isfunction(made) or isinstance(made, property)) and made.__doc__:
+                lines += [f"### {name}.{method}", "", "```text", inspect.cleandoc(made.__doc__), "```", ""]
+    return "\n".join(lines)
+
+
+def rewritten(text, home, place):
+    """A page's links as they are in the site.
+
+    Parameters
+    ----------
+    text : str
+    home : Path
+        Where the page stands in the repository.
+    place : Path
+        Where it stands among the pages.
+    """
+
+    def link(match):
+        target, _, anchor = match[3].partition("#")
+        if not target or "://" in target:
+            return match[0]
+        path = (home.parent / target).resolve()
+        name = ELSEWHERE.get(str(path.relative_to(ROOT)))
+        if name is None and path.is_relative_to(ROOT / "docs") and path.is_file():
+            name = str(path.relative_to(ROOT / "docs"))
+        if name is None:
+            return f"`{path.relative_to(ROOT)}`" if match[2].strip("`") == target else f"{match[2]}"
+        up = "../" * (len(place.relative_to(PAGES).parts) - 1)
+        return f"{match[1]}[{match[2]}]({up}{name}{'#' + anchor if anchor else ''})"
+
+    return LINK.sub(link, text)
+
+
+def write_pages():
+    """All pages into build/site_pages."""
+    shutil.rmtree(PAGES, ignore_errors=True)
+    shutil.copytree(ROOT / "docs", PAGES)
+    for page in PAGES.rglob("*.md"):
+        home = ROOT / "docs" / page.relative_to(PAGES)
+        page.write_text(rewritten(page.read_text(encoding="utf-8"), home, page), encoding="utf-8")
+    for home, name in ELSEWHERE.items():
+        page = PAGES / name
+        page.write_text(rewritten((ROOT / home).read_text(encoding="utf-8"), ROOT / home, page), encoding="utf-8")
+    (PAGES / "api.md").write_text(api_page(), encoding="utf-8")
+
+
+def configuration():
+    """mkdocs.yml, with the pages below docs/tables that it does not name."""
+    text = (ROOT / "mkdocs.yml").read_text(encoding="utf-8")
+    named = set(re.findall(r"[\w/]+\.md", text))
+    missing = [str(page.relative_to(PAGES)) for page in sorted(PAGES.rglob("*.md"))
+               if str(page.relative_to(PAGES)) not in named]  # fmt: skip
+    path = ROOT / "build" / "mkdocs.yml"
+    text = text.replace("docs_dir: build/", "docs_dir: ").replace("site_dir: build/", "site_dir: ")
+    path.write_text(text.replace("[tables/performance.md]", str(["tables/performance.md", *missing])), encoding="utf-8")
+    return path
+
+
+def main(words):
+    """Build; the exit status."""
+    write_pages()
+    path = configuration()
+    if "--pages" in words:
+        return 0
+    return subprocess.run([sys.executable, "-m", "mkdocs", "build", "-q", "-f", str(path)]).returncode
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
