@@ -1,7 +1,8 @@
-"""Reading of .msh files: those of today by the program itself, others after gmsh has translated them."""
+"""Reading of .msh files: those of today by the program itself, others, and .unv, after gmsh has translated them."""
 
 import importlib.util
 import os
+import re
 import subprocess
 import sys
 import tempfile
@@ -30,6 +31,8 @@ for name, value in (("Mesh.MshFileVersion", 4.1), ("Mesh.Binary", 1), ("Mesh.Sav
     gmsh.option.setNumber(name, value)
 gmsh.write(sys.argv[2])
 """
+# datasets of groups that gmsh does not know, of which the newest has the same lines
+_GROUPS = re.compile(rb"(?m)^( *-1 *\r?\n) *(?:2435|2452|2467) *(\r?)$")
 # what a program started by mpirun must not take itself for
 _LAUNCHER = ("PMIX_", "PMI_", "PRTE_", "OMPI_", "OPAL_", "MPI_", "HYDRA_")
 # longest time [s] that gmsh may take to translate a file
@@ -71,8 +74,33 @@ def read_gmsh(path):
         return read_msh(path, _translated(path, Path(folder) / "translated.msh"))
 
 
-def _translated(path, target):
-    """The file as one of version 4.1."""
+def read_unv(path):
+    """Read a universal file (I-DEAS, Salome), which gmsh translates; its groups are groups.
+
+    Parameters
+    ----------
+    path : Path
+
+    Returns
+    -------
+    FileMesh
+
+    Raises
+    ------
+    InputError
+        The file is damaged, or gmsh is not installed.
+    """
+    if not available():
+        allowed = "another file type, or that package installed"
+        raise InputError(f'{path}: needs the Python package "gmsh"; allowed: {allowed}')
+    with tempfile.TemporaryDirectory() as folder:
+        copy = Path(folder) / path.name
+        copy.write_bytes(_GROUPS.sub(rb"\g<1>  2477\2", path.read_bytes()))
+        return read_msh(path, _translated(copy, Path(folder) / "translated.msh", path))
+
+
+def _translated(path, target, named=None):
+    """The file as one of version 4.1; messages have the name of another one of which it is a copy."""
     words = path.read_bytes()[:1000].split()
     old = "new" if words[:1] == [b"$MeshFormat"] and words[1:2] and words[1][:1] == b"4" else "old"
     keep = {name: value for name, value in os.environ.items() if not name.startswith(_LAUNCHER)}
@@ -89,4 +117,5 @@ def _translated(path, target):
             return target
     except (OSError, subprocess.TimeoutExpired) as error:
         reason = str(error)
-    raise InputError(f"{path}: gmsh cannot read it: {reason or 'no reason given'}; allowed: a complete .msh file")
+    words = f"gmsh cannot read it: {reason or 'no reason given'}; allowed: a complete {path.suffix} file"
+    raise InputError(f"{named or path}: {words}")

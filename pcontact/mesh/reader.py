@@ -13,7 +13,7 @@ from pcontact.element.reference import CELLS
 from pcontact.mesh.complete import complete, fill, number_rows, sorted_rows, with_gaps
 from pcontact.mesh.components import cell_name, components, orient
 from pcontact.mesh.exodus import read_exodus
-from pcontact.mesh.gmsh_reader import read_gmsh
+from pcontact.mesh.gmsh_reader import read_gmsh, read_unv
 from pcontact.mesh.groups import (
     KINDS,
     Block,
@@ -31,7 +31,7 @@ __all__ = ["Block", "RawMesh", "complete", "components", "facet_multiplicity", "
 
 
 # formats that are not left to meshio
-READERS = {".msh": read_gmsh, ".med": read_med, **dict.fromkeys((".e", ".exo", ".ex2"), read_exodus)}
+READERS = {".msh": read_gmsh, ".unv": read_unv, ".med": read_med, **dict.fromkeys((".e", ".exo", ".ex2"), read_exodus)}
 
 
 def read_mesh(path):
