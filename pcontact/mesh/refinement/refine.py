@@ -8,14 +8,17 @@ from pcontact.mesh.distribute import deal
 from pcontact.mesh.mesh import Mesh
 from pcontact.mesh.partition import WEIGHT
 from pcontact.mesh.refinement.forest import Forest, opposite
-from pcontact.mesh.refinement.keys import home_of_key, vertex_keys
+from pcontact.mesh.refinement.keys import vertex_keys
+from pcontact.mesh.refinement.numbering import first_numbers, number_nodes
 from pcontact.mesh.refinement.origin import Origin, first_origin, to_base, values_by_key
+from pcontact.mesh.refinement.regular import HALVED, halved
 from pcontact.mesh.refinement.shared import Neighbours
 from pcontact.mesh.refinement.simplices import Wishes, interpolate
 from pcontact.mesh.slices import COLUMN, MeshSlice, SliceBlock, bits, has_bit
 from pcontact.runtime import profile
 from pcontact.runtime.errors import InputError
-from pcontact.runtime.parallel import Exchanger, split_by_rank, together
+from pcontact.runtime.parallel import Exchanger, together
+from pcontact.runtime.petsc import MPI
 
 SIMPLICES = ("triangle", "tetrahedron")
 
@@ -76,12 +79,28 @@ def refine(mesh, more, fields=(), balance=None):
     exchanger = Exchanger(mesh.comm)
     try:
         with profile.phase("distribute"):
-            origin = mesh.origin or _as_base(mesh)
-            piece, widths = _grown(exchanger, mesh, origin, np.asarray(more, dtype=np.int64), fields)
+            more, origin = np.asarray(more, dtype=np.int64), mesh.origin or _as_base(mesh)
+            regular = any(block.cell not in SIMPLICES for block in origin.base.blocks)
+            if regular:
+                _check_kinds(mesh)
+                if mesh.comm.allreduce(int(more.max(initial=0)), op=MPI.MAX) <= 0:
+                    return Refined(mesh, [np.array(field, dtype=float) for field in fields])
+                piece, widths = halved(exchanger, mesh, fields)
+            else:
+                piece, widths = _grown(exchanger, mesh, origin, more, fields)
             new = deal(piece, *(balance or Balance()))
     finally:
         exchanger.free()
-    return _with_origin(new, mesh, origin.base, widths)
+    return _with_origin(new, mesh, None if regular else origin.base, widths)
+
+
+def _check_kinds(mesh):
+    wrong = sorted({block.cell for block in mesh.blocks} - set(HALVED))
+    if wrong:
+        raise InputError(
+            f"found cells that cannot be cut ({', '.join(wrong)}); allowed: meshes of {', '.join(SIMPLICES)} or of "
+            f"{', '.join(HALVED)} cells"
+        )
 
 
 def _as_base(mesh):
@@ -94,11 +113,12 @@ def _with_origin(new, mesh, base, widths):
     """The new mesh with its origin and names, and its fields."""
     new.component_names = list(mesh.component_names)
     new.n_components = mesh.n_components
-    new.origin = Origin(
-        base, new.cell_values[:, 0].copy(), new.cell_values[:, 1].copy().view(np.uint64), new.cell_values[:, 2].copy(),
-        new.node_values[:, 0].copy().view(np.uint64),
-    )  # fmt: skip
-    values = np.ascontiguousarray(new.node_values[:, 1:]).view(np.float64)
+    first = 0
+    if base is not None:
+        first = 1
+        cells, keys = new.cell_values, new.node_values[:, 0].copy().view(np.uint64)
+        new.origin = Origin(base, cells[:, 0].copy(), cells[:, 1].copy().view(np.uint64), cells[:, 2].copy(), keys)
+    values = np.ascontiguousarray(new.node_values[:, first:]).view(np.float64)
     parts = [part.copy() for part in np.split(values, np.cumsum(widths)[:-1], axis=1)] if widths else []
     new.cell_values = new.node_values = None
     return Refined(new, parts)
@@ -108,9 +128,6 @@ def _grown(exchanger, mesh, origin, more, fields):
     """The new mesh in slices, and the widths of the fields that go with its nodes. *Collective.*"""
     base = origin.base
     kinds = {block.cell for block in base.blocks}
-    wrong = sorted(kinds - set(SIMPLICES))
-    if wrong:
-        raise InputError(f"found cells that cannot be cut ({', '.join(wrong)}); allowed: {', '.join(SIMPLICES)}")
     wishes, spans = _wishes(exchanger, mesh, origin, more)
     columns = bits(list(base.node_groups), base.node_groups, len(base.points))
     forest = Forest(base, kinds.pop(), columns, _edges(base))
@@ -195,80 +212,6 @@ def _carried(exchanger, mesh, origin, forest, fields):
     return values
 
 
-class _Numbers(NamedTuple):
-    """Nodes as their home ranks keep them, and where the nodes of this rank have their places."""
-
-    table: np.ndarray
-    numbers: np.ndarray
-    starts: np.ndarray
-    places: np.ndarray
-    total: int
-
-
-def _number(exchanger, base, numbers, keys, rows):
-    """Give nodes numbers that do not depend on the ranks: those of the base keep theirs, others follow in the order
-    of keys.
-
-    numbers (n,): of the base, or -1. rows (n, k) int64: what goes with them. *Collective.*
-    """
-    comm, size = exchanger.comm, exchanger.comm.size
-    n_base = base.n_nodes_total
-    old = numbers >= 0
-    home = np.where(old, numbers * size // n_base, home_of_key(keys, size))
-    # nodes of the base before all others, in the order of their numbers; then by keys, without their sign
-    name = np.where(old, numbers, keys.view(np.int64) ^ np.int64(-(2**63)))
-    width = 2 + rows.shape[1]
-    sends, order = split_by_rank(home, np.column_stack([~old, name, rows]))
-    heard = exchanger(sends, np.int64, width)
-    table = np.concatenate([np.zeros((0, width), np.int64), *heard.values()])
-    by_name = np.lexsort((table[:, 1], table[:, 0]))
-    ordered = table[by_name]
-    first = np.ones(len(table), dtype=bool)
-    first[1:] = np.any(ordered[1:, :2] != ordered[:-1, :2], axis=1)
-    index = np.empty(len(table), dtype=np.int64)
-    index[by_name] = np.cumsum(first) - 1
-    ordered = ordered[first]
-    counts = np.array(comm.allgather((int(np.sum(ordered[:, 0] == 0)), len(ordered))), dtype=np.int64)
-    starts = np.concatenate([[0], np.cumsum(counts[:, 1])])
-    fresh = np.cumsum(counts[:, 1] - counts[:, 0])
-    ids = np.where(ordered[:, 0] == 0, ordered[:, 1], 0)
-    new = ordered[:, 0] == 1
-    ids[new] = n_base + (fresh[comm.rank] - new.sum()) + np.arange(new.sum())
-    if comm.allreduce(counts[:, 0].sum() != n_base if comm.rank == 0 else 0):
-        raise ValueError("nodes of the base that no cell has")
-    cuts = np.cumsum([len(part) for part in heard.values()])[:-1]
-    replies = np.column_stack([starts[comm.rank] + index, ids[index]])
-    replies = dict(zip(heard, np.split(replies, cuts), strict=True)) if heard else {}
-    told = exchanger(replies, np.int64, 2)
-    answer = np.zeros((len(numbers), 2), dtype=np.int64)
-    if len(numbers):
-        answer[order] = np.concatenate([told[rank] for rank in sorted(sends)])
-    return _Numbers(ordered[:, 2:], ids, starts, answer, int(starts[-1])), answer[:, 1]
-
-
-def _cell_numbers(exchanger, base, ids, counts):
-    """First new number of the cells that come from cells of the base with numbers ids (n,), and how many there are.
-    *Collective.*
-    """
-    comm, size, n = exchanger.comm, exchanger.comm.size, max(base.n_cells_total, 1)
-    sends, order = split_by_rank(ids * size // n, np.column_stack([ids, counts]))
-    heard = exchanger(sends, np.int64, 2)
-    table = np.concatenate([np.zeros((0, 2), np.int64), *heard.values()])
-    by_id = np.argsort(table[:, 0])
-    first = np.empty(len(table), dtype=np.int64)
-    ends = np.cumsum(table[by_id, 1])
-    first[by_id] = ends - table[by_id, 1]
-    total = int(table[:, 1].sum())
-    before = comm.exscan(total) or 0
-    cuts = np.cumsum([len(part) for part in heard.values()])[:-1]
-    replies = dict(zip(heard, np.split(first + before, cuts), strict=True)) if heard else {}
-    told = exchanger(replies, np.int64, 1)
-    out = np.zeros(len(ids), dtype=np.int64)
-    if len(ids):
-        out[order] = np.concatenate([told[rank].ravel() for rank in sorted(sends)])
-    return out, comm.allreduce(total)
-
-
 def _sliced(exchanger, base, forest, facet_bits, values):
     """The forest's cells as slices of a mesh. *Collective.*"""
     n, nodes = forest.n_nodes, forest.nodes
@@ -285,14 +228,14 @@ def _sliced(exchanger, base, forest, facet_bits, values):
     d, width = base.dim, nodes.groups.shape[1]
     rows = np.column_stack([nodes.points[chosen].view(np.int64), nodes.groups[chosen], keys.view(np.int64),
                             values[chosen].view(np.int64)])  # fmt: skip
-    home, new_ids = _number(exchanger, base, numbers, keys, rows)
+    home, new_ids = number_nodes(exchanger, base, numbers, keys, rows)
     at = np.full(n, -1, dtype=np.int64)
     at[chosen] = home.places[:, 0]
     number_of = np.full(n, -1, dtype=np.int64)
     number_of[chosen] = new_ids
     base_ids = np.concatenate([block.ids for block in base.blocks])
     counts = np.bincount(row, minlength=len(base_ids))
-    first, n_cells = _cell_numbers(exchanger, base, base_ids, counts)
+    first, n_cells = first_numbers(exchanger, base, base_ids, counts)
     ids = first[row] + np.arange(len(row)) - (np.cumsum(counts) - counts)[row]
     starts = np.cumsum([0] + [len(block.nodes) for block in base.blocks])
     ends = np.searchsorted(row, starts)

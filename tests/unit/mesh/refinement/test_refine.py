@@ -173,3 +173,44 @@ def test_curved_cells_keep_their_shape(shared_tmp):
     first = volume(mesh)
     new, _ = refine(mesh, chosen(mesh, 0, 0.3, 4))
     assert new.curved and volume(new) == pytest.approx(first, rel=1e-12)
+
+
+@pytest.mark.parallel
+@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize("cell", ["quadrilateral", "hexahedron"])
+def test_regular_refinement(shared_tmp, cell, order):
+    """Quadrilaterals and hexahedra: one that is to be smaller halves all, on any number of ranks alike, groups too."""
+    dim = 2 if cell == "quadrilateral" else 3
+    path, found = make_mesh(two_blocks, shared_tmp / "a.msh", dim, 3, 2, cell), []
+    for comm in (COMM, MPI.COMM_SELF):
+        mesh = first = load(path, order, comm)
+        old, field = gathered(first, path), mesh.points ** order
+        for _ in range(2):
+            more = np.where(np.concatenate([block.ids for block in mesh.blocks]) == 3, 1, 0)
+            mesh, (field,) = refine(mesh, more, (field,))
+        assert mesh.n_cells_total == 4**dim * first.n_cells_total
+        assert field == pytest.approx(mesh.points**order, abs=1e-14)
+        assert volume(mesh) == pytest.approx(volume(first), rel=1e-13)
+        found.append(gathered(mesh, path))
+        same, _ = refine(mesh, np.zeros(sum(len(b.nodes) for b in mesh.blocks)), (field,))
+        assert same is mesh
+    if COMM.rank == 0:
+        one, other = found
+        assert np.array_equal(one.points, other.points)
+        assert all(np.array_equal(p.nodes, q.nodes) for p, q in zip(one.blocks, other.blocks, strict=True))
+        assert conforms(one) == pytest.approx(conforms(old), rel=1e-13)
+        for name in old.facet_groups:
+            assert len(one.facet_groups[name][0]) == 4 ** (dim - 1) * len(old.facet_groups[name][0])
+            assert area(one, *one.facet_groups[name]) == pytest.approx(area(old, *old.facet_groups[name]), rel=1e-13)
+            assert np.array_equal(one.facet_groups[name][0], other.facet_groups[name][0])
+        assert {n: len(g) for n, g in one.node_groups.items()} == {n: len(g) for n, g in old.node_groups.items()}
+
+
+@pytest.mark.parallel
+def test_regular_refinement_of_curved_cells(shared_tmp):
+    """Rings of quadrilaterals of degree 2 keep their area."""
+    path = make_mesh(rings, shared_tmp / "rings.msh", order=2)
+    mesh = load(path, 2, regions=("inner", "outer"))
+    first = volume(mesh)
+    new, _ = refine(mesh, np.ones(sum(len(block.nodes) for block in mesh.blocks)))
+    assert new.curved and volume(new) == pytest.approx(first, rel=1e-12)

@@ -1,0 +1,83 @@
+"""Numbers of nodes and cells that do not depend on the ranks: every node has a home, known by its number or key."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from pcontact.mesh.refinement.keys import home_of_key
+from pcontact.runtime.parallel import split_by_rank
+
+
+class Numbers(NamedTuple):
+    """Nodes as their home ranks keep them, and where the nodes of this rank have their places."""
+
+    table: np.ndarray
+    numbers: np.ndarray
+    starts: np.ndarray
+    places: np.ndarray
+    total: int
+
+
+def number_nodes(exchanger, base, numbers, keys, rows):
+    """Give nodes numbers that do not depend on the ranks: those of the base keep theirs, others follow in the order
+    of keys.
+
+    numbers (n,): of the base, or -1. rows (n, k) int64: what goes with them; of equal ones the row whose first
+    entry is the least counts. *Collective.*
+    """
+    comm, size = exchanger.comm, exchanger.comm.size
+    n_base = base.n_nodes_total
+    old = numbers >= 0
+    home = np.where(old, numbers * size // n_base, home_of_key(keys, size))
+    # nodes of the base before all others, in the order of their numbers; then by keys, without their sign
+    name = np.where(old, numbers, keys.view(np.int64) ^ np.int64(-(2**63)))
+    width = 2 + rows.shape[1]
+    sends, order = split_by_rank(home, np.column_stack([~old, name, rows]))
+    heard = exchanger(sends, np.int64, width)
+    table = np.concatenate([np.zeros((0, width), np.int64), *heard.values()])
+    by_name = np.lexsort((*table[:, 2:3].T, table[:, 1], table[:, 0]))
+    ordered = table[by_name]
+    first = np.ones(len(table), dtype=bool)
+    first[1:] = np.any(ordered[1:, :2] != ordered[:-1, :2], axis=1)
+    index = np.empty(len(table), dtype=np.int64)
+    index[by_name] = np.cumsum(first) - 1
+    ordered = ordered[first]
+    counts = np.array(comm.allgather((int(np.sum(ordered[:, 0] == 0)), len(ordered))), dtype=np.int64)
+    starts = np.concatenate([[0], np.cumsum(counts[:, 1])])
+    fresh = np.cumsum(counts[:, 1] - counts[:, 0])
+    ids = np.where(ordered[:, 0] == 0, ordered[:, 1], 0)
+    new = ordered[:, 0] == 1
+    ids[new] = n_base + (fresh[comm.rank] - new.sum()) + np.arange(new.sum())
+    if comm.allreduce(counts[:, 0].sum() != n_base if comm.rank == 0 else 0):
+        raise ValueError("nodes of the base that no cell has")
+    cuts = np.cumsum([len(part) for part in heard.values()])[:-1]
+    replies = np.column_stack([starts[comm.rank] + index, ids[index]])
+    replies = dict(zip(heard, np.split(replies, cuts), strict=True)) if heard else {}
+    told = exchanger(replies, np.int64, 2)
+    answer = np.zeros((len(numbers), 2), dtype=np.int64)
+    if len(numbers):
+        answer[order] = np.concatenate([told[rank] for rank in sorted(sends)])
+    return Numbers(ordered[:, 2:], ids, starts, answer, int(starts[-1])), answer[:, 1]
+
+
+def first_numbers(exchanger, base, ids, counts):
+    """First new number of the cells that come from cells of the base with numbers ids (n,), and how many there are.
+    *Collective.*
+    """
+    comm, size, n = exchanger.comm, exchanger.comm.size, max(base.n_cells_total, 1)
+    sends, order = split_by_rank(ids * size // n, np.column_stack([ids, counts]))
+    heard = exchanger(sends, np.int64, 2)
+    table = np.concatenate([np.zeros((0, 2), np.int64), *heard.values()])
+    by_id = np.argsort(table[:, 0])
+    first = np.empty(len(table), dtype=np.int64)
+    ends = np.cumsum(table[by_id, 1])
+    first[by_id] = ends - table[by_id, 1]
+    total = int(table[:, 1].sum())
+    before = comm.exscan(total) or 0
+    cuts = np.cumsum([len(part) for part in heard.values()])[:-1]
+    replies = dict(zip(heard, np.split(first + before, cuts), strict=True)) if heard else {}
+    told = exchanger(replies, np.int64, 1)
+    out = np.zeros(len(ids), dtype=np.int64)
+    if len(ids):
+        out[order] = np.concatenate([told[rank].ravel() for rank in sorted(sends)])
+    return out, comm.allreduce(total)
