@@ -93,7 +93,7 @@ def halved(exchanger, mesh, fields):
         values.append(np.einsum("pn,cnk->cpk", part.values, known[nodes]).reshape(-1, known.shape[1]))
         own = np.where((part.old >= 0)[:, None], groups[nodes][:, part.old], 0)
         _join_edges(mesh, block, part, own)
-        members.append(own.reshape(n * part.count * part.width, -1))
+        members.append(own.reshape(n * part.count * part.width, groups.shape[1]))
     keys, numbers, owners = (np.concatenate(rows) for rows in (keys, numbers, owners))
     order = np.lexsort((owners, keys))
     first = np.ones(len(keys), dtype=bool)
@@ -150,7 +150,7 @@ def _name_edges(mesh, piece, parts, numbers):
         found, first = [np.zeros((0, 2), dtype=np.int64)], 0
         for block, part in zip(mesh.blocks, parts, strict=True):
             own = numbers[first : first + len(block.nodes) * part.count * part.width]
-            own = own.reshape(len(block.nodes), -1)
+            own = own.reshape(len(block.nodes), part.count * part.width)
             for e, pairs in enumerate(part.pieces):
                 found.append(own[_on_edge(mesh, block, e, edges)][:, pairs].reshape(-1, 2))
             first += own.size
