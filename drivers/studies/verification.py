@@ -19,7 +19,7 @@ import numpy as np
 from drivers._common import main, make_mesh, make_parser, print_table, running, write_json
 from drivers.cases import cattaneo_mindlin, hertz
 from drivers.cases.rings import LARGE, MIDDLE, NU, SMALL, E, interface_pressure, measure, ring_scene
-from meshes import one_block, rings
+from meshes import indent, one_block, rings
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.parallel import on_root
 from pcontact.runtime.petsc import MPI
@@ -27,10 +27,12 @@ from pcontact.scene.model import Body, Contact, Displacement, Load, Material, Me
 
 TIMOSHENKO = "S. P. Timoshenko, J. N. Goodier, *Theory of Elasticity*, 3rd ed., McGraw-Hill 1970, chapter 4"
 JOHNSON = "K. L. Johnson, *Contact Mechanics*, Cambridge University Press 1985, section 4.3 (elastic foundation)"
+JOHNSON_CONE = "K. L. Johnson, *Contact Mechanics*, Cambridge University Press 1985, section 5.2"
 JOHNSON_HERTZ = "K. L. Johnson, *Contact Mechanics*, Cambridge University Press 1985, chapter 4"
 JOHNSON_MINDLIN = "K. L. Johnson, *Contact Mechanics*, Cambridge University Press 1985, chapter 7"
 OVERLAP, DENSITY, SPEED = 6e-4, 1.0e3, 20.0
 BALL, DEPTH, SLOPE = 100.0, 0.004, 100.0
+CONE = 0.01
 
 
 class Case(NamedTuple):
@@ -128,6 +130,27 @@ def ball_on_foundation(folder, n):
         return float(-simulation.comm.allreduce(state["traction"][:, 1] @ state["weight"], op=MPI.SUM))
 
 
+def cone(folder, n):
+    """Mean pressure under a rigid cone, n cells in the radius of the contact. *Collective.*"""
+    path = make_mesh(indent, folder / f"cone_{n}.msh", h=1.0 / n, order=2, fine=1.5, length=20.0)
+    tip = Obstacle("level_set", expression=f"{CONE}*x - y", displacement=[0.0, -0.5 * np.pi * CONE])
+    scene = Scene(
+        mesh=MeshSpec(path, order=2, kinematics="axisymmetric"),
+        materials={"m": Material(1000.0, 0.3)},
+        bodies=[Body("block", "m")],
+        contacts=[Contact("block_top", obstacle=tip, name="cone")],
+        displacements=[Displacement("block_bottom", [0.0, 0.0]), Displacement("axis", [0.0, "free"])],
+        output=Output(fields=False),
+    )
+    with running(scene) as (simulation, converged):
+        if not converged:
+            return None
+        state = simulation.problem.contacts[0].state(simulation.stepper.u)
+        force, area = -state["traction"][:, 1] @ state["weight"], state["weight"][state["status"] > 0].sum()
+        force, area = simulation.comm.allreduce(np.array([force, area]), op=MPI.SUM)
+        return float(force / area)
+
+
 def hertz_peak(name, folder, n):
     """Peak pressure over that of Hertz for the computed force, n facets in the half width. *Collective.*"""
     args = hertz.make_options().parse_args(["--case", name, "--order", "2"])
@@ -188,6 +211,16 @@ CASES = {
         f"P = pi K R d^2 of a bed of springs of the stiffness K, {JOHNSON}", "force [force]",
         np.pi * SLOPE * BALL * DEPTH**2, (4, 8, 16, 32), ball_on_foundation, (2e-2, 2e-3),
         "The closed form is that of a paraboloid: a ball has about 0.005 % less.",
+    ),
+    "cone": Case(
+        "A rigid cone on a half space",
+        f"Axial symmetry. A cone whose flank falls by {CONE:g} towards its tip goes down until the radius of the contact "
+        "is about 1; block of 20 by 20, E = 1000, nu = 0.3, no friction. Cells of degree 2, n in that radius.",
+        "     |       _--  cone\n     |   _---\n   __|_--____________  r\n     |\n     |  block",
+        "p = E / (2 (1 - nu^2)) tan(angle of the flank), I. N. Sneddon, Int. J. Engng. Sci. 3 (1965) 47-57; "
+        f"{JOHNSON_CONE}", "mean contact pressure [stress]",
+        0.5 * CONE * 1000.0 / 0.91, (5, 10, 20), cone, (1e-1, 2e-2),
+        "The radius is that of the points that are closed.",
     ),
     "hertz_cylinders": Case(
         "Two cylinders", "Plane strain, half cylinders pressed by a force, no friction; data of "

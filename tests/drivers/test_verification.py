@@ -9,7 +9,7 @@ from drivers.studies.verification import CASES, page, verify
 
 PAGES = Path(drivers.__path__[0]).parent / "docs" / "verification"
 # those of a second
-QUICK = ["pressed_rings", "shrink_fit", "rotating_shrink_fit", "ball_on_foundation"]
+QUICK = ["pressed_rings", "shrink_fit", "rotating_shrink_fit", "ball_on_foundation", "cone"]
 
 
 @pytest.mark.slow
