@@ -214,8 +214,8 @@ CASES = {
     ),
     "cone": Case(
         "A rigid cone on a half space",
-        f"Axial symmetry. A cone whose flank falls by {CONE:g} towards its tip goes down until the radius of the contact "
-        "is about 1; block of 20 by 20, E = 1000, nu = 0.3, no friction. Cells of degree 2, n in that radius.",
+        f"Axial symmetry. A cone whose flank falls by {CONE:g} towards its tip goes down until the radius of the "
+        "contact is about 1; block of 20 by 20, E = 1000, nu = 0.3, no friction. Cells of degree 2, n in that radius.",
         "     |       _--  cone\n     |   _---\n   __|_--____________  r\n     |\n     |  block",
         "p = E / (2 (1 - nu^2)) tan(angle of the flank), I. N. Sneddon, Int. J. Engng. Sci. 3 (1965) 47-57; "
         f"{JOHNSON_CONE}", "mean contact pressure [stress]",
