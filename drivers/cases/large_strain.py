@@ -19,6 +19,8 @@
 The table ends with Newton's iterations per load step and how fast the last residuals fall.
 """
 
+from dataclasses import replace
+
 import numpy as np
 
 from drivers._common import draw, main, make_mesh
@@ -221,11 +223,9 @@ def membrane(args, petsc):
     return Found(rows, records, converged, norms)
 
 
-def necking(args, petsc):
-    """The round bar."""
-    n, most, count = ((4, 10), 2.0, 28) if args.tiny else ((args.n or 16, 5 * (args.n or 16) // 2), 10.0, 140)
-    path = make_mesh(round_bar, args.o / "bar.msh", n)
-    scene = Scene(
+def necking_scene(path, most, count):
+    """The round bar gets longer by `most` in `count` load steps; the mesh of half of it is in `path`."""
+    return Scene(
         title="A round bar necks",
         mesh=MeshSpec(path, kinematics="axisymmetric", strain="finite", mean_dilatation=True),
         materials={"m": Material(206.9, 0.29, hardening_curve=voce())},
@@ -236,9 +236,15 @@ def necking(args, petsc):
             Displacement("end", ["free", 0.5 * most]),
         ],
         steps=Steps(end=most, count=count),
-        output=Output(fields=args.fields, probes=["neck"]),
-        petsc=petsc,
     )
+
+
+def necking(args, petsc):
+    """The round bar."""
+    n, most, count = ((4, 10), 2.0, 28) if args.tiny else ((args.n or 16, 5 * (args.n or 16) // 2), 10.0, 140)
+    path = make_mesh(round_bar, args.o / "bar.msh", n)
+    output = Output(fields=args.fields, probes=["neck"])
+    scene = replace(necking_scene(path, most, count), output=output, petsc=petsc)
     records, converged, norms = solve(args, "necking", scene)
     rows = []
     for elongation in [e for e in ELONGATIONS if e <= most]:

@@ -1,13 +1,13 @@
-"""Runs that are killed again and again: ``python tests/fuzz/kills.py [--kills 50] [--seed 1] [-o DIR]``.
+"""Runs that are killed again and again: ``python tests/fuzz/kills.py [--kills 50] [--seed 1] [--only WORD] [-o DIR]``.
 
-Every chain is a scene of tests/support/restart_kinds.py whose run is ended with SIGKILL, all of its ranks at once,
-at a random moment; the next life goes on from the checkpoint that is there, until a last one comes to the end. About
-half of the kills come while a checkpoint is being written, and count as such only if the unfinished file has stayed
-behind. Half of the chains stay on one number of ranks, 1 to 3: report and history then have the numbers of a run that
-was never killed, to 1e-12. On three ranks PETSc adds what other ranks send to the coarse matrices of multigrid in the
-order in which it comes, unless told otherwise, as here; a direct solver on several ranks always does. Where two runs
-that were never killed differ, the numbers, without those of the solver, agree to ten times that difference. The lives
-of the other chains are on numbers of ranks of their own, and the numbers agree to 1e-7.
+Every chain is a scene of tests/support/restart_kinds.py or tests/support/driver_scenes.py whose run is ended with
+SIGKILL, all of its ranks at once, at a random moment; the next life goes on from the checkpoint that is there, until a
+last one comes to the end. About half of the kills come while a checkpoint is being written, and count as such only if
+the unfinished file has stayed behind. Half of the chains stay on one number of ranks, 1 to 3: report and history then
+have the numbers of a run that was never killed, to 1e-12. On three ranks PETSc adds what other ranks send to the coarse
+matrices of multigrid in the order in which it comes, unless told otherwise, as here; a direct solver on several ranks
+always does. Where two runs that were never killed differ, the numbers, without those of the solver, agree to ten times
+that difference. The lives of the other chains are on numbers of ranks of their own, and the numbers agree to 1e-7.
 
 The exit status is 1 if a life failed, or its numbers are not those.
 """
@@ -31,9 +31,11 @@ from runner import command, environment
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 from pcontact.cli import guarded, run_scene  # noqa: E402
 from pcontact.runtime.petsc import PETSc  # noqa: E402
+from tests.support.driver_scenes import SCENES  # noqa: E402
 from tests.support.restart_kinds import COUNTED, KINDS, worst
 
 STEPS = 10
+EVERY = {**KINDS, **SCENES}
 SAME, OTHER = 1e-12, 1e-7
 MOST = 5  # kills of a chain
 PATIENCE = 300.0  # seconds of a life on a busy machine
@@ -63,7 +65,7 @@ class Life:
 
 def scene_of(kind, folder):
     """The scene of a kind with more load steps and fields, its mesh in a folder. *Collective.*"""
-    case = KINDS[kind](folder)
+    case = EVERY[kind](folder)
     case.steps.count, case.output.fields = STEPS, True
     return case
 
@@ -183,7 +185,7 @@ def chain(kind, lives, last, folder):
     Parameters
     ----------
     kind : str
-        Of `KINDS`.
+        Of `EVERY`.
     lives : list of Life
     last : int
         Ranks of the last life, and of the run that is never killed.
@@ -227,10 +229,10 @@ def chain(kind, lives, last, folder):
     return kills, within, difference, allowed, where
 
 
-def plan(seed):
-    """Kind, lives and ranks of the last life of a chain."""
+def plan(seed, kinds):
+    """Kind, one of some, lives and ranks of the last life of a chain."""
     rng = np.random.default_rng(seed)
-    kind, same, last = rng.choice(list(KINDS)), bool(rng.random() < 0.5), int(rng.integers(1, 4))
+    kind, same, last = rng.choice(kinds), bool(rng.random() < 0.5), int(rng.integers(1, 4))
     # some come too late for the writing that they wait for
     lives = [
         Life(
@@ -247,12 +249,12 @@ def say(line):
     sys.stdout.flush()
 
 
-def study(kills, seed, folder):
-    """Chains until there are so many kills; prints a line for each. Returns the number of failures."""
+def study(kills, seed, kinds, folder):
+    """Chains of some kinds until there are so many kills; prints a line for each. Returns the number of failures."""
     total = within = failed = 0
     worst_of = {True: 0.0, False: 0.0}
     while total < kills:
-        kind, lives, last, same = plan(seed)
+        kind, lives, last, same = plan(seed, kinds)
         try:
             count, inside, difference, allowed, where = chain(kind, lives, last, folder / str(seed))
         except RuntimeError as error:
@@ -276,10 +278,14 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.split("\n\n")[0], allow_abbrev=False)
     parser.add_argument("--kills", type=int, default=50)
     parser.add_argument("--seed", type=int, default=1, help="of the first chain; they count up")
+    parser.add_argument("--only", default="", help="kinds of scenes whose names have this word, such as finite, driver")
     parser.add_argument("-o", type=Path, help="results stay there (default: nowhere)")
     args = parser.parse_args()
+    kinds = [kind for kind in EVERY if args.only in kind]
+    if not kinds:
+        parser.error(f"--only {args.only}: no kind of scenes has this word; there are {', '.join(EVERY)}")
     with tempfile.TemporaryDirectory(prefix="kills") as folder:
-        sys.exit(1 if study(args.kills, args.seed, Path(args.o or folder)) else 0)
+        sys.exit(1 if study(args.kills, args.seed, kinds, Path(args.o or folder)) else 0)
 
 
 if __name__ == "__main__":
