@@ -19,7 +19,8 @@ What n does to P at a fixed tau follows from D, whatever the law: turning tau an
 Terms with dn and dxi in them have no sign, and are of the order of |P| / size of the facet, where those with dg are of
 the order of gamma. At a solution, where g is small, they are small beside these. At an iterate in which bodies overlap
 by a good part of a facet they are not: the tangent would be indefinite and say nothing of what comes after the overlap.
-So dn and dxi are scaled by depth / |g| where the overlap is beyond a depth that solutions do not reach.
+So dn and dxi are scaled by depth / |g| where the overlap is beyond a depth that solutions do not reach. What they make
+of ds is as large, and scaled by the same: at g = 0 ds_T is the relative displacement along the surface.
 
 Parameters of kernels not told there: `source`, `partner`, `motion` as in `finite_geometry`.
 """
@@ -237,14 +238,18 @@ def _fill_weak(parameters, gamma, n, slopes, row, nn, columns, out):
 
 
 @njit_inner
-def _damp(depth, nodes, work):
-    """Scale dn and d xi of a point whose overlap is beyond a depth."""
+def _damp(depth, shape, count, work):
+    """Scale dn and d xi, and ds beside [[du]], of a point whose overlap is beyond a depth; ``shape`` (ms,) is that of the
+    source, ``count`` nodes are on the target."""
     if -work.gap[0] <= depth:
         return
-    part = -depth / work.gap[0]
-    for k in range(nodes * len(work.n)):
-        for i in range(len(work.n)):
+    d, part, ms = len(work.n), -depth / work.gap[0], len(shape)
+    for k in range((ms + count) * d):
+        slot, j = k // d, k % d
+        for i in range(d):
             work.dn[i, k] *= part
+            work.ds[i, k] *= part
+        work.ds[j, k] += (1.0 - part) * (shape[slot] if slot < ms else -work.shapes[0, slot - ms])
         work.dxi[0, k] *= part
         work.dxi[1, k] *= part
 
@@ -273,7 +278,7 @@ def add_tangent(parameters, source, partner, motion, acting, slopes, out, blocks
         # what is open does not depend on its partner, but for the normal of the closest point
         mode = partner.mode[p] if found else NONE
         derive_point(source, partner, p, mode, slides, work)
-        _damp(parameters.depth[f], ms + mt, work)
+        _damp(parameters.depth[f], source.shape[p], min(mt, NODE_COUNTS[partner.kind[p]]), work)
         out.dtau[:, :] = 0.0
         out.dn[:, :] = 0.0
         _fill_dtau(parameters, gamma if found else 0.0, ms, nn, mt, source.on[f], work, out)

@@ -323,7 +323,7 @@ def test_difference_of_other_partners(case):
         assert np.abs(residual.sum(axis=0)).max() < 1e-14
 
 
-@pytest.mark.parametrize("mode", [OBSTACLE, CLOSEST], ids=NAMES.get)
+@pytest.mark.parametrize("mode", [OBSTACLE, CLOSEST, RAY], ids=NAMES.get)
 def test_tangent_of_deep_overlap(mode):
     """Half of what turns and moves counts at twice the depth, and all of it above."""
     one = setting(("quadrilateral", 1, mode, "slip", 0.0))
@@ -337,6 +337,19 @@ def test_tangent_of_deep_overlap(mode):
     full, half, none = tangent(np.inf), tangent(0.5 * overlap), tangent(0.0)
     assert (tangent(overlap) == full).all() and np.abs(full - none).max() > 1e-3 * np.abs(full).max()
     np.testing.assert_allclose(half, 0.5 * (full + none), atol=1e-13 * np.abs(full).max())
+
+
+@pytest.mark.parametrize("facet", FACETS, ids=lambda f: f"{f[0]}{f[1]}")
+def test_tangent_of_an_overlap_without_bound(facet):
+    """Where nothing is left of what turns and moves, not of slip either, a point that sticks has the tangent of a frozen
+    partner."""
+    one = setting((*facet, CLOSEST, "stick", 0.0))
+    one.parameters = one.parameters._replace(depth=np.zeros(1))
+    found, tangent = one.at(one.u)[1], one.tangent(one.u)
+    one.mode, one.xi0, one.normal = FIXED, found["xi"][: one.nb], found["normal"]
+    frozen = one.tangent(one.u)
+    assert found["gap"] < 0.0 and one.at(one.u)[1]["status"] == STICK
+    np.testing.assert_allclose(tangent, frozen, atol=1e-12 * np.abs(frozen).max())
 
 
 @pytest.mark.parametrize("facet", FACETS, ids=lambda f: f"{f[0]}{f[1]}")
