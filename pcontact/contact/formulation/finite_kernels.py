@@ -239,8 +239,8 @@ def _fill_weak(parameters, gamma, n, slopes, row, nn, columns, out):
 
 @njit_inner
 def _damp(depth, shape, count, work):
-    """Scale dn and d xi, and ds beside [[du]], of a point whose overlap is beyond a depth; ``shape`` (ms,) is that of the
-    source, ``count`` nodes are on the target."""
+    """Scale dn and d xi, and ds beside [[du]], of a point whose overlap is beyond a depth; ``shape`` (ms,) is that of
+    the source, ``count`` nodes are on the target."""
     if -work.gap[0] <= depth:
         return
     d, part, ms = len(work.n), -depth / work.gap[0], len(shape)

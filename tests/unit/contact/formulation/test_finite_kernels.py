@@ -341,8 +341,8 @@ def test_tangent_of_deep_overlap(mode):
 
 @pytest.mark.parametrize("facet", FACETS, ids=lambda f: f"{f[0]}{f[1]}")
 def test_tangent_of_an_overlap_without_bound(facet):
-    """Where nothing is left of what turns and moves, not of slip either, a point that sticks has the tangent of a frozen
-    partner."""
+    """Where nothing is left of what turns and moves, not of slip either, a point that sticks has the tangent of a
+    frozen partner."""
     one = setting((*facet, CLOSEST, "stick", 0.0))
     one.parameters = one.parameters._replace(depth=np.zeros(1))
     found, tangent = one.at(one.u)[1], one.tangent(one.u)
