@@ -13,7 +13,7 @@ import numpy as np
 
 from pcontact.element.reference import edge_nodes
 from pcontact.element.shape import shape
-from pcontact.mesh.groups import facet_vertices
+from pcontact.mesh.groups import Block, RawMesh, facet_vertices, find_facets
 from pcontact.runtime.errors import InputError
 
 SIMPLEX = {1: "segment", 2: "triangle", 3: "tetrahedron"}
@@ -235,3 +235,35 @@ def _compact(refined):
     refined.points, refined.nodes = refined.points[used], number.reshape(refined.nodes.shape)
     refined.groups = {dim: (place[elements], flags) for dim, (elements, flags) in refined.groups.items()}
     return refined
+
+
+def as_raw(refined, path):
+    """A refined mesh as one that has been read.
+
+    Parameters
+    ----------
+    refined : Refined
+    path : pathlib.Path
+        For messages.
+
+    Returns
+    -------
+    pcontact.mesh.groups.RawMesh
+        With the numbers of cells and points that `refined` has.
+    """
+    d = refined.dim
+    raw = RawMesh(path, d, refined.points, [Block(SIMPLEX[d], refined.degree, refined.nodes)])
+    for dim, (elements, flags) in refined.groups.items():
+        for name, chosen in flags.items():
+            corners = elements[chosen][:, : dim + 1]
+            if dim == d:
+                raw.cell_groups[name] = np.flatnonzero(chosen)
+            elif dim == d - 1:
+                cells, local, _ = find_facets(raw.blocks, len(raw.points), corners)
+                order = np.lexsort((local, cells))
+                raw.facet_groups[name] = cells[order], local[order]
+            else:
+                raw.node_groups[name] = np.unique(elements[chosen])
+                if dim == 1:
+                    raw.edge_groups[name] = np.unique(np.sort(corners, axis=1), axis=0)
+    return raw
