@@ -413,7 +413,8 @@ OPTIONS = {
         ["-mesh_order", "'7'", r"allowed: 1 \| 2"], words=("check", "SCENE", "-mesh_order", "7")
     ),
     "command": Case(
-        ["command line", "'rum'", "allowed: run, check, import, convert, refine, view, schema", "nearest is 'run'"],
+        ["command line", "'rum'", "allowed: run, check, import, convert, refine, view, plot, new, doctor, schema",
+         "nearest is 'run'"],
         words=("rum", "SCENE"),
     ),
     "no operand": Case(["pcontact run", "no operand", "a scene file"], words=("run",)),
