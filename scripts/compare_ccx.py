@@ -25,7 +25,9 @@ from refine_deck import refine
 
 from pcontact.importer.deck import read_deck
 from pcontact.importer.elements import in_plane, kind_of
+from pcontact.importer.findings import Findings
 from pcontact.importer.steps import PROCEDURES
+from pcontact.importer.translate import remove
 from pcontact.importer.write import LIST, SCENE, import_file
 from pcontact.io.result import load_result
 from pcontact.runtime.errors import InputError
@@ -172,6 +174,7 @@ def soft(folder):
 def difference(path, folder, options):
     """The difference of both programs, or why there is none, whether the own program ran, and a remark."""
     deck = read_deck(path)
+    remove(deck, Findings())
     own = run_ours(deck, folder, options)
     if isinstance(own, str):
         return own, False, ""

@@ -63,7 +63,7 @@ def translate(path, mesh_name):
         _say(card, findings)
     for card, place, words in deck.lost:
         findings.leave(card, words, place)
-    _remove(deck, findings)
+    remove(deck, findings)
     known = materials(deck, findings)
     parts, plane, thickness = bodies(deck, findings)
     names = {material: deck.spelling[material] for _, material, _ in parts}
@@ -155,7 +155,7 @@ def _thermal(heat, known):
     return expansion * max(rises, default=0.0)
 
 
-def _remove(deck, findings):
+def remove(deck, findings):
     """Elements that the first step takes away are not there at all."""
     for card in deck.steps[0].cards if deck.steps else ():
         if card.key == "MODELCHANGE" and card.word("TYPE") == "ELEMENT" and "REMOVE" in card.parameters:
