@@ -52,7 +52,8 @@ PIECES = {
         (),
     ),
     "finite strain": (
-        ("material.finite", "material.log_strain", "assembly.finite", "assembly.finite_kernels", "assembly.mixed"), (),
+        ("material.finite", "material.log_strain", "assembly.finite", "assembly.finite_kernels", "assembly.mixed",
+         "assembly.deformation", "assembly.finite_energy"), (),
     ),
     "contact that moves": (
         ("contact.finite_pair", "contact.formulation.finite", "contact.formulation.finite_geometry",
