@@ -115,10 +115,11 @@ def add_distortion(centres, nodal, stiffness, held, sums, largest):
                 p, q = (j + 1) % 3, (j + 2) % 3
                 inverse[j, i] = jacobian[k, p] * jacobian[m, q] - jacobian[k, q] * jacobian[m, p]
         det = jacobian[0, 0] * inverse[0, 0] + jacobian[0, 1] * inverse[1, 0] + jacobian[0, 2] * inverse[2, 0]
+        scale = 1.0 / det
         for i in range(d):
             for j in range(d):
                 for k in range(d):
-                    h[i, j] += reference[i, k] * inverse[k, j] / det
+                    h[i, j] += reference[i, k] * inverse[k, j] * scale
         volume = centres.weight * det
         if centres.ring:
             h[2, 2] = across / radius
