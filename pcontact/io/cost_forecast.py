@@ -50,8 +50,8 @@ def cost_forecast(problem, scene):
         lines.append(_more("plasticity of all bodies", cells, plastic_bytes(space.dim), PLASTIC_TIMES))
     if not any(scene.finite(body) for body in scene.bodies):
         held = sum(sum(counts["bytes"].get(contact.name, {}).values()) for contact in contacts)
-        lines.append(f"left out, finite strain of all bodies: up to {(MOVING - 1.0) * held / MB:.3g} MB for contact that "
-                     f"moves, none for elastic bodies, a load step {FINITE_TIMES} times as long")  # fmt: skip
+        lines.append(f"left out, finite strain of all bodies: up to {(MOVING - 1.0) * held / MB:.3g} MB for contact "
+                     f"that moves, none for elastic bodies, a load step {FINITE_TIMES} times as long")  # fmt: skip
     biased = [contact.name for contact in contacts if contact.obstacle is None and not contact.unbiased
               and not contact.all and contact.source != contact.target]  # fmt: skip
     if biased:
