@@ -60,10 +60,13 @@ class Key:
 
 
 def key(
-    rule: Rule, help: str, default: object = MISSING, unit: str = "", otherwise: str = "", resolved: bool = False,
+    rule: Rule, help: str, *, default: object = MISSING, unit: str = "", otherwise: str = "", resolved: bool = False,
     **more,
 ) -> Any:
-    """The field of a table for a key; parameters as for :class:`Key`. None is allowed where it is the default."""
+    """The field of a table for a key; parameters as for :class:`Key`. None is allowed where it is the default.
+
+    All but the first two are named: checkers of types see a default only as ``default=``.
+    """
     checked = optional(rule) if default is None or resolved else rule
     declared = Key(checked, help, default, unit, otherwise, resolved=resolved, **more)
     return dataclasses.field(default=None if resolved else default, metadata={"key": declared})

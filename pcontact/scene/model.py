@@ -207,7 +207,8 @@ class Body:
         more="see [finite_strain.md](finite_strain.md)",
     )  # fmt: skip
     integration: str = key(
-        choice("full", "reduced"), "cells of 8 and 20 nodes: integrals at 3 points in each direction, or at 2", "full",
+        choice("full", "reduced"), "cells of 8 and 20 nodes: integrals at 3 points in each direction, or at 2",
+        default="full",
         more="reduced: with `serendipity = true`, not with axial symmetry; see [mesh.md](mesh.md)",
     )  # fmt: skip
 
@@ -377,23 +378,26 @@ class Contact:
     )  # fmt: skip
     adjust_within: float | None = key(
         NON_NEGATIVE, "with `interference = \"adjust\"`: gaps of the undeformed bodies up to this are closed as well",
-        None, "length", "0", more="without strain; see below",
+        default=None, unit="length", otherwise="0", more="without strain; see below",
     )  # fmt: skip
     clearance: float | None = key(
-        number(), "gap of the undeformed bodies wherever they face each other, whatever the mesh has", None, "length",
-        "that of the mesh", more="Negative: an overlap, which is pushed apart; see below",
+        number(), "gap of the undeformed bodies wherever they face each other, whatever the mesh has",
+        default=None, unit="length", otherwise="that of the mesh",
+        more="Negative: an overlap, which is pushed apart; see below",
     )  # fmt: skip
     interference_amplitude: Table | None = key(
-        AMPLITUDE, "factor of the initial overlap over the time", None, otherwise="all of it acts from the beginning",
+        AMPLITUDE, "factor of the initial overlap over the time",
+        default=None, otherwise="all of it acts from the beginning",
         more="see below",
     )  # fmt: skip
     pressure_overclosure: float | Table | None = key(
         PRESSURE_OVERCLOSURE, "a soft layer between the surfaces: contact pressure over overclosure, the negative gap",
-        None, "stress / length, or length and stress", "none, the surfaces are hard", more="see below",
+        default=None, unit="stress / length, or length and stress", otherwise="none, the surfaces are hard",
+        more="see below",
     )  # fmt: skip
     stick_stiffness: float | None = key(
-        POSITIVE, "with `pressure_overclosure` and friction: tangential traction over slip where points stick", None,
-        "stress / length", "from the element, as of the penalty method",
+        POSITIVE, "with `pressure_overclosure` and friction: tangential traction over slip where points stick",
+        default=None, unit="stress / length", otherwise="from the element, as of the penalty method",
     )  # fmt: skip
     smooth_geometry: bool | None = key(
         BOOLEAN, "gaps are those of the smooth surfaces that straight facets stand for", default=False,
@@ -444,7 +448,7 @@ class Displacement:
     )
     phases: Sequence[str] | None = phases("it holds")
     absolute: bool = key(
-        BOOLEAN, "where it begins with a later phase: `value` counts from the undeformed place", False,
+        BOOLEAN, "where it begins with a later phase: `value` counts from the undeformed place", default=False,
         more="nodes go there from where they are along a ramp over that phase. Otherwise it counts from where they are",
     )  # fmt: skip
 
@@ -578,21 +582,23 @@ class Periodic:
     region: str = key(TEXT, f"{REGION} any kind, whose nodes follow")
     partner: str = key(TEXT, f"{REGION} any kind: each node of `region` is where one of these comes to")
     translation: Sequence[float] | None = key(
-        VECTOR, "from `partner` to `region`", None, "length", more="This, `angle`, or both must be said"
+        VECTOR, "from `partner` to `region`", default=None, unit="length", more="This, `angle`, or both must be said"
     )
     angle: float | None = key(
-        number(), "`partner` comes to `region` by this turn", None, "degrees", "none",
+        number(), "`partner` comes to `region` by this turn", default=None, unit="degrees", otherwise="none",
         more="Positive: counterclockwise, seen from where `axis` points to",
     )  # fmt: skip
     point: Sequence[float] | None = key(
-        VECTOR, "with `angle`: a point of the axis; in the plane the centre", None, "length", "must be said"
+        VECTOR, "with `angle`: a point of the axis; in the plane the centre",
+        default=None, unit="length", otherwise="must be said"
     )
     axis: Sequence[float] | None = key(
-        DIRECTION, "with `angle`, in space: direction of the axis, of any length", None, otherwise="must be said"
+        DIRECTION, "with `angle`, in space: direction of the axis, of any length",
+        default=None, otherwise="must be said"
     )
     within: float | None = key(
-        POSITIVE, "how far a node may be from where its partner comes to", None, "length",
-        "1e-4 of the extent of `region`",
+        POSITIVE, "how far a node may be from where its partner comes to", default=None, unit="length",
+        otherwise="1e-4 of the extent of `region`",
     )  # fmt: skip
 
 

@@ -58,15 +58,16 @@ class Budget:
     """What reaching an error may cost; then the run ends with the best answer it has, and exit status 4."""
 
     unknowns: float | None = key(
-        COUNT, "most unknowns of a mesh", None, otherwise="none", option="error_unknowns", said=_worded(COUNT)
+        COUNT, "most unknowns of a mesh", default=None, otherwise="none", option="error_unknowns", said=_worded(COUNT)
     )
     memory: float | None = key(
-        MEMORY, "memory of all ranks together", None, "bytes", "four fifths of what the machine has free",
-        option="error_memory", said=_worded(MEMORY),
+        MEMORY, "memory of all ranks together", default=None, unit="bytes",
+        otherwise="four fifths of what the machine has free", option="error_memory", said=_worded(MEMORY),
     )  # fmt: skip
     time: float | None = key(
-        TIME, "time of the run, all meshes together", None, "s", "none", option="error_time", said=_worded(TIME)
-    )
+        TIME, "time of the run, all meshes together", default=None, unit="s", otherwise="none",
+        option="error_time", said=_worded(TIME),
+    )  # fmt: skip
 
 
 @table
@@ -75,7 +76,7 @@ class Target:
 
     error: float = key(SHARE, "relative error to reach", option="error", said=_worded(SHARE))
     of: str = key(
-        QUANTITY, "what it is the error of", "energy", option="error_of", said=_worded(QUANTITY),
+        QUANTITY, "what it is the error of", default="energy", option="error_of", said=_worded(QUANTITY),
         more="the energy norm of the displacement, or a contact's force, a support's force, the mean displacement of a "
         "probe, the contact pressure in L2",
     )  # fmt: skip
