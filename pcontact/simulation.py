@@ -265,7 +265,9 @@ class Simulation:
         """The observers of the whole run, and whether fields are taken: a :class:`Lasting`. *Collective.*"""
         scene, writes = self.scene, directory is not None
         end = self.spans[-1].end if self.spans else scene.steps.end
-        fields = Fields(directory, self.comm, self.timing, since) if writes and scene.output.fields else None
+        fields = None
+        if writes and scene.output.fields:
+            fields = Fields(directory, self.comm, self.timing, scene.output, since)
         if writes or keep:
             self.records = Records(directory, self.comm, self._head(), self._costs, since)
         terminal = Terminal(end, build.yielding_volume(scene, self.problem.space))

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from pcontact.io.fields import NODE_NUMBER
+from pcontact.io.parts import NODE_NUMBER
 
 
 class Fields:

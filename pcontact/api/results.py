@@ -15,7 +15,7 @@ from pcontact.api.fields import Fields
 from pcontact.io.fields import FieldWriter
 from pcontact.io.history import columns, flatten
 from pcontact.io.report import jsonable
-from pcontact.io.result import load_result
+from pcontact.io.result import has_fields, load_result
 from pcontact.io.vtu import CELL_TYPES
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.files import make_directory, replace_file
@@ -249,7 +249,7 @@ def load(directory: str | Path, step: int = -1, comm: Any = None) -> Run:
         raise InputError(
             f"{directory}: found no report.json that can be read ({problem}); allowed: the output directory of a run"
         ) from None
-    fields = _loaded(directory, step) if (directory / "fields.pvd").exists() else None
+    fields = _loaded(directory, step) if has_fields(directory) else None
     run = Run(report, fields, MPI.COMM_SELF if comm is None else comm)
     run._directory = directory
     return run

@@ -9,62 +9,18 @@ In the output directory::
     fields/points_NAME_000001.pvtu      the quadrature points of one contact pair
 """
 
-import os
 import re
-from dataclasses import dataclass, field
 from pathlib import Path
 
-import numpy as np
-
 from pcontact.io import vtu
-from pcontact.runtime.errors import OutputError
+from pcontact.io.parts import agree, fill, grids_of, on_all
+from pcontact.io.vtkhdf import NAME
+from pcontact.runtime.errors import InputError
 from pcontact.runtime.files import going_on, make_directory, telling
 from pcontact.runtime.parallel import on_root
 
-# field of the bodies' points: number of the node in the mesh
-NODE_NUMBER = "node_number"
-GROUPS = {"bodies": "bodies", "surfaces": "surface", "points": "points"}
-# characters of a contact's name in the name of a file, which may have 255 bytes: four a character at most
-LONGEST = 50
+INDEX = "fields.pvd"
 _OURS = re.compile(r"(bodies|surface_.*|points_.*)_\d{6,}(_\d{4,})?\.p?vtu(\.part)?")
-
-
-@dataclass
-class Piece:
-    """One rank's part of a mesh with its fields.
-
-    Parameters
-    ----------
-    points : ndarray (n, 2) or (n, 3)
-        Coordinates in the reference state [length].
-    cells : list of (str, ndarray (nc, nn))
-        Blocks of cells: meshio's name of the type, nodes in VTK's order (row numbers of `points`).
-    point_data : dict of str to ndarray (n,) or (n, k)
-        Fields at the points.
-    cell_data : dict of str to list of ndarray (nc,) or (nc, k)
-        Fields of the cells: one array per block. Symmetric tensors have 6 columns XX, YY, ZZ, XY, YZ, XZ.
-    """
-
-    points: np.ndarray
-    cells: list = field(default_factory=list)
-    point_data: dict = field(default_factory=dict)
-    cell_data: dict = field(default_factory=dict)
-
-
-@dataclass
-class Cloud:
-    """One rank's quadrature points of a contact pair.
-
-    Parameters
-    ----------
-    points : ndarray (n, 2) or (n, 3)
-        Coordinates in the reference state [length].
-    data : dict of str to ndarray (n,) or (n, k)
-        Values at the points.
-    """
-
-    points: np.ndarray
-    data: dict = field(default_factory=dict)
 
 
 class FieldWriter:
@@ -83,6 +39,8 @@ class FieldWriter:
     def __init__(self, directory, comm, resume_time=None):
         self.directory = Path(directory)
         self.comm = comm
+        if resume_time is not None:
+            on_root(comm, other_format, self.directory, INDEX, NAME)
         self._kept = None if resume_time is None else on_root(comm, self._take_up, resume_time)
         self._entries = None
 
@@ -112,49 +70,39 @@ class FieldWriter:
         OutputError
             On all ranks: one of them could not write.
         """
-        grids = _on_all(self.comm, _grids, bodies, surfaces or {}, points or {})
-        parts = self._agree(grids)
+        grids = on_all(self.comm, grids_of, bodies, surfaces or {}, points or {})
+        parts = agree(self.comm, grids)
         if self._entries is None:
-            self._entries = _on_all(self.comm, self._begin)
-        _on_all(self.comm, self._write_pieces, step, grids, parts)
-        _on_all(self.comm, self._write_index, step, time, parts)
+            self._entries = on_all(self.comm, self._begin)
+        on_all(self.comm, self._write_pieces, step, grids, parts)
+        on_all(self.comm, self._write_index, step, time, parts)
 
     def _take_up(self, resume_time):
         """Entries of the earlier run up to a time; None if there are no fields."""
-        index, limit = self.directory / "fields.pvd", resume_time + 1e-10 * abs(resume_time)
+        index, limit = self.directory / INDEX, resume_time + 1e-10 * abs(resume_time)
         if not index.exists():
             return None
         with going_on(index):
             return [entry for entry in vtu.read_pvd(index) if float(entry["timestep"]) <= limit]
 
-    def _agree(self, grids):
-        """Each part's arrays and the ranks that own some of it, the same on all ranks."""
-        gathered = self.comm.gather({key: _signatures(grid) for key, grid in grids.items()})
-        return _on_all(self.comm, lambda: _merged(gathered) if gathered else None, root=True)
-
     def _begin(self):
         """Make the directory, clear away what an earlier run left, keep what this run continues."""
         if self.comm.rank != 0:
             return []
-        folder, index, entries = self.directory / "fields", self.directory / "fields.pvd", []
-        make_directory(folder)
+        make_directory(self.directory / "fields")
         if self._kept is not None:
-            entries = self._kept
-        else:
-            with telling(folder):
-                index.unlink(missing_ok=True)
-                for path in folder.iterdir():
-                    if _OURS.fullmatch(path.name):
-                        path.unlink()
-        return entries
+            return self._kept
+        clear(self.directory)
+        make_directory(self.directory / "fields")
+        return []
 
     def _write_pieces(self, step, grids, parts):
         """This rank's file of each part of which it owns something."""
         for key, part in parts.items():
             if self.comm.rank in part["ranks"]:
-                grid = grids.get(key) or _grid(Piece(np.zeros((0, 3))))
-                _fill(grid.point_data, part["point_data"])
-                _fill(grid.cell_data, part["cell_data"])
+                grid = grids.get(key) or vtu.no_cells()
+                fill(grid.point_data, part["point_data"])
+                fill(grid.cell_data, part["cell_data"])
                 file = f"{part['file']}_{step:06d}_{self.comm.rank:04d}.vtu"
                 vtu.write_vtu(self.directory / "fields" / file, grid)
 
@@ -172,141 +120,37 @@ class FieldWriter:
                 "timestep": repr(float(time)), "group": group, "part": number,
                 "name": f"{group}: {name}" if name else group, "file": f"fields/{file}.pvtu",
             })  # fmt: skip
-        vtu.write_pvd(self.directory / "fields.pvd", self._entries)
+        vtu.write_pvd(self.directory / INDEX, self._entries)
 
 
-def _on_all(comm, function, *args, root=False):
-    """Call a function; what one rank raises is raised by all, so that none waits for ever. *Collective.*
+def clear(directory):
+    """Take away the fields that an earlier run left, in both formats.
 
-    With `root` the result is that of rank 0.
+    Raises
+    ------
+    OutputError
     """
-    result = error = None
-    try:
-        result = function(*args)
-    except (OutputError, ValueError) as problem:
-        # what it was raised from stays on this rank
-        error = (OutputError if isinstance(problem, OutputError) else ValueError)(str(problem))
-    errors = [problem for problem in comm.allgather(error) if problem is not None]
-    if errors:
-        raise errors[0]
-    return comm.bcast(result) if root else result
+    folder = directory / "fields"
+    with telling(folder):
+        for name in (INDEX, NAME, f"{NAME}.redo"):
+            (directory / name).unlink(missing_ok=True)
+        if folder.is_dir():
+            for path in folder.iterdir():
+                if _OURS.fullmatch(path.name):
+                    path.unlink()
+            if not any(folder.iterdir()):
+                folder.rmdir()
 
 
-def _grids(bodies, surfaces, points):
-    """This rank's parts in VTK's arrays: (group, name) -> Grid."""
-    grids = {("bodies", ""): _grid(bodies, "bodies")}
-    for name, piece in surfaces.items():
-        grids["surfaces", name] = _grid(piece, f"surface {name!r}")
-    for name, cloud in points.items():
-        # cells of one node: ParaView draws cells, not bare points
-        cells = [("vertex", np.arange(len(cloud.points)).reshape(-1, 1))]
-        grids["points", name] = _grid(Piece(cloud.points, cells, cloud.data, {}), f"points of {name!r}")
-    return grids
+def other_format(directory, ours, theirs):
+    """Refuse to go on with fields of the other format, of which a reader would find both.
 
-
-def _grid(piece, name=""):
-    """A piece in VTK's arrays; ValueError where an array does not fit."""
-    points = np.asarray(piece.points, dtype=float)
-    points = points if points.size else np.zeros((0, 3))
-    points = np.pad(points, ((0, 0), (0, 3 - points.shape[1])))
-    blocks = [(kind, np.asarray(nodes)) for kind, nodes in piece.cells]
-    for kind, nodes in blocks:
-        if kind not in vtu.CELL_TYPES or nodes.ndim != 2 or nodes.shape[1] != vtu.CELL_TYPES[kind][1]:
-            raise ValueError(f"{name}: no cells of type {kind!r} with nodes of shape {nodes.shape}")
-        if nodes.size and not 0 <= nodes.min() <= nodes.max() < len(points):
-            raise ValueError(f"{name}: cells of type {kind!r} name nodes beyond the {len(points)} points")
-    counts = [len(nodes) for _, nodes in blocks]
-    sizes = np.repeat([vtu.CELL_TYPES[kind][1] for kind, _ in blocks], counts)
-    types = np.repeat([vtu.CELL_TYPES[kind][0] for kind, _ in blocks], counts)
-    cell_data = {}
-    for key, arrays in piece.cell_data.items():
-        if [len(array) for array in arrays] != counts:
-            raise ValueError(f"{name}: cell data {key!r} have not the lengths {counts} of the blocks")
-        cell_data[key] = _columns(arrays, sum(counts), f"{name}: cell data {key!r}")
-    return vtu.Grid(
-        np.ascontiguousarray(points),
-        np.concatenate([np.zeros(0, np.int64), *(nodes.ravel() for _, nodes in blocks)]).astype(np.int64),
-        np.cumsum(sizes).astype(np.int64),
-        types.astype(np.uint8),
-        {key: _columns([array], len(points), f"{name}: {key!r}") for key, array in piece.point_data.items()},
-        cell_data,
-    )
-
-
-def _columns(arrays, n, name):
-    """Arrays one below the other as VTK stores them, (n,) or (n, k); vectors of the plane padded."""
-    arrays = [np.asarray(array) for array in arrays]
-    arrays = [array for array in arrays if len(array)] or arrays[:1] or [np.zeros(0)]
-    array = vtu.storable(np.concatenate(arrays))
-    if len(array) != n or array.ndim > 2:
-        raise ValueError(f"{name} has shape {array.shape}, not ({n},) or ({n}, k)")
-    if array.ndim == 2 and array.shape[1] in (1, 2):
-        return array[:, 0].copy() if array.shape[1] == 1 else np.pad(array, ((0, 0), (0, 1)))
-    return array
-
-
-def _signatures(grid):
-    """What the ranks must agree on: has this one points and cells, and which arrays do they carry."""
-    return {
-        "size": (len(grid.points), len(grid.types)),
-        "point_data": {key: vtu.signature(array) for key, array in grid.point_data.items()},
-        "cell_data": {key: vtu.signature(array) for key, array in grid.cell_data.items()},
-    }
-
-
-def _merged(gathered):
-    """Rank 0: one description of each part out of all ranks'."""
-    parts = {}
-    keys = {key for local in gathered for key in local}
-    keys = sorted(keys, key=lambda key: (list(GROUPS).index(key[0]), key[1]))
-    files = _file_names(keys)
-    for key in keys:
-        pieces = {rank: local[key] for rank, local in enumerate(gathered) if key in local}
-        ranks = [rank for rank, piece in pieces.items() if piece["size"][0]]
-        parts[key] = {
-            "file": files[key],
-            "ranks": ranks or [0],
-            "point_data": _common(
-                key, [(piece["size"][0], piece["point_data"]) for piece in pieces.values()]
-            ),
-            "cell_data": _common(key, [(piece["size"][1], piece["cell_data"]) for piece in pieces.values()]),
-        }
-    return parts
-
-
-def _common(key, pieces):
-    """The arrays of one part. Pieces that hold something must agree, an empty one need not know them."""
-    filled = [arrays for size, arrays in pieces if size]
-    if any(arrays != filled[0] for arrays in filled):
-        raise ValueError(f"{' '.join(key)}: the ranks give different arrays: {filled}")
-    arrays = filled[0] if filled else {name: kind for _, local in pieces for name, kind in local.items()}
-    return dict(sorted(arrays.items()))
-
-
-def _file_names(keys):
-    """File names of the parts: a contact's name may hold what a file name must not, and be longer."""
-    names = {key: _file_name(GROUPS[key[0]] + (f"_{key[1][:LONGEST]}" if key[1] else "")) for key in keys}
-    taken = list(names.values())
-    return {
-        key: name if taken.count(name) == 1 else f"{name}_{number}"
-        for number, (key, name) in enumerate(names.items())
-    }
-
-
-def _file_name(name):
-    """A name with letters that the locale and file systems know."""
-    name = re.sub(r"[^\w.-]+", "_", name)
-    try:
-        os.fsencode(name)
-    except UnicodeEncodeError:
-        name = re.sub(r"[^\w.-]+", "_", name, flags=re.ASCII)
-    return name
-
-
-def _fill(arrays, signatures):
-    """Bring a piece's arrays to the common list and order; only an empty one can lack some."""
-    given = dict(arrays)
-    arrays.clear()
-    for name, signature in signatures.items():
-        array = given.get(name)
-        arrays[name] = array if array is not None and len(array) else vtu.empty(*signature)
+    Raises
+    ------
+    InputError
+    """
+    if (directory / theirs).exists() and not (directory / ours).exists():
+        raise InputError(
+            f"{directory / theirs}: found fields of the other format; allowed: the [output] format of the run before, "
+            "or another -o"
+        )

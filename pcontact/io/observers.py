@@ -4,6 +4,7 @@ import time as clock
 
 from pcontact.contact.surface.smooth_geometry import SMOOTH, WRONG, facet_pressure
 from pcontact.io.fields import FieldWriter
+from pcontact.io.hdf_fields import HdfWriter
 from pcontact.io.history import History
 from pcontact.io.report import Report
 from pcontact.runtime import log
@@ -220,6 +221,8 @@ class Fields(Observer):
     comm : MPI.Comm
     timing : dict
         ``output`` seconds are added.
+    output : pcontact.scene.model.Output
+        Format and compression.
     resume_time : float, optional
         Steps of an earlier run up to this time are kept.
 
@@ -229,8 +232,11 @@ class Fields(Observer):
         Observer that has taken the fields of the step before.
     """
 
-    def __init__(self, directory, comm, timing, resume_time=None):
-        self._writer = FieldWriter(directory, comm, resume_time)
+    def __init__(self, directory, comm, timing, output, resume_time=None):
+        if output.format == "vtkhdf":
+            self._writer = HdfWriter(directory, comm, resume_time, output.compression)
+        else:
+            self._writer = FieldWriter(directory, comm, resume_time)
         self.snapshot, self._timing = None, timing
 
     def step(self, step, u, record):

@@ -7,8 +7,11 @@ from pathlib import Path
 import numpy as np
 
 from pcontact.io import vtu
-from pcontact.io.fields import NODE_NUMBER, Cloud, Piece
+from pcontact.io.fields import INDEX
+from pcontact.io.parts import NODE_NUMBER, Cloud, Piece
+from pcontact.io.vtkhdf import NAME, Series
 from pcontact.runtime.errors import InputError
+from pcontact.runtime.files import grown
 
 
 @dataclass
@@ -59,26 +62,18 @@ def load_result(directory, step=-1):
         There are no fields, no such step, or a file is missing or damaged.
     """
     directory = Path(directory)
-    index = directory / "fields.pvd"
+    hdf = (directory / NAME).exists()
+    index = directory / (NAME if hdf else INDEX)
     if not directory.is_dir():
         raise InputError(f"{directory}: no such directory")
     if not index.exists():
-        raise InputError(f"{directory}: no {index.name} in it; was the run made with fields = true?")
+        raise InputError(f"{directory}: no {INDEX} or {NAME} in it; was the run made with fields = true?")
     try:
-        entries = vtu.read_pvd(index)
-        times = sorted({float(entry["timestep"]) for entry in entries})
-        if step == 0 or abs(step) > len(times):
-            allowed = f"1 to {len(times)}, or -1 (the last) to {-len(times)}"
-            raise InputError(f"{index}: no step {step}; allowed: {allowed}")
-        time = times[step - 1 if step > 0 else step]
-        grids = {
-            (entry["group"], entry["name"].partition(": ")[2]): _read(directory / entry["file"])
-            for entry in entries
-            if float(entry["timestep"]) == time
-        }
-    # a damaged XML file gives a SyntaxError, a damaged piece any of the others
-    except (OSError, ValueError, SyntaxError, KeyError, AttributeError, zlib.error) as problem:
+        times, number, grids = (_of_series if hdf else _of_pieces)(index, step)
+    # a damaged XML file gives a SyntaxError, a damaged piece or HDF5 file any of the others
+    except (OSError, ValueError, SyntaxError, KeyError, AttributeError, RuntimeError, zlib.error) as problem:
         raise InputError(f"{index}: the fields cannot be read: {problem}") from problem
+    time = times[number]
     bodies = [join_points(_piece(grid)) for (group, _), grid in grids.items() if group == "bodies"]
     surfaces = {name: _piece(grid) for (group, name), grid in grids.items() if group == "surfaces"}
     clouds = {
@@ -87,6 +82,40 @@ def load_result(directory, step=-1):
         if group == "points"
     }
     return Result(directory, time, times, bodies[0] if bodies else Piece(np.zeros((0, 3))), surfaces, clouds)
+
+
+def has_fields(directory):
+    """Whether a run has left fields in a directory."""
+    return any((Path(directory) / name).exists() for name in (INDEX, NAME))
+
+
+def _number(index, step, times):
+    """Which of the times a step is, from 0."""
+    if step == 0 or abs(step) > len(times):
+        allowed = f"1 to {len(times)}, or -1 (the last) to {-len(times)}"
+        raise InputError(f"{index}: no step {step}; allowed: {allowed}")
+    return step - 1 if step > 0 else len(times) + step
+
+
+def _of_pieces(index, step):
+    """All times, the number of the step, and its grids by group and name."""
+    entries = vtu.read_pvd(index)
+    times = sorted({float(entry["timestep"]) for entry in entries})
+    number = _number(index, step, times)
+    return times, number, {
+        (entry["group"], entry["name"].partition(": ")[2]): _read(index.parent / entry["file"])
+        for entry in entries
+        if float(entry["timestep"]) == times[number]
+    }
+
+
+def _of_series(index, step):
+    """The same out of one file."""
+    with grown(index) as file:
+        series = Series(file)
+        times = series.times.tolist()
+        number = _number(index, step, times)
+        return times, number, series.read(number)
 
 
 def _read(path):

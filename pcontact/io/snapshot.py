@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pcontact.element.reference import MESHIO_NAMES
-from pcontact.io.fields import NODE_NUMBER, Cloud, Piece
+from pcontact.io.parts import NODE_NUMBER, Cloud, Piece
 from pcontact.io.smooth import NodeMeans
 from pcontact.material.elastic import equivalent_stress
 from pcontact.runtime.observer import Observer

@@ -24,7 +24,7 @@ CELL_TYPES = {
 }  # fmt: skip
 CELL_NAMES = {number: (name, n_nodes) for name, (number, n_nodes) in CELL_TYPES.items()}
 _TYPES = {"f8": "Float64", "f4": "Float32", "i8": "Int64", "i4": "Int32", "i1": "Int8", "u1": "UInt8"}
-_DTYPES = {name: np.dtype(code) for code, name in _TYPES.items()}
+DTYPES = {name: np.dtype(code) for code, name in _TYPES.items()}
 _ORDER = {"little": "LittleEndian", "big": "BigEndian"}[sys.byteorder]
 _HEAD = f'version="1.0" byte_order="{_ORDER}" header_type="UInt64" compressor="vtkZLibDataCompressor"'
 _SYMMETRIC = ("XX", "YY", "ZZ", "XY", "YZ", "XZ")
@@ -50,6 +50,12 @@ class Grid:
     types: np.ndarray
     point_data: dict
     cell_data: dict
+
+
+def no_cells():
+    """A grid without points and cells."""
+    none = np.zeros(0, np.int64)
+    return Grid(np.zeros((0, 3)), none, none, none.astype(np.uint8), {}, {})
 
 
 def storable(array):
@@ -105,7 +111,7 @@ def empty(kind, components):
     -------
     ndarray (0,) or (0, components)
     """
-    return np.zeros(0 if components == 1 else (0, components), dtype=_DTYPES[kind])
+    return np.zeros(0 if components == 1 else (0, components), dtype=DTYPES[kind])
 
 
 def _array_tag(tag, name, kind, components, rest=""):
@@ -275,5 +281,5 @@ def _read_array(content, start, tag):
     if blocks == 0:
         return empty(kind, components)
     length = int(np.frombuffer(content, np.uint64, 4, at)[3])
-    array = np.frombuffer(zlib.decompress(content[at + 32 : at + 32 + length]), _DTYPES[kind])
+    array = np.frombuffer(zlib.decompress(content[at + 32 : at + 32 + length]), DTYPES[kind])
     return array if components == 1 else array.reshape(-1, components)

@@ -725,6 +725,14 @@ class Output:
         default=False, option="output_estimate",
         more="see [estimate.md](estimate.md)",
     )  # fmt: skip
+    format: str = key(
+        choice("vtu", "vtkhdf"), "files of the fields: `fields.pvd` with pieces of every step and rank, or one file "
+        "`fields.vtkhdf`", default="vtu", option="output_format", more="see [results.md](results.md)",
+    )  # fmt: skip
+    compression: int = key(
+        integer(0, 9), "of `fields.vtkhdf`: level of deflate, 0 none", default=0, option="output_compression",
+        more="`.vtu` is always compressed, with level 1",
+    )  # fmt: skip
 
 
 SINGLE_TABLES = {"mesh": MeshSpec, "steps": Steps, "output": Output}

@@ -63,6 +63,7 @@ def validate(scene: Scene) -> None:
         found = 'true with kinematics = "plane_stress"'
         raise input_error(scene.where, "mesh.mean_dilatation", found, "false, plane stress does not lock")
     _check_bodies(scene)
+    _check_output(scene)
     _check_strain(scene)
     check_phase_names(scene)
     for where, table in tables(scene):
@@ -232,6 +233,13 @@ def _check_bodies(scene):
             found = unknown_name(body.material, "no such material", scene.materials)
             key = f"bodies[{index}] ({body.region}).material"
             raise input_error(scene.where, key, found, listed(scene.materials))
+
+
+def _check_output(scene):
+    """Pieces have a compression of their own."""
+    if scene.output.compression and scene.output.format != "vtkhdf":
+        found = f'{scene.output.compression} with format = "{scene.output.format}"'
+        raise input_error(scene.where, "output.compression", found, '0, or format = "vtkhdf"')
 
 
 def _check_strain(scene):

@@ -1,16 +1,16 @@
 """When writing fails: one line, exit status 3, the same on every rank, and nothing lost that was written before."""
 
 import re
-import resource
 import sys
-from contextlib import contextmanager, nullcontext
+from contextlib import nullcontext
 
 import h5py
 import numpy as np
 import pytest
 
 from pcontact.cli import guarded
-from pcontact.io.fields import FieldWriter, Piece
+from pcontact.io.fields import FieldWriter
+from pcontact.io.parts import Piece
 from pcontact.io.result import load_result
 from pcontact.mesh.hdf5_writer import convert
 from pcontact.mesh.reader import read_mesh
@@ -24,6 +24,7 @@ from pcontact.runtime.petsc import MPI
 from pcontact.view.show import show
 from tests.support.bad_input import SCENE, Case
 from tests.support.commands import check_whole, launch, lay_out
+from tests.support.disk import full
 from tests.support.small import block_file
 
 WORLD = MPI.COMM_WORLD
@@ -62,17 +63,6 @@ def test_every_rank_learns_of_an_error_of_output(capfd):
 
 
 # -- a disk that is full ----------------------------------------
-
-
-@contextmanager
-def full(size):
-    """No file of this process grows beyond some bytes, which files notice as they do a full disk."""
-    old = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (size, old[1]))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, old)
 
 
 def test_files_are_whole_or_not_there(tmp_path):

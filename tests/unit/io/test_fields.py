@@ -9,37 +9,16 @@ import pytest
 from mpi4py import MPI
 
 from pcontact.io import vtu
-from pcontact.io.fields import Cloud, FieldWriter, Piece
+from pcontact.io.fields import FieldWriter
+from pcontact.io.parts import Cloud, Piece
 from pcontact.io.result import load_result
 from pcontact.runtime.errors import InputError
 from pcontact.scene import read_scene
 from pcontact.simulation import Simulation
 from tests.support.bad_input import FACETS, mesh_text
+from tests.support.pieces import CUBE, stack_piece, stretch
 
 COMM = MPI.COMM_WORLD
-CUBE = np.array(
-    [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]], dtype=float
-)
-
-
-def stretch(points):
-    """A displacement with three different parts."""
-    return points * [0.1, 0.2, -0.3] + [0.0, 1.0, 0.0]
-
-
-def stack_piece(rank, ghost_rank_has_nothing=None):
-    """A unit cube per rank, one upon the other, with a tetrahedron beside each."""
-    if rank == ghost_rank_has_nothing:
-        return Piece(np.zeros((0, 3)))
-    points = np.concatenate([CUBE, [[2, 0, 0], [3, 0, 0], [2, 1, 0], [2, 0, 1]]]) + [0, 0, rank]
-    cells = [("hexahedron", np.arange(8).reshape(1, 8)), ("tetra", np.arange(8, 12).reshape(1, 4))]
-    stress = np.arange(6.0) + 10 * rank
-    return Piece(
-        points,
-        cells,
-        {"displacement": stretch(points), "number": np.arange(12)},
-        {"stress": [stress[None], stress[None] + 100], "rank": [[rank], [rank]], "body": [[0], [1]]},
-    )
 
 
 def square_piece(shift=0.0):
@@ -190,7 +169,7 @@ def test_cells_with_nodes_beyond_the_points_are_refused(tmp_path):
 def test_reading_names_what_is_missing(tmp_path):
     with pytest.raises(InputError, match="no such directory"):
         load_result(tmp_path / "nowhere")
-    with pytest.raises(InputError, match="no fields.pvd"):
+    with pytest.raises(InputError, match="no fields.pvd or fields.vtkhdf"):
         load_result(tmp_path)
     FieldWriter(tmp_path, MPI.COMM_SELF).write(1, 1.0, square_piece())
     with pytest.raises(InputError, match="no step 3"):
@@ -221,22 +200,24 @@ region = "upper_top"
 value = [0.0, 0.25]
 [output]
 smooth = SMOOTH
+format = "FORMAT"
 """
 
 
 @pytest.mark.parallel
-@pytest.mark.parametrize("order, smooth", [(1, "false"), (2, "true")])
-def test_touching_bodies_of_one_region_stay_apart(shared_tmp, order, smooth):
+@pytest.mark.parametrize("order, smooth, kind", [(1, "false", "vtkhdf"), (2, "true", "vtu")])
+def test_touching_bodies_of_one_region_stay_apart(shared_tmp, order, smooth, kind):
     """Their nodes are in the same place; each body keeps its own displacement."""
     if COMM.rank == 0:
         squares = [(3, 1, (1, 2, 3, 4)), (3, 1, (5, 6, 7, 8)), *FACETS]
         (shared_tmp / "mesh.msh").write_text(mesh_text(elements=squares))
-        text = TOUCHING.replace("ORDER", str(order)).replace("SMOOTH", smooth)
+        text = TOUCHING.replace("ORDER", str(order)).replace("SMOOTH", smooth).replace("FORMAT", kind)
         (shared_tmp / "scene.toml").write_text(text)
     COMM.barrier()
     simulation = Simulation(read_scene(shared_tmp / "scene.toml"))
     assert simulation.run(shared_tmp / "run")
     simulation.close()
+    assert (shared_tmp / "run" / "fields.vtkhdf").exists() == (kind == "vtkhdf")
     bodies = load_result(shared_tmp / "run").bodies
     assert len(bodies.points) == 2 * (order + 1) ** 2 and "node_number" not in bodies.point_data
     middle = np.abs(bodies.points[:, 1] - 1.0) < 1e-9
