@@ -13,6 +13,9 @@ from pcontact.api.scenes import from_dict as from_dict
 from pcontact.api.scenes import read as read
 from pcontact.api.study import Study as Study
 from pcontact.api.study import study as study
+from pcontact.assembly.item import Item as Item
+from pcontact.contact.law import FrictionLaw as FrictionLaw
+from pcontact.contact.law import add_law as add_law
 from pcontact.runtime.errors import InputError as InputError
 from pcontact.runtime.errors import NotConverged as NotConverged
 from pcontact.runtime.errors import OutputError as OutputError

@@ -455,7 +455,7 @@ def _announce(mesh, free):
         log.info("body %s: %d rigid modes that no support holds%s", name, modes, times)
 
 
-def assemble(scene, mesh, span=None):
+def assemble(scene, mesh, span=None, more=()):
     """The problem of a scene on its mesh. *Collective.*
 
     Parameters
@@ -465,6 +465,8 @@ def assemble(scene, mesh, span=None):
     mesh : pcontact.mesh.mesh.Mesh
     span : pcontact.scene.phases.Span, optional
         Of a phase that goes on from another.
+    more : sequence of callable
+        From the space to items of the caller's own.
 
     Returns
     -------
@@ -483,13 +485,13 @@ def assemble(scene, mesh, span=None):
     reduced = [number for number, body in enumerate(scene.bodies) if body.integration == "reduced"]
     space = Space(mesh, scene.mesh.order, kinematics, *averaged, reduced)
     try:
-        return _assemble(scene, space, constants, span)
+        return _assemble(scene, space, constants, span, more)
     except TOLD:
         space.exchanger.free()
         raise
 
 
-def _assemble(scene, space, constants, span):
+def _assemble(scene, space, constants, span, more):
     """See :func:`assemble`. *Collective.*"""
     end, mesh = scene.steps.end, space.mesh
     _check_locking(scene, space)
@@ -513,7 +515,7 @@ def _assemble(scene, space, constants, span):
     contacts, edges = contact_reports(scene, space, constants, supports, free, bulk, tied)
     _announce(mesh, free)
     items = [bulk, *(pair for contact in contacts for pair in contact.pairs), *_followers(scene, space, supports)]
-    items += [*springs, *_spinning(scene, space)]
+    items += [*springs, *_spinning(scene, space), *(make(space) for make in more)]
     release = None if span is None else Release(space, span.begin, span.end)
     items += [] if release is None else [release]
     viscous = None if eta is None else ViscousStabilisation(space, eta, bulk)

@@ -108,6 +108,8 @@ class Simulation:
         Where the user gives options, for messages.
     mesh : pcontact.mesh.mesh.Mesh, optional
         That the scene is to be run on; absent: it is read from the scene's file.
+    items : sequence of callable
+        From the space to further items of the problem, which the scene does not know.
 
     Attributes
     ----------
@@ -130,12 +132,13 @@ class Simulation:
     *Collective.*
     """
 
-    def __init__(self, scene, comm=MPI.COMM_WORLD, said="command line", mesh=None):
+    def __init__(self, scene, comm=MPI.COMM_WORLD, said="command line", mesh=None, items=()):
         self.start = clock.perf_counter()
         self.timing = dict.fromkeys(("search", "assembly", "linear", "solve", "output"), 0.0)
         self.comm, self.options, self.profile, self.calls = comm, Options(said), profile.Profile(), CALLS.copy()
         self.failure, self.stopped, self.records, self.snapshot, self.begin = None, False, None, None, None
         self.problem = self.newton = None
+        self._items = tuple(items)
         self.restart = self.options.get("restart")
         self.anyway = self.options.get(ANYWAY)
         try:
@@ -174,7 +177,7 @@ class Simulation:
         # what acts in the phase
         self.part = scene_of(self.scene, self.number) if self.spans else self.scene
         span = self.spans[self.number] if self.number > 0 else None
-        self.problem, colours, motions = build.assemble(self.part, self.mesh, span)
+        self.problem, colours, motions = build.assemble(self.part, self.mesh, span, self._items)
         if self.scene.output.energy:
             self.problem.energy = EnergyBalance(self.problem)
         self.floating = {k: len(rows) for k, rows in motions.items()}
@@ -317,6 +320,7 @@ class Simulation:
         self.stepper = Stepper(
             self.problem, self.newton, schedule, self._watch, recorder, self.timing, drive(scene, places), stages
         )  # fmt: skip
+        self.newton.tell(self.stepper.iterate)
 
     def _go_on(self, lasting, directory):
         """Begin the next phase where the last one has ended. *Collective.*"""

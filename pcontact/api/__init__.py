@@ -16,6 +16,8 @@ from pcontact.api.results import ContactResult, Picture, Run, load
 from pcontact.api.running import Step, run
 from pcontact.api.scenes import Scene, from_dict, read
 from pcontact.api.study import Study, study
+from pcontact.assembly.item import Item
+from pcontact.contact.law import FrictionLaw, add_law
 from pcontact.scene import (
     Body,
     Contact,
@@ -34,7 +36,7 @@ from pcontact.scene import (
 )
 
 __all__ = [
-    "Body", "Contact", "ContactResult", "Coupling", "Displacement", "Fields", "Load", "Material", "MeshSpec",
-    "Obstacle", "Output", "Phase", "Picture", "Pretension", "Run", "Scene", "Spring", "Step", "Steps", "Study",
-    "Temperature", "from_dict", "load", "mesh_from", "read", "run", "study",
+    "Body", "Contact", "ContactResult", "Coupling", "Displacement", "Fields", "FrictionLaw", "Item", "Load", "Material",
+    "MeshSpec", "Obstacle", "Output", "Phase", "Picture", "Pretension", "Run", "Scene", "Spring", "Step", "Steps",
+    "Study", "Temperature", "add_law", "from_dict", "load", "mesh_from", "read", "run", "study",
 ]  # fmt: skip

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,9 +12,10 @@ from pcontact.adapt.target import wanted
 from pcontact.api.fields import Fields
 from pcontact.api.results import Run
 from pcontact.api.scenes import from_dict, read
+from pcontact.assembly.item import Item
 from pcontact.io.report import jsonable
 from pcontact.runtime import log
-from pcontact.runtime.errors import TOLD, NotConverged, Stopped
+from pcontact.runtime.errors import TOLD, InputError, NotConverged, Stopped
 from pcontact.runtime.observer import Observer
 from pcontact.runtime.options import Options
 from pcontact.runtime.petsc import MPI, own_options
@@ -30,6 +31,7 @@ def run(
     comm: Any = None,
     level: str | None = None,
     check: bool = True,
+    items: Sequence[Callable[[Any], Item]] = (),
 ) -> Run:
     """Run a scene. *Collective* on the ranks of `comm`.
 
@@ -42,7 +44,7 @@ def run(
         the scene. Those of the process (``PETSC_OPTIONS``, ``petsc4py.init``) are neither used nor changed.
     on_step : callable, optional
         Called with a :class:`Step` after each load step, when it has been committed and written, on every rank. False
-        ends the run, if any rank returns it.
+        ends the run, if any rank returns it; :attr:`Step.next_size` is the length of the next load step.
     output : str or pathlib.Path, optional
         Directory for what the command line writes; absent: nothing is written.
     comm : MPI.Comm, optional
@@ -52,6 +54,9 @@ def run(
         them from the logger "pcontact".
     check : bool
         Raise NotConverged where a load step does not converge; otherwise the run is returned as far as it got.
+    items : sequence of callable
+        Parts of the problem of the caller's own: each makes an :class:`pcontact.Item` of the space, on every rank, at
+        the beginning of the run and of each of its phases.
 
     Returns
     -------
@@ -74,10 +79,12 @@ def run(
         elif not isinstance(scene, model.Scene):
             scene = read(scene)
         aimed = wanted(scene, Options("options"))
+        if aimed is not None and items:
+            raise InputError("run: found items in a run that reaches an error; allowed: one of the two")
         if aimed is not None:
             result, failure = _reach(aimed, comm, on_step, output)
         else:
-            result, failure = _run(Simulation(scene, comm, "options"), on_step, output)
+            result, failure = _run(Simulation(scene, comm, "options", items=items), on_step, output)
     if comm.rank == 0:
         for text in result.unused:
             warnings.warn(text, UserWarning, stacklevel=2)
@@ -139,18 +146,25 @@ class _Caller(Observer):
 
     def step(self, step: Any, u: Any, record: Any) -> None:
         """Call it, and have all ranks do the same afterwards. *Collective.*"""
-        comm, error, stops = self._simulation.comm, None, False
+        comm, error, stops, schedule = self._simulation.comm, None, False, self._simulation.stepper.schedule
+        told_step = Step(step, record, self._simulation)
         try:
-            stops = self._function(Step(step, record, self._simulation)) is False
+            stops = self._function(told_step) is False
+            if told_step.next_size != schedule.size:
+                schedule.wish(told_step.next_size)
         except Exception as problem:
             error = problem
-        told = comm.allgather((stops, None if error is None else f"{type(error).__name__}: {error}"))
-        failed = [(rank, text) for rank, (_, text) in enumerate(told) if text is not None]
+        why = None if error is None else f"{type(error).__name__}: {error}"
+        told = comm.allgather((stops, why, schedule.size))
+        failed = [(rank, text) for rank, (_, text, _) in enumerate(told) if text is not None]
         if failed:
             rank, text = failed[0]
             raise _OnStepFailed(error or RuntimeError(f"on_step failed on rank {rank}: {text}"))
-        if any(one for one, _ in told):
+        if any(one for one, _, _ in told):
             raise Stopped
+        smallest = min(size for _, _, size in told)
+        if smallest != schedule.size:
+            schedule.wish(smallest)
 
 
 class Step:
@@ -167,6 +181,9 @@ class Step:
     report : dict
         As in ``report.json``: reactions, contacts (force, area, largest pressure, ...), probes, ...; the same on every
         rank.
+    next_size : float
+        Length of the next load step [time], which may be set; the smallest that any rank sets counts. It may be longer
+        than planned; loads and supports are met at their corners, and the end of the run at its time, in any case.
     """
 
     def __init__(self, step: Any, record: Any, simulation: Any) -> None:
@@ -175,6 +192,7 @@ class Step:
         self._taken = simulation.snapshot.taken
         self._fields: Fields | None = None
         self._comm = simulation.comm
+        self.next_size: float = simulation.stepper.schedule.size
 
     def fields(self) -> Fields:
         """The fields at its end, this rank's part: :class:`Fields`."""

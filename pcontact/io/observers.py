@@ -14,12 +14,14 @@ from pcontact.runtime.parallel import on_root
 # [-] Part by which small strain may put results wrong without a word. From: chosen; a strain of 4 %, or a turn by 11.5
 # degrees, of a whole body.
 ENOUGH = 0.02
+# Residuals that the bar shows. From: chosen, the width of a terminal.
+SHOWN = 6
 # [-] So many times the error of the first word is worth another one at the end of the run. From: chosen.
 MUCH = 2.0
 
 
 class Terminal(Observer):
-    """One line per load step, and why a step was cut.
+    """One line per load step, and why a step was cut; on a terminal a bar below, with the residuals as they fall.
 
     Parameters
     ----------
@@ -30,7 +32,8 @@ class Terminal(Observer):
     """
 
     def __init__(self, end, volume=0.0):
-        self._progress, self._volume = log.Progress(end, "load"), volume
+        # in a file the lines of the load steps say how far the run is
+        self._progress, self._volume = log.Progress(end, "load", lines=0), volume
 
     def step(self, step, u, record):
         """Print the step."""
@@ -55,6 +58,11 @@ class Terminal(Observer):
             )
         log.info("%s", " | ".join(parts))
         self._progress.to(step.time)
+
+    def iterate(self, number, target, norms):
+        """Show on the bar how the residual falls."""
+        falling = " ".join(f"{norm:.0e}" for norm in norms[-SHOWN:])
+        self._progress.say(f"step {number} to {target:.6g}, residual {falling}")
 
     def cut(self, target, result):
         """Print why."""

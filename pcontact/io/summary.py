@@ -28,7 +28,7 @@ def summary(report, directory):
     last = steps[-1]
     seconds = report["timing"].get("total")
     took = f" in {seconds:.1f} s" if isinstance(seconds, float) else ""
-    word = "done" if report["converged"] else "ended early"
+    word = log.coloured("done", "green") if report["converged"] else log.coloured("ended early", "yellow")
     lines = [f"{word}: {len(steps)} load steps to time {last['time']:g}{took}"
              + (f", {_peak(report):.0f} MB on the largest rank" if _peak(report) else "")]  # fmt: skip
     for name, contact in last.get("contacts", {}).items():

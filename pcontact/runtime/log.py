@@ -7,6 +7,7 @@ knows nothing of MPI: rank 0 speaks, the others are silent unless asked.
 import logging
 import os
 import sys
+import time as clock
 from contextlib import contextmanager, suppress
 
 from tqdm import tqdm
@@ -14,7 +15,7 @@ from tqdm import tqdm
 from pcontact.runtime import streams
 
 LOGGER = logging.getLogger("pcontact")
-_YELLOW, _PLAIN = "\033[33m", "\033[0m"
+_COLOURS, _PLAIN = {"red": "\033[31m", "green": "\033[32m", "yellow": "\033[33m"}, "\033[0m"
 # a library leaves it to its caller's logging what is shown
 LOGGER.addHandler(logging.NullHandler())
 LEVELS = {"error": logging.ERROR, "warning": logging.WARNING, "info": logging.INFO, "debug": logging.DEBUG}
@@ -57,11 +58,15 @@ class _Formatter(logging.Formatter):
     def format(self, record):
         level = "" if record.levelno in (logging.INFO, logging.DEBUG) else f"{record.levelname.lower()}: "
         text = f"{self.prefix}{level}{super().format(record)}"
-        return f"{_YELLOW}{text}{_PLAIN}" if self.colours and record.levelno >= logging.WARNING else text
+        return _painted(text, "yellow") if self.colours and record.levelno >= logging.WARNING else text
+
+
+def _painted(text, colour):
+    return f"{_COLOURS[colour]}{text}{_PLAIN}"
 
 
 def _coloured(stream):
-    """Whether warnings are yellow: on a terminal, unless the user wants none (https://no-color.org)."""
+    """Whether lines have colours: on a terminal, unless the user wants none (https://no-color.org)."""
     return streams.is_terminal(stream) and not os.environ.get("NO_COLOR") and os.environ.get("TERM") != "dumb"
 
 
@@ -166,6 +171,11 @@ def info(message, *args):
     LOGGER.info(message, *args)
 
 
+def coloured(text, colour):
+    """Text that a line of :func:`info` is made of, red, green or yellow where that goes to a terminal."""
+    return _painted(text, colour) if _State.stream is not None and _coloured(_State.stream) else text
+
+
 def warning(message, *args):
     """Log a line marked as a warning, and keep it for the report."""
     text = message % args if args else message
@@ -201,10 +211,11 @@ def error_line(message, stream=None):
     """
     if not _State.speaks:
         return
-    mark = "" if _State.rank == 0 else f"[{_State.rank}] "
+    mark, stream = "" if _State.rank == 0 else f"[{_State.rank}] ", stream or sys.stderr
+    head = _painted("pcontact: error:", "red") if _coloured(stream) else "pcontact: error:"
     # nobody may be there to read it; the exit status says it, too
     with suppress(OSError, ValueError):
-        _put(stream or sys.stderr, f"{mark}pcontact: error: {' '.join(str(message).split())}\n")
+        _put(stream, f"{mark}{head} {' '.join(str(message).split())}\n")
 
 
 def finish():
@@ -225,7 +236,7 @@ class Progress:
     label : str
         Stands before the numbers.
     lines : int
-        In a file, about this many lines are written on the way from 0 to `total`.
+        In a file, about this many lines are written on the way from 0 to `total`; 0: none.
 
     Notes
     -----
@@ -236,10 +247,11 @@ class Progress:
     def __init__(self, total, label="", lines=10):
         stream, shown = _State.stream, LOGGER.isEnabledFor(logging.INFO)
         self.total, self.label, self.lines, self.value = total, label, lines, 0.0
-        self._shown = 0
+        self._shown, self._said = 0, 0.0
         self._bar = None
         if _State.rank == 0 and shown and streams.is_terminal(stream):
-            form = "{desc} {percentage:3.0f}% |{bar}| {elapsed}<{remaining} {postfix}"
+            # before the postfix there is a comma
+            form = "{desc} {percentage:3.0f}% |{bar:30}| {elapsed}, {remaining} left{postfix}"
             self._bar = tqdm(total=total, desc=label, file=stream, leave=False, bar_format=form,
                              dynamic_ncols=True)
 
@@ -260,11 +272,23 @@ class Progress:
                 # the terminal is gone
                 self._bar.disable, self._bar = True, None
             return
+        if not self.lines:
+            return
         # the small shift: ten steps of 0.1 are ten tenths
         reached = int(self.lines * value / self.total + 1e-9)
         if reached > self._shown and _State.rank == 0:
             self._shown = reached
             info("%s", " ".join(filter(None, [self.label, f"{100 * value / self.total:.0f} %", text])))
+
+    def say(self, text):
+        """Show a remark on the bar, where there is one."""
+        if self._bar is not None:
+            with suppress(OSError):
+                self._bar.set_postfix_str(text, refresh=False)
+                # no more often than tqdm draws
+                if clock.monotonic() - self._said > self._bar.mininterval:
+                    self._bar.refresh()
+                    self._said = clock.monotonic()
 
     def close(self):
         """Take the bar away."""

@@ -25,5 +25,18 @@ class Observer:
         result : pcontact.solve.result.NewtonResult
         """
 
+    def iterate(self, number, target, norms):
+        """Newton's method has come to an iterate.
+
+        Parameters
+        ----------
+        number : int
+            Of the load step.
+        target : float
+            Time at which it ends.
+        norms : list of float
+            Of the residual, so far [force].
+        """
+
     def end(self, converged):
         """The run has ended, and whether all of its load steps converged. *Collective.*"""

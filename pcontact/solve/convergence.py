@@ -19,6 +19,7 @@ MOVED = 1e-9
 # From: chosen, a hundred times the default of snes_rtol.
 SMALL = 1e-6
 
+
 class ConvergenceTest:
     """Compares the residual with the first one, the forces at work and its rounding errors; the step says nothing.
 
@@ -40,12 +41,14 @@ class ConvergenceTest:
         Sums of the Krylov iterations before them, in this run.
     predicted_from : float
         The norm of the true residual at an iterate for which SNES gets a predicted one; else nan.
+    told : callable, optional
+        Called with the norms at every iterate.
     """
 
     def __init__(self, problem, balance, residual):
         self._problem, self._balance, self._residual = problem, balance, residual
         self._floor, self._least, self._first, self._start = 0.0, 0.0, None, None
-        self.predicted_from = np.nan
+        self.predicted_from, self.told = np.nan, None
         self.begin()
 
     def begin_step(self, u):
@@ -78,6 +81,8 @@ class ConvergenceTest:
                 # there is little to do where bodies go on as they did: its residual says nothing of the forces
                 self._first = max(self._first, self._problem.acting(snes.getSolution()))
         self.norms.append(norm)
+        if self.told is not None:
+            self.told(self.norms)
         u = snes.getSolution()
         if iteration > 0 and norm > 0.5 * self.norms[-2]:
             self._floor = ROUNDINGS * self._problem.roundoff(u)

@@ -232,6 +232,10 @@ class Newton:
         self.snes.setFromOptions()
         self._renew_preconditioner()
 
+    def tell(self, function):
+        """Have a function called with the norms of the residual at every iterate."""
+        self._converges.told = function
+
     def free(self):
         """Give the solver back to PETSc, which would keep it and all that it calls. *Collective.*"""
         if self._filter is not None:

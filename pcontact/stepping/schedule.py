@@ -85,6 +85,18 @@ class Schedule:
         """Load step that is tried next [time]."""
         return self._step
 
+    def wish(self, size):
+        """Take a load step of another size next: longer than planned, too, to the end or the next stop at most.
+
+        Raises
+        ------
+        ValueError
+            It is no number, or smaller than the smallest load step.
+        """
+        if not np.isfinite(size) or size < self.smallest:
+            raise ValueError(f"next load step: found {size!r}; allowed: a number >= {self.smallest:g} [time]")
+        self._step = float(size)
+
     def resume(self, time, size):
         """Go on from a time with a load step that an earlier run had reached."""
         self.time, self._step = time, min(size, self._largest)

@@ -190,6 +190,11 @@ class Stepper:
                     f"{'; ' if result.detail else ''}{result.detail})"
                 )
 
+    def iterate(self, norms):
+        """Tell the observers of an iterate of Newton's method."""
+        for observer in self.observers:
+            observer.iterate(self.number + 1, self.problem.time, norms)
+
     def _attempt(self, target, before):
         start, (begin, renew, settle, rest) = clock.perf_counter(), self._stages
         expected = None if begin is None else self._expected(begin(target))

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import pcontact as pc
 from drivers._common import make_mesh, running
 from drivers.cases import slider
 from meshes import one_block
@@ -107,7 +108,7 @@ def test_a_law_is_the_only_one(law, shared_tmp, other):
 def test_a_formulation_of_springs(shared_tmp, monkeypatch):
     """A block pressed on a bed of springs, one in series with the other."""
     names = {"Penalty": Penalty, "np": np}
-    exec(BLOCKS[3], names)
+    exec(BLOCKS[4], names)
     monkeypatch.setitem(METHODS, "penalty", names["Springs"])
     path = make_mesh(one_block, shared_tmp / "block.msh", 2, (4, 2), size=[1.0, 0.5])
     scene = slider.scene(path, 2, {}, hold="flat", formulation="penalty", gamma0=50.0)
@@ -122,10 +123,33 @@ def test_a_formulation_of_springs(shared_tmp, monkeypatch):
 def test_a_curve_of_hardening():
     """Where its straight segments meet, and in the middle of them."""
     names = {}
-    exec(BLOCKS[4].partition("pc.read")[0], names)
+    exec(BLOCKS[5].partition("pc.read")[0], names)
     table = names["voce"](2.0, 4.0, 0.01)
     assert table[0].tolist() == [0.0, 2.0] and table[-1, 1] == pytest.approx(4.0, rel=5e-3)
     curve = hardening_table(table)
     between = 0.5 * (table[1:, 0] + table[:-1, 0])
     found = curve[:-1, 1] + curve[:-1, 2] * (between - table[:-1, 0])
     assert found == pytest.approx(4.0 - 2.0 * np.exp(-between / 0.01), rel=2e-3)
+
+
+@pytest.mark.parallel
+def test_an_item_of_buffers(shared_tmp):
+    """They alone hold the upper end of a bar whose lower end is moved: their force is that of the bar."""
+    names = {}
+    exec(BLOCKS[2].partition("run = ")[0], names)
+    path = make_mesh(one_block, shared_tmp / "block.msh", 2, (1, 8), size=[1.0, 1.0])
+    scene = pc.from_dict({
+        "mesh": {"file": str(path)}, "materials": {"m": {"E": 100.0, "nu": 0.0}},
+        "bodies": [{"region": "block", "material": "m"}],
+        "displacements": [{"region": "bottom", "value": [0.0, 0.5]}], "output": {"probes": ["top"]},
+    })  # fmt: skip
+    k, c = 10.0, 1e3
+    run = pc.run(scene, items=[lambda space: names["Buffers"](space, "top", k, c)])
+    # two nodes, against a bar of the stiffness 100
+    (wanted,) = (root.real for root in np.roots([2.0 * c, 0.0, 2.0 * k + 100.0, -50.0]) if abs(root.imag) < 1e-12)
+    (step,) = run.steps
+    assert step["probes"]["top"]["mean"] == pytest.approx([0.0, wanted], abs=1e-9)
+    assert step["reactions"]["bottom"][1] == pytest.approx(2.0 * (k * wanted + c * wanted**3), rel=1e-9)
+    assert step["newton"] <= 7 and step["imbalance"] < 1e-9
+    with pytest.raises(pc.InputError, match="items in a run that reaches an error"):
+        pc.run(scene, {"error": 0.1}, items=[lambda space: None])

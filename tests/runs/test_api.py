@@ -449,6 +449,23 @@ def test_on_step_sees_each_step_and_ends_the_run(folder):
     np.testing.assert_allclose(run.fields().displacement, seen[1].fields().displacement, rtol=1e-9, atol=1e-12)
 
 
+@parallel
+def test_on_step_says_how_long_the_next_load_step_is(folder):
+    """The smallest that any rank says; the one after that is as planned."""
+    def change(step):
+        if step.number == 1:
+            step.next_size = 0.5 if WORLD.rank == WORLD.size - 1 else 0.6
+
+    scene = pc.from_dict(tables(), folder)
+    assert pc.run(scene, on_step=change).history["time"] == pytest.approx([1 / 3, 5 / 6, 1.0])
+
+    def wrong(step):
+        step.next_size = -1.0
+
+    with pytest.raises(ValueError, match="next load step: found -1.0; allowed: a number >= "):
+        pc.run(scene, on_step=wrong)
+
+
 @pytest.mark.slow
 @parallel
 def test_a_run_that_was_ended_goes_on(folder):

@@ -81,3 +81,25 @@ def test_progress_on_a_terminal_is_a_bar(stream):
     text = terminal.getvalue()
     assert "load" in text and "|" in text
     assert "a line of its own\n" in text
+
+
+def test_remarks_on_the_bar_and_colours(stream, monkeypatch):
+    """What Newton's method is at, without a line of its own; colours on a terminal alone."""
+    terminal = Terminal()
+    log.setup(0, terminal)
+    assert log.coloured("done", "green") == "\033[32mdone\033[0m"
+    with log.Progress(2.0, "load", lines=0) as progress:
+        progress.to(1.0)
+        progress.say("step 2 to 2, residual 1e+02 3e-01")
+    log.error_line("wrong", terminal)
+    text = terminal.getvalue()
+    assert "50%" in text and "left, step 2 to 2, residual 1e+02 3e-01" in text
+    assert "\n" not in text.partition("wrong")[0]
+    assert "\033[31mpcontact: error:\033[0m wrong\n" in text
+    monkeypatch.setenv("NO_COLOR", "1")
+    assert log.coloured("done", "green") == "done"
+    log.setup(0, stream)
+    with log.Progress(2.0, "load", lines=0) as progress:
+        progress.say("step 2")
+        progress.to(2.0)
+    assert stream.getvalue() == "" and log.coloured("done", "green") == "done"

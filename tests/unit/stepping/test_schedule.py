@@ -143,3 +143,17 @@ def test_supports_turn_by_ten_degrees_at_most(count, parts):
                       Schedule(1.0, count, 1e-3, control=control), lambda a, b: 3)  # fmt: skip
     np.testing.assert_allclose(np.diff([0, *reached]), 1.0 / parts)
     assert reached[-1] == 1.0
+
+
+def test_a_load_step_that_is_wished():
+    """Longer than planned, once; never beyond a stop or the end, nor shorter than the smallest."""
+    schedule = Schedule(1.0, 10, 0.01, stops=[0.55])
+    times = []
+    for size in (0.1, 0.3, 0.4, 0.02, 5.0):
+        schedule.wish(size)
+        times.append(schedule.next())
+        schedule.accept(times[-1], 3)
+    assert times == pytest.approx([0.1, 0.4, 0.55, 0.57, 1.0]) and schedule.done
+    for size in (0.0, -1.0, 0.005, np.nan, np.inf):
+        with pytest.raises(ValueError, match="next load step: found .*; allowed: a number >= 0.01"):
+            schedule.wish(size)
