@@ -12,6 +12,31 @@ from pcontact.material.elastic import equivalent_stress
 from pcontact.runtime.observer import Observer
 
 
+# of a point, as files and pictures have it
+OPEN, STICK, SLIP = 0, 1, 2
+
+
+def facet_status(facet, status, weight, n):
+    """What most of the closed points of a facet do, by their area: stick or slip; open where none is closed.
+
+    Parameters
+    ----------
+    facet : ndarray of int (np,)
+        Of each point.
+    status : ndarray of int (np,)
+    weight : ndarray (np,)
+        Area of each point.
+    n : int
+        Facets.
+
+    Returns
+    -------
+    ndarray of int (n,)
+    """
+    stick, slip = (np.bincount(facet, weight * (status == which), minlength=n) for which in (STICK, SLIP))
+    return np.where(stick + slip > 0, np.where(stick > slip, STICK, SLIP), OPEN)
+
+
 class Taken(NamedTuple):
     """The fields of a load step on this rank.
 
@@ -113,8 +138,7 @@ class Snapshot(Observer):
         mean = {}
         for name, key in (("contact_pressure", "pressure"), ("gap", "gap")):
             mean[name] = np.bincount(facet, state["weight"] * state[key], minlength=n) / area
-        closed = np.bincount(facet, state["status"] > 0, minlength=n)
-        mean["status"] = np.where(closed > 0, 2, 0)
+        mean["status"] = facet_status(facet, state["status"], state["weight"], n)
         mean["area"] = area
         cells, data, first = [], {name: [] for name in mean}, 0
         for facets in (part for name in contact.groups for part in mesh.facet_groups.get(name, [])):

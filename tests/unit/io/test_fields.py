@@ -12,6 +12,7 @@ from pcontact.io import vtu
 from pcontact.io.fields import FieldWriter
 from pcontact.io.parts import Cloud, Piece
 from pcontact.io.result import load_result
+from pcontact.io.snapshot import facet_status
 from pcontact.runtime.errors import InputError
 from pcontact.scene import read_scene
 from pcontact.simulation import Simulation
@@ -224,3 +225,11 @@ def test_touching_bodies_of_one_region_stay_apart(shared_tmp, order, smooth, kin
     np.testing.assert_allclose(
         np.sort(bodies.point_data["displacement"][middle, 1]), np.repeat([0.0, 0.25], order + 1), atol=1e-6
     )
+
+
+def test_status_of_facets():
+    """By area: open, stick, slip; a facet whose edge alone is closed; one in which sliding points have more area."""
+    facet = np.array([0, 0, 1, 1, 2, 2, 3, 3, 4, 4, 4])
+    status = np.array([0, 0, 1, 1, 2, 2, 0, 1, 1, 1, 2])
+    weight = np.array([1, 1, 1, 1, 1, 1, 9, 1, 1, 1, 3.0])
+    assert facet_status(facet, status, weight, 6).tolist() == [0, 1, 2, 1, 2, 0]
