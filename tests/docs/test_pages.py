@@ -1,14 +1,21 @@
-"""The pages: links and names of drivers lead somewhere, the map has every page, the scene of the README runs."""
+"""The pages: links lead somewhere, keys and options exist, the map has every page, the scene of the README runs."""
 
 import re
+import tomllib
 from pathlib import Path
 
 import pytest
 
 import drivers
+import pcontact as pc
 from drivers._common import running
 from meshes.__main__ import main as write_mesh
+from pcontact.cli import COMMANDS, run_options
+from pcontact.scene import Contact, Material, Obstacle, Scene
+from pcontact.scene.keys import keys
+from pcontact.scene.model import HEADERS, LIST_TABLES, SINGLE_TABLES
 from pcontact.scene.reader import read_scene
+from pcontact.scene.target import Budget, Target
 
 ROOT = Path(drivers.__path__[0]).parent
 PAGES = sorted([ROOT / "README.md", *ROOT.glob("docs/**/*.md"), *ROOT.glob("drivers/**/*.md")])
@@ -64,3 +71,90 @@ def test_the_scene_of_the_first_page(tmp_path):
     assert write_mesh([*words, "-o", str(tmp_path / "blocks.msh")]) == 0
     with running(read_scene(tmp_path / "scene.toml")) as (_, converged):
         assert converged
+
+
+# ---------------------------------------------------------------- names of keys, options and the API
+
+KINDS = re.compile(r"^```(\w+)\n(.*?)^```$", re.DOTALL | re.MULTILINE)
+CODE = re.compile(r"(?<!`)`([^`\n]+)`(?!`)")
+OPTION = re.compile(r"(?<![\w-])-([a-z]\w*)")
+# options of PETSc begin so
+PETSC = ("snes_", "ksp_", "pc_", "mat_", "mg_levels_", "log_view", "matptap_", "contact_filter_", "rigid_bodies_",
+         "petscpartitioner_type", "help", "options_left", "info")  # fmt: skip
+ALL_OPTIONS = {"o", "json", *{option.name for options in run_options().values() for option in options},
+               *{name for one in COMMANDS.values() for name in one.options or {}}}  # fmt: skip
+
+
+def unknown_keys(data):
+    """Keys of a scene, or of a part of one, that no table has."""
+    wrong = [name for name in data if name not in {*keys(Scene), *SINGLE_TABLES, *LIST_TABLES, "materials", "petsc"}]
+    tables = [(cls, data[name]) for name, cls in SINGLE_TABLES.items() if name in data]
+    tables += [(cls, one) for name, cls in LIST_TABLES.items() for one in data.get(name, [])]
+    tables += [(Material, one) for one in data.get("materials", {}).values()]
+    if isinstance(data.get("accuracy"), dict):
+        tables += [(Target, data["accuracy"]), (Budget, data["accuracy"].get("budget", {}))]
+    tables += [(Obstacle, one["obstacle"]) for _, one in tables if "obstacle" in one]
+    others = {Contact: {"obstacle"}, Target: {"budget"}}
+    return wrong + [name for cls, one in tables for name in one if name not in {*keys(cls), *others.get(cls, ())}]
+
+
+def words_of(page):
+    """Commands of the blocks and of the text of a page."""
+    text = page.read_text()
+    commands = [line for kind, block in KINDS.findall(text) if kind in ("sh", "bash")
+                for line in block.replace("\\\n", " ").splitlines()]  # fmt: skip
+    return commands, CODE.findall(KINDS.sub("", text))
+
+
+def unknown_options(page):
+    """Options of pcontact's commands, and options in the text, that neither the program nor PETSc has."""
+    commands, codes = words_of(page)
+    wrong = []
+    for line in [*commands, *codes]:
+        found = re.search(r"(?<!import )\bpcontact ([a-z]+)\b(.*)", line.partition("  #")[0])
+        if found and found[1] not in COMMANDS:
+            wrong.append(line)
+        if not found and (line in commands or not line.startswith("-") or line.startswith("-m ")):
+            continue
+        own = COMMANDS[found[1]].options if found and found[1] in COMMANDS else None
+        known = ALL_OPTIONS if own is None else {*own, "o"}
+        rest = re.sub(r"\"[^\"]*\"", "", found[2] if found else line)
+        wrong += [f"{line}: {name}" for name in OPTION.findall(rest)
+                  if name not in known and not (own is None and name.startswith(PETSC))]  # fmt: skip
+    return wrong
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_keys_of_scenes_exist(page):
+    scenes = [tomllib.loads(block) for kind, block in KINDS.findall(page.read_text()) if kind == "toml"]
+    assert not [(name, list(data)) for data in scenes for name in unknown_keys(data)]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_keys_in_the_text_exist(page):
+    """Such as `order = 2`."""
+    found = [re.match(r"([a-z_]\w*) = (\[?[\d\"{[]|true|false)", code) for code in words_of(page)[1]]
+    everything = {name for cls in HEADERS for name in keys(cls)} | {"obstacle", "budget", *SINGLE_TABLES, *LIST_TABLES}
+    assert not [one.string for one in found if one and not (one[1] in everything or one[1].startswith(PETSC))]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_options_exist(page):
+    assert not unknown_options(page)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_python_of_pages(page):
+    """It compiles, and what it takes from the package is there."""
+    for kind, block in KINDS.findall(page.read_text()):
+        if kind == "python":
+            compile(block, name_of(page), "exec")
+            assert not [name for name in re.findall(r"\bpc\.([A-Za-z]\w*)", block) if name not in pc._HOMES]
+
+
+def test_a_wrong_name_is_seen(tmp_path):
+    page = tmp_path / "page.md"
+    page.write_text("Say `-steps_coun 3` or `-snes_rtol 1`.\n\n```sh\npcontact view DIR -feld x\npcontact rum\n```\n")
+    assert len(unknown_options(page)) == 3
+    scene = "[mesh]\nordre = 2\n[[contacts]]\nobstacle = { radus = 1 }"
+    assert unknown_keys(tomllib.loads(scene)) == ["ordre", "radus"]
