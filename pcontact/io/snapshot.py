@@ -11,8 +11,7 @@ from pcontact.io.smooth import NodeMeans
 from pcontact.material.elastic import equivalent_stress
 from pcontact.runtime.observer import Observer
 
-
-# of a point, as files and pictures have it
+# status of a point, as files and pictures have it
 OPEN, STICK, SLIP = 0, 1, 2
 
 
