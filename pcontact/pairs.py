@@ -13,15 +13,17 @@ from pcontact.contact.segmentation.pieces import cut_source
 from pcontact.contact.summary import components_of as components_at
 from pcontact.contact.surface.facet_maps import KIND
 from pcontact.contact.surface.obstacle import RigidObstacle
+from pcontact.contact.surface.rigid_surface import RigidSurface
 from pcontact.contact.surface.sides import components_of, diameters, extents, source_surface, target_surface
 from pcontact.contact.surface.smooth_geometry import Chords, smooth_surface
 from pcontact.contact.traction.heated import HeatedTraction
 from pcontact.contact.traction.plastic import PlasticTrace
 from pcontact.contact.unbiased import contacts_of_halves, halved, is_unbiased
 from pcontact.mesh.mesh import size_of
+from pcontact.mesh.surface import read_surface
 from pcontact.runtime import log
 from pcontact.runtime.messages import input_error
-from pcontact.runtime.parallel import agree
+from pcontact.runtime.parallel import agree, on_root, together
 from pcontact.runtime.petsc import MPI
 from pcontact.scene import amplitude, obstacle_functions
 from pcontact.scene.model import OUTER
@@ -249,17 +251,33 @@ def _check_numbers(scene, number, contact):
             "may be wrong",
             f">= {bound:g}, or theta = -1, which has no bound",
         )  # fmt: skip
-    if contact.friction is not None and contact.friction > SEVERAL:
+    if isinstance(contact.friction, float):
+        _check_coefficient(scene, where, contact, contact.friction)
+
+
+def _check_coefficient(scene, where, contact, largest):
+    """Refuse, or warn of, a coefficient of friction with which Coulomb's law may have several solutions."""
+    if largest > SEVERAL:
         unsafe(
             scene, "friction", f"{where}.friction",
-            f"{contact.friction:g}, with which Coulomb's law may have several solutions, or none",
+            f"{largest:g}, with which Coulomb's law may have several solutions, or none",
             f"<= {SEVERAL:g}, or tied = true for surfaces that do not part",
         )  # fmt: skip
-    elif contact.friction is not None and contact.friction > UNIQUE:
+    elif largest > UNIQUE:
         log.warning(
             "contact %s: friction = %g: beyond about %g Coulomb's law may have several solutions, or none; this is one",
-            contact.name, contact.friction, UNIQUE,
+            contact.name, largest, UNIQUE,
         )  # fmt: skip
+
+
+def _name_coefficients(scene, space, reports):
+    """Say what messages call coefficients of friction that vary, and check those of the beginning. *Collective.*"""
+    for number, report in enumerate(reports):
+        where = f"contacts[{number}] ({report.name})"
+        for pair in (pair for pair in report.pairs if pair.law.varies):
+            pair.law.named(scene.where, where)
+            own = together(space.comm, pair.law.begin, pair.source.x, 0.0)
+            _check_coefficient(scene, where, report.contact, space.comm.allreduce(own, op=MPI.MAX))
 
 
 def _check_geometry(scene, space, bulk, number, contact):
@@ -310,9 +328,15 @@ def _sides(space, contact):
 
 def _rigid(scene, space, number):
     """The obstacle of a contact. *Collective.*"""
-    obstacle = scene.contacts[number].obstacle
+    contact, comm = scene.contacts[number], space.comm
+    obstacle, factor = contact.obstacle, amplitude(contact.obstacle.amplitude, scene.steps.end)
     functions = obstacle_functions(scene, number) if obstacle.shape == "level_set" else None
-    return RigidObstacle(obstacle, amplitude(obstacle.amplitude, scene.steps.end), size_of(space.mesh), functions)
+    if obstacle.shape != "mesh":
+        return RigidObstacle(obstacle, factor, size_of(space.mesh), functions)
+    where = scene.where, f"contacts[{number}] ({contact.name}).obstacle"
+    path = scene.folder / obstacle.file
+    surface = comm.bcast(on_root(comm, read_surface, path, space.dim, obstacle.region, where))
+    return RigidObstacle(obstacle, factor, size_of(space.mesh), surface=RigidSurface(surface, obstacle.inside))
 
 
 def _source(scene, space, constants, supports, contact, known):
@@ -388,6 +412,7 @@ def contact_reports(scene, space, constants, supports, free, bulk, tied):
             text += " (or nothing is near enough: a larger search_radius)"
         log.warning(text, name, len(free[k]))
     _warn_of_jumps(reports)
+    _name_coefficients(scene, space, reports)
     return reports, edges
 
 

@@ -325,8 +325,7 @@ class FinitePair(ContactPair):
 
     def commit(self, u, time):
         """End the load step. *Collective.*"""
-        self.time, self._begun = time, True
-        self.committed = self.terms.commit(self.pairing, self.pairing.exchange.gather(u), self._view())
+        self._commit(self.pairing.exchange.gather(u), time)
 
     def state(self, u):
         """See :meth:`ContactPair.state`; pressure, traction and weight are per undeformed area. *Collective.*"""

@@ -12,6 +12,7 @@ The laws here are one row of numbers ``(base, coefficient, limit)``. The bound f
 * Coulomb with an adhesion c that no load asks for: (c, F, s), Mohr's straight line. It ends in tension, at
   tau_n = c / F, where a point has opened by a small part of its facet: a bound that ended with the pressure would make
   the traction jump when a point opens, and some problems would have no solution.
+* Coulomb with a coefficient that varies: a row (0, F, s) for each point, see :class:`VaryingCoulomb`.
 * Tresca: (s, 0, s). The bound holds on the whole surface, as in the literature.
 * Tied: (inf, 0, inf), and no separation. Held: the same for the points that are closed.
 """
@@ -21,6 +22,8 @@ from typing import NamedTuple
 import numpy as np
 
 from pcontact.runtime.jit import njit, njit_inner
+from pcontact.runtime.messages import input_error
+from pcontact.scene.prescribed import Prescribed
 
 OPEN, STICK, SLIP = 0, 1, 2
 # a bound that no traction reaches where there is a pressure
@@ -66,9 +69,12 @@ class Frictionless:
         Tension tau_n from which points bear nothing [stress]; 0 also where there is no such tension.
     bond : float
         The bound where the normal traction is zero, if tension ends it [stress].
+    varies, slows : bool
+        Whether it is asked for the numbers of its points in each load step; told how fast they slip.
     """
 
     bond = reach = 0.0
+    varies = slows = False
     tangential = can_slip = tied = held = False
     follows_pressure = symmetric = True
 
@@ -134,6 +140,87 @@ class RowLaw(FrictionLaw):
         project_rows(self.row, view.bilateral, view.paired, normal, tau, traction, slope, status)
 
 
+class VaryingCoulomb(FrictionLaw):
+    """Coulomb's law with a coefficient that is a function of place and time, and of the speed of slip.
+
+    With a static coefficient F_s and a kinetic one F_k it is F = F_k + (F_s - F_k) exp(-c v), where v is the mean speed
+    of slip in the last load step [length/time], zero where a point was open or stuck: what a load step does to the
+    coefficient, the next one sees. Under a speed that stays the traction is that of the speed from the second load
+    step on. A law that saw the speed of its own load step would have no unique traction: as F falls with v, so does
+    what slip asks for, without bound as load steps get short.
+
+    Parameters
+    ----------
+    contact : pcontact.scene.model.Contact
+
+    Attributes
+    ----------
+    rows : ndarray (np, 3)
+        Of the load step.
+    speed : ndarray (np,) or None
+        Of slip in the last load step [length/time].
+    """
+
+    varies = True
+    symmetric = False
+
+    def __init__(self, contact):
+        self._contact, self.rows = contact, np.zeros((0, 3))
+        self._limit = np.inf if contact.friction_limit is None else contact.friction_limit
+        self.slows, self.speed = contact.kinetic_friction is not None, None
+        self.named("scene", f"contacts ({contact.name})")
+
+    def named(self, file, where):
+        """Say what messages call the scene and the contact."""
+        said = {"friction": self._contact.friction, "kinetic_friction": self._contact.kinetic_friction}
+        self._file, self._where = file, where
+        self._values = {key: Prescribed(one, file, f"{where}.{key}") for key, one in said.items() if one is not None}
+
+    def begin(self, x, time):
+        """Take the coefficients of a load step.
+
+        Parameters
+        ----------
+        x : ndarray (np, d)
+            Undeformed places of the points [length].
+        time : float
+            At its end.
+
+        Returns
+        -------
+        float
+            The largest of them.
+
+        Raises
+        ------
+        InputError
+            On this rank: a coefficient is negative or not finite.
+        """
+        first, *others = (self._positive(key, x, time) for key in self._values)
+        if self.slows:
+            self.speed = np.zeros(len(x)) if self.speed is None else self.speed
+            first = others[0] + (first - others[0]) * np.exp(-self._contact.friction_decay * self.speed)
+        self.rows = np.column_stack([np.zeros(len(x)), first, np.full(len(x), self._limit)])
+        return float(np.max(first, initial=0.0))
+
+    def _positive(self, key, x, time):
+        values = self._values[key](x, time)[:, 0]
+        if np.any(values < 0.0):
+            at = int(np.argmin(values))
+            place = ", ".join(f"{c:g}" for c in x[at])
+            found = f"{getattr(self._contact, key)!r}, the value {values[at]:g} at the point ({place}) at time {time:g}"
+            raise input_error(self._file, f"{self._where}.{key}", found, "numbers >= 0")
+        return values
+
+    def slid(self, slip, status, duration):
+        """Take the slip (np, d) [length] of a load step of a duration, and the status (np,) of the points."""
+        self.speed = np.where(status == SLIP, np.linalg.norm(slip, axis=1) / duration, 0.0)
+
+    def bounded(self, view, normal, tau, traction, slope, status):
+        """See :meth:`FrictionLaw.bounded`."""
+        project_each(self.rows, view.bilateral, view.paired, normal, tau, traction, slope, status)
+
+
 class Tied(RowLaw):
     """Points are tied to their partners: P = tau."""
 
@@ -155,6 +242,8 @@ def _tresca(contact):
 
 
 def _coulomb(contact):
+    if contact.kinetic_friction is not None or isinstance(contact.friction, str):
+        return VaryingCoulomb(contact)
     if not (contact.friction or contact.adhesion):
         return None
     limit = np.inf if contact.friction_limit is None else contact.friction_limit
@@ -277,3 +366,14 @@ def project_rows(law, bilateral, paired, normal, tau, traction, slope, status):
     # one that all points overwrite, where nobody asks
     slope = slope if len(slope) > 0 else np.zeros((1, d, d))
     _project_all(law, bilateral, paired, normal, tau, traction, slope, status)
+
+
+@njit
+def project_each(laws, bilateral, paired, normal, tau, traction, slope, status):
+    """The same as :func:`project_rows` with a row (np, 3) for each point."""
+    d = normal.shape[1]
+    slope = slope if len(slope) > 0 else np.zeros((1, d, d))
+    last = len(slope) - 1
+    for p in range(len(paired)):
+        if paired[p]:
+            status[p] = project(laws[p], bilateral, normal[p], tau[p], traction[p], slope[min(p, last)])

@@ -31,7 +31,7 @@ from pcontact.contact.surface.obstacle import RigidObstacle
 from pcontact.contact.traction.elastic import ElasticTraction
 from pcontact.contact.traction.plastic import PlasticTraction
 from pcontact.mesh.mesh import bounding_box
-from pcontact.runtime.parallel import take_rows
+from pcontact.runtime.parallel import take_rows, together
 from pcontact.runtime.petsc import MPI
 from pcontact.space.turn import moments
 
@@ -197,6 +197,9 @@ class ContactPair(Item):
         if self.rigid:
             moved = search.moved(self._places_at(p, values), self.time, time, self.origin)
             self._carry(p, values, moved)
+        if self.law.varies:
+            # an expression of the user's may fail on some ranks only
+            together(self.space.comm, self.law.begin, self.source.x, time)
         self.terms.begin(p, values, moved, lambda vectors: search.turned(vectors, self.time, time))
 
     def _places_at(self, p, values):
@@ -385,11 +388,19 @@ class ContactPair(Item):
 
     def commit(self, u, time):
         """End the load step. *Collective.*"""
-        self.time, self._begun = time, True
         values = self.pairing.exchange.gather(u)
-        self.committed = self.terms.commit(self.pairing, values, self._view())
+        self._commit(values, time)
         if self.rigid:
             self.lost = motion.lost_by_obstacle(self, u, values)
+
+    def _commit(self, values, time):
+        """Take status, speed of slip and what the terms remember to the end of the load step. *Collective.*"""
+        duration, self.time, self._begun = time - self.time, time, True
+        if self.law.slows:
+            slip = self.terms.slip(self.pairing, values)
+        self.committed = self.terms.commit(self.pairing, values, self._view())
+        if self.law.slows:
+            self.law.slid(slip, self.committed, duration)
 
     # -- how the points stand -------------------------------------------------------------------------------------
 
@@ -526,6 +537,9 @@ class ContactPair(Item):
         """Status of the closed points, and what the terms remember."""
         keys, rows = self.source.point_keys(), np.flatnonzero(self.closed)
         status = {} if self.law.tied else {"status": (keys[rows], self.committed[rows, None].astype(float))}
+        if self.law.slows and self.law.speed is not None:
+            fast = np.flatnonzero(self.law.speed)
+            status["speed"] = keys[fast], self.law.speed[fast, None]
         return {**status, **self.terms.memory(keys)}
 
     def memory_keys(self):
@@ -535,6 +549,11 @@ class ContactPair(Item):
     def recall(self, name, chunks):
         """See :meth:`pcontact.assembly.item.Item.recall`."""
         keys = self.source.point_keys()
+        if name == "speed" and self.law.slows:
+            speed = np.zeros((len(keys), 1))
+            count = take_rows(keys, chunks, speed)
+            self.law.speed = speed[:, 0]
+            return count
         if name != "status" or self.law.tied:
             return self.terms.recall(name, keys, chunks)
         status = np.zeros((len(self.committed), 1))

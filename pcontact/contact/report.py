@@ -170,7 +170,7 @@ class ContactReport:
         for state in states[1:]:
             state["traction"] = -state["traction"]
         summary = {**summarise(_joined(states), self.flips, self.lost, self.space.comm), **errors}
-        if self.rigid and self.pairs[0].target.turns:
+        if self.rigid and self.pairs[0].target.has_moment:
             moment = self.pairs[0].moment(u, states[0])
             summary["moment"] = self.space.comm.allreduce(moment, op=MPI.SUM).tolist()
         return {**summary, "bodies": self._on_bodies(u)} if self._between_all() else summary

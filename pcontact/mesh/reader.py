@@ -53,13 +53,24 @@ def read_mesh(path):
         and not in a plane z = const.
     """
     path = Path(path)
+    return _build(read_file(path), path)
+
+
+def read_file(path):
+    """What a mesh file holds: a :class:`FileMesh`, from a file of any format.
+
+    Raises
+    ------
+    InputError
+        The file is missing, unreadable or of unknown type.
+    """
     try:
         with open(path, "rb"):
             pass
     except OSError as error:
         raise InputError(f"{path}: found {error.strerror.lower()}; allowed: a mesh file that can be read") from None
     read = READERS.get(path.suffix.lower())
-    return _build(from_meshio(read_meshio(path), path) if read is None else read(path), path)
+    return from_meshio(read_meshio(path), path) if read is None else read(path)
 
 
 def _build(file, path):

@@ -135,6 +135,11 @@ def _initial(contact: Contact) -> str:
     return f"{words} by an amplitude" if contact.interference_amplitude is not None else words
 
 
+def _coefficient(value: float | str) -> str:
+    """A number or an expression."""
+    return value if isinstance(value, str) else f"{value:g}"
+
+
 def _contact(contact: Contact) -> str:
     """One line: partners, law, numerics."""
     if contact.obstacle is not None:
@@ -153,7 +158,9 @@ def _contact(contact: Contact) -> str:
     if contact.law:
         law = f"law {contact.law}"
     elif contact.friction:
-        law = f"Coulomb friction {contact.friction:g}"
+        law = f"Coulomb friction {_coefficient(contact.friction)}"
+        if contact.kinetic_friction is not None:
+            law += f", {_coefficient(contact.kinetic_friction)} at large speeds"
         if contact.friction_limit is not None:
             law += f" up to {contact.friction_limit:g}"
         if contact.adhesion:

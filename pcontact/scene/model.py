@@ -27,6 +27,7 @@ from pcontact.scene.keys import key, keys, table
 from pcontact.scene.target import Budget, Target, preset_or_target
 from pcontact.scene.values import (
     AMPLITUDE,
+    COEFFICIENT,
     COEFFICIENTS,
     COMPONENTS,
     DIRECTION,
@@ -218,17 +219,47 @@ class Obstacle:
     """A rigid body without a mesh; points are vectors of the mesh dimension d."""
 
     shape: str = key(
-        choice("plane", "sphere", "cylinder", "level_set"),
-        "shape; a sphere in the plane is a circle, a cylinder is for space only",
+        choice("plane", "sphere", "cylinder", "punch", "wedge", "cone", "torus", "mesh", "level_set"),
+        "shape; a sphere in the plane is a circle, cylinder, cone and torus are for space only",
+        more="see below",
     )  # fmt: skip
     point: Sequence[float] | None = key(
-        VECTOR, "plane: a point of it; cylinder: a point of its axis", default=None, unit="length",
+        VECTOR, "plane: a point of it; cylinder: a point of its axis; punch: middle of its face; wedge and cone: the "
+        "tip", default=None, unit="length",
     )  # fmt: skip
-    normal: Sequence[float] | None = key(DIRECTION, "plane: normal into the free space, of any length", default=None)
-    center: Sequence[float] | None = key(VECTOR, "sphere: its centre", default=None, unit="length")
-    axis: Sequence[float] | None = key(DIRECTION, "cylinder: direction of its axis, of any length", default=None)
-    radius: float | None = key(POSITIVE, "sphere and cylinder", default=None, unit="length")
-    inside: bool = key(BOOLEAN, "sphere and cylinder: the free space is inside", default=False)
+    normal: Sequence[float] | None = key(
+        DIRECTION, "plane, punch, wedge, cone: where the plane, the face or the tip looks, into the free space; of any "
+        "length", default=None,
+    )  # fmt: skip
+    center: Sequence[float] | None = key(VECTOR, "sphere and torus: the centre", default=None, unit="length")
+    axis: Sequence[float] | None = key(
+        DIRECTION, "cylinder and torus: direction of the axis; punch with `width` and wedge, in space: that of the "
+        "edge, square to `normal`; of any length", default=None,
+    )  # fmt: skip
+    radius: float | None = key(
+        POSITIVE, "sphere, cylinder, round punch, tube of a torus", default=None, unit="length",
+    )  # fmt: skip
+    width: float | None = key(
+        POSITIVE, "punch: instead of `radius`, one that is as wide everywhere along `axis`",
+        default=None, unit="length",
+    )  # fmt: skip
+    ring_radius: float | None = key(POSITIVE, "torus: of the middle of the tube", default=None, unit="length")
+    half_angle: float | None = key(
+        number(above=0, below=90), "wedge and cone: between `normal` and a flank", default=None, unit="degrees",
+    )  # fmt: skip
+    edge_radius: float | None = key(
+        NON_NEGATIVE, "punch: of the rounded edge of the face; wedge and cone: of the rounded tip",
+        default=None, unit="length", otherwise="0: sharp",
+    )  # fmt: skip
+    file: str | Path | None = key(
+        file("the name of a mesh file beside the scene"), "mesh: file with the facets of a surface", default=None,
+        more="in space triangles and quadrilaterals, in the plane segments, of degree 1 or 2; of any format of meshes, "
+        "and `.stl`",
+    )  # fmt: skip
+    region: str | None = key(
+        TEXT, f"mesh: {REGION} facets in the file", default=None, otherwise="all facets in it"
+    )
+    inside: bool = key(BOOLEAN, "sphere, cylinder, mesh: the free space is inside, or on the other side", default=False)
     function: Function | None = key(
         FUNCTION, "level set: instead of `expression` a program, beside the scene", default=None,
         more="[running.md](running.md) says when; `function(x, t)` is the signed distance (n,) of points x (n, d) at "
@@ -253,7 +284,7 @@ class Obstacle:
     pivot: Sequence[float] | None = key(
         VECTOR, "with `angle`: a point of the axis that it turns about; in the plane the centre",
         default=None, unit="length",
-        otherwise="`point` or `center`; of a level set it must be said",
+        otherwise="`point` or `center`; of a mesh the mean place of its nodes, of a level set it must be said",
     )  # fmt: skip
     turn_axis: Sequence[float] | None = key(
         DIRECTION, "with `angle`, in space: direction of the axis that it turns about, of any length", default=None,
@@ -291,7 +322,18 @@ class Contact:
     name: str | None = key(
         TEXT, "name of the contact, unique", default=None, otherwise="source-target; of `all`: `all`",
     )  # fmt: skip
-    friction: float | None = key(NON_NEGATIVE, "Coulomb's coefficient", default=None, otherwise="0")
+    friction: float | str | None = key(
+        COEFFICIENT, "Coulomb's coefficient, or an expression of the place in the undeformed source and the time",
+        default=None, otherwise="0", more="With `kinetic_friction`: the static one",
+    )  # fmt: skip
+    kinetic_friction: float | str | None = key(
+        COEFFICIENT, "with `friction`: the coefficient of points that slip fast",
+        default=None, otherwise="that of `friction`", more="see below",
+    )  # fmt: skip
+    friction_decay: float | None = key(
+        POSITIVE, "with `kinetic_friction`: how the coefficient goes there with the speed of slip", default=None,
+        unit="time / length", otherwise="must be said",
+    )  # fmt: skip
     tresca: float | None = key(
         NON_NEGATIVE, "instead of `friction`: a fixed bound of the tangential traction, on the whole surface",
         default=None,
@@ -571,8 +613,9 @@ class Equation:
 
     @property
     def region(self) -> str:
-        """Group of the first term."""
-        return self.terms[0][0]
+        """Group of the first term; empty where that is not one, before it has been checked."""
+        first = self.terms[0] if isinstance(self.terms, list | tuple) and self.terms else None
+        return first[0] if isinstance(first, list | tuple) and first else ""
 
 
 @table
@@ -640,7 +683,7 @@ class Phase:
     count: int | None = key(
         integer(1, 1_000_000), "equal load steps to start with", default=None, otherwise="`count` of `[steps]`"
     )
-    friction: Mapping[str, float] | None = key(
+    friction: Mapping[str, float | str] | None = key(
         COEFFICIENTS, "Coulomb's coefficient of contacts in this phase, by their names",
         default=None, otherwise="their own",
     )  # fmt: skip
@@ -872,6 +915,11 @@ OBSTACLE_KEYS = {
     "plane": (("point", "normal"), ()),
     "sphere": (("center", "radius"), ("inside",)),
     "cylinder": (("point", "axis", "radius"), ("inside",)),
+    "punch": (("point", "normal"), ("radius", "width", "axis", "edge_radius")),
+    "wedge": (("point", "normal", "half_angle"), ("axis", "edge_radius")),
+    "cone": (("point", "normal", "half_angle"), ("edge_radius",)),
+    "torus": (("center", "axis", "radius", "ring_radius"), ()),
+    "mesh": (("file",), ("region", "inside")),
     "level_set": ((), ("expression", "function", "gradient")),
 }
 MOTION_KEYS = ("displacement", "amplitude", "angle", "pivot", "turn_axis")

@@ -101,6 +101,7 @@ def scene_of(scene: Scene, number: int) -> Scene:
 
 
 def _contact(contact: Contact, phase) -> Contact:
-    """A contact as a phase has it."""
-    friction = (phase.friction or {}).get(contact.name, contact.friction)
-    return replace(contact, friction=friction, held=contact.name in phase.tied)
+    """A contact as a phase has it; the coefficient of a phase is the same at all speeds of slip."""
+    if contact.name in (phase.friction or {}):
+        contact = replace(contact, friction=phase.friction[contact.name], kinetic_friction=None, friction_decay=None)
+    return replace(contact, held=contact.name in phase.tied)

@@ -7,6 +7,7 @@ of contacts are: what points remember belongs to them.
 import hashlib
 import inspect
 from dataclasses import fields
+from pathlib import Path
 
 import numpy as np
 
@@ -17,6 +18,7 @@ from pcontact.scene.model import (
     Contact,
     Material,
     MeshSpec,
+    Obstacle,
     Output,
     Scene,
     Steps,
@@ -97,6 +99,9 @@ def _plain(scene, table, key, value):
         return np.column_stack([rows.times, rows.factors]).tolist()
     if key in FUNCTIONS and value is not None:
         return _text(scene, value)
+    if isinstance(table, Obstacle) and key == "file":
+        text = hashlib.sha256((scene.folder / value).read_bytes()).hexdigest()[:16]
+        return f"{Path(value).name}, text {text}"
     return [_plain(scene, table, None, part) for part in value] if isinstance(value, list | tuple) else value
 
 

@@ -26,6 +26,10 @@ from pcontact.scene.model import (
 from pcontact.scene.places import tables
 from pcontact.scene.prescribed import names
 
+# obstacles that are none in the plane; those that have an axis to turn about
+SPATIAL, AXES = ("cylinder", "cone", "torus"), ("cylinder", "torus")
+# largest cosine between directions that are square to each other
+SQUARE = 1e-6
 # part of the largest radius by which rounding may put a node on the wrong side of the axis
 ROUNDING = 1e-9
 _VECTORS = {
@@ -41,6 +45,7 @@ _EXPRESSIONS = {
     Load: ("pressure", "traction", "body_force", "acceleration"),
     Temperature: ("value",),
     Obstacle: ("expression",),
+    Contact: ("friction", "kinetic_friction"),
 }
 _KINDS = {"cells": "a group of cells", "facets": "a group of facets", "nodes": "a group of edges or vertices"}
 
@@ -92,12 +97,32 @@ def check_dimension(scene: Scene, dim: int) -> None:
         for key in _EXPRESSIONS.get(type(table), ()) if dim == 2 else ():
             if "z" in names(getattr(table, key)):
                 raise input_error(scene.where, f"{where}.{key}", "z with a 2D mesh", "x, y, t")
+        if isinstance(table, Obstacle):
+            _check_edge(scene, where, table, dim)
         if isinstance(table, Obstacle) and table.angle is not None:
-            has = table.turn_axis is not None or (dim == 3 and table.shape == "cylinder")
+            has = table.turn_axis is not None or (dim == 3 and table.shape in AXES)
             _check_axis(scene, f"{where}.turn_axis", table, table.turn_axis, has == (dim == 3))
-        if isinstance(table, Obstacle) and table.shape == "cylinder" and dim == 2:
-            allowed = '"plane" | "sphere" (a circle) | "level_set"'
-            raise input_error(scene.where, f"{where}.shape", '"cylinder" with a 2D mesh', allowed)
+        if isinstance(table, Obstacle) and table.shape in SPATIAL and dim == 2:
+            allowed = '"plane" | "sphere" (a circle) | "punch" | "wedge" | "level_set"'
+            raise input_error(scene.where, f"{where}.shape", f'"{table.shape}" with a 2D mesh', allowed)
+
+
+def _check_edge(scene, where, obstacle, dim):
+    """The edge of a punch or a wedge in space, square to where it looks; a punch in the plane has a width."""
+    if obstacle.shape == "punch" and obstacle.width is None and dim == 2:
+        raise input_error(scene.where, f"{where}.radius", "a round punch with a 2D mesh", "width")
+    if obstacle.shape != "wedge" and (obstacle.shape != "punch" or obstacle.width is None):
+        return
+    if (obstacle.axis is None) != (dim == 2):
+        found = "nothing" if obstacle.axis is None else f"{list(obstacle.axis)} with a 2D mesh"
+        allowed = keys(Obstacle)["axis"].rule.allowed if dim == 3 else "nothing, the edge is a point"
+        raise input_error(scene.where, f"{where}.axis", found, allowed)
+    if dim == 3:
+        along, across = np.array(obstacle.axis), np.array(obstacle.normal)
+        cosine = abs(along @ across) / (np.linalg.norm(along) * np.linalg.norm(across))
+        if cosine > SQUARE:
+            found = f"{list(obstacle.axis)}, at {np.degrees(np.arccos(min(cosine, 1.0))):.6g} degrees with normal"
+            raise input_error(scene.where, f"{where}.axis", found, "a direction square to normal")
 
 
 def _check_axis(scene, where, table, axis, fits):

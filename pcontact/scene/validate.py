@@ -38,7 +38,7 @@ SMALLEST = 1e-12  # of the run: the shortest step
 # keys of contacts that mean nothing where surfaces are tied
 NOT_TIED = (
     "friction", "tresca", "bilateral", "unbiased", "obstacle", "interference", "smooth_geometry", "adjust_within",
-    "clearance", "interference_amplitude", "pressure_overclosure",
+    "clearance", "interference_amplitude", "pressure_overclosure", "kinetic_friction",
 )  # fmt: skip
 
 
@@ -320,6 +320,7 @@ def _check_contact(scene, where, contact):
     for key in ("friction_limit", "adhesion"):
         if getattr(contact, key) is not None and contact.friction is None and contact.law is None:
             raise input_error(scene.where, f"{where}.{key}", f"{key} without friction", "friction as well")
+    _check_coefficients(scene, where, contact)
     if contact.unbiased and contact.obstacle is not None:
         raise input_error(
             scene.where, f"{where}.unbiased", "true with an obstacle", "false, an obstacle has no facets"
@@ -332,6 +333,21 @@ def _check_contact(scene, where, contact):
     _check_initial(scene, where, contact)
     _check_layer(scene, where, contact)
     _check_theta(scene, where, contact)
+
+
+def _check_coefficients(scene, where, contact):
+    """Two coefficients go with what leads from one to the other; what varies is Coulomb's law."""
+    for key, other in (("kinetic_friction", "friction"), ("kinetic_friction", "friction_decay"),
+                       ("friction_decay", "kinetic_friction")):  # fmt: skip
+        if getattr(contact, key) is not None and getattr(contact, other) is None:
+            raise input_error(scene.where, f"{where}.{key}", f"{key} without {other}", f"{other} as well")
+    if contact.kinetic_friction is None and not isinstance(contact.friction, str):
+        return
+    what = "kinetic_friction" if contact.kinetic_friction is not None else "friction that is an expression"
+    for key in ("law", "adhesion"):
+        if getattr(contact, key):
+            found = f"{key} together with {what}"
+            raise input_error(scene.where, f"{where}.{key}", found, f"at most one of {key}, {what}")
 
 
 def _check_initial(scene, where, contact):
@@ -433,12 +449,36 @@ def _check_obstacle(scene, where, obstacle):
             raise input_error(scene.where, f"{where}.{key}", "nothing", keys(Obstacle)[key].rule.allowed)
     if obstacle.shape == "level_set":
         _check_level_set(scene, where, obstacle)
+    if obstacle.shape == "mesh" and not (scene.folder / obstacle.file).is_file():
+        allowed = f"a mesh file beside the scene, in {scene.folder.absolute()}"
+        raise input_error(scene.where, f"{where}.file", f"{str(obstacle.file)!r}, no such file", allowed)
+    if obstacle.shape in ("punch", "torus"):
+        _check_radii(scene, where, obstacle)
     if obstacle.amplitude is not None and obstacle.displacement is None and obstacle.angle is None:
         found = "an amplitude without displacement or angle"
         raise input_error(scene.where, f"{where}.amplitude", found, "displacement or angle as well")
-    _check_angle(scene, where, obstacle, ("pivot", "turn_axis"))
+    # the moment on a mesh is about its pivot, whether it turns or not
+    _check_angle(scene, where, obstacle, ("turn_axis",) if obstacle.shape == "mesh" else ("pivot", "turn_axis"))
     if obstacle.angle is not None and obstacle.shape == "level_set" and obstacle.pivot is None:
         raise input_error(scene.where, f"{where}.pivot", "nothing", keys(Obstacle)["pivot"].rule.allowed)
+
+
+def _check_radii(scene, where, obstacle):
+    """Edges are rounder than no shape, tubes are thinner than their rings."""
+    if obstacle.shape == "torus":
+        if obstacle.radius > obstacle.ring_radius:
+            found = f"{obstacle.radius:g}, more than ring_radius"
+            raise input_error(scene.where, f"{where}.radius", found, f"at most ring_radius = {obstacle.ring_radius:g}")
+        return
+    if (obstacle.radius is None) == (obstacle.width is None):
+        found = "neither radius nor width" if obstacle.width is None else "both radius and width"
+        raise input_error(scene.where, where, found, "exactly one of radius, width")
+    half = obstacle.radius if obstacle.width is None else 0.5 * obstacle.width
+    if (obstacle.edge_radius or 0.0) > half:
+        found = f"{obstacle.edge_radius:g}, more than half of the face"
+        raise input_error(scene.where, f"{where}.edge_radius", found, f"at most {half:g}")
+    if obstacle.axis is not None and obstacle.width is None:
+        raise input_error(scene.where, f"{where}.axis", "an axis of a round punch", "width instead of radius")
 
 
 def _check_level_set(scene, where, obstacle):

@@ -6,12 +6,6 @@ from pcontact.runtime.rules import NON_NEGATIVE, TEXT, Rule, either, entries, nu
 from pcontact.scene.expression import ALLOWED, Expression
 
 
-def _coefficients(value):
-    if not isinstance(value, Mapping):
-        raise ValueError
-    return {TEXT.accept(name): NON_NEGATIVE.accept(one) for name, one in value.items()}
-
-
 def _function(value):
     if callable(value):
         return value
@@ -87,9 +81,18 @@ def _or_expression(rule, words=()):
     return Rule(rule.allowed, accept, {"anyOf": [rule.schema, {"type": "string", "pattern": r"\S"}]})
 
 
+COEFFICIENT = _or_expression(NON_NEGATIVE)._replace(allowed=f"a number >= 0, or {ALLOWED}")
+
+
+def _coefficients(value):
+    if not isinstance(value, Mapping):
+        raise ValueError
+    return {TEXT.accept(name): COEFFICIENT.accept(one) for name, one in value.items()}
+
+
 COEFFICIENTS = Rule(
-    "a table of names and numbers >= 0", _coefficients,
-    {"type": "object", "additionalProperties": NON_NEGATIVE.schema},
+    f"a table of names and numbers >= 0 or expressions, {ALLOWED}", _coefficients,
+    {"type": "object", "additionalProperties": COEFFICIENT.schema},
 )  # fmt: skip
 SCALAR = _or_expression(number())._replace(allowed=f"a finite number, or {ALLOWED}")
 VECTOR = sequence("a list of one finite number per direction (2 or 3)", number(), (2, 3))

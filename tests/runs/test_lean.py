@@ -46,6 +46,10 @@ ASKED = ("contact_law", "Frictionless", "View", "_tresca", "_coulomb")
 # modules of each piece; names in them that other physics uses, too, or that ask whether a scene has the piece
 PIECES = {
     "friction": (("contact.formulation.frictional_kernels", "contact.formulation.frictional", "contact.law"), ASKED),
+    "friction that varies": (
+        ("contact.law",), (*ASKED, "FrictionLaw", "RowLaw", "Tied", "Held", "bound", "project", "_project_all",
+                           "project_rows", "add_law"),
+    ),
     "plasticity": (
         ("material.plastic", "material.hardening", "assembly.plastic", "assembly.plastic_kernels",
          "contact.traction.plastic"),
@@ -81,6 +85,8 @@ PIECES = {
     "soft layers": (("contact.formulation.layer",), ()),
     "initial gaps": (("contact.initial",), ("initial_gap",)),
     "obstacles": (("contact.surface.obstacle",), ()),
+    "finite shapes": (("contact.surface.shapes",), ()),
+    "rigid meshes": (("contact.surface.rigid_surface", "mesh.surface"), ()),
     # what says that a cell has none, and what axial symmetry needs, too
     "mean dilatation": (
         ("element.dilatation",), ("Mean", "Dilatation", "linear", "dilatation", "factors", "squares", "hoop_operator"),
@@ -129,6 +135,14 @@ def with_piece(path, piece):
         result = scene(path)
         result.contacts.append(lowest)
         return result
+    if piece == "finite shapes":
+        result = scene(path)
+        result.contacts.append(replace(lowest, obstacle=Obstacle("punch", [0.5, 0.5, 0.0], [0, 0, 1], radius=0.4)))
+        return result
+    if piece == "rigid meshes":
+        result = scene(path)
+        result.contacts.append(replace(lowest, obstacle=Obstacle("mesh", file=path, region="lower_bottom")))
+        return result
     if piece == "pressure that follows":
         result = scene(path)
         result.loads = [Load("upper_left", pressure=0.01, follower=True)]
@@ -176,6 +190,7 @@ def with_piece(path, piece):
         return result
     return scene(path, **{
         "friction": {"friction": 0.4},
+        "friction that varies": {"friction": "0.4 + 0*x"},
         "self contact": {"source": "upper_bottom", "target": "upper_bottom"},
         "all surfaces": {"source": None, "target": None, "all": True},
         "tied surfaces": {"tied": True},

@@ -52,6 +52,8 @@ def run(case, comm, directory, kept=None, restart=None):
 PARALLEL = ["tied", "unbiased", "self contact", "finite strain, unbiased, hardening"]
 SERIAL = [
     "tied, multipliers", "multipliers, small gamma", "moving plane", "kinematic hardening", "space, tied",
+    "friction that slows", "finite strain, friction that slows", "layer", "finite strain, layer",
+    "clearance by an amplitude", "adjusted within",
     "finite strain, tied", "finite strain, rubber, theta -1", "finite strain, multipliers", "finite strain, roll",
 ]  # fmt: skip
 

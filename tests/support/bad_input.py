@@ -117,6 +117,12 @@ def expression(text, *parts):
     return Case([*where, *parts], scene=swapped('target = "lower_top"', obstacle))
 
 
+def shape(keys, *parts):
+    """A case whose obstacle has some keys."""
+    where = [r"scene\.toml", r"contacts\[0\] \(pair\)\.obstacle", "allowed"]
+    return Case([*where, *parts], scene=swapped('target = "lower_top"', f"obstacle = {{{keys}}}"))
+
+
 def option(parts, *words):
     """A case of a good scene with options."""
     return Case([*parts, "allowed"], words=("run", "SCENE", *words))
@@ -291,6 +297,70 @@ CASES = {
         [r"scene\.toml: contacts\[0\] \(pair\)\.friction: found 5, with", "allowed: <= 3", "-allow_unsafe friction"],
         scene=swapped('name = "pair"', 'name = "pair"\nfriction = 5'),
     ),
+    "punch without a size": shape('shape = "punch", point = [0, 1], normal = [0, 1]', "found neither radius nor width"),
+    "obstacle without a mesh": shape('shape = "mesh"', "file: found nothing", "allowed: the name of a mesh file"),
+    "obstacle whose mesh is not there": shape(
+        'shape = "mesh", file = "tool.msh"', r"file: found 'tool\.msh', no such file", "allowed: a mesh file"
+    ),
+    "obstacle of no group": shape(
+        'shape = "mesh", file = "mesh.msh", region = "lower_tip"', "region: found 'lower_tip'", "nearest is 'lower_top'"
+    ),
+    "obstacle of two surfaces that meet": Case(
+        [r"contacts\[0\] \(pair\)\.obstacle\.file: found 3 facets of .* that meet at \(1, 0\)", "allowed: a surface"],
+        scene=swapped('target = "lower_top"', 'obstacle = {shape = "mesh", file = "mesh.msh"}'),
+        mesh=mesh_text(elements=[*CELLS, *FACETS, (1, 8, (2, 3)), (1, 8, (2, 4))], names={**NAMES, (1, 8): "more"}),
+    ),
+    "edge rounder than a punch": shape(
+        'shape = "punch", point = [0, 0.5], normal = [0, 1], width = 1, edge_radius = 0.6',
+        r"edge_radius: found 0\.6, more than half", r"allowed: at most 0\.5",
+    ),
+    "round punch in the plane": shape(
+        'shape = "punch", point = [0, 0.5], normal = [0, 1], radius = 1', "radius: found a round punch with a 2D mesh"
+    ),
+    "cone in the plane": shape(
+        'shape = "cone", point = [0, 0.5], normal = [0, 1], half_angle = 60', 'shape: found "cone" with a 2D mesh'
+    ),
+    "torus that is no ring": shape(
+        'shape = "torus", center = [0, 0, 0], axis = [0, 0, 1], radius = 2, ring_radius = 1',
+        r"radius: found 2, more than ring_radius", "allowed: at most ring_radius = 1",
+    ),
+    "torus without a ring": shape(
+        'shape = "torus", center = [0, 0, 0], axis = [0, 0, 1], radius = 2', "ring_radius: found nothing", "allowed"
+    ),
+    "wedge that is blunt": shape(
+        'shape = "wedge", point = [0, 0.5], normal = [0, 1], half_angle = 90', r"half_angle", "90", "allowed: a number"
+    ),
+    "wedge with an edge in the plane": shape(
+        'shape = "wedge", point = [0, 0.5], normal = [0, 1], axis = [1, 0], half_angle = 60',
+        "axis: found .* with a 2D mesh", "allowed: nothing, the edge is a point",
+    ),
+    "friction in words": Case(
+        [r"contacts\[0\] \(pair\)\.friction", "the name 'rough' at character 1", "allowed: a number >= 0, or an"],
+        scene=swapped('name = "pair"', 'name = "pair"\nfriction = "rough"'),
+    ),
+    "friction that is negative somewhere": Case(
+        [r"scene\.toml: contacts\[0\] \(pair\)\.friction: found '0\.3 - x', the value -0\.\d+ at the point \(",
+         "allowed: numbers >= 0"],
+        scene=swapped('name = "pair"', 'name = "pair"\nfriction = "0.3 - x"'),
+    ),
+    "friction with several solutions somewhere": Case(
+        [r"contacts\[0\] \(pair\)\.friction: found 3\.9\d*, with", "allowed: <= 3", "-allow_unsafe friction"],
+        scene=swapped('name = "pair"', 'name = "pair"\nfriction = "4*x**0.01"'),
+    ),
+    "kinetic friction without a decay": Case(
+        [r"contacts\[0\] \(pair\)\.kinetic_friction: found kinetic_friction without friction_decay", "as well"],
+        scene=swapped('name = "pair"', 'name = "pair"\nfriction = 0.3\nkinetic_friction = 0.2'),
+    ),
+    "a decay of nothing": Case(
+        [r"contacts\[0\] \(pair\)\.friction_decay: found friction_decay without kinetic_friction", "as well"],
+        scene=swapped('name = "pair"', 'name = "pair"\nfriction = 0.3\nfriction_decay = 2.0'),
+    ),
+    "kinetic friction with adhesion": Case(
+        [r"contacts\[0\] \(pair\)\.adhesion: found adhesion together with kinetic_friction", "allowed: at most one"],
+        scene=swapped(
+            'name = "pair"', 'name = "pair"\nfriction = 0.3\nadhesion = 1\nkinetic_friction = 0.2\nfriction_decay = 1'
+        ),
+    ),
     "phase of a scene without": Case(
         [r"displacements\[1\] \(upper_top\)\.phases: found \['on'\] without", r"allowed: \[\[phases\]\] as well"],
         scene=SCENE + 'phases = ["on"]\n',
@@ -338,7 +408,7 @@ CASES = {
         scene=SCENE + PHASES + 'tied = ["pear"]\n',
     ),
     "friction of a phase in words": Case(
-        [r"phases\[1\] \(off\)\.friction", "a table of names and numbers >= 0"],
+        [r"phases\[1\] \(off\)\.friction", "a table of names and numbers >= 0 or expressions"],
         scene=SCENE + PHASES + 'friction = "pair"\n',
     ),
     "contact that ties before it closes": Case(

@@ -110,6 +110,16 @@ KINDS = {
     "multipliers, small gamma": lambda f: stacked(f, friction=0.3, formulation="augmented_lagrangian", gamma0=0.01),
     "overlap resolved": lambda f: stacked(f, friction=0.3, overlap=0.01),
     "overlap adjusted": lambda f: stacked(f, friction=0.3, overlap=0.01, interference="adjust"),
+    "friction that slows": lambda f: stacked(f, friction="0.3 + 0.1*x", kinetic_friction=0.1, friction_decay=5.0),
+    "finite strain, friction that slows": lambda f: large(
+        stacked(f, friction=0.3, kinetic_friction="0.1 + 0.05*t", friction_decay=5.0)
+    ),
+    "layer": lambda f: stacked(f, friction=0.3, pressure_overclosure=[(-0.01, 0.0), (0.01, 20.0), (0.02, 60.0)]),
+    "finite strain, layer": lambda f: large(stacked(f, friction=0.3, pressure_overclosure=2e3, stick_stiffness=900.0)),
+    "clearance by an amplitude": lambda f: stacked(
+        f, friction=0.3, clearance=-0.01, interference_amplitude=[(0, 0), (0.8, 1)]
+    ),
+    "adjusted within": lambda f: stacked(f, friction=0.3, overlap=-0.002, interference="adjust", adjust_within=0.01),
     "all": lambda f: stacked(f, friction=0.3, all=True, source=None, target=None),
     "self contact": lips,
     "all of one body": lambda f: lips(f, all=True, self_contact=True),

@@ -235,6 +235,15 @@ class FiniteTerms:
             self.parameters, p.points, contact.partner, contact.motion, at, tractions, work, blocks
         )  # fmt: skip
 
+    def slip(self, p, values):
+        """Tangential slip (np, d) of the load step [length]. *Collective.*"""
+        return self._slip(p, self._contact(p, values))
+
+    def _slip(self, p, contact):
+        # of the load step alone
+        motion = contact.motion._replace(lag=np.zeros_like(self._carried))
+        return self._placed(p, contact.partner, motion, True).slip
+
     # -- report ---------------------------------------------------------------------------------------------------
 
     def state(self, p, values, view):
@@ -249,8 +258,5 @@ class FiniteTerms:
             "paired": p.paired & placed.live,
         }  # fmt: skip
         if self.slides:
-            # of the load step alone
-            motion = contact.motion._replace(lag=np.zeros_like(self._carried))
-            slip = self._placed(p, contact.partner, motion, True).slip
-            state.update(own_traction=at.traction, slip=slip)
+            state.update(own_traction=at.traction, slip=self._slip(p, contact))
         return state

@@ -151,6 +151,11 @@ class FrictionalTerms(FrictionlessTerms):
             missing += self.traction.add_curvature(values, p, self._weights(p, traction, force), blocks)
         return missing
 
+    def slip(self, p, values):
+        """Tangential slip (np, d) of the load step [length], zero without a partner."""
+        slip = across(self._jump(p, values, p.every) - self._start, p.normal)
+        return np.where(p.paired[:, None], slip, 0.0)
+
     # -- report ---------------------------------------------------------------------------------------------------
 
     def state(self, p, values, view):
@@ -158,6 +163,4 @@ class FrictionalTerms(FrictionlessTerms):
         ``own_traction`` (np, d), that of the source's stress."""
         own, tau = self._augmented(p, values, p.every)
         traction, status = self.law.project(view, p.normal, tau)
-        slip = across(self._jump(p, values, p.every) - self._start, p.normal)
-        slip = np.where(p.paired[:, None], slip, 0.0)
-        return {"traction": traction, "own_traction": own, "slip": slip, "status": status}
+        return {"traction": traction, "own_traction": own, "slip": self.slip(p, values), "status": status}

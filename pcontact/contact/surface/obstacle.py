@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from pcontact.contact.surface.shapes import drawn_along, punch, torus, turned_around, wedge
 from pcontact.space.turn import Turn
 
 
@@ -32,6 +33,36 @@ def _round(obstacle, axis):
         return sign * (length - obstacle.radius), sign * away
 
     return distance
+
+
+def _profiled(obstacle):
+    """Punch, wedge or cone."""
+    normal, edge = _unit(np.asarray(obstacle.normal, dtype=float)), obstacle.edge_radius or 0.0
+    if obstacle.shape == "punch":
+        profile = punch(obstacle.radius if obstacle.width is None else 0.5 * obstacle.width, edge)
+    else:
+        profile = wedge(np.radians(obstacle.half_angle), edge)
+    round_one = obstacle.shape == "cone" or obstacle.radius is not None
+    if round_one:
+        return turned_around(profile, normal)
+    axis = None if obstacle.axis is None else _unit(np.asarray(obstacle.axis, dtype=float))
+    return drawn_along(profile, normal, axis)
+
+
+def _torus(obstacle):
+    return torus(obstacle.ring_radius, obstacle.radius, _unit(np.asarray(obstacle.axis, dtype=float)))
+
+
+# what makes the distance of a shape, as a function of places relative to the shape's own and of the time
+SHAPES = {
+    "plane": _plane,
+    "sphere": lambda obstacle: _round(obstacle, None),
+    "cylinder": lambda obstacle: _round(obstacle, _unit(np.asarray(obstacle.axis, dtype=float))),
+    "punch": _profiled,
+    "wedge": _profiled,
+    "cone": _profiled,
+    "torus": _torus,
+}
 
 
 # [model sizes] Step of the differences of a level set, of fourth order. From: rounding errors over it are 2e-12, which
@@ -74,10 +105,14 @@ class RigidObstacle:
         Size of the model [length], for difference quotients of a level set without gradient.
     functions : (callable, callable or None), optional
         Level set and gradient, see :func:`pcontact.scene.function.obstacle_functions`.
+    surface : pcontact.contact.surface.rigid_surface.RigidSurface, optional
+        Of a mesh.
 
     Attributes
     ----------
     turns : bool
+    has_moment : bool
+        Whether the report has the moment about the pivot.
 
     Notes
     -----
@@ -85,27 +120,26 @@ class RigidObstacle:
     asked in its own frame, where it is at f = 0.
     """
 
-    def __init__(self, obstacle, amplitude, size, functions=None):
+    def __init__(self, obstacle, amplitude, size, functions=None, surface=None):
         self._amplitude = amplitude
         shift = obstacle.displacement
         self._shift = None if shift is None else np.asarray(shift, dtype=float)
         # distances are taken from it
         self._place = np.zeros(1)
-        if obstacle.shape != "level_set":
-            self._place = np.asarray(obstacle.center if obstacle.shape == "sphere" else obstacle.point, dtype=float)
-        self.turns, self._turn, self._pivot = obstacle.turns, None, self._place
+        if surface is not None:
+            self._place = surface.place
+        elif obstacle.shape != "level_set":
+            self._place = np.asarray(obstacle.point if obstacle.center is None else obstacle.center, dtype=float)
+        self.turns, self._turn = obstacle.turns, None
+        self.has_moment = self.turns or surface is not None
+        self._pivot = self._place if obstacle.pivot is None else np.asarray(obstacle.pivot, dtype=float)
         if self.turns:
-            self._pivot = self._place if obstacle.pivot is None else np.asarray(obstacle.pivot, dtype=float)
             axis = obstacle.axis if obstacle.turn_axis is None else obstacle.turn_axis
             self._turn = Turn(np.zeros(len(self._pivot)), axis, np.radians(obstacle.angle))
-        if obstacle.shape == "plane":
-            self._distance = _plane(obstacle)
-        elif obstacle.shape == "sphere":
-            self._distance = _round(obstacle, None)
-        elif obstacle.shape == "cylinder":
-            self._distance = _round(obstacle, _unit(np.asarray(obstacle.axis, dtype=float)))
-        else:
+        if obstacle.shape == "level_set":
             self._distance = _level_set(*functions, size)
+        else:
+            self._distance = surface or SHAPES[obstacle.shape](obstacle)
 
     def moved(self, x, start, end, origin=0.0):
         """What the obstacle moves between two times [length]; what a level set does by itself is not known.

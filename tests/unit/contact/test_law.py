@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pcontact.contact.law import OPEN, SLIP, STICK, Frictionless, contact_law, project
+from pcontact.contact.law import OPEN, SLIP, STICK, Frictionless, View, contact_law, project
 from pcontact.scene.model import Contact
 from tests.support.laws import LAWS, law_of, limit_of, numpy_projection
 
@@ -201,3 +201,37 @@ def test_nothing_is_undefined_for_numbers_near_zero():
                 for bilateral in (False, True):
                     p, derivative, _ = compiled(name, bilateral, normal, np.array([a, b, a]))
                     assert np.all(np.isfinite(p)) and np.all(np.isfinite(derivative))
+
+
+@pytest.mark.parametrize("bilateral", [False, True])
+@pytest.mark.parametrize("d", [2, 3])
+def test_a_coefficient_at_each_point(d, bilateral, monkeypatch):
+    """Traction and derivative are those of numpy with the coefficient of the point, and of differences."""
+    said = {"friction": "0.2 + x**2", "kinetic_friction": 0.1, "friction_decay": 3.0, "friction_limit": 0.4}
+    law, (normal, tau) = contact_law(Contact("a", "b", **said)), draws(d)
+    rng = np.random.default_rng(5)
+    x, slip = rng.random((len(tau), d)), rng.normal(size=(len(tau), d))
+    assert law.begin(x, 0.0) == pytest.approx(0.2 + np.max(x[:, 0]) ** 2, rel=1e-14)
+    law.slid(slip, np.full(len(tau), SLIP), 0.5)
+    law.begin(x, 1.0)
+    factors = 0.1 + (0.1 + x[:, 0] ** 2) * np.exp(-3.0 * np.linalg.norm(slip, axis=1) / 0.5)
+    view, slope = View(np.ones(len(tau), dtype=bool), bilateral, False), np.zeros((len(tau), d, d))
+    traction, status = law.project(view, normal, tau, slope)
+    for k, factor in enumerate(factors):
+        monkeypatch.setitem(LAWS, "limit", {"friction": factor, "friction_limit": 0.4})
+        p, derivative, expected = numpy_projection("limit", bilateral, normal[k], tau[k])
+        np.testing.assert_allclose(traction[k], p, atol=1e-14)
+        np.testing.assert_allclose(slope[k], derivative, atol=1e-13)
+        assert status[k] == expected
+    h, difference, smooth = 1e-5, np.empty_like(slope), np.ones(len(tau), dtype=bool)
+    for j, e in enumerate(np.eye(d)):
+        slopes = np.zeros((2, *slope.shape))
+        ahead = law.project(view, normal, tau + h * e, slopes[0])[0]
+        back = law.project(view, normal, tau - h * e, slopes[1])[0]
+        difference[:, :, j] = (ahead - back) / (2.0 * h)
+        smooth &= np.abs(slopes - slope).max(axis=(0, 2, 3)) <= 1e-2
+    np.testing.assert_allclose(difference[smooth], slope[smooth], atol=1e-6)
+    assert np.sum(smooth) > 250
+    # what sticks or is open is slow
+    law.slid(slip, np.where(status == SLIP, STICK, OPEN), 0.5)
+    assert not law.speed.any()
