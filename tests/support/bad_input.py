@@ -306,7 +306,7 @@ CASES = {
         'shape = "mesh", file = "mesh.msh", region = "lower_tip"', "region: found 'lower_tip'", "nearest is 'lower_top'"
     ),
     "obstacle of two surfaces that meet": Case(
-        [r"contacts\[0\] \(pair\)\.obstacle\.file: found 3 facets of .* that meet at \(1, 0\)", "allowed: a surface"],
+        [r"contacts\[0\] \(pair\)\.obstacle\.file: found \d facets of .* that meet at", "allowed: a surface"],
         scene=swapped('target = "lower_top"', 'obstacle = {shape = "mesh", file = "mesh.msh"}'),
         mesh=mesh_text(elements=[*CELLS, *FACETS, (1, 8, (2, 3)), (1, 8, (2, 4))], names={**NAMES, (1, 8): "more"}),
     ),
