@@ -16,7 +16,7 @@ from pcontact.assembly.release import Release
 from pcontact.assembly.springs import GroundSprings, SpinForces
 from pcontact.assembly.viscous import ViscousStabilisation
 from pcontact.contact.search.unjoined import unjoined
-from pcontact.element.reference import CELLS
+from pcontact.element.reference import CELLS, facet_kinds
 from pcontact.material.elastic import in_plane, lame
 from pcontact.material.finite import FiniteMaterial
 from pcontact.material.hardening import hardening_curve, hardening_table
@@ -220,9 +220,20 @@ def yielding_volume(scene, space):
     return space.comm.allreduce(sum(own))
 
 
+def _check_estimate(scene, space):
+    """Refuse an estimate of the error with cells that it does not know. *Collective.*"""
+    if not scene.output.estimate:
+        return
+    mine = {block.cell for block in space.mesh.blocks if len(block.nodes)}
+    kinds = sorted(cell for cell in set().union(*space.comm.allgather(mine)) if len(facet_kinds(cell)) > 1)
+    if kinds:
+        allowed = "false, or cells that are neither wedges nor pyramids"
+        raise input_error(scene.where, "output.estimate", f"true with cells of the kind {kinds[0]}", allowed)
+
+
 def _check_locking(scene, space):
     """Refuse, or warn of, bodies that are too stiff because their simplices of degree 1 lock. *Collective.*"""
-    mine = {block.body for block in space.mesh.blocks if len(block.nodes) and not CELLS[block.cell].is_tensor}
+    mine = {block.body for block in space.mesh.blocks if len(block.nodes) and CELLS[block.cell].is_simplex}
     bodies = set().union(*space.comm.allgather(mine)) if space.degree == 1 else set()
     for number in sorted(bodies):
         body = scene.bodies[number]
@@ -494,6 +505,7 @@ def assemble(scene, mesh, span=None, more=()):
 def _assemble(scene, space, constants, span, more):
     """See :func:`assemble`. *Collective.*"""
     end, mesh = scene.steps.end, space.mesh
+    _check_estimate(scene, space)
     _check_locking(scene, space)
     _check_joined(scene, space)
     supports = Supports(

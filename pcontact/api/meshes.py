@@ -16,14 +16,18 @@ from pcontact.scene import MeshSpec
 
 _folder: list[Path] = []
 _VTK = {3: "line", 5: "triangle", 9: "quad", 10: "tetra", 12: "hexahedron", 21: "line3", 22: "triangle6", 23: "quad8",
-        24: "tetra10", 25: "hexahedron20", 28: "quad9", 29: "hexahedron27"}  # fmt: skip
+        24: "tetra10", 25: "hexahedron20", 28: "quad9", 29: "hexahedron27", 13: "wedge", 14: "pyramid", 26: "wedge15",
+        27: "pyramid13", 32: "wedge18"}  # fmt: skip
 # corners of the facets of cells, and what they are; middle nodes are not needed to name them
-_FACETS: dict[str, tuple[str, list[tuple[int, ...]]]] = {
-    "triangle": ("line", [(0, 1), (1, 2), (2, 0)]),
-    "quad": ("line", [(0, 1), (1, 2), (2, 3), (3, 0)]),
-    "tetra": ("triangle", [(0, 1, 2), (0, 1, 3), (0, 2, 3), (1, 2, 3)]),
-    "hexahedron": ("quad", [(0, 1, 2, 3), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7)]),
+_FACETS: dict[str, list[tuple[str, list[tuple[int, ...]]]]] = {
+    "triangle": [("line", [(0, 1), (1, 2), (2, 0)])],
+    "quad": [("line", [(0, 1), (1, 2), (2, 3), (3, 0)])],
+    "tetra": [("triangle", [(0, 1, 2), (0, 1, 3), (0, 2, 3), (1, 2, 3)])],
+    "hexahedron": [("quad", [(0, 1, 2, 3), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7)])],
+    "wedge": [("triangle", [(0, 1, 2), (3, 4, 5)]), ("quad", [(0, 1, 4, 3), (1, 2, 5, 4), (2, 0, 3, 5)])],
+    "pyramid": [("triangle", [(0, 1, 4), (1, 2, 4), (2, 3, 4), (3, 0, 4)]), ("quad", [(0, 1, 2, 3)])],
 }
+_SOLID = ("tetra", "hexahedron", "wedge", "pyramid")
 _KINDS = {2: "line", 3: "triangle", 4: "quad"}
 
 
@@ -82,7 +86,7 @@ def _written(source: Any, groups: Mapping[str, Any], facets: Mapping[str, Any]) 
     import meshio
 
     points, blocks, named = _parts(source, meshio)
-    solid = any(kind.startswith(("tetra", "hexa")) for kind, _ in blocks)
+    solid = any(kind.startswith(_SOLID) for kind, _ in blocks)
     flat = points if solid or np.ptp(points[:, 2]) else points[:, :2]
     ends = np.cumsum([0, *(len(nodes) for _, nodes in blocks)])
     for name, chosen in groups.items():
@@ -145,12 +149,11 @@ def _facets(
 
 def _boundary(blocks: Sequence[tuple[str, np.ndarray]]) -> list[tuple[str, np.ndarray]]:
     """Corners of the facets that belong to one cell only."""
-    top = 3 if any(kind.startswith(("tetra", "hexa")) for kind, _ in blocks) else 2
+    top = 3 if any(kind.startswith(_SOLID) for kind, _ in blocks) else 2
     found: dict[str, list[np.ndarray]] = {}
     for kind, nodes in blocks:
         base = kind.rstrip("0123456789")
-        if base in _FACETS and (base in ("tetra", "hexahedron")) == (top == 3):
-            facet, table = _FACETS[base]
+        for facet, table in _FACETS.get(base, []) if (base in _SOLID) == (top == 3) else []:
             found.setdefault(facet, []).append(nodes[:, np.array(table)].reshape(-1, len(table[0])))
     result = []
     for facet, parts in found.items():
@@ -162,7 +165,7 @@ def _boundary(blocks: Sequence[tuple[str, np.ndarray]]) -> list[tuple[str, np.nd
 
 def _write(path: Path, points: np.ndarray, entries: Sequence[tuple[str, str, np.ndarray]], meshio: Any) -> None:
     """A .msh file; a cell of two groups is listed in each."""
-    dims = {"vertex": 0, "line": 1, "triangle": 2, "quad": 2, "tetra": 3, "hexahedron": 3}
+    dims = {"vertex": 0, "line": 1, "triangle": 2, "quad": 2, **dict.fromkeys(_SOLID, 3)}
     tags: dict[tuple[str, int], int] = {}
     cells, numbers = [], []
     for name, kind, nodes in entries:

@@ -16,7 +16,7 @@ from pcontact.io.fields import FieldWriter
 from pcontact.io.history import columns, flatten
 from pcontact.io.report import jsonable
 from pcontact.io.result import has_fields, load_result
-from pcontact.io.vtu import CELL_TYPES
+from pcontact.io.vtu import CELL_TYPES, SOLID
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.files import make_directory, replace_file
 from pcontact.runtime.parallel import on_root
@@ -259,7 +259,7 @@ def _loaded(directory: Path, step: int) -> Fields:
     """The fields of a load step from its files; nodes in the order of their numbers."""
     result = load_result(directory, step)
     bodies = result.bodies
-    d = 3 if any(CELL_TYPES[name][0] in (10, 12, 24, 25, 29) for name, _ in bodies.cells) else 2
+    d = 3 if any(CELL_TYPES[name][0] in SOLID for name, _ in bodies.cells) else 2
 
     def cut(name: str, array: np.ndarray) -> np.ndarray:
         return array[:, :d] if array.ndim == 2 and array.shape[1] == 3 and d == 2 else array

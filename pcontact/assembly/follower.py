@@ -7,7 +7,7 @@ from pcontact.assembly.graph import node_graph
 from pcontact.assembly.item import LAW, Item
 from pcontact.assembly.pattern import OwnedRows
 from pcontact.element.quadrature import quadrature
-from pcontact.element.reference import CELLS, facet_nodes
+from pcontact.element.reference import facet_nodes
 from pcontact.element.shape import shape, shape_gradient
 from pcontact.runtime.parallel import together
 
@@ -21,10 +21,10 @@ SLIGHT = 0.05
 def _facets(space, facets, numbers):
     """The facets of one block, and their quadrature points (nf, nq, d); their nodes have other numbers (n_local,)."""
     mesh, block = space.mesh, space.mesh.blocks[facets.block]
-    kind, (table, degree) = CELLS[block.cell].facet, mesh.geometry_nodes(block)
+    kind, (table, degree) = facets.kind, mesh.geometry_nodes(block)
     # exact: c has the degree of one shape function and a tangent, in space of one more tangent, in a ring of a radius
     xi, weights = quadrature(kind, 3 * max(space.degree, degree) - 1)
-    nodes = table[facets.cells[:, None], facet_nodes(block.cell, degree)[facets.local]]
+    nodes = table[facets.cells[:, None], facet_nodes(facets.cell, degree)[facets.local]]
     points = mesh.points[nodes]
     return Facets(
         np.ascontiguousarray(numbers[space.facet_nodes(facets)]),

@@ -13,11 +13,11 @@ CHUNK = 8192
 
 
 def bulk_degree(cell, degree, geometry_degree, axisymmetric=False):
-    """Quadrature degree that integrates the stiffness: exact on straight simplices, full Gauss on tensor cells.
+    """Quadrature degree that integrates the stiffness: exact on straight simplices, full Gauss on others.
 
     With axial symmetry the weight r and the hoop strain u_r / r come in: simplices take two degrees more.
     """
-    simplex = CELLS[cell].n_vertices == CELLS[cell].dim + 1
+    simplex = CELLS[cell].is_simplex
     if not simplex:
         return 2 * degree if geometry_degree == 1 else 2 * max(degree, 2)
     return (max(2 * (degree - 1), 0) if geometry_degree == 1 else 4) + 2 * axisymmetric

@@ -7,7 +7,7 @@ import numpy as np
 from pcontact.assembly.geometry import CHUNK
 from pcontact.element.geometry import facet_geometry, gradients
 from pcontact.element.quadrature import quadrature
-from pcontact.element.reference import CELLS, facet_nodes
+from pcontact.element.reference import facet_nodes
 from pcontact.element.shape import shape, shape_gradient
 from pcontact.runtime.petsc import MPI
 
@@ -52,12 +52,12 @@ def facet_patches(space, region):
     for facets in mesh.facet_groups.get(region, []):
         block = mesh.blocks[facets.block]
         table, geometry_degree = mesh.geometry_nodes(block)
-        xi, weights = quadrature(CELLS[block.cell].facet, 2 * space.degree + 2 * (geometry_degree - 1))
+        xi, weights = quadrature(facets.kind, 2 * space.degree + 2 * (geometry_degree - 1))
         x = np.ascontiguousarray(mesh.points[table[facets.cells]])
-        at = facet_geometry(block.cell, x, facets.local, geometry_degree, space.degree, xi, weights)
+        at = facet_geometry(facets.cell, x, facets.local, geometry_degree, space.degree, xi, weights)
         weight = at.jxw * space.circumference(at.points)
         # of the cell's nodes those of the facet: the others' shape functions are zero there
-        own = facet_nodes(block.cell, space.degree)[facets.local]
+        own = facet_nodes(facets.cell, space.degree)[facets.local]
         shapes = np.take_along_axis(at.shape, own[:, None, :], axis=2)
         yield Patch(space.facet_nodes(facets), shapes, weight, at.points, at.normals)
 

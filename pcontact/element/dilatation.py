@@ -8,9 +8,9 @@ Everywhere  stress = (P . u) I + mu (grad u + grad u^T)  in the plane or space o
 * the same in cells of degree 2                                P_a = lam M_a
 
 The cell's mean is its projection of D_a: onto constants in cells of degree 1 and in triangles and tetrahedra of degree
-2, onto the linear functions of the place in quadrilaterals and hexahedra of degree 2 (pairs of displacement and
-pressure that are stable: Boffi, Brezzi, Fortin 2013, chapter 8; for tetrahedra of degree 2 with constants that is not
-proved). It is weighted by volume, with axial symmetry by the radius. The stress with the mean dilatation is that of
+2, onto the linear functions of the place in other cells of degree 2 (pairs of displacement and pressure that are
+stable: Boffi, Brezzi, Fortin 2013, chapter 8; for tetrahedra of degree 2 with constants, wedges and pyramids that is
+not proved). It is weighted by volume, with axial symmetry by the radius. The stress with the mean dilatation is that of
 int (lam + 2/3 mu) |M . u|^2 + 2 mu |dev eps(u)|^2,  so that the facet traction fits the energy of the cell; with degree
 2 that of  int lam |M . u|^2 + 2 mu |eps(u)|^2:  a tetrahedron of degree 2 has displacements without a deviator whose
 dilatation is linear, with a mean of zero (u = 2 (b . x) x - |x|^2 b), and they must not be free.
@@ -98,7 +98,7 @@ class Mean(NamedTuple):
 
 def linear(cell, degree):
     """Whether the mean dilatation of a kind of cells is linear, not constant."""
-    return degree == 2 and CELLS[cell].is_tensor
+    return degree == 2 and not CELLS[cell].is_simplex
 
 
 def components(weights, x=None):

@@ -91,12 +91,14 @@ def quadrature(cell, degree):
         Key in `pcontact.element.reference.CELLS`, also "segment".
     degree : int
         0 to 20. Polynomials are integrated exactly up to this total degree on simplices, up to this degree in
-        each direction on tensor cells.
+        each direction on tensor cells. On wedges up to this total degree in the triangle, times this degree along
+        the axis; on pyramids up to this degree in each of x / (1 - z), y / (1 - z) and z.
 
     Returns
     -------
     points : ndarray, (n, dim) float64
-        Strictly inside the cell; on tensor cells the first coordinate runs fastest.
+        Strictly inside the cell; on tensor cells the first coordinate runs fastest, on wedges and pyramids those across
+        the axis.
     weights : ndarray, (n,) float64
         Positive, with the volume of the reference cell as their sum.
 
@@ -109,6 +111,14 @@ def quadrature(cell, degree):
         raise ValueError(f"quadrature degree {degree}: allowed are 0 to {MAX_DEGREE}")
     if CELLS[cell].is_tensor:
         return _tensor(CELLS[cell].dim, degree)
+    if CELLS[cell].is_wedge:
+        return _layers(*quadrature("triangle", degree), *_gauss_jacobi(degree // 2 + 1, 0))
+    if CELLS[cell].is_pyramid:
+        x, w = _gauss_jacobi(degree // 2 + 1, 2)
+        # dV = (1 - z)^2 du dv dz with u = x / (1 - z), v = y / (1 - z); from [-1, 1] to [0, 1]: a factor of 1/8
+        points, weights = _layers(*_tensor(2, degree), 0.5 * (x + 1.0), w / 8.0)
+        points[:, :2] *= 1.0 - points[:, 2:]
+        return points, weights
     known = [d for d in _SYMMETRIC[cell] if d >= degree]
     if known:
         return _symmetric(_SYMMETRIC[cell][min(known)])
@@ -129,6 +139,12 @@ def _tensor(dim, degree):
     grids = np.meshgrid(*[x] * dim, indexing="ij")[::-1]
     weights = np.prod(np.meshgrid(*[w] * dim, indexing="ij"), axis=0)
     return np.stack([g.ravel() for g in grids], axis=1), weights.ravel()
+
+
+def _layers(points, weights, heights, along):
+    """A rule of the plane (n, 2) at several heights."""
+    repeated = np.repeat(heights, len(points))[:, None]
+    return np.hstack([np.tile(points, (len(heights), 1)), repeated]), np.outer(along, weights).ravel()
 
 
 def _symmetric(orbits):

@@ -1,11 +1,12 @@
 """Reference cells: vertices, edges, facets and the numbering of their nodes.
 
-Node order is VTK's (and meshio's). Simplices live on the unit simplex, tensor cells on [-1, 1]^d. The
-vertices of a facet are listed so that the facet's own reference map gives the outward normal of the cell: in
-two dimensions the tangent turned by -90 degrees (cells are counter-clockwise), in three the right-hand rule.
+Node order is VTK's (and meshio's). Simplices live on the unit simplex, tensor cells on [-1, 1]^d, wedges on the unit
+triangle times [-1, 1], pyramids above the square [-1, 1]^2 with their apex at (0, 0, 1). The vertices of a facet are
+listed so that the facet's own reference map gives the outward normal of the cell: in two dimensions the tangent turned
+by -90 degrees (cells are counter-clockwise), in three the right-hand rule.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -25,16 +26,19 @@ class Cell:
     n_vertices : int
         Number of vertices, which are nodes 0 to n_vertices - 1 at any degree.
     facet : str or None
-        Name of the reference cell of the facets; None for the segment.
+        Name of the reference cell of the facets; None for the segment, and for wedges and pyramids, which have
+        triangles and quadrilaterals: see :func:`facet_kinds`.
     facets : tuple of tuple of int
         Local vertices of each facet, ordered for the outward normal.
     edges : tuple of tuple of int
         Local vertices of each edge, in the order of the edges' degree-2 nodes.
     faces : tuple of tuple of int
         Local vertices of the quadrilateral faces of a three-dimensional cell, in the order of the faces'
-        degree-2 nodes. Empty for all but the hexahedron: other faces carry no node of their own.
+        degree-2 nodes. Empty for triangles, quadrilaterals and tetrahedra, and for serendipity cells.
     complete : str or None
         Of a serendipity cell the one that has nodes in the middles of faces and of itself as well.
+    whole : str or None
+        Of a cell that stands for the facets of one kind of another cell, the name of that cell.
     """
 
     name: str
@@ -45,11 +49,27 @@ class Cell:
     edges: tuple[tuple[int, int], ...]
     faces: tuple[tuple[int, ...], ...]
     complete: str | None = None
+    whole: str | None = None
 
     @property
     def is_tensor(self):
-        """bool : whether the reference domain is [-1, 1]^dim (else the unit simplex)."""
+        """bool : whether the reference domain is [-1, 1]^dim."""
         return self.n_vertices == 2**self.dim
+
+    @property
+    def is_simplex(self):
+        """bool : whether the reference domain is the unit simplex."""
+        return self.n_vertices == self.dim + 1
+
+    @property
+    def is_wedge(self):
+        """bool : whether the reference domain is that of a wedge, the unit triangle times [-1, 1]."""
+        return (self.dim, self.n_vertices) == (3, 6)
+
+    @property
+    def is_pyramid(self):
+        """bool : whether it is that of a pyramid, max(|x|, |y|) <= 1 - z with z >= 0."""
+        return (self.dim, self.n_vertices) == (3, 5)
 
 
 _TRIANGLE_EDGES = ((0, 1), (1, 2), (2, 0))
@@ -62,6 +82,30 @@ _HEXAHEDRON_EDGES = (
 )
 _HEXAHEDRON_FACES = ((0, 4, 7, 3), (1, 2, 6, 5), (0, 1, 5, 4), (2, 3, 7, 6), (0, 3, 2, 1), (4, 5, 6, 7))
 _TETRAHEDRON_FACETS = ((0, 2, 1), (0, 1, 3), (1, 2, 3), (0, 3, 2))
+_WEDGE_EDGES = ((0, 1), (1, 2), (2, 0), (3, 4), (4, 5), (5, 3), (0, 3), (1, 4), (2, 5))
+_WEDGE_FACES = ((0, 1, 4, 3), (1, 2, 5, 4), (2, 0, 3, 5))
+_WEDGE_FACETS = ((0, 2, 1), (3, 4, 5), *_WEDGE_FACES)
+_PYRAMID_EDGES = ((0, 1), (1, 2), (2, 3), (3, 0), (0, 4), (1, 4), (2, 4), (3, 4))
+_PYRAMID_FACES = ((0, 3, 2, 1),)
+_PYRAMID_FACETS = (*_PYRAMID_FACES, (0, 1, 4), (1, 2, 4), (2, 3, 4), (3, 0, 4))
+
+
+def _views(cell, kinds):
+    """A cell with facets of several kinds, and for each kind a cell that has these facets alone.
+
+    Facets keep their numbers: in the place of one of another kind stands the first of its own, which nobody asks for.
+    """
+    found = [cell]
+    for kind, corners in kinds.items():
+        own = [facet for facet in cell.facets if len(facet) == corners]
+        facets = tuple(facet if len(facet) == corners else own[0] for facet in cell.facets)
+        found.append(replace(cell, name=f"{cell.name}:{kind}", facet=kind, facets=facets, whole=cell.name))
+    return found
+
+
+# kinds of facets of wedges and pyramids, and their numbers of vertices
+_COMPLETE_FACETS = {"triangle": 3, "quadrilateral": 4}
+_SERENDIPITY_FACETS = {"triangle": 3, "quadrilateral8": 4}
 
 CELLS: dict[str, Cell] = {
     cell.name: cell
@@ -73,11 +117,15 @@ CELLS: dict[str, Cell] = {
         Cell("hexahedron", 3, 8, "quadrilateral", _HEXAHEDRON_FACES, _HEXAHEDRON_EDGES, _HEXAHEDRON_FACES),
         Cell("quadrilateral8", 2, 4, "segment", _QUADRILATERAL_EDGES, _QUADRILATERAL_EDGES, (), "quadrilateral"),
         Cell("hexahedron20", 3, 8, "quadrilateral8", _HEXAHEDRON_FACES, _HEXAHEDRON_EDGES, (), "hexahedron"),
+        *_views(Cell("wedge", 3, 6, None, _WEDGE_FACETS, _WEDGE_EDGES, _WEDGE_FACES), _COMPLETE_FACETS),
+        *_views(Cell("pyramid", 3, 5, None, _PYRAMID_FACETS, _PYRAMID_EDGES, _PYRAMID_FACES), _COMPLETE_FACETS),
+        *_views(Cell("wedge15", 3, 6, None, _WEDGE_FACETS, _WEDGE_EDGES, (), "wedge"), _SERENDIPITY_FACETS),
+        *_views(Cell("pyramid13", 3, 5, None, _PYRAMID_FACETS, _PYRAMID_EDGES, (), "pyramid"), _SERENDIPITY_FACETS),
     )
 }
 
 # serendipity cells by the complete ones
-SERENDIPITY = {cell.complete: cell.name for cell in CELLS.values() if cell.complete is not None}
+SERENDIPITY = {c.complete: c.name for c in CELLS.values() if c.complete is not None and c.whole is None}
 
 MESHIO_NAMES: dict[tuple[str, int], str] = {
     ("segment", 1): "line",
@@ -92,6 +140,12 @@ MESHIO_NAMES: dict[tuple[str, int], str] = {
     ("hexahedron", 2): "hexahedron27",
     ("quadrilateral8", 2): "quad8",
     ("hexahedron20", 2): "hexahedron20",
+    ("wedge", 1): "wedge",
+    ("wedge", 2): "wedge18",
+    ("wedge15", 2): "wedge15",
+    ("pyramid", 1): "pyramid",
+    ("pyramid", 2): "pyramid14",
+    ("pyramid13", 2): "pyramid13",
 }
 
 _CORNERS = np.array(
@@ -108,6 +162,11 @@ def _vertices(cell):
     """Reference coordinates of the vertices, (n_vertices, dim)."""
     if CELLS[cell].is_tensor:
         return _CORNERS[: CELLS[cell].n_vertices, : CELLS[cell].dim].astype(float)
+    if CELLS[cell].is_wedge:
+        ends = np.repeat([-1.0, 1.0], 3)[:, None]
+        return np.hstack([np.tile(_vertices("triangle"), (2, 1)), ends])
+    if CELLS[cell].is_pyramid:
+        return np.vstack([np.hstack([_vertices("quadrilateral"), np.zeros((4, 1))]), [0.0, 0.0, 1.0]])
     return np.vstack([np.zeros(CELLS[cell].dim), np.eye(CELLS[cell].dim)])
 
 
@@ -192,7 +251,7 @@ def face_nodes(cell):
     Returns
     -------
     ndarray, (n_faces, 4) int64
-        Row i belongs to degree-2 node n_vertices + n_edges + i. Empty for all cells but the hexahedron.
+        Row i belongs to degree-2 node n_vertices + n_edges + i. Empty where `Cell.faces` is.
     """
     return np.array(CELLS[cell].faces, dtype=np.int64).reshape(-1, 4)
 
@@ -219,12 +278,35 @@ def middle_weights(cell):
     """
     complete, n = CELLS[CELLS[cell].complete], CELLS[cell].n_vertices
     edges, share = edge_nodes(cell), 0.5 if CELLS[cell].dim == 2 else 0.25
-    middles, rows = n + np.arange(len(edges)), np.zeros((len(complete.faces) + 1, n + len(edges)))
+    middles, rows = n + np.arange(len(edges)), np.zeros((len(complete.faces) + complete.is_tensor, n + len(edges)))
     for row, face in zip(rows, complete.faces, strict=False):
         row[list(face)] = -0.25
         row[middles[np.isin(edges, face).all(axis=1)]] = 0.5
-    rows[-1, :n], rows[-1, middles] = -0.25, share
+    if complete.is_tensor:
+        rows[-1, :n], rows[-1, middles] = -0.25, share
     return rows
+
+
+def facet_kinds(cell):
+    """Kinds of facets of a cell.
+
+    Parameters
+    ----------
+    cell : str
+        A cell of dimension 2 or 3.
+
+    Returns
+    -------
+    list of (str, ndarray (n,) int64)
+        For each kind a name in `CELLS` under which :func:`facet_nodes`, :func:`facet_points`,
+        :func:`facet_area_vectors` and `Cell.facet` are those of these facets, and their local numbers. One pair, with
+        the cell's own name and all its facets, unless it is a wedge or a pyramid.
+    """
+    views = [view for view in CELLS.values() if view.whole == cell]
+    if not views:
+        return [(cell, np.arange(len(CELLS[cell].facets)))]
+    sizes = np.array([len(facet) for facet in CELLS[cell].facets])
+    return [(view.name, np.flatnonzero(sizes == CELLS[view.facet].n_vertices)) for view in views]
 
 
 def facet_nodes(cell, degree):
@@ -233,7 +315,7 @@ def facet_nodes(cell, degree):
     Parameters
     ----------
     cell : str
-        A cell of dimension 2 or 3.
+        A cell of dimension 2 or 3, or one of :func:`facet_kinds`.
     degree : int
 
     Returns

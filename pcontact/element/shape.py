@@ -2,7 +2,14 @@
 
 Those of a serendipity cell of degree 2 are those of the complete cell, of whose middle nodes each takes its share:
 N_a + sum_m w_ma N_m, with the weights of `pcontact.element.reference.middle_weights`.
+
+Those of wedges are products of the triangle's and the segment's. Those of pyramids are rational: with w = 1 - z, in
+degree 1 (w +- x) (w +- y) / (4 w) and z; in degree 2 they span the quadratic polynomials and  f, x f, y f, f^2  with
+f = x y / w  (Bergot, Cohen, Durufle 2010). So they are those of triangles and quadrilaterals on the facets, and a
+pyramid between hexahedra and tetrahedra leaves no gap.
 """
+
+import functools
 
 import numpy as np
 
@@ -35,7 +42,12 @@ def shape(cell, degree, xi):
         return _shared(cell, shape(CELLS[cell].complete, degree, xi))
     if CELLS[cell].is_tensor:
         return _lagrange(xi[:, None], reference_nodes(cell, degree), degree).prod(axis=2)
-    reference_nodes(cell, degree)  # rejects unknown degrees
+    nodes = reference_nodes(cell, degree)
+    if CELLS[cell].is_wedge:
+        column, height = _wedge_nodes(nodes, degree)
+        return shape("triangle", degree, xi[:, :2])[:, column] * _lagrange(xi[:, 2:], height, degree)
+    if CELLS[cell].is_pyramid:
+        return _pyramid_basis(xi, degree)[0] @ _pyramid_weights(degree)
     bary = _barycentric(xi)
     if degree == 1:
         return bary
@@ -66,6 +78,10 @@ def shape_gradient(cell, degree, xi):
     if CELLS[cell].complete is not None:
         return _shared(cell, shape_gradient(CELLS[cell].complete, degree, xi))
     nodes = reference_nodes(cell, degree)
+    if CELLS[cell].is_wedge:
+        return _wedge_gradient(xi, *_wedge_nodes(nodes, degree), degree)
+    if CELLS[cell].is_pyramid:
+        return np.einsum("pmk,ma->pak", _pyramid_basis(xi, degree)[1], _pyramid_weights(degree))
     if not CELLS[cell].is_tensor:
         return _simplex_gradient(cell, degree, xi)
     values = _lagrange(xi[:, None], nodes, degree)
@@ -107,6 +123,47 @@ def _simplex_gradient(cell, degree, xi):
     a, b = edge_nodes(cell).T
     edges = 4.0 * (bary[:, a] * slope[b] + bary[:, b] * slope[a])
     return np.concatenate([(4.0 * bary - 1.0) * slope, edges], axis=1)
+
+
+def _wedge_nodes(nodes, degree):
+    """Node of the triangle, and coordinate along the axis, of the nodes (n, 3) of a wedge."""
+    triangle = reference_nodes("triangle", degree)
+    column = np.abs(nodes[:, None, :2] - triangle).sum(axis=2).argmin(axis=1)
+    return column, nodes[:, 2]
+
+
+def _wedge_gradient(xi, column, height, degree):
+    across = shape_gradient("triangle", degree, xi[:, :2])[:, column] * _lagrange(xi[:, 2:], height, degree)[:, :, None]
+    along = shape("triangle", degree, xi[:, :2])[:, column] * _lagrange_slope(xi[:, 2:], height, degree)
+    return np.concatenate([across, along[:, :, None]], axis=2)
+
+
+def _pyramid_basis(xi, degree):
+    """Functions (n, m) that span those of a pyramid, and their gradients (n, m, 3).
+
+    At the apex, where gradients of f depend on the way, they are those on the axis.
+    """
+    x, y, z = xi.T
+    w = 1.0 - z
+    top = w <= 0.0
+    u, v = (np.where(top, 0.0, coordinate / np.where(top, 1.0, w)) for coordinate in (x, y))
+    one, zero = np.ones_like(x), np.zeros_like(x)
+    f, df = u * v * w, np.stack([v, u, u * v], axis=1)
+    values = [one, x, y, z, f]
+    slopes = [np.stack(row, axis=1) for row in ((zero, zero, zero), (one, zero, zero), (zero, one, zero),
+                                                (zero, zero, one))] + [df]  # fmt: skip
+    if degree == 2:
+        for a, b in ((1, 1), (2, 2), (3, 3), (1, 2), (1, 3), (2, 3), (1, 4), (2, 4), (4, 4)):
+            values.append(values[a] * values[b])
+            slopes.append(values[a][:, None] * slopes[b] + values[b][:, None] * slopes[a])
+    return np.stack(values, axis=1), np.stack(slopes, axis=1)
+
+
+@functools.cache
+def _pyramid_weights(degree):
+    """Matrix (m, n_nodes) from the functions of `_pyramid_basis` to the shape functions."""
+    # entries are multiples of 1 / 4: rounding takes the errors of the inverse away
+    return np.rint(16.0 * np.linalg.inv(_pyramid_basis(reference_nodes("pyramid", degree), degree)[0])) / 16.0
 
 
 def _lagrange(s, node, degree):

@@ -67,7 +67,7 @@ def trace_constant(cell, x, local_facet, geometry_degree, degree, lam, mu, kind=
     for members, on_degree in ((straight, 1), (~straight, geometry_degree)):
         kept = np.flatnonzero(members)
         nodes = x[kept, : n_nodes(cell, on_degree)]
-        if on_degree == 1 and not (CELLS[cell].is_tensor or kind.axisymmetric):
+        if on_degree == 1 and CELLS[cell].is_simplex and not kind.axisymmetric:
             result[kept] = _closed_form(cell, nodes, local_facet[kept], degree) * (lam + 2.0 * mu)[kept]
         else:
             result[kept] = _in_batches(cell, nodes, local_facet[kept], on_degree, degree, lam[kept], mu[kept], kind)

@@ -8,6 +8,7 @@ FACES = {
     (2, 3): ((0, 1), (1, 2), (2, 0)),
     (2, 4): ((0, 1), (1, 2), (2, 3), (3, 0)),
     (3, 4): ((0, 1, 2), (0, 3, 1), (1, 3, 2), (2, 3, 0)),
+    (3, 5): ((0, 1, 2, 3), (0, 4, 1), (1, 4, 2), (2, 4, 3), (3, 4, 0)),
     (3, 6): ((0, 1, 2), (3, 5, 4), (0, 1, 4, 3), (1, 2, 5, 4), (2, 0, 3, 5)),
     (3, 8): ((0, 1, 2, 3), (4, 7, 6, 5), (0, 4, 5, 1), (1, 5, 6, 2), (2, 6, 7, 3), (3, 7, 4, 0)),
 }
@@ -15,10 +16,10 @@ FACES = {
 _NAMES = {
     (2, 3): "triangle", (2, 6): "triangle6", (2, 4): "quad", (2, 8): "quad8",
     (3, 4): "tetra", (3, 10): "tetra10", (3, 6): "wedge", (3, 15): "wedge15", (3, 8): "hexahedron",
-    (3, 20): "hexahedron20",
+    (3, 20): "hexahedron20", (3, 5): "pyramid",
 }  # fmt: skip
 # vertices of cells by meshio's names
-VERTICES = {"triangle": 3, "triangle6": 3, "quad": 4, "quad8": 4, "tetra": 4, "tetra10": 4, "wedge": 6,
+VERTICES = {"triangle": 3, "triangle6": 3, "quad": 4, "quad8": 4, "tetra": 4, "tetra10": 4, "pyramid": 5, "wedge": 6,
             "wedge15": 6, "hexahedron": 8, "hexahedron20": 8}  # fmt: skip
 # edges of cells with nodes in their middles, in the order of these
 EDGES = {
@@ -28,8 +29,9 @@ EDGES = {
     "hexahedron20": ((0, 1), (1, 2), (2, 3), (3, 0), (4, 5), (5, 6), (6, 7), (7, 4), (0, 4), (1, 5), (2, 6), (3, 7)),
     "wedge15": ((0, 1), (1, 2), (2, 0), (3, 4), (4, 5), (5, 3), (0, 3), (1, 4), (2, 5)),
 }
-WEDGES = ("wedge", "wedge15")
-SERENDIPITY = ("quad8", "hexahedron20")
+# cells that have reduced integration, and all without nodes in the middles of their faces
+REDUCED = ("quad8", "hexahedron20")
+SERENDIPITY = (*REDUCED, "wedge15")
 _TYPE = re.compile(r"(C3D|CPE|CPS|CAX)(\d+)([A-Z]*)")
 # nodes of elements that are no cells of a solid
 _OTHERS = {"S3": 3, "S6": 6, "S4": 4, "S4R": 4, "S8": 8, "S8R": 8, "M3D3": 3, "M3D4": 4, "M3D4R": 4, "M3D6": 6,
@@ -82,7 +84,7 @@ def kind_of(word):
     family, count, letters = found.group(1), int(found.group(2)), found.group(3)
     dim = 3 if family == "C3D" else 2
     cell = _NAMES.get((dim, count))
-    reduced = cell in SERENDIPITY and family != "CAX" and letters in ("R", "RH")
+    reduced = cell in REDUCED and family != "CAX" and letters in ("R", "RH")
     letters = letters.removeprefix("R") if reduced else letters
     return Kind(count, dim, cell, family, _REMARKS.get(letters, letters), reduced)
 

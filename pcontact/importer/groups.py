@@ -10,6 +10,7 @@ _GMSH = {
     "vertex": (15, None), "line": (1, None), "triangle": (2, None), "quad": (3, None), "triangle6": (9, None),
     "quad8": (16, None), "tetra": (4, None), "tetra10": (11, [0, 1, 2, 3, 4, 5, 6, 7, 9, 8]), "hexahedron": (5, None),
     "hexahedron20": (17, [*range(8), 8, 11, 16, 9, 17, 10, 18, 19, 12, 15, 13, 14]),
+    "wedge": (6, None), "wedge15": (18, [*range(6), 6, 8, 12, 7, 13, 14, 9, 11, 10]), "pyramid": (7, None),
 }  # fmt: skip
 KINDS = ("cells", "facets", "nodes")
 

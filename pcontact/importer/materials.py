@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from pcontact.importer.elements import EDGES, KINEMATICS, SERENDIPITY, VERTICES, WEDGES, kind_of
+from pcontact.importer.elements import EDGES, KINEMATICS, REDUCED, SERENDIPITY, VERTICES, kind_of
 
 # coefficient of friction from which nothing slips, and what stands for it: the largest that is not refused
 ROUGH, LARGEST = 100.0, 3.0
@@ -159,9 +159,6 @@ def bodies(deck, findings):
     if dims == {2} and len(widths) > 1:
         card = list(widths.values())[-1]
         findings.leave(card, f"thicknesses that differ ({', '.join(f'{w:g}' for w in widths)})")
-    found = [
-        (name, material, [e for e in cells if deck.elements[e][0] not in WEDGES]) for name, material, cells in found
-    ]
     return [one for one in found if one[2]], plane, next(iter(widths), 1.0) if dims == {2} else 1.0
 
 
@@ -170,8 +167,6 @@ def _say_types(deck, findings, homeless):
         kind = kind_of(word)
         if kind.cell is None:
             findings.leave(card, f"elements of type {word}, which are no cells of a solid")
-        elif kind.cell in WEDGES:
-            findings.leave(card, f"elements of type {word}: there are no wedges")
         elif kind.cell in homeless:
             findings.leave(card, f"elements of type {word} without a section")
         elif kind.remark:
@@ -200,8 +195,8 @@ def _families(deck, findings):
 
 
 def surface_faces(deck, surface):
-    """Faces of a surface; of one of nodes, the free faces whose nodes are all in it."""
-    if not surface.nodes:
+    """Faces of a surface; of one of nodes alone, the free faces whose nodes are all in it."""
+    if surface.faces or not surface.nodes:
         return surface.faces
     inside = set(surface.nodes)
     return [row for row in deck.free_faces() if inside.issuperset(deck.corners(*row))]
@@ -209,20 +204,60 @@ def surface_faces(deck, surface):
 
 def facing_faces(deck, nodes, others):
     """Free faces with one of some nodes, and of these those that face the other faces, on the whole."""
-    against = np.mean([_outward(deck, row) for row in others], axis=0)
+    against = np.mean([outward(deck, row) for row in others], axis=0)
     inside = set(nodes)
     found = [row for row in deck.free_faces() if inside & set(deck.corners(*row))]
-    return [row for row in found if _outward(deck, row) @ against < -FACING]
+    return [row for row in found if outward(deck, row) @ against < -FACING]
 
 
-def _outward(deck, row):
-    """Unit normal (3,) of a face, out of its element."""
+def outward(deck, row):
+    """Unit normal (3,) of a face (element, local face), out of its element."""
     points = np.array([deck.nodes[n] for n in deck.corners(*row)])
     ends = points[1] - points[0]
     normal = np.array([ends[1], -ends[0], 0.0]) if len(points) == _TWO else np.cross(ends, points[-1] - points[0])
     centre = np.mean([deck.nodes[n] for n in deck.elements[row[0]][1]], axis=0)
     normal *= np.sign(normal @ (points.mean(axis=0) - centre))
     return normal / np.linalg.norm(normal)
+
+
+def distances(deck, nodes, faces):
+    """Distances of nodes from the nearest point of faces, (n,), whose edges are straight.
+
+    Parameters
+    ----------
+    deck : Deck
+    nodes : list of int
+    faces : list of (int, int)
+
+    Returns
+    -------
+    list of float
+    """
+    fans = []
+    for row in faces:
+        corners = np.array([deck.nodes[n] for n in deck.corners(*row)])
+        # a line is a triangle whose last two vertices are the same
+        fans += [corners[[0, k, min(k + 1, len(corners) - 1)]] for k in range(1, max(_TWO, len(corners) - 1))]
+    fans = np.array(fans)
+    return [float(_away(np.array(deck.nodes[node]), fans).min()) for node in nodes]
+
+
+def _away(point, triangles):
+    """Distances (n,) of a point (3,) from triangles (n, 3, 3)."""
+    best = np.full(len(triangles), np.inf)
+    for k in range(3):
+        a, edge = triangles[:, k], triangles[:, (k + 1) % 3] - triangles[:, k]
+        size = np.einsum("ni,ni->n", edge, edge)
+        along = np.einsum("ni,ni->n", point - a, edge) / np.where(size > 0.0, size, 1.0)
+        best = np.minimum(best, np.linalg.norm(point - a - np.clip(along, 0.0, 1.0)[:, None] * edge, axis=1))
+    normal = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    inside = np.linalg.norm(normal, axis=1) > 0.0
+    for k in range(3):
+        edge = triangles[:, (k + 1) % 3] - triangles[:, k]
+        inside &= np.einsum("ni,ni->n", np.cross(edge, point - triangles[:, k]), normal) >= 0.0
+    height = np.einsum("ni,ni->n", point - triangles[inside, 0], normal[inside])
+    best[inside] = np.abs(height) / np.linalg.norm(normal[inside], axis=1)
+    return best
 
 
 def name_of(table):
@@ -382,7 +417,7 @@ class Contacts:
         if not faces:
             self.findings.leave(card, f"surface {surface.name} has no facets of solids", place)
             return None, []
-        if surface.nodes:
+        if surface.nodes and not surface.faces:
             covered = {n for row in faces for n in self.deck.face_nodes(*row)}
             words = "the facets between its nodes"
             if set(surface.nodes) - covered:
@@ -402,8 +437,8 @@ class Contacts:
         table = {"source": source, "target": target}
         return table, faces
 
-    def _pair(self, card, place, words):
-        table, faces = self._sides(card, place, words)
+    def _pair(self, card, place, words_of):
+        table, faces = self._sides(card, place, words_of)
         if table is None:
             return None
         kind = card.word("TYPE", "NODETOSURFACE")
@@ -414,7 +449,8 @@ class Contacts:
         if "SMALLSLIDING" in card.parameters:
             self.findings.change(card, "small sliding: partners are found in every load step", place)
         if "ADJUST" in card.parameters:
-            table |= {"interference": "adjust", "adjust_within": self._adjusted(card, place, faces)}
+            target = surface_faces(self.deck, self.deck.surface_of(card, place, words_of[1]))
+            table |= {"interference": "adjust", "adjust_within": self._adjusted(card, place, faces, target)}
             words = f"gaps up to {table['adjust_within']:.3g} and overlaps are closed at points, no node is moved"
             self.findings.change(card, words, place)
         interaction = self.deck.interactions.get(card.need("INTERACTION").upper())
@@ -425,15 +461,22 @@ class Contacts:
         self._cards[id(table)] = card
         return table
 
-    def _adjusted(self, card, place, faces):
+    def _adjusted(self, card, place, faces, target):
         """How wide gaps are closed by ADJUST: a distance, or a set of nodes whatever their gap."""
         word = card.need("ADJUST")
         if word.upper() not in self.deck.node_sets:
             return max(card.number(place, word), TOUCHING * self._edge(faces))
-        nodes = {node for row in faces for node in self.deck.corners(*row)}
-        if not nodes <= set(self.deck.node_sets[word.upper()]):
-            self.findings.leave(card, f"ADJUST for some nodes of the slave: {word}", place)
-        return WHATEVER * self._edge(faces)
+        chosen = set(self.deck.node_sets[word.upper()])
+        nodes = {node for row in faces for node in self.deck.face_nodes(*row)}
+        others = sorted(nodes - chosen)
+        if not others:
+            return WHATEVER * self._edge(faces)
+        inside, outside = (distances(self.deck, some, target) for some in (sorted(nodes & chosen), others))
+        # gaps are closed by their width: that is the same where those of the set are the narrowest
+        widest = max(inside, default=0.0) + TOUCHING * self._edge(faces)
+        if min(outside) < widest:
+            self.findings.leave(card, f"ADJUST for nodes of the slave that are not the nearest ones: {word}", place)
+        return widest
 
     def _edge(self, faces):
         """Mean length of the edges of faces."""
@@ -557,7 +600,7 @@ class Contacts:
 
 def integration_of(deck, findings, cells):
     """Integration of a body, "full" or "reduced": where its cells of 8 and 20 nodes differ, that of most of them."""
-    able = [e for e in cells if deck.elements[e][0] in SERENDIPITY]
+    able = [e for e in cells if deck.elements[e][0] in REDUCED]
     count = sum(e in deck.reduced for e in able)
     if 0 < count < len(able):
         word, card = next((w, c) for w, c in deck.element_cards.items() if kind_of(w).reduced)

@@ -12,6 +12,8 @@ _NAMED = {"XSYMM": (0,), "YSYMM": (1,), "ZSYMM": (2,), "ENCASTRE": (0, 1, 2), "P
 # degrees of freedom of rotation, which nodes of solids do not have
 _ROTATIONS = (4, 5, 6)
 _AXES = np.eye(3)
+# components of directions that are none
+STRAIGHT = 1e-9
 # digits of equal numbers
 _DIGITS = 12
 
@@ -137,15 +139,17 @@ class Supports:
     nodes : set of int
         Nodes of cells.
     dim : int
+    references : set of int
+        Nodes of no cell whose first degree of freedom is that of a section of a bolt.
     """
 
-    def __init__(self, deck, findings, nodes, dim):
-        self.deck, self.findings, self.nodes, self.dim = deck, findings, nodes, dim
+    def __init__(self, deck, findings, nodes, dim, references=frozenset()):
+        self.deck, self.findings, self.nodes, self.dim, self.references = deck, findings, nodes, dim, references
         self.amplitudes, self.frames = amplitudes(deck, findings), Frames(deck, findings)
         self.held, self.forces, self.pressures, self.volumes = Values(), Values(), Values(), Values()
         self.temperatures, self.initial = Values(), {}
         self.follower, self.count = False, 0
-        self.active, self.card_of = {}, {}
+        self.active, self.card_of, self._tilted = {}, {}, []
 
     def before(self):
         """Supports and temperatures before the first step."""
@@ -220,9 +224,13 @@ class Supports:
 
     def _prescribe(self, card, place, nodes, dofs, one):
         own = [n for n in nodes if n in self.nodes]
-        if not own:
+        drawn = [n for n in nodes if n in self.references]
+        if not own and not drawn:
             self.findings.skip(card, "nodes of no cell", place)
-        for dof in dofs:
+        for node in drawn if 1 in dofs else ():
+            self.held.give((node, 0), Definition(one.value, one.amplitude, card))
+            self.card_of[node, 0] = card
+        for dof in dofs if own else ():
             if dof in _ROTATIONS or (dof == 3 and self.dim == 2 and one.value == 0.0):
                 continue
             if dof > self.dim or dof < 1:
@@ -239,7 +247,8 @@ class Supports:
         for place, words in card.rows:
             dof, value = card.integer(place, words[1]), card.number(place, words[2] if len(words) > 2 else "")
             nodes = self.deck.nodes_of(card, place, words[0])
-            lost = [n for n in nodes if n not in self.nodes]
+            known = self.nodes | self.references if dof == 1 else self.nodes
+            lost = [n for n in nodes if n not in known]
             if value and (lost or not 1 <= dof <= self.dim):
                 what = f"degree of freedom {dof}" if not lost else f"node {lost[0]}, of no cell ({len(lost)} in all)"
                 self.findings.leave(card, what, place)
@@ -365,7 +374,7 @@ class Supports:
         return f"node_{nodes[0]}" if len(inside) == 1 else word
 
     def _turn(self):
-        """Supports along local axes as ones along those of the mesh, where they are the same."""
+        """Supports along local axes as ones along those of the mesh, where they are the same; others are equations."""
         for node in {node for node, _ in self.held.histories} & set(self.frames.of_node):
             axes = self.frames.axes(node)
             own = {dof: self.held.histories.pop((node, dof)) for dof in range(3) if (node, dof) in self.held.histories}
@@ -378,14 +387,34 @@ class Supports:
             for dof, history in own.items():
                 direction = int(np.argmax(np.abs(axes[dof])))
                 size = axes[dof][direction]
-                if abs(size) < 1.0 - 1e-9:
-                    self.findings.leave(self.frames.card[node], "supports in directions that are none of the mesh's")
+                if abs(size) < 1.0 - STRAIGHT:
+                    self._tilt(node, axes[dof], history, active[dof], cards[dof])
                     continue
                 turned = History([(t, value * float(np.sign(size))) for t, value in history.points])
                 self.held.histories[node, direction] = turned
                 self.card_of[node, direction] = cards[dof]
                 if active[dof] is not None:
                     self.active[node, direction] = active[dof]
+
+    def _tilt(self, node, direction, history, steps, card):
+        """A support in a direction that is none of the mesh's: an equation, where it is zero all the time."""
+        if history.most != 0.0 or (self.count and len(steps or ()) != self.count):
+            words = "displacements, or supports that begin or end, in directions that are none of the mesh's"
+            self.findings.leave(self.frames.card[node], words)
+            return
+        self._tilted.append((node, direction[: self.dim], card))
+
+    def tilted(self, groups):
+        """Tables [[equations]] of supports in directions that are none of the mesh's; after :meth:`displacements`."""
+        tables = []
+        for node, direction, card in self._tilted:
+            name = groups.add("nodes", f"node_{node}", [node])
+            terms = [[name, "xyz"[k], float(c)] for k, c in enumerate(direction) if abs(c) > STRAIGHT]
+            tables.append(({"terms": terms}, card))
+        if tables:
+            words = f"{len(tables)} supports in directions that are none of the mesh's: equations"
+            self.findings.change(self.frames.card[self._tilted[0][0]], words)
+        return tables
 
     def loads(self, groups, end, thickness):
         """Tables [[loads]] with the cards that they come from."""

@@ -11,6 +11,7 @@ from pcontact.importer.findings import Findings
 from pcontact.importer.groups import Groups
 from pcontact.importer.history import factors
 from pcontact.importer.materials import Contacts, bodies, integration_of, materials, name_of, order_of
+from pcontact.importer.pretensions import Pretensions
 from pcontact.importer.steps import OUTPUT, read_steps
 from pcontact.importer.supports import Supports
 
@@ -75,20 +76,27 @@ def translate(path, mesh_name):
     regions = [(groups.add("cells", name, cells), material) for name, material, cells in parts]
     pairs = Contacts(deck, findings, groups, known, parts)
     contacts = pairs.tables()
-    supports = Supports(deck, findings, nodes, dim)
+    drawn = Pretensions(deck, findings, groups)
+    supports = Supports(deck, findings, nodes, dim, drawn.nodes - nodes)
     run = read_steps(deck, findings, supports, pairs)
     linear, cyclic = equations(deck, findings, groups, supports, dim), Cyclic(deck, findings, groups).tables()
     pairs.press(supports.pushed() | equated(deck))
     end, finite = run.ramp_end, run.finite
+    sections = drawn.tables(supports, end, run.names)
     contacts += [(table, card) for _, table, card in pairs.begun]
     for table, _ in contacts:
         table |= run.acting(name_of(table))
     heat = _temperatures(deck, findings, groups, supports, parts, known, end)
     if finite is not None:
         finite = _finite(finite, findings, heat, _thermal(heat, known))
+    if finite is not None:
+        for _, card in sections:
+            findings.leave(card, "NLGEOM: sections of bolts are those of small strain")
     supports.follower = finite is not None and plane != "plane_stress"
     if finite is not None and plane == "plane_stress" and supports.pressures.now:
         findings.leave(next(iter(supports.pressures.now.values())).card, "a pressure that turns with the surface")
+    held = supports.displacements(groups, end, run.names)
+    linear += supports.tilted(groups)
     mesh = {"file": mesh_name}
     order, serendipity = order_of(deck, findings)
     if order == 2:
@@ -110,9 +118,9 @@ def translate(path, mesh_name):
             body["integration"] = "reduced"
         done.tables.append(("[[bodies]]", body, ""))
     for header, found in (
-        ("[[contacts]]", contacts), ("[[displacements]]", supports.displacements(groups, end, run.names)),
+        ("[[contacts]]", contacts), ("[[displacements]]", held),
         ("[[loads]]", supports.loads(groups, end, thickness)), ("[[temperatures]]", heat),
-        ("[[equations]]", linear), ("[[periodic]]", cyclic),
+        ("[[pretensions]]", sections), ("[[equations]]", linear), ("[[periodic]]", cyclic),
     ):  # fmt: skip
         done.tables += [(header, table, _at(card)) for table, card in found]
     done.tables += run.tables()

@@ -159,5 +159,6 @@ def read_estimate(directory, step=-1):
 
 def _corners(name):
     """Vertices of a kind of cell by its name in the fields."""
-    kinds = {"triangle": "triangle", "quad": "quadrilateral", "tetra": "tetrahedron", "hexahedron": "hexahedron"}
+    kinds = {"triangle": "triangle", "quad": "quadrilateral", "tetra": "tetrahedron", "hexahedron": "hexahedron",
+             "wedge": "wedge", "pyramid": "pyramid"}  # fmt: skip
     return CELLS[kinds[name.rstrip("0123456789")]].n_vertices

@@ -8,6 +8,7 @@ import numpy as np
 from pcontact.element.reference import MESHIO_NAMES
 from pcontact.io.parts import NODE_NUMBER, Cloud, Piece
 from pcontact.io.smooth import NodeMeans
+from pcontact.io.vtu import CELL_TYPES, STORED
 from pcontact.material.elastic import equivalent_stress
 from pcontact.runtime.observer import Observer
 
@@ -126,7 +127,8 @@ class Snapshot(Observer):
         data["body"] = [np.full(len(block.nodes), block.body, dtype=np.int32) for block in blocks]
         data["rank"] = [np.full(len(block.nodes), space.comm.rank, dtype=np.int32) for block in blocks]
         names = [MESHIO_NAMES[(block.cell, space.degree)] for block in blocks]
-        return Piece(points, list(zip(names, tables, strict=True)), nodal, data)
+        cells = [(STORED.get(name, name), table) for name, table in zip(names, tables, strict=True)]
+        return Piece(points, [(name, table[:, : CELL_TYPES[name][1]]) for name, table in cells], nodal, data)
 
     def _surface(self, contact, state, u):
         """Source facets with the means of their quadrature points."""
@@ -141,9 +143,8 @@ class Snapshot(Observer):
         mean["area"] = area
         cells, data, first = [], {name: [] for name in mean}, 0
         for facets in (part for name in contact.groups for part in mesh.facet_groups.get(name, [])):
-            block = mesh.blocks[facets.block]
             table = space.facet_nodes(facets)
-            cells.append((MESHIO_NAMES[(space.facet_kind(block), space.degree)], table))
+            cells.append((MESHIO_NAMES[(facets.kind, space.degree)], table))
             for name, values in mean.items():
                 data[name].append(values[first : first + len(table)])
             first += len(table)

@@ -21,7 +21,12 @@ CELL_TYPES = {
     "hexahedron": (12, 8),
     "line3": (21, 3), "triangle6": (22, 6), "quad8": (23, 8), "tetra10": (24, 10), "hexahedron20": (25, 20),
     "quad9": (28, 9), "hexahedron27": (29, 27),
+    "wedge": (13, 6), "pyramid": (14, 5), "wedge15": (26, 15), "pyramid13": (27, 13), "wedge18": (32, 18),
 }  # fmt: skip
+# VTK has no pyramid with a node in the middle of its base
+STORED = {"pyramid14": "pyramid13"}
+# numbers of cells of dimension 3
+SOLID = (10, 12, 13, 14, 24, 25, 26, 27, 29, 32)
 CELL_NAMES = {number: (name, n_nodes) for name, (number, n_nodes) in CELL_TYPES.items()}
 _TYPES = {"f8": "Float64", "f4": "Float32", "i8": "Int64", "i4": "Int32", "i1": "Int8", "u1": "UInt8"}
 DTYPES = {name: np.dtype(code) for code, name in _TYPES.items()}

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pcontact.element.quadrature import quadrature
-from pcontact.element.reference import CELLS, n_nodes, reference_nodes
+from pcontact.element.reference import CELLS, facet_kinds, n_nodes, reference_nodes
 from pcontact.element.shape import shape_gradient
 from pcontact.mesh.complete import number_rows
 from pcontact.mesh.groups import facets_among
@@ -153,7 +153,7 @@ def _ranges(points, nodes, slopes, low, high, scale):
 def _senses(points, block):
     """Sense of every cell of a block, from its vertices and quadrature points: (n_cells,) int64."""
     xi = np.vstack([reference_nodes(block.cell, 1), quadrature(block.cell, 2 * block.degree)[0]])
-    if block.degree == 1 and not CELLS[block.cell].is_tensor:
+    if block.degree == 1 and CELLS[block.cell].is_simplex:
         xi = xi[:1]  # the map is affine
     low, high, scale = np.empty((3, len(block.nodes)))
     slopes = np.ascontiguousarray(shape_gradient(block.cell, block.degree, xi))
@@ -188,7 +188,7 @@ def mirror(cell, degree):
     -------
     ndarray, (n_nodes,) int64
     """
-    vertices = {3: [0, 2, 1], 4: [0, 2, 1, 3], 8: [0, 3, 2, 1, 4, 7, 6, 5]}
+    vertices = {3: [0, 2, 1], 4: [0, 2, 1, 3], 5: [0, 3, 2, 1, 4], 6: [0, 2, 1, 3, 5, 4], 8: [0, 3, 2, 1, 4, 7, 6, 5]}
     reference = CELLS[cell]
     swap = [0, 3, 2, 1] if cell == "quadrilateral" else vertices[reference.n_vertices]
     if degree == 1:
@@ -250,7 +250,8 @@ def _folded(blocks, n_points, turned):
         first += len(block.nodes)
     few = turned if 2 * turned.sum() <= len(turned) else ~turned
     bad = np.zeros(len(turned), dtype=bool)
-    for n_vertices in sorted({CELLS[CELLS[block.cell].facet].n_vertices for block in blocks}):
+    kinds = {kind for block in blocks for kind, _ in facet_kinds(block.cell)}
+    for n_vertices in sorted({CELLS[CELLS[kind].facet].n_vertices for kind in kinds}):
         corners, cells, _ = facets_among(blocks, wanted, n_vertices)
         _, number = number_rows(corners, n_points)
         order = np.argsort(number, kind="stable")

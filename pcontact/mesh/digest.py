@@ -12,7 +12,7 @@ FACETS = 64  # more than a cell has
 CELL, FACET, NODE = range(3)  # members of groups
 # the numbers are in checkpoints
 KINDS = {"hexahedron": 0, "quadrilateral": 1, "segment": 2, "tetrahedron": 3, "triangle": 4, "quadrilateral8": 5,
-         "hexahedron20": 6}  # fmt: skip
+         "hexahedron20": 6, "wedge": 7, "wedge15": 8, "pyramid": 9, "pyramid13": 10}  # fmt: skip
 
 
 def _scattered(h):

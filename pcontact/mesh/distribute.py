@@ -141,8 +141,9 @@ def _name_groups(mesh, piece, cell_bits, facets, node_bits, file_order):
         mine = slice(ends[k], ends[k + 1])
         block, cells, local = number[mine], row[mine], facets[mine, 1]
         mesh.facet_groups[name] = [
-            Facets(b, cells[block == b], local[block == b]) for b in range(len(mesh.blocks)) if np.any(block == b)
-        ]
+            part for b, one in enumerate(mesh.blocks)
+            for part in Facets.of(b, one, cells[block == b], local[block == b])
+        ]  # fmt: skip
     for k, name in enumerate(piece.node_groups):
         mesh.node_groups[name] = file_order[has_bit(node_bits, k)[file_order]]
 

@@ -18,18 +18,22 @@ _KINDS = {
     **{(name, n): (kind, 2) for name in ("TRI", "SHE") for n, kind in ((3, "triangle"), (6, "triangle6"))},
     **{(name, n): (kind, 2) for name in ("QUA", "SHE") for n, kind in ((4, "quad"), (8, "quad8"), (9, "quad9"))},
     ("TET", 4): ("tetra", 3), ("TET", 10): ("tetra10", 3),
+    ("WED", 6): ("wedge", 3), ("WED", 15): ("wedge15", 3), ("PYR", 5): ("pyramid", 3), ("PYR", 13): ("pyramid13", 3),
     ("HEX", 8): ("hexahedron", 3), ("HEX", 20): ("hexahedron20", 3), ("HEX", 27): ("hexahedron27", 3),
 }  # fmt: skip
 _DIMENSIONS = {"WED": 3, "PYR": 3, "TET": 3, "HEX": 3, "NSI": 2, "NFA": 3}
 
 _TO_VTK = [*range(12), *range(16, 20), *range(12, 16)]
 # positions in Exodus' node order of VTK's nodes, where the two differ
-_ORDER = {"hexahedron20": _TO_VTK, "hexahedron27": [*_TO_VTK, 23, 24, 25, 26, 21, 22, 20]}
+_ORDER = {"wedge15": [*range(9), 12, 13, 14, 9, 10, 11], "hexahedron20": _TO_VTK,
+          "hexahedron27": [*_TO_VTK, 23, 24, 25, 26, 21, 22, 20]}  # fmt: skip
 
 # vertices of the sides of a cell, in the order of their numbers
 _EDGES = {3: [(0, 1), (1, 2), (2, 0)], 4: [(0, 1), (1, 2), (2, 3), (3, 0)]}
 _SIDES = {
     "tetra": [(0, 1, 3), (1, 2, 3), (0, 3, 2), (0, 2, 1)],
+    "wedge": [(0, 1, 4, 3), (1, 2, 5, 4), (0, 3, 5, 2), (0, 2, 1), (3, 4, 5)],
+    "pyramid": [(0, 1, 4), (1, 2, 4), (2, 3, 4), (0, 4, 3), (0, 3, 2, 1)],
     "hexahedron": [(0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (0, 4, 7, 3), (0, 3, 2, 1), (4, 5, 6, 7)],
 }
 _FACETS = {1: "vertex", 2: "line", 3: "triangle", 4: "quad"}

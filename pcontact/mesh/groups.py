@@ -9,12 +9,13 @@ from pathlib import Path
 
 import numpy as np
 
-from pcontact.element.reference import CELLS, facet_nodes, n_nodes
+from pcontact.element.reference import CELLS, facet_kinds, facet_nodes, n_nodes
 from pcontact.mesh.complete import number_rows
 from pcontact.runtime import log
 from pcontact.runtime.jit import njit
 
-# element types that the program knows, by meshio's names: (cell, degree); quad8 and hexahedron20 are filled
+# element types that the program knows, by meshio's names: (cell, degree); quad8, hexahedron20, wedge15 and pyramid13
+# are filled
 KINDS = {
     "line": ("segment", 1),
     "line3": ("segment", 2),
@@ -28,6 +29,12 @@ KINDS = {
     "hexahedron": ("hexahedron", 1),
     "hexahedron20": ("hexahedron", 2),
     "hexahedron27": ("hexahedron", 2),
+    "wedge": ("wedge", 1),
+    "wedge15": ("wedge", 2),
+    "wedge18": ("wedge", 2),
+    "pyramid": ("pyramid", 1),
+    "pyramid13": ("pyramid", 2),
+    "pyramid14": ("pyramid", 2),
 }
 
 # names of groups without a name, by dimension: "surface_12" is group 12 of dimension 2
@@ -220,13 +227,13 @@ def facets_among(blocks, wanted, n_vertices):
     """
     parts, first = [], 0
     for block in blocks:
-        facet = CELLS[CELLS[block.cell].facet]
-        if facet.n_vertices == n_vertices:
-            table, vertices = facet_nodes(block.cell, 1), block.vertices
-            near = np.flatnonzero(_wanted_cells(wanted, block.nodes, vertices.shape[1], n_vertices))
-            corners = vertices[near][:, table]
-            row, local = np.nonzero(wanted[corners].all(axis=2))
-            parts.append((corners[row, local], first + near[row], local))
+        for kind, rows in facet_kinds(block.cell):
+            if CELLS[CELLS[kind].facet].n_vertices == n_vertices:
+                table, vertices = facet_nodes(kind, 1)[rows], block.vertices
+                near = np.flatnonzero(_wanted_cells(wanted, block.nodes, vertices.shape[1], n_vertices))
+                corners = vertices[near][:, table]
+                row, local = np.nonzero(wanted[corners].all(axis=2))
+                parts.append((corners[row, local], first + near[row], rows[local]))
         first += len(block.nodes)
     if not parts:
         return np.zeros((0, n_vertices), np.int64), np.zeros(0, np.int64), np.zeros(0, np.int64)
@@ -283,10 +290,11 @@ def facet_vertices(raw, cells, local_facets):
     offsets = raw.offsets
     number = np.searchsorted(offsets, cells, side="right") - 1
     for index, block in enumerate(raw.blocks):
-        rows = np.flatnonzero(number == index)
-        if len(rows):
-            table = facet_nodes(block.cell, 1)[local_facets[rows]]
-            yield rows, block.nodes[(cells[rows] - offsets[index])[:, None], table]
+        for kind, numbers in facet_kinds(block.cell):
+            rows = np.flatnonzero((number == index) & np.isin(local_facets, numbers))
+            if len(rows):
+                table = facet_nodes(kind, 1)[local_facets[rows]]
+                yield rows, block.nodes[(cells[rows] - offsets[index])[:, None], table]
 
 
 def facet_multiplicity(raw, cells, local_facets):

@@ -21,6 +21,11 @@ _KINDS = {
     "HE8": ("hexahedron", 3, 8),
     "H20": ("hexahedron20", 3, 20),
     "H27": ("hexahedron27", 3, 27),
+    "PE6": ("wedge", 3, 6),
+    "P15": ("wedge15", 3, 15),
+    "P18": ("wedge18", 3, 18),
+    "PY5": ("pyramid", 3, 5),
+    "P13": ("pyramid13", 3, 13),
 }
 # positions in MED's node order of VTK's nodes, where the two differ (but for the sense, which is turned later)
 _ORDER = {"hexahedron27": [*range(20), 24, 22, 21, 23, 20, 25, 26]}

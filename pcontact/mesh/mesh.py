@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from pcontact.element.reference import CELLS, facet_nodes
+from pcontact.element.reference import CELLS, facet_kinds, facet_nodes
 
 
 @dataclass
@@ -34,11 +34,14 @@ class CellBlock:
 
 @dataclass
 class Facets:
-    """Facets of one block: a part of a physical group.
+    """Facets of one kind of one block: a part of a physical group.
 
     Attributes
     ----------
     block : int
+    cell : str
+        Name in :data:`pcontact.element.reference.CELLS` under which their tables stand, see
+        :func:`pcontact.element.reference.facet_kinds`; that of the block unless its cells are wedges or pyramids.
     cells : ndarray (n,)
         Row in the block.
     local : ndarray (n,)
@@ -46,8 +49,24 @@ class Facets:
     """
 
     block: int
+    cell: str
     cells: np.ndarray
     local: np.ndarray
+
+    @classmethod
+    def of(cls, number, block, cells, local):
+        """Facets (n,) of a block, by the kinds that they have: list of Facets."""
+        found = []
+        for kind, rows in facet_kinds(block.cell):
+            own = np.isin(local, rows)
+            if own.any():
+                found.append(cls(number, kind, cells[own], local[own]))
+        return found
+
+    @property
+    def kind(self):
+        """str : the reference cell of the facets."""
+        return CELLS[self.cell].facet
 
 
 @dataclass
@@ -113,7 +132,7 @@ class Mesh:
     def facet_nodes(self, facets):
         """Local node numbers (n, n_facet_nodes) of facets, all nodes of the layout, outward order."""
         block = self.blocks[facets.block]
-        table = facet_nodes(block.cell, self.degree)
+        table = facet_nodes(facets.cell, self.degree)
         return block.nodes[facets.cells[:, None], table[facets.local]]
 
     def region_nodes(self, name):

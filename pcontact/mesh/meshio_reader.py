@@ -23,7 +23,8 @@ _TAG_KEYS = (
     "tetgen:ref",
     "cell_tags",
 )
-_INCOMPLETE = {"quad8": 8, "hexahedron20": 20}  # nodes of cells that are filled up later
+# nodes of cells that are filled up later
+_INCOMPLETE = {"quad8": 8, "hexahedron20": 20, "wedge15": 15, "pyramid13": 13}
 _INSTALL = "another file type, or that package installed"
 
 

@@ -50,13 +50,19 @@ _KINDS |= {
 _SIZES = np.full(1 + max(_KINDS), -1, dtype=np.int64)
 _SIZES[list(_KINDS)] = [n for _, _, n in _KINDS.values()]
 
+_WEDGE_EDGES = [6, 9, 7, 12, 14, 13, 8, 10, 11]
+_PYRAMID_EDGES = [5, 8, 10, 6, 7, 9, 11, 12]
 _HEXAHEDRON_EDGES = [8, 11, 13, 9, 16, 18, 19, 17, 10, 12, 14, 15]
 
 # positions in gmsh's node order of VTK's nodes, where the two differ
 VTK_ORDER = {
     11: [0, 1, 2, 3, 4, 5, 6, 7, 9, 8],
     12: [*range(8), *_HEXAHEDRON_EDGES, 22, 23, 21, 24, 20, 25, 26],
+    13: [*range(6), *_WEDGE_EDGES, 15, 17, 16],
+    14: [*range(5), *_PYRAMID_EDGES, 13],
     17: [*range(8), *_HEXAHEDRON_EDGES],
+    18: [*range(6), *_WEDGE_EDGES],
+    19: [*range(5), *_PYRAMID_EDGES],
 }
 
 _WHOLE = "allowed: a complete .msh file"

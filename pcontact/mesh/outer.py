@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from pcontact.element.reference import facet_nodes
+from pcontact.element.reference import facet_kinds, facet_nodes
 from pcontact.mesh.mesh import Facets
 from pcontact.runtime.jit import njit
 from pcontact.runtime.parallel import split_by_rank
@@ -64,22 +64,23 @@ def outer_facets(mesh, exchanger):
     """
     keys, owners = [np.zeros(0, dtype=np.uint64)], []
     for number, block in enumerate(mesh.blocks):
-        table = facet_nodes(block.cell, 1)
-        with np.errstate(over="ignore"):
-            marks = _mixed(mesh.file_nodes)[block.nodes[:, table]].sum(axis=2)
-        keys.append(marks.ravel())
-        owners.append((number, *marks.shape))
+        for kind, rows in facet_kinds(block.cell):
+            table = facet_nodes(kind, 1)[rows]
+            with np.errstate(over="ignore"):
+                marks = _mixed(mesh.file_nodes)[block.nodes[:, table]].sum(axis=2)
+            keys.append(marks.ravel())
+            owners.append((number, kind, rows, len(marks)))
     keys = np.concatenate(keys)
     outer = once(keys)
     chosen = np.flatnonzero(outer)
     outer[chosen] = _nowhere_else(exchanger, keys[chosen])
     result, first = [], 0
-    for number, n_cells, n_facets in owners:
-        part = outer[first : first + n_cells * n_facets].reshape(n_cells, n_facets)
+    for number, kind, rows, n_cells in owners:
+        part = outer[first : first + n_cells * len(rows)].reshape(n_cells, len(rows))
         first += part.size
         cells, local = np.nonzero(part)
         if len(cells):
-            result.append(Facets(number, cells, local))
+            result.append(Facets(number, kind, cells, rows[local]))
     return result
 
 

@@ -13,7 +13,8 @@ from pcontact.runtime.petsc import MPI, PETSC_GRAPHS, PETSc, has_package, reset_
 
 # work of a cell in a mesh of several types; those that it has are taken relative to the least
 WORK = {"triangle": 1.0, "quadrilateral": 2.0, "tetrahedron": 1.0, "hexahedron": 5.0,
-        "quadrilateral8": 2.0, "hexahedron20": 5.0}  # fmt: skip
+        "quadrilateral8": 2.0, "hexahedron20": 5.0, "wedge": 3.0, "wedge15": 3.0, "pyramid": 2.0,
+        "pyramid13": 2.0}  # fmt: skip
 # work of a contact facet in units of a cell's
 WEIGHT = OPTIONS["partition_weight"].default
 # more is no different

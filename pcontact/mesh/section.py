@@ -1,8 +1,10 @@
 """Cutting a mesh across a body: nodes of a plane group of facets are doubled, so that its two sides may part."""
 
+import itertools
+
 import numpy as np
 
-from pcontact.element.reference import facet_nodes
+from pcontact.element.reference import facet_kinds, facet_nodes
 from pcontact.runtime.errors import InputError
 
 # what the other side of a section is called
@@ -38,12 +40,11 @@ def cut(raw, name):
     for block in raw.blocks:
         touching = np.flatnonzero(np.isin(block.nodes, nodes).any(axis=1))
         above = (raw.points[block.vertices[touching]].mean(axis=1) - centre) @ normal > 0.0
-        table = facet_nodes(block.cell, block.degree)
-        for side in sides:
-            own = touching[above == side]
+        for side, (kind, numbers) in itertools.product(sides, facet_kinds(block.cell)):
+            own, table = touching[above == side], facet_nodes(kind, block.degree)[numbers]
             inside = np.isin(block.nodes[own][:, table], nodes).all(axis=2)
             row, facet = np.nonzero(inside)
-            sides[side].append((first + own[row], facet))
+            sides[side].append((first + own[row], numbers[facet]))
         upper.append(touching[above])
         first += len(block.nodes)
     sides = {side: tuple(np.concatenate(parts) for parts in zip(*rows, strict=True)) for side, rows in sides.items()}
@@ -75,9 +76,10 @@ def _nodes(raw, cells, local):
     """Nodes of facets given by the numbers of their cells and their own in these."""
     found, first = [np.zeros(0, dtype=np.int64)], 0
     for block in raw.blocks:
-        own = (cells >= first) & (cells < first + len(block.nodes))
-        rows = block.nodes[cells[own] - first]
-        found.append(np.take_along_axis(rows, facet_nodes(block.cell, block.degree)[local[own]], axis=1).ravel())
+        for kind, numbers in facet_kinds(block.cell):
+            own = (cells >= first) & (cells < first + len(block.nodes)) & np.isin(local, numbers)
+            rows = block.nodes[cells[own] - first]
+            found.append(np.take_along_axis(rows, facet_nodes(kind, block.degree)[local[own]], axis=1).ravel())
         first += len(block.nodes)
     return np.unique(np.concatenate(found))
 

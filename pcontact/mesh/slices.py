@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pcontact.element.reference import CELLS, facet_nodes
+from pcontact.element.reference import CELLS, facet_kinds, facet_nodes
 from pcontact.runtime.jit import njit, njit_exact
 from pcontact.runtime.parallel import split_by_rank
 from pcontact.runtime.petsc import MPI
@@ -249,10 +249,12 @@ class Corners:
         points = self.points[:, : self._dim]
         low, high, mean = np.empty((3, len(rows), self._dim))
         for k, chosen, table, own in self._by_block(rows):
-            if len(chosen):
-                vertices = np.take_along_axis(table[own], facet_nodes(self._cells[k].cell, 1)[local[chosen]], axis=1)
-                x = points[vertices]
-                low[chosen], high[chosen], mean[chosen] = x.min(axis=1), x.max(axis=1), x.mean(axis=1)
+            for kind, numbers in facet_kinds(self._cells[k].cell):
+                some = np.isin(local[chosen], numbers)
+                at = chosen[some]
+                x = points[np.take_along_axis(table[own[some]], facet_nodes(kind, 1)[local[at]], axis=1)]
+                if len(at):
+                    low[at], high[at], mean[at] = x.min(axis=1), x.max(axis=1), x.mean(axis=1)
         return low, high, mean
 
 

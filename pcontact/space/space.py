@@ -23,7 +23,7 @@ class Space:
         How a plane mesh stands for a body; a mesh in space has nothing but the default. With axial symmetry x is the
         radius, y the axis, and all integrals go around the whole circumference.
     averaged : sequence of int
-        Bodies whose quadrilaterals and hexahedra take their mean dilatation.
+        Bodies whose cells other than triangles and tetrahedra take their mean dilatation.
     averaged_simplices : sequence of int
         Bodies whose triangles and tetrahedra do; with degree 2.
     reduced : sequence of int
@@ -50,7 +50,7 @@ class Space:
 
     def __init__(self, mesh, degree, kinematics="plane_strain", averaged=(), averaged_simplices=(), reduced=()):
         self.kinematics, self.axisymmetric = kinematics, kinematics == "axisymmetric"
-        self._averaged = {True: frozenset(averaged), False: frozenset(averaged_simplices)}
+        self._averaged = {False: frozenset(averaged), True: frozenset(averaged_simplices)}
         self._reduced = frozenset(reduced)
         self.mesh, self.comm, self.dim, self.degree = mesh, mesh.comm, mesh.dim, degree
         self.exchanger = Exchanger(mesh.comm)
@@ -88,11 +88,11 @@ class Space:
 
     def averages(self, block):
         """Whether the cells of a block take their mean dilatation."""
-        return block.body in self._averaged[CELLS[block.cell].is_tensor]
+        return block.body in self._averaged[CELLS[block.cell].is_simplex]
 
     def reduces(self, block):
         """Whether the cells of a block have reduced integration."""
-        return block.body in self._reduced and CELLS[block.cell].complete is not None
+        return block.body in self._reduced and CELLS[block.cell].complete is not None and CELLS[block.cell].is_tensor
 
     def circumference(self, points):
         """Length 2 pi r of the circles through points (..., d) with axial symmetry, 1 otherwise."""
@@ -159,13 +159,7 @@ class Space:
         nodes = self.of_mesh[self.mesh.region_nodes(name)]
         return np.flatnonzero(self.flag(nodes[nodes >= 0]))
 
-    @staticmethod
-    def facet_kind(block):
-        """Name of the facets of a block."""
-        return CELLS[block.cell].facet
-
     def facet_nodes(self, facets):
         """Local space nodes (n, n_facet_nodes) of facets, outward order."""
-        block = self.mesh.blocks[facets.block]
-        table = facet_nodes(block.cell, self.degree)
+        table = facet_nodes(facets.cell, self.degree)
         return self.cells[facets.block][facets.cells[:, None], table[facets.local]]

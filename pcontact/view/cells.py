@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from pcontact.element.reference import CELLS, MESHIO_NAMES, facet_nodes
+from pcontact.element.reference import CELLS, MESHIO_NAMES, facet_kinds, facet_nodes
 from pcontact.io.parts import Piece
 
 _CELLS = {name: key for key, name in MESHIO_NAMES.items()}
@@ -108,8 +108,9 @@ def cut_facets(piece, distance):
     found = []
     for cell, degree, _, nodes in blocks(piece, 3):
         near = (distance[nodes].min(axis=1) <= 0) & (distance[nodes].max(axis=1) >= 0)
-        name = MESHIO_NAMES[CELLS[cell].facet, degree]
-        found += [(name, nodes[near][:, facet]) for facet in facet_nodes(cell, degree)]
+        for kind, rows in facet_kinds(cell):
+            name = MESHIO_NAMES[CELLS[kind].facet, degree]
+            found += [(name, nodes[near][:, facet]) for facet in facet_nodes(kind, degree)[rows]]
     return Piece(piece.points, found)
 
 

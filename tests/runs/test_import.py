@@ -7,6 +7,7 @@ from pcontact.importer.write import import_file
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.petsc import MPI
 from pcontact.scene import read_scene
+from pcontact.scene.model import Displacement
 from pcontact.simulation import Simulation
 
 SELF = MPI.COMM_SELF
@@ -482,3 +483,102 @@ def test_elements_that_are_taken_away_first(tmp_path):
     assert status == 0 and "not there from the beginning" in words and not scene.contacts
     mean = solved(scene, ["top"])[-1]["probes"]["top"]["mean"][2]
     assert mean == pytest.approx(-100.0 / 200000.0, rel=1e-9)
+
+
+def test_a_column_of_wedges_and_a_pyramid(tmp_path):
+    """A brick of two wedges, drawn on all sides: by p / E in x and y; a pyramid on its top holds it back."""
+    deck = (
+        "*NODE, NSET=NALL\n"
+        + "".join(f"{k}, {', '.join(f'{x:g}' for x in p)}\n" for k, p in enumerate(BRICK, 1))
+        + "*ELEMENT, TYPE=C3D6, ELSET=EALL\n1, 1, 2, 3, 5, 6, 7\n2, 1, 3, 4, 5, 7, 8\n"
+        + "*NODE\n9, 0.5, 0.5, 2.\n*ELEMENT, TYPE=C3D5, ELSET=EALL\n3, 5, 6, 7, 8, 9\n"
+        + STEEL
+        + "*SURFACE, NAME=sides\n1, S3\n1, S4\n2, S4\n2, S5\n*NSET, NSET=foot\n"
+        + "1, 2, 3, 4\n*BOUNDARY\nfoot, 3\n1, 1, 2\n2, 2\n"
+        + "*STEP\n*STATIC\n*DSLOAD\nsides, P, -50.\n*END STEP\n"
+    )
+    status, words, scene = imported(tmp_path, deck)
+    assert status == 0 and "changed (" not in words
+    held = solved(scene, ["sides"])[-1]["probes"]["sides"]["mean"]
+    cut = deck.replace("*NODE\n9, 0.5, 0.5, 2.\n*ELEMENT, TYPE=C3D5, ELSET=EALL\n3, 5, 6, 7, 8, 9\n", "")
+    _, _, alone = imported(tmp_path, cut)
+    free = solved(alone, ["sides"])[-1]["probes"]["sides"]["mean"]
+    np.testing.assert_allclose(free, [0.5 * 50.0 / 200000.0] * 2 + [0.0], atol=1e-15)
+    assert 0.0 < held[0] < free[0]
+
+
+def test_supports_in_directions_that_are_none_of_the_mesh(tmp_path):
+    """A brick whose sides x = 1 slide on a plane at 30 degrees, pressed down by 0.1, goes aside by 0.1 tan(30)."""
+    deck = (
+        bricks(((0, 0, 0), (1, 1, 1)))
+        + STEEL
+        + """
+*NSET, NSET=top
+5, 6, 7, 8
+*TRANSFORM, NSET=NALL, TYPE=R
+0.866025403784439, 0., 0.5, 0., 1., 0.
+*BOUNDARY
+NALL, 2
+NALL, 1
+*STEP
+*STATIC
+*CLOAD
+{load}
+*END STEP
+"""
+    )
+    status, words, scene = imported(tmp_path, deck.format(load="7, 3, 0."))
+    assert status == 0 and "8 supports in directions" in words and len(scene.equations) == 8
+    assert [list(one.value) for one in scene.displacements] == [["free", 0.0, "free"]]
+    scene.displacements.append(Displacement("top", ["free", "free", -0.1]))
+    mean = solved(scene, ["top"])[-1]["probes"]["top"]["mean"]
+    np.testing.assert_allclose(mean, [0.1 * np.tan(np.pi / 6), 0.0, -0.1], rtol=1e-9, atol=1e-14)
+
+
+@pytest.mark.parametrize(("said", "drawn"), [("*CLOAD\n99, 1, 400.", 400.0), ("*BOUNDARY\n99, 1, 1, 0.002", 400.0)])
+@pytest.mark.parametrize("normal", ["0., 0., 1.", "0., 0., -1."])
+def test_a_bolt_that_is_drawn(tmp_path, said, drawn, normal):
+    """A bar of length 1 between two supports, cut in its middle: tension F, or E A s / L."""
+    deck = (
+        bricks(((0, 0, 0), (1, 1, 0.5)))
+        + "\n*NODE, NSET=NALL\n9, 0, 0, 1\n10, 1, 0, 1\n11, 1, 1, 1\n12, 0, 1, 1\n"
+        + "*ELEMENT, TYPE=C3D8, ELSET=EALL\n2, 5, 6, 7, 8, 9, 10, 11, 12\n*NODE\n99, 0, 0, 0"
+        + STEEL
+        + "*SURFACE, NAME=middle\n1, S2\n*PRE-TENSION SECTION, SURFACE=middle, NODE=99\n"
+        + normal
+        + "\n*NSET, NSET=ends\n1, 2, 3, 4, 9, 10, 11, 12\n*BOUNDARY\nNALL, 1, 2\nends, 3\n*STEP\n*STATIC\n"
+        + said
+        + "\n*END STEP\n"
+    )
+    status, words, scene = imported(tmp_path, deck)
+    assert status == 0 and len(scene.pretensions) == 1, words
+    (record,) = solved(scene)[-1]["pretensions"].values()
+    sign = 1.0 if normal.endswith("1.") and "-" not in normal else -1.0
+    assert record["force"] == pytest.approx(sign * drawn, rel=1e-9)
+    assert record["shortening"] == pytest.approx(sign * 0.002, rel=1e-9)
+
+
+def test_a_section_that_nothing_draws_is_left_out(tmp_path):
+    text = BLOCKS + "*NODE\n99, 0, 0, 0\n*PRE-TENSION SECTION, SURFACE=lower, NODE=99\n\n*STEP\n*STATIC\n*END STEP\n"
+    status, words, scene = imported(tmp_path, text)
+    assert status == 1 and "a section that nothing draws" in words and not scene.pretensions
+
+
+@pytest.mark.parametrize(("chosen", "left"), [("101, 102", False), ("103, 104", True)])
+def test_gaps_of_some_nodes_are_closed(tmp_path, chosen, left):
+    """The lower side of the upper block is tilted: ADJUST takes the nodes nearest to the other surface, or says so."""
+    text = BLOCKS.replace("103, 1, 1, 1\n104, 0, 1, 1", "103, 1, 1, 1.1\n104, 0, 1, 1.1")
+    text = text.replace("101, 0, 0, 1\n102, 1, 0, 1", "101, 0, 0, 1.01\n102, 1, 0, 1.01")
+    assert text.count("1.1\n") == 2
+    text += f"*NSET, NSET=some\n{chosen}\n" + PAIR.replace("SI, TYPE", "SI, ADJUST=some, TYPE")
+    status, words, scene = imported(tmp_path, text + "*STEP\n*STATIC\n*END STEP\n")
+    assert status == int(left) and ("are not the nearest ones" in words) == left
+    if not left:
+        assert scene.contacts[0].adjust_within == pytest.approx(0.01, rel=1e-3)
+
+
+def test_surfaces_of_faces_and_of_nodes_with_one_name(tmp_path):
+    """The faces count where both are meant."""
+    both = "*SURFACE, NAME=upper, TYPE=NODE\n101, 102\n"
+    status, _, scene = imported(tmp_path, BLOCKS + both + PAIR + "*STEP\n*STATIC\n*END STEP\n")
+    assert status == 0 and (scene.contacts[0].source, scene.contacts[0].target) == ("upper", "lower")

@@ -30,7 +30,7 @@ def outer_surfaces(space):
     for facets in outer_facets(space.mesh, space.exchanger):
         off = ~axis[space.facet_nodes(facets)].all(axis=1)
         if off.any():
-            result.append(Facets(facets.block, facets.cells[off], facets.local[off]))
+            result.append(Facets(facets.block, facets.cell, facets.cells[off], facets.local[off]))
     return result
 
 

@@ -139,7 +139,7 @@ def _boundary(mesh, outer, used):
         key = facets.cells * 8 + facets.local
         said, named = (np.isin(key, marked[which][facets.block] @ [8, 1]) for which in (True, False))
         cells, local, named = facets.cells[~said], facets.local[~said], named[~said]
-        x = mesh.points[block.nodes[cells[:, None], facet_nodes(block.cell, 1)[local]]]
+        x = mesh.points[block.nodes[cells[:, None], facet_nodes(facets.cell, 1)[local]]]
         # the last vertex of a triangle twice
         x = x[:, np.minimum(np.arange(width), x.shape[1] - 1)]
         edges = np.roll(x, -1, axis=1) - x

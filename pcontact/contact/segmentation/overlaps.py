@@ -12,7 +12,7 @@ from pcontact.contact.search.exchange import route
 from pcontact.contact.search.tree import build_tree
 from pcontact.contact.segmentation.clipping import Polygons, Tiles, tile
 from pcontact.contact.surface.facet_maps import SQUARE_CORNERS, TRIANGLE_CORNERS, facet_boxes
-from pcontact.element.reference import CELLS, facet_nodes
+from pcontact.element.reference import facet_nodes
 from pcontact.element.shape import shape, shape_gradient
 from pcontact.runtime.jit import njit_exact
 from pcontact.runtime.parallel import split_by_rank
@@ -40,8 +40,8 @@ class _Frames:
     def __init__(self, space, facets):
         mesh, block = space.mesh, space.mesh.blocks[facets.block]
         table, self.degree = mesh.geometry_nodes(block)
-        self.kind, self.body = CELLS[block.cell].facet, block.components[facets.cells]
-        nodes = table[facets.cells[:, None], facet_nodes(block.cell, self.degree)[facets.local]]
+        self.kind, self.body = facets.kind, block.components[facets.cells]
+        nodes = table[facets.cells[:, None], facet_nodes(facets.cell, self.degree)[facets.local]]
         self.nodes = mesh.points[nodes]
         centre = _corners(self.kind).mean(axis=0, keepdims=True)
         self.centre = np.einsum("a,nai->ni", shape(self.kind, self.degree, centre)[0], self.nodes)

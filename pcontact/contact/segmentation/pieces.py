@@ -43,12 +43,12 @@ def _at(space, facets, rows, s):
     local = facets.local[rows]
     xi = np.empty((len(s), space.dim))
     for side in np.unique(local):
-        xi[local == side] = facet_points(block.cell, s[local == side])[side]
+        xi[local == side] = facet_points(facets.cell, s[local == side])[side]
     x = mesh.points[table[facets.cells[rows]]]
     jacobian = np.einsum("pai,paj->pij", x, shape_gradient(block.cell, degree, xi))
     # Nanson's formula: n dA = det J J^-T N dA_ref
     inverse = np.linalg.inv(jacobian)
-    vector = np.einsum("p,pji,pj->pi", np.linalg.det(jacobian), inverse, facet_area_vectors(block.cell)[local])
+    vector = np.einsum("p,pji,pj->pi", np.linalg.det(jacobian), inverse, facet_area_vectors(facets.cell)[local])
     area = np.linalg.norm(vector, axis=1)
     grad = np.einsum("paj,pji->pai", shape_gradient(block.cell, space.degree, xi), inverse)
     position = np.einsum("pa,pai->pi", shape(block.cell, degree, xi), x)

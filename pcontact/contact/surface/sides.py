@@ -156,7 +156,7 @@ def extents(space, name, bodies=False):
     mesh, comm, parts = space.mesh, space.comm, []
     for facets in mesh.facet_groups.get(name, []):
         block = mesh.blocks[facets.block]
-        corners = mesh.facet_nodes(facets)[:, : CELLS[CELLS[block.cell].facet].n_vertices]
+        corners = mesh.facet_nodes(facets)[:, : CELLS[facets.kind].n_vertices]
         body = block.components[facets.cells] if bodies else np.zeros(len(corners), dtype=np.int64)
         parts.append((mesh.points[corners], body))
     sums = np.zeros((mesh.n_components if bodies else 1, space.dim + 2))
@@ -183,12 +183,11 @@ def _pad(array, width):
 def _part(space, facets, constants, quadrature_degree):
     mesh, block = space.mesh, space.mesh.blocks[facets.block]
     table, geometry_degree = mesh.geometry_nodes(block)
-    kind = CELLS[block.cell].facet
-    degree = quadrature_degree or default_quadrature(kind, space.degree)
-    xi, weights = quadrature(kind, degree)
+    degree = quadrature_degree or default_quadrature(facets.kind, space.degree)
+    xi, weights = quadrature(facets.kind, degree)
     coordinates = np.ascontiguousarray(mesh.points[table[facets.cells]])
     local = np.ascontiguousarray(facets.local, dtype=np.int64)
-    at = facet_geometry(block.cell, coordinates, local, geometry_degree, space.degree, xi, weights)
+    at = facet_geometry(facets.cell, coordinates, local, geometry_degree, space.degree, xi, weights)
     lam, mu = constants[block.body]
     averaged, shared = space.averages(block), None
     own, factor = factors(lam, mu, averaged, space.degree)
@@ -198,7 +197,7 @@ def _part(space, facets, constants, quadrature_degree):
         shared = shared.times(np.full(len(coordinates), factor))
     kind, grad = Dilatation(space.axisymmetric, averaged, space.reduces(block)), at.gradients
     if kind.reduced:
-        grad = reduced_gradients(block.cell, coordinates, geometry_degree, facet_points(block.cell, xi)[local])
+        grad = reduced_gradients(block.cell, coordinates, geometry_degree, facet_points(facets.cell, xi)[local])
     nf, nq = at.jxw.shape
     return {
         "cells": space.cells[facets.block][facets.cells],
@@ -213,7 +212,7 @@ def _part(space, facets, constants, quadrature_degree):
         "mu": np.full(nf, mu),
         "own": np.full(nf, own),
         "shared": shared,
-        "trace": trace_constant(block.cell, coordinates, local, geometry_degree, space.degree, lam, mu, kind),
+        "trace": trace_constant(facets.cell, coordinates, local, geometry_degree, space.degree, lam, mu, kind),
         "size": diameters(mesh.points[mesh.facet_nodes(facets)]),
         "components": block.components[facets.cells],
     }
@@ -415,17 +414,17 @@ def _facets(space, name):
     kinds, ids, places, nodes, components, carry, first = [], [], [], [], [], [], 0
     for facets in mesh.facet_groups.get(name, []):
         block = mesh.blocks[facets.block]
-        kind = CELLS[block.cell].facet
+        kind = facets.kind
         rows = slice(first, first + len(facets.cells))
         first = rows.stop
-        table = facet_nodes(block.cell, layout_degree)
+        table = facet_nodes(facets.cell, layout_degree)
         places.append(mesh.points[block.nodes[facets.cells[:, None], table[facets.local]]])
         # what is searched has the nodes in the middles of its facets
         searched = CELLS[kind].complete or kind
         at = reference_nodes(searched, layout_degree)
         if searched != kind:
             places[-1] = shape(kind, layout_degree, at) @ places[-1]
-        own = facet_nodes(block.cell, space.degree)
+        own = facet_nodes(facets.cell, space.degree)
         nodes.append(space.cells[facets.block][facets.cells[:, None], own[facets.local]])
         kinds.append(np.full(len(facets.cells), KIND[searched, layout_degree], dtype=np.int64))
         ids.append(block.ids[facets.cells] * FACETS + facets.local)

@@ -92,7 +92,7 @@ class SmoothSurface:
             # shape functions of the cell reproduce its linear ones
             linear = shape(cell, 1, reference_nodes(cell, space.degree))
             values = source.shape[points, : n_nodes(cell, space.degree)] @ linear
-            values = np.take_along_axis(values, facet_nodes(cell, 1)[local], axis=1)
+            values = np.take_along_axis(values, facet_nodes(facets.cell, 1)[local], axis=1)
             weights[points, : values.shape[1]] = values
             first += len(facets.cells)
         return self.offset(source.facet, weights)
@@ -104,7 +104,7 @@ def _own_facets(space, name):
     m, parts = 2 if d == 2 else 4, [([], [], np.zeros((0, 2 if d == 2 else 4), dtype=np.int64))]
     for facets in mesh.facet_groups.get(name, []):
         block = mesh.blocks[facets.block]
-        nodes = block.nodes[facets.cells[:, None], facet_nodes(block.cell, 1)[facets.local]]
+        nodes = block.nodes[facets.cells[:, None], facet_nodes(facets.cell, 1)[facets.local]]
         count = np.full(len(nodes), nodes.shape[1])
         nodes = np.concatenate([nodes, np.repeat(nodes[:, :1], m - nodes.shape[1], axis=1)], axis=1)
         parts.append((block.ids[facets.cells] * FACETS + facets.local, count, nodes))

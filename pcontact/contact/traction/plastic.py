@@ -40,10 +40,10 @@ from pcontact.runtime.jit import njit, njit_inline
 
 def _monomials(cell, degree, xi):
     """Values (n, nb) of the polynomials of extrapolation at reference points (n, d)."""
-    d = xi.shape[1]
+    d, kind = xi.shape[1], CELLS[cell]
     powers = np.stack(np.meshgrid(*[np.arange(degree + 1)] * d, indexing="ij"), axis=-1).reshape(-1, d)
-    if not CELLS[cell].is_tensor:
-        powers = powers[powers.sum(axis=1) <= degree]
+    if not kind.is_tensor:
+        powers = powers[powers[:, : 2 if kind.is_wedge else d].sum(axis=1) <= degree]
     return np.prod(xi[:, None, :] ** powers[None], axis=2)
 
 
@@ -60,7 +60,7 @@ def extrapolation(cell, degree, points, xi):
     xi : ndarray (np, d)
         Other points there.
     """
-    order = degree - 1
+    order = degree - 1 if CELLS[cell].is_simplex else degree
     if CELLS[cell].is_tensor:
         order = min(degree, round(len(points) ** (1.0 / points.shape[1])) - 1)
     return _monomials(cell, order, xi) @ np.linalg.pinv(_monomials(cell, order, points))

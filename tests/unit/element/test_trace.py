@@ -10,7 +10,8 @@ from pcontact.element.reference import CELLS, n_nodes, reference_nodes
 from pcontact.element.shape import shape, shape_gradient
 from pcontact.element.trace import trace_constant
 
-SOLID = ["triangle", "quadrilateral", "tetrahedron", "hexahedron"]
+SOLID = ["triangle", "quadrilateral", "tetrahedron", "hexahedron", "wedge:triangle", "wedge:quadrilateral",
+         "pyramid:triangle"]  # fmt: skip
 CASES = [(cell, geometry, degree) for cell in SOLID for geometry in (1, 2) for degree in (1, 2)]
 CASES += [("quadrilateral8", 2, 2), ("hexahedron20", 1, 2)]
 
