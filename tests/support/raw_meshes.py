@@ -4,7 +4,7 @@ import gmsh
 import numpy as np
 
 from pcontact.element.quadrature import quadrature
-from pcontact.element.reference import CELLS, facet_nodes, reference_nodes
+from pcontact.element.reference import CELLS, facet_kinds, facet_nodes, reference_nodes
 from pcontact.element.shape import shape, shape_gradient
 
 CELL_TYPES = ["triangle", "quadrilateral", "tetrahedron", "hexahedron"]
@@ -22,9 +22,10 @@ def stack(cell):
     gmsh.model.add("stack")
     base = (0, model.addPoint(0, 0, 0))
     for step in np.eye(3)[:dim]:
-        # an extrusion returns its far end, then what it swept
-        end, base, *_ = model.extrude([base], *step, numElements=[2], recombine=tensor)
-    model.extrude([end], *step, numElements=[2], recombine=tensor)
+        # an extrusion returns its far end, then what it swept; triangles that are swept are wedges
+        whole = tensor or (cell == "wedge" and step[2] > 0)
+        end, base, *_ = model.extrude([base], *step, numElements=[2], recombine=whole)
+    model.extrude([end], *step, numElements=[2], recombine=whole)
     model.synchronize()
     up, top = np.eye(3)[dim - 1], 1.0 * (np.arange(3) < dim - 1)
     add = gmsh.model.addPhysicalGroup
@@ -65,7 +66,8 @@ def check_straight(raw):
 def corners(raw, name):
     cells, local = raw.facet_groups[name]
     (block,) = raw.blocks
-    return raw.points[block.nodes[cells[:, None], facet_nodes(block.cell, 1)[local]]]
+    kind = next(kind for kind, rows in facet_kinds(block.cell) if np.isin(local, rows).all())
+    return raw.points[block.nodes[cells[:, None], facet_nodes(kind, 1)[local]]]
 
 
 def normals(raw, name):

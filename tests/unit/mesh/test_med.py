@@ -33,7 +33,7 @@ def check_stack(raw):
     assert raw.dim == 2 or len(raw.node_groups["rim"]) > 2
 
 
-@pytest.mark.parametrize("cell", CELL_TYPES)
+@pytest.mark.parametrize("cell", [*CELL_TYPES, "wedge"])
 @pytest.mark.parametrize("order, serendipity", [(1, 0), (2, 0), (2, 1)])
 def test_med_of_gmsh(session, tmp_path, cell, order, serendipity):
     raw = read_mesh(med_file(tmp_path / "m.med", cell, order, serendipity))
@@ -75,7 +75,7 @@ def test_med_names_of_one_byte_a_character(session, tmp_path):
 @pytest.mark.parametrize("spoil, message", [
     (lambda mesh: mesh.__delitem__("MAI"), "KeyError"),
     (lambda mesh: mesh["MAI/TR3/NOD"].__setitem__(0, 999), r"element \d+ \(triangle\) refers to node 999"),
-    (lambda mesh: mesh.move("MAI/TR3", "MAI/PY5"), 'unsupported type "MED PY5"'),
+    (lambda mesh: mesh.move("MAI/TR3", "MAI/OCT12"), 'unsupported type "MED OCT12"'),
     (lambda mesh: mesh["NOE/COO"].__setitem__(0, np.nan), "not a finite number"),
     (lambda mesh: mesh.file["ENS_MAA"].create_group("other"), "found 2 meshes; allowed: one"),
 ])  # fmt: skip
