@@ -20,9 +20,9 @@ def test_the_site_builds():
     assert done.returncode == 0, done.stdout + done.stderr
     site = ROOT / "build" / "site"
     pages = {page: page.read_text(encoding="utf-8") for page in site.rglob("*.html")}
-    assert len(pages) > 40 and not {str(page): EXTERNAL.findall(text) for page, text in pages.items()
+    assert len(pages) > 70 and not {str(page): EXTERNAL.findall(text) for page, text in pages.items()
                                     if EXTERNAL.search(text)}  # fmt: skip
     index = pages[site / "index.html"]
-    for title in ("Start", "How-to", "Explanation", "Reference", "Gallery", "Verification", "Performance"):
+    for title in ("Start", "Tutorials", "How-to", "Explanation", "Reference", "Gallery", "Verification", "Performance"):
         assert title in index
     assert "Run.to_pyvista" in pages[site / "api.html"]
