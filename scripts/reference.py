@@ -12,6 +12,7 @@ from dataclasses import MISSING, fields
 from pathlib import Path
 
 from pcontact.cli import COMMANDS, run_options
+from pcontact.io.names import FIELDS
 from pcontact.runtime.declared import shown
 from pcontact.runtime.presets import PRESETS
 from pcontact.scene.keys import keys
@@ -94,13 +95,20 @@ def preset_table():
     return rows(["", *map(code, PRESETS), "without"], lines)
 
 
+def field_table():
+    """The fields that a run writes."""
+    lines = [[code(one.name), one.place, one.unit, one.when, one.help] for one in FIELDS]
+    return rows(["field", "of the", "unit", "where there is", ""], lines)
+
+
 def tables():
     """All tables by name."""
     own = {cls.__name__: key_table(cls) for cls in HEADERS}
     own |= {title: option_table(options) for title, options in list(run_options().items())[1:]}
     own |= {name: option_table(one.options.values()) for name, one in COMMANDS.items() if one.options}
     commands = [[code(f"pcontact {name} {one.usage}"), one.help] for name, one in COMMANDS.items()]
-    return own | {"scene options": scene_options(), "presets": preset_table(), "commands": rows(["", ""], commands)}
+    own |= {"scene options": scene_options(), "presets": preset_table(), "fields": field_table()}
+    return own | {"commands": rows(["", ""], commands)}
 
 
 def main(words):

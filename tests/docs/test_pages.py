@@ -11,6 +11,7 @@ import pcontact as pc
 from drivers._common import running
 from meshes.__main__ import main as write_mesh
 from pcontact.cli import COMMANDS, run_options
+from pcontact.io.names import known
 from pcontact.scene import Contact, Material, Obstacle, Scene
 from pcontact.scene.keys import keys
 from pcontact.scene.model import HEADERS, LIST_TABLES, SINGLE_TABLES
@@ -141,6 +142,14 @@ def test_keys_in_the_text_exist(page):
 @pytest.mark.parametrize("page", PAGES, ids=name_of)
 def test_options_exist(page):
     assert not unknown_options(page)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_fields_exist(page):
+    """Those that pages ask pictures for."""
+    asked = [name for line in [*words_of(page)[0], *words_of(page)[1]]
+             for names in re.findall(r"-field ([\w,]+)", line) for name in names.split(",")]  # fmt: skip
+    assert not [name for name in asked if not (known(name) or name == "NAME")]
 
 
 @pytest.mark.parametrize("page", PAGES, ids=name_of)

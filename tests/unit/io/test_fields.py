@@ -8,15 +8,17 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
+import pcontact as pc
 from pcontact.io import vtu
 from pcontact.io.fields import FieldWriter
+from pcontact.io.names import FIELDS, known
 from pcontact.io.parts import Cloud, Piece
 from pcontact.io.result import load_result
 from pcontact.io.snapshot import facet_status
 from pcontact.runtime.errors import InputError
 from pcontact.scene import read_scene
 from pcontact.simulation import Simulation
-from tests.support.bad_input import FACETS, mesh_text
+from tests.support.bad_input import FACETS, SCENE, mesh_text
 from tests.support.pieces import CUBE, stack_piece, stretch
 
 COMM = MPI.COMM_WORLD
@@ -233,3 +235,31 @@ def test_status_of_facets():
     status = np.array([0, 0, 1, 1, 2, 2, 0, 1, 1, 1, 2])
     weight = np.array([1, 1, 1, 1, 1, 1, 9, 1, 1, 1, 3.0])
     assert facet_status(facet, status, weight, 6).tolist() == [0, 1, 2, 1, 2, 0]
+
+
+@pytest.mark.parametrize("more", [
+    {"materials": {"m": {"yield_stress": 20.0, "hardening": 100.0}}, "output": {"smooth": True, "estimate": True}},
+    {"mesh": {"strain": "finite"}},
+])  # fmt: skip
+def test_all_fields_are_declared(more, tmp_path):
+    """What a run writes is in the table, at its place; and the table has nothing that neither of two runs has."""
+    (tmp_path / "mesh.msh").write_text(mesh_text())
+    (tmp_path / "scene.toml").write_text(SCENE)
+    run = pc.run(pc.read(tmp_path / "scene.toml", **more), output=tmp_path / "out")
+    assert run.converged
+    result = load_result(tmp_path / "out", -1)
+    # who reads the pieces of several ranks puts them together by these numbers, and keeps none of them
+    found = {("nodes", name) for name in [*result.bodies.point_data, "node_number"]}
+    found |= {("cells", name) for name in result.bodies.cell_data}
+    for piece in result.surfaces.values():
+        found |= {("facets", name) for name in piece.cell_data}
+    for cloud in result.points.values():
+        found |= {("points", name) for name in cloud.data}
+    assert found <= {(field.place, field.name) for field in FIELDS}
+    without = {"finite strain"} if "materials" in more else {"a body may yield", "`smooth = true`", "`estimate = true`"}
+    wanted = {(field.place, field.name) for field in FIELDS if not without & set(field.when.split(", "))}
+    assert wanted <= found
+
+
+def test_names_of_pictures():
+    assert known("stress_xy") and known("stretch_1") and known("displacement") and not known("stress_q")

@@ -1,0 +1,72 @@
+"""The fields that a run writes: their names, units and meanings, declared once.
+
+The table of docs/results.md follows from it (``scripts/reference.py``), and pages may name no other field.
+"""
+
+from typing import NamedTuple
+
+
+class Field(NamedTuple):
+    """A field.
+
+    Attributes
+    ----------
+    name : str
+    place : str
+        "nodes" and "cells" of the bodies, "facets" of the contact surfaces, "points", their quadrature points.
+    unit : str
+    help : str
+        One line.
+    when : str
+        Where it is there; empty: always.
+    """
+
+    name: str
+    place: str
+    unit: str
+    help: str
+    when: str = ""
+
+
+_FINITE, _YIELD, _SMOOTH, _ESTIMATE = "finite strain", "a body may yield", "`smooth = true`", "`estimate = true`"
+
+FIELDS = (
+    Field("displacement", "nodes", "length", "of the nodes; also on the contact surfaces"),
+    Field("node_number", "nodes", "", "number of the node in the mesh, from 0"),
+    Field("stress", "cells", "stress", "XX, YY, ZZ, XY, YZ, XZ, mean of the cell; with finite strain Cauchy's"),
+    Field("equivalent_stress", "cells", "stress", "von Mises' stress of that mean"),
+    Field("equivalent_plastic_strain", "cells", "", "accumulated, mean of the cell", _YIELD),
+    Field("log_strain", "cells", "", "logarithmic strain ln V, components as of the stress", _FINITE),
+    Field("stretch_1", "cells", "", "largest principal stretch", _FINITE),
+    Field("stretch_2", "cells", "", "middle principal stretch", _FINITE),
+    Field("stretch_3", "cells", "", "smallest principal stretch", _FINITE),
+    Field("rotation", "cells", "degrees", "axis times angle", _FINITE),
+    Field("error_estimate", "cells", "sqrt(energy)", "of the error in the energy norm", _ESTIMATE),
+    Field("cell_number", "cells", "", "number of the cell in the mesh, from 0", _ESTIMATE),
+    Field("body", "cells", "", "number of the body in the scene, from 0"),
+    Field("rank", "cells", "", "which rank has the cell"),
+    Field("stress_smooth", "nodes", "stress", "`stress`, averaged in each body", _SMOOTH),
+    Field("equivalent_stress_smooth", "nodes", "stress", "`equivalent_stress`, averaged in each body", _SMOOTH),
+    Field("equivalent_plastic_strain_smooth", "nodes", "", "`equivalent_plastic_strain`, averaged in each body",
+          f"{_SMOOTH}, {_YIELD}"),
+    Field("contact_pressure", "facets", "stress", "mean over the facet"),
+    Field("gap", "facets", "length", "mean over the facet; negative where bodies overlap"),
+    Field("status", "facets", "", "what most of the closed points do: 0 open, where none is closed, 1 stick, 2 slip"),
+    Field("area", "facets", "area", "of the facet, as far as it has points"),
+    Field("pressure", "points", "stress", "contact pressure"),
+    Field("gap", "points", "length", "to the partner; negative where bodies overlap"),
+    Field("traction", "points", "stress", "that acts on the source, a vector"),
+    Field("normal", "points", "", "from the source to the target, a vector"),
+    Field("status", "points", "", "0 open, 1 stick, 2 slip"),
+    Field("weight", "points", "area", "area that the point stands for"),
+    Field("paired", "points", "", "1 where the point has a partner"),
+)  # fmt: skip
+# endings of names in pictures: components of vectors and of symmetric tensors
+COMPONENTS = ("x", "y", "z", "xx", "yy", "zz", "xy", "yz", "xz")
+
+
+def known(name):
+    """Whether a picture may be asked for a field, or a component of one, by this name."""
+    names = {field.name for field in FIELDS}
+    bare, _, ending = name.rpartition("_")
+    return name in names or (bare in names and ending in COMPONENTS)
