@@ -21,6 +21,7 @@ from .punch import punch, rounded_punch
 from .rings import rings
 from .seal import seal
 from .shells import shells, tubes
+from .spheres import sphere_stack
 from .spring import c_strip, spring
 from .thick_cylinder import cylinder_strip, thick_cylinder
 from .turning import disk, hemisphere_on_cube, pad_on_ring
@@ -49,6 +50,7 @@ GENERATORS = {
         clip,
         spring,
         c_strip,
+        sphere_stack,
         heap,
         layer_on_base,
         punch,

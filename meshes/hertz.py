@@ -78,6 +78,8 @@ class _Grading:
         """Hand the size of both bodies to gmsh."""
         fields = []
         for tags, factor in ((source, 1.0), (target, self.mismatch)):
+            if not tags:
+                continue
             field = point_size_field(point, factor * self.h, self.far, self.contact_radius, self.growth)
             fields.append(restrict_field(field, dim, tags))
         use_fields(fields)
@@ -101,6 +103,7 @@ def cylinders(
     growth: float = 0.25,
     coarse: float | None = None,
     mismatch: float = 1.3,
+    single: bool = False,
 ) -> Path:
     """Two half cylinders in plane strain (half disks) that touch at the origin, flat sides up and down.
 
@@ -124,19 +127,22 @@ def cylinders(
     growth : growth of the size per unit length
     coarse : largest size; default 10 h, at most radius / 4
     mismatch : size of the lower body in units of the upper one's
+    single : the upper body alone
     """
     check_cell("cylinders", cell, 2, order)
     grading = _Grading(h, contact_radius or radius / 8, growth, coarse, mismatch, radius)
     with gmsh_model("cylinders"):
-        upper, lower = half_disk(radius, 1, half), half_disk(radius_lower or radius, -1, half)
-        for name, body in (("upper", upper), ("lower", lower)):
+        drawn = {"upper": half_disk(radius, 1, half)}
+        if not single:
+            drawn["lower"] = half_disk(radius_lower or radius, -1, half)
+        for name, body in drawn.items():
             name_round(name, body, 2)
             if not half:
                 group(1, f"{name}_axis", body.symmetry_x)
         if half:
-            _name_symmetry(2, (upper, lower))
+            _name_symmetry(2, list(drawn.values()))
         unstructured(cell)
-        grading.apply(2, upper.tip, upper.body, lower.body)
+        grading.apply(2, drawn["upper"].tip, drawn["upper"].body, [] if single else drawn["lower"].body)
         return finish(path, 2, order)
 
 

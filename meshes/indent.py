@@ -32,8 +32,13 @@ def _rays(h: float, fine: float, length: float, growth: float) -> np.ndarray:
     return np.concatenate([[fine], fine + (length - fine) * np.cumsum(size) / size.sum()])
 
 
-def _block_grid(cell: str, order: int, h: float, fine: float, length: float, growth: float) -> Grid:
-    """A fine square (cube) at the origin, and from every side of it but the symmetry planes a patch along rays."""
+def _block_grid(
+    cell: str, order: int, h: float, fine: float, length: float, growth: float, mirrored: bool = False
+) -> Grid:
+    """A fine square (cube) at the origin, and from every side of it but the symmetry planes a patch along rays.
+
+    With `mirrored` the same for x < 0 as well.
+    """
     dim = 2 if cell in ("triangle", "quadrilateral") else 3
     t = np.linspace(0.0, 1.0, order * max(1, round(fine / h)) + 1)
     rays = refined(_rays(h, fine, length, growth), order)
@@ -49,9 +54,13 @@ def _block_grid(cell: str, order: int, h: float, fine: float, length: float, gro
         points[..., :dim] = patch
         points[..., dim - 1] *= -1.0
         grids.append(lattice(points, order, cell))
+        if mirrored:
+            grids.append(lattice(points * [-1.0, 1.0, 1.0], order, cell))
     grid, planes = join(grids), dict(zip(("side_x", "side_y")[: dim - 1], range(dim - 1), strict=True))
     if dim == 2:
         planes = {"axis": 0}
+    if mirrored:
+        del planes["axis" if dim == 2 else "side_x"]
     return name_boundary(
         grid,
         "block_side",
@@ -73,6 +82,7 @@ def indent(
     growth: float = 0.25,
     radius: float | None = None,
     mismatch: float = 0.8,
+    mirrored: bool = False,
 ) -> Path:
     """A block whose top is touched at the origin: half a meridian section (2D, x the radius) or a quarter (3D).
 
@@ -100,6 +110,8 @@ def indent(
     radius : of the half-ball that touches the block from above; None leaves it out. In 2D its cells are unstructured
         and of the same kind, in 3D always tetrahedra
     mismatch : size of the ball's cells in units of h
+    mirrored : the block for x < 0 as well (half a block in space, the whole one in the plane), without a group on
+        x = 0; not with a ball or tetrahedra
     """
     cell = cell or _DEFAULT_CELL.get(dim, "")
     check_cell("indent", cell, dim, order)
@@ -108,10 +120,12 @@ def indent(
             f"mesh 'indent': h {h}, fine {fine}, length {length}, growth {growth}; expected 0 < h <= fine < length "
             "and a positive growth"
         )
+    if mirrored and (radius is not None or cell == "tetrahedron"):
+        raise ValueError("mesh 'indent': mirrored with a ball or tetrahedra; allowed: a block of other cells alone")
     with gmsh_model("indent"):
         groups = _drawn(dim, order, cell, (h, fine, length, growth), radius, mismatch)
         if cell != "tetrahedron":
-            body, facets = add(_block_grid(cell, order, h, fine, length, growth))
+            body, facets = add(_block_grid(cell, order, h, fine, length, growth, mirrored))
             groups.setdefault("block", []).append(body)
             for key, tag in facets.items():
                 groups.setdefault(key, []).append(tag)

@@ -9,7 +9,7 @@ from drivers.studies.verification import CASES, page, verify
 
 PAGES = Path(drivers.__path__[0]).parent / "docs" / "verification"
 # those of a second
-QUICK = ["pressed_rings", "shrink_fit", "rotating_shrink_fit", "ball_on_foundation", "cone"]
+QUICK = [name for name, case in CASES.items() if case.tiny]
 
 
 @pytest.mark.slow
@@ -38,3 +38,8 @@ def test_pages_are_those_of_the_cases(name):
 
     assert words(page(name, [])) == words(text)
     assert len([line for line in text.splitlines() if line.startswith("| ")]) == 1 + len(CASES[name].levels)
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_pictures_are_small(name):
+    assert 0 < (PAGES / f"{name}.png").stat().st_size < 40_000

@@ -1,0 +1,148 @@
+"""Cases of the verification manual that others have published with numbers: NAFEMS, code_aster, a patch test."""
+
+
+import numpy as np
+
+from drivers._common import make_mesh
+from drivers.cases import nafems
+from drivers.studies._manual import Case, points_everywhere, solved
+from meshes import cylinder_on_block, rounded_punch, sphere_stack, two_blocks
+from meshes.grid import name_boundary, near
+from meshes.patches import patches, rectangle
+from pcontact.scene.model import (
+    Body,
+    Contact,
+    Displacement,
+    Load,
+    Material,
+    MeshSpec,
+    Obstacle,
+    Output,
+    Scene,
+    Steps,
+)
+
+SIDE = 0.04
+# of the plate's lower edge
+GRECO_POINTS = {"A": 0.0, "C": 0.005, "S": SIDE}
+
+
+def patch(folder, n):
+    """Largest difference of the pressure from the exact one, over it, plus 1. *Collective.*"""
+    path = make_mesh(two_blocks, folder / "blocks.msh", 2, (3 * n, n), (4 * n, n), size=2.0)
+    scene = Scene(
+        mesh=MeshSpec(path, order=1),
+        materials={"m": Material(2e6, 0.0)},
+        bodies=[Body("lower", "m"), Body("upper", "m")],
+        contacts=[Contact("upper_bottom", "lower_top", name="patch")],
+        displacements=[
+            Displacement("lower_bottom", ["free", 0.0]), Displacement("upper_top", ["free", -0.1]),
+            Displacement("left", [0.0, "free"]),
+        ],
+        petsc={"pc_type": "lu", "snes_rtol": "1e-13"},
+    )  # fmt: skip
+    with solved(scene, folder) as (simulation, record):
+        points = points_everywhere(simulation)
+    if record is None:
+        return None
+    return float(points["pressure"][np.abs(points["pressure"] / 1e5 - 1.0).argmax()])
+
+
+def plate(path, n):
+    """A square plate, n cells along it, with the points A to E of its lower edge."""
+    line = np.linspace(0.0, SIDE, n + 1)
+    with patches(path, {name: ("plate", (x, 0.0)) for name, x in GRECO_POINTS.items()}) as bodies:
+        bodies["plate"] = name_boundary(rectangle(line, line), bottom=near(1, 0.0), top=near(1, SIDE),
+                                        left=near(0, 0.0), right=near(0, SIDE))  # fmt: skip
+
+
+def greco(folder, n):
+    """Displacement of the corner of a plate that slides on a rigid plane. *Collective.*"""
+    scene = Scene(
+        mesh=MeshSpec(make_mesh(plate, folder / "plate.msh", n), order=2),
+        materials={"m": Material(1.3e11, 0.2)},
+        bodies=[Body("plate", "m")],
+        contacts=[Contact("bottom", obstacle=Obstacle("plane", point=[0.0, 0.0], normal=[0.0, 1.0]), name="plane",
+                          friction=1.0)],
+        displacements=[Displacement("right", [0.0, "free"])],
+        loads=[Load("top", pressure=5e7), Load("left", pressure=15e7)],
+        steps=Steps(count=5),
+        output=Output(probes=["A"]),
+    )  # fmt: skip
+    with solved(scene, folder) as (_, record):
+        return None if record is None else float(record["probes"]["A"]["mean"][0])
+
+
+def spheres(what, folder, n):
+    """Force on the rim of the lower plate, or how far it sags, n cells in a unit of length. *Collective.*"""
+    pairs = (("small_upper", "top_under"), ("large_upper", "small_lower"), ("large_lower", "bottom_over"))
+    scene = Scene(
+        mesh=MeshSpec(make_mesh(sphere_stack, folder / "stack.msh", 1.0 / n, 2), order=2, kinematics="axisymmetric"),
+        materials={"m": Material(2e5, 0.3)},
+        bodies=[Body(name, "m") for name in ("top_plate", "small", "large", "bottom_plate")],
+        contacts=[Contact(*pair, name=pair[0]) for pair in pairs],
+        displacements=[
+            Displacement("bottom_rim", [0.0, 0.0]), Displacement("top", ["free", -2.0]),
+            Displacement("axis", [0.0, "free"]),
+        ],
+        steps=Steps(count=10),
+        output=Output(probes=["bottom_centre"]),
+        petsc={"pc_type": "lu"},
+    )  # fmt: skip
+    with solved(scene, folder) as (_, record):
+        if record is None:
+            return None
+        if what == "sag":
+            return -float(record["probes"]["bottom_centre"]["mean"][1])
+        return abs(float(record["reactions"]["bottom_rim"][1])) / (2.0 * np.pi)
+
+
+def roller(folder, n):
+    """How far the middle of the block of CGS-1 goes down, n cells in the half width of the contact. *Collective.*"""
+    path = make_mesh(cylinder_on_block, folder / "roller.msh", 6.2146 / n, 2, "quadrilateral", radius=50.0, width=200.0,
+                     depth=200.0, half=True, contact_radius=9.0)  # fmt: skip
+    more = {"steps": Steps(count=2), "output": Output(probes=["block_origin"])}
+    with solved(nafems.roller_scene(path, 0.0, "small", **more), folder) as (_, record):
+        return None if record is None else -float(record["probes"]["block_origin"]["mean"][1])
+
+
+def punch(friction, folder, n):
+    """How far the middle of the block of CGS-2 goes down, cells of 100 / n. *Collective.*"""
+    path = make_mesh(rounded_punch, folder / "punch.msh", 100.0 / n, 2, "quadrilateral")
+    more = {"steps": Steps(count=2), "output": Output(probes=["block_centre"])}
+    with solved(nafems.punch_scene(path, friction, "small", **more), folder) as (_, record):
+        return None if record is None else -float(record["probes"]["block_centre"]["mean"][1])
+
+
+
+KONTER = "A. W. A. Konter, *Advanced Finite Element Contact Benchmarks*, NAFEMS 2006 (R0094)"
+ROLLER = r"""     |  o       cylinder, pressed
+     |    \\
+     |____/______  x
+     |   block   |
+     |___________|  held"""
+
+CASES = {
+    "patch": Case(
+        "Contact patch test",
+        "Plane strain, two blocks of 2 by 1 each, E = 2e6, nu = 0, no friction. The lower one is held below, the "
+        "upper one "
+        "is pressed down by 0.1. Quadrilaterals of degree 1, 3 n and 4 n of them along the blocks: meshes do not "
+        "match.",
+        "     _____v_____\n    |___upper___|\n    |___lower___|",
+        "N. El-Abbasi, K. J. Bathe, Computers & Structures 79 (2001) 1473-1486; code_aster SSNP121",
+        "the pressure that is farthest from it [stress]", 1e5, (1, 2, 4), patch, (1e-9, 1e-9),
+    ),
+    "greco": Case(
+        "A plate that slides on a rigid plane",
+        f"GRECO's benchmark, code_aster SSNV128. Plane strain, a square plate of {SIDE:g}, E = 1.3e11, nu = 0.2, on a "
+        "rigid "
+        "plane, friction 1. A pressure of 5e7 on its upper side, of 15e7 on its left one; the right one is held along "
+        "x. "
+        "Cells of degree 2, n of them along a side.",
+        "      | | | 5e7\n  ->  _______\n  -> |       |o\n  -> |_______|o\n  A  ---------  plane",
+        "code_aster V6.04.128, numbers of GRECO, to three digits", "displacement of the corner A along x [length]",
+        2.86e-5, (8, 16, 32), greco, (3e-2, 1.5e-2),
+        "code_aster's own results are between 2.85e-5 and 2.87e-5; it allows 5 %.",
+    ),
+}  # fmt: skip
