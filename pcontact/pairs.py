@@ -171,8 +171,6 @@ def _add_chords(space, contact, pair, source, known):
         Of the groups seen before; grows.
     """
     fitted = contact.smooth_geometry
-    if fitted and space.mesh.curved:
-        log.warning("contact %s: smooth_geometry does nothing, the mesh is of degree 2 itself", contact.name)
     for name in (contact.source, contact.target):
         if name is not None and (name, fitted) not in known:
             # means do for a warning

@@ -11,8 +11,10 @@ import numpy as np
 from pcontact import build
 from pcontact.adapt import variants
 from pcontact.adapt.budget import Budgeted
+from pcontact.adapt.degree import cheaper
+from pcontact.adapt.forecast import forecast
 from pcontact.adapt.known import effectivity, of_quantity
-from pcontact.adapt.passes import Pass, said_of, table
+from pcontact.adapt.passes import NAMES, Pass, said_of, table
 from pcontact.adapt.sizes import cuts
 from pcontact.adapt.watch import Beginning, Watch
 from pcontact.element.reference import CELLS
@@ -23,7 +25,9 @@ from pcontact.runtime.lock import reserved
 from pcontact.runtime.messages import input_error
 from pcontact.runtime.options import Options
 from pcontact.runtime.parallel import on_root
-from pcontact.runtime.petsc import MPI
+from pcontact.runtime.petsc import MPI, PETSc
+from pcontact.scene.keys import options as key_options
+from pcontact.scene.model import MeshSpec
 from pcontact.simulation import Simulation
 
 REACHED, FAILED, SPENT = 0, 1, 4
@@ -46,6 +50,11 @@ FIRST_RTOL, LEAST_RTOL, MOST_RTOL = 0.01, 1e-9, 1e-4
 LEAST_TRUST = 0.3
 # [load steps] Times as many at once at most. From: chosen.
 MORE_STEPS = 4
+# Parts of the error that a finer mesh takes away as it does its own, and those that it leaves.
+FALLING, STAYING = ("mesh", "quadrature", "loads", "frozen_partners"), ("straight_facets", "curved_facets")
+# [passes] Before a forecast; the second one is left out where it would have more unknowns than that. From: one pass
+# does not tell which of its seconds more unknowns take.
+TRIED, SMALL = 2, 50_000
 
 
 class Outcome(NamedTuple):
@@ -98,13 +107,16 @@ class Loop:
         self._take, self._observers, self._options = take, observers, Options(said)
         self._start, self._budget = clock.perf_counter(), Budgeted(self.target.budget, comm)
         self._rtol = float(np.clip(FIRST_RTOL * self.target.error, LEAST_RTOL, MOST_RTOL))
-        self._steps, self._others, self._why = scene.steps.count, None, ""
+        self._steps, self._others, self._why, self._searches = scene.steps.count, None, "", False
+        self._degree = self._options.get(key_options(MeshSpec)["order"], scene.mesh.order)
+        # the pass of the lower degree, while the other one is tried
+        self._lower, self._chosen, self._looks_ahead, self.ahead = None, None, False, None
         self.passes, self.kept, self.mesh = [], None, None
 
     def last_scene(self):
         """The scene of the last pass, as it would be run alone."""
         scene = self._scene()
-        scene.steps.count = self.passes[-1].steps
+        scene.steps.count, scene.mesh.order = self.passes[-1].steps, self.passes[-1].degree
         return scene
 
     # -- one pass -------------------------------------------------------------------------------------------------
@@ -113,9 +125,12 @@ class Loop:
         """The scene of the next pass."""
         scene = self.scene.copy()
         scene.accuracy = None
-        scene.output.estimate, scene.steps.count = True, self._steps
+        scene.output.estimate, scene.steps.count, scene.mesh.order = True, self._steps, self._degree
         # looser partners and tolerances than the mesh deserves are no place to save
-        scene.petsc = {"snes_rtol": f"{self._rtol:.3g}", "contact_search_again": "4", **scene.petsc}
+        ours = {"snes_rtol": f"{self._rtol:.3g}", "contact_search_again": "4"}
+        if self._searches:
+            ours["contact_search_every"] = "newton"
+        scene.petsc = {**ours, **scene.petsc}
         return scene
 
     def _run(self, scene, mesh, known, directory):
@@ -176,6 +191,19 @@ class Loop:
                 on_root(self.comm, _tidy, directory, best, len(self.passes) + 1)
         return Outcome(status, self.kept, failure)
 
+    def forecast(self):
+        """What the target would take, from the first one or two passes. *Collective.*
+
+        Returns
+        -------
+        Outcome
+            Its `kept` is that of the last pass; :attr:`ahead` is the forecast, None where these passes were enough or
+            did not end.
+        """
+        self._looks_ahead, self._where = True, ""
+        status, _, failure = self._passes(None)
+        return Outcome(status, self.kept, failure)
+
     def _passes(self, directory):
         mesh = known = None
         while True:
@@ -194,20 +222,54 @@ class Loop:
             self.mesh = simulation.mesh
             done = self._measured(simulation, watch, clock.perf_counter() - begun)
             self.passes.append(done)
-            status, step = self._next(simulation, watch, done)
-            if step is not None:
-                balance = Balance(*build.balance(simulation.scene, self._options))
-                mesh, fields = refine(simulation.mesh, step.more, watch.fields, balance)
-                known = watch.times, fields
-                status = self._fits(simulation, mesh)
+            status, step = self._next(watch, done)
+            if status is None and self._looks_ahead:
+                status = self._look_ahead(watch, done, step)
+            if status is None:
+                mesh, known, status = self._onward(simulation, watch, done, step)
             done.seconds = clock.perf_counter() - begun
             for line in table(self.passes, self.target, self._why if status is not None else ""):
                 log.info("%s", line)
-            self._tell(simulation, status)
+            if not self._looks_ahead:
+                self._tell(simulation, status)
             self.kept = self._take(simulation, converged)
             simulation.free()
             if status is not None:
                 return status, len(self.passes), None
+
+    def _onward(self, simulation, watch, done, step):
+        """The next mesh, what is known on it, and None or the exit status where it is too large. *Collective.*"""
+        mesh = simulation.mesh
+        if self._tries_degree(mesh):
+            self._lower, self._degree = (mesh, watch, done, step), 2
+            done.next = {"unknowns": None, "mesh": None, "load_steps": self._steps, "degree": 2}
+            return mesh, (watch.times, watch.fields), None
+        last = done
+        if self._lower is not None:
+            lower, self._lower = self._lower, None
+            self._chosen = cheaper(lower[2], done, self.target.error)
+            log.info("degree %d: %s", self._chosen["degree"], self._chosen["why"])
+            if self._chosen["degree"] == 1:
+                mesh, watch, last, step = lower
+                self._degree = 1
+                done.next = {"unknowns": step.growth * last.unknowns, "mesh": step.part * last.parts["mesh"],
+                             "load_steps": self._steps, "degree": 1}  # fmt: skip
+        balance = Balance(*build.balance(simulation.scene, self._options))
+        finer, fields = refine(mesh, step.more, watch.fields, balance)
+        status = self._fits(last.unknowns * finer.n_nodes_total / mesh.n_nodes_total)
+        return finer, (watch.times, fields), status
+
+    def _tries_degree(self, mesh):
+        """Whether the degree is ours to choose, and has not been chosen."""
+        return mesh.curved and self._degree is None and self._chosen is None and self._lower is None
+
+    def _look_ahead(self, watch, done, step):
+        """`SPENT` and a forecast where it has enough passes to stand on. *Collective.*"""
+        growing = [one for one in self.passes if one.degree == done.degree]
+        if self._tries_degree(self.mesh) or (len(growing) < TRIED and step.growth * done.unknowns < SMALL):
+            return None
+        self.ahead = forecast(self.comm, growing, watch.squares, self._wanted(done))
+        return SPENT
 
     def _measured(self, simulation, watch, seconds):
         """What a pass says of its errors. *Collective.*"""
@@ -217,19 +279,28 @@ class Loop:
         known = effectivity(simulation.scene, simplices, mesh.dim, space.degree)
         norm = watch.norm if watch.norm > 0.0 else 1.0
         estimate, size, found = watch.absolute / norm, norm, None
+        beside = {"algebraic": watch.algebraic / norm}
+        loads, forces = simulation.error_estimate.of_loads(watch.time)
+        beside["loads"] = loads / norm
         if self.target.quantity != "energy":
-            found = simulation.error_estimate.of_quantity(self.target, watch.record, simulation.stepper.u, watch.time)
+            found = simulation.error_estimate.of_quantity(
+                self.target, watch.record, simulation.stepper.u, watch.time, watch.unbalanced
+            )
             known, size = of_quantity(self.target.quantity, mesh.dim), abs(found.value) or 1.0
             estimate = abs(found.error) / size
             watch.squares = self._indicators(watch.squares, found)
+            if self.target.quantity != "pressure":
+                beside = {"algebraic": abs(found.algebraic) / size, "loads": abs(found.loads) / size}
         times = simulation.times()
         done = Pass(
             unknowns=space.n_dofs, cells=mesh.n_cells_total, degree=space.degree, estimate=estimate, known=known,
-            parts={"mesh": estimate / known.least, "algebraic": watch.algebraic / norm}, steps=self._steps,
+            parts={"mesh": estimate / known.least, **beside}, steps=self._steps,
             seconds=seconds, solve=times["solve"], memory=times["peak_memory_mb"] * 2.0**20,
+            entries=simulation.problem.matrix.matrix.getInfo(PETSc.Mat.InfoType.GLOBAL_SUM)["nz_used"],
             quantity=None if found is None else _quantity(found, self.target, self.passes),
         )  # fmt: skip
-        done.parts |= self._beside_the_mesh(simulation, done, size, watch.record)
+        self._add_loads(watch, forces, done.parts)
+        done.parts |= self._beside_the_mesh(simulation, done, size, watch)
         done.error = sum(done.parts.values())
         return done
 
@@ -242,40 +313,59 @@ class Loop:
         sums = self.comm.allreduce(np.array([own.sum(), squares.sum()]), op=MPI.SUM)
         return own / (sums[0] or 1.0) + squares / (sums[1] or 1.0)
 
-    def _beside_the_mesh(self, simulation, done, norm, record):
+    def _add_loads(self, watch, forces, parts):
+        """Let the indicators have cells whose loads are integrated badly, by their share. *Collective.*"""
+        if parts["loads"] <= SHARE * self.target.error:
+            return
+        own = np.concatenate([np.zeros(0), *forces])
+        sums = self.comm.allreduce(np.array([own.sum(), watch.squares.sum()]), op=MPI.SUM)
+        ratio = (parts["loads"] / parts["mesh"]) ** 2 if parts["mesh"] > 0.0 else 1.0
+        watch.squares = watch.squares + ratio * (sums[1] or 1.0) / (sums[0] or 1.0) * own
+
+    def _beside_the_mesh(self, simulation, done, norm, watch):
         """Errors that the mesh has no part in, measured on the first mesh. *Collective.*"""
         if self._others is None:
-            self._others = self._measure_others(simulation, norm, record) | {"of": done.parts["mesh"]}
-        found, first = self._others, self._others["steps"]
-        finer = done.parts["mesh"] / found["of"] if found["of"] > 0.0 else 1.0
-        parts = {"load_steps": found["load_steps"] * first / self._steps}
-        # what a finer rule changes falls as fast as what a finer mesh does, what straight facets do stays
-        parts |= {"quadrature": found["quadrature"] * min(finer, 1.0), "straight_facets": found["straight_facets"]}
-        return {name: value for name, value in parts.items() if value > 0.0}
+            begun = clock.perf_counter()
+            self._others = self._measure_others(simulation, norm, watch)
+            self._others |= {"of": done.parts["mesh"], "steps": self._steps}
+            done.trials = clock.perf_counter() - begun
+        found, parts = self._others, {}
+        finer = min(done.parts["mesh"] / found["of"], 1.0) if found["of"] > 0.0 else 1.0
+        for name in (name for name in found if name in NAMES):
+            # what a finer rule changes falls as fast as what a finer mesh does, what straight facets do stays
+            fallen = found["steps"] / self._steps if name == "load_steps" else finer if name in FALLING else 1.0
+            parts[name] = fallen * found[name]
+        if self._searches:
+            parts["frozen_partners"] = 0.0
+        return parts
 
-    def _measure_others(self, simulation, norm, record):
-        zero = {"load_steps": 0.0, "quadrature": 0.0, "straight_facets": 0.0, "steps": self._steps}
+    def _measure_others(self, simulation, norm, watch):
         if simulation.problem.linear:
-            return zero
+            return {}
         simulation.close()
-        scene = self._scene()
+        scene, tried = self._scene(), {}
         scene.output.estimate = scene.output.checkpoint = False
-        tried = {"load_steps": variants.halved_steps(scene)}
+        if _remembers(simulation.scene):
+            tried["load_steps"] = variants.halved_steps(scene)
         if any(not contact.tied for contact in scene.contacts):
+            tried["frozen_partners"] = variants.searching(scene)
             tried["quadrature"] = variants.finer_quadrature(scene, simulation.problem.space.degree)
-        if any(pair.chords is not None for contact in simulation.problem.contacts for pair in contact.pairs):
-            tried["straight_facets"] = variants.smooth_facets(scene)
+            if variants.bent(simulation):
+                name = "curved_facets" if simulation.mesh.curved else "straight_facets"
+                tried[name] = variants.smooth_facets(scene)
+        found = {"load_steps": 0.0}
         for name, other in tried.items():
-            value = variants.difference(simulation, other, self.target, record) / norm
+            value = variants.difference(simulation, other, self.target, watch) / norm
             # with half the steps to go, the other half of a first-order error is left
-            zero[name] = 2.0 * value if name == "load_steps" else value
-        if not np.isfinite(zero["load_steps"]):
-            log.warning("the error of the load steps is not known: twice as many do not converge")
-        return {name: value if np.isfinite(value) else 0.0 for name, value in zero.items()}
+            found[name] = 2.0 * value if name == "load_steps" else value
+            if not np.isfinite(value):
+                log.warning("not known: how much of the error is that of %s", said_of(name))
+                found[name] = 0.0
+        return found
 
     # -- the next one ---------------------------------------------------------------------------------------------
 
-    def _next(self, simulation, watch, done):
+    def _next(self, watch, done):
         """Exit status and None, or None and how to cut the cells of the mesh. *Collective.*"""
         goal = self.target.error
         if done.error <= goal:
@@ -290,34 +380,41 @@ class Loop:
             self._why = f"not reached: at the rate seen it would take {far:.2g} unknowns"
             return SPENT, None
         self._balance(done)
-        others = sum(value for name, value in done.parts.items() if name not in ("mesh", "load_steps", "algebraic"))
-        others += min(done.parts["algebraic"], SHARE * goal) + min(done.parts.get("load_steps", 0.0), SHARE * goal)
-        if others >= goal:
-            largest = max((name for name in done.parts if name != "mesh"), key=done.parts.get)
-            self._why = f"not reached: {said_of(largest)} alone make {100.0 * others:.2g} %, which no mesh takes away"
+        stays = sum(done.parts.get(name, 0.0) for name in STAYING)
+        if stays >= goal:
+            largest = max((name for name in STAYING), key=lambda name: done.parts.get(name, 0.0))
+            self._why = f"not reached: {said_of(largest)} alone make {100.0 * stays:.2g} %, which no mesh takes away"
             return SPENT, None
-        part = min(AIM * (goal - others) / done.parts["mesh"], 1.0) * self._trust(done)
         most = self._budget.growth(done, clock.perf_counter() - self._start)
         if most < GROWN:
             self._why = f"not reached: the budget is spent ({self._budget.by})"
             return SPENT, None
-        # errors of quantities are products of two errors of the energy norm
-        power = 2.0 if self.target.quantity not in ("energy", "pressure") else 1.0
-        step = cuts(self.comm, watch.squares, done.degree, simulation.mesh.dim, part ** (1.0 / power), most)
-        done.next = {"unknowns": step.growth * done.unknowns, "mesh": step.part**power * done.parts["mesh"],
-                     "load_steps": self._steps}  # fmt: skip
+        step = cuts(self.comm, watch.squares, done.degree, self.mesh.dim, self._wanted(done), most)
+        done.next = {"unknowns": step.growth * done.unknowns, "mesh": step.part**done.power * done.parts["mesh"],
+                     "load_steps": self._steps, "degree": done.degree}  # fmt: skip
         return None, step
+
+    def _wanted(self, done):
+        """The part of the error in the energy norm that the next mesh is made for."""
+        goal, share = self.target.error, SHARE * self.target.error
+        stays = sum(done.parts.get(name, 0.0) for name in STAYING)
+        stays += sum(min(done.parts.get(name, 0.0), share) for name in ("algebraic", "load_steps"))
+        falls = sum(done.parts.get(name, 0.0) for name in FALLING)
+        part = min(AIM * max(goal - stays, share) / falls, 1.0) * self._trust(done)
+        # errors of quantities are products of two errors of the energy norm
+        return part ** (1.0 / done.power)
 
     def _trust(self, done):
         """What the last pass has brought over what was expected of it: less where solutions are singular."""
         old = self.passes[-2] if len(self.passes) > 1 else None
-        if old is None or old.next is None or old.degree != done.degree:
+        if old is None or old.degree != done.degree or old.next is None or old.next["degree"] != done.degree:
             return 1.0
         return float(np.clip(old.next["mesh"] / done.parts["mesh"], LEAST_TRUST, 1.0))
 
     def _balance(self, done):
-        """Spend on load steps and tolerances where they are large beside what is wanted."""
+        """Spend on load steps, searches and tolerances where they are large beside what is wanted."""
         share = SHARE * self.target.error
+        self._searches = self._searches or done.parts.get("frozen_partners", 0.0) > share
         steps = done.parts.get("load_steps", 0.0)
         if steps > share:
             self._steps = int(np.ceil(self._steps * min(steps / share, MORE_STEPS)))
@@ -330,12 +427,11 @@ class Loop:
         if len(self.passes) < PATIENCE:
             return False
         old, new = self.passes[-2], self.passes[-1]
-        same = old.steps == new.steps
+        same = old.steps == new.steps and old.degree == new.degree
         return same and new.unknowns > GROWN * old.unknowns and new.error > FALLEN * old.error
 
-    def _fits(self, simulation, mesh):
-        """None, or the exit status where a mesh has become too large for the budget. *Collective.*"""
-        unknowns = self.passes[-1].unknowns * mesh.n_nodes_total / simulation.mesh.n_nodes_total
+    def _fits(self, unknowns):
+        """None, or the exit status where a mesh has become too large for the budget."""
         self._budget.learn(self.passes[-1], unknowns)
         if self._budget.holds(unknowns):
             return None
@@ -347,6 +443,8 @@ class Loop:
     def _tell(self, simulation, status):
         """Put the section `accuracy` into the report of a pass. *Collective.*"""
         section = report(self.passes, self.target, status == REACHED)
+        if self._chosen is not None:
+            section["degree"] = self._chosen
 
         def write():
             data = simulation.records.report.data
@@ -356,11 +454,17 @@ class Loop:
         on_root(self.comm, write)
 
 
+def _remembers(scene):
+    """Whether what happens depends on what has happened: friction and plastic flow."""
+    slips = any(one.friction or one.tresca or one.law for one in scene.contacts)
+    return slips or any(scene.yields(body) for body in scene.bodies)
+
+
 def _quantity(found, target, passes):
     """Value of a quantity, and what it is extrapolated to, with an uncertainty."""
     if target.quantity == "pressure":
         return {"value": found.value, "error": found.error}
-    best = found.value + found.error
+    best = found.value + found.error + found.loads
     # what is left of the estimate's own error; and, once there are two, by how much such values differ
     unsure = max([0.5 * abs(found.error), *(abs(one.quantity["extrapolated"] - best) for one in passes[-1:])])
     return {"value": found.value, "error": found.error, "extrapolated": best, "uncertainty": unsure}
@@ -389,7 +493,7 @@ def report(passes, target, reached):
 def rate(passes):
     """Power of the unknowns with which the error falls: as seen in the last two passes, or as smooth solutions have."""
     smooth = passes[-1].power * passes[-1].degree / passes[-1].known.dim
-    if len(passes) < 2 or passes[-1].unknowns <= passes[-2].unknowns:
+    if len(passes) < 2 or passes[-1].unknowns <= passes[-2].unknowns or passes[-1].degree != passes[-2].degree:
         return smooth
     old, new = passes[-2:]
     seen = np.log(old.parts["mesh"] / new.parts["mesh"]) / np.log(new.unknowns / old.unknowns)

@@ -3,8 +3,10 @@
 from dataclasses import dataclass, field
 
 NAMES = {
-    "mesh": "the mesh", "load_steps": "the load steps", "quadrature": "the quadrature of contact",
-    "straight_facets": "straight facets of curved surfaces", "algebraic": "Newton's and Krylov's methods",
+    "mesh": "the mesh", "load_steps": "the load steps", "frozen_partners": "partners that are frozen in a load step",
+    "quadrature": "the quadrature of contact", "loads": "the quadrature of loads",
+    "straight_facets": "straight facets of curved surfaces",
+    "curved_facets": "curved facets of surfaces that curve otherwise", "algebraic": "Newton's and Krylov's methods",
 }  # fmt: skip
 
 
@@ -29,10 +31,15 @@ class Pass:
         Of the whole pass, and of its load steps.
     memory : float
         Peak of all ranks together [bytes].
+    entries : float
+        Of the tangent, stored.
     quantity : dict or None
         Value, error, what it is extrapolated to, uncertainty; None for the energy norm.
+    trials : float
+        Seconds that were spent on errors that the mesh has no part in.
     next : dict or None
-        What was decided: ``unknowns``, ``mesh`` (its part of the error then) and ``load_steps`` that are expected.
+        What was decided: ``unknowns``, ``mesh`` (its part of the error then), ``load_steps`` and ``degree`` that are
+        expected; None of what is not known.
     """
 
     unknowns: int
@@ -46,7 +53,9 @@ class Pass:
     seconds: float = 0.0
     solve: float = 0.0
     memory: float = 0.0
+    entries: float = 0.0
     quantity: dict | None = None
+    trials: float = 0.0
     next: dict | None = None
 
     @property
@@ -56,7 +65,8 @@ class Pass:
 
     def report(self):
         """Its entry of the report."""
-        names = ("unknowns", "cells", "degree", "error", "estimate", "parts", "steps", "seconds", "solve", "next")
+        names = ("unknowns", "cells", "degree", "error", "estimate", "parts", "steps", "seconds", "solve",
+                 "trials", "next")  # fmt: skip
         quantity = {} if self.quantity is None else {"quantity": self.quantity}
         return {name: getattr(self, name) for name in names} | quantity | {"memory_mb": self.memory / 2.0**20}
 
@@ -77,13 +87,16 @@ def table(passes, target, why=""):
         Empty: there is another one.
     """
     last = passes[-1]
-    parts = ", ".join(f"{name.replace('_', ' ')} {100.0 * value:.2g} %" for name, value in last.parts.items())
+    parts = ", ".join(f"{name.replace('_', ' ')} {100.0 * value:.2g} %" for name, value in last.parts.items()
+                      if value > 0.0)  # fmt: skip
     line = (
         f"pass {len(passes)}  {last.unknowns} unknowns  error {100.0 * last.error:.3g} % of {target.of} "
         f"(target {100.0 * target.error:.3g} %: {parts})  {last.seconds:.1f} s  "
     )
     if why:
         return [f"{line}{why}"]
+    if last.next["unknowns"] is None:
+        return [f"{line}next: the same mesh with degree {last.next['degree']}"]
     coming = f"next: about {last.next['unknowns']:.3g} unknowns, mesh {100.0 * last.next['mesh']:.2g} %"
     if last.next["load_steps"] != last.steps:
         coming += f", {last.next['load_steps']} load steps"

@@ -34,7 +34,7 @@ class Cuts(NamedTuple):
     growth: float
 
 
-def cuts(comm, squares, degree, dim, part, most=np.inf):
+def cuts(comm, squares, degree, dim, part, most=np.inf, count=None):
     """Cuts that leave a part of the error. *Collective.*
 
     A cell's part of the squared error falls with 2^(-2 p / d) per bisection, the cells double: the fewest have sizes in
@@ -50,12 +50,15 @@ def cuts(comm, squares, degree, dim, part, most=np.inf):
         Of the error, to be left.
     most : float
         Growth of the number of cells at most.
+    count : ndarray (n,), optional
+        Of cells that have these squares each.
 
     Returns
     -------
     Cuts
     """
-    total, count, low, high = _sums(comm, squares)
+    number = np.ones(len(squares)) if count is None else count
+    total, count, low, high = _sums(comm, squares, number)
     if total == 0.0:
         return Cuts(np.zeros(len(squares), dtype=np.int64), 1.0, 1.0)
 
@@ -63,7 +66,8 @@ def cuts(comm, squares, degree, dim, part, most=np.inf):
         with np.errstate(divide="ignore"):
             wanted = dim / (2.0 * degree + dim) * np.log2(squares / scale)
         more = np.clip(np.rint(wanted), 0, AT_ONCE * dim).astype(np.int64)
-        left, cells = comm.allreduce(np.array([squares @ 0.25 ** (degree * more / dim), np.sum(2.0**more)]), op=MPI.SUM)
+        own = [(number * squares) @ 0.25 ** (degree * more / dim), number @ 2.0**more]
+        left, cells = comm.allreduce(np.array(own), op=MPI.SUM)
         return Cuts(more, float(np.sqrt(left / total)), float(cells / count))
 
     # cells as large as this become as small as may be; below, those with smaller contributions catch up
@@ -78,8 +82,8 @@ def cuts(comm, squares, degree, dim, part, most=np.inf):
     return tried(high) if found.growth > most else found
 
 
-def _sums(comm, squares):
+def _sums(comm, squares, number):
     """Sum, count, least positive and largest of the squares of all ranks. *Collective.*"""
-    total, count = comm.allreduce(np.array([squares.sum(), len(squares)]), op=MPI.SUM)
+    total, count = comm.allreduce(np.array([number @ squares, number.sum()]), op=MPI.SUM)
     least = comm.allreduce(float(np.min(squares[squares > 0.0], initial=np.inf)), op=MPI.MIN)
     return float(total), float(count), least, comm.allreduce(float(np.max(squares, initial=0.0)), op=MPI.MAX)

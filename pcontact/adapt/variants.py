@@ -5,6 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from pcontact.adapt.watch import Beginning
+from pcontact.contact.surface.smooth_geometry import smooth_surface
 from pcontact.estimate.goal import value
 from pcontact.runtime import log
 from pcontact.runtime.errors import TOLD
@@ -16,11 +18,13 @@ HIGHER = 4
 
 
 @contextmanager
-def solved(scene, comm, said, mesh):
+def solved(scene, comm, said, mesh, known=None):
     """A run in memory whose lines are not shown, and the record of its last load step; None where it does not converge.
-    *Collective.*
+    It begins where the bodies are known to be, see :class:`pcontact.adapt.watch.Beginning`. *Collective.*
     """
     simulation = Simulation(scene, comm, said, mesh)
+    if known is not None:
+        simulation.begin = Beginning(simulation, *known)
     try:
         with log.quiet():
             last = Last()
@@ -43,9 +47,20 @@ def finer_quadrature(scene, degree):
 
 
 def smooth_facets(scene):
-    """The scene with the gaps of the smooth surfaces that straight facets stand for."""
+    """The scene with the gaps of the smooth surfaces that facets stand for."""
     contacts = [one if one.tied else replace(one, smooth_geometry=True) for one in scene.contacts]
     return replace(scene, contacts=contacts)
+
+
+def searching(scene):
+    """The scene whose contacts look for partners at the iterations of Newton's method, until they stay."""
+    return replace(scene, petsc={**scene.petsc, "contact_search_every": "newton"})
+
+
+def bent(simulation):
+    """Whether the facets of a contact stand for a smooth surface that they are not. *Collective.*"""
+    names = {name for one in simulation.scene.contacts if not one.tied for name in (one.source, one.target)} - {None}
+    return any([smooth_surface(simulation.problem.space, name, True) is not None for name in sorted(names)])
 
 
 class Last(Observer):
@@ -59,7 +74,7 @@ class Last(Observer):
         self.record = record
 
 
-def difference(simulation, other, target, record):
+def difference(simulation, other, target, watch):
     """What another setting changes in the solution. *Collective.*
 
     Parameters
@@ -70,8 +85,8 @@ def difference(simulation, other, target, record):
         To be run on the same mesh.
     target : pcontact.scene.target.Target
         Of what the change counts.
-    record : dict
-        Of the last load step of `simulation`.
+    watch : pcontact.adapt.watch.Watch
+        Of `simulation`.
 
     Returns
     -------
@@ -79,12 +94,13 @@ def difference(simulation, other, target, record):
         In the energy norm [sqrt(energy)], or of the quantity; nan where it is not known.
     """
     try:
-        with solved(other, simulation.comm, simulation.options.said, simulation.mesh) as (run, last):
+        known = watch.times, watch.fields
+        with solved(other, simulation.comm, simulation.options.said, simulation.mesh, known) as (run, last):
             if last is None:
                 return float("nan")
             values = run.stepper.u.getArray(readonly=True).copy()
             if target.quantity != "energy":
-                own = value(simulation.problem, target, record, simulation.stepper.u)
+                own = value(simulation.problem, target, watch.record, simulation.stepper.u)
                 return abs(value(run.problem, target, last, run.stepper.u) - own)
     except TOLD:
         # a setting that the scene does not take

@@ -25,8 +25,8 @@ class Watch(Observer):
         Largest squared estimates of the cells of this rank over the load steps, block after block [energy].
     absolute, norm, algebraic : float
         Largest of the load steps [sqrt(energy)].
-    record, time : dict, float
-        Of the last load step.
+    record, time, unbalanced : dict, float, ndarray (n_owned, d)
+        Of the last load step; forces that the solver has left unbalanced.
     times : list of float
         Ends of the load steps.
     fields : list of ndarray (n_nodes, d)
@@ -38,11 +38,12 @@ class Watch(Observer):
         cells = sum(len(block.nodes) for block in simulation.mesh.blocks)
         self.squares, self.absolute, self.norm, self.algebraic = np.zeros(cells), 0.0, 0.0, 0.0
         self.times, self.fields, self.record, self.time = [], [], None, 0.0
+        self.unbalanced = None
 
     def step(self, step, u, record):
         """Take what the load step says. *Collective.*"""
         estimate = self._simulation.error_estimate
-        self.record, self.time = record, step.time
+        self.record, self.time, self.unbalanced = record, step.time, step.unbalanced
         own = np.concatenate([np.zeros(0), *(cells**2 for cells in estimate.cells)])
         self.squares = np.maximum(self.squares, own)
         self.absolute = max(self.absolute, estimate.last["absolute"])

@@ -70,6 +70,12 @@ def _constant_body_force(space, load):
             yield cells[rows], weight[:, :, None] * np.asarray(load.body_force, dtype=float)
 
 
+def load_patches(space, load, more=0):
+    """The quadrature points of a load, of rules whose degree is higher by `more` than that of a run."""
+    on_facets = load.pressure is not None or load.traction is not None
+    return facet_patches(space, load.region, more) if on_facets else cell_patches(space, load.region, SMOOTH + more)
+
+
 def load_vector(space, load, prescribed=None, time=0.0, masses=()):
     """Nodal forces of a load at factor 1. *Collective.*
 
@@ -99,8 +105,7 @@ def load_vector(space, load, prescribed=None, time=0.0, masses=()):
     prescribed = Prescribed(value_of(load)[1]) if prescribed is None else prescribed
     if load.body_force is not None and not prescribed.varies:
         return assembled(space, _constant_body_force(space, load))
-    on_facets = load.pressure is not None or load.traction is not None
-    patches = facet_patches(space, load.region) if on_facets else cell_patches(space, load.region, SMOOTH)
+    patches = load_patches(space, load)
     per_mass = load.acceleration is not None or load.angular_speed is not None
 
     def forces(patch):

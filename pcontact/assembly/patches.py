@@ -28,6 +28,10 @@ class Patch(NamedTuple):
         Outward normals of facets.
     body : int
         Of cells.
+    block : int
+        Of facets and cells.
+    cells : ndarray (n,) or None
+        Cells of the block: the elements, or the parents of facets.
     """
 
     nodes: np.ndarray
@@ -36,6 +40,8 @@ class Patch(NamedTuple):
     points: np.ndarray
     normals: np.ndarray | None = None
     body: int = -1
+    block: int = -1
+    cells: np.ndarray | None = None
 
     def forces(self, density):
         """Forces (n, nn, d) of a density (n, nq, d)."""
@@ -46,20 +52,20 @@ class Patch(NamedTuple):
         return np.einsum("nqa,nad->nqd", self.shape, nodal[self.nodes])
 
 
-def facet_patches(space, region):
-    """Patches of a group of facets."""
+def facet_patches(space, region, more=0):
+    """Patches of a group of facets, exact for products of two displacements and a polynomial of the degree `more`."""
     mesh = space.mesh
     for facets in mesh.facet_groups.get(region, []):
         block = mesh.blocks[facets.block]
         table, geometry_degree = mesh.geometry_nodes(block)
-        xi, weights = quadrature(facets.kind, 2 * space.degree + 2 * (geometry_degree - 1))
+        xi, weights = quadrature(facets.kind, 2 * space.degree + 2 * (geometry_degree - 1) + more)
         x = np.ascontiguousarray(mesh.points[table[facets.cells]])
         at = facet_geometry(facets.cell, x, facets.local, geometry_degree, space.degree, xi, weights)
         weight = at.jxw * space.circumference(at.points)
         # of the cell's nodes those of the facet: the others' shape functions are zero there
         own = facet_nodes(facets.cell, space.degree)[facets.local]
         shapes = np.take_along_axis(at.shape, own[:, None, :], axis=2)
-        yield Patch(space.facet_nodes(facets), shapes, weight, at.points, at.normals)
+        yield Patch(space.facet_nodes(facets), shapes, weight, at.points, at.normals, -1, facets.block, facets.cells)
 
 
 def cell_patches(space, region, more=0):
@@ -81,7 +87,8 @@ def cell_patches(space, region, more=0):
             gradients(x, dgeo, dshape, weights, np.empty((len(some), *dshape.shape)), jxw)
             points = geo @ x
             shapes = np.broadcast_to(values, (len(some), *values.shape))
-            yield Patch(space.cells[number][some], shapes, jxw * space.circumference(points), points, body=block.body)
+            weight = jxw * space.circumference(points)
+            yield Patch(space.cells[number][some], shapes, weight, points, None, block.body, number, some)
 
 
 def node_patches(space, nodes):

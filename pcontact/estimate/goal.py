@@ -11,6 +11,7 @@ cell knows a part in the functions of `pcontact.estimate.bubbles`, a small probl
     int_K sigma(e*) : eps(v) = int_K (s* - sigma(z_h)) : eps(v),
 
 with s* the stress of z_h averaged at the nodes. The residual of a cell is that of the estimate of the energy norm.
+Where quadrature or the solver leave forces out, rho(z_h) is not zero: it is the work of these forces on z_h.
 
     force         F . d = C(u; d on the source), of the force on the target, C being the part of N that contact has
     support       R . d = N(u; d on the support): z is d there, and J(u) - J(u_h) = -rho(z - z_h)
@@ -61,14 +62,18 @@ class GoalError(NamedTuple):
     value : float
         Of the quantity.
     error : float
-        J(u) - J(u_h).
+        J(u) - J(u_h), as far as the mesh has brought it about.
     cells : list of ndarray (nc,)
         What the cells of each block have in it, with signs.
+    loads, algebraic : float
+        J(u) - J(u_h), as far as the quadrature of loads and the solver have.
     """
 
     value: float
     error: float
     cells: list
+    loads: float = 0.0
+    algebraic: float = 0.0
 
 
 def _direction(vector):

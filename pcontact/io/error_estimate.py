@@ -4,8 +4,9 @@ import numpy as np
 
 from pcontact.estimate import goal
 from pcontact.estimate.estimator import Estimator
+from pcontact.estimate.loads import missing
 from pcontact.runtime.observer import Observer
-from pcontact.runtime.petsc import PETSc
+from pcontact.runtime.petsc import MPI, PETSc
 from pcontact.scene import amplitude_of
 from pcontact.solve.preconditioners.contact import new_preconditioner
 
@@ -62,7 +63,7 @@ class ErrorEstimate(Observer):
 
     def __init__(self, problem, scene, newton):
         loads = [(load, amplitude_of(load, scene.steps.end)) for load in scene.loads]
-        self._problem, self._newton, self.cells = problem, newton, []
+        self._problem, self._newton, self._loads, self.cells = problem, newton, loads, []
         # the largest norm of the run so far, which a restarted run goes on with
         self.last, self.carried = None, 0.0
         self._estimator = Estimator(problem, loads)
@@ -77,12 +78,19 @@ class ErrorEstimate(Observer):
             "absolute": estimate.absolute,
             "relative": estimate.absolute / self.carried if self.carried > 0.0 else float("nan"),
             "energy_norm": estimate.energy,
-            "algebraic": self._algebraic(step.unbalanced),
+            "algebraic": self._answer(step.unbalanced),
             "parts": estimate.parts,
             "surfaces": estimate.surfaces,
         }
 
-    def of_quantity(self, target, record, u, time):
+    def of_loads(self, time):
+        """Energy norm of what the quadrature of loads leaves out of the displacement [sqrt(energy)], and the squared
+        forces (nc,) that it leaves out of the cells of each block. *Collective.*
+        """
+        forces, cells = missing(self._problem.space, self._loads, time)
+        return 0.0 if forces is None else self._answer(forces), cells
+
+    def of_quantity(self, target, record, u, time, unbalanced):
         """The error of a quantity of the last load step, see `pcontact.estimate.goal`. *Collective.*
 
         Parameters
@@ -92,6 +100,8 @@ class ErrorEstimate(Observer):
             Of the load step.
         u : PETSc.Vec
         time : float
+        unbalanced : ndarray (n_owned, d)
+            Of the load step [force].
 
         Returns
         -------
@@ -111,18 +121,22 @@ class ErrorEstimate(Observer):
         z = problem.space.vector()
         z.setArray(goal.dual(problem, found, preconditioner).ravel())
         cells = [found.sign * own for own in self._estimator.weighted(u, time, z)]
-        error = problem.space.comm.allreduce(float(sum(own.sum() for own in cells)))
-        return goal.GoalError(found.value, error, cells)
+        dual = z.getArray(readonly=True).reshape(unbalanced.shape)
+        forces, _ = missing(problem.space, self._loads, time)
+        work = [sum(own.sum() for own in cells), 0.0 if forces is None else found.sign * np.vdot(dual, forces),
+                -found.sign * np.vdot(dual, np.where(problem.fixed, 0.0, unbalanced))]  # fmt: skip
+        error, loads, algebraic = problem.space.comm.allreduce(np.array(work, dtype=float), op=MPI.SUM).tolist()
+        return goal.GoalError(found.value, error, cells, loads, algebraic)
 
     def norm(self, v):
         """Energy norm of a displacement of elastic bodies [sqrt(energy)]. *Collective.*"""
         return self._estimator.norm(v)
 
-    def _algebraic(self, unbalanced):
-        """Energy norm of the step that Newton's iteration would take next, solved roughly. *Collective.*"""
+    def _answer(self, forces):
+        """Energy norm of what the tangent answers to forces (n_owned, d), solved roughly. *Collective.*"""
         problem, matrix = self._problem, self._problem.matrix.matrix
         residual, step = problem.space.vector(), problem.space.vector()
-        residual.setArray(np.where(problem.fixed, 0.0, unbalanced).ravel())
+        residual.setArray(np.where(problem.fixed, 0.0, forces).ravel())
         if residual.norm() == 0.0:
             return 0.0
         # a solver of its own: that of Newton's iteration is not left alone, its set-up belongs to another matrix

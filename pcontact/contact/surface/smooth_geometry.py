@@ -1,4 +1,4 @@
-"""The smooth surfaces that straight facets stand for, and what they change in the gap.
+"""The smooth surfaces that facets stand for, and what they change in the gap.
 
 The facets of a mesh of degree 1 are chords of a curved body. Between two bodies whose surfaces conform, chords that do
 not match leave gaps and overlaps, and the pressure closes them: it is wrong by about gamma times these gaps, however
@@ -10,6 +10,16 @@ the smooth surface stands off a facet, at the point with linear shape functions 
 the error of linear interpolation, exactly where the surface is quadratic, and continuous over the edges of facets. The
 gap between the smooth surfaces is g + n . (d_target - d_source), a number that does not depend on the displacement.
 Cells, displacement, normals and quadrature stay as they are.
+
+The facets of a mesh of degree 2 are much closer to a curved body, but an interference is small, too. They meet at
+small angles. With the tangent T of an edge between vertices i and j of a facet and the facet's own normals n_i, the
+smooth surface rises off it with the slope g_i = -(T . N_i) / (n_i . N_i) at i. What vanishes at both ends and in the
+middle and has these slopes is
+
+    4 w_i w_j (a s + b s^2),   s = w_j - w_i,   a = -(g_i + g_j) / 4,   b = (g_i - g_j) / 4,
+
+again the leading error of the interpolation where the surface is a circle, and the sum over edges takes the place of
+delta.
 """
 
 import numpy as np
@@ -17,8 +27,8 @@ import numpy as np
 from pcontact.contact.law import OPEN
 from pcontact.contact.surface.rim import neighbours
 from pcontact.contact.surface.sides import FACETS
-from pcontact.contact.surface.vertex_normals import FLAT, Facets, corner_normals, facet_normals
-from pcontact.element.reference import facet_nodes, n_nodes, reference_nodes
+from pcontact.contact.surface.vertex_normals import FLAT, Facets, corner_normals, curved_normals, facet_normals
+from pcontact.element.reference import CELLS, facet_nodes, n_nodes, reference_nodes
 from pcontact.element.shape import shape
 from pcontact.runtime.petsc import MPI
 
@@ -44,13 +54,32 @@ class SmoothSurface:
     facets : pcontact.contact.surface.vertex_normals.Facets
         Of this rank, in the order of the group.
     normals : ndarray (nf, m, d)
+    middles : ndarray (nf, m, m, d), optional
+        Of curved facets: the nodes in the middle of their edges, by the vertices at the ends; nan elsewhere.
+    border : ndarray (nf, m) of bool, optional
+        Of curved facets: vertices at which the surface ends. What comes from there has the slope that makes it as even
+        as a circle.
     """
 
-    def __init__(self, facets, normals):
+    def __init__(self, facets, normals, middles=None, border=None):
         self.normals = normals
         i, j = np.triu_indices(normals.shape[1], 1)
-        turn, side = normals[:, j] - normals[:, i], facets.x[:, j] - facets.x[:, i]
-        self._pairs, self._height = (i, j), 0.5 * np.einsum("fkd,fkd->fk", turn, side)
+        self._pairs, self._bend = (i, j), None
+        if middles is None:
+            turn, side = normals[:, j] - normals[:, i], facets.x[:, j] - facets.x[:, i]
+            self._height = 0.5 * np.einsum("fkd,fkd->fk", turn, side)
+            return
+        first, last, middle = facets.x[:, i], facets.x[:, j], middles[:, i, j]
+        slopes = [
+            -np.einsum("fkd,fkd->fk", tangent, normals[:, k])
+            / np.einsum("fkd,fkd->fk", facets.own[:, k], normals[:, k])
+            for tangent, k in ((-1.5 * first + 2.0 * middle - 0.5 * last, i),
+                               (0.5 * first - 2.0 * middle + 1.5 * last, j))
+        ]  # fmt: skip
+        ends = border[:, i] & ~border[:, j], border[:, j] & ~border[:, i]
+        slopes = [np.where(ends[0], -slopes[1], slopes[0]), np.where(ends[1], -slopes[0], slopes[1])]
+        self._height = np.nan_to_num(-(slopes[0] + slopes[1]))
+        self._bend = np.nan_to_num(slopes[0] - slopes[1])
 
     def offset(self, facet, weights):
         """How far the smooth surface stands off points on facets.
@@ -67,7 +96,11 @@ class SmoothSurface:
             [length]
         """
         i, j = self._pairs
-        height = np.einsum("nk,nk->n", weights[:, i] * weights[:, j], self._height[facet])
+        heights = self._height[facet]
+        if self._bend is not None:
+            along = weights[:, j] - weights[:, i]
+            heights = along * (heights + along * self._bend[facet])
+        height = np.einsum("nk,nk->n", weights[:, i] * weights[:, j], heights)
         normal = np.einsum("nm,nmd->nd", weights, self.normals[facet])
         return (height / np.linalg.norm(normal, axis=1))[:, None] * normal
 
@@ -98,6 +131,49 @@ class SmoothSurface:
         return self.offset(source.facet, weights)
 
 
+def _middles(space, name):
+    """Nodes (nf, m, m, d) in the middle of the edges of a group's curved facets, by the vertices at the ends; nan where
+    there is no edge."""
+    mesh, m = space.mesh, 2 if space.dim == 2 else 4
+    parts = [np.zeros((0, m, m, space.dim))]
+    for facets in mesh.facet_groups.get(name, []):
+        block = mesh.blocks[facets.block]
+        nodes, kind = mesh.facet_nodes(facets), CELLS[CELLS[block.cell].facet]
+        middles = np.full((len(nodes), m, m, space.dim), np.nan)
+        for k, (a, b) in enumerate(kind.edges):
+            middles[:, a, b] = middles[:, b, a] = mesh.points[nodes[:, kind.n_vertices + k]]
+        parts.append(middles)
+    return np.concatenate(parts)
+
+
+def own_normals(x, count, middles):
+    """Unit normals (nf, m, d) at the vertices of curved facets.
+
+    Parameters
+    ----------
+    x : ndarray (nf, m, d)
+        Vertices, see :class:`pcontact.contact.surface.vertex_normals.Facets`.
+    count : ndarray (nf,)
+        Of them.
+    middles : ndarray (nf, m, m, d)
+        See :class:`SmoothSurface`.
+    """
+    rows, m = np.arange(len(x)), x.shape[1]
+    normals = np.zeros_like(x)
+    for k in range(m):
+        # the fourth corner of a triangle is its first
+        at = np.where(k < count, k, 0)
+        ends = ((at + 1) % count, (at - 1) % count)
+        after, before = (2.0 * middles[rows, at, e] - 0.5 * x[rows, e] - 1.5 * x[rows, at] for e in ends)
+        if m > 2:
+            normal = np.cross(after, before)
+        else:
+            way = after if k == 0 else -after
+            normal = np.column_stack([way[:, 1], -way[:, 0]])
+        normals[:, k] = normal / np.linalg.norm(normal, axis=1, keepdims=True)
+    return normals
+
+
 def _own_facets(space, name):
     """Facets of this rank of a group, in its order."""
     mesh, d = space.mesh, space.dim
@@ -115,7 +191,10 @@ def _own_facets(space, name):
 def _with_neighbours(space, own):
     """The facets and `LAYERS` layers of those of other ranks around them, sorted by number. *Collective.*"""
     m, d = own.x.shape[1:]
-    table = np.column_stack([own.ids, own.count, own.nodes, own.x.reshape(len(own.ids), m * d)]).astype(float)
+    columns = [own.ids, own.count, own.nodes, own.x.reshape(len(own.ids), m * d)]
+    if own.own is not None:
+        columns.append(own.own.reshape(len(own.ids), m * d))
+    table = np.column_stack(columns).astype(float)
     known = table
     for _ in range(LAYERS if space.comm.size > 1 else 0):
         shared = neighbours(space, known[:, 2 : 2 + m].astype(np.int64))
@@ -125,7 +204,10 @@ def _with_neighbours(space, own):
         known = known[np.unique(known[:, 0], return_index=True)[1]]
     known = known[np.argsort(known[:, 0])]
     ids, count = known[:, 0].astype(np.int64), known[:, 1].astype(np.int64)
-    return Facets(ids, count, known[:, 2 : 2 + m].astype(np.int64), known[:, 2 + m :].reshape(-1, m, d))
+    x, normals = known[:, 2 + m : 2 + m + m * d].reshape(-1, m, d), None
+    if own.own is not None:
+        normals = known[:, 2 + m + m * d :].reshape(-1, m, d)
+    return Facets(ids, count, known[:, 2 : 2 + m].astype(np.int64), x, normals)
 
 
 def _is_plane(comm, normals):
@@ -150,20 +232,27 @@ def smooth_surface(space, name, fitted):
     Returns
     -------
     SmoothSurface or None
-        None where the facets are what they stand for: all of them flat, or a curved mesh.
+        None where the facets are what they stand for: all of them flat, or curved ones that are to be taken so.
     """
-    if space.mesh.curved:
+    if space.mesh.curved and not fitted:
         return None
-    own = _own_facets(space, name)
+    own, middles = _own_facets(space, name), None
+    if space.mesh.curved:
+        middles = _middles(space, name)
+        own = own._replace(own=own_normals(own.x, own.count, middles))
     if _is_plane(space.comm, facet_normals(own)):
         return None
     every = _with_neighbours(space, own)
     order = np.argsort(own.ids)
     normals, bent = np.empty_like(own.x), np.empty(len(order), dtype=bool)
-    normals[order], bent[order] = corner_normals(every, np.isin(every.ids, own.ids), fitted)
+    wanted, border = np.isin(every.ids, own.ids), np.empty(own.x.shape[:2], dtype=bool)
+    if space.mesh.curved:
+        normals[order], border[order], bent[order] = curved_normals(every, wanted)
+    else:
+        normals[order], bent[order] = corner_normals(every, wanted, fitted)
     if not space.comm.allreduce(bool(bent.any()), op=MPI.LOR):
         return None
-    return SmoothSurface(own, normals)
+    return SmoothSurface(own, normals, middles, border)
 
 
 class Chords:

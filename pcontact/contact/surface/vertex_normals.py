@@ -41,12 +41,15 @@ class Facets(NamedTuple):
         Global numbers of the vertices in outward order; m = 2 in the plane, 4 in space. Triangles repeat the first.
     x : ndarray (nf, m, d)
         Their coordinates [length].
+    own : ndarray (nf, m, d) or None
+        Of curved facets: the normals at their vertices.
     """
 
     ids: np.ndarray
     count: np.ndarray
     nodes: np.ndarray
     x: np.ndarray
+    own: np.ndarray | None = None
 
 
 def facet_normals(facets):
@@ -213,8 +216,8 @@ def _fit(pairs, x, frame_normal):
     return vertex, _unit(normal), good
 
 
-def _mean_normals(facets, normal, vertex, corners):
-    """Means (n, d) of the facets' normals around every vertex."""
+def _mean_normals(facets, own, vertex, corners):
+    """Means (n, d) of the facets' normals (nf, m, d) around every vertex."""
     m, d = facets.x.shape[1:]
     n = int(np.max(vertex, initial=-1)) + 1
     if d == 2:
@@ -226,7 +229,7 @@ def _mean_normals(facets, normal, vertex, corners):
         lengths = np.sum(after**2, axis=2) * np.sum(before**2, axis=2)
         weight = np.linalg.norm(np.cross(after, before), axis=2) / np.where(lengths > 0.0, lengths, 1.0)
     mean = np.zeros((n, d))
-    np.add.at(mean, vertex[corners], (weight[:, :, None] * normal[:, None])[corners])
+    np.add.at(mean, vertex[corners], (weight[:, :, None] * own)[corners])
     return _unit(mean)
 
 
@@ -274,7 +277,7 @@ def corner_normals(facets, wanted, fitted=True):
     x[vertex] = facets.x
     chosen[vertex[rows[slots, None], corner[slots]]], needed[vertex[wanted]] = True, True
     chosen = np.flatnonzero(chosen & needed)
-    values, good = _mean_normals(facets, normal, vertex, corners), np.zeros(n, dtype=bool)
+    values, good = _mean_normals(facets, own, vertex, corners), np.zeros(n, dtype=bool)
     good[chosen] = True
     table = _facets_of(vertex, corners)
     for first in range(0, len(chosen) if fitted else 0, CHUNK):
@@ -284,3 +287,36 @@ def corner_normals(facets, wanted, fitted=True):
         good[fits[0]], values[fits[0]] = fits[2], fits[1]
     result = np.where(good[vertex][:, :, None], values[vertex], own)
     return result[wanted], good[vertex].any(axis=1)[wanted]
+
+
+def curved_normals(facets, wanted):
+    """Normals of the smooth surface at the corners of curved facets: means of their own, which hardly differ.
+
+    Parameters
+    ----------
+    facets : Facets
+        With their own normals, and a layer of neighbours around those that are wanted.
+    wanted : ndarray (nf,) of bool
+
+    Returns
+    -------
+    normals : ndarray (n, m, d)
+        Of the wanted facets, in their order.
+    border : ndarray (n, m) of bool
+        Corners at which the surface ends or has an edge: across it their normal says nothing.
+    bent : ndarray (n,) of bool
+        Facets with a normal that is not their own.
+    """
+    m = facets.x.shape[1]
+    rows, corner, key = _slots(facets)
+    pairs, angle = _turns(facets, facet_normals(facets), rows, key)
+    smooth = _smooth(rows[pairs], angle)
+    vertex = _fans(facets, rows, corner, pairs[smooth])
+    values = _mean_normals(facets, facets.own, vertex, np.arange(m)[None, :] < facets.count[:, None])
+    alone = np.ones(len(rows), dtype=bool)
+    alone[pairs[smooth]] = False
+    border = np.zeros(len(values), dtype=bool)
+    border[vertex[rows[alone, None], corner[alone]]] = True
+    normals = values[vertex]
+    bent = (np.abs(normals - facets.own) > FLAT).any(axis=(1, 2))
+    return normals[wanted], border[vertex][wanted], bent[wanted]

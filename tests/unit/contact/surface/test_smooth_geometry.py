@@ -13,11 +13,12 @@ from meshes import rings
 from meshes.blocks import two_blocks
 from meshes.hertz import cylinder_on_block
 from meshes.shells import shells
-from pcontact.contact.surface.smooth_geometry import smooth_surface
-from pcontact.contact.surface.vertex_normals import Facets, corner_normals, facet_normals
+from pcontact.contact.surface.smooth_geometry import SmoothSurface, own_normals, smooth_surface
+from pcontact.contact.surface.vertex_normals import Facets, corner_normals, curved_normals, facet_normals
 from pcontact.runtime import log
 from pcontact.runtime.petsc import MPI
 from pcontact.scene.model import Body, Contact, Displacement, Load, Material, MeshSpec, Obstacle, Output, Scene
+from pcontact.simulation import Simulation
 from tests.support.commands import execute
 from tests.support.small import SELF, make_space
 
@@ -452,8 +453,51 @@ def test_nothing_is_said_where_facets_do_no_harm(shared_tmp):
         assert simulation.problem.contacts[0].summary(simulation.stepper.u)["facet_error"] == 0.0
 
 
-def test_a_curved_mesh_needs_nothing(shared_tmp):
-    path = make_mesh(rings, shared_tmp / "curved.msh", n=4, order=2)
-    with running(ring_scene(path, 1, 0.0, smooth_geometry=True)) as (simulation, _):
-        assert simulation.problem.items[1].chords is None
-        assert any("smooth_geometry does nothing" in line for line in log.warnings())
+@pytest.mark.parallel
+def test_curved_facets_of_a_circle(shared_tmp):
+    """Gaps are those of circles, to the borders of the surfaces; facets of degree 2 are off by 1e-5."""
+    path, delta = make_mesh(rings, shared_tmp / "curved.msh", n=4, order=2, delta=6e-4), 6e-4
+    for smooth, largest in ((True, 1e-8), (False, 1e-5)):
+        simulation = Simulation(ring_scene(path, 2, 0.0, pressure=0.0, smooth_geometry=smooth))
+        pair = simulation.problem.contacts[0].pairs[0]
+        assert (pair.chords is None) == (not smooth)
+        pair.detect(simulation.problem.space.vector(), 0.0)
+        off = np.abs(pair.pairing.gap0[pair.pairing.paired] + delta)
+        off = COMM.allreduce(float(np.max(off, initial=0.0)), op=MPI.MAX)
+        assert off < largest if smooth else off > largest
+        simulation.free()
+
+
+@pytest.mark.parametrize("place", ["sphere", "cylinder"])
+def test_curved_facets_in_space(place):
+    """The surface through triangles of degree 2 is nearer to the one that they stand for, at the border, too."""
+    def on(u, v):
+        if place == "sphere":
+            x = np.stack([u, v, np.ones_like(u)], axis=-1)
+            return x / np.linalg.norm(x, axis=-1, keepdims=True)
+        return np.stack([np.sin(u), v, np.cos(u)], axis=-1)
+
+    n = 4
+    u, v = (one.ravel() for one in np.meshgrid(np.linspace(-0.5, 0.5, n + 1), np.linspace(-0.5, 0.5, n + 1)))
+    i = np.arange((n + 1) ** 2).reshape(n + 1, n + 1)
+    a, b, c, d = (one.ravel() for one in (i[:-1, :-1], i[:-1, 1:], i[1:, 1:], i[1:, :-1]))
+    nodes = np.concatenate([np.column_stack([a, b, c, a]), np.column_stack([a, c, d, a])])
+    x, nf = on(u, v)[nodes], len(nodes)
+    middles = np.full((nf, 4, 4, 3), np.nan)
+    for p, q in ((0, 1), (1, 2), (2, 0)):
+        middles[:, p, q] = on(0.5 * (u[nodes[:, p]] + u[nodes[:, q]]), 0.5 * (v[nodes[:, p]] + v[nodes[:, q]]))
+        middles[:, q, p] = middles[:, p, q]
+    count = np.full(nf, 3)
+    facets = Facets(np.arange(nf), count, nodes, x, own_normals(x, count, middles))
+    normals, border, bent = curved_normals(facets, np.ones(nf, dtype=bool))
+    assert bent.any() and border.any() and not border.all()
+    surface = SmoothSurface(facets, normals, middles, border)
+    weights = np.random.default_rng(2).dirichlet(np.ones(3), (nf, 5))
+    shapes = np.concatenate([weights * (2.0 * weights - 1.0), 4.0 * weights * np.roll(weights, -1, axis=2)], axis=2)
+    six = np.concatenate([x[:, :3], middles[:, [0, 1, 2], [1, 2, 0]]], axis=1)
+    points = np.einsum("fka,fad->fkd", shapes, six).reshape(-1, 3)
+    weights = np.concatenate([weights, np.zeros((nf, 5, 1))], axis=2).reshape(-1, 4)
+    moved = points + surface.offset(np.repeat(np.arange(nf), 5), weights)
+    axes = slice(None) if place == "sphere" else [0, 2]
+    before, after = (np.linalg.norm(one[:, axes], axis=1) - 1.0 for one in (points, moved))
+    assert np.sqrt(np.mean(after**2)) < 0.35 * np.sqrt(np.mean(before**2))

@@ -1,0 +1,100 @@
+"""What a target would take: the passes that are to come, played on the estimates of the cells of a coarse mesh."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from pcontact.adapt.budget import FOLLOWERS, POWER
+from pcontact.adapt.sizes import cuts
+from pcontact.runtime.petsc import MPI
+
+# [passes] At most that are played.
+MOST = 14
+
+
+class Forecast(NamedTuple):
+    """What is expected.
+
+    Attributes
+    ----------
+    unknowns : list of float
+        Of the passes, those that have been run among them.
+    seconds : float
+        Of all passes together.
+    memory : float
+        Peak of all ranks together [bytes].
+    degree : int
+    """
+
+    unknowns: list
+    seconds: float
+    memory: float
+    degree: int
+
+    def lines(self, target):
+        """For the terminal."""
+        meshes = ", ".join(f"{one:.3g}" for one in self.unknowns)
+        return [
+            f"an error of {100.0 * target.error:.3g} % of {target.of}: about {len(self.unknowns)} passes of degree "
+            f"{self.degree} with {meshes} unknowns, {self.seconds:.2g} s, {self.memory / 2.0**20:.3g} MB",
+        ]
+
+    def report(self):
+        """As a dict."""
+        return {"passes": len(self.unknowns), **self._asdict()}
+
+
+def forecast(comm, passes, squares, part, most=MOST):
+    """Play the passes that bring the error of the last one down to a part of it. *Collective.*
+
+    Parameters
+    ----------
+    comm : MPI.Comm
+    passes : list of pcontact.adapt.passes.Pass
+        Of one degree, at least one.
+    squares : ndarray (n,)
+        Squared contributions of the cells of this rank to the error of the last one.
+    part : float
+        Of its error in the energy norm, to be left.
+    most : int
+        Passes at most.
+
+    Returns
+    -------
+    Forecast
+    """
+    last, unknowns = passes[-1], [float(one.unknowns) for one in passes]
+    number, left, cells = np.ones(len(squares)), 1.0, comm.allreduce(len(squares), op=MPI.SUM)
+    while left > part and len(unknowns) < most:
+        step = cuts(comm, squares, last.degree, last.known.dim, part / left, np.inf, number)
+        if step.growth <= 1.0:
+            break
+        number = number * 2.0**step.more
+        squares = squares * 0.5**step.more * 0.25 ** (last.degree * step.more / last.known.dim)
+        left *= step.part
+        # neighbours of cells that are cut follow: the first time most of them
+        unknowns.append(FOLLOWERS * last.unknowns * comm.allreduce(float(number.sum()), op=MPI.SUM) / cells)
+    grown = [(one / last.unknowns) ** POWER for one in unknowns]
+    fixed, rest = _costs(passes)
+    seconds = sum(fixed + rest * one for one in grown) + sum(one.trials for one in passes)
+    memory = last.memory + _memory(passes) * (max(unknowns) - last.unknowns)
+    return Forecast(unknowns, float(seconds), float(memory), last.degree)
+
+
+def _costs(passes):
+    """Seconds of a pass that do not grow, and those of the last one that grow with the unknowns."""
+    last = passes[-1]
+    spent = [one.seconds - one.trials for one in passes]
+    if len(passes) < 2 or last.unknowns <= passes[0].unknowns:
+        return 0.0, spent[-1]
+    first = (passes[0].unknowns / last.unknowns) ** POWER
+    rest = min(max((spent[-1] - spent[0]) / (1.0 - first), 0.0), spent[-1])
+    return spent[-1] - rest, rest
+
+
+def _memory(passes):
+    """Bytes that an unknown more takes."""
+    first, last = passes[0], passes[-1]
+    if last.unknowns > first.unknowns and last.memory > first.memory:
+        return (last.memory - first.memory) / (last.unknowns - first.unknowns)
+    return last.memory / last.unknowns
