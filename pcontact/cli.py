@@ -78,7 +78,8 @@ class Command(NamedTuple):
 
 COMMANDS = {
     "run": Command("a scene file", "SCENE.toml [-o DIR] [options]", "solve; results in DIR (default: SCENE_results)"),
-    "check": Command("a scene file", "SCENE.toml [options]", "read scene and mesh, solve nothing: what is modelled"),
+    "check": Command("a scene file", "SCENE.toml [options]", "read scene and mesh: what is modelled. Solves nothing; "
+                     "with -error coarse meshes, and says what reaching it takes"),
     "import": Command(
         "a deck", "DECK [-o DIR]", "a scene with its mesh from a deck of Abaqus or CalculiX (.inp)", IMPORT
     ),
@@ -293,6 +294,24 @@ def check_scene(scene):
     log.info("costs: %s", "\n       ".join(cost_forecast(simulation.problem, simulation.scene)))
 
 
+def forecast(scene):
+    """Solve on the mesh given and at most one more, print what reaching the error of a scene would take. *Collective.*
+
+    Returns
+    -------
+    int
+        Exit status.
+    """
+    loop = Loop(scene)
+    outcome = loop.forecast()
+    if outcome.failure is not None:
+        log.error_line(outcome.failure)
+        return outcome.status
+    for line in loop.ahead.lines(scene.accuracy) if loop.ahead is not None else ():
+        log.info("%s", line)
+    return 0
+
+
 def _gaps(contact, comm):
     """Number of points with a partner in the undeformed bodies, least and largest gap. *Collective.*"""
     own = np.concatenate([p.gap0[p.paired] for p in (pair.pairing for pair in contact.pairs)])
@@ -370,8 +389,9 @@ def _execute(command, operand, options):
         return 0
     scene = read_scene(operand)
     if command == "check":
+        aimed = wanted(scene, Options())
         check_scene(scene)
-        return 0
+        return 0 if aimed is None else forecast(aimed)
     directory = options.get("o") or Path(operand).stem + "_results"
     aimed = wanted(scene, Options())
     if aimed is not None:

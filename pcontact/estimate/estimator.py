@@ -24,11 +24,13 @@ of the sum of both. No constant is left to choose, and integration by parts stan
 
 from dataclasses import dataclass
 from types import SimpleNamespace
+from typing import NamedTuple
 
 import numpy as np
 
 from pcontact.assembly.bulk import ElasticBulk
 from pcontact.assembly.loads import value_of
+from pcontact.contact.law import OPEN, STICK
 from pcontact.element.dilatation import components, factors, hoop_operator, linear
 from pcontact.element.geometry import facet_geometry, gradients
 from pcontact.element.quadrature import quadrature
@@ -74,6 +76,31 @@ class Estimate:
     parts: dict
     surfaces: dict
     cells: list
+
+
+class Dual(NamedTuple):
+    """A dual displacement.
+
+    Attributes
+    ----------
+    nodal : ndarray (n_local, d)
+    tested : ndarray (nc, n_parts, nb, d)
+        Residuals of a block, but for what its cells' interiors add.
+    loads : list of (pcontact.scene.model.Load, Steady)
+    """
+
+    nodal: np.ndarray
+    tested: np.ndarray
+    loads: list
+
+
+class Steady:
+    """The amplitude of a dual load."""
+
+    @staticmethod
+    def factor(_):
+        """1."""
+        return 1.0
 
 
 def volume_rule(cell, geometry_degree, degree, axisymmetric):
@@ -153,11 +180,8 @@ class Estimator:
     def _tested(self, u, time):
         """Displacement (n_local, d), residuals of every block but for what its cells' interiors add, and residuals on
         surfaces. *Collective.*"""
-        space = self.space
-        nodal = space.local.gather(u)
-        tested = [np.zeros((len(b.nodes), len(PARTS), *self._width(b))) for b in space.mesh.blocks]
-        self._add_facets(nodal, time, tested)
-        surfaces = {}
+        nodal, tested, surfaces = self.space.local.gather(u), self._untested(), {}
+        self._add_facets(nodal, time, tested, self.bulk, self._loads)
         for contact in self.contacts:
             states = contact.states(u)
             self._add_contact(contact, states, tested)
@@ -165,15 +189,20 @@ class Estimator:
                 surfaces[contact.name] = self._on_surface(contact, states)
         return nodal, tested, surfaces
 
-    def weighted(self, u, time, z):
-        """The residual of a displacement, weighted with what a dual one lacks, see `pcontact.estimate.goal`.
-        *Collective.*
+    def _untested(self):
+        """Room for the residuals of every block."""
+        return [np.zeros((len(b.nodes), len(PARTS), *self._width(b))) for b in self.space.mesh.blocks]
+
+    def weighted(self, u, time, z, goal):
+        """The residual of a dual displacement, weighted with the error of the displacement that the cells know, see
+        `pcontact.estimate.goal`. *Collective.*
 
         Parameters
         ----------
         u : PETSc.Vec
         time : float
         z : PETSc.Vec
+        goal : pcontact.estimate.goal.Goal
 
         Returns
         -------
@@ -181,10 +210,17 @@ class Estimator:
             Of the cells of each block [energy].
         """
         nodal, tested, _ = self._tested(u, time)
-        other = self.space.local.gather(z)
-        stresses = self._recovery(self._elastic, other)
+        loads = [] if goal.load is None else [(goal.load, Steady)]
+        other, against = self.space.local.gather(z), self._untested()
+        self._add_facets(other, time, against, self._elastic, loads)
+        zero, shifted = self.space.vector(), z.copy()
+        if goal.shift is not None:
+            shifted.setArray(shifted.getArray(readonly=True) - goal.shift.ravel())
+        for contact in self.contacts:
+            self._add_dual_contact(contact, shifted if contact.name == goal.contact else z, zero, against)
         return [
-            self._solve(number, nodal, time, t, (other, stresses[number]))[:, 0] for number, t in enumerate(tested)
+            self._solve(number, nodal, time, t, Dual(other, against[number], loads))[:, 0]
+            for number, t in enumerate(tested)
         ]
 
     @property
@@ -220,7 +256,7 @@ class Estimator:
         n, size = len(self.space.mesh.blocks[number].nodes), max(CHUNK // points, 1)
         return [slice(first, min(first + size, n)) for first in range(0, n, size)]
 
-    def _tractions(self, number, nodal):
+    def _tractions(self, number, nodal, bulk):
         """sigma n (nc, nf, nq, d) and quadrature weights (nc, nf, nq), normals (nc, nf, nq, d) of a block's facets."""
         space, mesh = self.space, self.space.mesh
         block = mesh.blocks[number]
@@ -231,7 +267,7 @@ class Estimator:
         traction, normal, jxw = np.empty((*shape_, mesh.dim)), np.empty((*shape_, mesh.dim)), np.empty(shape_)
         for rows in self._parts(number, len(weights) * space.cells[number].shape[1] * mesh.dim):
             x = np.ascontiguousarray(mesh.points[table[rows]])
-            stress = BlockStress(space, self.bulk, number, rows, nodal)
+            stress = BlockStress(space, bulk, number, rows, nodal)
             for f, at_xi in enumerate(on_cell):
                 local = np.full(len(x), f, dtype=np.int64)
                 at = facet_geometry(block.cell, x, local, geometry_degree, space.degree, xi, weights)
@@ -242,14 +278,14 @@ class Estimator:
                 jxw[rows, f] = at.jxw * space.circumference(at.points)
         return traction, normal, jxw
 
-    def _add_facets(self, nodal, time, tested):
+    def _add_facets(self, nodal, time, tested, bulk, loads):
         """Residuals of all facets but for the tractions of contact. *Collective.*"""
         space, mesh = self.space, self.space.mesh
-        own = [self._tractions(number, nodal) for number in range(len(mesh.blocks))]
+        own = [self._tractions(number, nodal, bulk) for number in range(len(mesh.blocks))]
         stiffness = [self.bulk.constants[b.body][0] + 2.0 * self.bulk.constants[b.body][1] for b in mesh.blocks]
         flat, width = [], max([0, *(t.shape[2] * t.shape[3] for t, _, _ in own)])
         width = space.comm.allreduce(width, op=MPI.MAX)
-        flux = self._flux(nodal, own)
+        flux = self._flux(nodal, own, bulk)
         for number in range(len(own)):
             values = self._pairs.canonical(number, flux[number])
             table = np.zeros((values.shape[0] * values.shape[1], width + 1))
@@ -267,13 +303,13 @@ class Estimator:
             share = stiffness[number] / (stiffness[number] + other[first:last, 0])
             share = share.reshape(inner.shape)[:, :, None, None]
             jump = ((1.0 - share) * flux[number] - share * theirs - traction) * inner[:, :, None, None]
-            outer = self._outer(number, time, traction, normal, inner)
+            outer = self._outer(number, time, traction, normal, inner, loads)
             self._test(number, traction, jump, outer, jxw, tested[number])
 
-    def _flux(self, nodal, own):
+    def _flux(self, nodal, own, bulk):
         """Traction (nc, nf, nq, d) of the averaged stress at each block's facets. *Collective.*"""
         result = []
-        for number, sigma in enumerate(self._recovery(self.bulk, nodal)):
+        for number, sigma in enumerate(self._recovery(bulk, nodal)):
             block = self.space.mesh.blocks[number]
             points = facet_points(block.cell, facet_rule(block.cell, self.space.degree)[0])
             values = shape(block.cell, self.space.degree, points.reshape(-1, self.space.dim))
@@ -281,7 +317,7 @@ class Estimator:
             result.append(np.einsum("cfqij,cfqj->cfqi", at, own[number][1]))
         return result
 
-    def _outer(self, number, time, traction, normal, inner):
+    def _outer(self, number, time, traction, normal, inner, loads):
         """Residual g - t (n_parts, nc, nf, nq, d) of the facets on the boundary."""
         space, along = self.space, np.sum(traction * normal, axis=3, keepdims=True) * normal
         result = {}
@@ -290,7 +326,7 @@ class Estimator:
                 on = (self._kind[number][:, :, k] == part) & ~inner
                 if on.any():
                     result[part] = result.get(part, 0.0) + value * on[:, :, None, None]
-        for load, amplitude in self._loads:
+        for load, amplitude in loads:
             for facets in space.mesh.facet_groups.get(load.region, []) if load.body_force is None else []:
                 if facets.block != number or not len(facets.cells):
                     continue
@@ -337,6 +373,56 @@ class Estimator:
                 for part, force in ((normal_part, along), (across_part, forces.force - along)):
                     np.add.at(tested[number], (forces.rows, part), values[:, :, None] * force[:, None, :])
 
+    def _add_dual_contact(self, contact, z, zero, tested):
+        """What contact exerts on a dual displacement. *Collective.*
+
+        With D the derivative of the law, the tangent has the terms  - int theta t(w) . G^-1 t(z)  and
+        - int D(t(w) - G [[w]]) . G^-1 (G [[z]] - theta t(z))  for a displacement w. Tests of cells are no displacements
+        of the space: that their tractions t(w) meet a [[z]] which is not zero where surfaces are closed, counts.
+        """
+        for pair, state, rest in zip(contact.pairs, contact.states(z), contact.states(zero), strict=True):
+            closed, normal = (pair.committed > OPEN) & state["paired"], state["normal"]
+            theta, gamma = pair.method.theta, pair.gamma_points
+            own = state["normal_stress"] - rest["normal_stress"]
+            jump = np.where(state["paired"], rest["gap"] - state["gap"], 0.0)
+            across = np.where(closed, jump - theta * own / gamma, 0.0)
+            traction, weight = -gamma * across, across + theta * own / gamma
+            traction, weight = traction[:, None] * normal, weight[:, None] * normal
+            if "slip" in state:
+                stick = (closed & (pair.committed == STICK))[:, None]
+                gamma = pair.method.alpha * gamma[:, None]
+                own = _along(state["own_traction"] - rest["own_traction"], normal)
+                across = np.where(stick, _along(state["slip"] - rest["slip"], normal) - theta * own / gamma, 0.0)
+                traction, weight = traction - gamma * across, weight + across + theta * own / gamma
+            forces = {"traction": traction, "weight": state["weight"]}
+            sides = [on_source(self.space, pair, forces)]
+            if not pair.rigid:
+                sides.append(on_target(self.space, pair, forces, self._cells, contact.weight))
+            for number, one in ((n, f) for side in sides for n, f in side.items()):
+                values = bubbles(self.space.mesh.blocks[number].cell, self.space.degree, one.xi)[0]
+                np.add.at(tested[number], (one.rows, CONTACT), values[:, :, None] * one.force[:, None, :])
+            weighted = {"traction": weight, "weight": state["weight"]}
+            for number, one in on_source(self.space, pair, weighted).items():
+                np.add.at(tested[number], (one.rows, CONTACT), self._stresses(number, one))
+
+    def _stresses(self, number, points):
+        """Work (n, nb, d) of the stresses of the test functions of cells on vectors at points of their facets."""
+        mesh, block, degree = self.space.mesh, self.space.mesh.blocks[number], self.space.degree
+        (lam, mu), vector, normal = self.bulk.constants[block.body], points.force, points.normal
+        lam = factors(lam, mu, self.space.averages(block), degree)[0]
+        table, geometry_degree = mesh.geometry_nodes(block)
+        x, geo = mesh.points[table[points.rows]], shape_gradient(block.cell, geometry_degree, points.xi)
+        values, slopes = bubbles(block.cell, degree, points.xi)
+        slopes = np.matmul(slopes, np.linalg.inv(np.einsum("nad,nae->nde", x, geo)))
+        dot = np.sum(vector * normal, axis=1)
+        work = lam * dot[:, None, None] * slopes
+        work += mu * np.einsum("nbd,nd->nb", slopes, normal)[:, :, None] * vector[:, None]
+        work += mu * np.einsum("nbd,nd->nb", slopes, vector)[:, :, None] * normal[:, None]
+        if self.space.axisymmetric:
+            radius = np.einsum("na,na->n", shape(block.cell, geometry_degree, points.xi), x[:, :, 0])
+            work[:, :, 0] += (lam * dot / radius)[:, None] * values
+        return work
+
     def _on_surface(self, contact, states):
         """The residual P - t of a pair, weighted; see :class:`Estimate`. *Collective.*"""
         sums = np.zeros(2)
@@ -364,8 +450,8 @@ class Estimator:
         return np.einsum("bf,cfi->cbi", on.astype(float), facets.astype(float)) > 0.5
 
     def _solve(self, number, nodal, time, tested, weight=None):
-        """Squared energies (nc, n_parts + 1) of a block's local problems; or, with a dual displacement and its averaged
-        stress as weight, their energy products (nc, 1) with its local problems."""
+        """Squared energies (nc, n_parts + 1) of a block's local problems; or, with a :class:`Dual` as weight, their
+        energy products (nc, 1) with its local problems."""
         space, mesh = self.space, self.space.mesh
         block = mesh.blocks[number]
         table, geometry_degree = mesh.geometry_nodes(block)
@@ -392,7 +478,7 @@ class Estimator:
             sigma, around = stress(grad, shape(block.cell, space.degree, xi), radius, xi)
             loads = np.ascontiguousarray(tested[rows])
             loads[:, INTERIOR] -= _work(sigma, around, test, ring, jxw)
-            force = self._body_force(number, rows, geo @ x, time)
+            force = self._body_force(number, rows, geo @ x, time, self._loads)
             if force is not None:
                 loads[:, INTERIOR] += np.einsum("cq,qb,cqd->cbd", jxw, tests, force)
             basis = np.zeros((0, 0, 0))
@@ -404,15 +490,18 @@ class Estimator:
                 energies(functions, moduli, loads, fixed, out[rows])
                 continue
             values = shape(block.cell, space.degree, xi)
-            sigma, _ = BlockStress(space, self._elastic, number, rows, weight[0])(grad, values, radius, xi)
-            sigma = np.einsum("qa,caij->cqij", values, weight[1][rows]) - sigma
-            products(functions, moduli, loads.sum(axis=1), _work(sigma, None, test, ring, jxw), fixed, out[rows, 0])
+            sigma, around = BlockStress(space, self._elastic, number, rows, weight.nodal)(grad, values, radius, xi)
+            others = weight.tested[rows].sum(axis=1) - _work(sigma, around, test, ring, jxw)
+            force = self._body_force(number, rows, geo @ x, time, weight.loads)
+            if force is not None:
+                others += np.einsum("cq,qb,cqd->cbd", jxw, tests, force)
+            products(functions, moduli, loads.sum(axis=1), others, fixed, out[rows, 0])
         return out if weight is None else out[:, :1]
 
-    def _body_force(self, number, rows, points, time):
+    def _body_force(self, number, rows, points, time, loads):
         """Force density at points (n, nq, d) of some of a block's cells, None where there is none in the block."""
         total = None
-        for load, amplitude in self._loads:
+        for load, amplitude in loads:
             groups = self.space.mesh.cell_groups.get(load.region, []) if load.body_force is not None else []
             if number < len(groups) and len(groups[number]):
                 chosen = np.zeros(len(self.space.mesh.blocks[number].nodes), dtype=bool)
@@ -420,6 +509,11 @@ class Estimator:
                 total, own = np.zeros(points.shape) if total is None else total, chosen[rows]
                 total[own] += amplitude.factor(time) * self._values(load, points[own], time)
         return total
+
+
+def _along(vectors, normal):
+    """Tangential part (np, d) of vectors."""
+    return vectors - np.sum(vectors * normal, axis=1, keepdims=True) * normal
 
 
 def _work(sigma, around, test, ring, jxw):

@@ -5,13 +5,13 @@ quantity J(u), the dual displacement z is found with the transposed tangent at u
 
     N'(u_h)(w, z) = J'(u_h)(w)   for all admissible w,
 
-and J(u) - J(u_h) = rho(z - z_h) but for terms of higher order, rho = -N(u_h; .) being the residual. Of z - z_h each
-cell knows a part in the functions of `pcontact.estimate.bubbles`, a small problem again,
-
-    int_K sigma(e*) : eps(v) = int_K (s* - sigma(z_h)) : eps(v),
-
-with s* the stress of z_h averaged at the nodes. The residual of a cell is that of the estimate of the energy norm.
-Where quadrature or the solver leave forces out, rho(z_h) is not zero: it is the work of these forces on z_h.
+and J(u) - J(u_h) = rho(z_h) + rho*(u - u_h) but for terms of higher order, with the residuals rho = -N(u_h; .) and
+rho* = J'(u_h)(.) - N'(u_h)(., z_h). Of u - u_h each cell knows a part, the one whose energy is the estimate of the
+energy norm (`pcontact.estimate.estimator`), and rho* is tested with it. It consists as rho does of what z_h does in
+cells, between them and on the boundary, with the averaged stress between cells; but it is not rho with another
+displacement: unless theta = 1 Nitsche's method does not make [[z_h]] vanish where surfaces are closed, and there the
+tractions of u - u_h meet it. Where quadrature or the solver leave forces out, rho(z_h) is not zero: it is the work of
+these forces on z_h.
 
     force         F . d = C(u; d on the source), of the force on the target, C being the part of N that contact has
     support       R . d = N(u; d on the support): z is d there, and J(u) - J(u_h) = -rho(z - z_h)
@@ -45,13 +45,22 @@ class Goal(NamedTuple):
     lift : ndarray (n_owned, d) or None
         What z is at supports; None: nothing.
     sign : float
-        Of rho(z - z_h) in the error.
+        Of rho* in the error.
+    load : pcontact.scene.model.Load or None
+        Whose work on a displacement J' is, but for what contact and supports have in it.
+    contact : str or None
+        The contact whose forces J is a sum of,
+    shift : ndarray (n_owned, d) or None
+        and the displacement that these work on.
     """
 
     value: float
     slope: np.ndarray
     lift: np.ndarray | None = None
     sign: float = 1.0
+    load: Load | None = None
+    contact: str | None = None
+    shift: np.ndarray | None = None
 
 
 class GoalError(NamedTuple):
@@ -115,7 +124,8 @@ def contact_force(problem, contact, force, u):
     on = space.flag(np.flatnonzero(on))
     phi = on[space.owned_local][:, None] * direction
     # the residual has the force on the source with the other sign, and so has the report, on the target
-    return Goal(float(np.linalg.norm(force)), transposed(space, contact.pairs, u, phi))
+    slope = transposed(space, contact.pairs, u, phi)
+    return Goal(float(np.linalg.norm(force)), slope, contact=contact.name, shift=phi)
 
 
 def support_force(problem, region, force, u):
@@ -132,11 +142,12 @@ def probe(problem, region, u):
     """The mean displacement of a region, over its area or volume, in its direction. *Collective.*"""
     space, d = problem.space, problem.space.dim
     values = u.getArray(readonly=True).reshape(-1, d)
-    weights = _weights(space, region)
+    weights, key = _weights(space, region)
     total = space.comm.allreduce(np.concatenate([weights @ values, [weights.sum()]]), op=MPI.SUM)
     direction = _direction(total[:d])
     slope = weights[:, None] * direction / total[d]
-    return Goal(float(total[:d] @ direction / total[d]), slope)
+    load = None if key is None else Load(region, **{key: (direction / total[d]).tolist()})
+    return Goal(float(total[:d] @ direction / total[d]), slope, load=load)
 
 
 def value(problem, target, record, u):
@@ -166,17 +177,19 @@ def value(problem, target, record, u):
 
 
 def _weights(space, region):
-    """Weights (n_owned,) of the nodes of a region in its mean. *Collective.*"""
+    """Weights (n_owned,) of the nodes of a region in its mean, and the key of a load that has them; None for points.
+    *Collective.*
+    """
     kinds = [space.mesh.facet_groups, space.mesh.cell_groups]
     found = [space.comm.allreduce(region in groups, op=MPI.LOR) for groups in kinds]
     unit = [1.0] + [0.0] * (space.dim - 1)
     if found[0]:
-        return load_vector(space, Load(region, traction=unit))[:, 0]
+        return load_vector(space, Load(region, traction=unit))[:, 0], "traction"
     if found[1]:
-        return load_vector(space, Load(region, body_force=unit))[:, 0]
+        return load_vector(space, Load(region, body_force=unit))[:, 0], "body_force"
     weights = np.zeros(space.n_local)
     weights[space.region(region)] = 1.0
-    return weights[space.owned_local]
+    return weights[space.owned_local], None
 
 
 def dual(problem, goal, preconditioner):

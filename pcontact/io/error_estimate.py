@@ -120,7 +120,7 @@ class ErrorEstimate(Observer):
         preconditioner = new_preconditioner(problem.space.comm, self._newton.snes.getOptionsPrefix())
         z = problem.space.vector()
         z.setArray(goal.dual(problem, found, preconditioner).ravel())
-        cells = [found.sign * own for own in self._estimator.weighted(u, time, z)]
+        cells = [found.sign * own for own in self._estimator.weighted(u, time, z, found)]
         dual = z.getArray(readonly=True).reshape(unbalanced.shape)
         forces, _ = missing(problem.space, self._loads, time)
         work = [sum(own.sum() for own in cells), 0.0 if forces is None else found.sign * np.vdot(dual, forces),

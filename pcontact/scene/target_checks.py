@@ -33,6 +33,10 @@ def check_target(scene: Scene) -> None:
     if rough:
         found = f'{target.error:g} together with formulation = "{rough[0].formulation}"'
         raise input_error(scene.where, key, found, '"nitsche": what other formulations put wrong is not estimated')
+    smooth = [c for c in scene.contacts if c.smooth_geometry]
+    if smooth:
+        found = f"{target.error:g} together with smooth_geometry = true (contact {smooth[0].name})"
+        raise input_error(scene.where, key, found, "false: facets that are cut are pieces of what they stand for")
     known = {
         "force": [contact.name for contact in scene.contacts],
         "pressure": [contact.name for contact in scene.contacts],
