@@ -442,8 +442,8 @@ class Contact:
         default=None, unit="stress / length", otherwise="from the element, as of the penalty method",
     )  # fmt: skip
     smooth_geometry: bool | None = key(
-        BOOLEAN, "gaps are those of the smooth surfaces that straight facets stand for", default=False,
-        option="contact_smooth_geometry", resolved=True, more="for meshes of degree 1, see below",
+        BOOLEAN, "gaps are those of the smooth surfaces that facets stand for", default=False,
+        option="contact_smooth_geometry", resolved=True, more="see below",
     )  # fmt: skip
     phases: Sequence[str] | None = phases("it acts")
     # of a scene of one phase (`pcontact.scene.phases`): points that are closed stay as they are

@@ -19,7 +19,7 @@ middle and has these slopes is
     4 w_i w_j (a s + b s^2),   s = w_j - w_i,   a = -(g_i + g_j) / 4,   b = (g_i - g_j) / 4,
 
 again the leading error of the interpolation where the surface is a circle, and the sum over edges takes the place of
-delta.
+delta. Inside of facets in space that is an interpolation of the heights above their edges.
 """
 
 import numpy as np
@@ -137,8 +137,7 @@ def _middles(space, name):
     mesh, m = space.mesh, 2 if space.dim == 2 else 4
     parts = [np.zeros((0, m, m, space.dim))]
     for facets in mesh.facet_groups.get(name, []):
-        block = mesh.blocks[facets.block]
-        nodes, kind = mesh.facet_nodes(facets), CELLS[CELLS[block.cell].facet]
+        nodes, kind = mesh.facet_nodes(facets), CELLS[facets.kind]
         middles = np.full((len(nodes), m, m, space.dim), np.nan)
         for k, (a, b) in enumerate(kind.edges):
             middles[:, a, b] = middles[:, b, a] = mesh.points[nodes[:, kind.n_vertices + k]]

@@ -20,6 +20,9 @@ FLAT = 1e-6
 # how many times as much as anywhere else on two facets, in the same sense, a smooth surface turns at the edge between
 # them at most; and in the other sense, as diagonals do that are not the best ones
 ISOLATED, SLIGHT = 4.0, 0.5
+# angle between curved facets that belong to one smooth surface, as a part of what they turn themselves, at most. A
+# twentieth on arcs of 45 degrees
+BLUNT = 0.25
 # part of the heights (root of mean squares) that a fit may leave
 UNFIT = 0.25
 # vertices that are fitted at a time
@@ -289,6 +292,23 @@ def corner_normals(facets, wanted, fitted=True):
     return result[wanted], good[vertex].any(axis=1)[wanted]
 
 
+def _kinks(facets, rows, corner, pairs):
+    """Largest angle (n,) between the normals of the two curved facets at the ends of the edges that they share."""
+    (a, b), largest = pairs.T, np.zeros(len(pairs))
+    for i in range(corner.shape[1]):
+        for j in range(corner.shape[1]):
+            one, other = (rows[a], corner[a, i]), (rows[b], corner[b, j])
+            change = np.linalg.norm(facets.own[one] - facets.own[other], axis=1)
+            np.maximum(largest, change, out=largest, where=facets.nodes[one] == facets.nodes[other])
+    return largest
+
+
+def _own_turns(facets):
+    """Largest angle (nf,) between the normals of a curved facet at its vertices."""
+    own = facets.own
+    return np.linalg.norm(own[:, :, None] - own[:, None], axis=3).max(axis=(1, 2), initial=0.0)
+
+
 def curved_normals(facets, wanted):
     """Normals of the smooth surface at the corners of curved facets: means of their own, which hardly differ.
 
@@ -309,8 +329,9 @@ def curved_normals(facets, wanted):
     """
     m = facets.x.shape[1]
     rows, corner, key = _slots(facets)
-    pairs, angle = _turns(facets, facet_normals(facets), rows, key)
-    smooth = _smooth(rows[pairs], angle)
+    pairs, _ = _turns(facets, facet_normals(facets), rows, key)
+    turns = _own_turns(facets)[rows[pairs]].max(axis=1, initial=0.0)
+    smooth = _kinks(facets, rows, corner, pairs) <= FLAT + BLUNT * turns
     vertex = _fans(facets, rows, corner, pairs[smooth])
     values = _mean_normals(facets, facets.own, vertex, np.arange(m)[None, :] < facets.count[:, None])
     alone = np.ones(len(rows), dtype=bool)
