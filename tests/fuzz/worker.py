@@ -19,6 +19,7 @@ import numpy as np
 
 from pcontact.runtime import log
 from pcontact.runtime.errors import InputError
+from pcontact.runtime.observer import Observer
 from pcontact.runtime.petsc import MPI, PETSc
 from pcontact.scene import read_scene
 from pcontact.simulation import Simulation
@@ -26,7 +27,7 @@ from pcontact.simulation import Simulation
 WORLD = MPI.COMM_WORLD
 
 
-class Watch:
+class Watch(Observer):
     """Keeps what every load step has to show, and the checkpoints."""
 
     def __init__(self, folder, checkpoint, tangent):

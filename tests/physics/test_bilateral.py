@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from meshes import two_blocks
+from pcontact.runtime.observer import Observer
 from pcontact.runtime.petsc import MPI
 from pcontact.scene.model import Body, Contact, Displacement, Material, MeshSpec, Output, Scene
 from pcontact.simulation import Simulation
@@ -32,7 +33,7 @@ def overhanging(path, dim, law):
     )
 
 
-class Last:
+class Last(Observer):
     """Observer: the last record."""
 
     def step(self, step, u, record):

@@ -66,7 +66,7 @@ def test_points_hardly_beyond_their_facets(shared_tmp):
         simulation.close()
 
 
-class States:
+class States(Observer):
     """The state of the pair after every load step, and Newton's residuals."""
 
     def __init__(self):

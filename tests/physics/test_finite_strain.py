@@ -9,6 +9,7 @@ from meshes.blocks import one_block, two_blocks
 from meshes.cook import cook
 from meshes.thick_cylinder import cylinder_strip
 from pcontact.io.checkpoint import NAME
+from pcontact.runtime.observer import Observer
 from pcontact.runtime.petsc import MPI, PETSc
 from pcontact.scene.model import Body, Displacement, Load, Material, MeshSpec, Output, Scene, Steps
 from pcontact.simulation import Simulation
@@ -20,7 +21,7 @@ CURVE = np.column_stack([P, 0.45 + 0.265 * (1.0 - np.exp(-16.93 * P)) + 0.12924 
 METAL = Material(206.9, 0.29, hardening_curve=CURVE)
 
 
-class Rows:
+class Rows(Observer):
     """Records of all steps, and the checkpoint of one of them, as a run that died after it would leave it."""
 
     def __init__(self, folder=None, at=0):

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from pcontact.runtime.observer import Observer
 from pcontact.runtime.petsc import MPI
 from pcontact.simulation import Simulation
 from tests.support.kinematics import nodal
@@ -12,7 +13,7 @@ WORLD = MPI.COMM_WORLD
 HARDENING = [(0.0, 0.0), (20.0, 0.0), (0.0, 30.0), (20.0, 30.0)]
 
 
-class Look:
+class Look(Observer):
     """Mean stress (n, 6) and plastic strain (n,) of all cells, extent of yielding, reaction, after every step."""
 
     def __init__(self):

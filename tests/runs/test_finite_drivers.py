@@ -8,6 +8,7 @@ import shutil
 import pytest
 
 from pcontact.io.checkpoint import NAME
+from pcontact.runtime.observer import Observer
 from pcontact.runtime.petsc import MPI, PETSc
 from pcontact.simulation import Simulation
 from tests.support.driver_scenes import SCENES
@@ -19,7 +20,7 @@ LEFT_OUT = (*COUNTED, "place")
 WORLD, SELF = MPI.COMM_WORLD, MPI.COMM_SELF
 
 
-class Watch:
+class Watch(Observer):
     """Observer: records, and a copy of the checkpoint of a load step."""
 
     def __init__(self, comm, directory, stop):

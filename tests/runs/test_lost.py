@@ -7,6 +7,7 @@ import pytest
 
 from meshes import one_block, two_blocks
 from pcontact.contact.motion import normal_motion
+from pcontact.runtime.observer import Observer
 from pcontact.runtime.petsc import MPI
 from pcontact.scene.model import Body, Contact, Displacement, Load, Material, MeshSpec, Obstacle, Output, Scene, Steps
 from pcontact.simulation import Simulation
@@ -14,7 +15,7 @@ from pcontact.simulation import Simulation
 WORLD = MPI.COMM_WORLD
 
 
-class Records:
+class Records(Observer):
     """Observer: the records of all load steps."""
 
     def __init__(self):

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from meshes.blocks import one_block
+from pcontact.runtime.observer import Observer
 from pcontact.runtime.petsc import MPI, PETSc
 from pcontact.scene.model import Body, Contact, Displacement, Material, MeshSpec, Obstacle, Output, Scene, Steps
 from pcontact.simulation import Simulation
@@ -45,7 +46,7 @@ def indentation(
     )
 
 
-class Look:
+class Look(Observer):
     """Force, contact, plastic strain, displacement of all nodes of every step; the internal variables at the end."""
 
     def __init__(self, comm):
@@ -247,7 +248,7 @@ def test_quadratic_convergence(block, theta, friction, order):
     assert len(constants) >= 5 and max(constants) < 2e3
 
 
-class Balance:
+class Balance(Observer):
     """Imbalance and algebraic error of every step."""
 
     def __init__(self):

@@ -17,6 +17,7 @@ from pcontact.cli import main
 from pcontact.runtime import log
 from pcontact.runtime.errors import InputError, OutputError
 from pcontact.runtime.lock import NAME, reserved
+from pcontact.runtime.observer import Observer
 from pcontact.runtime.petsc import MPI
 from pcontact.scene import read_scene
 from pcontact.simulation import Simulation
@@ -318,7 +319,7 @@ def test_a_file_system_without_locks(tmp_path, monkeypatch):
         assert "no locks" in log.warnings()[0]
 
 
-class Vanish:
+class Vanish(Observer):
     """Takes the output directory away after the first load step."""
 
     def __init__(self, directory):

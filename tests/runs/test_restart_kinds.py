@@ -7,6 +7,7 @@ import pytest
 
 from pcontact.io.checkpoint import NAME
 from pcontact.runtime.checksum import append_checksums
+from pcontact.runtime.observer import Observer
 from pcontact.runtime.petsc import MPI, PETSc
 from pcontact.simulation import Simulation
 from tests.support.restart_kinds import COUNTED, KINDS, STOP, lips, stacked, worst
@@ -15,7 +16,7 @@ pytestmark = pytest.mark.slow
 WORLD, SELF = MPI.COMM_WORLD, MPI.COMM_SELF
 
 
-class Watch:
+class Watch(Observer):
     """Observer: keeps the records, and the checkpoint of a step as a run that died after it would leave it."""
 
     def __init__(self, source=None, target=None, comm=WORLD):
@@ -53,6 +54,7 @@ PARALLEL = ["tied", "unbiased", "self contact", "finite strain, unbiased, harden
 SERIAL = [
     "tied, multipliers", "multipliers, small gamma", "moving plane", "kinematic hardening", "space, tied",
     "friction that slows", "finite strain, friction that slows", "layer", "finite strain, layer",
+    "layer, phases", "layer that is tied, phases", "friction that slows, phases",
     "clearance by an amplitude", "adjusted within",
     "finite strain, tied", "finite strain, rubber, theta -1", "finite strain, multipliers", "finite strain, roll",
 ]  # fmt: skip

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from meshes import layer_on_base, one_block
+from pcontact.runtime.observer import Observer
 from pcontact.runtime.petsc import MPI
 from pcontact.scene.model import Body, Contact, Displacement, Load, Material, MeshSpec, Obstacle, Output, Scene, Steps
 from pcontact.simulation import Simulation
@@ -14,7 +15,7 @@ pytestmark = [pytest.mark.parallel(3), pytest.mark.slow]
 THETAS = [1.0, 0.0, -1.0]
 
 
-class Log:
+class Log(Observer):
     """Keeps records and cuts."""
 
     def __init__(self):

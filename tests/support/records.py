@@ -2,8 +2,10 @@
 
 import numpy as np
 
+from pcontact.runtime.observer import Observer
 
-class Log:
+
+class Log(Observer):
     """Observer that keeps the records."""
 
     def __init__(self):

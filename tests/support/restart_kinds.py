@@ -4,7 +4,19 @@ import numpy as np
 
 from drivers._common import make_mesh
 from meshes import c_strip, two_blocks
-from pcontact.scene.model import Body, Contact, Displacement, Load, Material, MeshSpec, Obstacle, Output, Scene, Steps
+from pcontact.scene.model import (
+    Body,
+    Contact,
+    Displacement,
+    Load,
+    Material,
+    MeshSpec,
+    Obstacle,
+    Output,
+    Phase,
+    Scene,
+    Steps,
+)
 
 COUNT, STOP = 6, 3
 UP_AND_DOWN = [(0, 0), (0.5, 1), (1, 0.4)]
@@ -85,6 +97,12 @@ def large(case, E=100.0, **said):
     return case
 
 
+def in_phases(case, second=4, **said):
+    """The same in two phases, of three load steps and of some more."""
+    case.phases = [Phase("first", 0.5, STOP), Phase("second", 0.5, second, **said)]
+    return case
+
+
 PLANE = Obstacle("plane", point=[0, 0], normal=[0, 1])
 MOVING = Obstacle("plane", point=[0, -0.01], normal=[0, 1], displacement=[0.02, 0.02], amplitude=UP_AND_DOWN)
 BALL = Obstacle("sphere", center=[0.5, -5.0], radius=5.0)
@@ -116,6 +134,15 @@ KINDS = {
     ),
     "layer": lambda f: stacked(f, friction=0.3, pressure_overclosure=[(-0.01, 0.0), (0.01, 20.0), (0.02, 60.0)]),
     "finite strain, layer": lambda f: large(stacked(f, friction=0.3, pressure_overclosure=2e3, stick_stiffness=900.0)),
+    "layer, phases": lambda f: in_phases(
+        stacked(f, friction=0.3, pressure_overclosure=[(-0.01, 0.0), (0.01, 20.0)]), friction={"pair": "0.1 + 0.1*x"}
+    ),
+    "layer that is tied, phases": lambda f: in_phases(
+        stacked(f, friction=0.3, pressure_overclosure=[(-0.01, 0.0), (0.01, 20.0)]), tied=["pair"]
+    ),
+    "friction that slows, phases": lambda f: in_phases(
+        stacked(f, friction=0.3, kinetic_friction=0.1, friction_decay=5.0)
+    ),
     "clearance by an amplitude": lambda f: stacked(
         f, friction=0.3, clearance=-0.01, interference_amplitude=[(0, 0), (0.8, 1)]
     ),

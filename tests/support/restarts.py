@@ -4,6 +4,7 @@ import json
 import shutil
 
 from pcontact.io.checkpoint import NAME
+from pcontact.runtime.observer import Observer
 from pcontact.runtime.petsc import PETSc
 from pcontact.scene.model import Body, Contact, Displacement, Load, Material, MeshSpec, Obstacle, Output, Scene, Steps
 from pcontact.simulation import Simulation
@@ -29,7 +30,7 @@ def block(path, interference="resolve", height=0.0, **output):
     )  # fmt: skip
 
 
-class Keep:
+class Keep(Observer):
     """Copies the checkpoint of a step aside, as a run that died after it would leave it."""
 
     def __init__(self, source, target, comm):

@@ -10,6 +10,7 @@ from pcontact.contact.law import SLIP, STICK
 from pcontact.contact.pair import RIGHT, ContactPair, contact_pair
 from pcontact.contact.surface.sides import source_surface, target_surface
 from pcontact.material.elastic import lame
+from pcontact.runtime.observer import Observer
 from pcontact.runtime.petsc import MPI
 from pcontact.scene.model import Contact
 from pcontact.simulation import Simulation
@@ -126,7 +127,7 @@ def test_sooner_at_the_same_force(shared_tmp, monkeypatch):
     np.testing.assert_allclose(force, expected, rtol=1e-6, atol=1e-8)
 
 
-class Keep:
+class Keep(Observer):
     """Observer: Newton iterations and the force of a step."""
 
     def __init__(self, rows):

@@ -14,6 +14,7 @@ from pcontact.assembly.error_norms import bulk_error
 from pcontact.element.reference import CELLS
 from pcontact.io.result import load_result
 from pcontact.material.elastic import lame
+from pcontact.runtime.observer import Observer
 from pcontact.runtime.petsc import MPI
 from pcontact.scene.model import Body, Contact, Displacement, Load, Material, MeshSpec, Output, Scene
 from pcontact.simulation import Simulation
@@ -50,7 +51,7 @@ def sheared(path, **said):
     return scene
 
 
-class Watch:
+class Watch(Observer):
     """Observer: the last record."""
 
     def step(self, step, u, record):

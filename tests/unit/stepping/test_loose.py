@@ -14,6 +14,7 @@ from meshes import heap, one_block, two_blocks
 from meshes.tools import gmsh_model
 from pcontact.io.history import flatten
 from pcontact.runtime import log
+from pcontact.runtime.observer import Observer
 from pcontact.runtime.parallel import on_root
 from pcontact.runtime.petsc import MPI, PETSc
 from pcontact.scene.model import Body, Contact, Displacement, Load, Material, MeshSpec, Obstacle, Output, Scene, Steps
@@ -49,7 +50,7 @@ def lid_scene(path, dim, bodies=("block",), surfaces=("bottom", "top"), height=1
     )  # fmt: skip
 
 
-class Rows:
+class Rows(Observer):
     """Observer: the records of a run."""
 
     def __init__(self):

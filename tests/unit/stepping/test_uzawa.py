@@ -11,6 +11,7 @@ from drivers.cases.hertz import generate
 from drivers.studies import compare
 from meshes import c_strip, disk_on_block, two_blocks
 from pcontact.contact.formulation.augmented import update_multipliers
+from pcontact.runtime.observer import Observer
 from pcontact.runtime.petsc import MPI
 from pcontact.scene.model import Contact, Steps
 from pcontact.simulation import Simulation
@@ -24,7 +25,7 @@ AUGMENTED = "augmented_lagrangian"
 LU = {"snes_rtol": "1e-12", "ksp_type": "preonly", "pc_type": "lu"}
 
 
-class Watch:
+class Watch(Observer):
     """Observer: records of the load steps, and what was cut."""
 
     def __init__(self):

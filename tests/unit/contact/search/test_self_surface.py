@@ -14,6 +14,7 @@ from pcontact.contact.unbiased import contacts_of_halves, halved
 from pcontact.mesh.components import components
 from pcontact.mesh.distribute import distribute
 from pcontact.mesh.reader import read_mesh
+from pcontact.runtime.observer import Observer
 from pcontact.runtime.petsc import MPI
 from pcontact.scene.model import Contact
 from pcontact.simulation import Simulation
@@ -123,7 +124,7 @@ def test_bodies_of_one_group_are_partners(tmp_path, cell):
 # -- a strip and its halves ---------------------------
 
 
-class Last:
+class Last(Observer):
     """Observer: the last record."""
 
     def step(self, step, u, record):

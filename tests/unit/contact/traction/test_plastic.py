@@ -12,6 +12,7 @@ from pcontact.element.quadrature import quadrature
 from pcontact.element.reference import CELLS, facet_points
 from pcontact.material.hardening import hardening_curve
 from pcontact.material.plastic import plastic_constants
+from pcontact.runtime.observer import Observer
 from pcontact.runtime.petsc import MPI
 from pcontact.scene.model import Contact, Obstacle
 from pcontact.simulation import Simulation
@@ -181,7 +182,7 @@ def test_traction_of_a_uniform_stress(space):
     assert PlasticTrace(space, bulk, lower, "lower_top").parts == 0
 
 
-class Pressed:
+class Pressed(Observer):
     """Pressures and force of the floor, stress of the cells, reaction after every step."""
 
     def __init__(self):
