@@ -12,6 +12,7 @@ from .clip import CLIP, ClipShape, clip
 from .cook import cook
 from .disk_on_block import disk_on_block
 from .dome import dome_on_block
+from .flange import flange
 from .heap import heap
 from .hertz import ball_on_block, cylinder_on_block, cylinders, two_balls
 from .indent import indent
@@ -35,6 +36,7 @@ GENERATORS = {
         beam,
         rings,
         disk_on_block,
+        flange,
         dome_on_block,
         cylinders,
         cylinder_on_block,
