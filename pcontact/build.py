@@ -1,5 +1,7 @@
 """From the scene to the rooms below: mesh, space, items, problem."""
 
+from functools import partial
+
 import numpy as np
 
 from pcontact.assembly.bulk import ElasticBulk
@@ -11,6 +13,7 @@ from pcontact.assembly.geometry import chunks
 from pcontact.assembly.heat import Heat, HeatedElasticBulk, HeatedPlasticBulk, Heating
 from pcontact.assembly.loads import TimedLoad, load_vector, lumped_volume, value_of
 from pcontact.assembly.mixed import MixedBulk
+from pcontact.assembly.nodal_field import NodalField
 from pcontact.assembly.plastic import PlasticBulk
 from pcontact.assembly.release import Release
 from pcontact.assembly.springs import GroundSprings, SpinForces
@@ -332,9 +335,15 @@ def _heat(scene, space, constants):
     heatings = []
     for number, one in enumerate(scene.temperatures):
         where = place("temperatures", number, one.region)
-        value = Prescribed(one.value, scene.where, f"{where}.value")
+        value = Prescribed(one.value, scene.where, f"{where}.value") if one.file is None else partial(
+            _nodal_field, space, scene.folder / one.file, one.field, (scene.where, where))  # fmt: skip
         heatings.append(Heating(one.region, value, one.reference, amplitude_of(one, scene.steps.end), where))
     return Heat(space, heatings, moduli, bulk, scene.where)
+
+
+def _nodal_field(space, path, name, where, which):
+    """The field of a file at the nodes of some cells. *Collective.*"""
+    return NodalField(space, which, path, name, where)
 
 
 def _rigid_groups(scene, space, supports):

@@ -17,6 +17,7 @@ from pcontact.assembly.plastic import PlasticBulk
 from pcontact.element.dilatation import components, dilatation, linear
 from pcontact.runtime.parallel import agree, together
 from pcontact.runtime.petsc import MPI
+from pcontact.scene.prescribed import Prescribed
 
 
 class Heating(NamedTuple):
@@ -26,8 +27,8 @@ class Heating(NamedTuple):
     ----------
     region : str or None
         Group of cells; None: all.
-    prescribed : pcontact.scene.prescribed.Prescribed
-        Temperature at factor 1.
+    prescribed : pcontact.scene.prescribed.Prescribed or callable
+        Temperature at factor 1; or what makes a `NodalField` of it, from which cells of the blocks need it.
     reference : float
         Temperature without thermal strain.
     amplitude : pcontact.scene.amplitude.Amplitude
@@ -106,6 +107,9 @@ class Heat:
                                "allowed: one temperature in each cell")  # fmt: skip
                 which[rows] = number
         agree(space.comm, message)
+        for number, one in enumerate(heatings):
+            if not isinstance(one.prescribed, Prescribed):
+                heatings[number] = one._replace(prescribed=one.prescribed([w == number for w in self._which]))
         expands = any((which >= 0).any() and moduli[block.body]
                       for which, block in zip(self._which, space.mesh.blocks, strict=True))  # fmt: skip
         if not space.comm.allreduce(expands, op=MPI.LOR):
@@ -117,8 +121,11 @@ class Heat:
         out, which = np.zeros(points.shape[:2]), self._which[number][rows]
         for k in np.unique(which[which >= 0]):
             one, own = self._heatings[k], which == k
-            values = one.prescribed(points[own].reshape(-1, points.shape[2]), self._time)[:, 0] - one.reference
-            out[own] = one.amplitude.factor(self._time) * values.reshape(-1, points.shape[1])
+            if isinstance(one.prescribed, Prescribed):
+                values = one.prescribed(points[own].reshape(-1, points.shape[2]), self._time)[:, 0]
+            else:
+                values = one.prescribed.at(number, rows[own], points[own])
+            out[own] = one.amplitude.factor(self._time) * (values.reshape(-1, points.shape[1]) - one.reference)
         return self._moduli[self.space.mesh.blocks[number].body] * out
 
     def detect(self, time):

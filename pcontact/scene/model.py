@@ -649,12 +649,20 @@ class Periodic:
 class Temperature:
     """Temperature of cells, for the thermal strain of bodies with `expansion`."""
 
-    value: float | str = key(
-        SCALAR, "temperature, or an expression of the place in the undeformed mesh and the time", unit="temperature"
-    )
+    value: float | str | None = key(
+        SCALAR, "temperature, or an expression of the place in the undeformed mesh and the time", default=None,
+        unit="temperature", more="Exactly one must be said: of this, and `file` with `field`",
+    )  # fmt: skip
     region: str | None = key(TEXT, f"{REGION} cells", default=None, otherwise="all cells")
     reference: float = key(number(), "temperature without thermal strain", default=0.0, unit="temperature")
-    amplitude: Table | None = amplitude("factor of the difference of `value` and `reference`", True)
+    amplitude: Table | None = amplitude("factor of the difference of temperature and `reference`", True)
+    file: str | Path | None = key(
+        file("the name of a file beside the scene"), "file with temperatures of the nodes of the mesh", default=None,
+        otherwise="none", more="of any format whose fields meshio reads, such as `.vtu`, `.vtk` or gmsh's `.msh`",
+    )  # fmt: skip
+    field: str | None = key(
+        TEXT, "with `file`: name of the field of numbers at nodes", default=None, otherwise="must be said"
+    )
 
 
 @table

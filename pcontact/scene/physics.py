@@ -22,6 +22,7 @@ from pcontact.scene.model import (
     Output,
     Scene,
     Steps,
+    Temperature,
 )
 from pcontact.scene.phases import PHASED
 from pcontact.scene.places import tables
@@ -87,6 +88,8 @@ def physics_so_far(scenes: list[Scene]) -> dict[str, dict[str, object]]:
 
 def _acts(table):
     """Whether there is anything that an amplitude multiplies: supports that stand still have none to compare."""
+    if isinstance(table, Temperature) and table.file is not None:
+        return True
     values = [getattr(table, key) for key in MULTIPLIED.get(type(table), ())]
     numbers = [number for value in values for number in (value if isinstance(value, list | tuple) else [value])]
     return any(number not in (None, "free") and number for number in numbers)
@@ -99,7 +102,7 @@ def _plain(scene, table, key, value):
         return np.column_stack([rows.times, rows.factors]).tolist()
     if key in FUNCTIONS and value is not None:
         return _text(scene, value)
-    if isinstance(table, Obstacle) and key == "file":
+    if isinstance(table, Obstacle | Temperature) and key == "file" and value is not None:
         text = hashlib.sha256((scene.folder / value).read_bytes()).hexdigest()[:16]
         return f"{Path(value).name}, text {text}"
     return [_plain(scene, table, None, part) for part in value] if isinstance(value, list | tuple) else value

@@ -540,6 +540,15 @@ def _check_temperatures(scene):
     """Thermal strain is one of small strain; that of bodies that yield in plane stress is not in their law."""
     for index, item in enumerate(scene.temperatures):
         where = place("temperatures", index, item.region)
+        if (item.value is None) == (item.file is None):
+            found = "neither value nor file" if item.file is None else "both value and file"
+            raise input_error(scene.where, where, found, "exactly one of value, file")
+        for key, other in (("file", "field"), ("field", "file")):
+            if getattr(item, key) is not None and getattr(item, other) is None:
+                raise input_error(scene.where, f"{where}.{key}", f"{key} without {other}", f"{other} as well")
+        if item.file is not None and not (scene.folder / item.file).is_file():
+            allowed = f"a file beside the scene, in {scene.folder.absolute()}"
+            raise input_error(scene.where, f"{where}.file", f"{str(item.file)!r}, no such file", allowed)
         for body in scene.bodies:
             material = scene.materials[body.material]
             if scene.finite(body):

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from drivers._common import running
+from pcontact.runtime.observer import Observer
 from pcontact.scene.model import Body, Contact, Displacement, Material, MeshSpec, Obstacle, Output, Phase, Scene, Steps
 from tests.support.blocks import made
 
@@ -12,21 +13,15 @@ DEPTH, STEPS = 0.02, 10
 MOVED = [[0.2, 0.0], [0.6, 0.4], [1.0, 2.0]]
 
 
-class Watch:
-    """Observer: force on the floor over its pressure, and the moment of the tractions, of every load step."""
+class Watch(Observer):
+    """Force along the floor over that across it, of every load step."""
 
     def __init__(self):
-        self.ratios, self.simulation = [], None
+        self.ratios = []
 
     def step(self, step, u, record):
         force = record["contacts"]["floor"]["force"]
         self.ratios.append(abs(force[0] / force[-1]))
-
-    def cut(self, target, outcome):
-        pass
-
-    def end(self, converged):
-        pass
 
 
 def dragged(path, d, strain="small", moved=MOVED, **contact):
@@ -49,7 +44,7 @@ def ratios(case):
     return np.array(watch.ratios)
 
 
-@pytest.mark.parallel
+@pytest.mark.parallel(2)
 @pytest.mark.parametrize("strain", ["small", "finite"])
 @pytest.mark.parametrize("cell", ["quadrilateral", "hexahedron"])
 def test_coefficient_of_the_place(shared_tmp, cell, strain):
@@ -63,7 +58,7 @@ def test_coefficient_of_the_place(shared_tmp, cell, strain):
     np.testing.assert_allclose(found[2:], mean * (1.0 + times), rtol=1e-7)
 
 
-@pytest.mark.parallel
+@pytest.mark.parallel(2)
 @pytest.mark.parametrize("formulation", ["nitsche", "penalty", "augmented_lagrangian"])
 @pytest.mark.parametrize("strain", ["small", "finite"])
 def test_coefficient_of_the_speed(shared_tmp, strain, formulation):

@@ -72,6 +72,7 @@ PIECES = {
     "equations": (("space.equations",), ()),
     "rigid groups": (("assembly.constrained", "space.rigid"), ()),
     "thermal strain": (("assembly.heat", "contact.traction.heated"), ()),
+    "fields of files": (("assembly.nodal_field",), ()),
     "self contact": (("contact.search.self_surface", "contact.search.exclusion", "contact.search.cones"),
         ("no_exclusion", "writable", "no_cones", "Exclusion", "Cones")),
     # bodies near enough to meet are found for any pair
@@ -150,6 +151,14 @@ def with_piece(path, piece):
     if piece == "thermal strain":
         result = scene(path)
         result.temperatures, result.materials["soft"].expansion = [Temperature(1.0)], 1e-5
+        return result
+    if piece == "fields of files":
+        result, points = scene(path), meshio.read(path).points
+        on_root(WORLD, meshio.write, path.with_name("heat.vtu"), meshio.Mesh(
+            points, [("vertex", np.arange(len(points))[:, None])], point_data={"T": np.ones(len(points))}))
+        WORLD.Barrier()
+        heat = Temperature(file=path.with_name("heat.vtu"), field="T")
+        result.temperatures, result.materials["soft"].expansion = [heat], 1e-5
         return result
     if piece == "rigid groups":
         result = scene(path)

@@ -56,7 +56,7 @@ def numbers(case):
         return np.array([*report["force"], *report["moment"]])
 
 
-@pytest.mark.parallel
+@pytest.mark.parallel(2)
 @pytest.mark.parametrize("strain", ["small", "finite"])
 def test_a_plane_of_triangles(folder, strain):
     plane = numbers(scene(folder, PLANE, strain, friction=0.3))
@@ -65,7 +65,7 @@ def test_a_plane_of_triangles(folder, strain):
     np.testing.assert_allclose(mesh, plane, rtol=1e-9)
 
 
-@pytest.mark.parallel
+@pytest.mark.parallel(2)
 def test_restart_and_ranks(folder):
     """The same numbers after a restart, and on one rank; another surface is refused."""
     case, full, kept = scene(folder, MESH, friction=0.3), folder / "full", folder / "kept"

@@ -1,5 +1,6 @@
 """Thermal strain: known answers, contact and plasticity with it, ranks, restart, refusals."""
 
+import meshio
 import numpy as np
 import pytest
 
@@ -205,3 +206,46 @@ def test_temperatures_that_are_not_finite(mesh):
     with pytest.raises(InputError, match=r"temperatures\[0\]\.value.*nan at the point"):
         simulation.run(keep=True)
     simulation.free()
+
+
+@pytest.mark.parallel(2)
+@pytest.mark.parametrize("name, kinematics", [("square", "plane_strain"), ("cube", None), ("curved", None)])
+def test_field_of_a_file(mesh, name, kinematics, shared_tmp):
+    """A linear temperature at the nodes, in another order and among others, is that of the expression; in contact."""
+    raw, d = meshio.read(mesh[name]), 2 if name == "square" else 3
+    points = np.vstack([raw.points, [[9.0, 9.0, 9.0]]])[np.random.default_rng(3).permutation(len(raw.points) + 1)]
+    if WORLD.rank == 0:
+        field = 5.0 + points @ [3.0, -2.0, 4.0]
+        meshio.write(shared_tmp / "heat.vtu", meshio.Mesh(points, [("vertex", np.arange(len(points))[:, None])],
+                                                          point_data={"T": field}))  # fmt: skip
+    WORLD.Barrier()
+    order = 2 if name == "curved" else 1
+    floor = Contact("bottom", obstacle=Obstacle("plane", [0.0] * d, [0.0] * (d - 1) + [1.0]), name="floor")
+    held = [Displacement("top", [0.0] * d)]
+    said = {"order": order, "contacts": [floor], "kinematics": kinematics or "plane_strain"}
+    text = "5 + 3*x - 2*y" + (" + 4*z" if d == 3 else "")
+    amplitude = [[0, 0], [1, 1]]
+    by_field = Temperature(file="heat.vtu", field="T", reference=1.0)
+    ends = []
+    for one in (Temperature(text, reference=1.0, amplitude=amplitude), by_field):
+        case = scene(mesh[name], held, [one], beside=shared_tmp, **said)
+        ends.append(simulated(case, WORLD)[1]["contacts"]["floor"])
+    np.testing.assert_allclose(ends[1]["force"], ends[0]["force"], rtol=1e-9, atol=1e-9)
+    assert ends[1]["max_pressure"] == pytest.approx(ends[0]["max_pressure"], rel=1e-9) and ends[0]["max_pressure"] > 1.0
+
+
+def test_fields_that_are_none(mesh, shared_tmp):
+    raw = meshio.read(mesh["square"])
+    n = len(raw.points) - 1
+    fields = {"T": np.ones(n), "v": np.ones((n, 3))}
+    some = meshio.Mesh(raw.points[:-1], [("vertex", np.arange(n)[:, None])], point_data=fields)
+    meshio.write(shared_tmp / "some.vtu", some)
+    for said, words in (({"field": "t"}, "field: found 't', no such field"), ({"field": "v"}, "one finite number at"),
+                        ({"field": "T"}, "which has no node at"), ({}, "file without field"),
+                        ({"field": "T", "value": 3.0}, "both value and file")):  # fmt: skip
+        case = scene(mesh["square"], planes(2), [Temperature(file="some.vtu", **said)], beside=shared_tmp)
+        with pytest.raises(InputError, match=words):
+            simulated(case)
+    case = scene(mesh["square"], planes(2), [Temperature(file="none.vtu", field="T")], beside=shared_tmp)
+    with pytest.raises(InputError, match="no such file"):
+        simulated(case)
