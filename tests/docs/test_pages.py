@@ -9,6 +9,7 @@ import pytest
 import drivers
 import pcontact as pc
 from drivers._common import running
+from drivers.gallery import make as gallery
 from meshes.__main__ import main as write_mesh
 from pcontact.cli import COMMANDS, run_options
 from pcontact.io.names import known
@@ -167,3 +168,11 @@ def test_a_wrong_name_is_seen(tmp_path):
     assert len(unknown_options(page)) == 3
     scene = "[mesh]\nordre = 2\n[[contacts]]\nobstacle = { radus = 1 }"
     assert unknown_keys(tomllib.loads(scene)) == ["ordre", "radus"]
+
+
+def test_the_gallery():
+    """Twenty pictures that are small, of scenes whose heads have the commands of their meshes."""
+    assert gallery.page() == (ROOT / "docs" / "gallery.md").read_text()
+    pictures = {one.name: ROOT / "docs" / "gallery" / f"{one.name}.jpg" for one in gallery.PICTURES}
+    assert len(pictures) >= 20 and set(pictures.values()) == set((ROOT / "docs" / "gallery").iterdir())
+    assert all(path.stat().st_size < gallery.BYTES for path in pictures.values())
