@@ -3,13 +3,17 @@ and with finite strain.
 
 * ``roller`` (CGS-1): a cylinder of radius 50 (E 210e3) is pressed with 35e3 per length on a block of 200 x 200 (E 70e3,
   both nu 0.3), in plane strain, half of both. How far the middle of the block's top goes down, without friction and
-  with 0.1: -1.308, -1.303 in Konter's runs; largest pressure, by Hertz 3585.4 (half width 6.2146).
+  with 0.1: -1.308, -1.303 in published runs, as Code_Aster's test V6.03.154 quotes them; largest pressure, by Hertz
+  3585.4 (half width 6.2146). These runs (GROT_GDEP) have a stress that is linear in Green and Lagrange's strain,
+  which is softer under compression: CalculiX comes to -1.3090 with that law and to -1.2725 with small strain. The
+  program does not have it; its own laws of finite strain are stiffer under compression.
 * ``punch`` (CGS-2): a cylinder of diameter 100 and height 100 (E 210e3) whose lower edge is rounded by 10, pressed by
   100 per area on a cylinder of diameter 200 and height 200 (E 70e3): axial symmetry. How far the middle of the block's
-  top goes down, without friction and with 0.1: -0.13073, -0.12858 in Konter's runs; Code_Aster's test V6.01.122 of the
-  same benchmark compares its axisymmetric cells with -0.13290.
+  top goes down, without friction and with 0.1: -0.13294, -0.13079 with cells of degree 2, as Code_Aster's test
+  V6.01.122 of the same benchmark has them. With cells of degree 1 they are -0.13073, -0.12858: published numbers are
+  not converged.
 
-The bottom of the block is held in both. Published numbers of programs differ by some percent.
+The bottom of the block is held in both.
 """
 
 from drivers._common import main, make_mesh
@@ -19,10 +23,10 @@ from pcontact.scene.model import Body, Contact, Displacement, Load, Material, Me
 
 CASES = ("roller", "punch")
 STRAINS = ("small", "finite")
-ROLLER, PUNCH = {0.0: -1.308, 0.1: -1.303}, {0.0: -0.13073, 0.1: -0.12858}
+ROLLER, PUNCH = {0.0: -1.308, 0.1: -1.303}, {0.0: -0.13294, 0.1: -0.13079}
 PRESSURE = 3585.4
-# what may be missing, by case: as much as published numbers differ
-BOUNDS = {"roller": 0.035, "punch": 0.03}
+# what may be missing, by case: of the roller what its law changes
+BOUNDS = {"roller": 0.035, "punch": 0.01}
 
 
 def roller_scene(path, friction, strain, **more):

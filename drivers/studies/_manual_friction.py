@@ -1,13 +1,12 @@
-"""Cases of the verification manual with friction: cylinders and a ball that are sheared, a belt, a pad that turns."""
-
+"""Cases of the verification manual with friction: cylinders and a ball that are sheared, a belt."""
 
 import numpy as np
 
 from drivers._common import make_mesh
-from drivers.cases import cattaneo_mindlin, turning
+from drivers.cases import cattaneo_mindlin
 from drivers.studies._manual import JOHNSON, RUN, Case, points_everywhere, solved
 from drivers.studies._manual_half_space import CYLINDERS
-from meshes import disk, indent
+from meshes import indent
 from meshes.grid import name_boundary, near
 from meshes.patches import patches, sector
 from pcontact.scene.model import Body, Contact, Displacement, Load, Material, MeshSpec, Obstacle, Scene, Steps
@@ -89,22 +88,12 @@ def capstan(folder, n):
         return None if record is None else BELT / abs(float(record["reactions"]["held"][1]))
 
 
-def turning_pad(folder, n):
-    """Moment of a round pad that turns on a plane, over mu N. *Collective.*"""
-    path = make_mesh(disk, folder / "disk.msh", n, 1, thickness=turning.THICKNESS)
-    scene = turning.torque_scene(path, 1, 4, 20.0, body="disk", middle=0.0, petsc={"snes_rtol": "1e-9"})
-    with solved(scene, folder) as (_, record):
-        if record is None:
-            return None
-        return abs(record["moments"]["top"][2]) / (0.3 * abs(float(record["reactions"]["top"][2])))
-
-
 MINDLIN = f"C. Cattaneo 1938, R. D. Mindlin 1949; {JOHNSON}, chapter 7"
 BALL_DATA = (
     f"A rigid ball of radius {BALL:g} is pressed by {DEPTH:g} into an elastic block, E = 1, nu = {RATIO:g}, friction "
     f"{MU:g}, in ten load steps; then it is moved along the block by {ALONG:g}, in ten more. Half of the block is "
-    "computed, 120 wide "
-    "and 60 deep; hexahedra of degree 1, n of them in the unit of length, which is about the radius of the contact."
+    "computed, 120 wide and 60 deep; hexahedra of degree 1, n of them in the unit of length, which is about the "
+    "radius of the contact."
 )
 BALL_SKETCH = """       \\  ball  /  -->
         \\_     _/

@@ -165,8 +165,7 @@ PUNCH = """    |  punch  |
     |        block"""
 BLOCK = (
     f"A rigid punch of half width 1 with a flat end sinks by {SINK:g} into a block, E = 1, nu = {NU:g}. Cells of "
-    "degree "
-    "2, of the size 1 / n^2 at the end of the punch, grow by 1 + 3 / n from one to the next."
+    "degree 2, of the size 1 / n^2 at the end of the punch, grow by 1 + 3 / n from one to the next."
 )
 
 CASES = {
@@ -205,8 +204,7 @@ CASES = {
         "A wavy surface",
         f"Plane strain. A half plane, E = 1, nu = {NU:g}, is pressed on a rigid wave {HEIGHT:g} (1 - cos(2 pi x)), no "
         "friction; half a period and a depth of 1 are computed, cells of degree 2, n of them along it. The mean "
-        "pressure "
-        f"is that of a bottom that moves up by {PRESSED:g}.",
+        f"pressure is that of a bottom that moves up by {PRESSED:g}.",
         r"""     -.          .-
        `-.____.-'    wave
      ----------------  x

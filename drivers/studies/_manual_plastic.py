@@ -1,4 +1,4 @@
-"""Cases of the verification manual in which a body yields below a punch, a plane or a ball."""
+"""Cases of the verification manual in which a body yields below a punch or a plane."""
 
 from functools import partial
 
@@ -7,7 +7,7 @@ import numpy as np
 from drivers._common import make_mesh
 from drivers.studies._manual import Case, points_everywhere, share, solved
 from drivers.studies._manual_half_space import PUNCH
-from meshes import cylinders, indent
+from meshes import cylinders
 from meshes.grid import name_boundary, near, split_group
 from meshes.patches import growing, patches, rectangle
 from pcontact.scene.model import Body, Contact, Displacement, Material, MeshSpec, Obstacle, Scene, Steps
@@ -16,8 +16,6 @@ from pcontact.scene.model import Body, Contact, Displacement, Material, MeshSpec
 STIFF, DRIVEN, SIZE = 1e3, 0.05, 15.0
 # of the sphere that is flattened: modulus, Poisson's ratio, yield stress, interference in units of that of first yield
 SPHERE = (200e3, 0.3, 911.0)
-# code_aster SSNV506: radius of the ball, modulus, yield stress, depth, force per radian
-BALL, BLOCK_E, SOFT, DEPTH, PER_RADIAN = 500.0, 210e3, 50.0, 20.0, 2.0380426e6
 
 
 def prandtl_block(path, n):
@@ -85,24 +83,6 @@ def flattened(depth, folder, n):
     return None if record is None else share(points, slice(None), [0.0, 1.0])[1] / force
 
 
-def indented(folder, n):
-    """Force of a rigid ball on a perfectly plastic block, per radian, n cells in 100. *Collective.*"""
-    path = make_mesh(indent, folder / "block.msh", h=100.0 / n, order=2, fine=200.0, length=2000.0)
-    ball = Obstacle("sphere", center=[0.0, BALL], radius=BALL, displacement=[0.0, -DEPTH])
-    scene = Scene(
-        mesh=MeshSpec(path, order=2, kinematics="axisymmetric", mean_dilatation=True),
-        materials={"m": Material(BLOCK_E, 0.3, yield_stress=SOFT)},
-        bodies=[Body("block", "m")],
-        contacts=[Contact("block_top", obstacle=ball, name="ball")],
-        displacements=[Displacement("block_bottom", [0.0, 0.0]), Displacement("axis", [0.0, "free"])],
-        steps=Steps(count=20),
-        petsc={"pc_type": "lu"},
-    )
-    with solved(scene, folder) as (simulation, record):
-        points = points_everywhere(simulation)
-    return None if record is None else share(points, slice(None), [0.0, -1.0])[1] / (2.0 * np.pi)
-
-
 FLATTENED = 20.0
 CASES = {
     "prandtl": Case(
@@ -114,29 +94,18 @@ CASES = {
         "(2 + pi) / sqrt(3) yield stresses, L. Prandtl 1920; R. Hill, *The Mathematical Theory of Plasticity*, "
         "Clarendon "
         "Press 1950, chapter 9", "force on half of the punch, the mean pressure over the yield stress",
-        (2.0 + np.pi) / np.sqrt(3.0), (4, 8, 16), prandtl, (8e-2, 2e-2),
+        (2.0 + np.pi) / np.sqrt(3.0), (4, 6, 9), prandtl, (8e-2, 3e-2),
+        "The error falls with the size of the cells.", tiny=False,
     ),
     "jackson_green": Case(
         "A sphere that is flattened, elastic and plastic",
         f"Axial symmetry. A rigid plane flattens half a sphere of radius 1, E = {SPHERE[0]:g}, nu = {SPHERE[1]:g}, "
-        "yield "
-        f"stress {SPHERE[2]:g}, perfectly plastic, no friction, by {FLATTENED:g} times the interference of first "
-        "yield. "
-        "Curved cells of degree 2 with mean dilatation, n of them in sqrt(R interference).",
+        f"yield stress {SPHERE[2]:g}, perfectly plastic, no friction, by {FLATTENED:g} times the interference of first "
+        "yield. Curved cells of degree 2 with mean dilatation, n of them in sqrt(R interference).",
         "      /       \\\n     |  sphere |\n      \\       /\n    ----`---'----  plane",
         "R. L. Jackson, I. Green, J. Tribology 127 (2005) 343-354, their fit to finite elements",
         "force over that of first "
-        "yield", jackson_green(FLATTENED), (5, 10, 20), partial(flattened, FLATTENED), (5e-2, 5e-2),
-        "The reference is a fit, whose authors give a few percent for its difference from their own finite elements.",
-    ),
-    "indented_block": Case(
-        "A ball in a perfectly plastic block",
-        f"code_aster SSNV506: axial symmetry, a rigid ball of radius {BALL:g} goes {DEPTH:g} deep into a block, E = "
-        f"{BLOCK_E:g}, nu = 0.3, yield stress {SOFT:g}, no friction, small strain. A block of radius and height 2000; "
-        "cells of degree 2 with mean dilatation, n of them in 100.",
-        "     |   \\_  ball _/\n   __|__   `---'   ___  r\n     |\n     |  block",
-        "code_aster V6.04.506 (fully plastic indentation, force linear in the depth)", "force per radian [force]",
-        PER_RADIAN, (5, 10, 20), indented, (1e-1, 5e-2),
-        "The reference neglects elastic strain; code_aster's own result at this depth is 1.5 % above it.",
+        "yield", jackson_green(FLATTENED), (5, 8, 12), partial(flattened, FLATTENED), (5e-2, 5e-2),
+        "The reference is a fit to finite elements of the authors; ours converge to a force 2 % below it.", tiny=False,
     ),
 }  # fmt: skip

@@ -253,8 +253,8 @@ CASES = {
     "curved_beam": Case(
         "A curved beam of two layers that are tied",
         f"Plane stress, a quarter of a ring 5 <= r <= 10, E = {CURVED:g}, nu = 0.25; two layers with meshes that do "
-        "not "
-        f"match are tied. The end on y = 0 moves along x by {MOVED:g}, the other one is held along x and in one point "
+        f"not match are tied. The end on y = 0 moves along x by {MOVED:g}, the other one is held along x and in one "
+        "point "
         "along y. Curved cells of degree 2, n across a layer.", BEAM,
         f"Golovin's curved bar: P = E u (ln 2 - 3/5) / pi for these radii, {TIMOSHENKO}, chapter 4", "force [force]",
         CURVED * abs(MOVED) * (np.log(2.0) - 0.6) / np.pi, (2, 4, 8), curved_beam, (1e-2, 1e-4),
@@ -263,8 +263,7 @@ CASES = {
         "A bimetallic strip",
         f"Plane stress, half a strip of the length {2.0 * STRIP[0]:g}; heights {STRIP[1]:g}, {STRIP[2]:g}, moduli "
         f"{METAL[0]:g}, {METAL[1]:g}, expansion {PAIR[0]:g}, {PAIR[1]:g}, nu = 0.3, warmed by {WARMER:g}. The metals "
-        "are "
-        "tied; their meshes do not match. Cells of degree 2, n over the height of a metal.",
+        "are tied; their meshes do not match. Cells of degree 2, n over the height of a metal.",
         "    |______________________\n    |_____________upper____|\n    |_____________lower____|  warm: its end goes "
         "down",
         "S. P. Timoshenko, J. Opt. Soc. Am. 11 (1925) 233-255", "deflection of the end [length]", bimetal_deflection(),
@@ -274,8 +273,8 @@ CASES = {
     "plastic_cylinder": Case(
         "A thick cylinder that yields",
         f"Plane strain, radii {HILL.a:g}, {HILL.b:g}, E = {HILL.E:g}, nu = {HILL.nu:g}, perfectly plastic, yield "
-        "stress "
-        f"{HILL.yield_stress:g}, an inner pressure of {HILL_PRESSURE:g}; data of `drivers/cases/thick_cylinder.py`. "
+        f"stress {HILL.yield_stress:g}, an inner pressure of {HILL_PRESSURE:g}; data of "
+        "`drivers/cases/thick_cylinder.py`. "
         "Curved cells of degree 2, n across the wall.", RINGS.split("\n", 1)[1],
         "R. Hill, *The Mathematical Theory of Plasticity*, Clarendon Press 1950, chapter 5",
         "displacement of the outer face [length]", HILL.displacement(HILL_PRESSURE), (4, 8, 16), plastic_cylinder,

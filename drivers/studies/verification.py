@@ -13,7 +13,7 @@ from pathlib import Path
 from PIL import Image
 
 from drivers._common import main, make_directory, make_parser, picture, print_table, write_json
-from drivers.studies import _manual_friction, _manual_half_space, _manual_published, _manual_rings
+from drivers.studies import _manual_friction, _manual_half_space, _manual_plastic, _manual_published, _manual_rings
 from drivers.studies._manual import RUN
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.parallel import on_root
@@ -23,6 +23,7 @@ CASES = {
     **_manual_rings.CASES,
     **_manual_half_space.CASES,
     **_manual_friction.CASES,
+    **_manual_plastic.CASES,
     **_manual_published.CASES,
 }
 # pixels, colours of a picture
