@@ -5,7 +5,7 @@
 
 Pages are those of docs/, the one of drivers/examples, and the Python API from its docstrings. Links to files beside
 docs/ become their names: the site has no sources. Pages of docs/ that the navigation of mkdocs.yml does not name are
-put below Tables.
+put below Tables, those of the verification manual beside its index.
 """
 
 import inspect
@@ -82,14 +82,17 @@ def write_pages():
 
 
 def configuration():
-    """mkdocs.yml, with the pages below docs/tables that it does not name."""
+    """mkdocs.yml, with the pages that it does not name."""
     text = (ROOT / "mkdocs.yml").read_text(encoding="utf-8")
     named = set(re.findall(r"[\w/]+\.md", text))
     missing = [str(page.relative_to(PAGES)) for page in sorted(PAGES.rglob("*.md"))
                if str(page.relative_to(PAGES)) not in named]  # fmt: skip
     path = ROOT / "build" / "mkdocs.yml"
     text = text.replace("docs_dir: build/", "docs_dir: ").replace("site_dir: build/", "site_dir: ")
-    path.write_text(text.replace("[tables/performance.md]", str(["tables/performance.md", *missing])), encoding="utf-8")
+    manual = [page for page in missing if page.startswith("verification/")]
+    tables = [page for page in missing if page not in manual]
+    text = text.replace("verification/index.md", ", ".join(["verification/index.md", *manual]))
+    path.write_text(text.replace("[tables/performance.md]", str(["tables/performance.md", *tables])), encoding="utf-8")
     return path
 
 
