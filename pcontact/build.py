@@ -51,7 +51,7 @@ from pcontact.scene.prescribed import Prescribed
 from pcontact.scene.unsafe import unsafe
 from pcontact.solve.preconditioners.deflation import MOST_COLOURS
 from pcontact.solve.problem import Problem
-from pcontact.space.equations import Equations, pair_rows, term_rows
+from pcontact.space.equations import Equations, linear_rows, pair_rows, term_rows
 from pcontact.space.modes import colour, component_frames, free_motions, join
 from pcontact.space.rigid import RigidGroup
 from pcontact.space.section import PretensionSection
@@ -378,7 +378,8 @@ def _sections(scene, space, fixed, couplings):
 
 def _equations(scene, space, supports, groups):
     """Linear equations between components of the displacement; None without any. *Collective.*"""
-    if not scene.equations and not scene.periodic:
+    lower = {number for number, body in enumerate(scene.bodies) if scene.lower(body)}
+    if not (scene.equations or scene.periodic or lower):
         return None
     paths = [place("equations", number, one.region) for number, one in enumerate(scene.equations)]
     rows = term_rows(space, scene.equations, (scene.where, paths))
@@ -386,10 +387,24 @@ def _equations(scene, space, supports, groups):
         path = place("periodic", number, one.region)
         found = pair_rows(space, one, _motion(one, space.dim), (scene.where, path))
         rows, paths = rows + found, paths + [path] * len(found)
+    if lower:
+        found, first = linear_rows(space, lower), min(lower)
+        # they are the last: what equations say of nodes in the middles they say of the vertices
+        rows, paths = rows + found, paths + [f"{place('bodies', first, scene.bodies[first].region)}.order"] * len(found)
     taken = np.zeros((space.n_local, space.dim), dtype=bool)
     for group in groups:
         taken[group.nodes] = True
-    return Equations(space, rows, supports.fixed, taken, (scene.where, paths))
+    said = bool(scene.equations or scene.periodic)
+    return Equations(space, rows, supports.fixed, taken, (scene.where, paths), said)
+
+
+def _lower(scene, space):
+    """Equations of nodes in the middles of bodies of degree 1 as if nothing were prescribed, or None. *Collective.*"""
+    lower = {number for number, body in enumerate(scene.bodies) if scene.lower(body)}
+    if not lower:
+        return None
+    rows, none = linear_rows(space, lower), np.zeros((space.n_local, space.dim), dtype=bool)
+    return Equations(space, rows, none, none, (scene.where, [""] * len(rows)))
 
 
 def _motion(periodic, dim):
@@ -542,7 +557,7 @@ def _assemble(scene, space, constants, span, more):
     viscous = None if eta is None else ViscousStabilisation(space, eta, bulk)
     problem = Problem(space, items, supports, forces, _stabilisation(space, scene, constants, free), contacts, viscous)
     problem.timed, problem.total, problem.springs, problem.release = timed, total, springs, release
-    problem.sections, problem.equations = sections, equations
+    problem.sections, problem.equations, problem.lower = sections, equations, _lower(scene, space)
     if release is not None:
         release.absolute = supports.absolute[space.owned_local]
     # modes of their own cost a set-up that grows with their square; only bodies that nothing holds are worth it

@@ -2,6 +2,7 @@
 """Compare imported decks with CalculiX: displacements at the nodes, in the discrete L2 norm.
 
     python scripts/compare_ccx.py DECK.inp|FOLDER ... [--stiff X] [--refine N] [--work DIR] [--seconds N] [-o FILE]
+                                  [--update]
 
 Of a folder all decks with a contact pair are taken. Decks with steps that are not static, or with elements that are no
 cells of a solid, are named with that reason. Every other is imported and run, and run by `ccx`, which writes the
@@ -10,7 +11,8 @@ The table has for each deck what is in it, what the import says, whether the pro
 all nodes of the deck, |u - u_ccx| / |u_ccx|. `--stiff X` makes X times as stiff what `ccx` has of linear springs of
 contact, and of springs where friction sticks: the program leaves no overlap; springs that the scene has, too, stay as
 they are. `--refine N` refines a deck up to N times where the difference is beyond 1 %, for both programs; how often
-stands in brackets. Decks of which something was left out are run only with `--all`.
+stands in brackets. Decks of which something was left out are run only with `--all`. With `--update` the rows of other
+decks stay in FILE as they are.
 """
 
 import argparse
@@ -26,6 +28,7 @@ from refine_deck import refine
 from pcontact.importer.deck import read_deck
 from pcontact.importer.elements import in_plane, kind_of
 from pcontact.importer.findings import Findings
+from pcontact.importer.materials import bodies
 from pcontact.importer.steps import PROCEDURES
 from pcontact.importer.translate import remove
 from pcontact.importer.write import LIST, SCENE, import_file
@@ -145,13 +148,23 @@ def run_ours(deck, folder, options):
         return f"not within {options.seconds} s"
     if ended.returncode:
         return (ended.stdout + ended.stderr).strip().splitlines()[-1][:150]
-    bodies = load_result(folder / "results").bodies
-    used = sorted({node for e in deck.cells() for node in deck.elements[e][1]})
-    # nodes come in the order of their numbers; those that the program has added are the last
-    places = np.array([deck.nodes[node] for node in used])
-    if not np.allclose(bodies.points[: len(used)], places, atol=1e-6 * np.ptp(places, axis=0).max()):
+    result = load_result(folder / "results").bodies
+    body = np.zeros(len(result.points), dtype=np.int64)
+    for (_, nodes), values in zip(result.cells, result.cell_data["body"], strict=True):
+        body[nodes] = values[:, None]
+    # a node is known by its place and a body that has it: bodies that touch have nodes in the same place
+    parts, found = bodies(deck, Findings())[0], {}
+    dim = 2 if all(in_plane(deck.elements[e][0]) for e in deck.cells()) else 3
+    row_of = {(*point[:dim], number): row for row, (point, number) in
+              enumerate(zip(result.points.tolist(), body.tolist(), strict=True))}  # fmt: skip
+    for number, (_, _, cells) in enumerate(parts):
+        for node in {node for e in cells for node in deck.elements[e][1]}:
+            row = row_of.get((*deck.nodes[node][:dim], number))
+            if row is not None:
+                found[node] = result.point_data["displacement"][row]
+    if found.keys() != {node for _, _, cells in parts for e in cells for node in deck.elements[e][1]}:
         return "nodes of the results are not those of the deck"
-    return dict(zip(used, bodies.point_data["displacement"], strict=False))
+    return found
 
 
 def remarks(folder):
@@ -208,34 +221,46 @@ def refined(path, folder, options):
 
 
 def compare(path, options):
-    """One row of the table, and the difference if there is one."""
+    """One row of the table."""
     folder = options.work / path.stem
     try:
         deck = read_deck(path)
         what, reason = contents(deck)
         if reason and not options.all:
-            return [path.stem, what, "", "", "", "", reason], None
+            return [path.stem, what, "", "", "", "", reason]
         status = import_file(path, folder)
     except InputError as error:
-        return [path.stem, "", "no", "", "", "", str(error).partition(": ")[2]], None
+        return [path.stem, "", "no", "", "", "", str(error).partition(": ")[2]]
     row, remark = [path.stem, what, "in part" if status else "yes"], remarks(folder)
     if status and not options.all:
-        return [*row, "", "", "", remark], None
+        return [*row, "", "", "", remark]
     found, ran, more = difference(path, folder, options)
     if isinstance(found, str):
-        return [*row, "yes" if ran else "no", "", "", found], None
+        return [*row, "yes" if ran else "no", "", "", found]
     finer = refined(path, folder, options) if found > AGREE and options.refine else None
     words = "" if finer is None else f"{100.0 * finer[0]:.3g} % ({finer[1]})"
-    found, first = (found if finer is None else min(found, finer[0])), found
-    return [*row, "yes", f"{100.0 * first:.3g} %", words, "; ".join(filter(None, [more, remark]))], found
+    return [*row, "yes", f"{100.0 * found:.3g} %", words, "; ".join(filter(None, [more, remark]))]
 
 
-def table(rows, differences, options):
+def kept(path):
+    """Rows of a table that was written before, by their decks; none without one."""
+    lines = path.read_text().splitlines() if path.exists() else []
+    rows = [[cell.strip() for cell in line[2:].removesuffix("|").split(" | ")] for line in lines if line[:2] == "| "]
+    return {row[0]: row for row in rows if len(row) == len(HEAD) and row != HEAD}
+
+
+def least(row):
+    """The smaller one of the differences of a row, None where there is none."""
+    found = [float(cell.split()[0]) / 100.0 for cell in row[4:6] if "%" in cell]
+    return min(found) if found else None
+
+
+def table(rows, options):
     """The page with the table."""
-    static = [row for row in rows if row[2]]
-    counts = [len(rows), len(static)]
-    counts += [sum(row[2] == "yes" for row in static), sum(row[3] == "yes" for row in static), len(differences)]
-    counts.append(sum(difference <= AGREE for difference in differences))
+    static, differences = [row for row in rows if row[2]], [least(row) for row in rows]
+    counts = [len(rows), len(static), sum(row[2] == "yes" for row in static), sum(row[3] == "yes" for row in static)]
+    counts.append(sum(difference is not None for difference in differences))
+    counts.append(sum(difference is not None and difference <= AGREE for difference in differences))
     words = (
         "# Contact decks beside CalculiX: table\n\n"
         f"Written by `python {COMMAND} FOLDER -o FILE{options.said}`; what is taken of a deck, and how to read it: "
@@ -258,18 +283,18 @@ def main():
     parser.add_argument("--jobs", type=int, default=1, help="decks at a time")
     parser.add_argument("-o", "--output", type=Path, help="file of the table; absent: printed only")
     parser.add_argument("--all", action="store_true", help="decks of which something is left out, too")
+    parser.add_argument("--update", action="store_true", help="rows of other decks stay in the file of the table")
     parser.add_argument("--refine", type=int, default=0, help="times that decks beyond the bound are refined")
     options = parser.parse_args()
     options.said = f" --seconds {options.seconds:g}" + (f" --stiff {options.stiff:g}" if options.stiff != 1.0 else "")
     options.said += f" --refine {options.refine}" if options.refine else ""
-    rows, differences = [], []
+    rows = kept(options.output) if options.update and options.output else {}
     with ThreadPoolExecutor(options.jobs) as pool:
-        for row, difference in pool.map(lambda path: compare(path, options), decks_of(options.decks)):
-            rows.append(row)
-            differences += [] if difference is None else [difference]
+        for row in pool.map(lambda path: compare(path, options), decks_of(options.decks)):
+            rows[row[0]] = row
             print(" | ".join(row), flush=True)
             if options.output:
-                options.output.write_text(table(rows, differences, options))
+                options.output.write_text(table([rows[name] for name in sorted(rows)], options))
 
 
 if __name__ == "__main__":

@@ -19,6 +19,7 @@ import numpy as np
 from pcontact.importer.deck import faces, read_deck
 from pcontact.importer.elements import EDGES, VERTICES, faces_of, kind_of
 from pcontact.importer.equations import read_equations
+from pcontact.runtime.errors import InputError
 
 # reference vertices of cells
 _SQUARE = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]], dtype=float)
@@ -367,8 +368,16 @@ def refine(path, target):
     Parameters
     ----------
     path, target : pathlib.Path
+
+    Raises
+    ------
+    InputError
+        It has pyramids.
     """
-    target.write_text("\n".join([*Writer(read_deck(path)).lines, ""]))
+    deck = read_deck(path)
+    if any(cell == "pyramid" for cell, _ in deck.elements.values()):
+        raise InputError(f"{path}: found pyramids; allowed: cells that are cut into cells of their own kind")
+    target.write_text("\n".join([*Writer(deck).lines, ""]))
 
 
 def main():

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from pcontact.importer.elements import EDGES, KINEMATICS, REDUCED, SERENDIPITY, VERTICES, kind_of
+from pcontact.importer.elements import EDGES, KINEMATICS, REDUCED, SERENDIPITY, kind_of
 
 # coefficient of friction from which nothing slips, and what stands for it: the largest that is not refused
 ROUGH, LARGEST = 100.0, 3.0
@@ -159,7 +159,10 @@ def bodies(deck, findings):
     if dims == {2} and len(widths) > 1:
         card = list(widths.values())[-1]
         findings.leave(card, f"thicknesses that differ ({', '.join(f'{w:g}' for w in widths)})")
-    return [one for one in found if one[2]], plane, next(iter(widths), 1.0) if dims == {2} else 1.0
+    # cells of degree 1 beside others are a body of their own
+    parts = [(name, material, [e for e in cells if (deck.elements[e][0] in EDGES) == quadratic])
+             for name, material, cells in found for quadratic in (True, False)]  # fmt: skip
+    return [one for one in parts if one[2]], plane, next(iter(widths), 1.0) if dims == {2} else 1.0
 
 
 def _say_types(deck, findings, homeless):
@@ -616,13 +619,7 @@ def _exponential(distance, pressure):
     return [[float(gap), float(row)] for gap, row in zip(gaps, rows - rows[0], strict=True)]
 
 
-def order_of(deck, findings):
+def order_of(deck):
     """Degree of the displacement, and whether quadrilaterals and hexahedra have no nodes in their middles."""
     kinds = {deck.elements[element][0] for element in deck.cells()}
-    quadratic = {kind for kind in kinds if kind in EDGES}
-    if quadratic and quadratic != kinds:
-        for word, card in deck.element_cards.items():
-            cell = kind_of(word).cell
-            if cell in VERTICES and cell not in EDGES:
-                findings.change(card, f"type {word} with a displacement of degree 2, as the other elements")
-    return 2 if quadratic else 1, bool(kinds.intersection(SERENDIPITY))
+    return 2 if any(kind in EDGES for kind in kinds) else 1, bool(kinds.intersection(SERENDIPITY))

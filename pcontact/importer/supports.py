@@ -5,7 +5,6 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from pcontact.importer.deck import faces
-from pcontact.importer.elements import EDGES
 from pcontact.importer.history import Amplitude, History, factors
 
 _NAMED = {"XSYMM": (0,), "YSYMM": (1,), "ZSYMM": (2,), "ENCASTRE": (0, 1, 2), "PINNED": (0, 1, 2)}
@@ -14,6 +13,8 @@ _ROTATIONS = (4, 5, 6)
 _AXES = np.eye(3)
 # components of directions that are none
 STRAIGHT = 1e-9
+# [length] nodes that are on the axis of cylindrical coordinates
+ON_AXIS = 1e-10
 # digits of equal numbers
 _DIGITS = 12
 
@@ -119,8 +120,12 @@ class Frames:
             axial = (b - a) / np.linalg.norm(b - a)
             arm = np.array(self.deck.nodes[node]) - a
             arm -= (arm @ axial) * axial
-            if np.linalg.norm(arm) < 1e-12 * max(1.0, np.linalg.norm(b - a)):
-                return None
+            if np.linalg.norm(arm) < ON_AXIS:
+                # any direction across the axis, the one that CalculiX takes
+                k = next(k for k in range(3) if abs(axial[k]) > ON_AXIS)
+                arm = np.zeros(3)
+                arm[(k + 1) % 3] = 1.0
+                arm[k] = -axial[(k + 1) % 3] / axial[k]
             first = arm / np.linalg.norm(arm)
             return np.array([first, np.cross(axial, first), axial])
         first = a / np.linalg.norm(a)
@@ -350,20 +355,7 @@ class Supports:
                 one["amplitude"] = [list(row) for row in table]
             card = min(cards, key=lambda card: card.place)
             tables.append((one, card))
-            held = self._raised_faces(set(nodes))
-            if held:
-                tables.append(({**one, "region": groups.add("facets", f"{name}_faces", held)}, card))
-                words = f"{name}: faces of elements of degree 1, all of whose nodes it holds, as a whole"
-                self.findings.change(card, words)
         return tables
-
-    def _raised_faces(self, nodes):
-        """Free faces with all nodes among these, of elements that the deck has with degree 1 and the scene with 2."""
-        kinds = {self.deck.elements[element][0] for element in self.deck.cells()}
-        if not kinds & EDGES.keys() or kinds <= EDGES.keys():
-            return []
-        free = [(e, face) for e, face in self.deck.free_faces() if self.deck.elements[e][0] not in EDGES]
-        return [one for one in free if nodes.issuperset(self.deck.corners(*one))]
 
     def _name(self, nodes, word):
         """Name of the set of just these nodes, or of none."""

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from pcontact.importer.deck import read_deck
-from pcontact.importer.elements import in_plane
+from pcontact.importer.elements import EDGES, in_plane
 from pcontact.importer.equations import Cyclic, equated, equations
 from pcontact.importer.findings import Findings
 from pcontact.importer.groups import Groups
@@ -98,7 +98,7 @@ def translate(path, mesh_name):
     held = supports.displacements(groups, end, run.names)
     linear += supports.tilted(groups)
     mesh = {"file": mesh_name}
-    order, serendipity = order_of(deck, findings)
+    order, serendipity = order_of(deck)
     if order == 2:
         mesh["order"] = 2
     if serendipity:
@@ -116,6 +116,8 @@ def translate(path, mesh_name):
         body = {"region": name, "material": names[m]}
         if integration_of(deck, findings, cells) == "reduced":
             body["integration"] = "reduced"
+        if order == 2 and deck.elements[cells[0]][0] not in EDGES:
+            body["order"] = 1
         done.tables.append(("[[bodies]]", body, ""))
     for header, found in (
         ("[[contacts]]", contacts), ("[[displacements]]", held),

@@ -80,6 +80,9 @@ def describe(
     active = _strains(scene)
     if scene.mesh.kinematics != "plane_strain" or dim == 2:
         active.append(scene.mesh.kinematics.replace("_", " "))
+    lower = [body.region for body in scene.bodies if scene.lower(body)]
+    if lower:
+        active.append("degree 1: " + ", ".join(lower))
     if scene.mesh.serendipity:
         active.append("serendipity cells")
     reduced = [body.region for body in scene.bodies if body.integration == "reduced"]

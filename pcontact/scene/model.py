@@ -212,6 +212,10 @@ class Body:
         default="full",
         more="reduced: with `serendipity = true`, not with axial symmetry; see [mesh.md](mesh.md)",
     )  # fmt: skip
+    order: int | None = key(
+        integer(1, 2), "degree of the displacement", default=None, otherwise="that of `[mesh]`",
+        more="1 in a scene with `order = 2`: nodes in the middles follow the vertices; see [mesh.md](mesh.md)",
+    )  # fmt: skip
 
 
 @table
@@ -885,6 +889,10 @@ class Scene:
     def finite(self, body: Body) -> bool:
         """Whether a body has finite strain."""
         return (self.mesh.strain if body.strain is None else body.strain) == "finite"
+
+    def lower(self, body: Body) -> bool:
+        """Whether the displacement of a body has a lower degree than that of the mesh."""
+        return body.order is not None and body.order < (self.mesh.order or 1)
 
     def yields(self, body: Body) -> bool:
         """Whether a body may yield."""

@@ -560,12 +560,16 @@ def _check_temperatures(scene):
 
 
 def _check_serendipity(scene):
-    """Serendipity cells are of degree 2, and alone have reduced integration."""
+    """Serendipity cells are of degree 2, and alone have reduced integration; no body has more than the mesh."""
     reduced = [k for k, body in enumerate(scene.bodies) if body.integration == "reduced"]
     if reduced and not (scene.mesh.serendipity and scene.mesh.kinematics != "axisymmetric"):
         where = f"{place('bodies', reduced[0], scene.bodies[reduced[0]].region)}.integration"
         found = "without mesh.serendipity = true" if not scene.mesh.serendipity else "with axial symmetry"
         raise input_error(scene.where, where, f'"reduced" {found}', '"full"')
+    for k, body in enumerate(scene.bodies):
+        if body.order is not None and body.order > (scene.mesh.order or 1):
+            where = f"{place('bodies', k, body.region)}.order"
+            raise input_error(scene.where, where, f"{body.order} without order = 2 in [mesh]", "1, or order = 2 there")
     if scene.mesh.serendipity and scene.mesh.order == 1:
         raise input_error(scene.where, "mesh.serendipity", "true with a displacement of degree 1", "order = 2")
 

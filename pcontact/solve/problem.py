@@ -57,6 +57,8 @@ class Problem:
     sections : sequence of pcontact.space.section.PretensionSection
         Those among the groups.
     equations : pcontact.space.equations.Equations or None
+    lower : pcontact.space.equations.Equations or None
+        Those of nodes in the middles of bodies of degree 1 alone.
         Those among the groups.
     release : pcontact.assembly.release.Release or None
         The item of what a phase of the run goes on from.
@@ -78,7 +80,7 @@ class Problem:
         self.bulk, self.others, self.contacts = items[0], items[1:], list(contacts)
         self.time, self.loose, self.stabilised, self.viscous, self.timed = 0.0, (), True, viscous, ()
         self.total, self.springs, self.sections, self.release, self.energy = (), (), (), None, None
-        self.equations = None
+        self.equations = self.lower = None
         self.fixed = np.ascontiguousarray(supports.fixed[space.owned_local])
         self.groups, fixed = supports.groups, supports.fixed
         self.matrix = ConstrainedMatrix(space, fixed, self.groups) if self.groups else GlobalMatrix(space, fixed)

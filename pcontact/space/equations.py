@@ -8,6 +8,8 @@ P^T K P and its residual P^T f, see :mod:`pcontact.space.rigid`. The forces that
 
 import numpy as np
 
+from pcontact.element.reference import CELLS, reference_nodes
+from pcontact.element.shape import shape
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.parallel import agree
 from pcontact.runtime.petsc import MPI
@@ -161,6 +163,38 @@ def pair_rows(space, pair, motion, where):
     return found
 
 
+def linear_rows(space, bodies):
+    """Rows of `eliminate` of the nodes in the middles of cells of bodies that have degree 1: they follow the vertices.
+    *Collective.*
+
+    Parameters
+    ----------
+    space : pcontact.space.space.Space
+        Of degree 2.
+    bodies : set of int
+
+    Returns
+    -------
+    list of dict of int to float
+    """
+    found = {}
+    for block, table in zip(space.mesh.blocks, space.cells, strict=True):
+        if block.body not in bodies:
+            continue
+        n, numbers = CELLS[block.cell].n_vertices, space.nodes[table]
+        weights = shape(block.cell, 1, reference_nodes(block.cell, space.degree)[n:])
+        for a, row in enumerate(weights, start=n):
+            ends = np.flatnonzero(np.abs(row) > ZERO)
+            middles, first = np.unique(numbers[:, a], return_index=True)
+            for node, others in zip(middles.tolist(), numbers[first][:, ends].tolist(), strict=True):
+                found[node] = dict(zip(others, row[ends].tolist(), strict=True))
+    every = {node: row for part in space.comm.allgather(found) for node, row in part.items()}
+    return [
+        {node * space.dim + i: 1.0, **{other * space.dim + i: -weight for other, weight in row.items()}}
+        for node, row in sorted(every.items()) for i in range(space.dim)
+    ]  # fmt: skip
+
+
 class Equations:
     """All equations of a problem; in the place of a :class:`pcontact.space.rigid.RigidGroup`.
 
@@ -173,6 +207,8 @@ class Equations:
         Components that supports prescribe; those that other groups have.
     where : (str, list of str)
         Scene and the key path of each row, for messages.
+    said : bool
+        Whether the scene says any of them.
 
     Raises
     ------
@@ -187,8 +223,8 @@ class Equations:
 
     leading = np.zeros(0, dtype=np.int64)
 
-    def __init__(self, space, rows, fixed, taken, where):
-        self._space, self._rows, d = space, rows, space.dim
+    def __init__(self, space, rows, fixed, taken, where, said=True):
+        self._space, self._rows, self.said, d = space, rows, said, space.dim
         every = sorted({component for row in rows for component in row})
         prescribed = self._flagged(fixed, every)
         others = self._flagged(taken, every)

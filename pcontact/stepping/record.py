@@ -60,14 +60,18 @@ class Recorder:
         dict
             As in ``report.json``.
         """
-        problem = self._problem
+        problem, unbalanced = self._problem, step.unbalanced
+        if problem.lower is not None:
+            # bodies of degree 1: what is on nodes that follow is on the vertices
+            unbalanced = unbalanced.copy()
+            problem.lower.lead(unbalanced)
         record = {"time": step.time, **({} if self._phase is None else {"phase": self._phase})}
         record |= {
             "newton": step.newton,
             "krylov": step.krylov,
             "krylov_most": step.hardest,
             "cutbacks": step.cutbacks,
-            "reactions": problem.reactions(u, step.unbalanced),
+            "reactions": problem.reactions(u, unbalanced),
             "contacts": {contact.name: contact.summary(u) for contact in problem.contacts},
             "probes": {name: self._probe(nodes, u) for name, nodes in self._probes.items()},
             "plastic": self._plastic(),
@@ -78,7 +82,7 @@ class Recorder:
             if stretched:
                 record["finite_strain"] = {self._bodies[body]: one._asdict() for body, one in stretched.items()}
         if problem.supports.turns:
-            record["moments"] = problem.moments(u, step.unbalanced)
+            record["moments"] = problem.moments(u, unbalanced)
         if problem.viscous is not None:
             record["viscous"] = self._viscous(step.time, u)
         if problem.energy is not None:
@@ -86,13 +90,13 @@ class Recorder:
         if problem.total:
             record["loads"] = {load.name: load.record(u, step.time) for load in problem.total}
         moved = u.getArray(readonly=True).reshape(-1, problem.space.dim)
-        if problem.equations is not None:
-            record["equations"] = problem.equations.record(step.unbalanced)
+        if problem.equations is not None and problem.equations.said:
+            record["equations"] = problem.equations.record(unbalanced)
         couplings = [one for one in problem.groups if one not in problem.sections and one is not problem.equations]
         if couplings:
-            record["couplings"] = {group.name: group.record(moved, step.unbalanced) for group in couplings}
+            record["couplings"] = {group.name: group.record(moved, unbalanced) for group in couplings}
         if problem.sections:
-            forces = step.unbalanced.copy()
+            forces = unbalanced.copy()
             if problem.release is not None:
                 problem.release.external(u, forces)
             record["pretensions"] = {one.name: one.record(moved, forces, step.time) for one in problem.sections}

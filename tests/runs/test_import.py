@@ -144,7 +144,8 @@ block, 1, 3
 """
     press = "*STEP\n*STATIC\n*DLOAD\n2, P2, 100.\n*END STEP\n"
     status, words, scene = imported(tmp_path, "\n".join(lines) + STEEL + steps + PAIR.lstrip("\n") + press)
-    assert status == 0 and "as a whole" in words and scene.mesh.order == 2
+    assert status == 0 and "changed (in the scene, in another way):" in words and scene.mesh.order == 2
+    assert sorted(body.order or 2 for body in scene.bodies) == [1, 2]
     probes = solved(scene, ["lower", "upper"])[-1]["probes"]
     assert np.abs(probes["lower"]["mean"]).max() < 1e-15 and abs(probes["upper"]["mean"][2]) < 2e-5
 
@@ -580,3 +581,15 @@ def test_surfaces_of_faces_and_of_nodes_with_one_name(tmp_path):
     both = "*SURFACE, NAME=upper, TYPE=NODE\n101, 102\n"
     status, _, scene = imported(tmp_path, BLOCKS + both + PAIR + "*STEP\n*STATIC\n*END STEP\n")
     assert status == 0 and (scene.contacts[0].source, scene.contacts[0].target) == ("upper", "lower")
+
+
+def test_a_node_on_the_axis_of_cylindrical_axes(tmp_path):
+    """Its third direction is that of the axis, the first the next one of the mesh: across y that is z."""
+    frame = "*TRANSFORM, NSET=NALL, TYPE=C\n0., 0., 0., 0., 1., 0.\n*BOUNDARY\n1, 3, 3, 0.5\n1, 1, 1, 0.25\n1, 2\n"
+    deck = bricks(((0, 0, 0), (1, 1, 1))) + STEEL + frame + "*STEP\n*STATIC\n*END STEP\n"
+    status, _, scene = imported(tmp_path, deck)
+    values = np.zeros(3)
+    for one in scene.displacements:
+        values += [0.0 if value == "free" else value for value in one.value]
+    assert status == 0
+    np.testing.assert_allclose(values, [0.0, 0.5, 0.25])
