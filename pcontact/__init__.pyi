@@ -10,6 +10,7 @@ from pcontact.api.running import Step as Step
 from pcontact.api.running import run as run
 from pcontact.api.scenes import Scene as Scene
 from pcontact.api.scenes import from_dict as from_dict
+from pcontact.api.scenes import new as new
 from pcontact.api.scenes import read as read
 from pcontact.api.study import Study as Study
 from pcontact.api.study import study as study

@@ -20,6 +20,7 @@ from pcontact.importer.write import OPTIONS as IMPORT
 from pcontact.importer.write import import_file
 from pcontact.io import refine
 from pcontact.io.cost_forecast import cost_forecast
+from pcontact.io.report_schema import report_schema
 from pcontact.io.summary import JsonLines, summary
 from pcontact.io.template import write_template
 from pcontact.mesh.hdf5_writer import convert, mesh_sizes
@@ -30,7 +31,7 @@ from pcontact.runtime.files import replace_file
 from pcontact.runtime.options import Options
 from pcontact.runtime.parallel import on_root
 from pcontact.runtime.petsc import MPI
-from pcontact.runtime.rules import BOOLEAN, integer, text
+from pcontact.runtime.rules import BOOLEAN, choice, integer, text
 from pcontact.scene import Contact, MeshSpec, Output, Scene, Steps, read_scene
 from pcontact.scene.keys import options as key_options
 from pcontact.scene.schema import schema
@@ -99,8 +100,11 @@ COMMANDS = {
     "new": Command("the name of a directory", "NAME", "a commented scene with its mesh to start from", listed()),
     "doctor": Command("", "", "what is installed, how fast this machine is, what to do", listed()),
     "schema": Command(
-        "", "[-o FILE.json]", "JSON Schema of a scene file, with which editors complete and check it",
-        listed(Option("o", text("a file"), "where it goes", otherwise="standard output", value="FILE.json")),
+        "", "[-of report] [-o FILE.json]", "JSON Schema of a scene file, for editors, or of report.json",
+        listed(
+            Option("of", choice("scene", "report"), "a scene file, or report.json", "scene"),
+            Option("o", text("a file"), "where it goes", otherwise="standard output", value="FILE.json"),
+        ),
     ),
 }  # fmt: skip
 # options that are no run's, not even unused
@@ -344,9 +348,9 @@ def convert_mesh(path, options):
     log.info("wrote %s: %s", target, sizes)
 
 
-def print_schema(path=None):
-    """Print the JSON Schema of a scene file, or write it. *Collective.*"""
-    words = json.dumps(schema(), indent=2)
+def print_schema(path=None, of="scene"):
+    """Print the JSON Schema of a scene file or of a report, or write it. *Collective.*"""
+    words = json.dumps(schema() if of == "scene" else report_schema(), indent=2)
     if path is None:
         log.info("%s", words)
         return
@@ -385,7 +389,8 @@ def _execute(command, operand, options):
         convert_mesh(operand, options)
         return 0
     if command == "schema":
-        print_schema(read_all(command, COMMANDS[command].options, options).get("o"))
+        values = read_all(command, COMMANDS[command].options, options)
+        print_schema(values.get("o"), values.get("of", "scene"))
         return 0
     scene = read_scene(operand)
     if command == "check":

@@ -17,6 +17,7 @@ from pcontact.io.checkpoint import Checkpoint, remembering
 from pcontact.io.cost_report import CostReport
 from pcontact.io.counters import Counters
 from pcontact.io.error_estimate import ErrorEstimate, label
+from pcontact.io.names import STATUS, forces_of
 from pcontact.io.identity import Identity
 from pcontact.io.observers import FacetErrors, Fields, Records, SmallStrain, Terminal
 from pcontact.io.restart import ANYWAY, checkpoint_time, read_checkpoint
@@ -402,6 +403,8 @@ class Simulation:
             "cells": self.mesh.n_cells_total,
             "accuracy": self.accuracy.report(),
             "model": {"active": active, "left_out": left_out},
+            "forces": forces_of(self.scene.mesh.kinematics, self.mesh.dim),
+            "status": list(STATUS),
             "solver": self.newton.solver,
         }
 

@@ -13,6 +13,7 @@ from pathlib import Path
 
 from pcontact.cli import COMMANDS, run_options
 from pcontact.io.names import FIELDS
+from pcontact.io.report_schema import described
 from pcontact.runtime.declared import shown
 from pcontact.runtime.presets import PRESETS
 from pcontact.scene.keys import keys
@@ -101,6 +102,16 @@ def field_table():
     return rows(["field", "of the", "unit", "where there is", ""], lines)
 
 
+def report_table():
+    """The keys of report.json."""
+    lines = []
+    for path, words in described():
+        text, _, unit = words.rpartition(" [") if words.endswith("]") else (words, "", "")
+        text, unit = ("", words[1:]) if words.startswith("[") else (text, unit)
+        lines.append([code(path), f"[{unit}" if unit else "", text])
+    return rows(["key", "unit", ""], lines)
+
+
 def tables():
     """All tables by name."""
     own = {cls.__name__: key_table(cls) for cls in HEADERS}
@@ -108,13 +119,13 @@ def tables():
     own |= {name: option_table(one.options.values()) for name, one in COMMANDS.items() if one.options}
     commands = [[code(f"pcontact {name} {one.usage}"), one.help] for name, one in COMMANDS.items()]
     own |= {"scene options": scene_options(), "presets": preset_table(), "fields": field_table()}
-    return own | {"commands": rows(["", ""], commands)}
+    return own | {"report": report_table(), "commands": rows(["", ""], commands)}
 
 
 def main(words):
     """Write or check all pages; the exit status."""
     found, old = tables(), []
-    for page in sorted(ROOT.glob("docs/*.md")):
+    for page in sorted(ROOT.glob("docs/**/*.md")):
         text = page.read_text(encoding="utf-8")
         new = BLOCK.sub(lambda match: match[1] + found[match[2]] + match[3], text)
         if new != text:

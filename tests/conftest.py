@@ -25,6 +25,9 @@ import numpy as np  # noqa: E402
 import pytest  # noqa: E402
 from mpi4py import MPI  # noqa: E402
 
+from pcontact.io.observers import Records  # noqa: E402
+from pcontact.io.report import jsonable  # noqa: E402
+from pcontact.io.report_schema import unknown  # noqa: E402
 from pcontact.runtime.petsc import PETSc  # noqa: E402
 
 # what support checks for several tests fails with the values in it, as in a test
@@ -92,6 +95,20 @@ def _abort(item, report):
                          f"{report.longreprtext}\n")
         sys.stderr.flush()
     WORLD.Abort(1)
+
+
+@pytest.fixture(autouse=True)
+def declared_names(monkeypatch):
+    """Whatever a test runs, its report has no key that is not declared, and so not documented."""
+    found, end = set(), Records._end
+
+    def checked_end(self, converged, costs):
+        end(self, converged, costs)
+        found.update(unknown(jsonable(self.report.data)))
+
+    monkeypatch.setattr(Records, "_end", checked_end)
+    yield
+    assert not found, f"not in pcontact/io/report_schema.py: {sorted(found)}"
 
 
 @pytest.fixture

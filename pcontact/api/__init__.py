@@ -14,7 +14,7 @@ from pcontact.api.fields import Fields
 from pcontact.api.meshes import mesh_from
 from pcontact.api.results import ContactResult, Picture, Run, load
 from pcontact.api.running import Step, run
-from pcontact.api.scenes import Scene, from_dict, read
+from pcontact.api.scenes import Scene, from_dict, new, read
 from pcontact.api.study import Study, study
 from pcontact.assembly.item import Item
 from pcontact.contact.law import FrictionLaw, add_law
@@ -38,5 +38,5 @@ from pcontact.scene import (
 __all__ = [
     "Body", "Contact", "ContactResult", "Coupling", "Displacement", "Fields", "FrictionLaw", "Item", "Load", "Material",
     "MeshSpec", "Obstacle", "Output", "Phase", "Picture", "Pretension", "Run", "Scene", "Spring", "Step", "Steps",
-    "Study", "Temperature", "add_law", "from_dict", "load", "mesh_from", "read", "run", "study",
+    "Study", "Temperature", "add_law", "from_dict", "load", "mesh_from", "new", "read", "run", "study",
 ]  # fmt: skip

@@ -69,12 +69,17 @@ def mesh_from(
     return MeshSpec(file=_written(source, groups or {}, facets or {}), **keys)
 
 
-def _place() -> Path:
-    """A file of this process's own, that goes when it ends."""
+def own_folder() -> Path:
+    """A new directory of this process's own, that goes when it ends."""
     if not _folder:
         _folder.append(Path(tempfile.mkdtemp(prefix="pcontact_")))
         atexit.register(shutil.rmtree, _folder[0], ignore_errors=True)
-    return _folder[0] / f"mesh_{len(list(_folder[0].iterdir()))}.msh"
+    return Path(tempfile.mkdtemp(dir=_folder[0]))
+
+
+def _place() -> Path:
+    """A file of this process's own, that goes when it ends."""
+    return own_folder() / "mesh.msh"
 
 
 def _written(source: Any, groups: Mapping[str, Any], facets: Mapping[str, Any]) -> Path:

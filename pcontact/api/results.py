@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from pcontact.api.fields import Fields
+from pcontact.io.names import STATUS
 from pcontact.io.fields import FieldWriter
 from pcontact.io.history import columns, flatten
 from pcontact.io.report import jsonable
@@ -33,7 +34,9 @@ class ContactResult:
     pressure, gap : ndarray (np,)
         Contact pressure [stress] and gap [length].
     status : ndarray of int (np,)
-        0 open, 1 stick, 2 slip.
+        0 open, 1 stick, 2 slip; without friction closed points slip.
+    status_names : ndarray of str (np,)
+        The same in words.
     traction, normal : ndarray (np, d)
     weight : ndarray (np,)
         Area of each point.
@@ -45,6 +48,7 @@ class ContactResult:
 
     def __init__(self, data: dict[str, np.ndarray], report: dict[str, Any]) -> None:
         self.x, self.pressure, self.gap, self.status = (data[key] for key in ("x", "pressure", "gap", "status"))
+        self.status_names = np.array(STATUS)[np.asarray(self.status, dtype=int)]
         self.traction, self.normal, self.weight = data["traction"], data["normal"], data["weight"]
         self.report = report
         self.force = np.array(report.get("force", []), dtype=float)

@@ -7,7 +7,8 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
-from pcontact.api.meshes import mesh_from
+from pcontact.api.meshes import mesh_from, own_folder
+from pcontact.io.template import write_template
 from pcontact.runtime.errors import InputError
 from pcontact.scene import Body, Contact, Material, MeshSpec, Obstacle, Output, Steps, model, read_scene, scene_from
 
@@ -115,6 +116,27 @@ def read(path: str | Path, **changes: Any) -> Scene:
         One line: the file, the key, what was found, what is allowed.
     """
     return Scene.of(read_scene(path, changes))
+
+
+def new(directory: str | Path | None = None) -> Scene:
+    """The small scene that ``pcontact new`` writes, to start from: a block that is pressed on another one and drawn.
+
+    Parameters
+    ----------
+    directory : str or pathlib.Path, optional
+        A new directory for scene and mesh; absent: one of this process's own, that goes when it ends.
+
+    Returns
+    -------
+    Scene
+        As :func:`read`.
+
+    Raises
+    ------
+    InputError
+        The directory is there already.
+    """
+    return read(write_template(str(own_folder() / "new" if directory is None else directory)))
 
 
 def from_dict(data: Mapping[str, Any], folder: str | Path | None = None) -> Scene:

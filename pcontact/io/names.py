@@ -28,6 +28,8 @@ class Field(NamedTuple):
     when: str = ""
 
 
+# of points by the numbers of the field `status`
+STATUS = ("open", "stick", "slip")
 _FINITE, _YIELD, _SMOOTH, _ESTIMATE = "finite strain", "a body may yield", "`smooth = true`", "`estimate = true`"
 
 FIELDS = (
@@ -70,3 +72,25 @@ def known(name):
     names = {field.name for field in FIELDS}
     bare, _, ending = name.rpartition("_")
     return name in names or (bare in names and ending in COMPONENTS)
+
+
+def forces_of(kinematics, dim):
+    """What all forces of the report are, and the names of their components.
+
+    Parameters
+    ----------
+    kinematics : str
+        Of the mesh.
+    dim : int
+
+    Returns
+    -------
+    dict
+        ``per`` and ``components``. With axial symmetry radial forces balance each other: their sum over the
+        circumference is no resultant, and is called another name.
+    """
+    if dim == 3:
+        return {"per": "body", "components": ["x", "y", "z"]}
+    if kinematics == "axisymmetric":
+        return {"per": "whole circumference", "components": ["radial_sum", "axial_force"]}
+    return {"per": "unit thickness", "components": ["x", "y"]}

@@ -33,8 +33,11 @@ def summary(report, directory):
              + (f", {_peak(report):.0f} MB on the largest rank" if _peak(report) else "")]  # fmt: skip
     for name, contact in last.get("contacts", {}).items():
         pressure = max(step["contacts"].get(name, {}).get("max_pressure", 0.0) or 0.0 for step in steps)
-        force = " ".join(f"{value + 0.0:.5g}" for value in contact["force"])
-        lines.append(f"  {name}: force {force}, largest pressure {contact['max_pressure']:.5g} (of all load steps "
+        force = "force " + " ".join(f"{value + 0.0:.5g}" for value in contact["force"])
+        if "radial_sum" in contact:
+            force = (f"axial force {contact['axial_force'] + 0.0:.5g} of the whole circumference, radial sum "
+                     f"{contact['radial_sum'] + 0.0:.5g}")  # fmt: skip
+        lines.append(f"  {name}: {force}, largest pressure {contact['max_pressure']:.5g} (of all load steps "
                      f"{pressure:.5g}), penetration {contact['max_penetration']:.3g}")  # fmt: skip
     if report["warnings"]:
         lines.append(f"  {len(report['warnings'])} warnings, above and in report.json")

@@ -104,6 +104,8 @@ class Recorder:
             record["released"] = problem.release.record()
         if problem.springs:
             record["springs"] = {spring.name: spring.record(u) for spring in problem.springs}
+        if problem.space.axisymmetric:
+            _name_components(record)
         self._warn_of_lost(step.time, record["contacts"])
         if step.uzawa is not None:
             record["uzawa"] = step.uzawa
@@ -183,6 +185,13 @@ class Recorder:
         comm.Allreduce(MPI.IN_PLACE, high, op=MPI.MAX)
         mean = total[:d] / max(total[d], 1.0)
         return {"mean": mean.tolist(), "min": low.tolist(), "max": high.tolist()}
+
+
+def _name_components(record):
+    """With axial symmetry the first component of a force is no resultant: give it, and the other one, a name."""
+    for contact in record["contacts"].values():
+        contact["radial_sum"], contact["axial_force"] = contact["force"]
+    record["radial_sums"] = {name: force[0] for name, force in record["reactions"].items()}
 
 
 def _held(problem):

@@ -5,11 +5,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pcontact.io.names import STATUS
 from pcontact.runtime.errors import InputError
 
 _VECTOR = ("x", "y", "z")
 _TENSOR = ("xx", "yy", "zz", "xy", "yz", "xz")
-_STATUS = ("open", "stick", "slip")
 
 
 @dataclass
@@ -58,8 +58,8 @@ class Quantity:
         -------
         str
         """
-        known = self.name == "status" and 0 <= number < len(_STATUS)
-        return _STATUS[number] if known else f"{self.label} {number}"
+        known = self.name == "status" and 0 <= number < len(STATUS)
+        return STATUS[number] if known else f"{self.label} {number}"
 
 
 def _arrays(result):

@@ -116,9 +116,9 @@ def test_pages_are_up_to_date(capsys):
     reference = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(reference)
     assert reference.main(["--check"]) == 0, capsys.readouterr().out
-    pages = "".join(page.read_text() for page in ROOT.glob("docs/*.md"))
+    pages = "".join(page.read_text() for page in ROOT.glob("docs/**/*.md"))
     missing = [name for name in reference.tables() if f"<!-- table: {name} -->" not in pages]
-    assert missing == ["schema"]  # one option, which the list of the commands has
+    assert not missing
 
 
 # ---------------------------------------------------------------- the schema
