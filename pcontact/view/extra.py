@@ -1,5 +1,6 @@
 """The extra `view`: is pyvista there, can it be installed, and how does VTK draw on this machine."""
 
+import ctypes
 import os
 import subprocess
 import sys
@@ -72,8 +73,16 @@ def _works(window):
 
 
 def has_display():
-    """Whether windows can be opened."""
-    return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
+    """Whether windows can be opened: the X server that DISPLAY names answers. VTK opens no others on Linux."""
+    if not os.environ.get("DISPLAY"):
+        return False
+    try:
+        x11 = ctypes.CDLL("libX11.so.6")
+    except OSError:
+        return False
+    x11.XOpenDisplay.restype, x11.XOpenDisplay.argtypes = ctypes.c_void_p, [ctypes.c_char_p]
+    # stays open: some servers begin anew when the last of their clients leaves, and do not answer meanwhile
+    return bool(x11.XOpenDisplay(None))
 
 
 def prepare_off_screen():

@@ -12,40 +12,52 @@ import pyvista
 from pcontact.io.result import load_result
 from pcontact.runtime.files import written_aside
 from pcontact.view import render
-from pcontact.view.picture import Look, staged
+from pcontact.view.picture import Look, around_contact, staged
 
 _GLASS = 0.35  # opacity of bodies that hide what lies between them
+_ROOM = 0.8  # [-] of a panel for the bodies: the colour bar stands beside them
+_LINE = 6.0  # [pixels] width of the contact surfaces of plane bodies
 
 
 def _plotter(directory, field, step, look, off_screen):
-    """All fields side by side, in a plotter, and the words above them."""
+    """All fields and views side by side, in a plotter, and the words above them."""
     stages = staged(load_result(directory, step), field, look)
+    panels = [(stage, view) for stage in stages for view in (look.views or ("whole",))]
     titles = []
-    plotter = pyvista.Plotter(shape=(1, len(stages)), off_screen=off_screen, window_size=look.size, border=False)
-    for column, stage in enumerate(stages):
+    plotter = pyvista.Plotter(shape=(1, len(panels)), off_screen=off_screen, window_size=look.size, border=False)
+    for column, (stage, view) in enumerate(panels):
         plotter.subplot(0, column)
         plotter.set_background("white")
-        plane, eye = stage.cut("whole")
+        plane, eye = stage.cut(view)
         between = stage.quantity.place == "surfaces"
         lift = render.LIFT * np.ptp(stage.positions, axis=0).max() * eye.axes[2]
-        render.add(plotter, stage.body_shape(plane), stage.colours, opacity=_GLASS if between else 1.0, lift=lift)
+        shape = stage.body_shape(plane)
+        # surfaces of plane bodies are lines, which nothing hides
+        glass = _GLASS if between and stage.solid else 1.0
+        render.add(plotter, shape, stage.colours, opacity=glass, lift=lift)
         if between:
             facets = stage.contact_shape(stage.quantity.values, "drop" if stage.none_if_open else "keep")
-            render.add(plotter, facets, stage.colours, lift=lift)
+            render.add(plotter, facets, stage.colours, lift=lift, thick=_LINE)
         enlarged = "true to scale" if stage.factor == 1 else f"displacements x {stage.factor:g}"
-        words = f"{stage.quantity.label.capitalize()}\ntime {stage.result.time:g}, {enlarged}"
+        named = f" ({view})" if len(look.views) > 1 else ""
+        words = f"{stage.quantity.label.capitalize()}{named}\ntime {stage.result.time:g}, {enlarged}"
         titles.append(words.replace("\n", ": "))
         plotter.add_text(words, position="upper_left", font_size=10, color="#1c2733")
-        _bar(plotter, stage)
+        _bar(plotter, stage, column)
         plotter.view_vector(eye.axes[2], viewup=eye.axes[1])
         plotter.enable_parallel_projection()
-        plotter.reset_camera()
-    if len(stages) > 1:
+        if view == "near":
+            box = around_contact(stage, shape.points())
+            plotter.reset_camera(bounds=np.column_stack([box.min(axis=0), box.max(axis=0)]).ravel())
+        else:
+            plotter.reset_camera()
+        plotter.camera.zoom(_ROOM)
+    if len(panels) > 1 and len(set(look.views)) < 2:
         plotter.link_views()
     return plotter, "; ".join(titles)
 
 
-def _bar(plotter, stage):
+def _bar(plotter, stage, column):
     """The colour bar of a stage; points of quadrature are dots."""
     scale, quantity = stage.colours, stage.quantity
     if quantity.place == "points":
@@ -59,8 +71,9 @@ def _bar(plotter, stage):
                 and tuple(actor.mapper.scalar_range) == (scale.norm.vmin, scale.norm.vmax)]  # fmt: skip
     if coloured:
         plotter.add_scalar_bar(
-            quantity.label, mapper=coloured[-1].mapper, color="#1c2733", fmt="%.3g", vertical=True, title_font_size=14,
-            label_font_size=12, height=0.5, position_y=0.25, position_x=0.88, width=0.05,
+            # pyvista tells bars apart by their titles
+            f"{quantity.label}\n{' ' * column}", mapper=coloured[-1].mapper, color="#1c2733", fmt="%.3g", vertical=True,
+            title_font_size=14, label_font_size=12, height=0.5, position_y=0.25, position_x=0.88, width=0.05,
         )  # fmt: skip
 
 

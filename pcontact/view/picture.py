@@ -222,6 +222,17 @@ class Stage:
         return self.quantity.name in ("contact_pressure", "status")
 
 
+def around_contact(stage, points):
+    """Corners (8, 3) of a box around the contact, within that of some points; without contact these (n, 3)."""
+    touching = profile.touching(stage)
+    if not len(touching):
+        return points
+    low, high = touching.min(axis=0), touching.max(axis=0)
+    border = _CLOSE * (high - low).max() + 1e-12
+    low, high = np.maximum(low - border, points.min(axis=0)), np.minimum(high + border, points.max(axis=0))
+    return np.array(np.meshgrid(*zip(low, high, strict=True))).reshape(3, -1).T
+
+
 class _Row:
     """The parts of a picture of one field, and where they go in a rectangle of the figure."""
 
@@ -280,7 +291,7 @@ class _Row:
         shape = stage.body_shape(plane)
         seen = shape.points() if stage.window is None else stage.window
         if view == "near":
-            seen = self._near(seen)
+            seen = around_contact(stage, seen)
         window = camera.fit(seen, eye, size)
         pixels = render.image(shape, eye, window, size, stage.colours)
         if self.quantity.place == "surfaces" and stage.solid:
@@ -298,16 +309,6 @@ class _Row:
             _ticks(axes, "x", "y")
         if named:
             axes.set_title(view, fontsize=9, loc="left")
-
-    def _near(self, points):
-        """The points around the contact."""
-        touching = profile.touching(self.stage)
-        if not len(touching):
-            return points
-        low, high = touching.min(axis=0), touching.max(axis=0)
-        border = _CLOSE * (high - low).max() + 1e-12
-        low, high = np.maximum(low - border, points.min(axis=0)), np.minimum(high + border, points.max(axis=0))
-        return np.array(np.meshgrid(*zip(low, high, strict=True))).reshape(3, -1).T
 
     def _surface_alone(self, axes):
         """A solid's contact surface seen along its mean normal, the patch filling the panel."""

@@ -13,7 +13,7 @@ LIFT = 2e-3  # [extent of what is drawn] lines above their faces
 _LAMP = (-0.35, 0.55, 0.76)  # right, up, toward the viewer
 
 
-def add(plotter, shape, scale, pixel=0.0, opacity=1.0, width=1.0, lift=(0.0, 0.0, 0.0)):
+def add(plotter, shape, scale, pixel=0.0, opacity=1.0, width=1.0, lift=(0.0, 0.0, 0.0), thick=1.0):
     """Add a shape to a plotter.
 
     Parameters
@@ -29,6 +29,8 @@ def add(plotter, shape, scale, pixel=0.0, opacity=1.0, width=1.0, lift=(0.0, 0.0
         Factor of the widths of lines.
     lift : array_like (3,)
         Lines are drawn by this nearer to the viewer than the faces that they are on [length].
+    thick : float
+        Width of faces that are lines: contact surfaces of plane bodies [pixels].
     """
     colours = ListedColormap(scale.table(256))
     for mesh, lit in shape.faces:
@@ -36,7 +38,7 @@ def add(plotter, shape, scale, pixel=0.0, opacity=1.0, width=1.0, lift=(0.0, 0.0
             continue
         ambient, diffuse = (0.55, 0.5) if lit else (0.0, 1.0)
         look = {"lighting": lit, "ambient": ambient, "diffuse": diffuse, "specular": 0.0, "opacity": opacity,
-                "show_scalar_bar": False, "smooth_shading": False}  # fmt: skip
+                "show_scalar_bar": False, "smooth_shading": False, "line_width": thick}  # fmt: skip
         if np.isnan(np.asarray(mesh[VALUE])).all():
             grey = np.array([_rgb(name) for name in GREYS], dtype=np.uint8)
             mesh = mesh.copy(deep=False)

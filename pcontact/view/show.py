@@ -9,6 +9,7 @@ from pcontact.view import extra
 
 MOVIES, PAGES = (".gif", ".mp4"), (".html", ".htm")
 VIEWS = ("whole", "cut", "near", "surface", "profile", "unrolled")
+TURNED = VIEWS[:3]  # that windows and pages have
 
 
 def _size(value):
@@ -96,7 +97,11 @@ def show(directory, options):
     output, step, field = values.pop("o", None), values.pop("step", -1), values.pop("field", None)
     suffix = Path(output).suffix.lower() if output else ""
     extra.require((*extra.MODULES, *(("trame_vtk",) if suffix in PAGES else ())))
-    if output is None and extra.has_display() and "views" not in values:
+    turned = set(values.get("views", ())) <= set(TURNED)
+    if suffix in PAGES and not turned:
+        found = ", ".join(values["views"])
+        raise InputError(f"command line: -views: found {found} in a page; allowed: {', '.join(TURNED)}")
+    if output is None and turned and extra.has_display():
         from pcontact.view.live import window
 
         window(directory, field, step, **values)

@@ -1,15 +1,19 @@
 """The wheel has all that a run needs, and packages agree with pyproject.toml."""
 
+import os
 import re
 import subprocess
 import sys
+import sysconfig
 import tomllib
+import venv
 import zipfile
+from pathlib import Path
 
 import pytest
 
 from pcontact.view import extra
-from tests.support.commands import ROOT
+from tests.support.commands import ROOT, environment
 
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 
@@ -25,6 +29,25 @@ def test_the_wheel(tmp_path):
     modules = {str(path.relative_to(ROOT)) for path in (ROOT / "pcontact").rglob("*.py")}
     assert modules | {"pcontact/py.typed", "pcontact/__init__.pyi"} <= names
     assert not [name for name in names if name.startswith(("tests/", "drivers/"))]
+    installed(wheel, tmp_path)
+
+
+def installed(wheel, folder):
+    """The wheel runs from a fresh venv, beside the petsc4py that is there."""
+    venv.create(folder / "fresh", system_site_packages=True)
+    python = folder / "fresh" / "bin" / "python"
+    # what pip would download is taken from the environment of the tests
+    (site,) = (folder / "fresh").glob("lib/python3*/site-packages")
+    (site / "others.pth").write_text(sysconfig.get_path("purelib") + "\n")
+    paths = [path for path in os.environ.get("PYTHONPATH", "").split(os.pathsep) if Path(path).resolve() != ROOT]
+    alone = {**environment(), "PYTHONPATH": os.pathsep.join(filter(None, paths))}
+    pip = [sys.executable, "-m", "pip", "--python", str(python), "install", "-q", "--no-deps", "--no-index"]
+    asked = "import pcontact as pc; assert pc.new().steps.count == 8; print(pc.__file__)"
+    for command in ([*pip, "--ignore-installed", str(wheel)], [str(python), "-c", asked],
+                    [str(python.with_name("pcontact")), "--help"]):  # fmt: skip
+        done = subprocess.run(command, cwd=folder, capture_output=True, text=True, env=alone)
+        assert done.returncode == 0, done.stderr
+        assert command[-1] != asked or done.stdout.startswith(str(site))
 
 
 def test_one_version_everywhere():

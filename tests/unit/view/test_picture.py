@@ -25,9 +25,10 @@ from pcontact.view.show import show
 pytest.importorskip("pyvista")
 extra.prepare_off_screen()
 
+from pcontact.view import live  # noqa: E402
 from pcontact.view.live import page  # noqa: E402
 from pcontact.view.movie import movie  # noqa: E402
-from pcontact.view.picture import picture  # noqa: E402
+from pcontact.view.picture import Look, picture  # noqa: E402
 
 SMALL = (480, 320)
 
@@ -333,6 +334,31 @@ def test_a_page_holds_all_it_needs(solid_run):
     words = page(solid_run, None, solid_run / "a.html").read_text()
     assert "OfflineLocalView.load" in words and "Contact pressure: time 1" in words
     assert not re.search(r"<(script|link)[^>]*(src|href)=.?https?:", words)
+
+
+def test_windows_and_pages_have_several_views(solid_run, monkeypatch):
+    """Side by side; what is drawn flat is no view of theirs."""
+    pytest.importorskip("trame_vtk")
+    look = Look(views=("whole", "cut", "near"))
+    plotter, titles = live._plotter(solid_run, "displacement", -1, look, off_screen=True)
+    try:
+        assert plotter.shape == (1, 3) and titles.count("(near)") == 1
+        scales = [renderer.camera.parallel_scale for renderer in plotter.renderers]
+        assert scales[2] < scales[0], "near is nearer"
+        assert len(plotter.scalar_bars) == 3
+        assert plotter.renderers[1].actors and len({renderer.camera.position for renderer in plotter.renderers}) > 1
+    finally:
+        plotter.close()
+    with pytest.raises(InputError, match="-views: found profile in a page; allowed: whole, cut, near"):
+        show(str(solid_run), {"views": "profile", "o": str(solid_run / "b.html")})
+
+
+def test_a_display_that_does_not_answer(monkeypatch):
+    """As after a lost connection: there are no windows, and no waiting for one."""
+    monkeypatch.setenv("DISPLAY", "127.0.0.1:9999")
+    assert not extra.has_display()
+    monkeypatch.delenv("DISPLAY")
+    assert not extra.has_display()
 
 
 def test_without_what_draws_one_line_says_what_to_install(solid_run, monkeypatch):
