@@ -550,12 +550,16 @@ def dragged(tmp_path, monkeypatch):
 
 @pytest.mark.slow
 def test_the_code_of_the_page(dragged, capsys):
-    """Both pieces do what they say."""
-    first, _, second = re.findall(r"```python\n(.*?)```", (ROOT / "docs" / "python.md").read_text(), re.DOTALL)
+    """All pieces do what they say."""
+    first, _, watch, second = re.findall(r"```python\n(.*?)```", (ROOT / "docs" / "python.md").read_text(), re.DOTALL)
     found = {}
     exec(first, found)
     assert found["run"].history["contacts.drag.force_x"][-1] == pytest.approx(0.2, rel=1e-3)
     assert len([line for line in first.splitlines() if line]) <= 10
+    exec(watch, found)
+    force = -found["run"].history["contacts.drag.force_y"]
+    assert found["run"].stopped and force[-1] >= 0.9 > force[-2]
+    assert np.diff(found["run"].history["time"])[[1, -1]] == pytest.approx([0.05, 0.2])
     exec(second, found)
     assert found["whole"].displacement.shape == found["whole"].points.shape
     assert "[[" in capsys.readouterr().out
