@@ -79,8 +79,8 @@ class Command(NamedTuple):
 
 COMMANDS = {
     "run": Command("a scene file", "SCENE.toml [-o DIR] [options]", "solve; results in DIR (default: SCENE_results)"),
-    "check": Command("a scene file", "SCENE.toml [options]", "read scene and mesh: what is modelled. Solves nothing; "
-                     "with -error coarse meshes, and says what reaching it takes"),
+    "check": Command("a scene file", "SCENE.toml [options]",
+                     "what is modelled; solves nothing (with -error coarse meshes)"),
     "import": Command(
         "a deck", "DECK [-o DIR]", "a scene with its mesh from a deck of Abaqus or CalculiX (.inp)", IMPORT
     ),

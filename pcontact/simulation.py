@@ -17,8 +17,8 @@ from pcontact.io.checkpoint import Checkpoint, remembering
 from pcontact.io.cost_report import CostReport
 from pcontact.io.counters import Counters
 from pcontact.io.error_estimate import ErrorEstimate, label
-from pcontact.io.names import STATUS, forces_of
 from pcontact.io.identity import Identity
+from pcontact.io.names import STATUS, forces_of
 from pcontact.io.observers import FacetErrors, Fields, Records, SmallStrain, Terminal
 from pcontact.io.restart import ANYWAY, checkpoint_time, read_checkpoint
 from pcontact.io.snapshot import Snapshot

@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 
 from pcontact.api.fields import Fields
-from pcontact.io.names import STATUS
 from pcontact.io.fields import FieldWriter
 from pcontact.io.history import columns, flatten
+from pcontact.io.names import STATUS
 from pcontact.io.report import jsonable
 from pcontact.io.result import has_fields, load_result
 from pcontact.io.vtu import CELL_TYPES, SOLID

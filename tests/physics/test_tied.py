@@ -9,6 +9,7 @@ from pcontact.contact.law import STICK
 from pcontact.contact.pair import contact_pair
 from pcontact.contact.surface.sides import source_surface, target_surface
 from pcontact.runtime.errors import InputError
+from pcontact.runtime.observer import Observer
 from pcontact.runtime.petsc import MPI
 from pcontact.scene.model import Body, Contact, Displacement, Load, Material, MeshSpec, Output, Scene, Steps
 from pcontact.simulation import Simulation
@@ -140,7 +141,7 @@ def test_one_newton_step(shared_tmp, formulation, theta):
                  petsc={}, count=2, theta=theta, formulation=formulation)  # fmt: skip
     counts = []
 
-    class Watch:
+    class Watch(Observer):
         def step(self, step, u, record):
             counts.append((step.newton, record["contacts"]["glue"]["stick"], record["contacts"]["glue"]["open"]))
 

@@ -15,6 +15,7 @@ from pcontact.contact.surface.obstacle import RigidObstacle
 from pcontact.contact.surface.sides import source_surface, target_surface
 from pcontact.contact.traction.elastic import ElasticTraction
 from pcontact.pairs import pair_of
+from pcontact.runtime.observer import Observer
 from pcontact.runtime.parallel import on_root
 from pcontact.runtime.petsc import MPI, PETSc
 from pcontact.scene import amplitude
@@ -274,7 +275,7 @@ def solved(scene, measure=lambda simulation: None, comm=WORLD, prepare=lambda si
     """Records of the steps, and what `measure` makes of the run. Collective."""
     records = []
 
-    class Watch:
+    class Watch(Observer):
         def step(self, step, u, record):
             records.append(record)
 
