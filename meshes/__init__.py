@@ -18,6 +18,7 @@ from .hertz import ball_on_block, cylinder_on_block, cylinders, two_balls
 from .indent import indent
 from .ironing import ironing, ironing_slab
 from .layer import layer_on_base
+from .pin import pin
 from .punch import punch, rounded_punch
 from .rings import rings
 from .seal import seal
@@ -55,6 +56,7 @@ GENERATORS = {
         sphere_stack,
         heap,
         layer_on_base,
+        pin,
         punch,
         rounded_punch,
         shells,
