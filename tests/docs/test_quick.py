@@ -17,8 +17,8 @@ COARSER = {
     "self_contact": [("--n 3,30", "--n 1,10"), ("count = 40", "count = 2"),
                      ("displacement = [0, -1.3]", "displacement = [0, -0.2]")],
     "deck": [("--times 3", "--times 1")],
-    "study": [("[0.0, 0.1, 0.2, 0.4, 0.8]", "[0.2]"), ('"count": 32', '"count": 16')],
-    "cluster": [("--h 0.12", "--h 0.3"), ("count = 4", "count = 1")],
+    "study": [("[0.0, 0.1, 0.2, 0.4, 0.8]", "[0.2]"), ('"count": 32', '"count": 8')],
+    "cluster": [("--h 0.12", "--h 0.3"), ("count = 4", "count = 1"), ("-steps_count 2", "-steps_count 1")],
 }  # fmt: skip
 # what a page leaves behind, beside pictures
 LEFT = {"press": "press_results/report.json", "friction": "energy_results/history.csv", "imprint": "imprint.jpg",
