@@ -1,0 +1,45 @@
+"""What a target would take, and which degree takes less."""
+
+import numpy as np
+import pytest
+
+from pcontact.adapt.budget import POWER
+from pcontact.adapt.degree import cheaper
+from pcontact.adapt.forecast import forecast
+from pcontact.adapt.known import Range
+from pcontact.adapt.passes import Pass
+from pcontact.runtime.petsc import MPI
+
+COMM = MPI.COMM_WORLD
+
+
+def done(unknowns, degree, mesh, **more):
+    return Pass(unknowns, unknowns, degree, mesh, Range(1.0, 2.0, "", 2), {"mesh": mesh}, **more)
+
+
+@pytest.mark.parallel
+def test_uniform_cells_are_halved_until_the_error_is_small_enough():
+    """Degree 1 in the plane: half the error takes four times the cells."""
+    squares = np.ones(len(np.array_split(np.arange(100), COMM.size)[COMM.rank]))
+    last = done(200, 1, 0.1, seconds=3.0, trials=1.0, memory=1e6)
+    ahead = forecast(COMM, [last], squares, 0.25 * 1.0001)
+    followers = ahead.unknowns[-1] / (200 * 16)
+    assert 1.0 <= followers < 2.0
+    expected = 1.0 + 2.0 * sum((one / 200) ** POWER for one in ahead.unknowns)
+    assert ahead.seconds == pytest.approx(expected)
+    assert ahead.memory == pytest.approx(1e6 * ahead.unknowns[-1] / 200)
+
+
+def test_two_passes_tell_what_does_not_grow():
+    """Seconds that both have are not multiplied."""
+    passes = [done(100, 2, 0.2, seconds=1.0), done(400, 2, 0.05, seconds=1.0)]
+    ahead = forecast(MPI.COMM_SELF, passes, np.ones(50), 0.1)
+    assert ahead.seconds == pytest.approx(len(ahead.unknowns))
+
+
+def test_the_degree_that_takes_fewer_entries():
+    """A smooth solution is that of degree 2, a target that is nearly reached that of degree 1."""
+    passes = done(100, 1, 0.1, entries=1e3), done(300, 2, 0.05, entries=6e3)
+    assert cheaper(*passes, 0.01)["degree"] == 2
+    near = cheaper(*passes, 0.09)
+    assert near["degree"] == 1 and near["entries"]["2"] == 6e3
