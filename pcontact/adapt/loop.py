@@ -355,7 +355,10 @@ class Loop:
                 tried[name] = variants.smooth_facets(scene)
         found = {"load_steps": 0.0}
         for name, other in tried.items():
-            value = variants.difference(simulation, other, self.target, watch) / norm
+            if name in STAYING and simulation.problem.space.degree == 1:
+                value = variants.of_facets(simulation, scene, self.target) / norm
+            else:
+                value = variants.difference(simulation, other, self.target, watch) / norm
             # with half the steps to go, the other half of a first-order error is left
             found[name] = 2.0 * value if name == "load_steps" else value
             if not np.isfinite(value):

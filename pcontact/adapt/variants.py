@@ -74,6 +74,45 @@ class Last(Observer):
         self.record = record
 
 
+def of_facets(simulation, scene, target):
+    """What the smooth surfaces that facets stand for change in a solution of degree 2. *Collective.*
+
+    Finer cells follow the gaps between facets as those of degree 2 do on the mesh given; those of degree 1 do not.
+
+    Parameters
+    ----------
+    simulation : pcontact.simulation.Simulation
+    scene : pcontact.scene.model.Scene
+        To be run on the same mesh.
+    target : pcontact.scene.target.Target
+        Of what the change counts.
+
+    Returns
+    -------
+    float
+        As of :func:`difference`.
+    """
+    comm, said, mesh = simulation.comm, simulation.options.said, simulation.mesh
+    scene = replace(scene, mesh=replace(scene.mesh, order=2))
+    smooth = replace(smooth_facets(scene), output=replace(scene.output, estimate=True))
+    values, quantities = [], []
+    try:
+        for one in (scene, smooth):
+            with solved(one, comm, said, mesh) as (run, last):
+                if last is None:
+                    return float("nan")
+                values.append(run.stepper.u.getArray(readonly=True).copy())
+                if target.quantity != "energy":
+                    quantities.append(value(run.problem, target, last, run.stepper.u))
+                elif len(values) == 2:
+                    change = run.problem.space.vector()
+                    change.setArray(values[1] - values[0])
+                    return run.error_estimate.norm(change)
+    except TOLD:
+        return float("nan")
+    return abs(quantities[1] - quantities[0])
+
+
 def difference(simulation, other, target, watch):
     """What another setting changes in the solution. *Collective.*
 
