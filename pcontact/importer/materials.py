@@ -586,8 +586,13 @@ class Contacts:
         if "MULTISTAGE" in card.parameters:
             self.findings.leave(card, "a tie of stages of different cyclic symmetry", place)
             return None
-        table, _ = self._sides(card, place, words)
+        table, faces = self._sides(card, place, words)
         if table is None:
+            return None
+        others = surface_faces(self.deck, self.deck.surface_of(card, place, words[1]))
+        one, other = (np.mean([outward(self.deck, row) for row in rows], axis=0) for rows in (faces, others))
+        if one @ other > FACING * np.linalg.norm(one) * np.linalg.norm(other) > 0.0:
+            self.findings.leave(card, f"a tie of surfaces that look the same way: {', '.join(words[:2])}", place)
             return None
         table["tied"] = True
         if card.get("POSITIONTOLERANCE"):

@@ -593,3 +593,9 @@ def test_a_node_on_the_axis_of_cylindrical_axes(tmp_path):
         values += [0.0 if value == "free" else value for value in one.value]
     assert status == 0
     np.testing.assert_allclose(values, [0.0, 0.5, 0.25])
+
+
+def test_a_tie_of_surfaces_that_look_the_same_way_is_left_out(tmp_path):
+    tie = "*SURFACE, NAME=top\n2, S2\n*TIE, NAME=glue\ntop, lower\n*STEP\n*STATIC\n*END STEP\n"
+    status, words, scene = imported(tmp_path, BLOCKS + tie)
+    assert status == 1 and "surfaces that look the same way: top, lower" in words and not scene.contacts
