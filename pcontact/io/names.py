@@ -76,7 +76,7 @@ def known(name):
     """Whether a picture may be asked for a field, or a component of one, by this name."""
     names = {field.name for field in FIELDS}
     bare, _, ending = name.rpartition("_")
-    return name in names or (bare in names and ending in COMPONENTS)
+    return name in names or name == "mesh" or (bare in names and ending in COMPONENTS)
 
 
 def forces_of(kinematics, dim):

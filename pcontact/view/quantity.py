@@ -117,7 +117,8 @@ def find(result, name=None):
     ----------
     result : Result
     name : str, optional
-        A field, or one of its components: displacement_x, stress_xy. A vector's bare name is its magnitude.
+        A field, or one of its components: displacement_x, stress_xy. A vector's bare name is its magnitude. "mesh": the
+        bodies, each in a colour of its own.
 
     Returns
     -------
@@ -129,6 +130,7 @@ def find(result, name=None):
         There is no such field.
     """
     names = available(result)
+    name = "body" if name == "mesh" and "mesh" not in names else name
     if name is None:
         pieces = result.surfaces.values()
         touching = any(np.any(b > 0) for piece in pieces for b in piece.cell_data.get("contact_pressure", []))

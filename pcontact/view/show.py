@@ -39,7 +39,7 @@ def _views(value):
 OPTIONS = listed(
     Option(
         "field", text("the name of a field"), "contact_pressure, equivalent_stress, displacement, displacement_z, "
-        "stress_xx, equivalent_plastic_strain, gap, ..., or several: NAME,NAME; a wrong name lists them all",
+        "stress_xx, equivalent_plastic_strain, gap, mesh, ..., or several: NAME,NAME; a wrong name lists them all",
         value="NAME",
     ),
     STEP,

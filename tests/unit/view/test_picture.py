@@ -353,6 +353,13 @@ def test_windows_and_pages_have_several_views(solid_run, monkeypatch):
         show(str(solid_run), {"views": "profile", "o": str(solid_run / "b.html")})
 
 
+def test_the_mesh_is_the_bodies_in_their_colours(solid_run):
+    result = load_result(solid_run)
+    mesh, body = find(result, "mesh"), find(result, "body")
+    assert mesh.name == "body" and mesh.whole
+    np.testing.assert_array_equal(mesh.values[""], body.values[""])
+
+
 def test_a_display_that_does_not_answer(monkeypatch):
     """As after a lost connection: there are no windows, and no waiting for one."""
     monkeypatch.setenv("DISPLAY", "127.0.0.1:9999")
