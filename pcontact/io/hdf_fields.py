@@ -8,7 +8,6 @@ HDF5 is needed, a rank that cannot write is heard by all, and the file on disk i
 import zlib
 from pathlib import Path
 
-import h5py
 import numpy as np
 
 from pcontact.io import vtu
@@ -19,9 +18,6 @@ from pcontact.runtime.errors import OutputError
 from pcontact.runtime.files import Hdf5Grown, going_on, make_directory
 from pcontact.runtime.parallel import on_root
 from pcontact.runtime.petsc import MPI
-
-# from this version on HDF5 says where chunks are
-_TELLS = (1, 10, 5)
 
 
 class HdfWriter:
@@ -43,8 +39,6 @@ class HdfWriter:
         if resume_time is not None:
             on_root(comm, other_format, Path(directory), NAME, INDEX)
         self._resume, self._begun, self._meshes = resume_time, False, {}
-        # whether all ranks write
-        self._shared = comm.size > 1 and compression == 0 and h5py.version.hdf5_version_tuple >= _TELLS
 
     def write(self, step, time, bodies, surfaces=None, points=None):
         """Write one load step. *Collective.*
@@ -63,7 +57,8 @@ class HdfWriter:
             total = {key: rows.sum(axis=0) for key, rows in counts.items()}
             rooms = on_all(self.comm, self._enter, aside, time, parts, total, changed, root=True)
             jobs = [(room, *self._rows(room, grids[room.key], counts[room.key])) for room in rooms]
-            if self._shared:
+            # a file of the run before may be compressed, whatever this run says
+            if self.comm.size > 1 and all(room.places or not rows.any() for room, _, rows in jobs):
                 self._write_rows(aside, jobs)
             else:
                 self._hand_over(aside, jobs)
@@ -111,7 +106,7 @@ class HdfWriter:
 
     def _enter(self, aside, *step):
         """Make room for a load step: list of :class:`pcontact.io.vtkhdf.Room`."""
-        return None if aside is None else Series(aside.file, self._level, self._shared).add(*step)
+        return None if aside is None else Series(aside.file, self._level).add(*step)
 
     def _rows(self, room, grid, counts):
         """What this rank has for a room (n, k) or (n,), and how many rows each rank has (n_ranks,)."""

@@ -18,6 +18,8 @@ from pcontact.io import vtu
 from pcontact.runtime import log
 
 NAME, ROOT, VERSION = "fields.vtkhdf", "VTKHDF", (2, 1)
+# from this version on HDF5 says where chunks are
+TELLS = (1, 10, 5)
 CHUNK = 1 << 22  # [bytes] of a chunk of rows at most, which HDF5 reads and compresses as one
 FEW = 64  # [rows] of a chunk of the index, which has one or some per load step
 _COUNTS = ("NumberOfPoints", "NumberOfCells", "NumberOfConnectivityIds")
@@ -46,7 +48,7 @@ class Room(NamedTuple):
     chunk : int
         Rows of a chunk.
     places : dict of int to int
-        By its number, where a chunk begins in the file [bytes]; empty where HDF5 is to write.
+        By its number, where a chunk begins in the file [bytes]; empty where only HDF5 can write, as it compresses.
     """
 
     path: str
@@ -65,13 +67,11 @@ class Series:
     ----------
     file : h5py.File
     level : int
-        Of compression of new datasets; 0: none.
-    early : bool
-        HDF5 makes room for rows before they are written, and says where.
+        Of compression of new datasets; 0: none, and HDF5 makes room for rows before they are written.
     """
 
-    def __init__(self, file, level=0, early=False):
-        self._level, self._early = level, early
+    def __init__(self, file, level=0):
+        self._level = level
         if ROOT not in file:
             root = file.create_group(ROOT, track_order=True)
             _typed(root, "MultiBlockDataSet")
@@ -197,7 +197,7 @@ class Series:
         how.set_fill_time(h5py.h5d.FILL_TIME_NEVER)
         if self._level:
             how.set_deflate(self._level)
-        if self._early:
+        else:
             how.set_alloc_time(h5py.h5d.ALLOC_TIME_EARLY)
         space, kind = h5py.h5s.create_simple(shape, most), h5py.h5t.py_create(dtype)
         h5py.h5d.create(grid.id, label.encode(), kind, space, how)
@@ -207,7 +207,7 @@ class Series:
         dataset = grid[label]
         first, chunk, places = len(dataset), dataset.chunks[0], {}
         dataset.resize(first + int(rows), 0)
-        if rows and self._early:
+        if rows and dataset.compression is None and h5py.version.hdf5_version_tuple >= TELLS:
             rest = (0,) * (dataset.ndim - 1)
             for number in range(first // chunk, (first + int(rows) - 1) // chunk + 1):
                 places[number] = dataset.id.get_chunk_info_by_coord((number * chunk, *rest)).byte_offset

@@ -100,6 +100,25 @@ def test_a_resumed_run_appends(shared_tmp, kept):
 
 
 @parallel
+@pytest.mark.parametrize("compression", [0, 4])
+def test_a_run_on_other_ranks_goes_on(shared_tmp, compression):
+    """Written by one rank, maybe compressed; gone on with by all, without compression."""
+    if COMM.rank == 0:
+        alone = HdfWriter(shared_tmp, MPI.COMM_SELF, compression=compression)
+        for step in (1, 2):
+            alone.write(step, step, *fields(step, 0))
+    COMM.Barrier()
+    HdfWriter(shared_tmp, COMM, resume_time=2.0).write(3, 3.0, *fields(3))
+    pieces = FieldWriter(shared_tmp / "vtu", COMM)
+    pieces.write(3, 3.0, *fields(3))
+    found, wanted = load_result(shared_tmp), load_result(shared_tmp / "vtu")
+    assert found.times == [1.0, 2.0, 3.0]
+    found.times = wanted.times
+    same(found, wanted)
+    assert len(load_result(shared_tmp, 2).bodies.points) == 12
+
+
+@parallel
 def test_one_format_at_a_time(shared_tmp):
     FieldWriter(shared_tmp, COMM).write(1, 1.0, *fields(1))
     with pytest.raises(InputError, match="fields.pvd: found fields of the other format"):
