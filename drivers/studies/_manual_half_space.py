@@ -183,6 +183,7 @@ CASES = {
         "/ "
         f"(a - x))), eta = ln(3 - 4 nu) / (2 pi), {JOHNSON}, section 2.8", "part of the force within half of the half "
         "width", bonded_part(), (6, 10, 16), partial(flat_punch, "plane_strain", True, "part"), (5e-3, 3e-3),
+        "What is left is the size of the block: in one of 480 by 240 the error with n = 6 is -0.011 %.",
     ),
     "round_punch": Case(
         "A circular punch on a half space",

@@ -49,6 +49,8 @@ C_STRIP = "strip_inner strip_outer lip_upper lip_lower"
 IRON = "foundation_top foundation_bottom foundation_sides slab_skin slab_top"
 FOOT = "slab_top slab_bottom slab_sides indenter_top indenter_skin indenter_sides"
 
+STACK = "top top_rim top_under bottom_over bottom_rim bottom_under axis small_lower small_upper large_lower large_upper"
+
 # name, arguments, bodies, groups of facets that make up the whole boundary
 CASES = [
     ("one_block", {"dim": 2, "n": (3, 2), "size": (3, 1)}, "block", "left right bottom top"),
@@ -164,6 +166,9 @@ CASES = [
     ("indent", {"h": 0.2, "radius": 1.0}, "block ball", "axis ball_skin ball_top " + DENT),
     ("indent", {"h": 0.2, "radius": 1.0, "cell": "triangle"}, "block ball", "axis ball_skin ball_top " + DENT),
     ("indent", {"dim": 3, "h": 0.25}, "block", "side_x side_y " + DENT),
+    ("indent", {"dim": 3, "h": 0.5, "mirrored": True}, "block", "side_y " + DENT),
+    ("sphere_stack", {"h": 1.0}, "top_plate small large bottom_plate", STACK),
+    ("cylinders", {"h": 0.4, "half": True, "single": True}, "upper", ROUND["upper"] + " symmetry_x"),
     ("indent", {"dim": 3, "h": 0.25, "radius": 1.0}, "block ball", "side_x side_y ball_skin ball_top " + DENT),
     (
         "indent",
