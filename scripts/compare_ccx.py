@@ -152,19 +152,32 @@ def run_ours(deck, folder, options):
     body = np.zeros(len(result.points), dtype=np.int64)
     for (_, nodes), values in zip(result.cells, result.cell_data["body"], strict=True):
         body[nodes] = values[:, None]
-    # a node is known by its place and a body that has it: bodies that touch have nodes in the same place
-    parts, found = bodies(deck, Findings())[0], {}
-    dim = 2 if all(in_plane(deck.elements[e][0]) for e in deck.cells()) else 3
-    row_of = {(*point[:dim], number): row for row, (point, number) in
-              enumerate(zip(result.points.tolist(), body.tolist(), strict=True))}  # fmt: skip
-    for number, (_, _, cells) in enumerate(parts):
-        for node in {node for e in cells for node in deck.elements[e][1]}:
-            row = row_of.get((*deck.nodes[node][:dim], number))
-            if row is not None:
-                found[node] = result.point_data["displacement"][row]
-    if found.keys() != {node for _, _, cells in parts for e in cells for node in deck.elements[e][1]}:
+    rows = matched(deck, result.points, body)
+    if rows is None:
         return "nodes of the results are not those of the deck"
-    return found
+    return {node: result.point_data["displacement"][row] for node, row in rows.items()}
+
+
+def matched(deck, points, body):
+    """Row of every node of a deck among points (n, 3) of bodies (n,), or None.
+
+    A node is known by its place and a body that has it. Surfaces that touch have several nodes in one place: those of a
+    body stand in the order of their numbers; one that bodies share is among the points of one of them.
+    """
+    dim = 2 if all(in_plane(deck.elements[e][0]) for e in deck.cells()) else 3
+    places, nodes, found = {}, {}, {}
+    for row, (point, number) in enumerate(zip(points.tolist(), body.tolist(), strict=True)):
+        places.setdefault((*point[:dim], number), []).append(row)
+    for number, (_, _, cells) in enumerate(bodies(deck, Findings())[0]):
+        for node in sorted({node for e in cells for node in deck.elements[e][1]}):
+            nodes.setdefault((*deck.nodes[node][:dim], number), []).append(node)
+    # those of one body alone first: what they leave are the shared ones
+    for only in (True, False):
+        for key, members in nodes.items():
+            rows, left = places.get(key, []), [node for node in members if node not in found]
+            if len(rows) == len(members) if only else 0 < len(left) == len(rows):
+                found |= dict(zip(members if only else left, rows, strict=True))
+    return found if found.keys() == {node for members in nodes.values() for node in members} else None
 
 
 def remarks(folder):

@@ -11,6 +11,7 @@ from pcontact.importer.elements import EDGES, VERTICES
 from pcontact.runtime.errors import InputError
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "scripts"))
+from compare_ccx import matched  # noqa: E402
 from refine_deck import Pattern, children, linear, nodes_of, refine, shapes  # noqa: E402
 
 BRICK = """*NODE, NSET=all
@@ -91,3 +92,24 @@ def test_pyramids_are_refused(tmp_path):
                     "*ELEMENT, TYPE=C3D5, ELSET=e\n1, 1, 2, 3, 4, 5\n")  # fmt: skip
     with pytest.raises(InputError, match="found pyramids"):
         refine(path, tmp_path / "finer.inp")
+
+
+def test_nodes_in_one_place_are_told_apart(tmp_path):
+    """Two bricks of one set touch, a third one of another set shares nodes with the second."""
+    path = tmp_path / "deck.inp"
+    corners = [(0, 0), (1, 0), (1, 1), (0, 1)]
+    nodes = [(*c, z) for z in (0, 1, 1, 2, 3) for c in corners]
+    cells = [(1, "a", 0, 1), (2, "a", 2, 3), (3, "b", 3, 4)]
+    path.write_text(
+        "*NODE\n" + "".join(f"{k}, {x}, {y}, {z}\n" for k, (x, y, z) in enumerate(nodes, 1))
+        + "".join(f"*ELEMENT, TYPE=C3D8, ELSET={name}\n{k}, "
+                  + ", ".join(str(4 * layer + n) for layer in (low, high) for n in (1, 2, 3, 4)) + "\n"
+                  for k, name, low, high in cells)
+        + "*MATERIAL, NAME=m\n*ELASTIC\n1., 0.\n*SOLID SECTION, ELSET=a, MATERIAL=m\n"
+        "*SOLID SECTION, ELSET=b, MATERIAL=m\n"
+    )  # fmt: skip
+    # as results have them: by body, then by number; nodes of layer 3 count as those of the second body
+    order = [*range(12), *range(12, 20)]
+    points, body = np.array(nodes, dtype=float)[order], np.repeat([0, 1], [12, 8])
+    assert matched(read_deck(path), points, body) == {k + 1: k for k in range(20)}
+    assert matched(read_deck(path), points + 0.5, body) is None
