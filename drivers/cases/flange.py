@@ -106,7 +106,7 @@ def run(args):
 
 if __name__ == "__main__":
     parser = make_parser(__doc__, "flange_results")
-    parser.add_argument("--h", type=float, default=9.3, help="element size of the rings")
+    parser.add_argument("--h", type=float, default=10.4, help="element size of the rings")
     parser.add_argument("--order", type=int, default=2, help="degree of the displacement")
     parser.add_argument("--count", type=int, default=1, help="load steps of each phase")
     main(run, parser)
