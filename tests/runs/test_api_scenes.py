@@ -154,6 +154,9 @@ def test_cases_in_processes_of_their_own_are_the_same():
     here, apart = pc.study(scene(), values), pc.study(scene(), values, jobs=2)
     assert apart["converged"].all()
     np.testing.assert_allclose(apart["contacts.skin-ground.force_y"], here["contacts.skin-ground.force_y"], rtol=1e-9)
+    ranks = pc.study(scene(), {"contacts[0].friction": [0.3]}, ranks=2)
+    assert ranks["error"].tolist() == [""]
+    assert ranks["contacts.skin-ground.force_y"][0] == pytest.approx(here["contacts.skin-ground.force_y"][1], rel=1e-9)
 
 
 def test_what_is_no_scene_is_told_in_one_line():
