@@ -17,6 +17,7 @@ from pcontact.mesh.components import components
 from pcontact.mesh.distribute import distribute
 from pcontact.mesh.reader import read_mesh
 from pcontact.runtime.errors import InputError
+from pcontact.runtime.observer import Observer
 from pcontact.runtime.parallel import on_root
 from pcontact.runtime.petsc import MPI
 from pcontact.scene import describe, read_scene, validate
@@ -369,7 +370,8 @@ def test_a_body_that_is_only_moved(shared_tmp, cell, degree):
         )
     )
     records = []
-    watch = SimpleNamespace(step=lambda step, u, record: records.append(record), end=lambda converged: None)
+    watch = Observer()
+    watch.step = lambda step, u, record: records.append(record)
     assert simulation.run(None, [watch])
     moved = simulation.stepper.u.getArray().reshape(-1, DIMENSION[cell])
     simulation.close()
