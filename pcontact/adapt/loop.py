@@ -379,7 +379,7 @@ class Loop:
             self._why = f"not reached: finer meshes do not bring it down, the largest part is {said_of(largest)}"
             return SPENT, None
         far = cost_of(self.passes, goal)["unknowns"]
-        if len(self.passes) > PATIENCE and far > FARTHEST * done.unknowns:
+        if self._alike() > PATIENCE and far > FARTHEST * done.unknowns:
             self._why = f"not reached: at the rate seen it would take {far:.2g} unknowns"
             return SPENT, None
         self._balance(done)
@@ -425,9 +425,13 @@ class Loop:
             wanted = 0.1 * self.target.error / done.parts["algebraic"]
             self._rtol = max(self._rtol * min(wanted, 0.3), LEAST_RTOL)
 
+    def _alike(self):
+        """Number of passes with the degree of the last one."""
+        return sum(one.degree == self.passes[-1].degree for one in self.passes)
+
     def _stalls(self):
         """Whether the last meshes have brought nothing."""
-        if len(self.passes) < PATIENCE:
+        if self._alike() < PATIENCE:
             return False
         old, new = self.passes[-2], self.passes[-1]
         same = old.steps == new.steps and old.degree == new.degree
