@@ -39,12 +39,6 @@ class Last(Observer):
     def step(self, step, u, record):
         self.record = record
 
-    def cut(self, target, outcome):
-        pass
-
-    def end(self, converged):
-        pass
-
 
 @pytest.mark.parametrize("dim", [2, 3])
 @pytest.mark.parametrize("law", [{"bilateral": True}, {"bilateral": True, "friction": 0.3}, {"tied": True}])

@@ -79,9 +79,6 @@ class States(Observer):
     def cut(self, target, outcome):
         raise AssertionError(outcome.reason)
 
-    def end(self, converged):
-        pass
-
 
 def turned(path, degrees, search, law):
     """States of blocks that are pressed in one load step, stay for two, and are turned by so much in nine."""

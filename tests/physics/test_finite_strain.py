@@ -36,9 +36,6 @@ class Rows(Observer):
     def cut(self, target, outcome):
         self.cuts += 1
 
-    def end(self, converged):
-        pass
-
 
 def run(scene, comm=WORLD, directory=None, at=0, restart=None):
     """Rows of a run that converges. Collective on `comm`."""

@@ -28,9 +28,6 @@ class Look(Observer):
     def cut(self, target, outcome):
         raise AssertionError(outcome)
 
-    def end(self, converged):
-        pass
-
 
 def history(scene):
     """What `Look` saw of a run, and its last displacements. Collective."""

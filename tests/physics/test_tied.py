@@ -148,9 +148,6 @@ def test_one_newton_step(shared_tmp, formulation, theta):
         def cut(self, target, outcome):
             raise AssertionError("a step failed")
 
-        def end(self, converged):
-            pass
-
     with running(case, None, [Watch()]) as (simulation, converged):
         assert converged and simulation.problem.linear and not simulation.floating
         assert simulation.mesh.n_components == 1 and simulation.mesh.component_names == ["lower + upper"]

@@ -31,12 +31,6 @@ class Watch(Observer):
             kept.mkdir(exist_ok=True)
             shutil.copy(self.directory / NAME, kept / NAME)
 
-    def cut(self, target, outcome):
-        pass
-
-    def end(self, converged):
-        pass
-
 
 def run(scene, comm, directory, stop=None, restart=None):
     """Records of the load steps. Collective on `comm`."""

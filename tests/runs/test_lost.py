@@ -27,9 +27,6 @@ class Records(Observer):
     def cut(self, target, outcome):
         self.cuts += 1
 
-    def end(self, converged):
-        pass
-
 
 def solved(scene):
     """Records of a run that ends well. Collective."""

@@ -76,9 +76,6 @@ class Look(Observer):
     def cut(self, target, outcome):
         self.cuts += 1
 
-    def end(self, converged):
-        pass
-
 
 def run(scene, comm, directory=None, observers=(), restart=None, change=None):
     """What `Look` saw. Collective on `comm`."""
@@ -257,12 +254,6 @@ class Balance(Observer):
     def step(self, step, u, record):
         self.imbalance.append(record["imbalance"])
         self.algebraic.append(record["estimate"]["algebraic"] / record["estimate"]["energy_norm"])
-
-    def cut(self, target, outcome):
-        pass
-
-    def end(self, converged):
-        pass
 
 
 @parallel

@@ -330,12 +330,6 @@ class Vanish(Observer):
             shutil.rmtree(self.directory)
         WORLD.Barrier()
 
-    def cut(self, target, outcome):
-        pass
-
-    def end(self, converged):
-        pass
-
 
 @parallel
 @pytest.mark.parametrize("fields", [True, False])

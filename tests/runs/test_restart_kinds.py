@@ -28,12 +28,6 @@ class Watch(Observer):
             self.target.mkdir(parents=True, exist_ok=True)
             shutil.copy(self.source / NAME, self.target / NAME)
 
-    def cut(self, target, outcome):
-        pass
-
-    def end(self, converged):
-        pass
-
 
 def run(case, comm, directory, kept=None, restart=None):
     """Records of the load steps. Collective on `comm`."""

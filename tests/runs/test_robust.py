@@ -27,9 +27,6 @@ class Log(Observer):
     def cut(self, target, outcome):
         self.cuts.append((target, outcome.reason))
 
-    def end(self, converged):
-        pass
-
 
 @pytest.fixture
 def run():

@@ -41,12 +41,6 @@ class Keep(Observer):
             self.target.mkdir(parents=True, exist_ok=True)
             shutil.copy(self.source / NAME, self.target / NAME)
 
-    def cut(self, target, outcome):
-        pass
-
-    def end(self, converged):
-        pass
-
 
 def run(scene, comm, directory, observers=(), restart=None):
     """Records of the report. Collective on `comm`."""

@@ -59,12 +59,6 @@ class Rows(Observer):
     def step(self, step, u, record):
         self.records.append(record)
 
-    def cut(self, target, outcome):
-        pass
-
-    def end(self, converged):
-        pass
-
 
 def solved(scene, comm=WORLD, directory=None):
     """Records of a run that has converged. Collective on `comm`."""

@@ -37,9 +37,6 @@ class Watch(Observer):
     def cut(self, target, outcome):
         self.cuts.append(outcome.reason)
 
-    def end(self, converged):
-        pass
-
 
 def run(case, measure=lambda simulation: None, comm=None):
     """Records of the load steps and what `measure` makes of the run, which cuts nothing back. Collective."""

@@ -279,12 +279,6 @@ def solved(scene, measure=lambda simulation: None, comm=WORLD, prepare=lambda si
         def step(self, step, u, record):
             records.append(record)
 
-        def cut(self, target, outcome):
-            pass
-
-        def end(self, converged):
-            pass
-
     simulation = Simulation(scene, comm)
     prepare(simulation)
     try:

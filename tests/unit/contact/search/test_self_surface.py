@@ -130,12 +130,6 @@ class Last(Observer):
     def step(self, step, u, record):
         self.record = record
 
-    def cut(self, target, outcome):
-        pass
-
-    def end(self, converged):
-        pass
-
 
 def closed(folder, split=False, n=(3, 24), **said):
     """Record of the last load step. Collective."""

@@ -197,9 +197,6 @@ class Pressed(Observer):
     def cut(self, target, outcome):
         raise AssertionError(outcome)
 
-    def end(self, converged):
-        pass
-
 
 @pytest.mark.parametrize("theta", THETAS)
 @pytest.mark.parametrize("hardening, kinematic", [(0.0, 0.0), (20.0, 0.0), (20.0, 30.0)])
