@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from pcontact.importer.materials import surface_faces
+from pcontact.importer.faces import surface_faces
 
 # numbers of a term: node, degree of freedom, coefficient
 _TERM = 3

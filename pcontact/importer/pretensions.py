@@ -2,8 +2,8 @@
 
 import numpy as np
 
+from pcontact.importer.faces import outward
 from pcontact.importer.history import factors
-from pcontact.importer.materials import outward
 
 # degree of freedom of the reference node along the normal
 ALONG = 0

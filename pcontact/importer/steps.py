@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass, field
 
-from pcontact.importer.materials import name_of
+from pcontact.importer.contacts import name_of
 
 # cards that say what a program writes, or how it iterates
 OUTPUT = ("", "HEADING", "NODEPRINT", "ELPRINT", "NODEFILE", "ELFILE", "CONTACTFILE", "CONTACTPRINT", "OUTPUT",
@@ -90,7 +90,7 @@ def read_steps(deck, findings, supports, contacts):
     deck : Deck
     findings : Findings
     supports : pcontact.importer.supports.Supports
-    contacts : pcontact.importer.materials.Contacts
+    contacts : pcontact.importer.contacts.Contacts
 
     Returns
     -------

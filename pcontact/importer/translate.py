@@ -4,13 +4,14 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from pcontact.importer.contacts import Contacts, name_of
 from pcontact.importer.deck import read_deck
 from pcontact.importer.elements import EDGES, in_plane
 from pcontact.importer.equations import Cyclic, equated, equations
 from pcontact.importer.findings import Findings
 from pcontact.importer.groups import Groups
 from pcontact.importer.history import factors
-from pcontact.importer.materials import Contacts, bodies, integration_of, materials, name_of, order_of
+from pcontact.importer.materials import bodies, integration_of, materials, order_of
 from pcontact.importer.pretensions import Pretensions
 from pcontact.importer.steps import OUTPUT, read_steps
 from pcontact.importer.supports import Supports
