@@ -25,6 +25,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from pcontact.cli import guarded, run_scene
+from pcontact.mesh.mesh import Mesh
 from pcontact.runtime import log
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.parallel import on_root
@@ -168,7 +169,7 @@ def make_mesh(generator: Callable, path: str | Path, *args, **options) -> Path:
 
 @contextmanager
 def running(
-    scene: Scene, directory: str | Path | None = None, observers: Sequence[object] = ()
+    scene: Scene, directory: str | Path | None = None, observers: Sequence[object] = (), mesh: Mesh | None = None
 ) -> Iterator[tuple[Simulation, bool]]:
     """Run a scene; at the end of the block its solver defaults leave the options database. *Collective.*
 
@@ -179,13 +180,15 @@ def running(
         Where the run's report, history and fields go; None: nothing is written.
     observers : sequence
         Further observers, see :class:`pcontact.stepping.stepper.Observer`.
+    mesh : pcontact.mesh.mesh.Mesh, optional
+        Absent: that of the scene's file.
 
     Yields
     ------
     Simulation, bool
         The simulation (``stepper.u`` holds the solution), and whether all steps converged.
     """
-    simulation, converged = run_scene(scene, directory, observers)
+    simulation, converged = run_scene(scene, directory, observers, mesh)
     try:
         yield simulation, converged
     finally:

@@ -213,7 +213,7 @@ def _number(word):
     return True
 
 
-def run_scene(scene, directory, observers=()):
+def run_scene(scene, directory, observers=(), mesh=None):
     """Build and run a scene. *Collective.*
 
     Parameters
@@ -223,6 +223,8 @@ def run_scene(scene, directory, observers=()):
         None: nothing is written.
     observers : sequence
         Further observers.
+    mesh : pcontact.mesh.mesh.Mesh, optional
+        Absent: that of the scene's file.
 
     Returns
     -------
@@ -233,7 +235,7 @@ def run_scene(scene, directory, observers=()):
     ------
     InputError
     """
-    simulation = Simulation(scene)
+    simulation = Simulation(scene, mesh=mesh)
     converged = simulation.run(directory, observers)
     for line in simulation.unused(OURS):
         log.warning("%s", line)

@@ -20,7 +20,7 @@ from drivers._common import draw, log, main, make_mesh, make_parser, print_table
 from meshes.punch import punch
 from pcontact.estimate.size import largest_contributions
 from pcontact.io.refine import read_estimate
-from pcontact.mesh.refine import as_raw, refine
+from pcontact.mesh.refinement.gather import halved_where
 from pcontact.mesh.remesh import write_refined
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.parallel import on_root
@@ -73,12 +73,13 @@ def potential(simulation):
 def next_mesh(directory, path, way, part):
     """Refine after the estimate of a run, or everywhere. *Collective.*"""
 
-    def work():
+    def marked():
         raw, estimates, _ = read_estimate(Path(directory))
-        marked = np.ones(len(estimates), bool) if way == "uniform" else largest_contributions(estimates, part)
-        write_refined(path, as_raw(refine(raw, marked), path))
+        return raw, np.ones(len(estimates), bool) if way == "uniform" else largest_contributions(estimates, part)
 
-    on_root(MPI.COMM_WORLD, work)
+    comm = MPI.COMM_WORLD
+    raw, cells = on_root(comm, marked) or (None, None)
+    on_root(comm, write_refined, path, halved_where(comm, raw, cells, path))
     return path
 
 

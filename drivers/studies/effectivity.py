@@ -23,17 +23,14 @@ from drivers.cases import hertz, rings, thick_cylinder
 from meshes import rings as ring_mesh
 from meshes import two_blocks
 from meshes.shells import shells, tubes
+from pcontact import build
+from pcontact.adapt.watch import at_nodes
 from pcontact.assembly.bulk import ElasticBulk
 from pcontact.assembly.error_norms import bulk_error
-from pcontact.element.reference import CELLS
-from pcontact.element.shape import shape
 from pcontact.material.elastic import in_plane, lame
-from pcontact.mesh.complete import complete
-from pcontact.mesh.reader import read_mesh
-from pcontact.mesh.refine import SIMPLEX, as_raw, refine
-from pcontact.mesh.remesh import write_refined
+from pcontact.mesh.refinement.refine import Balance, refine
 from pcontact.runtime.errors import InputError
-from pcontact.runtime.parallel import on_root
+from pcontact.runtime.options import Options
 from pcontact.runtime.petsc import MPI
 from pcontact.scene.model import Body, Contact, Displacement, Load, Material, MeshSpec, Output, Scene
 
@@ -200,91 +197,32 @@ def _hertz(rest, size, degree, theta, folder):
     return hertz.make_scene(case, path, arguments), None
 
 
-def _keys(points, body, unit):
-    """Numbers of points that tell them apart, those of different bodies too: rows (n, d + 1)."""
-    return np.column_stack([np.rint(points / unit).astype(np.int64), body])
+def with_middles(scene):
+    """The mesh of a scene, with nodes of degree 2 whatever the degree of the displacement. *Collective.*"""
+    wide = scene.copy()
+    wide.mesh.order = 2
+    return build.read(wide, MPI.COMM_WORLD, Options())
 
 
-def _match(keys, others):
-    """Row of each key in a table that has it."""
-    _, number = np.unique(np.concatenate([others, keys]), axis=0, return_inverse=True)
-    place = np.empty(number.max() + 1, dtype=np.int64)
-    place[number[: len(others)]] = np.arange(len(others))
-    return place[number[len(others) :]]
+def against_finer(simulation, scene):
+    """Energy norm of the difference to the solution of degree 2 on the mesh with all cells halved. *Collective.*
 
-
-def _gathered(simulation, unit):
-    """Keys and displacements of all nodes, on rank 0. *Collective.*"""
-    space, body = simulation.problem.space, _bodies(simulation)
-    own = space.owned_local
-    values = simulation.stepper.u.getArray(readonly=True).reshape(-1, space.dim).copy()
-    parts = simulation.comm.gather((_keys(space.points[own], body[own], unit), values))
-    return None if parts is None else [np.concatenate(column) for column in zip(*parts, strict=True)]
-
-
-def _bodies(simulation):
-    """Body (n_local,) of every node."""
-    space = simulation.problem.space
-    body = np.zeros(space.n_local, dtype=np.int64)
-    for block, cells in zip(space.mesh.blocks, space.cells, strict=True):
-        body[cells] = block.body
-    return body
-
-
-def finer(simulation, path, unit):
-    """Write the mesh with all cells halved, and prolong the displacement to its nodes of degree 2. *Collective.*
-
-    Returns
-    -------
-    keys (n, d + 1), values (n, d)
-        Of all nodes, on every rank.
+    Parameters
+    ----------
+    simulation : pcontact.simulation.Simulation
+        On a mesh of :func:`with_middles`.
+    scene : pcontact.scene.model.Scene
+        Of degree 2.
     """
-    scene, comm, degree = simulation.scene, simulation.comm, simulation.problem.space.degree
-    coarse = _gathered(simulation, unit)
-
-    def work():
-        keys, values = coarse
-        raw = read_mesh(scene.mesh_path)
-        d = raw.dim
-        body = np.concatenate([np.zeros(len(block.nodes), np.int64) for block in raw.blocks])
-        for number, part in enumerate(scene.bodies):
-            body[raw.cell_groups[part.region]] = number
-        fine = refine(raw, np.ones(len(body), dtype=bool))
-        write_refined(path, as_raw(fine, path))
-        layout = complete(raw, degree) if degree == 2 else raw
-        nodes = np.concatenate([block.nodes for block in layout.blocks])
-        u = values[_match(_keys(layout.points[nodes].reshape(-1, d), np.repeat(body, nodes.shape[1]), unit), keys)]
-        u = u.reshape(*nodes.shape, d)[fine.parent]
-        kind = SIMPLEX[d]
-        corners = fine.place
-        middles = np.stack([corners[:, list(e)].mean(axis=1) for e in CELLS[kind].edges], axis=1)
-        at = np.concatenate([corners, middles], axis=1)
-        count = at.shape[1]
-        table = shape(kind, degree, at.reshape(-1, d + 1)[:, 1:]).reshape(len(at), count, -1)
-        geometry = raw.points[np.concatenate([block.nodes for block in raw.blocks])][fine.parent]
-        x = np.einsum("cka,cad->ckd", at, geometry)
-        found = _keys(x.reshape(-1, d), np.repeat(body[fine.parent], count), unit)
-        return found, np.einsum("cka,cad->ckd", table, u).reshape(-1, d)
-
-    return comm.bcast(on_root(comm, work))
-
-
-def against_finer(simulation, name, size, degree, theta, folder):
-    """Energy norm of the difference to the solution on a finer mesh. *Collective.*"""
-    unit = 1e-8
-    path = folder / f"{name}_fine.msh"
-    keys, values = finer(simulation, path, unit)
-    scene, _ = prepare(name, size, 2, theta, folder)
-    scene.mesh = MeshSpec(path, order=2)
-    with running(scene) as (fine, converged):
+    coarse, field = simulation.mesh, at_nodes(simulation.problem.space, simulation.stepper.u)
+    n = sum(len(block.nodes) for block in coarse.blocks)
+    mesh, (field,) = refine(coarse, np.full(n, coarse.dim), (field,), Balance(*build.balance(scene, Options())))
+    with running(scene, mesh=mesh) as (fine, converged):
         if not converged:
             return float("nan")
         space = fine.problem.space
-        own = space.owned_local
-        rows = _match(_keys(space.points[own], _bodies(fine)[own], unit), keys)
         difference = fine.stepper.u.copy()
-        array = difference.getArray().reshape(-1, space.dim)
-        array -= values[rows]
+        difference.getArray().reshape(-1, space.dim)[:] -= field[space.mesh_nodes[space.owned_local]]
         difference.assemble()
         forces = np.zeros((space.n_owned, space.dim))
         ElasticBulk.residual(fine.problem.items[0], difference, forces)
@@ -297,7 +235,7 @@ def measure(name, size, degree, theta, folder):
     scene, exact = prepare(name, size, degree, theta, folder)
     scene.output.estimate = True
     kinematics = scene.mesh.kinematics
-    with running(scene) as (simulation, converged):
+    with running(scene, mesh=None if exact is not None else with_middles(scene)) as (simulation, converged):
         if not converged:
             raise InputError(f"{name}: a load step did not converge; allowed: other sizes")
         row = {"size": size, "cells": simulation.mesh.n_cells_total, "unknowns": simulation.problem.space.n_dofs,
@@ -308,7 +246,7 @@ def measure(name, size, degree, theta, folder):
             error = bulk_error(simulation.problem.space, constants, simulation.stepper.u, exact, averaged=True)
             row["error"] = error.energy
         else:
-            row["error"] = against_finer(simulation, name, size, degree, theta, folder)
+            row["error"] = against_finer(simulation, prepare(name, size, 2, theta, folder)[0])
     row["effectivity"] = row["absolute"] / row["error"]
     return row
 

@@ -9,10 +9,8 @@ import numpy as np
 from pcontact.element.reference import CELLS, edge_nodes
 from pcontact.estimate.size import at_vertices, edge_lengths, largest_contributions, new_sizes
 from pcontact.io.result import load_result
-from pcontact.mesh.load import load_plain
 from pcontact.mesh.reader import read_mesh
-from pcontact.mesh.refinement.gather import gathered
-from pcontact.mesh.refinement.refine import refine
+from pcontact.mesh.refinement.gather import halved_where
 from pcontact.mesh.remesh import remesh, write_refined, write_sizes
 from pcontact.runtime.declared import STEP, Option, listed, read_all
 from pcontact.runtime.errors import InputError
@@ -61,11 +59,7 @@ def refine_run(directory, options, comm=MPI.COMM_SELF):
     told, raw, marked, target = found or (None,) * 4
     if comm.bcast(told is not None):
         return told
-    mesh = load_plain(comm, raw)
-    marked = comm.bcast(marked)
-    ids = np.concatenate([block.ids for block in mesh.blocks])
-    new, _ = refine(mesh, np.where(marked[ids], mesh.dim, 0))
-    new = gathered(new, directory)
+    new = halved_where(comm, raw, marked, directory)
     on_root(comm, write_refined, target, new)
     return f"{target}: {new.offsets[-1]} cells from {len(marked)}, {marked.sum()} of them marked" if new else None
 

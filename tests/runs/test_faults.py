@@ -14,7 +14,7 @@ from pcontact.io.parts import Piece
 from pcontact.io.result import load_result
 from pcontact.mesh.hdf5_writer import convert
 from pcontact.mesh.reader import read_mesh
-from pcontact.mesh.refine import as_raw, refine
+from pcontact.mesh.refinement.gather import halved_where
 from pcontact.mesh.remesh import write_refined, write_sizes
 from pcontact.runtime import log
 from pcontact.runtime.errors import InputError, OutputError
@@ -137,7 +137,7 @@ def test_other_files_on_a_full_disk(tmp_path, name):
     tables = [(block.cell, block.vertices) for block in raw.blocks]
     piece = Piece(raw.points, [("triangle", tables[0][1])], {"displacement": np.zeros_like(raw.points)})
     FieldWriter(tmp_path, MPI.COMM_SELF).write(1, 1.0, piece)
-    refined = as_raw(refine(raw, np.ones(len(tables[0][1]), bool)), mesh)
+    refined = halved_where(MPI.COMM_SELF, raw, np.ones(len(tables[0][1]), bool), mesh)
     write = {
         ".h5": lambda: convert(mesh, target),
         ".png": lambda: show(str(tmp_path), {"field": "displacement", "o": str(target), "size": "300x200"}),

@@ -6,7 +6,33 @@ from pathlib import Path
 import numpy as np
 
 from pcontact.mesh.groups import Block, RawMesh
+from pcontact.mesh.load import load_plain
+from pcontact.mesh.refinement.refine import refine
 from pcontact.runtime.parallel import Exchanger
+
+
+def halved_where(comm, raw, marked, path):
+    """A mesh whose marked cells are cut in 4 or 8 parts or more, and others as they have to follow. *Collective.*
+
+    Parameters
+    ----------
+    comm : MPI.Comm
+        Its ranks cut the cells together.
+    raw : pcontact.mesh.groups.RawMesh or None
+        On rank 0 the mesh.
+    marked : ndarray (n_cells,) of bool or None
+        On rank 0 its cells.
+    path : str or pathlib.Path
+        For messages.
+
+    Returns
+    -------
+    pcontact.mesh.groups.RawMesh or None
+        On rank 0 the new mesh.
+    """
+    mesh, marked = load_plain(comm, raw), comm.bcast(marked)
+    ids = np.concatenate([block.ids for block in mesh.blocks])
+    return gathered(refine(mesh, np.where(marked[ids], mesh.dim, 0)).mesh, path)
 
 
 def gathered(mesh, path):

@@ -12,8 +12,10 @@ from pcontact.element.shape import shape_gradient
 from pcontact.mesh.groups import facet_multiplicity, facet_vertices
 from pcontact.mesh.load import load_mesh
 from pcontact.mesh.mesh import Mesh
-from pcontact.mesh.refinement.gather import gathered
+from pcontact.mesh.reader import read_mesh
+from pcontact.mesh.refinement.gather import gathered, halved_where
 from pcontact.mesh.refinement.refine import Balance, refine
+from pcontact.mesh.remesh import write_refined
 from pcontact.runtime.petsc import MPI
 
 COMM = MPI.COMM_WORLD
@@ -214,3 +216,31 @@ def test_regular_refinement_of_curved_cells(shared_tmp):
     first = volume(mesh)
     new, _ = refine(mesh, np.ones(sum(len(block.nodes) for block in mesh.blocks)))
     assert new.curved and volume(new) == pytest.approx(first, rel=1e-12)
+
+
+def test_files_of_marked_cells(tmp_path):
+    """Groups of an unstructured mesh in space go through a file; marked facets are those of a contact surface."""
+    raw = read_mesh(ball_on_block(tmp_path / "ball.msh", h=0.3, symmetry="quarter"))
+    near = np.zeros(raw.offsets[-1], dtype=bool)
+    near[raw.facet_groups["ball_skin"][0]] = True
+    write_refined(tmp_path / "fine.msh", halved_where(MPI.COMM_SELF, raw, near, tmp_path))
+    new = read_mesh(tmp_path / "fine.msh")
+    for kind in ("cell_groups", "facet_groups", "node_groups"):
+        assert set(getattr(new, kind)) == set(getattr(raw, kind))
+    assert area(new, *new.facet_groups["ball_skin"]) == pytest.approx(area(raw, *raw.facet_groups["ball_skin"]))
+    assert len(new.facet_groups["ball_skin"][0]) > 3 * len(raw.facet_groups["ball_skin"][0])
+    assert new.offsets[-1] >= raw.offsets[-1] + 7 * near.sum()
+
+
+def test_files_of_curved_cells(tmp_path):
+    """New nodes lie on the parabolas of the old mesh, not on the circle: 4 cells in a quarter are 1e-4 off."""
+    raw = read_mesh(rings(tmp_path / "rings.msh", n=4, cell="triangle", order=2))
+    marked = np.arange(raw.offsets[-1]) % 3 == 0
+    write_refined(tmp_path / "fine.msh", halved_where(MPI.COMM_SELF, raw, marked, tmp_path))
+    new = read_mesh(tmp_path / "fine.msh")
+    assert {block.degree for block in new.blocks} == {2} and set(new.facet_groups) == set(raw.facet_groups)
+    cells, local = new.facet_groups["outer_skin"]
+    assert len(cells) > len(raw.facet_groups["outer_skin"][0])
+    nodes = np.unique(np.concatenate([new.blocks[0].nodes[cells[local == k]][:, [k, (k + 1) % 3, 3 + k]]
+                                      for k in range(3)]))  # fmt: skip
+    assert np.linalg.norm(new.points[nodes], axis=1) == pytest.approx(1.0, abs=5e-4)
