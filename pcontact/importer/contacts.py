@@ -14,13 +14,16 @@ WHATEVER, TOUCHING = 0.1, 1e-6
 ROWS, BEGIN = 40, 1.0
 # parameter of a penalty that leaves little overlap
 STIFF = 1000.0
+# parameters of a pair that say how a program searches and iterates
+_ITERATION = ("EXTENSIONZONE", "HCRIT", "TRACKING", "SMOOTH", "MECHANICALCONSTRAINT", "CPSET", "NOTHICKNESS", "WEIGHT",
+              "SUPPLEMENTARYCONSTRAINTS", "GEOMETRICCORRECTION", "SLIDINGTRANSITION")  # fmt: skip
 # surfaces of a pair
 _TWO = 2
 
 
 def name_of(table):
     """Name of a contact that does not say its own."""
-    return table.get("name") or f"{table['source']}-{table['target']}"
+    return table.get("name") or ("all" if table.get("all") else f"{table['source']}-{table['target']}")
 
 
 class Contacts:
@@ -52,13 +55,14 @@ class Contacts:
         found = []
         for card in self.deck.model:
             if card.key == "CONTACTPAIR":
-                self.findings.know(card, "INTERACTION", "TYPE", "ADJUST", "SMALLSLIDING")
+                self.findings.know(card, "INTERACTION", "TYPE", "ADJUST", "SMALLSLIDING", *_ITERATION)
                 for place, words in card.rows:
                     found.append((self._pair(card, place, words), card))
             elif card.key == "TIE" and "CYCLICSYMMETRY" not in card.parameters:
                 self.findings.know(card, "NAME", "POSITIONTOLERANCE", "ADJUST", "TYPE", "MULTISTAGE")
                 for place, words in card.rows:
                     found.append((self._tie(card, place, words), card))
+        found += self._general()
         for card in self.deck.model:
             if card.key == "CLEARANCE":
                 self._clearance(card)
@@ -67,6 +71,51 @@ class Contacts:
                 for card in cards:
                     self.findings.skip(card, "no contact has it")
         return [(table, card) for table, card in found if table is not None]
+
+    def _general(self):
+        """Tables of *CONTACT: all exterior surfaces, or pairs of them; a surface alone is that with itself."""
+        laws, pairs, every = {}, [], None
+        for card in self.deck.model:
+            if card.key == "CONTACT":
+                self.findings.take(card)
+            elif card.key == "CONTACTPROPERTYASSIGNMENT":
+                self.findings.take(card)
+                laws |= {tuple((*words, "", "")[:2]): (words[2].upper(), place, card) for place, words in card.rows
+                         if len(words) > _TWO}  # fmt: skip
+            elif card.key == "CONTACTINCLUSIONS":
+                self.findings.know(card, "ALLEXTERIOR")
+                every = card if "ALLEXTERIOR" in card.parameters else every
+                pairs += [(card, place, words) for place, words in card.rows if any(words)]
+        found, used = [], set()
+        if every is not None:
+            table = {"all": True, "self_contact": True}
+            used.add(("", ""))
+            self._assigned(laws, ("", ""), table, [], every)
+            self.findings.change(every, "Nitsche's method on all surfaces, each against all others and itself")
+            found.append((table, every))
+        for card, place, words in pairs:
+            one, other = (*words, "")[:2]
+            table, faces = self._sides(card, place, [one, other or one])
+            if table is not None:
+                used |= {(one, other), ("", "")}
+                self._assigned(laws, (one, other) if (one, other) in laws else ("", ""), table, faces, card)
+                self.findings.change(card, "Nitsche's method on the facets of the first surface", place)
+                found.append((table, card))
+        for sides in set(laws) - used:
+            _, place, card = laws[sides]
+            self.findings.leave(card, f"a law of its own for {', '.join(sides)}", place)
+        return found
+
+    def _assigned(self, laws, sides, table, faces, card):
+        """The law of surfaces in general contact."""
+        if sides not in laws:
+            return
+        name, place, assigned = laws[sides]
+        if name not in self.deck.interactions:
+            raise assigned.refuse(f"the unknown interaction {name!r}", ", ".join(self.deck.interactions), place)
+        self._interaction(self.deck.interactions[name], table, faces)
+        self._pairs.setdefault(name, []).append((table, faces))
+        self._cards[id(table)] = card
 
     def press(self, nodes):
         """Pairs on whose slave's faces forces and equations act, which its stress knows nothing of: a stiff penalty.
@@ -264,7 +313,11 @@ class Contacts:
         for card in cards[1:]:
             values = [card.numbers(place, words) for place, words in card.rows]
             if card.key == "SURFACEBEHAVIOR":
-                self.findings.know(card, "PRESSURE-OVERCLOSURE")
+                self.findings.know(card, "PRESSURE-OVERCLOSURE", "PENALTY", "AUGMENTEDLAGRANGE", "DIRECT",
+                                   "NOSEPARATION")  # fmt: skip
+                if "NOSEPARATION" in card.parameters:
+                    table["bilateral"] = True
+                    self.findings.take(card, "surfaces do not part")
                 tied = self._behavior(card, values, faces, table)
             elif card.key == "FRICTION":
                 self._friction(card, values, table)
@@ -298,6 +351,9 @@ class Contacts:
             slope = 4.605 * (values[0][1] / first) if len(values[0]) > 1 and first else 0.0
         if kind not in ("LINEAR", "EXPONENTIAL") or slope <= 0.0:
             self.findings.leave(card, f"{kind.lower()}: no overlap is left, whatever the pressure")
+            return False
+        if not faces:
+            self.findings.change(card, f"springs of {slope:g}: here no overlap is left")
             return False
         part = slope / self._layer(faces)
         words = f"springs of {slope:g}, {part:.2g} times a layer of elements"

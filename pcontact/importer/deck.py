@@ -7,8 +7,10 @@ occurrence.
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from pcontact.importer.assembly import flat
 from pcontact.importer.cards import Card, read_cards
 from pcontact.importer.elements import VERTICES, face_nodes, faces_of, kind_of
+from pcontact.importer.systems import rectangular
 from pcontact.runtime.errors import InputError
 
 # largest number that a generated set may count to
@@ -210,7 +212,7 @@ def read_deck(path):
     InputError
         A line cannot be read, or refers to what the deck does not have.
     """
-    deck = Deck(Path(path), read_cards(path))
+    deck = Deck(Path(path), flat(rectangular(read_cards(path))))
     block, step, last = None, None, None
     for card in deck.cards:
         if card.key == "STEP":

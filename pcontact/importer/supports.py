@@ -7,7 +7,9 @@ import numpy as np
 from pcontact.importer.deck import faces
 from pcontact.importer.history import Amplitude, History, factors
 
-_NAMED = {"XSYMM": (0,), "YSYMM": (1,), "ZSYMM": (2,), "ENCASTRE": (0, 1, 2), "PINNED": (0, 1, 2)}
+# degrees of freedom of supports by name; from 4 on rotations
+_NAMED = {"XSYMM": (1, 5, 6), "YSYMM": (2, 4, 6), "ZSYMM": (3, 4, 5), "XASYMM": (2, 3, 4), "YASYMM": (1, 3, 5),
+          "ZASYMM": (1, 2, 6), "ENCASTRE": (1, 2, 3, 4, 5, 6), "PINNED": (1, 2, 3)}  # fmt: skip
 # degrees of freedom of rotation, which nodes of solids do not have
 _ROTATIONS = (4, 5, 6)
 _AXES = np.eye(3)
@@ -144,12 +146,14 @@ class Supports:
     nodes : set of int
         Nodes of cells.
     dim : int
-    references : set of int
-        Nodes of no cell whose first degree of freedom is that of a section of a bolt.
+    references : dict of (int, int) to (int, int)
+        Degrees of freedom, from 0, of nodes that sections of bolts and groups hang on: as the deck has them, and
+        whose they are.
     """
 
-    def __init__(self, deck, findings, nodes, dim, references=frozenset()):
-        self.deck, self.findings, self.nodes, self.dim, self.references = deck, findings, nodes, dim, references
+    def __init__(self, deck, findings, nodes, dim, references=None):
+        self.deck, self.findings, self.nodes, self.dim, self.references = deck, findings, nodes, dim, references or {}
+        self._hanging = {node for node, _ in self.references}
         self.amplitudes, self.frames = amplitudes(deck, findings), Frames(deck, findings)
         self.held, self.forces, self.pressures, self.volumes = Values(), Values(), Values(), Values()
         self.temperatures, self.initial = Values(), {}
@@ -220,7 +224,7 @@ class Supports:
             nodes = self.deck.nodes_of(card, place, words[0])
             first = words[1] if len(words) > 1 else ""
             if first.upper() in _NAMED:
-                dofs, value = [d + 1 for d in _NAMED[first.upper()]], 0.0
+                dofs, value = _NAMED[first.upper()], 0.0
             else:
                 low = card.integer(place, first)
                 high = card.integer(place, words[2]) if len(words) > 2 and words[2] else low
@@ -228,13 +232,16 @@ class Supports:
             self._prescribe(card, place, nodes, dofs, Definition(value, amplitude, card))
 
     def _prescribe(self, card, place, nodes, dofs, one):
-        own = [n for n in nodes if n in self.nodes]
-        drawn = [n for n in nodes if n in self.references]
-        if not own and not drawn:
+        hanging = [n for n in nodes if n in self._hanging]
+        own = [n for n in nodes if n in self.nodes and n not in self._hanging]
+        if not own and not hanging:
             self.findings.skip(card, "nodes of no cell", place)
-        for node in drawn if 1 in dofs else ():
-            self.held.give((node, 0), Definition(one.value, one.amplitude, card))
-            self.card_of[node, 0] = card
+        for node in hanging:
+            for dof in dofs:
+                key = self.references.get((node, dof - 1))
+                if key is not None:
+                    self.held.give(key, Definition(one.value, one.amplitude, card))
+                    self.card_of[key] = card
         for dof in dofs if own else ():
             if dof in _ROTATIONS or (dof == 3 and self.dim == 2 and one.value == 0.0):
                 continue
@@ -252,14 +259,14 @@ class Supports:
         for place, words in card.rows:
             dof, value = card.integer(place, words[1]), card.number(place, words[2] if len(words) > 2 else "")
             nodes = self.deck.nodes_of(card, place, words[0])
-            known = self.nodes | self.references if dof == 1 else self.nodes
-            lost = [n for n in nodes if n not in known]
-            if value and (lost or not 1 <= dof <= self.dim):
-                what = f"degree of freedom {dof}" if not lost else f"node {lost[0]}, of no cell ({len(lost)} in all)"
-                self.findings.leave(card, what, place)
-            if 1 <= dof <= self.dim:
-                for node in set(nodes) - set(lost):
-                    self.forces.give((node, dof - 1), Definition(value, amplitude, card), add=True)
+            keys = {n: (n, dof - 1) for n in nodes if n in self.nodes and n not in self._hanging and dof <= self.dim}
+            keys |= {n: self.references[n, dof - 1] for n in nodes if (n, dof - 1) in self.references}
+            lost = [n for n in nodes if n not in keys]
+            if value and lost:
+                words = f"node {lost[0]}, of no cell" if lost[0] not in self.nodes else f"degree of freedom {dof}"
+                self.findings.leave(card, f"{words} ({len(lost)} in all)", place)
+            for key in set(keys.values()) if dof > 0 else ():
+                self.forces.give(key, Definition(value, amplitude, card), add=True)
 
     def _dload(self, card):
         self.findings.know(card, "OP", "AMPLITUDE")

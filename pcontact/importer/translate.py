@@ -13,11 +13,15 @@ from pcontact.importer.groups import Groups
 from pcontact.importer.history import factors
 from pcontact.importer.materials import bodies, integration_of, materials, order_of
 from pcontact.importer.pretensions import Pretensions
+from pcontact.importer.references import References
 from pcontact.importer.steps import OUTPUT, read_steps
 from pcontact.importer.supports import Supports
 
 # thermal strain up to which small strain stands for any: its square is what it leaves out
 SMALL = 0.01
+# cards that the mesh consists of
+STRUCTURE = ("NODE", "NSET", "ELSET", "INCLUDE", "SYSTEM", "PART", "ENDPART", "INSTANCE", "ENDINSTANCE", "ASSEMBLY",
+             "ENDASSEMBLY")  # fmt: skip
 # part of the range by which temperatures may be off a linear function of the place
 _LINEAR = 1e-9
 
@@ -78,12 +82,14 @@ def translate(path, mesh_name):
     pairs = Contacts(deck, findings, groups, known, parts)
     contacts = pairs.tables()
     drawn = Pretensions(deck, findings, groups)
-    supports = Supports(deck, findings, nodes, dim, drawn.nodes - nodes)
+    hung = References(deck, findings, groups, {e for _, _, cells in parts for e in cells})
+    references = {(node, 0): (node, 0) for node in drawn.nodes - nodes} | hung.dofs()
+    supports = Supports(deck, findings, nodes, dim, references)
     run = read_steps(deck, findings, supports, pairs)
     linear, cyclic = equations(deck, findings, groups, supports, dim), Cyclic(deck, findings, groups).tables()
     pairs.press(supports.pushed() | equated(deck))
     end, finite = run.ramp_end, run.finite
-    sections = drawn.tables(supports, end, run.names)
+    sections, hanging = drawn.tables(supports, end, run.names), hung.tables(supports, run, dim, thickness)
     contacts += [(table, card) for _, table, card in pairs.begun]
     for table, _ in contacts:
         table |= run.acting(name_of(table))
@@ -121,8 +127,9 @@ def translate(path, mesh_name):
             body["order"] = 1
         done.tables.append(("[[bodies]]", body, ""))
     for header, found in (
-        ("[[contacts]]", contacts), ("[[displacements]]", held),
-        ("[[loads]]", supports.loads(groups, end, thickness)), ("[[temperatures]]", heat),
+        ("[[contacts]]", contacts), ("[[displacements]]", held + hanging["[[displacements]]"]),
+        ("[[couplings]]", hanging["[[couplings]]"]),
+        ("[[loads]]", supports.loads(groups, end, thickness) + hanging["[[loads]]"]), ("[[temperatures]]", heat),
         ("[[pretensions]]", sections), ("[[equations]]", linear), ("[[periodic]]", cyclic),
     ):  # fmt: skip
         done.tables += [(header, table, _at(card)) for table, card in found]
@@ -146,11 +153,12 @@ def _say(card, findings):
     """What can be said of a card by its keyword alone."""
     if card.key in OUTPUT:
         findings.skip(card)
-    elif card.key in ("NODE", "NSET", "ELSET", "INCLUDE"):
-        findings.know(card, "NSET", "ELSET", "GENERATE", "INPUT", "SYSTEM", "UNSORTED", "FREQUENCY")
+    elif card.key in STRUCTURE:
+        findings.know(card, "NSET", "ELSET", "GENERATE", "INPUT", "UNSORTED", "FREQUENCY", "INTERNAL", "INSTANCE",
+                      *(("NAME", "PART") if card.key not in ("NODE", "NSET", "ELSET", "INCLUDE") else ()))  # fmt: skip
         findings.take(card)
     elif card.key == "SURFACE":
-        findings.know(card, "NAME", "TYPE")
+        findings.know(card, "NAME", "TYPE", "INTERNAL")
         if card.word("TYPE", "ELEMENT") not in ("ELEMENT", "NODE"):
             findings.leave(card, "allowed: TYPE=ELEMENT, TYPE=NODE")
         else:

@@ -576,15 +576,21 @@ def _check_serendipity(scene):
 
 def _check_couplings(scene):
     """Rigid groups turn by small angles; rings do not turn in their plane, and do not widen as rigid ones."""
+    finite = [body for body in scene.bodies if scene.finite(body)]
     for index, item in enumerate(scene.couplings):
         where, first = place("couplings", index, item.region), item.displacement[0] if item.displacement else "free"
-        for body in scene.bodies:
-            if scene.finite(body):
-                found = f"body {body.region} with finite strain"
-                raise input_error(scene.where, where, found, "small strain; or displacements with an angle")
+        if finite and scene.mesh.kinematics != "axisymmetric" and not _held(item.rotation):
+            found = f"body {finite[0].region} with finite strain, and a group that turns"
+            raise input_error(scene.where, where, found,
+                              "small strain; or rotation = 0 in all directions; or displacements with an angle")
         if scene.mesh.kinematics == "axisymmetric" and (item.rotation not in (None, "free") or first != "free"):
             found = f'{"rotation" if first == "free" else "a radial displacement"} with kinematics = "axisymmetric"'
             raise input_error(scene.where, where, found, 'displacement = ["free", ...] alone: a rigid ring')
+
+
+def _held(rotation):
+    """Whether a rotation is prescribed to be zero, in all directions."""
+    return all(one == 0.0 for one in (rotation if isinstance(rotation, tuple) else (rotation,)))
 
 
 def _check_pretensions(scene):

@@ -1,0 +1,191 @@
+"""Decks of parts and instances, reference nodes and general contact, run against known answers."""
+
+import numpy as np
+import pytest
+
+from pcontact.importer.cards import read_cards
+from pcontact.importer.deck import read_deck
+from pcontact.importer.systems import rectangular
+from pcontact.runtime.errors import InputError
+from tests.support.decks import BLOCKS, PAIR, STEEL, bricks, imported, solved
+
+PARTS = """*Heading
+*Part, name=Block
+*Node
+1, 0., 0., 0.
+2, 1., 0., 0.
+3, 1., 1., 0.
+4, 0., 1., 0.
+5, 0., 0., 1.
+6, 1., 0., 1.
+7, 1., 1., 1.
+8, 0., 1., 1.
+*Element, type=C3D8, elset=all
+1, 1, 2, 3, 4, 5, 6, 7, 8
+*Nset, nset=foot, generate
+1, 4, 1
+*Solid Section, elset=all, material=Steel
+,
+*End Part
+*Assembly, name=Assembly
+*Instance, name=low, part=Block
+*End Instance
+*Instance, name=high, part=BLOCK
+0., 0., 1.
+0.5, 0.5, 1., 0.5, 0.5, 2., 90.
+*End Instance
+*Node
+1, 0.5, 0.5, 2.
+*Nset, nset=point
+1,
+*Nset, nset=corner, instance=high
+5,
+*Elset, elset=_up, internal, instance=high
+1,
+*Surface, type=ELEMENT, name=up
+_up, S1
+*Surface, type=ELEMENT, name=top
+_up, S2
+*Surface, type=ELEMENT, name=down
+low.all, S2
+*Coupling, constraint name=head, ref node=point, surface=top
+*Kinematic
+*End Assembly
+*Material, name=Steel
+*Elastic
+200000., 0.0
+*Surface Interaction, name=law
+1.,
+*Friction, slip tolerance=0.005
+0.1,
+*Surface Behavior, pressure-overclosure=HARD
+*Contact Pair, interaction=law, type=SURFACE TO SURFACE
+up, down
+*Step, name=press, nlgeom=NO
+*Static
+1., 1.
+*Boundary
+low.foot, ENCASTRE
+point, 1, 2
+point, 4, 6
+*Cload
+point, 3, -2000.
+*Output, field, variable=PRESELECT
+*End Step
+"""
+
+
+@pytest.mark.parametrize("finite", [False, True])
+def test_an_assembly_of_two_instances_of_a_part(tmp_path, finite):
+    """A rigid head presses two blocks: u = F L / (E A); with finite strain E log s = F s / A, with the stretch s."""
+    status, words, scene = imported(tmp_path, PARTS.replace("nlgeom=NO", "nlgeom=YES" if finite else "nlgeom=NO"))
+    assert status == 0, words
+    assert [body.region for body in scene.bodies] == ["low.all", "high.all"]
+    step = solved(scene)[-1]
+    force = -2000.0 / 200000.0
+    stretch = 1.0 + force
+    for _ in range(20 if finite else 0):
+        stretch = np.exp(force * stretch)
+    assert step["couplings"]["head"]["displacement"][2] == pytest.approx(2.0 * (stretch - 1.0), rel=1e-9)
+    assert step["contacts"]["up-down"]["force"][2] == pytest.approx(-2000.0, rel=1e-9)
+    assert np.abs(step["couplings"]["head"]["moment"]).max() < 1e-6
+
+
+def test_nodes_of_an_instance_are_where_it_stands(tmp_path):
+    """The corner (0, 0, 1) of a part, shifted by (0, 0, 1) and turned by 90 degrees about (0.5, 0.5)."""
+    (tmp_path / "deck.inp").write_text(PARTS)
+    deck = read_deck(tmp_path / "deck.inp")
+    (corner,) = deck.node_sets["CORNER"]
+    np.testing.assert_allclose(deck.nodes[corner], [1.0, 0.0, 2.0], atol=1e-15)
+    # nodes of the assembly keep their numbers, those of instances end with those of the part
+    assert deck.nodes[1] == [0.5, 0.5, 2.0] and corner % 10 == 5
+    assert deck.node_sets["LOW.FOOT"] != deck.node_sets["HIGH.FOOT"]
+
+
+@pytest.mark.parametrize(("old", "new", "message"), [
+    ("part=BLOCK", "part=Rock", r"line 22: \*Instance: found the unknown part 'Rock'; allowed: BLOCK"),
+    ("0.5, 0.5, 1., 0.5, 0.5, 2., 90.", "0.5, 0.5, 1., 0.5, 0.5, 1., 90.", "line 24: .*axis of no length"),
+    ("0.5, 0.5, 1., 0.5, 0.5, 2., 90.", "0.5, 0.5", "line 24: .*found 2 numbers"),
+    ("instance=high\n5", "instance=mid\n5", "found the unknown instance 'mid'; allowed: LOW, HIGH"),
+    ("*End Part\n", "", r"line 2: \*Part: found no end of it"),
+])  # fmt: skip
+def test_what_is_wrong_with_an_assembly(tmp_path, old, new, message):
+    with pytest.raises(InputError, match=message):
+        imported(tmp_path, PARTS.replace(old, new))
+
+
+@pytest.mark.parametrize(("system", "nodes", "point"), [
+    ("", ", SYSTEM=C\n1, 2., 90., 3.", (0.0, 2.0, 3.0)),
+    ("", ", SYSTEM=S\n1, 2., 90., 30.", (0.0, 3.0**0.5, 1.0)),
+    ("*SYSTEM\n1., 1., 1.\n", "\n1, 2., 0., 0.", (3.0, 1.0, 1.0)),
+    ("*SYSTEM\n1., 0., 0., 1., 1., 0.\n0., 0., 0.\n", "\n1, 2., 1., 0.", (0.0, 2.0, 0.0)),
+])  # fmt: skip
+def test_nodes_in_other_coordinates(tmp_path, system, nodes, point):
+    """Cylinders, spheres, another origin, other axes: the second one runs towards the third point."""
+    (tmp_path / "deck.inp").write_text(f"{system}*NODE{nodes}\n")
+    (card,) = [card for card in rectangular(read_cards(tmp_path / "deck.inp")) if card.key == "NODE"]
+    np.testing.assert_allclose([float(word) for word in card.rows[0][1][1:]], point, atol=1e-15)
+
+
+def hung(tmp_path, kind, steps):
+    """A bar, 2 high, held at its foot, with a node 9 above it that its top hangs on; the last load step."""
+    top = "*NODE\n9, 0.5, 0.5, 2.\n10, 0., 0., 0.\n*NSET, NSET=top, GENERATE\n5, 8\n*SURFACE, NAME=head\n1, S2\n"
+    hold = "*NSET, NSET=foot, GENERATE\n1, 4\n*BOUNDARY\nfoot, 1, 3\n"
+    deck = bricks(((0, 0, 0), (1, 1, 2))) + STEEL + top + hold + kind + "*STEP\n*STATIC\n" + steps + "*END STEP\n"
+    status, words, scene = imported(tmp_path, deck)
+    assert status == 0, words
+    return solved(scene, ["top"])[-1]
+
+
+RIGID = "*RIGID BODY, NSET=top, REF NODE=9, ROT NODE=10\n"
+TURNED = "*BOUNDARY\n9, 1, 3, 0.\n10, 1, 2, 0.\n10, 3, 3, 0.01\n"
+
+
+def test_a_rigid_body_turns(tmp_path):
+    """Rotations of CalculiX are the translations of a second node; the moment about the axis is that of the motion."""
+    step = hung(tmp_path, RIGID, TURNED)
+    (found,) = step["couplings"].values()
+    np.testing.assert_allclose(found["rotation"], [0.0, 0.0, 0.01], atol=1e-14)
+    other = hung(tmp_path, RIGID.replace(", ROT NODE=10", ""), TURNED.replace("10, 3, 3", "9, 6, 6").replace("10", "9"))
+    assert found["moment"][2] > 1.0
+    assert next(iter(other["couplings"].values()))["moment"][2] == pytest.approx(found["moment"][2], rel=1e-12)
+
+
+@pytest.mark.parametrize("kind", [
+    "*COUPLING, CONSTRAINT NAME=c, REF NODE=9, SURFACE=head\n*DISTRIBUTING\n1, 3\n",
+    "*ELEMENT, TYPE=DCOUP3D, ELSET=e\n77, 9\n*DISTRIBUTING COUPLING, ELSET=e\ntop, 1.\n",
+    "*COUPLING, CONSTRAINT NAME=c, REF NODE=9, SURFACE=head\n*KINEMATIC\n1, 6\n",
+    "*KINEMATIC COUPLING, REF NODE=9\ntop, 1, 3\n",
+    RIGID,
+])  # fmt: skip
+def test_a_force_on_a_reference_node(tmp_path, kind):
+    """Whatever hangs it: the mean of the top goes up by F L / (E A)."""
+    step = hung(tmp_path, kind, "*CLOAD\n9, 3, 500.\n")
+    assert step["probes"]["top"]["mean"][2] == pytest.approx(500.0 * 2.0 / 200000.0, rel=1e-9)
+
+
+@pytest.mark.parametrize("inclusions", [
+    "*CONTACT INCLUSIONS, ALL EXTERIOR\n", "*CONTACT INCLUSIONS\nupper, lower\n",
+])  # fmt: skip
+def test_general_contact(tmp_path, inclusions):
+    """Two blocks without their pair, pressed by displacements: E u / L of one after the other."""
+    law = PAIR[: PAIR.index("*CONTACT PAIR")]
+    contact = "*CONTACT\n" + inclusions + "*CONTACT PROPERTY ASSIGNMENT\n, , SI\n"
+    press = "".join(f"{k}, 3, 3, -0.001\n{k}, 1, 2\n" for k in range(105, 109))
+    blocks = BLOCKS.replace("sides, 1, 2\n", "")
+    status, words, scene = imported(
+        tmp_path, blocks + law + contact + "*STEP\n*STATIC\n*BOUNDARY\n" + press + "*END STEP\n"
+    )
+    assert status == 0, words
+    assert scene.contacts[0].friction == 0.25 and scene.contacts[0].all == ("ALL" in inclusions)
+    (found,) = solved(scene)[-1]["contacts"].values()
+    assert abs(found["force"][2]) == pytest.approx(100.0, rel=1e-8)
+
+
+def test_surfaces_that_do_not_part(tmp_path):
+    """NO SEPARATION: the upper block draws the lower one."""
+    pair = PAIR.replace("OVERCLOSURE=HARD", "OVERCLOSURE=HARD, NO SEPARATION")
+    draw = "".join(f"{k}, 3, 3, 0.001\n" for k in range(105, 109))
+    status, words, scene = imported(tmp_path, BLOCKS + pair + "*STEP\n*STATIC\n*BOUNDARY\n" + draw + "*END STEP\n")
+    assert status == 0, words
+    assert solved(scene)[-1]["contacts"]["upper-lower"]["force"][2] == pytest.approx(100.0, rel=1e-8)
