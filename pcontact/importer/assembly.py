@@ -9,10 +9,12 @@ from dataclasses import replace
 import numpy as np
 
 # parameters whose values are names of what a part or an instance defines
-_NAMES = ("NSET", "ELSET", "SURFACE", "ORIENTATION", "REFNODE", "ROTNODE", "NODE", "ORIGIN")
+_NAMES = ("NSET", "ELSET", "SURFACE", "ORIENTATION", "REFNODE", "ROTNODE", "NODE", "ORIGIN", "ANALYTICALSURFACE")
 # cards that define a name, with the parameter that has it
 _DEFINES = {"NSET": "NSET", "ELSET": "ELSET", "NODE": "NSET", "ELEMENT": "ELSET", "NGEN": "NSET", "NFILL": "NSET",
             "ELGEN": "ELSET", "SURFACE": "NAME", "ORIENTATION": "NAME"}  # fmt: skip
+# axes of analytical surfaces of parts that do not say them
+_FRAMES = {"CYLINDER": [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, -1.0], "REVOLUTION": [0.0, 0.0, 0.0, 0.0, 1.0, 0.0]}
 # numbers of a line that turns an instance: two points of the axis, and the angle
 _TURN = 7
 # base of the numbers: those of instances have digits before those of their part
@@ -118,6 +120,24 @@ class _Instance:
                  [self.word(w) if k % 3 == 0 else w for k, w in enumerate(words)])
                 for place, words in card.rows]  # fmt: skip
 
+    def _surface(self, card):
+        """Rows of elements; of an analytical surface points, in the plane or of its axes, as the part has them."""
+        kind = card.word("TYPE", "ELEMENT")
+        if kind == "SEGMENTS":
+            return [(place, [words[0], *self._pairs(card.numbers(place, words[1:]))]) for place, words in card.rows]
+        if kind not in _FRAMES:
+            return self._first(card)
+        rows = [(place, words) for place, words in card.rows if any(words)]
+        begin = next((k for k, (_, words) in enumerate(rows) if words[0].upper() == "START"), len(rows))
+        numbers = [x for place, words in rows[:begin] for x in card.numbers(place, words)] or _FRAMES[kind]
+        points = [self.place.point(numbers[k : k + 3]).tolist() for k in range(0, len(numbers), 3)]
+        return [(card.place, [repr(x) for x in point]) for point in points] + rows[begin:]
+
+    def _pairs(self, numbers):
+        """Points of the plane as the assembly has them."""
+        points = [self.place.point([*numbers[k : k + 2], 0.0])[:2] for k in range(0, len(numbers), 2)]
+        return [repr(float(x)) for point in points for x in point]
+
     def _orientation(self, card):
         """Points of a cylinder's axis, or directions."""
         cylindrical = card.word("SYSTEM", "RECTANGULAR").startswith("C") or card.word("TYPE", "R").startswith("C")
@@ -132,7 +152,7 @@ class _Instance:
 
 # how lines of cards that speak of nodes or elements are read; names of sets are in any
 _ROWS = {"NODE": _Instance._node, "ELEMENT": _Instance._element, "NSET": _Instance._set, "ELSET": _Instance._set,
-         "NGEN": _Instance._range, "ELGEN": _Instance._first, "SURFACE": _Instance._first,
+         "NGEN": _Instance._range, "ELGEN": _Instance._first, "SURFACE": _Instance._surface,
          "BOUNDARY": _Instance._first, "EQUATION": _Instance._equation, "ORIENTATION": _Instance._orientation,
          "TRANSFORM": _Instance._orientation}  # fmt: skip
 

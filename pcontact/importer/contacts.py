@@ -38,9 +38,11 @@ class Contacts:
         Of `materials`.
     bodies : list
         Of `bodies`.
+    tools : pcontact.importer.tools.Tools
     """
 
-    def __init__(self, deck, findings, groups, tables, bodies):
+    def __init__(self, deck, findings, groups, tables, bodies, tools):
+        self._tools = tools
         self.deck, self.findings, self.groups, self._used = deck, findings, groups, set()
         self._pairs, self._cards, self._loose, self.begun = {}, {}, {}, []
         self.modulus = {e: tables[material]["E"] for _, material, cells in bodies for e in cells}
@@ -237,6 +239,16 @@ class Contacts:
     def _sides(self, card, place, words):
         if len(words) < _TWO or not words[1]:
             raise card.refuse(", ".join(words) or "nothing", "two surfaces", place)
+        if self._tools.rigid(self.deck.surface_of(card, place, words[0])):
+            self.findings.change(card, "the solid is the source", place)
+            words = [words[1], words[0]]
+        surface = self.deck.surface_of(card, place, words[1])
+        if self._tools.rigid(surface):
+            source, faces = self._side(card, place, words[0])
+            self.findings.take(surface.card)
+            tool = self._tools.of(surface, faces)
+            table = {"name": f"{source}-{surface.name}", "source": source, "obstacle": tool.table}
+            return (None if source is None else table), faces
         source, faces = self._side(card, place, words[0], words[1])
         target, _ = self._side(card, place, words[1])
         if source is None or target is None:
@@ -255,7 +267,9 @@ class Contacts:
             self.findings.leave(card, "massless contact is for dynamics", place)
         if "SMALLSLIDING" in card.parameters:
             self.findings.change(card, "small sliding: partners are found in every load step", place)
-        if "ADJUST" in card.parameters:
+        if "ADJUST" in card.parameters and "obstacle" in table:
+            self.findings.change(card, "ADJUST: gaps and overlaps with a rigid surface stay as they are", place)
+        elif "ADJUST" in card.parameters:
             target = surface_faces(self.deck, self.deck.surface_of(card, place, words_of[1]))
             table |= {"interference": "adjust", "adjust_within": self._adjusted(card, place, faces, target)}
             words = f"gaps up to {table['adjust_within']:.3g} and overlaps are closed at points, no node is moved"
@@ -298,7 +312,7 @@ class Contacts:
         self.findings.know(card, "MASTER", "SLAVE", "VALUE")
         sides = [self.deck.surface_of(card, card.place, card.need(name)).name for name in ("SLAVE", "MASTER")]
         pair = next((pair for pairs in self._pairs.values() for pair, _ in pairs
-                     if [pair["source"], pair["target"]] == sides), None)  # fmt: skip
+                     if [pair.get("source"), pair.get("target")] == sides), None)  # fmt: skip
         if pair is None or "interference" in pair:
             self.findings.leave(card, "of surfaces that are no contact pair, or with ADJUST")
             return

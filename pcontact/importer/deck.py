@@ -9,7 +9,7 @@ from pathlib import Path
 
 from pcontact.importer.assembly import flat
 from pcontact.importer.cards import Card, read_cards
-from pcontact.importer.elements import VERTICES, face_nodes, faces_of, kind_of
+from pcontact.importer.elements import RIGID, VERTICES, face_nodes, faces_of, kind_of
 from pcontact.importer.systems import rectangular
 from pcontact.runtime.errors import InputError
 
@@ -29,12 +29,15 @@ class Surface:
         Element and local face, from 0.
     nodes : list of int
         Of a surface of nodes.
+    sides : list of int
+        Elements of a rigid surface.
     """
 
     name: str
     card: Card
     faces: list = field(default_factory=list)
     nodes: list = field(default_factory=list)
+    sides: list = field(default_factory=list)
 
 
 @dataclass
@@ -312,14 +315,16 @@ def _join(deck, sets, name, members):
 def _surface(deck, card):
     name = deck.name(card.need("NAME"))
     surface = deck.surfaces.setdefault(name.upper(), Surface(name, card))
-    free = None
-    for place, words in card.rows:
+    free, kind = None, card.word("TYPE", "ELEMENT")
+    for place, words in card.rows if kind in ("ELEMENT", "NODE") else ():
         words = [word for word in words if word]
-        if card.word("TYPE", "ELEMENT") == "NODE":
+        if kind == "NODE":
             for word in words:
                 surface.nodes += deck.nodes_of(card, place, word)
             continue
         members = deck.elements_of(card, place, words[0])
+        surface.sides += [e for e in members if deck.elements[e][0] in RIGID]
+        members = [e for e in members if deck.elements[e][0] not in RIGID]
         if len(words) > 1:
             surface.faces += faces(deck, card, place, words[1], members)
             continue

@@ -37,7 +37,9 @@ _TYPE = re.compile(r"(C3D|CPE|CPS|CAX)(\d+)([A-Z]*)")
 _OTHERS = {"S3": 3, "S6": 6, "S4": 4, "S4R": 4, "S8": 8, "S8R": 8, "M3D3": 3, "M3D4": 4, "M3D4R": 4, "M3D6": 6,
            "M3D8": 8, "M3D8R": 8, "B31": 2, "B31R": 2, "B32": 3, "B32R": 3, "T3D2": 2, "T2D2": 2, "T3D3": 3,
            "SPRINGA": 2, "SPRING1": 1, "SPRING2": 2, "DASHPOTA": 2, "GAPUNI": 2, "MASS": 1, "DCOUP3D": 1, "R3D4": 4,
-           "R3D3": 3, "SFM3D4": 4, "F3D4": 4}  # fmt: skip
+           "R3D3": 3, "R2D2": 2, "RAX2": 2, "SFM3D4": 4, "F3D4": 4}  # fmt: skip
+# elements of rigid surfaces
+RIGID = ("R3D3", "R3D4", "R2D2", "RAX2")
 KINEMATICS = {"CPE": "plane_strain", "CPS": "plane_stress", "CAX": "axisymmetric"}
 _REMARKS = {
     "R": "all its quadrature points in place of reduced integration",

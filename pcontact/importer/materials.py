@@ -1,6 +1,6 @@
 """Materials and bodies of a deck as tables of a scene."""
 
-from pcontact.importer.elements import EDGES, KINEMATICS, REDUCED, SERENDIPITY, kind_of
+from pcontact.importer.elements import EDGES, KINEMATICS, REDUCED, RIGID, SERENDIPITY, kind_of
 
 # rows of kinematic hardening; numbers of elasticity
 _TWO = 2
@@ -154,8 +154,8 @@ def bodies(deck, findings):
 def _say_types(deck, findings, homeless):
     for word, card in deck.element_cards.items():
         kind = kind_of(word)
-        if kind.cell is None and word == "DCOUP3D":
-            findings.take(card, "a reference node")
+        if kind.cell is None and (word == "DCOUP3D" or word in RIGID):
+            findings.take(card, "a rigid surface" if word in RIGID else "a reference node")
         elif kind.cell is None:
             findings.leave(card, f"elements of type {word}, which are no cells of a solid")
         elif kind.cell in homeless:

@@ -4,10 +4,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pcontact.importer.elements import RIGID as ELEMENTS
 from pcontact.importer.faces import surface_faces
 from pcontact.importer.history import factors
 
-RIGID, MEAN = "rigid", "mean"
+RIGID, MEAN, TOOL = "rigid", "mean", "tool"
 # degrees of freedom of a node with rotations; translations come first
 ALL, MOVES = tuple(range(6)), 3
 # the rotation in the plane
@@ -22,14 +23,14 @@ class Reference:
     ----------
     node : int
     kind : str
-        `RIGID` or `MEAN`.
+        `RIGID`, `MEAN` or `TOOL`.
     card : Card
     name : str
         In the report.
     group : str
         Name of the set or surface.
     members : tuple of (str, list)
-        Kind of a group, and its members: see :meth:`pcontact.importer.groups.Groups.add`.
+        Kind of a group, and its members: see :meth:`pcontact.importer.groups.Groups.add`; of a tool its obstacles.
     turn : int or None
         Node whose translations are the rotations, in decks of CalculiX.
     """
@@ -58,9 +59,12 @@ class References:
     groups : pcontact.importer.groups.Groups
     solids : set of int
         Elements that are cells of bodies.
+    tools : pcontact.importer.tools.Tools
+        Rigid surfaces that are in contact.
     """
 
-    def __init__(self, deck, findings, groups, solids):
+    def __init__(self, deck, findings, groups, solids, tools):
+        self._tools = tools
         self.deck, self.findings, self.groups, self._solids = deck, findings, groups, solids
         self._nodes = {node for e in solids for node in deck.elements[e][1]}
         self.all = []
@@ -100,7 +104,10 @@ class References:
         return self.deck.name(word) if word.upper() in self.deck.node_sets else "coupling"
 
     def _rigid(self, card):
-        self.findings.know(card, "REFNODE", "ROTNODE", "NSET", "ELSET", "TIENSET", "PINNSET", "POSITION")
+        self.findings.know(card, "REFNODE", "ROTNODE", "NSET", "ELSET", "TIENSET", "PINNSET", "POSITION",
+                           "ANALYTICALSURFACE")  # fmt: skip
+        if self._tool(card):
+            return
         if card.word("POSITION", "INPUT") != "INPUT":
             self.findings.leave(card, "POSITION: the reference node stays where it is")
         name = next((name for name in ("ELSET", "NSET", "TIENSET", "PINNSET") if name in card.parameters), None)
@@ -116,6 +123,27 @@ class References:
         one = self._add(card, RIGID, node, [self.deck.name(word)] * 2, members)
         if one is not None and "ROTNODE" in card.parameters:
             one.turn = self._node(card, "ROTNODE")
+
+    def _tool(self, card):
+        """Whether a rigid body is a rigid surface."""
+        tables, name = [], card.get("ANALYTICALSURFACE", "")
+        if name:
+            tables += [self._tools.used[name.upper()].table] if name.upper() in self._tools.used else []
+        if card.get("ELSET"):
+            own = {e for e in self.deck.elements_of(card, card.place, card.need("ELSET"))
+                   if self.deck.elements[e][0] in ELEMENTS}  # fmt: skip
+            name = name or (card.get("ELSET") if own else "")
+            tables += [tool.table for key, tool in self._tools.used.items() if own & set(self.deck.surfaces[key].sides)]
+        if not name:
+            return False
+        if tables:
+            one = Reference(self._node(card, "REFNODE"), TOOL, card, name, name, ("tools", tables))
+            if "ROTNODE" in card.parameters:
+                one.turn = self._node(card, "ROTNODE")
+            self.all.append(one)
+        else:
+            self.findings.skip(card, f"{name} is in no contact")
+        return True
 
     def _coupling(self, card, following):
         self.findings.know(card, "CONSTRAINTNAME", "REFNODE", "SURFACE", "ORIENTATION", "INFLUENCERADIUS")
@@ -206,6 +234,9 @@ class References:
                 supports.card_of.pop((one.node, k), None)
             if any(len(steps) != supports.count for steps in active):
                 self.findings.leave(one.card, "a reference node whose supports begin or end with a step")
+            if one.kind == TOOL:
+                self._move(one, held, forces, (dim, run.ramp_end))
+                continue
             group = self.groups.add(one.members[0], one.group, one.members[1])
             point = self.deck.nodes[one.node][:dim]
             most, table = self._shape(one, held, run.ramp_end)
@@ -227,6 +258,29 @@ class References:
             if one.kind == RIGID:
                 self.findings.take(one.card)
         return found
+
+    def _move(self, one, held, forces, scene):
+        """Displacement and turn of obstacles; a turn is about the reference node, which moves along."""
+        dim, end = scene
+        most, table = self._shape(one, held, end)
+        moves, turns = _components(most, dim)
+        free = [f"direction {'xyz'[k]}" for k in range(dim) if moves[k] == "free"]
+        if free or any(history is not None and history.most != 0.0 for history in forces.values()):
+            words = f"a rigid surface that is free in {', '.join(free)}" if free else "forces on a rigid surface"
+            self.findings.leave(one.card, f"{words}: it moves as it is prescribed, and stands still where it is not")
+        turn = np.array([0.0 if angle == "free" else angle for angle in turns])
+        motion = {"displacement": [0.0 if x == "free" else x for x in moves]}
+        if not any(motion["displacement"]):
+            motion = {}
+        if np.any(turn):
+            size = float(np.linalg.norm(turn)) if dim > 2 else float(turn[0])
+            motion |= {"angle": float(np.degrees(size)), "pivot": list(self.deck.nodes[one.node][:dim])}
+            motion |= {"turn_axis": (turn / size).tolist()} if dim > 2 else {}
+        if motion and table is not None:
+            motion["amplitude"] = [list(row) for row in table]
+        for obstacle in one.members[1]:
+            obstacle |= motion
+        self.findings.take(one.card, "a rigid surface")
 
     def _rigid_table(self, one, base, motion, amplitude, finite):
         """Header and table of a rigid group; with finite strain it does not turn, or all of its motion is given."""

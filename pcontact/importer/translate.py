@@ -16,6 +16,7 @@ from pcontact.importer.pretensions import Pretensions
 from pcontact.importer.references import References
 from pcontact.importer.steps import OUTPUT, read_steps
 from pcontact.importer.supports import Supports
+from pcontact.importer.tools import ANALYTICAL, Tools
 
 # thermal strain up to which small strain stands for any: its square is what it leaves out
 SMALL = 0.01
@@ -37,12 +38,15 @@ class Translated:
     groups : Groups
     tables : list of (str, dict, str)
         See `pcontact.importer.toml.text`.
+    tools : list of pcontact.importer.tools.Tool
+        Rigid surfaces.
     """
 
     deck: object
     findings: Findings
     groups: Groups
     tables: list = field(default_factory=list)
+    tools: list = field(default_factory=list)
 
 
 def translate(path, mesh_name):
@@ -79,10 +83,11 @@ def translate(path, mesh_name):
         card = next(card for card in deck.model if card.key == "SOLIDSECTION")
         findings.change(card, f"forces at nodes are those of a thickness of 1, divided by {thickness:g}")
     regions = [(groups.add("cells", name, cells), material) for name, material, cells in parts]
-    pairs = Contacts(deck, findings, groups, known, parts)
+    tools = Tools(deck, dim, float(np.ptp([deck.nodes[n] for n in nodes], axis=0).max()))
+    pairs = Contacts(deck, findings, groups, known, parts, tools)
     contacts = pairs.tables()
     drawn = Pretensions(deck, findings, groups)
-    hung = References(deck, findings, groups, {e for _, _, cells in parts for e in cells})
+    hung = References(deck, findings, groups, {e for _, _, cells in parts for e in cells}, tools)
     references = {(node, 0): (node, 0) for node in drawn.nodes - nodes} | hung.dofs()
     supports = Supports(deck, findings, nodes, dim, references)
     run = read_steps(deck, findings, supports, pairs)
@@ -138,6 +143,7 @@ def translate(path, mesh_name):
         if deck.spelling[key] not in groups.members and nodes > set(members) and members:
             groups.add("nodes", deck.spelling[key], members)
     findings.unsaid(deck.cards)
+    done.tools = list(tools.used.values())
     return done
 
 
@@ -159,8 +165,8 @@ def _say(card, findings):
         findings.take(card)
     elif card.key == "SURFACE":
         findings.know(card, "NAME", "TYPE", "INTERNAL")
-        if card.word("TYPE", "ELEMENT") not in ("ELEMENT", "NODE"):
-            findings.leave(card, "allowed: TYPE=ELEMENT, TYPE=NODE")
+        if card.word("TYPE", "ELEMENT") not in ("ELEMENT", "NODE", *ANALYTICAL):
+            findings.leave(card, f"allowed: TYPE=ELEMENT, NODE, {', '.join(ANALYTICAL)}")
         else:
             findings.take(card)
     elif card.key == "ORIENTATION":

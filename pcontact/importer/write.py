@@ -49,6 +49,8 @@ def import_file(path, directory=None):
     findings = done.findings
     make_directory(directory)
     write_mesh(directory / MESH, done.deck, done.groups)
+    for tool in done.tools:
+        tool.write(directory)
     scene = directory / SCENE
     head = [f"From {path.name} by pcontact import; {LIST} says what became of every line."]
     if not findings.complete:

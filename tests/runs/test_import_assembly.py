@@ -189,3 +189,97 @@ def test_surfaces_that_do_not_part(tmp_path):
     status, words, scene = imported(tmp_path, BLOCKS + pair + "*STEP\n*STATIC\n*BOUNDARY\n" + draw + "*END STEP\n")
     assert status == 0, words
     assert solved(scene)[-1]["contacts"]["upper-lower"]["force"][2] == pytest.approx(100.0, rel=1e-8)
+
+
+# -- rigid surfaces -----------------------------------------------------------------------------------------------
+
+PUNCH = "*NODE\n201, 0.5, 0.5, 2.\n"
+FLAT = "*NODE\n211, -1., -1., 1.\n212, 2., -1., 1.\n213, 2., 2., 1.\n214, -1., 2., 1.\n"
+LAW = "*SURFACE INTERACTION, NAME=si\n*SURFACE BEHAVIOR, PRESSURE-OVERCLOSURE=HARD\n"
+MOVE = "*STEP\n*STATIC\n*BOUNDARY\n201, 1, 2\n201, 3, 3, -0.001\n201, 4, 6\n*END STEP\n"
+
+
+def pressed(tmp_path, tool, pair="top, tool"):
+    """A cube of one element under a rigid surface that comes down by 0.001; the last load step, and the scene."""
+    block = bricks(((0, 0, 0), (1, 1, 1))) + STEEL
+    hold = "*SURFACE, NAME=top\n1, S2\n*NSET, NSET=foot, GENERATE\n1, 4\n*BOUNDARY\nfoot, 1, 3\n"
+    contact = LAW + f"*CONTACT PAIR, INTERACTION=si, TYPE=SURFACE TO SURFACE\n{pair}\n"
+    status, words, scene = imported(tmp_path, block + hold + PUNCH + tool + contact + MOVE)
+    assert status == 0, words
+    return solved(scene)[-1], scene
+
+
+@pytest.mark.parametrize(("side", "pair"), [("SPOS", "top, tool"), ("SNEG", "top, tool"), ("SNEG", "tool, top")])
+def test_a_tool_of_rigid_elements(tmp_path, side, pair):
+    """A flat one, whichever way its nodes run and whichever side is named: E u / L."""
+    rigid = FLAT + "*ELEMENT, TYPE=R3D4, ELSET=r\n9, 211, 212, 213, 214\n*RIGID BODY, ELSET=r, REF NODE=201\n"
+    step, scene = pressed(tmp_path, rigid + f"*SURFACE, NAME=tool\nr, {side}\n", pair)
+    assert scene.contacts[0].obstacle.shape == "mesh"
+    assert step["contacts"]["top-tool"]["force"][2] == pytest.approx(200.0, rel=1e-8)
+
+
+@pytest.mark.parametrize(("kind", "lines", "force"), [
+    ("CYLINDER", "0., 0., 1., 1., 0., 1.\n0., 0.5, 1.\nSTART, -1., 0.\nLINE, 2., 0.\n", 200.0),
+    # an arc of radius 100
+    ("CYLINDER", "0., 0., 1., 1., 0., 1.\n0., 0.5, 1.\nSTART, 2., 0.\nCIRCL, -1., 0., 0.5, 99.98875\n", None),
+    ("REVOLUTION", "0.5, 0.5, 1., 0.5, 0.5, 2.\nSTART, 0., 0.\nLINE, 3., 0.\n", 200.0),
+])  # fmt: skip
+def test_a_tool_of_lines_and_arcs(tmp_path, kind, lines, force):
+    tool = f"*SURFACE, NAME=tool, TYPE={kind}\n{lines}*RIGID BODY, ANALYTICAL SURFACE=tool, REF NODE=201\n"
+    step, _ = pressed(tmp_path, tool)
+    found = step["contacts"]["top-tool"]["force"][2]
+    # the bulging one is 0.01 (at the sides of the block) to 0.01125 lower than the flat one
+    assert found == pytest.approx(force, rel=1e-6) if force else 2200.0 < found < 2450.0
+
+
+def test_a_tool_in_the_plane(tmp_path):
+    """Segments of an instance that is turned upside down and stands above the block."""
+    deck = """*Part, name=die
+*Surface, type=SEGMENTS, name=line
+START, -1., 0.
+LINE, 2., 0.
+*Rigid Body, ref node=ref, analytical surface=line
+*Node, nset=ref
+1, 0., 0.
+*End Part
+*Part, name=block
+*Node
+1, 0., 0.
+2, 1., 0.
+3, 1., 1.
+4, 0., 1.
+*Element, type=CPE4, elset=all
+1, 1, 2, 3, 4
+*Solid Section, elset=all, material=Steel
+1.,
+*Surface, name=top
+all, S3
+*End Part
+*Assembly, name=A
+*Instance, name=d, part=die
+0., 1., 0.
+0.5, 1., 0., 0.5, 1., 1., 180.
+*End Instance
+*Instance, name=b, part=block
+*End Instance
+*End Assembly
+*Material, name=Steel
+*Elastic
+200000., 0.0
+*Surface Interaction, name=si
+*Contact Pair, interaction=si
+b.top, d.line
+*Step
+*Static
+*Boundary
+b.1, 1, 2
+b.2, 1, 2
+d.ref, 1, 1
+d.ref, 2, 2, -0.001
+d.ref, 6, 6
+*End Step
+"""
+    status, words, scene = imported(tmp_path, deck)
+    assert status == 0, words
+    (contact,) = solved(scene)[-1]["contacts"].values()
+    assert contact["force"][1] == pytest.approx(200.0, rel=1e-8)
