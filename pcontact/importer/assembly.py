@@ -9,10 +9,12 @@ from dataclasses import replace
 import numpy as np
 
 # parameters whose values are names of what a part or an instance defines
-_NAMES = ("NSET", "ELSET", "SURFACE", "ORIENTATION", "REFNODE", "ROTNODE", "NODE", "ORIGIN", "ANALYTICALSURFACE")
+_NAMES = ("NSET", "ELSET", "SURFACE", "ORIENTATION", "REFNODE", "ROTNODE", "NODE", "ORIGIN", "ANALYTICALSURFACE",
+          "OLDSET", "NEWSET")  # fmt: skip
 # cards that define a name, with the parameter that has it
 _DEFINES = {"NSET": "NSET", "ELSET": "ELSET", "NODE": "NSET", "ELEMENT": "ELSET", "NGEN": "NSET", "NFILL": "NSET",
-            "ELGEN": "ELSET", "SURFACE": "NAME", "ORIENTATION": "NAME"}  # fmt: skip
+            "ELGEN": "ELSET", "NCOPY": "NEWSET", "ELCOPY": "NEWSET", "SURFACE": "NAME",
+            "ORIENTATION": "NAME"}  # fmt: skip
 # axes of analytical surfaces of parts that do not say them
 _FRAMES = {"CYLINDER": [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, -1.0], "REVOLUTION": [0.0, 0.0, 0.0, 0.0, 1.0, 0.0]}
 # numbers of a line that turns an instance: two points of the axis, and the angle

@@ -10,6 +10,7 @@ from pathlib import Path
 from pcontact.importer.assembly import flat
 from pcontact.importer.cards import Card, read_cards
 from pcontact.importer.elements import RIGID, VERTICES, face_nodes, faces_of, kind_of
+from pcontact.importer.generate import elcopy, elgen, ncopy, nfill, ngen
 from pcontact.importer.systems import rectangular
 from pcontact.runtime.errors import InputError
 
@@ -357,4 +358,15 @@ def faces(deck, card, place, label, elements):
     return found
 
 
-_READ = {"NODE": _node, "ELEMENT": _element, "NSET": _set, "ELSET": _set, "SURFACE": _surface}
+def _made(deck, card):
+    """Nodes or elements that are counted out, and the set that they make."""
+    make, name, sets = _GENERATED[card.key]
+    _join(deck, getattr(deck, sets), card.get(name), make(deck, card))
+
+
+# what counts them out, the parameter that names their set, and where sets are
+_GENERATED = {"NGEN": (ngen, "NSET", "node_sets"), "NFILL": (nfill, "NSET", "node_sets"),
+              "NCOPY": (ncopy, "NEWSET", "node_sets"), "ELGEN": (elgen, "ELSET", "element_sets"),
+              "ELCOPY": (elcopy, "NEWSET", "element_sets")}  # fmt: skip
+_READ = {"NODE": _node, "ELEMENT": _element, "NSET": _set, "ELSET": _set, "SURFACE": _surface,
+         **dict.fromkeys(_GENERATED, _made)}  # fmt: skip

@@ -2,6 +2,8 @@
 
 from pcontact.importer.elements import EDGES, KINEMATICS, REDUCED, RIGID, SERENDIPITY, kind_of
 
+# Poisson's ratio of what keeps its volume
+FIRM = 0.4999
 # rows of kinematic hardening; numbers of elasticity
 _TWO = 2
 
@@ -30,7 +32,7 @@ def materials(deck, findings):
             elif card.key in ("CONDUCTIVITY", "SPECIFICHEAT", "DAMPING"):
                 findings.skip(card, "no static solution depends on it")
             else:
-                findings.leave(card, "allowed: *ELASTIC, *PLASTIC, *EXPANSION, *DENSITY")
+                findings.leave(card, "allowed: *ELASTIC, *HYPERELASTIC, *PLASTIC, *EXPANSION, *DENSITY")
         if "E" not in table:
             findings.leave(cards[0], "has no isotropic elasticity; E = 1 and nu = 0.3 stand in its place")
             table |= {"E": 1.0, "nu": 0.3}
@@ -97,7 +99,43 @@ def _density(card, table, findings):
     findings.take(card, "for weight and centrifugal force")
 
 
-_READ = {"ELASTIC": _elastic, "PLASTIC": _plastic, "EXPANSION": _expansion, "DENSITY": _density}
+def _hyperelastic(card, table, findings):
+    """Rubber, from its energy; D of zero is a material that keeps its volume (Abaqus, Theory Guide, 4.6.1)."""
+    findings.know(card, "NEOHOOKE", "MOONEY-RIVLIN", "OGDEN", "N", "MODULI")
+    terms = card.integer(card.place, card.get("N", "1"))
+    law = next((name for name in ("NEOHOOKE", "MOONEY-RIVLIN", "OGDEN") if name in card.parameters), None)
+    numbers = [x for place, words in card.rows for x in card.numbers(place, words)]
+    count = {"NEOHOOKE": 1, "MOONEY-RIVLIN": 2, "OGDEN": 2 * terms}.get(law, 0)
+    if law is None or len(numbers) < count:
+        findings.leave(card, "allowed: NEO HOOKE, MOONEY-RIVLIN, OGDEN, with their constants")
+        return
+    own, last = numbers[:count], (numbers[count:] + [0.0])[0]
+    shear = sum(own[::2]) if law == "OGDEN" else 2.0 * sum(own)
+    if last > 0.0:
+        bulk = 2.0 / last
+        nu = (3.0 * bulk - 2.0 * shear) / (2.0 * (3.0 * bulk + shear))
+        findings.change(card, f"K = {bulk:g}, in another function of the volume; the same where it changes little")
+    else:
+        nu = FIRM
+        findings.change(card, f"it keeps its volume in the deck, here nu = {FIRM}")
+    table |= {"E": 2.0 * shear * (1.0 + nu), "nu": nu, "law": law.lower().replace("-", "_").replace("neoh", "neo_h")}
+    if law == "MOONEY-RIVLIN":
+        table["mooney_rivlin"] = own
+    elif law == "OGDEN":
+        table["ogden"] = [[2.0 * mu / alpha, alpha] for mu, alpha in zip(own[::2], own[1::2], strict=True)]
+
+
+def straighten(deck, findings, key, table, finite):
+    """With small strain rubber is as stiff as it is at its beginning."""
+    if not finite and table.pop("law", None) is not None:
+        for name in ("mooney_rivlin", "ogden"):
+            table.pop(name, None)
+        card = next(card for card in deck.materials[key] if card.key == "HYPERELASTIC")
+        findings.change(card, "without NLGEOM: linear, as stiff as it is at its beginning")
+
+
+_READ = {"ELASTIC": _elastic, "HYPERELASTIC": _hyperelastic, "PLASTIC": _plastic, "EXPANSION": _expansion,
+         "DENSITY": _density}  # fmt: skip
 
 
 def bodies(deck, findings):

@@ -156,7 +156,7 @@ class Supports:
         self._hanging = {node for node, _ in self.references}
         self.amplitudes, self.frames = amplitudes(deck, findings), Frames(deck, findings)
         self.held, self.forces, self.pressures, self.volumes = Values(), Values(), Values(), Values()
-        self.temperatures, self.initial = Values(), {}
+        self.temperatures, self.tractions, self.initial = Values(), Values(), {}
         self.follower, self.count = False, 0
         self.active, self.card_of, self._tilted = {}, {}, []
 
@@ -190,7 +190,7 @@ class Supports:
             self.active.setdefault(key, []).append(self.count)
         self.count += 1
         steps = step.card.word("AMPLITUDE", "RAMP") == "STEP"
-        for values in (self.held, self.forces, self.pressures, self.volumes, self.temperatures):
+        for values in (self.held, self.forces, self.pressures, self.tractions, self.volumes, self.temperatures):
             values.pass_step(begin, end, steps)
 
     def _renew(self, kind):
@@ -200,7 +200,7 @@ class Supports:
             return
         if kind == "TEMPERATURE":
             return
-        for values in (self.forces,) if kind == "CLOAD" else (self.pressures, self.volumes):
+        for values in (self.forces,) if kind == "CLOAD" else (self.pressures, self.tractions, self.volumes):
             for key, old in values.drop().items():
                 if values.histories[key].last != 0.0:
                     values.give(key, Definition(0.0, None, old.card))
@@ -294,8 +294,17 @@ class Supports:
         for place, words in card.rows:
             surface = self.deck.surface_of(card, place, words[0])
             label = words[1].upper() if len(words) > 1 else ""
-            if label != "P" or surface.nodes:
-                self.findings.leave(card, f"{label}; allowed: P on faces", place)
+            if label not in ("P", "TRVEC") or surface.nodes:
+                self.findings.leave(card, f"{label}; allowed: P, TRVEC on faces", place)
+                continue
+            if label == "TRVEC":
+                way = np.array((card.numbers(place, words[3:6]) + [0.0] * 3)[:3])
+                if not np.any(way):
+                    raise card.refuse("a direction of no length", "size and direction of the traction", place)
+                if card.word("FOLLOWER", "YES") == "YES":
+                    self.findings.change(card, "with NLGEOM: it keeps its direction", place)
+                key = surface.name, tuple((way / np.linalg.norm(way)).tolist())
+                self.tractions.give(key, Definition(card.number(place, words[2]), amplitude, card), add=True)
                 continue
             for key in surface.faces:
                 self.pressures.give(key, Definition(card.number(place, words[2]), amplitude, card), add=True)
@@ -417,7 +426,8 @@ class Supports:
 
     def loads(self, groups, end, thickness):
         """Tables [[loads]] with the cards that they come from."""
-        return [*self._forces(groups, end, thickness), *self._pressures(groups, end), *self._volumes(groups, end)]
+        return [*self._forces(groups, end, thickness), *self._pressures(groups, end), *self._tractions(groups, end),
+                *self._volumes(groups, end)]  # fmt: skip
 
     def _forces(self, groups, end, thickness):
         """Forces at nodes: those of equal vectors and amplitudes together."""
@@ -465,6 +475,19 @@ class Supports:
             if self.follower:
                 one["follower"] = True
             tables.append((one, self.pressures.now[members[0]].card))
+        return tables
+
+    def _tractions(self, groups, end):
+        tables = []
+        for (name, way), history in self.tractions.histories.items():
+            if history.most == 0.0:
+                continue
+            region = groups.add("facets", name, self.deck.surfaces[name.upper()].faces)
+            one = {"region": region, "traction": [history.most * x for x in way[: self.dim]]}
+            table = factors(history.key(), history.most, end)
+            if table is not None:
+                one["amplitude"] = table
+            tables.append((one, self.tractions.now[name, way].card))
         return tables
 
     def _surface(self, members):

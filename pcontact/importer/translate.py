@@ -11,7 +11,7 @@ from pcontact.importer.equations import Cyclic, equated, equations
 from pcontact.importer.findings import Findings
 from pcontact.importer.groups import Groups
 from pcontact.importer.history import factors
-from pcontact.importer.materials import bodies, integration_of, materials, order_of
+from pcontact.importer.materials import bodies, integration_of, materials, order_of, straighten
 from pcontact.importer.pretensions import Pretensions
 from pcontact.importer.references import References
 from pcontact.importer.steps import OUTPUT, read_steps
@@ -20,9 +20,13 @@ from pcontact.importer.tools import ANALYTICAL, Tools
 
 # thermal strain up to which small strain stands for any: its square is what it leaves out
 SMALL = 0.01
-# cards that the mesh consists of
-STRUCTURE = ("NODE", "NSET", "ELSET", "INCLUDE", "SYSTEM", "PART", "ENDPART", "INSTANCE", "ENDINSTANCE", "ASSEMBLY",
-             "ENDASSEMBLY")  # fmt: skip
+# cards that the mesh consists of, with parameters that they have beside those of sets
+STRUCTURE = {
+    "NODE": (), "NSET": (), "ELSET": (), "INCLUDE": (), "SYSTEM": (), "PART": ("NAME",), "ENDPART": (),
+    "INSTANCE": ("NAME", "PART"), "ENDINSTANCE": (), "ASSEMBLY": ("NAME",), "ENDASSEMBLY": (), "NGEN": ("LINE",),
+    "NFILL": ("BIAS",), "NCOPY": ("OLDSET", "NEWSET", "CHANGENUMBER", "SHIFT"), "ELGEN": (),
+    "ELCOPY": ("OLDSET", "NEWSET", "ELEMENTSHIFT", "SHIFTNODES"),
+}  # fmt: skip
 # part of the range by which temperatures may be off a linear function of the place
 _LINEAR = 1e-9
 
@@ -101,6 +105,8 @@ def translate(path, mesh_name):
     heat = _temperatures(deck, findings, groups, supports, parts, known, end)
     if finite is not None:
         finite = _finite(finite, findings, heat, _thermal(heat, known))
+    for key, table in known.items():
+        straighten(deck, findings, key, table, finite is not None)
     if finite is not None:
         for _, card in sections:
             findings.leave(card, "NLGEOM: sections of bolts are those of small strain")
@@ -161,7 +167,7 @@ def _say(card, findings):
         findings.skip(card)
     elif card.key in STRUCTURE:
         findings.know(card, "NSET", "ELSET", "GENERATE", "INPUT", "UNSORTED", "FREQUENCY", "INTERNAL", "INSTANCE",
-                      *(("NAME", "PART") if card.key not in ("NODE", "NSET", "ELSET", "INCLUDE") else ()))  # fmt: skip
+                      *STRUCTURE[card.key])  # fmt: skip
         findings.take(card)
     elif card.key == "SURFACE":
         findings.know(card, "NAME", "TYPE", "INTERNAL")

@@ -283,3 +283,78 @@ d.ref, 6, 6
     assert status == 0, words
     (contact,) = solved(scene)[-1]["contacts"].values()
     assert contact["force"][1] == pytest.approx(200.0, rel=1e-8)
+
+
+# -- counted meshes, rubber, tractions -----------------------------------------------------------------------------
+
+COUNTED = """*NODE
+1, 0., 0.
+5, 2., 0.
+101, 0., 1.
+105, 2., 1.
+*NGEN, NSET=low
+1, 5, 1
+*NGEN, NSET=high
+101, 105, 1
+*NFILL, NSET=all
+low, high, 4, 25
+*ELEMENT, TYPE=CPE4
+1, 1, 2, 27, 26
+*ELGEN, ELSET=e
+1, 4, 1, 1, 4, 25, 4
+*SOLID SECTION, ELSET=e, MATERIAL=steel
+1.,
+*MATERIAL, NAME=steel
+*ELASTIC
+200000., 0.
+*NSET, NSET=left, GENERATE
+1, 101, 25
+*SURFACE, NAME=right
+e, S2
+*BOUNDARY
+left, 1, 1
+1, 2, 2
+"""
+
+
+def test_a_mesh_that_is_counted_out(tmp_path):
+    """4 x 4 elements of a plate, 2 long: a traction draws it by p L / E."""
+    deck = COUNTED.replace("e, S2", "4, S2\n8, S2\n12, S2\n16, S2")
+    steps = "*STEP\n*STATIC\n*DSLOAD, FOLLOWER=NO\nright, TRVEC, 100., 2., 0., 0.\n*END STEP\n"
+    status, words, scene = imported(tmp_path, deck + steps)
+    assert status == 0, words
+    (load,) = scene.loads
+    assert load.traction == (100.0, 0.0)
+    step = solved(scene, ["right"])[-1]
+    assert step["probes"]["right"]["mean"][0] == pytest.approx(100.0 * 2.0 / 200000.0, rel=1e-9)
+
+
+def test_nodes_on_an_arc_and_copies(tmp_path):
+    text = "*NODE\n1, 1., 0.\n7, 0., 1.\n9, 0., 0.\n*NGEN, LINE=C, NSET=arc\n1, 7, 1, 9\n"
+    text += "*NCOPY, OLD SET=arc, NEW SET=up, CHANGE NUMBER=100, SHIFT\n0., 0., 2.\n0., 0., 0., 0., 0., 1., 90.\n"
+    text += "*ELEMENT, TYPE=C3D4\n1, 1, 4, 7, 101\n*ELCOPY, ELEMENT SHIFT=10, SHIFT NODES=0, OLD SET=s, NEW SET=t\n"
+    text = text.replace("*ELCOPY", "*ELSET, ELSET=s\n1,\n*ELCOPY")
+    (tmp_path / "deck.inp").write_text(text)
+    deck = read_deck(tmp_path / "deck.inp")
+    np.testing.assert_allclose(deck.nodes[4], [0.5**0.5, 0.5**0.5, 0.0], atol=1e-15)
+    np.testing.assert_allclose(deck.nodes[104], [-(0.5**0.5), 0.5**0.5, 2.0], atol=1e-15)
+    assert deck.node_sets["UP"] == list(range(101, 108)) and deck.element_sets["T"] == [11]
+
+
+@pytest.mark.parametrize(("card", "constants"), [
+    ("NEO HOOKE", "0.5, 0.01"), ("MOONEY-RIVLIN", "0.3, 0.2, 0.01"), ("OGDEN, N=1", "1.0, 2.0, 0.01"),
+])  # fmt: skip
+def test_rubber(tmp_path, card, constants):
+    """Three laws with the shear modulus 1 and K = 200; without NLGEOM as stiff as they begin."""
+    deck = COUNTED.replace("e, S2", "4, S2").replace("*ELASTIC\n200000., 0.", f"*HYPERELASTIC, {card}\n{constants}")
+    steps = "*STEP, NLGEOM=YES\n*STATIC\n*BOUNDARY\n105, 1, 1, 0.1\n*END STEP\n"
+    status, words, scene = imported(tmp_path, deck + steps)
+    assert status == 0, words
+    (material,) = scene.materials.values()
+    assert material.law == card.split(",")[0].lower().replace("-", "_").replace(" ", "_")
+    shear, bulk = material.E / (2 + 2 * material.nu), material.E / (3 - 6 * material.nu)
+    assert shear == pytest.approx(1.0) and bulk == pytest.approx(200.0)
+    step = solved(scene, ["right"])[-1]
+    assert 0.0 < step["probes"]["right"]["mean"][0] <= 0.1
+    _, words, scene = imported(tmp_path, deck + steps.replace("=YES", "=NO"))
+    assert next(iter(scene.materials.values())).law == "hencky" and "as stiff as it is at its beginning" in words
