@@ -23,6 +23,7 @@ from pcontact.element.reference import CELLS, facet_kinds
 from pcontact.material.elastic import in_plane, lame
 from pcontact.material.finite import FiniteMaterial
 from pcontact.material.hardening import hardening_curve, hardening_table
+from pcontact.material.orthotropic import Orthotropic, frame, stiffness
 from pcontact.material.plastic import VonMises, plastic_constants
 from pcontact.mesh.groups import RawMesh
 from pcontact.mesh.load import load_mesh
@@ -168,7 +169,30 @@ def _finite(material, kinematics):
     return FiniteMaterial(small, terms, material.multiplicative, 0.0, 0.0)
 
 
-def bulk_item(scene, space, constants):
+def orthotropic_bodies(scene, dim):
+    """Elasticity of the orthotropic bodies of a scene, by their numbers."""
+    found = {}
+    for number, body in enumerate(scene.bodies):
+        material = scene.materials[body.material]
+        if material.orthotropic:
+            moduli = stiffness(material.E, material.nu, material.G)
+            around = None if material.point is None else (material.point, material.axis or (0.0, 0.0, 1.0))
+            found[number] = Orthotropic(
+                moduli, frame(*material.frame), dim, scene.mesh.kinematics, around, material.expansion
+            )
+    return found
+
+
+def constants_of(scene, orthotropic):
+    """Lame constants of the bodies of a scene in its kinematics, of orthotropic ones the nearest [stress]."""
+    materials = [scene.materials[body.material] for body in scene.bodies]
+    return [
+        orthotropic[number].constants if number in orthotropic else
+        in_plane(*lame(material.E, material.nu), scene.mesh.kinematics) for number, material in enumerate(materials)
+    ]  # fmt: skip
+
+
+def bulk_item(scene, space, constants, orthotropic):
     """The item of all bodies: an elastic one unless a body may yield, or has finite strain. *Collective.*"""
     materials = [scene.materials[body.material] for body in scene.bodies]
     finite = [_finite(material, scene.mesh.kinematics) if scene.finite(body) else None
@@ -181,9 +205,11 @@ def bulk_item(scene, space, constants):
             return MixedBulk(space, constants, small, finite)
         heat = _heat(scene, space, constants)
         if heat is not None:
-            return HeatedPlasticBulk(heat, space, constants, small) if any(small) else HeatedElasticBulk(
-                heat, space, constants)  # fmt: skip
-        return PlasticBulk(space, constants, small) if any(small) else ElasticBulk(space, constants)
+            return HeatedPlasticBulk(heat, space, constants, small, orthotropic) if any(small) else HeatedElasticBulk(
+                heat, space, constants, orthotropic)  # fmt: skip
+        if any(small):
+            return PlasticBulk(space, constants, small, orthotropic)
+        return ElasticBulk(space, constants, orthotropic)
 
 
 def _stabilisation(space, scene, constants, free):
@@ -235,17 +261,17 @@ def _check_estimate(scene, space):
 
 
 def _check_locking(scene, space):
-    """Refuse, or warn of, bodies that are too stiff because their simplices of degree 1 lock. *Collective.*"""
-    mine = {block.body for block in space.mesh.blocks if len(block.nodes) and CELLS[block.cell].is_simplex}
+    """Refuse, or warn of, bodies that are too stiff because their simplices of degree 1 lock, or all of their cells of
+    degree 1 where they have no mean dilatation. *Collective.*"""
+    mine = {block.body for block in space.mesh.blocks if len(block.nodes) and (
+        CELLS[block.cell].is_simplex or scene.materials[scene.bodies[block.body].material].orthotropic)}  # fmt: skip
     bodies = set().union(*space.comm.allgather(mine)) if space.degree == 1 else set()
     for number in sorted(bodies):
         body = scene.bodies[number]
         if scene.locks(body):
             unsafe(
                 scene, "locking", f"materials.{body.material}.nu",
-                f"{scene.materials[body.material].nu:g} in triangles or tetrahedra of degree 1 (body {body.region}), "
-                "much too stiff then (locking)",
-                f"order = 2, or quadrilaterals or hexahedra, or nu <= {LOCKING:g}",
+                _stiff(scene, body), f"order = 2, or quadrilaterals or hexahedra, or nu <= {LOCKING:g}",
             )  # fmt: skip
         elif scene.yields(body) and space.kinematics != "plane_stress":
             log.warning(
@@ -253,8 +279,17 @@ def _check_locking(scene, space):
                 "stiff (locking); remedy: order = 2, or quadrilaterals or hexahedra",
                 body.region,
             )  # fmt: skip
-    if space.degree == 2 and scene.mesh.mean_dilatation is False and space.kinematics != "plane_stress":
+    if space.degree == 2 and space.kinematics != "plane_stress":
         _warn_of_stress(scene)
+
+
+def _stiff(scene, body):
+    """Why a body of degree 1 is too stiff."""
+    material = scene.materials[body.material]
+    if material.orthotropic:
+        return (f"{list(material.nu)} in cells of degree 1 (body {body.region}), as nu = {material.poisson:.4g} of an "
+                "isotropic body: much too stiff (locking)")  # fmt: skip
+    return f"{material.nu:g} in triangles or tetrahedra of degree 1 (body {body.region}), much too stiff then (locking)"
 
 
 def _followers(scene, space, supports):
@@ -471,8 +506,14 @@ def _check_joined(scene, space):
 def _warn_of_stress(scene):
     """Say in which bodies the pressure is much less accurate than the displacement."""
     for body in scene.bodies:
-        nu = scene.materials[body.material].nu
-        if nu > POOR:
+        material = scene.materials[body.material]
+        nu = material.poisson
+        if nu > POOR and material.orthotropic:
+            log.warning(
+                "body %s: the orthotropic material is nearly incompressible, as nu = %.4g of an isotropic one: stress "
+                "and contact pressure are less accurate (locking); remedy: smaller cells", body.region, nu,
+            )  # fmt: skip
+        elif nu > POOR and scene.mesh.mean_dilatation is False:
             log.warning(
                 "body %s: nu = %g: without mean dilatation cells of degree 2 multiply errors of the volume change by "
                 "%.0f in stress and contact pressure (locking); remedy: no mean_dilatation = false",
@@ -511,24 +552,23 @@ def assemble(scene, mesh, span=None, more=()):
     floating : dict of int to ndarray (m, n_modes)
         Components that nothing holds, and the rigid motions that they have left.
     """
-    kinematics, materials = scene.mesh.kinematics, [scene.materials[b.material] for b in scene.bodies]
-    constants = [in_plane(*lame(material.E, material.nu), kinematics) for material in materials]
+    orthotropic = orthotropic_bodies(scene, mesh.dim)
     averaged = [
         [number for number, body in enumerate(scene.bodies) if scene.averages(body, simplices)]
         for simplices in (False, True)
     ]
     reduced = [number for number, body in enumerate(scene.bodies) if body.integration == "reduced"]
-    space = Space(mesh, scene.mesh.order, kinematics, *averaged, reduced)
+    space = Space(mesh, scene.mesh.order, scene.mesh.kinematics, *averaged, reduced)
     try:
-        return _assemble(scene, space, constants, span, more)
+        return _assemble(scene, space, orthotropic, span, more)
     except TOLD:
         space.exchanger.free()
         raise
 
 
-def _assemble(scene, space, constants, span, more):
+def _assemble(scene, space, orthotropic, span, more):
     """See :func:`assemble`. *Collective.*"""
-    end, mesh = scene.steps.end, space.mesh
+    end, mesh, constants = scene.steps.end, space.mesh, constants_of(scene, orthotropic)
     _check_estimate(scene, space)
     _check_locking(scene, space)
     _check_joined(scene, space)
@@ -543,12 +583,12 @@ def _assemble(scene, space, constants, span, more):
     forces += [section.force for section in sections if section.free]
     springs = [GroundSprings(space, spring) for spring in scene.springs]
     _check_turns(scene, space, supports)
-    bulk = bulk_item(scene, space, constants)
-    tied = tied_pairs(scene, space, constants, bulk)
+    bulk = bulk_item(scene, space, constants, orthotropic)
+    tied = tied_pairs(scene, space, bulk)
     eta = scene.steps.viscous_stabilisation
     # dashpots hold every body: where it goes is no longer open
     free = free_motions(space, supports, [*springs, *supports.groups]) if eta is None else {}
-    contacts, edges = contact_reports(scene, space, constants, supports, free, bulk, tied)
+    contacts, edges = contact_reports(scene, space, supports, free, bulk, tied)
     _announce(mesh, free)
     items = [bulk, *(pair for contact in contacts for pair in contact.pairs), *_followers(scene, space, supports)]
     items += [*springs, *_spinning(scene, space), *(make(space) for make in more)]

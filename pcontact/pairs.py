@@ -17,6 +17,7 @@ from pcontact.contact.surface.rigid_surface import RigidSurface
 from pcontact.contact.surface.sides import components_of, diameters, extents, source_surface, target_surface
 from pcontact.contact.surface.smooth_geometry import Chords, smooth_surface
 from pcontact.contact.traction.heated import HeatedTraction
+from pcontact.contact.traction.orthotropic import OrthotropicTrace, OrthotropicTraction
 from pcontact.contact.traction.plastic import PlasticTrace
 from pcontact.contact.unbiased import contacts_of_halves, halved, is_unbiased
 from pcontact.mesh.mesh import size_of
@@ -100,11 +101,21 @@ def pair_of(space, bulk, contact, source, target, radius, floats=False):
     if bulk.finite is not None and _moves(space, bulk, source, target):
         return finite_pair(space, bulk, contact, source, target, radius, floats, trace)
     pair = contact_pair(space, contact, source, target, radius, floats, trace)
+    if bulk.orthotropic and contact.formulation == "nitsche":
+        _turn(space, bulk, contact, pair)
     if bulk.heat is not None and contact.formulation == "nitsche":
         heated = bulk.heat.trace(source, contact.source)
         if heated is not None:
             pair.terms.traction = HeatedTraction(pair.terms.traction, heated)
     return pair
+
+
+def _turn(space, bulk, contact, pair):
+    """Add to the traction of a pair what orthotropic cells of its source have of their own. *Collective.*"""
+    trace, method = OrthotropicTrace(space, bulk.orthotropic, pair.source, contact.source), pair.method
+    if not space.comm.allreduce(len(trace.rows), op=MPI.SUM):
+        return
+    pair.terms.traction = OrthotropicTraction(pair.terms.traction, trace, method.theta != 0.0)
 
 
 def _cuts(space, contact, source, target):
@@ -142,7 +153,7 @@ def _halves(scene, space, bulk, contact, supports, radius, floats, smooth):
     """The pairs of a contact both surfaces of which are source and target, or of self contact. *Collective.*"""
     halves = []
     for one in contacts_of_halves(contact):
-        source = source_surface(space, one.source, bulk.constants, one.quadrature)
+        source = source_surface(space, one.source, bulk.constants, one.quadrature, bulk.orthotropic)
         _require_area(scene, space, one, source)
         target = target_surface(space, one.target, rim=one.source != one.target)
         if one.source == one.target:
@@ -187,12 +198,12 @@ def _tied_radius(space, source, target):
     return space.comm.allreduce(own, op=MPI.MAX)
 
 
-def tied_pairs(scene, space, constants, bulk):
+def tied_pairs(scene, space, bulk):
     """The tied pairs. Bodies that they join are one connected component from here on. *Collective.*
 
     Parameters
     ----------
-    scene, space, constants, bulk
+    scene, space, bulk
         As in :func:`contact_reports`.
 
     Returns
@@ -204,7 +215,7 @@ def tied_pairs(scene, space, constants, bulk):
     for number, contact in enumerate(scene.contacts):
         if not contact.tied:
             continue
-        source = source_surface(space, contact.source, constants, contact.quadrature)
+        source = source_surface(space, contact.source, bulk.constants, contact.quadrature, bulk.orthotropic)
         _require_area(scene, space, contact, source)
         target = target_surface(space, contact.target)
         radius = contact.search_radius or _tied_radius(space, source, target)
@@ -337,12 +348,12 @@ def _rigid(scene, space, number):
     return RigidObstacle(obstacle, factor, size_of(space.mesh), surface=RigidSurface(surface, obstacle.inside))
 
 
-def _source(scene, space, constants, supports, contact, known):
+def _source(scene, space, bulk, supports, contact, known):
     """The source of a contact; obstacles around the same bodies share one, by what it depends on. *Collective.*"""
     key = contact.all, contact.source, contact.quadrature, contact_law(contact).tangential
     if contact.obstacle is not None and key in known:
         return known[key]
-    source = source_surface(space, contact.source, constants, contact.quadrature)
+    source = source_surface(space, contact.source, bulk.constants, contact.quadrature, bulk.orthotropic)
     _require_area(scene, space, contact, source)
     if contact.all:
         source = _muted(scene, space, supports, contact, source)
@@ -351,15 +362,13 @@ def _source(scene, space, constants, supports, contact, known):
     return source
 
 
-def contact_reports(scene, space, constants, supports, free, bulk, tied):
+def contact_reports(scene, space, supports, free, bulk, tied):
     """The pairs of all contacts, and which components can meet. *Collective.*
 
     Parameters
     ----------
     scene : pcontact.scene.model.Scene
     space : pcontact.space.space.Space
-    constants : list of (float, float)
-        Lame constants of each body [stress].
     supports : pcontact.space.supports.Supports
     free : dict of int to ndarray (m, n_modes)
         Components that the supports do not hold, and the rigid motions left to them.
@@ -396,7 +405,7 @@ def contact_reports(scene, space, constants, supports, free, bulk, tied):
             halves = _halves(scene, space, bulk, contact, supports, radius, floats, smooth)
             reports.append(ContactReport(contact, halves))
             continue
-        source = _source(scene, space, constants, supports, contact, sources)
+        source = _source(scene, space, bulk, supports, contact, sources)
         target = target_surface(space, contact.target) if contact.obstacle is None else _rigid(scene, space, number)
         source, target = _fitted(space, contact, source, target, radius)
         pair = pair_of(space, bulk, contact, source, target, radius, floats)
@@ -417,7 +426,7 @@ def contact_reports(scene, space, constants, supports, free, bulk, tied):
 def _warn_of_jumps(reports):
     """Say which contacts have a residual that jumps: sources that may yield, with the consistent adjoint."""
     for report in reports:
-        if any(pair.terms.traction.consistent for pair in report.pairs):
+        if any(pair.terms.traction.jumps for pair in report.pairs):
             log.warning(
                 'contact %s: adjoint = "consistent": the residual jumps where a cell yields, a load step may have more '
                 "than one solution, or none; this is one; remedy: smaller load steps, or the elastic adjoint",

@@ -6,6 +6,7 @@ from pcontact.assembly.distortion import distortions
 from pcontact.assembly.geometry import chunks, hoop, points_of
 from pcontact.assembly.graph import find, multiply, node_graph
 from pcontact.assembly.item import LAW, Bulk
+from pcontact.assembly.orthotropic import add_block, add_stress
 from pcontact.assembly.pattern import OwnedRows
 from pcontact.element.dilatation import linear, squares
 from pcontact.material.elastic import mean_stress
@@ -97,6 +98,8 @@ class ElasticBulk(Bulk):
     space : pcontact.space.space.Space
     constants : list of (float, float)
         Lame constants of each body of the scene [stress], see `pcontact.material.elastic.in_plane` for plane stress.
+    orthotropic : dict of int to pcontact.material.orthotropic.Orthotropic, optional
+        By body, what is to be added to the stiffness of its constants.
 
     Attributes
     ----------
@@ -112,8 +115,8 @@ class ElasticBulk(Bulk):
 
     changes = False
 
-    def __init__(self, space, constants):
-        self.space, self.constants = space, constants
+    def __init__(self, space, constants, orthotropic=None):
+        self.space, self.constants, self.orthotropic = space, constants, orthotropic or {}
         rowptr, columns = node_graph(space.cells, space.n_local)
         local = np.zeros((len(columns), space.dim, space.dim))
         for number, block in enumerate(space.mesh.blocks):
@@ -128,6 +131,8 @@ class ElasticBulk(Bulk):
                     at = points_of(space, number, rows) if averaged and linear(block.cell, space.degree) else None
                     parts = squares(grad, jxw, ring, averaged, space.degree, lam, mu, at)
                     add_squares(*parts, cells, rowptr, columns, local)
+            if block.body in self.orthotropic:
+                add_block(space, number, self.orthotropic[block.body], rowptr, columns, local)
         owned = OwnedRows(space.numbering, space.exchanger, space.nodes, rowptr, columns)
         self.rowptr, self.columns = owned.rowptr, owned.columns
         self.values = owned.sum(local)
@@ -187,6 +192,8 @@ class ElasticBulk(Bulk):
                     strain = np.einsum("cq,cqa,ca->c", jxw, ring, nodal[cells, 0]) / volume[rows]
                     stress[rows, :3] += lam * strain[:, None]
                     stress[rows, 2] += 2.0 * mu * strain
+            if block.body in self.orthotropic:
+                add_stress(self.space, number, self.orthotropic[block.body], nodal, stress)
             if self.space.kinematics == "plane_stress":
                 stress[:, 2] = 0.0
             result.append((stress, volume))

@@ -292,6 +292,8 @@ class Bulk(Item):
     ----------
     constants : list of (float, float)
         Lame constants of each body [stress].
+    orthotropic : dict of int to pcontact.material.orthotropic.Orthotropic
+        By body, elasticity of which the constants are the nearest isotropic ones.
     yields : bool
         Whether bodies may yield.
     extrapolates : bool
@@ -308,7 +310,7 @@ class Bulk(Item):
 
     constants = ()
     yields = extrapolates = False
-    states, parts, finite, heat = {}, {}, None, None
+    orthotropic, states, parts, finite, heat = {}, {}, {}, None, None
 
     def counters(self):
         """Quadrature points with internal variables."""

@@ -32,6 +32,8 @@ class PlasticBulk(ElasticBulk):
         See :class:`ElasticBulk`.
     materials : list of (ndarray (3,), ndarray (k, 3)) or None
         Constants and hardening curve of each body (`pcontact.material.plastic`); None for elastic bodies.
+    orthotropic : dict, optional
+        See :class:`ElasticBulk`.
 
     Attributes
     ----------
@@ -46,8 +48,8 @@ class PlasticBulk(ElasticBulk):
     changes = yields = True
     name = "bodies that may yield"
 
-    def __init__(self, space, constants, materials):
-        super().__init__(space, constants)
+    def __init__(self, space, constants, materials, orthotropic=None):
+        super().__init__(space, constants, orthotropic)
         self.states = {}
         for number, block in enumerate(space.mesh.blocks):
             if materials[block.body] is not None:

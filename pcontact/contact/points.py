@@ -60,26 +60,28 @@ class PartnerPoints(NamedTuple):
 
 
 class Excess(NamedTuple):
-    """What the stress of cells that yield adds to the derivative of the traction, see `pcontact.contact.traction`.
+    """What the stress of cells that yield, or are orthotropic, adds to the derivative of the traction.
+
+    See `pcontact.contact.traction`.
 
     Attributes
     ----------
     at : ndarray (np,)
-        Row of each point in ``rows``, -1 where the cell is elastic; of length 0 where no cell may yield.
+        Row of each point in ``rows``, -1 where the cell is elastic and isotropic; of length 0 where all cells are.
     rows : ndarray (n, nn, d, d)
         [stress/length]
-    consistent : bool
-        Whether the adjoint operator has it, too.
+    adjoint : int
+        The adjoint operator has the rows from this one on, too.
     """
 
     at: np.ndarray
     rows: np.ndarray
-    consistent: bool
+    adjoint: int
 
 
 def no_excess(n_nodes, d):
     """The :class:`Excess` of cells of n_nodes nodes that cannot yield."""
-    return Excess(np.zeros(0, dtype=np.int64), np.zeros((0, n_nodes, d, d)), False)
+    return Excess(np.zeros(0, dtype=np.int64), np.zeros((0, n_nodes, d, d)), 0)
 
 
 @njit

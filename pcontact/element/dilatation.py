@@ -59,11 +59,14 @@ class Dilatation(NamedTuple):
         Mean dilatation.
     reduced : bool
         Reduced integration, see `pcontact.element.reduced`; without axial symmetry.
+    law : pcontact.material.orthotropic.Orthotropic or None
+        Elasticity of which lam and mu are the nearest isotropic constants; without mean dilatation.
     """
 
     axisymmetric: bool
     averaged: bool
     reduced: bool = False
+    law: object = None
 
 
 # lam div u alone

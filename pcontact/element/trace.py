@@ -7,7 +7,13 @@ and the moduli (Warburton and Hesthaven 2003 for the polynomial inequality on si
 integrals have the weight r, the energy has the hoop strain, and nodes on the axis do not move along r; with mean
 dilatation stress and energy are those of `pcontact.element.dilatation`, with reduced integration those of
 `pcontact.element.reduced`.
+
+Of an orthotropic body lam and mu are those of the nearest isotropic one, and C_dev is added, see
+`pcontact.material.orthotropic`. |sigma n|^2 <= a sigma : eps with a the largest eigenvalue of the acoustic tensor
+n . C . n, which is lam + 2 mu of an isotropic body: it stands in its place in the closed form.
 """
+
+from functools import partial
 
 import numpy as np
 
@@ -25,6 +31,8 @@ _STRAIGHT = 1e-8
 _RIGID = 1e-12
 # A node is on the axis of symmetry if its radius is below this fraction of the cell's extent.
 _AXIS = 1e-8
+# A shear component of a tensor is this part of Mandel's.
+_HALF = np.sqrt(0.5)
 # Facets treated at once: their local matrices stay in the cache.
 _BATCH = 256
 
@@ -67,8 +75,11 @@ def trace_constant(cell, x, local_facet, geometry_degree, degree, lam, mu, kind=
     for members, on_degree in ((straight, 1), (~straight, geometry_degree)):
         kept = np.flatnonzero(members)
         nodes = x[kept, : n_nodes(cell, on_degree)]
-        if on_degree == 1 and CELLS[cell].is_simplex and not kind.axisymmetric:
-            result[kept] = _closed_form(cell, nodes, local_facet[kept], degree) * (lam + 2.0 * mu)[kept]
+        # where the stiffness varies within the cell there is no closed form
+        law, uniform = kind.law, kind.law is None or kind.law.uniform
+        if on_degree == 1 and CELLS[cell].is_simplex and not kind.axisymmetric and uniform:
+            modulus = (lam + 2.0 * mu)[kept] if law is None else law.acoustic(_normals(cell, nodes, local_facet[kept]))
+            result[kept] = _closed_form(cell, nodes, local_facet[kept], degree) * modulus
         else:
             result[kept] = _in_batches(cell, nodes, local_facet[kept], on_degree, degree, lam[kept], mu[kept], kind)
     return result
@@ -95,6 +106,12 @@ def _closed_form(cell, x, local_facet, degree):
     return degree * (degree + dim - 1) * root / det
 
 
+def _normals(cell, x, local_facet):
+    """Outward unit normals (nf, d) of facets of straight simplices."""
+    xi, weights = quadrature(CELLS[cell].facet, 1)
+    return facet_geometry(cell, np.ascontiguousarray(x), local_facet, 1, 1, xi, weights).normals[:, 0]
+
+
 def _in_batches(cell, x, local_facet, geometry_degree, degree, lam, mu, kind):
     """`_largest` of a few facets at a time, (nf,)."""
     result = np.empty(len(x))
@@ -117,10 +134,11 @@ def _largest(cell, x, local_facet, geometry_degree, degree, lam, mu, kind=PLAIN)
     if kind.axisymmetric:
         middle[:, :, 0] = 0.0  # radii stay what they are
     x, lam, mu = (x - middle) / extent[:, None, None], lam / modulus, mu / modulus
+    rest = None if kind.law is None else partial(_deviation, kind.law, middle, extent[:, None, None], modulus)
     # exact on parallelepipeds; one point more per direction where the Jacobian varies
     order = 2 * degree + 2 * (geometry_degree - 1)
-    stiffness = _stiffness((cell, geometry_degree, degree, DEGREE if kind.reduced else order), x, lam, mu, kind)
-    tractions = _tractions((cell, geometry_degree, degree, order), x, local_facet, lam, mu, kind)
+    stiffness = _stiffness((cell, geometry_degree, degree, DEGREE if kind.reduced else order), x, lam, mu, kind, rest)
+    tractions = _tractions((cell, geometry_degree, degree, order), x, local_facet, lam, mu, kind, rest)
     nodes = np.einsum("na,cai->cni", shape(cell, geometry_degree, reference_nodes(cell, degree)), x)
     if kind.axisymmetric:
         _hold_axis(nodes[:, :, 0] <= _AXIS, stiffness, tractions)
@@ -144,10 +162,30 @@ def _hold_axis(held, stiffness, tractions):
     tractions *= free[:, None, :]
 
 
-def _stiffness(layout, x, lam, mu, kind):
-    """Elastic stiffness, (nf, nn d, nn d), node by node."""
+def _deviation(law, middle, extent, modulus, points):
+    """C_dev (nf, nq, m, m) over a modulus (nf,) at points (nf, nq, d) of cells that were moved and scaled."""
+    moduli = law.deviation((points * extent + middle).reshape(-1, points.shape[2]))
+    shape = (1, 1) if len(moduli) == 1 else points.shape[:2]
+    return moduli.reshape(*shape, *moduli.shape[1:]) / modulus[:, None, None, None]
+
+
+def _strains(grad, hoop):
+    """Strain operator (nf, nq, m, nn d) in Mandel components, of gradients (nf, nq, nn, d) and N / r or None."""
+    *shape, nn, d = grad.shape
+    out = np.zeros((*shape, 6 if d == 3 else 4, nn, d))
+    for i in range(d):
+        out[..., i, :, i] = grad[..., i]
+    for k, (i, j) in enumerate(((0, 1), (1, 2), (0, 2))[: 3 if d == 3 else 1], start=3):
+        out[..., k, :, i], out[..., k, :, j] = _HALF * grad[..., j], _HALF * grad[..., i]
+    if hoop is not None:
+        out[..., 2, :, 0] = hoop
+    return out.reshape(*shape, -1, nn * d)
+
+
+def _stiffness(layout, x, lam, mu, kind, rest=None):
+    """Elastic stiffness, (nf, nn d, nn d), node by node; `rest` gives what is added to that of the constants."""
     cell, geometry_degree, degree, order = layout
-    axisymmetric, averaged, _ = kind
+    axisymmetric, averaged = kind.axisymmetric, kind.averaged
     points, weights = quadrature(cell, order)
     dgeo, dshape = shape_gradient(cell, geometry_degree, points), shape_gradient(cell, degree, points)
     grad, jxw = np.empty((len(x), *dshape.shape)), np.empty((len(x), len(weights)))
@@ -164,13 +202,18 @@ def _stiffness(layout, x, lam, mu, kind):
         operators, factor = squares(grad, jxw, hoop, averaged, degree, lam, mu, at)
         operators = operators.reshape(len(x), -1, size)
         stiffness += operators.transpose(0, 2, 1) @ (factor[:, :, None] * operators)
+    if rest is not None:
+        strain = _strains(grad, hoop)
+        pulled = jxw[:, :, None, None] * (rest(shape(cell, geometry_degree, points) @ x) @ strain)
+        rows = strain.shape[1] * strain.shape[2]
+        stiffness += strain.reshape(len(x), rows, size).transpose(0, 2, 1) @ pulled.reshape(len(x), rows, size)
     return stiffness
 
 
-def _tractions(layout, x, local_facet, lam, mu, kind):
+def _tractions(layout, x, local_facet, lam, mu, kind, rest=None):
     """Tractions of the shape functions at facet points times the root of the weight, (nf, nq d, nn d)."""
     cell, geometry_degree, degree, order = layout
-    axisymmetric, averaged, reduced = kind
+    axisymmetric, averaged, reduced = kind.axisymmetric, kind.averaged, kind.reduced
     xi, weights = quadrature(CELLS[cell].facet, order)
     facets = facet_geometry(cell, x, local_facet, geometry_degree, degree, xi, weights)
     normals, grad, weight, hoop = facets.normals, facets.gradients, facets.jxw, None
@@ -193,7 +236,20 @@ def _tractions(layout, x, local_facet, lam, mu, kind):
         result[:, :, k] = root * normals[:, :, k, None, None] * volumetric
         result[:, :, k] += root * mu * grad[..., k, None] * normals[:, :, None, :]
         result[:, :, k, :, k] += along[..., 0]
+    if rest is not None:
+        stress = rest(facets.points) @ _strains(grad, hoop)
+        result += root[..., None] * _onto(stress, normals).reshape(result.shape)
     return result.reshape(nf, nq * dim, nn * dim)
+
+
+def _onto(stress, normals):
+    """Tractions (nf, nq, d, n) on normals (nf, nq, d) of stresses (nf, nq, m, n) in Mandel components."""
+    dim = normals.shape[2]
+    out = normals[..., None] * stress[:, :, :dim]
+    for k, (i, j) in enumerate(((0, 1), (1, 2), (0, 2))[: 3 if dim == 3 else 1], start=3):
+        out[:, :, i] += _HALF * normals[:, :, j, None] * stress[:, :, k]
+        out[:, :, j] += _HALF * normals[:, :, i, None] * stress[:, :, k]
+    return out
 
 
 def _rigid_stiffness(nodes, stiffness):

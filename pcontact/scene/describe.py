@@ -24,10 +24,21 @@ def _strains(scene):
         if bodies:
             names = [f"{name} ({kinds[name]})" if finite else name for name in kinds]
             lines.append(f"{words} elasticity: {', '.join(names)}")
+        turned = [f"{body.region} ({_axes(scene.materials[body.material])})" for body in bodies
+                  if scene.materials[body.material].orthotropic]  # fmt: skip
+        if turned:
+            lines.append(f"orthotropic: {', '.join(turned)}")
         plastic = _plastic(scene, finite)
         if plastic:
             lines.append(f"{words} von Mises plasticity: {', '.join(plastic)}")
     return lines
+
+
+def _axes(material):
+    """Where the axes of an orthotropic material are."""
+    first = " ".join(f"{value:.4g}" for value in material.frame[0])
+    around = "" if material.point is None else f" of radius, hoop and axis around {list(material.point)}"
+    return f"axis 1 along {first}{around}"
 
 
 def _hardening(material):

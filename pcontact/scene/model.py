@@ -5,6 +5,7 @@ Each key is declared here, and nowhere else, see `pcontact.scene.keys`. Nothing 
 tuples. Units are the user's own and must be consistent. None means "not said".
 """
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -24,13 +25,16 @@ from pcontact.runtime.rules import (
     sequence,
 )
 from pcontact.scene.keys import key, keys, table
+from pcontact.scene.orthotropic import equivalent_poisson
 from pcontact.scene.target import Budget, Target, preset_or_target
 from pcontact.scene.values import (
     AMPLITUDE,
+    AXES,
     COEFFICIENT,
     COEFFICIENTS,
     COMPONENTS,
     DIRECTION,
+    EXPANSION,
     EXPRESSION,
     FOUNDATION,
     FUNCTION,
@@ -38,14 +42,17 @@ from pcontact.scene.values import (
     MOMENT,
     MOONEY_RIVLIN,
     OGDEN,
+    POISSON,
     PRESSURE_OVERCLOSURE,
     ROTATION,
     SCALAR,
+    SHEAR,
     STIFFNESSES,
     TERMS,
     VECTOR,
     VECTORS,
     WAYS,
+    YOUNG,
 )
 
 # Poisson's ratio above which cells are too stiff, or lose the digits of the stress, as they are: those of degree 1, and
@@ -126,12 +133,15 @@ class MeshSpec:
 
 @table
 class Material:
-    """Isotropic elasticity; von Mises plasticity as well where `yield_stress` or `hardening_curve` is given."""
+    """Isotropic elasticity, or orthotropic where `E` is a list; von Mises plasticity as well where `yield_stress` or
+    `hardening_curve` is given."""
 
-    E: float = key(POSITIVE, "Young's modulus", unit="stress")
-    nu: float = key(
-        number(above=-1, below=0.5, words="a number with -1 < nu < 0.5; nearly incompressible: use e.g. 0.4999"),
-        "Poisson's ratio",
+    E: float | Sequence[float] = key(
+        YOUNG, "Young's modulus; of an orthotropic material one along each axis", unit="stress"
+    )
+    nu: float | Sequence[float] = key(
+        POISSON, "Poisson's ratio; of an orthotropic material nu12 is the contraction along axis 2 over the extension "
+        "along axis 1, under a stress along axis 1",
     )  # fmt: skip
     yield_stress: float | None = key(
         POSITIVE, "yield stress of a uniaxial test: the material yields (von Mises)", default=None, unit="stress",
@@ -167,14 +177,52 @@ class Material:
         otherwise="multiplicative, with `kinematic_hardening` additive",
         more="Additive is right for plastic strains up to some 0.3, and the only one with kinematic hardening",
     )  # fmt: skip
-    expansion: float | None = key(
-        number(), "thermal expansion, for `[[temperatures]]`",
+    expansion: float | Sequence[float] | None = key(
+        EXPANSION, "thermal expansion, for `[[temperatures]]`",
         default=None, unit="1 / temperature", otherwise="0", more="with small strain"
     )
     density: float | None = key(
         POSITIVE, "mass per volume, for `acceleration` and `angular_speed` of loads",
         default=None, unit="mass / length^3", otherwise="none"
     )
+    G: Sequence[float] | None = key(
+        SHEAR, "orthotropic: shear moduli", default=None, unit="stress", otherwise="must be said where `E` is a list",
+    )  # fmt: skip
+    axes: Sequence[Sequence[float]] | None = key(
+        AXES, "orthotropic: a vector along axis 1, and one that spans with it the plane of axes 1 and 2", default=None,
+        otherwise="[[1, 0, 0], [0, 1, 0]], the directions of the mesh", more="see below",
+    )  # fmt: skip
+    angle: float | None = key(
+        number(), "orthotropic, instead of `axes`: from x to axis 1, about z", default=None, unit="degrees",
+        otherwise="0", more="positive: counterclockwise, from x to y",
+    )  # fmt: skip
+    point: Sequence[float] | None = key(
+        VECTOR, "orthotropic: the axes go around an axis through this point", default=None, unit="length",
+        otherwise="they are the same everywhere", more="x, y, z of `axes` and `angle` are then the radial, the hoop "
+        "and the axial direction",
+    )  # fmt: skip
+    axis: Sequence[float] | None = key(
+        DIRECTION, "with `point`, in space: direction of that axis, of any length", default=None,
+        otherwise="must be said with `point`",
+    )  # fmt: skip
+
+    @property
+    def orthotropic(self) -> bool:
+        """Whether it has constants of its own along three axes."""
+        return isinstance(self.E, list | tuple)
+
+    @property
+    def frame(self) -> Sequence[Sequence[float]]:
+        """Vectors along axis 1, and in the plane of axes 1 and 2."""
+        if self.angle is not None:
+            cosine, sine = math.cos(math.radians(self.angle)), math.sin(math.radians(self.angle))
+            return (cosine, sine, 0.0), (-sine, cosine, 0.0)
+        return self.axes or ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
+
+    @property
+    def poisson(self) -> float:
+        """Poisson's ratio; of an orthotropic material that of the nearest isotropic one."""
+        return equivalent_poisson(self.E, self.nu, self.G) if self.orthotropic else self.nu
 
     @property
     def plastic(self) -> bool:
@@ -900,7 +948,7 @@ class Scene:
 
     def locks(self, body: Body) -> bool:
         """Whether cells are too stiff in a body: Poisson's ratio is near 0.5, and not in plane stress."""
-        return self.mesh.kinematics != "plane_stress" and self.materials[body.material].nu > LOCKING
+        return self.mesh.kinematics != "plane_stress" and self.materials[body.material].poisson > LOCKING
 
     def averages(self, body: Body, simplices: bool = False) -> bool:
         """Whether a body's quadrilaterals and hexahedra, or its triangles and tetrahedra, take their mean dilatation.
@@ -908,6 +956,8 @@ class Scene:
         Triangles and tetrahedra of degree 1 cannot: their dilatation is constant as it is.
         """
         if self.mesh.kinematics == "plane_stress" or (simplices and self.mesh.order != 2):
+            return False
+        if self.materials[body.material].orthotropic:
             return False
         if self.mesh.mean_dilatation is not None:
             return self.mesh.mean_dilatation

@@ -15,6 +15,7 @@ from pcontact.scene.model import (
     Displacement,
     Equation,
     Load,
+    Material,
     MeshSpec,
     Obstacle,
     Periodic,
@@ -23,6 +24,7 @@ from pcontact.scene.model import (
     Spring,
     Temperature,
 )
+from pcontact.scene.orthotropic import across_plane
 from pcontact.scene.places import tables
 from pcontact.scene.prescribed import names
 
@@ -38,6 +40,7 @@ _VECTORS = {
     Spring: ("stiffness",),
     Coupling: ("point", "displacement"),
     Periodic: ("translation", "point", "axis"),
+    Material: ("point", "axis"),
     Obstacle: ("point", "normal", "center", "axis", "displacement", "pivot", "turn_axis"),
 }
 _EXPRESSIONS = {
@@ -74,6 +77,8 @@ def check_dimension(scene: Scene, dim: int) -> None:
         if isinstance(table, MeshSpec) and table.kinematics != "plane_strain" and dim == 3:
             found = f'"{table.kinematics}" with a 3D mesh'
             raise input_error(scene.where, "mesh.kinematics", found, "no such key, it is for 2D meshes only")
+        if isinstance(table, Material) and table.orthotropic:
+            _check_frame(scene, where, table, dim)
         if isinstance(table, Spring) and isinstance(table.per_area, tuple) and len(table.per_area) != dim:
             found = f"{len(table.per_area)} entries, {list(table.per_area)}"
             raise input_error(scene.where, f"{where}.per_area", found, f"a number, or {dim} entries: it is {dim}D")
@@ -105,6 +110,17 @@ def check_dimension(scene: Scene, dim: int) -> None:
         if isinstance(table, Obstacle) and table.shape in SPATIAL and dim == 2:
             allowed = '"plane" | "sphere" (a circle) | "punch" | "wedge" | "level_set"'
             raise input_error(scene.where, f"{where}.shape", f'"{table.shape}" with a 2D mesh', allowed)
+
+
+def _check_frame(scene, where, material, dim):
+    """An axis in space, and none in the plane, across which one of the axes of the material is."""
+    if material.point is not None and (material.axis is None) != (dim == 2):
+        found = "nothing" if material.axis is None else f"{list(material.axis)} with a 2D mesh"
+        allowed = keys(Material)["axis"].rule.allowed if dim == 3 else "nothing, it is across the plane"
+        raise input_error(scene.where, f"{where}.axis", found, allowed)
+    if dim == 2 and not across_plane(*material.frame):
+        found = f"{[list(one) for one in material.frame]} with a 2D mesh"
+        raise input_error(scene.where, f"{where}.axes", found, "one of the three axes across the plane, along z")
 
 
 def _check_edge(scene, where, obstacle, dim):

@@ -24,6 +24,7 @@ from pcontact.scene.model import (
     Scene,
     Spring,
 )
+from pcontact.scene.orthotropic import indefinite, parallel
 from pcontact.scene.phase_checks import check_phase_names, check_phases
 from pcontact.scene.phases import scene_of
 from pcontact.scene.places import place, tables
@@ -35,6 +36,8 @@ ALIKE = 0.5  # likeness of two file names above which one may be meant by the ot
 ALIKE_MODULI = 1e-3  # relative difference of Young's modulus and that of the terms of rubber
 MOST_PAIRS = 26  # of two surfaces beside a contact of all: a bit for each surface fits into the digits of a number
 SMALLEST = 1e-12  # of the run: the shortest step
+# keys of materials that are orthotropic
+ORTHOTROPIC = ("G", "axes", "angle", "point", "axis")
 # keys of contacts that mean nothing where surfaces are tied
 NOT_TIED = (
     "friction", "tresca", "bilateral", "unbiased", "obstacle", "interference", "smooth_geometry", "adjust_within",
@@ -269,7 +272,52 @@ def _check_unique(scene, key, attribute):
         seen[name] = index
 
 
+def _check_orthotropic(scene, where, material):
+    """Constants along three axes belong together, give every strain an energy, and are those of small strain."""
+    if not material.orthotropic:
+        said = [key for key in ("nu", "expansion") if isinstance(getattr(material, key), tuple)]
+        for key in said + [key for key in ORTHOTROPIC if getattr(material, key) is not None]:
+            value = getattr(material, key)
+            found = f"{shown(list(value) if isinstance(value, tuple) else value)} without Young's moduli of three axes"
+            raise input_error(scene.where, f"{where}.{key}", found, "E = [E1, E2, E3] as well")
+        return
+    for key in ("nu", "G", "expansion"):
+        value = getattr(material, key)
+        if not isinstance(value, tuple) and not (key == "expansion" and value is None):
+            found = f"{'nothing' if value is None else shown(value)} together with E of three axes"
+            raise input_error(scene.where, f"{where}.{key}", found, keys(Material)[key].rule.allowed)
+    wrong = indefinite(material.E, material.nu)
+    if wrong is not None:
+        raise input_error(scene.where, f"{where}.nu", *wrong)
+    if material.axes is not None and material.angle is not None:
+        raise input_error(scene.where, f"{where}.angle", "angle together with axes", "at most one of axes, angle")
+    if material.axes is not None and parallel(*material.axes):
+        found = f"{[list(one) for one in material.axes]}, which are parallel"
+        raise input_error(scene.where, f"{where}.axes", found, "two vectors that span a plane")
+    if material.axis is not None and material.point is None:
+        raise input_error(scene.where, f"{where}.axis", "an axis without point", "point as well")
+    if material.point is not None and scene.mesh.kinematics == "axisymmetric":
+        found = 'a point with kinematics = "axisymmetric"'
+        allowed = "nothing: x, y, z of the axes are the radial, axial and hoop direction there"
+        raise input_error(scene.where, f"{where}.point", found, allowed)
+    for key in ("yield_stress", "hardening_curve"):
+        if getattr(material, key) is not None:
+            found = f"{key} of an orthotropic material"
+            raise input_error(scene.where, f"{where}.{key}", found, "nothing: it is elastic, or E a number")
+    if material.law != "hencky":
+        found = f'"{material.law}" of an orthotropic material'
+        raise input_error(scene.where, f"{where}.law", found, "nothing: it has small strain, or E a number")
+    finite = [body for body in scene.bodies if scene.finite(body)]
+    if finite:
+        found = f"three of an orthotropic material, and body {finite[0].region} with finite strain"
+        raise input_error(scene.where, f"{where}.E", found, "a number, or small strain of all bodies")
+    if scene.mesh.mean_dilatation:
+        found = f"true with the orthotropic material {where.partition('.')[2]}"
+        raise input_error(scene.where, "mesh.mean_dilatation", found, "nothing: orthotropic bodies go without")
+
+
 def _check_material(scene, where, material):
+    _check_orthotropic(scene, where, material)
     if material.hardening_curve is not None:
         for key in ("yield_stress", "hardening"):
             if getattr(material, key):
@@ -554,6 +602,9 @@ def _check_temperatures(scene):
             if scene.finite(body):
                 found = f"body {body.region} with finite strain"
                 raise input_error(scene.where, where, found, "thermal strain with small strain of all bodies")
+            if material.orthotropic:
+                found = f"body {body.region}, which is orthotropic"
+                raise input_error(scene.where, where, found, "isotropic bodies")
             if scene.mesh.kinematics == "plane_stress" and material.plastic and material.expansion:
                 found = f'body {body.region} that may yield, with expansion and kinematics = "plane_stress"'
                 raise input_error(scene.where, where, found, "elastic bodies, or other kinematics")

@@ -166,3 +166,25 @@ PRESSURE_OVERCLOSURE = Rule(
 )
 OGDEN = _pairs("a list of [mu, alpha] pairs, not zero, sum(mu alpha) > 0", _check_ogden)
 MOONEY_RIVLIN = sequence("a list of two numbers c10, c01 with c10 + c01 > 0", number(), (2,), lambda c: sum(c) > 0)
+
+
+def _or_three(rule, words, item):
+    """A number, or three along the axes of an orthotropic material."""
+    three = sequence("", item, (3,))
+    return Rule(
+        f"{rule.allowed}; {words}",
+        lambda value: three.accept(value) if isinstance(value, list | tuple) else rule.accept(value),
+        {"anyOf": [rule.schema, three.schema]},
+    )
+
+
+YOUNG = _or_three(number(above=0), "orthotropic: a list of 3 such numbers, E1, E2, E3", number(above=0))
+POISSON = _or_three(
+    number(above=-1, below=0.5, words="a number with -1 < nu < 0.5; nearly incompressible: use e.g. 0.4999"),
+    "orthotropic: a list of 3 numbers, nu12, nu13, nu23", number(),
+)  # fmt: skip
+EXPANSION = _or_three(number(), "orthotropic: a list of 3 such numbers, along axes 1, 2, 3", number())
+SHEAR = sequence("a list of 3 numbers > 0, G12, G13, G23", number(above=0), (3,))
+AXES = sequence(
+    "a list of two vectors of 3 numbers, not zero", sequence("", number(), (3,), any), (2,)
+)  # fmt: skip

@@ -171,7 +171,7 @@ def add_tangent(parameters, source, partner, excess, status, slope, blocks):
     source : pcontact.contact.points.SourcePoints
     partner : pcontact.contact.points.PartnerPoints
     excess : pcontact.contact.points.Excess
-        What plasticity adds to T in S; with a consistent adjoint S stands in the place of T.
+        What is added to T in S, and from which row on S stands in the place of T.
     status : ndarray (np,)
     slope : ndarray (np, d, d)
         D, zero where points are open.
@@ -194,7 +194,6 @@ def _add_blocks(parameters, source, partner, excess, status, slope, operators, b
     grad, nodes, normal, at = source.grad, partner.nodes, partner.normal, excess.at
     rowptr, columns, values = blocks.rowptr, blocks.columns, blocks.values
     d, nn, nt = normal.shape[1], cells.shape[1], nodes.shape[1]
-    adjoint = real if excess.consistent else elastic
     missing = 0
     for p in range(len(facet)):
         f = facet[p]
@@ -203,14 +202,15 @@ def _add_blocks(parameters, source, partner, excess, status, slope, operators, b
             continue
         _stiffness(slope[p], normal[p], gamma[f], alpha, operators.stiff, operators.inverse)
         width = nn + nt if touches else nn
+        exceeds = len(at) > 0 and at[p] >= 0
+        adjoint = real if exceeds and at[p] >= excess.adjoint else elastic
         for a in range(nn):
             part[a] = shape[p, a]
         for a in range(grad.shape[1]):
             _node_operator(grad[p, a], source.volumetric[p, a], source.mu[f], source.normal[p], elastic[a])
-            yields = len(at) > 0 and at[p] >= 0
             for i in range(d):
                 for j in range(d):
-                    real[a, i, j] = elastic[a, i, j] + (excess.rows[at[p], a, i, j] if yields else 0.0)
+                    real[a, i, j] = elastic[a, i, j] + (excess.rows[at[p], a, i, j] if exceeds else 0.0)
         for m in range(nt):
             part[nn + m] = -partner.shape[p, m]
         _columns(theta, width, slope[p], operators)

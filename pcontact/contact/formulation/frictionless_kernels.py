@@ -97,7 +97,7 @@ def add_tangent(parameters, source, partner, b, excess, across, closed, blocks):
     partner : pcontact.contact.points.PartnerPoints
     b : ndarray (np, nn, d)
     excess : pcontact.contact.points.Excess
-        Where and how plasticity changes c; with a consistent adjoint c stands in the place of b.
+        What is added to c, and from which row on c stands in the place of b.
     across : ndarray (n, nn, d)
         Its rows along the contact normal.
     closed : ndarray (np,) of bool
@@ -131,7 +131,7 @@ def add_tangent(parameters, source, partner, b, excess, across, closed, blocks):
                     slope = adjoint = b[p, r, i]
                     if len(at) > 0 and at[p] >= 0:
                         slope += across[at[p], r, i]
-                        if excess.consistent:
+                        if at[p] >= excess.adjoint:
                             adjoint = slope
                 push[r, i] = g * jump[r, i] / w - slope
                 trac[r, i] = theta * adjoint

@@ -180,7 +180,7 @@ def _pad(array, width):
     return np.concatenate([array, np.zeros((array.shape[0], missing, *array.shape[2:]))], axis=1)
 
 
-def _part(space, facets, constants, quadrature_degree):
+def _part(space, facets, constants, quadrature_degree, orthotropic):
     mesh, block = space.mesh, space.mesh.blocks[facets.block]
     table, geometry_degree = mesh.geometry_nodes(block)
     degree = quadrature_degree or default_quadrature(facets.kind, space.degree)
@@ -195,7 +195,8 @@ def _part(space, facets, constants, quadrature_degree):
         order = rule_degree(space, block, geometry_degree)
         shared = mean_dilatation(block.cell, coordinates, geometry_degree, space.degree, order, space.axisymmetric)
         shared = shared.times(np.full(len(coordinates), factor))
-    kind, grad = Dilatation(space.axisymmetric, averaged, space.reduces(block)), at.gradients
+    law, grad = orthotropic.get(block.body), at.gradients
+    kind = Dilatation(space.axisymmetric, averaged, space.reduces(block), law)
     if kind.reduced:
         grad = reduced_gradients(block.cell, coordinates, geometry_degree, facet_points(facets.cell, xi)[local])
     nf, nq = at.jxw.shape
@@ -218,7 +219,7 @@ def _part(space, facets, constants, quadrature_degree):
     }
 
 
-def source_surface(space, name, constants, quadrature_degree=None):
+def source_surface(space, name, constants, quadrature_degree=None, orthotropic=None):
     """Quadrature points of a facet group.
 
     Parameters
@@ -229,13 +230,16 @@ def source_surface(space, name, constants, quadrature_degree=None):
     constants : list of (float, float)
         Lame constants of each body.
     quadrature_degree : int, optional
+    orthotropic : dict of int to pcontact.material.orthotropic.Orthotropic, optional
+        By body, elasticity of which the constants are the nearest isotropic ones.
 
     Returns
     -------
     SourceSurface
     """
     d = space.dim
-    parts = [_part(space, f, constants, quadrature_degree) for f in space.mesh.facet_groups.get(name, [])]
+    arguments = constants, quadrature_degree, orthotropic or {}
+    parts = [_part(space, f, *arguments) for f in space.mesh.facet_groups.get(name, [])]
     if not parts:
         empty = np.zeros
         return SourceSurface(

@@ -90,12 +90,14 @@ class ElasticTraction:
     Attributes
     ----------
     consistent : bool
-        Whether the adjoint operator is the derivative of the traction where cells yield.
+        Whether the adjoint operator is the derivative of the traction, with its excess.
+    jumps : bool
+        Whether the adjoint operator jumps where cells yield.
     symmetric : bool
         Whether the derivative of the traction is its adjoint operator.
     """
 
-    consistent = False
+    consistent = jumps = False
     symmetric = True
 
     def __init__(self, source):

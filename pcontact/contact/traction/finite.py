@@ -135,13 +135,13 @@ class FiniteTraction:
 
     Attributes
     ----------
-    symmetric, consistent : bool
+    symmetric, consistent, jumps : bool
         See `pcontact.contact.traction.elastic.ElasticTraction`.
     small : SourceSurface
         The source, whose facets with finite strain have no moduli.
     """
 
-    symmetric, consistent = False, False
+    symmetric = consistent = jumps = False
 
     def __init__(self, space, bulk, source, name, trace=None):
         self.source, self._bulk, self._parts, first = source, bulk, [], 0
@@ -202,7 +202,7 @@ class FiniteTraction:
 class NoTraction:
     """Where the source's stress does not enter."""
 
-    symmetric, consistent = True, False
+    symmetric, consistent, jumps = True, False, False
 
     def __init__(self, source):
         self.source = self.small = source

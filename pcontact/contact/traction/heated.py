@@ -17,7 +17,7 @@ class HeatedTraction(ElasticTraction):
     def __init__(self, rest, trace):
         super().__init__(rest.source)
         self._rest, self._trace = rest, trace
-        self.consistent, self.symmetric = rest.consistent, rest.symmetric
+        self.consistent, self.symmetric, self.jumps = rest.consistent, rest.symmetric, rest.jumps
 
     def add_excess(self, values, p, traction):
         """See :meth:`ElasticTraction.add_excess`."""

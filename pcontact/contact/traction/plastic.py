@@ -140,7 +140,7 @@ def _add_operators(parents, tangent, yields, places, normal, first, at, out):
 
 
 @njit
-def _add_adjoint(at, rows, weights, cells, facet, out):
+def add_rows_adjoint(at, rows, weights, cells, facet, out):
     """Add the excess operators times vectors (np, d) at the points to ``out`` (n, d)."""
     d = weights.shape[1]
     for p in range(len(at)):
@@ -331,7 +331,7 @@ class PlasticTrace:
         out : ndarray (n, d)
         """
         at, rows = self.operators(values, cells)
-        _add_adjoint(at, rows, weights, cells, self._source.facet, out)
+        add_rows_adjoint(at, rows, weights, cells, self._source.facet, out)
 
     def add_curvature(self, values, cells, weights, blocks):
         """Add the derivative of :meth:`add_adjoint` at constant weights to blocks (BlockRows).
@@ -365,7 +365,7 @@ class PlasticTraction(ElasticTraction):
 
     def __init__(self, source, trace, consistent=False):
         super().__init__(source)
-        self.trace, self.consistent = trace, consistent
+        self.trace, self.consistent, self.jumps = trace, consistent, consistent
 
     def add_excess(self, values, p, traction):
         """See :meth:`ElasticTraction.add_excess`."""
@@ -377,7 +377,8 @@ class PlasticTraction(ElasticTraction):
 
     def excess(self, values, p):
         """See :meth:`ElasticTraction.excess`."""
-        return Excess(*self.trace.operators(values, p.cells), self.consistent)
+        at, rows = self.trace.operators(values, p.cells)
+        return Excess(at, rows, 0 if self.consistent else len(rows))
 
     def add_adjoint(self, values, p, weights, out):
         """See :meth:`ElasticTraction.add_adjoint`."""

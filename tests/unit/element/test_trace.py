@@ -1,14 +1,18 @@
 """The trace constant lambda_F: table of C_p, invariances, a dense numpy twin."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 
 from pcontact.element import trace
+from pcontact.element.dilatation import Dilatation
 from pcontact.element.geometry import facet_geometry
 from pcontact.element.quadrature import quadrature
 from pcontact.element.reference import CELLS, n_nodes, reference_nodes
 from pcontact.element.shape import shape, shape_gradient
 from pcontact.element.trace import trace_constant
+from tests.support.orthotropic import LAMINATE, SKEW, law_of, plane_axes
 
 SOLID = ["triangle", "quadrilateral", "tetrahedron", "hexahedron", "wedge:triangle", "wedge:quadrilateral",
          "pyramid:triangle"]  # fmt: skip
@@ -164,3 +168,43 @@ def test_inverted_cell():
     x, local = facets_of("hexahedron", 1)
     with pytest.raises(ValueError, match="inverted"):
         trace_constant("hexahedron", x * [1.0, 1.0, -1.0], local, 1, 1, 1.0, 1.0)
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+@pytest.mark.parametrize("cell", ["triangle", "tetrahedron"])
+def test_closed_form_of_orthotropic_cells_is_the_largest_eigenvalue(cell, degree):
+    """With the largest eigenvalue of the acoustic tensor in the place of lam + 2 mu."""
+    x, local = facets_of(cell, 1, 0.3, count=4)
+    dim = CELLS[cell].dim
+    law = law_of(LAMINATE, SKEW if dim == 3 else plane_axes(35.0), dim)
+    kind, moduli = Dilatation(False, False, law=law), [np.full(len(x), one) for one in law.constants]
+    closed = trace_constant(cell, x, local, 1, degree, *moduli, kind)
+    np.testing.assert_allclose(trace._largest(cell, x, local, 1, degree, *moduli, kind), closed, rtol=1e-9)
+
+
+@pytest.mark.parametrize("cell, degree, axisymmetric", [("quadrilateral", 1, False), ("quadrilateral", 2, True),
+                                                        ("triangle", 2, True), ("hexahedron", 1, False)])  # fmt: skip
+def test_split_of_the_stiffness_does_not_matter(cell, degree, axisymmetric):
+    """C_iso and C_dev, in whichever way; and no displacement is beyond the constant."""
+    x, local = facets_of(cell, 1, 0.05, count=2)
+    x = x + [2.0] * x.shape[2]
+    dim = CELLS[cell].dim
+    axes, found = SKEW if dim == 3 else plane_axes(35.0), []
+    for split in (None, (1.0, 4.0), (0.0, 9.0)):
+        law = law_of(LAMINATE, axes, dim, "axisymmetric" if axisymmetric else "plane_strain", split=split)
+        kind = Dilatation(axisymmetric, False, law=law)
+        found.append(trace_constant(cell, x, local, 1, degree, *law.constants, kind))
+    np.testing.assert_allclose(found[1:], [found[0]] * 2, rtol=1e-9)
+    if not axisymmetric:
+        layout = cell, 1, degree, 2 * degree
+        ones, rest = [np.full(len(x), one) for one in law.constants], partial(law_at, law)
+        stiffness, tractions = (of(*arguments, *ones, kind, rest) for of, arguments in (
+            (trace._stiffness, (layout, x)), (trace._tractions, (layout, x, local))))  # fmt: skip
+        v = np.random.default_rng(5).normal(size=(len(x), stiffness.shape[1], 200))
+        ratio = np.sum((tractions @ v) ** 2, axis=1) / np.einsum("fas,fab,fbs->fs", v, stiffness, v)
+        assert np.all(ratio.max(axis=1) < found[0] * (1.0 + 1e-12))
+
+
+def law_at(law, points):
+    """C_dev (1, 1, m, m) of a uniform law."""
+    return law.deviation(points[0])[None]
