@@ -27,8 +27,9 @@ from pcontact.material.orthotropic import Orthotropic, frame, stiffness
 from pcontact.material.plastic import VonMises, plastic_constants
 from pcontact.mesh.groups import RawMesh
 from pcontact.mesh.load import load_mesh
+from pcontact.mesh.present import missing, without
 from pcontact.mesh.section import OTHER, cut
-from pcontact.pairs import contact_reports, tied_pairs
+from pcontact.pairs import contact_reports, since_of, tied_pairs
 from pcontact.runtime import log, profile
 from pcontact.runtime.errors import TOLD
 from pcontact.runtime.messages import input_error
@@ -47,6 +48,7 @@ from pcontact.scene import (
 from pcontact.scene.amplitude import Squared
 from pcontact.scene.keys import options as key_options
 from pcontact.scene.model import LOCKING, POOR, Contact
+from pcontact.scene.phases import groups_of, left, scene_of
 from pcontact.scene.places import place
 from pcontact.scene.prescribed import Prescribed
 from pcontact.scene.unsafe import unsafe
@@ -149,6 +151,51 @@ def _cut(scene, mesh):
             where = f"{place('pretensions', number, one.region)}.region"
             raise input_error(scene.where, where, found, "the file that it was converted from")
         cut(mesh, one.region)
+
+
+def present(scene, mesh):
+    """A scene of one phase, and the mesh, without the bodies that are absent. *Collective.*
+
+    Parameters
+    ----------
+    scene : pcontact.scene.model.Scene
+        Of the phase.
+    mesh : pcontact.mesh.mesh.Mesh
+        With all bodies; left as it is where some are absent.
+
+    Returns
+    -------
+    scene : pcontact.scene.model.Scene
+        Without what is on absent bodies alone.
+    mesh : pcontact.mesh.mesh.Mesh
+
+    Raises
+    ------
+    InputError
+        On every rank: the phase names a contact that has a surface no more.
+    """
+    absent = {number for number, body in enumerate(scene.bodies) if body.absent}
+    if not absent:
+        return scene, mesh
+    mesh = without(mesh, absent, [body.region for body in scene.bodies])
+    return left(scene, missing(mesh, groups_of(scene))), mesh
+
+
+def check_present(scene, mesh):
+    """What phases say of contacts is about those whose bodies are there. *Collective.*
+
+    Raises
+    ------
+    InputError
+        On every rank.
+    """
+    for number, phase in enumerate(scene.phases):
+        said = {name: key for key in ("friction", "tied") for name in getattr(phase, key) or ()}
+        there = {one.name for one in present(scene_of(scene, number), mesh)[0].contacts} if said else set()
+        for name in sorted(said.keys() - there):
+            where = f"{place('phases', number, phase.name)}.{said[name]}"
+            found = f"{name!r}, of which a body is absent in this phase"
+            raise input_error(scene.where, where, found, "contacts of bodies that are there")
 
 
 def _small(material):
@@ -362,6 +409,9 @@ def _heat(scene, space, constants):
     """Thermal stress of the bodies, None without temperatures. *Collective.*"""
     if not scene.temperatures:
         return None
+    absent = any(body.absent for body in scene.bodies)
+    if absent and not any(scene.materials[one.material].expansion for one in scene.bodies if not one.absent):
+        return None
     # in plane stress the third direction is free to expand
     normal = 2.0 if scene.mesh.kinematics == "plane_stress" else 3.0
     bulk = [lam + 2.0 / normal * mu for lam, mu in constants]
@@ -521,6 +571,16 @@ def _warn_of_stress(scene):
             )  # fmt: skip
 
 
+def _begun(scene, space):
+    """Blocks of the bodies that have begun in a later phase than the first, by the number of the phase."""
+    begun = {}
+    for number, block in enumerate(space.mesh.blocks):
+        since = scene.bodies[block.body].since
+        if since and not scene.bodies[block.body].absent:
+            begun.setdefault(since, []).append(number)
+    return begun
+
+
 def _announce(mesh, free):
     """Say which bodies no support holds, and with how many modes."""
     kinds = {}
@@ -584,6 +644,8 @@ def _assemble(scene, space, orthotropic, span, more):
     springs = [GroundSprings(space, spring) for spring in scene.springs]
     _check_turns(scene, space, supports)
     bulk = bulk_item(scene, space, constants, orthotropic)
+    begun = _begun(scene, space)
+    bulk.added = frozenset(number for blocks in begun.values() for number in blocks)
     tied = tied_pairs(scene, space, bulk)
     eta = scene.steps.viscous_stabilisation
     # dashpots hold every body: where it goes is no longer open
@@ -592,7 +654,7 @@ def _assemble(scene, space, orthotropic, span, more):
     _announce(mesh, free)
     items = [bulk, *(pair for contact in contacts for pair in contact.pairs), *_followers(scene, space, supports)]
     items += [*springs, *_spinning(scene, space), *(make(space) for make in more)]
-    release = None if span is None else Release(space, span.begin, span.end)
+    release = None if span is None else Release(space, span.begin, span.end, begun)
     items += [] if release is None else [release]
     viscous = None if eta is None else ViscousStabilisation(space, eta, bulk)
     problem = Problem(space, items, supports, forces, _stabilisation(space, scene, constants, free), contacts, viscous)
@@ -600,6 +662,7 @@ def _assemble(scene, space, orthotropic, span, more):
     problem.sections, problem.equations, problem.lower = sections, equations, _lower(scene, space)
     if release is not None:
         release.absolute = supports.absolute[space.owned_local]
+        problem.since = since_of(scene, space) if begun else {}
     # modes of their own cost a set-up that grows with their square; only bodies that nothing holds are worth it
     loose = {(a, b) for a, b in edges if a in free or b in free}
     colours = colour(mesh.n_components, loose)

@@ -16,9 +16,10 @@ from pcontact.contact.surface.obstacle import RigidObstacle
 from pcontact.contact.surface.rigid_surface import RigidSurface
 from pcontact.contact.surface.sides import components_of, diameters, extents, source_surface, target_surface
 from pcontact.contact.surface.smooth_geometry import Chords, smooth_surface
-from pcontact.contact.traction.heated import HeatedTraction
+from pcontact.contact.traction.constant import ConstantTraction
 from pcontact.contact.traction.orthotropic import OrthotropicTrace, OrthotropicTraction
 from pcontact.contact.traction.plastic import PlasticTrace
+from pcontact.contact.traction.strain_free import strain_free
 from pcontact.contact.unbiased import contacts_of_halves, halved, is_unbiased
 from pcontact.mesh.mesh import size_of
 from pcontact.mesh.surface import read_surface
@@ -98,15 +99,19 @@ def pair_of(space, bulk, contact, source, target, radius, floats=False):
         See :func:`pcontact.contact.pair.contact_pair`.
     """
     trace = _trace(space, bulk, source, contact) if contact.formulation == "nitsche" else None
+    free = strain_free(space, bulk, source, contact.source) if contact.formulation == "nitsche" else None
     if bulk.finite is not None and _moves(space, bulk, source, target):
-        return finite_pair(space, bulk, contact, source, target, radius, floats, trace)
+        pair = finite_pair(space, bulk, contact, source, target, radius, floats, trace)
+        if free is not None:
+            pair.terms.traction.add_constant(free)
+        return pair
     pair = contact_pair(space, contact, source, target, radius, floats, trace)
     if bulk.orthotropic and contact.formulation == "nitsche":
         _turn(space, bulk, contact, pair)
-    if bulk.heat is not None and contact.formulation == "nitsche":
-        heated = bulk.heat.trace(source, contact.source)
-        if heated is not None:
-            pair.terms.traction = HeatedTraction(pair.terms.traction, heated)
+    heated = bulk.heat.trace(source, contact.source) if bulk.heat and contact.formulation == "nitsche" else None
+    for part in (heated, free):
+        if part is not None:
+            pair.terms.traction = ConstantTraction(pair.terms.traction, part)
     return pair
 
 
@@ -215,6 +220,11 @@ def tied_pairs(scene, space, bulk):
     for number, contact in enumerate(scene.contacts):
         if not contact.tied:
             continue
+        late = [body for body in _bodies_of(space, contact) if scene.bodies[body].since]
+        if late:
+            found = f"true with body {scene.bodies[late[0]].region}, which begins in a later phase than the first"
+            allowed = "nodes in common, or false and tied of [[phases]]"
+            raise input_error(scene.where, f"contacts[{number}] ({contact.name}).tied", found, allowed)
         source = source_surface(space, contact.source, bulk.constants, contact.quadrature, bulk.orthotropic)
         _require_area(scene, space, contact, source)
         target = target_surface(space, contact.target)
@@ -236,6 +246,23 @@ def tied_pairs(scene, space, bulk):
     if pairs:
         join(space, np.concatenate(joined))
     return pairs
+
+
+def _bodies_of(space, contact):
+    """Bodies that the surfaces of a contact belong to. *Collective.*"""
+    own = {space.mesh.blocks[facets.block].body for name in (contact.source, contact.target)
+           for facets in space.mesh.facet_groups.get(name, []) if len(facets.cells)}  # fmt: skip
+    return sorted(set().union(*space.comm.allgather(own)))
+
+
+def since_of(scene, space):
+    """Number of the phase since which both bodies of a contact have been there, by the name of the contact.
+    *Collective.*
+
+    Contacts of all surfaces are those of the first phase.
+    """
+    bodies = {contact.name: [] if contact.all else _bodies_of(space, contact) for contact in scene.contacts}
+    return {name: max((scene.bodies[body].since for body in some), default=0) for name, some in bodies.items()}
 
 
 def _joined(pair):

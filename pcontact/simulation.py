@@ -12,8 +12,9 @@ import numpy as np
 
 import pcontact
 from pcontact import build
+from pcontact.assembly.extension import extend
 from pcontact.assembly.release import equilibrium
-from pcontact.io.checkpoint import Checkpoint, remembering
+from pcontact.io.checkpoint import Checkpoint, keys_of, remembering
 from pcontact.io.cost_report import CostReport
 from pcontact.io.counters import Counters
 from pcontact.io.error_estimate import ErrorEstimate, label
@@ -33,8 +34,9 @@ from pcontact.runtime.petsc import MPI, free_garbage
 from pcontact.runtime.presets import Choice
 from pcontact.scene import describe
 from pcontact.scene.amplitude import drive
-from pcontact.scene.phases import phase_at, scene_of, spans
+from pcontact.scene.phases import come_and_go, phase_at, scene_of, spans
 from pcontact.solve.newton import Newton
+from pcontact.space.carried import carried
 from pcontact.space.modes import near_null_space
 from pcontact.stepping.energy import EnergyBalance
 from pcontact.stepping.loose import LooseBodies
@@ -76,11 +78,17 @@ class Kept(NamedTuple):
         What the parts of the problem remember, by their names, see :meth:`pcontact.assembly.item.Item.memory`.
     reactions : ndarray (n_owned, d)
         Of the supports [force].
+    origins : dict of int to ndarray (n_owned, d)
+        See :class:`pcontact.assembly.release.Release`.
+    keys : ndarray (n_owned,)
+        Numbers of the nodes.
     """
 
     values: np.ndarray
     memory: dict
     reactions: np.ndarray
+    origins: dict
+    keys: np.ndarray
 
     @classmethod
     def of(cls, problem, u, time):
@@ -88,7 +96,17 @@ class Kept(NamedTuple):
         values = u.getArray(readonly=True).reshape(-1, problem.space.dim).copy()
         parts = [part for part in remembering(problem.parts) if part is not problem.release]
         memory = {part.name: part.memory() for part in parts}
-        return cls(values, memory, np.where(problem.fixed, equilibrium(problem, u, time), 0.0))
+        reactions = np.where(problem.fixed, equilibrium(problem, u, time), 0.0)
+        origins = {} if problem.release is None else problem.release.origins
+        return cls(values, memory, reactions, origins, keys_of(problem.space))
+
+    def moved(self, space):
+        """The same on the nodes of another space, and flags (n_owned,) of those that it has beyond. *Collective.*"""
+        tables = [np.ones((len(self.keys), 1)), self.values, self.reactions, *self.origins.values()]
+        there, values, reactions, *origins = (carried(space, self.keys, table) for table in tables)
+        origins = dict(zip(self.origins, origins, strict=True))
+        kept = self._replace(values=values, reactions=reactions, origins=origins, keys=keys_of(space))
+        return kept, there[:, 0] == 0.0
 
     def recall(self, problem):
         """Give it to the parts of another problem that have the same names."""
@@ -169,6 +187,9 @@ class Simulation:
         if self.spans and self.restart is not None:
             self.number = phase_at(self.scene, checkpoint_time(self.restart, self.comm))
         self._components = Numbers.of(self.mesh) if self.spans else None
+        self._changing = come_and_go(self.scene)
+        if self._changing:
+            build.check_present(self.scene, self.mesh)
         with profile.phase("set_up"):
             self._assemble()
         profile.mark("set_up")
@@ -178,7 +199,10 @@ class Simulation:
         # what acts in the phase
         self.part = scene_of(self.scene, self.number) if self.spans else self.scene
         span = self.spans[self.number] if self.number > 0 else None
-        self.problem, colours, motions = build.assemble(self.part, self.mesh, span, self._items)
+        mesh = self.mesh
+        if self._changing:
+            self.part, mesh = build.present(self.part, mesh)
+        self.problem, colours, motions = build.assemble(self.part, mesh, span, self._items)
         if self.scene.output.energy:
             self.problem.energy = EnergyBalance(self.problem)
         self.floating = {k: len(rows) for k, rows in motions.items()}
@@ -238,10 +262,15 @@ class Simulation:
         self._announce()
         self._prepare(lasting, directory, None if resumed is None else resumed.first)
         if resumed is not None:
+            if self._changing and self.problem.release is not None:
+                # where bodies have begun is where their contacts look for partners first
+                resumed.recall(self.comm, [self.problem.release])
             self.stepper.resume(
                 resumed.number, resumed.time, resumed.first, resumed.size, resumed.values, resumed.last
             )
             resumed.recall(self.comm, self.problem.parts)
+            if self._changing and self.problem.release is not None:
+                self.problem.release.free_strains(self.problem.bulk)
             for name, one in self._carriers.items():
                 one.carried = resumed.carried.get(name, 0.0)
             log.info("restart from %s at time %g after %d steps", self.restart, resumed.time, resumed.number)
@@ -288,12 +317,13 @@ class Simulation:
 
     def _prepare(self, lasting, directory, first):
         """Schedule, observers and stepper of the present phase, or of the run. *Collective.*"""
-        scene, space, output = self.part, self.problem.space, self.scene.output
+        scene, space, output = self.part, self.problem.space, self.part.output
         schedule = self._schedule()
         estimate = ErrorEstimate(self.problem, scene, self.newton) if output.estimate else None
         self.error_estimate = estimate
         name = self.spans[self.number].name if self.spans else None
-        recorder = Recorder(self.problem, output.probes, [body.region for body in scene.bodies], name)
+        absent = [body.region for body in scene.bodies if body.absent] if self._changing else None
+        recorder = Recorder(self.problem, output.probes, [body.region for body in scene.bodies], name, absent)
         self._carriers = {"largest_force": recorder, "direct": self.newton}
         if estimate is not None:
             self._carriers["largest_energy"] = estimate
@@ -343,12 +373,20 @@ class Simulation:
         if self._identity is not None:
             self._identity = Identity.of(self._parts(), self.problem.space, remembering(self.problem.parts))
         self._prepare(lasting, directory, stepper.first)
-        schedule = self.stepper.schedule
+        schedule, release = self.stepper.schedule, self.problem.release
+        if self._changing:
+            state, fresh = state.moved(self.problem.space)
+            extend(self.problem, state.values, fresh, span.begin)
+            # bodies that begin do so where their nodes are now
+            release.origins = {number: state.values.copy() if number == self.number else state.origins[number]
+                               for number in release.begun}  # fmt: skip
         self.stepper.resume(stepper.number, span.begin, stepper.first, schedule.size, state.values)
         state.recall(self.problem)
+        if self._changing:
+            release.free_strains(self.problem.bulk)
         for name, one in self._carriers.items():
             one.carried = carried.get(name, 0.0)
-        self.problem.release.start(self.problem, self.stepper.u, state.reactions)
+        release.start(self.problem, self.stepper.u, state.reactions)
 
     def close(self):
         """Take what this run entered back out of the options database, for the next scene."""

@@ -119,25 +119,51 @@ class ElasticBulk(Bulk):
         self.space, self.constants, self.orthotropic = space, constants, orthotropic or {}
         rowptr, columns = node_graph(space.cells, space.n_local)
         local = np.zeros((len(columns), space.dim, space.dim))
-        for number, block in enumerate(space.mesh.blocks):
-            lam, mu = constants[block.body]
-            averaged = space.averages(block)
-            plain = not (averaged or space.axisymmetric)
-            for rows, grad, jxw, shapes in chunks(space, number):
-                cells = space.cells[number][rows]
-                add_stiffness(grad, jxw, cells, lam if plain else 0.0, mu, rowptr, columns, local)
-                if not plain:
-                    ring = hoop(space, number, rows, shapes)
-                    at = points_of(space, number, rows) if averaged and linear(block.cell, space.degree) else None
-                    parts = squares(grad, jxw, ring, averaged, space.degree, lam, mu, at)
-                    add_squares(*parts, cells, rowptr, columns, local)
-            if block.body in self.orthotropic:
-                add_block(space, number, self.orthotropic[block.body], rowptr, columns, local)
+        for number in range(len(space.mesh.blocks)):
+            self._add_block(number, rowptr, columns, local)
+        self.origins, self._free_forces, self._free_energy = {}, None, 0.0
         owned = OwnedRows(space.numbering, space.exchanger, space.nodes, rowptr, columns)
         self.rowptr, self.columns = owned.rowptr, owned.columns
         self.values = owned.sum(local)
         nodes, self._column = np.unique(self.columns, return_inverse=True)
         self._exchange = space.exchange(nodes)
+
+    def _add_block(self, number, rowptr, columns, local):
+        """Add the stiffness of the cells of a block to block rows of local nodes."""
+        space, block = self.space, self.space.mesh.blocks[number]
+        (lam, mu), averaged = self.constants[block.body], space.averages(block)
+        plain = not (averaged or space.axisymmetric)
+        for rows, grad, jxw, shapes in chunks(space, number):
+            cells = space.cells[number][rows]
+            add_stiffness(grad, jxw, cells, lam if plain else 0.0, mu, rowptr, columns, local)
+            if not plain:
+                ring = hoop(space, number, rows, shapes)
+                at = points_of(space, number, rows) if averaged and linear(block.cell, space.degree) else None
+                parts = squares(grad, jxw, ring, averaged, space.degree, lam, mu, at)
+                add_squares(*parts, cells, rowptr, columns, local)
+        if block.body in self.orthotropic:
+            add_block(space, number, self.orthotropic[block.body], rowptr, columns, local)
+
+    def count_from(self, origins):
+        """See :meth:`pcontact.assembly.item.Bulk.count_from`. *Collective.*"""
+        self.origins, self._free_forces, self._free_energy = origins, None, 0.0
+        if not origins:
+            return
+        space, energy = self.space, 0.0
+        forces = np.zeros((space.n_local, space.dim))
+        for number, origin in origins.items():
+            rowptr, columns = node_graph([space.cells[number]], space.n_local)
+            local, own = np.zeros((len(columns), space.dim, space.dim)), np.zeros_like(forces)
+            self._add_block(number, rowptr, columns, local)
+            multiply(rowptr, columns, local, origin, own)
+            forces += own
+            energy += 0.5 * float(np.sum(origin * own))
+        self._free_forces = space.summed(space.local, forces)
+        self._free_energy = space.comm.allreduce(energy, op=MPI.SUM)
+
+    def moved(self, nodal, number):
+        """Displacement (n_local, d) of which a block has the strain."""
+        return nodal - self.origins[number] if number in self.origins else nodal
 
     def pattern(self):
         """Owned block rows: rowptr (n_owned + 1,), columns (nnz,)."""
@@ -147,24 +173,26 @@ class ElasticBulk(Bulk):
         """Add the internal forces of the owned nodes to ``out`` (n_owned, d). *Collective.*"""
         y = np.empty_like(out)
         multiply(self.rowptr, self._column, self.values, self._exchange.gather(u), y)
-        out += y
+        out += y if self._free_forces is None else y - self._free_forces
 
     def add_magnitude(self, u, out):
         """Add the sum of the absolute terms of :meth:`residual` to ``out`` (n_owned, d). *Collective.*"""
         y = np.empty_like(out)
         multiply(self.rowptr, self._column, np.abs(self.values), np.abs(self._exchange.gather(u)), y)
-        out += y
+        out += y if self._free_forces is None else y + np.abs(self._free_forces)
 
     def tangent(self, u, rule=LAW):
         """Values (nnz, d, d) on :meth:`pattern`."""
         return self.values
 
     def energies(self, u):
-        """See :meth:`pcontact.assembly.item.Bulk.energies`: half of u K u. *Collective.*"""
+        """See :meth:`pcontact.assembly.item.Bulk.energies`: half of (u - u0) K (u - u0). *Collective.*"""
         forces = np.zeros((self.space.n_owned, self.space.dim))
         ElasticBulk.residual(self, u, forces)
+        if self._free_forces is not None:
+            forces -= self._free_forces
         own = 0.5 * float(np.sum(forces * u.getArray(readonly=True).reshape(forces.shape)))
-        return self.space.comm.allreduce(own, op=MPI.SUM), 0.0
+        return self.space.comm.allreduce(own, op=MPI.SUM) + self._free_energy, 0.0
 
     def distortions(self, u, held):
         """See :func:`pcontact.assembly.distortion.distortions`. *Collective.*"""
@@ -184,16 +212,17 @@ class ElasticBulk(Bulk):
         for number, block in enumerate(self.space.mesh.blocks):
             lam, mu = self.constants[block.body]
             stress, volume = np.zeros((len(block.nodes), 6)), np.zeros(len(block.nodes))
+            moved = self.moved(nodal, number)
             for rows, grad, jxw, shapes in chunks(self.space, number):
                 cells = self.space.cells[number][rows]
-                mean_stress(grad, jxw, nodal, cells, lam, mu, stress[rows], volume[rows])
+                mean_stress(grad, jxw, moved, cells, lam, mu, stress[rows], volume[rows])
                 ring = hoop(self.space, number, rows, shapes)
                 if ring is not None:
-                    strain = np.einsum("cq,cqa,ca->c", jxw, ring, nodal[cells, 0]) / volume[rows]
+                    strain = np.einsum("cq,cqa,ca->c", jxw, ring, moved[cells, 0]) / volume[rows]
                     stress[rows, :3] += lam * strain[:, None]
                     stress[rows, 2] += 2.0 * mu * strain
             if block.body in self.orthotropic:
-                add_stress(self.space, number, self.orthotropic[block.body], nodal, stress)
+                add_stress(self.space, number, self.orthotropic[block.body], moved, stress)
             if self.space.kinematics == "plane_stress":
                 stress[:, 2] = 0.0
             result.append((stress, volume))

@@ -92,13 +92,15 @@ def distortions(bulk, u, held):
             continue
         state, centres, worst = bulk.states.get(number), _centres(space, number), np.zeros(2)
         limit = np.inf if state is None else RADIUS * state.material.curve[0, 1] / (2.0 * mu)
-        add_distortion(centres, nodal, Stiffness(lam, mu, limit), held[block.components], sums[block.body], worst)
+        moved = bulk.moved(nodal, number)
+        add_distortion(centres, moved, Stiffness(lam, mu, limit), held[block.components], sums[block.body], worst)
         if worst[0] >= 0.0:
             place = centres.geo @ centres.places[centres.table[int(worst[1])]]
             largest[block.body] = max(largest[block.body], (float(worst[0]), tuple(place.tolist())))
     sums = comm.allreduce(sums, op=MPI.SUM)
     places = [max(found)[1] for found in zip(*comm.allgather(largest), strict=True)]
-    return {body: _of(sums[body], places[body]) for body in bodies}
+    # bodies that are absent have no cells
+    return {body: _of(sums[body], places[body]) for body in bodies if sums[body][VOLUME] > 0.0}
 
 
 def _of(sums, place):

@@ -237,6 +237,10 @@ class HeatTrace:
             points = np.flatnonzero((source.facet >= first) & (source.facet < first + len(rows)) & speaks)
             self.parts.append((number, rows, points, source.facet[points] - first, source.x[points][:, None]))
 
+    def tractions(self, rest):
+        """-beta dT n_X (np, d) at the points of the source [stress]."""
+        return -self.values[:, None] * rest.source.normal
+
     def take(self, heat):
         """Take the temperatures that the heat has."""
         for number, rows, points, cells, x in self.parts:

@@ -306,11 +306,27 @@ class Bulk(Item):
         The item that has their cells.
     heat : pcontact.assembly.heat.Heat or None
         Thermal stress of the cells.
+    added : frozenset of int
+        Blocks of bodies that have begun in a later phase than the first, without strain.
+    origins : dict of int to ndarray (n_local, d)
+        Displacement from which the strain of such a block is counted [length]; empty before it is known.
     """
 
     constants = ()
     yields = extrapolates = False
     orthotropic, states, parts, finite, heat = {}, {}, {}, None, None
+    added, origins = frozenset(), {}
+
+    def count_from(self, origins):
+        """Count the strain of some blocks from displacements (n_local, d), at which they have no stress. *Collective.*
+
+        Parameters
+        ----------
+        origins : dict of int to ndarray (n_local, d)
+            By block, the same blocks on all ranks.
+        """
+        if origins:
+            raise NotImplementedError
 
     def counters(self):
         """Quadrature points with internal variables."""

@@ -42,8 +42,13 @@ class MixedBulk(Bulk):
         self.small = PlasticBulk(space, own, small) if any(small) else ElasticBulk(space, own)
         self.finite = FiniteBulk(space, constants, finite)
         self.yields, self.states = self.small.yields or self.finite.yields, self.small.states
-        self.parts = self.finite.parts
+        self.parts, self.origins = self.finite.parts, {}
         self._place = positions(*self.finite.pattern(), *self.small.pattern())
+
+    def count_from(self, origins):
+        """See :meth:`pcontact.assembly.item.Bulk.count_from`: of blocks without finite strain. *Collective.*"""
+        self.origins = origins
+        self.small.count_from(origins)
 
     def pattern(self):
         """Owned block rows: rowptr (n_owned + 1,), columns (nnz,)."""
@@ -112,7 +117,7 @@ class MixedBulk(Bulk):
         nodal, space = self.space.local.gather(u), self.space
         result = [np.zeros((len(cells), 6)) for cells in space.cells]
         for number in set(range(len(result))) - set(self.finite.parts):
-            h = mean_gradients(space, nodal, number)
+            h = mean_gradients(space, self.small.moved(nodal, number), number)
             result[number][:] = 0.5 * (h + h.transpose(0, 2, 1))[:, [0, 1, 2, 0, 1, 0], [0, 1, 2, 1, 2, 2]]
         return deformation_fields(space, nodal, self._joined(result, self.finite.log_strain(u)))
 

@@ -78,8 +78,8 @@ class PlasticBulk(ElasticBulk):
     def _forces(self, u, absolute):
         nodal = self.space.local.gather(u)
         local = np.zeros_like(nodal)
-        for _, _, points, jxw, state in self._chunks():
-            add_forces(points, jxw, state, nodal, absolute, local)
+        for number, _, points, jxw, state in self._chunks():
+            add_forces(points, jxw, state, self.moved(nodal, number), absolute, local)
         return self.space.summed(self.space.local, local)
 
     def residual(self, u, out, rule=LAW):
@@ -106,8 +106,8 @@ class PlasticBulk(ElasticBulk):
         d = self.space.dim
         local, count = np.zeros((len(self._pattern[1]), d, d)), 0
         blocks = BlockRows(*self._pattern, local)
-        for _, _, points, jxw, state in self._chunks():
-            count += add_tangent(points, jxw, state, nodal, blocks)
+        for number, _, points, jxw, state in self._chunks():
+            count += add_tangent(points, jxw, state, self.moved(nodal, number), blocks)
         if not self.space.comm.allreduce(count, op=MPI.SUM):
             return self.values
         values = self.values.copy()
@@ -117,15 +117,15 @@ class PlasticBulk(ElasticBulk):
     def commit(self, u, time):
         """Take the internal variables to a displacement. *Collective.*"""
         nodal = self.space.local.gather(u)
-        for _, _, points, _, state in self._chunks():
-            commit(points, state, nodal)
+        for number, _, points, _, state in self._chunks():
+            commit(points, state, self.moved(nodal, number))
 
     def flowing(self, u):
         """Part of the volume that may yield which yields between the committed displacement and ``u``. *Collective.*"""
         nodal, sums = self.space.local.gather(u), np.zeros(2)
-        for _, _, points, jxw, state in self._chunks():
+        for number, _, points, jxw, state in self._chunks():
             trial = PlasticState(state.material, state.strain.copy(), state.p.copy())
-            commit(points, trial, nodal)
+            commit(points, trial, self.moved(nodal, number))
             sums += [np.sum(jxw[~(trial.p <= state.p)]), np.sum(jxw)]
         flowing, volume = self.space.comm.allreduce(sums, op=MPI.SUM)
         return float(flowing / volume) if volume > 0.0 else 0.0
@@ -173,7 +173,7 @@ class PlasticBulk(ElasticBulk):
         for number, rows, points, jxw, state in self._chunks():
             m = state.strain.shape[2]
             excess = np.zeros(state.strain.shape)
-            excess_at(points, state, nodal, False, excess, np.zeros((0, 0, m, m)))
+            excess_at(points, state, self.moved(nodal, number), False, excess, np.zeros((0, 0, m, m)))
             mean = np.einsum("cq,cqm->cm", jxw, excess) / jxw.sum(axis=1)[:, None]
             mean[:, 3:] *= HALF
             result[number][0][rows, :m] += mean
@@ -188,12 +188,13 @@ class PlasticBulk(ElasticBulk):
         """
         elastic, _ = super().energies(u)
         nodal = self.space.local.gather(u)
-        forces = self._forces(u, False)
-        own = np.array([np.sum(forces * u.getArray(readonly=True).reshape(forces.shape)), 0.0])
-        for _, _, points, jxw, state in self._chunks():
-            m = state.strain.shape[2]
+        own = np.zeros(2)
+        for number, _, points, jxw, state in self._chunks():
+            m, moved, forces = state.strain.shape[2], self.moved(nodal, number), np.zeros_like(nodal)
             excess = np.zeros(state.strain.shape)
-            excess_at(points, state, nodal, False, excess, np.zeros((0, 0, m, m)))
+            excess_at(points, state, moved, False, excess, np.zeros((0, 0, m, m)))
+            add_forces(points, jxw, state, moved, False, forces)
+            own[0] += np.sum(forces * moved)
             across = state.strain.copy()
             if state.material.plane_stress:
                 # plastic flow keeps the volume

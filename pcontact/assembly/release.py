@@ -32,12 +32,18 @@ class Release(Item):
         How far nodes had moved there beyond what is prescribed: supports move them on from where they are [length].
     absolute : ndarray (n_owned, d) of bool
         Components of which that ends with the phase.
+    origins : dict of int to ndarray (n_owned, d)
+        Displacement at the beginning of the phases in which bodies have begun, by their numbers: it is from there that
+        the strain of these bodies is counted [length].
+    begun : dict of int to list of int
+        Blocks of these bodies.
     """
 
     name, changes = "phase", False
 
-    def __init__(self, space, begin, end):
-        self.space, self._span, self._part = space, (begin, end), 1.0
+    def __init__(self, space, begin, end, begun):
+        self.space, self._span, self._part, self.begun = space, (begin, end), 1.0, begun
+        self.origins = {number: np.zeros((space.n_owned, space.dim)) for number in begun}
         self.forces, self.offset = (np.zeros((space.n_owned, space.dim)) for _ in range(2))
         self.absolute = np.zeros(self.forces.shape, dtype=bool)
 
@@ -63,6 +69,19 @@ class Release(Item):
         self.forces = equilibrium(problem, u, self._span[0]) - np.where(problem.fixed, reactions, 0.0)
         for group in problem.groups:
             group.lead(self.forces)
+
+    def origin(self, number):
+        """Displacement at the beginning of a phase in which bodies have begun, as a vector. *Collective.*"""
+        vector = self.space.vector()
+        vector.setArray(self.origins[number].ravel())
+        return vector
+
+    def free_strains(self, bulk):
+        """Let bodies that have begun be without strain where they have. *Collective.*"""
+        origins = {}
+        for number, blocks in self.begun.items():
+            origins |= dict.fromkeys(blocks, self.space.local.gather(self.origin(number)))
+        bulk.count_from(origins)
 
     def pattern(self):
         """No entries."""
@@ -105,18 +124,22 @@ class Release(Item):
         return self.space.mesh.file_nodes[self.space.mesh_nodes[self.space.owned_local]]
 
     def memory(self):
-        """Forces, and how far supports have been moved before they began."""
+        """Forces, how far supports have been moved before they began, and where bodies have begun."""
         keys, tables = self.memory_keys(), {"forces": self.forces, "offset": self.offset}
+        tables |= {f"origin {number}": values for number, values in self.origins.items()}
         rows = {name: np.flatnonzero(table.any(axis=1)) for name, table in tables.items()}
         return {name: (keys[rows[name]], table[rows[name]]) for name, table in tables.items()}
 
     def recall(self, name, chunks):
         """See :meth:`pcontact.assembly.item.Item.recall`."""
-        if name not in ("forces", "offset"):
+        number = int(name.partition(" ")[2]) if name.startswith("origin ") else None
+        if name not in ("forces", "offset") and number not in self.origins:
             return None
         values = np.zeros((self.space.n_owned, self.space.dim))
         count = take_rows(self.memory_keys(), chunks, values)
-        if name == "forces":
+        if number is not None:
+            self.origins[number] = values
+        elif name == "forces":
             self.forces = values
         else:
             self.offset = values

@@ -122,6 +122,7 @@ STEP = table(
     "a load step", ("time", "newton", "krylov", "cutbacks", "reactions", "contacts", "probes", "plastic", "imbalance"),
     time=number("at which it ends [time]"),
     phase=text("name of the phase, in a run with phases"),
+    absent=listed(_TEXT, "bodies that are not there in this phase, in a run in which some come or go"),
     newton=count("iterations of Newton's method [-]"),
     krylov=count("of the linear solvers, all together [-]"),
     krylov_most=count("of the linear solve that took most [-]"),

@@ -134,6 +134,10 @@ def describe(
         active.append(f"viscous stabilisation: {scene.steps.viscous_stabilisation:g}")
     if scene.phases:
         active.append(f"phases: {', '.join(phase.name for phase in scene.phases)}")
+    some = {body.region: body.phases for body in scene.bodies if body.phases is not None}
+    if some:
+        said = (f"{name} in {', '.join(them)}" for name, them in some.items())
+        active.append(f"bodies in some phases: {'; '.join(said)}")
     if scene.output.estimate:
         active.append("error estimate of every step")
     return active, [name for name, asked in _FEATURES if not asked(scene)]

@@ -264,6 +264,10 @@ class Body:
         integer(1, 2), "degree of the displacement", default=None, otherwise="that of `[mesh]`",
         more="1 in a scene with `order = 2`: nodes in the middles follow the vertices; see [mesh.md](mesh.md)",
     )  # fmt: skip
+    phases: Sequence[str] | None = phases("it is there; in a later one than the first it begins without strain")
+    # of a scene of one phase (`pcontact.scene.phases`): not there; number of the phase since which it has been
+    absent: bool = False
+    since: int = 0
 
 
 @table

@@ -2,13 +2,13 @@
 
 from pcontact.runtime.messages import input_error, listed, unknown_name
 from pcontact.scene.model import Displacement, Scene, Steps
-from pcontact.scene.phases import PHASED, acts, begun
+from pcontact.scene.phases import PHASED, acts, begun, come_and_go
 from pcontact.scene.places import place
 
 
 def _entries(scene):
     """Key path and table of all that may act in some phases only."""
-    for key in PHASED:
+    for key in ("bodies", *PHASED):
         for index, one in enumerate(getattr(scene, key)):
             yield place(key, index, one.name if key == "contacts" else one.region), one
 
@@ -58,6 +58,8 @@ def check_phases(scene: Scene) -> None:
         first = next((k for k, phase in enumerate(scene.phases) if acts(one, phase.name)), 0)
         if isinstance(one, Displacement) and one.turns and (first or begun(scene, one, len(scene.phases) - 1) > first):
             _check_turn(scene, where, one)
+    if come_and_go(scene):
+        _check_bodies(scene)
     if scene.output.estimate:
         allowed = "false: what ramps down in a phase is not in the estimate"
         raise input_error(scene.where, "output.estimate", "true together with phases", allowed)
@@ -74,6 +76,26 @@ def _check_change(scene, number, key, contact, where):
     if key == "tied" and begun(scene, contact, number) == number:
         found = f"{contact.name!r}, which does not act in the phase before"
         raise input_error(scene.where, where, found, "a contact whose points have closed in the phase before")
+
+
+def _check_bodies(scene):
+    """Bodies that come and go: some body is there in each phase, and what begins without strain has small strain."""
+    for number, phase in enumerate(scene.phases):
+        if not any(acts(body, phase.name) for body in scene.bodies):
+            where = f"{place('phases', number, phase.name)}.name"
+            raise input_error(scene.where, where, f"{phase.name!r}, in which no body is there", "a phase with a body")
+    for index, body in enumerate(scene.bodies):
+        there = [acts(body, phase.name) for phase in scene.phases]
+        where = f"{place('bodies', index, body.region)}.phases"
+        if not any(there):
+            raise input_error(scene.where, where, "no phase", "at least one phase, or no such body")
+        comes = any(now and not before for before, now in zip(there, there[1:], strict=False))
+        if comes and scene.finite(body):
+            found = f"{list(body.phases)} of a body with finite strain, which begins in a later phase than the first"
+            raise input_error(scene.where, where, found, 'strain = "small" of this body, or phases from the first one')
+    if scene.output.energy:
+        found = "true together with phases of bodies"
+        raise input_error(scene.where, "output.energy", found, "false: what bodies store goes with them")
 
 
 def _check_turn(scene, where, one):

@@ -6,10 +6,13 @@ from typing import NamedTuple
 import numpy as np
 
 from pcontact.scene.amplitude import MULTIPLIED, timed
-from pcontact.scene.model import LONGER, SHORTEST, Contact, Scene
+from pcontact.scene.model import LONGER, SHORTEST, Body, Contact, Equation, Periodic, Scene
 
 # tables of which some may act in some phases only
 PHASED = ("contacts", "displacements", "loads", "springs", "pretensions")
+# tables that are on groups, bodies left aside
+GROUPED = ("contacts", "displacements", "loads", "springs", "temperatures", "couplings", "pretensions", "equations",
+           "periodic")  # fmt: skip
 # tables with amplitudes
 MOVED = ("displacements", "loads", "temperatures", "couplings", "pretensions")
 
@@ -91,6 +94,8 @@ def scene_of(scene: Scene, number: int) -> Scene:
         lists["contacts"][k] = _contact(one, phase)
     for key in PHASED:
         lists[key] = [replace(one, phases=None) for one in lists[key]]
+    # bodies keep their numbers
+    lists["bodies"] = [_body(scene, one, number) for one in scene.bodies]
     count, span, steps = phase.count or scene.steps.count, every[number], scene.steps
     longest = None
     if steps.control == "auto":
@@ -98,6 +103,45 @@ def scene_of(scene: Scene, number: int) -> Scene:
     shortest = phase.duration / count * SHORTEST if steps.min_step is None else steps.min_step
     return replace(scene, **lists, phases=[], steps=replace(
         steps, end=span.end, count=count, min_step=shortest, max_step=longest))  # fmt: skip
+
+
+def _body(scene: Scene, body: Body, number: int) -> Body:
+    """A body as a phase has it; without phases of its own it says what it says in a run without any."""
+    if body.phases is None:
+        return body
+    there = acts(body, scene.phases[number].name)
+    return replace(body, phases=None, absent=not there, since=begun(scene, body, number) if there else 0)
+
+
+def _named(one: object) -> list[str]:
+    """Groups without which an entry of a list of tables means nothing."""
+    if isinstance(one, Contact):
+        names = [] if one.all else [one.source, one.target]
+    elif isinstance(one, Equation):
+        names = [name for name, *_ in one.terms]
+    elif isinstance(one, Periodic):
+        names = [one.region, one.partner]
+    else:
+        names = [one.region]
+    return [name for name in names if name is not None]
+
+
+def groups_of(scene: Scene) -> set[str]:
+    """Groups that what acts in a scene is on, and those that are probed."""
+    named = {name for key in GROUPED for one in getattr(scene, key) for name in _named(one)}
+    return named | set(scene.output.probes)
+
+
+def left(scene: Scene, missing: set[str]) -> Scene:
+    """A scene without what is on groups of which nothing is left."""
+    lists = {key: [one for one in getattr(scene, key) if not missing & set(_named(one))] for key in GROUPED}
+    probes = [name for name in scene.output.probes if name not in missing]
+    return replace(scene, **lists, output=replace(scene.output, probes=probes))
+
+
+def come_and_go(scene: Scene) -> bool:
+    """Whether bodies are there in some phases only."""
+    return any(body.phases is not None for body in scene.bodies)
 
 
 def _contact(contact: Contact, phase) -> Contact:

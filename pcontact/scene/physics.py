@@ -82,7 +82,7 @@ def physics_so_far(scenes: list[Scene]) -> dict[str, dict[str, object]]:
     for number, scene in enumerate(scenes[1:], 1):
         result[f"phases[{number}]"] = {"end": scene.steps.end}
         result |= {f"phases[{number}]: {where}": table for where, table in physics(scene).items()
-                   if where.partition("[")[0] in PHASED}  # fmt: skip
+                   if where.partition("[")[0] in PHASED or table.keys() & {"absent", "since"}}  # fmt: skip
     return result
 
 

@@ -62,6 +62,8 @@ class Problem:
         Those among the groups.
     release : pcontact.assembly.release.Release or None
         The item of what a phase of the run goes on from.
+    since : dict of str to int
+        Number of the phase at whose beginning the bodies of a contact are as they are in the mesh, by its name.
     energy : pcontact.stepping.energy.EnergyBalance or None
         What sums up the works of the load steps.
     loose : sequence of int
@@ -80,7 +82,7 @@ class Problem:
         self.bulk, self.others, self.contacts = items[0], items[1:], list(contacts)
         self.time, self.loose, self.stabilised, self.viscous, self.timed = 0.0, (), True, viscous, ()
         self.total, self.springs, self.sections, self.release, self.energy = (), (), (), None, None
-        self.equations = self.lower = None
+        self.equations, self.lower, self.since = None, None, {}
         self.fixed = np.ascontiguousarray(supports.fixed[space.owned_local])
         self.groups, fixed = supports.groups, supports.fixed
         self.matrix = ConstrainedMatrix(space, fixed, self.groups) if self.groups else GlobalMatrix(space, fixed)
@@ -109,6 +111,12 @@ class Problem:
         pairs = {id(pair) for contact in self.contacts for pair in contact.pairs}
         items = [*(item for item in self.items if id(item) not in pairs), *self.contacts]
         return items if self.energy is None else [*items, self.energy]
+
+    def undeformed(self, item):
+        """Displacement at which the gap of a contact is that between the undeformed bodies, a vector: zero but for
+        bodies that have begun in a later phase than the first. *Collective.*"""
+        number = self.since.get(item.name, 0)
+        return self.release.origin(number) if number else self.space.vector()
 
     def angle(self, start, end):
         """Largest angle by which supports or obstacles turn between two times [radian]."""

@@ -269,6 +269,10 @@ class Equations:
         vector.destroy()
         return np.bincount(self._row, self._weight * values, minlength=len(self._at))
 
+    def bring(self, u, fresh):
+        """Equations do not say where nodes are that are there from now on."""
+        return False
+
     def enter(self, u, time):
         """Let components follow in a displacement (n_owned, d). *Collective.*"""
         self.follow(u)

@@ -165,6 +165,18 @@ class RigidGroup:
         wanted = self._amplitude.factor(time) * self._values
         u[self.rows] = self._motions @ np.where(self.free, amounts, wanted)
 
+    def bring(self, u, fresh):
+        """Let nodes that are there from now on, flags (n_owned,), go along with the others in a displacement
+        (n_owned, d). Whether others say where to. *Collective.*"""
+        new = fresh[self.rows]
+        old, comm = self._motions[~new], self._space.comm
+        gram = comm.allreduce(np.einsum("kdi,kdj->ij", old, old))
+        if np.linalg.matrix_rank(gram) < len(gram):
+            return False
+        amounts = np.linalg.solve(gram, comm.allreduce(np.einsum("kdi,kd->i", old, u[self.rows[~new]])))
+        u[self.rows[new]] = self._motions[new] @ amounts
+        return True
+
     def follow(self, y):
         """Let the followers go along with the leading components in a step (n_owned, d). *Collective.*"""
         leading = np.zeros(len(self.leading))

@@ -152,6 +152,10 @@ class PretensionSection:
         below = self._exchange.gather(vector)[self._column]
         u[self._rows] = np.where(self._follows, below - shortening * self.normal, u[self._rows])
 
+    def bring(self, u, fresh):
+        """A section does not say where nodes are that are there from now on."""
+        return False
+
     def enter(self, u, time):
         """Let the sides be as far from each other as a displacement (n_owned, d) and what is prescribed have it.
         *Collective.*"""

@@ -27,14 +27,16 @@ class Recorder:
         Their regions. Absent: nothing is said of where small strain ends, and how far finite strain goes.
     phase : str, optional
         Name of the phase of the run.
+    absent : list of str, optional
+        Bodies that are not there in it, in a run in which some come or go.
 
     Notes
     -----
     The constructor is *Collective*.
     """
 
-    def __init__(self, problem, probes, bodies=(), phase=None):
-        self._phase = phase
+    def __init__(self, problem, probes, bodies=(), phase=None, absent=None):
+        self._phase, self._absent = phase, absent
         # the largest force of the run so far, which a restarted run goes on with
         self._problem, self.carried, self._told = problem, 0.0, set()
         self._announce = Announcer(problem.space.mesh.component_names)
@@ -66,6 +68,7 @@ class Recorder:
             unbalanced = unbalanced.copy()
             problem.lower.lead(unbalanced)
         record = {"time": step.time, **({} if self._phase is None else {"phase": self._phase})}
+        record |= {} if self._absent is None else {"absent": list(self._absent)}
         record |= {
             "newton": step.newton,
             "krylov": step.krylov,

@@ -134,8 +134,9 @@ class Stepper:
         """
         for item in self.problem.items:
             # an initial overlap is that of the first search
-            item.detect(self.u, first)
-            item.commit(self.u, time)
+            start = self.problem.undeformed(item)
+            item.detect(start, first)
+            item.commit(start, time)
         self.u.setArray(values.ravel())
         if last is not None:
             before = self.problem.space.vector()

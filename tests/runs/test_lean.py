@@ -71,7 +71,11 @@ PIECES = {
     "phases": (("assembly.release",), ()),
     "equations": (("space.equations",), ()),
     "rigid groups": (("assembly.constrained", "space.rigid"), ()),
-    "thermal strain": (("assembly.heat", "contact.traction.heated"), ()),
+    "thermal strain": (("assembly.heat", "contact.traction.constant"), ()),
+    "bodies that come and go": (
+        ("mesh.present", "space.carried", "assembly.extension", "contact.traction.constant",
+         "contact.traction.strain_free"), ("strain_free",),
+    ),
     "fields of files": (("assembly.nodal_field",), ()),
     "self contact": (("contact.search.self_surface", "contact.search.exclusion", "contact.search.cones"),
         ("no_exclusion", "writable", "no_cones", "Exclusion", "Cones")),
@@ -176,6 +180,10 @@ def with_piece(path, piece):
     if piece == "phases":
         result = scene(path)
         result.phases = [Phase("press", count=1), Phase("hold", count=1)]
+        return result
+    if piece == "bodies that come and go":
+        result = scene(path)
+        result.phases, result.bodies[1].phases = [Phase("press", count=1), Phase("hold", count=1)], ["hold"]
         return result
     if piece == "springs":
         result = scene(path)

@@ -1,14 +1,12 @@
 """Phases of a run: supports that let go, screws that friction holds, surfaces that tie; ranks, restart, refusals."""
 
 import csv
-import shutil
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from meshes.blocks import one_block, two_blocks
-from pcontact.io.checkpoint import NAME
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.petsc import MPI
 from pcontact.scene.model import (
@@ -25,7 +23,7 @@ from pcontact.scene.model import (
     Spring,
 )
 from pcontact.simulation import Simulation
-from tests.support.restarts import Keep, run
+from tests.support.restarts import KeepAll, run
 
 WORLD, SELF = MPI.COMM_WORLD, MPI.COMM_SELF
 parallel = pytest.mark.parallel
@@ -211,16 +209,6 @@ def same(steps, others):
 def test_ranks_do_not_matter(mesh):
     """Every force of every step."""
     same(simulated(prestressed(mesh["blocks"]))[1], simulated(prestressed(mesh["blocks"]), WORLD)[1])
-
-
-class KeepAll(Keep):
-    """Copies the checkpoints of all steps aside, each into a folder of its own."""
-
-    def step(self, step, u, record):
-        if self.comm.rank == 0:
-            folder = self.target / str(step.number)
-            folder.mkdir(parents=True, exist_ok=True)
-            shutil.copy(self.source / NAME, folder / NAME)
 
 
 @parallel(1, 2)

@@ -419,6 +419,10 @@ CASES = {
         [r"displacements\[1\] \(upper_top\)\.phases: found \['off'\] with an angle", "allowed: phases from the first"],
         scene=SCENE + 'angle = 3.0\npoint = [0.0, 0.0]\nphases = ["off"]\n' + PHASES,
     ),
+    "body of another phase": Case(
+        [r"bodies\[0\] \(lower\)\.phases: found 'of'", "no such phase", "allowed: off, on"],
+        scene=SCENE.replace('region = "lower"\n', 'region = "lower"\nphases = ["of"]\n', 1) + PHASES,
+    ),
     "phases with an estimate": Case(
         [r"output\.estimate: found true together with phases"], scene=SCENE + PHASES + "[output]\nestimate = true\n"
     ),

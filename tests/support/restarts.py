@@ -42,6 +42,16 @@ class Keep(Observer):
             shutil.copy(self.source / NAME, self.target / NAME)
 
 
+class KeepAll(Keep):
+    """Copies the checkpoints of all steps aside, each into a folder of its own."""
+
+    def step(self, step, u, record):
+        if self.comm.rank == 0:
+            folder = self.target / str(step.number)
+            folder.mkdir(parents=True, exist_ok=True)
+            shutil.copy(self.source / NAME, folder / NAME)
+
+
 def run(scene, comm, directory, observers=(), restart=None):
     """Records of the report. Collective on `comm`."""
     if restart is not None:

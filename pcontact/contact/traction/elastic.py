@@ -127,6 +127,10 @@ class ElasticTraction:
         tractions(values, p.source, wanted, out)
         return out
 
+    def linear(self, values, p, wanted):
+        """What is linear in the displacement, (np, d) at values (n, d), of the points that are wanted (np,)."""
+        return self.elastic(values, p, wanted)
+
     def add_excess(self, values, p, traction):
         """Add what is in excess of linear elasticity to tractions (np, d)."""
 

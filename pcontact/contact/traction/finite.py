@@ -11,6 +11,7 @@ import numpy as np
 from pcontact.assembly.finite_kernels import STRESS, CellWork, FiniteCells, cell_piola, cell_work
 from pcontact.assembly.geometry import some_cells_weighted
 from pcontact.contact.formulation.finite_kernels import Slopes
+from pcontact.contact.traction.constant import ConstantTraction
 from pcontact.contact.traction.elastic import ElasticTraction
 from pcontact.contact.traction.plastic import FacetPoints, PlasticTraction, facet_points
 from pcontact.material.finite import CONSISTENT, ELASTIC
@@ -154,6 +155,11 @@ class FiniteTraction:
                 finite[which] = True
         self.small = source.mute(finite)
         self._rest = ElasticTraction(self.small) if trace is None else PlasticTraction(self.small, trace)
+
+    def add_constant(self, trace):
+        """Add what does not depend on the displacement to the tractions of facets without finite strain, see
+        :class:`pcontact.contact.traction.constant.ConstantTraction`."""
+        self._rest = ConstantTraction(self._rest, trace)
 
     def _part(self, space, facets, which):
         source, cell = self.source, space.mesh.blocks[facets.block].cell

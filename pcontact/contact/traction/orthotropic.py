@@ -125,6 +125,12 @@ class OrthotropicTraction(ElasticTraction):
         self._rest, self._trace = rest, trace
         self.consistent, self.symmetric, self.jumps = weighs, rest.symmetric, rest.jumps
 
+    def linear(self, values, p, wanted):
+        """See :meth:`ElasticTraction.linear`; of points that are not wanted something else."""
+        out = self._rest.linear(values, p, wanted)
+        _add_tractions(self._trace.at, self._trace.rows, values, p.cells, self.source.facet, out)
+        return out
+
     def add_excess(self, values, p, traction):
         """See :meth:`ElasticTraction.add_excess`."""
         self._rest.add_excess(values, p, traction)

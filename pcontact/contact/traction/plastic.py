@@ -197,10 +197,11 @@ def _add_curvature(parents, state, nodal, weights, blocks):
 class _Part:
     """Facets of the source whose parent cells belong to one block that may yield.
 
-    ``state`` is that of the block, ``rows`` are the parent cells in it; ``grad`` and ``ring`` are those of
-    :class:`pcontact.assembly.plastic_kernels.CellPoints`.
+    ``state`` is that of the block, whose ``number`` it is, ``rows`` are the parent cells in it; ``grad`` and ``ring``
+    are those of :class:`pcontact.assembly.plastic_kernels.CellPoints`.
     """
 
+    number: int
     state: PlasticState
     rows: np.ndarray
     facets: slice
@@ -254,7 +255,7 @@ class PlasticTrace:
     """
 
     def __init__(self, space, bulk, source, name):
-        self._source, self._parts, first = source, [], 0
+        self._source, self._bulk, self._parts, first = source, bulk, [], 0
         for facets in space.mesh.facet_groups.get(name, []):
             last = first + len(facets.cells)
             if facets.block in bulk.states:
@@ -271,15 +272,28 @@ class PlasticTrace:
         rows = np.ascontiguousarray(facets.cells)
         grad, ring, rule = some_cells(space, facets.block, rows)
         return _Part(
-            bulk.states[facets.block], rows, which, grad, NO_RING if ring is None else np.ascontiguousarray(ring),
+            facets.block, bulk.states[facets.block], rows, which, grad,
+            NO_RING if ring is None else np.ascontiguousarray(ring),
             facet_points(self._source, which, cell, space.degree, rule),
         )  # fmt: skip
+
+    def _moved(self, part, values, cells):
+        """Displacements (n, d) of which the parent cells of a part have the strain."""
+        origin = self._bulk.origins.get(part.number)
+        if origin is None:
+            return values
+        width, values = part.grad.shape[2], values.copy()
+        nodes, local = cells[part.facets, :width], self._source.cells[part.facets, :width]
+        start = values[nodes]
+        values[nodes] = start - origin[local]
+        return values
 
     def _excess(self, part, values, cells, want_tangent):
         nf, nq, m = len(part.rows), *part.state.strain.shape[1:]
         excess = np.zeros((nf, nq, m))
         tangent = np.zeros((nf, nq, m, m) if want_tangent else (0, 0, m, m))
-        yields = excess_at(part.parents(cells), part.state.of(part.rows), values, want_tangent, excess, tangent)
+        moved = self._moved(part, values, cells)
+        yields = excess_at(part.parents(cells), part.state.of(part.rows), moved, want_tangent, excess, tangent)
         return excess, tangent, yields
 
     def traction(self, values, cells):
@@ -345,7 +359,8 @@ class PlasticTrace:
         for part in self._parts:
             tested = np.zeros((len(part.rows), *part.state.strain.shape[1:]))
             _gather(part.places, self._source.normal, weights, tested)
-            missing += _add_curvature(part.parents(cells), part.state.of(part.rows), values, tested, blocks)
+            moved = self._moved(part, values, cells)
+            missing += _add_curvature(part.parents(cells), part.state.of(part.rows), moved, tested, blocks)
         return missing
 
 

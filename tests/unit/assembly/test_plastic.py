@@ -182,6 +182,41 @@ def twin_residual(item, twins, u):
 
 
 @every_case
+def test_strain_from_an_origin(bulk):
+    """Bodies whose strain counts from a displacement are as at the difference; each block from its own."""
+    space = fresh(bulk).space
+    commit(bulk, motion(space, 3.0, 1))
+    u, origin = motion(space, 4.0, 2), motion(space, 1.0, 3)
+
+    def answers(values):
+        x = vector_of(space, values)
+        stress = [one for one, _ in bulk.stress(x)]
+        return [residual(bulk, values), bulk.tangent(x), *stress, np.array(bulk.energies(x)), [bulk.flowing(x)]]
+
+    expected, before = answers(u - origin), state(bulk)
+    commit(bulk, u - origin)
+    committed = state(bulk)
+    for number, (strain, p) in before.items():
+        bulk.states[number].strain[:], bulk.states[number].p[:] = strain, p
+    some = {number: local(space, origin) for number in range(len(space.mesh.blocks))}
+    bulk.count_from(some)
+    try:
+        for found, one in zip(answers(u), expected, strict=True):
+            np.testing.assert_allclose(found, one, rtol=1e-9, atol=1e-10 * np.abs(one).max())
+        commit(bulk, u)
+        for number, (strain, p) in committed.items():
+            np.testing.assert_allclose(bulk.states[number].strain, strain, atol=1e-12)
+            np.testing.assert_allclose(bulk.states[number].p, p, atol=1e-12)
+        fresh(bulk).count_from({0: some[0]})
+        forces = residual(bulk, u)
+    finally:
+        bulk.count_from({})
+    own = np.isin(space.owned_local, space.cells[0])
+    np.testing.assert_allclose(forces[own], residual(bulk, u - origin)[own], atol=1e-10 * np.abs(forces).max())
+    np.testing.assert_allclose(forces[~own], residual(bulk, u)[~own], atol=1e-10 * np.abs(forces).max())
+
+
+@every_case
 def test_against_numpy(bulk):
     """Forces, mean stress, state of every point through a history of random steps, some of them elastic."""
     space, twins = fresh(bulk).space, {number: Twin(bulk.space, number) for number in bulk.states}

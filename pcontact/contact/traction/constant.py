@@ -1,17 +1,17 @@
-"""The traction of a source with thermal strain: that without, and -beta dT n_X."""
+"""The traction of a source that has one more part, which does not depend on the displacement."""
 
 from pcontact.contact.traction.elastic import ElasticTraction
 
 
-class HeatedTraction(ElasticTraction):
-    """A traction with that of thermal strain added, which does not depend on the displacement.
+class ConstantTraction(ElasticTraction):
+    """A traction with another one added.
 
     Parameters
     ----------
     rest : ElasticTraction
         The traction without.
-    trace : pcontact.assembly.heat.HeatTrace
-        beta dT at the points.
+    trace : object
+        Its ``tractions(rest)`` (np, d) is what is added [stress].
     """
 
     def __init__(self, rest, trace):
@@ -19,15 +19,19 @@ class HeatedTraction(ElasticTraction):
         self._rest, self._trace = rest, trace
         self.consistent, self.symmetric, self.jumps = rest.consistent, rest.symmetric, rest.jumps
 
+    def linear(self, values, p, wanted):
+        """See :meth:`ElasticTraction.linear`."""
+        return self._rest.linear(values, p, wanted)
+
     def add_excess(self, values, p, traction):
         """See :meth:`ElasticTraction.add_excess`."""
         self._rest.add_excess(values, p, traction)
-        traction -= self._trace.values[:, None] * self.source.normal
+        traction += self._trace.tractions(self._rest)
 
     def add_normal_excess(self, values, p, traction):
         """See :meth:`ElasticTraction.add_normal_excess`."""
         self._rest.add_normal_excess(values, p, traction)
-        traction -= self._trace.values * (self.source.normal * p.normal).sum(axis=1)
+        traction += (self._trace.tractions(self._rest) * p.normal).sum(axis=1)
 
     def excess(self, values, p):
         """See :meth:`ElasticTraction.excess`."""
