@@ -1,5 +1,6 @@
 """Keyword decks (.inp of Abaqus and CalculiX): cards with their parameters, data and lines."""
 
+import math
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -95,9 +96,12 @@ class Card:
         InputError
         """
         try:
-            return float(word.lower().replace("d", "e")) if word else 0.0
+            value = float(word.lower().replace("d", "e")) if word else 0.0
         except ValueError:
-            raise self.refuse(repr(word), "a number", place) from None
+            value = math.nan
+        if not math.isfinite(value):
+            raise self.refuse(repr(word), "a finite number", place)
+        return value
 
     def integer(self, place, word):
         """A word as an integer.

@@ -16,6 +16,8 @@ from pcontact.runtime.errors import InputError
 
 # largest number that a generated set may count to
 _MOST = 100_000_000
+# words of a generated set without its step
+_ENDS = 2
 
 
 @dataclass
@@ -272,7 +274,7 @@ def _element(deck, card):
         else:
             continue
         members.append(held[0])
-        unknown = [n for n in held[1:] if n not in deck.nodes and kind.cell]
+        unknown = [n for n in held[1:] if n not in deck.nodes and (kind.cell or word in RIGID)]
         if unknown:
             raise card.refuse(f"node {unknown[0]} of element {held[0]}", "nodes that stand before it", place)
         held = []
@@ -289,6 +291,8 @@ def _set(deck, card):
     for place, words in card.rows:
         words = [word for word in words if word]
         if "GENERATE" in card.parameters:
+            if len(words) not in (_ENDS, _ENDS + 1):
+                raise card.refuse(", ".join(words), "first, last, step", place)
             first, last, *step = [card.integer(place, word) for word in words]
             if abs(last) > _MOST or (step and step[0] == 0):
                 raise card.refuse(", ".join(words), "first, last, step", place)

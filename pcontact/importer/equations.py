@@ -72,9 +72,9 @@ def equated(deck):
 def _one_by_one(deck, card, place, terms):
     """An equation of sets of nodes as equations of their nodes."""
     nodes = [deck.nodes_of(card, place, word) for word, _, _ in terms]
-    count = max(map(len, nodes))
-    if any(len(members) not in (1, count) for members in nodes):
-        raise card.refuse("sets of different sizes", "nodes, or sets of one size", place)
+    count = max(map(len, nodes), default=0)
+    if count == 0 or any(len(members) not in (1, count) for members in nodes):
+        raise card.refuse("sets of different sizes, or of none", "nodes, or sets of one size", place)
     for k in range(count):
         yield [(members[k if len(members) > 1 else 0], dof, factor)
                for members, (_, dof, factor) in zip(nodes, terms, strict=True)]  # fmt: skip

@@ -31,7 +31,8 @@ def outward(deck, row):
     normal = np.array([ends[1], -ends[0], 0.0]) if len(points) == _LINE else np.cross(ends, points[-1] - points[0])
     centre = np.mean([deck.nodes[n] for n in deck.elements[row[0]][1]], axis=0)
     normal *= np.sign(normal @ (points.mean(axis=0) - centre))
-    return normal / np.linalg.norm(normal)
+    size = np.linalg.norm(normal)
+    return normal / size if size > 0.0 else normal
 
 
 def distances(deck, nodes, faces):

@@ -110,7 +110,7 @@ def read_steps(deck, findings, supports, contacts):
         elif run.finite is None:
             small = small or step.card
         friction, off = dict(friction), set(off)
-        for card, following in zip(step.cards, [*step.cards[1:], None], strict=True):
+        for card, following in zip(step.cards, [*step.cards[1:], None], strict=False):
             if card.key in ("CHANGEFRICTION", "CHANGESURFACEBEHAVIOR"):
                 friction |= contacts.change(card, following)
             elif card.key == "MODELCHANGE":

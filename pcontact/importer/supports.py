@@ -73,6 +73,11 @@ class Values:
         return old
 
 
+def _word(words, k):
+    """A word of a line, empty beyond its end."""
+    return words[k] if k < len(words) else ""
+
+
 def amplitudes(deck, findings):
     """Amplitudes by name in capitals."""
     found = {}
@@ -168,7 +173,7 @@ class Supports:
             elif card.key == "INITIALCONDITIONS" and card.word("TYPE") == "TEMPERATURE":
                 self.findings.know(card, "TYPE")
                 for place, words in card.rows:
-                    value = card.number(place, words[1] if len(words) > 1 else "")
+                    value = card.number(place, _word(words, 1))
                     self.initial |= dict.fromkeys(self.deck.nodes_of(card, place, words[0]), value)
                 self.findings.take(card)
         self.held.pass_step(0.0, 0.0, True)
@@ -222,13 +227,13 @@ class Supports:
         self.findings.take(card)
         for place, words in card.rows:
             nodes = self.deck.nodes_of(card, place, words[0])
-            first = words[1] if len(words) > 1 else ""
+            first = _word(words, 1)
             if first.upper() in _NAMED:
                 dofs, value = _NAMED[first.upper()], 0.0
             else:
                 low = card.integer(place, first)
-                high = card.integer(place, words[2]) if len(words) > 2 and words[2] else low
-                dofs, value = range(low, high + 1), card.number(place, words[3] if len(words) > 3 else "")
+                high = card.integer(place, _word(words, 2)) if _word(words, 2) else low
+                dofs, value = range(low, high + 1), card.number(place, _word(words, 3))
             self._prescribe(card, place, nodes, dofs, Definition(value, amplitude, card))
 
     def _prescribe(self, card, place, nodes, dofs, one):
@@ -257,7 +262,7 @@ class Supports:
         amplitude = self._amplitude(card)
         self.findings.take(card)
         for place, words in card.rows:
-            dof, value = card.integer(place, words[1]), card.number(place, words[2] if len(words) > 2 else "")
+            dof, value = card.integer(place, _word(words, 1)), card.number(place, _word(words, 2))
             nodes = self.deck.nodes_of(card, place, words[0])
             keys = {n: (n, dof - 1) for n in nodes if n in self.nodes and n not in self._hanging and dof <= self.dim}
             keys |= {n: self.references[n, dof - 1] for n in nodes if (n, dof - 1) in self.references}
@@ -273,7 +278,7 @@ class Supports:
         amplitude = self._amplitude(card)
         self.findings.take(card)
         for place, words in card.rows:
-            label, numbers = words[1].upper() if len(words) > 1 else "", card.numbers(place, words[2:])
+            label, numbers = _word(words, 1).upper(), card.numbers(place, words[2:])
             if words[0]:
                 elements = self.deck.elements_of(card, place, words[0])
             else:
@@ -293,7 +298,7 @@ class Supports:
         self.findings.take(card)
         for place, words in card.rows:
             surface = self.deck.surface_of(card, place, words[0])
-            label = words[1].upper() if len(words) > 1 else ""
+            label = _word(words, 1).upper()
             if label not in ("P", "TRVEC") or surface.nodes:
                 self.findings.leave(card, f"{label}; allowed: P, TRVEC on faces", place)
                 continue
@@ -304,10 +309,10 @@ class Supports:
                 if card.word("FOLLOWER", "YES") == "YES":
                     self.findings.change(card, "with NLGEOM: it keeps its direction", place)
                 key = surface.name, tuple((way / np.linalg.norm(way)).tolist())
-                self.tractions.give(key, Definition(card.number(place, words[2]), amplitude, card), add=True)
+                self.tractions.give(key, Definition(card.number(place, _word(words, 2)), amplitude, card), add=True)
                 continue
             for key in surface.faces:
-                self.pressures.give(key, Definition(card.number(place, words[2]), amplitude, card), add=True)
+                self.pressures.give(key, Definition(card.number(place, _word(words, 2)), amplitude, card), add=True)
 
     def _temperature(self, card):
         self.findings.know(card, "OP", "AMPLITUDE")
@@ -316,7 +321,7 @@ class Supports:
         amplitude = self._amplitude(card)
         self.findings.take(card)
         for place, words in card.rows:
-            value = card.number(place, words[1] if len(words) > 1 else "")
+            value = card.number(place, _word(words, 1))
             for node in self.deck.nodes_of(card, place, words[0]):
                 self.temperatures.give(node, Definition(value, amplitude, card))
                 if self.temperatures.histories[node].points == [(0.0, 0.0)]:

@@ -204,6 +204,8 @@ def _profile(card, rows):
             points += [end, np.array(numbers[2:4])]
         else:
             points += _arc(begin, end, np.array(numbers[2:4]))
+    if len(points) < _TWO:
+        raise card.refuse("no lines", "START, then LINE, CIRCL or PARAB with their points")
     return np.array(points)
 
 

@@ -17,6 +17,7 @@ from pcontact.importer.references import References
 from pcontact.importer.steps import OUTPUT, read_steps
 from pcontact.importer.supports import Supports
 from pcontact.importer.tools import ANALYTICAL, Tools
+from pcontact.runtime.errors import InputError
 
 # thermal strain up to which small strain stands for any: its square is what it leaves out
 SMALL = 0.01
@@ -82,6 +83,8 @@ def translate(path, mesh_name):
     parts, plane, thickness = bodies(deck, findings)
     names = {material: deck.spelling[material] for _, material, _ in parts}
     nodes = {node for _, _, cells in parts for e in cells for node in deck.elements[e][1]}
+    if not nodes:
+        raise InputError(f"{path}: found no element of a solid with a section; allowed: *SOLID SECTION of elements")
     dim = 3 if any(not in_plane(deck.elements[e][0]) for _, _, cells in parts for e in cells) else 2
     if thickness != 1.0:
         card = next(card for card in deck.model if card.key == "SOLIDSECTION")

@@ -47,7 +47,7 @@ def test_included_files_have_lines_of_their_own(tmp_path):
         ("*ELEMENT, TYPE=CPE4\n2, 1, 2, 3\n", ("line 11", "3 nodes of element 2", "4 for CPE4")),
         ("*ELEMENT, TYPE=CPE4\n2, 1, 2, 3, 9\n", ("line 11", "node 9")),
         ("*ELEMENT\n2, 1, 2, 3, 4\n", ("line 10", "no TYPE=")),
-        ("*NODE\n5, one, 2\n", ("line 11", "'one'", "a number")),
+        ("*NODE\n5, one, 2\n", ("line 11", "'one'", "a finite number")),
         ("*INCLUDE, INPUT=nothing.inp\n", ("nothing.inp", "no such file")),
         ("*INCLUDE, INPUT=deck.inp\n", ("deck.inp", "include each other")),
     ],
