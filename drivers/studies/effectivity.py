@@ -7,6 +7,9 @@
     mean        the same with nu = 0.4999 and mean dilatation, in the norm of its energy
     hertz       a cylinder on a block (plane) and a ball on a block (space); the error is that against a solution of
                 degree 2 on the mesh whose cells are all halved, with the same straight sides
+    hill        a thick cylinder that yields on half of its section, without hardening and with E / 10; the error as
+                for Hertz
+    indent      a ball pressed into a block that yields and hardens little, with axial symmetry; the error as for Hertz
     blocks      one on the other, pressed and sheared, singular at the corners: Coulomb and Tresca friction, unbiased
                 contact, tied surfaces, a target 1000 times as stiff; the error as for Hertz
 
@@ -19,7 +22,8 @@ from functools import partial
 import numpy as np
 
 from drivers._common import draw, log, main, make_mesh, make_parser, observed_rates, print_table, running, write_json
-from drivers.cases import hertz, rings, thick_cylinder
+from drivers.cases import hertz, indent, rings, thick_cylinder
+from meshes import indent as indent_mesh
 from meshes import rings as ring_mesh
 from meshes import two_blocks
 from meshes.shells import shells, tubes
@@ -60,14 +64,17 @@ SIZES = {
     "mean-plane-triangle": (4, 8, 16),
     "mean-space-hexahedron": (2, 4, 8),
     "mean-space-tetrahedron": (2, 4, 8),
+    "hill-perfect": (3, 6, 12),
+    "hill-hardening": (3, 6, 12),
+    "indent-triangle": (0.15, 0.1, 0.07),
     **{f"blocks-plane-{kind}": (6, 12) for kind in BLOCKS},
     **{f"blocks-space-{kind}": (2, 3) for kind in BLOCKS},
 }
 TINY = ("rings-triangle", "tubes-hexahedron", "blocks-plane-friction")
 # cases that have no theta
-ONCE = ("cylinder", "mean", "blocks")
+ONCE = ("cylinder", "mean", "hill", "indent", "blocks")
 # cases whose cells lock with degree 1
-DEGREE_2 = ("mean-plane-triangle", "mean-space-tetrahedron")
+DEGREE_2 = ("mean-plane-triangle", "mean-space-tetrahedron", "hill-perfect", "hill-hardening", "indent-triangle")
 
 
 def _shell(a, b, p_in, p_out):
@@ -145,6 +152,14 @@ def prepare(name, size, degree, theta, folder):
         return _hertz(rest, size, degree, theta, folder)
     if kind == "blocks":
         return _blocks(*rest.split("-"), size, degree, theta, folder), None
+    if kind == "hill":
+        path = thick_cylinder.make(folder / f"{name}_{size}.msh", "plane", "triangle", 2, size)
+        law = {"hardening": 0.1 * thick_cylinder.Cylinder().E if rest == "hardening" else 0.0}
+        return thick_cylinder.scene(path, "plane", degree, (thick_cylinder.CHECKED,), steps=4, **law), None
+    if kind == "indent":
+        path = make_mesh(indent_mesh, folder / f"{name}_{size}.msh", 2, size, 2, "triangle")
+        metal = indent.metal(hardening=indent.HARDENING)
+        return indent.scene(path, 2, material=metal, unload=0, order=degree, steps=10), None
     if kind in ("cylinder", "mean"):
         kinematics, cell = rest.split("-")
         form = thick_cylinder.Cylinder(10.0, 20.0, 210e3, 0.3 if kind == "cylinder" else 0.4999, 1e9)

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pcontact import build
-from pcontact.adapt import variants
+from pcontact.adapt import seen, variants
 from pcontact.adapt.budget import Budgeted
 from pcontact.adapt.degree import cheaper
 from pcontact.adapt.forecast import forecast
@@ -109,6 +109,8 @@ class Loop:
         self._rtol = float(np.clip(FIRST_RTOL * self.target.error, LEAST_RTOL, MOST_RTOL))
         self._steps, self._others, self._why, self._searches = scene.steps.count, None, "", False
         self._degree = self._options.get(key_options(MeshSpec)["order"], scene.mesh.order)
+        # estimate and degree of the last pass, and what part of the error estimates have been seen to be
+        self._before, self._seen = None, 1.0
         # the pass of the lower degree, while the other one is tried
         self._lower, self._chosen, self._looks_ahead, self.ahead = None, None, False, None
         self.passes, self.kept, self.mesh = [], None, None
@@ -278,7 +280,7 @@ class Loop:
         simplices = any(not CELLS[kind].is_tensor for some in self.comm.allgather(kinds) for kind in some)
         known = effectivity(simulation.scene, simplices, mesh.dim, space.degree)
         norm = watch.norm if watch.norm > 0.0 else 1.0
-        estimate, size, found = watch.absolute / norm, norm, None
+        estimate, size, found = watch.absolute / self._part_seen(simulation, watch) / norm, norm, None
         beside = {"algebraic": watch.algebraic / norm}
         loads, forces = simulation.error_estimate.of_loads(watch.time)
         beside["loads"] = loads / norm
@@ -303,6 +305,24 @@ class Loop:
         done.parts |= self._beside_the_mesh(simulation, done, size, watch)
         done.error = sum(done.parts.values())
         return done
+
+    def _part_seen(self, simulation, watch):
+        """What part of the error the estimate is, as the last meshes show it, where bodies yield. *Collective.*"""
+        scene, degree = simulation.scene, simulation.problem.space.degree
+        if self.target.quantity != "energy" or not any(scene.yields(body) for body in scene.bodies):
+            return 1.0
+        old, self._before = self._before, (simulation.error_estimate.last["absolute"], degree)
+        part = float("nan")
+        if old is None or old[1] != degree:
+            simulation.close()
+            part = seen.on_halved(simulation, self._scene(), self._options)
+            if not np.isfinite(part):
+                log.warning("not known: what part of the error the estimate is where bodies yield")
+        elif simulation.begin(watch.time) is not None:
+            part = seen.between(simulation, simulation.begin(watch.time), old[0])
+        # a mesh that has changed the solution little says little
+        self._seen = min(self._seen, part) if np.isfinite(part) else self._seen
+        return self._seen
 
     def _indicators(self, squares, found):
         """What cells have in the error of a quantity, where that is what the mesh is refined for. *Collective.*"""
@@ -471,7 +491,7 @@ def _quantity(found, target, passes):
     """Value of a quantity, and what it is extrapolated to, with an uncertainty."""
     if target.quantity == "pressure":
         return {"value": found.value, "error": found.error}
-    best = found.value + found.error + found.loads
+    best = found.value + found.error + found.loads + found.algebraic
     # what is left of the estimate's own error; and, once there are two, by how much such values differ
     unsure = max([0.5 * abs(found.error), *(abs(one.quantity["extrapolated"] - best) for one in passes[-1:])])
     return {"value": found.value, "error": found.error, "extrapolated": best, "uncertainty": unsure}

@@ -42,6 +42,7 @@ from pcontact.estimate.local import LocalFunctions, Moduli, energies, products
 from pcontact.estimate.recovery import Recovery
 from pcontact.estimate.stress import BlockStress
 from pcontact.estimate.tractions import Cells, on_source, on_target, source_facets
+from pcontact.estimate.yielding import softening
 from pcontact.runtime.petsc import MPI
 from pcontact.scene.prescribed import Prescribed
 
@@ -486,8 +487,9 @@ class Estimator:
                 basis = components(jxw, geo @ x if linear(block.cell, space.degree) else None)[0]
             functions = LocalFunctions(test, ring, jxw, basis)
             fixed, moduli = self._fixed(number, rows), Moduli(own, shared, mu)
+            softer = softening(space, self.bulk, number, rows, nodal, xi)
             if weight is None:
-                energies(functions, moduli, loads, fixed, out[rows])
+                energies(functions, moduli, softer, loads, fixed, out[rows])
                 continue
             values = shape(block.cell, space.degree, xi)
             sigma, around = BlockStress(space, self._elastic, number, rows, weight.nodal)(grad, values, radius, xi)
@@ -495,7 +497,7 @@ class Estimator:
             force = self._body_force(number, rows, geo @ x, time, weight.loads)
             if force is not None:
                 others += np.einsum("cq,qb,cqd->cbd", jxw, tests, force)
-            products(functions, moduli, loads.sum(axis=1), others, fixed, out[rows, 0])
+            products(functions, moduli, softer, loads.sum(axis=1), others, fixed, out[rows, 0])
         return out if weight is None else out[:, :1]
 
     def _body_force(self, number, rows, points, time, loads):

@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from pcontact.assembly.plastic_kernels import fill_operator, pull, square
 from pcontact.runtime.jit import njit
 
 
@@ -87,6 +88,21 @@ def _add_mean(functions, c, shared, weight, out):
 
 
 @njit
+def _soften(functions, c, softening, out):
+    """Take away from the stiffness (n, n) of cell c what yielding does, see `pcontact.estimate.yielding`."""
+    grad, jxw, moduli = functions.grad, functions.jxw, softening.moduli
+    m, nb, d = moduli.shape[0], grad.shape[2], grad.shape[3]
+    operator, pulled = np.zeros((m, nb, d)), np.zeros((m, nb * d))
+    flat = operator.reshape(m, nb * d)
+    for q in range(grad.shape[1]):
+        part = softening.part[c, softening.near[q]]
+        if part != 0.0:
+            fill_operator(functions, c, q, operator)
+            pull(moduli, flat, -part * jxw[c, q], pulled)
+            square(flat, pulled, out)
+
+
+@njit
 def _factorise(a):
     """Cholesky factor of the lower triangle, in place."""
     n = a.shape[0]
@@ -126,6 +142,23 @@ def _forward(a, b):
 
 
 @njit
+def _square_in(stiffness, a, b):
+    """e . K e with the lower triangle of the stiffness K and e = A^-1 b from the Cholesky factor of A; b becomes e."""
+    n, total = a.shape[0], 0.0
+    _forward(a, b)
+    for i in range(n - 1, -1, -1):
+        s = b[i]
+        for k in range(i + 1, n):
+            s -= a[k, i] * b[k]
+        b[i] = s / a[i, i]
+    for i in range(n):
+        total += stiffness[i, i] * b[i] * b[i]
+        for k in range(i):
+            total += 2.0 * stiffness[i, k] * b[i] * b[k]
+    return total
+
+
+@njit
 def _without(matrix, fixed, c, d):
     """Take the components that supports hold out of the stiffness of cell c."""
     for a in range(fixed.shape[1]):
@@ -138,12 +171,12 @@ def _without(matrix, fixed, c, d):
 
 
 @njit
-def products(functions, moduli, loads, others, fixed, out):
+def products(functions, moduli, softening, loads, others, fixed, out):
     """Energy products of the solutions of two local problems on every cell.
 
     Parameters
     ----------
-    functions, moduli, fixed
+    functions, moduli, softening, fixed
         As for :func:`energies`.
     loads, others : ndarray (nc, nb, d)
         Their right-hand sides [force].
@@ -155,6 +188,8 @@ def products(functions, moduli, loads, others, fixed, out):
     matrix, first, second = np.zeros((n, n)), np.zeros(n), np.zeros(n)
     for c in range(nc):
         _assemble(functions, c, moduli, matrix)
+        if softening.part[c].any():
+            _soften(functions, c, softening, matrix)
         _without(matrix, fixed, c, d)
         _factorise(matrix)
         for a in range(nb):
@@ -170,15 +205,17 @@ def products(functions, moduli, loads, others, fixed, out):
 
 
 @njit
-def energies(functions, moduli, loads, fixed, out):
+def energies(functions, moduli, softening, loads, fixed, out):
     """Squared energy norms of the solutions of the cells' local problems.
 
-    Find e with  int sigma(e) : eps(v) = load(v)  for all test functions v of the cell.
+    Find e with  int sigma(e) : eps(v) = load(v)  for all test functions v of the cell. Where the cell has yielded sigma
+    is softer than that of elasticity; the energy is always that of elasticity.
 
     Parameters
     ----------
     functions : LocalFunctions
     moduli : Moduli
+    softening : pcontact.estimate.yielding.Softening
     loads : ndarray (nc, n_parts, nb, d)
         Residual of each kind, tested [force].
     fixed : ndarray (nc, nb, d) of bool
@@ -188,9 +225,13 @@ def energies(functions, moduli, loads, fixed, out):
     """
     nc, parts, nb, d = loads.shape
     n = nb * d
-    matrix, vector = np.zeros((n, n)), np.zeros(n)
+    matrix, elastic, vector = np.zeros((n, n)), np.zeros((n, n)), np.zeros(n)
     for c in range(nc):
         _assemble(functions, c, moduli, matrix)
+        softer = softening.part[c].any()
+        if softer:
+            elastic[:, :] = matrix
+            _soften(functions, c, softening, matrix)
         _without(matrix, fixed, c, d)
         _factorise(matrix)
         for part in range(parts + 1):
@@ -204,4 +245,4 @@ def energies(functions, moduli, loads, fixed, out):
                             for k in range(parts):
                                 value += loads[c, k, a, i]
                     vector[a * d + i] = value
-            out[c, part] = _square(matrix, vector)
+            out[c, part] = _square_in(elastic, matrix, vector) if softer else _square(matrix, vector)

@@ -3,14 +3,24 @@
 import numpy as np
 import pytest
 
-from pcontact.estimate.local import LocalFunctions, Moduli, energies
+from pcontact.estimate.local import LocalFunctions, Moduli, energies, products
+from pcontact.estimate.yielding import Softening
 from tests.support.small import elasticity
+
+# places of Mandel components
+PLACES = ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))
+
+
+def in_mandel(full, m):
+    """Strain operators (nq, n, 3, 3) in Mandel components (nq, m, n)."""
+    symmetric = 0.5 * (full + full.swapaxes(2, 3))
+    return np.stack([symmetric[:, :, i, j] * (1.0 if i == j else np.sqrt(2.0)) for i, j in PLACES[:m]], axis=1)
 
 
 @pytest.mark.parametrize("dim, hoop", [(2, False), (2, True), (3, False)])
 @pytest.mark.parametrize("shared", [0.0, 2.0])
 def test_local_problems(dim, hoop, shared):
-    """The kernel against dense matrices."""
+    """The kernels against dense matrices, the last cell with a softening, which the energy does not see."""
     rng = np.random.default_rng(2)
     nc, nq, nb, parts, lam, mu = 2, 7, 3, 2, 1.7, 0.6
     grad, jxw = rng.normal(size=(nc, nq, nb, dim)), rng.uniform(0.5, 1.0, (nc, nq))
@@ -18,9 +28,14 @@ def test_local_problems(dim, hoop, shared):
     loads = rng.normal(size=(nc, parts, nb, dim))
     fixed = np.zeros((nc, nb, dim), dtype=bool)
     fixed[1, 2, 0] = fixed[0, 0, 1] = True
-    out = np.empty((nc, parts + 1))
-    basis = rng.normal(size=(nc, nq, 2))
-    energies(LocalFunctions(grad, ring, jxw, basis), Moduli(lam, shared, mu), loads, fixed, out)
+    out, work = np.empty((nc, parts + 1)), np.empty(nc)
+    basis, m = rng.normal(size=(nc, nq, 2)), 6 if dim == 3 else 4
+    flow = rng.normal(size=m)
+    flow /= np.linalg.norm(flow)
+    softer = Softening(np.array([[0.0, 0.0], [0.9, 0.3]]), 1.1 * np.outer(flow, flow), np.arange(nq) % 2)
+    functions, moduli = LocalFunctions(grad, ring, jxw, basis), Moduli(lam, shared, mu)
+    energies(functions, moduli, softer, loads, fixed, out)
+    products(functions, moduli, softer, loads[:, 0], loads[:, 1], fixed, work)
     c4 = elasticity(lam, mu, 3)
     for c in range(nc):
         full = np.zeros((nq, nb, dim, 3, 3))
@@ -32,8 +47,15 @@ def test_local_problems(dim, hoop, shared):
         for mode in basis[c].T:
             mean = np.einsum("q,q,qaikk->ai", jxw[c], mode, full).ravel()
             matrix += shared / jxw[c].sum() * np.outer(mean, mean)
-        free = ~fixed[c].ravel()
-        for k, b in enumerate([*loads[c], loads[c].sum(axis=0)]):
-            b = b.ravel()[free]
-            expected = b @ np.linalg.solve(matrix[np.ix_(free, free)], b)
-            assert out[c, k] == pytest.approx(expected, rel=1e-9)
+        free = np.flatnonzero(~fixed[c].ravel())
+        energy = matrix[np.ix_(free, free)]
+        operator = in_mandel(full.reshape(nq, nb * dim, 3, 3), m)
+        part = jxw[c] * softer.part[c, softer.near]
+        taken = np.einsum("q,qmi,mn,qnj->ij", part, operator, softer.moduli, operator)
+        stiffness = energy - taken[np.ix_(free, free)]
+        assert np.linalg.eigvalsh(stiffness)[0] > 0.0
+        right = [b.ravel()[free] for b in [*loads[c], loads[c].sum(axis=0)]]
+        for k, b in enumerate(right):
+            e = np.linalg.solve(stiffness, b)
+            assert out[c, k] == pytest.approx(e @ energy @ e, rel=1e-9)
+        assert work[c] == pytest.approx(right[0] @ np.linalg.solve(stiffness, right[1]), rel=1e-9)

@@ -1,0 +1,103 @@
+"""The table and the picture of `named_error.py`, from the rows of one or several runs."""
+
+import json
+
+import numpy as np
+
+from drivers._common import draw, log, markdown, print_table
+from drivers.studies._named_scenes import HELD_BACK, SCENES
+from pcontact.runtime.errors import InputError
+from pcontact.runtime.parallel import on_root
+from pcontact.runtime.petsc import MPI
+
+FILE = "named_error.json"
+HEAD = ("scene", "of", "target", "reached", "named", "true", "true/named", "estimate/true", "unknowns", "passes",
+        "seconds")  # fmt: skip
+# [-] Relative errors below count as those of rounding: neither the reference nor the solver knows more of them.
+ROUNDING = 1e-7
+ABOUT = """# Errors that were named, and true ones
+
+`python drivers/studies/named_error.py` writes this page (`--scene` by `--scene`, then `--join` and `--publish`). It
+runs the scenes of `drivers/studies/_named_scenes.py` on one rank with the error that a row has as `target`, from a
+coarse mesh. The true error is that against an exact solution (the energy of rings, shrink_fit and shells), or against a
+solution of degree 2 on the last mesh with all cells halved, in the plane up to 3,000 unknowns twice, and with twice the
+load steps. All errors are relative. `estimate` is what the program expects the error to be; `named` is larger, as it
+allows for the smallest effectivity that is known. Seconds are those of a busy machine, of all passes together. Where
+the true error is below 1e-7 it is that of rounding, and `estimate/true` says nothing.
+"""
+HELD = """
+The scenes {names} were held back: nothing was chosen after them, and they were run once, at the end.
+"""
+
+
+def joined(places):
+    """Rows (dicts) of earlier runs in the order of the scenes; of rows that are there twice the later one.
+
+    Parameters
+    ----------
+    places : list of pathlib.Path
+        Directories of runs.
+    """
+    known = {}
+    for place in places:
+        try:
+            rows = json.loads((place / FILE).read_text(encoding="utf-8"))
+        except (OSError, ValueError) as error:
+            raise InputError(f"command line: --join {place}: found {error}; allowed: results of this driver") from None
+        known |= {(row["scene"], row["of"], row["target"]): row for row in rows}
+    order = [*SCENES, *HELD_BACK]
+    quantities = {name: one.quantities for name, one in (SCENES | HELD_BACK).items()}
+    return sorted(known.values(), key=lambda row: (order.index(row["scene"]),
+                  quantities[row["scene"]].index(row["of"]), -row["target"]))  # fmt: skip
+
+
+def line(row):
+    """A row (dict) as one of the table."""
+    if "true" not in row:
+        return [row["scene"], row["of"], row["target"], row["reached"], *["-"] * (len(HEAD) - 4)]
+    small = row["true"] < ROUNDING
+    return [row["scene"], row["of"], row["target"], row["reached"], row["named"], row["true"],
+            row["true"] / row["named"], "-" if small else row["estimate"] / row["true"], row["unknowns"], row["passes"],
+            row["seconds"]]  # fmt: skip
+
+
+def summary(rows):
+    """What the rows say together, in sentences."""
+    found = [row for row in rows if "true" in row]
+    ratios = np.array([row["true"] / row["named"] for row in found])
+    words = [f"The true error is below the one named in {int(np.sum(ratios <= 1.0))} of {len(rows)} rows, and at most "
+             f"{ratios.max():.3g} times as large."]  # fmt: skip
+    for energy, what in ((True, "the energy norm"), (False, "quantities")):
+        some = [row["estimate"] / row["true"] for row in found
+                if (row["of"] == "energy") == energy and row["true"] >= ROUNDING]  # fmt: skip
+        if some:
+            words.append(f"Of {what} the estimate is {min(some):.3g} to {max(some):.3g} times the true error.")
+    return words
+
+
+def _paint(axes, rows):
+    for energy, style, text in ((True, "o", "energy norm"), (False, "s", "forces, displacements")):
+        some = [row for row in rows if "true" in row and (row["of"] == "energy") == energy]
+        axes.loglog([row["named"] for row in some], [row["true"] for row in some], style, mfc="none", label=text)
+    ends = np.array([row[key] for row in rows if "true" in row for key in ("named", "true")])
+    ends = np.array([max(ends.min(), ROUNDING), ends.max()])
+    axes.loglog(ends, ends, "k:", label="as named")
+    axes.set(xlabel="error named", ylabel="true error")
+    axes.legend()
+
+
+def judged(args, rows):
+    """Print, publish and draw the rows; exit status 1 where more than one in twenty is beyond what was named."""
+    lines = [line(row) for row in rows]
+    print_table("named errors", HEAD, lines)
+    for sentence in summary(rows):
+        log.info("%s", sentence)
+    if args.publish is not None:
+        held = [name for name in HELD_BACK if any(row["scene"] == name for row in rows)]
+        about = ABOUT + (HELD.format(names=", ".join(held)) if held else "")
+        text = "\n".join([about, " ".join(summary(rows)), "", *markdown(HEAD, lines), ""])
+        on_root(MPI.COMM_WORLD, args.publish.write_text, text)
+    if args.picture is not None:
+        draw(args.picture, lambda axes: _paint(axes, rows), size=(4.0, 3.5), dpi=100)
+    beyond = [row for row in rows if "true" not in row or not row["true"] <= row["named"]]
+    return 0 if len(beyond) <= 0.05 * len(rows) else 1

@@ -1,0 +1,98 @@
+"""How much softer the local problems are in cells that have yielded.
+
+Where a point yields, a small change of the stress goes with a large one of the strain. The error of the displacement is
+that of the whole history of flow, not that of one load step: the moduli are those that bring a virgin point to the
+strain of now in one step (deformation theory), secant moduli, sigma_dev = 2 mu_s eps_dev with
+
+    mu_s / mu = 1 - |eps_p| / |eps_dev|
+
+They are those of elasticity where nothing has yielded, and positive where the tangent of perfect plasticity is not.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from pcontact.assembly.geometry import some_cells
+from pcontact.assembly.plastic import NO_RING
+from pcontact.assembly.plastic_kernels import CellPoints, PlasticState, excess_at
+from pcontact.material.mandel import HALF, add_elastic_tangent
+
+
+class Softening(NamedTuple):
+    """What yielding takes away from the stiffness of nc cells.
+
+    Attributes
+    ----------
+    part : ndarray (nc, nq)
+        Of `moduli`, at the bulk's own points; 0 where they have not yielded.
+    moduli : ndarray (m, m)
+        Those that flow acts on, Mandel components [stress].
+    near : ndarray (np,)
+        The bulk's own point that is nearest to each point of the local problems.
+    """
+
+    part: np.ndarray
+    moduli: np.ndarray
+    near: np.ndarray
+
+
+def softening(space, bulk, number, rows, nodal, xi):
+    """Softening of some cells of a block under a displacement.
+
+    Parameters
+    ----------
+    space : pcontact.space.space.Space
+    bulk : pcontact.assembly.bulk.ElasticBulk
+        After the load step has been committed.
+    number : int
+        Block.
+    rows : slice
+        Cells.
+    nodal : ndarray (n_local, d)
+    xi : ndarray (np, d)
+        Points of the local problems in the reference cell.
+
+    Returns
+    -------
+    Softening
+    """
+    nodes, state = space.cells[number][rows], getattr(bulk, "states", {}).get(number)
+    some = np.zeros(0, dtype=np.int64) if state is None else np.flatnonzero(state.p[rows].any(axis=1))
+    if not len(some):
+        return Softening(np.zeros((len(nodes), 1)), np.zeros((0, 0)), np.zeros(len(xi), dtype=np.int64))
+    cells = np.arange(len(space.cells[number]))[rows][some]
+    grad, ring, points = some_cells(space, number, cells)
+    ring = NO_RING if ring is None else np.ascontiguousarray(ring)
+    nq, m = state.strain.shape[1:]
+    virgin = PlasticState(state.material, np.zeros((len(some), nq, m)), np.zeros((len(some), nq)))
+    excess, moduli = np.zeros(virgin.strain.shape), _moduli(state.material, m)
+    places = CellPoints(np.ascontiguousarray(nodes[some]), grad, ring)
+    excess_at(places, virgin, nodal, False, excess, np.zeros((0, 0, m, m)))
+    strain = _strains(nodal[nodes[some]], grad, ring, m)
+    # the excess of a virgin point is along the strain: what is taken away is a part of the work of the strain
+    work = np.einsum("cqm,mn,cqn->cq", strain, moduli, strain)
+    part = np.zeros((len(nodes), nq))
+    part[some] = -np.einsum("cqm,cqm->cq", excess, strain) / np.where(work > 0.0, work, 1.0)
+    near = np.argmin(np.sum((xi[:, None] - points[None]) ** 2, axis=2), axis=1)
+    return Softening(part, moduli, near)
+
+
+def _moduli(material, m):
+    """Moduli (m, m) of the strain that flow changes: of the deviator, in plane stress of all in the plane."""
+    moduli = np.zeros((m, m))
+    add_elastic_tangent(material.constants, material.plane_stress, moduli)
+    if not material.plane_stress:
+        moduli[:3, :3] = 2.0 * material.constants[1] * (np.eye(3) - 1.0 / 3.0)
+    return moduli
+
+
+def _strains(u, grad, ring, m):
+    """Mandel strains (nc, nq, m) of displacements (nc, nn, d)."""
+    slope, strain = np.einsum("cai,cqaj->cqij", u, grad), np.zeros((*grad.shape[:2], m))
+    for k, (i, j) in enumerate(((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))[:m]):
+        if j < u.shape[2]:
+            strain[:, :, k] = slope[:, :, i, j] if i == j else HALF * (slope[:, :, i, j] + slope[:, :, j, i])
+    if ring.shape[0]:
+        strain[:, :, 2] = np.einsum("cqa,ca->cq", ring, u[:, :, 0])
+    return strain
