@@ -375,7 +375,12 @@ class Contacts:
             self.findings.change(card, f"{words}: here no overlap is left")
         elif kind == "LINEAR":
             table["pressure_overclosure"] = slope
-            self.findings.take(card, words)
+            pull = values[0][1] if len(values[0]) > 1 else 0.0
+            if pull:
+                pulled = f"those of CalculiX pull across a gap with up to {pull:g}"
+                self.findings.change(card, f"{words}; they push only, {pulled}")
+            else:
+                self.findings.take(card, words)
         else:
             table["pressure_overclosure"] = _exponential(first, values[0][1])
             self.findings.change(card, f"{words}, as a table of {ROWS} rows")

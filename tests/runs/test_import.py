@@ -260,6 +260,15 @@ def test_what_is_changed_is_said(tmp_path):
     assert all(word in part for word in ("reduced integration", "springs of 1e+07", "logarithmic strain"))
 
 
+@pytest.mark.parametrize("row, pulled", [("1.e3, 0.5", True), ("1.e3", False)])
+def test_springs_that_pull_are_told(tmp_path, row, pulled):
+    """The second number of linear springs is a tension that a soft layer does not have."""
+    status, listed, scene = imported(tmp_path, BLOCKS + PAIR.replace("HARD", f"LINEAR\n{row}"))
+    part = listed.split("\nchanged (")[1].split("\ntaken (")[0]
+    assert status == 0 and scene.contacts[0].pressure_overclosure == 1e3
+    assert ("pull across a gap with up to 0.5" in part) is pulled
+
+
 def test_every_card_is_in_the_list(tmp_path):
     text = BLOCKS + PAIR + "*NOVELTY, A=1\n1, 2\n*STEP\n*STATIC\n*NODE FILE\nU\n*NOVELTY\n*END STEP\n"
     _, listed, _ = imported(tmp_path, text)
