@@ -250,7 +250,7 @@ def bulk_item(scene, space, constants, orthotropic):
             return FiniteBulk(space, constants, finite)
         if any(finite):
             return MixedBulk(space, constants, small, finite)
-        heat = _heat(scene, space, constants)
+        heat = _heat(scene, space, constants, orthotropic)
         if heat is not None:
             return HeatedPlasticBulk(heat, space, constants, small, orthotropic) if any(small) else HeatedElasticBulk(
                 heat, space, constants, orthotropic)  # fmt: skip
@@ -405,7 +405,7 @@ def _spinning(scene, space):
     return result
 
 
-def _heat(scene, space, constants):
+def _heat(scene, space, constants, orthotropic):
     """Thermal stress of the bodies, None without temperatures. *Collective.*"""
     if not scene.temperatures:
         return None
@@ -414,16 +414,21 @@ def _heat(scene, space, constants):
         return None
     # in plane stress the third direction is free to expand
     normal = 2.0 if scene.mesh.kinematics == "plane_stress" else 3.0
-    bulk = [lam + 2.0 / normal * mu for lam, mu in constants]
-    moduli = [normal * one * (scene.materials[body.material].expansion or 0.0)
-              for body, one in zip(scene.bodies, bulk, strict=True)]  # fmt: skip
+    bulk, moduli = [lam + 2.0 / normal * mu for lam, mu in constants], []
+    for number, body in enumerate(scene.bodies):
+        law = orthotropic.get(number)
+        if law is None:
+            moduli.append(normal * bulk[number] * (scene.materials[body.material].expansion or 0.0))
+        else:
+            moduli.append(1.0 if law.expands else 0.0)
+            bulk[number] = 1.0 / law.expansion_energy if law.expands else 1.0
     heatings = []
     for number, one in enumerate(scene.temperatures):
         where = place("temperatures", number, one.region)
         value = Prescribed(one.value, scene.where, f"{where}.value") if one.file is None else partial(
             _nodal_field, space, scene.folder / one.file, one.field, (scene.where, where))  # fmt: skip
         heatings.append(Heating(one.region, value, one.reference, amplitude_of(one, scene.steps.end), where))
-    return Heat(space, heatings, moduli, bulk, scene.where)
+    return Heat(space, heatings, moduli, bulk, scene.where, orthotropic)
 
 
 def _nodal_field(space, path, name, where, which):

@@ -66,6 +66,17 @@ def _centres(space, number):
     )  # fmt: skip
 
 
+def _rest(law, centres):
+    """What the stiffness of an orthotropic law differs by at the centres of cells (k, 6, 6); k = 0 without a law."""
+    if law is None:
+        return np.zeros((0, 6, 6))
+    some = centres.table[:1] if law.uniform else centres.table
+    deviation = law.deviation(np.einsum("a,cad->cd", centres.geo, centres.places[some]))
+    out = np.zeros((len(deviation), 6, 6))
+    out[:, : law.size, : law.size] = deviation
+    return out
+
+
 def distortions(bulk, u, held):
     """Of all bodies with small strain. *Collective.*
 
@@ -92,8 +103,9 @@ def distortions(bulk, u, held):
             continue
         state, centres, worst = bulk.states.get(number), _centres(space, number), np.zeros(2)
         limit = np.inf if state is None else RADIUS * state.material.curve[0, 1] / (2.0 * mu)
+        stiffness = Stiffness(lam, mu, limit, _rest(bulk.orthotropic.get(block.body), centres))
         moved = bulk.moved(nodal, number)
-        add_distortion(centres, moved, Stiffness(lam, mu, limit), held[block.components], sums[block.body], worst)
+        add_distortion(centres, moved, stiffness, held[block.components], sums[block.body], worst)
         if worst[0] >= 0.0:
             place = centres.geo @ centres.places[centres.table[int(worst[1])]]
             largest[block.body] = max(largest[block.body], (float(worst[0]), tuple(place.tolist())))

@@ -18,6 +18,7 @@ from pcontact.runtime.jit import njit
 # sums of `add_distortion`, one after the other
 VOLUME, WORK, STRAIN, TURN, TURN_WORK, STIFFENING = range(6)
 SUMS = 6
+ROOT = np.sqrt(2.0)
 
 
 class Centres(NamedTuple):
@@ -61,11 +62,15 @@ class Stiffness(NamedTuple):
         Lame constants [stress].
     limit : float
         Size of the strain beyond which stresses do not grow; infinite where nothing yields.
+    rest : ndarray (k, 6, 6)
+        What an orthotropic stiffness differs by, in Mandel components [stress]: of all cells (k = 1), or of each of
+        them; k = 0 of an isotropic one.
     """
 
     lam: float
     mu: float
     limit: float
+    rest: np.ndarray
 
 
 @njit
@@ -88,7 +93,8 @@ def add_distortion(centres, nodal, stiffness, held, sums, largest):
     """
     places, table, cells, dgeo, dshape = centres.places, centres.table, centres.cells, centres.dgeo, centres.dshape
     lam, mu, limit = stiffness.lam, stiffness.mu, stiffness.limit
-    d = nodal.shape[1]
+    d, rest = nodal.shape[1], stiffness.rest
+    strain, stress = np.zeros(6), np.zeros(6)
     jacobian, inverse, reference, h = np.zeros((3, 3)), np.zeros((3, 3)), np.zeros((3, 3)), np.zeros((3, 3))
     largest[:] = -1.0
     for c in range(cells.shape[0]):
@@ -132,6 +138,14 @@ def add_distortion(centres, nodal, stiffness, held, sums, largest):
         size, turn = np.sqrt(square), wx * wx + wy * wy + wz * wz
         part = volume if size <= limit else volume * limit / size
         work = part * (2.0 * mu * square + lam * trace * trace)
+        if len(rest) > 0:
+            strain[0], strain[1], strain[2] = xx, yy, zz
+            strain[3], strain[4], strain[5] = ROOT * xy, ROOT * yz, ROOT * xz
+            for i in range(6):
+                stress[i] = 0.0
+                for j in range(6):
+                    stress[i] += rest[c if len(rest) > 1 else 0, i, j] * strain[j]
+                work += part * stress[i] * strain[i]
         sums[VOLUME] += volume
         sums[WORK] += work
         sums[STRAIN] += work * size
@@ -141,6 +155,10 @@ def add_distortion(centres, nodal, stiffness, held, sums, largest):
             # the stress across the plane of a rotation, if it has one, cancels
             along = xx * wx * wx + yy * wy * wy + zz * wz * wz + 2.0 * (yz * wy * wz + xz * wx * wz + xy * wx * wy)
             sums[STIFFENING] += part * ((lam + mu) * turn * trace - mu * along)
+            if len(rest) > 0:
+                across = stress[3] * wx * wy + stress[4] * wy * wz + stress[5] * wx * wz
+                along = stress[0] * wx * wx + stress[1] * wy * wy + stress[2] * wz * wz + ROOT * across
+                sums[STIFFENING] += 0.5 * part * (turn * (stress[0] + stress[1] + stress[2]) - along)
         error = 0.5 * max(size, turn)
         if error > largest[0]:
             largest[0], largest[1] = error, c

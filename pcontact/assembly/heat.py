@@ -4,6 +4,9 @@ The stress is  C : (eps - alpha dT I) = C : eps - beta dT I,  beta = (3 lam + 2 
 (2 lam + 2 mu) alpha with the lam of plane stress. Yielding is a matter of the deviator, which beta dT I does not have.
 Where cells take their mean dilatation, beta dT is projected as the dilatation is (`pcontact.element.dilatation`): a
 temperature that varies within a cell then strains it as far as its mean dilatation can follow.
+
+Of an orthotropic body beta is a tensor, C : alpha (`pcontact.material.orthotropic`), which may vary with the place.
+What is called beta dT is the difference of temperature dT alone there, and beta comes with the operators.
 """
 
 from typing import NamedTuple
@@ -15,6 +18,8 @@ from pcontact.assembly.geometry import chunks, hoop, points_of, some_cells_weigh
 from pcontact.assembly.item import LAW
 from pcontact.assembly.plastic import PlasticBulk
 from pcontact.element.dilatation import components, dilatation, linear
+from pcontact.material.mandel import HALF
+from pcontact.material.orthotropic import traction_matrix
 from pcontact.runtime.parallel import agree, together
 from pcontact.runtime.petsc import MPI
 from pcontact.scene.prescribed import Prescribed
@@ -66,19 +71,21 @@ class Heat:
     space : pcontact.space.space.Space
     heatings : list of Heating
     moduli : list of float
-        beta of each body [stress / temperature].
+        beta of each body [stress / temperature]; 1 of an orthotropic body that expands.
     bulk : list of float
         Energy density of free expansion by dT is 1/2 (beta dT)^2 / bulk: bulk modulus, in plane stress that of the
-        plane [stress].
+        plane [stress]; 1 / (alpha : C : alpha) of an orthotropic body.
     source : str
         Name of the scene, for messages.
+    laws : dict of int to pcontact.material.orthotropic.Orthotropic
+        Of the orthotropic bodies.
 
     Attributes
     ----------
     forces : ndarray (n_owned, d)
         int beta dT div v of the owned nodes [force].
-    means : list of ndarray (nc,)
-        Mean of beta dT over the cells of each block.
+    means : list of ndarray (nc,) or (nc, 6)
+        Mean of beta dT over the cells of each block; of an orthotropic body the tensor, as stresses are.
 
     Raises
     ------
@@ -90,11 +97,11 @@ class Heat:
     The constructor is *Collective*.
     """
 
-    def __init__(self, space, heatings, moduli, bulk, source):
-        self.space, self._heatings, self._moduli, self._bulk = space, heatings, moduli, bulk
+    def __init__(self, space, heatings, moduli, bulk, source, laws):
+        self.space, self._heatings, self._moduli, self._bulk, self._laws = space, heatings, moduli, bulk, laws
         self._time, self._traces, self.forces = None, [], np.zeros((space.n_owned, space.dim))
         self._which = [np.full(len(block.nodes), -1, dtype=np.int64) for block in space.mesh.blocks]
-        self.means = [np.zeros(len(which)) for which in self._which]
+        self.means = self._no_means()
         message = None
         for number, one in enumerate(heatings):
             groups = [np.arange(len(w)) for w in self._which]
@@ -157,15 +164,42 @@ class Heat:
                     values = _fit(space, block, jxw, points, values)(points, np.arange(len(some)))
                 yield number, rows, grad, jxw, hoop(space, number, rows, shapes), values
 
+    def _law(self, number):
+        """The orthotropic law of a block, None where it is isotropic."""
+        return self._laws.get(self.space.mesh.blocks[number].body)
+
+    def _no_means(self):
+        return [np.zeros(len(which) if self._law(number) is None else (len(which), 6))
+                for number, which in enumerate(self._which)]  # fmt: skip
+
     def _integrated(self):
         """Forces at local nodes (n_local, d), and means of the cells."""
         space = self.space
-        local, means = np.zeros((space.n_local, space.dim)), [np.zeros(len(which)) for which in self._which]
+        local, means = np.zeros((space.n_local, space.dim)), self._no_means()
         for number, rows, grad, jxw, ring, values in self._chunks():
-            operator = dilatation(grad, ring)
+            law, volume = self._law(number), jxw.sum(axis=1)
+            if law is None:
+                operator = dilatation(grad, ring)
+                means[number][rows] = np.sum(jxw * values, axis=1) / volume
+            else:
+                beta = self.directions(number, rows, values.shape)
+                operator = _pulled(beta, grad, ring)
+                # components of tensors, not those of Mandel
+                parts = np.einsum("cq,cq,cqk->ck", jxw, values, beta) / volume[:, None]
+                means[number][rows, : parts.shape[1]] = parts * ([1.0] * 3 + [HALF] * (parts.shape[1] - 3))
             np.add.at(local, space.cells[number][rows], np.einsum("cq,cq,cqad->cad", jxw, values, operator))
-            means[number][rows] = np.sum(jxw * values, axis=1) / jxw.sum(axis=1)
         return local, means
+
+    def directions(self, number, rows, shape):
+        """beta (nc, nq, m) of an orthotropic body at the points of cells, in Mandel components [stress/temperature]."""
+        beta = self._law(number).thermal(points_of(self.space, number, rows).reshape(-1, self.space.dim))
+        return np.broadcast_to(beta, (shape[0] * shape[1], beta.shape[1])).reshape(*shape, -1)
+
+    def onto(self, number, x, normal):
+        """beta n (n, d) of an orthotropic body at points x (n, d); None where a block is isotropic."""
+        law = self._law(number)
+        return None if law is None else np.einsum("nik,nk->ni", traction_matrix(normal), np.broadcast_to(
+            law.thermal(x), (len(x), law.size)))  # fmt: skip
 
     def energy(self):
         """What heated cells would store if they were kept from expanding [force * length]. *Collective.*"""
@@ -211,6 +245,20 @@ class Heat:
         return _fit(space, block, jxw, own, self.stress(number, rows, own))(points, cells)
 
 
+def _pulled(beta, grad, ring):
+    """beta : B (nc, nq, nn, d) of gradients (nc, nq, nn, d), N / r or None, and Mandel components (nc, nq, m)."""
+    d = grad.shape[3]
+    tensor = np.zeros((*beta.shape[:2], d, d))
+    for i in range(d):
+        tensor[..., i, i] = beta[..., i]
+    for k, (i, j) in enumerate(((0, 1), (1, 2), (0, 2))[: 3 if d == 3 else 1], start=3):
+        tensor[..., i, j] = tensor[..., j, i] = HALF * beta[..., k]
+    out = grad @ tensor
+    if ring is not None:
+        out[..., 0] += ring * beta[..., 2:3]
+    return out
+
+
 class HeatTrace:
     """beta dT at the points of a source surface.
 
@@ -225,21 +273,27 @@ class HeatTrace:
     ----------
     values : ndarray (np,)
         Of the time that the heat has been told last [stress].
+    onto : ndarray (np, d)
+        What they are multiplied with: the normal; beta n where cells are orthotropic.
     parts : list
         Points and parent cells, by block.
     """
 
     def __init__(self, heat, source, name):
-        self.values, self.parts = np.zeros(len(source.facet)), []
+        self.values, self.onto, self.parts = np.zeros(len(source.facet)), source.normal, []
         # facets without a shear modulus take part without their traction
         speaks = source.mu[source.facet] > 0.0
         for number, rows, first in heat.facets(name):
             points = np.flatnonzero((source.facet >= first) & (source.facet < first + len(rows)) & speaks)
             self.parts.append((number, rows, points, source.facet[points] - first, source.x[points][:, None]))
+            onto = heat.onto(number, source.x[points], source.normal[points])
+            if onto is not None:
+                self.onto = self.onto.copy() if self.onto is source.normal else self.onto
+                self.onto[points] = onto
 
     def tractions(self, rest):
         """-beta dT n_X (np, d) at the points of the source [stress]."""
-        return -self.values[:, None] * rest.source.normal
+        return -self.values[:, None] * self.onto
 
     def take(self, heat):
         """Take the temperatures that the heat has."""
@@ -286,7 +340,10 @@ class _Heated:
         """Mean stress and volume of every cell, see :meth:`ElasticBulk.stress`. *Collective.*"""
         result = super().stress(u)
         for (stress, _), mean in zip(result, self.heat.means, strict=True):
-            stress[:, : 2 if self.space.kinematics == "plane_stress" else 3] -= mean[:, None]
+            if mean.ndim > 1:
+                stress -= mean
+            else:
+                stress[:, : 2 if self.space.kinematics == "plane_stress" else 3] -= mean[:, None]
         return result
 
 

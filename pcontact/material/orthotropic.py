@@ -197,6 +197,19 @@ class Orthotropic:
         matrix = traction_matrix(normal)
         return np.linalg.eigvalsh(matrix @ self.moduli(normal) @ matrix.transpose(0, 2, 1))[:, -1]
 
+    @property
+    def expands(self):
+        """Whether it has thermal expansion."""
+        return self._expansion is not None and bool(np.any(self._expansion))
+
+    @property
+    def expansion_energy(self):
+        """Twice the energy per volume, and per temperature squared, of a body that is kept from expanding."""
+        local = self._reduced(self._local[None])[0]
+        if not self._plane_stress:
+            return float(self._expansion @ self._local @ self._expansion)
+        return float(self._expansion[:4] @ local @ self._expansion[:4])
+
     def thermal(self, x):
         """Stress (k, m) per temperature that keeps the body from expanding, C : alpha, at points x (n, d)."""
         if self._expansion is None:

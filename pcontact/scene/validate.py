@@ -602,9 +602,6 @@ def _check_temperatures(scene):
             if scene.finite(body):
                 found = f"body {body.region} with finite strain"
                 raise input_error(scene.where, where, found, "thermal strain with small strain of all bodies")
-            if material.orthotropic:
-                found = f"body {body.region}, which is orthotropic"
-                raise input_error(scene.where, where, found, "isotropic bodies")
             if scene.mesh.kinematics == "plane_stress" and material.plastic and material.expansion:
                 found = f'body {body.region} that may yield, with expansion and kinematics = "plane_stress"'
                 raise input_error(scene.where, where, found, "elastic bodies, or other kinematics")

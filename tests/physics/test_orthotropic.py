@@ -9,7 +9,18 @@ from meshes.tools import gmsh_model
 from pcontact.material.orthotropic import stiffness
 from pcontact.runtime.parallel import on_root
 from pcontact.runtime.petsc import MPI
-from pcontact.scene.model import Body, Contact, Displacement, Load, Material, MeshSpec, Output, Scene
+from pcontact.scene.model import (
+    Body,
+    Contact,
+    Displacement,
+    Load,
+    Material,
+    MeshSpec,
+    Obstacle,
+    Output,
+    Scene,
+    Temperature,
+)
 from pcontact.simulation import Simulation
 from tests.support.orthotropic import LAMINATE, SKEW, WOOD, law_of, plane_axes
 from tests.support.small import DIMENSION
@@ -114,6 +125,60 @@ def test_ring_with_hoops(tmp_path, kind):
     radius = x[:, 0] if kind == "axisymmetric" else np.linalg.norm(x[:, :2], axis=1)
     radial = u[:, 0] if kind == "axisymmetric" else np.sum(u[:, :2] * x[:, :2], axis=1) / radius
     np.testing.assert_allclose(radial, ring(radius), atol=(1e-3 if kind == "space" else 1e-4) * ring(INNER))
+
+
+ALPHA, HOT = [1e-3, 2e-3, 5e-3], 20.0
+
+
+@pytest.mark.parametrize("kinematics", ["plane_stress", "plane_strain", "axisymmetric", "space"])
+def test_heated_block(tmp_path, kinematics):
+    """Held so that it is free to expand: no stress in space and plane stress. Held everywhere: -C : alpha dT."""
+    dim, cell = (3, "tetrahedron") if kinematics == "space" else (2, "quadrilateral")
+    path = one_block(tmp_path / "b.msh", dim, 2, cell)
+    kin = "plane_strain" if kinematics == "space" else kinematics
+    axes = SKEW if dim == 3 else plane_axes(0.0 if kinematics == "axisymmetric" else 25.0)
+    law = law_of(WOOD, axes, dim, kin, expansion=ALPHA)
+    frozen = -HOT * law.thermal(np.zeros((1, dim)))[0]
+    free = {"000": [0.0] * 3, "100": ["free", 0.0, 0.0], "010": ["free", "free", 0.0]} if dim == 3 else {
+        "00": [0.0] * 2, "10": ["free", 0.0]}  # fmt: skip
+    for held in (True, False):
+        supports = [Displacement("block", [0.0] * dim)] if held else [
+            Displacement(f"corner_{name}", value) for name, value in free.items()]  # fmt: skip
+        if not held and kinematics in ("plane_strain", "axisymmetric"):
+            continue
+        scene = Scene(
+            MeshSpec(path, kinematics=kin), {"m": material(WOOD, axes=axes, expansion=ALPHA)}, [Body("block", "m")],
+            displacements=supports, temperatures=[Temperature(HOT + 3.0, reference=3.0)],
+            output=Output(fields=False, energy=True), petsc=TIGHT,
+        )  # fmt: skip
+        (_, u, stress), energy = solved(scene, lambda one: (nodal(one), one.problem.bulk.energies(one.stepper.u)[0]))
+        expected = np.zeros(6)
+        if held:
+            expected[: len(frozen)] = frozen * ([1.0] * 3 + [np.sqrt(0.5)] * (len(frozen) - 3))
+            volume = np.pi if kinematics == "axisymmetric" else 1.0
+            assert energy == pytest.approx(0.5 * HOT**2 * law.expansion_energy * volume, rel=1e-9)
+        else:
+            assert np.abs(u).max() > 0.5 * HOT * min(ALPHA) and abs(energy) < 1e-12
+        np.testing.assert_allclose(stress - expected, 0.0, atol=1e-9)
+
+
+@pytest.mark.parametrize("theta", [0.0, 1.0, -1.0])
+@pytest.mark.parametrize("friction", [None, 0.3])
+def test_hot_block_under_a_lid(tmp_path, theta, friction):
+    """Between smooth walls, whose distance stays: uniform pressure of the lid, exactly."""
+    path = one_block(tmp_path / "b.msh", 2, 2, "triangle")
+    lid = Obstacle("plane", [0.0, 1.0], [0.0, -1.0])
+    case = Scene(
+        MeshSpec(path), {"m": material(WOOD, angle=90.0, expansion=ALPHA)}, [Body("block", "m")],
+        contacts=[Contact("top", obstacle=lid, name="lid", theta=theta, friction=friction)],
+        displacements=[Displacement(side, [0.0, "free"]) for side in ("left", "right")]
+        + [Displacement("bottom", ["free", 0.0])],
+        temperatures=[Temperature(HOT)], output=Output(fields=False), petsc=TIGHT,
+    )  # fmt: skip
+    expected = HOT * law_of(WOOD, plane_axes(90.0), 2, expansion=ALPHA).thermal(np.zeros((1, 2)))[0, 1]
+    record = solved(case, lambda simulation: simulation.records.data()["steps"][-1]["contacts"]["lid"])
+    assert record["max_pressure"] == pytest.approx(expected, rel=1e-8)
+    assert record["force"][1] == pytest.approx(expected, rel=1e-8)
 
 
 # -- contact -----------------------------------------------------------------------------------------------------------
