@@ -61,7 +61,7 @@ class Estimate:
     absolute : float
         Energy norm of the error, sqrt(int sigma(e) : eps(e)).
     energy : float
-        The same norm of the displacement.
+        The same norm of the displacement, that of elasticity where bodies have yielded, too.
     parts : dict of str to float
         What each kind of residual brings about alone.
     surfaces : dict of str to dict of str to float
@@ -176,7 +176,7 @@ class Estimator:
         total = sum((s.sum(axis=0) for s in squares), np.zeros(len(PARTS) + 1))
         total = np.sqrt(space.comm.allreduce(total, op=MPI.SUM))
         parts = dict(zip(PARTS, total[:-1].tolist(), strict=True))
-        return Estimate(float(total[-1]), self._energy(u), parts, surfaces, [np.sqrt(s[:, -1]) for s in squares])
+        return Estimate(float(total[-1]), self.norm(u), parts, surfaces, [np.sqrt(s[:, -1]) for s in squares])
 
     def _tested(self, u, time):
         """Displacement (n_local, d), residuals of every block but for what its cells' interiors add, and residuals on
@@ -238,15 +238,10 @@ class Estimator:
         return nb, self.space.dim
 
     def norm(self, v):
-        """Energy norm of a displacement of elastic bodies. *Collective.*"""
+        """Energy norm of a displacement, that of elasticity. *Collective.*"""
         out = np.zeros((self.space.n_owned, self.space.dim))
         ElasticBulk.residual(self.bulk, v, out)
         return self._root(v, out)
-
-    def _energy(self, u):
-        out = np.zeros((self.space.n_owned, self.space.dim))
-        self.bulk.residual(u, out)
-        return self._root(u, out)
 
     def _root(self, u, out):
         work = float(np.vdot(out, u.getArray(readonly=True)))
