@@ -1,5 +1,9 @@
 """Which degree reaches the target with less work, from a pass of either on the same mesh."""
 
+from typing import NamedTuple
+
+from pcontact.runtime import log
+
 
 def work(done, error):
     """Entries of the tangent that a target takes, if the error of the mesh falls as fast as the degree lets it.
@@ -40,3 +44,72 @@ def cheaper(lower, higher, error):
     why = (f"an error of {100.0 * error:.3g} % takes about {entries[1]:.2g} entries of the tangent with degree 1, "
            f"{entries[2]:.2g} with degree 2")  # fmt: skip
     return {"degree": degree, "why": why, "entries": {str(k): value for k, value in entries.items()}}
+
+
+class Tried(NamedTuple):
+    """A pass from which the loop can go on.
+
+    Attributes
+    ----------
+    mesh : pcontact.mesh.mesh.Mesh
+    watch : pcontact.adapt.watch.Watch
+    done : pcontact.adapt.passes.Pass
+    step : object
+        How its cells are to be cut.
+    """
+
+    mesh: object
+    watch: object
+    done: object
+    step: object
+
+
+class Degree:
+    """The degree of the displacement in the passes: the user's, or chosen on the first mesh.
+
+    Parameters
+    ----------
+    given : int or None
+        The user's.
+
+    Attributes
+    ----------
+    now : int or None
+        Of the next pass; None: what the mesh says, degree 1 first.
+    chosen : dict or None
+        See :func:`cheaper`.
+    """
+
+    def __init__(self, given):
+        self.now, self.chosen, self._lower = given, None, None
+
+    def is_open(self, curved):
+        """Whether the degree is ours to choose on a mesh, and neither has been tried."""
+        return curved and self.now is None and self.chosen is None and self._lower is None
+
+    def try_higher(self, lower):
+        """Keep the pass of degree 1, and let the next one on its mesh have degree 2."""
+        self._lower, self.now = lower, 2
+
+    def choose(self, last, error):
+        """The pass from which to go on: of those of both degrees, where the last one was the second of them.
+
+        Parameters
+        ----------
+        last : Tried
+        error : float
+            To be reached.
+
+        Returns
+        -------
+        Tried
+        """
+        if self._lower is None:
+            return last
+        lower, self._lower = self._lower, None
+        self.chosen = cheaper(lower.done, last.done, error)
+        log.info("degree %d: %s", self.chosen["degree"], self.chosen["why"])
+        if self.chosen["degree"] == 2:
+            return last
+        self.now = 1
+        return lower

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pcontact.adapt.budget import FOLLOWERS, POWER
-from pcontact.adapt.sizes import cuts
+from pcontact.adapt.sizes import Contributions, next_cuts
 from pcontact.runtime.petsc import MPI
 
 # [passes] At most that are played.
@@ -44,7 +44,7 @@ class Forecast(NamedTuple):
         return {"passes": len(self.unknowns), **self._asdict()}
 
 
-def forecast(comm, passes, squares, part, most=MOST):
+def forecast(comm, passes, squares, part, whole=False, most=MOST):
     """Play the passes that bring the error of the last one down to a part of it. *Collective.*
 
     Parameters
@@ -56,6 +56,8 @@ def forecast(comm, passes, squares, part, most=MOST):
         Squared contributions of the cells of this rank to the error of the last one.
     part : float
         Of its error in the energy norm, to be left.
+    whole : bool
+        Whether all cells are halved together.
     most : int
         Passes at most.
 
@@ -66,14 +68,17 @@ def forecast(comm, passes, squares, part, most=MOST):
     last, unknowns = passes[-1], [float(one.unknowns) for one in passes]
     number, left, cells = np.ones(len(squares)), 1.0, comm.allreduce(len(squares), op=MPI.SUM)
     while left > part and len(unknowns) < most:
-        step = cuts(comm, squares, last.degree, last.known.dim, part / left, np.inf, number)
+        known = len(unknowns) > 1
+        errors = Contributions(squares, last.degree, last.known.dim, number, whole=whole)
+        step = next_cuts(comm, errors, part / left, np.inf, known)
         if step.growth <= 1.0:
             break
         number = number * 2.0**step.more
         squares = squares * 0.5**step.more * 0.25 ** (last.degree * step.more / last.known.dim)
         left *= step.part
         # neighbours of cells that are cut follow: the first time most of them
-        unknowns.append(FOLLOWERS * last.unknowns * comm.allreduce(float(number.sum()), op=MPI.SUM) / cells)
+        followers = 1.0 if whole else FOLLOWERS
+        unknowns.append(followers * last.unknowns * comm.allreduce(float(number.sum()), op=MPI.SUM) / cells)
     grown = [(one / last.unknowns) ** POWER for one in unknowns]
     fixed, rest = _costs(passes)
     seconds = sum(fixed + rest * one for one in grown) + sum(one.trials for one in passes)

@@ -1,6 +1,8 @@
-"""What is known of a pass, and the table of all of them."""
+"""What is known of a pass, the table of all of them, and what follows from them."""
 
 from dataclasses import dataclass, field
+
+import numpy as np
 
 NAMES = {
     "mesh": "the mesh", "load_steps": "the load steps", "frozen_partners": "partners that are frozen in a load step",
@@ -101,3 +103,40 @@ def table(passes, target, why=""):
     if last.next["load_steps"] != last.steps:
         coming += f", {last.next['load_steps']} load steps"
     return [f"{line}{coming}"]
+
+
+def report(passes, target, reached):
+    """Section `accuracy` of the report.
+
+    Parameters
+    ----------
+    passes : list of Pass
+    target : pcontact.scene.target.Target
+    reached : bool
+    """
+    last = passes[-1]
+    return {
+        "target": {"error": target.error, "of": target.of}, "reached": reached, "error": last.error,
+        "estimate": last.estimate, "parts": last.parts,
+        "effectivity": {"least": last.known.least, "most": last.known.most, "of": last.known.words},
+        **({} if last.quantity is None else {"quantity": last.quantity}), "rate": rate(passes),
+        "half": cost_of(passes, 0.5 * last.error), "target_cost": cost_of(passes, target.error),
+        "passes": [one.report() for one in passes],
+    }  # fmt: skip
+
+
+def rate(passes):
+    """Power of the unknowns with which the error falls: as seen in the last two passes, or as smooth solutions have."""
+    smooth = passes[-1].power * passes[-1].degree / passes[-1].known.dim
+    if len(passes) < 2 or passes[-1].unknowns <= passes[-2].unknowns or passes[-1].degree != passes[-2].degree:
+        return smooth
+    old, new = passes[-2:]
+    seen = np.log(old.parts["mesh"] / new.parts["mesh"]) / np.log(new.unknowns / old.unknowns)
+    return float(np.clip(seen, 0.1 * smooth, 2.0 * smooth))
+
+
+def cost_of(passes, error):
+    """Unknowns and seconds that an error would take, from the last pass by the rate seen."""
+    last = passes[-1]
+    growth = max((last.error / error) ** (1.0 / rate(passes)), 1.0) if last.error > 0.0 else 1.0
+    return {"error": error, "unknowns": last.unknowns * growth, "seconds": last.seconds * growth}

@@ -12,8 +12,14 @@ AT_ONCE = 3
 # [-] Growth of the number of cells that is enough for one pass, where the error cannot be had at once. From: all passes
 # together then cost a third more than the last one.
 PASS = 4.0
+# [-] Growth from which on the first mesh is followed by one that has a part of the cells that are expected, but at
+# least `PASS` times those of now: the rate at which the error falls is not known yet. From: Hertz's ball at 1 %; a mesh
+# that misses its target costs as much as the one that follows, one with an eighth of the cells little.
+LEAP, TRIAL = 8.0, 0.125
 # [-] Bisections of the scale until it is known. From: the ratio of two neighbouring doubles is never needed.
 HALVINGS = 50
+# [halvings] Rounding.
+ROUNDED = 1e-9
 
 
 class Cuts(NamedTuple):
@@ -34,30 +40,94 @@ class Cuts(NamedTuple):
     growth: float
 
 
-def cuts(comm, squares, degree, dim, part, most=np.inf, count=None):
+class Contributions(NamedTuple):
+    """What the cells of this rank have in the error.
+
+    Attributes
+    ----------
+    squares : ndarray (n,)
+        Squared contributions.
+    degree, dim : int
+        Of the displacement, and of space.
+    count : ndarray (n,) or None
+        Of cells that have these squares each; None: one.
+    power : ndarray (n,) or None
+        With which the squares around a vertex of the cell fall, see `pcontact.adapt.corners`; 2 p + d, and None, where
+        the solution is smooth.
+    whole : bool
+        Whether all cells are halved together.
+    """
+
+    squares: np.ndarray
+    degree: int
+    dim: int
+    count: np.ndarray | None = None
+    power: np.ndarray | None = None
+    whole: bool = False
+
+
+def next_cuts(comm, errors, part, most=np.inf, known=False):
+    """Cuts for the next mesh: as of :func:`cuts`, but fewer where much is to be gained and the rate is not `known`.
+    *Collective.*"""
+    if errors.whole:
+        return halvings(errors, part, most, known)
+    step = cuts(comm, errors, part, most)
+    if known or step.growth <= LEAP:
+        return step
+    return cuts(comm, errors, part, max(TRIAL * step.growth, PASS))
+
+
+def halvings(errors, part, most=np.inf, known=False):
+    """Cuts of all cells alike that leave a part of the error, but one halving less where the rate is not `known`.
+
+    Parameters
+    ----------
+    errors : Contributions
+    part, most : float
+        As of :func:`cuts`.
+    known : bool
+
+    Returns
+    -------
+    Cuts
+        Of growth 1 where one halving is too much.
+    """
+    number = max(int(np.ceil(np.log2(1.0 / part) / errors.degree - ROUNDED)), 1)
+    number = number if known else max(number - 1, 1)
+    while number and 2.0 ** (errors.dim * number) > most:
+        number -= 1
+    more = np.full(len(errors.squares), errors.dim * number)
+    return Cuts(more, 0.5 ** (errors.degree * number), 2.0 ** (errors.dim * number))
+
+
+def cuts(comm, errors, part, most=np.inf):
     """Cuts that leave a part of the error. *Collective.*
 
     A cell's part of the squared error falls with 2^(-2 p / d) per bisection, the cells double: the fewest have sizes in
-    proportion to estimate^(-2 / (2 p + d)).
+    proportion to estimate^(-2 / (2 p + d)). Around a point toward which the solution is singular, squares of cells of
+    size h at a distance r go with h^(2 p + d) r^(e - 2 p - d), and the fewest cells have sizes in proportion to
+    r^(1 - e / (2 p + d)): the parts of a cell there are more by a geometric series.
 
     Parameters
     ----------
     comm : MPI.Comm
-    squares : ndarray (n,)
-        Squared contributions of the cells of this rank to the error.
-    degree, dim : int
+    errors : Contributions
     part : float
         Of the error, to be left.
     most : float
         Growth of the number of cells at most.
-    count : ndarray (n,), optional
-        Of cells that have these squares each.
 
     Returns
     -------
     Cuts
     """
+    squares, degree, dim, count, power, _ = errors
     number = np.ones(len(squares)) if count is None else count
+    # cells that grow smaller toward a point, over those that are alike
+    series = np.ones(len(squares))
+    if power is not None:
+        singular = power < 2.0 * degree + dim
+        series[singular] = 1.0 / (1.0 - 0.5 ** (dim * power[singular] / (2.0 * degree + dim)))
     total, count, low, high = _sums(comm, squares, number)
     if total == 0.0:
         return Cuts(np.zeros(len(squares), dtype=np.int64), 1.0, 1.0)
@@ -66,7 +136,8 @@ def cuts(comm, squares, degree, dim, part, most=np.inf, count=None):
         with np.errstate(divide="ignore"):
             wanted = dim / (2.0 * degree + dim) * np.log2(squares / scale)
         more = np.clip(np.rint(wanted), 0, AT_ONCE * dim).astype(np.int64)
-        own = [(number * squares) @ 0.25 ** (degree * more / dim), number @ 2.0**more]
+        parts = np.where(more > 0, number * series, number)
+        own = [(parts * squares) @ 0.25 ** (degree * more / dim), parts @ 2.0**more]
         left, cells = comm.allreduce(np.array(own), op=MPI.SUM)
         return Cuts(more, float(np.sqrt(left / total)), float(cells / count))
 

@@ -7,7 +7,7 @@ from pcontact.element.shape import shape
 from pcontact.runtime.observer import Observer
 
 # [load steps] Whose displacements are kept for the next mesh. From: memory, a vector each.
-KEPT = 12
+KEPT = 24
 # [-] Part of the time by which two ends of load steps may differ. From: rounding.
 SAME_TIME = 1e-9
 
@@ -65,7 +65,11 @@ def at_nodes(space, u):
 
 
 class Beginning:
-    """Where the bodies were on the last mesh, for :class:`pcontact.stepping.stepper.Stages`.
+    """Where the bodies are expected, for :class:`pcontact.stepping.stepper.Stages`: they move on as on the last mesh.
+
+    Where something remembers what has happened, the displacement of the other mesh itself is farther from the solution
+    than that of the last load step: friction and plastic flow of the two meshes differ by more than they change in a
+    load step.
 
     Parameters
     ----------
@@ -79,8 +83,24 @@ class Beginning:
     def __init__(self, simulation, times, fields):
         space = simulation.problem.space
         rows = space.mesh_nodes[space.owned_local]
-        self._known = [(time, field[rows]) for time, field in zip(times, fields, strict=True)]
+        self._simulation, self._times = simulation, np.array([0.0, *times])
+        self._fields = [np.zeros((len(rows), space.dim)), *(field[rows] for field in fields)]
 
     def __call__(self, time):
-        """The displacement (n_owned, d) at a time; None where there was no end of a load step."""
-        return next((values for known, values in self._known if abs(known - time) <= SAME_TIME * abs(time)), None)
+        """The displacement (n_owned, d) at the end of a load step; None where that of the last mesh is not known."""
+        stepper = self._simulation.stepper
+        before, then = self.at(stepper.schedule.time), self.at(time)
+        if before is None or then is None:
+            return None
+        return stepper.u.getArray(readonly=True).reshape(then.shape) + (then - before)
+
+    def at(self, time):
+        """The displacement of the last mesh; between ends of load steps the mean."""
+        after = int(np.searchsorted(self._times, time * (1.0 - SAME_TIME)))
+        if after == len(self._times):
+            return None
+        if after == 0:
+            return self._fields[0]
+        begin, end = self._times[after - 1 : after + 1]
+        part = min((time - begin) / (end - begin), 1.0)
+        return part * self._fields[after] + (1.0 - part) * self._fields[after - 1]

@@ -1,14 +1,17 @@
 """An error is named and reached: the loop, its report, its budget; from the command line and from Python."""
 
 import json
+import time as clock
 from functools import partial
 
 import numpy as np
 import pytest
 
 import pcontact as pc
+from drivers._common import make_mesh
 from drivers.cases import rings
 from meshes import rings as rings_mesh
+from meshes.blocks import two_blocks
 from meshes.punch import punch
 from pcontact.adapt.loop import REACHED, SPENT, Loop
 from pcontact.assembly.error_norms import bulk_error
@@ -84,3 +87,31 @@ def test_a_budget_that_is_spent(shared_tmp):
 
 def test_status_of_a_budget_that_is_spent(shared_tmp):
     assert Loop(punch_scene(shared_tmp, error=0.01, budget=Budget(unknowns=100))).run().status == SPENT
+
+
+@pytest.mark.parallel
+def test_quadrilaterals_are_halved(shared_tmp):
+    """All of them, as often as it takes; cells that nothing cuts are refused."""
+    path = make_mesh(two_blocks, shared_tmp / "blocks.msh", 2, 2, 3, "quadrilateral")
+    scene = Scene(
+        mesh=MeshSpec(path), materials={"m": Material(10.0, 0.3)}, bodies=[Body("lower", "m"), Body("upper", "m")],
+        contacts=[Contact("upper_bottom", "lower_top", name="face")],
+        displacements=[Displacement("lower_bottom", [0.0, 0.0]), Displacement("upper_top", [0.0, -0.05])],
+        output=Output(fields=False), accuracy=Target(0.08),
+    )  # fmt: skip
+    loop = Loop(scene)
+    assert loop.run().status == REACHED
+    assert [one.cells for one in loop.passes] == [13 * 4**k for k in range(len(loop.passes))] and len(loop.passes) > 1
+
+
+def test_a_forecast_and_the_run(tmp_path):
+    """What `pcontact check -error` predicts: passes to two, unknowns to a factor of 2, seconds to one of 5."""
+    scene = punch_scene(tmp_path, error=0.04)
+    ahead, told = Loop(scene), Loop(scene)
+    ahead.forecast()
+    begun = clock.perf_counter()
+    assert told.run().status == REACHED
+    seconds, forecast = clock.perf_counter() - begun, ahead.ahead
+    assert abs(len(forecast.unknowns) - len(told.passes)) <= 2
+    assert 0.5 < forecast.unknowns[-1] / told.passes[-1].unknowns < 2.0
+    assert 0.2 < forecast.seconds / seconds < 5.0

@@ -38,6 +38,24 @@ class Balance(NamedTuple):
     method: str = "bisection"
 
 
+class Rise(NamedTuple):
+    """Where cells are wanted smaller and smaller toward a point.
+
+    Attributes
+    ----------
+    rise : ndarray (n_cells,)
+        Cuts that the parts of a cell get more whenever their distance to the point halves; 0: none.
+    toward : ndarray (n_cells, d)
+        The point [length].
+    within : ndarray (n_cells,)
+        Distance from which on [length].
+    """
+
+    rise: np.ndarray
+    toward: np.ndarray
+    within: np.ndarray
+
+
 class Refined(NamedTuple):
     """A refined mesh.
 
@@ -52,7 +70,7 @@ class Refined(NamedTuple):
     fields: list
 
 
-def refine(mesh, more, fields=(), balance=None):
+def refine(mesh, more, fields=(), balance=None, rise=None):
     """Cut cells that are wanted smaller and join those that are wanted larger. *Collective.*
 
     Parameters
@@ -66,6 +84,8 @@ def refine(mesh, more, fields=(), balance=None):
     fields : sequence of ndarray (n_nodes, k) float64
         Values at the nodes of this rank, interpolated with the shape functions of the layout of the nodes.
     balance : Balance, optional
+    rise : Rise, optional
+        For triangles and tetrahedra.
 
     Returns
     -------
@@ -87,7 +107,7 @@ def refine(mesh, more, fields=(), balance=None):
                     return Refined(mesh, [np.array(field, dtype=float) for field in fields])
                 piece, widths = halved(exchanger, mesh, fields)
             else:
-                piece, widths = _grown(exchanger, mesh, origin, more, fields)
+                piece, widths = _grown(exchanger, mesh, origin, (more, rise), fields)
             new = deal(piece, *(balance or Balance()))
     finally:
         exchanger.free()
@@ -124,11 +144,11 @@ def _with_origin(new, mesh, base, widths):
     return Refined(new, parts)
 
 
-def _grown(exchanger, mesh, origin, more, fields):
+def _grown(exchanger, mesh, origin, wanted, fields):
     """The new mesh in slices, and the widths of the fields that go with its nodes. *Collective.*"""
     base = origin.base
     kinds = {block.cell for block in base.blocks}
-    wishes, spans = _wishes(exchanger, mesh, origin, more)
+    wishes, spans = _wishes(exchanger, mesh, origin, *wanted)
     columns = bits(list(base.node_groups), base.node_groups, len(base.points))
     forest = Forest(base, kinds.pop(), columns, _edges(base))
     forest.cells.wishes[: len(spans)] = spans
@@ -139,20 +159,25 @@ def _grown(exchanger, mesh, origin, more, fields):
     return _sliced(exchanger, base, forest, facets, values), widths
 
 
-def _wishes(exchanger, mesh, origin, more):
+def _wishes(exchanger, mesh, origin, more, rise):
     """Wishes for the cells of the base here, sorted, and first and last + 1 of each of its cells (n, 2).
     *Collective.*"""
     base = origin.base
     n = sum(len(block.nodes) for block in base.blocks)
     wanted = np.maximum(origin.level + more, 0)
-    table = np.column_stack([origin.path.view(np.int64), origin.level, wanted])
+    if rise is None:
+        rise = Rise(np.zeros(len(wanted)), np.zeros((len(wanted), base.dim)), np.zeros(len(wanted)))
+    real = np.column_stack(rise).view(np.int64)
+    table = np.column_stack([origin.path.view(np.int64), origin.level, wanted, real])
     rows = np.arange(n)
     if mesh is not base:
         rows, table = to_base(exchanger, base, origin.cells, table)
     path = np.ascontiguousarray(table[:, 0]).view(np.uint64)
     order = np.lexsort((path, rows))
     ends = np.searchsorted(rows[order], np.arange(n + 1))
-    wishes = Wishes(path[order], table[order, 1].astype(np.int32), table[order, 2].astype(np.int32))
+    real = np.ascontiguousarray(table[order, 3:]).view(np.float64)
+    levels = table[order, 1].astype(np.int32), table[order, 2].astype(np.int32)
+    wishes = Wishes(path[order], *levels, real[:, 0].copy(), real[:, 1:-1].copy(), real[:, -1].copy())
     return wishes, np.column_stack([ends[:-1], ends[1:]])
 
 

@@ -107,11 +107,20 @@ class Wishes(NamedTuple):
     level : ndarray (n,) int32
         Of the cell.
     wanted : ndarray (n,) int32
+    rise : ndarray (n,)
+        Levels that are wanted more whenever the distance of a part of the cell to a point halves; 0: none.
+    toward : ndarray (n, d)
+        The point [length].
+    within : ndarray (n,)
+        Distance from which on [length].
     """
 
     path: np.ndarray
     level: np.ndarray
     wanted: np.ndarray
+    rise: np.ndarray
+    toward: np.ndarray
+    within: np.ndarray
 
 
 @njit_inline
@@ -192,7 +201,22 @@ def _due(nodes, cells, wishes, c):
     for k in range(cells.wishes[c, 0], cells.wishes[c, 1]):
         if wishes.wanted[k] > level:
             return True
+        if wishes.rise[k] > 0.0 and wishes.wanted[k] + _risen(nodes, cells, wishes, c, k) > level:
+            return True
     return False
+
+
+@njit_inline
+def _risen(nodes, cells, wishes, c, k):
+    """Levels that a cell is wanted more because it is nearer to the point of a wish than the cell of the wish."""
+    square = 0.0
+    for i in range(nodes.points.shape[1]):
+        x = 0.0
+        for v in range(cells.vertices.shape[1]):
+            x += nodes.points[cells.vertices[c, v], i]
+        square += (x / cells.vertices.shape[1] - wishes.toward[k, i]) ** 2
+    octaves = 0.5 * np.log2(wishes.within[k] ** 2 / max(square, 1e-300))
+    return np.int64(np.rint(wishes.rise[k] * max(octaves, 0.0)))
 
 
 @njit_inline

@@ -5,7 +5,7 @@ from itertools import product
 import numpy as np
 import pytest
 
-from pcontact.adapt.sizes import AT_ONCE, PASS, cuts
+from pcontact.adapt.sizes import AT_ONCE, LEAP, PASS, Contributions, cuts, next_cuts
 from pcontact.runtime.petsc import MPI
 
 
@@ -13,7 +13,7 @@ def test_no_choice_of_the_same_error_has_fewer_cells():
     """Against all choices of three cells."""
     squares, degree, dim = np.array([1.0, 0.07, 1e-3]), 1, 2
     for part in (0.9, 0.6, 0.4, 0.3):
-        found = cuts(MPI.COMM_SELF, squares, degree, dim, part)
+        found = cuts(MPI.COMM_SELF, Contributions(squares, degree, dim), part)
         assert found.part < part
         left = [(np.sqrt(squares @ 0.25 ** (np.array(more) / 2) / squares.sum()), np.sum(2.0 ** np.array(more)))
                 for more in product(range(5), repeat=3)]  # fmt: skip
@@ -23,24 +23,36 @@ def test_no_choice_of_the_same_error_has_fewer_cells():
 
 def test_where_all_is_equal_all_is_cut():
     for degree, dim in product((1, 2), (2, 3)):
-        found = cuts(MPI.COMM_SELF, np.ones(10), degree, dim, 0.5 ** (degree * 1.0) * 1.0001)
+        found = cuts(MPI.COMM_SELF, Contributions(np.ones(10), degree, dim), 0.5 ** (degree * 1.0) * 1.0001)
         assert (found.more == dim).all() and found.growth == 2.0**dim
         assert found.part == pytest.approx(0.5**degree)
 
 
 def test_a_singular_cell_does_not_cut_the_others():
     squares = np.concatenate([[1.0], np.full(1000, 1e-9)])
-    found = cuts(MPI.COMM_SELF, squares, 1, 2, 1e-3)
+    found = cuts(MPI.COMM_SELF, Contributions(squares, 1, 2), 1e-3)
     assert found.more[0] == 2 * AT_ONCE and found.growth < 2.0 * PASS
 
 
 def test_growth_is_limited():
-    found = cuts(MPI.COMM_SELF, np.linspace(1.0, 2.0, 500), 1, 2, 0.1, most=1.7)
+    found = cuts(MPI.COMM_SELF, Contributions(np.linspace(1.0, 2.0, 500), 1, 2), 0.1, most=1.7)
     assert 1.0 < found.growth <= 1.7
 
 
+def test_the_first_mesh_is_followed_by_one_that_tells_the_rate():
+    """Unless the rate is known, or there is little to gain."""
+    errors = Contributions(np.random.default_rng(1).lognormal(0.0, 1.0, 400), 1, 2)
+    for part, known in ((0.05, False), (0.05, True), (0.5, False)):
+        whole, found = cuts(MPI.COMM_SELF, errors, part), next_cuts(MPI.COMM_SELF, errors, part, np.inf, known)
+        if known or whole.growth <= LEAP:
+            assert found.growth == whole.growth
+        else:
+            assert PASS / 2 < found.growth < whole.growth / 2
+    assert whole.growth < LEAP
+
+
 def test_nothing_to_do():
-    assert not cuts(MPI.COMM_SELF, np.zeros(4), 1, 2, 0.1).more.any()
+    assert not cuts(MPI.COMM_SELF, Contributions(np.zeros(4), 1, 2), 0.1).more.any()
 
 
 @pytest.mark.parallel
@@ -48,5 +60,6 @@ def test_parallel_equals_serial():
     comm = MPI.COMM_WORLD
     squares = np.random.default_rng(3).lognormal(0.0, 3.0, 200)
     own = np.array_split(np.arange(200), comm.size)[comm.rank]
-    found, whole = cuts(comm, squares[own], 2, 3, 0.2), cuts(MPI.COMM_SELF, squares, 2, 3, 0.2)
+    found = cuts(comm, Contributions(squares[own], 2, 3), 0.2)
+    whole = cuts(MPI.COMM_SELF, Contributions(squares, 2, 3), 0.2)
     assert np.array_equal(found.more, whole.more[own]) and found.growth == pytest.approx(whole.growth)

@@ -1,0 +1,148 @@
+"""Points toward which the solution is singular, told by how the estimates around vertices have fallen.
+
+Around a point where the displacement goes like r^a, the squared error of the cells that touch it falls with h^(2 a),
+where h is their size; around others with h^(2 p + d). Two meshes, one of them finer there, tell the power.
+"""
+
+import numpy as np
+
+from pcontact.mesh.refinement.keys import vertex_keys
+from pcontact.mesh.refinement.refine import Rise
+from pcontact.runtime.petsc import MPI
+
+# [-] Sizes of cells of the last mesh over those of now, from which on the power is told. From: chosen; closures alone
+# make cells that much smaller.
+FINER = 1.5
+# [-] Part of the power of smooth solutions below which a point is singular, and the least power. From: the punch, and
+# powers of smooth solutions on coarse meshes, which scatter by a fifth.
+SINGULAR, LEAST = 0.7, 0.5
+
+
+def around_vertices(space, squares):
+    """Squared estimates of the cells around the vertices of a mesh of triangles, and their size. *Collective.*
+
+    Parameters
+    ----------
+    space : pcontact.space.space.Space
+    squares : ndarray (n_cells,)
+
+    Returns
+    -------
+    ndarray (n_nodes, 3)
+        Of all nodes of the mesh of this rank: sums of squares, a length that goes with the size of the largest cells, a
+        mark of the node that no interpolation gives; zeros where the node is no vertex.
+    """
+    mesh = space.mesh
+    own, volumes = np.zeros((space.n_local, 2)), np.zeros((space.n_local, 2))
+    first = 0
+    for number, block in enumerate(mesh.blocks):
+        some, x = squares[first : first + len(block.nodes)], mesh.points[block.nodes[:, :3]]
+        first += len(block.nodes)
+        volume = np.abs(np.linalg.det(x[:, 1:] - x[:, :1]))
+        for corner in space.cells[number][:, :3].T:
+            np.add.at(own[:, 0], corner, some)
+            np.add.at(volumes, corner, np.column_stack([volume, volume**2]))
+    own, (volume, square) = _summed(space, own)[:, 0], _summed(space, volumes).T
+    found, vertex = np.zeros((len(mesh.points), 3)), volume > 0.0
+    rows = space.mesh_nodes[vertex]
+    found[rows] = np.column_stack([own[vertex], np.sqrt(square[vertex] / volume[vertex]), _marks(mesh)[rows]])
+    return found
+
+
+def _summed(space, values):
+    """Values (n_local, 2) of nodes, of all ranks together. *Collective.*"""
+    total = space.vector()
+    space.local.add(values, total)
+    result = space.local.gather(total)
+    total.destroy()
+    return result
+
+
+def _marks(mesh):
+    """A number (n_nodes,) between 0 and 1 of each node, the same on all meshes of one base."""
+    keys = np.empty(len(mesh.points), dtype=np.uint64)
+    if mesh.origin is None:
+        vertex_keys(mesh.file_nodes, keys)
+    else:
+        keys[:] = mesh.origin.keys
+    return (keys >> np.uint64(11)).astype(float) * 2.0**-53
+
+
+def singular(space, now, before):
+    """The cells that touch a point toward which the solution is singular.
+
+    Parameters
+    ----------
+    space : pcontact.space.space.Space
+        Of triangles.
+    now, before : ndarray (n_nodes, 3)
+        Of :func:`around_vertices`, on this mesh and on the last one; `before` interpolated.
+
+    Returns
+    -------
+    power : ndarray (n_cells,)
+        With which their squares fall; 2 p + d where there is no such point.
+    rise : pcontact.mesh.refinement.refine.Rise
+        That makes all squares around the point alike.
+    """
+    mesh, d, smooth = space.mesh, space.dim, 2.0 * space.degree + space.dim
+    told = (now[:, :2] > 0.0).all(axis=1) & (before[:, :2] > 0.0).all(axis=1) & (now[:, 2] == before[:, 2])
+    told[told] = before[told, 1] > FINER * now[told, 1]
+    fallen, finer = (before[told, k] / now[told, k] for k in range(2))
+    of_node = np.full(len(mesh.points), smooth)
+    of_node[told] = np.log(fallen) / np.log(finer)
+    of_node[of_node > SINGULAR * smooth] = smooth
+    vertices = np.concatenate([np.zeros((0, 3), np.int64), *(block.nodes[:, :3] for block in mesh.blocks)])
+    powers = of_node[vertices]
+    corner, rows = powers.argmin(axis=1), np.arange(len(vertices))
+    power = np.maximum(powers[rows, corner], LEAST)
+    point, middle = mesh.points[vertices[rows, corner]], mesh.points[vertices].mean(axis=1)
+    return power, Rise(d * (1.0 - power / smooth), point, np.linalg.norm(middle - point, axis=1))
+
+
+class Corners:
+    """Singular points on the meshes of a loop, one after the other: in the plane; edges in space take too many cells.
+
+    Parameters
+    ----------
+    comm : MPI.Comm
+
+    Attributes
+    ----------
+    explain : bool
+        Whether they have been found on the last mesh, and were not known before: that the error has fallen less than
+        was expected says nothing of the next mesh then.
+    """
+
+    def __init__(self, comm):
+        self._comm, self._before, self._known, self.explain = comm, None, False, False
+
+    def look(self, space, squares):
+        """What is found on a mesh. *Collective.*
+
+        Parameters
+        ----------
+        space : pcontact.space.space.Space
+        squares : ndarray (n_cells,)
+            Squared estimates.
+
+        Returns
+        -------
+        power : ndarray (n_cells,) or None
+        rise : pcontact.mesh.refinement.refine.Rise or None
+            See :func:`singular`; None where nothing is known.
+        around : sequence of ndarray (n_nodes, 3)
+            For :meth:`take`, to be interpolated.
+        """
+        if space.dim != 2:
+            return None, None, ()
+        around, power, rise, found = around_vertices(space, squares), None, None, False
+        if self._before is not None:
+            power, rise = singular(space, around, self._before)
+            found = self._comm.allreduce(bool((rise.rise > 0.0).any()), op=MPI.LOR)
+        self.explain, self._known = found and not self._known, found
+        return power, rise, (around,)
+
+    def take(self, around):
+        """Take what was known on the last mesh, at the nodes of the next one."""
+        self._before = around[0] if around else None

@@ -1,0 +1,57 @@
+"""Singular points: their powers are told by two meshes, and cells become smaller toward them."""
+
+import numpy as np
+import pytest
+
+from drivers._common import make_mesh
+from meshes.blocks import one_block
+from pcontact.adapt.corners import Corners
+from pcontact.mesh.load import load_mesh
+from pcontact.mesh.refinement.refine import refine
+from pcontact.runtime.petsc import MPI
+from pcontact.space.space import Space
+
+COMM = MPI.COMM_WORLD
+POWER, SMOOTH = 1.0, 6.0
+
+
+def cells(mesh):
+    """Sizes of cells, and distances of their farthest vertices to the corner at the origin."""
+    x = np.concatenate([mesh.points[block.nodes[:, :3]] for block in mesh.blocks])
+    return np.sqrt(np.abs(np.linalg.det(x[:, 1:] - x[:, :1]))), np.linalg.norm(x, axis=2).max(axis=1)
+
+
+def squares(mesh):
+    """Squared estimates of degree 2 of a displacement that goes like r^(1/2)."""
+    size, distance = cells(mesh)
+    return size**SMOOTH * distance ** (POWER - SMOOTH)
+
+
+def everywhere(mesh, cuts):
+    return np.full(sum(len(block.nodes) for block in mesh.blocks), cuts)
+
+
+@pytest.mark.parallel
+def test_cells_grow_smaller_toward_a_corner(shared_tmp):
+    """At the corner alone; sizes go with r^(1 - e / (2 p + d)), so that squares are alike."""
+    path = make_mesh(one_block, shared_tmp / "block.msh", 2, 2, "triangle")
+    mesh, corners = load_mesh(COMM, path, 2, ["block"], [], lambda mesh: None), Corners(COMM)
+    mesh, _ = refine(mesh, everywhere(mesh, 3))
+    power, rise, around = corners.look(Space(mesh, 2), squares(mesh))
+    assert power is None and rise is None and not corners.explain
+    mesh, fields = refine(mesh, everywhere(mesh, 4), around)
+    corners.take(fields)
+    power, rise, _ = corners.look(Space(mesh, 2), squares(mesh))
+    assert corners.explain
+    found = rise.rise > 0.0
+    assert power[found] == pytest.approx(POWER, abs=1e-6) and (power[~found] == SMOOTH).all()
+    assert np.abs(rise.toward[found]).max(initial=0.0) == 0.0
+    assert COMM.allreduce(int(found.sum())) in (1, 2)
+    mesh, _ = refine(mesh, np.where(found, 6, 0), (), None, rise)
+    size, distance = cells(mesh)
+    near = distance < COMM.allreduce(float(np.min(distance, initial=np.inf)), op=MPI.MIN) * 8.0
+    spread = COMM.allgather(squares(mesh)[near])
+    spread = np.concatenate(spread)
+    # cuts are by halves: squares of neighbours differ by 2^(2 p + d) per halving of both edges
+    assert spread.max() / spread.min() < 2.0**SMOOTH
+    assert COMM.allreduce(float(np.min(size, initial=np.inf)), op=MPI.MIN) < 0.25 / 2**8
