@@ -129,7 +129,7 @@ SCENES = {
     "hertz3d": NamedScene("ball on block, Hertz", partial(_hertz, "ball_on_block", 2), ("energy",), least=0.05),
     "cattaneo": NamedScene("Cattaneo and Mindlin", _cattaneo, ("energy",), least=0.02),
     "hill": NamedScene("thick cylinder, Hill", _hill),
-    "indent": NamedScene("indentation", _indent, ("energy",), least=0.05),
+    "indent": NamedScene("indentation", _indent, ("energy",), least=0.1),
     "punch": NamedScene("re-entrant punch", _punch, ("energy", "support:punch_top", "force:face")),
     "receding": NamedScene("receding contact", _receding, ("energy", "force:face", "displacement:upper_top")),
 }  # fmt: skip

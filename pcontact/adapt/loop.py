@@ -20,6 +20,7 @@ from pcontact.adapt.passes import NAMES, Pass, cost_of, report, said_of, table
 from pcontact.adapt.sizes import Contributions, Cuts, next_cuts
 from pcontact.adapt.watch import Beginning, Watch
 from pcontact.element.reference import CELLS
+from pcontact.estimate.goal import value
 from pcontact.mesh.refinement.refine import SIMPLICES, Balance, refine
 from pcontact.mesh.refinement.regular import HALVED
 from pcontact.runtime import log
@@ -322,16 +323,18 @@ class Loop:
         simplices = any(not CELLS[kind].is_tensor for some in self.comm.allgather(kinds) for kind in some)
         known = effectivity(simulation.scene, simplices, mesh.dim, space.degree)
         norm = watch.norm if watch.norm > 0.0 else 1.0
-        estimate, size, found = watch.absolute / self._part_seen(simulation, watch) / norm, norm, None
+        estimate, size, found = watch.absolute / norm, norm, None
         beside = {"algebraic": watch.algebraic / norm}
         loads, forces = simulation.error_estimate.of_loads(watch.time)
         beside["loads"] = loads / norm
-        if self.target.quantity != "energy":
+        if self.target.quantity == "energy":
+            estimate /= self._part_seen(simulation, watch)
+        else:
             found = simulation.error_estimate.of_quantity(
                 self.target, watch.record, simulation.stepper.u, watch.time, watch.unbalanced
             )
             known, size = of_quantity(self.target.quantity, mesh.dim), abs(found.value) or 1.0
-            estimate = abs(found.error) / size
+            estimate = self._error_seen(simulation, found) / size
             watch.squares = self._indicators(watch.squares, found)
             if self.target.quantity != "pressure":
                 beside = {"algebraic": abs(found.algebraic) / size, "loads": abs(found.loads) / size}
@@ -350,21 +353,41 @@ class Loop:
 
     def _part_seen(self, simulation, watch):
         """What part of the error the estimate is, as the last meshes show it, where bodies yield. *Collective.*"""
-        scene, degree = simulation.scene, simulation.problem.space.degree
-        if self.target.quantity != "energy" or not any(scene.yields(body) for body in scene.bodies):
+        own, degree = simulation.error_estimate.last["absolute"], simulation.problem.space.degree
+        if not _yields(simulation.scene):
             return 1.0
-        old, self._before = self._before, (simulation.error_estimate.last["absolute"], degree)
-        part = float("nan")
+        old, self._before, part = self._before, (own, degree), float("nan")
         if old is None or old[1] != degree:
-            simulation.close()
-            part = seen.on_halved(simulation, self._scene(), self._options)
-            if not np.isfinite(part):
-                log.warning("not known: what part of the error the estimate is where bodies yield")
+            part = self._on_halved(simulation, lambda run, _, before: seen.between(run, before, own))
         elif simulation.begin.at(watch.time) is not None:
             part = seen.between(simulation, simulation.begin.at(watch.time), old[0])
         # a mesh that has changed the solution little says little
         self._seen = min(self._seen, part) if np.isfinite(part) else self._seen
         return self._seen
+
+    def _error_seen(self, simulation, found):
+        """The error of a quantity, where bodies yield as the last meshes show it. *Collective.*"""
+        error, degree = abs(found.error), simulation.problem.space.degree
+        if not _yields(simulation.scene) or self.target.quantity == "pressure":
+            return error
+        old = self._before
+        if old is None or old[1] != degree:
+            best = self._on_halved(simulation, lambda run, record, _: value(run.problem, self.target, record,
+                                                                            run.stepper.u))  # fmt: skip
+            left = max(error, seen.FARTHER * abs(best - found.value)) if np.isfinite(best) else error
+            self._seen = max(error / left, seen.LEAST) if left > 0.0 else 1.0
+        else:
+            left = seen.left_of(error / self._seen, old[0], abs(found.value - old[2]))
+        self._before = left, degree, found.value
+        return left
+
+    def _on_halved(self, simulation, found):
+        """See :func:`pcontact.adapt.seen.on_halved`. *Collective.*"""
+        simulation.close()
+        result = seen.on_halved(simulation, self._scene(), self._options, found)
+        if not np.isfinite(result):
+            log.warning("not known: what part of the error the estimate is where bodies yield")
+        return result
 
     def _indicators(self, squares, found):
         """What cells have in the error of a quantity, where that is what the mesh is refined for. *Collective.*"""
@@ -539,10 +562,14 @@ class Loop:
         on_root(self.comm, write)
 
 
+def _yields(scene):
+    """Whether bodies may yield."""
+    return any(scene.yields(body) for body in scene.bodies)
+
+
 def _remembers(scene):
     """Whether what happens depends on what has happened: friction and plastic flow."""
-    slips = any(one.friction or one.tresca or one.law for one in scene.contacts)
-    return slips or any(scene.yields(body) for body in scene.bodies)
+    return _yields(scene) or any(one.friction or one.tresca or one.law for one in scene.contacts)
 
 
 def _quantity(found, target, passes):

@@ -20,6 +20,8 @@ from pcontact.runtime.errors import TOLD
 # [-] Estimates over each other that count at most, and the part that counts at least. From: the difference of two that
 # hardly differ says nothing.
 ALIKE, LEAST = 0.8, 0.25
+# [-] The error of a quantity over its change when all cells are halved. From: it becomes a quarter of what it was.
+FARTHER = 4.0 / 3.0
 
 
 def part_of(coarse, fine, change):
@@ -54,8 +56,22 @@ def between(simulation, before, coarse):
     return part_of(coarse, simulation.error_estimate.last["absolute"], simulation.error_estimate.norm(change))
 
 
-def on_halved(simulation, scene, options):
-    """The part that a run on the mesh with all cells halved sees; nan where it does not converge. *Collective.*
+def left_of(error, before, change):
+    """The error of a quantity that may be left: no less than that of the last mesh without what has changed since, and
+    what a change may stand for.
+
+    Parameters
+    ----------
+    error : float
+        Estimated, and divided by the part that estimates have been seen to be.
+    before, change : float
+        Error that was left on the last mesh, and change of the quantity.
+    """
+    return max(error, before - FARTHER * change)
+
+
+def on_halved(simulation, scene, options, found):
+    """What is found on the mesh with all cells halved; nan where the run there does not converge. *Collective.*
 
     Parameters
     ----------
@@ -64,6 +80,13 @@ def on_halved(simulation, scene, options):
     scene : pcontact.scene.model.Scene
         To be run.
     options : pcontact.runtime.options.Options
+    found : callable
+        ``found(run, record, before)`` with the simulation there, the record of its last load step and the displacement
+        (n_owned, d) of `simulation`.
+
+    Returns
+    -------
+    float
     """
     mesh, space = simulation.mesh, simulation.problem.space
     scene.output.estimate, scene.output.checkpoint, scene.mesh.order = True, False, space.degree
@@ -71,11 +94,10 @@ def on_halved(simulation, scene, options):
     more, balance = np.full(cells, mesh.dim), Balance(*build.balance(scene, options))
     finer, fields = refine(mesh, more, [at_nodes(space, simulation.stepper.u)], balance)
     try:
-        with solved(scene, simulation.comm, simulation.options.said, finer) as (run, last):
-            if last is None:
+        with solved(scene, simulation.comm, simulation.options.said, finer) as (run, record):
+            if record is None:
                 return float("nan")
             own = run.problem.space
-            before = fields[0][own.mesh_nodes[own.owned_local]]
-            return between(run, before, simulation.error_estimate.last["absolute"])
+            return found(run, record, fields[0][own.mesh_nodes[own.owned_local]])
     except TOLD:
         return float("nan")
