@@ -11,6 +11,7 @@ theta = 1 the one that Nitsche's method makes stationary,
 against that of a much finer run: the last of a series of degree 2, refined after its estimate.
 """
 
+import shutil
 from functools import partial
 from pathlib import Path
 
@@ -18,6 +19,7 @@ import numpy as np
 
 from drivers._common import draw, log, main, make_mesh, make_parser, print_table, running, write_json
 from meshes.punch import punch
+from pcontact.adapt.loop import reach
 from pcontact.estimate.size import largest_contributions
 from pcontact.io.refine import read_estimate
 from pcontact.mesh.refinement.gather import halved_where
@@ -26,10 +28,14 @@ from pcontact.runtime.errors import InputError
 from pcontact.runtime.parallel import on_root
 from pcontact.runtime.petsc import MPI
 from pcontact.scene.model import Body, Contact, Displacement, Material, MeshSpec, Output, Scene
+from pcontact.scene.target import Target
+from pcontact.view.show import show
 
 FREE = "free"
 STROKE, STIFF = -0.02, 100.0
 WAYS = ("uniform", "adaptive")
+# [-] Error of the mesh that is drawn.
+NAMED = 0.01
 
 
 def punch_scene(path, degree, theta=1.0):
@@ -144,7 +150,22 @@ def run(args):
     data = [{"degree": d, "way": w, "rates": rates[d, w], "meshes": rows} for (d, w), rows in curves.items()]
     write_json(args.o / "adapt.json", {"reference": reference, "reference_meshes": finest, "series": data})
     draw(args.o / "adapt.png", partial(_paint, curves=curves))
+    if args.publish is not None:
+        publish(args)
     return 0 if good else 1
+
+
+def publish(args):
+    """Draw the pictures of docs/accuracy.md: the curves, and the last mesh of a run that reaches 1 %. *Collective.*"""
+    scene = punch_scene(make_mesh(punch, args.o / "coarse.msh", h=0.5, order=2), 2)
+    scene.accuracy = Target(NAMED)
+    reach(scene, directory=args.o / "named")
+
+    def work():
+        shutil.copy(args.o / "adapt.png", args.publish / "accuracy_rate.png")
+        show(str(args.o / "named"), {"field": "error_estimate", "o": str(args.publish / "accuracy_mesh.png")})
+
+    on_root(MPI.COMM_WORLD, work)
 
 
 def parser():
@@ -155,6 +176,7 @@ def parser():
     add("--h", type=float, default=0.25, help="element size of the first mesh (0.25)")
     add("--most", type=int, default=20000, help="unknowns at which a series ends (20000)")
     add("--finest", type=int, default=100000, help="unknowns of the reference (100000)")
+    add("--publish", type=type(p.get_default("o")), metavar="DIR", help="where the pictures of docs/accuracy.md go")
     add("--part", type=float, default=0.5, help="of the squared estimate, whose cells are refined (0.5)")
     return p
 

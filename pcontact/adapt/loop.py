@@ -33,6 +33,8 @@ from pcontact.runtime.petsc import MPI, PETSc
 from pcontact.scene.keys import options as key_options
 from pcontact.scene.model import MeshSpec
 from pcontact.simulation import Simulation
+from pcontact.view import extra
+from pcontact.view.show import draw_errors
 
 REACHED, FAILED, SPENT = 0, 1, 4
 # [-] Part of the target that the next mesh is made for. From: a mesh that just misses it costs another pass.
@@ -215,6 +217,8 @@ class Loop:
         Outcome
         """
         directory, self._where = None if directory is None else Path(directory), said
+        if self.target.pictures:
+            on_root(self.comm, extra.require)
         # objects that are there before the first pass outlive it: collections between passes need not look at them
         gc.collect()
         gc.freeze()
@@ -228,6 +232,8 @@ class Loop:
             status, best, failure = self._passes(directory)
             if directory is not None:
                 on_root(self.comm, _tidy, directory, best, len(self.passes) + 1)
+                if self.target.pictures and self.passes:
+                    on_root(self.comm, draw_errors, directory)
         return Outcome(status, self.kept, failure)
 
     def forecast(self):

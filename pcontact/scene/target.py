@@ -3,7 +3,7 @@
 import re
 from dataclasses import field
 
-from pcontact.runtime.rules import Rule, number
+from pcontact.runtime.rules import BOOLEAN, Rule, number
 from pcontact.scene.keys import key, table
 
 # what the error may be of, and whether a name belongs to it
@@ -79,6 +79,10 @@ class Target:
         QUANTITY, "what it is the error of", default="energy", option="error_of", said=_worded(QUANTITY),
         more="the energy norm of the displacement, or a contact's force, a support's force, the mean displacement of a "
         "probe, the contact pressure in L2",
+    )  # fmt: skip
+    pictures: bool = key(
+        BOOLEAN, "the estimate on the last mesh, that mesh, and the errors of all meshes are drawn beside the results",
+        default=False, option="error_pictures",
     )  # fmt: skip
     budget: Budget = field(default_factory=Budget)
 

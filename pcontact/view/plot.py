@@ -2,6 +2,7 @@
 
 import csv
 import difflib
+import json
 from pathlib import Path
 
 import matplotlib
@@ -93,11 +94,45 @@ def plot(directory, names, output=None, size=(1000, 700)):
             axes.set_ylabel(upward[0])
         else:
             axes.legend(frameon=False)
-        axes.grid(lw=0.3)
-        axes.spines[["top", "right"]].set_visible(False)
-        try:
-            with written_aside(output, "-o") as part:
-                figure.savefig(part, dpi=_DPI)
-        except ValueError as problem:
-            raise InputError(f"{output}: the picture cannot be written: {problem}") from problem
+        _save(figure, axes, output)
     return output
+
+
+def plot_errors(directory, output, size=(1000, 700)):
+    """Draw the errors of all meshes of a run that was to reach one, over their unknowns.
+
+    Parameters
+    ----------
+    directory : str or Path
+        The output directory of the run.
+    output : str or Path
+    size : tuple of int
+        Width and height in pixels.
+
+    Raises
+    ------
+    OutputError
+        The file cannot be written.
+    """
+    section = json.loads((Path(directory) / "report.json").read_text(encoding="utf-8"))["accuracy"]
+    passes, target = section["passes"], section["target"]
+    with matplotlib.rc_context(_STYLE):
+        figure = Figure(figsize=(size[0] / _DPI, size[1] / _DPI), dpi=_DPI, layout="constrained")
+        axes = figure.subplots()
+        unknowns = [one["unknowns"] for one in passes]
+        axes.loglog(unknowns, [one["error"] for one in passes], "o-", ms=4, lw=1.2, label="named")
+        axes.loglog(unknowns, [one["estimate"] for one in passes], "s:", ms=3, lw=1.0, mfc="none", label="estimate")
+        axes.axhline(target["error"], color="#5b6773", lw=0.8, ls="--", label="target")
+        axes.set(xlabel="unknowns", ylabel=f"relative error of {target['of']}")
+        axes.legend(frameon=False)
+        _save(figure, axes, Path(output))
+
+
+def _save(figure, axes, output):
+    axes.grid(lw=0.3)
+    axes.spines[["top", "right"]].set_visible(False)
+    try:
+        with written_aside(output, "-o") as part:
+            figure.savefig(part, dpi=_DPI)
+    except ValueError as problem:
+        raise InputError(f"{output}: the picture cannot be written: {problem}") from problem

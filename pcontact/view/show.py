@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+from pcontact.io.result import has_fields
 from pcontact.runtime.declared import STEP, WORDS, Option, listed, read_all
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.rules import BOOLEAN, number, text
@@ -118,6 +119,26 @@ def show(directory, options):
     from pcontact.view.picture import picture
 
     return picture(directory, field, output, step, **values)
+
+
+def draw_errors(directory):
+    """Draw what a run that has reached an error says of it: ``error_mesh.png``, the estimate of the cells and the last
+    mesh, where fields were written, and ``errors.png``, the errors of all meshes. Serial.
+
+    Parameters
+    ----------
+    directory : pathlib.Path
+        The output directory of the run.
+
+    Raises
+    ------
+    InputError, OutputError
+    """
+    from pcontact.view.plot import plot_errors
+
+    plot_errors(directory, directory / "errors.png")
+    if has_fields(directory):
+        show(str(directory), {"field": "error_estimate,mesh", "o": str(directory / "error_mesh.png")})
 
 
 def plot_history(operands, options):
