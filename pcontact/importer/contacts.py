@@ -45,7 +45,8 @@ class Contacts:
         self._tools = tools
         self.deck, self.findings, self.groups, self._used = deck, findings, groups, set()
         self._pairs, self._cards, self._loose, self.begun = {}, {}, {}, []
-        self.modulus = {e: tables[material]["E"] for _, material, cells in bodies for e in cells}
+        moduli = {name: float(np.mean(table["E"])) for name, table in tables.items()}
+        self.modulus = {e: moduli[material] for _, material, cells in bodies for e in cells}
 
     def tables(self):
         """Tables [[contacts]], with the card that each comes from.

@@ -1,6 +1,16 @@
 """Materials and bodies of a deck as tables of a scene."""
 
 from pcontact.importer.elements import EDGES, KINEMATICS, REDUCED, RIGID, SERENDIPITY, kind_of
+from pcontact.importer.orthotropic import (
+    CONSTANTS,
+    MODULI,
+    STIFFNESS,
+    Orientations,
+    constant_rows,
+    from_moduli,
+    from_stiffness,
+    promote,
+)
 
 # Poisson's ratio of what keeps its volume
 FIRM = 0.4999
@@ -34,8 +44,9 @@ def materials(deck, findings):
             else:
                 findings.leave(card, "allowed: *ELASTIC, *HYPERELASTIC, *PLASTIC, *EXPANSION, *DENSITY")
         if "E" not in table:
-            findings.leave(cards[0], "has no isotropic elasticity; E = 1 and nu = 0.3 stand in its place")
+            findings.leave(cards[0], "has no elasticity that is known; E = 1 and nu = 0.3 stand in its place")
             table |= {"E": 1.0, "nu": 0.3}
+        promote(table, cards, findings)
     return tables
 
 
@@ -55,12 +66,29 @@ def _alike(card, rows, width, findings):
 def _elastic(card, table, findings):
     findings.know(card, "TYPE")
     rows = _rows(card)
+    if card.word("TYPE") in STIFFNESS + MODULI:
+        _orthotropic(card, rows, table, findings)
+        return
     if card.word("TYPE", "ISO") not in ("ISO", "ISOTROPIC") or not rows or len(rows[0]) < _TWO:
-        findings.leave(card, "allowed: TYPE=ISO with E and nu")
+        findings.leave(card, "allowed: TYPE=ISO with E and nu, ORTHO, ENGINEERING CONSTANTS")
         return
     first = _alike(card, rows, 2, findings)[0]
     table["E"], table["nu"] = first
     findings.take(card, f"E = {first[0]:g}, nu = {first[1]:g}")
+
+
+def _orthotropic(card, rows, table, findings):
+    rows = constant_rows(rows)
+    if rows is None:
+        findings.leave(card, "allowed: nine constants on two lines, for each temperature")
+        return
+    constants = _alike(card, rows, CONSTANTS, findings)[0]
+    found = (from_stiffness if card.word("TYPE") in STIFFNESS else from_moduli)(constants)
+    if found is None:
+        findings.leave(card, "constants with which some strain has no positive energy")
+        return
+    table["E"], table["nu"], table["G"] = found
+    findings.take(card, "E = " + ", ".join(f"{one:g}" for one in table["E"]))
 
 
 def _plastic(card, table, findings):
@@ -85,11 +113,14 @@ def _plastic(card, table, findings):
 def _expansion(card, table, findings):
     findings.know(card, "TYPE", "ZERO")
     rows = _rows(card)
-    if card.word("TYPE", "ISO") != "ISO" or not rows:
-        findings.leave(card, "allowed: TYPE=ISO with one coefficient")
+    kind = card.word("TYPE", "ISO")
+    count = 3 if kind in STIFFNESS else 1
+    if kind not in ("ISO", *STIFFNESS) or not rows or len(rows[0]) < count:
+        findings.leave(card, "allowed: TYPE=ISO with one coefficient, ORTHO with three")
         return
-    table["expansion"] = _alike(card, rows, 1, findings)[0][0]
-    findings.take(card, f"{table['expansion']:g}")
+    first = _alike(card, rows, count, findings)[0]
+    table["expansion"] = first if count > 1 else first[0]
+    findings.take(card, ", ".join(f"{one:g}" for one in first))
 
 
 def _density(card, table, findings):
@@ -138,13 +169,15 @@ _READ = {"ELASTIC": _elastic, "HYPERELASTIC": _hyperelastic, "PLASTIC": _plastic
          "DENSITY": _density}  # fmt: skip
 
 
-def bodies(deck, findings):
+def bodies(deck, findings, tables):
     """Cells of every section.
 
     Parameters
     ----------
     deck : Deck
     findings : Findings
+    tables : dict of str to dict
+        Of :func:`materials`; grows by those whose axes a section turns.
 
     Returns
     -------
@@ -156,15 +189,17 @@ def bodies(deck, findings):
         Of a plane mesh.
     """
     owner, names, widths = {}, [], {}
+    dims, plane = _families(deck, findings)
+    turns = Orientations(deck, findings, dims == {2}, plane == "axisymmetric")
     for card in deck.model:
         if card.key not in ("SOLIDSECTION", "MEMBRANESECTION"):
             continue
         findings.know(card, "ELSET", "MATERIAL", "ORIENTATION", "CONTROLS")
-        if "ORIENTATION" in card.parameters:
-            findings.skip(card, "the orientation of a material that has none")
         material = card.need("MATERIAL").upper()
         if material not in deck.materials:
             raise card.refuse(f"the unknown material {card.get('MATERIAL')!r}", ", ".join(deck.materials))
+        if "ORIENTATION" in card.parameters:
+            material = _turned(deck, findings, tables, turns, card)
         for element in deck.elements_of(card, card.place, card.need("ELSET")):
             owner[element] = len(names)
         names.append((deck.name(card.need("ELSET")), material))
@@ -179,7 +214,7 @@ def bodies(deck, findings):
         else:
             homeless.add(deck.elements[element][0])
     _say_types(deck, findings, homeless)
-    dims, plane = _families(deck, findings)
+    turns.unused()
     if dims == {2} and len(widths) > 1:
         card = list(widths.values())[-1]
         findings.leave(card, f"thicknesses that differ ({', '.join(f'{w:g}' for w in widths)})")
@@ -187,6 +222,19 @@ def bodies(deck, findings):
     parts = [(name, material, [e for e in cells if (deck.elements[e][0] in EDGES) == quadratic])
              for name, material, cells in found for quadratic in (True, False)]  # fmt: skip
     return [one for one in parts if one[2]], plane, next(iter(widths), 1.0) if dims == {2} else 1.0
+
+
+def _turned(deck, findings, tables, turns, section):
+    """Key of the material of a section with an orientation: one of its own where the material has axes."""
+    material = section.need("MATERIAL").upper()
+    if not isinstance(tables[material]["E"], list):
+        findings.skip(section, "the orientation of a material that has none")
+        return material
+    name = f"{deck.spelling[material]}-{section.need('ORIENTATION')}"
+    if name.upper() not in tables:
+        tables[deck.name(name).upper()] = {**tables[material], **turns.keys(section)}
+        deck.materials[name.upper()] = deck.materials[material]
+    return name.upper()
 
 
 def _say_types(deck, findings, homeless):

@@ -80,7 +80,7 @@ def translate(path, mesh_name):
         findings.leave(card, words, place)
     remove(deck, findings)
     known = materials(deck, findings)
-    parts, plane, thickness = bodies(deck, findings)
+    parts, plane, thickness = bodies(deck, findings, known)
     names = {material: deck.spelling[material] for _, material, _ in parts}
     nodes = {node for _, _, cells in parts for e in cells for node in deck.elements[e][1]}
     if not nodes:
@@ -107,7 +107,8 @@ def translate(path, mesh_name):
         table |= run.acting(name_of(table))
     heat = _temperatures(deck, findings, groups, supports, parts, known, end)
     if finite is not None:
-        finite = _finite(finite, findings, heat, _thermal(heat, known))
+        turned = any(isinstance(known[material]["E"], list) for _, material, _ in parts)
+        finite = _finite(finite, findings, heat, _thermal(heat, known), turned)
     for key, table in known.items():
         straighten(deck, findings, key, table, finite is not None)
     if finite is not None:
@@ -178,14 +179,12 @@ def _say(card, findings):
             findings.leave(card, f"allowed: TYPE=ELEMENT, NODE, {', '.join(ANALYTICAL)}")
         else:
             findings.take(card)
-    elif card.key == "ORIENTATION":
-        findings.skip(card, "materials have no directions")
 
 
 def _thermal(heat, known):
     """Largest strain of temperatures that are uniform; infinite where one is not."""
     rises = [abs(one["value"] - one["reference"]) if not isinstance(one["value"], str) else np.inf for one, _ in heat]
-    expansion = max((abs(table.get("expansion") or 0.0) for table in known.values()), default=0.0)
+    expansion = max((float(np.max(np.abs(table.get("expansion") or 0.0))) for table in known.values()), default=0.0)
     return expansion * max(rises, default=0.0)
 
 
@@ -200,8 +199,11 @@ def remove(deck, findings):
             deck.removed = card
 
 
-def _finite(card, findings, heat, strain):
+def _finite(card, findings, heat, strain, turned):
     """The card that asks for finite strain, if it can be had."""
+    if turned:
+        findings.leave(card, "NLGEOM with an orthotropic material: small strain")
+        return None
     if heat and strain <= SMALL:
         findings.change(card, f"NLGEOM with temperatures: small strain; they strain by {100 * strain:.2g} %")
         return None
@@ -216,7 +218,7 @@ def _temperatures(deck, findings, groups, supports, parts, known, end):
     """Tables [[temperatures]] of the bodies that expand."""
     tables = []
     for name, material, cells in parts:
-        if not known[material].get("expansion"):
+        if not np.any(known[material].get("expansion") or 0.0):
             continue
         of_node = {}
         for node in sorted({node for e in cells for node in deck.elements[e][1]}):
