@@ -55,10 +55,14 @@ def line(row):
     """A row (dict) as one of the table."""
     if "true" not in row:
         return [row["scene"], row["of"], row["target"], row["reached"], *["-"] * (len(HEAD) - 4)]
-    small = row["true"] < ROUNDING
-    return [row["scene"], row["of"], row["target"], row["reached"], row["named"], row["true"],
-            row["true"] / row["named"], "-" if small else row["estimate"] / row["true"], row["unknowns"], row["passes"],
-            row["seconds"]]  # fmt: skip
+    ratios = [row["true"] / row["named"], row["estimate"] / row["true"]]
+    named, true, over, effectivity, seconds = (
+        float(f"{value:.3g}") for value in (row["named"], row["true"], *ratios, row["seconds"])
+    )
+    if row["true"] < ROUNDING:
+        effectivity = "-"
+    return [row["scene"], row["of"], row["target"], row["reached"], named, true, over, effectivity, row["unknowns"],
+            row["passes"], seconds]  # fmt: skip
 
 
 def summary(rows):
