@@ -5,7 +5,7 @@ from functools import partial
 import numpy as np
 
 from drivers._common import make_mesh
-from drivers.studies._manual import Case, points_everywhere, share, solved
+from drivers.studies._manual import JOHNSON, Case, points_everywhere, share, solved
 from drivers.studies._manual_half_space import PUNCH
 from meshes import cylinders
 from meshes.grid import name_boundary, near, split_group
@@ -16,6 +16,8 @@ from pcontact.scene.model import Body, Contact, Displacement, Material, MeshSpec
 STIFF, DRIVEN, SIZE = 1e3, 0.05, 15.0
 # of the sphere that is flattened: modulus, Poisson's ratio, yield stress, interference in units of that of first yield
 SPHERE = (200e3, 0.3, 911.0)
+# SSNV506: radius of the ball and depth, yield stress, radius and height of the block; depth R / a^2 after Richmond
+BALL, BALL_YIELD, BLOCK, RICHMOND = (500.0, 20.0), 50.0, (1620.0, 1920.0), 0.368
 
 
 def prandtl_block(path, n):
@@ -83,7 +85,42 @@ def flattened(depth, folder, n):
     return None if record is None else share(points, slice(None), [0.0, 1.0])[1] / force
 
 
+def ball_block(path, n):
+    """The block of SSNV506, n cells in the radius of the contact by the closed form, the same size around it."""
+    radius = np.sqrt(BALL[0] * BALL[1] / RICHMOND)
+    fine = np.linspace(0.0, 1.5 * radius, round(1.5 * n) + 1)
+    x, z = (np.concatenate([fine[:-1], fine[-1] + growing(fine[1], end - fine[-1], 1.3)]) for end in BLOCK)
+    with patches(path) as bodies:
+        bodies["block"] = name_boundary(rectangle(x, -z[::-1]), "side", top=near(1, 0.0), axis=near(0, 0.0),
+                                        bottom=near(1, -BLOCK[1], 1e-6))  # fmt: skip
+
+
+def pressed_ball(folder, n):
+    """Force per radian on a rigid ball in a perfectly plastic block, with finite strain. *Collective.*"""
+    radius, depth = BALL
+    ball = Obstacle("sphere", center=[0.0, radius], radius=radius, displacement=[0.0, -depth])
+    scene = Scene(
+        mesh=MeshSpec(make_mesh(ball_block, folder / "block.msh", n), order=2, kinematics="axisymmetric",
+                      strain="finite"),
+        materials={"m": Material(210e3, 0.3, yield_stress=BALL_YIELD)},
+        bodies=[Body("block", "m")],
+        contacts=[Contact("top", obstacle=ball, name="ball")],
+        displacements=[Displacement("bottom", [0.0, 0.0]), Displacement("axis", [0.0, "free"])],
+        steps=Steps(count=30),
+        petsc={"pc_type": "lu"},
+    )  # fmt: skip
+    with solved(scene, folder) as (_, record):
+        return None if record is None else abs(float(record["contacts"]["ball"]["force"][1])) / (2.0 * np.pi)
+
+
 FLATTENED = 20.0
+SSNV506 = (
+    "The reference is an estimate for a shallow imprint in a rigid and plastic block. code_aster allows 5 % and comes "
+    "to 1.015 of it at this depth and to 0.895 at 100, with cells of degree 1 and small strain, which lock: such cells "
+    "without mean dilatation give 1.008 and 0.793 here, with contact pressures of ten yield stresses. With small "
+    "strain and cells that do not lock the force is 0.57 of the reference at this depth and 0.88 at a quarter of it: "
+    "small strain does not know that the surface bulges and widens as the ball sinks in."
+)
 CASES = {
     "prandtl": Case(
         "Prandtl's punch",
@@ -107,5 +144,16 @@ CASES = {
         "force over that of first "
         "yield", jackson_green(FLATTENED), (5, 8, 12), partial(flattened, FLATTENED), (5e-2, 5e-2),
         "The reference is a fit to finite elements of the authors; ours converge to a force 2 % below it.", tiny=False,
+    ),
+    "ssnv506": Case(
+        "A rigid ball in a perfectly plastic block",
+        f"code_aster SSNV506, axial symmetry. A rigid ball of radius {BALL[0]:g} goes down by {BALL[1]:g} into a block "
+        f"of radius {BLOCK[0]:g} and height {BLOCK[1]:g}, E = 210e3, nu = 0.3, yield stress {BALL_YIELD:g}, perfectly "
+        "plastic, no friction. Finite strain, cells of degree 2, n of them in the radius of the contact.",
+        "      \\   ball  /\n       \\_     _/\n    _____`---'_____\n         block",
+        f"3 pi R d yield stresses / {RICHMOND:g}, per radian: a mean pressure of 3 yield stresses, and O. Richmond's "
+        f"d = {RICHMOND:g} a^2 / R, {JOHNSON}, sections 6.3 and 6.5; code_aster V6.04.506",
+        "force per radian [force]", 1.5 * BALL[0] * BALL[1] * BALL_YIELD / RICHMOND, (6, 12, 18), pressed_ball,
+        (1.2e-1, 6e-2), SSNV506, tiny=False,
     ),
 }  # fmt: skip

@@ -13,7 +13,15 @@ from pathlib import Path
 from PIL import Image
 
 from drivers._common import main, make_directory, make_parser, picture, print_table, write_json
-from drivers.studies import _manual_friction, _manual_half_space, _manual_plastic, _manual_published, _manual_rings
+from drivers.studies import (
+    _manual_friction,
+    _manual_half_space,
+    _manual_left,
+    _manual_mindlin,
+    _manual_plastic,
+    _manual_published,
+    _manual_rings,
+)
 from drivers.studies._manual import RUN
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.parallel import on_root
@@ -23,9 +31,12 @@ CASES = {
     **_manual_rings.CASES,
     **_manual_half_space.CASES,
     **_manual_friction.CASES,
+    **_manual_mindlin.CASES,
     **_manual_plastic.CASES,
     **_manual_published.CASES,
 }
+# how the row of the overview begins
+OVERVIEW = "| [verification/index.md](verification/index.md) |"
 # pixels, colours of a picture
 WIDTH, COLOURS = 640, 48
 
@@ -82,13 +93,25 @@ def publish(folder, results, runs):
         draw_case(name, runs / name / str(CASES[name].levels[0]) / RUN, folder / f"{name}.png")
     listed = [f"| [{case.title}]({name}.md) | {case.quantity} | {case.source} |"
               for name, case in CASES.items() if (folder / f"{name}.md").is_file()]  # fmt: skip
+    overview = folder.parent / "index.md"
+    if overview.is_file():
+        lines = [overview_row() if line.startswith(OVERVIEW) else line for line in overview.read_text().splitlines()]
+        overview.write_text("\n".join([*lines, ""]))
     (folder / "index.md").write_text("\n".join([
         "# Verification manual", "",
         "Cases with a reference that is not ours, one page each, made by",
         "`python drivers/studies/verification.py -o DIR --publish docs/verification`. The driver is a test, too: its",
         "exit status is 1 where a case misses its bound. More cases are in [verification.md](../verification.md).", "",
         "| case | compared | reference |", "|---|---|---|", *listed, "",
+        "## Not here", "",
+        *(line for words in _manual_left.LEFT for line in [*_wrapped(words), ""]),
     ]))  # fmt: skip
+
+
+def overview_row():
+    """The row of the overview of all pages, which links all cases."""
+    links = ", ".join(f"[{case.title}](verification/{name}.md)" for name, case in CASES.items())
+    return f"{OVERVIEW} the verification manual: references that are not ours, a page and a bound each: {links} |"
 
 
 def run(args):

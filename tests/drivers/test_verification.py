@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 import drivers
-from drivers.studies.verification import CASES, page, verify
+from drivers.studies.verification import CASES, OVERVIEW, overview_row, page, verify
 
 PAGES = Path(drivers.__path__[0]).parent / "docs" / "verification"
 # those of a second
@@ -38,6 +38,12 @@ def test_pages_are_those_of_the_cases(name):
 
     assert words(page(name, [])) == words(text)
     assert len([line for line in text.splitlines() if line.startswith("| ")]) == 1 + len(CASES[name].levels)
+
+
+def test_the_overview_links_all_cases():
+    """The row of docs/index.md is the one that --publish writes."""
+    rows = [line for line in (PAGES.parent / "index.md").read_text().splitlines() if line.startswith(OVERVIEW)]
+    assert rows == [overview_row()]
 
 
 @pytest.mark.parametrize("name", CASES)
