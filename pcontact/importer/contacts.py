@@ -191,7 +191,7 @@ class Contacts:
         list of (str, bool)
             Names of contacts, and whether they act from here on.
         """
-        if card is self.deck.removed:
+        if card.word("TYPE") == "ELEMENT":
             return []
         self.findings.know(card, "TYPE", "ADD", "REMOVE")
         if card.word("TYPE") != "CONTACTPAIR" or not {"ADD", "REMOVE"} & set(card.parameters):

@@ -82,7 +82,7 @@ class Run:
         return tables
 
 
-def read_steps(deck, findings, supports, contacts):
+def read_steps(deck, findings, supports, contacts, changing=False):
     """Take all steps of a deck.
 
     Parameters
@@ -91,6 +91,8 @@ def read_steps(deck, findings, supports, contacts):
     findings : Findings
     supports : pcontact.importer.supports.Supports
     contacts : pcontact.importer.contacts.Contacts
+    changing : bool
+        Whether elements are there in some steps only.
 
     Returns
     -------
@@ -128,7 +130,7 @@ def read_steps(deck, findings, supports, contacts):
         begin += period
     if run.finite is not None and small is not None:
         findings.change(small, "finite strain in this step, too")
-    run.phased = len(run.periods) > 1 and (supports.changes or any(run.friction) or any(run.off))
+    run.phased = len(run.periods) > 1 and (changing or supports.changes or any(run.friction) or any(run.off))
     if len(run.periods) == 1:
         _alone(run, deck, findings)
     return run
@@ -138,6 +140,11 @@ def _alone(run, deck, findings):
     """A run of one step has no phases: what changes in it does so from the beginning."""
     if any(run.friction) or any(run.off):
         findings.leave(deck.steps[0].card, "contacts that change in the only step")
+
+
+def is_static(step):
+    """Whether it is a static step from the state before it."""
+    return "PERTURBATION" not in step.card.parameters and not any(card.key in PROCEDURES for card in step.cards)
 
 
 def _static(step, findings):

@@ -12,6 +12,7 @@ from pcontact.importer.findings import Findings
 from pcontact.importer.groups import Groups
 from pcontact.importer.history import factors
 from pcontact.importer.materials import bodies, integration_of, materials, order_of, straighten
+from pcontact.importer.presence import Presence
 from pcontact.importer.pretensions import Pretensions
 from pcontact.importer.references import References
 from pcontact.importer.steps import OUTPUT, read_steps
@@ -78,9 +79,10 @@ def translate(path, mesh_name):
         _say(card, findings)
     for card, place, words in deck.lost:
         findings.leave(card, words, place)
-    remove(deck, findings)
+    presence = Presence(deck, findings)
     known = materials(deck, findings)
     parts, plane, thickness = bodies(deck, findings, known)
+    parts = presence.split(parts)
     names = {material: deck.spelling[material] for _, material, _ in parts}
     nodes = {node for _, _, cells in parts for e in cells for node in deck.elements[e][1]}
     if not nodes:
@@ -97,7 +99,7 @@ def translate(path, mesh_name):
     hung = References(deck, findings, groups, {e for _, _, cells in parts for e in cells}, tools)
     references = {(node, 0): (node, 0) for node in drawn.nodes - nodes} | hung.dofs()
     supports = Supports(deck, findings, nodes, dim, references)
-    run = read_steps(deck, findings, supports, pairs)
+    run = read_steps(deck, findings, supports, pairs, presence.changes)
     linear, cyclic = equations(deck, findings, groups, supports, dim), Cyclic(deck, findings, groups).tables()
     pairs.press(supports.pushed() | equated(deck))
     end, finite = run.ramp_end, run.finite
@@ -140,6 +142,7 @@ def translate(path, mesh_name):
             body["integration"] = "reduced"
         if order == 2 and deck.elements[cells[0]][0] not in EDGES:
             body["order"] = 1
+        body |= presence.keys(cells, run.names, finite is not None, findings)
         done.tables.append(("[[bodies]]", body, ""))
     for header, found in (
         ("[[contacts]]", contacts), ("[[displacements]]", held + hanging["[[displacements]]"]),
@@ -186,17 +189,6 @@ def _thermal(heat, known):
     rises = [abs(one["value"] - one["reference"]) if not isinstance(one["value"], str) else np.inf for one, _ in heat]
     expansion = max((float(np.max(np.abs(table.get("expansion") or 0.0))) for table in known.values()), default=0.0)
     return expansion * max(rises, default=0.0)
-
-
-def remove(deck, findings):
-    """Elements that the first step takes away are not there at all."""
-    for card in deck.steps[0].cards if deck.steps else ():
-        if card.key == "MODELCHANGE" and card.word("TYPE") == "ELEMENT" and "REMOVE" in card.parameters:
-            findings.know(card, "TYPE", "REMOVE")
-            deck.remove([e for place, words in card.rows for word in words if word
-                         for e in deck.elements_of(card, place, word)])  # fmt: skip
-            findings.change(card, "not there from the beginning; the surfaces that they have are in no contact")
-            deck.removed = card
 
 
 def _finite(card, findings, heat, strain, turned):

@@ -426,6 +426,48 @@ def test_elements_that_are_taken_away_first(tmp_path):
     assert mean == pytest.approx(-100.0 / 200000.0, rel=1e-9)
 
 
+BESIDE = """*NODE, NSET=NALL
+1, 0, 0, 0\n2, 2, 0, 0\n3, 2, 1, 0\n4, 0, 1, 0\n5, 0, 0, 1\n6, 2, 0, 1\n7, 2, 1, 1\n8, 0, 1, 1
+9, 2, 2, 0\n10, 0, 2, 0\n11, 2, 2, 1\n12, 0, 2, 1
+*ELEMENT, TYPE=C3D8, ELSET=EALL
+1, 1, 2, 3, 4, 5, 6, 7, 8
+2, 4, 3, 9, 10, 8, 7, 11, 12
+*NSET, NSET=held
+1, 4, 5, 8, 10, 12
+*NSET, NSET=drawn
+2, 3, 6, 7, 9, 11
+*BOUNDARY
+held, 1, 3
+*STEP
+*STATIC
+*MODEL CHANGE, TYPE=ELEMENT, REMOVE
+2,
+*BOUNDARY
+drawn, 1, 1, 0.001
+*END STEP
+*STEP
+*STATIC
+*MODEL CHANGE, TYPE=ELEMENT, ADD{how}
+2,
+*BOUNDARY
+drawn, 1, 1, 0.002
+*END STEP
+"""
+
+
+@pytest.mark.parametrize("how, left_out", [("", 0), ("=STRAIN FREE", 0), ("=WITH STRAIN", 1)])
+def test_elements_that_are_added_later(tmp_path, how, left_out):
+    """A bar that is drawn; one beside it, that comes later, bears what is drawn from then on."""
+    text = BESIDE.replace("*NSET, NSET=held", STEEL.strip() + "\n*NSET, NSET=held").format(how=how)
+    status, words, scene = imported(tmp_path, text)
+    assert status == left_out and ("WITH STRAIN: the elements begin without" in words) == bool(left_out)
+    assert [body.phases for body in scene.bodies] == [None, ("step_2",)]
+    forces = [sum(force[0] for name, force in step["reactions"].items() if name.startswith("drawn"))
+              for step in solved(scene)]  # fmt: skip
+    # E A times the strain of each: 200000 * 0.001 / 2
+    np.testing.assert_allclose(forces, [100.0, 300.0], rtol=1e-9)
+
+
 def test_two_wedges_and_a_pyramid(tmp_path):
     """A brick of two wedges, drawn along x: by p / E; a pyramid on one of its sides holds it back."""
     pyramid = "*NODE\n9, 0.5, -1., 0.5\n*ELEMENT, TYPE=C3D5, ELSET=EALL\n3, 2, 1, 5, 6, 9\n"
