@@ -4,6 +4,7 @@ from functools import partial
 
 import numpy as np
 
+from pcontact.assembly.average import AverageCoupling
 from pcontact.assembly.bulk import ElasticBulk
 from pcontact.assembly.coupling import TotalLoad
 from pcontact.assembly.distortion import SLIGHT
@@ -33,6 +34,7 @@ from pcontact.pairs import contact_reports, since_of, tied_pairs
 from pcontact.runtime import log, profile
 from pcontact.runtime.errors import TOLD
 from pcontact.runtime.messages import input_error
+from pcontact.runtime.petsc import MPI
 from pcontact.scene import (
     amplitude,
     amplitude_of,
@@ -440,11 +442,34 @@ def _rigid_groups(scene, space, supports):
     """The groups that move as rigid bodies; bodies that one joins are one from here on. *Collective.*"""
     groups, moved = [], supports.fixed
     for number, one in enumerate(scene.couplings):
+        if one.average:
+            continue
         factor, where = amplitude(one.amplitude, scene.steps.end), place("couplings", number, one.region)
         groups.append(RigidGroup(space, one, factor, moved, (scene.where, where)))
         moved[groups[-1].nodes] = True
         _join(space, groups[-1].nodes)
     return groups
+
+
+def _averages(scene, space, supports, groups):
+    """The groups whose mean motion is prescribed; bodies that one joins are one from here on. *Collective.*"""
+    taken = np.zeros((space.n_local, space.dim), dtype=bool)
+    for group in groups:
+        taken[group.nodes] = True
+    found = []
+    for number, one in enumerate(scene.couplings):
+        if not one.average:
+            continue
+        factor, where = amplitude(one.amplitude, scene.steps.end), place("couplings", number, one.region)
+        found.append(AverageCoupling(space, one, factor, supports.fixed, (scene.where, where)))
+        clash = space.comm.allreduce(bool(taken[found[-1].nodes].any()), op=MPI.LOR)
+        if clash and found[-1].rows:
+            said = f"{one.region!r}, of which nodes are in another coupling, or in a section"
+            raise input_error(scene.where, f"{where}.region", said, "a group of its own")
+        if found[-1].rows:
+            taken[found[-1].nodes] = True
+            _join(space, found[-1].nodes)
+    return found
 
 
 def _join(space, nodes):
@@ -466,10 +491,10 @@ def _sections(scene, space, fixed, couplings):
     return sections
 
 
-def _equations(scene, space, supports, groups):
+def _equations(scene, space, supports, groups, averages):
     """Linear equations between components of the displacement; None without any. *Collective.*"""
     lower = {number for number, body in enumerate(scene.bodies) if scene.lower(body)}
-    if not (scene.equations or scene.periodic or lower):
+    if not (scene.equations or scene.periodic or lower or any(one.rows for one in averages)):
         return None
     paths = [place("equations", number, one.region) for number, one in enumerate(scene.equations)]
     rows = term_rows(space, scene.equations, (scene.where, paths))
@@ -477,6 +502,7 @@ def _equations(scene, space, supports, groups):
         path = place("periodic", number, one.region)
         found = pair_rows(space, one, _motion(one, space.dim), (scene.where, path))
         rows, paths = rows + found, paths + [path] * len(found)
+    given = _given(space, averages, rows, paths, scene.where)
     if lower:
         found, first = linear_rows(space, lower), min(lower)
         # they are the last: what equations say of nodes in the middles they say of the vertices
@@ -485,7 +511,27 @@ def _equations(scene, space, supports, groups):
     for group in groups:
         taken[group.nodes] = True
     said = bool(scene.equations or scene.periodic)
-    return Equations(space, rows, supports.fixed, taken, (scene.where, paths), said)
+    return Equations(space, rows, supports.fixed, taken, (scene.where, paths), said, given)
+
+
+def _given(space, averages, rows, paths, source):
+    """Add the equations of mean motions to others, which have none of their components; the values that they are
+    given, functions of time, by their numbers."""
+    given, others = {}, {component for row in rows for component in row}
+    for one in averages:
+        for value, row in zip(one.values, one.rows, strict=True):
+            if others & row.keys():
+                found = f"the group of the coupling {one.name!r}, of which nodes are in an equation or a periodic group"
+                raise input_error(source, f"couplings ({one.name}).region", found, "a group without them")
+            number = space.n_dofs + len(given)
+            given[number] = partial(_scaled, value, one.amplitude)
+            rows.append({**row, number: -1.0})
+            paths.append(f"couplings ({one.name})")
+    return given
+
+
+def _scaled(value, amplitude, time):
+    return value * amplitude.factor(time)
 
 
 def _lower(scene, space):
@@ -642,7 +688,8 @@ def _assemble(scene, space, orthotropic, span, more):
     )
     couplings = _rigid_groups(scene, space, supports)
     sections = _sections(scene, space, supports.fixed, couplings)
-    equations = _equations(scene, space, supports, [*couplings, *sections])
+    averages = _averages(scene, space, supports, [*couplings, *sections])
+    equations = _equations(scene, space, supports, [*couplings, *sections], averages)
     supports.groups = [*couplings, *sections, *([] if equations is None else [equations])]
     forces, timed, total = _forces(scene, space)
     forces += [section.force for section in sections if section.free]
@@ -664,6 +711,7 @@ def _assemble(scene, space, orthotropic, span, more):
     viscous = None if eta is None else ViscousStabilisation(space, eta, bulk)
     problem = Problem(space, items, supports, forces, _stabilisation(space, scene, constants, free), contacts, viscous)
     problem.timed, problem.total, problem.springs, problem.release = timed, total, springs, release
+    problem.averages = averages
     problem.sections, problem.equations, problem.lower = sections, equations, _lower(scene, space)
     if release is not None:
         release.absolute = supports.absolute[space.owned_local]

@@ -27,7 +27,7 @@ NEAR = 1e-6
 ALIKE = 1e-12
 
 
-def _turned(rotation, arms):
+def turned(rotation, arms):
     """rotation x arms (n, d): a number in the plane, (3,) in space."""
     if arms.shape[1] == 3:
         return np.cross(rotation, arms)
@@ -96,7 +96,7 @@ class Average:
     def forces(self, force, moment):
         """Nodal forces (n_owned, d) of a force (d,) at the centre and a moment about it. *Collective.*"""
         local = np.zeros((self.space.n_local, self.space.dim))
-        local[self._nodes] = np.outer(self._weights, force) / self.measure + _turned(self._spin(moment), self._arms)
+        local[self._nodes] = np.outer(self._weights, force) / self.measure + turned(self._spin(moment), self._arms)
         return self.space.summed(self.space.local, local)
 
     def motion(self, u):
@@ -158,7 +158,7 @@ class TotalLoad:
         if not self.average.turns:
             return {**result, "displacement": mean.tolist()}
         moment = factor * self._moment
-        mean = mean + _turned(rotation, self._arm[None])[0]
+        mean = mean + turned(rotation, self._arm[None])[0]
         return {
             **result, "moment": moment.tolist() if len(moment) == 3 else float(moment[0]),
             "displacement": mean.tolist(), "rotation": rotation if len(moment) == 1 else rotation.tolist(),

@@ -249,7 +249,8 @@ class References:
                 header, made = self._rigid_table(one, base, motion, amplitude, run.finite is not None)
                 found[header].append((made, one.card))
             elif any(value is not None for value in most.values()):
-                self.findings.leave(one.card, "prescribed motions of a coupling on average")
+                made = self._rigid_table(one, base, motion, amplitude, False)[1]
+                found["[[couplings]]"].append(({**made, "average": True}, one.card))
             cards = [supports.forces.now[one.node, k].card for k in ALL if forces[k] is not None]
             for history in filter(None, forces.values()):
                 history.points = [(time, value / thickness) for time, value in history.points]

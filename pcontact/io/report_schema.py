@@ -144,7 +144,7 @@ STEP = table(
     estimate=_ESTIMATE,
     loads=by_name(table("", (), **_MOTION), "total forces and moments, and the mean motion of what they act on"),
     springs=by_name(table("", (), force=vector("on the bodies [force]")), "springs to the ground"),
-    couplings=by_name(table("", (), **_MOTION), "rigid groups: their motion, and what holds them"),
+    couplings=by_name(table("", (), **_MOTION), "groups that move with a point: its motion, and what holds them"),
     pretensions=by_name(table("", (), force=number("tension [force]"), shortening=number("of the bolt [length]")),
                         "bolts"),
     equations=table("linear equations together", (), force=vector("resultant [force]")),

@@ -114,8 +114,10 @@ def describe(
         active.append(f"total force: {', '.join(total)}")
     if scene.temperatures:
         active.append(f"thermal strain: {', '.join(one.region or 'all bodies' for one in scene.temperatures)}")
-    if scene.couplings:
-        active.append(f"rigid groups: {', '.join(one.name or one.region for one in scene.couplings)}")
+    for average, words in ((False, "rigid groups"), (True, "groups that move on average")):
+        some = [one.name or one.region for one in scene.couplings if one.average == average]
+        if some:
+            active.append(f"{words}: {', '.join(some)}")
     if scene.pretensions:
         active.append(f"pre-tension: {', '.join(one.name or one.region for one in scene.pretensions)}")
     if scene.equations:

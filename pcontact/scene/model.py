@@ -623,7 +623,7 @@ class Load:
 
 @table
 class Coupling:
-    """A group that moves as a rigid body with a reference point, with small turns."""
+    """A group that moves with a reference point, as a rigid body or on average, with small turns."""
 
     region: str = key(TEXT, f"{REGION} facets, cells, edges or vertices, not in a line")
     point: Sequence[float] | None = key(
@@ -638,6 +638,9 @@ class Coupling:
     )
     amplitude: Table | None = amplitude("factor of `displacement` and `rotation`")
     name: str | None = key(TEXT, "its name in report and history, unique", default=None, otherwise="that of the group")
+    average: bool = key(
+        BOOLEAN, "the group moves so on average alone, and is free to deform", default=False, more="see below"
+    )
 
 
 @table

@@ -62,6 +62,8 @@ class Problem:
         Those among the groups.
     release : pcontact.assembly.release.Release or None
         The item of what a phase of the run goes on from.
+    averages : sequence of pcontact.assembly.average.AverageCoupling
+        Groups whose mean motion is prescribed; their equations are among the others.
     since : dict of str to int
         Number of the phase at whose beginning the bodies of a contact are as they are in the mesh, by its name.
     energy : pcontact.stepping.energy.EnergyBalance or None
@@ -82,7 +84,7 @@ class Problem:
         self.bulk, self.others, self.contacts = items[0], items[1:], list(contacts)
         self.time, self.loose, self.stabilised, self.viscous, self.timed = 0.0, (), True, viscous, ()
         self.total, self.springs, self.sections, self.release, self.energy = (), (), (), None, None
-        self.equations, self.lower, self.since = None, None, {}
+        self.equations, self.lower, self.since, self.averages = None, None, {}, ()
         self.fixed = np.ascontiguousarray(supports.fixed[space.owned_local])
         self.groups, fixed = supports.groups, supports.fixed
         self.matrix = ConstrainedMatrix(space, fixed, self.groups) if self.groups else GlobalMatrix(space, fixed)

@@ -1,9 +1,10 @@
 """Linear equations between components of the displacement: in each of them one component follows the others.
 
-An equation says sum(c_k u_k) = 0. One after the other they are solved for a component that no support prescribes, and
-that is put into all others (Gauss' elimination): what is left are components that follow, u_i = sum(w_ij u_j) of
-components that do not, prescribed ones among these. Newton's method does not have those that follow: its matrix is
-P^T K P and its residual P^T f, see :mod:`pcontact.space.rigid`. The forces that equations exert do no work.
+An equation says sum(c_k u_k) = 0; of the numbers u_k some may be given, functions of time. One after the other
+equations are solved for a component that no support prescribes, and that is put into all others (Gauss' elimination):
+what is left are components that follow, u_i = sum(w_ij u_j) of components that do not, prescribed ones among these.
+Newton's method does not have those that follow: its matrix is P^T K P and its residual P^T f, see
+:mod:`pcontact.space.rigid`. The forces that equations exert do no work, but for those with given numbers.
 """
 
 import numpy as np
@@ -209,6 +210,8 @@ class Equations:
         Scene and the key path of each row, for messages.
     said : bool
         Whether the scene says any of them.
+    given : dict of int to callable, optional
+        Numbers beyond those of all components, which rows may name as well, and what stands for them at a time.
 
     Raises
     ------
@@ -223,19 +226,25 @@ class Equations:
 
     leading = np.zeros(0, dtype=np.int64)
 
-    def __init__(self, space, rows, fixed, taken, where, said=True):
-        self._space, self._rows, self.said, d = space, rows, said, space.dim
-        every = sorted({component for row in rows for component in row})
-        prescribed = self._flagged(fixed, every)
+    def __init__(self, space, rows, fixed, taken, where, said=True, given=None):
+        self._space, self._rows, self.said, self._given, d = space, rows, said, given or {}, space.dim
+        every = sorted({component for row in rows for component in row} - self._given.keys())
+        prescribed = self._flagged(fixed, every) | self._given.keys()
         others = self._flagged(taken, every)
         clash = next((k for k, row in enumerate(rows) if others & row.keys()), None)
         agree(space.comm, None if clash is None else (
             f"{where[0]}: {where[1][clash]}: found a node of a rigid group or of a section; allowed: other nodes"
         ))  # fmt: skip
-        ways, _ = eliminate(rows, prescribed)
+        ways, bound = eliminate(rows, prescribed)
+        self._check_given(bound, where)
         first, last = space.start * d, (space.start + space.n_owned) * d
         mine = sorted(component for component in ways if first <= component < last)
         self._at = np.array(mine, dtype=np.int64) - first
+        self._shifts = {}
+        for k, component in enumerate(mine):
+            for number in ways[component].keys() & self._given.keys():
+                self._shifts.setdefault(number, np.zeros(len(mine)))[k] = ways[component][number]
+        ways = {one: {m: w for m, w in ways[one].items() if m not in self._given} for one in ways}
         self._row = np.array([k for k, component in enumerate(mine) for _ in ways[component]], dtype=np.int64)
         self._master = np.array([m for component in mine for m in ways[component]], dtype=np.int64)
         self._weight = np.array([w for component in mine for w in ways[component].values()], dtype=float)
@@ -245,6 +254,15 @@ class Equations:
         self._entry, self._count = node * d + self._master % d, len(needed) * d
         self._exchange = space.exchange(needed)
         self.count = len(ways)
+
+    def _check_given(self, bound, where):
+        """Refuse equations with a given value whose components are all prescribed."""
+        for k in bound:
+            if self._given.keys() & self._rows[k].keys():
+                raise InputError(
+                    f"{where[0]}: {where[1][k]}: found a motion of which supports, or others like it, leave nothing "
+                    "open; allowed: a group that they do not hold"
+                )
 
     def _flagged(self, flags, components):
         """Components whose flags (n_local, d) are set, on any rank. *Collective.*"""
@@ -274,8 +292,10 @@ class Equations:
         return False
 
     def enter(self, u, time):
-        """Let components follow in a displacement (n_owned, d). *Collective.*"""
+        """Let components follow in a displacement (n_owned, d), at a time. *Collective.*"""
         self.follow(u)
+        for number, shift in self._shifts.items():
+            u.reshape(-1)[self._at] += self._given[number](time) * shift
 
     def follow(self, y):
         """Let components follow in a step (n_owned, d). *Collective.*"""

@@ -93,11 +93,17 @@ class Recorder:
         if problem.total:
             record["loads"] = {load.name: load.record(u, step.time) for load in problem.total}
         moved = u.getArray(readonly=True).reshape(-1, problem.space.dim)
+        averages = {one.name: one.record(moved, unbalanced) for one in problem.averages}
         if problem.equations is not None and problem.equations.said:
-            record["equations"] = problem.equations.record(unbalanced)
+            # those of mean motions are among them
+            force = np.array(problem.equations.record(unbalanced)["force"])
+            own = sum((np.array(one["force"]) for one in averages.values()), np.zeros_like(force))
+            record["equations"] = {"force": (force - own).tolist()}
         couplings = [one for one in problem.groups if one not in problem.sections and one is not problem.equations]
         if couplings:
-            record["couplings"] = {group.name: group.record(moved, unbalanced) for group in couplings}
+            averages |= {group.name: group.record(moved, unbalanced) for group in couplings}
+        if averages:
+            record["couplings"] = averages
         if problem.sections:
             forces = unbalanced.copy()
             if problem.release is not None:

@@ -164,6 +164,13 @@ def test_a_force_on_a_reference_node(tmp_path, kind):
     assert step["probes"]["top"]["mean"][2] == pytest.approx(500.0 * 2.0 / 200000.0, rel=1e-9)
 
 
+def test_a_motion_of_a_reference_node_on_average(tmp_path):
+    """The force that holds the mean displacement of the top: E A u / L."""
+    kind = "*COUPLING, CONSTRAINT NAME=c, REF NODE=9, SURFACE=head\n*DISTRIBUTING\n1, 3\n"
+    (found,) = hung(tmp_path, kind, "*BOUNDARY\n9, 3, 3, 0.005\n")["couplings"].values()
+    np.testing.assert_allclose([found["displacement"][2], found["force"][2]], [0.005, 500.0], rtol=1e-9)
+
+
 @pytest.mark.parametrize("inclusions", [
     "*CONTACT INCLUSIONS, ALL EXTERIOR\n", "*CONTACT INCLUSIONS\nupper, lower\n",
 ])  # fmt: skip

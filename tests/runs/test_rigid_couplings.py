@@ -206,3 +206,91 @@ def test_where_groups_are_refused(mesh):
     case.couplings[0].rotation, case.output.estimate = None, True
     with pytest.raises(InputError, match=r"output.estimate.*couplings\[0\]"):
         Simulation(case, SELF)
+
+
+# -- groups that move on average ---------------------------------------------------------------------------------------
+
+
+def test_ends_on_average_leave_a_bar_free_to_contract(mesh):
+    """Uniaxial stress, as a rigid end has it with nu = 0 alone; the force that holds the mean displacement is exact."""
+    supports = [Displacement("left", [0, "free"]), Displacement("origin", ["free", 0])]
+    end = Coupling("right", displacement=[0.1, "free"], rotation=0.0, average=True)
+    simulation, record = simulated(scene(mesh["square"], [end], (), supports, nu=0.3))
+    assert simulation.problem.linear and record["newton"] == 1 and "equations" not in record
+    found, force = record["couplings"]["right"], 0.1 * E / (1.0 - 0.3**2)
+    np.testing.assert_allclose(found["displacement"], [0.1, -0.5 * 0.1 * 0.3 / 0.7], rtol=1e-9)
+    np.testing.assert_allclose([*found["force"], found["moment"], found["rotation"]], [force, 0, 0, 0], atol=1e-9)
+    np.testing.assert_allclose(record["reactions"]["left"], [-force, 0.0], atol=1e-9)
+    assert record["imbalance"] < 1e-12
+    x, u = displacement(simulation)
+    np.testing.assert_allclose(u, x * [0.1, -0.1 * 0.3 / 0.7], atol=1e-10)
+
+
+def test_a_beam_that_is_bent_on_average(mesh):
+    """M = E I angle / L, in pure bending, for a mean rotation of its end; and a mean deflection of an end that turns
+    freely: shear adds to 3 E I / L^3."""
+    supports = [Displacement("left", [0, "free"]), Displacement("origin", ["free", 0])]
+    turned = Coupling("right", rotation=0.02, average=True, amplitude=[[0, 0], [1, 1]])
+    _, record = simulated(scene(mesh["beam"], [turned], (), supports, count=2))
+    found = record["couplings"]["right"]
+    assert found["moment"] == pytest.approx(E / 12.0 * 0.02 / 4.0, rel=1e-8)
+    np.testing.assert_allclose([*found["force"], found["rotation"]], [0, 0, 0.02], atol=1e-10)
+    assert found["displacement"][1] == pytest.approx(0.5 * 0.02 * 4.0, rel=1e-8)
+    clamped = [Displacement("left", [0, 0])]
+    end = Coupling("right", displacement=["free", 0.1], average=True)
+    _, record = simulated(scene(mesh["beam"], [end], (), clamped))
+    found = record["couplings"]["right"]
+    flexible = 4.0**3 / (3.0 * E / 12.0) + 4.0 / (5.0 / 6.0 * 0.5 * E)
+    assert found["force"][1] == pytest.approx(0.1 / flexible, rel=0.01) and abs(found["moment"]) < 1e-9
+    assert record["imbalance"] < 1e-9
+
+
+@parallel(1, 2, 3)
+def test_a_side_on_average_in_space(mesh):
+    """Part of a motion about a point off the side; what is free bears nothing, what is prescribed balances."""
+    point = [0.2, 0.9, 1.4]
+    side = Coupling("top", point, [0.01, "free", "free"], ["free", 0.03, "free"], name="head", average=True)
+    case = scene(mesh["cube"], [side], (), [Displacement("bottom", [0, 0, 0])], nu=0.3)
+    alone, whole = (simulated(case, comm)[1] for comm in (SELF, WORLD))
+    found = alone["couplings"]["head"]
+    assert found["displacement"][0] == pytest.approx(0.01, rel=1e-9)
+    assert found["rotation"][1] == pytest.approx(0.03, rel=1e-9) and abs(found["rotation"][0]) > 1e-4
+    held = [found["force"][0], found["moment"][1]]
+    np.testing.assert_allclose([*found["force"], *found["moment"]], [held[0], 0, 0, 0, held[1], 0], atol=1e-10)
+    np.testing.assert_allclose(alone["reactions"]["bottom"], [-held[0], 0, 0], atol=1e-10)
+    for key, values in found.items():
+        np.testing.assert_allclose(whole["couplings"]["head"][key], values, atol=1e-10)
+
+
+def test_a_block_that_an_average_alone_holds(mesh):
+    """Pressed on a plane by the mean motion of its top, which is free to bulge."""
+    floor = Contact("bottom", obstacle=Obstacle("plane", [0.0, 0.0], [0.0, 1.0]), name="floor", friction=0.3)
+    top = Coupling("top", displacement=[0.0, -0.02], rotation=0.0, average=True)
+    simulation, record = simulated(scene(mesh["square"], [top], nu=0.3, contacts=[floor], count=2))
+    assert simulation.floating == {} and record["imbalance"] < 1e-10
+    np.testing.assert_allclose(record["couplings"]["top"]["force"], record["contacts"]["floor"]["force"], atol=1e-10)
+    assert record["couplings"]["top"]["displacement"][1] == pytest.approx(-0.02, rel=1e-9)
+    x, u = displacement(simulation)
+    up = u[x[:, 1] == 1.0, 1]
+    assert np.ptp(up) > 1e-4 and record["contacts"]["floor"]["force"][1] < -1.0
+
+
+@pytest.mark.parametrize("couplings, supports, message", [
+    ([Coupling("right", displacement=[0.1, 0], average=True)], [Displacement("right", ["free", 0])],
+     r"couplings \(right\): found a motion of which supports"),
+    ([Coupling("right"), Coupling("top", displacement=[0, 0.1], average=True)], [],
+     r"couplings\[1\] \(top\).region: found 'top', of which nodes are in another coupling"),
+    ([Coupling("origin", rotation=0.1, average=True)], [], r"\(origin\).rotation: found a rotation; allowed"),
+])  # fmt: skip
+def test_averages_that_are_refused(mesh, couplings, supports, message):
+    """What leaves nothing open, what others move, and points that turn."""
+    with pytest.raises(InputError, match=message):
+        simulated(scene(mesh["square"], couplings, (), [Displacement("left", [0, 0]), *supports]))
+
+
+def test_groups_too_large_for_an_average_are_refused(mesh, monkeypatch):
+    """Equations couple all nodes of the group."""
+    monkeypatch.setattr("pcontact.assembly.average.MOST", 3)
+    end = Coupling("right", displacement=[0.1, "free"], average=True)
+    with pytest.raises(InputError, match="found 'right' on average, a group of 4 nodes; allowed: groups of at most 3"):
+        simulated(scene(mesh["square"], [end], (), [Displacement("left", [0, 0])]))
