@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pcontact.runtime.errors import InputError
 from pcontact.scene.model import Coupling, Displacement, Load, Obstacle, Pretension, Temperature
 from pcontact.scene.prescribed import expressions, names
 
@@ -126,7 +127,12 @@ def _sizes(one, end, places):
         for expression in expressions(getattr(one, key)).values():
 
             def size(time, expression=expression):
-                return factor(time) * np.nan_to_num(expression(places, time), posinf=0.0, neginf=0.0)
+                try:
+                    values = expression(places, time)
+                except InputError:
+                    # a function of the user's may know the bodies alone
+                    values = np.zeros(len(places))
+                return factor(time) * np.nan_to_num(values, posinf=0.0, neginf=0.0)
 
             largest = max(float(np.abs(size(time)).max()) for time in np.linspace(0.0, end, LOOKS))
             if largest > 0.0:

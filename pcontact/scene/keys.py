@@ -61,15 +61,16 @@ class Key:
 
 def key(
     rule: Rule, help: str, *, default: object = MISSING, unit: str = "", otherwise: str = "", resolved: bool = False,
-    **more,
+    kw_only: bool = False, **more,
 ) -> Any:
     """The field of a table for a key; parameters as for :class:`Key`. None is allowed where it is the default.
 
-    All but the first two are named: checkers of types see a default only as ``default=``.
+    With `kw_only` a Python program names it: the places of those after it are as they were before it came. All but the
+    first two are named: checkers of types see a default only as ``default=``.
     """
     checked = optional(rule) if default is None or resolved else rule
     declared = Key(checked, help, default, unit, otherwise, resolved=resolved, **more)
-    return dataclasses.field(default=None if resolved else default, metadata={"key": declared})
+    return dataclasses.field(default=None if resolved else default, metadata={"key": declared}, kw_only=kw_only)
 
 
 @cache

@@ -76,6 +76,7 @@ OUTER = "outer surfaces"
 
 Table = Sequence[Sequence[float]]  # rows of (time, factor), or of (strain, stress)
 Function = str | Callable  # "module.py:name" beside the scene, or the function itself
+Value = float | str | Callable  # a number, an expression, from Python a function of place and time
 
 REGION = "name of a group of"
 
@@ -297,23 +298,27 @@ class Obstacle:
     )  # fmt: skip
     width: float | None = key(
         POSITIVE, "punch: instead of `radius`, one that is as wide everywhere along `axis`",
-        default=None, unit="length",
+        default=None, kw_only=True, unit="length",
     )  # fmt: skip
-    ring_radius: float | None = key(POSITIVE, "torus: of the middle of the tube", default=None, unit="length")
+    ring_radius: float | None = key(
+        POSITIVE, "torus: of the middle of the tube", default=None, kw_only=True, unit="length"
+    )
     half_angle: float | None = key(
-        number(above=0, below=90), "wedge and cone: between `normal` and a flank", default=None, unit="degrees",
+        number(above=0, below=90), "wedge and cone: between `normal` and a flank", default=None, kw_only=True,
+        unit="degrees",
     )  # fmt: skip
     edge_radius: float | None = key(
         NON_NEGATIVE, "punch: of the rounded edge of the face; wedge and cone: of the rounded tip",
-        default=None, unit="length", otherwise="0: sharp",
+        default=None, kw_only=True, unit="length", otherwise="0: sharp",
     )  # fmt: skip
     file: str | Path | None = key(
         file("the name of a mesh file beside the scene"), "mesh: file with the facets of a surface", default=None,
+        kw_only=True,
         more="in space triangles and quadrilaterals, in the plane segments, of degree 1 or 2; of any format of meshes, "
         "and `.stl`",
     )  # fmt: skip
     region: str | None = key(
-        TEXT, f"mesh: {REGION} facets in the file", default=None, otherwise="all facets in it"
+        TEXT, f"mesh: {REGION} facets in the file", default=None, kw_only=True, otherwise="all facets in it"
     )
     inside: bool = key(BOOLEAN, "sphere, cylinder, mesh: the free space is inside, or on the other side", default=False)
     function: Function | None = key(
@@ -378,16 +383,17 @@ class Contact:
     name: str | None = key(
         TEXT, "name of the contact, unique", default=None, otherwise="source-target; of `all`: `all`",
     )  # fmt: skip
-    friction: float | str | None = key(
+    friction: Value | None = key(
         COEFFICIENT, "Coulomb's coefficient, or an expression of the place in the undeformed source and the time",
         default=None, otherwise="0", more="With `kinetic_friction`: the static one",
     )  # fmt: skip
-    kinetic_friction: float | str | None = key(
+    kinetic_friction: Value | None = key(
         COEFFICIENT, "with `friction`: the coefficient of points that slip fast",
-        default=None, otherwise="that of `friction`", more="see below",
+        default=None, kw_only=True, otherwise="that of `friction`", more="see below",
     )  # fmt: skip
     friction_decay: float | None = key(
         POSITIVE, "with `kinetic_friction`: how the coefficient goes there with the speed of slip", default=None,
+        kw_only=True,
         unit="time / length", otherwise="must be said",
     )  # fmt: skip
     tresca: float | None = key(
@@ -527,7 +533,7 @@ class Displacement:
     """Prescribed displacement of a group of cells, facets, edges or vertices; with `angle` a turn as well."""
 
     region: str = key(TEXT, f"{REGION} cells, facets, edges or vertices")
-    value: Sequence[float | str] = key(
+    value: Sequence[Value] = key(
         COMPONENTS, 'a number, `"free"`, or an expression of the place in the mesh, for each of the d directions',
         unit="length", more="see below",
     )  # fmt: skip
@@ -564,12 +570,12 @@ class Load:
         TEXT, f"{REGION} facets (`pressure`, `traction`), of any kind (`force`, `moment`), or of cells", default=None,
         otherwise="must be said, unless `at`",
     )  # fmt: skip
-    pressure: float | str | None = key(
+    pressure: Value | None = key(
         SCALAR, "positive in compression", default=None, unit="stress", more="Exactly one must be said: of this, "
         "`traction`, `body_force`, `acceleration`, `angular_speed`, or `force` and `moment`"
     )
-    traction: Sequence[float | str] | None = key(VECTORS, "force per area", default=None, unit="stress")
-    body_force: Sequence[float | str] | None = key(VECTORS, "force per volume", default=None, unit="stress / length")
+    traction: Sequence[Value] | None = key(VECTORS, "force per area", default=None, unit="stress")
+    body_force: Sequence[Value] | None = key(VECTORS, "force per volume", default=None, unit="stress / length")
     amplitude: Table | None = amplitude(timed=True)
     follower: bool = key(
         BOOLEAN, "with `pressure`: it acts on the deformed surface, along its normal there", default=False,
@@ -597,7 +603,7 @@ class Load:
         POSITIVE, "with `at`: how far the node may be from there",
         default=None, unit="length", otherwise="1e-6 of the size of the mesh"
     )
-    acceleration: Sequence[float | str] | None = key(
+    acceleration: Sequence[Value] | None = key(
         VECTORS, "force per mass, such as that of gravity, times the `density` of the bodies",
         default=None, unit="length / time^2"
     )
@@ -708,7 +714,7 @@ class Periodic:
 class Temperature:
     """Temperature of cells, for the thermal strain of bodies with `expansion`."""
 
-    value: float | str | None = key(
+    value: Value | None = key(
         SCALAR, "temperature, or an expression of the place in the undeformed mesh and the time", default=None,
         unit="temperature", more="Exactly one must be said: of this, and `file` with `field`",
     )  # fmt: skip
@@ -750,7 +756,7 @@ class Phase:
     count: int | None = key(
         integer(1, 1_000_000), "equal load steps to start with", default=None, otherwise="`count` of `[steps]`"
     )
-    friction: Mapping[str, float | str] | None = key(
+    friction: Mapping[str, Value] | None = key(
         COEFFICIENTS, "Coulomb's coefficient of contacts in this phase, by their names",
         default=None, otherwise="their own",
     )  # fmt: skip
@@ -962,7 +968,8 @@ class Scene:
 
         Triangles and tetrahedra of degree 1 cannot: their dilatation is constant as it is.
         """
-        if self.mesh.kinematics == "plane_stress" or (simplices and self.mesh.order != 2):
+        degree = 1 if self.lower(body) else self.mesh.order
+        if self.mesh.kinematics == "plane_stress" or (simplices and degree != 2):
             return False
         if self.materials[body.material].orthotropic:
             return False
@@ -970,7 +977,7 @@ class Scene:
             return self.mesh.mean_dilatation
         if simplices:
             return self.materials[body.material].nu > POOR
-        return self.locks(body) or (self.yields(body) and self.mesh.order != 2)
+        return self.locks(body) or (self.yields(body) and degree != 2)
 
 
 # what messages and pages call the tables

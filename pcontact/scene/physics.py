@@ -5,7 +5,6 @@ of contacts are: what points remember belongs to them.
 """
 
 import hashlib
-import inspect
 from dataclasses import fields
 from pathlib import Path
 
@@ -13,6 +12,7 @@ import numpy as np
 
 from pcontact.runtime.messages import shown
 from pcontact.scene.amplitude import MULTIPLIED, Amplitude, amplitude_of
+from pcontact.scene.called import text_of
 from pcontact.scene.model import (
     CONTACT_DEFAULTS,
     Contact,
@@ -111,16 +111,11 @@ def _plain(scene, table, key, value):
 def _text(scene, reference):
     """Name of a function and a hash of the text that defines it: that of its file, or its own."""
     if callable(reference):
-        name = getattr(reference, "__qualname__", type(reference).__name__)
-        try:
-            text = inspect.getsource(reference).encode()
-        except (OSError, TypeError):
-            return name
-    else:
-        name, path = reference, scene.folder / reference.rpartition(":")[0]
-        if not path.is_file():
-            return name
-        text = path.read_bytes()
+        return text_of(reference)
+    name, path = reference, scene.folder / reference.rpartition(":")[0]
+    if not path.is_file():
+        return name
+    text = path.read_bytes()
     return f"{name}, text {hashlib.sha256(text).hexdigest()[:16]}"
 
 

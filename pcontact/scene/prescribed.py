@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from pcontact.runtime.messages import input_error
+from pcontact.scene.called import Called
 from pcontact.scene.expression import Expression
 
 # characters of an expression in a message
@@ -14,9 +15,10 @@ WORDS = ("free",)
 
 
 def expressions(value: object) -> dict[int, Expression]:
-    """The expressions among the entries of a value, by their number; a value that is no list is entry 0."""
+    """The expressions and functions among the entries of a value, by number; a value that is no list is entry 0."""
     entries = value if isinstance(value, list | tuple) else (value,)
-    return {k: Expression(one) for k, one in enumerate(entries) if isinstance(one, str) and one not in WORDS}
+    return {k: one if isinstance(one, Called) else Expression(one)
+            for k, one in enumerate(entries) if isinstance(one, str) and one not in WORDS}  # fmt: skip
 
 
 def names(value: object) -> set[str]:
@@ -71,6 +73,9 @@ class Prescribed:
         """Values (n,) of one entry at points x (n, d), see :meth:`__call__`."""
         if entry not in self._expressions:
             return np.full(len(x), self._numbers[entry])
+        if isinstance(self._texts[entry], Called):
+            # a rank without points does not ask
+            return self._texts[entry].watched(self._file, self._key)(x, time) if len(x) else np.zeros(0)
         values = self._expressions[entry](x, time)
         bad = np.flatnonzero(~np.isfinite(values))
         if len(bad):

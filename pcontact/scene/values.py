@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 
 from pcontact.runtime.rules import NON_NEGATIVE, TEXT, Rule, either, entries, number, sequence, text
+from pcontact.scene.called import Called
 from pcontact.scene.expression import ALLOWED, Expression
 
 
@@ -72,9 +73,13 @@ def _check_ogden(rows):
 
 
 def _or_expression(rule, words=()):
-    """What a rule accepts, or the text of an expression; `words` are for the rule."""
+    """What a rule accepts, the text of an expression, or from Python a function; `words` are for the rule."""
 
     def accept(value):
+        if isinstance(value, Called):
+            return value
+        if callable(value) and not isinstance(value, type):
+            return Called(value)
         text = isinstance(value, str) and value not in words
         return _expression(value) if text else rule.accept(value)
 

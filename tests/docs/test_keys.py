@@ -73,7 +73,7 @@ def in_program(path):
     for node in ast.walk(ast.parse(path.read_text())):
         if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in TABLES:
             cls = TABLES[node.func.id]
-            names = [field.name for field in fields(cls)]
+            names = [field.name for field in fields(cls) if not field.kw_only]
             said = [*names[: len(node.args)], *(one.arg for one in node.keywords)]
             yield from ((cls, name) for name in said if name in keys(cls))
 

@@ -5,10 +5,23 @@ import re
 import numpy as np
 import pytest
 
+import pcontact as pc
 from meshes import one_block
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.petsc import MPI
-from pcontact.scene.model import Body, Displacement, Load, Material, MeshSpec, Output, Scene, Steps
+from pcontact.scene.model import (
+    Body,
+    Contact,
+    Displacement,
+    Load,
+    Material,
+    MeshSpec,
+    Obstacle,
+    Output,
+    Scene,
+    Steps,
+    Temperature,
+)
 from pcontact.simulation import Simulation
 from tests.support.restarts import STOP, Keep, run
 
@@ -80,6 +93,86 @@ def test_restart(mesh, shared_tmp):
     changed.loads[0].body_force = ["-21*y*t**2", 0]
     with pytest.raises(InputError, match=r"loads\[0\] \(block\).body_force.*-20"):
         run(changed, WORLD, rest, restart=cut)
+
+
+# -- functions of a Python program ------------------------------------------------------------------------------------
+
+
+def called(path, count=1, scale=-20.0):
+    """The same scene with functions in the place of expressions."""
+    case = scene(path, count)
+    case.displacements[2].value = [lambda x, t: t**2 * x[:, 0] ** 2, 0.0]
+    case.loads = [Load("block", body_force=[lambda x, t: scale * x[:, 1] * t**2, lambda x, t: -10.0 * x[:, 0] * t**2]),
+                  Load("right", pressure=lambda x, t: -20.0 * x[:, 1] * t**2),
+                  Load("right", traction=[0, lambda x, t: np.full(len(x), 5.0 * t**2)])]  # fmt: skip
+    return case
+
+
+@parallel(1, 2)
+def test_functions_are_as_expressions(mesh, shared_tmp):
+    """The exact solution; and a restart brings the same functions, by their text, or is refused."""
+    simulation = Simulation(called(mesh), WORLD)
+    try:
+        assert simulation.run()
+        assert error(simulation) < 1e-11
+    finally:
+        simulation.close()
+    whole, cut, rest = (shared_tmp / name for name in ("whole", "cut", "rest"))
+    steps = run(called(mesh, 6), WORLD, whole, [Keep(whole, cut, WORLD)])
+    after = run(called(mesh, 6), WORLD, rest, restart=cut)
+    for one, other in zip(steps[STOP:], after, strict=True):
+        np.testing.assert_allclose(one["probes"]["right"]["mean"], other["probes"]["right"]["mean"], rtol=1e-9)
+    changed = called(mesh, 6)
+    changed.loads[1].pressure = lambda x, t: -21.0 * x[:, 1] * t**2
+    with pytest.raises(InputError, match=r"loads\[1\] \(right\).pressure: found .*lambda.*text .*; allowed: .*text"):
+        run(changed, WORLD, rest, restart=cut)
+
+
+def pushed(path, temperature, friction):
+    """A block that is heated, pressed on a floor and pushed along; the forces on the floor."""
+    floor = Contact("bottom", obstacle=Obstacle("plane", [0.0, 0.0], [0.0, 1.0]), name="floor", friction=friction)
+    case = Scene(
+        MeshSpec(path), {"m": Material(E, 0.3, expansion=0.01)}, [Body("block", "m")], [floor],
+        [Displacement("top", [0.02, -0.05])], temperatures=[Temperature(temperature)], steps=Steps(count=2),
+        petsc={"ksp_rtol": "1e-13", "snes_rtol": "1e-12"},
+    )  # fmt: skip
+    simulation = Simulation(case, WORLD)
+    try:
+        assert simulation.run(keep=True)
+        return [step["contacts"]["floor"]["force"] for step in simulation.records.data()["steps"]]
+    finally:
+        simulation.close()
+
+
+@parallel(1, 2)
+def test_temperatures_and_friction_of_functions(mesh):
+    expected = pushed(mesh, "2*x*t", "0.1 + 0.2*x")
+    found = pushed(mesh, lambda x, t: 2.0 * x[:, 0] * t, lambda x, t: 0.1 + 0.2 * x[:, 0])
+    assert abs(expected[-1][0]) > 0.01
+    np.testing.assert_allclose(found, expected, rtol=1e-9)
+
+
+def stops(x, t):
+    """What a program may do."""
+    raise KeyError("no such place")
+
+
+@pytest.mark.parametrize("function, message", [
+    (lambda x, t: np.ones((len(x), 2)), r"found .*an array of shape \(\d+, 2\) at time [01]; allowed: one number per"),
+    (lambda x, t: 1.0, r"found .*an array of shape \(\) at time [01]; allowed: one number per point"),
+    (lambda x, t: np.where(x[:, 1] > 0.5, np.nan, 0.0), r"the value nan at the point \(.*\) at time"),
+    (lambda x, t: 1j * x[:, 0], "values of type complex128 at time [01]"),
+    (stops, r"stops, text .*KeyError: 'no such place' in line \d+ of test_functions_of_place.py"),
+    (lambda x: x[:, 0], r"TypeError: .*argument"),
+])  # fmt: skip
+def test_functions_that_are_wrong(mesh, function, message):
+    """One line that names the key, what was found, and what is allowed."""
+    load, support = called(mesh), called(mesh)
+    load.loads[1].pressure, support.displacements[2].value = function, [function, 0.0]
+    message = message.removeprefix("found .*")
+    for case, key in ((load, r"loads\[1\] \(right\).pressure"), (support, r"displacements\[2\] \(top\).value")):
+        with pytest.raises(InputError, match=f"{key}: found .*{message}"):
+            pc.run(case, comm=SELF)
 
 
 @pytest.mark.parametrize("ring", [False, True])

@@ -20,7 +20,7 @@ from pcontact.runtime.petsc import PETSc, own_options
 from pcontact.runtime.rules import POSITIVE, choice
 from pcontact.scene import Contact, Material, Obstacle, Pretension, Scene, Steps, read_scene, scene_from
 from pcontact.scene.keys import keys
-from pcontact.scene.model import HEADERS, RENAMED
+from pcontact.scene.model import HEADERS, RENAMED, Body
 from pcontact.scene.schema import schema
 from pcontact.scene.target import Budget, Target
 from tests.support.bad_input import CASES
@@ -41,7 +41,7 @@ def test_every_key_is_declared(cls):
     tables = {"mesh", "materials", "bodies", "contacts", "displacements", "loads", "couplings", "springs",
               "temperatures", "phases", "pretensions", "equations", "periodic", "steps", "output", "petsc"}  # fmt: skip
     known = {Scene: tables | {"path", "beside"}, Contact: {"obstacle", "held"}, Pretension: {"locked"},
-             Target: {"budget"}}  # fmt: skip
+             Body: {"absent", "since"}, Target: {"budget"}}  # fmt: skip
     assert others == known.get(cls, set())
     for name, one in keys(cls).items():
         assert one.help and one.rule.allowed
