@@ -212,12 +212,54 @@ def require_end(part, ends):
     raise OSError(errno.EIO, "not written to its end")
 
 
-class Hdf5Aside:
-    """An HDF5 file that is written aside, with checksums at its end (`pcontact.runtime.checksum`).
+class _Hdf5File:
+    """An HDF5 file that is written through an object of ours.
 
     HDF5 never learns that the disk is full, or anything else that is wrong with it: a file that it cannot close stays
     half open, and the end of the process crashes in it. It writes to an object that notes the failure and lets HDF5
-    go on; :meth:`place` tells of it.
+    go on; `place` tells of it.
+
+    Parameters
+    ----------
+    disk : _Disk
+    written : pathlib.Path
+        What is written to.
+    mode : str
+        Of h5py.
+    aside : bool
+        Whether that is another file than the one that is meant: it goes unless it is put in place.
+    """
+
+    def __init__(self, disk, written, mode, aside):
+        self._disk, self.written, self._aside = disk, written, aside
+        if aside:
+            _aside.add(written)
+        try:
+            self.file = h5py.File(disk, mode)
+        except BaseException:
+            disk.close()
+            raise
+
+    @property
+    def failed(self):
+        """Whether something could not be written."""
+        return self._disk.failure is not None
+
+    def _close(self):
+        """Close the file; what could not be written is raised."""
+        self.file.close()
+        self._disk.finish()
+
+    def discard(self):
+        """Close the file and leave nothing of what was written, unless it is in place. May be called again."""
+        self.file.close()
+        self._disk.close()
+        if self._aside:
+            discard(self.written)
+
+
+class Hdf5Aside(_Hdf5File):
+    """An HDF5 file that is written aside, with checksums at its end (`pcontact.runtime.checksum`).
 
     Parameters
     ----------
@@ -238,16 +280,10 @@ class Hdf5Aside:
 
     def __init__(self, path, option=None):
         self.path, self._option = Path(path), option
-        self._part = self.path.with_name(self.path.name + ".part")
+        part = self.path.with_name(self.path.name + ".part")
         with telling(path, option):
-            self._disk = _Disk(open(self._part, "w+b", buffering=0))
-        _aside.add(self._part)
-        self.file = h5py.File(self._disk, "w")
-
-    @property
-    def failed(self):
-        """Whether something could not be written."""
-        return self._disk.failure is not None
+            disk = _Disk(open(part, "w+b", buffering=0))
+        super().__init__(disk, part, "w", True)
 
     def place(self):
         """Put the file in place once the disk has it.
@@ -259,19 +295,12 @@ class Hdf5Aside:
         """
         try:
             with telling(self.path, self._option):
-                self.file.close()
-                self._disk.finish()
-                append_checksums(self._part)
+                self._close()
+                append_checksums(self.written)
                 self._disk.sync()
-                os.replace(self._part, self.path)
+                os.replace(self.written, self.path)
         finally:
             self.discard()
-
-    def discard(self):
-        """Close the file and leave nothing of it, unless it is in place. May be called again."""
-        self.file.close()
-        self._disk.close()
-        discard(self._part)
 
 
 class _Disk(io.RawIOBase):
@@ -334,7 +363,7 @@ class _Disk(io.RawIOBase):
         super().close()
 
 
-class Hdf5Grown:
+class Hdf5Grown(_Hdf5File):
     """An HDF5 file that grows, and of which the disk has the file of before or the new one, whole, at any moment.
 
     What is added goes to the end of the file at once, where the file of before knows nothing of it. What HDF5 changes
@@ -363,25 +392,14 @@ class Hdf5Grown:
 
     def __init__(self, path, fresh):
         self.path, self._fresh = Path(path), fresh
-        self.written = self.path.with_name(self.path.name + ".part") if fresh else self.path
+        written = self.path.with_name(self.path.name + ".part") if fresh else self.path
         with telling(self.path):
             if fresh:
                 _redo(self.path).unlink(missing_ok=True)
             else:
                 mend(self.path)
-            self._disk = _Grown(open(self.written, "w+b" if fresh else "r+b", buffering=0))
-        if fresh:
-            _aside.add(self.written)
-        try:
-            self.file = h5py.File(self._disk, "w" if fresh else "r+")
-        except BaseException:
-            self._disk.close()
-            raise
-
-    @property
-    def failed(self):
-        """Whether something could not be written."""
-        return self._disk.failure is not None
+            disk = _Grown(open(written, "w+b" if fresh else "r+b", buffering=0))
+        super().__init__(disk, written, "w" if fresh else "r+", fresh)
 
     def place(self):
         """Make what was written the file, once the disk has it.
@@ -393,8 +411,7 @@ class Hdf5Grown:
         """
         try:
             with telling(self.path):
-                self.file.close()
-                self._disk.finish()
+                self._close()
                 self._disk.sync()
                 if self._fresh:
                     os.replace(self.written, self.path)
@@ -407,13 +424,6 @@ class Hdf5Grown:
                     mend(self.path)
         finally:
             self.discard()
-
-    def discard(self):
-        """Close the file and leave nothing of what was written, unless it is in place. May be called again."""
-        self.file.close()
-        self._disk.close()
-        if self._fresh:
-            discard(self.written)
 
 
 class _Grown(_Disk):
