@@ -314,9 +314,11 @@ def _check_locking(scene, space):
     degree 1 where they have no mean dilatation. *Collective.*"""
     mine = {block.body for block in space.mesh.blocks if len(block.nodes) and (
         CELLS[block.cell].is_simplex or scene.materials[scene.bodies[block.body].material].orthotropic)}  # fmt: skip
-    bodies = set().union(*space.comm.allgather(mine)) if space.degree == 1 else set()
+    bodies = set().union(*space.comm.allgather(mine))
     for number in sorted(bodies):
         body = scene.bodies[number]
+        if space.degree == 2 and not scene.lower(body):
+            continue
         if scene.locks(body):
             unsafe(
                 scene, "locking", f"materials.{body.material}.nu",
@@ -491,9 +493,9 @@ def _sections(scene, space, fixed, couplings):
     return sections
 
 
-def _equations(scene, space, supports, groups, averages):
-    """Linear equations between components of the displacement; None without any. *Collective.*"""
-    lower = {number for number, body in enumerate(scene.bodies) if scene.lower(body)}
+def _equations(scene, space, supports, groups, averages, lower):
+    """Linear equations between components of the displacement, with the rows of bodies of degree 1; None without any.
+    *Collective.*"""
     if not (scene.equations or scene.periodic or lower or any(one.rows for one in averages)):
         return None
     paths = [place("equations", number, one.region) for number, one in enumerate(scene.equations)]
@@ -504,9 +506,9 @@ def _equations(scene, space, supports, groups, averages):
         rows, paths = rows + found, paths + [path] * len(found)
     given = _given(space, averages, rows, paths, scene.where)
     if lower:
-        found, first = linear_rows(space, lower), min(lower)
+        first = next(number for number, body in enumerate(scene.bodies) if scene.lower(body))
         # they are the last: what equations say of nodes in the middles they say of the vertices
-        rows, paths = rows + found, paths + [f"{place('bodies', first, scene.bodies[first].region)}.order"] * len(found)
+        rows, paths = rows + lower, paths + [f"{place('bodies', first, scene.bodies[first].region)}.order"] * len(lower)
     taken = np.zeros((space.n_local, space.dim), dtype=bool)
     for group in groups:
         taken[group.nodes] = True
@@ -534,13 +536,16 @@ def _scaled(value, amplitude, time):
     return value * amplitude.factor(time)
 
 
-def _lower(scene, space):
-    """Equations of nodes in the middles of bodies of degree 1 as if nothing were prescribed, or None. *Collective.*"""
+def _lower_rows(scene, space):
+    """Rows of the equations of nodes in the middles of bodies of degree 1. *Collective.*"""
     lower = {number for number, body in enumerate(scene.bodies) if scene.lower(body)}
-    if not lower:
-        return None
-    rows, none = linear_rows(space, lower), np.zeros((space.n_local, space.dim), dtype=bool)
-    return Equations(space, rows, none, none, (scene.where, [""] * len(rows)))
+    return linear_rows(space, lower) if lower else []
+
+
+def _lower(scene, space, rows):
+    """These equations as if nothing were prescribed, or None. *Collective.*"""
+    none = np.zeros((space.n_local, space.dim), dtype=bool)
+    return Equations(space, rows, none, none, (scene.where, [""] * len(rows))) if rows else None
 
 
 def _motion(periodic, dim):
@@ -669,7 +674,8 @@ def assemble(scene, mesh, span=None, more=()):
         for simplices in (False, True)
     ]
     reduced = [number for number, body in enumerate(scene.bodies) if body.integration == "reduced"]
-    space = Space(mesh, scene.mesh.order, scene.mesh.kinematics, *averaged, reduced)
+    lower = [number for number, body in enumerate(scene.bodies) if scene.lower(body)]
+    space = Space(mesh, scene.mesh.order, scene.mesh.kinematics, *averaged, reduced, lower)
     try:
         return _assemble(scene, space, orthotropic, span, more)
     except TOLD:
@@ -689,7 +695,8 @@ def _assemble(scene, space, orthotropic, span, more):
     couplings = _rigid_groups(scene, space, supports)
     sections = _sections(scene, space, supports.fixed, couplings)
     averages = _averages(scene, space, supports, [*couplings, *sections])
-    equations = _equations(scene, space, supports, [*couplings, *sections], averages)
+    lower = _lower_rows(scene, space)
+    equations = _equations(scene, space, supports, [*couplings, *sections], averages, lower)
     supports.groups = [*couplings, *sections, *([] if equations is None else [equations])]
     forces, timed, total = _forces(scene, space)
     forces += [section.force for section in sections if section.free]
@@ -712,7 +719,7 @@ def _assemble(scene, space, orthotropic, span, more):
     problem = Problem(space, items, supports, forces, _stabilisation(space, scene, constants, free), contacts, viscous)
     problem.timed, problem.total, problem.springs, problem.release = timed, total, springs, release
     problem.averages = averages
-    problem.sections, problem.equations, problem.lower = sections, equations, _lower(scene, space)
+    problem.sections, problem.equations, problem.lower = sections, equations, _lower(scene, space, lower)
     if release is not None:
         release.absolute = supports.absolute[space.owned_local]
         problem.since = since_of(scene, space) if begun else {}

@@ -138,8 +138,8 @@ class ElasticBulk(Bulk):
             add_stiffness(grad, jxw, cells, lam if plain else 0.0, mu, rowptr, columns, local)
             if not plain:
                 ring = hoop(space, number, rows, shapes)
-                at = points_of(space, number, rows) if averaged and linear(block.cell, space.degree) else None
-                parts = squares(grad, jxw, ring, averaged, space.degree, lam, mu, at)
+                at = points_of(space, number, rows) if averaged and linear(block.cell, space.degree_of(block)) else None
+                parts = squares(grad, jxw, ring, averaged, space.degree_of(block), lam, mu, at)
                 add_squares(*parts, cells, rowptr, columns, local)
         if block.body in self.orthotropic:
             add_block(space, number, self.orthotropic[block.body], rowptr, columns, local)

@@ -134,7 +134,7 @@ def bulk_error(space, constants, u, exact, degree=None, averaged=False):
         dgeo = np.ascontiguousarray(shape_gradient(block.cell, geometry_degree, xi))
         dshape = np.ascontiguousarray(shape_gradient(block.cell, space.degree, xi))
         at, values = shape(block.cell, geometry_degree, xi), shape(block.cell, space.degree, xi)
-        kind = averaged and space.averages(block), linear(block.cell, space.degree), space.degree
+        kind = averaged and space.averages(block), linear(block.cell, space.degree_of(block)), space.degree_of(block)
         for first in range(0, len(block.nodes), CHUNK):
             rows = slice(first, first + CHUNK)
             x = np.ascontiguousarray(mesh.points[table[rows]])

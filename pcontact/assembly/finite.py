@@ -83,7 +83,7 @@ class FiniteBulk(Bulk):
         stiff = lam + 2.0 / 3.0 * mu if len(material.terms) else lam
         own, shared = stiff, 0.0
         if averaged:
-            own, shared = factors(lam, mu, True, space.degree)
+            own, shared = factors(lam, mu, True, space.degree_of(block))
             own += stiff - lam
         material = material._replace(own=float(own), shared=float(shared))
         rows = len(block.nodes) if material.yields else 1
@@ -114,7 +114,7 @@ class FiniteBulk(Bulk):
         block, jxw = space.mesh.blocks[number], np.ascontiguousarray(jxw)
         basis, volume = np.zeros((*jxw.shape, 0)), jxw.sum(axis=1)
         if space.averages(block):
-            at = points_of(space, number, rows) if linear(block.cell, space.degree) else None
+            at = points_of(space, number, rows) if linear(block.cell, space.degree_of(block)) else None
             basis, volume, _, _ = components(jxw, at)
         return FiniteCells(
             np.ascontiguousarray(space.cells[number][rows]), grad, jxw,

@@ -51,7 +51,7 @@ class Heating(NamedTuple):
 
 def _fit(space, block, jxw, points, values):
     """Projection of values (nc, nq) as that of the mean dilatation, a function of points (n, m, d) and their cells."""
-    basis, volume, centre, inverse = components(jxw, points if linear(block.cell, space.degree) else None)
+    basis, volume, centre, inverse = components(jxw, points if linear(block.cell, space.degree_of(block)) else None)
     parts = np.einsum("cq,cqb,cq->cb", jxw, basis, values) / volume[:, None]
 
     def at(x, cells):

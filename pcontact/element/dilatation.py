@@ -195,7 +195,7 @@ def hoop_operator(values, radius):
                      where=radius[..., None] > 0.0)  # fmt: skip
 
 
-def mean_dilatation(cell, x, geometry_degree, degree, order, axisymmetric):
+def mean_dilatation(cell, x, geometry_degree, degree, order, axisymmetric, of=None):
     """Mean dilatation operators of cells.
 
     Parameters
@@ -207,6 +207,8 @@ def mean_dilatation(cell, x, geometry_degree, degree, order, axisymmetric):
         Degrees of geometry, displacement, and of the quadrature.
     axisymmetric : bool
         The first coordinate is the radius.
+    of : int, optional
+        Degree of the displacements that the cells have, where it is less than that of their shape functions.
 
     Returns
     -------
@@ -221,7 +223,7 @@ def mean_dilatation(cell, x, geometry_degree, degree, order, axisymmetric):
         radius = x[:, :, 0] @ shape(cell, geometry_degree, xi).T
         jxw *= radius
         hoop = hoop_operator(shape(cell, degree, xi), radius)
-    points = shape(cell, geometry_degree, xi) @ x if linear(cell, degree) else None
+    points = shape(cell, geometry_degree, xi) @ x if linear(cell, of or degree) else None
     basis, volume, centre, inverse = components(jxw, points)
     middle = mean(dilatation(grad, hoop), jxw, basis, volume)
     if points is None:

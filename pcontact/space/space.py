@@ -28,6 +28,8 @@ class Space:
         Bodies whose triangles and tetrahedra do; with degree 2.
     reduced : sequence of int
         Bodies whose serendipity cells have reduced integration, see `pcontact.element.reduced`.
+    lower : sequence of int
+        Bodies whose displacement is of degree 1, where the others have degree 2: equations see to that.
 
     Attributes
     ----------
@@ -48,10 +50,12 @@ class Space:
     The constructor is *Collective*. Degrees of freedom are interlaced: dof = d * node + direction.
     """
 
-    def __init__(self, mesh, degree, kinematics="plane_strain", averaged=(), averaged_simplices=(), reduced=()):
+    def __init__(
+        self, mesh, degree, kinematics="plane_strain", averaged=(), averaged_simplices=(), reduced=(), lower=()
+    ):
         self.kinematics, self.axisymmetric = kinematics, kinematics == "axisymmetric"
         self._averaged = {False: frozenset(averaged), True: frozenset(averaged_simplices)}
-        self._reduced = frozenset(reduced)
+        self._reduced, self._lower = frozenset(reduced), frozenset(lower)
         self.mesh, self.comm, self.dim, self.degree = mesh, mesh.comm, mesh.dim, degree
         self.exchanger = Exchanger(mesh.comm)
         tables = [b.nodes[:, : n_nodes(b.cell, degree)] for b in mesh.blocks]
@@ -93,6 +97,10 @@ class Space:
     def reduces(self, block):
         """Whether the cells of a block have reduced integration."""
         return block.body in self._reduced and CELLS[block.cell].complete is not None and CELLS[block.cell].is_tensor
+
+    def degree_of(self, block):
+        """Degree of the displacement of the cells of a block."""
+        return 1 if block.body in self._lower else self.degree
 
     def circumference(self, points):
         """Length 2 pi r of the circles through points (..., d) with axial symmetry, 1 otherwise."""

@@ -190,10 +190,11 @@ def _part(space, facets, constants, quadrature_degree, orthotropic):
     at = facet_geometry(facets.cell, coordinates, local, geometry_degree, space.degree, xi, weights)
     lam, mu = constants[block.body]
     averaged, shared = space.averages(block), None
-    own, factor = factors(lam, mu, averaged, space.degree)
+    own, factor = factors(lam, mu, averaged, space.degree_of(block))
     if averaged:
         order = rule_degree(space, block, geometry_degree)
-        shared = mean_dilatation(block.cell, coordinates, geometry_degree, space.degree, order, space.axisymmetric)
+        shared = mean_dilatation(block.cell, coordinates, geometry_degree, space.degree, order, space.axisymmetric,
+                                 space.degree_of(block))  # fmt: skip
         shared = shared.times(np.full(len(coordinates), factor))
     law, grad = orthotropic.get(block.body), at.gradients
     kind = Dilatation(space.axisymmetric, averaged, space.reduces(block), law)
@@ -213,7 +214,9 @@ def _part(space, facets, constants, quadrature_degree, orthotropic):
         "mu": np.full(nf, mu),
         "own": np.full(nf, own),
         "shared": shared,
-        "trace": trace_constant(facets.cell, coordinates, local, geometry_degree, space.degree, lam, mu, kind),
+        "trace": trace_constant(
+            facets.cell, coordinates, local, geometry_degree, space.degree_of(block), lam, mu, kind
+        ),
         "size": diameters(mesh.points[mesh.facet_nodes(facets)]),
         "components": block.components[facets.cells],
     }
