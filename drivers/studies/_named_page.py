@@ -21,12 +21,13 @@ ABOUT = """# Errors that were named, and true ones
 runs the scenes of `drivers/studies/_named_scenes.py` on one rank with the error that a row has as `target`, from a
 coarse mesh. The true error is that against an exact solution (the energy of rings, shrink_fit and shells), or against a
 solution of degree 2 on the last mesh with all cells halved, in the plane up to 3,000 unknowns twice, and with twice the
-load steps. All errors are relative. `estimate` is what the program expects the error to be; `named` is larger, as it
-allows for the smallest effectivity that is known. Seconds are those of a busy machine, of all passes together. Where
-the true error is below 1e-7 it is that of rounding, and `estimate/true` says nothing.
+load steps where these count. All errors are relative, those of the energy norm in that of elasticity. `estimate` is
+what the program expects the error to be; `named` is larger, as it allows for the smallest effectivity that is known.
+Seconds are those of a busy machine, of all passes together. Where the true error is below 1e-7 it is that of rounding,
+and `estimate/true` says nothing.
 """
 HELD = """
-The scenes {names} were held back: nothing was chosen after them, and they were run once, at the end.
+The scenes {names} were held back: nothing was chosen after them, and they were run at the end.
 """
 
 
