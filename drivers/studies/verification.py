@@ -18,6 +18,7 @@ from drivers.studies import (
     _manual_half_space,
     _manual_left,
     _manual_mindlin,
+    _manual_orthotropic,
     _manual_plastic,
     _manual_published,
     _manual_rings,
@@ -30,6 +31,7 @@ from pcontact.runtime.petsc import MPI
 CASES = {
     **_manual_rings.CASES,
     **_manual_half_space.CASES,
+    **_manual_orthotropic.CASES,
     **_manual_friction.CASES,
     **_manual_mindlin.CASES,
     **_manual_plastic.CASES,
