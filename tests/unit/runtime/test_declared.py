@@ -180,7 +180,7 @@ def test_schema_lists_every_key():
             words = home["properties"][name]
             assert words["description"] and ("type" in words or "anyOf" in words)
             assert one.unit in words["description"]
-    assert homes[Material]["properties"]["E"]["exclusiveMinimum"] == 0
+    assert homes[Material]["properties"]["yield_stress"]["exclusiveMinimum"] == 0
     assert homes[Contact]["properties"]["formulation"]["default"] == "nitsche"
     assert homes[Material]["required"] == ["E", "nu"]
 
