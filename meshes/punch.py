@@ -26,8 +26,9 @@ def punch(
     depth: float = 2.0,
     height: float = 0.5,
     order: int = 1,
+    cell: str = "triangle",
 ) -> Path:
-    """Half a punch (x >= 0, above y = 0) on half a block (below), both of triangles.
+    """Half a punch (x >= 0, above y = 0) on half a block (below).
 
     Groups: punch, block; punch_face, punch_top, block_under (below the punch), block_bottom, symmetry (x = 0, both).
 
@@ -38,8 +39,9 @@ def punch(
     half_width, height : of the punch
     width, depth : of the half block
     order : 1 or 2, degree of the geometry
+    cell : triangle, quadrilateral
     """
-    check_cell("punch", "triangle", 2, order)
+    check_cell("punch", cell, 2, order)
     if not 0.0 < half_width < width or min(depth, height) <= 0.0:
         raise ValueError(f"mesh 'punch': half_width {half_width}, width {width}; expected 0 < half_width < width")
     with gmsh_model("punch"):
@@ -60,7 +62,7 @@ def punch(
         gmsh.model.mesh.setSize(gmsh.model.getEntities(0), h)
         gmsh.option.setNumber("Mesh.MeshSizeFromPoints", 1)
         gmsh.option.setNumber("Mesh.MeshSizeExtendFromBoundary", 1)
-        unstructured("triangle")
+        unstructured(cell)
         return finish(path, 2, order)
 
 
