@@ -1,10 +1,9 @@
-"""What a target would take, and which degree takes less."""
+"""What a target would take."""
 
 import numpy as np
 import pytest
 
 from pcontact.adapt.budget import POWER
-from pcontact.adapt.degree import cheaper
 from pcontact.adapt.forecast import forecast
 from pcontact.adapt.known import Range
 from pcontact.adapt.passes import Pass
@@ -35,11 +34,3 @@ def test_two_passes_tell_what_does_not_grow():
     passes = [done(100, 2, 0.2, seconds=1.0), done(400, 2, 0.05, seconds=1.0)]
     ahead = forecast(MPI.COMM_SELF, passes, np.ones(50), 0.1)
     assert ahead.seconds == pytest.approx(len(ahead.unknowns))
-
-
-def test_the_degree_that_takes_fewer_entries():
-    """A smooth solution is that of degree 2, a target that is nearly reached that of degree 1."""
-    passes = done(100, 1, 0.1, entries=1e3), done(300, 2, 0.05, entries=6e3)
-    assert cheaper(*passes, 0.01)["degree"] == 2
-    near = cheaper(*passes, 0.09)
-    assert near["degree"] == 1 and near["entries"]["2"] == 6e3
