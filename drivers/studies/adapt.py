@@ -163,7 +163,8 @@ def publish(args):
 
     def work():
         shutil.copy(args.o / "adapt.png", args.publish / "accuracy_rate.png")
-        show(str(args.o / "named"), {"field": "error_estimate", "o": str(args.publish / "accuracy_mesh.png")})
+        look = {"field": "error_estimate", "smooth": "false", "size": "1000x640"}
+        show(str(args.o / "named"), {**look, "o": str(args.publish / "accuracy_mesh.png")})
 
     on_root(MPI.COMM_WORLD, work)
 
