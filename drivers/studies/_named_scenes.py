@@ -127,7 +127,7 @@ SCENES = {
     "hertz2d": NamedScene("cylinder on block, Hertz", partial(_hertz, "cylinder_on_block", 3),
                           ("energy", "support:block_bottom")),
     "hertz3d": NamedScene("ball on block, Hertz", partial(_hertz, "ball_on_block", 2), ("energy",), least=0.05),
-    "cattaneo": NamedScene("Cattaneo and Mindlin", _cattaneo, ("energy",), least=0.02),
+    "cattaneo": NamedScene("Cattaneo and Mindlin", _cattaneo),
     "hill": NamedScene("thick cylinder, Hill", _hill),
     "indent": NamedScene("indentation", _indent, ("energy",), least=0.1),
     "punch": NamedScene("re-entrant punch", _punch, ("energy", "support:punch_top", "force:face")),
