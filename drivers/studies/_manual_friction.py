@@ -8,9 +8,11 @@ from drivers.cases import cattaneo_mindlin
 from drivers.studies._manual import JOHNSON, RUN, Case, solved
 from drivers.studies._manual_half_space import CYLINDERS
 from meshes.grid import name_boundary, near
-from meshes.patches import patches, sector
-from pcontact.scene.model import Body, Contact, Displacement, Load, Material, MeshSpec, Obstacle, Scene, Steps
+from meshes.patches import patches, rectangle, sector
+from pcontact.scene.model import Body, Contact, Displacement, Load, Material, MeshSpec, Obstacle, Output, Scene, Steps
 
+# of half of a bar between two jaws: height, modulus; friction, part of it that slips; clamped by a pressure of 1
+THIN, STIFF, HELD, SLIPS = 5e-3, 1e4, 0.5, 0.6
 # of the belt: thickness, friction, angle [degrees]
 BELT, GRIP, WRAP = 4e-3, 0.3, 90.0
 
@@ -49,6 +51,33 @@ def capstan(folder, n):
         return None if record is None else BELT / abs(float(record["reactions"]["held"][1]))
 
 
+def half_bar(path, n):
+    """The lower half of a bar of length 1, n cells along it."""
+    with patches(path) as bodies:
+        grid = rectangle(np.linspace(0.0, 1.0, n + 1), np.linspace(0.0, THIN, 3))
+        bodies["bar"] = name_boundary(grid, "end", clamped=near(1, 0.0), middle=near(1, THIN), drawn=near(0, 1.0))
+
+
+def lap_joint(folder, n):
+    """Shift of the drawn end of a bar between two jaws over its closed form. *Collective.*"""
+    jaw = Obstacle("plane", point=[0.0, 0.0], normal=[0.0, 1.0], displacement=[0.0, THIN / STIFF],
+                   amplitude=[[0.0, 0.0], [1.0, 1.0]])  # fmt: skip
+    scene = Scene(
+        mesh=MeshSpec(make_mesh(half_bar, folder / "bar.msh", n), order=2),
+        materials={"m": Material(STIFF, 0.0)},
+        bodies=[Body("bar", "m")],
+        contacts=[Contact("clamped", obstacle=jaw, name="jaw", friction=HELD)],
+        displacements=[Displacement("middle", ["free", 0.0])],
+        loads=[Load("drawn", traction=[SLIPS * HELD / THIN, 0.0], amplitude=[[1.0, 0.0], [4.0, 1.0]])],
+        steps=Steps(end=4.0, count=4),
+        output=Output(probes=["drawn"]),
+        petsc={"pc_type": "lu"},
+    )
+    with solved(scene, folder) as (_, record):
+        exact = (SLIPS * HELD) ** 2 / (2.0 * STIFF * THIN * HELD)
+        return None if record is None else float(record["probes"]["drawn"]["mean"][0]) / exact
+
+
 MINDLIN = f"C. Cattaneo 1938, R. D. Mindlin 1949; {JOHNSON}, chapter 7"
 
 CASES = {
@@ -78,5 +107,16 @@ CASES = {
         float(np.exp(GRIP * np.radians(WRAP))), (10, 20, 40), capstan, (2e-2, 3e-3),
         f"The friction acts at the radius 1, the force of the belt in its middle: its ratio is less by "
         f"{BELT / 2 * GRIP * np.radians(WRAP):.1%}.",
+    ),
+    "lap_joint": Case(
+        "A clamped joint that slips in part",
+        f"Plane strain, a bar of length 1 and thickness {2.0 * THIN:g}, E = {STIFF:g}, nu = 0, between two rigid jaws "
+        f"that press it by 1, friction {HELD:g}; one end is drawn by {SLIPS:g} of what friction bears. The lower half "
+        "is computed, cells of degree 2, n along it.",
+        "    ======================  jaw\n    |         bar        |-->  drawn\n    ======================  jaw",
+        "shift F^2 / (2 E A mu p), a slip of the length F / (mu p): the force in a thin bar falls by mu p in a unit of "
+        "length; A. F. Metherell, S. V. Diller, J. Appl. Mech. 35 (1968) 123-128, a lap joint under uniform pressure",
+        "shift of the drawn end over the closed form", 1.0, (50, 100, 200), lap_joint, (5e-3, 4e-3),
+        "The closed form is that of a thin bar: with four times the thickness the error is -1.05 %.",
     ),
 }  # fmt: skip

@@ -16,6 +16,7 @@ from drivers._common import main, make_directory, make_parser, picture, print_ta
 from drivers.studies import (
     _manual_friction,
     _manual_half_space,
+    _manual_layers,
     _manual_left,
     _manual_mindlin,
     _manual_orthotropic,
@@ -32,6 +33,7 @@ CASES = {
     **_manual_rings.CASES,
     **_manual_half_space.CASES,
     **_manual_orthotropic.CASES,
+    **_manual_layers.CASES,
     **_manual_friction.CASES,
     **_manual_mindlin.CASES,
     **_manual_plastic.CASES,
