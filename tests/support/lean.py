@@ -1,4 +1,4 @@
-"""Pieces of physics, each in modules of its own, and a scene that has none of them."""
+"""Pieces of physics and features, what is theirs alone, keys of each, and a scene that has none of them."""
 
 from pcontact.scene.model import Body, Contact, Displacement, Material, MeshSpec, Output, Scene, Steps
 
@@ -57,6 +57,88 @@ PIECES = {
     "mean dilatation": (
         ("element.dilatation",), ("Mean", "Dilatation", "linear", "dilatation", "factors", "squares", "hoop_operator"),
     ),
+}  # fmt: skip
+# any run has it, or it is a number, a name or a choice of what the run has anyway
+ANY = "any run"
+# modules, or functions of them, below the package, that only a run with the feature calls
+FEATURES = {
+    "serendipity": ["mesh.complete:without_middles"],
+    "reduced integration": ["element.reduced"],
+    "ray tracing": ["contact.search.projection:ray_tracing"],
+    "cut facets": ["contact.segmentation.clipping", "contact.segmentation.overlaps", "contact.segmentation.pieces"],
+    "smooth geometry": [
+        "contact.surface.smooth_geometry:SmoothSurface.__init__",
+        "contact.surface.smooth_geometry:SmoothSurface.offset",
+    ],
+    "orthotropic materials": ["assembly.orthotropic", "contact.traction.orthotropic", "material.orthotropic"],
+    "loads": ["assembly.loads", "assembly.patches"],
+    "total loads": ["assembly.coupling"],
+    "means of groups": ["assembly.average"],
+    "expressions": ["scene.expression"],
+    "turning": ["space.turn"],
+    "error estimate": ["estimate.estimator", "estimate.local", "estimate.recovery", "io.error_estimate"],
+    "energy": ["stepping.energy"],
+    "fields": ["io.fields", "io.vtu", "io.parts"],
+    "smooth fields": ["io.smooth"],
+    "fields in one file": ["io.hdf_fields", "io.vtkhdf"],
+    "checkpoints": ["io.checkpoint", "mesh.digest"],
+    "probes": ["stepping.record:Recorder._probe"],
+    "sizes of load steps": ["stepping.schedule:Schedule._follow"],
+    "bodies that come and go": ["scene.phases:scene_of"],
+    "an error to reach": ["adapt.loop", "mesh.refinement.refine"],
+}
+KEYS = {
+    "Scene": {ANY: "title allow_unsafe", "an error to reach": "accuracy"},
+    "Target": {"an error to reach": "error of pictures"},
+    "Budget": {"an error to reach": "unknowns memory time"},
+    "MeshSpec": {
+        ANY: "file order kinematics", "mean dilatation": "mean_dilatation", "serendipity": "serendipity",
+        "finite strain": "strain",
+    },
+    "Material": {
+        ANY: "E nu", "plasticity": "yield_stress hardening kinematic_hardening hardening_curve",
+        "finite strain": "law mooney_rivlin ogden split", "thermal strain": "expansion", "loads": "density",
+        "orthotropic materials": "G axes angle point axis",
+    },
+    "Body": {
+        ANY: "region material", "finite strain": "strain", "reduced integration": "integration", "equations": "order",
+        "bodies that come and go": "phases",
+    },
+    "Contact": {
+        ANY: "source target name bilateral theta gamma0 alpha adjoint quadrature search_radius interference",
+        "friction": "friction tresca friction_limit adhesion law stick_stiffness",
+        "friction that varies": "kinetic_friction friction_decay", "unbiased contact": "unbiased",
+        "all surfaces": "all", "self contact": "self_contact", "tied surfaces": "tied",
+        "penalty": "formulation", "cut facets": "cut", "ray tracing": "search",
+        "initial gaps": "adjust_within clearance interference_amplitude", "soft layers": "pressure_overclosure",
+        "smooth geometry": "smooth_geometry", "phases": "phases",
+    },
+    "Obstacle": {
+        "obstacles": "shape point normal center axis radius inside function gradient displacement amplitude angle "
+        "pivot turn_axis expression",
+        "finite shapes": "width ring_radius half_angle edge_radius", "rigid meshes": "file region",
+    },
+    "Displacement": {ANY: "region value amplitude absolute", "turning": "angle point axis", "phases": "phases"},
+    "Load": {
+        "loads": "region pressure traction body_force amplitude acceleration angular_speed axis name",
+        "pressure that follows": "follower", "total loads": "force moment point at within", "phases": "phases",
+    },
+    "Spring": {"springs": "region per_area stiffness name", "phases": "phases"},
+    "Temperature": {"thermal strain": "value region reference amplitude", "fields of files": "file field"},
+    "Coupling": {"rigid groups": "region point displacement rotation amplitude name", "means of groups": "average"},
+    "Pretension": {"pre-tension": "region force shortening amplitude name", "phases": "phases"},
+    "Equation": {"equations": "terms"},
+    "Periodic": {"equations": "region partner translation angle point axis within"},
+    "Phase": {"phases": "name duration count friction tied"},
+    "Steps": {
+        ANY: "end count min_step", "sizes of load steps": "control max_step",
+        "viscous stabilisation": "viscous_stabilisation",
+    },
+    "Output": {
+        "fields": "fields", "smooth fields": "smooth", "fields in one file": "format compression",
+        "checkpoints": "checkpoint checkpoint_every", "probes": "probes", "energy": "energy",
+        "error estimate": "estimate",
+    },
 }  # fmt: skip
 
 
