@@ -28,9 +28,9 @@ from refine_deck import refine
 from pcontact.importer.deck import read_deck
 from pcontact.importer.elements import in_plane, kind_of
 from pcontact.importer.findings import Findings
-from pcontact.importer.materials import bodies
+from pcontact.importer.materials import bodies, materials
+from pcontact.importer.presence import Presence
 from pcontact.importer.steps import PROCEDURES
-from pcontact.importer.translate import remove
 from pcontact.importer.write import LIST, SCENE, import_file
 from pcontact.io.result import load_result
 from pcontact.runtime.errors import InputError
@@ -168,7 +168,7 @@ def matched(deck, points, body):
     places, nodes, found = {}, {}, {}
     for row, (point, number) in enumerate(zip(points.tolist(), body.tolist(), strict=True)):
         places.setdefault((*point[:dim], number), []).append(row)
-    for number, (_, _, cells) in enumerate(bodies(deck, Findings())[0]):
+    for number, (_, _, cells) in enumerate(bodies(deck, Findings(), materials(deck, Findings()))[0]):
         for node in sorted({node for e in cells for node in deck.elements[e][1]}):
             nodes.setdefault((*deck.nodes[node][:dim], number), []).append(node)
     # those of one body alone first: what they leave are the shared ones
@@ -200,7 +200,7 @@ def soft(folder):
 def difference(path, folder, options):
     """The difference of both programs, or why there is none, whether the own program ran, and a remark."""
     deck = read_deck(path)
-    remove(deck, Findings())
+    Presence(deck, Findings())
     own = run_ours(deck, folder, options)
     if isinstance(own, str):
         return own, False, ""
