@@ -17,7 +17,8 @@ from pcontact.view import camera, cells, profile, render, shapes
 from pcontact.view.colours import INK, colour_scale
 from pcontact.view.quantity import find
 
-DPI = 150
+# pixels per inch of pictures that are as wide as this [pixels] or wider; letters of narrower ones are smaller
+DPI, NARROW = 150, 1200
 # lines and letters stay sharp
 _SAVE = dict.fromkeys((".jpg", ".jpeg", ".webp"), {"pil_kwargs": {"quality": 90}})
 _PALE = "#5b6773"
@@ -97,7 +98,7 @@ def save(figure, output):
     with matplotlib.rc_context(_STYLE):
         try:
             with written_aside(output, "-o") as part:
-                figure.savefig(part, dpi=DPI, **_SAVE.get(output.suffix.lower(), {}))
+                figure.savefig(part, dpi=figure.dpi, **_SAVE.get(output.suffix.lower(), {}))
         except ValueError as problem:
             raise InputError(f"{output}: the picture cannot be written: {problem}") from problem
 
@@ -118,7 +119,8 @@ def compose(stages, look):
     matplotlib.figure.Figure
     """
     with matplotlib.rc_context(_STYLE):
-        figure = Figure(figsize=(look.size[0] / DPI, look.size[1] / DPI), dpi=DPI, facecolor="white")
+        dpi = DPI * min(1.0, look.size[0] / NARROW)
+        figure = Figure(figsize=(look.size[0] / dpi, look.size[1] / dpi), dpi=dpi, facecolor="white")
         FigureCanvasAgg(figure)
         height = 1 / len(stages)
         for row, stage in enumerate(stages):
@@ -360,13 +362,13 @@ class _Row:
         """Axes that are whole pixels large, so that images are shown pixel by pixel."""
         x, y, width, height = self.rectangle
         spot = np.array([x + spot[0] * width, y + spot[1] * height, spot[2] * width, spot[3] * height])
-        size = np.rint(self.figure.get_size_inches() * DPI)
+        size = np.rint(self.figure.get_size_inches() * self.figure.dpi)
         corner, extent = np.rint(spot[:2] * size), np.rint(spot[2:] * size)
         return self.figure.add_axes((*(corner / size), *(extent / size)))
 
     def _shape(self, axes):
         """Height and width of axes in pixels."""
-        width, height = np.rint(axes.get_position().size * self.figure.get_size_inches() * DPI).astype(int)
+        width, height = np.rint(axes.get_position().size * self.figure.get_size_inches() * self.figure.dpi).astype(int)
         return int(height), int(width)
 
     def _text(self, x, y, words, **how):
@@ -412,7 +414,8 @@ class _Row:
         bar = self.figure.colorbar(ScalarMappable(scale.norm, scale.colours), cax=axes, extend=scale.extend)
         bar.outline.set_linewidth(0.5)
         name = textwrap.fill(self.quantity.label, 16)
-        self._text(0.985, sum(_BAR[1::2]) + 0.025, name, fontsize=8, color=_PALE, ha="right", va="bottom")
+        # above the power of ten that the numbers may have
+        self._text(0.985, sum(_BAR[1::2]) + 0.05, name, fontsize=8, color=_PALE, ha="right", va="bottom")
         if scale.kinds:
             kinds = scale.kinds if len(scale.kinds) <= 16 else scale.kinds[:: len(scale.kinds) // 8]
             bar.set_ticks(kinds, labels=[self.quantity.word(kind) for kind in kinds])
@@ -422,7 +425,7 @@ class _Row:
         values = self.quantity.all_values
         if len(values):
             ends = f"max {values.max():.4g}\nmin {values.min():.4g}"
-            self._text(_BAR[0], 0.205, ends, fontsize=8, color=_PALE, va="center", linespacing=1.5)
+            self._text(0.985, 0.205, ends, fontsize=8, color=_PALE, va="center", ha="right", linespacing=1.5)
 
 
 def _ticks(axes, across, upward):
@@ -435,3 +438,4 @@ def _ticks(axes, across, upward):
             axis.set_visible(False)
         else:
             axis.set_label_text(name)
+            axis.labelpad = 0.5
