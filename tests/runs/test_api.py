@@ -551,11 +551,16 @@ def dragged(tmp_path, monkeypatch):
 @pytest.mark.slow
 def test_the_code_of_the_page(dragged, capsys):
     """All pieces do what they say."""
-    first, _, watch, second = re.findall(r"```python\n(.*?)```", (ROOT / "docs" / "python.md").read_text(), re.DOTALL)
+    text = (ROOT / "docs" / "python.md").read_text()
+    first, _, functions, watch, second = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
     found = {}
     exec(first, found)
     assert found["run"].history["contacts.drag.force_x"][-1] == pytest.approx(0.2, rel=1e-3)
     assert len([line for line in first.splitlines() if line]) <= 10
+    other = {**found, "np": np, "scene": found["scene"].copy()}
+    exec(functions, other)
+    (load,), (top,) = other["scene"].loads, other["scene"].displacements
+    assert load.pressure(np.array([[0.0, 10.0]]), 1.0) == pytest.approx([9.81e-6 * 30.0]) and top.value[1] == "free"
     exec(watch, found)
     force = -found["run"].history["contacts.drag.force_y"]
     assert found["run"].stopped and force[-1] >= 0.9 > force[-2]
