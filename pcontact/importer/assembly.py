@@ -6,7 +6,7 @@ nodes and elements have numbers of their own (Abaqus, Analysis User's Guide, "As
 
 from dataclasses import replace
 
-import numpy as np
+from pcontact.importer.systems import Motion, turned
 
 # parameters whose values are names of what a part or an instance defines
 _NAMES = ("NSET", "ELSET", "SURFACE", "ORIENTATION", "REFNODE", "ROTNODE", "NODE", "ORIGIN", "ANALYTICALSURFACE",
@@ -17,43 +17,21 @@ _DEFINES = {"NSET": "NSET", "ELSET": "ELSET", "NODE": "NSET", "ELEMENT": "ELSET"
             "ORIENTATION": "NAME"}  # fmt: skip
 # axes of analytical surfaces of parts that do not say them
 _FRAMES = {"CYLINDER": [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, -1.0], "REVOLUTION": [0.0, 0.0, 0.0, 0.0, 1.0, 0.0]}
-# numbers of a line that turns an instance: two points of the axis, and the angle
-_TURN = 7
+# lines of an instance that is turned; numbers of the second: two points of the axis, and the angle
+_LINES, _TURN = 2, 7
 # base of the numbers: those of instances have digits before those of their part
 _BASE = 10
 
 
-class _Place:
-    """Where an instance stands.
-
-    Parameters
-    ----------
-    card : Card
-        *INSTANCE, whose lines are a translation, and a turn about two points by degrees that follows it.
-    """
-
-    def __init__(self, card):
-        rows = [card.numbers(place, words) for place, words in card.rows if any(words)]
-        self.shift = np.array((rows[0] + [0.0] * 3)[:3]) if rows else np.zeros(3)
-        self.matrix, self.origin = np.eye(3), np.zeros(3)
-        if len(rows) > 1:
-            if len(rows[1]) != _TURN:
-                raise card.refuse(f"{len(rows[1])} numbers", "two points of an axis and an angle", card.rows[1][0])
-            self.origin, end, angle = np.array(rows[1][:3]), np.array(rows[1][3:6]), np.radians(rows[1][6])
-            axis = end - self.origin
-            if not np.any(axis):
-                raise card.refuse("an axis of no length", "two points that differ", card.rows[1][0])
-            x, y, z = axis / np.linalg.norm(axis)
-            skew = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-            self.matrix += np.sin(angle) * skew + (1.0 - np.cos(angle)) * skew @ skew
-
-    def point(self, x):
-        """A point of the part, where it stands in the assembly."""
-        return self.origin + self.matrix @ (np.asarray(x) + self.shift - self.origin)
-
-    def direction(self, x):
-        """A direction of the part, as it stands in the assembly."""
-        return self.matrix @ np.asarray(x)
+def _motion(card):
+    """Where an instance stands, from the lines of *INSTANCE: a translation, and a turn that follows it."""
+    rows = [card.numbers(place, words) for place, words in card.rows if any(words)]
+    shift = (rows[0] + [0.0] * 3)[:3] if rows else [0.0] * 3
+    if len(rows) < _LINES:
+        return Motion(shift)
+    if len(rows[1]) != _TURN:
+        raise card.refuse(f"{len(rows[1])} numbers", "two points of an axis and an angle", card.rows[1][0])
+    return turned(card, card.rows[1][0], shift, rows[1])
 
 
 class _Instance:
@@ -70,7 +48,7 @@ class _Instance:
     """
 
     def __init__(self, card, cards, offset):
-        self.name, self.place, self.offset, self._cards = card.need("NAME"), _Place(card), offset, cards
+        self.name, self.place, self.offset, self._cards = card.need("NAME"), _motion(card), offset, cards
         self.names = {one.get(_DEFINES[one.key]).upper() for one in cards
                       if one.key in _DEFINES and one.get(_DEFINES[one.key])}  # fmt: skip
 

@@ -3,6 +3,7 @@
 import numpy as np
 
 from pcontact.importer.faces import surface_faces
+from pcontact.space.turn import Turn
 
 # numbers of a term: node, degree of freedom, coefficient
 _TERM = 3
@@ -147,7 +148,5 @@ class Cyclic:
 def _off(points, others, line, angle):
     """Largest distance of points (n, 3) from the nearest of others, turned about a line by degrees."""
     origin, axis = line
-    angle, arms = np.radians(angle), others - origin
-    turned = origin + arms * np.cos(angle) + np.cross(axis, arms) * np.sin(angle)
-    turned += np.outer(arms @ axis, axis) * (1.0 - np.cos(angle))
+    turned = others + Turn(origin, axis, np.radians(angle)).displacement(others, 1.0)
     return max(float(np.linalg.norm(turned - point, axis=1).min()) for point in points)

@@ -2,6 +2,8 @@
 
 import numpy as np
 
+from pcontact.importer.systems import Motion, turned
+
 # numbers of a line of *ELGEN: one element, and three rows of count and increments
 _ELGEN = 10
 # of *NGEN: ends and increment
@@ -103,17 +105,11 @@ def ncopy(deck, card):
     change = card.integer(card.place, card.need("CHANGENUMBER"))
     if "SHIFT" not in card.parameters or not card.rows:
         raise card.refuse(", ".join(card.parameters), "SHIFT, with a translation and a turn")
-    shift = np.array((card.numbers(*card.rows[0]) + [0.0] * 3)[:3])
+    shift = (card.numbers(*card.rows[0]) + [0.0] * 3)[:3]
     turn = (card.numbers(*card.rows[1]) + [0.0] * 7)[:7] if len(card.rows) > 1 else [0.0] * 7
-    made = []
+    motion, made = turned(card, card.rows[1][0], shift, turn) if turn[6] else Motion(shift), []
     for node in old:
-        x = np.array(deck.nodes[node]) + shift
-        if turn[6]:
-            origin, axis = np.array(turn[:3]), np.array(turn[3:6]) - turn[:3]
-            axis, angle, arm = axis / np.linalg.norm(axis), np.radians(turn[6]), x - origin
-            x = origin + arm * np.cos(angle) + np.cross(axis, arm) * np.sin(angle)
-            x += axis * (axis @ arm) * (1.0 - np.cos(angle))
-        deck.nodes[node + change] = x.tolist()
+        deck.nodes[node + change] = motion.point(deck.nodes[node]).tolist()
         made.append(node + change)
     return made
 

@@ -158,9 +158,8 @@ class References:
         whole = not surface.nodes or {n for row in faces for n in self.deck.face_nodes(*row)} >= set(surface.nodes)
         nodes = [n for n in surface.nodes if n in self._nodes]
         members = ("facets", faces) if faces and whole else ("nodes", nodes)
-        dofs = [card.integer(place, word) for place, words in following.rows for word in words if word]
         kind = RIGID if following.key == "KINEMATIC" else MEAN
-        self._said(following, kind, self._dofs(following) or dofs)
+        self._said(following, kind, self._dofs(following))
         names = card.get("CONSTRAINTNAME") or surface.name, surface.name
         self._add(card, kind, self._node(card, "REFNODE"), names, members)
         self.findings.take(surface.card)
@@ -286,14 +285,13 @@ class References:
     def _rigid_table(self, one, base, motion, amplitude, finite):
         """Header and table of a rigid group; with finite strain it does not turn, or all of its motion is given."""
         moves, turns = motion
-        free = [value for value in (*moves, *turns) if value == "free"]
-        if not finite or (not any(turns) and "free" not in turns):
+        # what is free is true
+        small = finite and any(turns) and "free" in (*moves, *turns)
+        if small:
+            self.findings.leave(one.card, "NLGEOM: a rigid group that turns freely turns by small angles")
+        if small or not finite or not any(turns):
             table = {**base, "displacement": moves, "rotation": turns if len(turns) > 1 else turns[0], **amplitude}
             return "[[couplings]]", table
-        if free:
-            self.findings.leave(one.card, "NLGEOM: a rigid group that turns freely turns by small angles")
-            return "[[couplings]]", {**base, "displacement": moves, "rotation": turns if len(turns) > 1 else turns[0],
-                                     **amplitude}  # fmt: skip
         turn = np.array(turns if len(turns) > 1 else [0.0, 0.0, turns[0]])
         angle = float(np.linalg.norm(turn))
         table = {"region": base["region"], "value": moves, "point": base["point"], **amplitude}

@@ -1,11 +1,54 @@
-"""Nodes of a deck that are given in other coordinates (*SYSTEM, *NODE with SYSTEM) as ones of the mesh."""
+"""Places of a deck that are given in other coordinates (*SYSTEM, *NODE with SYSTEM), or moved, as ones of the mesh."""
 
 from dataclasses import replace
 
 import numpy as np
 
+from pcontact.space.turn import Turn
+
 # numbers of a line of *SYSTEM
 _POINTS = 6
+
+
+class Motion:
+    """A translation, and a turn that follows it.
+
+    Parameters
+    ----------
+    shift : sequence of float (3,)
+        [length]
+    turn : sequence of float (7,), optional
+        Two points of the axis [length], and the angle [degree].
+    """
+
+    def __init__(self, shift, turn=None):
+        self._shift, self._turn = np.array(shift), None
+        if turn is not None:
+            first, second = np.array(turn[:3]), np.array(turn[3:6])
+            self._turn = Turn(first, second - first, np.radians(turn[6]))
+
+    def point(self, x):
+        """Where a point (3,) comes to."""
+        moved = np.asarray(x) + self._shift
+        return moved if self._turn is None else moved + self._turn.displacement(moved, 1.0)
+
+    def direction(self, x):
+        """Where a direction (3,) comes to."""
+        x = np.asarray(x)
+        return x if self._turn is None else x + self._turn.displacement(self._turn.point + x, 1.0)
+
+
+def turned(card, place, shift, turn):
+    """The motion of a translation and a turn that a line of a card says.
+
+    Raises
+    ------
+    InputError
+        The points of the axis are the same.
+    """
+    if turn[:3] == turn[3:6]:
+        raise card.refuse("an axis of no length", "two points that differ", place)
+    return Motion(shift, turn)
 
 
 def rectangular(cards):

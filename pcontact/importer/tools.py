@@ -32,7 +32,8 @@ class Tool:
     name : str
     nodes : ndarray (n, 3)
     facets : list of list of int
-        Rows of nodes, counterclockwise seen from the free space; in the plane the free space is to the right.
+        Rows of nodes; of an open surface the first one looks into the free space: counterclockwise seen from there, in
+        the plane with the free space to the right.
     curved : bool
         Whether facets have degree 2.
     table : dict
@@ -67,13 +68,12 @@ class Tools:
     Parameters
     ----------
     deck : Deck
-    dim : int
     size : float
         Extent of the bodies [length].
     """
 
-    def __init__(self, deck, dim, size):
-        self._deck, self._dim, self._size, self.used = deck, dim, size, {}
+    def __init__(self, deck, size):
+        self._deck, self._size, self.used = deck, size, {}
 
     @staticmethod
     def rigid(surface):

@@ -92,7 +92,7 @@ def translate(path, mesh_name):
         card = next(card for card in deck.model if card.key == "SOLIDSECTION")
         findings.change(card, f"forces at nodes are those of a thickness of 1, divided by {thickness:g}")
     regions = [(groups.add("cells", name, cells), material) for name, material, cells in parts]
-    tools = Tools(deck, dim, float(np.ptp([deck.nodes[n] for n in nodes], axis=0).max()))
+    tools = Tools(deck, float(np.ptp([deck.nodes[n] for n in nodes], axis=0).max()))
     pairs = Contacts(deck, findings, groups, known, parts, tools)
     contacts = pairs.tables()
     drawn = Pretensions(deck, findings, groups)
