@@ -10,7 +10,7 @@ import numpy as np
 from pcontact.assembly.coupling import Average, turned
 from pcontact.assembly.patches import group_patches
 from pcontact.runtime.messages import input_error
-from pcontact.runtime.petsc import MPI
+from pcontact.space.rigid import moved
 from pcontact.space.turn import moments
 
 # [nodes] Largest group. From: an equation couples all its nodes with each other, in space 430 MB of the matrix.
@@ -97,17 +97,10 @@ class AverageCoupling:
         u, unbalanced : ndarray (n_owned, d)
             Displacement; internal plus contact minus external forces.
         """
-        space, d = self._space, self._space.dim
+        space = self._space
         vector = space.vector()
         vector.setArray(u.ravel())
         mean, rotation = self._average.motion(vector)
-        forces = np.where(self._held, 0.0, unbalanced[self._rows])
-        arms = space.points[space.owned_local[self._rows]] - self.point
-        own = np.concatenate([forces.sum(axis=0), np.atleast_1d(moments(arms, forces))])
-        sums = space.comm.allreduce(own, op=MPI.SUM)
         mean = mean + turned(rotation, (self.point - self._average.centre)[None])[0]
-        result = {"displacement": mean.tolist(), "force": sums[:d].tolist()}
-        if not space.axisymmetric:
-            result["rotation"] = rotation if d == 2 else rotation.tolist()
-            result["moment"] = float(sums[d]) if d == 2 else sums[d:].tolist()
-        return result
+        forces = np.where(self._held, 0.0, unbalanced[self._rows])
+        return moved(space, self.point, (mean, rotation), self._rows, forces)

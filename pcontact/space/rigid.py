@@ -40,6 +40,36 @@ def _chosen(rows):
     return chosen
 
 
+def moved(space, point, motion, rows, forces):
+    """Motion of a reference point, and force and moment about it, for the report. *Collective.*
+
+    Parameters
+    ----------
+    space : pcontact.space.space.Space
+    point : ndarray (d,)
+        [length]
+    motion : (ndarray (d,), float or ndarray (3,))
+        Displacement [length], and rotation [radian]: a number in the plane.
+    rows : ndarray (k,)
+        Owned nodes of the group, as rows of owned nodes.
+    forces : ndarray (k, d)
+        On the group, at these.
+
+    Returns
+    -------
+    dict
+    """
+    (displacement, rotation), d = motion, space.dim
+    arms = space.points[space.owned_local[rows]] - point
+    own = np.concatenate([forces.sum(axis=0), np.atleast_1d(moments(arms, forces))])
+    sums = space.comm.allreduce(own, op=MPI.SUM)
+    result = {"displacement": displacement.tolist(), "force": sums[:d].tolist()}
+    if not space.axisymmetric:
+        result["rotation"] = rotation if d == 2 else rotation.tolist()
+        result["moment"] = float(sums[d]) if d == 2 else sums[d:].tolist()
+    return result
+
+
 class RigidGroup:
     """A group that moves as a rigid body.
 
@@ -217,13 +247,4 @@ class RigidGroup:
         u, unbalanced : ndarray (n_owned, d)
             Displacement; internal plus contact minus external forces.
         """
-        (displacement, rotation), forces = self.motion(u), unbalanced[self.rows]
-        arms = self._space.points[self._space.owned_local[self.rows]] - self.point
-        own = np.concatenate([forces.sum(axis=0), np.atleast_1d(moments(arms, forces))])
-        sums = self._space.comm.allreduce(own, op=MPI.SUM)
-        d = self._space.dim
-        result = {"displacement": displacement.tolist(), "force": sums[:d].tolist()}
-        if not self._space.axisymmetric:
-            result["rotation"] = rotation if d == 2 else rotation.tolist()
-            result["moment"] = float(sums[d]) if d == 2 else sums[d:].tolist()
-        return result
+        return moved(self._space, self.point, self.motion(u), self.rows, unbalanced[self.rows])
