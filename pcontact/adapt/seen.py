@@ -14,7 +14,9 @@ import numpy as np
 from pcontact import build
 from pcontact.adapt.variants import solved
 from pcontact.adapt.watch import at_nodes
+from pcontact.estimate.goal import value
 from pcontact.mesh.refinement.refine import Balance, refine
+from pcontact.runtime import log
 from pcontact.runtime.errors import TOLD
 
 # [-] Estimates over each other that count at most, and the part that counts at least. From: the difference of two that
@@ -101,3 +103,68 @@ def on_halved(simulation, scene, options, found):
             return found(run, record, fields[0][own.mesh_nodes[own.owned_local]])
     except TOLD:
         return float("nan")
+
+
+class Seen:
+    """What the meshes of a loop have shown of the estimate.
+
+    Parameters
+    ----------
+    target : pcontact.scene.target.Target
+    settings : pcontact.adapt.settings.Settings
+    options : pcontact.runtime.options.Options
+    """
+
+    def __init__(self, target, settings, options):
+        self._target, self._settings, self._options = target, settings, options
+        # estimate (and value) and degree of the last pass, and what part of the error estimates have been seen to be
+        self._before, self._part = None, 1.0
+
+    def part(self, simulation, watch):
+        """What part of the error of the displacement the estimate is: 1 but where bodies yield. *Collective.*"""
+        own, degree = simulation.error_estimate.last["absolute"], simulation.problem.space.degree
+        if not _yields(simulation.scene):
+            return 1.0
+        old, self._before, part = self._before, (own, degree), float("nan")
+        if old is None or old[1] != degree:
+            part = self._on_halved(simulation, lambda run, _, before: between(run, before, own))
+        elif simulation.begin.at(watch.time) is not None:
+            part = between(simulation, simulation.begin.at(watch.time), old[0])
+        # a mesh that has changed the solution little says little
+        self._part = min(self._part, part) if np.isfinite(part) else self._part
+        return self._part
+
+    def error(self, simulation, found):
+        """The error of a quantity, as estimated; where bodies yield, as the last meshes show it. *Collective.*
+
+        Parameters
+        ----------
+        simulation : pcontact.simulation.Simulation
+            That has run.
+        found : pcontact.estimate.goal.Goal
+        """
+        error, degree = abs(found.error), simulation.problem.space.degree
+        if not _yields(simulation.scene) or self._target.quantity == "pressure":
+            return error
+        old = self._before
+        if old is None or old[1] != degree:
+            best = self._on_halved(simulation, lambda run, record, _: value(run.problem, self._target, record,
+                                                                            run.stepper.u))  # fmt: skip
+            left = max(error, FARTHER * abs(best - found.value)) if np.isfinite(best) else error
+            self._part = max(error / left, LEAST) if left > 0.0 else 1.0
+        else:
+            left = left_of(error / self._part, old[0], abs(found.value - old[2]))
+        self._before = left, degree, found.value
+        return left
+
+    def _on_halved(self, simulation, found):
+        simulation.close()
+        result = on_halved(simulation, self._settings.scene(), self._options, found)
+        if not np.isfinite(result):
+            log.warning("not known: what part of the error the estimate is where bodies yield")
+        return result
+
+
+def _yields(scene):
+    """Whether bodies may yield."""
+    return any(scene.yields(body) for body in scene.bodies)

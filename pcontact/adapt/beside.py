@@ -1,0 +1,90 @@
+"""The errors that the mesh has no part in: measured once, on the first mesh, and followed to the finer ones."""
+
+import time as clock
+
+import numpy as np
+
+from pcontact.adapt import variants
+from pcontact.adapt.passes import said_of
+from pcontact.runtime import log
+
+# Parts of the error that a finer mesh takes away as it does its own, and those that it leaves.
+FALLING, STAYING = ("mesh", "quadrature", "loads", "frozen_partners"), ("straight_facets", "curved_facets")
+
+
+def remembers(scene):
+    """Whether what happens depends on what has happened: friction and plastic flow."""
+    hard = any(scene.yields(body) for body in scene.bodies)
+    return hard or any(one.friction or one.tresca or one.law for one in scene.contacts)
+
+
+class Beside:
+    """What is known of these errors.
+
+    Parameters
+    ----------
+    target : pcontact.scene.target.Target
+        Of what they are the error.
+    settings : pcontact.adapt.settings.Settings
+    """
+
+    def __init__(self, target, settings):
+        self._target, self._settings, self._found = target, settings, None
+
+    def parts(self, simulation, done, size, watch):
+        """Them, relative, by what brings them about. *Collective.*
+
+        Parameters
+        ----------
+        simulation : pcontact.simulation.Simulation
+            That has run; its files are closed where they are measured.
+        done : pcontact.adapt.passes.Pass
+            With the part of the mesh; its `trials` are set.
+        size : float
+            What errors are divided by.
+        watch : pcontact.adapt.watch.Watch
+
+        Returns
+        -------
+        dict of str to float
+        """
+        if self._found is None:
+            begun = clock.perf_counter()
+            self._found = self._measure(simulation, size, watch)
+            self._of, self._steps = done.parts["mesh"], done.steps
+            done.trials = clock.perf_counter() - begun
+        parts, finer = {}, min(done.parts["mesh"] / self._of, 1.0) if self._of > 0.0 else 1.0
+        for name, value in self._found.items():
+            # what a finer rule changes falls as fast as what a finer mesh does, what straight facets do stays
+            fallen = self._steps / done.steps if name == "load_steps" else finer if name in FALLING else 1.0
+            parts[name] = fallen * value
+        if self._settings.searches:
+            parts["frozen_partners"] = 0.0
+        return parts
+
+    def _measure(self, simulation, size, watch):
+        if simulation.problem.linear:
+            return {}
+        simulation.close()
+        scene, tried = self._settings.scene(), {}
+        scene.output.estimate = scene.output.checkpoint = False
+        if remembers(simulation.scene):
+            tried["load_steps"] = variants.halved_steps(scene)
+        if any(not contact.tied for contact in scene.contacts):
+            tried["frozen_partners"] = variants.searching(scene)
+            tried["quadrature"] = variants.finer_quadrature(scene, simulation.problem.space.degree)
+            if variants.bent(simulation):
+                name = "curved_facets" if simulation.mesh.curved else "straight_facets"
+                tried[name] = variants.smooth_facets(scene)
+        found = {"load_steps": 0.0}
+        for name, other in tried.items():
+            if name in STAYING and simulation.problem.space.degree == 1:
+                value = variants.of_facets(simulation, scene, self._target) / size
+            else:
+                value = variants.difference(simulation, other, self._target, watch) / size
+            # with half the steps to go, the other half of a first-order error is left
+            found[name] = 2.0 * value if name == "load_steps" else value
+            if not np.isfinite(value):
+                log.warning("not known: how much of the error is that of %s", said_of(name))
+                found[name] = 0.0
+        return found

@@ -1,0 +1,142 @@
+"""Whether there is another pass, what its mesh is made for, and why the last one is the last."""
+
+import time as clock
+
+import numpy as np
+
+from pcontact.adapt.beside import FALLING, STAYING
+from pcontact.adapt.budget import Budgeted
+from pcontact.adapt.passes import cost_of, said_of
+from pcontact.adapt.settings import SHARE
+
+REACHED, FAILED, SPENT = 0, 1, 4
+# [-] Part of the target that the next mesh is made for. From: a mesh that just misses it costs another pass.
+AIM = 0.85
+# [passes] At most; and those after which a mesh must have brought something. From: each pass at least doubles the cells
+# or is the last one.
+MOST, PATIENCE = 14, 3
+# [-] Unknowns that the target would take over those of now, with which it is out of reach. From: chosen, more than two
+# more passes.
+FARTHEST = 1e4
+# [-] Part by which the error must have fallen where the cells have grown by the other. From: chosen.
+FALLEN, GROWN = 0.97, 1.3
+# [-] Power of the error with which meshes have brought it down, in that of smooth solutions: of the second mesh, before
+# it is known (Hertz's cylinder and ball, receding contact: 0.81 to 0.85), and at least.
+FIRST_TRUST, LEAST_TRUST = 0.83, 0.4
+
+
+class Decision:
+    """Decides after each pass.
+
+    Parameters
+    ----------
+    target : pcontact.scene.target.Target
+    settings : pcontact.adapt.settings.Settings
+        They follow what a pass says.
+    passes : list of pcontact.adapt.passes.Pass
+        Those that have run, the last one among them.
+    refining : pcontact.adapt.refining.Refining
+    comm : MPI.Comm
+
+    Attributes
+    ----------
+    why : str
+        Why the last pass is the last one.
+    """
+
+    def __init__(self, target, settings, passes, refining, comm):
+        self._target, self._settings, self._passes, self._refining = target, settings, passes, refining
+        self._start, self._budget, self.why = clock.perf_counter(), Budgeted(target.budget, comm), ""
+
+    def next(self, simulation, watch, done):
+        """Exit status and None, or None and how to cut the cells of the mesh. *Collective.*
+
+        Parameters
+        ----------
+        simulation : pcontact.simulation.Simulation
+        watch : pcontact.adapt.watch.Watch
+        done : pcontact.adapt.passes.Pass
+
+        Returns
+        -------
+        status : int or None
+            `REACHED` or `SPENT`.
+        step : pcontact.adapt.refining.Step or None
+        """
+        goal = self._target.error
+        if done.error <= goal:
+            self.why = "reached"
+            return REACHED, None
+        if len(self._passes) >= MOST or self._stalls():
+            largest = max(done.parts, key=done.parts.get)
+            return self._spent(f"finer meshes do not bring it down, the largest part is {said_of(largest)}")
+        far = cost_of(self._passes, goal)["unknowns"]
+        if self._alike() > PATIENCE and far > FARTHEST * done.unknowns:
+            return self._spent(f"at the rate seen it would take {far:.2g} unknowns")
+        self._settings.balance(done)
+        stays = sum(done.parts.get(name, 0.0) for name in STAYING)
+        if stays >= goal:
+            largest = max(STAYING, key=lambda name: done.parts.get(name, 0.0))
+            return self._spent(f"{said_of(largest)} alone make {100.0 * stays:.2g} %, which no mesh takes away")
+        most = self._budget.growth(done, clock.perf_counter() - self._start)
+        if most < GROWN:
+            return self._spent(f"the budget is spent ({self._budget.by})")
+        space, known = simulation.problem.space, self._alike() > 1
+        # first: what is wanted depends on what the mesh tells of singular points
+        seen = self._refining.look(space, watch.squares)
+        step = self._refining.step(space, watch.squares, seen, self.wanted(done), most, known)
+        if step.cuts.growth <= 1.0:
+            return self._spent(f"the budget is spent ({self._budget.by})")
+        done.next = self.expected(done, step.cuts)
+        return None, step
+
+    def _spent(self, why):
+        self.why = f"not reached: {why}"
+        return SPENT, None
+
+    def expected(self, done, cuts):
+        """What is expected of the pass after a pass whose cells are cut: its `next`."""
+        return {"unknowns": cuts.growth * done.unknowns, "mesh": cuts.part**done.power * done.parts["mesh"],
+                "load_steps": self._settings.steps, "degree": done.degree}  # fmt: skip
+
+    def fits(self, unknowns):
+        """None, or the exit status where the mesh after the last pass has become too large for the budget."""
+        self._budget.learn(self._passes[-1], unknowns)
+        if self._budget.holds(unknowns):
+            return None
+        return self._spent(f"the budget is spent ({self._budget.by})")[0]
+
+    def wanted(self, done):
+        """The part of the error of a pass in the energy norm that the next mesh is made for."""
+        goal, share = self._target.error, SHARE * self._target.error
+        stays = sum(done.parts.get(name, 0.0) for name in STAYING)
+        stays += sum(min(done.parts.get(name, 0.0), share) for name in ("algebraic", "load_steps"))
+        falls = sum(done.parts.get(name, 0.0) for name in FALLING)
+        part = min(AIM * max(goal - stays, share) / falls, 1.0) ** (1.0 / self._trust(done))
+        # errors of quantities are products of two errors of the energy norm
+        return part ** (1.0 / done.power)
+
+    def _trust(self, done):
+        """The power of the error in the one that was expected of the last mesh: below 1 where solutions are singular,
+        unless that is known by now."""
+        old, corners = self._passes[-2] if len(self._passes) > 1 else None, self._refining.corners
+        if old is None or old.degree != done.degree or old.next is None or old.next["degree"] != done.degree:
+            return FIRST_TRUST
+        expected, seen = old.next["mesh"] / old.parts["mesh"], done.parts["mesh"] / old.parts["mesh"]
+        if corners is not None and corners.explain:
+            return FIRST_TRUST
+        if not 0.0 < expected < 1.0:
+            return 1.0
+        return float(np.clip(np.log(seen) / np.log(expected), LEAST_TRUST, 1.0))
+
+    def _alike(self):
+        """Number of passes with the degree of the last one."""
+        return sum(one.degree == self._passes[-1].degree for one in self._passes)
+
+    def _stalls(self):
+        """Whether the last meshes have brought nothing."""
+        if self._alike() < PATIENCE:
+            return False
+        old, new = self._passes[-2:]
+        same = old.steps == new.steps and old.degree == new.degree
+        return same and new.unknowns > GROWN * old.unknowns and new.error > FALLEN * old.error

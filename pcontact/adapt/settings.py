@@ -1,0 +1,70 @@
+"""What the passes run with: load steps, tolerances, searches and the degree of the displacement."""
+
+import numpy as np
+
+from pcontact.adapt.degree import Degree
+from pcontact.scene.keys import options as key_options
+from pcontact.scene.model import MeshSpec
+
+# [-] Part of the target that errors of one kind, other than the mesh's, may have. From: chosen.
+SHARE = 0.1
+# [-] Tolerances of Newton's method: that of the first pass over the target, and the range. From: the first is checked
+# against the algebraic error of every pass.
+FIRST_RTOL, LEAST_RTOL, MOST_RTOL = 0.01, 1e-9, 1e-4
+# [load steps] Times as many at once at most. From: chosen.
+MORE_STEPS = 4
+
+
+class Settings:
+    """What the next pass runs with.
+
+    Parameters
+    ----------
+    scene : pcontact.scene.model.Scene
+        The user's.
+    target : pcontact.scene.target.Target
+    options : pcontact.runtime.options.Options
+
+    Attributes
+    ----------
+    steps : int
+        Load steps.
+    searches : bool
+        Whether partners are searched in the iterations of Newton's method.
+    degree : pcontact.adapt.degree.Degree
+    """
+
+    def __init__(self, scene, target, options):
+        self._scene, self._target = scene, target
+        self.steps, self.searches = scene.steps.count, False
+        self._rtol = float(np.clip(FIRST_RTOL * target.error, LEAST_RTOL, MOST_RTOL))
+        self.degree = Degree(options.get(key_options(MeshSpec)["order"], scene.mesh.order))
+
+    def scene(self):
+        """The scene of the next pass."""
+        scene = self._scene.copy()
+        scene.accuracy = None
+        scene.output.estimate, scene.steps.count, scene.mesh.order = True, self.steps, self.degree.now
+        # looser partners and tolerances than the mesh deserves are no place to save
+        ours = {"snes_rtol": f"{self._rtol:.3g}", "contact_search_again": "4"}
+        if self.searches:
+            ours["contact_search_every"] = "newton"
+        scene.petsc = {**ours, **scene.petsc}
+        return scene
+
+    def scene_of(self, done):
+        """The scene of a pass, as it would be run alone."""
+        scene = self.scene()
+        scene.steps.count, scene.mesh.order = done.steps, done.degree
+        return scene
+
+    def balance(self, done):
+        """Spend on load steps, searches and tolerances where a pass says that they are large beside what is wanted."""
+        share = SHARE * self._target.error
+        self.searches = self.searches or done.parts.get("frozen_partners", 0.0) > share
+        steps = done.parts.get("load_steps", 0.0)
+        if steps > share:
+            self.steps = int(np.ceil(self.steps * min(steps / share, MORE_STEPS)))
+        if done.parts["algebraic"] > 0.1 * min(done.parts["mesh"], self._target.error):
+            wanted = 0.1 * self._target.error / done.parts["algebraic"]
+            self._rtol = max(self._rtol * min(wanted, 0.3), LEAST_RTOL)
