@@ -37,6 +37,13 @@ def vertex_keys(numbers, out):
         out[k] = mixed(np.uint64(numbers[k]))
 
 
+@njit_exact
+def middle_keys(one, other, out):
+    """Keys (n,) uint64 of nodes between pairs of others, by the keys of these."""
+    for k in range(one.shape[0]):
+        out[k] = middle_key(one[k], other[k])
+
+
 @njit_inline
 def place(keys, values, key):
     """Where a key is in the table, or the free place where it belongs."""

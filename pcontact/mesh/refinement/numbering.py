@@ -18,9 +18,9 @@ class Numbers(NamedTuple):
     total: int
 
 
-def number_nodes(exchanger, base, numbers, keys, rows):
+def number_nodes(exchanger, base, numbers, keys, rows, fewer=False):
     """Give nodes numbers that do not depend on the ranks: those of the base keep theirs, others follow in the order
-    of keys.
+    of keys. Where the new mesh may have ``fewer`` of the base, those that are left are numbered in their order.
 
     numbers (n,): of the base, or -1. rows (n, k) int64: what goes with them; of equal ones the row whose first
     entry is the least counts. *Collective.*
@@ -44,12 +44,14 @@ def number_nodes(exchanger, base, numbers, keys, rows):
     ordered = ordered[first]
     counts = np.array(comm.allgather((int(np.sum(ordered[:, 0] == 0)), len(ordered))), dtype=np.int64)
     starts = np.concatenate([[0], np.cumsum(counts[:, 1])])
-    fresh = np.cumsum(counts[:, 1] - counts[:, 0])
+    fresh, kept = np.cumsum(counts[:, 1] - counts[:, 0]), np.cumsum(counts[:, 0])
     ids = np.where(ordered[:, 0] == 0, ordered[:, 1], 0)
     new = ordered[:, 0] == 1
-    ids[new] = n_base + (fresh[comm.rank] - new.sum()) + np.arange(new.sum())
-    if comm.allreduce(counts[:, 0].sum() != n_base if comm.rank == 0 else 0):
+    if fewer:
+        ids[~new] = kept[comm.rank] - (~new).sum() + np.arange((~new).sum())
+    elif kept[-1] != n_base:
         raise ValueError("nodes of the base that no cell has")
+    ids[new] = kept[-1] + (fresh[comm.rank] - new.sum()) + np.arange(new.sum())
     cuts = np.cumsum([len(part) for part in heard.values()])[:-1]
     replies = np.column_stack([starts[comm.rank] + index, ids[index]])
     replies = dict(zip(heard, np.split(replies, cuts), strict=True)) if heard else {}

@@ -111,7 +111,7 @@ def refine(mesh, more, fields=(), balance=None, rise=None):
             new = deal(piece, *(balance or Balance()))
     finally:
         exchanger.free()
-    return _with_origin(new, mesh, None if regular else origin.base, widths)
+    return carried_over(new, mesh, None if regular else origin.base, widths)
 
 
 def _check_kinds(mesh):
@@ -129,7 +129,7 @@ def _as_base(mesh):
     return first_origin(mesh, keys)
 
 
-def _with_origin(new, mesh, base, widths):
+def carried_over(new, mesh, base, widths):
     """The new mesh with its origin and names, and its fields."""
     new.component_names = list(mesh.component_names)
     new.n_components = mesh.n_components

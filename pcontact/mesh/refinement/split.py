@@ -1,0 +1,401 @@
+"""Any mesh made one of triangles or tetrahedra, on any number of ranks.
+
+A quadrilateral face is cut along its shorter diagonal; where both are about as long, along the one through the vertex
+that is first in the direction `ALONG`. Both are known to all cells that have the face, whatever their kind, so they
+meet; and a lattice becomes the regular one of Kuhn and Freudenthal, whose cells keep their shapes when they are cut.
+(With the second rule alone, by the numbers of nodes, every cell can be divided without a new vertex: Dompierre and
+others 1999; but skew cells become flat ones.) What divides a cell, once its faces are cut, is looked up in
+`pcontact.mesh.refinement.divisions`: the division whose worst tetrahedron is best.
+
+Nodes of the mesh stay where they are. In the middles of diagonals are the nodes of faces and cells where the mesh has
+these, else new ones: on curved cells where their shape functions say, on straight ones between the ends. Values of
+fields at new nodes are those of the shape functions.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from pcontact.element.reference import CELLS, edge_nodes
+from pcontact.element.shape import shape, shape_gradient
+from pcontact.mesh.distribute import deal
+from pcontact.mesh.refinement.divisions import Places, divisions
+from pcontact.mesh.refinement.keys import middle_keys, vertex_keys
+from pcontact.mesh.refinement.numbering import first_numbers, number_nodes
+from pcontact.mesh.refinement.refine import SIMPLICES, Balance, carried_over
+from pcontact.mesh.slices import COLUMN, MeshSlice, SliceBlock, bits, has_bit
+from pcontact.runtime import profile
+from pcontact.runtime.errors import InputError
+from pcontact.runtime.parallel import Exchanger
+
+# [-] Squared length of the longer diagonal of a face over that of the shorter one, up to which they are alike. From:
+# chosen; cells of lattices that are a little skew are still divided alike.
+ALIKE = 1.2
+# [-] A direction that no edge is square to, nor the diagonal of a lattice's cell. From: powers of the golden ratio.
+ALONG = np.array([1.0, 0.6180339887498949, 0.3819660112501051])
+# [-] Quality of a division with a vertex in the middle over that of others, above which it is taken. From: chosen; it
+# has twice the cells.
+BETTER = 2.0
+# Keys of nodes that one cell alone has: places in a cell at most.
+MOST = 64
+
+
+def needs_split(mesh):
+    """Whether a mesh has other cells than triangles or tetrahedra. *Collective.*"""
+    own = any(block.cell not in SIMPLICES and len(block.nodes) for block in mesh.blocks)
+    return any(mesh.comm.allgather(own))
+
+
+def split(mesh, fields=(), balance=None, degree=None):
+    """A mesh of triangles or tetrahedra in place of one of any cells. *Collective.*
+
+    Parameters
+    ----------
+    mesh : pcontact.mesh.mesh.Mesh
+        It is left as it is.
+    fields : sequence of ndarray (n_nodes, k) float64
+        Values at the nodes of this rank.
+    balance : pcontact.mesh.refinement.refine.Balance, optional
+    degree : int, optional
+        Of the layout of the nodes, at least; the cells stay straight where they are.
+
+    Returns
+    -------
+    pcontact.mesh.refinement.refine.Refined
+        The same on any number of ranks, but for the spread of the cells; of groups, bodies and components the mesh has
+        what there was. It is a base of its own.
+
+    Raises
+    ------
+    InputError
+        Some simplices of curved cells would fold over.
+    """
+    exchanger = Exchanger(mesh.comm)
+    try:
+        with profile.phase("distribute"):
+            piece = _Split(exchanger, mesh, fields, max(mesh.degree, degree or 1)).slice()
+            new = deal(piece, *(balance or Balance()))
+    finally:
+        exchanger.free()
+    return carried_over(new, mesh, None, [np.shape(field)[1] for field in fields])
+
+
+class _Part(NamedTuple):
+    """Cells of a block that are divided alike.
+
+    Attributes
+    ----------
+    block : int
+    rows : ndarray (n,)
+        In the block.
+    table : ndarray (k, n_nodes)
+        Places of the nodes of the simplices.
+    division : pcontact.mesh.refinement.divisions.Division
+    values : ndarray (n, n_places, m)
+        Coordinates, and fields, at the places.
+    keys : ndarray (n, n_places) uint64
+        Of the nodes there.
+    """
+
+    block: int
+    rows: np.ndarray
+    table: np.ndarray
+    division: object
+    values: np.ndarray
+    keys: np.ndarray
+
+
+class _Split:
+    """One mesh on its way.
+
+    Parameters
+    ----------
+    exchanger : pcontact.runtime.parallel.Exchanger
+    mesh : pcontact.mesh.mesh.Mesh
+    fields : sequence of ndarray (n_nodes, k)
+    degree : int
+        Of the new layout.
+    """
+
+    def __init__(self, exchanger, mesh, fields, degree):
+        self._exchanger, self._mesh, self._degree = exchanger, mesh, degree
+        self._cell = "triangle" if mesh.dim == 2 else "tetrahedron"
+        self._key = np.empty(len(mesh.points), dtype=np.uint64)
+        vertex_keys(mesh.file_nodes, self._key)
+        self._groups = bits(list(mesh.node_groups), mesh.node_groups, len(mesh.points))
+        self._known = np.column_stack([mesh.points, *fields]).astype(float)
+        self._starts = np.cumsum([0] + [len(block.nodes) for block in mesh.blocks])
+        self._places = [Places(block.cell, mesh.degree, degree) for block in mesh.blocks]
+
+    def slice(self):
+        """The new mesh, in slices. *Collective.*"""
+        parts = []
+        for number, block in enumerate(self._mesh.blocks):
+            parts += self._divided(number, block)
+        self._check(parts)
+        return self._sliced(parts)
+
+    # -- cells ----------------------------------------------------------------------------------------------------
+
+    def _divided(self, number, block):
+        """The parts of a block: list of _Part."""
+        mesh, places = self._mesh, self._places[number]
+        whole = CELLS[block.cell].complete or block.cell
+        x = mesh.points[block.nodes[:, : places.vertices]]
+        choice = self._choices(places, block, x)
+        weights = shape(block.cell, mesh.degree, places.at)
+        parts = []
+        for chosen in np.unique(choice):
+            rows = np.flatnonzero(choice == chosen)
+            some = divisions(whole, int(chosen))
+            best = _best(some, x[rows], self._dim_middle(whole))
+            for k in np.unique(best):
+                own = rows[best == k]
+                nodes = block.nodes[own]
+                table = places.table(some[k], self._degree)
+                values = self._values(places, nodes, weights, table)
+                keys = self._keys(places, nodes, block.ids[own], int(chosen))
+                parts.append(_Part(number, own, table, some[k], values, keys))
+        return parts
+
+    def _dim_middle(self, cell):
+        """Whether the last division of a cell has a vertex in the middle."""
+        return CELLS[cell].dim == 3 and not (CELLS[cell].is_simplex or CELLS[cell].is_pyramid)
+
+    def _choices(self, places, block, x):
+        """Bits of the diagonals of the faces of cells (n,)."""
+        choice, numbers = np.zeros(len(x), dtype=np.int64), self._mesh.file_nodes[block.nodes]
+        # sums in a fixed order: both cells of a face find the same
+        along = _summed(x * ALONG[: x.shape[2]])
+        for f, face in enumerate(places.quadrilaterals):
+            one, other = (_summed((x[:, face[i]] - x[:, face[i + 2]]) ** 2) for i in (0, 1))
+            order = np.lexsort((numbers[:, face], along[:, face]), axis=1)
+            second = np.where(other * ALIKE < one, True, np.where(one * ALIKE < other, False, order[:, 0] % 2 == 1))
+            choice |= second.astype(np.int64) << f
+        return choice
+
+    def _values(self, places, nodes, weights, table):
+        """Values (n, n_places, m) at all places of cells."""
+        mesh, known, d = self._mesh, self._known[nodes], self._mesh.dim
+        values = np.zeros((len(nodes), len(places.at), known.shape[2]))
+        values[:, : places.own] = known
+        for p in range(places.own, len(places.at)):
+            # one term after the other: the same sum for any number of cells
+            for v in np.flatnonzero(weights[p]):
+                values[:, p] += weights[p, v] * known[:, v]
+        if mesh.curved or not len(nodes):
+            return values
+        # nodes of straight cells are in the middles of what they are the middles of
+        x, vertices = values[:, :, :d], table[:, : d + 1]
+        if places.middle is not None:
+            x[:, places.middle] = _mean(x, range(places.vertices))
+        if self._degree == 2:
+            simplex = edge_nodes(self._cell)
+            for a, b in np.unique(np.sort(vertices[:, simplex].reshape(-1, 2), axis=1), axis=0):
+                x[:, places.pairs[int(a), int(b)]] = _mean(x, (a, b))
+        return values
+
+    def _keys(self, places, nodes, ids, choice):
+        """Keys (n, n_places) of the nodes at all places of cells."""
+        keys = np.empty((len(nodes), len(places.at)), dtype=np.uint64)
+        keys[:, : places.own] = self._key[nodes]
+        for p in range(places.own, len(places.at)):
+            own = np.empty(len(nodes), dtype=np.uint64)
+            vertex_keys(self._mesh.n_nodes_total + MOST * ids + p, own)
+            keys[:, p] = own
+        shared = [*places.edges]
+        for p, f in places.faces:
+            face = places.quadrilaterals[f]
+            shared.append((p, *(face[1::2] if choice >> f & 1 else face[::2])))
+        for p, a, b in shared:
+            own = np.empty(len(nodes), dtype=np.uint64)
+            middle_keys(np.ascontiguousarray(keys[:, a]), np.ascontiguousarray(keys[:, b]), own)
+            keys[:, p] = own
+        return keys
+
+    def _check(self, parts):
+        """Refuse simplices of curved cells that fold over. *Collective.*"""
+        mesh, wrong = self._mesh, 0
+        if not mesh.curved:
+            return
+        slopes = shape_gradient(self._cell, 2, Places(self._cell, 2, 2).at)
+        for part in parts:
+            x = part.values[:, part.table, : mesh.dim]
+            jacobians = np.linalg.det(np.einsum("ctni,qnj->ctqij", x, slopes))
+            wrong += int((jacobians.min(axis=(1, 2), initial=np.inf) <= 0.0).sum())
+        wrong = mesh.comm.allreduce(wrong)
+        if wrong:
+            raise InputError(f"found {wrong} curved cells whose {self._cell}s would fold over; allowed: cells that are "
+                             "less curved, so smaller ones")  # fmt: skip
+
+    # -- the slice ------------------------------------------------------------------------------------------------
+
+    def _sliced(self, parts):
+        mesh, d = self._mesh, self._mesh.dim
+        used, keys, numbers, owners, values, members = [], [], [], [], [], []
+        for part in parts:
+            used.append(np.unique(part.table))
+            keys.append(part.keys[:, used[-1]].ravel())
+            numbers.append(self._numbers(part)[:, used[-1]].ravel())
+            owners.append(np.repeat(self._block(part).ids[part.rows], len(used[-1])))
+            values.append(part.values[:, used[-1]].reshape(-1, self._known.shape[1]))
+            members.append(self._members(part)[:, used[-1]].reshape(len(keys[-1]), self._groups.shape[1]))
+        none = [np.zeros(0, dtype=kind) for kind in (np.uint64, np.int64, np.int64)]
+        keys, numbers, owners = (
+            np.concatenate([empty, *rows]) for empty, rows in zip(none, (keys, numbers, owners), strict=True)
+        )
+        order = np.lexsort((owners, keys))
+        first = np.ones(len(keys), dtype=bool)
+        first[1:] = keys[order][1:] != keys[order][:-1]
+        place = np.empty(len(keys), dtype=np.int64)
+        place[order] = np.cumsum(first) - 1
+        chosen, width = order[first], self._known.shape[1]
+        values = np.concatenate([np.zeros((0, width)), *values])[chosen].view(np.int64)
+        members = np.concatenate([np.zeros((0, self._groups.shape[1]), np.int64), *members])[chosen]
+        rows = np.column_stack([owners[chosen], values, members])
+        home, new_ids = number_nodes(self._exchanger, mesh, numbers[chosen], keys[chosen], rows, fewer=True)
+        at, new = [], {}
+        end = 0
+        for part, columns in zip(parts, used, strict=True):
+            size = len(part.rows) * len(columns)
+            own = place[end : end + size].reshape(len(part.rows), -1)
+            local = np.searchsorted(columns, part.table)
+            at.append(home.places[:, 0][own[:, local]].reshape(-1, part.table.shape[1]))
+            new[id(part)] = own, columns
+            end += size
+        counts = np.zeros(self._starts[-1], dtype=np.int64)
+        for part in parts:
+            counts[self._cells(part)] = len(part.table)
+        ids = np.concatenate([np.zeros(0, np.int64), *(block.ids for block in mesh.blocks)])
+        start, n_cells = first_numbers(self._exchanger, mesh, ids, counts)
+        row = np.concatenate([np.zeros(0, np.int64),
+                              *(np.repeat(self._cells(part), len(part.table)) for part in parts)])  # fmt: skip
+        child = np.concatenate([np.zeros(0, np.int64),
+                                *(np.tile(np.arange(len(part.table)), len(part.rows)) for part in parts)])  # fmt: skip
+        table = home.table[:, 1:]
+        real = np.ascontiguousarray(table[:, :width]).view(np.float64)
+        nodes = np.concatenate([np.zeros((0, self._width()), dtype=np.int64), *at])
+        piece = MeshSlice(
+            mesh.comm, None, d, self._degree, mesh.curved, [SliceBlock(self._cell, nodes)], start[row] + child,
+            np.concatenate([np.zeros(0, np.int64), *(np.full(len(b.nodes), b.body) for b in mesh.blocks)])[row],
+            np.concatenate([np.zeros(0, np.int64), *(b.components for b in mesh.blocks)])[row],
+            np.ascontiguousarray(real[:, :d]), home.starts, home.total, n_cells, mesh.n_components,
+            node_ids=home.numbers, node_values=np.ascontiguousarray(real[:, d:]).view(np.int64),
+        )  # fmt: skip
+        self._name(piece, parts, row, counts, table[:, width:])
+        self._name_edges(piece, parts, new, new_ids)
+        return piece
+
+    def _width(self):
+        simplex = CELLS[self._cell]
+        return simplex.n_vertices + (len(simplex.edges) if self._degree == 2 else 0)
+
+    def _block(self, part):
+        return self._mesh.blocks[part.block]
+
+    def _cells(self, part):
+        """Rows (n,) of the cells of a part, all blocks one after the other."""
+        return self._starts[part.block] + part.rows
+
+    def _numbers(self, part):
+        """Numbers (n, n_places) of nodes that the mesh has, or -1."""
+        nodes = self._block(part).nodes[part.rows]
+        numbers = np.full(part.keys.shape, -1, dtype=np.int64)
+        numbers[:, : nodes.shape[1]] = self._mesh.file_nodes[nodes]
+        return numbers
+
+    def _members(self, part):
+        """Bits (n, n_places, m) of the groups of nodes; those of new nodes on edges of groups, too."""
+        mesh, block = self._mesh, self._block(part)
+        nodes, names = block.nodes[part.rows], list(mesh.node_groups)
+        own = np.zeros((*part.keys.shape, self._groups.shape[1]), dtype=np.int64)
+        own[:, : nodes.shape[1]] = self._groups[nodes]
+        for name, edges in mesh.edge_groups.items():
+            column, bit = divmod(names.index(name), COLUMN)
+            for p, a, b in self._places[part.block].edges:
+                inside = _among(mesh.file_nodes[nodes[:, [a, b]]], edges, mesh.n_nodes_total)
+                own[inside, p, column] |= np.int64(1) << np.int64(bit)
+        return own
+
+    def _name(self, piece, parts, row, counts, members):
+        """Fill the groups of the slice but those of edges."""
+        mesh, none = self._mesh, np.zeros((0, 2), dtype=np.int64)
+        # first row of the simplices of each cell
+        begin, end, division = np.zeros(len(counts), np.int64), 0, np.zeros(len(counts), np.int64)
+        for k, part in enumerate(parts):
+            cells = self._cells(part)
+            begin[cells], division[cells] = end + len(part.table) * np.arange(len(cells)), k
+            end += len(part.table) * len(cells)
+        for name, chosen in mesh.cell_groups.items():
+            inside = np.zeros(len(counts), dtype=bool)
+            for first, rows in zip(self._starts, chosen, strict=False):
+                inside[first + rows] = True
+            piece.cell_groups[name] = np.flatnonzero(inside[row])
+        for name, facets in mesh.facet_groups.items():
+            found = [none]
+            for one in facets:
+                cells = self._starts[one.block] + one.cells
+                kinds = division[cells] * MOST + one.local
+                for kind in np.unique(kinds):
+                    k, local = divmod(int(kind), MOST)
+                    on_it, own = parts[k].division.facets[local], begin[cells[kinds == kind]]
+                    there = np.empty((len(own), len(on_it), 2), dtype=np.int64)
+                    there[:, :, 0], there[:, :, 1] = own[:, None] + on_it[:, 0], on_it[:, 1]
+                    found.append(there.reshape(-1, 2))
+            piece.facet_groups[name] = tuple(np.concatenate(found).T)
+        for k, name in enumerate(mesh.node_groups):
+            piece.node_groups[name] = np.flatnonzero(has_bit(members, k))
+
+    def _name_edges(self, piece, parts, new, numbers):
+        """Fill the groups of edges, which stay the same ones."""
+        mesh = self._mesh
+        number = np.full(len(mesh.points), -1, dtype=np.int64)
+        for part in parts:
+            own, columns = new[id(part)]
+            inside = columns < self._places[part.block].own
+            number[self._block(part).nodes[part.rows][:, columns[inside]]] = numbers[own[:, inside]]
+        order = np.argsort(mesh.file_nodes)
+        for name, edges in mesh.edge_groups.items():
+            local = order[np.searchsorted(mesh.file_nodes, edges, sorter=order)] if len(edges) else edges
+            piece.edge_groups[name] = number[local].reshape(-1, 2)
+
+
+def _best(some, x, middle):
+    """The division (n,) of each cell, of those that its faces allow; ``middle``: the last one has a vertex there."""
+    if len(some) == 1:
+        return np.zeros(len(x), dtype=np.int64)
+    x = np.concatenate([x, _mean(x, range(x.shape[1]))[:, None]], axis=1)
+    quality = np.stack([_quality(x[:, one.vertices]) for one in some])
+    if middle:
+        quality[-1] = np.where(quality[-1] > 0.0, quality[-1] / BETTER, quality[-1])
+    return quality.argmax(axis=0)
+
+
+def _quality(x):
+    """Least volume^(2/3) over the mean square of the edges of the tetrahedra (n, k, 4, 3) of cells (n,)."""
+    a, b, c = (x[:, :, i] - x[:, :, 0] for i in (1, 2, 3))
+    volume = _summed(a * np.cross(b, c))
+    squares = sum(_summed((x[:, :, i] - x[:, :, j]) ** 2) for i in range(4) for j in range(i))
+    return (np.sign(volume) * np.abs(volume) ** (2.0 / 3.0) / squares).min(axis=1)
+
+
+def _summed(x):
+    """Sum over the last axis, term by term."""
+    total = x[..., 0].copy()
+    for i in range(1, x.shape[-1]):
+        total += x[..., i]
+    return total
+
+
+def _mean(x, columns):
+    """Mean of columns of x (n, m, d), term by term."""
+    columns = sorted(columns)
+    total = x[:, columns[0]].copy()
+    for k in columns[1:]:
+        total += x[:, k]
+    return total / len(columns)
+
+
+def _among(ends, edges, n):
+    """Which pairs (m, 2) of numbers below n are among others (k, 2), in any order."""
+    return np.isin(ends.min(axis=1) * n + ends.max(axis=1), edges.min(axis=1) * n + edges.max(axis=1))
