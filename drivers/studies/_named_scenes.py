@@ -11,7 +11,7 @@ from types import SimpleNamespace
 from drivers._common import make_mesh
 from drivers.cases import cattaneo_mindlin, disk_on_block, hertz, indent, rings, thick_cylinder
 from drivers.studies.adapt import punch_scene
-from drivers.studies.effectivity import LARGE, MIDDLE, SMALL, round_scene, shell_exact
+from drivers.studies.effectivity import LARGE, MIDDLE, SMALL, laminates, round_scene, shell_exact, wound_rings
 from meshes import disk_on_block as disk_mesh
 from meshes import indent as indent_mesh
 from meshes import rings as rings_mesh
@@ -118,12 +118,38 @@ def _receding(folder):
     )
 
 
-# an interference of 6e-4 needs circles that are known better than that: twelve curved cells in a quarter, not four
+def _wound(folder):
+    path = make_mesh(rings_mesh, folder / "wound.msh", n=12, cell="triangle", order=2)
+    return wound_rings(path, 1, 0.0)[0]
+
+
+def _wound_known(x, body):
+    return wound_rings("", 1, 0.0)[1](x, body)
+
+
+def _laminate(folder):
+    path = make_mesh(two_blocks, folder / "laminate.msh", 2, 3, 5, "triangle")
+    return Scene(
+        title="blocks of laminates pressed and sheared",
+        mesh=MeshSpec(path),
+        **laminates(),
+        contacts=[Contact("upper_bottom", "lower_top", name="face", friction=0.3)],
+        displacements=[Displacement("lower_bottom", [0.0, 0.0]), Displacement("upper_top", [0.02, -0.05])],
+        steps=Steps(count=4),
+        output=Output(fields=False),
+    )
+
+
+# an interference of 6e-4, and fibres that hardly stretch, need circles that are known well: twelve curved cells in a
+# quarter, not four
 SCENES = {
     "rings": NamedScene("rings, Lame", partial(_rings, rings.PRESSURE, 0.0, 4), ("energy", "force:circle"),
                         partial(rings.exact, constants=rings.ring_constants())),
     "shrink_fit": NamedScene("rings shrunk onto each other, Lame", partial(_rings, 0.0, 6e-4, 12), ("energy",),
                              partial(rings.exact, constants=rings.ring_constants(0.0, 6e-4))),
+    "wound": NamedScene("a laminate wound around wood, Lekhnitskii", _wound, ("energy", "force:circle"), _wound_known),
+    "laminate": NamedScene("laminates pressed and sheared, Coulomb", _laminate, ("energy", "support:upper_top"),
+                           least=0.02),
     "hertz2d": NamedScene("cylinder on block, Hertz", partial(_hertz, "cylinder_on_block", 3),
                           ("energy", "support:block_bottom")),
     "hertz3d": NamedScene("ball on block, Hertz", partial(_hertz, "ball_on_block", 2), ("energy",), least=0.05),

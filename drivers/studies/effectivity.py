@@ -11,7 +11,10 @@
                 for Hertz
     indent      a ball pressed into a block that yields and hardens little, with axial symmetry; the error as for Hertz
     blocks      one on the other, pressed and sheared, singular at the corners: Coulomb and Tresca friction, unbiased
-                contact, tied surfaces, a target 1000 times as stiff; the error as for Hertz
+                contact, tied surfaces, a target 1000 times as stiff, laminates whose fibres lie at +30 and -50 degrees,
+                with friction; the error as for Hertz
+    wound       two orthotropic rings in contact, plane strain, a laminate that is wound around one of wood
+                (Lekhnitskii 1963); a thick cylinder of the laminate in space, with axial symmetry
 
 A case, a degree and a theta take one row per mesh. The cells of the round cases are curved (degree 2), but for Hertz.
 """
@@ -31,7 +34,7 @@ from pcontact import build
 from pcontact.adapt.watch import at_nodes
 from pcontact.assembly.bulk import ElasticBulk
 from pcontact.assembly.error_norms import bulk_error
-from pcontact.material.elastic import in_plane, lame
+from pcontact.material.orthotropic import stiffness
 from pcontact.mesh.refinement.refine import Balance, refine
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.options import Options
@@ -47,7 +50,12 @@ BLOCKS = {
     "unbiased": {"unbiased": True},
     "tied": {"tied": True},
     "stiff": {},
+    "laminate": {"friction": 0.3},
 }
+# carbon fibres, and spruce: E, nu, G along axes 1, 2, 3 [GPa]; around an axis along radius, hoop and axis
+FIBRES = ([140.0, 10.0, 10.0], [0.3, 0.3, 0.45], [5.0, 5.0, 3.448])
+WOUND = ([10.0, 140.0, 10.0], [0.3 / 14.0, 0.45, 0.3], [5.0, 3.448, 5.0])
+TRUNK = ([0.8, 0.45, 10.0], [0.47, 0.0296, 0.0189], [0.05, 0.65, 0.6])
 # element sizes or numbers of cells, from coarse to fine, those of --tiny first
 SIZES = {
     "rings-quadrilateral": (8, 16, 32),
@@ -67,12 +75,17 @@ SIZES = {
     "hill-perfect": (3, 6, 12),
     "hill-hardening": (3, 6, 12),
     "indent-triangle": (0.15, 0.1, 0.07),
+    "wound-rings-triangle": (8, 16, 32),
+    "wound-rings-quadrilateral": (8, 16, 32),
+    "wound-space-tetrahedron": (2, 4, 8),
+    "wound-space-hexahedron": (2, 4, 8),
+    "wound-axisymmetric-triangle": (4, 8, 16),
     **{f"blocks-plane-{kind}": (6, 12) for kind in BLOCKS},
     **{f"blocks-space-{kind}": (2, 3) for kind in BLOCKS},
 }
 TINY = ("rings-triangle", "tubes-hexahedron", "blocks-plane-friction")
 # cases that have no theta
-ONCE = ("cylinder", "mean", "hill", "indent", "blocks")
+ONCE = ("cylinder", "mean", "hill", "indent", "blocks", "wound")
 # cases whose cells lock with degree 1
 DEGREE_2 = ("mean-plane-triangle", "mean-space-tetrahedron", "hill-perfect", "hill-hardening", "indent-triangle")
 
@@ -145,6 +158,81 @@ def _cylinder_exact(form, pressure, dim, x, body):
     return u, slope
 
 
+def _powers(constants):
+    """Power k of the radial displacement A r^k + B r^-k of an orthotropic ring, and its stiffness (6, 6)."""
+    moduli = stiffness(*constants)
+    return np.sqrt(moduli[1, 1] / moduli[0, 0]), moduli
+
+
+def _wound(constants, a, b, p_in, p_out):
+    """A and B of a ring with radii a < b under pressures inside and outside."""
+    k, moduli = _powers(constants)
+    slopes = [[(moduli[0, 0] * n + moduli[0, 1]) * r ** (n - 1.0) for n in (k, -k)] for r in (a, b)]
+    return np.linalg.solve(slopes, [-p_in, -p_out])
+
+
+def _wound_exact(rings, dim, x, body):
+    """Displacement (n, d) and its gradient; with axial symmetry (dim 1) x is the radius.
+
+    Parameters
+    ----------
+    rings : sequence of (tuple, ndarray (2,))
+        Constants, A and B of each body.
+    dim : int
+    x : ndarray (n, d)
+    body : int
+    """
+    constants, (rise, fall) = rings[body]
+    k, plane = _powers(constants)[0], 1 if dim == 1 else 2
+    r = np.linalg.norm(x[:, :plane], axis=1)
+    stretch = rise * r ** (k - 1.0) + fall * r ** (-k - 1.0)
+    slope = rise * (k - 1.0) * r ** (k - 3.0) - fall * (k + 1.0) * r ** (-k - 3.0)
+    u, full = np.zeros_like(x), np.zeros((len(x), x.shape[1], x.shape[1]))
+    u[:, :plane] = stretch[:, None] * x[:, :plane]
+    full[:, :plane, :plane] = stretch[:, None, None] * np.eye(plane)
+    full[:, :plane, :plane] += slope[:, None, None] * x[:, :plane, None] * x[:, None, :plane]
+    return u, full
+
+
+def wound_rings(path, degree, theta, pressure=1e-2):
+    """Scene and exact solution of two orthotropic rings under an outer pressure."""
+    middle, kinds = rings.MIDDLE, (WOUND, TRUNK)
+
+    def radial(constants, found, r):
+        k = _powers(constants)[0]
+        return found[0] * r**k + found[1] * r**-k
+
+    def solutions(p):
+        return (_wound(WOUND, middle, rings.LARGE, p, pressure), _wound(TRUNK, rings.SMALL, middle, 0.0, p))
+
+    def gap(p):
+        outer, inner = (radial(one, found, middle) for one, found in zip(kinds, solutions(p), strict=True))
+        return outer - inner
+
+    known = solutions(-gap(0.0) / (gap(1.0) - gap(0.0)))
+    scene = rings.ring_scene(path, degree, theta, pressure=pressure, gamma0=None)
+    scene.materials = {name: Material(one[0], one[1], G=one[2], point=[0.0, 0.0])
+                       for name, one in zip(("wound", "trunk"), kinds, strict=True)}  # fmt: skip
+    scene.bodies = [Body("outer", "wound"), Body("inner", "trunk")]
+    return scene, partial(_wound_exact, tuple(zip(kinds, known, strict=True)), 2)
+
+
+def _wound_cylinder(kinematics, cell, size, degree, folder):
+    """Scene and exact solution of a thick cylinder that is wound, under an inner pressure."""
+    form = thick_cylinder.Cylinder(10.0, 20.0, 210e3, 0.3, 1e9)
+    path = thick_cylinder.make(folder / f"cylinder-{kinematics}-{cell}_{size}.msh", kinematics, cell, 2, size, form)
+    scene = thick_cylinder.scene(path, kinematics, degree, [0.1], form, 1, elastic=True)
+    (er, eh, ea), (rh, ra, ha), (g_rh, g_ra, g_ha) = WOUND
+    more = {"point": [0.0, 0.0, 0.0], "axis": [0.0, 0.0, 1.0]}
+    young, poisson, shear = WOUND
+    if kinematics == "axisymmetric":
+        # axes are radius, axis and hoop there
+        young, poisson, shear, more = [er, ea, eh], [ra, rh, ha * ea / eh], [g_ra, g_rh, g_ha], {}
+    scene.materials = {name: Material(young, poisson, G=shear, **more) for name in scene.materials}
+    known = ((WOUND, _wound(WOUND, form.a, form.b, 0.1, 0.0)),)
+    return scene, partial(_wound_exact, known, 1 if kinematics == "axisymmetric" else 3)
+
+
 def prepare(name, size, degree, theta, folder):
     """Scene, mesh and exact solution (None for Hertz) of a case. *Collective.*"""
     kind, _, rest = name.partition("-")
@@ -152,6 +240,12 @@ def prepare(name, size, degree, theta, folder):
         return _hertz(rest, size, degree, theta, folder)
     if kind == "blocks":
         return _blocks(*rest.split("-"), size, degree, theta, folder), None
+    if kind == "wound":
+        what, cell = rest.split("-")
+        if what != "rings":
+            return _wound_cylinder(what, cell, size, degree, folder)
+        return wound_rings(make_mesh(ring_mesh, folder / f"rings-{cell}_{size}.msh", n=size, cell=cell, order=2),
+                           degree, theta)  # fmt: skip
     if kind == "hill":
         path = thick_cylinder.make(folder / f"{name}_{size}.msh", "plane", "triangle", 2, size)
         law = {"hardening": 0.1 * thick_cylinder.Cylinder().E if rest == "hardening" else 0.0}
@@ -182,16 +276,24 @@ def prepare(name, size, degree, theta, folder):
     return round_scene(path, degree, theta, kind), shell_exact
 
 
+def laminates():
+    """Materials and bodies of two blocks of laminates, fields of a scene."""
+    materials = {name: Material(*FIBRES[:2], G=FIBRES[2], angle=angle)
+                 for name, angle in (("lower", 30.0), ("upper", -50.0))}  # fmt: skip
+    return {"materials": materials, "bodies": [Body(name, name) for name in materials]}
+
+
 def _blocks(place, kind, n, degree, theta, folder):
     """Two blocks of triangles or tetrahedra whose meshes do not match."""
     dim = 2 if place == "plane" else 3
     cell = "triangle" if dim == 2 else "tetrahedron"
     path = make_mesh(two_blocks, folder / f"blocks_{dim}_{n}.msh", dim, n, n + (n + 1) // 2, cell)
+    bodies = {"materials": {"soft": Material(10.0, 0.3), "stiff": Material(10000.0, 0.3)},
+              "bodies": [Body("lower", "stiff" if kind == "stiff" else "soft"), Body("upper", "soft")]}  # fmt: skip
     return Scene(
         title=f"blocks, {kind}, degree {degree}",
         mesh=MeshSpec(path, order=degree),
-        materials={"soft": Material(10.0, 0.3), "stiff": Material(10000.0, 0.3)},
-        bodies=[Body("lower", "stiff" if kind == "stiff" else "soft"), Body("upper", "soft")],
+        **(laminates() if kind == "laminate" else bodies),
         contacts=[Contact("upper_bottom", "lower_top", name="face", theta=theta, **BLOCKS[kind])],
         displacements=[
             Displacement("lower_bottom", [0.0] * dim),
@@ -249,16 +351,15 @@ def measure(name, size, degree, theta, folder):
     """One mesh: a dict. *Collective.*"""
     scene, exact = prepare(name, size, degree, theta, folder)
     scene.output.estimate = True
-    kinematics = scene.mesh.kinematics
     with running(scene, mesh=None if exact is not None else with_middles(scene)) as (simulation, converged):
         if not converged:
             raise InputError(f"{name}: a load step did not converge; allowed: other sizes")
         row = {"size": size, "cells": simulation.mesh.n_cells_total, "unknowns": simulation.problem.space.n_dofs,
                **simulation.error_estimate.last}  # fmt: skip
         if exact is not None:
-            materials = [scene.materials[body.material] for body in scene.bodies]
-            constants = [in_plane(*lame(one.E, one.nu), kinematics) for one in materials]
-            error = bulk_error(simulation.problem.space, constants, simulation.stepper.u, exact, averaged=True)
+            bulk = simulation.problem.bulk
+            error = bulk_error(simulation.problem.space, bulk.constants, simulation.stepper.u, exact, averaged=True,
+                               orthotropic=bulk.orthotropic)  # fmt: skip
             row["error"] = error.energy
         else:
             row["error"] = against_finer(simulation, prepare(name, size, 2, theta, folder)[0])

@@ -28,7 +28,6 @@ from pcontact.adapt.loop import REACHED, Loop
 from pcontact.adapt.variants import Last
 from pcontact.assembly.error_norms import bulk_error
 from pcontact.estimate.goal import value
-from pcontact.material.elastic import in_plane, lame
 from pcontact.mesh.refinement.refine import Balance, refine
 from pcontact.runtime.errors import InputError, StepFailure
 from pcontact.runtime.options import Options
@@ -72,14 +71,12 @@ def reference(loop, scene):
 
 def error_of(loop, scene, values, exact):
     """Relative error of the displacement (n_owned, d) on the last mesh in the energy norm. *Collective.*"""
-    materials = [scene.materials[body.material] for body in scene.bodies]
-    constants = [in_plane(*lame(one.E, one.nu), scene.mesh.kinematics) for one in materials]
     simulation = Simulation(scene, mesh=loop.mesh)
     try:
-        space = simulation.problem.space
+        space, bulk = simulation.problem.space, simulation.problem.bulk
         u = space.vector()
         u.setArray(values)
-        error = bulk_error(space, constants, u, exact, 2 * space.degree + 2)
+        error = bulk_error(space, bulk.constants, u, exact, 2 * space.degree + 2, orthotropic=bulk.orthotropic)
         return error.energy / error.energy_of_exact
     finally:
         simulation.free()

@@ -9,6 +9,7 @@ from pcontact.element.dilatation import components, factors, linear
 from pcontact.element.geometry import gradients
 from pcontact.element.quadrature import quadrature
 from pcontact.element.shape import shape, shape_gradient
+from pcontact.material.mandel import HALF
 from pcontact.runtime.petsc import MPI
 
 
@@ -87,7 +88,17 @@ class Displacements(NamedTuple):
         return Displacements(self.u, full)
 
 
-def _squares(points, jxw, found, exact, constants, axisymmetric, kind):
+def _deviation(gradient, points, law):
+    """What an orthotropic law adds to the density (n,) at points (n, d), see :func:`_energy_density`."""
+    strain, d = np.zeros((len(gradient), law.size)), gradient.shape[1]
+    for k, (i, j) in enumerate(((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))[: law.size]):
+        if j < d:
+            strain[:, k] = gradient[:, i, i] if i == j else HALF * (gradient[:, i, j] + gradient[:, j, i])
+    return np.einsum("nk,nkl,nl->n", strain, np.broadcast_to(law.deviation(points), (len(strain),) + 2 * (law.size,)),
+                     strain)  # fmt: skip
+
+
+def _squares(points, jxw, found, exact, constants, axisymmetric, kind, law=None):
     """The four squares summed over the points (n, d) of a chunk of cells, with weights (nc, nq)."""
     averaged, on_linear, degree = kind
     if axisymmetric:
@@ -95,16 +106,22 @@ def _squares(points, jxw, found, exact, constants, axisymmetric, kind):
         found, exact = found.with_hoop(radius), exact.with_hoop(radius)
         jxw = 2.0 * np.pi * jxw * radius.reshape(jxw.shape)
     mean = (jxw, points.reshape(*jxw.shape, points.shape[1]) if on_linear else None, degree) if averaged else None
-    integrands = (
+    energies = [
         _energy_density(found.slope - exact.slope, *constants, mean),
         _energy_density(exact.slope, *constants),
+    ]
+    if law is not None:
+        energies[0] += _deviation(found.slope - exact.slope, points, law)
+        energies[1] += _deviation(exact.slope, points, law)
+    integrands = (
+        *energies,
         np.sum((found.u - exact.u) ** 2, axis=1),
         np.sum(exact.u**2, axis=1),
     )
     return np.array([jxw.ravel() @ integrand for integrand in integrands])
 
 
-def bulk_error(space, constants, u, exact, degree=None, averaged=False):
+def bulk_error(space, constants, u, exact, degree=None, averaged=False, orthotropic=None):
     """Error of a displacement in the bodies. *Collective.*
 
     Parameters
@@ -121,6 +138,8 @@ def bulk_error(space, constants, u, exact, degree=None, averaged=False):
         quadrature is of higher order than what it measures.
     averaged : bool
         Cells that take their mean dilatation are measured by it, too: in the norm of their own energy.
+    orthotropic : dict of int to pcontact.material.orthotropic.Orthotropic, optional
+        By body, what is to be added to the stiffness of its constants.
 
     Returns
     -------
@@ -146,7 +165,8 @@ def bulk_error(space, constants, u, exact, degree=None, averaged=False):
                 np.einsum("cai,cqaj->cqij", u, grad).reshape(jxw.size, d, d),
             )
             known = Displacements(*exact(points, block.body))
-            sums += _squares(points, jxw, found, known, constants[block.body], space.axisymmetric, kind)
+            sums += _squares(points, jxw, found, known, constants[block.body], space.axisymmetric, kind,
+                             (orthotropic or {}).get(block.body))  # fmt: skip
     return BulkError(*np.sqrt(space.comm.allreduce(sums, op=MPI.SUM)).tolist())
 
 

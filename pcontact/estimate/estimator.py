@@ -30,7 +30,10 @@ import numpy as np
 
 from pcontact.assembly.bulk import ElasticBulk
 from pcontact.assembly.loads import value_of
+from pcontact.assembly.plastic import NO_RING
+from pcontact.assembly.plastic_kernels import CellPoints
 from pcontact.contact.law import OPEN, STICK
+from pcontact.contact.traction.orthotropic import traction_rows
 from pcontact.element.dilatation import components, factors, hoop_operator, linear
 from pcontact.element.geometry import facet_geometry, gradients
 from pcontact.element.quadrature import quadrature
@@ -38,11 +41,12 @@ from pcontact.element.reference import CELLS, facet_nodes, facet_points
 from pcontact.element.shape import shape, shape_gradient
 from pcontact.estimate.bubbles import bubbles, supports
 from pcontact.estimate.facets import FacetPairs, facet_rule
-from pcontact.estimate.local import LocalFunctions, Moduli, energies, products
+from pcontact.estimate.local import NO_REST, LocalFunctions, Moduli, energies, products
 from pcontact.estimate.recovery import Recovery
 from pcontact.estimate.stress import BlockStress
 from pcontact.estimate.tractions import Cells, on_source, on_target, source_facets
 from pcontact.estimate.yielding import softening
+from pcontact.material.orthotropic import traction_matrix
 from pcontact.runtime.petsc import MPI
 from pcontact.scene.prescribed import Prescribed
 
@@ -227,7 +231,7 @@ class Estimator:
     @property
     def _elastic(self):
         """The bodies as if none had yielded."""
-        return SimpleNamespace(constants=self.bulk.constants)
+        return SimpleNamespace(constants=self.bulk.constants, orthotropic=self.bulk.orthotropic)
 
     def averaged_stress(self, nodal):
         """Stress (nc, nn, d, d) at the nodes of each block's cells, averaged in each body. *Collective.*"""
@@ -417,6 +421,14 @@ class Estimator:
         if self.space.axisymmetric:
             radius = np.einsum("na,na->n", shape(block.cell, geometry_degree, points.xi), x[:, :, 0])
             work[:, :, 0] += (lam * dot / radius)[:, None] * values
+        law = self.bulk.orthotropic.get(block.body)
+        if law is not None:
+            ring = (values / radius[:, None])[:, None] if self.space.axisymmetric else NO_RING
+            at = np.einsum("na,nad->nd", shape(block.cell, geometry_degree, points.xi), x)
+            rows = np.empty((*slopes.shape, slopes.shape[2]))
+            some = CellPoints(np.zeros((0, 0), np.int64), np.ascontiguousarray(slopes[:, None]), ring)
+            traction_rows(some, law.deviation(at[:1] if law.uniform else at), traction_matrix(normal), rows)
+            work += np.einsum("ni,nbij->nbj", vector, rows)
         return work
 
     def _on_surface(self, contact, states):
@@ -481,7 +493,7 @@ class Estimator:
             if averaged:
                 basis = components(jxw, geo @ x if linear(block.cell, space.degree) else None)[0]
             functions = LocalFunctions(test, ring, jxw, basis)
-            fixed, moduli = self._fixed(number, rows), Moduli(own, shared, mu)
+            fixed, moduli = self._fixed(number, rows), Moduli(own, shared, mu, self._rest(block, geo @ x))
             softer = softening(space, self.bulk, number, rows, nodal, xi)
             if weight is None:
                 energies(functions, moduli, softer, loads, fixed, out[rows])
@@ -494,6 +506,14 @@ class Estimator:
                 others += np.einsum("cq,qb,cqd->cbd", jxw, tests, force)
             products(functions, moduli, softer, loads.sum(axis=1), others, fixed, out[rows, 0])
         return out if weight is None else out[:, :1]
+
+    def _rest(self, block, points):
+        """What the stiffness of a block differs by from the isotropic one at points (nc, nq, d)."""
+        law = self.bulk.orthotropic.get(block.body)
+        if law is None:
+            return NO_REST
+        points = points.reshape(-1, points.shape[2])
+        return law.deviation(points[:1] if law.uniform else points)
 
     def _body_force(self, number, rows, points, time, loads):
         """Force density at points (n, nq, d) of some of a block's cells, None where there is none in the block."""

@@ -29,12 +29,28 @@ class LocalFunctions(NamedTuple):
     basis: np.ndarray
 
 
+# of isotropic bodies
+NO_REST = np.zeros((0, 0, 0))
+
+
 class Moduli(NamedTuple):
-    """Factors [stress] of the dilatation and of its mean, see `pcontact.element.dilatation.factors`; shear modulus."""
+    """Moduli of the cells of a block [stress].
+
+    Attributes
+    ----------
+    own, shared : float
+        Factors of the dilatation and of its mean, see `pcontact.element.dilatation.factors`.
+    mu : float
+        Shear modulus.
+    rest : ndarray (k, m, m)
+        What an orthotropic stiffness differs by, Mandel components: k = 0 of an isotropic body, 1 where it is the same
+        everywhere, else of each of the nc nq points.
+    """
 
     own: float
     shared: float
     mu: float
+    rest: np.ndarray = NO_REST
 
 
 @njit
@@ -66,6 +82,21 @@ def _assemble(functions, c, moduli, out):
                         if i == 0 and j == 0:
                             value += 2.0 * mu * hoop_a * hoop_b
                         out[a * d + i, b * d + j] += w * value
+    if moduli.rest.shape[0]:
+        _add_rest(functions, c, moduli.rest, out)
+
+
+@njit
+def _add_rest(functions, c, rest, out):
+    """Add the energy of what an orthotropic stiffness differs by to the stiffness (n, n) of cell c."""
+    grad, jxw, m = functions.grad, functions.jxw, rest.shape[1]
+    nq, nb, d = grad.shape[1], grad.shape[2], grad.shape[3]
+    operator, pulled = np.zeros((m, nb, d)), np.zeros((m, nb * d))
+    flat = operator.reshape(m, nb * d)
+    for q in range(nq):
+        fill_operator(functions, c, q, operator)
+        pull(rest[c * nq + q if len(rest) > 1 else 0], flat, jxw[c, q], pulled)
+        square(flat, pulled, out)
 
 
 @njit

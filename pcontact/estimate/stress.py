@@ -12,6 +12,8 @@ from pcontact.material.mandel import HALF
 
 # rows and columns of Mandel components; the third entry is across the plane in two dimensions
 PLACES = ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))
+# points whose stiffness is turned at once
+PART = 2**14
 
 
 class BlockStress:
@@ -45,6 +47,10 @@ class BlockStress:
             # the displacement stands for nodes and directions: a single "node" of one direction
             mean = Mean(mean.centre, np.einsum("cbad,cad->cb", mean.slopes, self.u)[:, :, None, None])
             self.shared, self._x, self._geometry = mean.times(np.full(len(x), shared)), x, degree
+        self._law = bulk.orthotropic.get(block.body)
+        if self._law is not None and not self._law.uniform:
+            table, self._geometry = space.mesh.geometry_nodes(block)
+            self._x = space.mesh.points[table[rows]]
         state = getattr(bulk, "states", {}).get(number)
         self.excess = None if state is None else _excess(space, state, number, rows, nodal)
 
@@ -81,11 +87,37 @@ class BlockStress:
         stress = self.mu * (slope + slope.transpose(0, 1, 3, 2))
         stress += volumetric[:, :, None, None] * np.eye(d)
         around = None if ring is None else volumetric + 2.0 * self.mu * ring
+        if self._law is not None:
+            around = _add_excess(self._deviation(slope, ring, xi), stress, around)
         if self.excess is not None:
             excess, points = self.excess
             around = _add_excess(np.matmul(extrapolation(self.block.cell, self.degree, points, xi), excess),
                                  stress, around)  # fmt: skip
         return stress, around
+
+    def _deviation(self, slope, ring, xi):
+        """C_dev : eps (nc, nq, m), see `pcontact.material.orthotropic`."""
+        law = self._law
+        strain = mandel(slope, ring, law.size)
+        if law.uniform:
+            return strain @ law.deviation(np.zeros((1, slope.shape[3])))[0]
+        points = (shape(self.block.cell, self._geometry, xi) @ self._x).reshape(-1, slope.shape[3])
+        flat, out = strain.reshape(len(points), law.size), np.empty((len(points), law.size))
+        for first in range(0, len(points), PART):
+            some = slice(first, first + PART)
+            out[some] = np.einsum("pmn,pn->pm", law.deviation(points[some]), flat[some])
+        return out.reshape(strain.shape)
+
+
+def mandel(slope, ring, m):
+    """Mandel strains (nc, nq, m) of displacement gradients (nc, nq, d, d) and hoop strains (nc, nq), None for none."""
+    strain = np.zeros((*slope.shape[:2], m))
+    for k, (i, j) in enumerate(PLACES[:m]):
+        if j < slope.shape[3]:
+            strain[:, :, k] = slope[:, :, i, j] if i == j else HALF * (slope[:, :, i, j] + slope[:, :, j, i])
+    if ring is not None:
+        strain[:, :, 2] = ring
+    return strain
 
 
 def _excess(space, state, number, rows, nodal):

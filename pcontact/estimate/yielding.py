@@ -16,7 +16,8 @@ import numpy as np
 from pcontact.assembly.geometry import some_cells
 from pcontact.assembly.plastic import NO_RING
 from pcontact.assembly.plastic_kernels import CellPoints, PlasticState, excess_at
-from pcontact.material.mandel import HALF, add_elastic_tangent
+from pcontact.estimate.stress import mandel
+from pcontact.material.mandel import add_elastic_tangent
 
 
 class Softening(NamedTuple):
@@ -89,10 +90,5 @@ def _moduli(material, m):
 
 def _strains(u, grad, ring, m):
     """Mandel strains (nc, nq, m) of displacements (nc, nn, d)."""
-    slope, strain = np.einsum("cai,cqaj->cqij", u, grad), np.zeros((*grad.shape[:2], m))
-    for k, (i, j) in enumerate(((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))[:m]):
-        if j < u.shape[2]:
-            strain[:, :, k] = slope[:, :, i, j] if i == j else HALF * (slope[:, :, i, j] + slope[:, :, j, i])
-    if ring.shape[0]:
-        strain[:, :, 2] = np.einsum("cqa,ca->cq", ring, u[:, :, 0])
-    return strain
+    around = np.einsum("cqa,ca->cq", ring, u[:, :, 0]) if ring.shape[0] else None
+    return mandel(np.einsum("cai,cqaj->cqij", u, grad), around, m)

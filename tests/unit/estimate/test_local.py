@@ -20,7 +20,7 @@ def in_mandel(full, m):
 @pytest.mark.parametrize("dim, hoop", [(2, False), (2, True), (3, False)])
 @pytest.mark.parametrize("shared", [0.0, 2.0])
 def test_local_problems(dim, hoop, shared):
-    """The kernels against dense matrices, the last cell with a softening, which the energy does not see."""
+    """The kernels against dense matrices, one cell softened, which the energy does not see."""
     rng = np.random.default_rng(2)
     nc, nq, nb, parts, lam, mu = 2, 7, 3, 2, 1.7, 0.6
     grad, jxw = rng.normal(size=(nc, nq, nb, dim)), rng.uniform(0.5, 1.0, (nc, nq))
@@ -33,7 +33,9 @@ def test_local_problems(dim, hoop, shared):
     flow = rng.normal(size=m)
     flow /= np.linalg.norm(flow)
     softer = Softening(np.array([[0.0, 0.0], [0.9, 0.3]]), 1.1 * np.outer(flow, flow), np.arange(nq) % 2)
-    functions, moduli = LocalFunctions(grad, ring, jxw, basis), Moduli(lam, shared, mu)
+    rest = rng.normal(size=(nc * nq, m, m))
+    rest = 0.1 * (rest + rest.transpose(0, 2, 1))
+    functions, moduli = LocalFunctions(grad, ring, jxw, basis), Moduli(lam, shared, mu, rest)
     energies(functions, moduli, softer, loads, fixed, out)
     products(functions, moduli, softer, loads[:, 0], loads[:, 1], fixed, work)
     c4 = elasticity(lam, mu, 3)
@@ -50,6 +52,8 @@ def test_local_problems(dim, hoop, shared):
         free = np.flatnonzero(~fixed[c].ravel())
         energy = matrix[np.ix_(free, free)]
         operator = in_mandel(full.reshape(nq, nb * dim, 3, 3), m)
+        energy += np.einsum("q,qmi,qmn,qnj->ij", jxw[c], operator, rest[c * nq : c * nq + nq], operator)[
+            np.ix_(free, free)]  # fmt: skip
         part = jxw[c] * softer.part[c, softer.near]
         taken = np.einsum("q,qmi,mn,qnj->ij", part, operator, softer.moduli, operator)
         stiffness = energy - taken[np.ix_(free, free)]

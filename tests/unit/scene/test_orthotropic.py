@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pcontact.runtime.errors import InputError
-from pcontact.scene.model import Body, Material, MeshSpec, Output, Scene
+from pcontact.scene.model import Body, Material, MeshSpec, Scene
 from pcontact.scene.orthotropic import equivalent_poisson, indefinite
 from pcontact.scene.regions import check_dimension
 from pcontact.scene.validate import validate
@@ -57,10 +57,6 @@ def test_what_does_not_go_with_it(tmp_path, mesh, key, found):
         validate(scene(tmp_path, mesh))
     case = scene(tmp_path, {"kinematics": "axisymmetric"}, point=[0, 0])
     with pytest.raises(InputError, match=r"materials\.m\.point: found .*axisymmetric"):
-        validate(case)
-    case = scene(tmp_path)
-    case.output = Output(estimate=True)
-    with pytest.raises(InputError, match=r"output\.estimate: found .*orthotropic"):
         validate(case)
 
 
