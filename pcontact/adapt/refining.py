@@ -106,7 +106,8 @@ class Refining:
         Step
         """
         power, rise, around = seen
-        errors = Contributions(squares, space.degree, space.dim, power=power, whole=self.whole)
+        level = None if space.mesh.origin is None else space.mesh.origin.level
+        errors = Contributions(squares, space.degree, space.dim, power=power, whole=self.whole, level=level)
         return Step(next_cuts(self._comm, errors, wanted, most, known), rise, around)
 
     def cut(self, mesh, step, fields, scene):

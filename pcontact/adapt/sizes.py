@@ -28,7 +28,7 @@ class Cuts(NamedTuple):
     Attributes
     ----------
     more : ndarray (n,) of int
-        Bisections of the cells of this rank.
+        Bisections of the cells of this rank; below zero: it may be larger by so many.
     part : float
         Of the error that is expected to be left.
     growth : float
@@ -56,6 +56,8 @@ class Contributions(NamedTuple):
         the solution is smooth.
     whole : bool
         Whether all cells are halved together.
+    level : ndarray (n,) of int or None
+        Bisections that have made the cells, and may be taken back; None: none.
     """
 
     squares: np.ndarray
@@ -64,6 +66,7 @@ class Contributions(NamedTuple):
     count: np.ndarray | None = None
     power: np.ndarray | None = None
     whole: bool = False
+    level: np.ndarray | None = None
 
 
 def next_cuts(comm, errors, part, most=np.inf, known=False):
@@ -106,7 +109,8 @@ def cuts(comm, errors, part, most=np.inf):
     A cell's part of the squared error falls with 2^(-2 p / d) per bisection, the cells double: the fewest have sizes in
     proportion to estimate^(-2 / (2 p + d)). Around a point toward which the solution is singular, squares of cells of
     size h at a distance r go with h^(2 p + d) r^(e - 2 p - d), and the fewest cells have sizes in proportion to
-    r^(1 - e / (2 p + d)): the parts of a cell there are more by a geometric series.
+    r^(1 - e / (2 p + d)): the parts of a cell there are more by a geometric series. Cells that earlier meshes have made
+    smaller than that become larger again, by whole bisections, so that the next mesh need not cut them once more.
 
     Parameters
     ----------
@@ -121,13 +125,14 @@ def cuts(comm, errors, part, most=np.inf):
     -------
     Cuts
     """
-    squares, degree, dim, count, power, _ = errors
+    squares, degree, dim, count, power, _, level = errors
     number = np.ones(len(squares)) if count is None else count
     # cells that grow smaller toward a point, over those that are alike
     series = np.ones(len(squares))
     if power is not None:
         singular = power < 2.0 * degree + dim
         series[singular] = 1.0 / (1.0 - 0.5 ** (dim * power[singular] / (2.0 * degree + dim)))
+    back = 0 if level is None else -np.minimum(level, dim)
     total, count, low, high = _sums(comm, squares, number)
     if total == 0.0:
         return Cuts(np.zeros(len(squares), dtype=np.int64), 1.0, 1.0)
@@ -135,7 +140,7 @@ def cuts(comm, errors, part, most=np.inf):
     def tried(scale):
         with np.errstate(divide="ignore"):
             wanted = dim / (2.0 * degree + dim) * np.log2(squares / scale)
-        more = np.clip(np.rint(wanted), 0, AT_ONCE * dim).astype(np.int64)
+        more = np.clip(np.where(wanted > 0.0, np.rint(wanted), np.ceil(wanted)), back, AT_ONCE * dim).astype(np.int64)
         parts = np.where(more > 0, number * series, number)
         own = [(parts * squares) @ 0.25 ** (degree * more / dim), parts @ 2.0**more]
         left, cells = comm.allreduce(np.array(own), op=MPI.SUM)

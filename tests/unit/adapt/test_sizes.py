@@ -51,6 +51,19 @@ def test_the_first_mesh_is_followed_by_one_that_tells_the_rate():
     assert whole.growth < LEAP
 
 
+def test_cells_that_no_step_needs_fine_become_larger():
+    """Where others are cut, by at most one halving and as often as they have been cut; not those of the file."""
+    squares, level = np.concatenate([np.ones(50), np.full(50, 1e-6)]), np.repeat([0, 1, 2, 7], 25)
+    errors = Contributions(squares, 1, 2, level=level)
+    found = cuts(MPI.COMM_SELF, errors, 0.5001)
+    assert (found.more[:50] == 2).all() and (found.more[50:75] == -2).all() and (found.more[75:] == -2).all()
+    assert found.part < 0.5001 and found.growth == pytest.approx(0.5 * 4.0 + 0.5 * 0.25)
+    once = cuts(MPI.COMM_SELF, errors._replace(level=np.repeat([0, 1, 1, 0], 25)), 0.5001)
+    assert (once.more[50:75] == -1).all() and (once.more[75:] == 0).all()
+    again = cuts(MPI.COMM_SELF, errors._replace(squares=squares * 4.0 ** np.minimum(-found.more, 2)), 0.5)
+    assert (again.more[50:] <= 0).all()
+
+
 def test_nothing_to_do():
     assert not cuts(MPI.COMM_SELF, Contributions(np.zeros(4), 1, 2), 0.1).more.any()
 
