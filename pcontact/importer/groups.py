@@ -1,7 +1,7 @@
 """Groups of the mesh that a scene names, and the file of the mesh."""
 
 from pcontact.importer.elements import VERTICES, in_plane
-from pcontact.runtime.files import replace_file
+from pcontact.importer.msh import write_msh
 
 # meshio's names of facets by their vertices
 _FACETS = {2: "line", 3: "triangle", 4: "quad"}
@@ -79,17 +79,13 @@ def write_mesh(path, deck, groups):
         for node in members:
             add(0, name, "vertex", [node])
     used = sorted({node for element in cells for node in deck.elements[element][1]})
-    text = ["$MeshFormat", "2.2 0 8", "$EndMeshFormat", "$PhysicalNames"]
-    names = sorted({(d, number) for d, number, *_ in elements})
     of_number = {number: name for name, number in numbers.items()}
-    text += [str(len(names)), *(f'{d} {number} "{of_number[number]}"' for d, number in names), "$EndPhysicalNames"]
-    text += ["$Nodes", str(len(used)), *(f"{n} {' '.join(map(repr, deck.nodes[n]))}" for n in used), "$EndNodes"]
-    text += ["$Elements", str(len(elements))]
+    rows = []
     for _, number, tag, kind, nodes in elements:
-        kind_number, order = _GMSH[kind]
-        ordered = nodes if order is None else [nodes[k] for k in order]
-        text.append(f"{tag} {kind_number} 2 {number} {number} {' '.join(map(str, ordered))}")
-    replace_file(path, "\n".join([*text, "$EndElements", ""]))
+        gmsh, order = _GMSH[kind]
+        rows.append((tag, gmsh, number, nodes if order is None else [nodes[k] for k in order]))
+    names = [(d, number, of_number[number]) for d, number in sorted({(d, number) for d, number, *_ in elements})]
+    write_msh(path, ((n, deck.nodes[n]) for n in used), rows, names)
 
 
 def counted(deck, groups):

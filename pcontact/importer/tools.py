@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from pcontact.importer.faces import outward
-from pcontact.runtime.files import replace_file
+from pcontact.importer.msh import write_msh
 
 # kinds of surfaces that are lines and arcs
 ANALYTICAL = ("SEGMENTS", "CYLINDER", "REVOLUTION")
@@ -53,13 +53,9 @@ class Tool:
 
     def write(self, directory):
         """Write the mesh file. Serial."""
-        text = ["$MeshFormat", "2.2 0 8", "$EndMeshFormat", "$Nodes", str(len(self.nodes))]
-        text += [f"{k} {' '.join(map(repr, x))}" for k, x in enumerate(self.nodes.tolist(), 1)]
-        text += ["$EndNodes", "$Elements", str(len(self.facets))]
         kinds = _CURVED if self.curved else _GMSH
-        for k, facet in enumerate(self.facets, 1):
-            text.append(f"{k} {kinds[len(facet)]} 2 1 1 {' '.join(str(n + 1) for n in facet)}")
-        replace_file(directory / self.file, "\n".join([*text, "$EndElements", ""]))
+        facets = [(k, kinds[len(one)], 1, [n + 1 for n in one]) for k, one in enumerate(self.facets, 1)]
+        write_msh(directory / self.file, enumerate(self.nodes.tolist(), 1), facets)
 
 
 class Tools:

@@ -108,30 +108,16 @@ def translate(path, mesh_name):
     for table, _ in contacts:
         table |= run.acting(name_of(table))
     heat = _temperatures(deck, findings, groups, supports, parts, known, end)
-    if finite is not None:
-        turned = any(isinstance(known[material]["E"], list) for _, material, _ in parts)
-        finite = _finite(finite, findings, heat, _thermal(heat, known), turned)
+    finite = _strain(finite, findings, (known, parts, heat), plane, supports)
     for key, table in known.items():
         straighten(deck, findings, key, table, finite is not None)
     if finite is not None:
         for _, card in sections:
             findings.leave(card, "NLGEOM: sections of bolts are those of small strain")
-    supports.follower = finite is not None and plane != "plane_stress"
-    if finite is not None and plane == "plane_stress" and supports.pressures.now:
-        findings.leave(next(iter(supports.pressures.now.values())).card, "a pressure that turns with the surface")
     held = supports.displacements(groups, end, run.names)
     linear += supports.tilted(groups)
-    mesh = {"file": mesh_name}
-    order, serendipity = order_of(deck)
-    if order == 2:
-        mesh["order"] = 2
-    if serendipity:
-        mesh["serendipity"] = True
-    if plane is not None and plane != "plane_strain":
-        mesh["kinematics"] = plane
-    if finite is not None:
-        mesh["strain"] = "finite"
     title = next((" ".join(words) for card in deck.cards if card.key == "HEADING" for _, words in card.rows), "")
+    mesh = _mesh(deck, mesh_name, plane, finite is not None)
     done.tables = [("", {"title": title or path.name}, ""), ("[mesh]", mesh, "")]
     for key, name in names.items():
         table = {k: v for k, v in known[key].items() if k != "expansion" or heat}
@@ -140,7 +126,7 @@ def translate(path, mesh_name):
         body = {"region": name, "material": names[m]}
         if integration_of(deck, findings, cells) == "reduced":
             body["integration"] = "reduced"
-        if order == 2 and deck.elements[cells[0]][0] not in EDGES:
+        if mesh.get("order") == 2 and deck.elements[cells[0]][0] not in EDGES:
             body["order"] = 1
         body |= presence.keys(cells, run.names, finite is not None, findings)
         done.tables.append(("[[bodies]]", body, ""))
@@ -158,6 +144,33 @@ def translate(path, mesh_name):
     findings.unsaid(deck.cards)
     done.tools = list(tools.used.values())
     return done
+
+
+def _mesh(deck, name, plane, finite):
+    """Table [mesh]."""
+    mesh = {"file": name}
+    order, serendipity = order_of(deck)
+    if order == 2:
+        mesh["order"] = 2
+    if serendipity:
+        mesh["serendipity"] = True
+    if plane is not None and plane != "plane_strain":
+        mesh["kinematics"] = plane
+    if finite:
+        mesh["strain"] = "finite"
+    return mesh
+
+
+def _strain(card, findings, of_bodies, plane, supports):
+    """The card that asks for finite strain, None if it cannot be had; pressures follow it."""
+    known, parts, heat = of_bodies
+    if card is not None:
+        turned = any(isinstance(known[material]["E"], list) for _, material, _ in parts)
+        card = _finite(card, findings, heat, _thermal(heat, known), turned)
+    supports.follower = card is not None and plane != "plane_stress"
+    if card is not None and plane == "plane_stress" and supports.pressures.now:
+        findings.leave(next(iter(supports.pressures.now.values())).card, "a pressure that turns with the surface")
+    return card
 
 
 def _key(name):
