@@ -12,7 +12,8 @@
     indent      a ball pressed into a block that yields and hardens little, with axial symmetry; the error as for Hertz
     blocks      one on the other, pressed and sheared, singular at the corners: Coulomb and Tresca friction, unbiased
                 contact, tied surfaces, a target 1000 times as stiff, laminates whose fibres lie at +30 and -50 degrees,
-                with friction; the error as for Hertz
+                with friction; the lower one of degree 1 in a mesh of degree 2, with friction, and with shared nodes
+                (joined; die: 1000 times as stiff); the error as for Hertz
     wound       two orthotropic rings in contact, plane strain, a laminate that is wound around one of wood
                 (Lekhnitskii 1963); a thick cylinder of the laminate in space, with axial symmetry
 
@@ -22,6 +23,7 @@ A case, a degree and a theta take one row per mesh. The cells of the round cases
 from argparse import Namespace
 from functools import partial
 
+import gmsh
 import numpy as np
 
 from drivers._common import draw, log, main, make_mesh, make_parser, observed_rates, print_table, running, write_json
@@ -30,6 +32,7 @@ from meshes import indent as indent_mesh
 from meshes import rings as ring_mesh
 from meshes import two_blocks
 from meshes.shells import shells, tubes
+from meshes.tools import finish, gmsh_model, group, unstructured
 from pcontact import build
 from pcontact.adapt.watch import at_nodes
 from pcontact.assembly.bulk import ElasticBulk
@@ -51,6 +54,9 @@ BLOCKS = {
     "tied": {"tied": True},
     "stiff": {},
     "laminate": {"friction": 0.3},
+    "lower": {"friction": 0.3},
+    "joined": {},
+    "die": {},
 }
 # carbon fibres, and spruce: E, nu, G along axes 1, 2, 3 [GPa]; around an axis along radius, hoop and axis
 FIBRES = ([140.0, 10.0, 10.0], [0.3, 0.3, 0.45], [5.0, 5.0, 3.448])
@@ -87,7 +93,8 @@ TINY = ("rings-triangle", "tubes-hexahedron", "blocks-plane-friction")
 # cases that have no theta
 ONCE = ("cylinder", "mean", "hill", "indent", "blocks", "wound")
 # cases whose cells lock with degree 1
-DEGREE_2 = ("mean-plane-triangle", "mean-space-tetrahedron", "hill-perfect", "hill-hardening", "indent-triangle")
+DEGREE_2 = ("mean-plane-triangle", "mean-space-tetrahedron", "hill-perfect", "hill-hardening", "indent-triangle",
+            *(f"blocks-{at}-{kind}" for at in ("plane", "space") for kind in ("lower", "joined", "die")))  # fmt: skip
 
 
 def _shell(a, b, p_in, p_out):
@@ -233,13 +240,13 @@ def _wound_cylinder(kinematics, cell, size, degree, folder):
     return scene, partial(_wound_exact, known, 1 if kinematics == "axisymmetric" else 3)
 
 
-def prepare(name, size, degree, theta, folder):
+def prepare(name, size, degree, theta, folder, finer=False):
     """Scene, mesh and exact solution (None for Hertz) of a case. *Collective.*"""
     kind, _, rest = name.partition("-")
     if kind == "hertz":
         return _hertz(rest, size, degree, theta, folder)
     if kind == "blocks":
-        return _blocks(*rest.split("-"), size, degree, theta, folder), None
+        return _blocks(*rest.split("-"), size, degree, theta, folder, finer), None
     if kind == "wound":
         what, cell = rest.split("-")
         if what != "rings":
@@ -276,6 +283,29 @@ def prepare(name, size, degree, theta, folder):
     return round_scene(path, degree, theta, kind), shell_exact
 
 
+def joined(path, dim, n):
+    """Two blocks like those of `meshes.two_blocks` that share their nodes where they meet."""
+    with gmsh_model("joined"):
+        occ = gmsh.model.occ
+        if dim == 2:
+            parts = [(2, occ.addRectangle(0.0, y, 0.0, 1.0, 1.0)) for y in (0.0, 1.0)]
+        else:
+            parts = [(3, occ.addBox(0.0, 0.0, z, 1.0, 1.0, 1.0)) for z in (0.0, 1.0)]
+        occ.fragment(parts[:1], parts[1:])
+        occ.synchronize()
+        for name, end in (("lower", 0.0), ("upper", 2.0)):
+            middle = 0.5 * (1.0 + end)
+            near = [tag for _, tag in gmsh.model.getEntities(dim)
+                    if abs(occ.getCenterOfMass(dim, tag)[dim - 1] - middle) < 0.1]  # fmt: skip
+            group(dim, name, near)
+            group(dim - 1, f"{name}_{'bottom' if end == 0.0 else 'top'}",
+                  [tag for _, tag in gmsh.model.getEntities(dim - 1)
+                   if abs(occ.getCenterOfMass(dim - 1, tag)[dim - 1] - end) < 0.1])  # fmt: skip
+        gmsh.option.setNumber("Mesh.MeshSizeMax", 1.0 / n)
+        unstructured("triangle" if dim == 2 else "tetrahedron")
+        return finish(path, dim, 1)
+
+
 def laminates():
     """Materials and bodies of two blocks of laminates, fields of a scene."""
     materials = {name: Material(*FIBRES[:2], G=FIBRES[2], angle=angle)
@@ -283,18 +313,24 @@ def laminates():
     return {"materials": materials, "bodies": [Body(name, name) for name in materials]}
 
 
-def _blocks(place, kind, n, degree, theta, folder):
+def _blocks(place, kind, n, degree, theta, folder, finer=False):
     """Two blocks of triangles or tetrahedra whose meshes do not match."""
     dim = 2 if place == "plane" else 3
     cell = "triangle" if dim == 2 else "tetrahedron"
     path = make_mesh(two_blocks, folder / f"blocks_{dim}_{n}.msh", dim, n, n + (n + 1) // 2, cell)
+    shared = kind in ("joined", "die")
+    if shared:
+        path = make_mesh(joined, folder / f"joined_{dim}_{n}.msh", dim, n)
+    own = 1 if (shared or kind == "lower") and not finer else None
+    contact = Contact("upper_bottom", "lower_top", name="face", theta=theta, **BLOCKS[kind])
+    lower = Body("lower", "stiff" if kind in ("stiff", "die") else "soft", order=own)
     bodies = {"materials": {"soft": Material(10.0, 0.3), "stiff": Material(10000.0, 0.3)},
-              "bodies": [Body("lower", "stiff" if kind == "stiff" else "soft"), Body("upper", "soft")]}  # fmt: skip
+              "bodies": [lower, Body("upper", "soft")]}  # fmt: skip
     return Scene(
         title=f"blocks, {kind}, degree {degree}",
         mesh=MeshSpec(path, order=degree),
         **(laminates() if kind == "laminate" else bodies),
-        contacts=[Contact("upper_bottom", "lower_top", name="face", theta=theta, **BLOCKS[kind])],
+        contacts=[] if shared else [contact],
         displacements=[
             Displacement("lower_bottom", [0.0] * dim),
             Displacement("upper_top", [0.02] + [0.0] * (dim - 2) + [-0.05]),
@@ -362,7 +398,7 @@ def measure(name, size, degree, theta, folder):
                                orthotropic=bulk.orthotropic)  # fmt: skip
             row["error"] = error.energy
         else:
-            row["error"] = against_finer(simulation, prepare(name, size, 2, theta, folder)[0])
+            row["error"] = against_finer(simulation, prepare(name, size, 2, theta, folder, True)[0])
     row["effectivity"] = row["absolute"] / row["error"]
     return row
 

@@ -6,6 +6,7 @@ where h is their size; around others with h^(2 p + d). Two meshes, one of them f
 
 import numpy as np
 
+from pcontact.adapt.sizes import degrees
 from pcontact.mesh.refinement.keys import vertex_keys
 from pcontact.mesh.refinement.refine import Rise
 from pcontact.runtime.petsc import MPI
@@ -85,19 +86,30 @@ def singular(space, now, before):
     rise : pcontact.mesh.refinement.refine.Rise
         That makes all squares around the point alike.
     """
-    mesh, d, smooth = space.mesh, space.dim, 2.0 * space.degree + space.dim
+    mesh, d, smooth = space.mesh, space.dim, _smooth(space)
     told = (now[:, :2] > 0.0).all(axis=1) & (before[:, :2] > 0.0).all(axis=1) & (now[:, 2] == before[:, 2])
     told[told] = before[told, 1] > FINER * now[told, 1]
     fallen, finer = (before[told, k] / now[told, k] for k in range(2))
-    of_node = np.full(len(mesh.points), smooth)
+    of_node = smooth.copy()
     of_node[told] = np.log(fallen) / np.log(finer)
-    of_node[of_node > SINGULAR * smooth] = smooth
+    of_node = np.where(of_node > SINGULAR * smooth, smooth, of_node)
     vertices = np.concatenate([np.zeros((0, 3), np.int64), *(block.nodes[:, :3] for block in mesh.blocks)])
-    powers = of_node[vertices]
-    corner, rows = powers.argmin(axis=1), np.arange(len(vertices))
-    power = np.maximum(powers[rows, corner], LEAST)
-    point, middle = mesh.points[vertices[rows, corner]], mesh.points[vertices].mean(axis=1)
-    return power, Rise(d * (1.0 - power / smooth), point, np.linalg.norm(middle - point, axis=1))
+    corner, rows = (of_node / smooth)[vertices].argmin(axis=1), np.arange(len(vertices))
+    corner = vertices[rows, corner]
+    own = 2.0 * np.broadcast_to(degrees(space), len(vertices)) + d
+    power = np.where(of_node[corner] < smooth[corner], np.maximum(of_node[corner], LEAST), own)
+    point, middle = mesh.points[corner], mesh.points[vertices].mean(axis=1)
+    return power, Rise(d * (1.0 - power / own), point, np.linalg.norm(middle - point, axis=1))
+
+
+def _smooth(space):
+    """Power (n_nodes,) with which squares around the nodes of a mesh fall where the solution is smooth: that of the
+    lowest degree around them."""
+    power = np.full(len(space.mesh.points), 2.0 * space.degree + space.dim)
+    for block in space.mesh.blocks:
+        if space.degree_of(block) < space.degree:
+            power[block.nodes] = 2.0 * space.degree_of(block) + space.dim
+    return power
 
 
 class Corners:

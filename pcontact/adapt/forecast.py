@@ -44,7 +44,7 @@ class Forecast(NamedTuple):
         return {"passes": len(self.unknowns), **self._asdict()}
 
 
-def forecast(comm, passes, squares, part, whole=False, most=MOST):
+def forecast(comm, passes, squares, part, whole=False, most=MOST, degree=None):
     """Play the passes that bring the error of the last one down to a part of it. *Collective.*
 
     Parameters
@@ -60,21 +60,24 @@ def forecast(comm, passes, squares, part, whole=False, most=MOST):
         Whether all cells are halved together.
     most : int
         Passes at most.
+    degree : int or ndarray (n,), optional
+        Of the displacement of the cells; absent: of the last pass.
 
     Returns
     -------
     Forecast
     """
+    degree = passes[-1].degree if degree is None else degree
     last, unknowns = passes[-1], [float(one.unknowns) for one in passes]
     number, left, cells = np.ones(len(squares)), 1.0, comm.allreduce(len(squares), op=MPI.SUM)
     while left > part and len(unknowns) < most:
         known = len(unknowns) > 1
-        errors = Contributions(squares, last.degree, last.known.dim, number, whole=whole)
+        errors = Contributions(squares, degree, last.known.dim, number, whole=whole)
         step = next_cuts(comm, errors, part / left, np.inf, known)
         if step.growth <= 1.0:
             break
         number = number * 2.0**step.more
-        squares = squares * 0.5**step.more * 0.25 ** (last.degree * step.more / last.known.dim)
+        squares = squares * 0.5**step.more * 0.25 ** (degree * step.more / last.known.dim)
         left *= step.part
         # neighbours of cells that are cut follow: the first time most of them
         followers = 1.0 if whole else FOLLOWERS

@@ -36,6 +36,10 @@ MEASURED = {
 WITHOUT_PROOF = 0.9
 
 
+# [-] Of the lower end where bodies have different degrees. From: blocks that share nodes, one 1000 times as
+# stiff; those of degree 2 lack functions there that their estimate takes as given.
+JOINED = 0.9
+
 # of quantities: from rings, punch and Hertz, drivers/studies/named_error.py
 QUANTITIES = {"pressure": (0.6, 2.5)}
 OTHERS = (0.5, 2.0)
@@ -62,9 +66,13 @@ def effectivity(scene, simplices, dim, degree):
     -------
     Range
     """
-    least, most = MEASURED[simplices, dim, degree]
+    degrees = sorted({degree} | {1 for body in scene.bodies if scene.lower(body)})
+    ranges = [MEASURED[simplices, dim, one] for one in degrees]
+    least, most = min(one[0] for one in ranges), max(one[1] for one in ranges)
     words = f"{'triangles' if dim == 2 else 'tetrahedra'}" if simplices else "quadrilaterals, hexahedra"
-    words += f" of degree {degree}"
+    words += f" of degree {' and '.join(map(str, degrees))}"
+    if degrees[0] < degree:
+        least *= JOINED
     hard = any(scene.yields(body) for body in scene.bodies)
     if hard or any(one.friction or one.tresca or one.law for one in scene.contacts):
         return Range(WITHOUT_PROOF * least, most / WITHOUT_PROOF, f"{words}, with friction or plastic flow", dim)

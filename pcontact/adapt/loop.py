@@ -14,6 +14,7 @@ from pcontact.adapt.measure import Measure
 from pcontact.adapt.passes import report, table
 from pcontact.adapt.refining import Refining
 from pcontact.adapt.settings import Settings
+from pcontact.adapt.sizes import degrees
 from pcontact.adapt.watch import Beginning, Watch
 from pcontact.runtime import log
 from pcontact.runtime.errors import TOLD
@@ -184,7 +185,7 @@ class Loop:
             self.passes.append(done)
             status, step = self._decision.next(simulation, watch, done)
             if status is None and self._looks_ahead:
-                status = self._look_ahead(watch, done, step)
+                status = self._look_ahead(simulation.problem.space, watch, done, step)
             if status is None:
                 mesh, known, status = self._onward(simulation, watch, done, step)
             done.seconds = clock.perf_counter() - begun
@@ -211,14 +212,15 @@ class Loop:
         status = self._decision.fits(begun.done.unknowns * finer.n_nodes_total / mesh.n_nodes_total)
         return finer, (watch.times, fields), status
 
-    def _look_ahead(self, watch, done, step):
+    def _look_ahead(self, space, watch, done, step):
         """`SPENT` and a forecast where it has enough passes to stand on. *Collective.*"""
         growing = [one for one in self.passes if one.degree == done.degree]
         more = len(growing) < TRIED and step.cuts.growth * done.unknowns < SMALL
         if self._settings.degree.is_open(self.mesh.curved) or more:
             return None
         wanted = self._decision.wanted(done)
-        self.ahead = forecast(self.comm, growing, watch.squares, wanted, self._refining.whole)
+        whole = self._refining.whole
+        self.ahead = forecast(self.comm, growing, watch.squares, wanted, whole, degree=degrees(space, whole))
         return SPENT
 
     def _tell(self, simulation, status):

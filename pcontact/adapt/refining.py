@@ -6,7 +6,7 @@ import numpy as np
 
 from pcontact import build
 from pcontact.adapt.corners import Corners
-from pcontact.adapt.sizes import Contributions, Cuts, next_cuts
+from pcontact.adapt.sizes import Contributions, Cuts, degrees, next_cuts
 from pcontact.mesh.refinement.refine import SIMPLICES, Balance, refine
 from pcontact.mesh.refinement.regular import HALVED
 from pcontact.runtime import log
@@ -107,7 +107,8 @@ class Refining:
         """
         power, rise, around = seen
         level = None if space.mesh.origin is None else space.mesh.origin.level
-        errors = Contributions(squares, space.degree, space.dim, power=power, whole=self.whole, level=level)
+        degree = degrees(space, self.whole)
+        errors = Contributions(squares, degree, space.dim, power=power, whole=self.whole, level=level)
         return Step(next_cuts(self._comm, errors, wanted, most, known), rise, around)
 
     def cut(self, mesh, step, fields, scene):

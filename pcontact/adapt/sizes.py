@@ -47,8 +47,10 @@ class Contributions(NamedTuple):
     ----------
     squares : ndarray (n,)
         Squared contributions.
-    degree, dim : int
-        Of the displacement, and of space.
+    degree : int or ndarray (n,) of int
+        Of the displacement: of all cells, or of each.
+    dim : int
+        Of space.
     count : ndarray (n,) or None
         Of cells that have these squares each; None: one.
     power : ndarray (n,) or None
@@ -67,6 +69,15 @@ class Contributions(NamedTuple):
     power: np.ndarray | None = None
     whole: bool = False
     level: np.ndarray | None = None
+
+
+def degrees(space, whole=False):
+    """Degree of the displacement of all cells, or (n,) of each cell of this rank where bodies differ: where all cells
+    are cut alike (`whole`) the lowest, with which the error falls in the end."""
+    if not space.lower:
+        return space.degree
+    own = [np.full(len(block.nodes), space.degree_of(block)) for block in space.mesh.blocks]
+    return 1 if whole else np.concatenate([np.zeros(0, np.int64), *own])
 
 
 def next_cuts(comm, errors, part, most=np.inf, known=False):
@@ -131,11 +142,12 @@ def cuts(comm, errors, part, most=np.inf):
     series = np.ones(len(squares))
     if power is not None:
         singular = power < 2.0 * degree + dim
-        series[singular] = 1.0 / (1.0 - 0.5 ** (dim * power[singular] / (2.0 * degree + dim)))
+        series = np.where(singular, 1.0 / (1.0 - 0.5 ** (dim * power / (2.0 * degree + dim))), 1.0)
     back = 0 if level is None else -np.minimum(level, dim)
     total, count, low, high = _sums(comm, squares, number)
     if total == 0.0:
         return Cuts(np.zeros(len(squares), dtype=np.int64), 1.0, 1.0)
+    most_degree = comm.allreduce(int(np.max(degree, initial=1)), op=MPI.MAX)
 
     def tried(scale):
         with np.errstate(divide="ignore"):
@@ -147,8 +159,8 @@ def cuts(comm, errors, part, most=np.inf):
         return Cuts(more, float(np.sqrt(left / total)), float(cells / count))
 
     # cells as large as this become as small as may be; below, those with smaller contributions catch up
-    cut_most = high / 2.0 ** ((2.0 * degree + dim) * AT_ONCE)
-    low, high = low / 4.0 ** ((degree + dim) * AT_ONCE), 2.0 * high
+    cut_most = high / 2.0 ** ((2.0 * most_degree + dim) * AT_ONCE)
+    low, high = low / 4.0 ** ((most_degree + dim) * AT_ONCE), 2.0 * high
     for _ in range(HALVINGS):
         middle = np.sqrt(low * high)
         found = tried(middle)

@@ -43,7 +43,7 @@ from pcontact.estimate.bubbles import bubbles, supports
 from pcontact.estimate.facets import FacetPairs, facet_rule
 from pcontact.estimate.local import NO_REST, LocalFunctions, Moduli, energies, products
 from pcontact.estimate.recovery import Recovery
-from pcontact.estimate.stress import BlockStress
+from pcontact.estimate.stress import BlockStress, own_nodes
 from pcontact.estimate.tractions import Cells, on_source, on_target, source_facets
 from pcontact.estimate.yielding import softening
 from pcontact.material.orthotropic import traction_matrix
@@ -52,6 +52,8 @@ from pcontact.scene.prescribed import Prescribed
 
 PARTS = ("interior", "jumps", "neumann", "contact", "friction")
 INTERIOR, JUMPS, NEUMANN, CONTACT, FRICTION = range(len(PARTS))
+# [-] Stiffness beside which that of others does not count
+TAKES_ALL = 1e12
 # numbers per cell and quadrature point in one chunk
 CHUNK = 2**21
 
@@ -238,7 +240,7 @@ class Estimator:
         return self._recovery(self.bulk, nodal)
 
     def _width(self, block):
-        nb = bubbles(block.cell, self.space.degree, np.zeros((1, self.space.dim)))[0].shape[1]
+        nb = bubbles(block.cell, self.space.degree_of(block), np.zeros((1, self.space.dim)))[0].shape[1]
         return nb, self.space.dim
 
     def norm(self, v):
@@ -265,14 +267,15 @@ class Estimator:
         on_cell = facet_points(block.cell, xi)
         shape_ = len(block.nodes), len(on_cell), len(weights)
         traction, normal, jxw = np.empty((*shape_, mesh.dim)), np.empty((*shape_, mesh.dim)), np.empty(shape_)
+        degree = space.degree_of(block)
         for rows in self._parts(number, len(weights) * space.cells[number].shape[1] * mesh.dim):
             x = np.ascontiguousarray(mesh.points[table[rows]])
             stress = BlockStress(space, bulk, number, rows, nodal)
             for f, at_xi in enumerate(on_cell):
                 local = np.full(len(x), f, dtype=np.int64)
-                at = facet_geometry(block.cell, x, local, geometry_degree, space.degree, xi, weights)
+                at = facet_geometry(block.cell, x, local, geometry_degree, degree, xi, weights)
                 radius = at.points[:, :, 0] if space.axisymmetric else None
-                sigma, _ = stress(at.gradients, shape(block.cell, space.degree, at_xi), radius, at_xi)
+                sigma, _ = stress(at.gradients, shape(block.cell, degree, at_xi), radius, at_xi)
                 traction[rows, f] = np.einsum("cqij,cqj->cqi", sigma, at.normals)
                 normal[rows, f] = at.normals
                 jxw[rows, f] = at.jxw * space.circumference(at.points)
@@ -282,7 +285,7 @@ class Estimator:
         """Residuals of all facets but for the tractions of contact. *Collective.*"""
         space, mesh = self.space, self.space.mesh
         own = [self._tractions(number, nodal, bulk) for number in range(len(mesh.blocks))]
-        stiffness = [self.bulk.constants[b.body][0] + 2.0 * self.bulk.constants[b.body][1] for b in mesh.blocks]
+        stiffness = [self._stiffness(block) for block in mesh.blocks]
         flat, width = [], max([0, *(t.shape[2] * t.shape[3] for t, _, _ in own)])
         width = space.comm.allreduce(width, op=MPI.MAX)
         flux = self._flux(nodal, own, bulk)
@@ -306,13 +309,19 @@ class Estimator:
             outer = self._outer(number, time, traction, normal, inner, loads)
             self._test(number, traction, jump, outer, jxw, tested[number])
 
+    def _stiffness(self, block):
+        """What share of a jump the cells of a block take, beside those of others [stress]."""
+        lam, mu = self.bulk.constants[block.body]
+        # the functions that are missing where cells of both degrees meet are those of the lower one
+        return (lam + 2.0 * mu) * (TAKES_ALL if self.space.degree_of(block) < self.space.degree else 1.0)
+
     def _flux(self, nodal, own, bulk):
         """Traction (nc, nf, nq, d) of the averaged stress at each block's facets. *Collective.*"""
         result = []
         for number, sigma in enumerate(self._recovery(bulk, nodal)):
             block = self.space.mesh.blocks[number]
             points = facet_points(block.cell, facet_rule(block.cell, self.space.degree)[0])
-            values = shape(block.cell, self.space.degree, points.reshape(-1, self.space.dim))
+            values = shape(block.cell, self.space.degree_of(block), points.reshape(-1, self.space.dim))
             at = np.einsum("pa,caij->cpij", values, sigma).reshape(*own[number][0].shape, self.space.dim)
             result.append(np.einsum("cfqij,cfqj->cfqi", at, own[number][1]))
         return result
@@ -352,13 +361,19 @@ class Estimator:
 
     def _test(self, number, traction, jump, outer, jxw, tested):
         """Test the residuals of a block's facets with the functions on them."""
-        block, degree = self.space.mesh.blocks[number], self.space.degree
-        points = facet_points(block.cell, facet_rule(block.cell, degree)[0])
+        block = self.space.mesh.blocks[number]
+        degree = self.space.degree_of(block)
+        points = facet_points(block.cell, facet_rule(block.cell, self.space.degree)[0])
         for f, at in enumerate(points):
             values = bubbles(block.cell, degree, at)[0]
             weight = jxw[:, f, :, None]
             for part, residual in ((INTERIOR, traction), (JUMPS, jump), *outer.items()):
                 tested[:, part] += np.matmul(values.T, weight * residual[:, f])
+
+    def _tests(self, number, xi):
+        """Test functions (n, nb) of a block at reference points (n, d)."""
+        block = self.space.mesh.blocks[number]
+        return bubbles(block.cell, self.space.degree_of(block), xi)[0]
 
     def _add_contact(self, contact, states, tested):
         """Tractions of contact. *Collective.*"""
@@ -368,7 +383,7 @@ class Estimator:
             if not pair.rigid:
                 sides.append(on_target(self.space, pair, state, self._cells, contact.weight))
             for number, forces in ((n, f) for side in sides for n, f in side.items()):
-                values = bubbles(self.space.mesh.blocks[number].cell, self.space.degree, forces.xi)[0]
+                values = self._tests(number, forces.xi)
                 along = np.sum(forces.force * forces.normal, axis=1)[:, None] * forces.normal
                 for part, force in ((normal_part, along), (across_part, forces.force - along)):
                     np.add.at(tested[number], (forces.rows, part), values[:, :, None] * force[:, None, :])
@@ -399,7 +414,7 @@ class Estimator:
             if not pair.rigid:
                 sides.append(on_target(self.space, pair, forces, self._cells, contact.weight))
             for number, one in ((n, f) for side in sides for n, f in side.items()):
-                values = bubbles(self.space.mesh.blocks[number].cell, self.space.degree, one.xi)[0]
+                values = self._tests(number, one.xi)
                 np.add.at(tested[number], (one.rows, CONTACT), values[:, :, None] * one.force[:, None, :])
             weighted = {"traction": weight, "weight": state["weight"]}
             for number, one in on_source(self.space, pair, weighted).items():
@@ -407,7 +422,8 @@ class Estimator:
 
     def _stresses(self, number, points):
         """Work (n, nb, d) of the stresses of the test functions of cells on vectors at points of their facets."""
-        mesh, block, degree = self.space.mesh, self.space.mesh.blocks[number], self.space.degree
+        mesh, block = self.space.mesh, self.space.mesh.blocks[number]
+        degree = self.space.degree_of(block)
         (lam, mu), vector, normal = self.bulk.constants[block.body], points.force, points.normal
         lam = factors(lam, mu, self.space.averages(block), degree)[0]
         table, geometry_degree = mesh.geometry_nodes(block)
@@ -449,12 +465,12 @@ class Estimator:
     def _fixed(self, number, rows):
         """Components (n, nb, d) of test functions that supports hold."""
         space, block = self.space, self.space.mesh.blocks[number]
-        held = self.problem.supports.fixed[space.cells[number][rows]]
+        held, degree = self.problem.supports.fixed[own_nodes(space, number)[rows]], space.degree_of(block)
         first, last = self._pairs.first[number : number + 2]
         outer = ~self._pairs.inner[first:last].reshape(len(block.nodes), -1)[rows]
-        facets = held[:, facet_nodes(block.cell, space.degree)].all(axis=2)
+        facets = held[:, facet_nodes(block.cell, degree)].all(axis=2)
         facets &= outer[:, :, None] | held.all(axis=1)[:, None, :]
-        on = supports(block.cell, space.degree)
+        on = supports(block.cell, degree)
         return np.einsum("bf,cfi->cbi", on.astype(float), facets.astype(float)) > 0.5
 
     def _solve(self, number, nodal, time, tested, weight=None):
@@ -463,14 +479,15 @@ class Estimator:
         space, mesh = self.space, self.space.mesh
         block = mesh.blocks[number]
         table, geometry_degree = mesh.geometry_nodes(block)
-        xi, weights = volume_rule(block.cell, geometry_degree, space.degree, space.axisymmetric)
+        degree = space.degree_of(block)
+        xi, weights = volume_rule(block.cell, geometry_degree, degree, space.axisymmetric)
         dgeo = np.ascontiguousarray(shape_gradient(block.cell, geometry_degree, xi))
-        dshape = np.ascontiguousarray(shape_gradient(block.cell, space.degree, xi))
-        tests, dtests = bubbles(block.cell, space.degree, xi)
+        dshape = np.ascontiguousarray(shape_gradient(block.cell, degree, xi))
+        tests, dtests = bubbles(block.cell, degree, xi)
         dtests, geo = np.ascontiguousarray(dtests), shape(block.cell, geometry_degree, xi)
         out, (lam, mu) = np.zeros((len(block.nodes), len(PARTS) + 1)), self.bulk.constants[block.body]
         averaged = space.averages(block)
-        own, shared = factors(lam, mu, averaged, space.degree)
+        own, shared = factors(lam, mu, averaged, degree)
         for rows in self._parts(number, dtests.size + dshape.size):
             x = np.ascontiguousarray(mesh.points[table[rows]])
             jxw, radius = np.empty((len(x), len(weights))), None
@@ -483,7 +500,7 @@ class Estimator:
                 jxw *= 2.0 * np.pi * radius
                 ring = np.ascontiguousarray(hoop_operator(tests, radius))
             stress = BlockStress(space, self.bulk, number, rows, nodal)
-            sigma, around = stress(grad, shape(block.cell, space.degree, xi), radius, xi)
+            sigma, around = stress(grad, shape(block.cell, degree, xi), radius, xi)
             loads = np.ascontiguousarray(tested[rows])
             loads[:, INTERIOR] -= _work(sigma, around, test, ring, jxw)
             force = self._body_force(number, rows, geo @ x, time, self._loads)
@@ -491,14 +508,14 @@ class Estimator:
                 loads[:, INTERIOR] += np.einsum("cq,qb,cqd->cbd", jxw, tests, force)
             basis = np.zeros((0, 0, 0))
             if averaged:
-                basis = components(jxw, geo @ x if linear(block.cell, space.degree) else None)[0]
+                basis = components(jxw, geo @ x if linear(block.cell, degree) else None)[0]
             functions = LocalFunctions(test, ring, jxw, basis)
             fixed, moduli = self._fixed(number, rows), Moduli(own, shared, mu, self._rest(block, geo @ x))
             softer = softening(space, self.bulk, number, rows, nodal, xi)
             if weight is None:
                 energies(functions, moduli, softer, loads, fixed, out[rows])
                 continue
-            values = shape(block.cell, space.degree, xi)
+            values = shape(block.cell, degree, xi)
             sigma, around = BlockStress(space, self._elastic, number, rows, weight.nodal)(grad, values, radius, xi)
             others = weight.tested[rows].sum(axis=1) - _work(sigma, around, test, ring, jxw)
             force = self._body_force(number, rows, geo @ x, time, weight.loads)

@@ -23,7 +23,8 @@ from typing import NamedTuple
 import numpy as np
 
 from pcontact.assembly.loads import load_vector
-from pcontact.estimate.tractions import source_facets
+from pcontact.element.shape import shape
+from pcontact.estimate.tractions import source_facets, source_places
 from pcontact.runtime.petsc import MPI, PETSc
 from pcontact.scene.model import Load
 
@@ -123,6 +124,8 @@ def contact_force(problem, contact, force, u):
         on[space.facet_nodes(facets)] = True
     on = space.flag(np.flatnonzero(on))
     phi = on[space.owned_local][:, None] * direction
+    if problem.lower is not None:
+        problem.lower.follow(phi)
     # the residual has the force on the source with the other sign, and so has the report, on the target
     slope = transposed(space, contact.pairs, u, phi)
     return Goal(float(np.linalg.norm(force)), slope, contact=contact.name, shift=phi)
@@ -134,6 +137,8 @@ def support_force(problem, region, force, u):
     names = [number for number, name in enumerate(supports.regions) if name == region]
     held = np.isin(supports.which[space.owned_local], names)
     phi = held * _direction(force)
+    for group in problem.groups:
+        group.follow(phi)
     slope = transposed(space, problem.items, u, phi)
     return Goal(float(np.linalg.norm(force)), -slope, phi, -1.0)
 
@@ -208,7 +213,7 @@ def dual(problem, goal, preconditioner):
     """
     space, matrix = problem.space, problem.matrix.matrix
     right, z = space.vector(), space.vector()
-    right.setArray(np.where(problem.fixed, 0.0, goal.slope).ravel())
+    problem.as_residual(goal.slope.copy(), right)
     if right.norm() > 0.0:
         transpose = matrix.transpose(PETSc.Mat())
         near = matrix.getNearNullSpace()
@@ -222,8 +227,8 @@ def dual(problem, goal, preconditioner):
         ksp.solve(right, z)
         ksp.destroy()
         transpose.destroy()
+    problem.follow(z)
     values = z.getArray(readonly=True).reshape(-1, space.dim).copy()
-    values[problem.fixed] = 0.0
     return values if goal.lift is None else values + goal.lift
 
 
@@ -252,8 +257,8 @@ def surface_pressure(estimator, contact, u):
         for number in np.unique(place[:, 0]):
             p = np.flatnonzero(place[:, 0] == number)
             rows = place[p, 1]
-            own = space.cells[number][rows][:, :, None] == source.cells[source.facet[p]][:, None, :]
-            at = np.einsum("pa,pna->pn", source.shape[p], own.astype(float))
+            block = space.mesh.blocks[number]
+            at = shape(block.cell, space.degree_of(block), source_places(space, source, p, number, rows))
             stress = np.einsum("pn,pnij->pij", at, averaged[number][rows])
             normal = source.normal[p]
             other[p] = np.maximum(-np.einsum("pi,pij,pj->p", normal, stress, normal), 0.0)

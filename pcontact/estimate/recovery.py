@@ -6,7 +6,7 @@ from pcontact.element.geometry import gradients
 from pcontact.element.quadrature import quadrature
 from pcontact.element.reference import reference_nodes
 from pcontact.element.shape import shape, shape_gradient
-from pcontact.estimate.stress import BlockStress
+from pcontact.estimate.stress import BlockStress, own_nodes
 from pcontact.runtime.petsc import MPI
 
 # upper triangle of a symmetric tensor
@@ -74,7 +74,7 @@ class Recovery:
                 tensor[:, i, j] = tensor[:, j, i] = mean[:, k]
             for number, block in enumerate(space.mesh.blocks):
                 if block.body in group:
-                    result[number] = tensor[space.cells[number]]
+                    result[number] = tensor[own_nodes(space, number)]
         return result
 
     def _add(self, bulk, number, nodal, sums):
@@ -83,14 +83,15 @@ class Recovery:
         block = mesh.blocks[number]
         table, geometry_degree = mesh.geometry_nodes(block)
         xi, weights = quadrature(block.cell, 2)
-        nodes = reference_nodes(block.cell, space.degree)
+        degree, cells = space.degree_of(block), own_nodes(space, number)
+        nodes = reference_nodes(block.cell, degree)
         x = np.ascontiguousarray(mesh.points[table])
-        dshape = np.ascontiguousarray(shape_gradient(block.cell, space.degree, nodes))
+        dshape = np.ascontiguousarray(shape_gradient(block.cell, degree, nodes))
         grad, jxw = np.empty((len(x), *dshape.shape)), np.empty((len(x), len(nodes)))
         dgeo = np.ascontiguousarray(shape_gradient(block.cell, geometry_degree, nodes))
         gradients(x, dgeo, dshape, np.ones(len(nodes)), grad, jxw)
         radius = x[:, :, 0] @ shape(block.cell, geometry_degree, nodes).T if space.axisymmetric else None
-        values = shape(block.cell, space.degree, nodes)
+        values = shape(block.cell, degree, nodes)
         stress, _ = BlockStress(space, bulk, number, slice(None), nodal)(grad, values, radius, nodes)
         del grad
         one, volume = np.empty((len(x), len(weights), 1, mesh.dim)), np.empty((len(x), len(weights)))
@@ -99,5 +100,5 @@ class Recovery:
         weight = volume.sum(axis=1)
         upper = UPPER[mesh.dim]
         for k, (i, j) in enumerate(upper):
-            np.add.at(sums[:, k], space.cells[number], weight[:, None] * stress[:, :, i, j])
-        np.add.at(sums[:, len(upper)], space.cells[number], np.repeat(weight[:, None], len(nodes), axis=1))
+            np.add.at(sums[:, k], cells, weight[:, None] * stress[:, :, i, j])
+        np.add.at(sums[:, len(upper)], cells, np.repeat(weight[:, None], len(nodes), axis=1))

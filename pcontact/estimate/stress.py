@@ -2,11 +2,12 @@
 
 import numpy as np
 
-from pcontact.assembly.geometry import bulk_degree, some_cells
+from pcontact.assembly.geometry import rule_degree, some_cells
 from pcontact.assembly.plastic import NO_RING
 from pcontact.assembly.plastic_kernels import CellPoints, excess_at
 from pcontact.contact.traction.plastic import extrapolation
 from pcontact.element.dilatation import Mean, factors, hoop_operator, mean_dilatation
+from pcontact.element.reference import n_nodes
 from pcontact.element.shape import shape
 from pcontact.material.mandel import HALF
 
@@ -14,6 +15,12 @@ from pcontact.material.mandel import HALF
 PLACES = ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))
 # points whose stiffness is turned at once
 PART = 2**14
+
+
+def own_nodes(space, number):
+    """Nodes (nc, nn) of the cells of a block that the degree of its body has: of degree 1 the vertices."""
+    block = space.mesh.blocks[number]
+    return space.cells[number][:, : n_nodes(block.cell, space.degree_of(block))]
 
 
 class BlockStress:
@@ -33,17 +40,17 @@ class BlockStress:
 
     def __init__(self, space, bulk, number, rows, nodal):
         block = space.mesh.blocks[number]
-        self.space, self.block, self.degree = space, block, space.degree
+        self.space, self.block, self.degree = space, block, space.degree_of(block)
         self.lam, self.mu = bulk.constants[block.body]
-        self.u = nodal[space.cells[number][rows]]
+        self.u = nodal[own_nodes(space, number)[rows]]
         averaged = space.averages(block)
-        self.own, shared = factors(self.lam, self.mu, averaged, space.degree)
+        self.own, shared = factors(self.lam, self.mu, averaged, self.degree)
         self.shared = None
         if averaged:
             table, degree = space.mesh.geometry_nodes(block)
-            order = bulk_degree(block.cell, space.degree, degree, space.axisymmetric)
+            order = rule_degree(space, block, degree)
             x = np.ascontiguousarray(space.mesh.points[table[rows]])
-            mean = mean_dilatation(block.cell, x, degree, space.degree, order, space.axisymmetric)
+            mean = mean_dilatation(block.cell, x, degree, self.degree, order, space.axisymmetric)
             # the displacement stands for nodes and directions: a single "node" of one direction
             mean = Mean(mean.centre, np.einsum("cbad,cad->cb", mean.slopes, self.u)[:, :, None, None])
             self.shared, self._x, self._geometry = mean.times(np.full(len(x), shared)), x, degree
@@ -91,7 +98,7 @@ class BlockStress:
             around = _add_excess(self._deviation(slope, ring, xi), stress, around)
         if self.excess is not None:
             excess, points = self.excess
-            around = _add_excess(np.matmul(extrapolation(self.block.cell, self.degree, points, xi), excess),
+            around = _add_excess(np.matmul(extrapolation(self.block.cell, self.space.degree, points, xi), excess),
                                  stress, around)  # fmt: skip
         return stress, around
 

@@ -43,6 +43,14 @@ def source_facets(space, name):
     return np.concatenate([np.zeros((0, 3), np.int64), *parts])
 
 
+def source_places(space, source, points, number, rows):
+    """Reference coordinates (n, d) of points (n,) of a source surface in cells (n,) of a block."""
+    reference = reference_nodes(space.mesh.blocks[number].cell, space.degree)
+    # columns of the source may be some nodes of the cell only, in any order
+    own = space.cells[number][rows][:, :, None] == source.cells[source.facet[points]][:, None, :]
+    return np.einsum("pa,pad->pd", source.shape[points], reference[np.argmax(own, axis=1)])
+
+
 def on_source(space, pair, state):
     """Forces of a pair on its source.
 
@@ -62,11 +70,8 @@ def on_source(space, pair, state):
     place = source_facets(space, pair.contact.source)[source.facet]
     for number in np.unique(place[:, 0]):
         p = np.flatnonzero(place[:, 0] == number)
-        block, rows = space.mesh.blocks[number], place[p, 1]
-        reference = reference_nodes(block.cell, space.degree)
-        # columns of the source may be some nodes of the cell only, in any order
-        own = space.cells[number][rows][:, :, None] == source.cells[source.facet[p]][:, None, :]
-        xi = np.einsum("pa,pad->pd", source.shape[p], reference[np.argmax(own, axis=1)])
+        rows = place[p, 1]
+        xi = source_places(space, source, p, number, rows)
         force = state["traction"][p, : space.dim] * state["weight"][p, None]
         result[int(number)] = PointForces(rows, xi, force, source.normal[p])
     return result
@@ -208,8 +213,8 @@ def _fitted(space, number, local, xi, weight, forces, part):
     covered = (have > COVERED * area) & (have < area / COVERED)
     rest = ~covered[inverse]
     traction = forces.force / (part * weight)[:, None]
-    fit = _fit(_powers(xi, space.degree), inverse, count, weight, traction)[covered]
-    smooth = part * at.jxw[covered][:, :, None] * np.matmul(_powers(points, space.degree), fit)
+    fit = _fit(_powers(xi, space.degree_of(block)), inverse, count, weight, traction)[covered]
+    smooth = part * at.jxw[covered][:, :, None] * np.matmul(_powers(points, space.degree_of(block)), fit)
     on_cell = facet_points(block.cell, points)[sides[covered]]
     return PointForces(
         np.concatenate([forces.rows[rest], np.repeat(cells[covered], len(points))]),

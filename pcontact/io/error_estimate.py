@@ -123,8 +123,10 @@ class ErrorEstimate(Observer):
         cells = [found.sign * own for own in self._estimator.weighted(u, time, z, found)]
         dual = z.getArray(readonly=True).reshape(unbalanced.shape)
         forces, _ = missing(problem.space, self._loads, time)
+        left = problem.space.vector()
+        problem.as_residual(unbalanced.copy(), left)
         work = [sum(own.sum() for own in cells), 0.0 if forces is None else found.sign * np.vdot(dual, forces),
-                -found.sign * np.vdot(dual, np.where(problem.fixed, 0.0, unbalanced))]  # fmt: skip
+                -found.sign * np.vdot(dual, left.getArray(readonly=True).reshape(dual.shape))]  # fmt: skip
         error, loads, algebraic = problem.space.comm.allreduce(np.array(work, dtype=float), op=MPI.SUM).tolist()
         return goal.GoalError(found.value, error, cells, loads, algebraic)
 
@@ -136,7 +138,7 @@ class ErrorEstimate(Observer):
         """Energy norm of what the tangent answers to forces (n_owned, d), solved roughly. *Collective.*"""
         problem, matrix = self._problem, self._problem.matrix.matrix
         residual, step = problem.space.vector(), problem.space.vector()
-        residual.setArray(np.where(problem.fixed, 0.0, forces).ravel())
+        problem.as_residual(forces.copy(), residual)
         if residual.norm() == 0.0:
             return 0.0
         # a solver of its own: that of Newton's iteration is not left alone, its set-up belongs to another matrix
@@ -147,7 +149,5 @@ class ErrorEstimate(Observer):
         ksp.setTolerances(rtol=STEP_RTOL, max_it=STEP_ITERATIONS)
         ksp.solve(residual, step)
         ksp.destroy()
-        array = step.getArray().reshape(problem.fixed.shape)
-        array[problem.fixed] = 0.0
-        step.assemble()
+        problem.follow(step)
         return self._estimator.norm(step)

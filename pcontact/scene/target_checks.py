@@ -13,7 +13,6 @@ def unestimated(scene: Scene) -> list[str]:
         strange += [place(key, k, one.region) for k, one in enumerate(getattr(scene, key))]
     strange += [where for where, one in loads if one.acceleration is not None or one.angular_speed is not None]
     strange += [place("springs", k, one.region) for k, one in enumerate(scene.springs)]
-    strange += [f"{place('bodies', k, body.region)}.order" for k, body in enumerate(scene.bodies) if scene.lower(body)]
     return strange + ["mesh.serendipity"] * scene.mesh.serendipity
 
 

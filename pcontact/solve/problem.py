@@ -260,10 +260,11 @@ class Problem:
 
     def residual(self, u, f, rules=None):
         """Residual vector: zero at prescribed components. *Collective.*"""
-        self._set(self.unbalanced(u, rules), f)
+        self.as_residual(self.unbalanced(u, rules), f)
 
-    def _set(self, out, f):
-        """Forces (n_owned, d) as a residual vector: zero at prescribed components. *Collective.*"""
+    def as_residual(self, out, f):
+        """Forces (n_owned, d), overwritten, as a residual vector: zero at prescribed components and at those that
+        follow, whose forces go to the others. *Collective.*"""
         out[self.fixed] = 0.0
         for group in self.groups:
             group.lead(out)
@@ -285,7 +286,7 @@ class Problem:
         with profile.phase("bulk_assembly"):
             self.bulk.predict(u, self._committed, out)
         self._add_others(u, out, self._predicted_rules)
-        self._set(out, f)
+        self.as_residual(out, f)
 
     @property
     def _predicted_rules(self):

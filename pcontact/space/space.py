@@ -55,7 +55,7 @@ class Space:
     ):
         self.kinematics, self.axisymmetric = kinematics, kinematics == "axisymmetric"
         self._averaged = {False: frozenset(averaged), True: frozenset(averaged_simplices)}
-        self._reduced, self._lower = frozenset(reduced), frozenset(lower)
+        self._reduced, self.lower = frozenset(reduced), frozenset(lower)
         self.mesh, self.comm, self.dim, self.degree = mesh, mesh.comm, mesh.dim, degree
         self.exchanger = Exchanger(mesh.comm)
         tables = [b.nodes[:, : n_nodes(b.cell, degree)] for b in mesh.blocks]
@@ -100,7 +100,7 @@ class Space:
 
     def degree_of(self, block):
         """Degree of the displacement of the cells of a block."""
-        return 1 if block.body in self._lower else self.degree
+        return 1 if block.body in self.lower else self.degree
 
     def circumference(self, points):
         """Length 2 pi r of the circles through points (..., d) with axial symmetry, 1 otherwise."""

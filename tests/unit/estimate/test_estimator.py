@@ -43,9 +43,11 @@ def pressed(path, order, material=None, **said):
     )
 
 
-def sheared(path, **said):
-    """The same boxes, the upper one pushed sideways, too: a rough solution."""
-    scene = pressed(path, 1, **said)
+def sheared(path, lower=None, **said):
+    """The same boxes, the upper one pushed sideways, too: a rough solution; `lower`: the lower one of degree 1 in a
+    mesh of degree 2."""
+    scene = pressed(path, lower or 1, **said)
+    scene.bodies[0].order = lower and 1
     scene.displacements = [Displacement("lower_bottom", [0.0, 0.0]), Displacement("upper_top", [0.02, -0.02])]
     scene.loads = []
     return scene
@@ -123,6 +125,7 @@ def test_effectivity(shared_tmp, degree, theta):
         ("quadrilateral", {"unbiased": True, "friction": 0.2}),
         ("quadrilateral", {"tied": True}),
         ("triangle", {"formulation": "penalty"}),
+        ("triangle", {"lower": 2, "friction": 0.2}),
         ("quadrilateral", {"material": Material(10.0, 0.3, yield_stress=0.1, hardening=1.0)}),
     ],
 )

@@ -1,4 +1,4 @@
-"""The estimate of orthotropic bodies: isotropic ones that are split in another way."""
+"""The estimate of bodies with a stiffness or a degree of their own: what is known of it by another way."""
 
 import numpy as np
 import pytest
@@ -25,17 +25,17 @@ CASES = [
 ]
 
 
-def estimates(path, material, order, kinematics, of, friction):
+def estimates(path, material, order, kinematics, of, friction, lower=None, **more):
     """Estimate of blocks that are pressed and sheared, of their cells, and of the cells' part of a force."""
     dim = 3 if kinematics == "plane_strain" and "3d" in path.name else 2
     aside = 0.0 if kinematics == "axisymmetric" else 0.01
     scene = Scene(
         MeshSpec(path, order=order, kinematics=kinematics),
-        {"m": material}, [Body("lower", "m"), Body("upper", "m")],
-        contacts=[Contact("upper_bottom", "lower_top", name="c", theta=1.0, friction=friction)],
+        {"m": material}, [Body("lower", "m", order=lower), Body("upper", "m", order=lower)],
+        contacts=[Contact("upper_bottom", "lower_top", name="c", theta=1.0, friction=friction, quadrature=6, **more)],
         displacements=[Displacement("lower_bottom", [0.0] * dim),
                        Displacement("upper_top", [aside, *[0.0] * (dim - 2), -0.03])],
-        output=Output(fields=False, estimate=True), petsc=EXACT,
+        output=Output(fields=False, estimate=True, probes=["upper_top"]), petsc=EXACT,
     )  # fmt: skip
     simulation, watch = Simulation(scene, MPI.COMM_SELF), Last()
     try:
@@ -65,5 +65,21 @@ def test_isotropic_bodies_split_in_another_way(tmp_path, monkeypatch, case):
     assert found[0]["energy_norm"] == pytest.approx(known[0]["energy_norm"], rel=1e-7)
     for part, value in known[0]["parts"].items():
         assert found[0]["parts"][part] == pytest.approx(value, rel=1e-6, abs=1e-9 * known[0]["absolute"])
+    for one, other in zip(found[1:], known[1:], strict=True):
+        np.testing.assert_allclose(one, other, atol=1e-6 * np.abs(other).max())
+
+
+@pytest.mark.parametrize("cell, of", [
+    ("triangle", "support:upper_top"), ("triangle", "force:c"), ("triangle", "pressure:c"),
+    ("quadrilateral", "displacement:upper_top"), ("tetrahedron", "support:upper_top"),
+])  # fmt: skip
+def test_bodies_of_degree_1_in_a_mesh_of_degree_2(tmp_path, cell, of):
+    """The estimate is that of the run of degree 1, on cells with straight sides."""
+    dim = DIMENSION[cell]
+    path = two_blocks(tmp_path / f"b{dim}d.msh", dim, 4 - dim, 5 - dim, cell)
+    said = ("plane_strain", of, 0.3)
+    known = estimates(path, Material(E, NU), 1, *said, cut=True)
+    found = estimates(path, Material(E, NU), 2, *said, lower=1, cut=True)
+    assert found[0]["absolute"] == pytest.approx(known[0]["absolute"], rel=1e-7)
     for one, other in zip(found[1:], known[1:], strict=True):
         np.testing.assert_allclose(one, other, atol=1e-6 * np.abs(other).max())
