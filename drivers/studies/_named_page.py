@@ -11,8 +11,8 @@ from pcontact.runtime.parallel import on_root
 from pcontact.runtime.petsc import MPI
 
 FILE = "named_error.json"
-HEAD = ("scene", "of", "target", "reached", "named", "true", "true/named", "estimate/true", "unknowns", "passes",
-        "seconds")  # fmt: skip
+HEAD = ("scene", "of", "target", "reached", "named", "true", "true/named", "estimate/true", "reference", "unknowns",
+        "passes", "seconds")  # fmt: skip
 # [-] Relative errors below count as those of rounding: neither the reference nor the solver knows more of them.
 ROUNDING = 1e-7
 ABOUT = """# Errors that were named, and true ones
@@ -62,8 +62,8 @@ def line(row):
     )
     if row["true"] < ROUNDING:
         effectivity = "-"
-    return [row["scene"], row["of"], row["target"], row["reached"], named, true, over, effectivity, row["unknowns"],
-            row["passes"], seconds]  # fmt: skip
+    return [row["scene"], row["of"], row["target"], row["reached"], named, true, over, effectivity,
+            float(f"{row['reference']:.2g}"), row["unknowns"], row["passes"], seconds]  # fmt: skip
 
 
 def summary(rows):

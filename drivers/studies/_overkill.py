@@ -8,7 +8,7 @@ from pcontact.element.shape import shape, shape_gradient
 from pcontact.runtime.jit import njit
 from pcontact.runtime.petsc import MPI
 
-CANDIDATES = 16  # cells that are tried per point
+CANDIDATES = 64  # cells that are tried per point: boxes of tetrahedra overlap
 SLACK = 0.05  # by which the boxes of the cells are larger than these: points of a coarser, straighter boundary
 ITERATIONS = 12
 CLOSE = 1e-9
@@ -137,10 +137,11 @@ class Overkill:
         key = (body, x.tobytes())
         key = (body, len(x), hash(key))
         if key not in self._known:
-            self._known[key] = self._evaluate(x, body)
+            self._known[key] = self.at(x, body)
         return self._known[key]
 
-    def _evaluate(self, x, body):
+    def at(self, x, body):
+        """The same, and nothing is kept."""
         u, slope = np.zeros_like(x), np.zeros((*x.shape, x.shape[1]))
         best = np.full(len(x), np.inf)
         for cells in self._bodies[body]:

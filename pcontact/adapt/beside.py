@@ -6,6 +6,7 @@ import numpy as np
 
 from pcontact.adapt import variants
 from pcontact.adapt.passes import said_of
+from pcontact.adapt.settings import STEPS_RATE
 from pcontact.runtime import log
 
 # Parts of the error that a finer mesh takes away as it does its own, and those that it leaves.
@@ -56,11 +57,25 @@ class Beside:
         parts, finer = {}, min(done.parts["mesh"] / self._of, 1.0) if self._of > 0.0 else 1.0
         for name, value in self._found.items():
             # what a finer rule changes falls as fast as what a finer mesh does, what straight facets do stays
-            fallen = self._steps / done.steps if name == "load_steps" else finer if name in FALLING else 1.0
+            fallen = (self._steps / done.steps) ** STEPS_RATE if name == "load_steps" else 1.0
+            fallen = finer if name in FALLING else fallen
             parts[name] = fallen * value
         if self._settings.searches:
             parts["frozen_partners"] = 0.0
         return parts
+
+    def with_steps(self, change, steps, before):
+        """Take notice of what more load steps have changed.
+
+        Parameters
+        ----------
+        change : float
+            Relative.
+        steps, before : int
+            Load steps now and before.
+        """
+        if np.isfinite(change):
+            self._found["load_steps"], self._steps = change / ((steps / before) ** STEPS_RATE - 1.0), steps
 
     def _measure(self, simulation, size, watch):
         if simulation.problem.linear:
@@ -82,8 +97,8 @@ class Beside:
                 value = variants.of_facets(simulation, scene, self._target) / size
             else:
                 value = variants.difference(simulation, other, self._target, watch) / size
-            # with half the steps to go, the other half of a first-order error is left
-            found[name] = 2.0 * value if name == "load_steps" else value
+            # of what twice as many have changed, and what is left then
+            found[name] = value / (1.0 - 0.5**STEPS_RATE) if name == "load_steps" else value
             if not np.isfinite(value):
                 log.warning("not known: how much of the error is that of %s", said_of(name))
                 found[name] = 0.0

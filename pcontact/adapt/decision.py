@@ -7,11 +7,9 @@ import numpy as np
 from pcontact.adapt.beside import FALLING, STAYING
 from pcontact.adapt.budget import Budgeted
 from pcontact.adapt.passes import cost_of, said_of
-from pcontact.adapt.settings import SHARE
+from pcontact.adapt.settings import AIM, SHARE, STEPS_SHARE
 
 REACHED, FAILED, SPENT = 0, 1, 4
-# [-] Part of the target that the next mesh is made for. From: a mesh that just misses it costs another pass.
-AIM = 0.85
 # [passes] At most; and those after which a mesh must have brought something. From: each pass at least doubles the cells
 # or is the last one.
 MOST, PATIENCE = 14, 3
@@ -110,7 +108,8 @@ class Decision:
         """The part of the error of a pass in the energy norm that the next mesh is made for."""
         goal, share = self._target.error, SHARE * self._target.error
         stays = sum(done.parts.get(name, 0.0) for name in STAYING)
-        stays += sum(min(done.parts.get(name, 0.0), share) for name in ("algebraic", "load_steps"))
+        stays += min(done.parts["algebraic"], share)
+        stays += min(done.parts.get("load_steps", 0.0), STEPS_SHARE * goal)
         falls = sum(done.parts.get(name, 0.0) for name in FALLING)
         part = min(AIM * max(goal - stays, share) / falls, 1.0) ** (1.0 / self._trust(done))
         # errors of quantities are products of two errors of the energy norm

@@ -186,6 +186,8 @@ class Loop:
             status, step = self._decision.next(simulation, watch, done)
             if status is None and self._looks_ahead:
                 status = self._look_ahead(simulation.problem.space, watch, done, step)
+            if status is None and not self._settings.degree.is_open(self.mesh.curved):
+                watch = self._measure.with_steps(simulation, watch, done)
             if status is None:
                 mesh, known, status = self._onward(simulation, watch, done, step)
             done.seconds = clock.perf_counter() - begun

@@ -1,5 +1,7 @@
 """What a pass says of its errors, and which cells they come from."""
 
+import time as clock
+
 import numpy as np
 
 from pcontact.adapt.beside import Beside
@@ -7,8 +9,14 @@ from pcontact.adapt.known import effectivity, of_quantity
 from pcontact.adapt.passes import Pass
 from pcontact.adapt.seen import Seen
 from pcontact.adapt.settings import SHARE
+from pcontact.adapt.variants import solved
+from pcontact.adapt.watch import Path
 from pcontact.element.reference import CELLS
+from pcontact.estimate.goal import value
 from pcontact.runtime.petsc import MPI, PETSc
+
+# [-] Growth of the number of load steps from which on what they change is measured. From: chosen; fewer tell little.
+AGAIN = 1.5
 
 
 class Measure:
@@ -59,7 +67,8 @@ class Measure:
                 self._target, watch.record, simulation.stepper.u, watch.time, watch.unbalanced
             )
             known, size = of_quantity(self._target.quantity, mesh.dim), abs(found.value) or 1.0
-            estimate = self._seen.error(simulation, found) / size
+            found = found._replace(error=self._seen.error(simulation, found))
+            estimate = abs(found.error) / size
             watch.squares = self._indicators(comm, watch.squares, found)
             if self._target.quantity != "pressure":
                 beside = {"algebraic": abs(found.algebraic) / size, "loads": abs(found.loads) / size}
@@ -76,9 +85,55 @@ class Measure:
         done.error = sum(done.parts.values())
         return done
 
+    def with_steps(self, simulation, watch, done):
+        """Run the mesh of a pass with the load steps of the next one: what they change is told by a finer mesh than the
+        first one, and the next mesh is compared with its like. *Collective.*
+
+        Parameters
+        ----------
+        simulation : pcontact.simulation.Simulation
+            Of the pass.
+        watch : pcontact.adapt.watch.Watch
+        done : pcontact.adapt.passes.Pass
+
+        Returns
+        -------
+        pcontact.adapt.watch.Path
+            What the next mesh begins with.
+        """
+        steps, kept = self._settings.steps, []
+        if steps < AGAIN * done.steps:
+            return watch
+        begun = clock.perf_counter()
+        simulation.close()
+
+        def watched(run):
+            kept.append(Path(run))
+            return kept[0]
+
+        scene, known = self._settings.scene(), (watch.times, watch.fields)
+        scene.output.estimate = scene.output.checkpoint = False
+        with solved(scene, simulation.comm, simulation.options.said, simulation.mesh, known, watched) as (run, record):
+            if record is None:
+                return watch
+            if self._target.quantity == "energy":
+                change = simulation.stepper.u.copy()
+                change.axpy(-1.0, run.stepper.u)
+                change, size = simulation.error_estimate.norm(change), watch.norm
+            else:
+                new = value(run.problem, self._target, record, run.stepper.u)
+                change, size = abs(new - done.quantity["value"]), abs(new)
+                self._seen.with_steps(new)
+        self._beside.with_steps(change / size, steps, done.steps)
+        done.trials += clock.perf_counter() - begun
+        return kept[0]
+
     def _indicators(self, comm, squares, found):
         """What cells have in the error of a quantity, where that is what the mesh is refined for. *Collective.*"""
         own = np.concatenate([np.zeros(0), *found.cells])
+        if self._seen.by_meshes:
+            # as the quantity is said to follow the squares of the energy norm
+            return squares
         if self._target.quantity != "pressure":
             return np.abs(own)
         # the pressure is that of cells on the contact, and depends on the stress of all others

@@ -6,8 +6,14 @@ are projections. Of estimates that are the same part k of the error then
     k^2 = (estimate_1^2 - estimate_2^2) / |u_2 - u_1|^2
 
 Where bodies yield without hardening, what one cell lacks makes cells far from it flow more, or less, and this part of
-the error is in no residual of theirs.
+the error is in no residual of theirs. The dual problem of a quantity knows nothing of it, either, and has the tangent
+of the last load step alone, in which bodies that yield may be as soft as can be. There the error of a quantity is told
+by how the quantity changes from mesh to mesh: of errors that fall to a part f of what they were, a change of
+(1 - f) e_1 = e_1 - e_2 leaves e_2 = f / (1 - f) of it. They fall with the square of the error of the displacement, but
+no faster than on the best meshes for smooth solutions, with N^(-2 p / d).
 """
+
+from typing import NamedTuple
 
 import numpy as np
 
@@ -22,8 +28,6 @@ from pcontact.runtime.errors import TOLD
 # [-] Estimates over each other that count at most, and the part that counts at least. From: the difference of two that
 # hardly differ says nothing.
 ALIKE, LEAST = 0.8, 0.25
-# [-] The error of a quantity over its change when all cells are halved. From: it becomes a quarter of what it was.
-FARTHER = 4.0 / 3.0
 
 
 def part_of(coarse, fine, change):
@@ -58,22 +62,71 @@ def between(simulation, before, coarse):
     return part_of(coarse, simulation.error_estimate.last["absolute"], simulation.error_estimate.norm(change))
 
 
-def left_of(error, before, change):
-    """The error of a quantity that may be left: no less than that of the last mesh without what has changed since, and
-    what a change may stand for.
+class State(NamedTuple):
+    """A mesh and its solution, as far as quantities are told by them.
+
+    Attributes
+    ----------
+    unknowns, degree, dim : int
+    estimate : float
+        Of the energy norm.
+    value : float
+        Of the quantity.
+    left : float
+        The error that it is thought to have.
+    """
+
+    unknowns: int
+    degree: int
+    dim: int
+    estimate: float
+    value: float
+    left: float = 0.0
+
+    @classmethod
+    def of(cls, simulation, value):
+        """That of a run, and a quantity. *Collective.*"""
+        space = simulation.problem.space
+        return cls(space.n_dofs, space.degree, space.dim, simulation.error_estimate.last["absolute"], value)
+
+
+def fallen(coarse, fine):
+    """The error of a quantity on a finer mesh, over that on a coarser one; see the head of this module.
 
     Parameters
     ----------
-    error : float
-        Estimated, and divided by the part that estimates have been seen to be.
-    before, change : float
-        Error that was left on the last mesh, and change of the quantity.
+    coarse, fine : State
+
+    Returns
+    -------
+    float
+        At most the square of `ALIKE`.
     """
-    return max(error, before - FARTHER * change)
+    square = (fine.estimate / coarse.estimate) ** 2 if coarse.estimate > 0.0 else 0.0
+    best = (coarse.unknowns / fine.unknowns) ** (2.0 * fine.degree / fine.dim)
+    return min(max(square, best), ALIKE**2)
+
+
+def left_after(coarse, fine):
+    """The error of a quantity on the finer of two meshes, with its sign.
+
+    Of what the change says and of what is left of the error on the coarser mesh the larger one: changes may be small by
+    chance.
+
+    Parameters
+    ----------
+    coarse, fine : State
+
+    Returns
+    -------
+    float
+    """
+    part = fallen(coarse, fine)
+    return max((fine.value - coarse.value) * part / (1.0 - part), coarse.left * part, key=abs)
 
 
 def on_halved(simulation, scene, options, found):
-    """What is found on the mesh with all cells halved; nan where the run there does not converge. *Collective.*
+    """What is found on the mesh with all cells halved; None where the run there does not converge. *Collective.*
 
     Parameters
     ----------
@@ -88,7 +141,7 @@ def on_halved(simulation, scene, options, found):
 
     Returns
     -------
-    float
+    object or None
     """
     mesh, space = simulation.mesh, simulation.problem.space
     scene.output.estimate, scene.output.checkpoint, scene.mesh.order = True, False, space.degree
@@ -98,11 +151,11 @@ def on_halved(simulation, scene, options, found):
     try:
         with solved(scene, simulation.comm, simulation.options.said, finer) as (run, record):
             if record is None:
-                return float("nan")
+                return None
             own = run.problem.space
             return found(run, record, fields[0][own.mesh_nodes[own.owned_local]])
     except TOLD:
-        return float("nan")
+        return None
 
 
 class Seen:
@@ -117,7 +170,7 @@ class Seen:
 
     def __init__(self, target, settings, options):
         self._target, self._settings, self._options = target, settings, options
-        # estimate (and value) and degree of the last pass, and what part of the error estimates have been seen to be
+        # estimate and degree of the last pass, or its State, and what part of the error estimates have been seen to be
         self._before, self._part = None, 1.0
 
     def part(self, simulation, watch):
@@ -125,42 +178,58 @@ class Seen:
         own, degree = simulation.error_estimate.last["absolute"], simulation.problem.space.degree
         if not _yields(simulation.scene):
             return 1.0
-        old, self._before, part = self._before, (own, degree), float("nan")
+        old, self._before, part = self._before, (own, degree), None
         if old is None or old[1] != degree:
             part = self._on_halved(simulation, lambda run, _, before: between(run, before, own))
         elif simulation.begin.at(watch.time) is not None:
             part = between(simulation, simulation.begin.at(watch.time), old[0])
         # a mesh that has changed the solution little says little
-        self._part = min(self._part, part) if np.isfinite(part) else self._part
+        self._part = self._part if part is None else min(self._part, part)
         return self._part
 
+    @property
+    def by_meshes(self):
+        """Whether it is meshes that tell the error of the quantity."""
+        return isinstance(self._before, State)
+
     def error(self, simulation, found):
-        """The error of a quantity, as estimated; where bodies yield, as the last meshes show it. *Collective.*
+        """The error of a quantity, with its sign: as estimated; where bodies yield, as meshes show it. *Collective.*
 
         Parameters
         ----------
         simulation : pcontact.simulation.Simulation
             That has run.
-        found : pcontact.estimate.goal.Goal
+        found : pcontact.estimate.goal.GoalError
+
+        Returns
+        -------
+        float
         """
-        error, degree = abs(found.error), simulation.problem.space.degree
         if not _yields(simulation.scene) or self._target.quantity == "pressure":
-            return error
-        old = self._before
-        if old is None or old[1] != degree:
-            best = self._on_halved(simulation, lambda run, record, _: value(run.problem, self._target, record,
-                                                                            run.stepper.u))  # fmt: skip
-            left = max(error, FARTHER * abs(best - found.value)) if np.isfinite(best) else error
-            self._part = max(error / left, LEAST) if left > 0.0 else 1.0
+            return found.error
+        own, old = State.of(simulation, found.value), self._before
+        if old is None or old.degree != own.degree:
+            best = self._on_halved(simulation, lambda run, record, _: State.of(run, self._value(run, record)))
+            left = found.error
+            if best is not None:
+                left = (best.value - own.value) / (1.0 - fallen(own, best))
         else:
-            left = left_of(error / self._part, old[0], abs(found.value - old[2]))
-        self._before = left, degree, found.value
+            left = left_after(old, own)
+        self._before = own._replace(left=left)
         return left
+
+    def with_steps(self, value):
+        """Take notice of the quantity with other load steps on the mesh of the last pass."""
+        if self.by_meshes:
+            self._before = self._before._replace(value=value)
+
+    def _value(self, run, record):
+        return value(run.problem, self._target, record, run.stepper.u)
 
     def _on_halved(self, simulation, found):
         simulation.close()
         result = on_halved(simulation, self._settings.scene(), self._options, found)
-        if not np.isfinite(result):
+        if result is None:
             log.warning("not known: what part of the error the estimate is where bodies yield")
         return result
 

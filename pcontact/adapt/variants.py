@@ -18,9 +18,10 @@ HIGHER = 4
 
 
 @contextmanager
-def solved(scene, comm, said, mesh, known=None):
+def solved(scene, comm, said, mesh, known=None, watch=None):
     """A run in memory whose lines are not shown, and the record of its last load step; None where it does not converge.
-    It begins where the bodies are known to be, see :class:`pcontact.adapt.watch.Beginning`. *Collective.*
+    It begins where the bodies are known to be, see :class:`pcontact.adapt.watch.Beginning`; ``watch(simulation)`` makes
+    a further observer. *Collective.*
     """
     simulation = Simulation(scene, comm, said, mesh)
     if known is not None:
@@ -28,7 +29,7 @@ def solved(scene, comm, said, mesh, known=None):
     try:
         with log.quiet():
             last = Last()
-            converged = simulation.run(None, [last])
+            converged = simulation.run(None, [last] if watch is None else [last, watch(simulation)])
         yield simulation, last.record if converged else None
     finally:
         simulation.free()

@@ -6,18 +6,42 @@ from pcontact.element.reference import reference_nodes
 from pcontact.element.shape import shape
 from pcontact.runtime.observer import Observer
 
-# [load steps] Whose displacements are kept for the next mesh. From: memory, a vector each.
+# [load steps] Whose displacements are kept for the next mesh, at most. From: memory, a vector each.
 KEPT = 24
 # [-] Part of the time by which two ends of load steps may differ. From: rounding.
 SAME_TIME = 1e-9
 
 
-class Watch(Observer):
-    """Observer of one run.
+class Path(Observer):
+    """Observer of one run: where the bodies were.
 
     Parameters
     ----------
     simulation : pcontact.simulation.Simulation
+
+    Attributes
+    ----------
+    times : list of float
+        Ends of the load steps.
+    fields : list of ndarray (n_nodes, d)
+        Displacements then, at all nodes of the mesh of this rank [length]; of many load steps every other one, or
+        fewer, but always the last.
+    """
+
+    def __init__(self, simulation):
+        self._simulation, self.times, self.fields = simulation, [], []
+
+    def step(self, step, u, record):
+        """Keep it. *Collective.*"""
+        self.times.append(step.time)
+        self.fields.append(at_nodes(self._simulation.problem.space, u))
+        if len(self.times) > KEPT:
+            # counted from the end: what bodies do between two of them is a straight line for the next mesh
+            self.times, self.fields = self.times[::-2][::-1], self.fields[::-2][::-1]
+
+
+class Watch(Path):
+    """The same, and the estimates.
 
     Attributes
     ----------
@@ -27,21 +51,17 @@ class Watch(Observer):
         Largest of the load steps [sqrt(energy)].
     record, time, unbalanced : dict, float, ndarray (n_owned, d)
         Of the last load step; forces that the solver has left unbalanced.
-    times : list of float
-        Ends of the load steps.
-    fields : list of ndarray (n_nodes, d)
-        Displacements then, at all nodes of the mesh of this rank [length]; those of the first load steps.
     """
 
     def __init__(self, simulation):
-        self._simulation = simulation
+        super().__init__(simulation)
         cells = sum(len(block.nodes) for block in simulation.mesh.blocks)
         self.squares, self.absolute, self.norm, self.algebraic = np.zeros(cells), 0.0, 0.0, 0.0
-        self.times, self.fields, self.record, self.time = [], [], None, 0.0
-        self.unbalanced = None
+        self.record, self.time, self.unbalanced = None, 0.0, None
 
     def step(self, step, u, record):
         """Take what the load step says. *Collective.*"""
+        super().step(step, u, record)
         estimate = self._simulation.error_estimate
         self.record, self.time, self.unbalanced = record, step.time, step.unbalanced
         own = np.concatenate([np.zeros(0), *(cells**2 for cells in estimate.cells)])
@@ -49,9 +69,6 @@ class Watch(Observer):
         self.absolute = max(self.absolute, estimate.last["absolute"])
         self.algebraic = max(self.algebraic, estimate.last["algebraic"])
         self.norm = max(self.norm, estimate.last["energy_norm"])
-        if len(self.times) < KEPT:
-            self.times.append(step.time)
-            self.fields.append(at_nodes(self._simulation.problem.space, u))
 
 
 def at_nodes(space, u):

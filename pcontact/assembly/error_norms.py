@@ -98,6 +98,23 @@ def _deviation(gradient, points, law):
                      strain)  # fmt: skip
 
 
+def energy_density(gradient, points, constants, law=None):
+    """2 x elastic energy density (n,) [stress]: sigma : eps, at points (n, d) of a body.
+
+    Parameters
+    ----------
+    gradient : ndarray (n, d, d)
+        Of the displacement; with the hoop strain under axial symmetry, see :meth:`Displacements.with_hoop`.
+    points : ndarray (n, d)
+    constants : (float, float)
+        Lame constants [stress].
+    law : pcontact.material.orthotropic.Orthotropic, optional
+        What is to be added to their stiffness.
+    """
+    density = _energy_density(gradient, *constants)
+    return density if law is None else density + _deviation(gradient, points, law)
+
+
 def _squares(points, jxw, found, exact, constants, axisymmetric, kind, law=None):
     """The four squares summed over the points (n, d) of a chunk of cells, with weights (nc, nq)."""
     averaged, on_linear, degree = kind

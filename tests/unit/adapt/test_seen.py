@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pcontact.adapt.seen import LEAST, left_of, part_of
+from pcontact.adapt.seen import ALIKE, LEAST, State, fallen, left_after, part_of
 
 
 @pytest.mark.parametrize("part", [0.4, 0.9])
@@ -22,6 +22,16 @@ def test_what_says_nothing():
 
 
 def test_what_is_left_of_a_quantity():
-    """An estimate that falls where the quantity does not change is not believed."""
-    assert left_of(0.001, 0.01, 0.0003) == pytest.approx(0.0096)
-    assert left_of(0.004, 0.01, 0.009) == 0.004
+    """Values whose errors are those of the squared estimates tell them; what was left does not go faster than that."""
+    error, coarse = 0.08, State(100, 2, 2, 0.3, 1.0)
+    fine = State(200, 2, 2, 0.15, 1.0 + 0.75 * error)
+    assert left_after(coarse, fine) == pytest.approx(0.25 * error)
+    by_chance = fine._replace(value=1.0)
+    assert left_after(coarse._replace(left=-error), by_chance) == pytest.approx(-0.25 * error)
+
+
+def test_errors_of_quantities_that_fall():
+    """They fall with the squares, but not faster than with the best meshes, and as far as two meshes can tell."""
+    coarse, fine = State(100, 2, 2, 0.3, 1.0), State(200, 2, 2, 0.01, 1.0)
+    assert fallen(coarse, fine) == pytest.approx(0.25)
+    assert fallen(coarse, fine._replace(estimate=0.3)) == fallen(coarse._replace(estimate=0.0), coarse) == ALIKE**2
