@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from pcontact.adapt.passes import memory_each
 from pcontact.adapt.target import free_memory
 from pcontact.runtime import profile
 from pcontact.runtime.petsc import MPI
@@ -31,25 +32,25 @@ class Budgeted:
         self._unknowns, self._time, self._comm = budget.unknowns, budget.time, comm
         free = free_memory() if budget.memory is None else None
         free = comm.allreduce(free if free is not None else np.inf, op=MPI.MIN)
-        self._memory = budget.memory if budget.memory is not None else free
-        self._base = comm.allreduce(profile.memory()[0] * 1024.0)
+        # what is free is free beside what the ranks have by now
+        base = comm.allreduce(profile.memory()[0] * 1024.0)
+        self._memory = budget.memory if budget.memory is not None else base + free
         self._followers, self.by = FOLLOWERS, ""
 
-    def growth(self, done, elapsed):
-        """Growth of the cells that the next pass may have at most.
+    def growth(self, passes, elapsed):
+        """Growth of the cells of the last pass that the next one may have at most.
 
         Parameters
         ----------
-        done : pcontact.adapt.passes.Pass
-            The last one.
+        passes : list of pcontact.adapt.passes.Pass
         elapsed : float
             Since the beginning [s].
         """
+        done = passes[-1]
         limits = {"unknowns": np.inf, "memory": np.inf, "time": np.inf}
         if self._unknowns is not None:
             limits["unknowns"] = self._unknowns / done.unknowns
-        if self._memory is not None and done.memory > self._base:
-            limits["memory"] = (self._memory - self._base) / (done.memory - self._base)
+        limits["memory"] = 1.0 + (self._memory - done.memory) / (memory_each(passes) * done.unknowns)
         if self._time is not None:
             # the clock of one rank is not that of the others
             left = self._comm.bcast(max(self._time - elapsed, 0.0))

@@ -76,7 +76,7 @@ class Decision:
         if stays >= goal:
             largest = max(STAYING, key=lambda name: done.parts.get(name, 0.0))
             return self._spent(f"{said_of(largest)} alone make {100.0 * stays:.2g} %, which no mesh takes away")
-        most = self._budget.growth(done, clock.perf_counter() - self._start)
+        most = self._budget.growth(self._passes, clock.perf_counter() - self._start)
         if most < GROWN:
             return self._spent(f"the budget is spent ({self._budget.by})")
         space, known = simulation.problem.space, self._alike() > 1

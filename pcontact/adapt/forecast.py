@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pcontact.adapt.budget import FOLLOWERS, POWER
+from pcontact.adapt.passes import memory_each
 from pcontact.adapt.sizes import Contributions, next_cuts
 from pcontact.runtime.petsc import MPI
 
@@ -85,7 +86,7 @@ def forecast(comm, passes, squares, part, whole=False, most=MOST, degree=None):
     grown = [(one / last.unknowns) ** POWER for one in unknowns]
     fixed, rest = _costs(passes)
     seconds = sum(fixed + rest * one for one in grown) + sum(one.trials for one in passes)
-    memory = last.memory + _memory(passes) * (max(unknowns) - last.unknowns)
+    memory = last.memory + memory_each(passes) * (max(unknowns) - last.unknowns)
     return Forecast(unknowns, float(seconds), float(memory), last.degree)
 
 
@@ -98,11 +99,3 @@ def _costs(passes):
     first = (passes[0].unknowns / last.unknowns) ** POWER
     rest = min(max((spent[-1] - spent[0]) / (1.0 - first), 0.0), spent[-1])
     return spent[-1] - rest, rest
-
-
-def _memory(passes):
-    """Bytes that an unknown more takes."""
-    first, last = passes[0], passes[-1]
-    if last.unknowns > first.unknowns and last.memory > first.memory:
-        return (last.memory - first.memory) / (last.unknowns - first.unknowns)
-    return last.memory / last.unknowns

@@ -3,11 +3,12 @@
 import numpy as np
 import pytest
 
-from pcontact.adapt.budget import POWER
+from pcontact.adapt.budget import FOLLOWERS, POWER, Budgeted
 from pcontact.adapt.forecast import forecast
 from pcontact.adapt.known import Range
-from pcontact.adapt.passes import Pass
+from pcontact.adapt.passes import BYTES, Pass, memory_each
 from pcontact.runtime.petsc import MPI
+from pcontact.scene.target import Budget
 
 COMM = MPI.COMM_WORLD
 
@@ -34,3 +35,14 @@ def test_two_passes_tell_what_does_not_grow():
     passes = [done(100, 2, 0.2, seconds=1.0), done(400, 2, 0.05, seconds=1.0)]
     ahead = forecast(MPI.COMM_SELF, passes, np.ones(50), 0.1)
     assert ahead.seconds == pytest.approx(len(ahead.unknowns))
+
+
+def test_memory_is_that_of_unknowns_until_it_has_been_measured():
+    """The peak of a small pass is that of the program, and says nothing of larger ones."""
+    small = [done(100, 2, 0.2, memory=2.8e8), done(300, 2, 0.1, memory=2.9e8)]
+    assert memory_each(small) == BYTES[2]
+    large = [small[0], done(100_000, 2, 0.01, memory=8.8e8)]
+    assert memory_each(large) == pytest.approx(6e8 / 99_900)
+    budget = Budgeted(Budget(memory=4e8), COMM)
+    assert budget.growth(small, 0.0) * FOLLOWERS == pytest.approx(1.0 + 1.1e8 / (300 * BYTES[2]))
+    assert Budgeted(Budget(memory=2e8), COMM).growth(small, 0.0) < 1.0
