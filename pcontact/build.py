@@ -15,6 +15,7 @@ from pcontact.assembly.heat import Heat, HeatedElasticBulk, HeatedPlasticBulk, H
 from pcontact.assembly.loads import TimedLoad, load_vector, lumped_volume, value_of
 from pcontact.assembly.mixed import MixedBulk
 from pcontact.assembly.nodal_field import NodalField
+from pcontact.assembly.patches import kind_of
 from pcontact.assembly.plastic import PlasticBulk
 from pcontact.assembly.release import Release
 from pcontact.assembly.springs import GroundSprings, SpinForces
@@ -307,6 +308,15 @@ def _check_estimate(scene, space):
     if kinds:
         allowed = "false, or cells that are neither wedges nor pyramids"
         raise input_error(scene.where, "output.estimate", f"true with cells of the kind {kinds[0]}", allowed)
+    spread = [("loads", one, False) for one in scene.loads if one.total]
+    spread += [("springs", one, False) for one in scene.springs]
+    spread += [("couplings", one, not one.average) for one in scene.couplings]
+    for key, one, rigid in spread:
+        kind = kind_of(space, one.region)
+        if kind == "nodes" or (rigid and kind == "cells"):
+            where = place(key, [one is other for other in getattr(scene, key)].index(True), one.region)
+            allowed = "false, or a group of facets" if rigid else "false, or a group of facets or cells"
+            raise input_error(scene.where, "output.estimate", f"true with {where}, a group of {kind}", allowed)
 
 
 def _check_locking(scene, space):

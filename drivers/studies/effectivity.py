@@ -16,6 +16,9 @@
                 (joined; die: 1000 times as stiff); the error as for Hertz
     wound       two orthotropic rings in contact, plane strain, a laminate that is wound around one of wood
                 (Lekhnitskii 1963); a thick cylinder of the laminate in space, with axial symmetry
+    loads       a block that is held on its left side, under its weight, the force of a turn about an axis, a total
+                force and moment, a temperature with a hot spot; on stiff springs; moved by a group that is rigid, or
+                moves so on average; the error as for Hertz
 
 A case, a degree and a theta take one row per mesh. The cells of the round cases are curved (degree 2), but for Hertz.
 """
@@ -29,8 +32,8 @@ import numpy as np
 from drivers._common import draw, log, main, make_mesh, make_parser, observed_rates, print_table, running, write_json
 from drivers.cases import hertz, indent, rings, thick_cylinder
 from meshes import indent as indent_mesh
+from meshes import one_block, two_blocks
 from meshes import rings as ring_mesh
-from meshes import two_blocks
 from meshes.shells import shells, tubes
 from meshes.tools import finish, gmsh_model, group, unstructured
 from pcontact import build
@@ -42,7 +45,19 @@ from pcontact.mesh.refinement.refine import Balance, refine
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.options import Options
 from pcontact.runtime.petsc import MPI
-from pcontact.scene.model import Body, Contact, Displacement, Load, Material, MeshSpec, Output, Scene
+from pcontact.scene.model import (
+    Body,
+    Contact,
+    Coupling,
+    Displacement,
+    Load,
+    Material,
+    MeshSpec,
+    Output,
+    Scene,
+    Spring,
+    Temperature,
+)
 
 DIRECT = {"pc_type": "lu", "ksp_type": "preonly", "pc_factor_mat_solver_type": "mumps"}
 LARGE, MIDDLE, SMALL = 1.0, 0.6, 0.3
@@ -58,6 +73,8 @@ BLOCKS = {
     "joined": {},
     "die": {},
 }
+# what the block has beside its held left side, in the plane; see `_loaded`
+LOADS = ("weight", "spin", "total", "heat", "heat_fibres", "springs", "rigid", "average")
 # carbon fibres, and spruce: E, nu, G along axes 1, 2, 3 [GPa]; around an axis along radius, hoop and axis
 FIBRES = ([140.0, 10.0, 10.0], [0.3, 0.3, 0.45], [5.0, 5.0, 3.448])
 WOUND = ([10.0, 140.0, 10.0], [0.3 / 14.0, 0.45, 0.3], [5.0, 3.448, 5.0])
@@ -88,10 +105,12 @@ SIZES = {
     "wound-axisymmetric-triangle": (4, 8, 16),
     **{f"blocks-plane-{kind}": (6, 12) for kind in BLOCKS},
     **{f"blocks-space-{kind}": (2, 3) for kind in BLOCKS},
+    **{f"loads-plane-{kind}": (6, 12) for kind in LOADS},
+    **{f"loads-space-{kind}": (2, 4) for kind in LOADS},
 }
 TINY = ("rings-triangle", "tubes-hexahedron", "blocks-plane-friction")
 # cases that have no theta
-ONCE = ("cylinder", "mean", "hill", "indent", "blocks", "wound")
+ONCE = ("cylinder", "mean", "hill", "indent", "blocks", "wound", "loads")
 # cases whose cells lock with degree 1
 DEGREE_2 = ("mean-plane-triangle", "mean-space-tetrahedron", "hill-perfect", "hill-hardening", "indent-triangle",
             *(f"blocks-{at}-{kind}" for at in ("plane", "space") for kind in ("lower", "joined", "die")))  # fmt: skip
@@ -247,6 +266,8 @@ def prepare(name, size, degree, theta, folder, finer=False):
         return _hertz(rest, size, degree, theta, folder)
     if kind == "blocks":
         return _blocks(*rest.split("-"), size, degree, theta, folder, finer), None
+    if kind == "loads":
+        return _loaded(*rest.split("-"), size, degree, folder), None
     if kind == "wound":
         what, cell = rest.split("-")
         if what != "rings":
@@ -304,6 +325,40 @@ def joined(path, dim, n):
         gmsh.option.setNumber("Mesh.MeshSizeMax", 1.0 / n)
         unstructured("triangle" if dim == 2 else "tetrahedron")
         return finish(path, dim, 1)
+
+
+def _loaded(place, kind, n, degree, folder):
+    """A block of triangles or tetrahedra under one kind of load."""
+    dim = 2 if place == "plane" else 3
+    path = make_mesh(one_block, folder / f"block_{dim}_{n}.msh", dim, n, "triangle" if dim == 2 else "tetrahedron")
+    rest, ones = [0.0] * (dim - 2), ["free"] * (dim - 1)
+    material = Material(10.0, 0.3, density=2.0, expansion=1e-2)
+    if kind == "heat_fibres":
+        material = Material(*FIBRES[:2], G=FIBRES[2], angle=30.0, expansion=[1e-3, 1e-2, 1e-2])
+    held, more = [Displacement("left", [0.0] * dim)], {}
+    if kind == "weight":
+        more["loads"] = [Load("block", acceleration=[0.0, -0.1, *rest])]
+    elif kind == "spin":
+        axis = {} if dim == 2 else {"axis": [0.0, 0.0, 1.0]}
+        more["loads"] = [Load("block", angular_speed=0.3, point=[0.0, -0.5, *rest], **axis)]
+    elif kind == "total":
+        moment = 0.1 if dim == 2 else [0.0, 0.0, 0.1]
+        more["loads"] = [Load("right", force=[0.1, -0.1, *rest], moment=moment)]
+    elif kind.startswith("heat"):
+        more["temperatures"] = [Temperature("exp(-8*((x-0.6)**2+(y-0.7)**2))")]
+    elif kind == "springs":
+        more["springs"] = [Spring("bottom", per_area=100.0), Spring("right", stiffness=[1.0, 3.0, 2.0][:dim]),
+                           Spring("block", stiffness=[5.0, 1.0, 2.0][:dim])]  # fmt: skip
+        more["loads"], held = [Load("top", traction=[0.3, *rest, -0.5])], []
+    else:
+        turn = 0.02 if dim == 2 else [0.0, 0.02, 0.02]
+        more["couplings"] = [Coupling("right", displacement=[0.01, *ones[:-1], "free"], rotation=turn,
+                                      average=kind == "average")]  # fmt: skip
+        more["loads"] = [Load("block", body_force=[0.1, -0.1, *rest])]
+    return Scene(
+        title=f"block, {kind}, degree {degree}", mesh=MeshSpec(path, order=degree), materials={"m": material},
+        bodies=[Body("block", "m")], displacements=held, output=Output(fields=False), petsc=DIRECT, **more,
+    )  # fmt: skip
 
 
 def laminates():

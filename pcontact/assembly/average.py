@@ -10,6 +10,7 @@ import numpy as np
 from pcontact.assembly.coupling import Average, turned
 from pcontact.assembly.patches import group_patches
 from pcontact.runtime.messages import input_error
+from pcontact.runtime.petsc import MPI
 from pcontact.space.rigid import moved
 from pcontact.space.turn import moments
 
@@ -54,6 +55,7 @@ class AverageCoupling:
     def __init__(self, space, coupling, amplitude, fixed, where):
         self._space, self.amplitude, d = space, amplitude, space.dim
         self.name, self.nodes = coupling.name or coupling.region, space.region(coupling.region)
+        self.region = coupling.region
         numbers = space.nodes[self.nodes]
         own = (numbers >= space.start) & (numbers < space.start + space.n_owned)
         self._rows, self._held = numbers[own] - space.start, fixed[self.nodes[own]]
@@ -88,6 +90,17 @@ class AverageCoupling:
         at = np.flatnonzero(weights)
         parts = space.comm.allgather((at + space.start * d, weights[at]))
         return {int(c): float(w) for components, values in parts for c, w in zip(components, values, strict=True)}
+
+    def held_by(self, unbalanced):
+        """Force (d,) on the group, and moment about its centre, that hold its prescribed components, as a density:
+        a function of points. *Collective.*"""
+        space, average = self._space, self._average
+        forces = np.where(self._held, 0.0, unbalanced[self._rows])
+        arms = space.points[space.owned_local[self._rows]] - average.centre
+        own = np.concatenate([forces.sum(axis=0), np.atleast_1d(moments(arms, forces))])
+        sums = space.comm.allreduce(own, op=MPI.SUM)
+        force, moment = sums[: space.dim], sums[space.dim :] if space.dim == 3 else float(sums[space.dim])
+        return lambda points: average.density(points, force, moment)
 
     def record(self, u, unbalanced):
         """Motion of the point, and what holds its prescribed components, for the report. *Collective.*

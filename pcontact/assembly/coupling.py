@@ -99,6 +99,11 @@ class Average:
         local[self._nodes] = np.outer(self._weights, force) / self.measure + turned(self._spin(moment), self._arms)
         return self.space.summed(self.space.local, local)
 
+    def density(self, points, force, moment):
+        """What a force (d,) at the centre and a moment about it are per measure, at points (..., d)."""
+        arms = points.reshape(-1, points.shape[-1]) - self.centre
+        return (force / self.measure + turned(self._spin(moment), arms)).reshape(points.shape)
+
     def motion(self, u):
         """Mean displacement (d,) [length] and rotation [radian] at a displacement. *Collective.*"""
         nodal = self.space.local.gather(u)[self._nodes]
@@ -149,7 +154,12 @@ class TotalLoad:
             key = "moment" if load.moment is not None else "point"
             found = f"a moment on {load.region!r}, whose nodes are {_said(self.average)}"
             raise input_error(where[0], f"{where[1]}.{key}", found, "a group of facets, or nodes not in a line")
-        self.vector = self.average.forces(self._force, about if d == 3 else float(about[0]))
+        self._about = about if d == 3 else float(about[0])
+        self.vector = self.average.forces(self._force, self._about)
+
+    def density(self, points):
+        """Force per measure at points (..., d) at factor 1."""
+        return self.average.density(points, self._force, self._about)
 
     def record(self, u, time):
         """Force, moment about the point, displacement and rotation of the point, for the report. *Collective.*"""

@@ -148,7 +148,7 @@ class Heat:
         for trace in self._traces:
             trace.take(self)
 
-    def _heated(self, number):
+    def heated(self, number):
         """Whether a block has cells that are heated and expand."""
         return bool((self._which[number] >= 0).any() and self._moduli[self.space.mesh.blocks[number].body])
 
@@ -156,7 +156,7 @@ class Heat:
         """Block, rows, gradients, weights, hoop operators and beta dT (nc, nq) of the chunks of heated cells."""
         space = self.space
         for number, block in enumerate(space.mesh.blocks):
-            for rows, grad, jxw, shapes in chunks(space, number) if self._heated(number) else ():
+            for rows, grad, jxw, shapes in chunks(space, number) if self.heated(number) else ():
                 points = points_of(space, number, rows)
                 some = np.arange(rows.start, rows.stop)
                 values = self.stress(number, some, points)
@@ -164,12 +164,12 @@ class Heat:
                     values = _fit(space, block, jxw, points, values)(points, np.arange(len(some)))
                 yield number, rows, grad, jxw, hoop(space, number, rows, shapes), values
 
-    def _law(self, number):
+    def law(self, number):
         """The orthotropic law of a block, None where it is isotropic."""
         return self._laws.get(self.space.mesh.blocks[number].body)
 
     def _no_means(self):
-        return [np.zeros(len(which) if self._law(number) is None else (len(which), 6))
+        return [np.zeros(len(which) if self.law(number) is None else (len(which), 6))
                 for number, which in enumerate(self._which)]  # fmt: skip
 
     def _integrated(self):
@@ -177,7 +177,7 @@ class Heat:
         space = self.space
         local, means = np.zeros((space.n_local, space.dim)), self._no_means()
         for number, rows, grad, jxw, ring, values in self._chunks():
-            law, volume = self._law(number), jxw.sum(axis=1)
+            law, volume = self.law(number), jxw.sum(axis=1)
             if law is None:
                 operator = dilatation(grad, ring)
                 means[number][rows] = np.sum(jxw * values, axis=1) / volume
@@ -192,12 +192,12 @@ class Heat:
 
     def directions(self, number, rows, shape):
         """beta (nc, nq, m) of an orthotropic body at the points of cells, in Mandel components [stress/temperature]."""
-        beta = self._law(number).thermal(points_of(self.space, number, rows).reshape(-1, self.space.dim))
+        beta = self.law(number).thermal(points_of(self.space, number, rows).reshape(-1, self.space.dim))
         return np.broadcast_to(beta, (shape[0] * shape[1], beta.shape[1])).reshape(*shape, -1)
 
     def onto(self, number, x, normal):
         """beta n (n, d) of an orthotropic body at points x (n, d); None where a block is isotropic."""
-        law = self._law(number)
+        law = self.law(number)
         return None if law is None else np.einsum("nik,nk->ni", traction_matrix(normal), np.broadcast_to(
             law.thermal(x), (len(x), law.size)))  # fmt: skip
 
@@ -231,7 +231,7 @@ class Heat:
         """Block, rows of the cells and first number of the facets of a group whose cells are heated."""
         first = 0
         for facets in self.space.mesh.facet_groups.get(name, []):
-            if self._heated(facets.block):
+            if self.heated(facets.block):
                 yield facets.block, facets.cells, first
             first += len(facets.cells)
 

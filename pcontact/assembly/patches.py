@@ -99,15 +99,21 @@ def node_patches(space, nodes):
         yield Patch(nodes[:, None], ones[:, :, None], ones, space.points[nodes][:, None])
 
 
-def group_patches(space, region):
-    """Patches of a group: of its facets, or without any of its cells, or of its nodes. *Collective.*"""
+def kind_of(space, region):
+    """What a group is a group of: "facets", or without any "cells", or "nodes". *Collective.*"""
     mesh = space.mesh
     facets = sum(len(one.cells) for one in mesh.facet_groups.get(region, []))
     cells = sum(len(rows) for rows in mesh.cell_groups.get(region, []))
     facets, cells = space.comm.allreduce(np.array([facets, cells]), op=MPI.SUM)
-    if facets:
+    return "facets" if facets else "cells" if cells else "nodes"
+
+
+def group_patches(space, region):
+    """Patches of a group: of its facets, or without any of its cells, or of its nodes. *Collective.*"""
+    kind = kind_of(space, region)
+    if kind == "facets":
         return list(facet_patches(space, region))
-    return list(cell_patches(space, region) if cells else node_patches(space, space.region(region)))
+    return list(cell_patches(space, region) if kind == "cells" else node_patches(space, space.region(region)))
 
 
 def assembled(space, parts):

@@ -87,6 +87,7 @@ class GroundSprings(LinearForces):
     """
 
     def __init__(self, space, spring):
+        self.region = spring.region
         patches = list(facet_patches(space, spring.region)) if spring.per_area else group_patches(space, spring.region)
         self._stiffness = self._tensor(space, spring, patches)
         super().__init__(space, spring.name or spring.region, patches, self._blocks)
@@ -98,6 +99,12 @@ class GroundSprings(LinearForces):
             return spring.per_area if np.ndim(spring.per_area) == 0 else np.array(spring.per_area)
         total = space.comm.allreduce(float(sum(patch.weight.sum() for patch in patches)))
         return np.array(spring.stiffness) / total
+
+    def tensor(self, normals):
+        """Stiffness (..., d, d) per measure at points with unit normals (..., d); None in cells."""
+        if np.ndim(self._stiffness):
+            return np.diag(self._stiffness)
+        return self._stiffness * normals[..., :, None] * normals[..., None, :]
 
     def _blocks(self, patch):
         """Stiffness (n, nn, nn, d, d) of the elements of a patch."""

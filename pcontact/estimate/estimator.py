@@ -29,7 +29,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pcontact.assembly.bulk import ElasticBulk
-from pcontact.assembly.loads import value_of
+from pcontact.assembly.patches import Patch
 from pcontact.assembly.plastic import NO_RING
 from pcontact.assembly.plastic_kernels import CellPoints
 from pcontact.contact.law import OPEN, STICK
@@ -41,14 +41,16 @@ from pcontact.element.reference import CELLS, facet_nodes, facet_points
 from pcontact.element.shape import shape, shape_gradient
 from pcontact.estimate.bubbles import bubbles, supports
 from pcontact.estimate.facets import FacetPairs, facet_rule
+from pcontact.estimate.loads import Given
 from pcontact.estimate.local import NO_REST, LocalFunctions, Moduli, energies, products
 from pcontact.estimate.recovery import Recovery
+from pcontact.estimate.springs import Springs
 from pcontact.estimate.stress import BlockStress, own_nodes
 from pcontact.estimate.tractions import Cells, on_source, on_target, source_facets
 from pcontact.estimate.yielding import softening
 from pcontact.material.orthotropic import traction_matrix
 from pcontact.runtime.petsc import MPI
-from pcontact.scene.prescribed import Prescribed
+from pcontact.space.rigid import RigidGroup
 
 PARTS = ("interior", "jumps", "neumann", "contact", "friction")
 INTERIOR, JUMPS, NEUMANN, CONTACT, FRICTION = range(len(PARTS))
@@ -93,7 +95,7 @@ class Dual(NamedTuple):
     nodal : ndarray (n_local, d)
     tested : ndarray (nc, n_parts, nb, d)
         Residuals of a block, but for what its cells' interiors add.
-    loads : list of (pcontact.scene.model.Load, Steady)
+    loads : list of pcontact.estimate.loads.Given
     """
 
     nodal: np.ndarray
@@ -122,8 +124,7 @@ class Estimator:
     Parameters
     ----------
     problem : pcontact.solve.problem.Problem
-    loads : list of (pcontact.scene.model.Load, pcontact.scene.amplitude.Amplitude)
-        With their factors of time.
+    loads : list of pcontact.estimate.loads.Given or pcontact.estimate.loads.Spread
 
     Notes
     -----
@@ -133,6 +134,12 @@ class Estimator:
     def __init__(self, problem, loads):
         self.problem, self.space, self._loads = problem, problem.space, loads
         self.bulk, self.contacts = problem.bulk, problem.contacts
+        self._springs = Springs(problem)
+        # what moves as a rigid body is as much held as what is prescribed
+        self._held = problem.supports.fixed.copy()
+        for group in problem.groups:
+            if isinstance(group, RigidGroup):
+                self._held[group.nodes] = True
         self._pairs = FacetPairs(self.space)
         self._recovery = Recovery(self.space)
         names = {pair.contact.target for contact in self.contacts for pair in contact.pairs} - {None}
@@ -164,31 +171,33 @@ class Estimator:
 
     # -- residuals ------------------------------------------------------------------------------------------------
 
-    def __call__(self, u, time):
+    def __call__(self, u, time, holding=()):
         """Estimate the error of a displacement at the end of a load step. *Collective.*
 
         Parameters
         ----------
         u : PETSc.Vec
         time : float
+        holding : list of pcontact.estimate.loads.Spread
+            What holds groups that move on average.
 
         Returns
         -------
         Estimate
         """
-        space = self.space
-        nodal, tested, surfaces = self._tested(u, time)
-        squares = [self._solve(number, nodal, time, t) for number, t in enumerate(tested)]
+        space, loads = self.space, [*self._loads, *holding]
+        nodal, tested, surfaces = self._tested(u, time, loads)
+        squares = [self._solve(number, nodal, time, t, loads) for number, t in enumerate(tested)]
         total = sum((s.sum(axis=0) for s in squares), np.zeros(len(PARTS) + 1))
         total = np.sqrt(space.comm.allreduce(total, op=MPI.SUM))
         parts = dict(zip(PARTS, total[:-1].tolist(), strict=True))
         return Estimate(float(total[-1]), self.norm(u), parts, surfaces, [np.sqrt(s[:, -1]) for s in squares])
 
-    def _tested(self, u, time):
+    def _tested(self, u, time, loads):
         """Displacement (n_local, d), residuals of every block but for what its cells' interiors add, and residuals on
         surfaces. *Collective.*"""
         nodal, tested, surfaces = self.space.local.gather(u), self._untested(), {}
-        self._add_facets(nodal, time, tested, self.bulk, self._loads)
+        self._add_facets(nodal, time, tested, self.bulk, loads)
         for contact in self.contacts:
             states = contact.states(u)
             self._add_contact(contact, states, tested)
@@ -200,7 +209,7 @@ class Estimator:
         """Room for the residuals of every block."""
         return [np.zeros((len(b.nodes), len(PARTS), *self._width(b))) for b in self.space.mesh.blocks]
 
-    def weighted(self, u, time, z, goal):
+    def weighted(self, u, time, z, goal, holding=((), ())):
         """The residual of a dual displacement, weighted with the error of the displacement that the cells know, see
         `pcontact.estimate.goal`. *Collective.*
 
@@ -210,14 +219,17 @@ class Estimator:
         time : float
         z : PETSc.Vec
         goal : pcontact.estimate.goal.Goal
+        holding : (list, list) of pcontact.estimate.loads.Spread
+            What holds groups that move on average, of both displacements.
 
         Returns
         -------
         list of ndarray (nc,)
             Of the cells of each block [energy].
         """
-        nodal, tested, _ = self._tested(u, time)
-        loads = [] if goal.load is None else [(goal.load, Steady)]
+        own = [*self._loads, *holding[0]]
+        nodal, tested, _ = self._tested(u, time, own)
+        loads = [*([] if goal.load is None else [Given(goal.load, Steady)]), *holding[1]]
         other, against = self.space.local.gather(z), self._untested()
         self._add_facets(other, time, against, self._elastic, loads)
         zero, shifted = self.space.vector(), z.copy()
@@ -226,14 +238,14 @@ class Estimator:
         for contact in self.contacts:
             self._add_dual_contact(contact, shifted if contact.name == goal.contact else z, zero, against)
         return [
-            self._solve(number, nodal, time, t, Dual(other, against[number], loads))[:, 0]
+            self._solve(number, nodal, time, t, own, Dual(other, against[number], loads))[:, 0]
             for number, t in enumerate(tested)
         ]
 
     @property
     def _elastic(self):
         """The bodies as if none had yielded."""
-        return SimpleNamespace(constants=self.bulk.constants, orthotropic=self.bulk.orthotropic)
+        return SimpleNamespace(constants=self.bulk.constants, orthotropic=self.bulk.orthotropic, heat=None)
 
     def averaged_stress(self, nodal):
         """Stress (nc, nn, d, d) at the nodes of each block's cells, averaged in each body. *Collective.*"""
@@ -307,6 +319,7 @@ class Estimator:
             share = share.reshape(inner.shape)[:, :, None, None]
             jump = ((1.0 - share) * flux[number] - share * theirs - traction) * inner[:, :, None, None]
             outer = self._outer(number, time, traction, normal, inner, loads)
+            self._springs.add(number, nodal, outer, traction, normal)
             self._test(number, traction, jump, outer, jxw, tested[number])
 
     def _stiffness(self, block):
@@ -335,14 +348,14 @@ class Estimator:
                 on = (self._kind[number][:, :, k] == part) & ~inner
                 if on.any():
                     result[part] = result.get(part, 0.0) + value * on[:, :, None, None]
-        for load, amplitude in loads:
-            for facets in space.mesh.facet_groups.get(load.region, []) if load.body_force is None else []:
+        for load in loads:
+            for facets in space.mesh.facet_groups.get(load.region, []) if load.on_facets else []:
                 if facets.block != number or not len(facets.cells):
                     continue
                 where = facets.cells, facets.local
-                value = self._values(load, self._places(number, *where), time)
-                value = -value * normal[where] if load.pressure is not None else value
-                result.setdefault(NEUMANN, np.zeros_like(traction))[where] += amplitude.factor(time) * value
+                body = space.mesh.blocks[number].body
+                value = self._density(load, self._places(number, *where), normal[where], body, time)
+                result.setdefault(NEUMANN, np.zeros_like(traction))[where] += value
         return result
 
     def _places(self, number, cells, local):
@@ -353,11 +366,11 @@ class Estimator:
         values = np.stack([shape(block.cell, geometry_degree, at) for at in points])
         return np.einsum("fqa,fad->fqd", values[local], mesh.points[table[cells]])
 
-    @staticmethod
-    def _values(load, points, time):
-        """Values (n, nq, m) of a load at points (n, nq, d); where they are not finite the run has said so."""
-        prescribed = Prescribed(value_of(load)[1])
-        return prescribed(points.reshape(-1, points.shape[2]), time).reshape(*points.shape[:2], -1)
+    def _density(self, load, points, normals, body, time):
+        """Force (n, nq, d) of a load per area or volume; where it is not finite the run has said so."""
+        none = np.zeros((len(points), 0), dtype=np.int64)
+        patch = Patch(none, np.zeros((*points.shape[:2], 0)), np.zeros(points.shape[:2]), points, normals, body)
+        return load.factor(time) * load.density(self.space, patch, time)
 
     def _test(self, number, traction, jump, outer, jxw, tested):
         """Test the residuals of a block's facets with the functions on them."""
@@ -465,7 +478,7 @@ class Estimator:
     def _fixed(self, number, rows):
         """Components (n, nb, d) of test functions that supports hold."""
         space, block = self.space, self.space.mesh.blocks[number]
-        held, degree = self.problem.supports.fixed[own_nodes(space, number)[rows]], space.degree_of(block)
+        held, degree = self._held[own_nodes(space, number)[rows]], space.degree_of(block)
         first, last = self._pairs.first[number : number + 2]
         outer = ~self._pairs.inner[first:last].reshape(len(block.nodes), -1)[rows]
         facets = held[:, facet_nodes(block.cell, degree)].all(axis=2)
@@ -473,7 +486,7 @@ class Estimator:
         on = supports(block.cell, degree)
         return np.einsum("bf,cfi->cbi", on.astype(float), facets.astype(float)) > 0.5
 
-    def _solve(self, number, nodal, time, tested, weight=None):
+    def _solve(self, number, nodal, time, tested, own_loads, weight=None):
         """Squared energies (nc, n_parts + 1) of a block's local problems; or, with a :class:`Dual` as weight, their
         energy products (nc, 1) with its local problems."""
         space, mesh = self.space, self.space.mesh
@@ -500,10 +513,11 @@ class Estimator:
                 jxw *= 2.0 * np.pi * radius
                 ring = np.ascontiguousarray(hoop_operator(tests, radius))
             stress = BlockStress(space, self.bulk, number, rows, nodal)
-            sigma, around = stress(grad, shape(block.cell, degree, xi), radius, xi)
+            values = shape(block.cell, degree, xi)
+            sigma, around = stress(grad, values, radius, xi)
             loads = np.ascontiguousarray(tested[rows])
             loads[:, INTERIOR] -= _work(sigma, around, test, ring, jxw)
-            force = self._body_force(number, rows, geo @ x, time, self._loads)
+            force = self._body_force(number, rows, geo @ x, time, own_loads, (values, nodal))
             if force is not None:
                 loads[:, INTERIOR] += np.einsum("cq,qb,cqd->cbd", jxw, tests, force)
             basis = np.zeros((0, 0, 0))
@@ -512,16 +526,16 @@ class Estimator:
             functions = LocalFunctions(test, ring, jxw, basis)
             fixed, moduli = self._fixed(number, rows), Moduli(own, shared, mu, self._rest(block, geo @ x))
             softer = softening(space, self.bulk, number, rows, nodal, xi)
+            bound = self._springs.bound(number, rows, (tests, jxw))
             if weight is None:
-                energies(functions, moduli, softer, loads, fixed, out[rows])
+                energies(functions, moduli, softer, bound, loads, fixed, out[rows])
                 continue
-            values = shape(block.cell, degree, xi)
             sigma, around = BlockStress(space, self._elastic, number, rows, weight.nodal)(grad, values, radius, xi)
             others = weight.tested[rows].sum(axis=1) - _work(sigma, around, test, ring, jxw)
-            force = self._body_force(number, rows, geo @ x, time, weight.loads)
+            force = self._body_force(number, rows, geo @ x, time, weight.loads, (values, weight.nodal))
             if force is not None:
                 others += np.einsum("cq,qb,cqd->cbd", jxw, tests, force)
-            products(functions, moduli, softer, loads.sum(axis=1), others, fixed, out[rows, 0])
+            products(functions, moduli, softer, bound, loads.sum(axis=1), others, fixed, out[rows, 0])
         return out if weight is None else out[:, :1]
 
     def _rest(self, block, points):
@@ -532,16 +546,18 @@ class Estimator:
         points = points.reshape(-1, points.shape[2])
         return law.deviation(points[:1] if law.uniform else points)
 
-    def _body_force(self, number, rows, points, time, loads):
-        """Force density at points (n, nq, d) of some of a block's cells, None where there is none in the block."""
-        total = None
-        for load, amplitude in loads:
-            groups = self.space.mesh.cell_groups.get(load.region, []) if load.body_force is not None else []
+    def _body_force(self, number, rows, points, time, loads, displacement):
+        """Force density at points (n, nq, d) of some of a block's cells, None where there is none in the block, at a
+        displacement: shape functions (nq, nn) and nodal values."""
+        block = self.space.mesh.blocks[number]
+        total = self._springs.force(number, rows, *displacement)
+        for load in loads:
+            groups = self.space.mesh.cell_groups.get(load.region, []) if not load.on_facets else []
             if number < len(groups) and len(groups[number]):
-                chosen = np.zeros(len(self.space.mesh.blocks[number].nodes), dtype=bool)
+                chosen = np.zeros(len(block.nodes), dtype=bool)
                 chosen[groups[number]] = True
                 total, own = np.zeros(points.shape) if total is None else total, chosen[rows]
-                total[own] += amplitude.factor(time) * self._values(load, points[own], time)
+                total[own] += self._density(load, points[own], None, block.body, time)
         return total
 
 

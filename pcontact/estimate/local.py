@@ -53,6 +53,27 @@ class Moduli(NamedTuple):
     rest: np.ndarray = NO_REST
 
 
+class Bound(NamedTuple):
+    """What springs to the ground add to the stiffness of some cells.
+
+    Attributes
+    ----------
+    at : ndarray (nc,) of int
+        Row of each cell in ``matrices``, -1 where there is none.
+    matrices : ndarray (k, n, n)
+    """
+
+    at: np.ndarray
+    matrices: np.ndarray
+
+
+@njit
+def _add_bound(bound, c, out):
+    """Add them to the stiffness (n, n) of cell c."""
+    if bound.at[c] >= 0:
+        out += bound.matrices[bound.at[c]]
+
+
 @njit
 def _assemble(functions, c, moduli, out):
     """Stiffness (n, n) of cell c for the test functions; the lower triangle is enough."""
@@ -202,12 +223,12 @@ def _without(matrix, fixed, c, d):
 
 
 @njit
-def products(functions, moduli, softening, loads, others, fixed, out):
+def products(functions, moduli, softening, bound, loads, others, fixed, out):
     """Energy products of the solutions of two local problems on every cell.
 
     Parameters
     ----------
-    functions, moduli, softening, fixed
+    functions, moduli, softening, bound, fixed
         As for :func:`energies`.
     loads, others : ndarray (nc, nb, d)
         Their right-hand sides [force].
@@ -221,6 +242,7 @@ def products(functions, moduli, softening, loads, others, fixed, out):
         _assemble(functions, c, moduli, matrix)
         if softening.part[c].any():
             _soften(functions, c, softening, matrix)
+        _add_bound(bound, c, matrix)
         _without(matrix, fixed, c, d)
         _factorise(matrix)
         for a in range(nb):
@@ -236,17 +258,18 @@ def products(functions, moduli, softening, loads, others, fixed, out):
 
 
 @njit
-def energies(functions, moduli, softening, loads, fixed, out):
+def energies(functions, moduli, softening, bound, loads, fixed, out):
     """Squared energy norms of the solutions of the cells' local problems.
 
     Find e with  int sigma(e) : eps(v) = load(v)  for all test functions v of the cell. Where the cell has yielded sigma
-    is softer than that of elasticity; the energy is always that of elasticity.
+    is softer than that of elasticity; the energy is always that of elasticity, without that of springs.
 
     Parameters
     ----------
     functions : LocalFunctions
     moduli : Moduli
     softening : pcontact.estimate.yielding.Softening
+    bound : Bound
     loads : ndarray (nc, n_parts, nb, d)
         Residual of each kind, tested [force].
     fixed : ndarray (nc, nb, d) of bool
@@ -260,9 +283,12 @@ def energies(functions, moduli, softening, loads, fixed, out):
     for c in range(nc):
         _assemble(functions, c, moduli, matrix)
         softer = softening.part[c].any()
-        if softer:
+        other = softer or bound.at[c] >= 0
+        if other:
             elastic[:, :] = matrix
+        if softer:
             _soften(functions, c, softening, matrix)
+        _add_bound(bound, c, matrix)
         _without(matrix, fixed, c, d)
         _factorise(matrix)
         for part in range(parts + 1):
@@ -276,4 +302,4 @@ def energies(functions, moduli, softening, loads, fixed, out):
                             for k in range(parts):
                                 value += loads[c, k, a, i]
                     vector[a * d + i] = value
-            out[c, part] = _square_in(elastic, matrix, vector) if softer else _square(matrix, vector)
+            out[c, part] = _square_in(elastic, matrix, vector) if other else _square(matrix, vector)

@@ -43,21 +43,20 @@ class BlockStress:
         self.space, self.block, self.degree = space, block, space.degree_of(block)
         self.lam, self.mu = bulk.constants[block.body]
         self.u = nodal[own_nodes(space, number)[rows]]
+        table, self._geometry = space.mesh.geometry_nodes(block)
+        self._x = space.mesh.points[table[rows]]
         averaged = space.averages(block)
         self.own, shared = factors(self.lam, self.mu, averaged, self.degree)
         self.shared = None
         if averaged:
-            table, degree = space.mesh.geometry_nodes(block)
-            order = rule_degree(space, block, degree)
-            x = np.ascontiguousarray(space.mesh.points[table[rows]])
-            mean = mean_dilatation(block.cell, x, degree, self.degree, order, space.axisymmetric)
+            x, order = np.ascontiguousarray(self._x), rule_degree(space, block, self._geometry)
+            mean = mean_dilatation(block.cell, x, self._geometry, self.degree, order, space.axisymmetric)
             # the displacement stands for nodes and directions: a single "node" of one direction
             mean = Mean(mean.centre, np.einsum("cbad,cad->cb", mean.slopes, self.u)[:, :, None, None])
-            self.shared, self._x, self._geometry = mean.times(np.full(len(x), shared)), x, degree
+            self.shared = mean.times(np.full(len(x), shared))
         self._law = bulk.orthotropic.get(block.body)
-        if self._law is not None and not self._law.uniform:
-            table, self._geometry = space.mesh.geometry_nodes(block)
-            self._x = space.mesh.points[table[rows]]
+        self._heat = bulk.heat if bulk.heat is not None and bulk.heat.heated(number) else None
+        self._cells = number, np.arange(len(block.nodes))[rows]
         state = getattr(bulk, "states", {}).get(number)
         self.excess = None if state is None else _excess(space, state, number, rows, nodal)
 
@@ -89,18 +88,34 @@ class BlockStress:
             trace = trace + ring
         volumetric = self.own * trace
         if self.shared is not None:
-            points = shape(self.block.cell, self._geometry, xi) @ self._x
-            volumetric = volumetric + self.shared.at(points)[:, :, 0, 0]
+            volumetric = volumetric + self.shared.at(self._places(xi))[:, :, 0, 0]
         stress = self.mu * (slope + slope.transpose(0, 1, 3, 2))
         stress += volumetric[:, :, None, None] * np.eye(d)
         around = None if ring is None else volumetric + 2.0 * self.mu * ring
         if self._law is not None:
             around = _add_excess(self._deviation(slope, ring, xi), stress, around)
+        if self._heat is not None:
+            around = self._take_heat(stress, around, xi)
         if self.excess is not None:
             excess, points = self.excess
             around = _add_excess(np.matmul(extrapolation(self.block.cell, self.space.degree, points, xi), excess),
                                  stress, around)  # fmt: skip
         return stress, around
+
+    def _places(self, xi):
+        """Points (nc, nq, d) of the cells [length]."""
+        return shape(self.block.cell, self._geometry, xi) @ self._x
+
+    def _take_heat(self, stress, around, xi):
+        """Take the stress off that heated cells have at zero strain; returns the hoop stress."""
+        (number, rows), points = self._cells, self._places(xi)
+        values = self._heat.on_cells(number, rows, np.arange(len(rows)), points)
+        if self._law is None:
+            stress -= values[:, :, None, None] * np.eye(stress.shape[2])
+            return None if around is None else around - values
+        beta = self._law.thermal(points.reshape(-1, points.shape[2]))
+        beta = beta[None] if len(beta) == 1 else beta.reshape(*values.shape, -1)
+        return _add_excess(-values[:, :, None] * beta, stress, around)
 
     def _deviation(self, slope, ring, xi):
         """C_dev : eps (nc, nq, m), see `pcontact.material.orthotropic`."""
@@ -108,7 +123,7 @@ class BlockStress:
         strain = mandel(slope, ring, law.size)
         if law.uniform:
             return strain @ law.deviation(np.zeros((1, slope.shape[3])))[0]
-        points = (shape(self.block.cell, self._geometry, xi) @ self._x).reshape(-1, slope.shape[3])
+        points = self._places(xi).reshape(-1, slope.shape[3])
         flat, out = strain.reshape(len(points), law.size), np.empty((len(points), law.size))
         for first in range(0, len(points), PART):
             some = slice(first, first + PART)

@@ -4,10 +4,9 @@ import numpy as np
 
 from pcontact.estimate import goal
 from pcontact.estimate.estimator import Estimator
-from pcontact.estimate.loads import missing
+from pcontact.estimate.loads import applied, held, missing
 from pcontact.runtime.observer import Observer
 from pcontact.runtime.petsc import MPI, PETSc
-from pcontact.scene import amplitude_of
 from pcontact.solve.preconditioners.contact import new_preconditioner
 
 # one more Newton step is solved to this part of its right-hand side, with so many iterations at most
@@ -62,15 +61,14 @@ class ErrorEstimate(Observer):
     """
 
     def __init__(self, problem, scene, newton):
-        loads = [(load, amplitude_of(load, scene.steps.end)) for load in scene.loads]
-        self._problem, self._newton, self._loads, self.cells = problem, newton, loads, []
+        self._problem, self._newton, self._loads, self.cells = problem, newton, applied(problem, scene), []
         # the largest norm of the run so far, which a restarted run goes on with
         self.last, self.carried = None, 0.0
-        self._estimator = Estimator(problem, loads)
+        self._estimator = Estimator(problem, self._loads)
 
     def step(self, step, u, record):
         """Estimate. *Collective.*"""
-        estimate = self._estimator(u, step.time)
+        estimate = self._estimator(u, step.time, held(self._problem, step.unbalanced))
         self.cells = estimate.cells
         # relative to the largest norm of the run: bodies that have been let go have none, but stresses that remain
         self.carried = max(self.carried, estimate.energy)
@@ -120,7 +118,8 @@ class ErrorEstimate(Observer):
         preconditioner = new_preconditioner(problem.space.comm, self._newton.snes.getOptionsPrefix())
         z = problem.space.vector()
         z.setArray(goal.dual(problem, found, preconditioner).ravel())
-        cells = [found.sign * own for own in self._estimator.weighted(u, time, z, found)]
+        holding = held(problem, unbalanced), self._held(u, z, found)
+        cells = [found.sign * own for own in self._estimator.weighted(u, time, z, found, holding)]
         dual = z.getArray(readonly=True).reshape(unbalanced.shape)
         forces, _ = missing(problem.space, self._loads, time)
         left = problem.space.vector()
@@ -129,6 +128,15 @@ class ErrorEstimate(Observer):
                 -found.sign * np.vdot(dual, left.getArray(readonly=True).reshape(dual.shape))]  # fmt: skip
         error, loads, algebraic = problem.space.comm.allreduce(np.array(work, dtype=float), op=MPI.SUM).tolist()
         return goal.GoalError(found.value, error, cells, loads, algebraic)
+
+    def _held(self, u, z, found):
+        """What holds groups that move on average in a dual displacement. *Collective.*"""
+        problem = self._problem
+        if not problem.averages:
+            return []
+        phi = z.getArray(readonly=True).reshape(problem.fixed.shape)
+        forces = goal.transposed(problem.space, problem.items, u, phi)
+        return held(problem, forces if found.lift is not None else forces - found.slope)
 
     def norm(self, v):
         """Energy norm of a displacement of elastic bodies [sqrt(energy)]. *Collective.*"""

@@ -7,12 +7,9 @@ from pcontact.scene.places import place
 
 def unestimated(scene: Scene) -> list[str]:
     """What a scene has that the estimate of the error does not know, by its places."""
-    loads = [(place("loads", k, one.region), one) for k, one in enumerate(scene.loads)]
-    strange = [where for where, one in loads if one.total]
-    for key in ("couplings", "pretensions", "equations", "periodic", "temperatures"):
+    strange = [place("loads", k, one.region) + ".at" for k, one in enumerate(scene.loads) if one.at is not None]
+    for key in ("pretensions", "equations", "periodic"):
         strange += [place(key, k, one.region) for k, one in enumerate(getattr(scene, key))]
-    strange += [where for where, one in loads if one.acceleration is not None or one.angular_speed is not None]
-    strange += [place("springs", k, one.region) for k, one in enumerate(scene.springs)]
     return strange + ["mesh.serendipity"] * scene.mesh.serendipity
 
 
@@ -26,8 +23,10 @@ def check_target(scene: Scene) -> None:
     target, key = scene.accuracy, "accuracy.error"
     found = [f"finite strain (body {body.region})" for body in scene.bodies if scene.finite(body)]
     found += ["phases"] if scene.phases else unestimated(scene)
+    found += [f"{place('temperatures', k, one.region)}.file, of nodes that other meshes do not have"
+              for k, one in enumerate(scene.temperatures) if one.file is not None]  # fmt: skip
     if found:
-        allowed = "small strain without phases, under tractions and body forces alone: errors of others are not known"
+        allowed = "small strain, no phases, forces at nodes, equations or sections: their errors are not known"
         raise input_error(scene.where, key, f"{target.error:g} together with {found[0]}", allowed)
     rough = [c for c in scene.contacts if c.formulation not in (None, "nitsche")]
     if rough:

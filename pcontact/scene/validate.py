@@ -687,7 +687,7 @@ def _check_estimate(scene):
     """What the estimate of the error does not know."""
     strange = unestimated(scene)
     if scene.output.estimate and strange:
-        allowed = "false, or tractions and body forces alone"
+        allowed = "false, or a scene without: its error is not known"
         raise input_error(scene.where, "output.estimate", f"true together with {strange[0]}", allowed)
 
 

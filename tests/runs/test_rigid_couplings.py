@@ -203,8 +203,9 @@ def test_where_groups_are_refused(mesh):
     case.mesh.strain, case.mesh.kinematics = "small", "axisymmetric"
     with pytest.raises(InputError, match=r"couplings\[0\].*rotation.*axisymmetric"):
         Simulation(case, SELF)
-    case.couplings[0].rotation, case.output.estimate = None, True
-    with pytest.raises(InputError, match=r"output.estimate.*couplings\[0\]"):
+    case = scene(mesh["square"], [Coupling("block", rotation=0.1)])
+    case.output.estimate = True
+    with pytest.raises(InputError, match=r"output.estimate.*couplings\[0\].*a group of cells"):
         Simulation(case, SELF)
 
 

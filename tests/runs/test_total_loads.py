@@ -212,7 +212,7 @@ def test_nodes_in_a_line_bear_no_moment_about_it(tmp_path, mesh):
     case.mesh.kinematics, case.loads = "axisymmetric", [Load("right", moment=1.0)]
     with pytest.raises(InputError, match="moment.*axisymmetric"):
         Simulation(case, SELF)
-    case = scene(mesh[2], [], [], springs=[Spring("top", per_area=1.0)])
+    case = scene(mesh[2], [], [], springs=[Spring("corner_11", stiffness=[1.0, 1.0])])
     case.output.estimate = True
-    with pytest.raises(InputError, match=r"output.estimate.*springs\[0\]"):
+    with pytest.raises(InputError, match=r"output.estimate.*springs\[0\].*a group of nodes"):
         Simulation(case, SELF)

@@ -7,6 +7,7 @@ from pcontact.runtime.errors import InputError
 from pcontact.runtime.options import Options
 from pcontact.runtime.petsc import own_options
 from pcontact.scene import Contact, read_scene
+from pcontact.scene.model import Load, Temperature
 from pcontact.scene.target import Target
 from tests.support.bad_input import SCENE, mesh_text
 
@@ -59,5 +60,14 @@ def test_what_is_not_estimated_is_refused(tmp_path):
     scene.contacts = [Contact("upper_bottom", "lower_top", name="pair", formulation="penalty")]
     with pytest.raises(InputError, match=r'accuracy\.error: found .*"penalty"; allowed: "nitsche"'):
         asked(scene, {"error": "2%"})
+    (tmp_path / "warm.vtu").touch()
+    for key, one, found in (
+        ("loads", Load(force=[0.0, -1.0], at=[0.0, 0.0]), r"loads\[0\].*at"),
+        ("temperatures", Temperature(file="warm.vtu", field="T"), r"temperatures\[0\].*file"),
+    ):
+        scene = scene_of(tmp_path)
+        setattr(scene, key, [one])
+        with pytest.raises(InputError, match=rf"accuracy\.error: found 0\.02 together with {found}"):
+            asked(scene, {"error": "2%"})
     with pytest.raises(InputError, match="-restart"):
         asked(scene_of(tmp_path), {"error": "2%", "restart": "there"})

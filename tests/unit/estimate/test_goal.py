@@ -10,7 +10,7 @@ from drivers.cases import rings
 from meshes import rings as rings_mesh
 from pcontact.adapt.watch import Watch
 from pcontact.estimate.goal import transposed, value
-from pcontact.estimate.local import LocalFunctions, Moduli, energies, products
+from pcontact.estimate.local import Bound, LocalFunctions, Moduli, energies, products
 from pcontact.estimate.yielding import Softening
 from pcontact.runtime.parallel import on_root
 from pcontact.runtime.petsc import MPI
@@ -29,15 +29,16 @@ def test_products_of_local_problems():
     moduli, fixed = Moduli(1.3, 0.0, 0.7), np.zeros((nc, nb, d), dtype=bool)
     fixed[1, 2, 0] = True
     first, second = rng.normal(size=(2, nc, nb, d))
+    free = Bound(np.full(nc, -1), np.zeros((0, nb * d, nb * d)))
     none = Softening(np.zeros((nc, 1)), np.zeros((0, 0)), np.zeros(nq, dtype=np.int64))
     out, squares, both = np.empty(nc), np.empty((nc, 2)), np.empty((nc, 2))
-    products(functions, moduli, none, first, second, fixed, out)
-    energies(functions, moduli, none, first[:, None].copy(), fixed, squares)
-    energies(functions, moduli, none, (first + second)[:, None].copy(), fixed, both)
+    products(functions, moduli, none, free, first, second, fixed, out)
+    energies(functions, moduli, none, free, first[:, None].copy(), fixed, squares)
+    energies(functions, moduli, none, free, (first + second)[:, None].copy(), fixed, both)
     other = np.empty((nc, 2))
-    energies(functions, moduli, none, second[:, None].copy(), fixed, other)
+    energies(functions, moduli, none, free, second[:, None].copy(), fixed, other)
     assert out == pytest.approx(0.5 * (both - squares - other)[:, 1])
-    products(functions, moduli, none, first, first, fixed, out)
+    products(functions, moduli, none, free, first, first, fixed, out)
     assert out == pytest.approx(squares[:, 1])
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pcontact.estimate.local import LocalFunctions, Moduli, energies, products
+from pcontact.estimate.local import Bound, LocalFunctions, Moduli, energies, products
 from pcontact.estimate.yielding import Softening
 from tests.support.small import elasticity
 
@@ -36,8 +36,10 @@ def test_local_problems(dim, hoop, shared):
     rest = rng.normal(size=(nc * nq, m, m))
     rest = 0.1 * (rest + rest.transpose(0, 2, 1))
     functions, moduli = LocalFunctions(grad, ring, jxw, basis), Moduli(lam, shared, mu, rest)
-    energies(functions, moduli, softer, loads, fixed, out)
-    products(functions, moduli, softer, loads[:, 0], loads[:, 1], fixed, work)
+    held = rng.normal(size=(nb * dim, nb * dim))
+    bound = Bound(np.array([0, -1]), (held @ held.T)[None])
+    energies(functions, moduli, softer, bound, loads, fixed, out)
+    products(functions, moduli, softer, bound, loads[:, 0], loads[:, 1], fixed, work)
     c4 = elasticity(lam, mu, 3)
     for c in range(nc):
         full = np.zeros((nq, nb, dim, 3, 3))
@@ -57,6 +59,8 @@ def test_local_problems(dim, hoop, shared):
         part = jxw[c] * softer.part[c, softer.near]
         taken = np.einsum("q,qmi,mn,qnj->ij", part, operator, softer.moduli, operator)
         stiffness = energy - taken[np.ix_(free, free)]
+        if bound.at[c] >= 0:
+            stiffness += bound.matrices[bound.at[c]][np.ix_(free, free)]
         assert np.linalg.eigvalsh(stiffness)[0] > 0.0
         right = [b.ravel()[free] for b in [*loads[c], loads[c].sum(axis=0)]]
         for k, b in enumerate(right):
