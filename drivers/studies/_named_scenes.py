@@ -14,6 +14,7 @@ from drivers._common import make_mesh
 from drivers.cases import cattaneo_mindlin, disk_on_block, hertz, indent, rings, thick_cylinder
 from drivers.studies.adapt import punch_scene
 from drivers.studies.effectivity import (
+    DIRECT,
     LARGE,
     MIDDLE,
     SMALL,
@@ -109,7 +110,9 @@ def _hill(folder):
 
 def _indent(folder):
     path = make_mesh(indent_mesh, folder / "indent.msh", 2, 0.15, 2, "triangle")
-    return indent.scene(path, 2, material=indent.metal(hardening=indent.HARDENING), unload=0, order=2, steps=10)
+    # hundreds of load steps on some thousand unknowns: a factorisation takes less than multigrid
+    return indent.scene(path, 2, material=indent.metal(hardening=indent.HARDENING), unload=0, order=2, steps=10,
+                        petsc=DIRECT)
 
 
 def _punch(folder):
@@ -177,10 +180,10 @@ SCENES = {
     "hertz2d": NamedScene("cylinder on block, Hertz", partial(_hertz, "cylinder_on_block", 3),
                           ("energy", "support:block_bottom")),
     "hertz3d": NamedScene("ball on block, Hertz", partial(_hertz, "ball_on_block", 2), ("energy",),
-                          reference=0.005),
+                          reference=0.006),
     "cattaneo": NamedScene("Cattaneo and Mindlin", _cattaneo),
     "hill": NamedScene("thick cylinder, Hill", _hill, ("energy", "displacement:outer")),
-    "indent": NamedScene("indentation", _indent, ("energy", "force:ball"), reference=0.005),
+    "indent": NamedScene("indentation", _indent, ("energy", "force:ball"), reference=0.02),
     "punch": NamedScene("re-entrant punch", _punch, ("energy", "support:punch_top", "force:face")),
     "receding": NamedScene("receding contact", _receding, ("energy", "force:face", "displacement:upper_top")),
 }  # fmt: skip
