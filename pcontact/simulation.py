@@ -125,8 +125,9 @@ class Simulation:
     comm : MPI.Comm, optional
     said : str
         Where the user gives options, for messages.
-    mesh : pcontact.mesh.mesh.Mesh, optional
-        That the scene is to be run on; absent: it is read from the scene's file.
+    mesh : pcontact.mesh.mesh.Mesh or callable, optional
+        That the scene is to be run on, or what makes it, from the scene with all options; absent: it is read from the
+        scene's file.
     items : sequence of callable
         From the space to further items of the problem, which the scene does not know.
 
@@ -181,7 +182,10 @@ class Simulation:
         profile.mark("start")
         self.accuracy = Choice()
         self.scene = build.override(scene, self.options, self.accuracy)
-        self.mesh = build.read(self.scene, self.comm, self.options) if mesh is None else mesh
+        if mesh is None or callable(mesh):
+            self.mesh = build.read(self.scene, self.comm, self.options) if mesh is None else mesh(self.scene)
+        else:
+            self.mesh = mesh
         self.scene.mesh.order = self.accuracy.order(self.scene.mesh.order, self.mesh.curved)
         self.spans, self.number = spans(self.scene), 0
         if self.spans and self.restart is not None:

@@ -6,7 +6,9 @@ where h is their size; around others with h^(2 p + d). Two meshes, one of them f
 
 import numpy as np
 
+from pcontact.adapt.cells import of_parts
 from pcontact.adapt.sizes import degrees
+from pcontact.element.reference import CELLS
 from pcontact.mesh.refinement.keys import vertex_keys
 from pcontact.mesh.refinement.refine import Rise
 from pcontact.runtime.petsc import MPI
@@ -20,7 +22,8 @@ SINGULAR, LEAST = 0.7, 0.5
 
 
 def around_vertices(space, squares):
-    """Squared estimates of the cells around the vertices of a mesh of triangles, and their size. *Collective.*
+    """Squared estimates of the triangles around the vertices of a mesh in the plane, and their size; those of the
+    triangles that quadrilaterals would be divided into. *Collective.*
 
     Parameters
     ----------
@@ -37,12 +40,19 @@ def around_vertices(space, squares):
     own, volumes = np.zeros((space.n_local, 2)), np.zeros((space.n_local, 2))
     first = 0
     for number, block in enumerate(mesh.blocks):
-        some, x = squares[first : first + len(block.nodes)], mesh.points[block.nodes[:, :3]]
+        some, corners = squares[first : first + len(block.nodes)], CELLS[block.cell].n_vertices
         first += len(block.nodes)
-        volume = np.abs(np.linalg.det(x[:, 1:] - x[:, :1]))
-        for corner in space.cells[number][:, :3].T:
-            np.add.at(own[:, 0], corner, some)
-            np.add.at(volumes, corner, np.column_stack([volume, volume**2]))
+        x, times = mesh.points[block.nodes[:, :corners]], 1.0
+        if corners == 3:
+            one, other = x[:, 1] - x[:, 0], x[:, 2] - x[:, 0]
+        else:
+            # two triangles, of which a vertex has three in two cells
+            one, other = 0.5 * (x[:, 2] - x[:, 0]), x[:, 3] - x[:, 1]
+            some, times = of_parts(some, 2, 2, space.degree), 1.5
+        volume = np.abs(np.linalg.det(np.stack([one, other], axis=1)))
+        for corner in space.cells[number][:, :corners].T:
+            np.add.at(own[:, 0], corner, times * some)
+            np.add.at(volumes, corner, times * np.column_stack([volume, volume**2]))
     own, (volume, square) = _summed(space, own)[:, 0], _summed(space, volumes).T
     found, vertex = np.zeros((len(mesh.points), 3)), volume > 0.0
     rows = space.mesh_nodes[vertex]

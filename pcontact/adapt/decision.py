@@ -6,8 +6,11 @@ import numpy as np
 
 from pcontact.adapt.beside import FALLING, STAYING
 from pcontact.adapt.budget import Budgeted
+from pcontact.adapt.cells import MEASURED, Ways, of_parts, parts_of
+from pcontact.adapt.forecast import forecast
 from pcontact.adapt.passes import cost_of, said_of
 from pcontact.adapt.settings import AIM, SHARE, STEPS_SHARE
+from pcontact.adapt.sizes import degrees
 
 REACHED, FAILED, SPENT = 0, 1, 4
 # [passes] At most; and those after which a mesh must have brought something. From: each pass at least doubles the cells
@@ -83,18 +86,34 @@ class Decision:
         # first: what is wanted depends on what the mesh tells of singular points
         seen = self._refining.look(space, watch.squares)
         step = self._refining.step(space, watch.squares, seen, self.wanted(done), most, known)
+        if self._refining.whole and self._divides(simulation, watch, done, step):
+            seen = (None, None, seen[2])
+            step = self._refining.step(space, watch.squares, seen, self._wanted_divided(done), most, False, True)
         if step.cuts.growth <= 1.0:
             return self._spent(f"the budget is spent ({self._budget.by})")
-        done.next = self.expected(done, step.cuts)
+        done.next = self.expected(done, step)
         return None, step
+
+    def _divides(self, simulation, watch, done, step):
+        """Whether the cells of a mesh are divided into simplices. *Collective.*"""
+        alike = [one for one in self._passes if one.degree == done.degree]
+        ways = Ways(self.wanted(done), self._wanted_divided(done))
+        scene, space, fits = simulation.scene, simulation.problem.space, step.cuts.growth > 1.0
+        return self._refining.choice.divides(scene, space, alike, watch.squares, ways, fits)
+
+    def _wanted_divided(self, done):
+        """As :meth:`wanted`, of the error that simplices with the same nodes have."""
+        return self.wanted(done, FIRST_TRUST, MEASURED[done.known.dim, done.degree][0])
 
     def _spent(self, why):
         self.why = f"not reached: {why}"
         return SPENT, None
 
-    def expected(self, done, cuts):
+    def expected(self, done, step):
         """What is expected of the pass after a pass whose cells are cut: its `next`."""
-        return {"unknowns": cuts.growth * done.unknowns, "mesh": cuts.part**done.power * done.parts["mesh"],
+        more = MEASURED[done.known.dim, done.degree][0] if step.divided else 1.0
+        return {"unknowns": step.cuts.growth * done.unknowns,
+                "mesh": (more * step.cuts.part) ** done.power * done.parts["mesh"],
                 "load_steps": self._settings.steps, "degree": done.degree}  # fmt: skip
 
     def fits(self, unknowns):
@@ -104,16 +123,37 @@ class Decision:
             return None
         return self._spent(f"the budget is spent ({self._budget.by})")[0]
 
-    def wanted(self, done):
-        """The part of the error of a pass in the energy norm that the next mesh is made for."""
+    def wanted(self, done, trust=None, more=1.0):
+        """The part of the error of a pass in the energy norm that the next mesh is made for.
+
+        Parameters
+        ----------
+        done : pcontact.adapt.passes.Pass
+        trust : float, optional
+            See :meth:`_trust`; absent: as the last meshes show it.
+        more : float
+            The error of the mesh in the energy norm that is cut over that of the pass.
+        """
         goal, share = self._target.error, SHARE * self._target.error
         stays = sum(done.parts.get(name, 0.0) for name in STAYING)
         stays += min(done.parts["algebraic"], share)
         stays += min(done.parts.get("load_steps", 0.0), STEPS_SHARE * goal)
         falls = sum(done.parts.get(name, 0.0) for name in FALLING)
-        part = min(AIM * max(goal - stays, share) / falls, 1.0) ** (1.0 / self._trust(done))
+        falls += (more**done.power - 1.0) * done.parts["mesh"]
+        part = min(AIM * max(goal - stays, share) / falls, 1.0) ** (1.0 / (trust or self._trust(done)))
         # errors of quantities are products of two errors of the energy norm
         return part ** (1.0 / done.power)
+
+    def forecast(self, space, passes, squares, step):
+        """What is to come, see :func:`pcontact.adapt.forecast.forecast`, on meshes that begin with a step.
+        *Collective.*"""
+        done, whole = passes[-1], self._refining.whole and not step.divided
+        degree = degrees(space, whole)
+        if not step.divided:
+            return forecast(space.comm, passes, squares, self.wanted(done), whole, degree=degree)
+        parts = parts_of(space.mesh)
+        own = of_parts(squares, parts, space.dim, degree)
+        return forecast(space.comm, passes, own, self._wanted_divided(done), degree=degree, count=parts)
 
     def _trust(self, done):
         """The power of the error in the one that was expected of the last mesh: below 1 where solutions are singular,
@@ -122,7 +162,7 @@ class Decision:
         if old is None or old.degree != done.degree or old.next is None or old.next["degree"] != done.degree:
             return FIRST_TRUST
         expected, seen = old.next["mesh"] / old.parts["mesh"], done.parts["mesh"] / old.parts["mesh"]
-        if corners is not None and corners.explain:
+        if corners.explain:
             return FIRST_TRUST
         if not 0.0 < expected < 1.0:
             return 1.0

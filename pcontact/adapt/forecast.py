@@ -45,7 +45,7 @@ class Forecast(NamedTuple):
         return {"passes": len(self.unknowns), **self._asdict()}
 
 
-def forecast(comm, passes, squares, part, whole=False, most=MOST, degree=None):
+def forecast(comm, passes, squares, part, whole=False, most=MOST, degree=None, count=None):
     """Play the passes that bring the error of the last one down to a part of it. *Collective.*
 
     Parameters
@@ -63,6 +63,8 @@ def forecast(comm, passes, squares, part, whole=False, most=MOST, degree=None):
         Passes at most.
     degree : int or ndarray (n,), optional
         Of the displacement of the cells; absent: of the last pass.
+    count : ndarray (n,), optional
+        Of cells that have these squares each; absent: one.
 
     Returns
     -------
@@ -70,7 +72,8 @@ def forecast(comm, passes, squares, part, whole=False, most=MOST, degree=None):
     """
     degree = passes[-1].degree if degree is None else degree
     last, unknowns = passes[-1], [float(one.unknowns) for one in passes]
-    number, left, cells = np.ones(len(squares)), 1.0, comm.allreduce(len(squares), op=MPI.SUM)
+    number, left = np.ones(len(squares)) if count is None else count, 1.0
+    cells = comm.allreduce(float(number.sum()), op=MPI.SUM)
     while left > part and len(unknowns) < most:
         known = len(unknowns) > 1
         errors = Contributions(squares, degree, last.known.dim, number, whole=whole)

@@ -9,12 +9,10 @@ from typing import NamedTuple
 
 from pcontact.adapt.decision import FAILED, REACHED, SPENT, Decision
 from pcontact.adapt.degree import Tried
-from pcontact.adapt.forecast import forecast
 from pcontact.adapt.measure import Measure
 from pcontact.adapt.passes import report, table
 from pcontact.adapt.refining import Refining
 from pcontact.adapt.settings import Settings
-from pcontact.adapt.sizes import degrees
 from pcontact.adapt.watch import Beginning, Watch
 from pcontact.runtime import log
 from pcontact.runtime.errors import TOLD
@@ -81,7 +79,7 @@ class Loop:
         self._take, self._observers, options = take, observers, Options(said)
         self.passes, self.kept, self.mesh = [], None, None
         self._settings = Settings(scene, self.target, options)
-        self._refining = Refining(comm, options)
+        self._refining = Refining(comm, self._settings, options)
         self._measure = Measure(self.target, self._settings, self.passes, options)
         self._decision = Decision(self.target, self._settings, self.passes, self._refining, comm)
         self._looks_ahead, self.ahead = False, None
@@ -99,9 +97,7 @@ class Loop:
         watch : Watch
         converged : bool
         """
-        simulation = Simulation(scene, self.comm, self.said, mesh)
-        if mesh is None:
-            self._refining.look_at(simulation, self.scene.where)
+        simulation = Simulation(scene, self.comm, self.said, self._refining.first if mesh is None else mesh)
         watch = Watch(simulation)
         if known is not None:
             simulation.begin = Beginning(simulation, *known)
@@ -209,7 +205,7 @@ class Loop:
             return last.mesh, (watch.times, watch.fields), None
         begun = degree.choose(last, self.target.error)
         mesh, watch = begun.mesh, begun.watch
-        done.next = self._decision.expected(begun.done, begun.step.cuts)
+        done.next = self._decision.expected(begun.done, begun.step)
         finer, fields = self._refining.cut(mesh, begun.step, watch.fields, simulation.scene)
         status = self._decision.fits(begun.done.unknowns * finer.n_nodes_total / mesh.n_nodes_total)
         return finer, (watch.times, fields), status
@@ -220,9 +216,7 @@ class Loop:
         more = len(growing) < TRIED and step.cuts.growth * done.unknowns < SMALL
         if self._settings.degree.is_open(self.mesh.curved) or more:
             return None
-        wanted = self._decision.wanted(done)
-        whole = self._refining.whole
-        self.ahead = forecast(self.comm, growing, watch.squares, wanted, whole, degree=degrees(space, whole))
+        self.ahead = self._decision.forecast(space, growing, watch.squares, step)
         return SPENT
 
     def _tell(self, simulation, status):
@@ -230,6 +224,8 @@ class Loop:
         section = report(self.passes, self.target, status == REACHED)
         if self._settings.degree.chosen is not None:
             section["degree"] = self._settings.degree.chosen
+        if self._refining.choice.made is not None:
+            section["cells"] = self._refining.choice.made
 
         def write():
             data = simulation.records.report.data

@@ -5,12 +5,12 @@ from typing import NamedTuple
 import numpy as np
 
 from pcontact import build
+from pcontact.adapt.cells import Choice, locking, of_parts, parts_of
 from pcontact.adapt.corners import Corners
 from pcontact.adapt.sizes import Contributions, Cuts, degrees, next_cuts
 from pcontact.mesh.refinement.refine import SIMPLICES, Balance, refine
 from pcontact.mesh.refinement.regular import HALVED
-from pcontact.runtime import log
-from pcontact.runtime.messages import input_error
+from pcontact.mesh.refinement.split import split
 
 
 class Step(NamedTuple):
@@ -19,14 +19,18 @@ class Step(NamedTuple):
     Attributes
     ----------
     cuts : pcontact.adapt.sizes.Cuts
+        Of the simplices of each cell, where the mesh is divided.
     rise : pcontact.mesh.refinement.refine.Rise or None
     around : sequence of ndarray (n_nodes, 3)
         What the next mesh has to know of this one, see :class:`pcontact.adapt.corners.Corners`.
+    divided : bool
+        Whether the cells are divided into simplices first.
     """
 
     cuts: Cuts
     rise: object
     around: tuple
+    divided: bool = False
 
 
 class Refining:
@@ -35,55 +39,53 @@ class Refining:
     Parameters
     ----------
     comm : MPI.Comm
+    settings : pcontact.adapt.settings.Settings
     options : pcontact.runtime.options.Options
 
     Attributes
     ----------
-    corners : pcontact.adapt.corners.Corners or None
-        None where all cells are halved.
+    corners : pcontact.adapt.corners.Corners
+    whole : bool
+        Whether the cells of the last mesh are no simplices.
+    choice : pcontact.adapt.cells.Choice
+        Of what becomes of them.
     """
 
-    def __init__(self, comm, options):
-        self._comm, self._options, self.corners = comm, options, None
+    def __init__(self, comm, settings, options):
+        self._comm, self._settings, self._options = comm, settings, options
+        self.corners, self.whole, self.choice = Corners(comm), False, Choice(comm)
 
-    @property
-    def whole(self):
-        """Whether all cells are halved together."""
-        return self.corners is None
-
-    def look_at(self, simulation, where):
-        """Refuse cells that cannot be cut, say so where all are. *Collective.*
+    def first(self, scene):
+        """The mesh of the file, divided where it has cells that the estimate does not know, or that nothing halves.
+        *Collective.*
 
         Parameters
         ----------
-        simulation : pcontact.simulation.Simulation
-            On the mesh of the file.
-        where : str
-            The scene, for messages.
+        scene : pcontact.scene.model.Scene
+            Its order becomes 2 where simplices of degree 1 would be too stiff, and the user does not say.
 
         Raises
         ------
         InputError
         """
-        own = {block.cell for block in simulation.mesh.blocks if len(block.nodes)}
+        mesh = build.read(scene, self._comm, self._options)
+        own = {block.cell for block in mesh.blocks if len(block.nodes)}
         kinds = set().union(*self._comm.allgather(own))
-        if kinds <= set(SIMPLICES):
-            self.corners = Corners(self._comm)
-        elif kinds <= set(HALVED):
-            log.info("%s: passes cut all of them, in %d parts each; triangles and tetrahedra are cut where it pays",
-                     ", ".join(f"{kind}s" for kind in sorted(kinds)), 2**simulation.mesh.dim)  # fmt: skip
-        else:
-            simulation.free()
-            found = f"{', '.join(sorted(kinds))} cells together with accuracy.error"
-            allowed = f"triangles, tetrahedra; or {', '.join(f'{kind}s' for kind in HALVED[1:])} (and triangles)"
-            raise input_error(where, "mesh.file", found, allowed)
+        self.whole = not kinds <= set(SIMPLICES)
+        if not self.whole or kinds <= set(HALVED):
+            return mesh
+        if scene.mesh.order is None and not mesh.curved and locking(scene, 1) is not None:
+            scene.mesh.order = self._settings.degree.now = 2
+        self.choice.must(kinds, mesh.dim)
+        self.whole, balance = False, Balance(*build.balance(scene, self._options))
+        return split(mesh, (), balance, scene.mesh.order).mesh
 
     def look(self, space, squares):
         """What the last mesh tells of singular points, see :meth:`pcontact.adapt.corners.Corners.look`.
         *Collective.*"""
-        return (None, None, ()) if self.whole else self.corners.look(space, squares)
+        return self.corners.look(space, squares)
 
-    def step(self, space, squares, seen, wanted, most, known):
+    def step(self, space, squares, seen, wanted, most, known, divided=False):
         """How to cut the cells. *Collective.*
 
         Parameters
@@ -95,30 +97,40 @@ class Refining:
         seen : tuple
             Of :meth:`look`.
         wanted : float
-            The part of the error in the energy norm to be left.
+            The part of the error in the energy norm to be left; where cells are divided of that of the simplices.
         most : float
             Growth of the number of cells at most.
         known : bool
             Whether the rate is known at which the error falls.
+        divided : bool
+            Whether cells are divided first.
 
         Returns
         -------
         Step
         """
         power, rise, around = seen
-        level = None if space.mesh.origin is None else space.mesh.origin.level
-        degree = degrees(space, self.whole)
-        errors = Contributions(squares, degree, space.dim, power=power, whole=self.whole, level=level)
-        return Step(next_cuts(self._comm, errors, wanted, most, known), rise, around)
+        degree, dim = degrees(space, self.whole and not divided), space.dim
+        if divided:
+            parts = parts_of(space.mesh)
+            errors = Contributions(of_parts(squares, parts, dim, degree), degree, dim, parts)
+        else:
+            level = None if space.mesh.origin is None else space.mesh.origin.level
+            errors = Contributions(squares, degree, dim, power=power, whole=self.whole, level=level)
+        return Step(next_cuts(self._comm, errors, wanted, most, known), rise, around, divided)
 
     def cut(self, mesh, step, fields, scene):
         """The next mesh and fields (n_nodes, k) on it, spread over the ranks for a scene. *Collective.*"""
-        balance = Balance(*build.balance(scene, self._options))
-        if self.whole:
+        balance, more = Balance(*build.balance(scene, self._options)), step.cuts.more
+        if self.whole and not step.divided:
             for _ in range(round(np.log2(step.cuts.growth) / mesh.dim)):
                 n = sum(len(block.nodes) for block in mesh.blocks)
                 mesh, fields = refine(mesh, np.ones(n, dtype=np.int64), fields, balance)
             return mesh, fields
-        finer, fields = refine(mesh, step.cuts.more, [*fields, *step.around], balance, step.rise)
+        fields = [*fields, *step.around]
+        if step.divided:
+            mesh, fields, more = split(mesh, fields, balance, cells=more)
+            self.whole = False
+        finer, fields = refine(mesh, more, fields, balance, step.rise)
         self.corners.take(fields[len(fields) - len(step.around) :])
         return finer, fields[: len(fields) - len(step.around)]

@@ -16,7 +16,7 @@ from pcontact.runtime.declared import STEP, Option, listed, read_all
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.parallel import on_root
 from pcontact.runtime.petsc import MPI
-from pcontact.runtime.rules import number, text
+from pcontact.runtime.rules import BOOLEAN, number, text
 
 # part of the squared error whose cells are refined; error wanted of a new mesh over the old one
 PART, ERROR = 0.5, 0.5
@@ -24,6 +24,11 @@ OPTIONS = listed(
     Option(
         "part", number(above=0, most=1),
         "triangles, tetrahedra: cells with this part of the squared error are refined", PART,
+    ),
+    Option(
+        "divide", BOOLEAN,
+        "quadrilaterals, hexahedra: divided into triangles, tetrahedra, which are refined alone; else all are halved",
+        False,
     ),
     Option("geometry", text("a file .geo"), "instead, gmsh makes a new mesh of this geometry", value="FILE.geo"),
     Option("error", number(above=0, below=1), "with -geometry: error of the new mesh over the one of now", ERROR),
@@ -56,16 +61,17 @@ def refine_run(directory, options, comm=MPI.COMM_SELF):
         On every rank.
     """
     found = on_root(comm, _prepared, Path(directory), options)
-    told, raw, marked, target = found or (None,) * 4
+    told, raw, marked, target, divide = found or (None,) * 5
     if comm.bcast(told is not None):
         return told
-    new = halved_where(comm, raw, marked, directory)
+    new = halved_where(comm, raw, marked, directory, comm.bcast(divide))
     on_root(comm, write_refined, target, new)
     return f"{target}: {new.offsets[-1]} cells from {len(marked)}, {marked.sum()} of them marked" if new else None
 
 
 def _prepared(directory, options):
-    """What was written with a geometry; or else None, the mesh, the cells to cut, and the file to write."""
+    """What was written with a geometry; or else None, the mesh, the cells to cut, the file to write, and whether the
+    cells are divided first."""
     values = read_all("refine", OPTIONS, options)
     raw, estimates, degree = read_estimate(directory, values.get("step", -1))
     target = Path(values.get("o") or directory / "refined.msh")
@@ -74,12 +80,14 @@ def _prepared(directory, options):
     if not target.parent.is_dir():
         raise InputError(f"command line: -o: found no directory {str(target.parent)!r}; allowed: one that exists")
     if "geometry" in values:
-        if "part" in values:
-            raise InputError("command line: -part with -geometry; allowed: -error")
-        return _new_mesh(raw, estimates, degree, target, values), None, None, None
+        for name in ("part", "divide"):
+            if name in values:
+                raise InputError(f"command line: -{name} with -geometry; allowed: -error")
+        return _new_mesh(raw, estimates, degree, target, values), None, None, None, False
     if "error" in values:
         raise InputError("command line: -error without -geometry; allowed: -part, or -geometry and -error")
-    return None, raw, largest_contributions(estimates, values.get("part", PART)), target
+    marked = largest_contributions(estimates, values.get("part", PART))
+    return None, raw, marked, target, values.get("divide", False)
 
 
 def _new_mesh(raw, estimates, degree, target, values):

@@ -176,6 +176,9 @@ _ACCURACY = table(
     rate=number("power of the unknowns with which the error falls [-]"),
     half={"type": ["object", "null"], "description": "what half of the error would take"},
     target_cost={"type": ["object", "null"], "description": "what the error that was asked for would take"},
+    degree={"type": "object", "description": "degree of the displacement that was chosen, and why"},
+    cells={"type": "object", "description": "`chosen`: quadrilaterals, hexahedra that are halved or the simplices that "
+           "they were divided into, and `why`"},
     passes=listed({"type": "object"}, "meshes: unknowns, error, seconds, ..."),
 )  # fmt: skip
 REPORT = table(

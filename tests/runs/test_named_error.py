@@ -23,6 +23,7 @@ from pcontact.runtime.petsc import MPI
 from pcontact.scene.model import Body, Contact, Displacement, Material, MeshSpec, Output, Scene
 from pcontact.scene.target import Budget, Target
 from tests.support.commands import execute
+from tests.support.wedges import cut_mesh
 
 COMM = MPI.COMM_WORLD
 
@@ -63,9 +64,9 @@ def test_rings_reach_their_error(shared_tmp):
     COMM.barrier()
 
 
-def punch_scene(folder, **target):
-    path = folder / "punch.msh"
-    on_root(COMM, partial(punch, path, h=0.5))
+def punch_scene(folder, cell="triangle", **target):
+    path = folder / f"punch_{cell}.msh"
+    on_root(COMM, partial(punch, path, h=0.5, cell=cell))
     return Scene(
         mesh=MeshSpec(path), materials={"hard": Material(100.0, 0.3), "soft": Material(1.0, 0.3)},
         bodies=[Body("punch", "hard"), Body("block", "soft")],
@@ -108,6 +109,31 @@ def test_quadrilaterals_are_halved(shared_tmp):
     loop = Loop(scene)
     assert loop.run().status == REACHED
     assert [one.cells for one in loop.passes] == [13 * 4**k for k in range(len(loop.passes))] and len(loop.passes) > 1
+
+
+@pytest.mark.parallel
+@pytest.mark.parametrize("kinds, error", [("punch", 0.08), (("wedge", "hexahedron", "pyramid"), 0.2)])
+def test_other_cells_are_divided(shared_tmp, kinds, error):
+    """Quadrilaterals where an error is large in one place; wedges and pyramids, which nothing halves, before all."""
+    if kinds == "punch":
+        scene = punch_scene(shared_tmp, cell="quadrilateral", error=error)
+    else:
+        path = make_mesh(two_blocks, shared_tmp / "a.msh", 3, 2, 1, "hexahedron")
+        on_root(COMM, partial(cut_mesh, path, shared_tmp / "mixed.msh", kinds))
+        scene = Scene(
+            mesh=MeshSpec(shared_tmp / "mixed.msh"), materials={"m": Material(10.0, 0.3)},
+            bodies=[Body("lower", "m"), Body("upper", "m")], accuracy=Target(error),
+            contacts=[Contact("upper_bottom", "lower_top", name="face")],
+            displacements=[Displacement("lower_bottom", [0.0] * 3), Displacement("upper_top", [0.0, 0.0, -0.05])],
+        )  # fmt: skip
+    loop = Loop(scene)
+    assert loop.run(shared_tmp / "out").status == REACHED and len(loop.passes) > 1
+    report = json.loads((shared_tmp / "out" / "report.json").read_text())
+    section, name = report["accuracy"], "triangles" if kinds == "punch" else "tetrahedra"
+    assert section["cells"]["chosen"] == name and section["error"] <= error
+    assert {block.cell for block in loop.mesh.blocks} == {"triangle" if kinds == "punch" else "tetrahedron"}
+    if COMM.rank == 0:
+        assert load_result(shared_tmp / "out").bodies.cells[0][0] == ("triangle" if kinds == "punch" else "tetra")
 
 
 SCENE = """

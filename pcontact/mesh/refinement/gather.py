@@ -8,10 +8,11 @@ import numpy as np
 from pcontact.mesh.groups import Block, RawMesh
 from pcontact.mesh.load import load_plain
 from pcontact.mesh.refinement.refine import refine
+from pcontact.mesh.refinement.split import split
 from pcontact.runtime.parallel import Exchanger
 
 
-def halved_where(comm, raw, marked, path):
+def halved_where(comm, raw, marked, path, divide=False):
     """A mesh whose marked cells are cut in 4 or 8 parts or more, and others as they have to follow. *Collective.*
 
     Parameters
@@ -24,6 +25,8 @@ def halved_where(comm, raw, marked, path):
         On rank 0 its cells.
     path : str or pathlib.Path
         For messages.
+    divide : bool
+        Whether cells that are no triangles or tetrahedra are divided into these first; else all are halved.
 
     Returns
     -------
@@ -32,7 +35,10 @@ def halved_where(comm, raw, marked, path):
     """
     mesh, marked = load_plain(comm, raw), comm.bcast(marked)
     ids = np.concatenate([block.ids for block in mesh.blocks])
-    return gathered(refine(mesh, np.where(marked[ids], mesh.dim, 0)).mesh, path)
+    more = np.where(marked[ids], mesh.dim, 0)
+    if divide:
+        mesh, _, more = split(mesh, cells=more)
+    return gathered(refine(mesh, more).mesh, path)
 
 
 def gathered(mesh, path):

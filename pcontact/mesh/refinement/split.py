@@ -19,6 +19,7 @@ import numpy as np
 from pcontact.element.reference import CELLS, edge_nodes
 from pcontact.element.shape import shape, shape_gradient
 from pcontact.mesh.distribute import deal
+from pcontact.mesh.mesh import Mesh
 from pcontact.mesh.refinement.divisions import Places, divisions
 from pcontact.mesh.refinement.keys import middle_keys, vertex_keys
 from pcontact.mesh.refinement.numbering import first_numbers, number_nodes
@@ -46,7 +47,24 @@ def needs_split(mesh):
     return any(mesh.comm.allgather(own))
 
 
-def split(mesh, fields=(), balance=None, degree=None):
+class Divided(NamedTuple):
+    """A divided mesh.
+
+    Attributes
+    ----------
+    mesh : pcontact.mesh.mesh.Mesh
+    fields : list of ndarray (n_nodes, k)
+        Values at its nodes on this rank.
+    cells : ndarray (n_cells,) int64
+        Values of the cells that its cells are parts of.
+    """
+
+    mesh: Mesh
+    fields: list
+    cells: np.ndarray
+
+
+def split(mesh, fields=(), balance=None, degree=None, cells=None):
     """A mesh of triangles or tetrahedra in place of one of any cells. *Collective.*
 
     Parameters
@@ -58,10 +76,12 @@ def split(mesh, fields=(), balance=None, degree=None):
     balance : pcontact.mesh.refinement.refine.Balance, optional
     degree : int, optional
         Of the layout of the nodes, at least; the cells stay straight where they are.
+    cells : ndarray (n_cells,) int64, optional
+        Values of the cells of this rank, all blocks one after the other.
 
     Returns
     -------
-    pcontact.mesh.refinement.refine.Refined
+    Divided
         The same on any number of ranks, but for the spread of the cells; of groups, bodies and components the mesh has
         what there was. It is a base of its own.
 
@@ -73,11 +93,25 @@ def split(mesh, fields=(), balance=None, degree=None):
     exchanger = Exchanger(mesh.comm)
     try:
         with profile.phase("distribute"):
-            piece = _Split(exchanger, mesh, fields, max(mesh.degree, degree or 1)).slice()
-            new = deal(piece, *(balance or Balance()))
+            n = sum(len(block.nodes) for block in mesh.blocks)
+            cells = np.zeros(n, dtype=np.int64) if cells is None else np.asarray(cells, dtype=np.int64)
+            divided = _Split(mesh, fields, max(mesh.degree, degree or 1))
+            wrong = divided.folded()
+            if wrong:
+                simplices = "triangles" if mesh.dim == 2 else "tetrahedra"
+                raise InputError(f"found {wrong} curved cells whose {simplices} would fold over; allowed: cells that "
+                                 "are less curved, so smaller ones")  # fmt: skip
+            new = deal(divided.slice(exchanger, cells), *(balance or Balance()))
     finally:
         exchanger.free()
-    return carried_over(new, mesh, None, [np.shape(field)[1] for field in fields])
+    values = new.cell_values[:, 0].copy()
+    refined = carried_over(new, mesh, None, [np.shape(field)[1] for field in fields])
+    return Divided(refined.mesh, refined.fields, values)
+
+
+def folded(mesh):
+    """Number of the curved cells of a mesh of which :func:`split` would make simplices that fold over. *Collective.*"""
+    return _Split(mesh, (), mesh.degree).folded()
 
 
 class _Part(NamedTuple):
@@ -110,15 +144,14 @@ class _Split:
 
     Parameters
     ----------
-    exchanger : pcontact.runtime.parallel.Exchanger
     mesh : pcontact.mesh.mesh.Mesh
     fields : sequence of ndarray (n_nodes, k)
     degree : int
         Of the new layout.
     """
 
-    def __init__(self, exchanger, mesh, fields, degree):
-        self._exchanger, self._mesh, self._degree = exchanger, mesh, degree
+    def __init__(self, mesh, fields, degree):
+        self._mesh, self._degree = mesh, degree
         self._cell = "triangle" if mesh.dim == 2 else "tetrahedron"
         self._key = np.empty(len(mesh.points), dtype=np.uint64)
         vertex_keys(mesh.file_nodes, self._key)
@@ -127,13 +160,21 @@ class _Split:
         self._starts = np.cumsum([0] + [len(block.nodes) for block in mesh.blocks])
         self._places = [Places(block.cell, mesh.degree, degree) for block in mesh.blocks]
 
-    def slice(self):
-        """The new mesh, in slices. *Collective.*"""
-        parts = []
-        for number, block in enumerate(self._mesh.blocks):
-            parts += self._divided(number, block)
-        self._check(parts)
-        return self._sliced(parts)
+        self._parts = []
+        for number, block in enumerate(mesh.blocks):
+            self._parts += self._divided(number, block)
+
+    def folded(self):
+        """Number of the curved cells whose simplices fold over. *Collective.*"""
+        mesh, wrong = self._mesh, 0
+        if not mesh.curved:
+            return 0
+        slopes = shape_gradient(self._cell, 2, Places(self._cell, 2, 2).at)
+        for part in self._parts:
+            x = part.values[:, part.table, : mesh.dim]
+            jacobians = np.linalg.det(np.einsum("ctni,qnj->ctqij", x, slopes))
+            wrong += int((jacobians.min(axis=(1, 2), initial=np.inf) <= 0.0).sum())
+        return mesh.comm.allreduce(wrong)
 
     # -- cells ----------------------------------------------------------------------------------------------------
 
@@ -213,78 +254,72 @@ class _Split:
             keys[:, p] = own
         return keys
 
-    def _check(self, parts):
-        """Refuse simplices of curved cells that fold over. *Collective.*"""
-        mesh, wrong = self._mesh, 0
-        if not mesh.curved:
-            return
-        slopes = shape_gradient(self._cell, 2, Places(self._cell, 2, 2).at)
-        for part in parts:
-            x = part.values[:, part.table, : mesh.dim]
-            jacobians = np.linalg.det(np.einsum("ctni,qnj->ctqij", x, slopes))
-            wrong += int((jacobians.min(axis=(1, 2), initial=np.inf) <= 0.0).sum())
-        wrong = mesh.comm.allreduce(wrong)
-        if wrong:
-            raise InputError(f"found {wrong} curved cells whose {self._cell}s would fold over; allowed: cells that are "
-                             "less curved, so smaller ones")  # fmt: skip
-
     # -- the slice ------------------------------------------------------------------------------------------------
 
-    def _sliced(self, parts):
-        mesh, d = self._mesh, self._mesh.dim
-        used, keys, numbers, owners, values, members = [], [], [], [], [], []
-        for part in parts:
-            used.append(np.unique(part.table))
-            keys.append(part.keys[:, used[-1]].ravel())
-            numbers.append(self._numbers(part)[:, used[-1]].ravel())
-            owners.append(np.repeat(self._block(part).ids[part.rows], len(used[-1])))
-            values.append(part.values[:, used[-1]].reshape(-1, self._known.shape[1]))
-            members.append(self._members(part)[:, used[-1]].reshape(len(keys[-1]), self._groups.shape[1]))
-        none = [np.zeros(0, dtype=kind) for kind in (np.uint64, np.int64, np.int64)]
-        keys, numbers, owners = (
-            np.concatenate([empty, *rows]) for empty, rows in zip(none, (keys, numbers, owners), strict=True)
-        )
+    def slice(self, exchanger, cells):
+        """The new mesh, in slices, with values (n_cells,) of the cells. *Collective.*"""
+        mesh, d, width = self._mesh, self._mesh.dim, self._known.shape[1]
+        used = [np.unique(part.table) for part in self._parts]
+        home, new_ids, place = self._numbered(exchanger, used)
+        nodes, new, end = [np.zeros((0, self._width()), dtype=np.int64)], [], 0
+        for part, columns in zip(self._parts, used, strict=True):
+            size = len(part.rows) * len(columns)
+            own = place[end : end + size].reshape(len(part.rows), -1)
+            new.append((columns, new_ids[own]))
+            local = np.searchsorted(columns, part.table)
+            nodes.append(home.places[:, 0][own[:, local]].reshape(-1, part.table.shape[1]))
+            end += size
+        counts, row, child = self._children()
+        start, n_cells = first_numbers(exchanger, mesh, self._of_cells("ids"), counts)
+        table = home.table[:, 1:]
+        real = np.ascontiguousarray(table[:, :width]).view(np.float64)
+        bodies = np.concatenate([np.zeros(0, np.int64), *(np.full(len(b.nodes), b.body) for b in mesh.blocks)])
+        piece = MeshSlice(
+            mesh.comm, None, d, self._degree, mesh.curved, [SliceBlock(self._cell, np.concatenate(nodes))],
+            start[row] + child, bodies[row], self._of_cells("components")[row], np.ascontiguousarray(real[:, :d]),
+            home.starts, home.total, n_cells, mesh.n_components, node_ids=home.numbers,
+            node_values=np.ascontiguousarray(real[:, d:]).view(np.int64), cell_values=cells[row][:, None],
+        )  # fmt: skip
+        self._name(piece, row, len(counts), table[:, width:])
+        self._name_edges(piece, new)
+        return piece
+
+    def _numbered(self, exchanger, used):
+        """The nodes at used places of the parts: see :func:`number_nodes`; and for each place of each cell the row of
+        its node. *Collective.*"""
+        count, width = self._groups.shape[1], self._known.shape[1]
+        keys, numbers, owners = [np.zeros(0, np.uint64)], [np.zeros(0, np.int64)], [np.zeros(0, np.int64)]
+        values, members = [np.zeros((0, width))], [np.zeros((0, count), np.int64)]
+        for part, columns in zip(self._parts, used, strict=True):
+            keys.append(part.keys[:, columns].ravel())
+            numbers.append(self._numbers(part)[:, columns].ravel())
+            owners.append(np.repeat(self._block(part).ids[part.rows], len(columns)))
+            values.append(part.values[:, columns].reshape(-1, width))
+            members.append(self._members(part)[:, columns].reshape(len(keys[-1]), count))
+        keys, numbers, owners = (np.concatenate(rows) for rows in (keys, numbers, owners))
         order = np.lexsort((owners, keys))
         first = np.ones(len(keys), dtype=bool)
         first[1:] = keys[order][1:] != keys[order][:-1]
         place = np.empty(len(keys), dtype=np.int64)
         place[order] = np.cumsum(first) - 1
-        chosen, width = order[first], self._known.shape[1]
-        values = np.concatenate([np.zeros((0, width)), *values])[chosen].view(np.int64)
-        members = np.concatenate([np.zeros((0, self._groups.shape[1]), np.int64), *members])[chosen]
+        chosen = order[first]
+        values, members = np.concatenate(values)[chosen].view(np.int64), np.concatenate(members)[chosen]
         rows = np.column_stack([owners[chosen], values, members])
-        home, new_ids = number_nodes(self._exchanger, mesh, numbers[chosen], keys[chosen], rows, fewer=True)
-        at, new = [], {}
-        end = 0
-        for part, columns in zip(parts, used, strict=True):
-            size = len(part.rows) * len(columns)
-            own = place[end : end + size].reshape(len(part.rows), -1)
-            local = np.searchsorted(columns, part.table)
-            at.append(home.places[:, 0][own[:, local]].reshape(-1, part.table.shape[1]))
-            new[id(part)] = own, columns
-            end += size
-        counts = np.zeros(self._starts[-1], dtype=np.int64)
-        for part in parts:
+        home, ids = number_nodes(exchanger, self._mesh, numbers[chosen], keys[chosen], rows, fewer=True)
+        return home, ids, place
+
+    def _children(self):
+        """Simplices of each cell (n_cells,); and of each simplex the row of its cell, and its number there."""
+        counts, none = np.zeros(self._starts[-1], dtype=np.int64), np.zeros(0, dtype=np.int64)
+        row, child = [none], [none]
+        for part in self._parts:
             counts[self._cells(part)] = len(part.table)
-        ids = np.concatenate([np.zeros(0, np.int64), *(block.ids for block in mesh.blocks)])
-        start, n_cells = first_numbers(self._exchanger, mesh, ids, counts)
-        row = np.concatenate([np.zeros(0, np.int64),
-                              *(np.repeat(self._cells(part), len(part.table)) for part in parts)])  # fmt: skip
-        child = np.concatenate([np.zeros(0, np.int64),
-                                *(np.tile(np.arange(len(part.table)), len(part.rows)) for part in parts)])  # fmt: skip
-        table = home.table[:, 1:]
-        real = np.ascontiguousarray(table[:, :width]).view(np.float64)
-        nodes = np.concatenate([np.zeros((0, self._width()), dtype=np.int64), *at])
-        piece = MeshSlice(
-            mesh.comm, None, d, self._degree, mesh.curved, [SliceBlock(self._cell, nodes)], start[row] + child,
-            np.concatenate([np.zeros(0, np.int64), *(np.full(len(b.nodes), b.body) for b in mesh.blocks)])[row],
-            np.concatenate([np.zeros(0, np.int64), *(b.components for b in mesh.blocks)])[row],
-            np.ascontiguousarray(real[:, :d]), home.starts, home.total, n_cells, mesh.n_components,
-            node_ids=home.numbers, node_values=np.ascontiguousarray(real[:, d:]).view(np.int64),
-        )  # fmt: skip
-        self._name(piece, parts, row, counts, table[:, width:])
-        self._name_edges(piece, parts, new, new_ids)
-        return piece
+            row.append(np.repeat(self._cells(part), len(part.table)))
+            child.append(np.tile(np.arange(len(part.table)), len(part.rows)))
+        return counts, np.concatenate(row), np.concatenate(child)
+
+    def _of_cells(self, name):
+        return np.concatenate([np.zeros(0, np.int64), *(getattr(block, name) for block in self._mesh.blocks)])
 
     def _width(self):
         simplex = CELLS[self._cell]
@@ -317,17 +352,17 @@ class _Split:
                 own[inside, p, column] |= np.int64(1) << np.int64(bit)
         return own
 
-    def _name(self, piece, parts, row, counts, members):
+    def _name(self, piece, row, n_cells, members):
         """Fill the groups of the slice but those of edges."""
         mesh, none = self._mesh, np.zeros((0, 2), dtype=np.int64)
         # first row of the simplices of each cell
-        begin, end, division = np.zeros(len(counts), np.int64), 0, np.zeros(len(counts), np.int64)
-        for k, part in enumerate(parts):
+        begin, end, division = np.zeros(n_cells, np.int64), 0, np.zeros(n_cells, np.int64)
+        for k, part in enumerate(self._parts):
             cells = self._cells(part)
             begin[cells], division[cells] = end + len(part.table) * np.arange(len(cells)), k
             end += len(part.table) * len(cells)
         for name, chosen in mesh.cell_groups.items():
-            inside = np.zeros(len(counts), dtype=bool)
+            inside = np.zeros(n_cells, dtype=bool)
             for first, rows in zip(self._starts, chosen, strict=False):
                 inside[first + rows] = True
             piece.cell_groups[name] = np.flatnonzero(inside[row])
@@ -338,7 +373,7 @@ class _Split:
                 kinds = division[cells] * MOST + one.local
                 for kind in np.unique(kinds):
                     k, local = divmod(int(kind), MOST)
-                    on_it, own = parts[k].division.facets[local], begin[cells[kinds == kind]]
+                    on_it, own = self._parts[k].division.facets[local], begin[cells[kinds == kind]]
                     there = np.empty((len(own), len(on_it), 2), dtype=np.int64)
                     there[:, :, 0], there[:, :, 1] = own[:, None] + on_it[:, 0], on_it[:, 1]
                     found.append(there.reshape(-1, 2))
@@ -346,14 +381,13 @@ class _Split:
         for k, name in enumerate(mesh.node_groups):
             piece.node_groups[name] = np.flatnonzero(has_bit(members, k))
 
-    def _name_edges(self, piece, parts, new, numbers):
+    def _name_edges(self, piece, new):
         """Fill the groups of edges, which stay the same ones."""
         mesh = self._mesh
         number = np.full(len(mesh.points), -1, dtype=np.int64)
-        for part in parts:
-            own, columns = new[id(part)]
+        for part, (columns, numbers) in zip(self._parts, new, strict=True):
             inside = columns < self._places[part.block].own
-            number[self._block(part).nodes[part.rows][:, columns[inside]]] = numbers[own[:, inside]]
+            number[self._block(part).nodes[part.rows][:, columns[inside]]] = numbers[:, inside]
         order = np.argsort(mesh.file_nodes)
         for name, edges in mesh.edge_groups.items():
             local = order[np.searchsorted(mesh.file_nodes, edges, sorter=order)] if len(edges) else edges

@@ -77,6 +77,18 @@ def test_command(shared_tmp):
     assert second["absolute"] < 0.75 * first["absolute"]
 
 
+def test_quadrilaterals_are_divided(tmp_path):
+    """Triangles where the estimate is large, and the groups of the file; without the option all cells are halved."""
+    first = solve(plate(one_block(tmp_path / "plate.msh", 2, 6, "quadrilateral"), 2), tmp_path / "first")
+    refine_run(tmp_path / "first", {"part": "0.6", "divide": "true"})
+    raw = read_mesh(tmp_path / "first" / "refined.msh")
+    assert [block.cell for block in raw.blocks] == ["triangle"] and 72 < raw.offsets[-1] < 144
+    second = solve(plate(tmp_path / "first" / "refined.msh", 2), tmp_path / "second")
+    assert second["absolute"] < 0.97 * first["absolute"]
+    refine_run(tmp_path / "first", {"part": "0.6"})
+    assert read_mesh(tmp_path / "first" / "refined.msh").offsets[-1] == 144
+
+
 def test_geometry(tmp_path):
     """gmsh meshes a geometry after the sizes; the groups are those of the file."""
     script = """SetFactory("OpenCASCADE"); Rectangle(1) = {0, 0, 0, 1, 1};

@@ -78,7 +78,10 @@ def test_cells_are_divided(shared_tmp, kinds, order, more):
         assert needs_split(mesh)
         field = mesh.points**mesh.degree
         old = gathered(mesh, path) if not serendipity else None
-        new, (values,) = split(mesh, (field,), degree=more.get("degree"))
+        numbers = np.concatenate([block.ids for block in mesh.blocks])
+        new, (values,), parents = split(mesh, (field,), degree=more.get("degree"), cells=numbers)
+        ids = np.concatenate([block.ids for block in new.blocks])
+        assert (np.diff(parents[np.argsort(ids)]) >= 0).all()
         assert not needs_split(new) and new.degree == max(order, more.get("degree", 1))
         assert values == pytest.approx(new.points**mesh.degree, abs=1e-14)
         assert volume(new) == pytest.approx(volume(mesh), rel=1e-13)
@@ -107,7 +110,7 @@ def test_skew_cells(shared_tmp):
     """Faces are cut along their shorter diagonals; some cells get a vertex in the middle, and no cell is folded."""
     path = mesh_of(shared_tmp, MIXED, bend)
     mesh = load(path, 1)
-    new, _ = split(mesh)
+    new, *_ = split(mesh)
     assert new.n_nodes_total > mesh.n_nodes_total
     assert volume(new) == pytest.approx(volume(mesh), rel=1e-3) and quality(new) > 0.3
 
@@ -117,7 +120,7 @@ def test_curved_cells_keep_their_shape(shared_tmp):
     """Rings of degree 2: the area is that of the curved cells, and all nodes are those of the file."""
     path = make_mesh(rings, shared_tmp / "rings.msh", order=2)
     mesh = load(path, 2, regions=("inner", "outer"))
-    new, _ = split(mesh)
+    new, *_ = split(mesh)
     assert new.curved and new.n_nodes_total == mesh.n_nodes_total
     assert volume(new) == pytest.approx(volume(mesh), rel=1e-12)
 
@@ -141,7 +144,7 @@ def test_groups_of_edges(tmp_path):
     edge = edge[np.argsort(x[edge, 2])][:4]
     mesh.node_groups["edge"] = np.sort(edge)
     mesh.edge_groups["edge"] = np.column_stack([mesh.file_nodes[edge[:-1]], mesh.file_nodes[edge[1:]]])
-    new, _ = split(mesh, degree=2)
+    new, *_ = split(mesh, degree=2)
     members = new.points[new.node_groups["edge"]]
     expected = np.concatenate([x[edge], 0.5 * (x[edge[:-1]] + x[edge[1:]])])
     assert np.array_equal(members[np.argsort(members[:, 2])], expected[np.argsort(expected[:, 2])])
