@@ -352,8 +352,8 @@ def _loaded(place, kind, n, degree, folder):
         more["loads"], held = [Load("top", traction=[0.3, *rest, -0.5])], []
     else:
         turn = 0.02 if dim == 2 else [0.0, 0.02, 0.02]
-        more["couplings"] = [Coupling("right", displacement=[0.01, *ones[:-1], "free"], rotation=turn,
-                                      average=kind == "average")]  # fmt: skip
+        more["couplings"] = [Coupling("right", point=[1.0, 0.5, 0.5][:dim], rotation=turn, average=kind == "average",
+                                      displacement=[0.01, *ones[:-1], "free"])]  # fmt: skip
         more["loads"] = [Load("block", body_force=[0.1, -0.1, *rest])]
     return Scene(
         title=f"block, {kind}, degree {degree}", mesh=MeshSpec(path, order=degree), materials={"m": material},

@@ -25,6 +25,8 @@ def check_target(scene: Scene) -> None:
     found += ["phases"] if scene.phases else unestimated(scene)
     found += [f"{place('temperatures', k, one.region)}.file, of nodes that other meshes do not have"
               for k, one in enumerate(scene.temperatures) if one.file is not None]  # fmt: skip
+    found += [f"{place('couplings', k, one.region)} without point: the mean place of nodes is another on each mesh"
+              for k, one in enumerate(scene.couplings) if not one.average and one.point is None]  # fmt: skip
     if found:
         allowed = "small strain, no phases, forces at nodes, equations or sections: their errors are not known"
         raise input_error(scene.where, key, f"{target.error:g} together with {found[0]}", allowed)

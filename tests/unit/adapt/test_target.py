@@ -7,7 +7,7 @@ from pcontact.runtime.errors import InputError
 from pcontact.runtime.options import Options
 from pcontact.runtime.petsc import own_options
 from pcontact.scene import Contact, read_scene
-from pcontact.scene.model import Load, Temperature
+from pcontact.scene.model import Coupling, Load, Temperature
 from pcontact.scene.target import Target
 from tests.support.bad_input import SCENE, mesh_text
 
@@ -63,6 +63,7 @@ def test_what_is_not_estimated_is_refused(tmp_path):
     (tmp_path / "warm.vtu").touch()
     for key, one, found in (
         ("loads", Load(force=[0.0, -1.0], at=[0.0, 0.0]), r"loads\[0\].*at"),
+        ("couplings", Coupling("upper_top"), r"couplings\[0\].* without point"),
         ("temperatures", Temperature(file="warm.vtu", field="T"), r"temperatures\[0\].*file"),
     ):
         scene = scene_of(tmp_path)
