@@ -18,7 +18,9 @@ from drivers.studies.effectivity import (
     LARGE,
     MIDDLE,
     SMALL,
+    blocks,
     laminates,
+    loaded,
     round_scene,
     shell_constants,
     shell_exact,
@@ -157,6 +159,18 @@ def _laminate(folder):
     )
 
 
+def _loaded(kind, folder):
+    scene = loaded("plane", kind, 3, 2, folder)
+    scene.petsc = {}
+    return scene
+
+
+def _degrees(folder):
+    scene = blocks("plane", "joined", 3, 2, None, folder)
+    scene.petsc = {}
+    return scene
+
+
 def ring_force():
     """Of the inner ring on the outer one, a quarter of each: their pressure, on both projections of the arc."""
     return np.sqrt(2.0) * rings.MIDDLE * rings.interface_pressure()
@@ -177,6 +191,12 @@ SCENES = {
                              partial(rings.exact, constants=rings.ring_constants(0.0, 6e-4))),
     "wound": NamedScene("a laminate wound around wood, Lekhnitskii", _wound, ("energy", "force:circle"), _wound_known),
     "laminate": NamedScene("laminates pressed and sheared, Coulomb", _laminate, ("energy", "support:upper_top")),
+    "weight": NamedScene("a block under its weight", partial(_loaded, "weight")),
+    "heat": NamedScene("a block with a hot spot", partial(_loaded, "heat"), ("energy", "displacement:right")),
+    "springs": NamedScene("a block on springs", partial(_loaded, "springs"), ("energy", "displacement:top")),
+    "rigid": NamedScene("a block, an end moved as a rigid body", partial(_loaded, "rigid"), ("energy", "support:left")),
+    "average": NamedScene("a block, an end moved on average", partial(_loaded, "average"), ("energy", "support:left")),
+    "degrees": NamedScene("blocks of degree 1 and 2 with common nodes", _degrees, ("energy", "support:upper_top")),
     "hertz2d": NamedScene("cylinder on block, Hertz", partial(_hertz, "cylinder_on_block", 3),
                           ("energy", "support:block_bottom")),
     "hertz3d": NamedScene("ball on block, Hertz", partial(_hertz, "ball_on_block", 2), ("energy",),

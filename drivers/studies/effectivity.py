@@ -73,7 +73,7 @@ BLOCKS = {
     "joined": {},
     "die": {},
 }
-# what the block has beside its held left side, in the plane; see `_loaded`
+# what the block has beside its held left side, in the plane; see `loaded`
 LOADS = ("weight", "spin", "total", "heat", "heat_fibres", "springs", "rigid", "average")
 # carbon fibres, and spruce: E, nu, G along axes 1, 2, 3 [GPa]; around an axis along radius, hoop and axis
 FIBRES = ([140.0, 10.0, 10.0], [0.3, 0.3, 0.45], [5.0, 5.0, 3.448])
@@ -265,9 +265,9 @@ def prepare(name, size, degree, theta, folder, finer=False):
     if kind == "hertz":
         return _hertz(rest, size, degree, theta, folder)
     if kind == "blocks":
-        return _blocks(*rest.split("-"), size, degree, theta, folder, finer), None
+        return blocks(*rest.split("-"), size, degree, theta, folder, finer), None
     if kind == "loads":
-        return _loaded(*rest.split("-"), size, degree, folder), None
+        return loaded(*rest.split("-"), size, degree, folder), None
     if kind == "wound":
         what, cell = rest.split("-")
         if what != "rings":
@@ -327,7 +327,7 @@ def joined(path, dim, n):
         return finish(path, dim, 1)
 
 
-def _loaded(place, kind, n, degree, folder):
+def loaded(place, kind, n, degree, folder):
     """A block of triangles or tetrahedra under one kind of load."""
     dim = 2 if place == "plane" else 3
     path = make_mesh(one_block, folder / f"block_{dim}_{n}.msh", dim, n, "triangle" if dim == 2 else "tetrahedron")
@@ -368,7 +368,7 @@ def laminates():
     return {"materials": materials, "bodies": [Body(name, name) for name in materials]}
 
 
-def _blocks(place, kind, n, degree, theta, folder, finer=False):
+def blocks(place, kind, n, degree, theta, folder, finer=False):
     """Two blocks of triangles or tetrahedra whose meshes do not match."""
     dim = 2 if place == "plane" else 3
     cell = "triangle" if dim == 2 else "tetrahedron"
