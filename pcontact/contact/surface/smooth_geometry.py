@@ -19,7 +19,10 @@ middle and has these slopes is
     4 w_i w_j (a s + b s^2),   s = w_j - w_i,   a = -(g_i + g_j) / 4,   b = (g_i - g_j) / 4,
 
 again the leading error of the interpolation where the surface is a circle, and the sum over edges takes the place of
-delta. Inside of facets in space that is an interpolation of the heights above their edges.
+delta. Inside of quadrilaterals in space that is an interpolation of the heights above their edges. On triangles a
+polynomial of degree 4 is left that vanishes at the edges, w_1 w_2 w_3 sum_i c_i w_i. It takes the slopes across the
+edges, in their middles, to those of the mean normals of both facets, and the sum is the one polynomial of degree 4 with
+these heights and slopes at vertices and middles: the leading error of the interpolation of any surface.
 """
 
 import numpy as np
@@ -59,12 +62,15 @@ class SmoothSurface:
     border : ndarray (nf, m) of bool, optional
         Of curved facets: vertices at which the surface ends. What comes from there has the slope that makes it as even
         as a circle.
+    mid : ndarray (nf, m, d), optional
+        Of curved facets in space: normals in the middle of edges, see
+        `pcontact.contact.surface.vertex_normals.curved_normals`.
     """
 
-    def __init__(self, facets, normals, middles=None, border=None):
+    def __init__(self, facets, normals, middles=None, border=None, mid=None):
         self.normals = normals
         i, j = np.triu_indices(normals.shape[1], 1)
-        self._pairs, self._bend = (i, j), None
+        self._pairs, self._bend, self._inside = (i, j), None, None
         if middles is None:
             turn, side = normals[:, j] - normals[:, i], facets.x[:, j] - facets.x[:, i]
             self._height = 0.5 * np.einsum("fkd,fkd->fk", turn, side)
@@ -80,6 +86,29 @@ class SmoothSurface:
         slopes = [np.where(ends[0], -slopes[1], slopes[0]), np.where(ends[1], -slopes[0], slopes[1])]
         self._height = np.nan_to_num(-(slopes[0] + slopes[1]))
         self._bend = np.nan_to_num(slopes[0] - slopes[1])
+        if mid is not None:
+            self._inside = self._bubbles(facets, middles, mid)
+
+    def _bubbles(self, facets, middles, mid):
+        """Coefficients (nf, 3) of what is left inside of triangles."""
+        columns = {pair: k for k, pair in enumerate(zip(*(one.tolist() for one in self._pairs), strict=True))}
+        left, x = np.full((len(facets.x), 3), np.nan), facets.x
+        for k in range(3):
+            # across the edge from i to j, from its middle toward the third vertex
+            i, j = (k + 1) % 3, (k + 2) % 3
+            across = _across(x, middles, i, j, k)
+            own = facets.mid[:, i]
+            slope = -np.einsum("fd,fd->f", across, mid[:, i]) / np.einsum("fd,fd->f", own, mid[:, i])
+            for a in (i, j):
+                pair = (min(a, k), max(a, k))
+                s = -0.5 if pair == (a, k) else 0.5
+                slope -= 0.5 * s * (self._height[:, columns[pair]] + s * self._bend[:, columns[pair]])
+            left[:, k] = 8.0 * slope
+        known = np.isfinite(left)
+        mean = np.where(known, left, 0.0).sum(axis=1) / np.maximum(known.sum(axis=1), 1)
+        # where the surface ends the others are all that is known
+        left = np.where(known, left, mean[:, None])
+        return np.where((facets.count == 3)[:, None], 0.5 * (left.sum(axis=1, keepdims=True) - 2.0 * left), 0.0)
 
     def offset(self, facet, weights):
         """How far the smooth surface stands off points on facets.
@@ -101,6 +130,9 @@ class SmoothSurface:
             along = weights[:, j] - weights[:, i]
             heights = along * (heights + along * self._bend[facet])
         height = np.einsum("nk,nk->n", weights[:, i] * weights[:, j], heights)
+        if self._inside is not None:
+            some = weights[:, :3]
+            height += some.prod(axis=1) * np.einsum("nk,nk->n", some, self._inside[facet])
         normal = np.einsum("nm,nmd->nd", weights, self.normals[facet])
         return (height / np.linalg.norm(normal, axis=1))[:, None] * normal
 
@@ -143,6 +175,25 @@ def _middles(space, name):
             middles[:, a, b] = middles[:, b, a] = mesh.points[nodes[:, kind.n_vertices + k]]
         parts.append(middles)
     return np.concatenate(parts)
+
+
+def _across(x, middles, i, j, k):
+    """Derivative (nf, d) of triangles of degree 2, in the middle of the edge from i to j toward the vertex k, per
+    shape function of that."""
+    return (-0.5 * (x[:, i] + x[:, j]) - 2.0 * middles[:, i, j] - x[:, k]
+            + 2.0 * (middles[:, i, k] + middles[:, j, k]))  # fmt: skip
+
+
+def mid_normals(x, count, middles):
+    """Unit normals (nf, m, d) of curved triangles in the middle of their edges; parameters as of :func:`own_normals`;
+    nan of quadrilaterals."""
+    normals = np.full_like(x, np.nan)
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        normal = np.cross(x[:, j] - x[:, i], _across(x, middles, i, j, k))
+        normals[:, i] = normal / np.linalg.norm(normal, axis=1, keepdims=True)
+    normals[count != 3] = np.nan
+    return normals
 
 
 def own_normals(x, count, middles):
@@ -191,8 +242,7 @@ def _with_neighbours(space, own):
     """The facets and `LAYERS` layers of those of other ranks around them, sorted by number. *Collective.*"""
     m, d = own.x.shape[1:]
     columns = [own.ids, own.count, own.nodes, own.x.reshape(len(own.ids), m * d)]
-    if own.own is not None:
-        columns.append(own.own.reshape(len(own.ids), m * d))
+    columns += [one.reshape(len(own.ids), m * d) for one in (own.own, own.mid) if one is not None]
     table = np.column_stack(columns).astype(float)
     known = table
     for _ in range(LAYERS if space.comm.size > 1 else 0):
@@ -203,10 +253,8 @@ def _with_neighbours(space, own):
         known = known[np.unique(known[:, 0], return_index=True)[1]]
     known = known[np.argsort(known[:, 0])]
     ids, count = known[:, 0].astype(np.int64), known[:, 1].astype(np.int64)
-    x, normals = known[:, 2 + m : 2 + m + m * d].reshape(-1, m, d), None
-    if own.own is not None:
-        normals = known[:, 2 + m + m * d :].reshape(-1, m, d)
-    return Facets(ids, count, known[:, 2 : 2 + m].astype(np.int64), x, normals)
+    parts = known[:, 2 + m :].reshape(len(known), -1, m, d).swapaxes(0, 1)
+    return Facets(ids, count, known[:, 2 : 2 + m].astype(np.int64), *parts)
 
 
 def _is_plane(comm, normals):
@@ -239,19 +287,23 @@ def smooth_surface(space, name, fitted):
     if space.mesh.curved:
         middles = _middles(space, name)
         own = own._replace(own=own_normals(own.x, own.count, middles))
+        own = own._replace(mid=mid_normals(own.x, own.count, middles)) if space.dim == 3 else own
     if _is_plane(space.comm, facet_normals(own)):
         return None
     every = _with_neighbours(space, own)
     order = np.argsort(own.ids)
     normals, bent = np.empty_like(own.x), np.empty(len(order), dtype=bool)
     wanted, border = np.isin(every.ids, own.ids), np.empty(own.x.shape[:2], dtype=bool)
+    mid = None if own.mid is None else np.empty_like(own.mid)
     if space.mesh.curved:
-        normals[order], border[order], bent[order] = curved_normals(every, wanted)
+        normals[order], border[order], bent[order], found = curved_normals(every, wanted)
+        if mid is not None:
+            mid[order] = found
     else:
         normals[order], bent[order] = corner_normals(every, wanted, fitted)
     if not space.comm.allreduce(bool(bent.any()), op=MPI.LOR):
         return None
-    return SmoothSurface(own, normals, middles, border)
+    return SmoothSurface(own, normals, middles, border, mid)
 
 
 class Chords:

@@ -46,6 +46,8 @@ class Facets(NamedTuple):
         Their coordinates [length].
     own : ndarray (nf, m, d) or None
         Of curved facets: the normals at their vertices.
+    mid : ndarray (nf, m, d) or None
+        Of curved facets in space: the normals in the middle of their edges, from each vertex to the next one.
     """
 
     ids: np.ndarray
@@ -53,6 +55,7 @@ class Facets(NamedTuple):
     nodes: np.ndarray
     x: np.ndarray
     own: np.ndarray | None = None
+    mid: np.ndarray | None = None
 
 
 def facet_normals(facets):
@@ -326,6 +329,8 @@ def curved_normals(facets, wanted):
         Corners at which the surface ends or has an edge: across it their normal says nothing.
     bent : ndarray (n,) of bool
         Facets with a normal that is not their own.
+    mid : ndarray (n, m, d) or None
+        Normals in the middle of their edges, nan where the surface ends there.
     """
     m = facets.x.shape[1]
     rows, corner, key = _slots(facets)
@@ -340,4 +345,13 @@ def curved_normals(facets, wanted):
     border[vertex[rows[alone, None], corner[alone]]] = True
     normals = values[vertex]
     bent = (np.abs(normals - facets.own) > FLAT).any(axis=(1, 2))
-    return normals[wanted], border[vertex][wanted], bent[wanted]
+    return normals[wanted], border[vertex][wanted], bent[wanted], _mids(facets, rows, corner, pairs[smooth], wanted)
+
+
+def _mids(facets, rows, corner, pairs, wanted):
+    """See :func:`curved_normals`: means of both facets of an edge."""
+    if facets.mid is None:
+        return None
+    mid, places = np.full_like(facets.mid, np.nan), (rows[pairs], corner[pairs, 0])
+    mid[places] = _unit(facets.mid[places].sum(axis=1))[:, None]
+    return mid[wanted]

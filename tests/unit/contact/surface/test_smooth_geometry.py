@@ -15,6 +15,8 @@ from meshes.hertz import cylinder_on_block
 from meshes.shells import shells
 from pcontact.contact.surface.smooth_geometry import SmoothSurface, own_normals, smooth_surface
 from pcontact.contact.surface.vertex_normals import Facets, corner_normals, curved_normals, facet_normals
+from pcontact.element.quadrature import quadrature
+from pcontact.element.shape import shape
 from pcontact.runtime import log
 from pcontact.runtime.petsc import MPI
 from pcontact.scene.model import Body, Contact, Displacement, Load, Material, MeshSpec, Obstacle, Output, Scene
@@ -488,7 +490,7 @@ def test_curved_facets_in_space(place):
         middles[:, p, q] = middles[:, q, p] = on(0.5 * (x[:, p] + x[:, q]))
     count = np.full(nf, 3)
     facets = Facets(np.arange(nf), count, nodes, x, own_normals(x, count, middles))
-    normals, border, bent = curved_normals(facets, np.ones(nf, dtype=bool))
+    normals, border, bent, _ = curved_normals(facets, np.ones(nf, dtype=bool))
     assert bent.any() and border.any() and not border.all()
     surface = SmoothSurface(facets, normals, middles, border)
     rng = np.random.default_rng(2)
@@ -502,3 +504,25 @@ def test_curved_facets_in_space(place):
     moved = points + surface.offset(np.repeat(np.arange(nf), 5), weights)
     before, after = (np.linalg.norm(axes * one, axis=1) - 1.0 for one in (points, moved))
     assert np.sqrt(np.mean(after**2)) < 0.5 * np.sqrt(np.mean(before**2))
+
+
+@pytest.mark.parallel
+def test_heights_above_curved_triangles(shared_tmp):
+    """Inside of the facets of two spheres, too, whose middles are where degree 2 has them."""
+    path = make_mesh(shells, shared_tmp / "shells2.msh", (1.0, 0.6, 0.3), h=0.25, order=2)
+    space = make_space(COMM, path, ["outer", "inner"], 2)
+    points, _ = quadrature("triangle", 6)
+    # triangles have a fourth corner without weight
+    weights = np.pad(shape("triangle", 1, points), ((0, 0), (0, 1)))
+    for name in ("inner_outer_skin", "outer_inner_skin"):
+        surface, first, sums = smooth_surface(space, name, True), 0, np.zeros(2)
+        for facets in space.mesh.facet_groups.get(name, []):
+            x = shape("triangle", 2, points) @ space.mesh.points[space.mesh.facet_nodes(facets)]
+            rows = np.repeat(np.arange(first, first + len(x)), len(points))
+            found = x.reshape(-1, 3) + surface.offset(rows, np.tile(weights, (len(x), 1)))
+            first += len(x)
+            off = [np.linalg.norm(one, axis=-1).ravel() - 0.6 for one in (x, found)]
+            sums += [np.sum(one**2) for one in off]
+        before, left = np.sqrt(COMM.allreduce(sums, op=MPI.SUM))
+        # heights above the edges alone leave nine tenths
+        assert left < 0.25 * before
