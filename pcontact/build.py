@@ -27,7 +27,9 @@ from pcontact.material.finite import FiniteMaterial
 from pcontact.material.hardening import hardening_curve, hardening_table
 from pcontact.material.orthotropic import Orthotropic, frame, stiffness
 from pcontact.material.plastic import VonMises, plastic_constants
+from pcontact.mesh.geometry.moving import put_on
 from pcontact.mesh.groups import RawMesh
+from pcontact.mesh.hdf5_reader import is_converted
 from pcontact.mesh.load import load_mesh
 from pcontact.mesh.present import missing, without
 from pcontact.mesh.section import OTHER, cut
@@ -140,10 +142,16 @@ def read(scene, comm, options):
         check_apart(scene, getattr(mesh, "common", {}))
         _cut(scene, mesh)
 
-    regions, order, serendipity = [b.region for b in scene.bodies], scene.mesh.order or 1, scene.mesh.serendipity
+    regions, order, serendipity = [b.region for b in scene.bodies], scene.mesh.order, scene.mesh.serendipity
+    if order is None:
+        # cells that are to curve have nodes in the middles of their edges, whatever the degree of the displacement
+        order = 1 if scene.mesh.geometry is None or is_converted(scene.mesh_path) else 2
     if serendipity and order == 1:
         raise input_error(scene.where, "mesh.serendipity", "true with a displacement of degree 1", "order = 2")
-    return load_mesh(comm, scene.mesh_path, order, regions, pairs, check, (weight, method), serendipity)
+    mesh = load_mesh(comm, scene.mesh_path, order, regions, pairs, check, (weight, method), serendipity)
+    if scene.mesh.geometry is not None:
+        put_on(mesh, scene.folder / scene.mesh.geometry, scene.where)
+    return mesh
 
 
 def _cut(scene, mesh):

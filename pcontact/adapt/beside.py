@@ -6,11 +6,8 @@ import numpy as np
 
 from pcontact.adapt import variants
 from pcontact.adapt.passes import said_of
-from pcontact.adapt.settings import STEPS_RATE
+from pcontact.adapt.settings import FACETS, FALLING, SHARE, STEPS_RATE
 from pcontact.runtime import log
-
-# Parts of the error that a finer mesh takes away as it does its own, and those that it leaves.
-FALLING, STAYING = ("mesh", "quadrature", "loads", "frozen_partners"), ("straight_facets", "curved_facets")
 
 
 def remembers(scene):
@@ -54,6 +51,8 @@ class Beside:
             self._found = self._measure(simulation, size, watch)
             self._of, self._steps = done.parts["mesh"], done.steps
             done.trials = clock.perf_counter() - begun
+        elif not self._settings.staying:
+            self._facets_anew(simulation, size, watch, done)
         parts, finer = {}, min(done.parts["mesh"] / self._of, 1.0) if self._of > 0.0 else 1.0
         for name, value in self._found.items():
             # what a finer rule changes falls as fast as what a finer mesh does, what straight facets do stays
@@ -93,13 +92,31 @@ class Beside:
                 tried[name] = variants.smooth_facets(scene)
         found = {"load_steps": 0.0}
         for name, other in tried.items():
-            if name in STAYING and simulation.problem.space.degree == 1:
-                value = variants.of_facets(simulation, scene, self._target) / size
-            else:
-                value = variants.difference(simulation, other, self._target, watch) / size
+            value = self._tried(simulation, name, other, size, watch)
             # of what twice as many have changed, and what is left then
             found[name] = value / (1.0 - 0.5**STEPS_RATE) if name == "load_steps" else value
-            if not np.isfinite(value):
-                log.warning("not known: how much of the error is that of %s", said_of(name))
-                found[name] = 0.0
         return found
+
+    def _tried(self, simulation, name, other, size, watch):
+        """What a scene `other` changes, relative; 0 where that is not known. *Collective.*"""
+        if name in self._settings.staying and simulation.problem.space.degree == 1:
+            value = variants.of_facets(simulation, self._settings.scene(), self._target) / size
+        else:
+            value = variants.difference(simulation, other, self._target, watch) / size
+        if not np.isfinite(value):
+            log.warning("not known: how much of the error is that of %s", said_of(name))
+            return 0.0
+        return value
+
+    def _facets_anew(self, simulation, size, watch, done):
+        """Measure what facets do that have come onto the geometry, as long as it is much. *Collective.*"""
+        large = [name for name in FACETS if self._found.get(name, 0.0) > SHARE * self._target.error]
+        if not large:
+            return
+        begun = clock.perf_counter()
+        simulation.close()
+        scene = self._settings.scene()
+        scene.output.estimate = scene.output.checkpoint = False
+        for name in large:
+            self._found[name] = self._tried(simulation, name, variants.smooth_facets(scene), size, watch)
+        done.trials += clock.perf_counter() - begun

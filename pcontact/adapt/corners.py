@@ -10,6 +10,7 @@ from pcontact.adapt.cells import of_parts
 from pcontact.adapt.sizes import degrees
 from pcontact.element.reference import CELLS
 from pcontact.mesh.refinement.keys import vertex_keys
+from pcontact.mesh.refinement.origin import tree_points
 from pcontact.mesh.refinement.refine import Rise
 from pcontact.runtime.petsc import MPI
 
@@ -108,7 +109,8 @@ def singular(space, now, before):
     corner = vertices[rows, corner]
     own = 2.0 * np.broadcast_to(degrees(space), len(vertices)) + d
     power = np.where(of_node[corner] < smooth[corner], np.maximum(of_node[corner], LEAST), own)
-    point, middle = mesh.points[corner], mesh.points[vertices].mean(axis=1)
+    points = tree_points(mesh)
+    point, middle = points[corner], points[vertices].mean(axis=1)
     return power, Rise(d * (1.0 - power / own), point, np.linalg.norm(middle - point, axis=1))
 
 
@@ -139,7 +141,7 @@ class Corners:
     def __init__(self, comm):
         self._comm, self._before, self._known, self.explain = comm, None, False, False
 
-    def look(self, space, squares):
+    def look(self, space, squares, alike=True):
         """What is found on a mesh. *Collective.*
 
         Parameters
@@ -147,6 +149,8 @@ class Corners:
         space : pcontact.space.space.Space
         squares : ndarray (n_cells,)
             Squared estimates.
+        alike : bool
+            Whether the last mesh is one of the same bodies.
 
         Returns
         -------
@@ -159,7 +163,7 @@ class Corners:
         if space.dim != 2:
             return None, None, ()
         around, power, rise, found = around_vertices(space, squares), None, None, False
-        if self._before is not None:
+        if self._before is not None and alike:
             power, rise = singular(space, around, self._before)
             found = self._comm.allreduce(bool((rise.rise > 0.0).any()), op=MPI.LOR)
         self.explain, self._known = found and not self._known, found

@@ -4,12 +4,11 @@ import time as clock
 
 import numpy as np
 
-from pcontact.adapt.beside import FALLING, STAYING
 from pcontact.adapt.budget import Budgeted
 from pcontact.adapt.cells import MEASURED, Ways, of_parts, parts_of
 from pcontact.adapt.forecast import forecast
 from pcontact.adapt.passes import cost_of, said_of
-from pcontact.adapt.settings import AIM, SHARE, STEPS_SHARE
+from pcontact.adapt.settings import AIM, FACETS, SHARE, STEPS_SHARE
 from pcontact.adapt.sizes import degrees
 
 REACHED, FAILED, SPENT = 0, 1, 4
@@ -75,16 +74,16 @@ class Decision:
         if self._alike() > PATIENCE and far > FARTHEST * done.unknowns:
             return self._spent(f"at the rate seen it would take {far:.2g} unknowns")
         self._settings.balance(done)
-        stays = sum(done.parts.get(name, 0.0) for name in STAYING)
+        stays = sum(done.parts.get(name, 0.0) for name in self._settings.staying)
         if stays >= goal:
-            largest = max(STAYING, key=lambda name: done.parts.get(name, 0.0))
+            largest = max(self._settings.staying, key=lambda name: done.parts.get(name, 0.0))
             return self._spent(f"{said_of(largest)} alone make {100.0 * stays:.2g} %, which no mesh takes away")
         most = self._budget.growth(self._passes, clock.perf_counter() - self._start)
         if most < GROWN:
             return self._spent(f"the budget is spent ({self._budget.by})")
         space, known = simulation.problem.space, self._alike() > 1
         # first: what is wanted depends on what the mesh tells of singular points
-        seen = self._refining.look(space, watch.squares)
+        seen = self._refining.look(space, watch.squares, self._same_bodies())
         step = self._refining.step(space, watch.squares, seen, self.wanted(done), most, known)
         if self._refining.whole and self._divides(simulation, watch, done, step):
             seen = (None, None, seen[2])
@@ -135,10 +134,10 @@ class Decision:
             The error of the mesh in the energy norm that is cut over that of the pass.
         """
         goal, share = self._target.error, SHARE * self._target.error
-        stays = sum(done.parts.get(name, 0.0) for name in STAYING)
+        stays = sum(done.parts.get(name, 0.0) for name in self._settings.staying)
         stays += min(done.parts["algebraic"], share)
         stays += min(done.parts.get("load_steps", 0.0), STEPS_SHARE * goal)
-        falls = sum(done.parts.get(name, 0.0) for name in FALLING)
+        falls = sum(done.parts.get(name, 0.0) for name in self._settings.falling)
         falls += (more**done.power - 1.0) * done.parts["mesh"]
         part = min(AIM * max(goal - stays, share) / falls, 1.0) ** (1.0 / (trust or self._trust(done)))
         # errors of quantities are products of two errors of the energy norm
@@ -167,6 +166,13 @@ class Decision:
         if not 0.0 < expected < 1.0:
             return 1.0
         return float(np.clip(np.log(seen) / np.log(expected), LEAST_TRUST, 1.0))
+
+    def _same_bodies(self):
+        """Whether the estimates of the last two meshes may be compared: facets that have come onto the geometry since
+        make bodies of another shape."""
+        if self._settings.staying or len(self._passes) < 2:
+            return True
+        return max(self._passes[-2].parts.get(name, 0.0) for name in FACETS) <= SHARE * self._target.error
 
     def _alike(self):
         """Number of passes with the degree of the last one."""

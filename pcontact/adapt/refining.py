@@ -80,10 +80,10 @@ class Refining:
         self.whole, balance = False, Balance(*build.balance(scene, self._options))
         return split(mesh, (), balance, scene.mesh.order).mesh
 
-    def look(self, space, squares):
+    def look(self, space, squares, alike=True):
         """What the last mesh tells of singular points, see :meth:`pcontact.adapt.corners.Corners.look`.
         *Collective.*"""
-        return self.corners.look(space, squares)
+        return self.corners.look(space, squares, alike)
 
     def step(self, space, squares, seen, wanted, most, known, divided=False):
         """How to cut the cells. *Collective.*

@@ -13,6 +13,8 @@ SHARE = 0.1
 STEPS_SHARE = 0.4
 # [-] Part of the target that next meshes and load steps are made for. From: what just misses it costs another pass.
 AIM = 0.85
+# parts of the error that finer meshes take away, and those that are due to the shape of facets
+FALLING, FACETS = ("mesh", "quadrature", "loads", "frozen_partners"), ("straight_facets", "curved_facets")
 # [-] Tolerances of Newton's method: that of the first pass over the target, and the range. From: the first is checked
 # against the algebraic error of every pass.
 FIRST_RTOL, LEAST_RTOL, MOST_RTOL = 0.01, 1e-9, 1e-4
@@ -40,11 +42,15 @@ class Settings:
     searches : bool
         Whether partners are searched in the iterations of Newton's method.
     degree : pcontact.adapt.degree.Degree
+    falling, staying : tuple of str
+        Parts of the error that a finer mesh takes away as it does its own, and those that it leaves.
     """
 
     def __init__(self, scene, target, options):
         self._scene, self._target = scene, target
         self.steps, self.searches = scene.steps.count, False
+        # new nodes lie on the facets of the first mesh, unless the geometry is known
+        self.falling, self.staying = (FALLING, FACETS) if scene.mesh.geometry is None else (FALLING + FACETS, ())
         self._rtol = float(np.clip(FIRST_RTOL * target.error, LEAST_RTOL, MOST_RTOL))
         self.degree = Degree(options.get(key_options(MeshSpec)["order"], scene.mesh.order))
 

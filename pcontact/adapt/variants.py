@@ -93,8 +93,10 @@ def of_facets(simulation, scene, target):
     float
         As of :func:`difference`.
     """
-    comm, said, mesh = simulation.comm, simulation.options.said, simulation.mesh
-    scene = replace(scene, mesh=replace(scene.mesh, order=2))
+    comm, said = simulation.comm, simulation.options.said
+    # a straight mesh has no nodes for degree 2, but that of its file can be completed
+    mesh = simulation.mesh if simulation.mesh.degree == 2 else None
+    scene = replace(scene, mesh=replace(scene.mesh, order=2), output=replace(scene.output, checkpoint=False))
     smooth = replace(smooth_facets(scene), output=replace(scene.output, estimate=True))
     values, quantities = [], []
     try:

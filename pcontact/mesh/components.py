@@ -150,6 +150,26 @@ def _ranges(points, nodes, slopes, low, high, scale):
             low[cell], high[cell] = min(low[cell], det), max(high[cell], det)
 
 
+def jacobians(points, cell, degree, nodes):
+    """Smallest determinant of the map of cells (n,) at their nodes and quadrature points.
+
+    Parameters
+    ----------
+    points : ndarray (n_points, d)
+    cell : str
+    degree : int
+        Of the map.
+    nodes : ndarray (n, n_nodes)
+    """
+    xi = np.vstack([reference_nodes(cell, degree), quadrature(cell, 2 * degree)[0]])
+    if degree == 1 and CELLS[cell].is_simplex:
+        xi = xi[:1]
+    low, high, scale = np.empty((3, len(nodes)))
+    slopes = np.ascontiguousarray(shape_gradient(cell, degree, xi))
+    _ranges(np.ascontiguousarray(points), np.ascontiguousarray(nodes, dtype=np.int64), slopes, low, high, scale)
+    return low
+
+
 def _senses(points, block):
     """Sense of every cell of a block, from its vertices and quadrature points: (n_cells,) int64."""
     xi = np.vstack([reference_nodes(block.cell, 1), quadrature(block.cell, 2 * block.degree)[0]])

@@ -100,6 +100,9 @@ class Mesh:
         For messages: the body (or bodies) that a component belongs to.
     origin : pcontact.mesh.refinement.origin.Origin or None
         What a refined mesh was made from.
+    belongs : pcontact.mesh.geometry.belonging.Belonging or None
+        On which curves and surfaces of a geometry its boundary lies, where the scene names one; of a mesh of simplices
+        that was refined, that of its base counts.
     cell_values, node_values : ndarray (n_cells, k), (n_nodes, k) int64, or None
         What came with the slices, see `pcontact.mesh.slices.MeshSlice`; all blocks one after the other.
     """
@@ -120,6 +123,7 @@ class Mesh:
     n_components: int = 1
     component_names: list = field(default_factory=list)
     origin: object = None
+    belongs: object = None
     cell_values: np.ndarray | None = None
     node_values: np.ndarray | None = None
 

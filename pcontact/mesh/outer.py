@@ -8,7 +8,7 @@ from pcontact.runtime.jit import njit
 from pcontact.runtime.parallel import split_by_rank
 
 
-def _mixed(numbers):
+def mixed(numbers):
     """Numbers (n,) as 64 bits that look like random ones (S. Vigna's splitmix64)."""
     z = np.asarray(numbers).astype(np.uint64) + np.uint64(0x9E3779B97F4A7C15)
     z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
@@ -44,13 +44,15 @@ def _mark_repeated(keys, table, single):
             single[k] = False
 
 
-def outer_facets(mesh, exchanger):
+def outer_facets(mesh, exchanger, of_bodies=False):
     """Facets of this rank's cells that no other cell of any rank has. *Collective.*
 
     Parameters
     ----------
     mesh : pcontact.mesh.mesh.Mesh
     exchanger : pcontact.runtime.parallel.Exchanger
+    of_bodies : bool
+        Those that no other cell of the same body has: with them facets that two bodies share, for either of them.
 
     Returns
     -------
@@ -67,7 +69,9 @@ def outer_facets(mesh, exchanger):
         for kind, rows in facet_kinds(block.cell):
             table = facet_nodes(kind, 1)[rows]
             with np.errstate(over="ignore"):
-                marks = _mixed(mesh.file_nodes)[block.nodes[:, table]].sum(axis=2)
+                marks = mixed(mesh.file_nodes)[block.nodes[:, table]].sum(axis=2)
+            if of_bodies:
+                marks ^= mixed(np.array([block.body]))
             keys.append(marks.ravel())
             owners.append((number, kind, rows, len(marks)))
     keys = np.concatenate(keys)

@@ -10,7 +10,7 @@ from pcontact.mesh.complete import number_rows
 from pcontact.mesh.msh import VTK_ORDER
 from pcontact.runtime import signals
 from pcontact.runtime.errors import TOLD, InputError
-from pcontact.runtime.files import require_end, written_aside
+from pcontact.runtime.files import GEOMETRIES, require_end, written_aside
 
 try:
     import gmsh
@@ -24,7 +24,6 @@ _TYPES = {("point", 1): 15, ("point", 2): 15, ("segment", 1): 1, ("segment", 2):
 # cells whose corners carry the sizes, as gmsh calls them in a list of data
 _VIEWS = {"triangle": "ST", "quadrilateral": "SQ", "tetrahedron": "SS", "hexahedron": "SH",
           "quadrilateral8": "SQ", "hexahedron20": "SH"}  # fmt: skip
-SUFFIXES = (".geo", ".geo_unrolled", ".brep", ".step", ".stp")
 _OPTIONS = {
     "General.Terminal": 0,
     "Mesh.MshFileVersion": 4.1,
@@ -213,8 +212,8 @@ def remesh(path, geometry, sizes, dim, degree, groups):
         The geometry cannot be read or meshed, or lacks a group.
     """
     geometry = Path(geometry)
-    if geometry.suffix.lower() not in SUFFIXES:
-        raise InputError(f"command line: -geometry: found {str(geometry)!r}; allowed: a file {', '.join(SUFFIXES)}")
+    if geometry.suffix.lower() not in GEOMETRIES:
+        raise InputError(f"command line: -geometry: found {str(geometry)!r}; allowed: a file {', '.join(GEOMETRIES)}")
     if not geometry.is_file():
         raise InputError(f"command line: -geometry: found no file {str(geometry)!r}; allowed: a file of gmsh")
     with _fresh():

@@ -10,6 +10,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+from pcontact.runtime.files import GEOMETRIES
 from pcontact.runtime.presets import PRESETS
 from pcontact.runtime.rules import (
     ANY_TEXT,
@@ -93,6 +94,10 @@ def amplitude(what: str = "factor of the value", timed: bool = False):
     return key(AMPLITUDE, f"{what} over the time", default=None, otherwise=f"a ramp from 0 to 1 over the run{more}")
 
 
+# of a geometry; a file where gmsh's way to read it is told by its name
+GEOMETRY = file(f"the name of a file {', '.join(GEOMETRIES)} beside the scene")
+
+
 @table
 class MeshSpec:
     """Where the mesh is and how it is used."""
@@ -129,6 +134,11 @@ class MeshSpec:
     strain: str = key(
         choice("small", "finite"), "strain of the bodies that do not say it themselves", default="small",
         more="see [finite_strain.md](finite_strain.md)",
+    )  # fmt: skip
+    geometry: str | Path | None = key(
+        GEOMETRY, "the geometry that the mesh was made of: new nodes come onto it", default=None, otherwise="none",
+        more="in the units of the mesh. New nodes of meshes that `accuracy` refines come onto it and, unless "
+        "`order = 1`, straight cells become curved; see [mesh.md](mesh.md#the-geometry-of-a-mesh)",
     )  # fmt: skip
 
 

@@ -28,7 +28,7 @@ from pcontact.scene.phases import PHASED
 from pcontact.scene.places import tables
 
 # keys that are names of places, or tables of their own
-LEFT_OUT = {MeshSpec: ("file",), Contact: ("name", "obstacle")}
+LEFT_OUT = {MeshSpec: ("file", "geometry"), Contact: ("name", "obstacle")}
 AMPLITUDE, FUNCTIONS = "amplitude", ("function", "gradient")
 # two amplitudes that differ by less, in parts of the largest factor, are the same
 SAME = 1e-12

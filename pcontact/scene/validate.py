@@ -2,7 +2,9 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
+from pathlib import Path
 
+from pcontact.runtime.files import GEOMETRIES
 from pcontact.runtime.messages import closeness, input_error, listed, nearest, shown, unknown_name
 from pcontact.runtime.rules import PETSC_VALUE, TEXT, apply
 from pcontact.scene.keys import keys
@@ -61,7 +63,8 @@ def validate(scene: Scene) -> None:
     """
     _check_types(scene)
     _check_values(scene)
-    _check_mesh_file(scene)
+    _check_file(scene, scene.mesh_path, "mesh.file", "a mesh file")
+    _check_geometry(scene)
     if scene.mesh.mean_dilatation and scene.mesh.kinematics == "plane_stress":
         found = 'true with kinematics = "plane_stress"'
         raise input_error(scene.where, "mesh.mean_dilatation", found, "false, plane stress does not lock")
@@ -202,27 +205,33 @@ def _check_values(scene):
     }
 
 
-def _check_mesh_file(scene):
+def _check_geometry(scene):
+    """A geometry is a file that gmsh knows by its name."""
+    name = scene.mesh.geometry
+    if name is None:
+        return
+    if Path(name).suffix.lower() not in GEOMETRIES:
+        raise input_error(scene.where, "mesh.geometry", repr(str(name)), f"a file {', '.join(GEOMETRIES)}")
+    _check_file(scene, scene.folder / name, "mesh.geometry", "a geometry")
+
+
+def _check_file(scene, path, key, what):
     """The file is there. Its folder may be one that cannot be looked into."""
-    folder, best, what = scene.mesh_path.parent, None, "no such file"
+    folder, best, found = path.parent, None, "no such file"
     try:
-        if scene.mesh_path.is_file():
+        if path.is_file():
             return
-        if scene.mesh_path.exists():
-            what = "a directory" if scene.mesh_path.is_dir() else "not a file"
+        if path.exists():
+            found = "a directory" if path.is_dir() else "not a file"
         else:
-            files = [path.name for path in folder.iterdir() if path.is_file() and path != scene.path]
-            best = nearest(scene.mesh_path.name, files)
+            files = [file.name for file in folder.iterdir() if file.is_file() and file != scene.path]
+            best = nearest(path.name, files)
     except OSError as error:
-        what = error.strerror.lower()
-    if best is not None and closeness(best, scene.mesh_path.name) >= ALIKE:
-        what += f", the nearest is {best!r}"
-    raise input_error(
-        scene.where,
-        "mesh.file",
-        f"{scene.mesh.file!r}, {what}",
-        f"a mesh file beside the scene, in {folder.absolute()}",
-    )
+        found = error.strerror.lower()
+    if best is not None and closeness(best, path.name) >= ALIKE:
+        found += f", the nearest is {best!r}"
+    name = getattr(scene.mesh, key.partition(".")[2])
+    raise input_error(scene.where, key, f"{name!r}, {found}", f"{what} beside the scene, in {folder.absolute()}")
 
 
 def _check_bodies(scene):

@@ -86,6 +86,7 @@ FEATURES = {
     "sizes of load steps": ["stepping.schedule:Schedule._follow"],
     "bodies that come and go": ["scene.phases:scene_of"],
     "an error to reach": ["adapt.loop", "mesh.refinement.refine"],
+    "geometry": ["mesh.geometry.belonging", "mesh.geometry.drawing", "mesh.geometry.moving"],
 }
 KEYS = {
     "Scene": {ANY: "title allow_unsafe", "an error to reach": "accuracy"},
@@ -93,7 +94,7 @@ KEYS = {
     "Budget": {"an error to reach": "unknowns memory time"},
     "MeshSpec": {
         ANY: "file order kinematics", "mean dilatation": "mean_dilatation", "serendipity": "serendipity",
-        "finite strain": "strain",
+        "finite strain": "strain", "geometry": "geometry",
     },
     "Material": {
         ANY: "E nu", "plasticity": "yield_stress hardening kinematic_hardening hardening_curve",

@@ -23,6 +23,8 @@ class Origin:
         See `pcontact.mesh.refinement.simplices` and `pcontact.mesh.refinement.grids`.
     keys : ndarray (n_nodes,) uint64
         Of the nodes, see `pcontact.mesh.refinement.keys`.
+    places : ndarray (n_nodes, d) or None
+        Where the nodes are in the tree of cells [length]; None: where they are in the mesh.
     """
 
     base: object
@@ -30,6 +32,12 @@ class Origin:
     path: np.ndarray
     level: np.ndarray
     keys: np.ndarray
+    places: np.ndarray | None = None
+
+
+def tree_points(mesh):
+    """Where the nodes (n, d) of a mesh are in the tree of its cells, which a geometry does not bend [length]."""
+    return mesh.points if mesh.origin is None or mesh.origin.places is None else mesh.origin.places
 
 
 def first_origin(base, keys):

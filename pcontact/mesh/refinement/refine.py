@@ -5,12 +5,14 @@ from typing import NamedTuple
 import numpy as np
 
 from pcontact.mesh.distribute import deal
+from pcontact.mesh.geometry.belonging import belonging
 from pcontact.mesh.mesh import Mesh
 from pcontact.mesh.partition import WEIGHT
 from pcontact.mesh.refinement.forest import Forest, opposite
 from pcontact.mesh.refinement.keys import vertex_keys
 from pcontact.mesh.refinement.numbering import first_numbers, number_nodes
 from pcontact.mesh.refinement.origin import Origin, first_origin, to_base, values_by_key
+from pcontact.mesh.refinement.placing import placed
 from pcontact.mesh.refinement.regular import HALVED, halved
 from pcontact.mesh.refinement.shared import Neighbours
 from pcontact.mesh.refinement.simplices import Wishes, interpolate
@@ -109,6 +111,8 @@ def refine(mesh, more, fields=(), balance=None, rise=None):
             else:
                 piece, widths = _grown(exchanger, mesh, origin, (more, rise), fields)
             new = deal(piece, *(balance or Balance()))
+            if regular and mesh.belongs is not None:
+                new.belongs = belonging(new, mesh.belongs.path, mesh.belongs.scene, strict=False)
     finally:
         exchanger.free()
     return carried_over(new, mesh, None if regular else origin.base, widths)
@@ -140,6 +144,8 @@ def carried_over(new, mesh, base, widths):
         new.origin = Origin(base, cells[:, 0].copy(), cells[:, 1].copy().view(np.uint64), cells[:, 2].copy(), keys)
     values = np.ascontiguousarray(new.node_values[:, first:]).view(np.float64)
     parts = [part.copy() for part in np.split(values, np.cumsum(widths)[:-1], axis=1)] if widths else []
+    if base is not None and base.belongs is not None:
+        new.origin.places = parts.pop(0)
     new.cell_values = new.node_values = None
     return Refined(new, parts)
 
@@ -155,8 +161,10 @@ def _grown(exchanger, mesh, origin, wanted, fields):
     facets = _mark_facets(base, forest)
     _close(exchanger, base, forest, wishes)
     widths = [np.shape(field)[1] for field in fields]
-    values = _carried(exchanger, mesh, origin, forest, fields)
-    return _sliced(exchanger, base, forest, facets, values), widths
+    values, points = _carried(exchanger, mesh, origin, forest, fields), forest.nodes.points[: forest.n_nodes]
+    if base.belongs is not None:
+        widths, values, points = [base.dim, *widths], np.column_stack([points, values]), placed(base, forest)
+    return _sliced(exchanger, base, forest, facets, points, values), widths
 
 
 def _wishes(exchanger, mesh, origin, more, rise):
@@ -237,7 +245,7 @@ def _carried(exchanger, mesh, origin, forest, fields):
     return values
 
 
-def _sliced(exchanger, base, forest, facet_bits, values):
+def _sliced(exchanger, base, forest, facet_bits, points, values):
     """The forest's cells as slices of a mesh. *Collective.*"""
     n, nodes = forest.n_nodes, forest.nodes
     cells = [array[: forest.n_cells] for array in forest.cells]
@@ -251,7 +259,7 @@ def _sliced(exchanger, base, forest, facet_bits, values):
     numbers[numbers == 0] = base.file_nodes[chosen[numbers == 0]]
     keys = nodes.key[chosen]
     d, width = base.dim, nodes.groups.shape[1]
-    rows = np.column_stack([nodes.points[chosen].view(np.int64), nodes.groups[chosen], keys.view(np.int64),
+    rows = np.column_stack([points[chosen].view(np.int64), nodes.groups[chosen], keys.view(np.int64),
                             values[chosen].view(np.int64)])  # fmt: skip
     home, new_ids = number_nodes(exchanger, base, numbers, keys, rows)
     at = np.full(n, -1, dtype=np.int64)

@@ -12,6 +12,7 @@ from pcontact.element.reference import CELLS, reference_nodes
 from pcontact.element.shape import shape
 from pcontact.mesh.refinement.keys import vertex_keys
 from pcontact.mesh.refinement.numbering import first_numbers, number_nodes
+from pcontact.mesh.refinement.placing import halves_placed
 from pcontact.mesh.slices import COLUMN, MeshSlice, SliceBlock, bits, has_bit
 
 HALVED = ("triangle", "quadrilateral", "hexahedron")
@@ -101,7 +102,10 @@ def halved(exchanger, mesh, fields):
     place = np.empty(len(keys), dtype=np.int64)
     place[order] = np.cumsum(first) - 1
     chosen = order[first]
-    values, members = np.concatenate(values)[chosen].view(np.int64), np.concatenate(members)[chosen]
+    values, members = np.concatenate(values)[chosen], np.concatenate(members)[chosen]
+    if mesh.belongs is not None:
+        values[:, :d] = halves_placed(mesh, parts, place, keys[chosen], values[:, :d])
+    values = values.view(np.int64)
     rows = np.column_stack([owners[chosen], values, members])
     home, new_ids = number_nodes(exchanger, mesh, numbers[chosen], keys[chosen], rows)
     at = home.places[:, 0][place]

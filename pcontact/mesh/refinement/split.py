@@ -19,6 +19,7 @@ import numpy as np
 from pcontact.element.reference import CELLS, edge_nodes
 from pcontact.element.shape import shape, shape_gradient
 from pcontact.mesh.distribute import deal
+from pcontact.mesh.geometry.moving import put_on
 from pcontact.mesh.mesh import Mesh
 from pcontact.mesh.refinement.divisions import Places, divisions
 from pcontact.mesh.refinement.keys import middle_keys, vertex_keys
@@ -106,6 +107,8 @@ def split(mesh, fields=(), balance=None, degree=None, cells=None):
         exchanger.free()
     values = new.cell_values[:, 0].copy()
     refined = carried_over(new, mesh, None, [np.shape(field)[1] for field in fields])
+    if mesh.belongs is not None:
+        put_on(refined.mesh, mesh.belongs.path, mesh.belongs.scene, strict=False)
     return Divided(refined.mesh, refined.fields, values)
 
 
