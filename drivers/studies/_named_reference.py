@@ -30,12 +30,14 @@ from pcontact.estimate.goal import value
 from pcontact.runtime.errors import StepFailure
 from pcontact.runtime.observer import Observer
 from pcontact.runtime.petsc import MPI
-from pcontact.scene.target import Target
+from pcontact.scene.target import Budget, Target
 
 # [-] Tolerance of Newton's method. From: it is the smallest that the loop takes.
 RTOL = 1e-9
 # [-] The error of a quantity over what the dual problem tells, at most. From: docs/tables/named_error.md
 DUAL = 2.0
+# what a loop may cost, whatever else the machine is doing at the moment
+BUDGET = Budget(memory=16.0 * 2.0**30)
 # cells whose points are made at once, and points at which another displacement is evaluated at once
 CHUNK, POINTS = 4096, 2**17
 
@@ -190,7 +192,7 @@ def made(scene, target, quantities):
     StepFailure
         A load step did not converge.
     """
-    scene, kept, goals = replace(scene.copy(), accuracy=Target(target)), [], []
+    scene, kept, goals = replace(scene.copy(), accuracy=Target(target, budget=BUDGET)), [], []
     scene.mesh.order, scene.petsc = 2, {**scene.petsc, "snes_rtol": f"{RTOL:g}"}
 
     def watch(simulation):

@@ -19,7 +19,7 @@ from pathlib import Path
 
 from drivers._common import log, main, make_parser, print_table, write_json
 from drivers.studies import _named_page as page
-from drivers.studies._named_reference import Reference, made
+from drivers.studies._named_reference import BUDGET, Reference, made
 from drivers.studies._named_scenes import HELD_BACK, SCENES
 from drivers.studies._overkill import Overkill
 from pcontact.adapt.loop import REACHED, Loop
@@ -96,7 +96,7 @@ def measure(name, named, of, error, args):
     scene = scene_of(named, args.o)
     kept = Answer(named.exact if of == "energy" else None)
     start = clock.perf_counter()
-    loop = Loop(replace(scene, accuracy=Target(error, of)), take=kept)
+    loop = Loop(replace(scene, accuracy=Target(error, of, budget=BUDGET)), take=kept)
     outcome = loop.run()
     seconds = clock.perf_counter() - start
     row = {"scene": name, "of": of, "target": error}

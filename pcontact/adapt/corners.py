@@ -133,13 +133,16 @@ class Corners:
 
     Attributes
     ----------
+    sought : bool
+        Whether there may be any: where bodies yield, cells have their largest estimates at other times, and squares
+        fall less than those of smooth solutions wherever the edge of a contact or of a plastic zone has passed.
     explain : bool
         Whether they have been found on the last mesh, and were not known before: that the error has fallen less than
         was expected says nothing of the next mesh then.
     """
 
     def __init__(self, comm):
-        self._comm, self._before, self._known, self.explain = comm, None, False, False
+        self._comm, self._before, self._known, self.explain, self.sought = comm, None, False, False, True
 
     def look(self, space, squares, alike=True):
         """What is found on a mesh. *Collective.*
@@ -160,7 +163,7 @@ class Corners:
         around : sequence of ndarray (n_nodes, 3)
             For :meth:`take`, to be interpolated.
         """
-        if space.dim != 2:
+        if space.dim != 2 or not self.sought:
             return None, None, ()
         around, power, rise, found = around_vertices(space, squares), None, None, False
         if self._before is not None and alike:

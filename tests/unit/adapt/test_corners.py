@@ -41,6 +41,9 @@ def test_cells_grow_smaller_toward_a_corner(shared_tmp):
     assert power is None and rise is None and not corners.explain
     mesh, fields = refine(mesh, everywhere(mesh, 4), around)
     corners.take(fields)
+    corners.sought = False
+    assert corners.look(Space(mesh, 2), squares(mesh)) == (None, None, ())
+    corners.sought = True
     power, rise, _ = corners.look(Space(mesh, 2), squares(mesh))
     assert corners.explain
     found = rise.rise > 0.0
