@@ -18,9 +18,9 @@ from typing import NamedTuple
 import numpy as np
 
 from drivers._common import log
-from pcontact.adapt.beside import STAYING
 from pcontact.adapt.loop import Loop
 from pcontact.adapt.seen import State, left_after
+from pcontact.adapt.settings import FACETS
 from pcontact.adapt.variants import solved
 from pcontact.assembly.error_norms import Displacements, energy_density
 from pcontact.element.geometry import gradients
@@ -210,7 +210,7 @@ def made(scene, target, quantities):
         raise failure
     clouds, norm, u = kept
     last, beside = loop.passes[-1], {}
-    parts = {name: part for name, part in last.parts.items() if name not in STAYING}
+    parts = {name: part for name, part in last.parts.items() if name not in FACETS}
     goals, yields = goals[-2:], any(scene.yields(body) for body in scene.bodies)
     if parts.pop("load_steps", 0.0) > 0.0:
         beside = _halved(loop, u, quantities)
