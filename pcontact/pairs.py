@@ -143,7 +143,9 @@ def _fitted(space, contact, source, target, radius):
     """Source and target as they see each other. *Collective.*"""
     if not _cuts(space, contact, source, target):
         return source, target
-    source = cut_source(space, source, contact.source, target, radius, contact.search, contact.quadrature)
+    # surfaces that are all of the boundary are not the same in every phase
+    onto = None if contact.all or contact.target == contact.source else contact.target
+    source = cut_source(space, source, contact.source, target, radius, contact.search, contact.quadrature, onto)
     return source, target.seen_from(source.facet, source.x)
 
 

@@ -1,5 +1,6 @@
 """Quadrature rules with positive weights and interior points on the reference cells."""
 
+import functools
 import itertools
 import math
 
@@ -107,6 +108,14 @@ def quadrature(cell, degree):
     ValueError
         If the degree is out of range.
     """
+    points, weights = _rule(cell, degree)
+    # callers may change theirs
+    return points.copy(), weights.copy()
+
+
+@functools.cache
+def _rule(cell, degree):
+    """See :func:`quadrature`; made once."""
     if not 0 <= degree <= MAX_DEGREE:
         raise ValueError(f"quadrature degree {degree}: allowed are 0 to {MAX_DEGREE}")
     if CELLS[cell].is_tensor:

@@ -6,6 +6,7 @@ listed so that the facet's own reference map gives the outward normal of the cel
 by -90 degrees (cells are counter-clockwise), in three the right-hand rule.
 """
 
+import functools
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -153,6 +154,17 @@ _CORNERS = np.array(
 )
 
 
+def _once(function):
+    """A table that depends on names and degrees alone is made once; callers get copies, which are theirs to change."""
+    made = functools.cache(function)
+
+    @functools.wraps(function)
+    def table(*arguments):
+        return made(*arguments).copy()
+
+    return table
+
+
 def _check_degree(degree):
     if degree not in DEGREES:
         raise ValueError(f"degree {degree}: only {DEGREES} exist")
@@ -198,6 +210,7 @@ def n_nodes(cell, degree):
     return reference.n_vertices + len(reference.edges) + len(reference.faces) + centre
 
 
+@_once
 def reference_nodes(cell, degree):
     """Reference coordinates of the nodes.
 
@@ -226,6 +239,7 @@ def reference_nodes(cell, degree):
     return np.vstack([nodes, centre])
 
 
+@_once
 def edge_nodes(cell):
     """Local vertices of the edges.
 
@@ -241,6 +255,7 @@ def edge_nodes(cell):
     return np.array(CELLS[cell].edges, dtype=np.int64)
 
 
+@_once
 def face_nodes(cell):
     """Local vertices of the quadrilateral faces that carry a degree-2 node.
 
@@ -256,6 +271,7 @@ def face_nodes(cell):
     return np.array(CELLS[cell].faces, dtype=np.int64).reshape(-1, 4)
 
 
+@_once
 def middle_weights(cell):
     """What the middles of faces and of the cell follow in a serendipity cell of degree 2.
 
@@ -309,6 +325,7 @@ def facet_kinds(cell):
     return [(view.name, np.flatnonzero(sizes == CELLS[view.facet].n_vertices)) for view in views]
 
 
+@_once
 def facet_nodes(cell, degree):
     """Local node numbers of every facet, in the facet's own node order.
 
@@ -367,6 +384,7 @@ def facet_points(cell, xi):
     return origin[:, None] + np.einsum("fik,qk->fqi", tangents, np.asarray(xi) + 1.0)
 
 
+@_once
 def facet_area_vectors(cell):
     """Outward area vectors of the facets on the reference cell.
 
@@ -386,6 +404,7 @@ def facet_area_vectors(cell):
     return np.cross(tangents[:, :, 0], tangents[:, :, 1])
 
 
+@functools.cache
 def _facet_maps(cell):
     """First vertex (n_facets, dim) and tangents (n_facets, dim, dim - 1) of the affine maps facet -> cell."""
     facet = CELLS[CELLS[cell].facet]

@@ -105,6 +105,8 @@ class Mesh:
         that was refined, that of its base counts.
     cell_values, node_values : ndarray (n_cells, k), (n_nodes, k) int64, or None
         What came with the slices, see `pcontact.mesh.slices.MeshSlice`; all blocks one after the other.
+    pieces : dict
+        Of source facets that runs on this mesh have cut, see `pcontact.contact.segmentation.pieces`.
     """
 
     comm: object
@@ -126,6 +128,7 @@ class Mesh:
     belongs: object = None
     cell_values: np.ndarray | None = None
     node_values: np.ndarray | None = None
+    pieces: dict = field(init=False, default_factory=dict, repr=False, compare=False)
 
     def geometry_nodes(self, block):
         """Node table of the cells' geometry: all nodes when curved, else the vertices, and its degree."""

@@ -216,40 +216,59 @@ def find_partners(space, target, nodal, query, method, origin=0.0, opposite=Fals
     -------
     Found
     """
-    d, comm, n_points = space.dim, space.comm, len(query.x)
-    x_facets = np.ascontiguousarray(target.deformed(nodal, origin))
-    width = int(comm.allreduce(target.nodes.shape[1], op=MPI.MAX))
-    target.nodes = padded(target.nodes, width)
-    searched = _Searched(target, x_facets, method, space.nodes, opposite)
-    about = [] if target.about is None else [target.about]
-    asking = np.column_stack([query.x, query.normal, *about])
-    if comm.size == 1:
-        count = n_points
-        found, answers, candidates = searched.project(asking, query.radius)
-    else:
-        boxes = facet_boxes(x_facets, target.kinds)
-        columns = 5 + 2 * d + 2 * width + (0 if target.smooth is None else d)
-        found, answers, candidates, count = _remote(space, searched, boxes, asking, query.radius, columns)
-    profile.count(searches=1, points=n_points, asked=count, candidates=candidates)
-    winner = _best(found, answers, n_points, d)
-    rows = np.flatnonzero(winner >= 0)
-    best, first = answers[winner[rows]], 5
-    out = Found(
-        np.full(n_points, -1, dtype=np.int64),
-        np.zeros((n_points, d)),
-        np.zeros((n_points, d)),
-        np.zeros(n_points),
-        np.zeros((n_points, width), dtype=np.int64),
-        np.zeros((n_points, width)),
-        candidates,
-        None if target.smooth is None else np.zeros((n_points, d)),
-    )
-    out.id[rows], out.gap[rows] = best[:, 0], best[:, 2]
-    ends = np.cumsum([d, d, width, width])
-    out.y[rows], out.normal[rows], out.nodes[rows], out.shape[rows], rest = np.split(best[:, first:], ends, axis=1)
-    if out.offset is not None:
-        out.offset[rows] = rest
-    return out
+    return PartnerSearch(space, target, nodal, method, origin, opposite)(query, target.about)
+
+
+class PartnerSearch:
+    """The target facets of all ranks under one displacement, for several searches; as :func:`find_partners`.
+
+    Notes
+    -----
+    The constructor is *Collective*, and so are the calls.
+    """
+
+    def __init__(self, space, target, nodal, method, origin=0.0, opposite=False):
+        x_facets = np.ascontiguousarray(target.deformed(nodal, origin))
+        self._space, self._target = space, target
+        self._width = int(space.comm.allreduce(target.nodes.shape[1], op=MPI.MAX))
+        target.nodes = padded(target.nodes, self._width)
+        self._searched = _Searched(target, x_facets, method, space.nodes, opposite)
+        self._boxes = None if space.comm.size == 1 else facet_boxes(x_facets, target.kinds)
+
+    def __call__(self, query, about=None):
+        """Partners of points of this rank, a :class:`Found`; of points on the target itself with what they tell about
+        themselves. *Collective.*"""
+        space, d, width, n_points = self._space, self._space.dim, self._width, len(query.x)
+        smooth = self._target.smooth
+        asking = np.column_stack([query.x, query.normal, *([] if about is None else [about])])
+        if space.comm.size == 1:
+            count = n_points
+            found, answers, candidates = self._searched.project(asking, query.radius)
+        else:
+            columns = 5 + 2 * d + 2 * width + (0 if smooth is None else d)
+            found, answers, candidates, count = _remote(
+                space, self._searched, self._boxes, asking, query.radius, columns
+            )
+        profile.count(searches=1, points=n_points, asked=count, candidates=candidates)
+        winner = _best(found, answers, n_points, d)
+        rows = np.flatnonzero(winner >= 0)
+        best, first = answers[winner[rows]], 5
+        out = Found(
+            np.full(n_points, -1, dtype=np.int64),
+            np.zeros((n_points, d)),
+            np.zeros((n_points, d)),
+            np.zeros(n_points),
+            np.zeros((n_points, width), dtype=np.int64),
+            np.zeros((n_points, width)),
+            candidates,
+            None if smooth is None else np.zeros((n_points, d)),
+        )
+        out.id[rows], out.gap[rows] = best[:, 0], best[:, 2]
+        ends = np.cumsum([d, d, width, width])
+        out.y[rows], out.normal[rows], out.nodes[rows], out.shape[rows], rest = np.split(best[:, first:], ends, axis=1)
+        if out.offset is not None:
+            out.offset[rows] = rest
+        return out
 
 
 def _remote(space, searched, boxes, asking, radius, columns):
