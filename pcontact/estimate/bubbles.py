@@ -5,6 +5,7 @@ has no rigid motion in it, so a problem with forces on all facets can be solved.
 factor of degree p + 1 are taken: in the others the error of smooth solutions has no leading term.
 """
 
+import functools
 import itertools
 
 import numpy as np
@@ -26,16 +27,29 @@ def _forms(cell, degree):
     return [np.array([a, b, a - b]) for a, b in edges] + [np.array(face) for face in faces]
 
 
+@functools.cache
+def _stacked(cell, degree):
+    """The products of :func:`_forms` by their numbers of factors: which, and the forms (n, k, dim + 1)."""
+    forms = _forms(cell, degree)
+    sizes = np.array([len(one) for one in forms])
+    return [(np.flatnonzero(sizes == k), np.stack([one for one in forms if len(one) == k])) for k in np.unique(sizes)]
+
+
 def _simplex(cell, degree, xi):
-    slope = np.vstack([-np.ones(xi.shape[1]), np.eye(xi.shape[1])])
+    dim, stacked = xi.shape[1], _stacked(cell, degree)
+    slope = np.vstack([-np.ones(dim), np.eye(dim)])
     bary = np.hstack([1.0 - xi.sum(axis=1, keepdims=True), xi])
-    values, gradients = [], []
-    for forms in _forms(cell, degree):
-        factors = bary @ forms.T
-        values.append(factors.prod(axis=1))
-        others = [np.delete(factors, k, axis=1).prod(axis=1) for k in range(len(forms))]
-        gradients.append(np.stack(others, axis=1) @ (forms @ slope))
-    return np.stack(values, axis=1), np.stack(gradients, axis=1)
+    count = sum(len(which) for which, _ in stacked)
+    values, gradients = np.empty((len(xi), count)), np.empty((len(xi), count, dim))
+    for which, forms in stacked:
+        factors = np.tensordot(bary, forms, (1, 2))
+        values[:, which] = factors.prod(axis=2)
+        total = 0.0
+        for k in range(forms.shape[1]):
+            others = np.delete(factors, k, axis=2).prod(axis=2)
+            total = total + others[:, :, None] * (forms[:, k] @ slope)
+        gradients[:, which] = total
+    return values, gradients
 
 
 def _line(degree, s):
@@ -81,7 +95,13 @@ def bubbles(cell, degree, xi):
     return _tensor(cell, degree, xi) if CELLS[cell].is_tensor else _simplex(cell, degree, xi)
 
 
+def number_of(cell, degree):
+    """Number of these functions."""
+    return bubbles(cell, degree, np.zeros((0, CELLS[cell].dim)))[0].shape[1]
+
+
+@functools.cache
 def supports(cell, degree):
-    """Which functions live on which facets of the cell, (nb, n_facets) bool."""
+    """Which functions live on which facets of the cell, (nb, n_facets) bool; not to be changed."""
     points = facet_points(cell, quadrature(CELLS[cell].facet, 5)[0])
     return np.stack([np.abs(bubbles(cell, degree, at)[0]).max(axis=0) > ZERO for at in points], axis=1)

@@ -39,7 +39,7 @@ from pcontact.element.geometry import facet_geometry, gradients
 from pcontact.element.quadrature import quadrature
 from pcontact.element.reference import CELLS, facet_nodes, facet_points
 from pcontact.element.shape import shape, shape_gradient
-from pcontact.estimate.bubbles import bubbles, supports
+from pcontact.estimate.bubbles import bubbles, number_of, supports
 from pcontact.estimate.facets import FacetPairs, facet_rule
 from pcontact.estimate.loads import Given
 from pcontact.estimate.local import NO_REST, LocalFunctions, Moduli, energies, products
@@ -252,8 +252,7 @@ class Estimator:
         return self._recovery(self.bulk, nodal)
 
     def _width(self, block):
-        nb = bubbles(block.cell, self.space.degree_of(block), np.zeros((1, self.space.dim)))[0].shape[1]
-        return nb, self.space.dim
+        return number_of(block.cell, self.space.degree_of(block)), self.space.dim
 
     def norm(self, v):
         """Energy norm of a displacement, that of elasticity. *Collective.*"""
@@ -340,23 +339,28 @@ class Estimator:
         return result
 
     def _outer(self, number, time, traction, normal, inner, loads):
-        """Residual g - t (n_parts, nc, nf, nq, d) of the facets on the boundary."""
-        space, along = self.space, np.sum(traction * normal, axis=3, keepdims=True) * normal
-        result = {}
+        """Residual g - t of the facets on the boundary: cells (n,) that have some, and by parts (n, nf, nq, d)."""
+        space, touched, result = self.space, ~inner.all(axis=1), {}
+        loaded = [
+            (load, facets) for load in loads if load.on_facets
+            for facets in space.mesh.facet_groups.get(load.region, []) if facets.block == number and len(facets.cells)
+        ]  # fmt: skip
+        sprung = (cells for _, cells, _ in self._springs.facets(number))
+        for cells in (*(facets.cells for _, facets in loaded), *sprung):
+            touched[cells] = True
+        rows = np.flatnonzero(touched)
+        traction, normal, outside = traction[rows], normal[rows], ~inner[rows]
+        along = np.sum(traction * normal, axis=3, keepdims=True) * normal
         for k, value in ((0, -along), (1, along - traction)):
             for part in (JUMPS, NEUMANN, CONTACT, FRICTION):
-                on = (self._kind[number][:, :, k] == part) & ~inner
+                on = (self._kind[number][rows, :, k] == part) & outside
                 if on.any():
                     result[part] = result.get(part, 0.0) + value * on[:, :, None, None]
-        for load in loads:
-            for facets in space.mesh.facet_groups.get(load.region, []) if load.on_facets else []:
-                if facets.block != number or not len(facets.cells):
-                    continue
-                where = facets.cells, facets.local
-                body = space.mesh.blocks[number].body
-                value = self._density(load, self._places(number, *where), normal[where], body, time)
-                result.setdefault(NEUMANN, np.zeros_like(traction))[where] += value
-        return result
+        for load, facets in loaded:
+            where, body = (np.searchsorted(rows, facets.cells), facets.local), space.mesh.blocks[number].body
+            value = self._density(load, self._places(number, facets.cells, facets.local), normal[where], body, time)
+            result.setdefault(NEUMANN, np.zeros_like(traction))[where] += value
+        return rows, result
 
     def _places(self, number, cells, local):
         """Points (n, nq, d) of facets of a block [length]."""
@@ -375,13 +379,13 @@ class Estimator:
     def _test(self, number, traction, jump, outer, jxw, tested):
         """Test the residuals of a block's facets with the functions on them."""
         block = self.space.mesh.blocks[number]
-        degree = self.space.degree_of(block)
         points = facet_points(block.cell, facet_rule(block.cell, self.space.degree)[0])
-        for f, at in enumerate(points):
-            values = bubbles(block.cell, degree, at)[0]
-            weight = jxw[:, f, :, None]
-            for part, residual in ((INTERIOR, traction), (JUMPS, jump), *outer.items()):
-                tested[:, part] += np.matmul(values.T, weight * residual[:, f])
+        values = np.concatenate([self._tests(number, at) for at in points])
+        rows, outer = outer
+        for part, residual in ((INTERIOR, traction), (JUMPS, jump)):
+            tested[:, part] += _integrals(values, residual, jxw)
+        for part, residual in outer.items():
+            tested[rows, part] += _integrals(values, residual, jxw[rows])
 
     def _tests(self, number, xi):
         """Test functions (n, nb) of a block at reference points (n, d)."""
@@ -559,6 +563,14 @@ class Estimator:
                 total, own = np.zeros(points.shape) if total is None else total, chosen[rows]
                 total[own] += self._density(load, points[own], None, block.body, time)
         return total
+
+
+def _integrals(values, residual, jxw):
+    """int residual . v (nc, nb, d) over all facets of cells, for test functions of values (nf nq, nb)."""
+    (n, nb), nc, d = values.shape, len(jxw), residual.shape[3]
+    weighted = (jxw[:, :, :, None] * residual).reshape(nc, n, d)
+    flat = np.ascontiguousarray(weighted.transpose(0, 2, 1)).reshape(nc * d, n)
+    return (flat @ values).reshape(nc, d, nb).transpose(0, 2, 1)
 
 
 def _along(vectors, normal):

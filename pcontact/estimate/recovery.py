@@ -99,6 +99,7 @@ class Recovery:
         gradients(x, dgeo, np.ascontiguousarray(dgeo[:, :1]), weights, one, volume)
         weight = volume.sum(axis=1)
         upper = UPPER[mesh.dim]
+        cells = cells.ravel()
         for k, (i, j) in enumerate(upper):
-            np.add.at(sums[:, k], cells, weight[:, None] * stress[:, :, i, j])
-        np.add.at(sums[:, len(upper)], cells, np.repeat(weight[:, None], len(nodes), axis=1))
+            sums[:, k] += np.bincount(cells, (weight[:, None] * stress[:, :, i, j]).ravel(), len(sums))
+        sums[:, len(upper)] += np.bincount(cells, np.repeat(weight, len(nodes)), len(sums))

@@ -35,7 +35,7 @@ class Springs:
         self._springs = [(one, kind_of(space, one.region) == "facets") for one in problem.springs]
         self._of_facets = {}
 
-    def _facets(self, number):
+    def facets(self, number):
         """Springs, and cells and local numbers of their facets, in a block."""
         for spring, on_facets in self._springs:
             for facets in self._space.mesh.facet_groups.get(spring.region, []) if on_facets else []:
@@ -59,17 +59,18 @@ class Springs:
         ----------
         number : int
         nodal : ndarray (n_local, d)
-        outer : dict of int to ndarray (nc, nf, nq, d)
-            By part; changed.
+        outer : (ndarray (n,), dict of int to ndarray (n, nf, nq, d))
+            Cells, those of :meth:`facets` among them, and what they have by part; changed.
         traction, normal : ndarray (nc, nf, nq, d)
         """
-        space, block = self._space, self._space.mesh.blocks[number]
+        space, block, (rows, parts) = self._space, self._space.mesh.blocks[number], outer
         points = facet_points(block.cell, facet_rule(block.cell, space.degree)[0])
-        for spring, cells, local in self._facets(number):
+        for spring, cells, local in self.facets(number):
             values = np.stack([shape(block.cell, space.degree_of(block), at) for at in points])[local]
             u = np.einsum("fqa,fad->fqd", values, nodal[own_nodes(space, number)[cells]])
             own = np.einsum("...ij,...j->...i", spring.tensor(normal[cells, local]), u)
-            np.subtract.at(outer.setdefault(NEUMANN, np.zeros_like(traction)), (cells, local), own)
+            where = np.searchsorted(rows, cells), local
+            np.subtract.at(parts.setdefault(NEUMANN, np.zeros_like(traction[rows])), where, own)
 
     def force(self, number, rows, values, nodal):
         """Force density (n, nq, d) of springs at points of some of a block's cells, None where there is none.
@@ -125,11 +126,11 @@ class Springs:
         tests = np.stack([bubbles(block.cell, space.degree_of(block), at)[0] for at in points])
         table, geometry_degree = space.mesh.geometry_nodes(block)
         n = tests.shape[2] * space.dim
-        every = [np.zeros(0, np.int64), *(cells for _, cells, _ in self._facets(number))]
+        every = [np.zeros(0, np.int64), *(cells for _, cells, _ in self.facets(number))]
         rows = np.unique(np.concatenate(every))
         at, matrices = np.full(len(block.nodes), -1, dtype=np.int64), np.zeros((len(rows), n, n))
         at[rows] = np.arange(len(rows))
-        for spring, cells, local in self._facets(number):
+        for spring, cells, local in self.facets(number):
             x = np.ascontiguousarray(space.mesh.points[table[cells]])
             place = facet_geometry(block.cell, x, np.ascontiguousarray(local, dtype=np.int64), geometry_degree,
                                    space.degree, xi, weights)  # fmt: skip

@@ -7,7 +7,6 @@ from pcontact.estimate.estimator import Estimator
 from pcontact.estimate.loads import applied, held, missing
 from pcontact.runtime.observer import Observer
 from pcontact.runtime.petsc import MPI, PETSc
-from pcontact.solve.preconditioners.contact import new_preconditioner
 
 # one more Newton step is solved to this part of its right-hand side, with so many iterations at most
 STEP_RTOL, STEP_ITERATIONS = 0.1, 50
@@ -105,19 +104,13 @@ class ErrorEstimate(Observer):
         -------
         pcontact.estimate.goal.GoalError
         """
-        problem, quantity, name = self._problem, target.quantity, target.name
-        contact = next((one for one in problem.contacts if one.name == name), None)
-        if quantity == "pressure":
+        problem = self._problem
+        if target.quantity == "pressure":
+            contact = next((one for one in problem.contacts if one.name == target.name), None)
             return goal.surface_pressure(self._estimator, contact, u)
-        if quantity == "force":
-            found = goal.contact_force(problem, contact, record["contacts"][name]["force"], u)
-        elif quantity == "support":
-            found = goal.support_force(problem, name, record["reactions"][name], u)
-        else:
-            found = goal.probe(problem, name, u)
-        preconditioner = new_preconditioner(problem.space.comm, self._newton.snes.getOptionsPrefix())
+        found = self.goal(target, record, u)
         z = problem.space.vector()
-        z.setArray(goal.dual(problem, found, preconditioner).ravel())
+        z.setArray(goal.dual(problem, found, self._newton.last_preconditioner()).ravel())
         holding = held(problem, unbalanced), self._held(u, z, found)
         cells = [found.sign * own for own in self._estimator.weighted(u, time, z, found, holding)]
         dual = z.getArray(readonly=True).reshape(unbalanced.shape)
@@ -138,24 +131,54 @@ class ErrorEstimate(Observer):
         forces = goal.transposed(problem.space, problem.items, u, phi)
         return held(problem, forces if found.lift is not None else forces - found.slope)
 
+    def goal(self, target, record, u):
+        """A quantity of the last load step that is no norm, a :class:`pcontact.estimate.goal.Goal`; parameters as of
+        :meth:`of_quantity`. *Collective.*"""
+        problem, name = self._problem, target.name
+        if target.quantity == "force":
+            contact = next(one for one in problem.contacts if one.name == name)
+            return goal.contact_force(problem, contact, record["contacts"][name]["force"], u)
+        if target.quantity == "support":
+            return goal.support_force(problem, name, record["reactions"][name], u)
+        return goal.probe(problem, name, u)
+
     def norm(self, v):
         """Energy norm of a displacement of elastic bodies [sqrt(energy)]. *Collective.*"""
         return self._estimator.norm(v)
 
     def _answer(self, forces):
         """Energy norm of what the tangent answers to forces (n_owned, d), solved roughly. *Collective.*"""
+        step = self.answer(forces, STEP_RTOL, STEP_ITERATIONS)
+        return 0.0 if step is None else self._estimator.norm(step)
+
+    def answer(self, forces, rtol, iterations):
+        """The displacement that the tangent of the last load step answers to forces. *Collective.*
+
+        Parameters
+        ----------
+        forces : ndarray (n_owned, d)
+            [force]
+        rtol : float
+        iterations : int
+            At most.
+
+        Returns
+        -------
+        PETSc.Vec or None
+            None where there are no forces.
+        """
         problem, matrix = self._problem, self._problem.matrix.matrix
         residual, step = problem.space.vector(), problem.space.vector()
         problem.as_residual(forces.copy(), residual)
         if residual.norm() == 0.0:
-            return 0.0
-        # a solver of its own: that of Newton's iteration is not left alone, its set-up belongs to another matrix
+            return None
+        # a solver of its own: that of Newton's iteration is not left alone; its preconditioner is good enough
         ksp = PETSc.KSP().create(comm=problem.space.comm)
         ksp.setType("gmres")
-        ksp.setPC(new_preconditioner(ksp.getComm(), self._newton.snes.getOptionsPrefix()))
+        ksp.setPC(self._newton.last_preconditioner())
         ksp.setOperators(matrix, matrix)
-        ksp.setTolerances(rtol=STEP_RTOL, max_it=STEP_ITERATIONS)
+        ksp.setTolerances(rtol=rtol, max_it=iterations)
         ksp.solve(residual, step)
         ksp.destroy()
         problem.follow(step)
-        return self._estimator.norm(step)
+        return step

@@ -20,7 +20,7 @@ from pcontact.solve.convergence import ConvergenceTest
 from pcontact.solve.diagnosis import diagnose
 from pcontact.solve.globalisation import Globalisation
 from pcontact.solve.linear import Reuse, check_tolerances, newton_defaults, refresh_smoother, solver_defaults
-from pcontact.solve.preconditioners.contact import contact_preconditioner, new_preconditioner
+from pcontact.solve.preconditioners.contact import contact_preconditioner, new_preconditioner, preconditioner
 from pcontact.solve.preconditioners.deflation import Deflation, deflation
 from pcontact.solve.preconditioners.direct import PIVOTS, DirectFallback
 from pcontact.solve.result import NewtonResult, combined
@@ -212,6 +212,15 @@ class Newton:
             self._search = None
             if self._filter is not None:
                 self._filter.detach(self.snes.getKSP())
+
+    def last_preconditioner(self):
+        """The preconditioner of the last linear solve, without its filter and as it is, for another Krylov method.
+
+        The next load step begins with one of its own.
+        """
+        pc = preconditioner(self.snes.getKSP())
+        pc.setReusePreconditioner(True)
+        return pc
 
     @property
     def carried(self):
