@@ -131,8 +131,9 @@ class Loop:
         directory, self._where = None if directory is None else Path(directory), said
         if self.target.pictures:
             on_root(self.comm, extra.require)
-        # objects that are there before the first pass outlive it: collections between passes need not look at them
-        gc.collect()
+        # objects that are there before the first pass outlive it: collections between passes need not look at them, and
+        # to look through all of them once takes as long as a small pass
+        gc.collect(1)
         gc.freeze()
         try:
             return self._run_all(directory, said)
