@@ -11,6 +11,7 @@ import pytest
 import pcontact as pc
 from drivers._common import make_mesh
 from drivers.cases import rings
+from meshes import geometries
 from meshes import rings as rings_mesh
 from meshes.blocks import two_blocks
 from meshes.punch import punch
@@ -62,6 +63,39 @@ def test_rings_reach_their_error(shared_tmp):
     if COMM.rank == 0:
         assert not list((shared_tmp / "out").glob("pass_*"))
     COMM.barrier()
+
+
+def shrink_fit(folder, geometry=None):
+    """Rings of four straight cells in a quarter, whose arcs are deeper than the interference."""
+    path, delta = folder / "fit.msh", 6e-4
+    on_root(COMM, partial(rings_mesh, path, n=4, cell="triangle", delta=delta))
+    scene = rings.ring_scene(path, 1, 0.0, pressure=0.0)
+    scene.mesh.order = None
+    if geometry is not None:
+        on_root(COMM, (folder / geometry).write_text, geometries.rings(delta=delta))
+        scene.mesh.geometry = folder / geometry
+    return scene, partial(rings.measure, pressure=0.0, delta=delta)
+
+
+def test_straight_facets_stay_without_the_geometry(tmp_path):
+    """Their part is measured with degree 2, on the mesh of the file; no finer mesh takes it away."""
+    scene, _ = shrink_fit(tmp_path)
+    scene.accuracy = Target(0.1)
+    loop = Loop(scene)
+    assert loop.run().status == SPENT and len(loop.passes) == 1
+    assert loop.passes[0].parts["straight_facets"] > 0.5
+
+
+def test_facets_come_onto_the_geometry(tmp_path):
+    """The straight cells become curved, and the part of the error that facets have falls; the true one is less."""
+    scene, measure = shrink_fit(tmp_path, "fit.geo")
+    scene.accuracy = Target(0.1)
+    loop = Loop(scene, take=lambda simulation, converged: measure(simulation)["energy"])
+    outcome = loop.run()
+    first, last = loop.passes[0], loop.passes[-1]
+    assert outcome.status == REACHED and outcome.kept < last.error <= 0.1
+    assert "straight_facets" not in first.parts and last.degree == 2
+    assert last.parts["curved_facets"] < 0.2 * max(one.parts["curved_facets"] for one in loop.passes)
 
 
 def punch_scene(folder, cell="triangle", **target):

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from drivers._common import make_mesh
-from meshes import rings
+from meshes import geometries, rings
 from meshes.shells import shells, tubes
 from pcontact.mesh.complete import complete
 from pcontact.mesh.geometry.moving import put_on
@@ -18,7 +18,6 @@ from pcontact.mesh.refinement.refine import refine
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.parallel import on_root
 from pcontact.runtime.petsc import MPI
-from tests.support import geometries
 from tests.support.refined import chosen, volume
 
 COMM = MPI.COMM_WORLD

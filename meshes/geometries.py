@@ -1,4 +1,13 @@
-"""Geometries of meshes of `meshes`, as text for gmsh: of its own kernel and of OpenCASCADE."""
+"""Geometries of some of the meshes, for scenes that name them: as text for gmsh, of its own kernel or OpenCASCADE's."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import gmsh
+
+from .tools import gmsh_model
 
 # of an octant and of a quarter, bodies of radii r > q > s, the outer one first
 _TWO = """SetFactory("OpenCASCADE");
@@ -11,7 +20,7 @@ BooleanDifference{{ Volume{{3}}; Delete; }}{{ Volume{{4}}; Delete; }}
 """
 
 
-def rings(radii=(1.0, 0.6, 0.2), delta=0.0, kernel="Built-in"):
+def rings(radii: Sequence[float] = (1.0, 0.6, 0.2), delta: float = 0.0, kernel: str = "Built-in") -> str:
     """A quarter of two rings, see :func:`meshes.rings`."""
     large, middle, small = radii
     text = f'SetFactory("{kernel}");\nPoint(1) = {{0, 0, 0}};\n'
@@ -26,13 +35,33 @@ def rings(radii=(1.0, 0.6, 0.2), delta=0.0, kernel="Built-in"):
     return text
 
 
-def shells(radii=(1.0, 0.6, 0.3)):
+def shells(radii: Sequence[float] = (1.0, 0.6, 0.3)) -> str:
     """Eighths of two spherical shells, see :func:`meshes.shells.shells`."""
     r, q, s = radii
     return _TWO.format(shape="Sphere", at="0, 0, 0", r=r, q=q, s=s, angles="0, Pi/2, Pi/2")
 
 
-def tubes(radii=(1.0, 0.6, 0.2), height=0.3):
+def tubes(radii: Sequence[float] = (1.0, 0.6, 0.2), height: float = 0.3) -> str:
     """Quarters of two tubes, see :func:`meshes.shells.tubes`."""
     r, q, s = radii
     return _TWO.format(shape="Cylinder", at=f"0, 0, 0, 0, 0, {height}", r=r, q=q, s=s, angles="Pi/2")
+
+
+def write_geometry(path: str | Path, text: str) -> Path:
+    """Write a geometry, as text to a file `.geo`, or as what gmsh makes of it.
+
+    Parameters
+    ----------
+    path : file to write: `.geo`, or with OpenCASCADE `.step` or `.brep`
+    text : the geometry
+    """
+    path = Path(path)
+    if path.suffix == ".geo":
+        path.write_text(text)
+        return path
+    plain = path.with_suffix(".geo")
+    plain.write_text(text)
+    with gmsh_model("geometry"):
+        gmsh.merge(str(plain))
+        gmsh.write(str(path))
+    return path
