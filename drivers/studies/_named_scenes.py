@@ -206,10 +206,10 @@ SCENES = {
     "indent": NamedScene("indentation", _indent, ("energy", "force:ball"), reference=0.03),
     "punch": NamedScene("re-entrant punch", _punch, ("energy", "support:punch_top", "force:face")),
     "receding": NamedScene("receding contact", _receding, ("energy", "force:face", "displacement:upper_top")),
-}  # fmt: skip
-HELD_BACK = {
     "shells": NamedScene("spherical shells, Lame", _shells, ("energy", "force:round"), shell_exact,
                          {"force:round": shell_force()}),
+}  # fmt: skip
+HELD_BACK = {
     "disk": NamedScene("disk resting on a block", _disk, ("energy", "force:disk-block")),
     "sheared": NamedScene("blocks pressed and sheared, Coulomb", _sheared, ("energy", "support:upper_top")),
 }

@@ -88,7 +88,8 @@ class Decision:
         if self._refining.whole and self._divides(simulation, watch, done, step):
             seen = (None, None, seen[2])
             step = self._refining.step(space, watch.squares, seen, self._wanted_divided(done), most, False, True)
-        if step.cuts.growth <= 1.0:
+        # a mesh of fewer cells may be the better one: where these are finer than needed they become larger
+        if step.cuts.part >= 1.0:
             return self._spent(f"the budget is spent ({self._budget.by})")
         done.next = self.expected(done, step)
         return None, step
@@ -97,7 +98,7 @@ class Decision:
         """Whether the cells of a mesh are divided into simplices. *Collective.*"""
         alike = [one for one in self._passes if one.degree == done.degree]
         ways = Ways(self.wanted(done), self._wanted_divided(done))
-        scene, space, fits = simulation.scene, simulation.problem.space, step.cuts.growth > 1.0
+        scene, space, fits = simulation.scene, simulation.problem.space, step.cuts.part < 1.0
         return self._refining.choice.divides(scene, space, alike, watch.squares, ways, fits)
 
     def _wanted_divided(self, done):
