@@ -77,7 +77,7 @@ class Degree:
     now : int or None
         Of the next pass; None: what the mesh says, degree 1 first.
     chosen : dict or None
-        See :func:`cheaper`.
+        See :func:`cheaper`; without ``entries`` where there was no choice.
     """
 
     def __init__(self, given):
@@ -86,6 +86,12 @@ class Degree:
     def is_open(self, curved):
         """Whether the degree is ours to choose on a mesh, and neither has been tried."""
         return curved and self.now is None and self.chosen is None and self._lower is None
+
+    def take(self, degree, why):
+        """Choose a degree without trials, and return it."""
+        self.now, self.chosen = degree, {"degree": degree, "why": why}
+        log.info("degree %d: %s", degree, why)
+        return degree
 
     def try_higher(self, lower):
         """Keep the pass of degree 1, and let the next one on its mesh have degree 2."""

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pcontact import build
-from pcontact.adapt.cells import Choice, locking, of_parts, parts_of
+from pcontact.adapt.cells import NAMES, Choice, locking, of_parts, parts_of
 from pcontact.adapt.corners import Corners
 from pcontact.adapt.sizes import Contributions, Cuts, degrees, next_cuts
 from pcontact.mesh.refinement.refine import SIMPLICES, Balance, refine
@@ -62,7 +62,8 @@ class Refining:
         Parameters
         ----------
         scene : pcontact.scene.model.Scene
-            Its order becomes 2 where simplices of degree 1 would be too stiff, and the user does not say.
+            Its order becomes 2 where simplices of degree 1 would be too stiff, the mesh is straight, and the user does
+            not say.
 
         Raises
         ------
@@ -73,13 +74,18 @@ class Refining:
         own = {block.cell for block in mesh.blocks if len(block.nodes)}
         kinds = set().union(*self._comm.allgather(own))
         self.whole = not kinds <= set(SIMPLICES)
-        if not self.whole or kinds <= set(HALVED):
+        if not self.whole:
             return mesh
-        if scene.mesh.order is None and not mesh.curved and locking(scene, 1) is not None:
-            scene.mesh.order = self._settings.degree.now = 2
+        stiff = locking(scene, 1)
+        if scene.mesh.order is None and not mesh.curved and stiff is not None:
+            why = f"{NAMES[mesh.dim]} of degree 1 would be too stiff in {stiff} (locking)"
+            scene.mesh.order = self._settings.degree.take(2, why)
+            mesh = build.read(scene, self._comm, self._options)
+        if kinds <= set(HALVED):
+            return mesh
         self.choice.must(kinds, mesh.dim)
         self.whole, balance = False, Balance(*build.balance(scene, self._options))
-        return split(mesh, (), balance, scene.mesh.order).mesh
+        return split(mesh, (), balance).mesh
 
     def look(self, space, squares, alike=True):
         """What the last mesh tells of singular points, see :meth:`pcontact.adapt.corners.Corners.look`.

@@ -170,6 +170,22 @@ def test_other_cells_are_divided(shared_tmp, kinds, error):
         assert load_result(shared_tmp / "out").bodies.cells[0][0] == ("triangle" if kinds == "punch" else "tetra")
 
 
+def test_nearly_incompressible_quadrilaterals(tmp_path):
+    """Their displacement has degree 2 where nobody says; with degree 1 triangles would lock, so all are halved."""
+    scene = punch_scene(tmp_path, cell="quadrilateral", error=0.12)
+    scene.materials["soft"] = Material(1.0, 0.495)
+    loop = Loop(scene)
+    assert loop.run(tmp_path / "out").status == REACHED
+    section = json.loads((tmp_path / "out" / "report.json").read_text())["accuracy"]
+    assert {one.degree for one in loop.passes} == {2} == {section["degree"]["degree"]}
+    assert "block (locking)" in section["degree"]["why"] and section["cells"]["chosen"] == "triangles"
+    scene.mesh.order, scene.accuracy = 1, Target(0.12, budget=Budget(unknowns=1000))
+    loop = Loop(scene)
+    loop.run()
+    assert len(loop.passes) > 1
+    assert all(one.cells == 4**k * loop.passes[0].cells for k, one in enumerate(loop.passes))
+
+
 SCENE = """
 mesh = { file = "punch.msh" }
 materials = { hard = { E = 100.0, nu = 0.3 }, soft = { E = 1.0, nu = 0.3 } }
