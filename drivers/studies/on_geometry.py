@@ -87,7 +87,7 @@ def parser():
     """The driver's options."""
     p = make_parser(__doc__, "on_geometry_results")
     p.add_argument("--target", type=float, default=0.02, help="error of the rings (0.02)")
-    p.add_argument("--shells", type=float, default=0.05, help="error of the shells (0.05)")
+    p.add_argument("--shells", type=float, default=0.03, help="error of the shells (0.03)")
     p.add_argument("--scene", nargs="+", choices=("rings", "shells"), default=["rings", "shells"])
     return p
 

@@ -1,6 +1,7 @@
 """What a scene switches on and what it leaves out, in words."""
 
 from collections.abc import Sequence
+from pathlib import Path
 
 from pcontact.scene.model import Contact, Scene
 from pcontact.scene.validate import resolve_contacts
@@ -94,6 +95,8 @@ def describe(
     lower = [body.region for body in scene.bodies if scene.lower(body)]
     if lower:
         active.append("degree 1: " + ", ".join(lower))
+    if scene.mesh.geometry is not None:
+        active.append(f"new nodes on the geometry {Path(scene.mesh.geometry).name}")
     if scene.mesh.serendipity:
         active.append("serendipity cells")
     reduced = [body.region for body in scene.bodies if body.integration == "reduced"]

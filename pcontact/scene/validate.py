@@ -212,6 +212,10 @@ def _check_geometry(scene):
         return
     if Path(name).suffix.lower() not in GEOMETRIES:
         raise input_error(scene.where, "mesh.geometry", repr(str(name)), f"a file {', '.join(GEOMETRIES)}")
+    if scene.pretensions:
+        section = place("pretensions", 0, scene.pretensions[0].region)
+        found = f"{str(name)!r} together with {section}, whose two sides are not on it"
+        raise input_error(scene.where, "mesh.geometry", found, "either of them")
     _check_file(scene, scene.folder / name, "mesh.geometry", "a geometry")
 
 

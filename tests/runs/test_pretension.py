@@ -161,7 +161,10 @@ def test_refusals(mesh):
         with pytest.raises(InputError, match=words):
             Simulation(joint(mesh, Pretension(**{"region": "cut", "force": 1.0} | change)), SELF)
     case = joint(mesh, Pretension("cut", force=1.0))
-    case.couplings = []
+    case.mesh.geometry = "joint.geo"
+    with pytest.raises(InputError, match=r"mesh.geometry: found 'joint.geo' together with pretensions\[0\]"):
+        Simulation(case, SELF)
+    case.mesh.geometry, case.couplings = None, []
     case.displacements.append(Displacement("bolt_side", ["free", 0]))
     with pytest.raises(InputError, match="along its normal"):
         Simulation(case, SELF)

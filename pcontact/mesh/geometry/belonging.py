@@ -131,9 +131,12 @@ def _chosen(drawing, found, boundary, tables, centres, within):
         far.append(np.rint(worst[inside] / (APART * within)))
         off.append(drawing.closest(number, centres[inside])[1])
     rows, numbers, far, off = (np.concatenate(parts) for parts in (rows, numbers, far, off))
-    # a carrier may go on beyond the edges of a surface, and meet vertices of another one there
-    outside = np.zeros(len(rows), dtype=bool)
-    for k in np.flatnonzero(np.bincount(rows, minlength=len(tables))[rows] > 1):
+    # a carrier may go on beyond the edges of a surface, and meet vertices of another one there; of surfaces that lie on
+    # each other, as those of two bodies, any one does
+    outside, least, most = np.zeros(len(rows), dtype=bool), np.full(len(tables), np.inf), np.zeros(len(tables))
+    np.minimum.at(least, rows, off)
+    np.maximum.at(most, rows, off)
+    for k in np.flatnonzero((most - least)[rows] > APART * within):
         place = drawing.closest(numbers[k], centres[rows[k]][None])[0][0]
         outside[k] = not drawing.contains(numbers[k], place)
     order = np.lexsort((numbers, off, far, outside, rows))

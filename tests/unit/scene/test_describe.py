@@ -30,3 +30,5 @@ def test_describe_plain(write):
     assert "frictionless" in active[2] and "gamma0" in active[2] and len(active) == 3
     assert {"friction", "plasticity", "rigid obstacles"} <= set(left_out)
     assert describe(dataclasses.replace(scene, contacts=[]))[1][0] == "contact"
+    scene.mesh.geometry = "parts/block.step"
+    assert described(describe(scene, 2)[0], "nodes on the geometry block.step")
