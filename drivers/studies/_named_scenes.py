@@ -63,7 +63,7 @@ class NamedScene:
 
 
 def _shells(folder):
-    path = make_mesh(shells, folder / "shells.msh", (LARGE, MIDDLE, SMALL), h=0.25, order=2)
+    path = make_mesh(shells, folder / "shells.msh", (LARGE, MIDDLE, SMALL), h=0.2, order=2)
     return round_scene(path, 2, 0.0, "shells")
 
 

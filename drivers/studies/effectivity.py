@@ -342,7 +342,7 @@ def loaded(place, kind, n, degree, folder):
         axis = {} if dim == 2 else {"axis": [0.0, 0.0, 1.0]}
         more["loads"] = [Load("block", angular_speed=0.3, point=[0.0, -0.5, *rest], **axis)]
     elif kind == "total":
-        moment = 0.1 if dim == 2 else [0.0, 0.0, 0.1]
+        moment = 0.1 if dim == 2 else (0.0, 0.0, 0.1)
         more["loads"] = [Load("right", force=[0.1, -0.1, *rest], moment=moment)]
     elif kind.startswith("heat"):
         more["temperatures"] = [Temperature("exp(-8*((x-0.6)**2+(y-0.7)**2))")]
@@ -351,7 +351,7 @@ def loaded(place, kind, n, degree, folder):
                            Spring("block", stiffness=[5.0, 1.0, 2.0][:dim])]  # fmt: skip
         more["loads"], held = [Load("top", traction=[0.3, *rest, -0.5])], []
     else:
-        turn = 0.02 if dim == 2 else [0.0, 0.02, 0.02]
+        turn = 0.02 if dim == 2 else (0.0, 0.02, 0.02)
         more["couplings"] = [Coupling("right", point=[1.0, 0.5, 0.5][:dim], rotation=turn, average=kind == "average",
                                       displacement=[0.01, *ones[:-1], "free"])]  # fmt: skip
         more["loads"] = [Load("block", body_force=[0.1, -0.1, *rest])]

@@ -4,7 +4,7 @@ import time as clock
 
 import numpy as np
 
-from pcontact.adapt import linearised, variants
+from pcontact.adapt import linearised, roughness, variants
 from pcontact.adapt.passes import said_of
 from pcontact.adapt.settings import FACETS, FALLING, SHARE, STEPS_RATE
 from pcontact.runtime import log
@@ -96,6 +96,8 @@ class Beside:
             value = known.get(name, np.inf) / size
             if not value <= SHARE * self._target.error:
                 value = self._tried(simulation, name, other, size, watch)
+            if name == "curved_facets":
+                value = self._with_gaps(simulation, value, size, watch)
             # of what twice as many have changed, and what is left then
             found[name] = value / (1.0 - 0.5**STEPS_RATE) if name == "load_steps" else value
         return found
@@ -120,6 +122,13 @@ class Beside:
         """Whether a part is that of facets that finer cells of degree 1 do not tell."""
         return name in self._settings.staying and simulation.problem.space.degree == 1
 
+    def _with_gaps(self, simulation, value, size, watch):
+        """What curved facets change on the mesh and, by the gaps that it does not follow, on finer ones, relative.
+        *Collective.*"""
+        if self._target.quantity != "energy":
+            return value
+        return float(np.hypot(value, roughness.energy(simulation, watch) / size))
+
     def _tried(self, simulation, name, other, size, watch):
         """What a scene `other` changes, relative; 0 where that is not known. *Collective.*"""
         if self._rough(simulation, name):
@@ -141,5 +150,6 @@ class Beside:
         scene = self._settings.scene()
         scene.output.estimate = scene.output.checkpoint = False
         for name in large:
-            self._found[name] = self._tried(simulation, name, variants.smooth_facets(scene), size, watch)
+            value = self._tried(simulation, name, variants.smooth_facets(scene), size, watch)
+            self._found[name] = self._with_gaps(simulation, value, size, watch) if name == "curved_facets" else value
         done.trials += clock.perf_counter() - begun

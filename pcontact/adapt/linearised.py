@@ -21,8 +21,8 @@ from pcontact.runtime.petsc import MPI
 RTOL = 0.01
 
 
-def forces_of(simulation, scene, watch):
-    """Forces of the contacts of a scene where the bodies of a run have ended, among the partners there. *Collective.*
+def reports_of(simulation, scene, watch):
+    """The contacts of a scene where the bodies of a run have ended, with the partners there. *Collective.*
 
     Parameters
     ----------
@@ -35,8 +35,7 @@ def forces_of(simulation, scene, watch):
 
     Returns
     -------
-    dict of str to ndarray (n_owned, d)
-        By the name of the contact [force].
+    list of pcontact.contact.report.ContactReport
     """
     problem, u = simulation.problem, simulation.stepper.u
     tied = {number: one.pairs[0] for number, one in enumerate(problem.contacts) if one.law.tied}
@@ -49,7 +48,13 @@ def forces_of(simulation, scene, watch):
             pair.detect(begin, watch.times[0])
             pair.commit(begin, 0.0)
             pair.detect(u, watch.time)
-    return {report.name: _forces(problem, report, u) for report in reports}
+    return reports
+
+
+def forces_of(simulation, scene, watch):
+    """Forces (n_owned, d) of the contacts of a scene, by their names; see :func:`reports_of`. *Collective.*"""
+    problem, u = simulation.problem, simulation.stepper.u
+    return {report.name: _forces(problem, report, u) for report in reports_of(simulation, scene, watch)}
 
 
 def own_forces(simulation):

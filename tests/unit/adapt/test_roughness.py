@@ -1,0 +1,42 @@
+"""What gaps of curved facets do, against what is left of it on finer meshes."""
+
+from functools import partial
+
+import numpy as np
+import pytest
+
+from drivers._common import make_mesh
+from drivers.cases import rings
+from meshes import rings as ring_mesh
+from pcontact import build
+from pcontact.adapt import roughness
+from pcontact.adapt.watch import Watch
+from pcontact.assembly.error_norms import bulk_error
+from pcontact.mesh.refinement.refine import Balance, refine
+from pcontact.runtime.options import Options
+from pcontact.simulation import Simulation
+
+DELTA = 6e-4
+
+
+@pytest.mark.parallel
+def test_rings_with_interference(shared_tmp):
+    """Six curved facets in a quarter: 2 % of the energy norm are theirs on cells that are halved twice, whose own error
+    is a tenth of that."""
+    path = make_mesh(ring_mesh, shared_tmp / "rings.msh", n=6, cell="triangle", order=2, delta=DELTA)
+    scene = rings.ring_scene(path, 2, 0.0, pressure=0.0, gamma0=None)
+    exact = partial(rings.exact, constants=rings.ring_constants(0.0, DELTA))
+    scene.output.estimate = True
+    first = Simulation(scene)
+    watch = Watch(first)
+    assert first.run(None, [watch], keep=True)
+    first.close()
+    found = roughness.energy(first, watch)
+    cells = sum(len(block.nodes) for block in first.mesh.blocks)
+    finer = refine(first.mesh, np.full(cells, 4), (), Balance(*build.balance(scene, Options()))).mesh
+    last = Simulation(scene, mesh=finer)
+    assert last.run(None, [], keep=True)
+    left = bulk_error(last.problem.space, last.problem.bulk.constants, last.stepper.u, exact).energy
+    for one in (first, last):
+        one.free()
+    assert 0.9 * left < found < 1.3 * left
