@@ -203,7 +203,7 @@ SCENES = {
                           reference=0.006),
     "cattaneo": NamedScene("Cattaneo and Mindlin", _cattaneo),
     "hill": NamedScene("thick cylinder, Hill", _hill, ("energy", "displacement:outer")),
-    "indent": NamedScene("indentation", _indent, ("energy", "force:ball"), reference=0.03),
+    "indent": NamedScene("indentation", _indent, ("energy", "force:ball"), reference=0.05),
     "punch": NamedScene("re-entrant punch", _punch, ("energy", "support:punch_top", "force:face")),
     "receding": NamedScene("receding contact", _receding, ("energy", "force:face", "displacement:upper_top")),
     "shells": NamedScene("spherical shells, Lame", _shells, ("energy", "force:round"), shell_exact,

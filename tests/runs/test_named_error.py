@@ -11,6 +11,7 @@ import pytest
 import pcontact as pc
 from drivers._common import make_mesh
 from drivers.cases import rings
+from drivers.studies._named_scenes import HELD_BACK
 from meshes import geometries
 from meshes import rings as rings_mesh
 from meshes.blocks import two_blocks
@@ -96,6 +97,13 @@ def test_facets_come_onto_the_geometry(tmp_path):
     assert outcome.status == REACHED and outcome.kept < last.error <= 0.1
     assert "straight_facets" not in first.parts and last.degree == 2
     assert last.parts["curved_facets"] < 0.2 * max(one.parts["curved_facets"] for one in loop.passes)
+
+
+def test_a_mesh_of_fewer_cells_is_no_budget_that_is_spent(tmp_path):
+    """The last mesh of a disk on a block just misses its error, and has cells that are finer than needed."""
+    scene = HELD_BACK["disk"].scene(tmp_path)
+    scene.accuracy = Target(0.05)
+    assert Loop(scene).run().status == REACHED
 
 
 def punch_scene(folder, cell="triangle", **target):
