@@ -135,6 +135,8 @@ class Estimator:
         self.problem, self.space, self._loads = problem, problem.space, loads
         self.bulk, self.contacts = problem.bulk, problem.contacts
         self._springs = Springs(problem)
+        # test functions of a block's cells at all points of their facets
+        self._on_facets = {}
         # what moves as a rigid body is as much held as what is prescribed
         self._held = problem.supports.fixed.copy()
         for group in problem.groups:
@@ -380,8 +382,9 @@ class Estimator:
         """Test the residuals of a block's facets with the functions on them."""
         block = self.space.mesh.blocks[number]
         points = facet_points(block.cell, facet_rule(block.cell, self.space.degree)[0])
-        values = np.concatenate([self._tests(number, at) for at in points])
-        rows, outer = outer
+        if number not in self._on_facets:
+            self._on_facets[number] = np.concatenate([self._tests(number, at) for at in points])
+        values, (rows, outer) = self._on_facets[number], outer
         for part, residual in ((INTERIOR, traction), (JUMPS, jump)):
             tested[:, part] += _integrals(values, residual, jxw)
         for part, residual in outer.items():

@@ -55,7 +55,7 @@ class FacetPairs:
         total = space.vector()
         space.local.add(ones, total)
         shared = space.local.gather(total)[:, 0] > 1.5
-        keys, border, self._order = [], [], []
+        keys, border, self._order, self._codes = [], [], [], {}
         self.first = np.cumsum([0, *(len(b.nodes) * len(CELLS[b.cell].facets) for b in blocks)])
         for block, cells in zip(blocks, space.cells, strict=True):
             corners = cells[:, facet_nodes(block.cell, 1)].reshape(-1, CELLS[CELLS[block.cell].facet].n_vertices)
@@ -86,15 +86,22 @@ class FacetPairs:
         block = self.space.mesh.blocks[number]
         kind = CELLS[block.cell].facet
         flat = values.reshape(-1, *values.shape[2:])
-        out, order = np.empty_like(flat), self._order[number]
-        code = order @ (CELLS[kind].n_vertices ** np.arange(order.shape[1]))
-        for one in np.unique(code):
-            rows = np.flatnonzero(code == one)
-            points = _common_order(kind, self.space.degree, tuple(order[rows[0]].tolist()))
+        out = np.empty_like(flat)
+        for code, rows in self._alike(number, kind):
+            points = _common_order(kind, self.space.degree, code)
             if back:
                 points = np.argsort(points)
-            out[rows] = flat[rows][:, points]
+            out[rows] = flat[rows[:, None], points]
         return out.reshape(values.shape)
+
+    def _alike(self, number, kind):
+        """The orders of vertices that facets of a block have, with the facets: a list of (tuple, ndarray)."""
+        if number not in self._codes:
+            order = self._order[number]
+            code = order @ (CELLS[kind].n_vertices ** np.arange(order.shape[1]))
+            found = [np.flatnonzero(code == one) for one in np.unique(code)]
+            self._codes[number] = [(tuple(order[rows[0]].tolist()), rows) for rows in found]
+        return self._codes[number]
 
     def other_side(self, values):
         """Values of the cell on the other side of every facet. *Collective.*

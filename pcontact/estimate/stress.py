@@ -81,8 +81,8 @@ class BlockStress:
             Hoop stress with axial symmetry.
         """
         d = grad.shape[3]
-        slope = np.matmul(self.u.transpose(0, 2, 1)[:, None], grad)
-        trace, ring = np.trace(slope, axis1=2, axis2=3), None
+        slope = _slope(self.u, grad)
+        trace, ring = np.einsum("cqii->cq", slope), None
         if radius is not None:
             ring = np.einsum("cqa,ca->cq", hoop_operator(values, radius), self.u[:, :, 0])
             trace = trace + ring
@@ -90,7 +90,8 @@ class BlockStress:
         if self.shared is not None:
             volumetric = volumetric + self.shared.at(self._places(xi))[:, :, 0, 0]
         stress = self.mu * (slope + slope.transpose(0, 1, 3, 2))
-        stress += volumetric[:, :, None, None] * np.eye(d)
+        for k in range(d):
+            stress[:, :, k, k] += volumetric
         around = None if ring is None else volumetric + 2.0 * self.mu * ring
         if self._law is not None:
             around = _add_excess(self._deviation(slope, ring, xi), stress, around)
@@ -129,6 +130,16 @@ class BlockStress:
             some = slice(first, first + PART)
             out[some] = np.einsum("pmn,pn->pm", law.deviation(points[some]), flat[some])
         return out.reshape(strain.shape)
+
+
+def _slope(u, grad):
+    """Displacement gradients (nc, nq, d, d)."""
+    nc, nq, nn, d = grad.shape
+    if d == 3:
+        return np.matmul(u.transpose(0, 2, 1)[:, None], grad)
+    # one product for all points of a cell is faster where matrices are as small as this
+    flat = np.matmul(grad.transpose(0, 1, 3, 2).reshape(nc, nq * d, nn), u)
+    return flat.reshape(nc, nq, d, d).transpose(0, 1, 3, 2)
 
 
 def mandel(slope, ring, m):
