@@ -28,8 +28,9 @@ from pcontact.estimate.tractions import source_facets, source_places
 from pcontact.runtime.petsc import MPI, PETSc
 from pcontact.scene.model import Load
 
-# [-] Of the dual solve. From: the estimate itself is known to a tenth at best.
-DUAL_RTOL = 1e-4
+# [-] Of the dual solve. From: it is what is left of the estimate for forces that follow from equilibrium, which have no
+# error.
+DUAL_RTOL = 1e-5
 # [iterations] Of the dual solve at most. From: chosen.
 DUAL_ITERATIONS = 400
 
