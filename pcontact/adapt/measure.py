@@ -8,7 +8,7 @@ from pcontact.adapt.beside import Beside
 from pcontact.adapt.known import effectivity, of_quantity
 from pcontact.adapt.passes import Pass
 from pcontact.adapt.seen import Seen
-from pcontact.adapt.settings import SHARE
+from pcontact.adapt.settings import FACETS, SHARE
 from pcontact.adapt.variants import solved
 from pcontact.adapt.watch import Path
 from pcontact.element.reference import CELLS
@@ -82,6 +82,7 @@ class Measure:
         )  # fmt: skip
         self._add_loads(comm, watch, forces, done.parts)
         done.parts |= self._beside.parts(simulation, done, size, watch)
+        self._add_facets(simulation, watch, done.parts)
         done.error = sum(done.parts.values())
         return done
 
@@ -147,6 +148,24 @@ class Measure:
         own = np.concatenate([np.zeros(0), *forces])
         sums = comm.allreduce(np.array([own.sum(), watch.squares.sum()]), op=MPI.SUM)
         ratio = (parts["loads"] / parts["mesh"]) ** 2 if parts["mesh"] > 0.0 else 1.0
+        watch.squares = watch.squares + ratio * (sums[1] or 1.0) / (sums[0] or 1.0) * own
+
+    def _add_facets(self, simulation, watch, parts):
+        """Let the indicators have cells whose facets come nearer to the geometry when they are cut, by their share:
+        what a facet is off is of the degree of the cells, and so falls as their squares do. *Collective.*"""
+        large = sum(parts.get(name, 0.0) for name in FACETS)
+        if self._settings.staying or large <= SHARE * self._target.error:
+            return
+        mesh, own = simulation.mesh, np.zeros(len(watch.squares))
+        first = np.cumsum([0] + [len(block.nodes) for block in mesh.blocks])
+        contacts = [one for one in simulation.scene.contacts if not one.tied]
+        for name in sorted({name for one in contacts for name in (one.source, one.target)} & set(mesh.facet_groups)):
+            for some in mesh.facet_groups[name]:
+                x = mesh.points[mesh.facet_nodes(some)[:, : CELLS[some.kind].n_vertices]]
+                size = np.linalg.norm(x - x[:, :1], axis=2).max(axis=1)
+                np.add.at(own, first[some.block] + some.cells, size ** ((4.0 if mesh.curved else 2.0) + mesh.dim))
+        sums = simulation.comm.allreduce(np.array([own.sum(), watch.squares.sum()]), op=MPI.SUM)
+        ratio = (large / parts["mesh"]) ** 2 if parts["mesh"] > 0.0 else 1.0
         watch.squares = watch.squares + ratio * (sums[1] or 1.0) / (sums[0] or 1.0) * own
 
     def _quantity(self, found):
