@@ -125,7 +125,8 @@ class Beside:
     def _with_gaps(self, simulation, value, size, watch):
         """What curved facets change on the mesh and, by the gaps that it does not follow, on finer ones, relative.
         *Collective.*"""
-        if self._target.quantity != "energy":
+        # where nodes come onto a geometry, finer meshes have smaller gaps to follow
+        if self._target.quantity != "energy" or not self._settings.staying:
             return value
         return float(np.hypot(value, roughness.energy(simulation, watch) / size))
 
@@ -150,6 +151,5 @@ class Beside:
         scene = self._settings.scene()
         scene.output.estimate = scene.output.checkpoint = False
         for name in large:
-            value = self._tried(simulation, name, variants.smooth_facets(scene), size, watch)
-            self._found[name] = self._with_gaps(simulation, value, size, watch) if name == "curved_facets" else value
+            self._found[name] = self._tried(simulation, name, variants.smooth_facets(scene), size, watch)
         done.trials += clock.perf_counter() - begun

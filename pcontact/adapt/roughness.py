@@ -19,6 +19,7 @@ import numpy as np
 from pcontact.adapt.linearised import reports_of
 from pcontact.adapt.variants import smooth_facets
 from pcontact.contact.law import OPEN
+from pcontact.contact.surface.smooth_geometry import smooth_surface
 from pcontact.estimate.tractions import source_facets
 from pcontact.runtime.errors import TOLD
 from pcontact.runtime.petsc import MPI
@@ -46,16 +47,41 @@ def energy(simulation, watch):
             continue
         sums, parts = np.zeros(2), []
         for pair, states in zip(one.pairs, zip(one.states(u), other.states(u), strict=True), strict=True):
-            counts = states[0]["paired"] & states[1]["paired"] & (states[0]["status"] > OPEN)
+            # a facet that is closed somewhere would be so everywhere, but for its gaps
+            facet, closed = pair.source.facet, (states[0]["status"] > OPEN) | (states[1]["status"] > OPEN)
+            counts = states[0]["paired"] & states[1]["paired"] & np.isin(facet, facet[closed])
             gap = np.where(counts, states[0]["gap"] - states[1]["gap"], 0.0)
             weight = np.where(counts, states[0]["weight"], 0.0)
             sums += [weight.sum(), weight @ gap]
-            wave = 4.0 * np.pi / pair.source.size[pair.source.facet]
-            parts.append((weight * wave * _modulus(problem, pair), gap))
+            parts.append((weight * _wave(problem, pair, states[0]["normal"], gap) * _modulus(problem, pair), gap))
         area, first = problem.space.comm.allreduce(sums, op=MPI.SUM)
         mean = first / area if area > 0.0 else 0.0
         square += 0.5 * sum(float(weight @ (gap - mean) ** 2) for weight, gap in parts)
     return float(np.sqrt(problem.space.comm.allreduce(square, op=MPI.SUM)))
+
+
+def _wave(problem, pair, normal, gap):
+    """Wave number (np,) of a gap (np,) at the points of the source of a pair [1/length]: that of the facets of either
+    side, by what they have in the gap. *Collective.*"""
+    space, source = problem.space, pair.source
+    size = np.repeat(source.size[source.facet][:, None], 2, axis=1)
+    if not pair.rigid:
+        size[:, 1] = _target_sizes(space, pair.pairing, size[:, 1])
+    own = smooth_surface(space, pair.contact.source, True)
+    height = np.zeros_like(gap) if own is None else np.sum(normal * own.at_source(space, pair.contact.source, source),
+                                                           axis=1)  # fmt: skip
+    share = np.column_stack([height, height - gap]) ** 2 + np.finfo(float).tiny
+    return 4.0 * np.pi * np.sum(share / size, axis=1) / share.sum(axis=1)
+
+
+def _target_sizes(space, pairing, size):
+    """Largest distance (np,) of the vertices of the partners' facets, of triangles and of three of four vertices;
+    `size` (np,) where there is no partner [length]. *Collective.*"""
+    places, d = space.vector(), space.dim
+    places.setArray(space.points[space.owned_local].ravel())
+    x = pairing.exchange.gather(places)[pairing.targets[:, :d]]
+    places.destroy()
+    return np.where(pairing.paired, np.linalg.norm(x[:, :, None] - x[:, None], axis=3).max(axis=(1, 2)), size)
 
 
 def _modulus(problem, pair):
