@@ -5,19 +5,33 @@ same meshes divided into triangles or tetrahedra (`pcontact.mesh.refinement.spli
 errors in the energy norm, their ratio, that of the errors that the loop would name (estimate over the least effectivity
 of the class), and that of the entries of the tangent. `pcontact/adapt/cells.py` has one ratio of names and one of
 entries for each dimension and degree (`MEASURED`), by which a run with ``-error`` decides.
+
+``--reach`` runs scenes of quadrilaterals and hexahedra with ``-error`` instead, and says what was chosen.
 """
+
+import json
+from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
-from drivers._common import main, make_parser, print_table, running, write_json
+from drivers._common import main, make_mesh, make_parser, print_table, running, write_json
+from drivers.cases import rings
+from drivers.studies.adapt import punch_scene
 from drivers.studies.effectivity import prepare
+from meshes import rings as ring_mesh
+from meshes import two_blocks
+from meshes.punch import punch
 from pcontact import build
 from pcontact.adapt.known import effectivity
+from pcontact.adapt.loop import Loop
 from pcontact.assembly.error_norms import bulk_error
 from pcontact.material.elastic import in_plane, lame
 from pcontact.mesh.refinement.split import split
 from pcontact.runtime.options import Options
 from pcontact.runtime.petsc import MPI, PETSc
+from pcontact.scene.model import Body, Contact, Displacement, Material, MeshSpec, Output, Scene
+from pcontact.scene.target import Target
 
 # numbers of cells, by the names of effectivity.py; those of --tiny first
 SIZES = {
@@ -43,8 +57,54 @@ def solved(scene, mesh, exact, simplices):
         return error.energy / error.energy_of_exact, named, entries, space.n_dofs
 
 
+def _punch(folder):
+    path = make_mesh(punch, folder / "punch.msh", h=0.5, order=2, cell="quadrilateral")
+    return replace(punch_scene(path, 2, 0.0), output=Output(fields=False), petsc={})
+
+
+def _rings(folder):
+    scene = rings.ring_scene(make_mesh(ring_mesh, folder / "rings.msh", n=4, order=2), 1, 0.0, gamma0=None)
+    return replace(scene, mesh=replace(scene.mesh, order=None))
+
+
+def _blocks(degree, folder):
+    path = make_mesh(two_blocks, folder / "blocks.msh", 3, 3, 2, "hexahedron")
+    return Scene(
+        mesh=MeshSpec(path, order=degree), materials={"m": Material(10.0, 0.3)},
+        bodies=[Body("lower", "m"), Body("upper", "m")], output=Output(fields=False),
+        contacts=[Contact("upper_bottom", "lower_top", name="face")],
+        displacements=[Displacement("lower_bottom", [0.0] * 3), Displacement("upper_top", [0.0, 0.0, -0.05])],
+    )  # fmt: skip
+
+
+# scenes and targets of --reach
+REACHED = {
+    "punch, quadrilaterals of degree 2": (_punch, (0.05, 0.02)),
+    "rings, quadrilaterals": (_rings, (0.01,)),
+    "blocks, hexahedra of degree 1": (partial(_blocks, 1), (0.1, 0.05)),
+    "blocks, hexahedra of degree 2": (partial(_blocks, 2), (0.05,)),
+}
+
+
+def reach(args):
+    """A table of what named errors take; exit status."""
+    rows = []
+    for name, (make, targets) in REACHED.items():
+        for target in targets:
+            loop = Loop(replace(make(args.o), accuracy=Target(target)))
+            loop.run(args.o / "run")
+            last = loop.passes[-1]
+            chosen = json.loads((args.o / "run" / "report.json").read_text())["accuracy"].get("cells", {})
+            rows.append([name, target, chosen.get("chosen", ""), len(loop.passes), last.unknowns, last.entries,
+                         last.error])  # fmt: skip
+            print_table("", ("scene", "target", "chosen", "passes", "unknowns", "entries", "named"), rows)
+    return 0
+
+
 def run(args):
     """A table of all cases; exit status."""
+    if args.reach:
+        return reach(args)
     rows = []
     for name in list(SIZES)[:1] if args.tiny else SIZES:
         for degree in (1, 2):
@@ -60,5 +120,12 @@ def run(args):
     return 0
 
 
+def parser():
+    """The driver's options."""
+    p = make_parser(__doc__, "cells_results")
+    p.add_argument("--reach", action="store_true", help="runs with -error")
+    return p
+
+
 if __name__ == "__main__":
-    main(run, make_parser(__doc__, "cells_results"))
+    main(run, parser())

@@ -18,7 +18,7 @@ from pcontact.runtime import log
 
 # [-] By dimension and degree: error that is named with simplices over that with the cells they were made of, with the
 # same nodes; and entries of the tangent, the same. From: drivers/studies/cells.py.
-MEASURED = {(2, 1): (1.75, 0.8), (2, 2): (1.07, 0.73), (3, 1): (1.7, 0.62), (3, 2): (1.35, 0.49)}
+MEASURED = {(2, 1): (1.75, 0.8), (2, 2): (1.15, 0.73), (3, 1): (1.7, 0.62), (3, 2): (1.35, 0.49)}
 # simplices of a cell, by its vertices and dimension
 PARTS = {(3, 2): 1, (4, 2): 2, (4, 3): 1, (5, 3): 2, (6, 3): 3, (8, 3): 6}
 NAMES = {2: "triangles", 3: "tetrahedra"}

@@ -114,7 +114,8 @@ class Decision:
         more = MEASURED[done.known.dim, done.degree][0] if step.divided else 1.0
         return {"unknowns": step.cuts.growth * done.unknowns,
                 "mesh": (more * step.cuts.part) ** done.power * done.parts["mesh"],
-                "load_steps": self._settings.steps, "degree": done.degree}  # fmt: skip
+                "load_steps": self._settings.steps, "degree": done.degree,
+                **({"divided": True} if step.divided else {})}  # fmt: skip
 
     def fits(self, unknowns):
         """None, or the exit status where the mesh after the last pass has become too large for the budget."""
@@ -160,6 +161,9 @@ class Decision:
         unless that is known by now."""
         old, corners = self._passes[-2] if len(self._passes) > 1 else None, self._refining.corners
         if old is None or old.degree != done.degree or old.next is None or old.next["degree"] != done.degree:
+            return FIRST_TRUST
+        # what simplices have more than the cells they were made of is no rate
+        if old.next.get("divided"):
             return FIRST_TRUST
         expected, seen = old.next["mesh"] / old.parts["mesh"], done.parts["mesh"] / old.parts["mesh"]
         if corners.explain:

@@ -45,7 +45,7 @@ class Pass:
         Seconds that were spent on errors that the mesh has no part in.
     next : dict or None
         What was decided: ``unknowns``, ``mesh`` (its part of the error then), ``load_steps`` and ``degree`` that are
-        expected; None of what is not known.
+        expected; None of what is not known. ``divided``: the cells are divided into simplices.
     """
 
     unknowns: int
