@@ -145,7 +145,7 @@ class Estimator:
         self._pairs = FacetPairs(self.space)
         self._recovery = Recovery(self.space)
         names = {pair.contact.target for contact in self.contacts for pair in contact.pairs} - {None}
-        self._cells = Cells(self.space, sorted(names))
+        self.cells = Cells(self.space, sorted(names))
         self._kind = self._kinds()
 
     # -- set-up ---------------------------------------------------------------------------------------------------
@@ -298,7 +298,7 @@ class Estimator:
         """Residuals of all facets but for the tractions of contact. *Collective.*"""
         space, mesh = self.space, self.space.mesh
         own = [self._tractions(number, nodal, bulk) for number in range(len(mesh.blocks))]
-        stiffness = [self._stiffness(block) for block in mesh.blocks]
+        stiffness = [self.stiffness(block) for block in mesh.blocks]
         flat, width = [], max([0, *(t.shape[2] * t.shape[3] for t, _, _ in own)])
         width = space.comm.allreduce(width, op=MPI.MAX)
         flux = self._flux(nodal, own, bulk)
@@ -323,7 +323,7 @@ class Estimator:
             self._springs.add(number, nodal, outer, traction, normal)
             self._test(number, traction, jump, outer, jxw, tested[number])
 
-    def _stiffness(self, block):
+    def stiffness(self, block):
         """What share of a jump the cells of a block take, beside those of others [stress]."""
         lam, mu = self.bulk.constants[block.body]
         # the functions that are missing where cells of both degrees meet are those of the lower one
@@ -401,7 +401,7 @@ class Estimator:
         for pair, state in zip(contact.pairs, states, strict=True):
             sides = [on_source(self.space, pair, state)]
             if not pair.rigid:
-                sides.append(on_target(self.space, pair, state, self._cells, contact.weight))
+                sides.append(on_target(self.space, pair, state, self.cells, contact.weight))
             for number, forces in ((n, f) for side in sides for n, f in side.items()):
                 values = self._tests(number, forces.xi)
                 along = np.sum(forces.force * forces.normal, axis=1)[:, None] * forces.normal
@@ -432,7 +432,7 @@ class Estimator:
             forces = {"traction": traction, "weight": state["weight"]}
             sides = [on_source(self.space, pair, forces)]
             if not pair.rigid:
-                sides.append(on_target(self.space, pair, forces, self._cells, contact.weight))
+                sides.append(on_target(self.space, pair, forces, self.cells, contact.weight))
             for number, one in ((n, f) for side in sides for n, f in side.items()):
                 values = self._tests(number, one.xi)
                 np.add.at(tested[number], (one.rows, CONTACT), values[:, :, None] * one.force[:, None, :])

@@ -24,7 +24,7 @@ import numpy as np
 
 from pcontact.assembly.loads import load_vector
 from pcontact.element.shape import shape
-from pcontact.estimate.tractions import source_facets, source_places
+from pcontact.estimate.tractions import bring, source_facets, source_places
 from pcontact.runtime.petsc import MPI, PETSc
 from pcontact.scene.model import Load
 
@@ -234,7 +234,11 @@ def dual(problem, goal, preconditioner):
 
 
 def surface_pressure(estimator, contact, u):
-    """How far the contact pressure is from that of the stress averaged at the nodes, in L2 on the source. *Collective.*
+    """How far the contact pressure is from that of the stress averaged at the nodes, in L2. *Collective.*
+
+    Both bodies bring errors into the pressure: it is compared with the stress of the source where it is integrated, and
+    with that of the target at the partners. The squares of both count by the compliance of the cells there: of two
+    alike they have the mean, beside a stiff body or an obstacle the soft one counts.
 
     Parameters
     ----------
@@ -249,24 +253,52 @@ def surface_pressure(estimator, contact, u):
     """
     space = estimator.space
     averaged = estimator.averaged_stress(space.local.gather(u))
-    cells, sums = [np.zeros(len(block.nodes)) for block in space.mesh.blocks], np.zeros(2)
+    cells, total, norm = [np.zeros(len(block.nodes)) for block in space.mesh.blocks], 0.0, 0.0
     for pair, state in zip(contact.pairs, contact.states(u), strict=True):
-        source = pair.source
-        place = source_facets(space, pair.contact.source)[source.facet]
         weight, pressure = state["weight"], state["pressure"]
-        other = np.zeros_like(pressure)
-        for number in np.unique(place[:, 0]):
-            p = np.flatnonzero(place[:, 0] == number)
-            rows = place[p, 1]
-            block = space.mesh.blocks[number]
-            at = shape(block.cell, space.degree_of(block), source_places(space, source, p, number, rows))
-            stress = np.einsum("pn,pnij->pij", at, averaged[number][rows])
-            normal = source.normal[p]
-            other[p] = np.maximum(-np.einsum("pi,pij,pj->p", normal, stress, normal), 0.0)
-        squares = weight * np.where(pressure > 0.0, pressure - other, 0.0) ** 2
-        for number in np.unique(place[:, 0]):
-            p = np.flatnonzero(place[:, 0] == number)
-            np.add.at(cells[number], place[p, 1], squares[p])
-        sums += [squares.sum(), weight @ pressure**2]
-    error, norm = np.sqrt(space.comm.allreduce(sums, op=MPI.SUM))
-    return GoalError(float(norm), float(error), cells)
+        found = [_on_source(estimator, pair, weight, pressure, averaged)]
+        if not pair.rigid:
+            found.append(_on_partners(estimator, pair, weight, pressure, averaged))
+        own = [[sum(one.sum() for one in squares), stiff] for squares, stiff in found]
+        sums = space.comm.allreduce(np.array([*own, [weight @ pressure**2, 0.0]]), op=MPI.SUM)
+        # the stiffness of the other side over that of both
+        share = np.ones(1) if pair.rigid else sums[1::-1, 1] / ((sums[0, 1] + sums[1, 1]) or 1.0)
+        for part, (squares, _) in zip(share, found, strict=True):
+            for number, one in enumerate(squares):
+                cells[number] += part * one
+        total, norm = total + share @ sums[:-1, 0], norm + sums[-1, 0]
+    return GoalError(float(np.sqrt(norm)), float(np.sqrt(total)), cells)
+
+
+def _on_source(estimator, pair, weight, pressure, averaged):
+    """Squares of the cells of the source, block by block, and the sum of their stiffness over the area."""
+    space, source = estimator.space, pair.source
+    place, sides = source_facets(space, pair.contact.source)[source.facet], {}
+    for number in np.unique(place[:, 0]):
+        p = np.flatnonzero(place[:, 0] == number)
+        xi = source_places(space, source, p, number, place[p, 1])
+        sides[int(number)] = place[p, 1], xi, weight[p], pressure[p], source.normal[p]
+    return _squares(estimator, sides, averaged)
+
+
+def _on_partners(estimator, pair, weight, pressure, averaged):
+    """The same of the cells of the target. *Collective.*"""
+    acting = np.flatnonzero(pair.pairing.paired & (pressure > 0.0))
+    table = np.column_stack([weight[acting], pressure[acting], pair.pairing.normal[acting]])
+    brought = bring(estimator.space, pair, estimator.cells, acting, table)
+    sides = {number: (one.rows, one.xi, one.table[:, 0], one.table[:, 1], one.table[:, 2:])
+             for number, one in brought.items()}  # fmt: skip
+    return _squares(estimator, sides, averaged)
+
+
+def _squares(estimator, sides, averaged):
+    space = estimator.space
+    cells, stiff = [np.zeros(len(block.nodes)) for block in space.mesh.blocks], 0.0
+    for number, (rows, xi, weight, pressure, normal) in sides.items():
+        block = space.mesh.blocks[number]
+        at = shape(block.cell, space.degree_of(block), xi)
+        stress = np.einsum("pn,pnij->pij", at, averaged[number][rows])
+        other = np.maximum(-np.einsum("pi,pij,pj->p", normal, stress, normal), 0.0)
+        np.add.at(cells[number], rows, weight * np.where(pressure > 0.0, pressure - other, 0.0) ** 2)
+        stiff += float(weight[pressure > 0.0].sum()) * estimator.stiffness(block)
+    return cells, stiff

@@ -132,6 +132,61 @@ class Cells:
         return self._place[np.searchsorted(self._ids, ids)], table
 
 
+@dataclass
+class Brought:
+    """What points of a source tell the cells of one block in which their partners are.
+
+    Attributes
+    ----------
+    rows, local : ndarray (n,)
+        Cells, and facets in them.
+    shape : ndarray (n, k)
+        Shape functions of the facet's nodes at the partner.
+    xi : ndarray (n, d)
+        Its reference coordinates in the cell.
+    table : ndarray (n, m)
+        What is told.
+    """
+
+    rows: np.ndarray
+    local: np.ndarray
+    shape: np.ndarray
+    xi: np.ndarray
+    table: np.ndarray
+
+
+def bring(space, pair, cells, points, table):
+    """Bring a row (m,) of each of some points (n,) of a source to the cell of its partner. *Collective.*
+
+    Parameters
+    ----------
+    space, pair
+        See :func:`on_source`.
+    cells : Cells
+    points : ndarray (n,)
+        That have partners.
+    table : ndarray (n, m)
+
+    Returns
+    -------
+    dict of int to Brought
+        By block.
+    """
+    p, width, result = pair.pairing, 3 if space.dim == 2 else 9, {}
+    shape = np.zeros((len(points), width))
+    shape[:, : p.target_shape.shape[1]] = p.target_shape[points]
+    ids = p.ids[points]
+    place, rows = cells.deliver(ids // FACETS, np.column_stack([ids % FACETS, shape, table]))
+    local = rows[:, 0].astype(np.int64)
+    for number in np.unique(place[:, 0]):
+        n, kind = np.flatnonzero(place[:, 0] == number), space.mesh.blocks[number].cell
+        nodes = facet_nodes(kind, space.degree)[local[n]]
+        at = rows[n, 1 : 1 + nodes.shape[1]]
+        xi = np.einsum("pa,pad->pd", at, reference_nodes(kind, space.degree)[nodes])
+        result[int(number)] = Brought(place[n, 1], local[n], at, xi, rows[n, 1 + width :])
+    return result
+
+
 def on_target(space, pair, state, cells, part=1.0):
     """Forces of a pair on its target, brought to the ranks of the target's cells. *Collective.*
 
@@ -152,24 +207,14 @@ def on_target(space, pair, state, cells, part=1.0):
     acting = np.flatnonzero(p.paired if d == 3 else p.paired & state["traction"].any(axis=1))
     weight = state["weight"][acting]
     force = -state["traction"][acting, :d] * weight[:, None]
-    width = 3 if d == 2 else 9
-    shape = np.zeros((len(acting), width))
-    shape[:, : p.target_shape.shape[1]] = p.target_shape[acting]
-    ids = p.ids[acting]
-    table = np.column_stack([ids % FACETS, weight / part, force, p.normal[acting], shape])
-    place, table = cells.deliver(ids // FACETS, table)
-    local, weight, result = table[:, 0].astype(np.int64), table[:, 1], {}
-    for number in np.unique(place[:, 0]):
-        n = np.flatnonzero(place[:, 0] == number)
-        block = space.mesh.blocks[number]
-        nodes = facet_nodes(block.cell, space.degree)[local[n]]
-        shape = table[n, 2 + 2 * d : 2 + 2 * d + nodes.shape[1]]
-        xi = np.einsum("pa,pad->pd", shape, reference_nodes(block.cell, space.degree)[nodes])
-        forces = PointForces(place[n, 1], xi, table[n, 2 : 2 + d], table[n, 2 + d : 2 + 2 * d])
+    table, result = np.column_stack([weight / part, force, p.normal[acting]]), {}
+    for number, brought in bring(space, pair, cells, acting, table).items():
+        weight, force, normal = brought.table[:, 0], brought.table[:, 1 : 1 + d], brought.table[:, 1 + d :]
+        forces = PointForces(brought.rows, brought.xi, force, normal)
         if d == 3:
-            at = shape @ reference_nodes(CELLS[block.cell].facet, space.degree)
-            forces = _fitted(space, number, local[n], at, weight[n], forces, part)
-        result[int(number)] = forces
+            at = brought.shape @ reference_nodes(CELLS[space.mesh.blocks[number].cell].facet, space.degree)
+            forces = _fitted(space, number, brought.local, at, weight, forces, part)
+        result[number] = forces
     return result
 
 

@@ -15,7 +15,7 @@ from pcontact.mesh.refinement.origin import Origin, first_origin, to_base, value
 from pcontact.mesh.refinement.placing import placed
 from pcontact.mesh.refinement.regular import HALVED, halved
 from pcontact.mesh.refinement.shared import Neighbours
-from pcontact.mesh.refinement.simplices import Wishes, interpolate
+from pcontact.mesh.refinement.simplices import WISHED, Wishes, interpolate
 from pcontact.mesh.slices import COLUMN, MeshSlice, SliceBlock, bits, has_bit
 from pcontact.runtime import profile
 from pcontact.runtime.errors import InputError
@@ -81,8 +81,8 @@ def refine(mesh, more, fields=(), balance=None, rise=None):
         Of a file, or refined.
     more : ndarray (n_cells,) int
         By how many cuts the cells of this rank, all blocks one after the other, are to be smaller: one halves a cell,
-        ``mesh.dim`` halve its edges. Below zero: it may be larger by so many. Cells become larger where all those wish
-        it that come from the same one.
+        ``mesh.dim`` halve its edges; up to `WISHED` of a cell of the file. Below zero: it may be larger by so many.
+        Cells become larger where all those wish it that come from the same one.
     fields : sequence of ndarray (n_nodes, k) float64
         Values at the nodes of this rank, interpolated with the shape functions of the layout of the nodes.
     balance : Balance, optional
@@ -172,7 +172,7 @@ def _wishes(exchanger, mesh, origin, more, rise):
     *Collective.*"""
     base = origin.base
     n = sum(len(block.nodes) for block in base.blocks)
-    wanted = np.maximum(origin.level + more, 0)
+    wanted = np.clip(origin.level + more, 0, WISHED)
     if rise is None:
         rise = Rise(np.zeros(len(wanted)), np.zeros((len(wanted), base.dim)), np.zeros(len(wanted)))
     real = np.column_stack(rise).view(np.int64)

@@ -35,6 +35,9 @@ LINEAR, STRAIGHT, CURVED = 0, 1, 2
 STEPS = 65536.0
 # cuts that lead to a cell, at most: the bits of its path
 DEEPEST = 63
+# bisections of a cell that can be wished for: those that neighbours ask for come on top. From: in the plane its edges
+# are 4e-9 of what they were then, which coordinates just tell apart.
+WISHED = 56
 
 
 class Nodes(NamedTuple):
@@ -201,7 +204,7 @@ def _due(nodes, cells, wishes, c):
     for k in range(cells.wishes[c, 0], cells.wishes[c, 1]):
         if wishes.wanted[k] > level:
             return True
-        if wishes.rise[k] > 0.0 and wishes.wanted[k] + _risen(nodes, cells, wishes, c, k) > level:
+        if wishes.rise[k] > 0.0 and min(wishes.wanted[k] + _risen(nodes, cells, wishes, c, k), WISHED) > level:
             return True
     return False
 

@@ -99,3 +99,24 @@ def test_quantities_of_the_rings(solved):
         assert found.value == pytest.approx(value(simulation.problem, target, watch.record, u))
         assert found.error == pytest.approx(COMM.allreduce(sum(own.sum() for own in found.cells)))
         assert 0.5 < found.error / (exact - found.value) < 2.0, (of, found.value, exact, found.error)
+
+
+@pytest.mark.parallel
+def test_the_pressure_has_errors_of_both_bodies(solved):
+    """Cells of either ring, on the contact alone; the estimate is no less than a part of the error, on any ranks."""
+    simulation, watch = solved(2)
+    space, estimate = simulation.problem.space, simulation.error_estimate
+    target = Target(0.1, "pressure:circle")
+    found = estimate.of_quantity(target, watch.record, simulation.stepper.u, watch.time, watch.unbalanced)
+    sums, cells = np.zeros(2), 0
+    for block, squares in zip(space.mesh.blocks, found.cells, strict=True):
+        sums[block.body] += squares.sum()
+        cells += int(np.count_nonzero(squares))
+    facets = [part for name in rings.SIDES["inner"] for part in space.mesh.facet_groups.get(name, [])]
+    missing = COMM.allreduce(cells - sum(len(part.cells) for part in facets))
+    sums = COMM.allreduce(sums, op=MPI.SUM)
+    assert found.error == pytest.approx(np.sqrt(sums.sum()))
+    assert (sums > 0.02 * sums.sum()).all() and missing == 0
+    (state,) = simulation.problem.contacts[0].states(simulation.stepper.u)
+    off = COMM.allreduce(float(state["weight"] @ (state["pressure"] - rings.interface_pressure()) ** 2))
+    assert 0.5 < found.error / np.sqrt(off) < 2.5
