@@ -9,9 +9,18 @@ theta = 1 the one that Nitsche's method makes stationary,
     Pi_h = 1/2 int sigma : eps + 1/2 int (P^2 - t^2) / gamma,
 
 against that of a much finer run: the last of a series of degree 2, refined after its estimate.
+
+``--pressure`` follows the contact pressure p instead, on meshes that are halved and on those of runs that name their
+error, in L2 and in the norm that belongs to the energy,
+
+    sqrt(int (p_h - p)^2 / gamma),   gamma = gamma0 E / h.
+
+There the punch is as soft as the block and is pressed by far less: its pressure goes like r^-0.23 at the corner then,
+and the block does not slip off it by more than the smallest cells.
 """
 
 import shutil
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -19,16 +28,18 @@ import numpy as np
 
 from drivers._common import draw, log, main, make_mesh, make_parser, print_table, running, write_json
 from meshes.punch import punch
-from pcontact.adapt.loop import reach
+from pcontact.adapt.loop import Loop, reach
 from pcontact.estimate.size import largest_contributions
 from pcontact.io.refine import read_estimate
 from pcontact.mesh.refinement.gather import halved_where
+from pcontact.mesh.refinement.refine import refine
 from pcontact.mesh.remesh import write_refined
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.parallel import on_root
 from pcontact.runtime.petsc import MPI
 from pcontact.scene.model import Body, Contact, Displacement, Material, MeshSpec, Output, Scene
 from pcontact.scene.target import Target
+from pcontact.simulation import Simulation
 from pcontact.view.show import show
 
 FREE = "free"
@@ -36,6 +47,8 @@ STROKE, STIFF = -0.02, 100.0
 WAYS = ("uniform", "adaptive")
 # [-] Error of the mesh that is drawn.
 NAMED = 0.01
+# Stroke of the soft punch, errors that are named, that of the reference, tolerance.
+GENTLE, TARGETS, FINEST, RTOL = -2e-9, (0.3, 0.1, 0.05, 0.02, 0.01, 0.005), 0.001, "1e-10"
 
 
 def punch_scene(path, degree, theta=1.0):
@@ -119,19 +132,109 @@ def add_errors(rows, reference):
     return {"error": float(np.polyfit(n, error, 1)[0]), "estimate": float(np.polyfit(n, estimate, 1)[0])}
 
 
-def _paint(axes, curves):
+KEYS = ("unknowns", "error", "weighted")
+
+
+def gentle_scene(folder, degree):
+    """The scene of a punch that is as soft as the block."""
+    scene = punch_scene(make_mesh(punch, folder / "gentle.msh", h=0.5, order=2), degree, 0.0)
+    scene.materials["punch"] = scene.materials["block"]
+    scene.displacements[2] = Displacement("punch_top", [FREE, GENTLE])
+    scene.output, scene.petsc = Output(fields=False, estimate=True), {"snes_rtol": RTOL, "snes_atol": "1e-20"}
+    return scene
+
+
+def pressures(simulation):
+    """Places x (n,), pressures, weights and 1 / gamma at the contact's points, sorted, on rank 0; and the energy norm.
+    *Collective.*"""
+    item = simulation.problem.contacts[0]
+    state = item.state(simulation.stepper.u)
+    own = np.column_stack([state["x"][:, 0], state["pressure"], state["weight"], 1.0 / item.gamma[item.source.facet]])
+    parts = simulation.comm.gather(own, root=0)
+    norm = simulation.error_estimate.last["energy_norm"]
+    if parts is None:
+        return None, norm
+    points = np.concatenate(parts)
+    return points[np.argsort(points[:, 0], kind="stable")].T, norm
+
+
+def pressures_of_loop(scene, error):
+    """Unknowns, and values at the contact's points, of all passes of a run that names its error.
+    *Collective.*"""
+    def take(simulation, _):
+        found.append((simulation.problem.space.n_dofs, pressures(simulation)))
+
+    found = []
+    Loop(replace(scene, accuracy=Target(error)), take=take).run()
+    return found
+
+
+def pressures_of_halved(scene, most):
+    """The same of runs on halved meshes. *Collective.*"""
+    found, mesh = [], None
+    while True:
+        simulation = Simulation(scene.copy(), mesh=mesh)
+        try:
+            simulation.run(None)
+            mesh, unknowns = simulation.mesh, simulation.problem.space.n_dofs
+            found.append((unknowns, pressures(simulation)))
+        finally:
+            simulation.free()
+        if 4 * unknowns > most:
+            return found
+        mesh = refine(mesh, np.full(sum(len(block.nodes) for block in mesh.blocks), mesh.dim)).mesh
+
+
+def pressure_errors(found, reference):
+    """Relative errors of the pressure: in L2, and weighted over the energy norm."""
+    (x, pressure, weight, size), norm = found
+    exact = np.interp(x, reference[0], reference[1])
+    off = weight * (pressure - exact) ** 2
+    return {"error": float(np.sqrt(off.sum() / (weight @ exact**2))), "weighted": float(np.sqrt(off @ size)) / norm}
+
+
+def follow_pressure(args):
+    """Errors of the pressure on both kinds of meshes, for all degrees; exit status. *Collective.*"""
+    targets, finest = ((0.3,), 0.2) if args.tiny else (TARGETS, FINEST)
+    reference, curves, rates = pressures_of_loop(gentle_scene(args.o, 2), finest)[-1], {}, {}
+    for degree in args.degree:
+        scene = gentle_scene(args.o, degree)
+        found = {"uniform": pressures_of_halved(scene, 200 if args.tiny else args.most),
+                 "adaptive": [one for error in targets for one in pressures_of_loop(scene, error)]}  # fmt: skip
+        if MPI.COMM_WORLD.rank > 0:
+            continue
+        for way, runs in found.items():
+            rows = {n: pressure_errors(one, reference[1][0]) for n, one in runs if n < reference[0]}
+            curves[degree, way] = rows = [{"unknowns": n, "norm": 1.0, **rows[n]} for n in sorted(rows)]
+            half = np.log([[row[key] for key in KEYS] for row in rows[len(rows) // 2 :]])
+            rates[degree, way] = [float(np.polyfit(half[:, 0], half[:, k], 1)[0]) if len(half) > 1 else float("nan")
+                                  for k in (1, 2)]  # fmt: skip
+            print_table(f"pressure, degree {degree}, {way}", KEYS, [[row[key] for key in KEYS] for row in rows])
+            log.info("  rate N^(%.3f), weighted N^(%.3f)", *rates[degree, way])
+    data = [{"degree": d, "way": w, "rate": rates[d, w], "meshes": rows} for (d, w), rows in curves.items()]
+    write_json(args.o / "pressure.json", {"reference_unknowns": reference[0], "series": data})
+    draw(args.o / "pressure.png", partial(_paint, curves=curves, keys={"error": ":", "weighted": "-"}, norm="norm",
+                                          of="contact pressure of the soft punch: L2, and weighted"))  # fmt: skip
+    if args.publish is not None:
+        on_root(MPI.COMM_WORLD, shutil.copy, args.o / "pressure.png", args.publish / "accuracy_pressure.png")
+    return 0
+
+
+def _paint(axes, curves, keys=None, norm="energy_norm", of="flat punch"):
     for (degree, way), rows in curves.items():
         n, style = [row["unknowns"] for row in rows], {"uniform": "o", "adaptive": "s"}[way]
         colour = f"C{degree - 1}"
-        for key, line in (("error", "-"), ("estimate", ":")):
-            values = [row[key] / row["energy_norm"] for row in rows]
+        for key, line in (keys or {"error": "-", "estimate": ":"}).items():
+            values = [row[key] / row[norm] for row in rows]
             axes.loglog(n, values, line, marker=style, mfc="none", color=colour, label=f"{way}, degree {degree}: {key}")
-    axes.set(xlabel="unknowns", ylabel="relative to the energy norm", title="flat punch")
+    axes.set(xlabel="unknowns", ylabel=f"relative to the {norm.replace('_', ' ')}", title=of)
     axes.legend(fontsize=6)
 
 
 def run(args):
     """Both ways, all degrees; exit status."""
+    if args.pressure:
+        return follow_pressure(args)
     if args.tiny:
         args.h, args.most, args.finest, args.part = 0.5, 200, 800, 0.8
     if args.finest < 2 * args.most:
@@ -178,6 +281,7 @@ def parser():
     add("--most", type=int, default=20000, help="unknowns at which a series ends (20000)")
     add("--finest", type=int, default=100000, help="unknowns of the reference (100000)")
     add("--publish", type=type(p.get_default("o")), metavar="DIR", help="where the pictures of docs/accuracy.md go")
+    add("--pressure", action="store_true", help="follow the contact pressure of a soft punch instead of the energy")
     add("--part", type=float, default=0.5, help="of the squared estimate, whose cells are refined (0.5)")
     return p
 
