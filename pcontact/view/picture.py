@@ -286,9 +286,11 @@ class _Row:
         plane, eye = stage.cut(view)
         self.is_cut |= plane is not None
         left, bottom, width, height = spot
-        # coordinates are written beside plane bodies
-        border = 0.0 if stage.solid else 0.04
-        axes = self._axes((left + border, bottom + border, width - border, height - border))
+        # coordinates are written beside plane bodies, as large in a low row as in a high one, and not into its titles
+        border, row = 0.0 if stage.solid else 0.04, self.rectangle[3]
+        top = bottom + height if stage.solid or row == 1.0 else min(bottom + height, 1 - 0.13 / row**0.5)
+        bottom += border / row
+        axes = self._axes((left + border, bottom, width - border, top - bottom))
         size = self._shape(axes)
         shape = stage.body_shape(plane)
         seen = shape.points() if stage.window is None else stage.window
