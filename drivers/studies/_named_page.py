@@ -15,6 +15,8 @@ HEAD = ("scene", "of", "target", "reached", "named", "found", "reference", "true
         "unknowns", "passes", "seconds")  # fmt: skip
 # [-] Relative errors below count as those of rounding: neither the reference nor the solver knows more of them.
 ROUNDING = 1e-7
+# Errors below are not drawn.
+SEEN = 1e-4
 ABOUT = """# Errors that were named, and true ones
 
 `python drivers/studies/named_error.py` writes this page (`--scene` by `--scene`, then `--join` and `--publish`). It
@@ -89,11 +91,12 @@ def summary(rows):
 
 
 def _paint(axes, rows):
+    rows = [row for row in rows if "true" in row and row["true"] >= SEEN]
     for energy, style, text in ((True, "o", "energy norm"), (False, "s", "forces, displacements")):
-        some = [row for row in rows if "true" in row and (row["of"] == "energy") == energy]
+        some = [row for row in rows if (row["of"] == "energy") == energy]
         axes.loglog([row["named"] for row in some], [row["true"] for row in some], style, mfc="none", label=text)
-    ends = np.array([row[key] for row in rows if "true" in row for key in ("named", "true")])
-    ends = np.array([max(ends.min(), ROUNDING), ends.max()])
+    ends = np.array([row[key] for row in rows for key in ("named", "true")])
+    ends = np.array([ends.min(), ends.max()]) if len(ends) else np.array([SEEN, 1.0])
     axes.loglog(ends, ends, "k:", label="as named")
     axes.set(xlabel="error named", ylabel="true error")
     axes.legend()
@@ -111,6 +114,6 @@ def judged(args, rows):
         text = "\n".join([about, " ".join(summary(rows)), "", *markdown(HEAD, lines), ""])
         on_root(MPI.COMM_WORLD, args.publish.write_text, text)
     if args.picture is not None:
-        draw(args.picture, lambda axes: _paint(axes, rows), size=(4.0, 3.5), dpi=100)
+        draw(args.picture, lambda axes: _paint(axes, rows), size=(6.4, 4.4), dpi=100)
     beyond = [row for row in rows if "true" not in row or not row["true"] <= row["named"]]
     return 0 if len(beyond) <= 0.05 * len(rows) else 1
