@@ -253,7 +253,8 @@ def _with_neighbours(space, own):
         known = known[np.unique(known[:, 0], return_index=True)[1]]
     known = known[np.argsort(known[:, 0])]
     ids, count = known[:, 0].astype(np.int64), known[:, 1].astype(np.int64)
-    parts = known[:, 2 + m :].reshape(len(known), -1, m, d).swapaxes(0, 1)
+    # without facets their number does not follow from the size
+    parts = known[:, 2 + m :].reshape(len(known), (known.shape[1] - 2 - m) // (m * d), m, d).swapaxes(0, 1)
     return Facets(ids, count, known[:, 2 : 2 + m].astype(np.int64), *parts)
 
 
