@@ -132,6 +132,8 @@ def reference(name, named, args):
     wanted = [of for of in named.quantities if of != "energy" and of not in named.known]
     if not wanted and named.exact is not None:
         return None
+    if MPI.COMM_WORLD.size > 1:
+        raise InputError(f"command line: found {MPI.COMM_WORLD.size} ranks; allowed: one, for {name}")
     path = args.o / f"reference_{name}.npz"
     if not (args.kept and path.exists()):
         start = clock.perf_counter()
@@ -163,8 +165,6 @@ def run(args):
     names = [name for name in (args.scene or scenes) if name in scenes]
     if len(names) != len(args.scene or names):
         raise InputError(f"command line: --scene: found {args.scene}; allowed: {', '.join(scenes)}")
-    if MPI.COMM_WORLD.size > 1:
-        raise InputError(f"command line: found {MPI.COMM_WORLD.size} ranks; allowed: one")
     rows = []
     for name in ["rings"] if args.tiny else names:
         named, own = scenes[name], []
