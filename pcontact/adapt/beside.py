@@ -10,12 +10,6 @@ from pcontact.adapt.settings import FACETS, FALLING, SHARE, STEPS_RATE
 from pcontact.runtime import log
 
 
-def remembers(scene):
-    """Whether what happens depends on what has happened: friction and plastic flow."""
-    hard = any(scene.yields(body) for body in scene.bodies)
-    return hard or any(one.friction or one.tresca or one.law for one in scene.contacts)
-
-
 class Beside:
     """What is known of these errors.
 
@@ -82,7 +76,7 @@ class Beside:
         simulation.close()
         scene, tried = self._settings.scene(), {}
         scene.output.estimate = scene.output.checkpoint = False
-        if remembers(simulation.scene):
+        if simulation.scene.remembers:
             tried["load_steps"] = variants.halved_steps(scene)
         if any(not contact.tied for contact in scene.contacts):
             tried["frozen_partners"] = variants.searching(scene)
@@ -110,7 +104,7 @@ class Beside:
         """
         space = simulation.problem.space
         names = [name for name in tried if name != "load_steps" and not self._rough(simulation, name)]
-        if not (remembers(scene) or scene.temperatures or self._target.quantity == "pressure"):
+        if not (scene.remembers or scene.temperatures or self._target.quantity == "pressure"):
             return linearised.changes(simulation, self._target, watch, names)
         if len(names) < 2:
             return {}

@@ -74,7 +74,6 @@ def effectivity(scene, simplices, dim, degree):
     words += f" of degree {' and '.join(map(str, degrees))}"
     if degrees[0] < degree:
         least *= JOINED
-    hard = any(scene.yields(body) for body in scene.bodies)
-    if hard or any(one.friction or one.tresca or one.law for one in scene.contacts):
+    if scene.remembers:
         return Range(WITHOUT_PROOF * least, most / WITHOUT_PROOF, f"{words}, with friction or plastic flow", dim)
     return Range(least, most, f"{words}, elastic without friction", dim)

@@ -69,7 +69,7 @@ class Refining:
         ------
         InputError
         """
-        self.corners.sought = not any(scene.yields(body) for body in scene.bodies)
+        self.corners.sought = not scene.plastic
         mesh = build.read(scene, self._comm, self._options)
         own = {block.cell for block in mesh.blocks if len(block.nodes)}
         kinds = set().union(*self._comm.allgather(own))

@@ -176,7 +176,7 @@ class Seen:
     def part(self, simulation, watch):
         """What part of the error of the displacement the estimate is: 1 but where bodies yield. *Collective.*"""
         own, degree = simulation.error_estimate.last["absolute"], simulation.problem.space.degree
-        if not _yields(simulation.scene):
+        if not simulation.scene.plastic:
             return 1.0
         old, self._before, part = self._before, (own, degree), None
         if old is None or old[1] != degree:
@@ -205,7 +205,7 @@ class Seen:
         -------
         float
         """
-        if not _yields(simulation.scene) or self._target.quantity == "pressure":
+        if not simulation.scene.plastic or self._target.quantity == "pressure":
             return found.error
         own, old = State.of(simulation, found.value), self._before
         if old is None or old.degree != own.degree:
@@ -232,8 +232,3 @@ class Seen:
         if result is None:
             log.warning("not known: what part of the error the estimate is where bodies yield")
         return result
-
-
-def _yields(scene):
-    """Whether bodies may yield."""
-    return any(scene.yields(body) for body in scene.bodies)

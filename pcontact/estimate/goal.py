@@ -24,7 +24,7 @@ import numpy as np
 
 from pcontact.assembly.loads import load_vector
 from pcontact.element.shape import shape
-from pcontact.estimate.tractions import bring, source_facets, source_places
+from pcontact.estimate.tractions import bring, source_points
 from pcontact.runtime.petsc import MPI, PETSc
 from pcontact.scene.model import Load
 
@@ -272,12 +272,8 @@ def surface_pressure(estimator, contact, u):
 
 def _on_source(estimator, pair, weight, pressure, averaged):
     """Squares of the cells of the source, block by block, and the sum of their stiffness over the area."""
-    space, source = estimator.space, pair.source
-    place, sides = source_facets(space, pair.contact.source)[source.facet], {}
-    for number in np.unique(place[:, 0]):
-        p = np.flatnonzero(place[:, 0] == number)
-        xi = source_places(space, source, p, number, place[p, 1])
-        sides[int(number)] = place[p, 1], xi, weight[p], pressure[p], source.normal[p]
+    sides = {number: (rows, xi, weight[p], pressure[p], pair.source.normal[p])
+             for number, (p, rows, xi) in source_points(estimator.space, pair).items()}  # fmt: skip
     return _squares(estimator, sides, averaged)
 
 

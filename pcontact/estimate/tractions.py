@@ -43,12 +43,25 @@ def source_facets(space, name):
     return np.concatenate([np.zeros((0, 3), np.int64), *parts])
 
 
-def source_places(space, source, points, number, rows):
-    """Reference coordinates (n, d) of points (n,) of a source surface in cells (n,) of a block."""
-    reference = reference_nodes(space.mesh.blocks[number].cell, space.degree)
-    # columns of the source may be some nodes of the cell only, in any order
-    own = space.cells[number][rows][:, :, None] == source.cells[source.facet[points]][:, None, :]
-    return np.einsum("pa,pad->pd", source.shape[points], reference[np.argmax(own, axis=1)])
+def source_points(space, pair):
+    """Where the points of the source of a pair are.
+
+    Returns
+    -------
+    dict of int to (ndarray (n,), ndarray (n,), ndarray (n, d))
+        By block: numbers of points, their cells, and their reference coordinates there.
+    """
+    source, result = pair.source, {}
+    place = source_facets(space, pair.contact.source)[source.facet]
+    for number in np.unique(place[:, 0]):
+        points = np.flatnonzero(place[:, 0] == number)
+        rows = place[points, 1]
+        reference = reference_nodes(space.mesh.blocks[number].cell, space.degree)
+        # columns of the source may be some nodes of the cell only, in any order
+        own = space.cells[number][rows][:, :, None] == source.cells[source.facet[points]][:, None, :]
+        xi = np.einsum("pa,pad->pd", source.shape[points], reference[np.argmax(own, axis=1)])
+        result[int(number)] = points, rows, xi
+    return result
 
 
 def on_source(space, pair, state):
@@ -66,14 +79,10 @@ def on_source(space, pair, state):
     dict of int to PointForces
         By block.
     """
-    source, result = pair.source, {}
-    place = source_facets(space, pair.contact.source)[source.facet]
-    for number in np.unique(place[:, 0]):
-        p = np.flatnonzero(place[:, 0] == number)
-        rows = place[p, 1]
-        xi = source_places(space, source, p, number, rows)
+    result = {}
+    for number, (p, rows, xi) in source_points(space, pair).items():
         force = state["traction"][p, : space.dim] * state["weight"][p, None]
-        result[int(number)] = PointForces(rows, xi, force, source.normal[p])
+        result[number] = PointForces(rows, xi, force, pair.source.normal[p])
     return result
 
 

@@ -46,7 +46,7 @@ def cost_forecast(problem, scene):
     points = sum(counts["points"].get(name, 0) for name in smooth)
     if points:
         lines.append(_more("friction", points, friction_bytes(space.dim), FRICTION_TIMES))
-    if not any(scene.yields(body) for body in scene.bodies):
+    if not scene.plastic:
         lines.append(_more("plasticity of all bodies", cells, plastic_bytes(space.dim), PLASTIC_TIMES))
     if not any(scene.finite(body) for body in scene.bodies):
         held = sum(sum(counts["bytes"].get(contact.name, {}).values()) for contact in contacts)

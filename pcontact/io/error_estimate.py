@@ -25,7 +25,7 @@ def label(scene):
     str
     """
     words = ["error of the displacement in the energy norm, from the mesh alone"]
-    if any(scene.yields(body) for body in scene.bodies):
+    if scene.plastic:
         words.append("indicator: no proof under yielding")
     if any(contact.friction for contact in scene.contacts):
         words.append("Coulomb friction: the proof is for Tresca friction")

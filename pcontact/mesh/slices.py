@@ -95,6 +95,27 @@ class MeshSlice:
         """ndarray (n_blocks + 1,) : first row of every block."""
         return np.cumsum([0] + [len(block.nodes) for block in self.blocks])
 
+    def name_as(self, mesh, row, members):
+        """Fill the groups of cells and nodes with what the cells and nodes of a mesh have become.
+
+        Parameters
+        ----------
+        mesh : pcontact.mesh.mesh.Mesh
+            Whose groups they are.
+        row : ndarray (n,)
+            The cell of this rank, all blocks one after the other, that each row comes from.
+        members : ndarray (n_points, m)
+            Of the nodes, see :func:`bits`.
+        """
+        starts = np.cumsum([0] + [len(block.nodes) for block in mesh.blocks])
+        for name, chosen in mesh.cell_groups.items():
+            inside = np.zeros(starts[-1], dtype=bool)
+            for first, rows in zip(starts, chosen, strict=False):
+                inside[first + rows] = True
+            self.cell_groups[name] = np.flatnonzero(inside[row])
+        for k, name in enumerate(mesh.node_groups):
+            self.node_groups[name] = np.flatnonzero(has_bit(members, k))
+
 
 def whole(comm, raw, curved, body, component):
     """The slices of a mesh that rank 0 has read: everything there, nothing elsewhere. *Collective.*

@@ -58,7 +58,7 @@ def _is_unbiased(contact):
 # physics that a scene may or may not ask for, and whether it does
 _FEATURES = (
     ("contact", lambda scene: bool(scene.contacts)),
-    ("friction", lambda scene: any(contact.friction or contact.tresca or contact.law for contact in scene.contacts)),
+    ("friction", lambda scene: scene.frictional),
     ("plasticity", lambda scene: bool(_plastic(scene))),
     ("rigid obstacles", lambda scene: any(contact.obstacle is not None for contact in scene.contacts)),
     ("self contact", lambda scene: any(contact.meets_itself for contact in scene.contacts)),

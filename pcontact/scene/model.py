@@ -969,6 +969,21 @@ class Scene:
         """Whether a body may yield."""
         return self.materials[body.material].plastic
 
+    @property
+    def plastic(self) -> bool:
+        """bool : whether some body may yield."""
+        return any(self.yields(body) for body in self.bodies)
+
+    @property
+    def frictional(self) -> bool:
+        """bool : whether some contact has friction."""
+        return any(contact.friction or contact.tresca or contact.law for contact in self.contacts)
+
+    @property
+    def remembers(self) -> bool:
+        """bool : whether what happens depends on what has happened: friction and plastic flow."""
+        return self.plastic or self.frictional
+
     def locks(self, body: Body) -> bool:
         """Whether cells are too stiff in a body: Poisson's ratio is near 0.5, and not in plane stress."""
         return self.mesh.kinematics != "plane_stress" and self.materials[body.material].poisson > LOCKING

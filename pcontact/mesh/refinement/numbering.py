@@ -83,3 +83,19 @@ def first_numbers(exchanger, base, ids, counts):
     if len(ids):
         out[order] = np.concatenate([told[rank].ravel() for rank in sorted(sends)])
     return out, comm.allreduce(total)
+
+
+def distinct(keys, owners):
+    """Which of equal keys (n,) counts, that of the least owner (n,): places (m,) of those; and among them that of each
+    key (n,)."""
+    order = np.lexsort((owners, keys))
+    first = np.ones(len(keys), dtype=bool)
+    first[1:] = keys[order][1:] != keys[order][:-1]
+    place = np.empty(len(keys), dtype=np.int64)
+    place[order] = np.cumsum(first) - 1
+    return order[first], place
+
+
+def among(ends, edges, n):
+    """Which pairs (m, 2) of numbers below n are among others (k, 2), in any order."""
+    return np.isin(ends.min(axis=1) * n + ends.max(axis=1), edges.min(axis=1) * n + edges.max(axis=1))

@@ -283,18 +283,12 @@ def _sliced(exchanger, base, forest, facet_bits, points, values):
         cell_values=np.column_stack([base_ids[row], path.view(np.int64), level]),
         node_values=np.ascontiguousarray(home.table[:, d + width :]),
     )  # fmt: skip
-    for name, parts in base.cell_groups.items():
-        inside = np.zeros(len(base_ids), dtype=bool)
-        for start, part in zip(starts, parts, strict=False):
-            inside[start + part] = True
-        piece.cell_groups[name] = np.flatnonzero(inside[row])
+    piece.name_as(base, row, node_bits)
     where, vertex = np.nonzero(facets >= 0)
     of_base, local = facets[where, vertex], opposite(forest.cell)[vertex]
     for k, name in enumerate(base.facet_groups):
         inside = has_bit(facet_bits, k)[of_base]
         piece.facet_groups[name] = where[inside], local[inside]
-    for k, name in enumerate(base.node_groups):
-        piece.node_groups[name] = np.flatnonzero(has_bit(node_bits, k))
     piece.edge_groups = _edge_groups(base, forest, vertices, middles, number_of)
     return piece
 

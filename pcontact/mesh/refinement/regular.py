@@ -11,9 +11,9 @@ import numpy as np
 from pcontact.element.reference import CELLS, reference_nodes
 from pcontact.element.shape import shape
 from pcontact.mesh.refinement.keys import vertex_keys
-from pcontact.mesh.refinement.numbering import first_numbers, number_nodes
+from pcontact.mesh.refinement.numbering import among, distinct, first_numbers, number_nodes
 from pcontact.mesh.refinement.placing import halves_placed
-from pcontact.mesh.slices import COLUMN, MeshSlice, SliceBlock, bits, has_bit
+from pcontact.mesh.slices import COLUMN, MeshSlice, SliceBlock, bits
 
 HALVED = ("triangle", "quadrilateral", "hexahedron")
 # steps of the shape functions of vertices: quarters of an edge in three directions
@@ -96,12 +96,7 @@ def halved(exchanger, mesh, fields):
         _join_edges(mesh, block, part, own)
         members.append(own.reshape(n * part.count * part.width, groups.shape[1]))
     keys, numbers, owners = (np.concatenate(rows) for rows in (keys, numbers, owners))
-    order = np.lexsort((owners, keys))
-    first = np.ones(len(keys), dtype=bool)
-    first[1:] = keys[order][1:] != keys[order][:-1]
-    place = np.empty(len(keys), dtype=np.int64)
-    place[order] = np.cumsum(first) - 1
-    chosen = order[first]
+    chosen, place = distinct(keys, owners)
     values, members = np.concatenate(values)[chosen], np.concatenate(members)[chosen]
     if mesh.belongs is not None:
         values[:, :d] = halves_placed(mesh, parts, place, keys[chosen], values[:, :d])
@@ -144,8 +139,8 @@ def _join_edges(mesh, block, part, own):
 
 def _on_edge(mesh, block, e, edges):
     """Cells (n,) bool whose local edge e is one of some edges (m, 2), by the numbers of the vertices."""
-    ends, n = mesh.file_nodes[block.nodes[:, list(CELLS[block.cell].edges[e])]], mesh.n_nodes_total
-    return np.isin(ends.min(axis=1) * n + ends.max(axis=1), edges.min(axis=1) * n + edges.max(axis=1))
+    ends = mesh.file_nodes[block.nodes[:, list(CELLS[block.cell].edges[e])]]
+    return among(ends, edges, mesh.n_nodes_total)
 
 
 def _name_edges(mesh, piece, parts, numbers):
@@ -164,11 +159,7 @@ def _name_edges(mesh, piece, parts, numbers):
 def _name(mesh, piece, parts, row, begin, members):
     """Fill the groups of the slice; begin (n_cells,): first row of the parts of each cell."""
     starts = np.cumsum([0] + [len(block.nodes) for block in mesh.blocks])
-    for name, chosen in mesh.cell_groups.items():
-        inside = np.zeros(len(begin), dtype=bool)
-        for first, rows in zip(starts, chosen, strict=False):
-            inside[first + rows] = True
-        piece.cell_groups[name] = np.flatnonzero(inside[row])
+    piece.name_as(mesh, row, members)
     none = np.zeros((0, 2), dtype=np.int64)
     for name, facets in mesh.facet_groups.items():
         found = [none]
@@ -179,5 +170,3 @@ def _name(mesh, piece, parts, row, begin, members):
                 there[:, :, 0], there[:, :, 1] = cells[:, None] + on_it[:, 0], on_it[:, 1]
                 found.append(there.reshape(-1, 2))
         piece.facet_groups[name] = tuple(np.concatenate(found).T)
-    for k, name in enumerate(mesh.node_groups):
-        piece.node_groups[name] = np.flatnonzero(has_bit(members, k))

@@ -23,9 +23,9 @@ from pcontact.mesh.geometry.moving import put_on
 from pcontact.mesh.mesh import Mesh
 from pcontact.mesh.refinement.divisions import Places, divisions
 from pcontact.mesh.refinement.keys import middle_keys, vertex_keys
-from pcontact.mesh.refinement.numbering import first_numbers, number_nodes
+from pcontact.mesh.refinement.numbering import among, distinct, first_numbers, number_nodes
 from pcontact.mesh.refinement.refine import SIMPLICES, Balance, carried_over
-from pcontact.mesh.slices import COLUMN, MeshSlice, SliceBlock, bits, has_bit
+from pcontact.mesh.slices import COLUMN, MeshSlice, SliceBlock, bits
 from pcontact.runtime import profile
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.parallel import Exchanger
@@ -300,12 +300,7 @@ class _Split:
             values.append(part.values[:, columns].reshape(-1, width))
             members.append(self._members(part)[:, columns].reshape(len(keys[-1]), count))
         keys, numbers, owners = (np.concatenate(rows) for rows in (keys, numbers, owners))
-        order = np.lexsort((owners, keys))
-        first = np.ones(len(keys), dtype=bool)
-        first[1:] = keys[order][1:] != keys[order][:-1]
-        place = np.empty(len(keys), dtype=np.int64)
-        place[order] = np.cumsum(first) - 1
-        chosen = order[first]
+        chosen, place = distinct(keys, owners)
         values, members = np.concatenate(values)[chosen].view(np.int64), np.concatenate(members)[chosen]
         rows = np.column_stack([owners[chosen], values, members])
         home, ids = number_nodes(exchanger, self._mesh, numbers[chosen], keys[chosen], rows, fewer=True)
@@ -351,7 +346,7 @@ class _Split:
         for name, edges in mesh.edge_groups.items():
             column, bit = divmod(names.index(name), COLUMN)
             for p, a, b in self._places[part.block].edges:
-                inside = _among(mesh.file_nodes[nodes[:, [a, b]]], edges, mesh.n_nodes_total)
+                inside = among(mesh.file_nodes[nodes[:, [a, b]]], edges, mesh.n_nodes_total)
                 own[inside, p, column] |= np.int64(1) << np.int64(bit)
         return own
 
@@ -364,11 +359,7 @@ class _Split:
             cells = self._cells(part)
             begin[cells], division[cells] = end + len(part.table) * np.arange(len(cells)), k
             end += len(part.table) * len(cells)
-        for name, chosen in mesh.cell_groups.items():
-            inside = np.zeros(n_cells, dtype=bool)
-            for first, rows in zip(self._starts, chosen, strict=False):
-                inside[first + rows] = True
-            piece.cell_groups[name] = np.flatnonzero(inside[row])
+        piece.name_as(mesh, row, members)
         for name, facets in mesh.facet_groups.items():
             found = [none]
             for one in facets:
@@ -381,8 +372,6 @@ class _Split:
                     there[:, :, 0], there[:, :, 1] = own[:, None] + on_it[:, 0], on_it[:, 1]
                     found.append(there.reshape(-1, 2))
             piece.facet_groups[name] = tuple(np.concatenate(found).T)
-        for k, name in enumerate(mesh.node_groups):
-            piece.node_groups[name] = np.flatnonzero(has_bit(members, k))
 
     def _name_edges(self, piece, new):
         """Fill the groups of edges, which stay the same ones."""
@@ -431,8 +420,3 @@ def _mean(x, columns):
     for k in columns[1:]:
         total += x[:, k]
     return total / len(columns)
-
-
-def _among(ends, edges, n):
-    """Which pairs (m, 2) of numbers below n are among others (k, 2), in any order."""
-    return np.isin(ends.min(axis=1) * n + ends.max(axis=1), edges.min(axis=1) * n + edges.max(axis=1))
