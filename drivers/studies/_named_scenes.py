@@ -12,20 +12,9 @@ import numpy as np
 
 from drivers._common import make_mesh
 from drivers.cases import cattaneo_mindlin, disk_on_block, hertz, indent, rings, thick_cylinder
+from drivers.studies._block_scenes import DIRECT, blocks, laminates, loaded
+from drivers.studies._round_bodies import LARGE, MIDDLE, SMALL, round_scene, shell_constants, shell_exact, wound_rings
 from drivers.studies.adapt import punch_scene
-from drivers.studies.effectivity import (
-    DIRECT,
-    LARGE,
-    MIDDLE,
-    SMALL,
-    blocks,
-    laminates,
-    loaded,
-    round_scene,
-    shell_constants,
-    shell_exact,
-    wound_rings,
-)
 from meshes import disk_on_block as disk_mesh
 from meshes import indent as indent_mesh
 from meshes import rings as rings_mesh

@@ -15,7 +15,7 @@ import numpy as np
 
 from drivers._common import main, make_mesh, make_parser, print_table, write_json
 from drivers.cases import rings
-from drivers.studies.effectivity import LARGE, MIDDLE, SMALL, round_scene, shell_exact
+from drivers.studies._round_bodies import LARGE, MIDDLE, SMALL, round_scene, shell_exact
 from meshes import rings as ring_mesh
 from meshes.shells import shells
 from pcontact import build

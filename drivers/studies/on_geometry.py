@@ -9,7 +9,7 @@ import time as clock
 
 from drivers._common import log, main, make_mesh, make_parser, print_table, write_json
 from drivers.cases import rings
-from drivers.studies.effectivity import LARGE, MIDDLE, NU, SMALL, E, round_scene, shell_exact
+from drivers.studies._round_bodies import LARGE, MIDDLE, NU, SMALL, E, round_scene, shell_exact
 from meshes import geometries
 from meshes import rings as rings_mesh
 from meshes.shells import shells
