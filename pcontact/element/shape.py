@@ -15,7 +15,29 @@ import numpy as np
 
 from pcontact.element.reference import CELLS, edge_nodes, middle_weights, reference_nodes
 
+# [points] Of tables that are kept: those of quadrature rules, of nodes and of all facets' rules. From: to make a table
+# takes 50 microseconds, whatever it is for, and a run of some hundred unknowns wants hundreds.
+FEW, TABLES = 160, 1024
 
+
+def _kept(function):
+    """The function of this module, with tables at few points kept; they are not to be changed."""
+
+    @functools.lru_cache(maxsize=TABLES)
+    def known(cell, degree, count, points):
+        return function(cell, degree, np.frombuffer(points).reshape(count, -1))
+
+    @functools.wraps(function)
+    def table(cell, degree, xi):
+        xi = _points(cell, xi)
+        if not 0 < len(xi) <= FEW:
+            return function(cell, degree, xi)
+        return known(cell, degree, len(xi), xi.tobytes())
+
+    return table
+
+
+@_kept
 def shape(cell, degree, xi):
     """Shape functions at reference points.
 
@@ -31,13 +53,13 @@ def shape(cell, degree, xi):
     Returns
     -------
     ndarray, (n_points, n_nodes) float64
+        Not to be changed: at few points it is kept.
 
     Raises
     ------
     ValueError
         If `degree` is neither 1 nor 2, or the points have another dimension than the cell.
     """
-    xi = _points(cell, xi)
     if CELLS[cell].complete is not None:
         return _shared(cell, shape(CELLS[cell].complete, degree, xi))
     if CELLS[cell].is_tensor:
@@ -55,6 +77,7 @@ def shape(cell, degree, xi):
     return np.hstack([bary * (2.0 * bary - 1.0), 4.0 * bary[:, a] * bary[:, b]])
 
 
+@_kept
 def shape_gradient(cell, degree, xi):
     """Reference gradients of the shape functions at reference points.
 
@@ -67,14 +90,13 @@ def shape_gradient(cell, degree, xi):
     Returns
     -------
     ndarray, (n_points, n_nodes, dim) float64
-        Derivatives with respect to the reference coordinates.
+        Derivatives with respect to the reference coordinates; not to be changed.
 
     Raises
     ------
     ValueError
         If `degree` is neither 1 nor 2, or the points have another dimension than the cell.
     """
-    xi = _points(cell, xi)
     if CELLS[cell].complete is not None:
         return _shared(cell, shape_gradient(CELLS[cell].complete, degree, xi))
     nodes = reference_nodes(cell, degree)

@@ -169,6 +169,7 @@ class Records(Observer):
 
     def __init__(self, directory, comm, head, finish, resume_time=None):
         self._comm, self._finish, self._history, self.report = comm, finish, None, None
+        self._in_memory = directory is None
         on_root(comm, self._open, directory, head, resume_time)
 
     def _open(self, directory, head, resume_time):
@@ -185,7 +186,8 @@ class Records(Observer):
         OutputError
             On every rank.
         """
-        on_root(self._comm, self._step, record, self._finish())
+        # in memory nobody reads what it has cost so far
+        on_root(self._comm, self._step, record, {} if self._in_memory else self._finish())
 
     def _step(self, record, costs):
         if self._history is not None:
