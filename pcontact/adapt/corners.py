@@ -1,7 +1,9 @@
 """Points toward which the solution is singular, told by how the estimates around vertices have fallen.
 
 Around a point where the displacement goes like r^a, the squared error of the cells that touch it falls with h^(2 a),
-where h is their size; around others with h^(2 p + d). Two meshes, one of them finer there, tell the power.
+where h is their size; around others with h^(2 p + d). Two meshes, one of them finer there, tell the power. A coarse
+mesh knows little of a smooth solution that is steep along a curve, say around a hole: squares fall slowly there, too,
+but at one vertex after the other, while points toward which a solution is singular stand alone.
 """
 
 import numpy as np
@@ -20,6 +22,9 @@ FINER = 1.5
 # [-] Part of the power of smooth solutions below which a point is singular, and the least power. From: the punch, and
 # powers of smooth solutions on coarse meshes, which scatter by a fifth.
 SINGULAR, LEAST = 0.7, 0.5
+# Vertices of one body that are found within a distance, and that distance over the size of cells of the last mesh, with
+# which they are no points. From: two edges of right-angled triangles (2.83); on coarse meshes all vertices of a hole.
+ROW, WITHIN = 2, 2.85
 
 
 def around_vertices(space, squares):
@@ -81,7 +86,7 @@ def _marks(mesh):
 
 
 def singular(space, now, before):
-    """The cells that touch a point toward which the solution is singular.
+    """The cells that touch a point toward which the solution is singular. *Collective.*
 
     Parameters
     ----------
@@ -103,7 +108,10 @@ def singular(space, now, before):
     fallen, finer = (before[told, k] / now[told, k] for k in range(2))
     of_node = smooth.copy()
     of_node[told] = np.log(fallen) / np.log(finer)
-    of_node = np.where(of_node > SINGULAR * smooth, smooth, of_node)
+    some = np.flatnonzero(of_node <= SINGULAR * smooth)
+    alone = np.zeros(len(of_node), dtype=bool)
+    alone[some] = _alone(space.comm, now[some, 2], _bodies(mesh)[some], tree_points(mesh)[some], before[some, 1])
+    of_node = np.where(alone, of_node, smooth)
     vertices = np.concatenate([np.zeros((0, 3), np.int64), *(block.nodes[:, :3] for block in mesh.blocks)])
     corner, rows = (of_node / smooth)[vertices].argmin(axis=1), np.arange(len(vertices))
     corner = vertices[rows, corner]
@@ -112,6 +120,44 @@ def singular(space, now, before):
     points = tree_points(mesh)
     point, middle = points[corner], points[vertices].mean(axis=1)
     return power, Rise(d * (1.0 - power / own), point, np.linalg.norm(middle - point, axis=1))
+
+
+def _bodies(mesh):
+    """The first body (n_nodes,) that each node of a mesh belongs to on this rank; nodes of no cell: a large number."""
+    bodies = np.full(len(mesh.points), np.iinfo(np.int64).max)
+    for block in mesh.blocks:
+        bodies[block.nodes] = np.minimum(bodies[block.nodes], block.body)
+    return bodies
+
+
+def _alone(comm, marks, bodies, points, sizes):
+    """Whether vertices that have been found are points: not several of them in a row. *Collective.*
+
+    Parameters
+    ----------
+    comm : MPI.Comm
+    marks : ndarray (n,)
+        Of vertices of this rank, which others may have, too; see :func:`around_vertices`.
+    bodies : ndarray (n,) of int
+    points : ndarray (n, d)
+        [length]
+    sizes : ndarray (n,)
+        Of the cells around them on the last mesh [length].
+
+    Returns
+    -------
+    ndarray (n,) of bool
+    """
+    own = np.column_stack([marks, bodies, sizes, points])
+    found = np.concatenate(comm.allgather(own))
+    found = found[np.lexsort((found[:, 1], found[:, 0]))]
+    found = found[np.concatenate([[True], found[1:, 0] != found[:-1, 0]])] if len(found) else found
+    alone = np.zeros(len(own), dtype=bool)
+    for k, (mark, x) in enumerate(zip(marks, points, strict=True)):
+        _, body, size = found[np.searchsorted(found[:, 0], mark), :3]
+        near = np.linalg.norm(found[:, 3:] - x, axis=1) <= WITHIN * size
+        alone[k] = np.count_nonzero(near & (found[:, 1] == body)) - 1 < ROW
+    return alone
 
 
 def _smooth(space):

@@ -6,7 +6,7 @@ import numpy as np
 
 from pcontact.adapt.budget import Budgeted
 from pcontact.adapt.cells import MEASURED, Ways, of_parts, parts_of
-from pcontact.adapt.forecast import forecast
+from pcontact.adapt.forecast import Aims, forecast
 from pcontact.adapt.passes import cost_of, said_of
 from pcontact.adapt.settings import AIM, FACETS, SHARE, STEPS_SHARE
 from pcontact.adapt.sizes import degrees
@@ -101,9 +101,9 @@ class Decision:
         scene, space, fits = simulation.scene, simulation.problem.space, step.cuts.part < 1.0
         return self._refining.choice.divides(scene, space, alike, watch.squares, ways, fits)
 
-    def _wanted_divided(self, done):
+    def _wanted_divided(self, done, trust=FIRST_TRUST, aim=AIM):
         """As :meth:`wanted`, of the error that simplices with the same nodes have."""
-        return self.wanted(done, FIRST_TRUST, MEASURED[done.known.dim, done.degree][0])
+        return self.wanted(done, trust, MEASURED[done.known.dim, done.degree][0], aim)
 
     def _spent(self, why):
         self.why = f"not reached: {why}"
@@ -124,7 +124,7 @@ class Decision:
             return None
         return self._spent(f"the budget is spent ({self._budget.by})")[0]
 
-    def wanted(self, done, trust=None, more=1.0):
+    def wanted(self, done, trust=None, more=1.0, aim=AIM):
         """The part of the error of a pass in the energy norm that the next mesh is made for.
 
         Parameters
@@ -134,6 +134,8 @@ class Decision:
             See :meth:`_trust`; absent: as the last meshes show it.
         more : float
             The error of the mesh in the energy norm that is cut over that of the pass.
+        aim : float
+            Part of the target that it is made for.
         """
         goal, share = self._target.error, SHARE * self._target.error
         stays = sum(done.parts.get(name, 0.0) for name in self._settings.staying)
@@ -141,7 +143,7 @@ class Decision:
         stays += min(done.parts.get("load_steps", 0.0), STEPS_SHARE * goal)
         falls = sum(done.parts.get(name, 0.0) for name in self._settings.falling)
         falls += (more**done.power - 1.0) * done.parts["mesh"]
-        part = min(AIM * max(goal - stays, share) / falls, 1.0) ** (1.0 / (trust or self._trust(done)))
+        part = min(aim * max(goal - stays, share) / falls, 1.0) ** (1.0 / (trust or self._trust(done)))
         # errors of quantities are products of two errors of the energy norm
         return part ** (1.0 / done.power)
 
@@ -151,10 +153,12 @@ class Decision:
         done, whole = passes[-1], self._refining.whole and not step.divided
         degree = degrees(space, whole)
         if not step.divided:
-            return forecast(space.comm, passes, squares, self.wanted(done), whole, degree=degree)
+            aims = Aims(self.wanted(done), self.wanted(done, 1.0), self.wanted(done, 1.0, aim=1.0))
+            return forecast(space.comm, passes, squares, aims, whole, degree=degree)
         parts = parts_of(space.mesh)
         own = of_parts(squares, parts, space.dim, degree)
-        return forecast(space.comm, passes, own, self._wanted_divided(done), degree=degree, count=parts)
+        aims = Aims(*(self._wanted_divided(done, *how) for how in ((FIRST_TRUST, AIM), (1.0, AIM), (1.0, 1.0))))
+        return forecast(space.comm, passes, own, aims, degree=degree, count=parts)
 
     def _trust(self, done):
         """The power of the error in the one that was expected of the last mesh: below 1 where solutions are singular,
@@ -166,11 +170,11 @@ class Decision:
         if old.next.get("divided"):
             return FIRST_TRUST
         expected, seen = old.next["mesh"] / old.parts["mesh"], done.parts["mesh"] / old.parts["mesh"]
-        if corners.explain:
-            return FIRST_TRUST
+        # singular points explain why the error has fallen less than expected; where it has not, there is no doubt
+        least = FIRST_TRUST if corners.explain else LEAST_TRUST
         if not 0.0 < expected < 1.0:
-            return 1.0
-        return float(np.clip(np.log(seen) / np.log(expected), LEAST_TRUST, 1.0))
+            return least if corners.explain else 1.0
+        return float(np.clip(np.log(seen) / np.log(expected), least, 1.0))
 
     def _same_bodies(self):
         """Whether the estimates of the last two meshes may be compared: facets that have come onto the geometry since

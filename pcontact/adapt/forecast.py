@@ -13,6 +13,24 @@ from pcontact.runtime.petsc import MPI
 MOST = 14
 
 
+class Aims(NamedTuple):
+    """Parts of the error of a pass, in the energy norm, that are to be left.
+
+    Attributes
+    ----------
+    first : float
+        That the next mesh is made for: less where the error has fallen less than expected.
+    later : float
+        That meshes after it are made for, when their error falls as expected.
+    enough : float
+        With which the target is reached.
+    """
+
+    first: float
+    later: float
+    enough: float
+
+
 class Forecast(NamedTuple):
     """What is expected.
 
@@ -55,7 +73,7 @@ def forecast(comm, passes, squares, part, whole=False, most=MOST, degree=None, c
         Of one degree, at least one.
     squares : ndarray (n,)
         Squared contributions of the cells of this rank to the error of the last one.
-    part : float
+    part : float or Aims
         Of its error in the energy norm, to be left.
     whole : bool
         Whether all cells are halved together.
@@ -73,24 +91,32 @@ def forecast(comm, passes, squares, part, whole=False, most=MOST, degree=None, c
     degree = passes[-1].degree if degree is None else degree
     last, unknowns = passes[-1], [float(one.unknowns) for one in passes]
     number, left = np.ones(len(squares)) if count is None else count, 1.0
+    aims, followers = part if isinstance(part, Aims) else Aims(part, part, part), _followers(passes)
     cells = comm.allreduce(float(number.sum()), op=MPI.SUM)
-    while left > part and len(unknowns) < most:
-        known = len(unknowns) > 1
+    while left > aims.enough and len(unknowns) < most:
+        known, aim = len(unknowns) > 1, aims.first if len(unknowns) == len(passes) else aims.later
         errors = Contributions(squares, degree, last.known.dim, number, whole=whole)
-        step = next_cuts(comm, errors, part / left, np.inf, known)
+        step = next_cuts(comm, errors, aim / left, np.inf, known)
         if step.growth <= 1.0:
             break
         number = number * 2.0**step.more
         squares = squares * 0.5**step.more * 0.25 ** (degree * step.more / last.known.dim)
         left *= step.part
+        growth = comm.allreduce(float(number.sum()), op=MPI.SUM) / cells
         # neighbours of cells that are cut follow: the first time most of them
-        followers = 1.0 if whole else FOLLOWERS
-        unknowns.append(followers * last.unknowns * comm.allreduce(float(number.sum()), op=MPI.SUM) / cells)
+        unknowns.append((1.0 if whole else followers) * last.unknowns * growth)
     grown = [(one / last.unknowns) ** POWER for one in unknowns]
     fixed, rest = _costs(passes)
     seconds = sum(fixed + rest * one for one in grown) + sum(one.trials for one in passes)
     memory = last.memory + memory_each(passes) * (max(unknowns) - last.unknowns)
     return Forecast(unknowns, float(seconds), float(memory), last.degree)
+
+
+def _followers(passes):
+    """Unknowns of a mesh over those expected: as the last one has shown it."""
+    if len(passes) < 2 or passes[-2].next is None or passes[-2].next.get("divided"):
+        return FOLLOWERS
+    return max(passes[-1].unknowns / passes[-2].next["unknowns"], 1.0)
 
 
 def _costs(passes):

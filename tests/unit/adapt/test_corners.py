@@ -5,7 +5,7 @@ import pytest
 
 from drivers._common import make_mesh
 from meshes.blocks import one_block
-from pcontact.adapt.corners import Corners
+from pcontact.adapt.corners import Corners, around_vertices
 from pcontact.mesh.load import load_mesh
 from pcontact.mesh.refinement.refine import refine
 from pcontact.runtime.petsc import MPI
@@ -58,3 +58,25 @@ def test_cells_grow_smaller_toward_a_corner(shared_tmp):
     # cuts are by halves: squares of neighbours differ by 2^(2 p + d) per halving of both edges
     assert spread.max() / spread.min() < 2.0**SMOOTH
     assert COMM.allreduce(float(np.min(size, initial=np.inf)), op=MPI.MIN) < 0.25 / 2**8
+
+
+@pytest.mark.parallel
+def test_vertices_in_a_row_are_no_points(shared_tmp):
+    """Squares that fall slowly along a whole side, as those of a steep solution on coarse meshes do."""
+    path = make_mesh(one_block, shared_tmp / "side.msh", 2, 2, "triangle")
+    mesh, corners = load_mesh(COMM, path, 2, ["block"], [], lambda mesh: None), Corners(COMM)
+
+    def along(mesh):
+        x = np.concatenate([mesh.points[block.nodes[:, :3]] for block in mesh.blocks])
+        return cells(mesh)[0] ** SMOOTH * x[:, :, 0].max(axis=1) ** (POWER - SMOOTH)
+
+    mesh, _ = refine(mesh, everywhere(mesh, 3))
+    *_, around = corners.look(Space(mesh, 2), along(mesh))
+    mesh, fields = refine(mesh, everywhere(mesh, 4), around)
+    corners.take(fields)
+    before, now = fields[0], around_vertices(Space(mesh, 2), along(mesh))
+    some = (now[:, 2] == before[:, 2]) & (now[:, 0] > 0.0) & (mesh.points[:, 0] == 0.0)
+    fallen = np.log(before[some, 0] / now[some, 0]) / np.log(before[some, 1] / now[some, 1])
+    assert fallen == pytest.approx(POWER)
+    power, rise, _ = corners.look(Space(mesh, 2), along(mesh))
+    assert (power == SMOOTH).all() and (rise.rise == 0.0).all() and not corners.explain

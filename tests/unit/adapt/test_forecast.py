@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pcontact.adapt.budget import FOLLOWERS, POWER, Budgeted
-from pcontact.adapt.forecast import forecast
+from pcontact.adapt.forecast import Aims, forecast
 from pcontact.adapt.known import Range
 from pcontact.adapt.passes import BYTES, Pass, memory_each
 from pcontact.runtime.petsc import MPI
@@ -35,6 +35,16 @@ def test_two_passes_tell_what_does_not_grow():
     passes = [done(100, 2, 0.2, seconds=1.0), done(400, 2, 0.05, seconds=1.0)]
     ahead = forecast(MPI.COMM_SELF, passes, np.ones(50), 0.1)
     assert ahead.seconds == pytest.approx(len(ahead.unknowns))
+
+
+def test_what_the_second_mesh_has_shown_counts():
+    """Unknowns over those expected; and a target is reached before the mesh that is made for less."""
+    passes = [done(100, 1, 0.2, next={"unknowns": 320.0}), done(400, 1, 0.1)]
+    ahead = forecast(MPI.COMM_SELF, passes, np.ones(50), Aims(0.5001, 0.4, 0.6))
+    assert ahead.unknowns == [100.0, 400.0, pytest.approx(1.25 * 1600)]
+    passes[0].next["unknowns"] = 500.0
+    ahead = forecast(MPI.COMM_SELF, passes, np.ones(50), Aims(0.5001, 0.2501, 0.4))
+    assert ahead.unknowns[2:] == [pytest.approx(1600), pytest.approx(6400)]
 
 
 def test_memory_is_that_of_unknowns_until_it_has_been_measured():
