@@ -1,5 +1,7 @@
 """Shape gradients of a block's cells, a chunk of cells at a time."""
 
+from typing import NamedTuple
+
 import numpy as np
 
 from pcontact.element.dilatation import hoop_operator
@@ -54,6 +56,33 @@ def n_points(space, number):
     return len(_rule(space, number)[3])
 
 
+class Cells(NamedTuple):
+    """Geometry of all cells of a block, see :func:`keep`.
+
+    Attributes
+    ----------
+    grad, jxw : ndarray
+        See :func:`chunks`.
+    ring : ndarray or None
+        See :func:`hoop`.
+    """
+
+    grad: np.ndarray
+    jxw: np.ndarray
+    ring: np.ndarray | None
+
+
+def keep(space, number):
+    """Have :func:`chunks`, :func:`some_cells` and :func:`hoop` make what they give of a block only once, where there is
+    room for it."""
+    mesh, every = space.mesh, np.arange(len(space.mesh.blocks[number].nodes))
+    points, nodes = n_points(space, number), space.cells[number].shape[1]
+    if len(every) * points * (nodes * (mesh.dim + space.axisymmetric) + 1) * 8 > space.kept.room:
+        return
+    grad, jxw, values, _ = some_cells_weighted(space, number, every)
+    space.kept.keep(("cells", number), Cells(grad, jxw, hoop(space, number, every, values)))
+
+
 def some_cells(space, number, rows):
     """Gradients (n, nq, nn, d) and N / r (n, nq, nn) of some cells of a block, and the points (nq, d) of the rule.
 
@@ -68,9 +97,12 @@ def some_cells_weighted(space, number, rows):
     functions (nq, nn), and the points (nq, d) of the rule."""
     mesh, block = space.mesh, space.mesh.blocks[number]
     table, geometry_degree, xi, weights = _rule(space, number)
+    known = space.kept.get(("cells", number))
+    if known is not None:
+        return known.grad[rows], known.jxw[rows], shape(block.cell, space.degree, xi), xi
     dshape = np.ascontiguousarray(shape_gradient(block.cell, space.degree, xi))
-    grad, jxw = np.empty((len(rows), *dshape.shape)), np.empty((len(rows), len(weights)))
     x = np.ascontiguousarray(mesh.points[table[rows]])
+    grad, jxw = np.empty((len(x), *dshape.shape)), np.empty((len(x), len(weights)))
     gradients(x, np.ascontiguousarray(shape_gradient(block.cell, geometry_degree, xi)), dshape, weights, grad, jxw)
     if space.axisymmetric:
         jxw *= 2.0 * np.pi * _radius(space, number, rows)
@@ -88,9 +120,12 @@ def hoop(space, number, rows, values):
     rows : slice or ndarray
         Cells.
     values : ndarray (nq, nn)
-        Shape functions.
+        Shape functions at the points of :func:`chunks`.
     """
-    return hoop_operator(values, _radius(space, number, rows)) if space.axisymmetric else None
+    if not space.axisymmetric:
+        return None
+    known = space.kept.get(("cells", number))
+    return known.ring[rows] if known is not None else hoop_operator(values, _radius(space, number, rows))
 
 
 def chunks(space, number):
@@ -106,7 +141,7 @@ def chunks(space, number):
     ------
     rows : slice
     grad : ndarray (nc, nq, nn, d)
-        Physical shape gradients [1/length]. Overwritten by the next chunk.
+        Physical shape gradients [1/length]. To be read only, as all others.
     jxw : ndarray (nc, nq)
         Quadrature weight times Jacobian, with axial symmetry times 2 pi r.
     values : ndarray (nq, nn)
@@ -116,10 +151,13 @@ def chunks(space, number):
     table, geometry_degree, xi, weights = _rule(space, number)
     dgeo = np.ascontiguousarray(shape_gradient(block.cell, geometry_degree, xi))
     dshape = np.ascontiguousarray(shape_gradient(block.cell, space.degree, xi))
-    values = shape(block.cell, space.degree, xi)
+    values, known = shape(block.cell, space.degree, xi), space.kept.get(("cells", number))
     n, nq, nn = len(block.nodes), len(weights), dshape.shape[1]
     for first in range(0, n, CHUNK):
         rows = slice(first, min(first + CHUNK, n))
+        if known is not None:
+            yield rows, known.grad[rows], known.jxw[rows], values
+            continue
         x = np.ascontiguousarray(mesh.points[table[rows]])
         grad = np.empty((len(x), nq, nn, mesh.dim))
         jxw = np.empty((len(x), nq))

@@ -3,7 +3,7 @@
 import numpy as np
 
 from pcontact.assembly.bulk import ElasticBulk
-from pcontact.assembly.geometry import chunks, hoop, n_points
+from pcontact.assembly.geometry import chunks, hoop, keep, n_points
 from pcontact.assembly.graph import BlockRows, node_graph
 from pcontact.assembly.item import LAW
 from pcontact.assembly.pattern import OwnedRows, positions
@@ -54,6 +54,8 @@ class PlasticBulk(ElasticBulk):
         for number, block in enumerate(space.mesh.blocks):
             if materials[block.body] is not None:
                 self.states[number] = self._virgin(number, *materials[block.body])
+                # residuals, tangents and estimates ask for the same again in every iteration
+                keep(space, number)
         rowptr, columns = node_graph([space.cells[number] for number in self.states], space.n_local)
         owned = OwnedRows(space.numbering, space.exchanger, space.nodes, rowptr, columns)
         self._pattern, self._owned = (rowptr, columns), owned
@@ -163,6 +165,20 @@ class PlasticBulk(ElasticBulk):
         points = values.reshape(nc, nq, m + 1)
         state.strain[:], state.p[:] = points[:, :, :m], points[:, :, m]
         return count
+
+    def excess(self, nodal):
+        """Excess of the stress over elasticity at the cells' own points, under a displacement (n_local, d).
+
+        Returns
+        -------
+        dict of int to ndarray (nc, nq, m)
+            By block; of blocks that do not yield there is none.
+        """
+        found = {number: np.zeros(state.strain.shape) for number, state in self.states.items()}
+        for number, rows, points, _, state in self._chunks():
+            m = state.strain.shape[2]
+            excess_at(points, state, nodal, False, found[number][rows], np.zeros((0, 0, m, m)))
+        return found
 
     # -- report -------------------------------------------------------------------------------------------------
 

@@ -23,6 +23,7 @@ of the sum of both. No constant is left to choose, and integration by parts stan
 """
 
 from dataclasses import dataclass
+from functools import partial
 from types import SimpleNamespace
 from typing import NamedTuple
 
@@ -50,6 +51,7 @@ from pcontact.estimate.tractions import Cells, on_source, on_target, source_face
 from pcontact.estimate.yielding import softening
 from pcontact.material.orthotropic import traction_matrix
 from pcontact.runtime.petsc import MPI
+from pcontact.space.kept import Kept
 from pcontact.space.rigid import RigidGroup
 
 PARTS = ("interior", "jumps", "neumann", "contact", "friction")
@@ -103,6 +105,33 @@ class Dual(NamedTuple):
     loads: list
 
 
+class Volume(NamedTuple):
+    """Some cells of a block at the points of the local problems.
+
+    Attributes
+    ----------
+    grad, test : ndarray (n, nq, nn, d)
+        Gradients of the shape functions and of the tests [1/length].
+    jxw : ndarray (n, nq)
+        Weights, with axial symmetry times 2 pi r.
+    ring : ndarray (n, nq, nb)
+        Tests over r with axial symmetry [1/length], else empty.
+    radius : ndarray (n, nq) or None
+    places : ndarray (n, nq, d)
+        The points [length].
+    fixed : ndarray (n, nb, d)
+        Components of tests that supports hold.
+    """
+
+    grad: np.ndarray
+    test: np.ndarray
+    jxw: np.ndarray
+    ring: np.ndarray
+    radius: np.ndarray | None
+    places: np.ndarray
+    fixed: np.ndarray
+
+
 class Steady:
     """The amplitude of a dual load."""
 
@@ -135,8 +164,8 @@ class Estimator:
         self.problem, self.space, self._loads = problem, problem.space, loads
         self.bulk, self.contacts = problem.bulk, problem.contacts
         self._springs = Springs(problem)
-        # test functions of a block's cells at all points of their facets
-        self._on_facets = {}
+        # test functions of a block's cells at all points of their facets; what yields under the last displacement
+        self._on_facets, self._found, self._kept = {}, {}, Kept()
         # what moves as a rigid body is as much held as what is prescribed
         self._held = problem.supports.fixed.copy()
         for group in problem.groups:
@@ -203,6 +232,7 @@ class Estimator:
         """Displacement (n_local, d), residuals of every block but for what its cells' interiors add, and residuals on
         surfaces. *Collective.*"""
         nodal, tested, surfaces = self.space.local.gather(u), self._untested(), {}
+        self._found = {}
         self._add_facets(nodal, time, tested, self.bulk, loads)
         for contact in self.contacts:
             states = contact.states(u)
@@ -296,16 +326,21 @@ class Estimator:
         degree = space.degree_of(block)
         for rows in self._parts(number, len(weights) * space.cells[number].shape[1] * mesh.dim):
             x = np.ascontiguousarray(mesh.points[table[rows]])
-            stress = BlockStress(space, bulk, number, rows, nodal)
+            stress = BlockStress(space, bulk, number, rows, nodal, self._found_by(bulk))
             for f, at_xi in enumerate(on_cell):
                 local = np.full(len(x), f, dtype=np.int64)
-                at = facet_geometry(block.cell, x, local, geometry_degree, degree, xi, weights)
+                make = partial(facet_geometry, block.cell, x, local, geometry_degree, degree, xi, weights)
+                at = self._kept(("facets", number, rows.start, f), make)
                 radius = at.points[:, :, 0] if space.axisymmetric else None
                 sigma, _ = stress(at.gradients, shape(block.cell, degree, at_xi), radius, at_xi)
-                traction[rows, f] = np.einsum("cqij,cqj->cqi", sigma, at.normals)
+                traction[rows, f] = np.matmul(sigma, at.normals[..., None])[..., 0]
                 normal[rows, f] = at.normals
                 jxw[rows, f] = at.jxw * space.circumference(at.points)
         return traction, normal, jxw
+
+    def _found_by(self, bulk):
+        """What has been found of the cells that yield under the last displacement; None for another bulk."""
+        return self._found if bulk is self.bulk else None
 
     def _add_facets(self, nodal, time, tested, bulk, loads):
         """Residuals of all facets but for the tractions of contact. *Collective.*"""
@@ -345,7 +380,7 @@ class Estimator:
     def _flux(self, nodal, own, bulk):
         """Traction (nc, nf, nq, d) of the averaged stress at each block's facets. *Collective.*"""
         result = []
-        for number, sigma in enumerate(self._recovery(bulk, nodal)):
+        for number, sigma in enumerate(self._recovery(bulk, nodal, self._found_by(bulk))):
             block = self.space.mesh.blocks[number]
             points = facet_points(block.cell, facet_rule(block.cell, self.space.degree)[0])
             values = shape(block.cell, self.space.degree_of(block), points.reshape(-1, self.space.dim))
@@ -514,37 +549,27 @@ class Estimator:
         table, geometry_degree = mesh.geometry_nodes(block)
         degree = space.degree_of(block)
         xi, weights = volume_rule(block.cell, geometry_degree, degree, space.axisymmetric)
-        dgeo = np.ascontiguousarray(shape_gradient(block.cell, geometry_degree, xi))
         dshape = np.ascontiguousarray(shape_gradient(block.cell, degree, xi))
         tests, dtests = bubbles(block.cell, degree, xi)
-        dtests, geo = np.ascontiguousarray(dtests), shape(block.cell, geometry_degree, xi)
+        values = shape(block.cell, degree, xi)
         out, (lam, mu) = np.zeros((len(block.nodes), len(PARTS) + 1)), self.bulk.constants[block.body]
         averaged = space.averages(block)
         own, shared = factors(lam, mu, averaged, degree)
         for rows in self._parts(number, dtests.size + dshape.size):
-            x = np.ascontiguousarray(mesh.points[table[rows]])
-            jxw, radius = np.empty((len(x), len(weights))), None
-            grad, test = np.empty((len(x), *dshape.shape)), np.empty((len(x), *dtests.shape))
-            gradients(x, dgeo, dshape, weights, grad, jxw)
-            gradients(x, dgeo, dtests, weights, test, jxw)
-            ring = np.zeros((0, 0, 0))
-            if space.axisymmetric:
-                radius = x[:, :, 0] @ geo.T
-                jxw *= 2.0 * np.pi * radius
-                ring = np.ascontiguousarray(hoop_operator(tests, radius))
-            stress = BlockStress(space, self.bulk, number, rows, nodal)
-            values = shape(block.cell, degree, xi)
+            make = partial(self._volume, number, rows, (xi, weights, dshape, tests, np.ascontiguousarray(dtests)))
+            grad, test, jxw, ring, radius, places, fixed = self._kept(("cells", number, rows.start), make)
+            stress = BlockStress(space, self.bulk, number, rows, nodal, self._found)
             sigma, around = stress(grad, values, radius, xi)
             loads = tested[rows].copy()
             loads[:, INTERIOR] -= _work(sigma, around, test, ring, jxw)
-            force = self._body_force(number, rows, geo @ x, time, own_loads, (values, nodal))
+            force = self._body_force(number, rows, places, time, own_loads, (values, nodal))
             if force is not None:
                 loads[:, INTERIOR] += np.einsum("cq,qb,cqd->cbd", jxw, tests, force)
             basis = np.zeros((0, 0, 0))
             if averaged:
-                basis = components(jxw, geo @ x if linear(block.cell, degree) else None)[0]
+                basis = components(jxw, places if linear(block.cell, degree) else None)[0]
             functions = LocalFunctions(test, ring, jxw, basis)
-            fixed, moduli = self._fixed(number, rows), Moduli(own, shared, mu, self._rest(block, geo @ x))
+            moduli = Moduli(own, shared, mu, self._rest(block, places))
             softer = softening(space, self.bulk, number, rows, nodal, xi)
             bound = self._springs.bound(number, rows, (tests, jxw))
             if weight is None:
@@ -552,11 +577,28 @@ class Estimator:
                 continue
             sigma, around = BlockStress(space, self._elastic, number, rows, weight.nodal)(grad, values, radius, xi)
             others = weight.tested[rows].sum(axis=1) - _work(sigma, around, test, ring, jxw)
-            force = self._body_force(number, rows, geo @ x, time, weight.loads, (values, weight.nodal))
+            force = self._body_force(number, rows, places, time, weight.loads, (values, weight.nodal))
             if force is not None:
                 others += np.einsum("cq,qb,cqd->cbd", jxw, tests, force)
             products(functions, moduli, softer, bound, loads.sum(axis=1), others, fixed, out[rows, 0])
         return out if weight is None else out[:, :1]
+
+    def _volume(self, number, rows, tables):
+        """A :class:`Volume`, from points and weights, gradients of the shape functions, tests and their gradients."""
+        space, block, (xi, weights, dshape, tests, dtests) = self.space, self.space.mesh.blocks[number], tables
+        table, geometry_degree = space.mesh.geometry_nodes(block)
+        dgeo = np.ascontiguousarray(shape_gradient(block.cell, geometry_degree, xi))
+        x = np.ascontiguousarray(space.mesh.points[table[rows]])
+        places, jxw, radius = shape(block.cell, geometry_degree, xi) @ x, np.empty((len(x), len(weights))), None
+        grad, test = np.empty((len(x), *dshape.shape)), np.empty((len(x), *dtests.shape))
+        gradients(x, dgeo, dshape, weights, grad, jxw)
+        gradients(x, dgeo, dtests, weights, test, jxw)
+        ring = np.zeros((0, 0, 0))
+        if space.axisymmetric:
+            radius = np.ascontiguousarray(places[:, :, 0])
+            jxw *= 2.0 * np.pi * radius
+            ring = np.ascontiguousarray(hoop_operator(tests, radius))
+        return Volume(grad, test, jxw, ring, radius, places, self._fixed(number, rows))
 
     def _rest(self, block, points):
         """What the stiffness of a block differs by from the isotropic one at points (nc, nq, d)."""

@@ -1,5 +1,7 @@
 """A continuous stress: the means of what cells say at their common nodes, in each body for itself."""
 
+from functools import partial
+
 import numpy as np
 
 from pcontact.element.geometry import gradients
@@ -48,13 +50,15 @@ class Recovery:
         total.destroy()
         return result
 
-    def __call__(self, bulk, nodal):
+    def __call__(self, bulk, nodal, found=None):
         """Stress at the nodes of each block's cells. *Collective.*
 
         Parameters
         ----------
         bulk : pcontact.assembly.bulk.ElasticBulk
         nodal : ndarray (n_local, d)
+        found : dict, optional
+            See :class:`pcontact.estimate.stress.BlockStress`.
 
         Returns
         -------
@@ -66,7 +70,7 @@ class Recovery:
             sums = np.zeros((space.n_local, d * -(-(len(upper) + 1) // d)))
             for number, block in enumerate(space.mesh.blocks):
                 if block.body in group:
-                    self._add(bulk, number, nodal, sums)
+                    self._add(BlockStress(space, bulk, number, slice(None), nodal, found), number, sums)
             sums = np.concatenate([self._sum(sums[:, k : k + d]) for k in range(0, sums.shape[1], d)], axis=1)
             mean = sums[:, : len(upper)] / np.where(sums[:, len(upper)] > 0.0, sums[:, len(upper)], 1.0)[:, None]
             tensor = np.empty((space.n_local, d, d))
@@ -77,13 +81,22 @@ class Recovery:
                     result[number] = tensor[own_nodes(space, number)]
         return result
 
-    def _add(self, bulk, number, nodal, sums):
+    def _add(self, stress, number, sums):
         """Add stress times volume, and volume, of a block's cells at their nodes."""
-        space, mesh = self.space, self.space.mesh
-        block = mesh.blocks[number]
+        space, upper = self.space, UPPER[self.space.dim]
+        grad, values, radius, nodes, weight, cells = space.kept(("averaged", number), partial(self._at_nodes, number))
+        tensor, _ = stress(grad, values, radius, nodes)
+        for k, (i, j) in enumerate(upper):
+            sums[:, k] += np.bincount(cells, (weight[:, None] * tensor[:, :, i, j]).ravel(), len(sums))
+        sums[:, len(upper)] += np.bincount(cells, np.repeat(weight, len(nodes)), len(sums))
+
+    def _at_nodes(self, number):
+        """Of a block's cells at their nodes: gradients and values of shape functions, radii or None, reference nodes;
+        volumes (nc,) and nodes (nc nn,) of the cells."""
+        space, mesh, block = self.space, self.space.mesh, self.space.mesh.blocks[number]
         table, geometry_degree = mesh.geometry_nodes(block)
         xi, weights = quadrature(block.cell, 2)
-        degree, cells = space.degree_of(block), own_nodes(space, number)
+        degree = space.degree_of(block)
         nodes = reference_nodes(block.cell, degree)
         x = np.ascontiguousarray(mesh.points[table])
         dshape = np.ascontiguousarray(shape_gradient(block.cell, degree, nodes))
@@ -91,15 +104,8 @@ class Recovery:
         dgeo = np.ascontiguousarray(shape_gradient(block.cell, geometry_degree, nodes))
         gradients(x, dgeo, dshape, np.ones(len(nodes)), grad, jxw)
         radius = x[:, :, 0] @ shape(block.cell, geometry_degree, nodes).T if space.axisymmetric else None
-        values = shape(block.cell, degree, nodes)
-        stress, _ = BlockStress(space, bulk, number, slice(None), nodal)(grad, values, radius, nodes)
-        del grad
         one, volume = np.empty((len(x), len(weights), 1, mesh.dim)), np.empty((len(x), len(weights)))
         dgeo = np.ascontiguousarray(shape_gradient(block.cell, geometry_degree, xi))
         gradients(x, dgeo, np.ascontiguousarray(dgeo[:, :1]), weights, one, volume)
-        weight = volume.sum(axis=1)
-        upper = UPPER[mesh.dim]
-        cells = cells.ravel()
-        for k, (i, j) in enumerate(upper):
-            sums[:, k] += np.bincount(cells, (weight[:, None] * stress[:, :, i, j]).ravel(), len(sums))
-        sums[:, len(upper)] += np.bincount(cells, np.repeat(weight, len(nodes)), len(sums))
+        cells = own_nodes(space, number).ravel()
+        return grad, shape(block.cell, degree, nodes), radius, nodes, volume.sum(axis=1), cells

@@ -36,9 +36,11 @@ class BlockStress:
     rows : slice
         Cells.
     nodal : ndarray (n_local, d)
+    found : dict, optional
+        Of the displacement: what is found of cells that have yielded, for others that ask for the same.
     """
 
-    def __init__(self, space, bulk, number, rows, nodal):
+    def __init__(self, space, bulk, number, rows, nodal, found=None):
         block = space.mesh.blocks[number]
         self.space, self.block, self.degree = space, block, space.degree_of(block)
         self.lam, self.mu = bulk.constants[block.body]
@@ -58,7 +60,12 @@ class BlockStress:
         self._heat = bulk.heat if bulk.heat is not None and bulk.heat.heated(number) else None
         self._cells = number, np.arange(len(block.nodes))[rows]
         state = getattr(bulk, "states", {}).get(number)
-        self.excess = None if state is None else _excess(space, state, number, rows, nodal)
+        self.excess = None
+        if state is not None:
+            found, key = {} if found is None else found, (number, *rows.indices(len(block.nodes))[:2])
+            if key not in found:
+                found[key] = _excess(space, state, number, rows, nodal)
+            self.excess = found[key]
 
     def __call__(self, grad, values, radius, xi):
         """Stress at points.
@@ -99,8 +106,11 @@ class BlockStress:
             around = self._take_heat(stress, around, xi)
         if self.excess is not None:
             excess, points = self.excess
-            around = _add_excess(np.matmul(extrapolation(self.block.cell, self.space.degree, points, xi), excess),
-                                 stress, around)  # fmt: skip
+            key = "extrapolation", self._cells[0], xi.tobytes()
+            matrix, = self.space.kept(
+                key, lambda: (extrapolation(self.block.cell, self.space.degree, points, xi),)
+            )
+            around = _add_excess(np.matmul(matrix, excess), stress, around)
         return stress, around
 
     def _places(self, xi):
@@ -155,8 +165,7 @@ def mandel(slope, ring, m):
 
 def _excess(space, state, number, rows, nodal):
     """Excess (nc, nq, m) over elasticity at the bulk's own points, and these points (nq, d)."""
-    cells = np.arange(len(space.cells[number]))[rows]
-    grad, ring, xi = some_cells(space, number, cells)
+    grad, ring, xi = some_cells(space, number, rows)
     ring = NO_RING if ring is None else np.ascontiguousarray(ring)
     state, m = state.of(rows), state.strain.shape[2]
     excess = np.zeros(state.strain.shape)

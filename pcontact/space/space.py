@@ -5,6 +5,7 @@ import numpy as np
 from pcontact.element.reference import CELLS, facet_nodes, n_nodes
 from pcontact.runtime.parallel import Exchanger, NodeExchange
 from pcontact.runtime.petsc import MPI, PETSc
+from pcontact.space.kept import Kept
 from pcontact.space.numbering import Numbering
 
 # a node is on the axis of symmetry if its radius is below this part of the largest
@@ -44,6 +45,8 @@ class Space:
     numbering : Numbering
     nodes : ndarray (n_local,)
         Global node numbers.
+    kept : pcontact.space.kept.Kept
+        What others have made of the mesh, and use again.
 
     Notes
     -----
@@ -77,7 +80,7 @@ class Space:
         self.n_owned, self.start = self.numbering.n_owned, self.numbering.start
         owned = (self.nodes >= self.start) & (self.nodes < self.start + self.n_owned)
         self.owned_local = np.flatnonzero(owned)[np.argsort(self.nodes[owned])]
-        self._template = self.vector()
+        self._template, self.kept = self.vector(), Kept()
         self.local = self.exchange(self.nodes)
 
     @property
