@@ -2,11 +2,14 @@
 
 Scenes of `_named_scenes.py`, with targets that take two refinements or more, on one rank of an idle machine; kernels
 are loaded by runs outside the clock. ``--by-hand`` sets Hertz's ball beside uniform meshes of degree 1, and beside the
-mesh and settings that cost least for their error in docs/tables/accuracy.md; the error of the loop is its estimate over
-the effectivity that docs/estimate.md has for that scene.
+meshes and settings that cost least for their error in docs/tables/accuracy.md: seconds of those, at the error of the
+loop, are extrapolated with the rates of the two finest meshes. All errors are distances to the reference that
+`named_error.py` leaves beside its rows (``--against``, which takes minutes and is no part of the seconds).
 
     python drivers/studies/named_cost.py --scene punch rings -o small
     python drivers/studies/named_cost.py --join small large --publish docs/tables/named_cost.md
+    python drivers/studies/named_cost.py --scene --by-hand --target 0.04 0.02 -o hand
+    python drivers/studies/named_cost.py --scene --by-hand --against ball/reference_hertz3d.npz -o errors
 """
 
 import json
@@ -14,11 +17,14 @@ import time as clock
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+
 from drivers._common import log, main, make_parser, markdown, print_table, write_json
-from drivers.studies._named_reference import BUDGET
+from drivers.studies._named_reference import BUDGET, Reference
 from drivers.studies._named_scenes import HELD_BACK, SCENES
 from drivers.studies._trade_cases import CASES
 from drivers.studies._trade_runs import changed
+from drivers.studies.named_error import Answer
 from pcontact.adapt.loop import Loop
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.parallel import on_root
@@ -46,8 +52,6 @@ ALL = SCENES | HELD_BACK
 # [s] Below, the best of three loops counts after a first one, and the best of three runs: what is loaded or compiled
 # when it is first used is no part of either.
 SHORT = 8.0
-# [-] Estimate over error of the ball with degree 2. From: docs/estimate.md
-EFFECTIVITY = 1.35
 BEST = {"quadrature": 3, "snes": 1e-3, "krylov": 0.01, "patience": 30, "again": 1}
 ABOUT = """# What naming an error costs
 
@@ -61,8 +65,8 @@ loaded before. `pressure` is that in L2.
 """
 
 
-def seconds_of(scene, mesh=None):
-    """Set-up and solve of one run from scratch, and its unknowns. *Collective.*"""
+def seconds_of(scene, mesh=None, take=lambda _: None):
+    """Set-up and solve of one run from scratch, its unknowns, and what `take` makes of it. *Collective.*"""
     if mesh is not None:
         mesh.pieces.clear()
     begun = clock.perf_counter()
@@ -70,7 +74,7 @@ def seconds_of(scene, mesh=None):
     try:
         if not simulation.run(None):
             raise InputError("a load step did not converge; allowed: another scene")
-        return clock.perf_counter() - begun, simulation.problem.space.n_dofs
+        return clock.perf_counter() - begun, simulation.problem.space.n_dofs, take(simulation)
     finally:
         simulation.free()
 
@@ -102,17 +106,40 @@ def measured(name, of, error, folder):
             seconds / single], loop  # fmt: skip
 
 
+def at_error(rows, error):
+    """Seconds at an error, with the rate of two (error, seconds)."""
+    (coarse, little), (fine, much) = rows
+    return much * (fine / error) ** (np.log(much / little) / np.log(coarse / fine))
+
+
 def by_hand(args):
     """Hertz's ball: the loop, uniform meshes of degree 1, and what costs least by hand."""
-    row, loop = measured("hertz3d", "energy", args.target, args.o)
-    row = dict(zip(HEAD, row, strict=True))
-    rows = [["-error", loop.passes[-1].estimate / EFFECTIVITY, row["unknowns"], row["loop, s"]]]
-    case = CASES["hertz3d"]
+    best = None if args.against is None else Reference.read(args.against)
+
+    def error(kept):
+        return float("nan") if best is None else best.distance(kept.solution.at, kept.axisymmetric, kept.laws)
+
+    def taken(simulation):
+        kept = Answer(None)
+        if best is not None:
+            kept(simulation, True)
+        return kept
+
+    rows, case = [], CASES["hertz3d"]
+    loop_of(ALL["hertz3d"].scene(args.o), Target(0.1))
+    for target in args.target:
+        loop, seconds = loop_of(ALL["hertz3d"].scene(args.o), Target(target, budget=BUDGET))
+        kept = None if best is None else seconds_of(loop.last_scene(), loop.mesh, taken)[2]
+        rows.append([f"-error {target:g}", error(kept), loop.passes[-1].unknowns, seconds])
     for facets, degree, knobs in ((4, 2, BEST), (8, 2, BEST), (8, 1, {}), (16, 1, {})):
         scene = changed(case.scene(case.mesh(args.o, facets, degree), degree, case.steps), knobs)
-        seconds, unknowns = seconds_of(scene)
-        rows.append([f"{facets} facets, degree {degree}", float("nan"), unknowns, seconds])
+        seconds, unknowns, kept = seconds_of(scene, take=taken)
+        rows.append([f"{facets} facets, degree {degree}", error(kept), unknowns, seconds])
     print_table("ball on block", ("mesh", "error", "unknowns", "seconds"), rows)
+    hand, uniform = ([(row[1], row[3]) for row in some] for some in (rows[-4:-2], rows[-2:]))
+    for name, found, _, seconds in rows[:-4] if best is not None else ():
+        log.info("%s: %.3g times the seconds of the best by hand, %.3g of uniform meshes of degree 1", name,
+                 seconds / at_error(hand, found), seconds / at_error(uniform, found))  # fmt: skip
     return rows
 
 
@@ -157,7 +184,8 @@ def parser():
     add = p.add_argument
     add("--scene", nargs="*", default=list(TARGETS), choices=list(TARGETS), help="all, if nothing is said")
     add("--by-hand", action="store_true", help="Hertz's ball beside meshes made by hand")
-    add("--target", type=float, default=0.04, help="of the ball with --by-hand (0.04)")
+    add("--target", type=float, nargs="+", default=[0.04], help="of the ball with --by-hand (0.04)")
+    add("--against", type=Path, metavar="FILE", help="with --by-hand: the reference that errors are told by")
     add("--join", type=Path, nargs="+", metavar="DIR", help="no runs: the rows of earlier ones, the later win")
     add("--publish", type=Path, metavar="FILE", help="a page to write the table to")
     return p
