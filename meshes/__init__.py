@@ -19,7 +19,7 @@ from .indent import indent
 from .ironing import ironing, ironing_slab
 from .layer import layer_on_base
 from .pin import pin
-from .punch import punch, rounded_punch
+from .punch import cube_on_block, punch, rounded_punch
 from .rings import rings
 from .seal import seal
 from .shells import shells, tubes
@@ -58,6 +58,7 @@ GENERATORS = {
         layer_on_base,
         pin,
         punch,
+        cube_on_block,
         rounded_punch,
         shells,
         tubes,

@@ -1,4 +1,5 @@
-"""Punches on blocks: half of a flat one with sharp corners in the plane, the meridian of one whose edge is rounded."""
+"""Punches on blocks: half of a flat one with sharp corners in the plane, a quarter of a cube with sharp edges, the
+meridian of one whose edge is rounded."""
 
 from __future__ import annotations
 
@@ -64,6 +65,70 @@ def punch(
         gmsh.option.setNumber("Mesh.MeshSizeExtendFromBoundary", 1)
         unstructured(cell)
         return finish(path, 2, order)
+
+
+def cube_on_block(
+    path: str | Path,
+    h: float = 0.5,
+    *,
+    half_width: float = 0.5,
+    width: float = 1.5,
+    depth: float = 1.5,
+    height: float = 0.5,
+    order: int = 1,
+) -> Path:
+    """A quarter of a box with sharp edges (x, y >= 0, above z = 0) on a quarter of a larger one, in tetrahedra.
+
+    Groups: punch, block; punch_face, punch_top, punch_side, block_under (below the punch), block_top (beside it),
+    block_bottom, block_side, symmetry_x (x = 0, both), symmetry_y.
+
+    Parameters
+    ----------
+    path : file to write
+    h : element size
+    half_width, height : of the punch
+    width, depth : of the quarter of the block
+    order : 1 or 2, degree of the geometry
+    """
+    check_cell("cube_on_block", "tetrahedron", 3, order)
+    if not 0.0 < half_width < width or min(depth, height) <= 0.0:
+        raise ValueError(f"mesh 'cube_on_block': half_width {half_width}, width {width}; expected 0 < half_width "
+                         "< width")  # fmt: skip
+    with gmsh_model("cube_on_block"):
+        occ, a = gmsh.model.occ, half_width
+        block, square = occ.addBox(0, 0, -depth, width, width, depth), occ.addRectangle(0, 0, 0, a, a)
+        pieces, _ = occ.fragment([(3, block)], [(2, square)])
+        # a body of its own, which shares no node with the block
+        upper = occ.addBox(0, 0, 0, a, a, height)
+        occ.synchronize()
+        lower = [tag for dim, tag in pieces if dim == 3]
+        bodies = {"punch": [upper], "block": lower}
+        faces = {name: gmsh.model.getBoundary([(3, one) for one in some], oriented=False)
+                 for name, some in bodies.items()}  # fmt: skip
+
+        def on(names, axis, value):
+            """Faces of bodies on a plane."""
+            boxes = {tag: gmsh.model.getBoundingBox(2, tag) for name in names for _, tag in faces[name]}
+            return [tag for tag, box in boxes.items()
+                    if max(abs(box[axis] - value), abs(box[axis + 3] - value)) < 1e-5 * width]  # fmt: skip
+
+        for name, some in bodies.items():
+            group(3, name, some)
+        group(2, "punch_face", on(["punch"], 2, 0.0))
+        group(2, "punch_top", on(["punch"], 2, height))
+        group(2, "punch_side", [tag for axis in (0, 1) for tag in on(["punch"], axis, a)])
+        # the square alone ends where the punch does
+        top = on(["block"], 2, 0.0)
+        under = [tag for tag in top if gmsh.model.getBoundingBox(2, tag)[3] < 0.5 * (a + width)]
+        group(2, "block_under", under)
+        group(2, "block_top", [tag for tag in top if tag not in under])
+        group(2, "block_bottom", on(["block"], 2, -depth))
+        group(2, "block_side", [tag for axis in (0, 1) for tag in on(["block"], axis, width)])
+        group(2, "symmetry_x", on(bodies, 0, 0.0))
+        group(2, "symmetry_y", on(bodies, 1, 0.0))
+        gmsh.model.mesh.setSize(gmsh.model.getEntities(0), h)
+        unstructured("tetrahedron")
+        return finish(path, 3, order)
 
 
 def rounded_punch(

@@ -14,12 +14,12 @@ from drivers._common import make_mesh
 from drivers.cases import cattaneo_mindlin, disk_on_block, hertz, indent, rings, thick_cylinder
 from drivers.studies._block_scenes import DIRECT, blocks, laminates, loaded
 from drivers.studies._round_bodies import LARGE, MIDDLE, SMALL, round_scene, shell_constants, shell_exact, wound_rings
-from drivers.studies.adapt import punch_scene
+from drivers.studies.adapt import STIFF, STROKE, punch_scene
 from meshes import disk_on_block as disk_mesh
 from meshes import indent as indent_mesh
 from meshes import rings as rings_mesh
 from meshes import two_blocks
-from meshes.punch import punch
+from meshes.punch import cube_on_block, punch
 from meshes.shells import shells
 from pcontact.scene.model import Body, Contact, Displacement, Load, Material, MeshSpec, Output, Scene, Steps
 
@@ -112,6 +112,24 @@ def _punch(folder):
     return scene
 
 
+def _cube(folder):
+    path = make_mesh(cube_on_block, folder / "cube.msh", h=0.5)
+    return Scene(
+        title="a stiff cube with sharp edges pressed on a block",
+        mesh=MeshSpec(path, order=2),
+        materials={"punch": Material(STIFF, 0.3), "block": Material(1.0, 0.3)},
+        bodies=[Body("punch", "punch"), Body("block", "block")],
+        contacts=[Contact("block_under", "punch_face", name="face")],
+        displacements=[
+            Displacement("symmetry_x", [0.0, "free", "free"]),
+            Displacement("symmetry_y", ["free", 0.0, "free"]),
+            Displacement("block_bottom", ["free", "free", 0.0]),
+            Displacement("punch_top", ["free", "free", STROKE]),
+        ],
+        output=Output(fields=False),
+    )
+
+
 def _receding(folder):
     path = make_mesh(two_blocks, folder / "receding.msh", 2, 4, 5, "triangle", order=2)
     return Scene(
@@ -194,6 +212,7 @@ SCENES = {
     "hill": NamedScene("thick cylinder, Hill", _hill, ("energy", "displacement:outer")),
     "indent": NamedScene("indentation", _indent, ("energy", "force:ball"), reference=0.05),
     "punch": NamedScene("re-entrant punch", _punch, ("energy", "support:punch_top", "force:face")),
+    "cube": NamedScene("a cube with sharp edges on a block", _cube, reference=0.025),
     "receding": NamedScene("receding contact", _receding, ("energy", "force:face", "displacement:upper_top")),
     "shells": NamedScene("spherical shells, Lame", _shells, ("energy", "force:round"), shell_exact,
                          {"force:round": shell_force()}),

@@ -140,6 +140,10 @@ CASES = [
         "rounded_punch", {"h": 20.0}, "punch block",
         "punch_skin punch_side punch_top block_bottom block_side block_top axis",
     ),
+    (
+        "cube_on_block", {}, "punch block",
+        "punch_face punch_top punch_side block_under block_top block_bottom block_side symmetry_x symmetry_y",
+    ),
     ("seal", {"n": (2, 12)}, "seal", "base outside inside symmetry"),
     ("seal", {"n": (2, 12), "cell": "triangle"}, "seal", "base outside inside symmetry"),
     ("cook", {"n": 4}, "panel", "left right bottom top"),
