@@ -25,6 +25,9 @@ FALLEN, GROWN = 0.97, 1.3
 FIRST_TRUST, LEAST_TRUST = 0.83, 0.4
 # [-] The same, below which the rate is not known yet. From: a cube pressed on a block, drivers/studies/named_error.py.
 STEADY = 0.7
+# [unknowns] By the dimension: a pass with as many takes about twice as long as one with a few; and the power with which
+# meshes for quantities that have less are made. From: named_cost.py; the punch, whose corners two meshes tell.
+CHEAP, CAREFUL = {2: 1000, 3: 200}, 0.3
 
 
 class Decision:
@@ -88,7 +91,7 @@ class Decision:
         seen = self._refining.look(space, watch.squares, self._same_bodies())
         # cells that are cut toward singular edges tell how far they are to be cut, mesh by mesh
         known = known and (self._refining.whole or self._trust(done) >= STEADY)
-        step = self._refining.step(space, watch.squares, seen, self.wanted(done), most, known)
+        step = self._step(space, watch, seen, done, most, known)
         if self._refining.whole and self._divides(simulation, watch, done, step):
             seen = (None, None, seen[2])
             step = self._refining.step(space, watch.squares, seen, self._wanted_divided(done), most, False, True)
@@ -97,6 +100,21 @@ class Decision:
             return self._spent(f"the budget is spent ({self._budget.by})")
         done.next = self.expected(done, step)
         return None, step
+
+    def _step(self, space, watch, seen, done, most, known):
+        """How the cells are cut that are not divided. *Collective.*
+
+        Where few unknowns reach the target of a quantity, so many are taken that it is reached although the error falls
+        with a low power: what misses it costs another pass, and these hardly anything. The energy norm is estimated
+        worst on meshes that do not know singular points: more of such cells help little.
+        """
+        wanted, cheap = self.wanted(done), CHEAP[space.dim] / done.unknowns
+        step = self._refining.step(space, watch.squares, seen, wanted, most, known)
+        energy = self._target.quantity == "energy"
+        if energy or self._refining.whole or step.cuts.part > wanted or step.cuts.growth >= min(cheap, most):
+            return step
+        surely = self.wanted(done, CAREFUL)
+        return self._refining.step(space, watch.squares, seen, surely, min(cheap, most), True)
 
     def _divides(self, simulation, watch, done, step):
         """Whether the cells of a mesh are divided into simplices. *Collective.*"""

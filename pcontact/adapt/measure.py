@@ -61,7 +61,8 @@ class Measure:
         loads, forces = simulation.error_estimate.of_loads(watch.time)
         beside["loads"] = loads / norm
         if self._target.quantity == "energy":
-            estimate /= self._seen.part(simulation, watch)
+            far = estimate / known.least > self._target.error
+            estimate /= self._seen.part(simulation, watch, far)
         else:
             found = simulation.error_estimate.of_quantity(
                 self._target, watch.record, simulation.stepper.u, watch.time, watch.unbalanced

@@ -16,8 +16,10 @@ PASS = 4.0
 # least `PASS` times those of now: the rate at which the error falls is not known yet. From: Hertz's ball at 1 %; a mesh
 # that misses its target costs as much as the one that follows, one with an eighth of the cells little.
 LEAP, TRIAL = 8.0, 0.125
-# [-] Bisections of the scale until it is known. From: the ratio of two neighbouring doubles is never needed.
-HALVINGS = 50
+# [-] Bisections of the scale until it is known: at most, the part of the cells that they need not tell, and the part of
+# their squares by which cells that are alike differ. From: neighbours of cells that are cut follow, by far more; a mesh
+# and its mirror image, whose squares differ by what the solver leaves.
+HALVINGS, KNOWN, SAME = 50, 0.005, 1e-4
 # [halvings] Rounding.
 ROUNDED = 1e-9
 
@@ -154,20 +156,25 @@ def cuts(comm, errors, part, most=np.inf):
             wanted = dim / (2.0 * degree + dim) * np.log2(squares / scale)
         more = np.clip(np.where(wanted > 0.0, np.rint(wanted), np.ceil(wanted)), back, AT_ONCE * dim).astype(np.int64)
         parts = np.where(more > 0, number * series, number)
-        own = [(parts * squares) @ 0.25 ** (degree * more / dim), parts @ 2.0**more]
-        left, cells = comm.allreduce(np.array(own), op=MPI.SUM)
+        own, both = np.array([(parts * squares) @ 0.25 ** (degree * more / dim), parts @ 2.0**more]), np.empty(2)
+        comm.Allreduce(own, both, op=MPI.SUM)
+        left, cells = both
         return Cuts(more, float(np.sqrt(left / total)), float(cells / count))
 
     # cells as large as this become as small as may be; below, those with smaller contributions catch up
     cut_most = high / 2.0 ** ((2.0 * most_degree + dim) * AT_ONCE)
     low, high = low / 4.0 ** ((most_degree + dim) * AT_ONCE), 2.0 * high
+    at_low, at_high = tried(low), tried(high)
     for _ in range(HALVINGS):
+        if at_low.growth - at_high.growth < KNOWN * at_low.growth or high < (1.0 + SAME) * low:
+            break
         middle = np.sqrt(low * high)
         found = tried(middle)
-        enough = found.part < part or found.growth > most or (middle < cut_most and found.growth > PASS)
-        low, high = (middle, high) if enough else (low, middle)
-    found = tried(low)
-    return tried(high) if found.growth > most else found
+        if found.part < part or found.growth > most or (middle < cut_most and found.growth > PASS):
+            low, at_low = middle, found
+        else:
+            high, at_high = middle, found
+    return at_high if at_low.growth > most else at_low
 
 
 def _sums(comm, squares, number):

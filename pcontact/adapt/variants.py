@@ -35,9 +35,9 @@ def solved(scene, comm, said, mesh, known=None, watch=None):
         simulation.free()
 
 
-def halved_steps(scene):
-    """The scene with twice the load steps."""
-    return replace(scene, steps=replace(scene.steps, count=2 * scene.steps.count))
+def with_steps(scene, count):
+    """The scene with another number of load steps."""
+    return replace(scene, steps=replace(scene.steps, count=count))
 
 
 def finer_quadrature(scene, degree):
