@@ -212,7 +212,7 @@ SCENES = {
     "hill": NamedScene("thick cylinder, Hill", _hill, ("energy", "displacement:outer")),
     "indent": NamedScene("indentation", _indent, ("energy", "force:ball"), reference=0.05),
     "punch": NamedScene("re-entrant punch", _punch, ("energy", "support:punch_top", "force:face")),
-    "cube": NamedScene("a cube with sharp edges on a block", _cube, reference=0.025),
+    "cube": NamedScene("a cube with sharp edges on a block", _cube, reference=0.05),
     "receding": NamedScene("receding contact", _receding, ("energy", "force:face", "displacement:upper_top")),
     "shells": NamedScene("spherical shells, Lame", _shells, ("energy", "force:round"), shell_exact,
                          {"force:round": shell_force()}),

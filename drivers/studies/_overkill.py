@@ -16,8 +16,9 @@ CLOSE = 1e-9
 
 @njit
 def _near_cells(x, lower, upper, child, first, last, order, cell_lower, cell_upper, found):
-    """Cells whose boxes hold each point, at most as many as there are columns; -1 where there are fewer."""
-    stack = np.empty(128, dtype=np.int64)
+    """Cells whose boxes hold each point, at most as many as there are columns, those first whose middle is near it; -1
+    where there are fewer."""
+    stack, away = np.empty(128, dtype=np.int64), np.empty(found.shape[1])
     for q in range(x.shape[0]):
         count, depth = 0, 1
         stack[0] = 0
@@ -34,11 +35,17 @@ def _near_cells(x, lower, upper, child, first, last, order, cell_lower, cell_upp
                 depth += 2
                 continue
             for i in range(first[node], last[node]):
-                inside = count < found.shape[1]
+                inside, off = count < found.shape[1], 0.0
                 for k in range(x.shape[1]):
                     inside = inside and cell_lower[i, k] <= x[q, k] <= cell_upper[i, k]
+                    off = max(off, abs(2.0 * x[q, k] - cell_lower[i, k] - cell_upper[i, k])
+                              / max(cell_upper[i, k] - cell_lower[i, k], 1e-300))  # fmt: skip
                 if inside:
-                    found[q, count] = order[i]
+                    at = count
+                    while at > 0 and away[at - 1] > off:
+                        found[q, at], away[at] = found[q, at - 1], away[at - 1]
+                        at -= 1
+                    found[q, at], away[at] = order[i], off
                     count += 1
 
 
