@@ -20,8 +20,8 @@ from pcontact.element.reference import CELLS, edge_nodes, middle_weights, refere
 FEW, TABLES = 160, 1024
 
 
-def _kept(function):
-    """The function of this module, with tables at few points kept; they are not to be changed."""
+def kept(function):
+    """A function of cell, degree and reference points, with tables at few points kept; they are not to be changed."""
 
     @functools.lru_cache(maxsize=TABLES)
     def known(cell, degree, count, points):
@@ -37,7 +37,7 @@ def _kept(function):
     return table
 
 
-@_kept
+@kept
 def shape(cell, degree, xi):
     """Shape functions at reference points.
 
@@ -77,7 +77,7 @@ def shape(cell, degree, xi):
     return np.hstack([bary * (2.0 * bary - 1.0), 4.0 * bary[:, a] * bary[:, b]])
 
 
-@_kept
+@kept
 def shape_gradient(cell, degree, xi):
     """Reference gradients of the shape functions at reference points.
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from pcontact.element.quadrature import quadrature
 from pcontact.element.reference import CELLS, facet_points
+from pcontact.element.shape import kept
 
 # values below this are zeros
 ZERO = 1e-12
@@ -74,8 +75,9 @@ def _tensor(cell, degree, xi):
     return values, gradients
 
 
+@kept
 def bubbles(cell, degree, xi):
-    """Functions of degree + 1 that vanish at the nodes of a degree.
+    """Functions of degree + 1 that vanish at the nodes of a degree; not to be changed.
 
     Parameters
     ----------
@@ -91,10 +93,10 @@ def bubbles(cell, degree, xi):
     gradients : ndarray (n, nb, dim)
         In reference coordinates.
     """
-    xi = np.asarray(xi, dtype=float)
     return _tensor(cell, degree, xi) if CELLS[cell].is_tensor else _simplex(cell, degree, xi)
 
 
+@functools.cache
 def number_of(cell, degree):
     """Number of these functions."""
     return bubbles(cell, degree, np.zeros((0, CELLS[cell].dim)))[0].shape[1]

@@ -44,6 +44,7 @@ from pcontact.estimate.bubbles import bubbles, number_of, supports
 from pcontact.estimate.facets import FacetPairs, facet_rule
 from pcontact.estimate.loads import Given
 from pcontact.estimate.local import NO_REST, LocalFunctions, Moduli, energies, products
+from pcontact.estimate.points import of_nodes_on_normals, on_normals
 from pcontact.estimate.recovery import Recovery
 from pcontact.estimate.springs import Springs
 from pcontact.estimate.stress import BlockStress, own_nodes
@@ -333,7 +334,7 @@ class Estimator:
                 at = self._kept(("facets", number, rows.start, f), make)
                 radius = at.points[:, :, 0] if space.axisymmetric else None
                 sigma, _ = stress(at.gradients, shape(block.cell, degree, at_xi), radius, at_xi)
-                traction[rows, f] = np.matmul(sigma, at.normals[..., None])[..., 0]
+                on_normals(sigma, at.normals, traction[rows, f])
                 normal[rows, f] = at.normals
                 jxw[rows, f] = at.jxw * space.circumference(at.points)
         return traction, normal, jxw
@@ -384,8 +385,11 @@ class Estimator:
             block = self.space.mesh.blocks[number]
             points = facet_points(block.cell, facet_rule(block.cell, self.space.degree)[0])
             values = shape(block.cell, self.space.degree_of(block), points.reshape(-1, self.space.dim))
-            at = np.einsum("pa,caij->cpij", values, sigma).reshape(*own[number][0].shape, self.space.dim)
-            result.append(np.einsum("cfqij,cfqj->cfqi", at, own[number][1]))
+            normals = own[number][1]
+            flat = normals.reshape(len(normals), len(values), self.space.dim)
+            found = np.empty_like(flat)
+            of_nodes_on_normals(values, np.ascontiguousarray(sigma), flat, found)
+            result.append(found.reshape(normals.shape))
         return result
 
     def _outer(self, number, time, traction, normal, inner, loads):

@@ -9,6 +9,7 @@ from pcontact.contact.traction.plastic import extrapolation
 from pcontact.element.dilatation import Mean, factors, hoop_operator, mean_dilatation
 from pcontact.element.reference import n_nodes
 from pcontact.element.shape import shape
+from pcontact.estimate.points import slopes
 from pcontact.material.mandel import HALF
 
 # rows and columns of Mandel components; the third entry is across the plane in two dimensions
@@ -88,7 +89,8 @@ class BlockStress:
             Hoop stress with axial symmetry.
         """
         d = grad.shape[3]
-        slope = _slope(self.u, grad)
+        slope = np.empty((*grad.shape[:2], d, d))
+        slopes(self.u, grad, slope)
         trace, ring = np.einsum("cqii->cq", slope), None
         if radius is not None:
             ring = np.einsum("cqa,ca->cq", hoop_operator(values, radius), self.u[:, :, 0])
@@ -140,16 +142,6 @@ class BlockStress:
             some = slice(first, first + PART)
             out[some] = np.einsum("pmn,pn->pm", law.deviation(points[some]), flat[some])
         return out.reshape(strain.shape)
-
-
-def _slope(u, grad):
-    """Displacement gradients (nc, nq, d, d)."""
-    nc, nq, nn, d = grad.shape
-    if d == 3:
-        return np.matmul(u.transpose(0, 2, 1)[:, None], grad)
-    # one product for all points of a cell is faster where matrices are as small as this
-    flat = np.matmul(grad.transpose(0, 1, 3, 2).reshape(nc, nq * d, nn), u)
-    return flat.reshape(nc, nq, d, d).transpose(0, 1, 3, 2)
 
 
 def mandel(slope, ring, m):
