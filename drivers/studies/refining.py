@@ -11,7 +11,7 @@ from drivers._common import log, main, make_mesh, make_parser, print_table, writ
 from meshes import two_blocks
 from pcontact import build
 from pcontact.adapt.sizes import Contributions, cuts
-from pcontact.adapt.watch import Beginning, Watch
+from pcontact.adapt.watch import Beginning, Known, Watch
 from pcontact.mesh.refinement.refine import Balance, refine
 from pcontact.runtime.errors import StepFailure
 from pcontact.runtime.options import Options
@@ -42,7 +42,7 @@ def solved(scene, mesh=None, known=None):
     """A run in memory, and, with an estimate, what it tells of its cells. *Collective.*"""
     simulation = Simulation(scene, mesh=mesh)
     if known is not None:
-        simulation.begin = Beginning(simulation, *known)
+        simulation.begin = Beginning(simulation, known)
     watch = Watch(simulation) if scene.output.estimate else None
     if not simulation.run(None, [] if watch is None else [watch]):
         raise StepFailure(str(simulation.failure))
@@ -73,7 +73,7 @@ def run(args):
     seconds = clock.perf_counter() - begun
     log.info("refined and spread over %d ranks in %.3g s", comm.size, seconds)
     scene.output.estimate = False
-    second, _ = solved(scene, finer, (watch.times, fields))
+    second, _ = solved(scene, finer, Known(watch.times, fields))
     after = second.times()
     rows = [[mesh.n_cells_total, unknowns, balance_of(mesh), before["solve"], before["total"]],
             [finer.n_cells_total, second.problem.space.n_dofs, balance_of(finer), after["solve"], after["total"]]]

@@ -12,6 +12,8 @@ from pcontact.runtime import log
 # [-] Part of what an error beside that of the mesh may have, up to which all of them are known well enough from one run
 # with half the load steps. From: sheared blocks, where twice as many change the solution as much as half as many do.
 ROUGHLY = 0.5
+# [-] Part of the load steps that must have been left out for it. From: chosen.
+FEWER = 0.75
 
 
 class Beside:
@@ -22,10 +24,15 @@ class Beside:
     target : pcontact.scene.target.Target
         Of what they are the error.
     settings : pcontact.adapt.settings.Settings
+
+    Attributes
+    ----------
+    doubled : pcontact.adapt.variants.Answer or None
+        Of twice the load steps on the first mesh.
     """
 
     def __init__(self, target, settings):
-        self._target, self._settings, self._found = target, settings, None
+        self._target, self._settings, self._found, self.doubled = target, settings, None, None
 
     def parts(self, simulation, done, size, watch):
         """Them, relative, by what brings them about. *Collective.*
@@ -61,18 +68,18 @@ class Beside:
             parts["frozen_partners"] = 0.0
         return parts
 
-    def with_steps(self, change, steps, before):
-        """Take notice of what more load steps have changed.
+    def with_steps(self, left, steps):
+        """Take notice of the error of load steps that a finer mesh than the first one tells.
 
         Parameters
         ----------
-        change : float
+        left : float
             Relative.
-        steps, before : int
-            Load steps now and before.
+        steps : int
+            Load steps that leave it.
         """
-        if np.isfinite(change):
-            self._found["load_steps"], self._steps = change / ((steps / before) ** STEPS_RATE - 1.0), steps
+        if np.isfinite(left):
+            self._found["load_steps"], self._steps = left, steps
 
     def _measure(self, simulation, size, watch):
         if simulation.problem.linear:
@@ -124,9 +131,15 @@ class Beside:
         fewer = -(-steps // 2)
         if fewer == steps:
             return {}
-        change = variants.difference(simulation, variants.with_steps(other, fewer), self._target, watch)
+        answer = variants.answer(simulation, variants.with_steps(other, fewer), self._target, watch.known)
+        if answer is None:
+            return {}
+        change = variants.change_to(simulation, answer, self._target, watch)
+        # corners of amplitudes are met, however few load steps are planned: then the change is that of the others
+        if answer.number > FEWER * simulation.stepper.number:
+            return dict.fromkeys(names, change)
         # of the error that falls from one to the other number, what is left
-        left = change / ((steps / fewer) ** STEPS_RATE - 1.0)
+        left = change / ((simulation.stepper.number / answer.number) ** STEPS_RATE - 1.0)
         if not left + len(names) * change <= ROUGHLY * SHARE * self._target.error * size:
             return {}
         return dict.fromkeys(names, change) | {"load_steps": left * (1.0 - 0.5**STEPS_RATE)}
@@ -147,6 +160,9 @@ class Beside:
         """What a scene `other` changes, relative; 0 where that is not known. *Collective.*"""
         if self._rough(simulation, name):
             value = variants.of_facets(simulation, self._settings.scene(), self._target) / size
+        elif name == "load_steps":
+            self.doubled = variants.answer(simulation, other, self._target, watch.known)
+            value = variants.change_to(simulation, self.doubled, self._target, watch) / size
         else:
             value = variants.difference(simulation, other, self._target, watch) / size
         if not np.isfinite(value):

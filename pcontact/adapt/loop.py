@@ -100,7 +100,7 @@ class Loop:
         simulation = Simulation(scene, self.comm, self.said, self._refining.first if mesh is None else mesh)
         watch = Watch(simulation)
         if known is not None:
-            simulation.begin = Beginning(simulation, *known)
+            simulation.begin = Beginning(simulation, known)
         where = None if directory is None else directory / f"pass_{len(self.passes) + 1}"
         observers = [watch, *self._observers(simulation)]
         try:
@@ -184,7 +184,7 @@ class Loop:
             if status is None and self._looks_ahead:
                 status = self._look_ahead(simulation.problem.space, watch, done, step)
             if status is None and not self._settings.degree.is_open(self.mesh.curved):
-                watch = self._measure.with_steps(simulation, watch, done)
+                self._measure.with_steps(simulation, watch, done)
             if status is None:
                 mesh, known, status = self._onward(simulation, watch, done, step)
             done.seconds = clock.perf_counter() - begun
@@ -203,13 +203,20 @@ class Loop:
         if degree.is_open(last.mesh.curved):
             degree.try_higher(last)
             done.next = {"unknowns": None, "mesh": None, "load_steps": self._settings.steps, "degree": 2}
-            return last.mesh, (watch.times, watch.fields), None
+            return last.mesh, watch.known, None
         begun = degree.choose(last, self.target.error)
         mesh, watch = begun.mesh, begun.watch
         done.next = self._decision.expected(begun.done, begun.step)
-        finer, fields = self._refining.cut(mesh, begun.step, watch.fields, simulation.scene)
-        status = self._decision.fits(begun.done.unknowns * finer.n_nodes_total / mesh.n_nodes_total)
-        return finer, (watch.times, fields), status
+        meshes = []
+
+        def cut(fields):
+            finer, fields = self._refining.cut(mesh, begun.step, fields, simulation.scene)
+            meshes.append(finer)
+            return fields
+
+        known = watch.known.moved(cut)
+        status = self._decision.fits(begun.done.unknowns * meshes[0].n_nodes_total / mesh.n_nodes_total)
+        return meshes[0], known, status
 
     def _look_ahead(self, space, watch, done, step):
         """`SPENT` and a forecast where it has enough passes to stand on. *Collective.*"""

@@ -9,10 +9,9 @@ from pcontact.adapt.known import effectivity, of_quantity
 from pcontact.adapt.passes import Pass
 from pcontact.adapt.seen import Seen
 from pcontact.adapt.settings import FACETS, SHARE
-from pcontact.adapt.variants import solved
-from pcontact.adapt.watch import Path
+from pcontact.adapt.variants import answer, followed
+from pcontact.adapt.watch import at_nodes
 from pcontact.element.reference import CELLS
-from pcontact.estimate.goal import value
 from pcontact.runtime.petsc import MPI, PETSc
 
 # [-] Growth of the number of load steps from which on what they change is measured. From: chosen; fewer tell little.
@@ -88,47 +87,56 @@ class Measure:
         return done
 
     def with_steps(self, simulation, watch, done):
-        """Run the mesh of a pass with the load steps of the next one: what they change is told by a finer mesh than the
-        first one, and the next mesh is compared with its like. *Collective.*
+        """Measure what load steps change on the mesh of a pass where the next one has more of them: a finer mesh than
+        the first one tells it better. The next mesh is compared with this one as it would be with its load steps.
+        *Collective.*
+
+        Half of the load steps of the pass are run. The change to them is followed to those of the next pass by the
+        power with which the error falls, see `pcontact.adapt.beside`.
 
         Parameters
         ----------
         simulation : pcontact.simulation.Simulation
             Of the pass.
         watch : pcontact.adapt.watch.Watch
+            Its `last` is set.
         done : pcontact.adapt.passes.Pass
-
-        Returns
-        -------
-        pcontact.adapt.watch.Path
-            What the next mesh begins with.
         """
-        steps, kept = self._settings.steps, []
-        if steps < AGAIN * done.steps:
-            return watch
-        begun = clock.perf_counter()
-        simulation.close()
-
-        def watched(run):
-            kept.append(Path(run))
-            return kept[0]
-
-        scene, known = self._settings.scene(), (watch.times, watch.fields)
-        scene.output.estimate = scene.output.checkpoint = False
-        with solved(scene, simulation.comm, simulation.options.said, simulation.mesh, known, watched) as (run, record):
-            if record is None:
-                return watch
-            if self._target.quantity == "energy":
-                change = simulation.stepper.u.copy()
-                change.axpy(-1.0, run.stepper.u)
-                change, size = simulation.error_estimate.norm(change), watch.norm
-            else:
-                new = value(run.problem, self._target, record, run.stepper.u)
-                change, size = abs(new - done.quantity["value"]), abs(new)
-                self._seen.with_steps(new)
-        self._beside.with_steps(change / size, steps, done.steps)
+        begun, first = clock.perf_counter(), len(self._passes) == 1
+        if self._settings.steps < AGAIN * done.steps:
+            return
+        other = self._beside.doubled if first else self._with_others(simulation, done)
+        if other is None:
+            return
+        taken, change = simulation.stepper.number, simulation.stepper.u.copy()
+        if other.number == taken:
+            return
+        part, times = followed(taken, other.number, taken * self._settings.steps / done.steps)
+        change.setArray(change.getArray(readonly=True) - other.u)
+        left = simulation.error_estimate.norm(change) / watch.norm
+        if self._target.quantity != "energy":
+            own = done.quantity["value"]
+            left = abs(own - other.value) / (abs(own) or 1.0)
+            self._seen.with_steps(own + part * (own - other.value))
+        if not first:
+            self._beside.with_steps(times * left, done.steps)
+        moved = simulation.stepper.u.copy()
+        moved.axpy(part, change)
+        watch.last = at_nodes(simulation.problem.space, moved)
         done.trials += clock.perf_counter() - begun
-        return kept[0]
+
+    def _with_others(self, simulation, done):
+        """A run of the mesh of a pass with half of its load steps; with twice as many where corners of amplitudes leave
+        no fewer. None where it does not converge. *Collective.*"""
+        simulation.close()
+        scene, taken = self._settings.scene(), simulation.stepper.number
+        scene.output.estimate = scene.output.checkpoint = False
+        for count in (max(done.steps // 2, 1), 2 * done.steps):
+            scene.steps.count = count
+            other = answer(simulation, scene, self._target)
+            if other is None or max(other.number, taken) >= AGAIN * min(other.number, taken):
+                return other
+        return None
 
     def _indicators(self, comm, squares, found):
         """What cells have in the error of a quantity, where that is what the mesh is refined for. *Collective.*"""

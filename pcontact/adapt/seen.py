@@ -194,8 +194,8 @@ class Seen:
             return EXPECTED
         if old is None or old[1] != degree:
             part = self._on_halved(simulation, lambda run, _, before: between(run, before, own))
-        elif simulation.begin.at(watch.time) is not None:
-            part = between(simulation, simulation.begin.at(watch.time), old[0])
+        elif simulation.begin.end(watch.time) is not None:
+            part = between(simulation, simulation.begin.end(watch.time), old[0])
         # a mesh that has changed the solution little says little
         self._part = self._part if part is None else min(self._part, part)
         return self._part

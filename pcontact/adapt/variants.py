@@ -2,9 +2,11 @@
 
 from contextlib import contextmanager
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
+from pcontact.adapt.settings import STEPS_RATE
 from pcontact.adapt.watch import Beginning
 from pcontact.contact.surface.smooth_geometry import smooth_surface
 from pcontact.estimate.goal import value
@@ -18,18 +20,17 @@ HIGHER = 4
 
 
 @contextmanager
-def solved(scene, comm, said, mesh, known=None, watch=None):
+def solved(scene, comm, said, mesh, known=None):
     """A run in memory whose lines are not shown, and the record of its last load step; None where it does not converge.
-    It begins where the bodies are known to be, see :class:`pcontact.adapt.watch.Beginning`; ``watch(simulation)`` makes
-    a further observer. *Collective.*
+    It begins where the bodies are known to be, see :class:`pcontact.adapt.watch.Beginning`. *Collective.*
     """
     simulation = Simulation(scene, comm, said, mesh)
     if known is not None:
-        simulation.begin = Beginning(simulation, *known)
+        simulation.begin = Beginning(simulation, known)
     try:
         with log.quiet():
             last = Last()
-            converged = simulation.run(None, [last] if watch is None else [last, watch(simulation)])
+            converged = simulation.run(None, [last])
         yield simulation, last.record if converged else None
     finally:
         simulation.free()
@@ -116,6 +117,62 @@ def of_facets(simulation, scene, target):
     return abs(quantities[1] - quantities[0])
 
 
+class Answer(NamedTuple):
+    """What a run with other settings has given.
+
+    Attributes
+    ----------
+    number : int
+        Load steps that it has taken.
+    u : ndarray (n_owned d,)
+        Displacement at its end [length].
+    value : float or None
+        Of the quantity, where there is one.
+    """
+
+    number: int
+    u: np.ndarray
+    value: float | None
+
+    @classmethod
+    def of(cls, run, record, target):
+        """That of a simulation, and the record of its last load step. *Collective.*"""
+        u = run.stepper.u
+        own = None if target.quantity == "energy" else value(run.problem, target, record, u)
+        return cls(run.stepper.number, u.getArray(readonly=True).copy(), own)
+
+
+def followed(taken, other, more):
+    """What a change from one number of load steps to another says, of errors c n^-r, see `STEPS_RATE`.
+
+    Parameters
+    ----------
+    taken, other : int
+        Load steps; the change is u(taken) - u(other).
+    more : float
+        Of the run to come.
+
+    Returns
+    -------
+    part : float
+        Of the change, by which the solution changes from `taken` to `more` load steps.
+    left : float
+        Size of the change, times this: the error with `taken` load steps.
+    """
+    own, others, then = (number**-STEPS_RATE for number in (taken, other, more))
+    return (own - then) / (others - own), own / abs(others - own)
+
+
+def answer(simulation, other, target, known=None):
+    """What a scene `other` gives on the same mesh, an :class:`Answer`; None where that is not known. *Collective.*"""
+    try:
+        with solved(other, simulation.comm, simulation.options.said, simulation.mesh, known) as (run, record):
+            return None if record is None else Answer.of(run, record, target)
+    except TOLD:
+        # a setting that the scene does not take
+        return None
+
+
 def difference(simulation, other, target, watch):
     """What another setting changes in the solution. *Collective.*
 
@@ -135,18 +192,15 @@ def difference(simulation, other, target, watch):
     float
         In the energy norm [sqrt(energy)], or of the quantity; nan where it is not known.
     """
-    try:
-        known = watch.times, watch.fields
-        with solved(other, simulation.comm, simulation.options.said, simulation.mesh, known) as (run, last):
-            if last is None:
-                return float("nan")
-            values = run.stepper.u.getArray(readonly=True).copy()
-            if target.quantity != "energy":
-                own = value(simulation.problem, target, watch.record, simulation.stepper.u)
-                return abs(value(run.problem, target, last, run.stepper.u) - own)
-    except TOLD:
-        # a setting that the scene does not take
+    return change_to(simulation, answer(simulation, other, target, watch.known), target, watch)
+
+
+def change_to(simulation, other, target, watch):
+    """How far an :class:`Answer`, or None, is from that of a simulation, as of :func:`difference`. *Collective.*"""
+    if other is None:
         return float("nan")
+    if target.quantity != "energy":
+        return abs(other.value - value(simulation.problem, target, watch.record, simulation.stepper.u))
     change = simulation.stepper.u.copy()
-    change.setArray(np.asarray(change.getArray(readonly=True)) - values)
+    change.setArray(np.asarray(change.getArray(readonly=True)) - other.u)
     return simulation.error_estimate.norm(change)

@@ -1,5 +1,7 @@
 """What one run tells the loop: the estimates of all load steps, and where the bodies were at their ends."""
 
+from typing import NamedTuple
+
 import numpy as np
 
 from pcontact.element.reference import reference_nodes
@@ -10,6 +12,34 @@ from pcontact.runtime.observer import Observer
 KEPT = 24
 # [-] Part of the time by which two ends of load steps may differ. From: rounding.
 SAME_TIME = 1e-9
+
+
+class Known(NamedTuple):
+    """Where the bodies were, at all nodes of a mesh of this rank.
+
+    Attributes
+    ----------
+    times : list of float
+        Ends of load steps.
+    fields : list of ndarray (n_nodes, d)
+        Displacements then [length].
+    every : bool
+        Whether these are all load steps.
+    last : ndarray (n_nodes, d) or None
+        The displacement at the end with the load steps of the next run, where these are others [length].
+    """
+
+    times: list
+    fields: list
+    every: bool = True
+    last: np.ndarray | None = None
+
+    def moved(self, function):
+        """The same on another mesh: ``function(fields)`` takes a list of fields there."""
+        if self.last is None:
+            return self._replace(fields=function(self.fields))
+        *fields, last = function([*self.fields, self.last])
+        return self._replace(fields=fields, last=last)
 
 
 class Path(Observer):
@@ -26,10 +56,17 @@ class Path(Observer):
     fields : list of ndarray (n_nodes, d)
         Displacements then, at all nodes of the mesh of this rank [length]; of many load steps every other one, or
         fewer, but always the last.
+    last : ndarray (n_nodes, d) or None
+        See :class:`Known`; None until it is set.
     """
 
     def __init__(self, simulation):
-        self._simulation, self.times, self.fields = simulation, [], []
+        self._simulation, self.times, self.fields, self.last, self._every = simulation, [], [], None, True
+
+    @property
+    def known(self):
+        """What there is to know for another run."""
+        return Known(self.times, self.fields, self._every, self.last)
 
     def step(self, step, u, record):
         """Keep it. *Collective.*"""
@@ -37,7 +74,7 @@ class Path(Observer):
         self.fields.append(at_nodes(self._simulation.problem.space, u))
         if len(self.times) > KEPT:
             # counted from the end: what bodies do between two of them is a straight line for the next mesh
-            self.times, self.fields = self.times[::-2][::-1], self.fields[::-2][::-1]
+            self.times, self.fields, self._every = self.times[::-2][::-1], self.fields[::-2][::-1], False
 
 
 class Watch(Path):
@@ -86,30 +123,38 @@ class Beginning:
 
     Where something remembers what has happened, the displacement of the other mesh itself is farther from the solution
     than that of the last load step: friction and plastic flow of the two meshes differ by more than they change in a
-    load step.
+    load step. Where only some load steps are known, the way between them is no straight line, and the bodies are
+    expected where they go on by themselves.
 
     Parameters
     ----------
     simulation : pcontact.simulation.Simulation
         That begins there.
-    times : list of float
-    fields : list of ndarray (n_nodes, d)
+    known : Known
         At the nodes of its mesh.
     """
 
-    def __init__(self, simulation, times, fields):
+    def __init__(self, simulation, known):
         space = simulation.problem.space
         rows = space.mesh_nodes[space.owned_local]
-        self._simulation, self._times = simulation, np.array([0.0, *times])
-        self._fields = [np.zeros((len(rows), space.dim)), *(field[rows] for field in fields)]
+        self._simulation, self._times, self._every = simulation, np.array([0.0, *known.times]), known.every
+        self._fields = [np.zeros((len(rows), space.dim)), *(field[rows] for field in known.fields)]
+        self._last = None if known.last is None else known.last[rows]
 
     def __call__(self, time):
         """The displacement (n_owned, d) at the end of a load step; None where that of the last mesh is not known."""
+        if not self._every:
+            return None
         stepper = self._simulation.stepper
         before, then = self.at(stepper.schedule.time), self.at(time)
         if before is None or then is None:
             return None
         return stepper.u.getArray(readonly=True).reshape(then.shape) + (then - before)
+
+    def end(self, time):
+        """The displacement (n_owned, d) of the last mesh at the end of the run, with the load steps of this one; None
+        where it is not known."""
+        return self.at(time) if self._last is None else self._last
 
     def at(self, time):
         """The displacement of the last mesh; between ends of load steps the mean."""

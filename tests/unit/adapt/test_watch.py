@@ -1,0 +1,35 @@
+"""Where the bodies were, for the next mesh."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from pcontact.adapt.watch import Beginning, Known
+
+
+def _begun(known, time=1.0):
+    """A `Beginning` on a mesh of two nodes, of a run at a time; it has them in another order."""
+    rows = np.array([1, 0])
+    space = SimpleNamespace(mesh_nodes=rows, owned_local=slice(None), dim=2)
+    u = SimpleNamespace(getArray=lambda readonly: np.full(4, 10.0))
+    stepper = SimpleNamespace(schedule=SimpleNamespace(time=time), u=u)
+    return Beginning(SimpleNamespace(problem=SimpleNamespace(space=space), stepper=stepper), known)
+
+
+def _field(value):
+    return np.array([[value, 0.0], [0.0, value]])
+
+
+def test_bodies_move_on_as_on_the_last_mesh():
+    begun = _begun(Known([1.0, 2.0], [_field(1.0), _field(3.0)]))
+    assert begun(1.5) == pytest.approx(10.0 + np.array([[0.0, 1.0], [1.0, 0.0]]))
+    assert begun(3.0) is None and begun.end(2.0) == pytest.approx(_field(3.0)[::-1])
+
+
+def test_some_load_steps_tell_no_motion():
+    """But where the bodies were at the end, or would have been with other load steps."""
+    known = Known([1.0, 2.0], [_field(1.0), _field(3.0)], every=False)
+    assert _begun(known)(2.0) is None and _begun(known).end(2.0) == pytest.approx(_field(3.0)[::-1])
+    moved = known._replace(last=_field(4.0)).moved(lambda fields: [2.0 * field for field in fields])
+    assert moved.fields[1] == pytest.approx(_field(6.0)) and _begun(moved).end(2.0) == pytest.approx(_field(8.0)[::-1])
