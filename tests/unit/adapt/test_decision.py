@@ -1,0 +1,52 @@
+"""What the next mesh is made for."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from pcontact.adapt.decision import FIRST_TRUST, Decision
+from pcontact.adapt.known import Range
+from pcontact.adapt.passes import Pass
+from pcontact.adapt.refining import Step
+from pcontact.adapt.sizes import Cuts
+from pcontact.runtime.petsc import MPI
+from pcontact.scene.target import Target
+
+
+class Recorder(SimpleNamespace):
+    """Stands for the refining of a mesh of tetrahedra: remembers what it is asked for."""
+
+    def look(self, *_):
+        return None, None, ()
+
+    def step(self, space, squares, seen, wanted, most, known):
+        self.wanted, self.known = wanted, known
+        return Step(Cuts(np.ones(1, dtype=np.int64), wanted, 10.0), None, ())
+
+
+def asked(second, explain=False):
+    """Of the refining after two passes, the second one of an error: the first had 0.4, and 0.1 was expected."""
+    known = Range(1.0, 2.0, "", 3)
+    passes = [Pass(100, 50, 2, error, known, {"mesh": error, "algebraic": 0.0}, error, seconds=1.0, memory=1e8)
+              for error in (0.4, second)]  # fmt: skip
+    passes[0].next = {"unknowns": 100.0, "mesh": 0.1, "load_steps": 1, "degree": 2}
+    refining = Recorder(whole=False, corners=SimpleNamespace(explain=explain))
+    settings = SimpleNamespace(staying=(), falling=("mesh",), steps=1, balance=lambda done: None)
+    decision = Decision(Target(0.01), settings, passes, refining, MPI.COMM_SELF)
+    simulation = SimpleNamespace(problem=SimpleNamespace(space=SimpleNamespace(dim=3)))
+    status, _ = decision.next(simulation, SimpleNamespace(squares=np.ones(1)), passes[-1])
+    assert status is None
+    return refining
+
+
+def test_a_mesh_that_has_brought_much_less_than_expected_is_followed_by_a_trial():
+    """As where cells have to become smaller toward an edge."""
+    assert asked(0.12).known and not asked(0.25).known
+
+
+def test_singular_points_excuse_and_cast_no_doubt():
+    """What has fallen as expected is trusted, whether they are there or not."""
+    assert asked(0.1, True).wanted == asked(0.1).wanted == pytest.approx(0.085)
+    assert asked(0.25, True).wanted == pytest.approx(0.034 ** (1.0 / FIRST_TRUST))
+    assert asked(0.25, True).known
