@@ -22,11 +22,12 @@ ABOUT = """# Errors that were named, and true ones
 `python drivers/studies/named_error.py` writes this page (`--scene` by `--scene`, then `--join` and `--publish`). It
 runs the scenes of `drivers/studies/_named_scenes.py` on one rank with the error that a row has as `target`, from a
 coarse mesh. `found` is the distance of the answer to an exact solution (the energy of rings, shrink_fit, wound and
-shells, the forces of rings and shells), or to a solution on another mesh of degree 2 that all rows of a scene share.
-That one comes from a run which names a several times smaller error, with a tolerance of 1e-9, and `reference` is what
-it may lack itself: the error that it names, with the change when its load steps are halved as that of the load steps.
-`true` is the root of the sum of both squares: the error of a solution is at right angles to what finer meshes add. The
-shared solution has the facets of the rows' meshes: what these lack is in `named`, but not in `true`.
+shells, the forces of rings and shells, the pressures of rings, shrink_fit and shells), or to a solution on another mesh
+of degree 2 that all rows of a scene share. That one comes from a run which names a several times smaller error (of the
+pressure, for pressures), with a tolerance of 1e-9, and `reference` is what it may lack itself: the error that it names,
+with the change when its load steps are halved as that of the load steps. `true` is the root of the sum of both squares:
+the error of a solution is at right angles to what finer meshes add. The shared solution has the facets of the rows'
+meshes: what these lack is in `named`, but not in `true`.
 
 All errors are relative, those of the energy norm in that of elasticity. `estimate` is what the program expects the
 error to be; `named` is larger, as it allows for the smallest effectivity that is known. Seconds are those of a busy
@@ -82,18 +83,24 @@ def summary(rows):
              f"{ratios.max():.3g} times as large."]  # fmt: skip
     sums = sum(row["found"] + row["reference"] <= row["named"] for row in found)
     words.append(f"Even the sum of `found` and `reference` is below it in {sums}.")
-    for energy, what in ((True, "the energy norm"), (False, "quantities")):
-        some = [row["estimate"] / row["true"] for row in found
-                if (row["of"] == "energy") == energy and row["true"] >= ROUNDING]  # fmt: skip
+    for kind, what in (("energy", "the energy norm"), ("pressure", "pressures in L2"), ("", "other quantities")):
+        some = [row["estimate"] / row["true"] for row in found if _kind(row) == kind and row["true"] >= ROUNDING]
         if some:
             words.append(f"Of {what} the estimate is {min(some):.3g} to {max(some):.3g} times the true error.")
     return words
 
 
+def _kind(row):
+    """The word of the quantity of a row; empty but for the energy norm and pressures."""
+    word = row["of"].partition(":")[0]
+    return word if word in ("energy", "pressure") else ""
+
+
 def _paint(axes, rows):
     rows = [row for row in rows if "true" in row and row["true"] >= SEEN]
-    for energy, style, text in ((True, "o", "energy norm"), (False, "s", "forces, displacements")):
-        some = [row for row in rows if (row["of"] == "energy") == energy]
+    for kind, style, text in (("energy", "o", "energy norm"), ("", "s", "forces, displacements"),
+                              ("pressure", "^", "pressures")):  # fmt: skip
+        some = [row for row in rows if _kind(row) == kind]
         axes.loglog([row["named"] for row in some], [row["true"] for row in some], style, mfc="none", label=text)
     ends = np.array([row[key] for row in rows for key in ("named", "true")])
     ends = np.array([ends.min(), ends.max()]) if len(ends) else np.array([SEEN, 1.0])

@@ -33,6 +33,12 @@ def shell_constants():
     return _shell(MIDDLE, LARGE, p, PRESSURE), _shell(SMALL, MIDDLE, 0.0, p)
 
 
+def shell_pressure():
+    """Contact pressure of the shells [stress]."""
+    (a, b), _ = shell_constants()
+    return b / MIDDLE**3 - a
+
+
 def shell_exact(x, body):
     """Displacement (n, 3) and its gradient (n, 3, 3) at points x (n, 3)."""
     constants, r = shell_constants()[body], np.linalg.norm(x, axis=1)

@@ -3,7 +3,8 @@
 Every scene of `_named_scenes.py` is run with ``-error`` from its coarse mesh, for all quantities and targets. The
 true error of the answer is that against the exact solution, or against a solution of a much smaller error that all
 rows of a scene share, see `_named_reference.py`; what that solution may lack is added to the squares. The energy norm
-is that of elasticity, of errors and displacements, where bodies yield, too. ``--held`` runs the scenes that were held
+is that of elasticity, of errors and displacements, where bodies yield, too. Pressures are compared in L2, see
+`_named_pressure.py`. ``--held`` runs the scenes that were held
 back, ``--kept`` takes the references that an earlier run has left beside its rows, ``--cost`` measures the seconds of
 the whole loop over those of a run of its last mesh alone, from scratch, without estimate.
 
@@ -25,6 +26,8 @@ from pathlib import Path
 
 from drivers._common import log, main, make_parser, print_table, write_json
 from drivers.studies import _named_page as page
+from drivers.studies._named_pressure import Pressure
+from drivers.studies._named_pressure import made as made_pressure
 from drivers.studies._named_reference import BUDGET, Reference, made
 from drivers.studies._named_scenes import HELD_BACK, SCENES
 from drivers.studies._overkill import Overkill
@@ -63,15 +66,19 @@ class Answer:
     axisymmetric : bool
     error : float or None
         That of the energy norm against an exact solution, relative.
+    pressure : drivers.studies._named_pressure.Pressure or None
     """
 
-    def __init__(self, exact):
+    def __init__(self, exact, contact=""):
         self._exact, self.solution, self.laws, self.axisymmetric, self.error = exact, None, [], False, None
+        self._contact, self.pressure = contact, None
 
     def __call__(self, run, converged):
         """Keep it. *Collective.*"""
         if not converged:
             return
+        if self._contact:
+            self.pressure = Pressure.of(run, self._contact)
         self.solution, space, bulk = Overkill(run), run.problem.space, run.problem.bulk
         self.laws = [(one, bulk.orthotropic.get(body)) for body, one in enumerate(bulk.constants)]
         self.axisymmetric = space.axisymmetric
@@ -100,7 +107,7 @@ def cost_of(loop, scene, seconds):
 def measure(name, named, of, error, args):
     """A row of the table (a dict), but for the true error, and the answer of the last pass. *Collective.*"""
     scene = scene_of(named, args.o)
-    kept = Answer(named.exact if of == "energy" else None)
+    kept = Answer(named.exact if of == "energy" else None, contact_of(of))
     start = clock.perf_counter()
     loop = Loop(replace(scene, accuracy=Target(error, of, budget=BUDGET)), take=kept)
     outcome = loop.run()
@@ -120,6 +127,12 @@ def measure(name, named, of, error, args):
     return row, kept
 
 
+def contact_of(of):
+    """The contact of a pressure; empty where it is another quantity."""
+    word, _, name = of.partition(":")
+    return name if word == "pressure" else ""
+
+
 def scene_of(named, folder):
     """A scene with the probes that its quantities need."""
     scene = named.scene(folder).copy()
@@ -128,9 +141,9 @@ def scene_of(named, folder):
 
 
 def reference(name, named, args):
-    """What the rows of a scene are compared with; None where all is known exactly. *Collective.*"""
-    wanted = [of for of in named.quantities if of != "energy" and of not in named.known]
-    if not wanted and named.exact is not None:
+    """What rows are compared with but for pressures; None where all is known exactly. *Collective.*"""
+    wanted = [of for of in named.quantities if of != "energy" and of not in named.known and not contact_of(of)]
+    if (not wanted and named.exact is not None) or not asked(named, args, lambda of: not contact_of(of)):
         return None
     if MPI.COMM_WORLD.size > 1:
         raise InputError(f"command line: found {MPI.COMM_WORLD.size} ranks; allowed: one, for {name}")
@@ -143,11 +156,35 @@ def reference(name, named, args):
     return Reference.read(path)
 
 
-def add_true(row, kept, named, best):
+def pressure_reference(name, named, args):
+    """What pressures are compared with, and what it may lack; None where they are known exactly, or none is asked for.
+    *Collective.*"""
+    wanted = asked(named, args, lambda of: contact_of(of) and of not in named.known)
+    if not wanted:
+        return None
+    path = args.o / f"reference_{name}_pressure.npz"
+    if not (args.kept and path.exists()):
+        start = clock.perf_counter()
+        found, error = made_pressure(scene_of(named, args.o), named.pressure, contact_of(wanted[0]))
+        found.write(path, error)
+        log.info("%s: reference of the pressure in %.3g s", name, clock.perf_counter() - start)
+    return Pressure.read(path)
+
+
+def asked(named, args, kind):
+    """Quantities of a scene that are asked for, of a kind."""
+    return [of for of in args.of or named.quantities if kind(of)]
+
+
+def add_true(row, kept, named, best, pressure):
     """Add the true error to a row, and what the reference has in it. *Collective.*"""
     if kept is None:
         return
-    if row["of"] == "energy":
+    if kept.pressure is not None and row["of"] in named.known:
+        found = kept.pressure.off(named.known[row["of"]]), 0.0
+    elif kept.pressure is not None:
+        found = pressure[0].distance(kept.pressure), pressure[1]
+    elif row["of"] == "energy":
         found = kept.error, 0.0
         if named.exact is None:
             found = best.distance(kept.solution.at, kept.axisymmetric, kept.laws), best.error
@@ -171,9 +208,9 @@ def run(args):
         for of in args.of or (named.quantities[:1] if args.tiny else named.quantities):
             for target in [0.1] if args.tiny else args.target:
                 own.append(measure(name, named, of, target, args))
-        best = reference(name, named, args)
+        best, pressure = reference(name, named, args), pressure_reference(name, named, args)
         for row, kept in own:
-            add_true(row, kept, named, best)
+            add_true(row, kept, named, best, pressure)
             rows.append(row)
         print_table("", page.HEAD, [page.line(row) for row, _ in own])
         write_json(args.o / page.FILE, rows)

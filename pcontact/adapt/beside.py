@@ -115,8 +115,11 @@ class Beside:
         """
         space = simulation.problem.space
         names = [name for name in tried if name != "load_steps" and not self._rough(simulation, name)]
-        if not (scene.remembers or scene.temperatures or self._target.quantity == "pressure"):
+        if not (scene.remembers or scene.temperatures):
             return linearised.changes(simulation, self._target, watch, names)
+        if self._target.quantity == "pressure":
+            # pressures can be compared where surfaces are the same
+            names = [name for name in names if name not in FACETS]
         other = variants.finer_quadrature(variants.searching(scene), space.degree) if names else scene
         other = variants.smooth_facets(other) if set(names) & set(FACETS) else other
         known = self._of_fewer_steps(simulation, other, names, size, watch) if "load_steps" in tried else {}
@@ -152,9 +155,12 @@ class Beside:
         """What curved facets change on the mesh and, by the gaps that it does not follow, on finer ones, relative.
         *Collective.*"""
         # where nodes come onto a geometry, finer meshes have smaller gaps to follow
-        if self._target.quantity != "energy" or not self._settings.staying:
+        if self._target.quantity not in ("energy", "pressure") or not self._settings.staying:
             return value
-        return float(np.hypot(value, roughness.energy(simulation, watch) / size))
+        if self._target.quantity == "energy":
+            return float(np.hypot(value, roughness.energy(simulation, watch) / size))
+        # gaps times gamma, which the pressure of the first mesh has in it, are its own error
+        return roughness.pressure(simulation, watch, self._target.name) / size
 
     def _tried(self, simulation, name, other, size, watch):
         """What a scene `other` changes, relative; 0 where that is not known. *Collective.*"""

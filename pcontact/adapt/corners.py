@@ -4,7 +4,12 @@ Around a point where the displacement goes like r^a, the squared error of the ce
 where h is their size; around others with h^(2 p + d). Two meshes, one of them finer there, tell the power. A coarse
 mesh knows little of a smooth solution that is steep along a curve, say around a hole: squares fall slowly there, too,
 but at one vertex after the other, while points toward which a solution is singular stand alone.
+
+A contact pressure goes like r^(a - 1) there, and in the plane the square of its error in L2 falls with h^(2 a - 1), the
+power of the energy less one. What the smallest cells that there may be leave of it is told ahead.
 """
+
+from typing import NamedTuple
 
 import numpy as np
 
@@ -14,6 +19,7 @@ from pcontact.element.reference import CELLS
 from pcontact.mesh.refinement.keys import vertex_keys
 from pcontact.mesh.refinement.origin import tree_points
 from pcontact.mesh.refinement.refine import Rise
+from pcontact.mesh.refinement.simplices import WISHED
 from pcontact.runtime.petsc import MPI
 
 # [-] Sizes of cells of the last mesh over those of now, from which on the power is told. From: chosen; closures alone
@@ -25,6 +31,77 @@ SINGULAR, LEAST = 0.7, 0.5
 # Vertices of one body that are found within a distance, and that distance over the size of cells of the last mesh, with
 # which they are no points. From: two edges of right-angled triangles (2.83); on coarse meshes all vertices of a hole.
 ROW, WITHIN = 2, 2.85
+# [-] Power of the energy around points below which a pressure is singular there. From: it is 2 where the pressure goes
+# like log r, as at kinks, and 3 at edges of contacts, which need not be at a vertex.
+BOUNDED = 1.9
+# [-] Cosine of half of the angle from which on surfaces turn at a vertex: 20 degrees. From: chords of a quarter of a
+# circle in five, which meshes of degree 2 need.
+TURN = 0.985
+# [-] Sizes of cells of the last mesh over those of now, from which on the power is known well. From: punches whose
+# powers are 1 and 1.54 had 0.9 to 1.3 and 1.2 to 1.5 with sizes over each other of 3 to 6, kinks and edges 1.5 to 3;
+# 1.00 and 1.52 to 1.58 with 1,000 and more. And part of the squared error of a pressure that says as much: points
+# toward which it is singular have most of it, kinks little each.
+SURE, MUCH = 16.0, 0.2
+# [-] The least power of the square of a pressure's error: where that of the energy is known well, and before. From:
+# smaller ones leave much of it on any mesh; and seven halvings more, which make it known well. Cells that are smaller
+# than those on the other body toward a point that is none make the pressure wrong.
+LEAST_OF_PRESSURE, UNSURE = 0.1, 2.5
+
+
+class Pressure(NamedTuple):
+    """What the cells have in the error of a contact pressure.
+
+    Attributes
+    ----------
+    squares : ndarray (n_cells,)
+        Of the error in L2, relative.
+    touched : ndarray (n_nodes,) of bool
+        Nodes of the mesh that are on the contact.
+    ends : ndarray (n_nodes,) of bool
+        Those at which one of its surfaces ends or turns: elsewhere no pressure is singular, but for kinks and edges of
+        what is closed.
+    """
+
+    squares: np.ndarray
+    touched: np.ndarray
+    ends: np.ndarray
+
+    @classmethod
+    def of(cls, space, squares, groups):
+        """With the facet groups of a contact in the plane. *Collective.*"""
+        own = [space.facet_nodes(facets) for name in groups for facets in space.mesh.facet_groups.get(name, [])]
+        normals, counts = np.zeros((2, space.n_local, 2))
+        for nodes in own:
+            along = space.points[nodes[:, 1]] - space.points[nodes[:, 0]]
+            along /= np.linalg.norm(along, axis=1, keepdims=True)
+            for vertex in nodes[:, :2].T:
+                np.add.at(normals, vertex, np.column_stack([along[:, 1], -along[:, 0]]))
+                np.add.at(counts[:, 0], vertex, 1.0)
+        normals, counts = _summed(space, normals), _summed(space, counts)[:, 0]
+        ends = (counts == 1.0) | ((counts > 0.0) & (np.linalg.norm(normals, axis=1) < TURN * counts))
+        of_mesh = np.zeros((2, len(space.mesh.points)), dtype=bool)
+        on = space.flag(np.unique(np.concatenate([np.zeros(0, np.int64), *(nodes.ravel() for nodes in own)])))
+        for some, found in zip(of_mesh, (on, ends), strict=True):
+            some[space.mesh_nodes[found]] = True
+        return cls(squares, *of_mesh)
+
+
+class Wall(NamedTuple):
+    """A point toward which a pressure is singular.
+
+    Attributes
+    ----------
+    point : tuple of float
+        [length]
+    power : float
+        Of the distance to it, that the pressure goes with.
+    left : float
+        Of the error of the pressure in L2, relative, with the smallest cells that there may be.
+    """
+
+    point: tuple
+    power: float
+    left: float
 
 
 def around_vertices(space, squares):
@@ -85,8 +162,8 @@ def _marks(mesh):
     return (keys >> np.uint64(11)).astype(float) * 2.0**-53
 
 
-def singular(space, now, before):
-    """The cells that touch a point toward which the solution is singular. *Collective.*
+def powers(space, now, before, pressure=None):
+    """With which the squares around the nodes of a mesh have fallen. *Collective.*
 
     Parameters
     ----------
@@ -94,6 +171,41 @@ def singular(space, now, before):
         Of triangles.
     now, before : ndarray (n_nodes, 3)
         Of :func:`around_vertices`, on this mesh and on the last one; `before` interpolated.
+    pressure : Pressure, optional
+        Where it is the error of one that counts.
+
+    Returns
+    -------
+    power : ndarray (n_nodes,)
+        Where there is no singular point, that of smooth solutions.
+    finer : ndarray (n_nodes,)
+        Sizes of cells of the last mesh over those of now; 1 where nothing is told.
+    """
+    mesh, smooth = space.mesh, _smooth(space)
+    told = (now[:, :2] > 0.0).all(axis=1) & (before[:, :2] > 0.0).all(axis=1) & (now[:, 2] == before[:, 2])
+    told[told] = before[told, 1] > FINER * now[told, 1]
+    power, finer = smooth.copy(), np.ones(len(smooth))
+    fallen, finer[told] = (before[told, k] / now[told, k] for k in range(2))
+    power[told] = np.log(fallen) / np.log(finer[told])
+    some = power <= SINGULAR * smooth
+    if pressure is not None:
+        some &= ~pressure.touched | (pressure.ends & (power < BOUNDED))
+    some, alone = np.flatnonzero(some), np.zeros(len(smooth), dtype=bool)
+    alone[some] = _alone(space.comm, now[some, 2], _bodies(mesh)[some], tree_points(mesh)[some], before[some, 1])
+    return np.where(alone, power, smooth), finer
+
+
+def singular(space, of_node, of_pressure=None):
+    """The cells that touch a point toward which the solution is singular.
+
+    Parameters
+    ----------
+    space : pcontact.space.space.Space
+        Of triangles.
+    of_node : ndarray (n_nodes,)
+        Of :func:`powers`.
+    of_pressure : ndarray (n_nodes,), optional
+        Of :func:`powers_of_pressure`.
 
     Returns
     -------
@@ -103,23 +215,77 @@ def singular(space, now, before):
         That makes all squares around the point alike.
     """
     mesh, d, smooth = space.mesh, space.dim, _smooth(space)
-    told = (now[:, :2] > 0.0).all(axis=1) & (before[:, :2] > 0.0).all(axis=1) & (now[:, 2] == before[:, 2])
-    told[told] = before[told, 1] > FINER * now[told, 1]
-    fallen, finer = (before[told, k] / now[told, k] for k in range(2))
-    of_node = smooth.copy()
-    of_node[told] = np.log(fallen) / np.log(finer)
-    some = np.flatnonzero(of_node <= SINGULAR * smooth)
-    alone = np.zeros(len(of_node), dtype=bool)
-    alone[some] = _alone(space.comm, now[some, 2], _bodies(mesh)[some], tree_points(mesh)[some], before[some, 1])
-    of_node = np.where(alone, of_node, smooth)
+    falls = np.maximum(of_node, LEAST)
+    falls = falls if of_pressure is None else np.fmin(falls, of_pressure)
     vertices = np.concatenate([np.zeros((0, 3), np.int64), *(block.nodes[:, :3] for block in mesh.blocks)])
     corner, rows = (of_node / smooth)[vertices].argmin(axis=1), np.arange(len(vertices))
     corner = vertices[rows, corner]
     own = 2.0 * np.broadcast_to(degrees(space), len(vertices)) + d
-    power = np.where(of_node[corner] < smooth[corner], np.maximum(of_node[corner], LEAST), own)
+    power = np.where(of_node[corner] < smooth[corner], falls[corner], own)
     points = tree_points(mesh)
     point, middle = points[corner], points[vertices].mean(axis=1)
     return power, Rise(d * (1.0 - power / own), point, np.linalg.norm(middle - point, axis=1))
+
+
+def powers_of_pressure(space, pressure, of_node, finer, sizes):
+    """With which the squared errors of a pressure fall around nodes of singular points: those of both bodies at one
+    point have one, so that their cells become smaller alike. *Collective.*
+
+    Parameters
+    ----------
+    space : pcontact.space.space.Space
+    pressure : Pressure
+    of_node, finer : ndarray (n_nodes,)
+        Of :func:`powers`.
+    sizes : ndarray (n_nodes,)
+        Of the cells around them [length].
+
+    Returns
+    -------
+    ndarray (n_nodes,)
+        nan where there is none.
+    """
+    some = np.flatnonzero(pressure.touched & (of_node < _smooth(space)))
+    total = space.comm.allreduce(float(pressure.squares.sum()), op=MPI.SUM)
+    much = around_vertices(space, pressure.squares)[some, 0] >= MUCH * total
+    points = tree_points(space.mesh)[some]
+    own = np.column_stack([of_node[some], (finer[some] >= SURE) | much, points])
+    every, power = np.concatenate(space.comm.allgather(own)), np.full(len(of_node), np.nan)
+    for node, point in zip(some, points, strict=True):
+        here = every[np.linalg.norm(every[:, 2:] - point, axis=1) <= 0.5 * sizes[node]]
+        least = LEAST_OF_PRESSURE if here[:, 1].any() else UNSURE
+        power[node] = max(here[:, 0].min() - 1.0, least)
+    return power
+
+
+def wall(space, pressure, of_node, finer):
+    """The point toward which a pressure is most singular, of those that are known well. *Collective.*
+
+    Parameters
+    ----------
+    space : pcontact.space.space.Space
+    pressure : Pressure
+    of_node, finer : ndarray (n_nodes,)
+        Of :func:`powers`.
+
+    Returns
+    -------
+    Wall or None
+    """
+    mesh, d, found = space.mesh, space.dim, None
+    square = around_vertices(space, pressure.squares)[:, 0]
+    level = np.zeros(len(mesh.points), dtype=np.int64)
+    if mesh.origin is not None:
+        vertices = np.concatenate([np.zeros((0, 3), np.int64), *(block.nodes[:, :3] for block in mesh.blocks)])
+        np.maximum.at(level, vertices, mesh.origin.level[:, None])
+    known = pressure.touched & (of_node < _smooth(space)) & (finer >= SURE)
+    power = np.maximum(of_node - 1.0, 0.0)
+    left = np.sqrt(square) * 2.0 ** (-0.5 * power * np.maximum(WISHED - level, 0) / d)
+    if known.any():
+        node = int(np.where(known, -of_node, -np.inf).argmax())
+        found = Wall(tuple(tree_points(mesh)[node].tolist()), 0.5 * float(of_node[node]) - 1.0, float(left[node]))
+    every = [one for one in space.comm.allgather(found) if one is not None]
+    return min(every, key=lambda one: one.power, default=None)
 
 
 def _bodies(mesh):
@@ -185,12 +351,15 @@ class Corners:
     explain : bool
         Whether they have been found on the last mesh, and were not known before: that the error has fallen less than
         was expected says nothing of the next mesh then.
+    wall : Wall or None
+        What the last mesh has told of a pressure that no mesh reaches.
     """
 
     def __init__(self, comm):
         self._comm, self._before, self._known, self.explain, self.sought = comm, None, False, False, True
+        self.wall = None
 
-    def look(self, space, squares, alike=True):
+    def look(self, space, squares, alike=True, pressure=None):
         """What is found on a mesh. *Collective.*
 
         Parameters
@@ -200,6 +369,8 @@ class Corners:
             Squared estimates.
         alike : bool
             Whether the last mesh is one of the same bodies.
+        pressure : Pressure, optional
+            Where it is the error of one that counts.
 
         Returns
         -------
@@ -213,7 +384,10 @@ class Corners:
             return None, None, ()
         around, power, rise, found = around_vertices(space, squares), None, None, False
         if self._before is not None and alike:
-            power, rise = singular(space, around, self._before)
+            of_node, finer = powers(space, around, self._before, pressure)
+            falls = None if pressure is None else powers_of_pressure(space, pressure, of_node, finer, around[:, 1])
+            power, rise = singular(space, of_node, falls)
+            self.wall = None if pressure is None else wall(space, pressure, of_node, finer)
             found = self._comm.allreduce(bool((rise.rise > 0.0).any()), op=MPI.LOR)
         self.explain, self._known = found and not self._known, found
         return power, rise, (around,)

@@ -9,6 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from pcontact.adapt import pressures
 from pcontact.adapt.variants import finer_quadrature, smooth_facets
 from pcontact.estimate.goal import DUAL_ITERATIONS, DUAL_RTOL
 from pcontact.pairs import contact_reports
@@ -51,48 +52,50 @@ def reports_of(simulation, scene, watch):
     return reports
 
 
-def forces_of(simulation, scene, watch):
-    """Forces (n_owned, d) of the contacts of a scene, by their names; see :func:`reports_of`. *Collective.*"""
-    problem, u = simulation.problem, simulation.stepper.u
-    return {report.name: _forces(problem, report, u) for report in reports_of(simulation, scene, watch)}
+def forces_of(simulation, reports):
+    """Forces (n_owned, d) of contacts in the solution of a run, by their names. *Collective.*
 
-
-def own_forces(simulation):
-    """Forces of the contacts of a run as they are, see :func:`forces_of`. *Collective.*"""
-    problem, u = simulation.problem, simulation.stepper.u
-    return {report.name: _forces(problem, report, u) for report in problem.contacts}
-
-
-def _forces(problem, report, u):
-    out = np.zeros((problem.space.n_owned, problem.space.dim))
-    for pair in report.pairs:
-        pair.residual(u, out)
-    return out
+    Parameters
+    ----------
+    simulation : pcontact.simulation.Simulation
+        That has run.
+    reports : list of pcontact.contact.report.ContactReport
+        Of :func:`reports_of`, or its own.
+    """
+    space, u, forces = simulation.problem.space, simulation.stepper.u, {}
+    for report in reports:
+        forces[report.name] = np.zeros((space.n_owned, space.dim))
+        for pair in report.pairs:
+            pair.residual(u, forces[report.name])
+    return forces
 
 
 def change(simulation, target, watch, before, after):
-    """What the change of the forces of contacts brings about. *Collective.*
+    """What another setting of contacts brings about. *Collective.*
 
     Parameters
     ----------
     simulation : pcontact.simulation.Simulation
         That has run, with an estimate.
     target : pcontact.scene.target.Target
-        Of what the change counts; not of the pressure.
+        Of what the change counts.
     watch : pcontact.adapt.watch.Watch
-    before, after : dict of str to ndarray (n_owned, d)
-        Of :func:`forces_of`.
+    before, after : list of pcontact.contact.report.ContactReport
+        The contacts with both settings.
 
     Returns
     -------
     float
         As of :func:`pcontact.adapt.variants.difference`.
     """
-    forces = {name: after[name] - before[name] for name in before}
+    one, other = (forces_of(simulation, reports) for reports in (before, after))
+    forces = {name: other[name] - one[name] for name in one}
     total, estimate = sum(forces.values()), simulation.error_estimate
     step = estimate.answer(-total, RTOL if target.quantity == "energy" else DUAL_RTOL, DUAL_ITERATIONS)
     if target.quantity == "energy":
         return 0.0 if step is None else estimate.norm(step)
+    if target.quantity == "pressure":
+        return _of_pressure(simulation, target.name, before, after, step)
     goal = estimate.goal(target, watch.record, simulation.stepper.u)
     moved = 0.0 if step is None else np.vdot(goal.slope, step.getArray(readonly=True).reshape(total.shape))
     if goal.lift is not None:
@@ -101,6 +104,21 @@ def change(simulation, target, watch, before, after):
     if goal.shift is not None:
         moved += np.vdot(goal.shift, forces[goal.contact])
     return abs(simulation.comm.allreduce(float(moved), op=MPI.SUM))
+
+
+def _of_pressure(simulation, name, before, after, step):
+    """The change of a pressure in L2; where the points of the settings differ, at those of the setting before.
+    *Collective.*"""
+    u, moved = simulation.stepper.u, simulation.stepper.u.copy()
+    if step is not None:
+        moved.axpy(1.0, step)
+    one, other = (next(report for report in reports if report.name == name) for reports in (before, after))
+    own = pressures.of_contact(one, u)
+    for report in (other, one):
+        distance = pressures.apart(simulation.comm, own, pressures.of_contact(report, moved))
+        if np.isfinite(distance):
+            break
+    return distance
 
 
 def changes(simulation, target, watch, names):
@@ -121,13 +139,14 @@ def changes(simulation, target, watch, names):
     others = {"quadrature": finer_quadrature(scene, degree), "straight_facets": smooth_facets(scene),
               "curved_facets": smooth_facets(scene)}  # fmt: skip
     try:
-        here = forces_of(simulation, scene, watch)
+        here = reports_of(simulation, scene, watch)
         found = {}
         for name in names:
             if name == "frozen_partners":
-                found[name] = change(simulation, target, watch, own_forces(simulation), here)
+                before, after = simulation.problem.contacts, here
             else:
-                found[name] = change(simulation, target, watch, here, forces_of(simulation, others[name], watch))
+                before, after = here, reports_of(simulation, others[name], watch)
+            found[name] = change(simulation, target, watch, before, after)
         return found
     except TOLD:
         return dict.fromkeys(names, float("nan"))

@@ -5,11 +5,12 @@ import time as clock
 import numpy as np
 
 from pcontact.adapt.beside import Beside
+from pcontact.adapt.corners import Pressure
 from pcontact.adapt.known import effectivity, of_quantity
 from pcontact.adapt.passes import Pass
 from pcontact.adapt.seen import Seen
 from pcontact.adapt.settings import FACETS, SHARE
-from pcontact.adapt.variants import answer, followed
+from pcontact.adapt.variants import answer, change_to, followed
 from pcontact.adapt.watch import at_nodes
 from pcontact.element.reference import CELLS
 from pcontact.runtime.petsc import MPI, PETSc
@@ -69,7 +70,7 @@ class Measure:
             known, size = of_quantity(self._target.quantity, mesh.dim), abs(found.value) or 1.0
             found = found._replace(error=self._seen.error(simulation, found))
             estimate = abs(found.error) / size
-            watch.squares = self._indicators(comm, watch.squares, found)
+            watch.squares = self._indicators(simulation, watch, found)
             if self._target.quantity != "pressure":
                 beside = {"algebraic": abs(found.algebraic) / size, "loads": abs(found.loads) / size}
         times = simulation.times()
@@ -116,7 +117,7 @@ class Measure:
         left = simulation.error_estimate.norm(change) / watch.norm
         if self._target.quantity != "energy":
             own = done.quantity["value"]
-            left = abs(own - other.value) / (abs(own) or 1.0)
+            left = change_to(simulation, other, self._target, watch) / (abs(own) or 1.0)
             self._seen.with_steps(own + part * (own - other.value))
         if not first:
             self._beside.with_steps(times * left, done.steps)
@@ -138,17 +139,24 @@ class Measure:
                 return other
         return None
 
-    def _indicators(self, comm, squares, found):
+    def _indicators(self, simulation, watch, found):
         """What cells have in the error of a quantity, where that is what the mesh is refined for. *Collective.*"""
         own = np.concatenate([np.zeros(0), *found.cells])
         if self._seen.by_meshes:
             # as the quantity is said to follow the squares of the energy norm
-            return squares
+            return watch.squares
         if self._target.quantity != "pressure":
             return np.abs(own)
-        # the pressure is that of cells on the contact, and depends on the stress of all others
-        sums = comm.allreduce(np.array([own.sum(), squares.sum()]), op=MPI.SUM)
-        return own / (sums[0] or 1.0) + squares / (sums[1] or 1.0)
+        # the pressure is that of cells on the contact, and depends on the stress of all others: as much as they have in
+        # the energy norm, but no more than the contact itself
+        (contact,) = (one for one in simulation.problem.contacts if one.name == self._target.name)
+        groups = [name for pair in contact.pairs for name in (pair.contact.source, pair.contact.target)]
+        pressure, others = own / (found.value**2 or 1.0), watch.squares / (watch.norm**2 or 1.0)
+        watch.energies = watch.squares
+        if simulation.problem.space.dim == 2:
+            watch.pressure = Pressure.of(simulation.problem.space, pressure, groups)
+        sums = simulation.comm.allreduce(np.array([pressure.sum(), others.sum()]), op=MPI.SUM)
+        return pressure + min(sums[0] / (sums[1] or 1.0), 1.0) * others
 
     def _add_loads(self, comm, watch, forces, parts):
         """Let the indicators have cells whose loads are integrated badly, by their share. *Collective.*"""

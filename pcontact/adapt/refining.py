@@ -87,10 +87,18 @@ class Refining:
         self.whole, balance = False, Balance(*build.balance(scene, self._options))
         return split(mesh, (), balance).mesh
 
-    def look(self, space, squares, alike=True):
+    def look(self, space, watch, alike=True):
         """What the last mesh tells of singular points, see :meth:`pcontact.adapt.corners.Corners.look`.
-        *Collective.*"""
-        return self.corners.look(space, squares, alike)
+        *Collective.*
+
+        Parameters
+        ----------
+        space : pcontact.space.space.Space
+        watch : pcontact.adapt.watch.Watch
+        alike : bool
+        """
+        return self.corners.look(space, watch.squares if watch.energies is None else watch.energies, alike,
+                                 watch.pressure)  # fmt: skip
 
     def step(self, space, squares, seen, wanted, most, known, divided=False):
         """How to cut the cells. *Collective.*

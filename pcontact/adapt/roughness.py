@@ -6,10 +6,15 @@ gap d of wave number k is closed have the pressure E* k d / 2 beside the one the
 
     |u|^2 = int p d = E* / 2 int k d^2
 
-in the energy norm, with 1 / E* the sum of (1 - nu^2) / E of both bodies. The gap that counts is what its mean over the
+in the energy norm, and of the pressure in L2
+
+    |p|^2 = (E* / 2)^2 int k^2 d^2 = (E* / 2)^2 int |grad d|^2,
+
+with 1 / E* the sum of (1 - nu^2) / E of both bodies. The gap that counts is what its mean over the
 contact leaves: a mean is followed on the first mesh as well. Curved facets make two arcs of gap each, which no
-displacement of degree 2 follows on them, k = 4 pi / L with the diameter L of the facet. Straight ones make one, which
-it does: there the change of the solution is 0.85 to 0.95 of what the gaps do on finer meshes.
+displacement of degree 2 follows on them, k = 4 pi / L with the diameter L of the facet; their slopes, which are largest
+where facets meet, make it 4.72 pi / L for the pressure. Straight ones make one, which a displacement of degree 2 does
+follow: there the change of the solution is 0.85 to 0.95 of what the gaps do on finer meshes.
 
 `drivers/studies/facets.py` compares it with what is left on ever finer meshes on the facets of the first one.
 """
@@ -24,6 +29,10 @@ from pcontact.estimate.tractions import source_facets
 from pcontact.runtime.errors import TOLD
 from pcontact.runtime.petsc import MPI
 
+# [-] Wave numbers of the gaps of curved facets, times the diameters of these: of the energy, and of the pressure. From:
+# two arcs, and the root mean square slope of s^2 (1 - s^2), -1 < s < 1, over its root mean square.
+ENERGY, PRESSURE = 4.0 * np.pi, 14.832
+
 
 def energy(simulation, watch):
     """Energy norm of the displacement that closes the gaps of curved facets [sqrt(energy)]; 0 where they are not known.
@@ -36,14 +45,51 @@ def energy(simulation, watch):
     watch : pcontact.adapt.watch.Watch
         Of it.
     """
-    problem, u, square = simulation.problem, simulation.stepper.u, 0.0
+
+    def density(wave, modulus):
+        return 0.5 * modulus * ENERGY * wave
+
+    return _norm(simulation, watch, simulation.problem.contacts, density)
+
+
+def pressure(simulation, watch, name):
+    """What closes the gaps of the curved facets of a contact, as a pressure in L2; 0 where they are not known.
+    *Collective.*
+
+    Parameters
+    ----------
+    simulation, watch
+        As of :func:`energy`.
+    name : str
+        Of the contact.
+    """
+
+    def density(wave, modulus):
+        return (0.5 * modulus * PRESSURE * wave) ** 2
+
+    return _norm(simulation, watch, [one for one in simulation.problem.contacts if one.name == name], density)
+
+
+def _norm(simulation, watch, contacts, density):
+    """Root of the integral of squared gaps of some contacts over their surfaces, but for their means. *Collective.*
+
+    Parameters
+    ----------
+    simulation, watch
+        As of :func:`energy`.
+    contacts : list of pcontact.contact.report.ContactReport
+    density : callable
+        ``density(wave, modulus)``: what a squared gap of 1 counts, from the waves per facet [1/length] and E*, both
+        (np,).
+    """
+    problem, u, square, names = simulation.problem, simulation.stepper.u, 0.0, {one.name for one in contacts}
     try:
         plain, smooth = (reports_of(simulation, scene, watch)
                          for scene in (simulation.scene, smooth_facets(simulation.scene)))  # fmt: skip
     except TOLD:
         return 0.0
     for one, other in zip(plain, smooth, strict=True):
-        if one.law.tied:
+        if one.law.tied or one.name not in names:
             continue
         sums, parts = np.zeros(2), []
         for pair, states in zip(one.pairs, zip(one.states(u), other.states(u), strict=True), strict=True):
@@ -53,16 +99,17 @@ def energy(simulation, watch):
             gap = np.where(counts, states[0]["gap"] - states[1]["gap"], 0.0)
             weight = np.where(counts, states[0]["weight"], 0.0)
             sums += [weight.sum(), weight @ gap]
-            parts.append((weight * _wave(problem, pair, states[0]["normal"], gap) * _modulus(problem, pair), gap))
+            wave = _waves(problem, pair, states[0]["normal"], gap)
+            parts.append((weight * density(wave, _modulus(problem, pair)), gap))
         area, first = problem.space.comm.allreduce(sums, op=MPI.SUM)
         mean = first / area if area > 0.0 else 0.0
-        square += 0.5 * sum(float(weight @ (gap - mean) ** 2) for weight, gap in parts)
+        square += sum(float(weight @ (gap - mean) ** 2) for weight, gap in parts)
     return float(np.sqrt(problem.space.comm.allreduce(square, op=MPI.SUM)))
 
 
-def _wave(problem, pair, normal, gap):
-    """Wave number (np,) of a gap (np,) at the points of the source of a pair [1/length]: that of the facets of either
-    side, by what they have in the gap. *Collective.*"""
+def _waves(problem, pair, normal, gap):
+    """One over the diameter (np,) of the facets at the points of the source of a pair [1/length]: of those of either
+    side, by what they have in the gap (np,). *Collective.*"""
     space, source = problem.space, pair.source
     size = np.repeat(source.size[source.facet][:, None], 2, axis=1)
     if not pair.rigid:
@@ -71,7 +118,7 @@ def _wave(problem, pair, normal, gap):
     height = np.zeros_like(gap) if own is None else np.sum(normal * own.at_source(space, pair.contact.source, source),
                                                            axis=1)  # fmt: skip
     share = np.column_stack([height, height - gap]) ** 2 + np.finfo(float).tiny
-    return 4.0 * np.pi * np.sum(share / size, axis=1) / share.sum(axis=1)
+    return np.sum(share / size, axis=1) / share.sum(axis=1)
 
 
 def _target_sizes(space, pairing, size):

@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from pcontact.adapt import pressures
 from pcontact.adapt.settings import STEPS_RATE
 from pcontact.adapt.watch import Beginning
 from pcontact.contact.surface.smooth_geometry import smooth_surface
@@ -106,7 +107,9 @@ def of_facets(simulation, scene, target):
                 if last is None:
                     return float("nan")
                 values.append(run.stepper.u.getArray(readonly=True).copy())
-                if target.quantity != "energy":
+                if target.quantity == "pressure":
+                    quantities.append(pressures.found(run.problem, target.name, run.stepper.u))
+                elif target.quantity != "energy":
                     quantities.append(value(run.problem, target, last, run.stepper.u))
                 elif len(values) == 2:
                     change = run.problem.space.vector()
@@ -114,6 +117,8 @@ def of_facets(simulation, scene, target):
                     return run.error_estimate.norm(change)
     except TOLD:
         return float("nan")
+    if target.quantity == "pressure":
+        return pressures.apart(comm, *quantities)
     return abs(quantities[1] - quantities[0])
 
 
@@ -128,18 +133,22 @@ class Answer(NamedTuple):
         Displacement at its end [length].
     value : float or None
         Of the quantity, where there is one.
+    pressure : list of pcontact.adapt.pressures.Pressure or None
+        Where it is that of a contact.
     """
 
     number: int
     u: np.ndarray
     value: float | None
+    pressure: list | None = None
 
     @classmethod
     def of(cls, run, record, target):
         """That of a simulation, and the record of its last load step. *Collective.*"""
         u = run.stepper.u
         own = None if target.quantity == "energy" else value(run.problem, target, record, u)
-        return cls(run.stepper.number, u.getArray(readonly=True).copy(), own)
+        pressure = pressures.found(run.problem, target.name, u) if target.quantity == "pressure" else None
+        return cls(run.stepper.number, u.getArray(readonly=True).copy(), own, pressure)
 
 
 def followed(taken, other, more):
@@ -190,7 +199,7 @@ def difference(simulation, other, target, watch):
     Returns
     -------
     float
-        In the energy norm [sqrt(energy)], or of the quantity; nan where it is not known.
+        In the energy norm [sqrt(energy)], of the pressure in L2, or of another quantity; nan where it is not known.
     """
     return change_to(simulation, answer(simulation, other, target, watch.known), target, watch)
 
@@ -199,6 +208,8 @@ def change_to(simulation, other, target, watch):
     """How far an :class:`Answer`, or None, is from that of a simulation, as of :func:`difference`. *Collective.*"""
     if other is None:
         return float("nan")
+    if target.quantity == "pressure":
+        return pressures.change(simulation, other, target.name)
     if target.quantity != "energy":
         return abs(other.value - value(simulation.problem, target, watch.record, simulation.stepper.u))
     change = simulation.stepper.u.copy()

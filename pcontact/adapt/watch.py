@@ -84,6 +84,10 @@ class Watch(Path):
     ----------
     squares : ndarray (n_cells,)
         Largest squared estimates of the cells of this rank over the load steps, block after block [energy].
+    energies : ndarray (n_cells,) or None
+        Those of the energy norm, where `squares` have become others that do not tell of singular points.
+    pressure : pcontact.adapt.corners.Pressure or None
+        Where it is the error of one that is named.
     absolute, norm, algebraic : float
         Largest of the load steps [sqrt(energy)].
     record, time, unbalanced : dict, float, ndarray (n_owned, d)
@@ -94,7 +98,7 @@ class Watch(Path):
         super().__init__(simulation)
         cells = sum(len(block.nodes) for block in simulation.mesh.blocks)
         self.squares, self.absolute, self.norm, self.algebraic = np.zeros(cells), 0.0, 0.0, 0.0
-        self.record, self.time, self.unbalanced = None, 0.0, None
+        self.record, self.time, self.unbalanced, self.energies, self.pressure = None, 0.0, None, None, None
 
     def step(self, step, u, record):
         """Take what the load step says. *Collective.*"""

@@ -174,7 +174,8 @@ class Estimator:
                 self._held[group.nodes] = True
         self._pairs = FacetPairs(self.space)
         self._recovery = Recovery(self.space)
-        names = {pair.contact.target for contact in self.contacts for pair in contact.pairs} - {None}
+        pairs = [pair.contact for contact in self.contacts for pair in contact.pairs]
+        names = {name for one in pairs for name in (one.source, one.target)} - {None}
         self.cells = Cells(self.space, sorted(names))
         self._kind = self._kinds()
         # time, displacement and residuals (all parts together) of the last call, with which a quantity of the same

@@ -11,7 +11,7 @@ import pytest
 import pcontact as pc
 from drivers._common import make_mesh
 from drivers.cases import rings
-from drivers.studies._named_scenes import HELD_BACK
+from drivers.studies._named_scenes import HELD_BACK, SCENES
 from meshes import geometries
 from meshes import rings as rings_mesh
 from meshes.blocks import two_blocks
@@ -220,3 +220,20 @@ def test_a_forecast_and_the_run(tmp_path):
     assert abs(int(found[1]) - len(passes)) <= 2 and len(unknowns) == int(found[1])
     assert 1 / 3 < unknowns[-1] / passes[-1]["unknowns"] < 3.0
     assert float(found[3]) > 0.0
+
+
+@pytest.mark.parallel
+def test_a_pressure_whose_square_has_no_integral(shared_tmp):
+    """Under the corner of a punch a hundred times as stiff as the block: the run ends at once and says so; of one as
+    soft as the block, whose pressure goes like r^-0.23, the error falls on the mesh that knows the corner."""
+    scene = SCENES["punch"].scene(shared_tmp)
+    scene.accuracy = Target(0.1, "pressure:face")
+    loop = Loop(scene)
+    assert loop.run().status == SPENT and len(loop.passes) <= 4
+    said = re.fullmatch(r"not reached: toward \(0.5, 0\) the pressure goes like r\^(-0.\d+) .*no integral.*",
+                        loop._decision.why)  # fmt: skip
+    assert float(said[1]) == pytest.approx(-0.5, abs=0.05)
+    scene = SCENES["soft_punch"].scene(shared_tmp)
+    scene.accuracy = Target(0.04, "pressure:face")
+    loop = Loop(scene)
+    assert loop.run().status == REACHED and loop.passes[-1].unknowns < 15_000

@@ -5,9 +5,10 @@ import pytest
 
 from drivers._common import make_mesh
 from meshes.blocks import one_block
-from pcontact.adapt.corners import Corners, around_vertices
+from pcontact.adapt.corners import Corners, Pressure, around_vertices
 from pcontact.mesh.load import load_mesh
 from pcontact.mesh.refinement.refine import refine
+from pcontact.mesh.refinement.simplices import WISHED
 from pcontact.runtime.petsc import MPI
 from pcontact.space.space import Space
 
@@ -21,10 +22,10 @@ def cells(mesh):
     return np.sqrt(np.abs(np.linalg.det(x[:, 1:] - x[:, :1]))), np.linalg.norm(x, axis=2).max(axis=1)
 
 
-def squares(mesh):
+def squares(mesh, power=POWER):
     """Squared estimates of degree 2 of a displacement that goes like r^(1/2)."""
     size, distance = cells(mesh)
-    return size**SMOOTH * distance ** (POWER - SMOOTH)
+    return size**SMOOTH * distance ** (power - SMOOTH)
 
 
 def everywhere(mesh, cuts):
@@ -80,3 +81,38 @@ def test_vertices_in_a_row_are_no_points(shared_tmp):
     assert fallen == pytest.approx(POWER)
     power, rise, _ = corners.look(Space(mesh, 2), along(mesh))
     assert (power == SMOOTH).all() and (rise.rise == 0.0).all() and not corners.explain
+
+
+@pytest.mark.parallel
+@pytest.mark.parametrize("power", [1.5, 1.0])
+def test_what_no_mesh_takes_from_a_pressure(power, shared_tmp):
+    """At a corner on the contact cells are graded for the square of the pressure, which falls with the power of the
+    energy less one; told ahead is what the smallest cells leave, all of it where that power is 0."""
+    path = make_mesh(one_block, shared_tmp / "block.msh", 2, 2, "triangle")
+    mesh, corners = load_mesh(COMM, path, 2, ["block"], [], lambda mesh: None), Corners(COMM)
+
+    def own(mesh):
+        return 0.01 * squares(mesh, power) / cells(mesh)[0]
+
+    mesh, _ = refine(mesh, everywhere(mesh, 2))
+    space = Space(mesh, 2)
+    *_, around = corners.look(space, squares(mesh, power), True, Pressure.of(space, own(mesh), ["bottom"]))
+    assert corners.wall is None
+    mesh, fields = refine(mesh, everywhere(mesh, 10), around)
+    corners.take(fields)
+    space = Space(mesh, 2)
+    pressure = Pressure.of(space, own(mesh), ["bottom"])
+    corner = np.abs(mesh.points[pressure.ends] - [0.5, 0.0])
+    assert corner == pytest.approx(np.tile([0.5, 0.0], (len(corner), 1))) and COMM.allreduce(len(corner)) >= 2
+    falls, rise, _ = corners.look(space, squares(mesh, power), True, pressure)
+    found = rise.rise > 0.0
+    assert falls[found] == pytest.approx(max(power - 1.0, 0.1), abs=1e-6)
+    size, distance = cells(mesh)
+    near = distance < 2.0 * COMM.allreduce(float(np.min(distance, initial=np.inf)), op=MPI.MIN)
+    square = COMM.allreduce(float(own(mesh)[near & found].sum()), op=MPI.SUM)
+    left = np.sqrt(square * 2.0 ** (-(power - 1.0) * (WISHED - 12) / 2))
+    assert corners.wall.point == (0.0, 0.0) and corners.wall.power == pytest.approx(0.5 * power - 1.0)
+    assert corners.wall.left == pytest.approx(left)
+    pressure = Pressure.of(space, own(mesh), ["top"])
+    assert (corners.look(space, squares(mesh, power), True, pressure)[0][found] == pytest.approx(power))
+    assert corners.wall is None

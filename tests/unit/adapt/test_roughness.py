@@ -22,7 +22,7 @@ DELTA = 6e-4
 @pytest.mark.parallel
 def test_rings_with_interference(shared_tmp):
     """Six curved facets in a quarter: 2 % of the energy norm are theirs on cells that are halved twice, whose own error
-    is a tenth of that."""
+    is a tenth of that, and a sixth of the pressure, where those on the contact are halved twice more."""
     path = make_mesh(ring_mesh, shared_tmp / "rings.msh", n=6, cell="triangle", order=2, delta=DELTA)
     scene = rings.ring_scene(path, 2, 0.0, pressure=0.0, gamma0=None)
     exact = partial(rings.exact, constants=rings.ring_constants(0.0, DELTA))
@@ -31,12 +31,21 @@ def test_rings_with_interference(shared_tmp):
     watch = Watch(first)
     assert first.run(None, [watch], keep=True)
     first.close()
-    found = roughness.energy(first, watch)
-    cells = sum(len(block.nodes) for block in first.mesh.blocks)
-    finer = refine(first.mesh, np.full(cells, 4), (), Balance(*build.balance(scene, Options()))).mesh
+    found, pressure = roughness.energy(first, watch), roughness.pressure(first, watch, "circle")
+    finer, balance = first.mesh, Balance(*build.balance(scene, Options()))
+    for cuts in (4, 0, 0):
+        start = np.cumsum([0] + [len(block.nodes) for block in finer.blocks])
+        more = np.full(start[-1], cuts)
+        for facets in (part for name in rings.SIDES["inner"] for part in finer.facet_groups.get(name, [])):
+            more[start[facets.block] + facets.cells] = max(cuts, 2)
+        finer = refine(finer, more, (), balance).mesh
     last = Simulation(scene, mesh=finer)
     assert last.run(None, [], keep=True)
     left = bulk_error(last.problem.space, last.problem.bulk.constants, last.stepper.u, exact).energy
+    state = last.problem.contacts[0].state(last.stepper.u)
+    off = state["weight"] @ (state["pressure"] - rings.interface_pressure(0.0, DELTA)) ** 2
+    off = np.sqrt(last.comm.allreduce(float(off)))
     for one in (first, last):
         one.free()
     assert 0.9 * left < found < 1.3 * left
+    assert 0.9 * off < pressure < 1.2 * off
