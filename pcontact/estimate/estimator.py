@@ -13,7 +13,8 @@ where s is g on loaded facets, P on surfaces of contact (on the target what the 
 cells one traction common to both: that of the stress averaged at the nodes. The mean of both sides' own tractions does
 as well in the plane, but not on tetrahedra of degree 1, where it makes the estimate three times the error. Where
 materials meet, each side has averages of its own, and a side takes of their difference the part that its stiffness is
-of the sum of both. No constant is left to choose, and integration by parts stands in for second derivatives:
+of the sum of both. No constant is left to choose. What no degree follows is found by problems on all cells around a
+vertex, see `pcontact.estimate.singular`. Integration by parts stands in for second derivatives:
 
     interior   f + div sigma   as   int_K f . v - sigma(u_h) : eps(v) + int_dK t . v
     jumps      s - t           on facets between cells, and both sides of tied surfaces
@@ -43,11 +44,13 @@ from pcontact.element.shape import shape, shape_gradient
 from pcontact.estimate.bubbles import bubbles, number_of, supports
 from pcontact.estimate.facets import FacetPairs, facet_rule
 from pcontact.estimate.loads import Given
-from pcontact.estimate.local import NO_REST, LocalFunctions, Moduli, energies, products
+from pcontact.estimate.local import NO_REST, LocalFunctions, Moduli, energies, products, stiffnesses
 from pcontact.estimate.points import of_nodes_on_normals, on_normals
 from pcontact.estimate.recovery import Recovery
+from pcontact.estimate.singular import SingularPoints
 from pcontact.estimate.springs import Springs
-from pcontact.estimate.stress import BlockStress, own_nodes
+from pcontact.estimate.stress import BlockStress, own_nodes, turned
+from pcontact.estimate.toward import NUMBER, SIDES, held, inside, on_side, rule, side_rule
 from pcontact.estimate.tractions import Cells, on_source, on_target, source_facets
 from pcontact.estimate.yielding import softening
 from pcontact.material.orthotropic import traction_matrix
@@ -90,6 +93,29 @@ class Estimate:
     cells: list
 
 
+class Tested(NamedTuple):
+    """What is known of a displacement before any cell is looked at by itself.
+
+    Attributes
+    ----------
+    nodal : ndarray (n_local, d)
+    tested : list of ndarray (nc, n_parts, nb, d)
+        Residuals of every block, but for what its cells' interiors add [force].
+    surfaces : dict
+        See :class:`Estimate`.
+    outer : list of (ndarray (n,), ndarray (n, nf, nq, d))
+        Of every block cells that have facets on the boundary, and g - t of all but contact there [stress].
+    pressed : list of ndarray (nc,) of bool
+        Cells of every block on which contact acts.
+    """
+
+    nodal: np.ndarray
+    tested: list
+    surfaces: dict
+    outer: list
+    pressed: list
+
+
 class Dual(NamedTuple):
     """A dual displacement.
 
@@ -120,7 +146,7 @@ class Volume(NamedTuple):
     radius : ndarray (n, nq) or None
     places : ndarray (n, nq, d)
         The points [length].
-    fixed : ndarray (n, nb, d)
+    fixed : ndarray (n, nb, d) or None
         Components of tests that supports hold.
     """
 
@@ -130,7 +156,7 @@ class Volume(NamedTuple):
     ring: np.ndarray
     radius: np.ndarray | None
     places: np.ndarray
-    fixed: np.ndarray
+    fixed: np.ndarray | None
 
 
 class Steady:
@@ -181,6 +207,7 @@ class Estimator:
         # time, displacement and residuals (all parts together) of the last call, with which a quantity of the same
         # solution begins
         self._last = None
+        self._singular = SingularPoints(self.space, self._pairs, set(getattr(self.bulk, "states", {})))
 
     # -- set-up ---------------------------------------------------------------------------------------------------
 
@@ -222,26 +249,28 @@ class Estimator:
         Estimate
         """
         space, loads = self.space, [*self._loads, *holding]
-        nodal, tested, surfaces = self._tested(u, time, loads)
-        self._last = time, nodal, [one.sum(axis=1, keepdims=True) for one in tested]
-        squares = [self._solve(number, nodal, time, t, loads) for number, t in enumerate(tested)]
+        known = self._tested(u, time, loads)
+        self._last = time, known.nodal, [one.sum(axis=1, keepdims=True) for one in known.tested]
+        squares = [self._solve(number, known.nodal, time, t, loads) for number, t in enumerate(known.tested)]
+        whole = [own[:, -1] for own in squares]
+        self._singular.improve(whole, lambda *some: self._around(known, time, loads, *some))
         total = sum((s.sum(axis=0) for s in squares), np.zeros(len(PARTS) + 1))
         total = np.sqrt(space.comm.allreduce(total, op=MPI.SUM))
         parts = dict(zip(PARTS, total[:-1].tolist(), strict=True))
-        return Estimate(float(total[-1]), self.norm(u), parts, surfaces, [np.sqrt(s[:, -1]) for s in squares])
+        return Estimate(float(total[-1]), self.norm(u), parts, known.surfaces, [np.sqrt(own) for own in whole])
 
     def _tested(self, u, time, loads):
-        """Displacement (n_local, d), residuals of every block but for what its cells' interiors add, and residuals on
-        surfaces. *Collective.*"""
+        """A :class:`Tested`. *Collective.*"""
         nodal, tested, surfaces = self.space.local.gather(u), self._untested(), {}
         self._found = {}
-        self._add_facets(nodal, time, tested, self.bulk, loads)
+        outer = self._add_facets(nodal, time, tested, self.bulk, loads)
+        pressed = [np.zeros(len(block.nodes), dtype=bool) for block in self.space.mesh.blocks]
         for contact in self.contacts:
             states = contact.states(u)
-            self._add_contact(contact, states, tested)
+            self._add_contact(contact, states, tested, pressed)
             if contact.contact.formulation == "nitsche":
                 surfaces[contact.name] = self._on_surface(contact, states)
-        return nodal, tested, surfaces
+        return Tested(nodal, tested, surfaces, outer, pressed)
 
     def _tested_before(self, u, time, loads):
         """Displacement and residuals of :meth:`_tested`, the latter as their sum if the last call has had the same
@@ -345,8 +374,9 @@ class Estimator:
         return self._found if bulk is self.bulk else None
 
     def _add_facets(self, nodal, time, tested, bulk, loads):
-        """Residuals of all facets but for the tractions of contact. *Collective.*"""
-        space, mesh = self.space, self.space.mesh
+        """Residuals of all facets but for the tractions of contact; returns `outer` of :class:`Tested`.
+        *Collective.*"""
+        space, mesh, result = self.space, self.space.mesh, []
         own = [self._tractions(number, nodal, bulk) for number in range(len(mesh.blocks))]
         stiffness = [self.stiffness(block) for block in mesh.blocks]
         flat, width = [], max([0, *(t.shape[2] * t.shape[3] for t, _, _ in own)])
@@ -372,6 +402,9 @@ class Estimator:
             outer = self._outer(number, time, traction, normal, inner, loads)
             self._springs.add(number, nodal, outer, traction, normal)
             self._test(number, traction, jump, outer, jxw, tested[number])
+            rows, parts = outer
+            result.append((rows, sum(parts.values(), np.zeros_like(traction[rows]))))
+        return result
 
     def stiffness(self, block):
         """What share of a jump the cells of a block take, beside those of others [stress]."""
@@ -448,14 +481,15 @@ class Estimator:
         block = self.space.mesh.blocks[number]
         return bubbles(block.cell, self.space.degree_of(block), xi)[0]
 
-    def _add_contact(self, contact, states, tested):
-        """Tractions of contact. *Collective.*"""
+    def _add_contact(self, contact, states, tested, pressed):
+        """Tractions of contact, and flags of the cells that they press. *Collective.*"""
         normal_part, across_part = self._parts_of(contact)
         for pair, state in zip(contact.pairs, states, strict=True):
             sides = [on_source(self.space, pair, state)]
             if not pair.rigid:
                 sides.append(on_target(self.space, pair, state, self.cells, contact.weight))
             for number, forces in ((n, f) for side in sides for n, f in side.items()):
+                pressed[number][forces.rows[forces.force.any(axis=1)]] = True
                 values = self._tests(number, forces.xi)
                 along = np.sum(forces.force * forces.normal, axis=1)[:, None] * forces.normal
                 for part, force in ((normal_part, along), (across_part, forces.force - along)):
@@ -537,63 +571,128 @@ class Estimator:
 
     def _fixed(self, number, rows):
         """Components (n, nb, d) of test functions that supports hold."""
+        block = self.space.mesh.blocks[number]
+        on = supports(block.cell, self.space.degree_of(block))
+        return np.einsum("bf,cfi->cbi", on.astype(float), self._fixed_facets(number, rows).astype(float)) > 0.5
+
+    def _fixed_facets(self, number, rows):
+        """Components (n, nf, d) of the displacement of facets that supports hold."""
         space, block = self.space, self.space.mesh.blocks[number]
         held, degree = self._held[own_nodes(space, number)[rows]], space.degree_of(block)
         first, last = self._pairs.first[number : number + 2]
         outer = ~self._pairs.inner[first:last].reshape(len(block.nodes), -1)[rows]
         facets = held[:, facet_nodes(block.cell, degree)].all(axis=2)
-        facets &= outer[:, :, None] | held.all(axis=1)[:, None, :]
-        on = supports(block.cell, degree)
-        return np.einsum("bf,cfi->cbi", on.astype(float), facets.astype(float)) > 0.5
+        return facets & (outer[:, :, None] | held.all(axis=1)[:, None, :])
 
     def _solve(self, number, nodal, time, tested, own_loads, weight=None):
         """Squared energies (nc, n_parts + 1) of a block's local problems; or, with a :class:`Dual` as weight, their
         energy products (nc, 1) with its local problems."""
-        space, mesh = self.space, self.space.mesh
-        block = mesh.blocks[number]
-        table, geometry_degree = mesh.geometry_nodes(block)
-        degree = space.degree_of(block)
+        space, block = self.space, self.space.mesh.blocks[number]
+        degree, geometry_degree = space.degree_of(block), space.mesh.geometry_nodes(block)[1]
         xi, weights = volume_rule(block.cell, geometry_degree, degree, space.axisymmetric)
         dshape = np.ascontiguousarray(shape_gradient(block.cell, degree, xi))
         tests, dtests = bubbles(block.cell, degree, xi)
-        values = shape(block.cell, degree, xi)
-        out, (lam, mu) = np.zeros((len(block.nodes), len(PARTS) + 1)), self.bulk.constants[block.body]
-        averaged = space.averages(block)
-        own, shared = factors(lam, mu, averaged, degree)
+        at = xi, shape(block.cell, degree, xi), tests
+        out = np.zeros((len(block.nodes), len(PARTS) + 1))
         for rows in self._parts(number, dtests.size + dshape.size):
             make = partial(self._volume, number, rows, (xi, weights, dshape, tests, np.ascontiguousarray(dtests)))
-            grad, test, jxw, ring, radius, places, fixed = self._kept(("cells", number, rows.start), make)
+            volume = self._kept(("cells", number, rows.start), make)
             stress = BlockStress(space, self.bulk, number, rows, nodal, self._found)
-            sigma, around = stress(grad, values, radius, xi)
             loads = tested[rows].copy()
-            loads[:, INTERIOR] -= _work(sigma, around, test, ring, jxw)
-            force = self._body_force(number, rows, places, time, own_loads, (values, nodal))
-            if force is not None:
-                loads[:, INTERIOR] += np.einsum("cq,qb,cqd->cbd", jxw, tests, force)
-            basis = np.zeros((0, 0, 0))
-            if averaged:
-                basis = components(jxw, places if linear(block.cell, degree) else None)[0]
-            functions = LocalFunctions(test, ring, jxw, basis)
-            moduli = Moduli(own, shared, mu, self._rest(block, places))
+            loads[:, INTERIOR] += self._inside(number, rows, volume, at, stress, time, own_loads)
+            functions, moduli = self._local(block, volume)
             softer = softening(space, self.bulk, number, rows, nodal, xi)
-            bound = self._springs.bound(number, rows, (tests, jxw))
+            bound = self._springs.bound(number, rows, (tests, volume.jxw))
             if weight is None:
-                energies(functions, moduli, softer, bound, loads, fixed, out[rows])
+                energies(functions, moduli, softer, bound, loads, volume.fixed, out[rows])
                 continue
-            sigma, around = BlockStress(space, self._elastic, number, rows, weight.nodal)(grad, values, radius, xi)
-            others = weight.tested[rows].sum(axis=1) - _work(sigma, around, test, ring, jxw)
-            force = self._body_force(number, rows, places, time, weight.loads, (values, weight.nodal))
-            if force is not None:
-                others += np.einsum("cq,qb,cqd->cbd", jxw, tests, force)
-            products(functions, moduli, softer, bound, loads.sum(axis=1), others, fixed, out[rows, 0])
+            stress = BlockStress(space, self._elastic, number, rows, weight.nodal)
+            others = weight.tested[rows].sum(axis=1)
+            others += self._inside(number, rows, volume, at, stress, time, weight.loads)
+            products(functions, moduli, softer, bound, loads.sum(axis=1), others, volume.fixed, out[rows, 0])
         return out if weight is None else out[:, :1]
 
-    def _volume(self, number, rows, tables):
-        """A :class:`Volume`, from points and weights, gradients of the shape functions, tests and their gradients."""
+    def _local(self, block, volume):
+        """Test functions and moduli of the local problems of some cells of a block."""
+        (lam, mu), degree = self.bulk.constants[block.body], self.space.degree_of(block)
+        averaged = self.space.averages(block)
+        basis = np.zeros((0, 0, 0))
+        if averaged:
+            basis = components(volume.jxw, volume.places if linear(block.cell, degree) else None)[0]
+        functions = LocalFunctions(volume.test, volume.ring, volume.jxw, basis)
+        return functions, Moduli(*factors(lam, mu, averaged, degree), mu, self._rest(block, volume.places))
+
+    def _inside(self, number, rows, volume, at, stress, time, loads):
+        """What the interiors of some cells of a block add to their residuals (n, nb, d): with reference points, shape
+        functions and tests there, and the stress."""
+        xi, values, tests = at
+        result = -_work(*stress(volume.grad, values, volume.radius, xi), volume.test, volume.ring, volume.jxw)
+        force = self._body_force(number, rows, volume.places, time, loads, (values, stress.u))
+        if force is not None:
+            result += np.einsum("cq,qb,cqd->cbd", volume.jxw, tests, force)
+        return result
+
+    def _around(self, known, time, loads, number, rows, corners):
+        """Stiffness, what springs add, residuals and what is held of the functions around corners of some cells, see
+        :class:`pcontact.estimate.singular.Around`.
+
+        Parameters
+        ----------
+        known : Tested
+        time : float
+        loads : list
+        number : int
+            Block.
+        rows, corners : ndarray (n,) of int
+            Cells, and which corner of each.
+        """
+        block, (xi, weights), (tests, dtests) = self.space.mesh.blocks[number], rule(), inside()
+        degree, size = self.space.degree_of(block), NUMBER * self.space.dim
+        dshape, values = shape_gradient(block.cell, degree, xi), shape(block.cell, degree, xi)
+        volume = self._volume(number, rows, (xi, weights, np.ascontiguousarray(dshape), tests, dtests), corners)
+        stiffness = np.empty((len(rows), size, size))
+        stiffnesses(*self._local(block, volume), stiffness)
+        bound = self._springs.around(number, rows, corners, (tests, volume.jxw))
+        stress = BlockStress(self.space, self.bulk, number, rows, known.nodal, corners=corners)
+        tested = self._inside(number, rows, volume, (xi, values, tests), stress, time, loads)
+        self._add_sides(known, number, rows, corners, tested)
+        # displacements that contact admits
+        pressed = (self._kind[number][rows, :, 0] != NEUMANN) & known.pressed[number][rows, None]
+        facets = np.arange(len(rows))[:, None], (corners[:, None] + SIDES) % 3
+        sides = (self._fixed_facets(number, rows) | pressed[:, :, None])[facets]
+        vertex = self._held[self.space.cells[number][rows, corners]] | pressed[facets].any(axis=1)[:, None]
+        return stiffness, bound, tested.reshape(len(rows), size), held(vertex, sides).reshape(len(rows), size)
+
+    def _add_sides(self, known, number, rows, corners, tested):
+        """Add what acts on outer facets beside contact, tested with the functions around corners: with a rule of their
+        own, as g is large where the residual is small."""
+        space, block = self.space, self.space.mesh.blocks[number]
+        table, geometry_degree = space.mesh.geometry_nodes(block)
+        degree, (first, last) = space.degree_of(block), self._pairs.first[number : number + 2]
+        inner, (touched, rest) = self._pairs.inner[first:last].reshape(len(block.nodes), -1), known.outer[number]
+        for facet, (xi, weights) in zip(SIDES, map(side_rule, SIDES), strict=True):
+            outer = np.flatnonzero(~inner[rows, (corners + facet) % 3])
+            cells, corner = rows[outer], corners[outer]
+            x, local = space.mesh.points[turned(table[cells], corner)], np.full(len(cells), facet)
+            at = facet_geometry(block.cell, x, local, geometry_degree, degree, xi, weights)
+            at_xi, tests = on_side(facet)
+            radius = at.points[:, :, 0] if space.axisymmetric else None
+            stress = BlockStress(space, self.bulk, number, cells, known.nodal, corners=corner)
+            sigma, _ = stress(at.gradients, shape(block.cell, degree, at_xi), radius, at_xi)
+            force = np.matmul(sigma, at.normals[:, :, :, None])[:, :, :, 0]
+            # g - t is known at the points of the facets' own rule
+            force += _through(facet_rule(block.cell, space.degree)[0], xi) @ rest[
+                np.searchsorted(touched, cells), (corner + facet) % 3]  # fmt: skip
+            force *= (at.jxw * space.circumference(at.points))[:, :, None]
+            tested[outer] += np.matmul(tests.T, force)
+
+    def _volume(self, number, rows, tables, corners=None):
+        """A :class:`Volume`, from points and weights, gradients of the shape functions, tests and their gradients; with
+        corners (n,) of the cells, triangles, that count as the first, without what is fixed."""
         space, block, (xi, weights, dshape, tests, dtests) = self.space, self.space.mesh.blocks[number], tables
         table, geometry_degree = space.mesh.geometry_nodes(block)
         dgeo = np.ascontiguousarray(shape_gradient(block.cell, geometry_degree, xi))
-        x = np.ascontiguousarray(space.mesh.points[table[rows]])
+        x = np.ascontiguousarray(space.mesh.points[turned(table[rows], corners)])
         places, jxw, radius = shape(block.cell, geometry_degree, xi) @ x, np.empty((len(x), len(weights))), None
         grad, test = np.empty((len(x), *dshape.shape)), np.empty((len(x), *dtests.shape))
         gradients(x, dgeo, dshape, weights, grad, jxw)
@@ -603,7 +702,8 @@ class Estimator:
             radius = np.ascontiguousarray(places[:, :, 0])
             jxw *= 2.0 * np.pi * radius
             ring = np.ascontiguousarray(hoop_operator(tests, radius))
-        return Volume(grad, test, jxw, ring, radius, places, self._fixed(number, rows))
+        fixed = self._fixed(number, rows) if corners is None else None
+        return Volume(grad, test, jxw, ring, radius, places, fixed)
 
     def _rest(self, block, points):
         """What the stiffness of a block differs by from the isotropic one at points (nc, nq, d)."""
@@ -615,7 +715,7 @@ class Estimator:
 
     def _body_force(self, number, rows, points, time, loads, displacement):
         """Force density at points (n, nq, d) of some of a block's cells, None where there is none in the block, at a
-        displacement: shape functions (nq, nn) and nodal values."""
+        displacement: shape functions (nq, nn) and values at the nodes of the cells (n, nn, d)."""
         block = self.space.mesh.blocks[number]
         total = self._springs.force(number, rows, *displacement)
         for load in loads:
@@ -626,6 +726,12 @@ class Estimator:
                 total, own = np.zeros(points.shape) if total is None else total, chosen[rows]
                 total[own] += self._density(load, points[own], None, block.body, time)
         return total
+
+
+def _through(points, others):
+    """Values (n, k) at others (n, 1) of the polynomials that are 1 at one of the points (k, 1), 0 at the rest."""
+    count = len(points)
+    return np.vander(others[:, 0], count) @ np.linalg.inv(np.vander(points[:, 0], count))
 
 
 def _integrals(values, residual, jxw):

@@ -155,7 +155,7 @@ def _soften(functions, c, softening, out):
 
 
 @njit
-def _factorise(a):
+def factorise(a):
     """Cholesky factor of the lower triangle, in place."""
     n = a.shape[0]
     for j in range(n):
@@ -194,15 +194,22 @@ def _forward(a, b):
 
 
 @njit
-def _square_in(stiffness, a, b):
-    """e . K e with the lower triangle of the stiffness K and e = A^-1 b from the Cholesky factor of A; b becomes e."""
-    n, total = a.shape[0], 0.0
+def solve(a, b):
+    """A^-1 b from the Cholesky factor of A, in place."""
+    n = a.shape[0]
     _forward(a, b)
     for i in range(n - 1, -1, -1):
         s = b[i]
         for k in range(i + 1, n):
             s -= a[k, i] * b[k]
         b[i] = s / a[i, i]
+
+
+@njit
+def _square_in(stiffness, a, b):
+    """e . K e with the lower triangle of the stiffness K and e = A^-1 b from the Cholesky factor of A; b becomes e."""
+    n, total = a.shape[0], 0.0
+    solve(a, b)
     for i in range(n):
         total += stiffness[i, i] * b[i] * b[i]
         for k in range(i):
@@ -220,6 +227,24 @@ def _without(matrix, fixed, c, d):
                 matrix[row, :] = 0.0
                 matrix[:, row] = 0.0
                 matrix[row, row] = 1.0
+
+
+@njit
+def stiffnesses(functions, moduli, out):
+    """Stiffness of the test functions of every cell.
+
+    Parameters
+    ----------
+    functions, moduli
+        As for :func:`energies`.
+    out : ndarray (nc, nb d, nb d)
+        Output [force / length].
+    """
+    for c in range(out.shape[0]):
+        _assemble(functions, c, moduli, out[c])
+        for a in range(out.shape[1]):
+            for b in range(a):
+                out[c, b, a] = out[c, a, b]
 
 
 @njit
@@ -244,7 +269,7 @@ def products(functions, moduli, softening, bound, loads, others, fixed, out):
             _soften(functions, c, softening, matrix)
         _add_bound(bound, c, matrix)
         _without(matrix, fixed, c, d)
-        _factorise(matrix)
+        factorise(matrix)
         for a in range(nb):
             for i in range(d):
                 free = 0.0 if fixed[c, a, i] else 1.0
@@ -290,7 +315,7 @@ def energies(functions, moduli, softening, bound, loads, fixed, out):
             _soften(functions, c, softening, matrix)
         _add_bound(bound, c, matrix)
         _without(matrix, fixed, c, d)
-        _factorise(matrix)
+        factorise(matrix)
         for part in range(parts + 1):
             for a in range(nb):
                 for i in range(d):

@@ -14,6 +14,7 @@ from pcontact.estimate.bubbles import bubbles
 from pcontact.estimate.facets import facet_rule
 from pcontact.estimate.local import Bound
 from pcontact.estimate.stress import own_nodes
+from pcontact.estimate.toward import SIDES, on_side, side_rule
 
 NEUMANN = 2
 
@@ -78,14 +79,15 @@ class Springs:
         Parameters
         ----------
         number : int
-        rows : slice
+        rows : slice or ndarray (n,) of int
         values : ndarray (nq, nn)
             Shape functions.
-        nodal : ndarray (n_local, d)
+        nodal : ndarray (n, nn, d)
+            Displacement at the nodes of the cells.
         """
         total = None
         for spring, chosen in self._cells(number):
-            u = np.einsum("qa,cad->cqd", values, nodal[own_nodes(self._space, number)[rows]])
+            u = np.einsum("qa,cad->cqd", values, nodal)
             total = np.zeros_like(u) if total is None else total
             total -= chosen[rows][:, None, None] * (u @ spring.tensor(None))
         return total
@@ -118,6 +120,35 @@ class Springs:
             matrices.append(own)
         return Bound(at, np.concatenate(matrices))
 
+    def around(self, number, rows, corners, functions):
+        """What springs add to the stiffness (n, m, m) of functions around corners of cells of triangles.
+
+        Parameters
+        ----------
+        number : int
+        rows, corners : ndarray (n,) of int
+            Cells, and which of their corners counts as the first.
+        functions : (ndarray (nq, nb), ndarray (n, nq))
+            Those of `pcontact.estimate.toward`, and weights of the points of the cells.
+        """
+        space, block, (tests, jxw) = self._space, self._space.mesh.blocks[number], functions
+        result = np.zeros((len(rows), tests.shape[1] * space.dim, tests.shape[1] * space.dim))
+        table, geometry_degree = space.mesh.geometry_nodes(block)
+        for spring, cells, local in self.facets(number):
+            known = 3 * cells + local
+            for facet, (xi, weights) in zip(SIDES, map(side_rule, SIDES), strict=True):
+                sides = (corners + facet) % 3
+                some = np.flatnonzero(np.isin(3 * rows + sides, known))
+                x = space.mesh.points[table[rows[some]]]
+                place = facet_geometry(block.cell, x, sides[some], geometry_degree, space.degree, xi, weights)
+                weight = place.jxw * space.circumference(place.points)
+                tensor = weight[:, :, None, None] * spring.tensor(place.normals)
+                result[some] += _stretched(tensor, on_side(facet)[1]).reshape(len(some), *result.shape[1:])
+        for spring, chosen in self._cells(number):
+            tensor = (chosen[rows][:, None] * jxw)[:, :, None, None] * spring.tensor(None)
+            result += _stretched(tensor, tests).reshape(result.shape)
+        return result
+
     def _on_facets(self, number):
         """:class:`Bound` of all cells of a block, by springs on facets."""
         space, block = self._space, self._space.mesh.blocks[number]
@@ -140,3 +171,11 @@ class Springs:
             own = np.einsum("fq,fqa,fqb,fqij->faibj", jxw, values, values, tensor, optimize=True)
             np.add.at(matrices, at[cells], own.reshape(len(cells), n, n))
         return Bound(at, matrices)
+
+
+def _stretched(tensor, values):
+    """Work (n, nb, d, nb, d) of springs of stiffnesses (n, nq, d, d) at points, for functions (nq, nb) there."""
+    (n, nq, d, _), nb = tensor.shape, values.shape[1]
+    products = (values[:, :, None] * values[:, None, :]).reshape(nq, nb * nb)
+    work = tensor.transpose(0, 2, 3, 1).reshape(n * d * d, nq) @ products
+    return work.reshape(n, d, d, nb, nb).transpose(0, 3, 1, 4, 2)

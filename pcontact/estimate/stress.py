@@ -24,6 +24,15 @@ def own_nodes(space, number):
     return space.cells[number][:, : n_nodes(block.cell, space.degree_of(block))]
 
 
+def turned(nodes, corners):
+    """Nodes (nc, nn) of triangles, counted from the corners (nc,) on; None: as they are."""
+    if corners is None:
+        return nodes
+    order = (corners[:, None] + np.arange(3)) % 3
+    # midside nodes go round with the vertices
+    return np.take_along_axis(nodes, np.hstack([order, order + 3])[:, : nodes.shape[1]], axis=1)
+
+
 class BlockStress:
     """Stress of some cells of a block under a displacement.
 
@@ -34,20 +43,27 @@ class BlockStress:
         After the load step has been committed: cells that yield do so in the state at its end.
     number : int
         Block.
-    rows : slice
+    rows : slice or ndarray (nc,) of int
         Cells.
     nodal : ndarray (n_local, d)
     found : dict, optional
         Of the displacement: what is found of cells that have yielded, for others that ask for the same.
+    corners : ndarray (nc,) of int, optional
+        Which corners of the cells, triangles that do not yield, count as the first; absent: the first ones.
+
+    Attributes
+    ----------
+    u : ndarray (nc, nn, d)
+        Displacement at the nodes of the cells.
     """
 
-    def __init__(self, space, bulk, number, rows, nodal, found=None):
+    def __init__(self, space, bulk, number, rows, nodal, found=None, corners=None):
         block = space.mesh.blocks[number]
         self.space, self.block, self.degree = space, block, space.degree_of(block)
         self.lam, self.mu = bulk.constants[block.body]
-        self.u = nodal[own_nodes(space, number)[rows]]
+        self.u = nodal[turned(own_nodes(space, number)[rows], corners)]
         table, self._geometry = space.mesh.geometry_nodes(block)
-        self._x = space.mesh.points[table[rows]]
+        self._x = space.mesh.points[turned(table[rows], corners)]
         averaged = space.averages(block)
         self.own, shared = factors(self.lam, self.mu, averaged, self.degree)
         self.shared = None
