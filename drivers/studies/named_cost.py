@@ -49,7 +49,7 @@ TARGETS = {
                 ("support:upper_top", 2e-4)),
     "hill": (("energy", 0.01), ("energy", 0.005)),
     "cattaneo": (("energy", 0.01),),
-    "indent": (("energy", 0.1),),
+    "indent": (("energy", 0.1), ("energy", 0.05)),
     "hertz3d": (("energy", 0.03),),
 }
 ALL = SCENES | HELD_BACK

@@ -198,7 +198,9 @@ class Decision:
         # what simplices have more than the cells they were made of is no rate
         if old.next.get("divided"):
             return FIRST_TRUST
-        expected, seen = old.next["mesh"] / old.parts["mesh"], done.parts["mesh"] / old.parts["mesh"]
+        # what estimates are taken for changes when meshes have been compared, and is no rate, either
+        same = done.part / old.part
+        expected, seen = old.next["mesh"] / old.parts["mesh"], same * done.parts["mesh"] / old.parts["mesh"]
         # singular points explain why the error has fallen less than expected; where it has not, there is no doubt
         least = FIRST_TRUST if corners.explain else LEAST_TRUST
         if not 0.0 < expected < 1.0:

@@ -15,7 +15,7 @@ from pcontact.adapt.watch import at_nodes
 from pcontact.element.reference import CELLS
 from pcontact.runtime.petsc import MPI, PETSc
 
-# [-] Growth of the number of load steps from which on what they change is measured. From: chosen; fewer tell little.
+# [-] Load steps over those of another run from which on their change tells an error. From: chosen; fewer tell little.
 AGAIN = 1.5
 
 
@@ -56,13 +56,14 @@ class Measure:
         simplices = any(not CELLS[kind].is_tensor for some in comm.allgather(kinds) for kind in some)
         known = effectivity(simulation.scene, simplices, mesh.dim, space.degree)
         norm = watch.norm if watch.norm > 0.0 else 1.0
-        estimate, size, found = watch.absolute / norm, norm, None
+        estimate, size, found, part = watch.absolute / norm, norm, None, 1.0
         beside = {"algebraic": watch.algebraic / norm}
         loads, forces = simulation.error_estimate.of_loads(watch.time)
         beside["loads"] = loads / norm
         if self._target.quantity == "energy":
             far = estimate / known.least > self._target.error
-            estimate /= self._seen.part(simulation, watch, far)
+            part = self._seen.part(simulation, watch, far)
+            estimate /= part
         else:
             found = simulation.error_estimate.of_quantity(
                 self._target, watch.record, simulation.stepper.u, watch.time, watch.unbalanced
@@ -79,7 +80,7 @@ class Measure:
             parts={"mesh": estimate / known.least, **beside}, steps=self._settings.steps,
             seconds=seconds, solve=times["solve"], memory=times["peak_memory_mb"] * 2.0**20,
             entries=simulation.problem.matrix.matrix.getInfo(PETSc.Mat.InfoType.GLOBAL_SUM)["nz_used"],
-            quantity=None if found is None else self._quantity(found),
+            quantity=None if found is None else self._quantity(found), part=part,
         )  # fmt: skip
         self._add_loads(comm, watch, forces, done.parts)
         done.parts |= self._beside.parts(simulation, done, size, watch)
@@ -104,7 +105,7 @@ class Measure:
         done : pcontact.adapt.passes.Pass
         """
         begun, first = clock.perf_counter(), len(self._passes) == 1
-        if self._settings.steps < AGAIN * done.steps:
+        if self._settings.steps == done.steps:
             return
         other = self._beside.doubled if first else self._with_others(simulation, done)
         if other is None:

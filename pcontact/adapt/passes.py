@@ -46,6 +46,8 @@ class Pass:
     next : dict or None
         What was decided: ``unknowns``, ``mesh`` (its part of the error then), ``load_steps`` and ``degree`` that are
         expected; None of what is not known. ``divided``: the cells are divided into simplices.
+    part : float
+        Of the error that the estimate has been taken for: 1 but where bodies yield.
     """
 
     unknowns: int
@@ -63,6 +65,7 @@ class Pass:
     quantity: dict | None = None
     trials: float = 0.0
     next: dict | None = None
+    part: float = 1.0
 
     @property
     def power(self):

@@ -25,13 +25,15 @@ class Recorder(SimpleNamespace):
         return Step(Cuts(np.ones(1, dtype=np.int64), wanted, 10.0), None, ())
 
 
-def asked(second, explain=False):
-    """Of the refining after two passes, the second one of an error: the first had 0.4, and 0.1 was expected."""
+def asked(second, explain=False, parts=(1.0, 1.0)):
+    """Of the refining after two passes, the second one of an error: the first had 0.4, and 0.1 was expected. `parts` of
+    the error are what their estimates were taken for."""
     known = Range(1.0, 2.0, "", 3)
     passes = [Pass(100, 50, 2, error, known, {"mesh": error, "algebraic": 0.0}, error, seconds=1.0, memory=1e8)
               for error in (0.4, second)]  # fmt: skip
+    passes[0].part, passes[1].part = parts
     passes[0].next = {"unknowns": 100.0, "mesh": 0.1, "load_steps": 1, "degree": 2}
-    refining = Recorder(whole=False, corners=SimpleNamespace(explain=explain))
+    refining = Recorder(whole=False, corners=SimpleNamespace(explain=explain, wall=None))
     settings = SimpleNamespace(staying=(), falling=("mesh",), steps=1, balance=lambda done: None)
     decision = Decision(Target(0.01), settings, passes, refining, MPI.COMM_SELF)
     simulation = SimpleNamespace(problem=SimpleNamespace(space=SimpleNamespace(dim=3)))
@@ -43,6 +45,12 @@ def asked(second, explain=False):
 def test_a_mesh_that_has_brought_much_less_than_expected_is_followed_by_a_trial():
     """As where cells have to become smaller toward an edge."""
     assert asked(0.12).known and not asked(0.25).known
+
+
+def test_estimates_that_are_taken_for_another_part_of_the_error_are_compared_as_they_are():
+    """An error of 0.06 instead of 0.1 only since the estimate is taken for all of it, and not for six tenths."""
+    assert asked(0.06, parts=(0.6, 1.0)).wanted == pytest.approx(0.085 * 0.1 / 0.06)
+    assert not asked(0.15, parts=(0.6, 1.0)).known and asked(0.15, parts=(1.0, 1.0)).known
 
 
 def test_singular_points_excuse_and_cast_no_doubt():
