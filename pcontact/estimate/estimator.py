@@ -50,7 +50,7 @@ from pcontact.estimate.recovery import Recovery
 from pcontact.estimate.singular import SingularPoints
 from pcontact.estimate.springs import Springs
 from pcontact.estimate.stress import BlockStress, own_nodes, turned
-from pcontact.estimate.toward import NUMBER, SIDES, held, inside, on_side, rule, side_rule
+from pcontact.estimate.toward import NUMBER, held, inside, rule, side_rule, sides
 from pcontact.estimate.tractions import Cells, on_source, on_target, source_facets
 from pcontact.estimate.yielding import softening
 from pcontact.material.orthotropic import traction_matrix
@@ -632,7 +632,7 @@ class Estimator:
             result += np.einsum("cq,qb,cqd->cbd", volume.jxw, tests, force)
         return result
 
-    def _around(self, known, time, loads, number, rows, corners):
+    def _around(self, known, time, loads, number, rows, corners, half):
         """Stiffness, what springs add, residuals and what is held of the functions around corners of some cells, see
         :class:`pcontact.estimate.singular.Around`.
 
@@ -645,50 +645,58 @@ class Estimator:
             Block.
         rows, corners : ndarray (n,) of int
             Cells, and which corner of each.
+        half : int
+            Which of their triangles there, see `pcontact.estimate.toward.n_halves`.
         """
-        block, (xi, weights), (tests, dtests) = self.space.mesh.blocks[number], rule(), inside()
+        block = self.space.mesh.blocks[number]
+        (xi, weights), (tests, dtests) = rule(block.cell, half), inside(block.cell, half)
         degree, size = self.space.degree_of(block), NUMBER * self.space.dim
         dshape, values = shape_gradient(block.cell, degree, xi), shape(block.cell, degree, xi)
         volume = self._volume(number, rows, (xi, weights, np.ascontiguousarray(dshape), tests, dtests), corners)
         stiffness = np.empty((len(rows), size, size))
         stiffnesses(*self._local(block, volume), stiffness)
-        bound = self._springs.around(number, rows, corners, (tests, volume.jxw))
+        bound = self._springs.around(number, rows, corners, half, (tests, volume.jxw))
         stress = BlockStress(self.space, self.bulk, number, rows, known.nodal, corners=corners)
         tested = self._inside(number, rows, volume, (xi, values, tests), stress, time, loads)
-        self._add_sides(known, number, rows, corners, tested)
+        self._add_sides(known, number, rows, corners, half, tested)
         # displacements that contact admits
         pressed = (self._kind[number][rows, :, 0] != NEUMANN) & known.pressed[number][rows, None]
-        facets = np.arange(len(rows))[:, None], (corners[:, None] + SIDES) % 3
-        sides = (self._fixed_facets(number, rows) | pressed[:, :, None])[facets]
-        vertex = self._held[self.space.cells[number][rows, corners]] | pressed[facets].any(axis=1)[:, None]
-        return stiffness, bound, tested.reshape(len(rows), size), held(vertex, sides).reshape(len(rows), size)
+        fixed, every = self._fixed_facets(number, rows) | pressed[:, :, None], np.arange(len(rows))
+        on_sides = np.zeros((len(rows), 2, self.space.dim), dtype=bool)
+        vertex = self._held[self.space.cells[number][rows, corners]]
+        for side, facet in sides(block.cell, half):
+            facets = (corners + facet) % fixed.shape[1]
+            on_sides[:, side] = fixed[every, facets]
+            vertex |= pressed[every, facets][:, None]
+        return stiffness, bound, tested.reshape(len(rows), size), held(vertex, on_sides).reshape(len(rows), size)
 
-    def _add_sides(self, known, number, rows, corners, tested):
+    def _add_sides(self, known, number, rows, corners, half, tested):
         """Add what acts on outer facets beside contact, tested with the functions around corners: with a rule of their
         own, as g is large where the residual is small."""
         space, block = self.space, self.space.mesh.blocks[number]
         table, geometry_degree = space.mesh.geometry_nodes(block)
         degree, (first, last) = space.degree_of(block), self._pairs.first[number : number + 2]
         inner, (touched, rest) = self._pairs.inner[first:last].reshape(len(block.nodes), -1), known.outer[number]
-        for facet, (xi, weights) in zip(SIDES, map(side_rule, SIDES), strict=True):
-            outer = np.flatnonzero(~inner[rows, (corners + facet) % 3])
+        for side, facet in sides(block.cell, half):
+            xi, weights, tests = side_rule(side)
+            outer = np.flatnonzero(~inner[rows, (corners + facet) % inner.shape[1]])
             cells, corner = rows[outer], corners[outer]
             x, local = space.mesh.points[turned(table[cells], corner)], np.full(len(cells), facet)
             at = facet_geometry(block.cell, x, local, geometry_degree, degree, xi, weights)
-            at_xi, tests = on_side(facet)
+            at_xi = facet_points(block.cell, xi)[facet]
             radius = at.points[:, :, 0] if space.axisymmetric else None
             stress = BlockStress(space, self.bulk, number, cells, known.nodal, corners=corner)
             sigma, _ = stress(at.gradients, shape(block.cell, degree, at_xi), radius, at_xi)
             force = np.matmul(sigma, at.normals[:, :, :, None])[:, :, :, 0]
             # g - t is known at the points of the facets' own rule
             force += _through(facet_rule(block.cell, space.degree)[0], xi) @ rest[
-                np.searchsorted(touched, cells), (corner + facet) % 3]  # fmt: skip
+                np.searchsorted(touched, cells), (corner + facet) % inner.shape[1]]  # fmt: skip
             force *= (at.jxw * space.circumference(at.points))[:, :, None]
             tested[outer] += np.matmul(tests.T, force)
 
     def _volume(self, number, rows, tables, corners=None):
         """A :class:`Volume`, from points and weights, gradients of the shape functions, tests and their gradients; with
-        corners (n,) of the cells, triangles, that count as the first, without what is fixed."""
+        corners (n,) of the plane cells that count as the first, without what is fixed."""
         space, block, (xi, weights, dshape, tests, dtests) = self.space, self.space.mesh.blocks[number], tables
         table, geometry_degree = space.mesh.geometry_nodes(block)
         dgeo = np.ascontiguousarray(shape_gradient(block.cell, geometry_degree, xi))

@@ -18,7 +18,7 @@ import numpy as np
 
 from pcontact.element.reference import CELLS, facet_nodes
 from pcontact.estimate.stress import turned
-from pcontact.estimate.toward import patches
+from pcontact.estimate.toward import n_halves, patches
 from pcontact.runtime.petsc import MPI
 
 # [-] Part of the squared estimate that cells around a vertex must have. From: chosen; with less all such vertices of a
@@ -29,14 +29,14 @@ LEAST = 1e-6
 
 
 class Around(NamedTuple):
-    """Cells around vertices: one row for each vertex of a cell that is looked at.
+    """Cells around vertices: one row for each vertex of a cell that is looked at, two if it is a quadrilateral.
 
     Attributes
     ----------
     vertex : ndarray (n,) of int
         Global number of the node.
     ends : ndarray (n, 2) of int
-        Those of the cell's other two vertices.
+        Those of the next two vertices of the triangle that the row stands for.
     cell : ndarray (n,) of int
         Global number of the cell.
     square : ndarray (n,)
@@ -61,7 +61,7 @@ class Around(NamedTuple):
 
 
 class SingularPoints:
-    """Vertices on the boundary of bodies of triangles, and where bodies share nodes; not in bodies that may yield.
+    """Vertices on the boundary of bodies in the plane, and where bodies share nodes; not of bodies that may yield.
 
     Parameters
     ----------
@@ -82,23 +82,26 @@ class SingularPoints:
         squares : list of ndarray (nc,)
             Squared estimates of the cells of each block [energy]; changed.
         around : callable
-            ``around(number, rows, corners)`` gives stiffness, bound, loads and held of :class:`Around` for cells of a
-            block, each around one of its corners.
+            ``around(number, rows, corners, half)`` gives stiffness, bound, loads and held of :class:`Around` for cells
+            of a block, each around one of its corners; half: see `pcontact.estimate.toward.n_halves`.
         """
         if self._space.dim != 2:
             return
         chosen, rows, own = self._chosen(squares), [], []
         for number in range(len(squares)):
-            if self._space.mesh.blocks[number].cell == "triangle":
-                cells, corners = np.nonzero(chosen[self._space.cells[number][:, :3]])
-                if len(cells):
-                    rows += [(number, cell) for cell in cells]
-                    own.append(self._around(number, cells, corners, squares[number], around))
+            kind = self._space.mesh.blocks[number].cell
+            cells, corners = np.nonzero(chosen[self._space.cells[number][:, : CELLS[kind].n_vertices]])
+            for half in range(n_halves(kind) if len(cells) else 0):
+                rows += [(number, cell) for cell in cells]
+                # what a cell has counts once
+                has = squares[number][cells] * (half == 0)
+                own.append(self._around(number, cells, corners, half, has, around))
         table, first = self._gathered(own)
-        for row, square in _best(table):
-            if first <= row < first + len(rows):
-                number, cell = rows[row - first]
-                squares[number][cell] = square
+        best = [(*rows[row - first], square) for row, square in _best(table) if first <= row < first + len(rows)]
+        for number, cell, _ in best:
+            squares[number][cell] = 0.0
+        for number, cell, square in best:
+            squares[number][cell] += square
 
     def _chosen(self, squares):
         """Flags (n_local,) of the vertices that are looked at. *Collective.*"""
@@ -122,7 +125,7 @@ class SingularPoints:
             first, last = self._pairs.first[number : number + 2]
             outer = ~self._pairs.inner[first:last].reshape(-1, len(CELLS[block.cell].facets))
             edge[cells[:, facet_nodes(block.cell, 1)][outer]] = True
-            if block.cell != "triangle" or number in self._yielding:
+            if number in self._yielding:
                 other[cells] = True
             vertices = cells[:, : CELLS[block.cell].n_vertices]
             np.add.at(bodies, vertices.ravel(), [1.0, block.body])
@@ -142,11 +145,12 @@ class SingularPoints:
         total.destroy()
         return result
 
-    def _around(self, number, rows, corners, squares, around):
+    def _around(self, number, rows, corners, half, squares, around):
         """Rows of the table."""
         nodes = turned(self._space.nodes[self._space.cells[number][rows]], corners)
-        return Around(nodes[:, 0].copy(), nodes[:, 1:3].copy(), self._space.mesh.blocks[number].ids[rows],
-                      squares[rows], *around(number, rows, corners))  # fmt: skip
+        return Around(nodes[:, 0].copy(), nodes[:, 1 + half : 3 + half].copy(),
+                      self._space.mesh.blocks[number].ids[rows], squares,
+                      *around(number, rows, corners, half))  # fmt: skip
 
     def _gathered(self, own):
         """The table of all ranks, None where it is empty, and the first row of this one. *Collective.*"""
@@ -162,7 +166,7 @@ def _best(table):
     if table is None:
         return []
     # the order of the ranks makes no difference
-    order = np.lexsort([table.cell, table.vertex])
+    order = np.lexsort([table.ends[:, 0], table.cell, table.vertex])
     table, energy = Around(*(part[order] for part in table)), np.zeros(len(order))
     first = np.append(np.flatnonzero(np.diff(table.vertex, prepend=-1)), len(order))
     patches(first, table.ends, table.stiffness, table.bound, table.loads, table.held, energy)

@@ -8,13 +8,13 @@ import numpy as np
 
 from pcontact.assembly.patches import kind_of
 from pcontact.element.geometry import facet_geometry
-from pcontact.element.reference import facet_points
+from pcontact.element.reference import CELLS, facet_points
 from pcontact.element.shape import shape
 from pcontact.estimate.bubbles import bubbles
 from pcontact.estimate.facets import facet_rule
 from pcontact.estimate.local import Bound
 from pcontact.estimate.stress import own_nodes
-from pcontact.estimate.toward import SIDES, on_side, side_rule
+from pcontact.estimate.toward import side_rule, sides
 
 NEUMANN = 2
 
@@ -120,30 +120,32 @@ class Springs:
             matrices.append(own)
         return Bound(at, np.concatenate(matrices))
 
-    def around(self, number, rows, corners, functions):
-        """What springs add to the stiffness (n, m, m) of functions around corners of cells of triangles.
+    def around(self, number, rows, corners, half, functions):
+        """What springs add to the stiffness (n, m, m) of functions around corners of plane cells.
 
         Parameters
         ----------
         number : int
         rows, corners : ndarray (n,) of int
             Cells, and which of their corners counts as the first.
+        half : int
+            See `pcontact.estimate.toward.n_halves`.
         functions : (ndarray (nq, nb), ndarray (n, nq))
             Those of `pcontact.estimate.toward`, and weights of the points of the cells.
         """
         space, block, (tests, jxw) = self._space, self._space.mesh.blocks[number], functions
         result = np.zeros((len(rows), tests.shape[1] * space.dim, tests.shape[1] * space.dim))
-        table, geometry_degree = space.mesh.geometry_nodes(block)
+        (table, geometry_degree), count = space.mesh.geometry_nodes(block), len(CELLS[block.cell].facets)
         for spring, cells, local in self.facets(number):
-            known = 3 * cells + local
-            for facet, (xi, weights) in zip(SIDES, map(side_rule, SIDES), strict=True):
-                sides = (corners + facet) % 3
-                some = np.flatnonzero(np.isin(3 * rows + sides, known))
+            known = count * cells + local
+            for side, facet in sides(block.cell, half):
+                at, (xi, weights, values) = (corners + facet) % count, side_rule(side)
+                some = np.flatnonzero(np.isin(count * rows + at, known))
                 x = space.mesh.points[table[rows[some]]]
-                place = facet_geometry(block.cell, x, sides[some], geometry_degree, space.degree, xi, weights)
+                place = facet_geometry(block.cell, x, at[some], geometry_degree, space.degree, xi, weights)
                 weight = place.jxw * space.circumference(place.points)
                 tensor = weight[:, :, None, None] * spring.tensor(place.normals)
-                result[some] += _stretched(tensor, on_side(facet)[1]).reshape(len(some), *result.shape[1:])
+                result[some] += _stretched(tensor, values).reshape(len(some), *result.shape[1:])
         for spring, chosen in self._cells(number):
             tensor = (chosen[rows][:, None] * jxw)[:, :, None, None] * spring.tensor(None)
             result += _stretched(tensor, tests).reshape(result.shape)

@@ -25,12 +25,14 @@ def own_nodes(space, number):
 
 
 def turned(nodes, corners):
-    """Nodes (nc, nn) of triangles, counted from the corners (nc,) on; None: as they are."""
+    """Nodes (nc, nn) of triangles or quadrilaterals, counted from the corners (nc,) on; None: as they are."""
     if corners is None:
         return nodes
-    order = (corners[:, None] + np.arange(3)) % 3
-    # midside nodes go round with the vertices
-    return np.take_along_axis(nodes, np.hstack([order, order + 3])[:, : nodes.shape[1]], axis=1)
+    count = 3 if nodes.shape[1] in (3, 6) else 4
+    order = (corners[:, None] + np.arange(count)) % count
+    # midside nodes go round with the vertices, the one in the middle stays
+    order = np.hstack([order, order + count, np.full((len(order), 1), 2 * count)])
+    return np.take_along_axis(nodes, order[:, : nodes.shape[1]], axis=1)
 
 
 class BlockStress:
@@ -49,7 +51,7 @@ class BlockStress:
     found : dict, optional
         Of the displacement: what is found of cells that have yielded, for others that ask for the same.
     corners : ndarray (nc,) of int, optional
-        Which corners of the cells, triangles that do not yield, count as the first; absent: the first ones.
+        Which corners of the cells, which are plane and do not yield, count as the first; absent: the first ones.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Test functions on the triangles around a vertex, for displacements that go like r^a there.
+"""Test functions on the cells around a vertex in the plane, for displacements that go like r^a there.
 
 The local problems of cells know what the next degree adds. Of a displacement r^a, which no degree follows, that is
 a part: around a clamped corner half of the squared error. Here s is the distance from the vertex, 0 there and 1 on the
@@ -7,14 +7,14 @@ opposite sides, and t goes from one side of a cell to the other; functions are
     1 - s   and   s^b (1 - s) l(t),   b of `POWERS`, l of Lagrange's polynomials of `ANGULAR` in t
 
 They are zero on the opposite sides, and continuous from cell to cell: no traction between cells has to be known. The
-vertex is the first corner of each cell.
+vertex is the first corner of each cell; quadrilaterals are two triangles each.
 """
 
 import functools
 
 import numpy as np
 
-from pcontact.element.reference import facet_points
+from pcontact.element.reference import CELLS, reference_nodes
 from pcontact.estimate.local import factorise, solve
 from pcontact.runtime.jit import njit
 
@@ -25,43 +25,83 @@ POWERS = (0.5, 1.0, 1.5)
 ANGULAR = 3
 # of functions on a cell: the one that is 1 at the vertex, then for each power those of t from side to side
 NUMBER = 1 + len(POWERS) * (ANGULAR + 1)
-# points of the rule in s and in t: as many as straight cells need
-RADIAL, ACROSS = 5, 4
-# facets of the triangle that meet in the vertex, which is the beginning of the first one and the end of the other
-SIDES = (0, 2)
+# points of the rule in s and in t, and of that on sides in s: as many as straight cells need
+POINTS, SIDE_POINTS = {"triangle": (5, 4), "quadrilateral": (7, 6)}, 7
 
 
-@functools.cache
-def rule():
-    """Quadrature of products of gradients: Gauss's in sqrt(s) and t; not to be changed.
+def n_halves(cell):
+    """Into how many triangles that meet in the first corner a cell is divided: a quadrilateral into two."""
+    return CELLS[cell].n_vertices - 2
+
+
+def sides(cell, half):
+    """Facets of a cell among the two sides of one of its triangles at the vertex.
 
     Returns
     -------
-    xi : ndarray (n, 2)
-        Reference points.
-    weights : ndarray (n,)
+    list of (int, int)
+        Side, 0 where t is 0 and 1 where it is 1, and facet: the first one, which begins at the vertex, or the last one,
+        which ends there.
     """
-    (root, radial), (t, across) = _gauss(RADIAL), _gauss(ACROSS)
+    last = len(CELLS[cell].facets) - 1
+    return [(0, 0)] * (half == 0) + [(1, last)] * (half == n_halves(cell) - 1)
+
+
+def _map(cell, half):
+    """Vertex (2,) and slopes (2, 2) of the reference triangle's map onto one of the triangles of a reference cell."""
+    corners = reference_nodes(cell, 1)
+    return corners[0], np.column_stack([corners[1 + half] - corners[0], corners[2 + half] - corners[0]])
+
+
+@functools.cache
+def _triangle_rule(cell):
+    """Gauss's rule in sqrt(s) and t on the reference triangle: points (n, 2), weights (n,)."""
+    (root, radial), (t, across) = map(_gauss, POINTS[cell])
     s, t = (one.ravel() for one in np.meshgrid(root**2, t, indexing="ij"))
     # the area of the triangle is s ds dt, and ds = 2 sqrt(s) d sqrt(s)
     return np.column_stack([s * (1.0 - t), s * t]), np.outer(2.0 * root**3 * radial, across).ravel()
 
 
 @functools.cache
-def side_rule(facet):
-    """The same in s alone, on one of the `SIDES`: points (n, 1) between -1 and 1, weights (n,); not to be changed."""
-    root, weights = _gauss(RADIAL)
-    points = 2.0 * root**2 - 1.0
-    return (points if facet == SIDES[0] else -points)[:, None], 4.0 * root * weights
+def rule(cell, half=0):
+    """Quadrature of products of gradients on one of the triangles of a cell; not to be changed.
+
+    Returns
+    -------
+    xi : ndarray (n, 2)
+        Reference points of the cell.
+    weights : ndarray (n,)
+    """
+    (xi, weights), (vertex, slopes) = _triangle_rule(cell), _map(cell, half)
+    return vertex + xi @ slopes.T, np.linalg.det(slopes) * weights
+
+
+@functools.cache
+def inside(cell, half):
+    """The functions at the points of :func:`rule`: values (n, NUMBER), and gradients (n, NUMBER, 2) in the reference
+    coordinates of the cell; not to be changed."""
+    values, gradients = toward(_triangle_rule(cell)[0])
+    return values, np.ascontiguousarray(gradients @ np.linalg.inv(_map(cell, half)[1]))
+
+
+@functools.cache
+def side_rule(side):
+    """The same in s alone, on a facet that is a side: points (n, 1) between -1 and 1, weights (n,), and the functions
+    (n, NUMBER); not to be changed."""
+    root, weights = _gauss(SIDE_POINTS)
+    s, zero = root**2, np.zeros_like(root)
+    points = (2.0 * s - 1.0) * (1.0 if side == 0 else -1.0)
+    values = toward(np.column_stack([s, zero] if side == 0 else [zero, s]))[0]
+    return points[:, None], 4.0 * root * weights, values
 
 
 def toward(xi):
-    """The functions on one cell.
+    """The functions on one triangle, whose first corner is the vertex.
 
     Parameters
     ----------
     xi : ndarray (n, 2)
-        Reference points, none of them the vertex.
+        Its reference points, none of them the vertex.
 
     Returns
     -------
@@ -85,28 +125,14 @@ def toward(xi):
     return values, np.ascontiguousarray(gradients)
 
 
-@functools.cache
-def inside():
-    """The functions at the points of :func:`rule`; not to be changed."""
-    return toward(rule()[0])
-
-
-@functools.cache
-def on_side(facet):
-    """The points of :func:`side_rule` in the reference cell, (n, 2), and the functions (n, NUMBER) there; not to be
-    changed."""
-    points = facet_points("triangle", side_rule(facet)[0])[facet]
-    return points, toward(points)[0]
-
-
-def held(vertex, sides):
+def held(vertex, on_sides):
     """Which functions are held, where a vertex and the sides of a cell are.
 
     Parameters
     ----------
     vertex : ndarray (n, d) of bool
-    sides : ndarray (n, 2, d) of bool
-        Of the `SIDES`: that on which t is 0, and that on which it is 1.
+    on_sides : ndarray (n, 2, d) of bool
+        Of the side on which t is 0, and of that on which it is 1.
 
     Returns
     -------
@@ -114,7 +140,7 @@ def held(vertex, sides):
     """
     n, d = vertex.shape
     found = np.zeros((n, len(POWERS), ANGULAR + 1, d), dtype=bool)
-    found[:, :, 0], found[:, :, -1] = sides[:, None, 0], sides[:, None, 1]
+    found[:, :, 0], found[:, :, -1] = on_sides[:, None, 0], on_sides[:, None, 1]
     return np.concatenate([vertex[:, None], found.reshape(n, -1, d)], axis=1)
 
 
@@ -127,7 +153,7 @@ def patches(first, ends, stiffness, bound, loads, fixed, out):
     first : ndarray (n + 1,) of int
         Where the cells of each vertex begin.
     ends : ndarray (nc, 2) of int
-        Nodes at the other ends of the two sides of each cell: cells with a common side have functions in common.
+        Nodes at the other ends of the two sides of each: those with a common side have functions in common.
     stiffness : ndarray (nc, m, m)
         Of elasticity, for the functions of :func:`toward` and directions [force / length].
     bound : ndarray (nc, m, m)

@@ -9,7 +9,7 @@ import pytest
 from meshes.tools import finish, gmsh_model, group, unstructured
 from pcontact.assembly.error_norms import bulk_error
 from pcontact.estimate.singular import SingularPoints
-from pcontact.estimate.toward import ANGULAR, NUMBER, POWERS, SIDES, held, patches, rule, side_rule, toward
+from pcontact.estimate.toward import ANGULAR, NUMBER, POWERS, held, inside, patches, rule, side_rule, toward
 from pcontact.material.elastic import lame
 from pcontact.runtime.petsc import MPI
 from pcontact.scene.model import Body, Displacement, Material, MeshSpec, Output, Scene
@@ -39,8 +39,7 @@ def test_functions():
 
 def test_rules():
     """Products of gradients of functions, as a rule of many points integrates them; a root on a side."""
-    xi, weights = rule()
-    _, gradients = toward(xi)
+    weights, (_, gradients) = rule("triangle")[1], inside("triangle", 0)
     root, own = np.polynomial.legendre.leggauss(40)
     s, t = (one.ravel() for one in np.meshgrid((0.5 * (root + 1.0)) ** 2, 0.5 * (root + 1.0), indexing="ij"))
     many = np.outer(0.125 * own * (root + 1.0) ** 3, 0.5 * own).ravel()
@@ -49,10 +48,19 @@ def test_rules():
         found = np.einsum("q,qa,qb->ab", weights, gradients[:, :, i], gradients[:, :, j])
         known = np.einsum("q,qa,qb->ab", many, fine[:, :, i], fine[:, :, j])
         assert np.abs(found - known).max() < 1e-12 * np.abs(known).max()
-    for facet, sign in zip(SIDES, (1.0, -1.0), strict=True):
-        points, weights = side_rule(facet)
+    for side, sign in enumerate((1.0, -1.0)):
+        points, weights, _ = side_rule(side)
         away = 0.5 * (1.0 + sign * points[:, 0])
         assert weights @ np.sqrt(away) == pytest.approx(2.0 * 2.0 / 3.0, rel=1e-13)
+    # a quadrilateral is two triangles: a polynomial on both, and the slopes of the functions on each
+    whole = [rule("quadrilateral", half) for half in (0, 1)]
+    assert sum(w @ ((1.0 + x[:, 0]) * x[:, 1] ** 2) for x, w in whole) == pytest.approx(4.0 / 3.0, rel=1e-13)
+    step = 1e-7 * np.array([0.3, 1.0])
+    for half, (xi, _) in enumerate(whole):
+        slopes = np.array([[2.0, 2.0], [0.0, 2.0]]) if half == 0 else np.array([[2.0, 0.0], [2.0, 2.0]])
+        values = [toward(np.linalg.solve(slopes, (xi + sign * step + 1.0).T).T)[0] for sign in (1.0, -1.0)]
+        known = inside("quadrilateral", half)[1] @ step
+        assert np.abs(0.5 * (values[0] - values[1]) - known).max() < 1e-6 * np.abs(known).max()
 
 
 def test_kernel():
@@ -102,8 +110,8 @@ def crack(x, _):
     return u, u[:, :, None] / (2.0 * r)[:, None, None] * along[:, None] + slope[:, :, None] * across[:, None]
 
 
-def half(path):
-    """Half of a square with a crack to its middle, of triangles."""
+def half(path, cell):
+    """Half of a square with a crack to its middle."""
     with gmsh_model("crack"):
         occ = gmsh.model.occ
         parts = [(2, occ.addRectangle(x, 0.0, 0.0, 1.0, 1.0)) for x in (-1.0, 0.0)]
@@ -114,12 +122,12 @@ def half(path):
         group(1, "ahead", [tag for tag, at in lines.items() if np.hypot(at[0] - 0.5, at[1]) < 0.1])
         group(1, "around", [tag for tag, at in lines.items() if at[1] > 0.1 and abs(at[0]) > 0.1])
         gmsh.option.setNumber("Mesh.MeshSizeMax", 0.5)
-        unstructured("triangle")
+        unstructured(cell)
         return finish(path, 2, 1)
 
 
-@pytest.mark.parametrize("degree", [1, 2])
-def test_crack(tmp_path, monkeypatch, degree):
+@pytest.mark.parametrize("cell, degree", [("triangle", 1), ("triangle", 2), ("quadrilateral", 2)])
+def test_crack(tmp_path, monkeypatch, cell, degree):
     """Estimate over error of a displacement that goes like the root of r: with degree 2 near 1, a fourth less without
     the problems around vertices."""
     mu = lame(E, NU)[1]
@@ -127,7 +135,7 @@ def test_crack(tmp_path, monkeypatch, degree):
     prescribed = [f"{r}/{mu}*cos{angle}*({kappa - 1.0}+2*sin{angle}**2)",
                   f"{r}/{mu}*sin{angle}*({kappa + 1.0}-2*cos{angle}**2)"]  # fmt: skip
     scene = Scene(
-        mesh=MeshSpec(half(tmp_path / "crack.msh"), order=degree),
+        mesh=MeshSpec(half(tmp_path / "crack.msh", cell), order=degree),
         materials={"m": Material(E, NU)},
         bodies=[Body("body", "m")],
         displacements=[Displacement("ahead", ["free", 0.0]), Displacement("around", prescribed)],
