@@ -145,5 +145,7 @@ def _line(s, known, values):
     if len(known) < 2:
         return np.full(len(s), values.sum())
     after = np.clip(np.searchsorted(known, s), 1, len(known) - 1)
-    part = (s - known[after - 1]) / (known[after] - known[after - 1])
+    step = known[after] - known[after - 1]
+    # points of the smallest facets may have one place, to rounding
+    part = np.divide(s - known[after - 1], step, out=np.zeros(len(s)), where=step > 0.0)
     return (1.0 - part) * values[after - 1] + part * values[after]

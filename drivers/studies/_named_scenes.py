@@ -215,7 +215,7 @@ SCENES = {
     "average": NamedScene("a block, an end moved on average", partial(_loaded, "average"), ("energy", "support:left")),
     "degrees": NamedScene("blocks of degree 1 and 2 with common nodes", _degrees, ("energy", "support:upper_top")),
     "hertz2d": NamedScene("cylinder on block, Hertz", partial(_hertz, "cylinder_on_block", 3),
-                          ("energy", "support:block_bottom", "pressure:cylinder_skin-block_top"), pressure=0.006),
+                          ("energy", "support:block_bottom", "pressure:cylinder_skin-block_top"), pressure=0.008),
     "hertz3d": NamedScene("ball on block, Hertz", partial(_hertz, "ball_on_block", 2), ("energy",),
                           reference=0.006),
     "cattaneo": NamedScene("Cattaneo and Mindlin", _cattaneo, ("energy", "pressure:skins")),
@@ -231,6 +231,6 @@ SCENES = {
 }  # fmt: skip
 HELD_BACK = {
     "disk": NamedScene("disk resting on a block", _disk, ("energy", "force:disk-block", "pressure:disk-block"),
-                       pressure=0.012),
+                       pressure=0.03),
     "sheared": NamedScene("blocks pressed and sheared, Coulomb", _sheared, ("energy", "support:upper_top")),
 }

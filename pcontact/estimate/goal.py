@@ -33,6 +33,9 @@ from pcontact.scene.model import Load
 # [-] Of the dual solve. From: it is what is left of the estimate for forces that follow from equilibrium, which have no
 # error.
 DUAL_RTOL = 1e-5
+# [-] Sizes of the target's facets over those of the source, with which a pressure's error counts for both alike. From:
+# where the target is the finer one, pressures wave with its facets, and more so on finer meshes: Hertz's cylinder.
+SOURCE = 2.0
 # [iterations] Of the dual solve at most. From: chosen.
 DUAL_ITERATIONS = 400
 
@@ -241,8 +244,8 @@ def surface_pressure(estimator, contact, u):
     Both bodies bring errors into the pressure: it is compared with the stress of the source where it is integrated, and
     with that of the target at the partners. The squares of both count by the compliance of the cells there: of two
     alike they have the mean, beside a stiff body or an obstacle the soft one counts. What is missed at a point is that
-    of the cells of both sides, but of the larger one more (by the squares of their sizes): where the target is finer
-    than the source, the pressure waves with the target's cells, and it is the source that is too coarse.
+    of the cells of both sides, but of the source more, unless it is finer than the target (`SOURCE`): where it is not,
+    the pressure waves with the target's cells.
 
     Parameters
     ----------
@@ -321,7 +324,7 @@ def _on_partners(estimator, pair, source, weight, pressure, averaged):
         own = one.table[:, 0], one.table[:, 1], one.table[:, 2 : 2 + d]
         squares = _squares(estimator, number, one.rows, one.xi, own, averaged)
         x = mesh.points[block.nodes[one.rows[:, None], facet_nodes(block.cell, 1)[one.local]]]
-        size, theirs = diameters(x) ** 2, one.table[:, -2] ** 2
+        size, theirs = diameters(x) ** 4, (SOURCE * one.table[:, -2]) ** 4
         told = np.column_stack([one.table[:, 2 + d], theirs / (size + theirs), one.table[:, -1]])
         found.append(_Side((number, one.rows), squares, float(own[0].sum()) * estimator.stiffness(block), told))
     return found
