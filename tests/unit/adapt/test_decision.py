@@ -58,3 +58,28 @@ def test_singular_points_excuse_and_cast_no_doubt():
     assert asked(0.1, True).wanted == asked(0.1).wanted == pytest.approx(0.085)
     assert asked(0.25, True).wanted == pytest.approx(0.034 ** (1.0 / FIRST_TRUST))
     assert asked(0.25, True).known
+
+
+class Growing(Recorder):
+    """Cuts that learn the rate where it is not known, and else reach what is wanted."""
+
+    def step(self, space, squares, seen, wanted, most, known):
+        part, growth = (wanted, min(9.0 / wanted, most)) if known else (0.5, 4.0)
+        return Step(Cuts(np.ones(1, dtype=np.int64), part, growth), None, ())
+
+
+def grown(squares, unknowns, error=0.1, of="energy"):
+    """Growth of the cells after a first pass of an error, for a target of 0.02."""
+    known = Range(1.0, 2.0, "", 2)
+    done = Pass(unknowns, 50, 2, error, known, {"mesh": error, "algebraic": 0.0}, error, seconds=1.0, memory=1e8)
+    refining = Growing(whole=False, corners=SimpleNamespace(explain=False, wall=None))
+    settings = SimpleNamespace(staying=(), falling=("mesh",), steps=1, balance=lambda done: None)
+    decision = Decision(Target(0.02, of), settings, [done], refining, MPI.COMM_SELF)
+    simulation = SimpleNamespace(problem=SimpleNamespace(space=SimpleNamespace(dim=2, comm=MPI.COMM_SELF)))
+    return decision.next(simulation, SimpleNamespace(squares=squares), done)[1].cuts.growth
+
+
+def test_no_mesh_tells_the_rate_of_few_cells_that_are_alike():
+    """Where estimates say that there is a singular point, or many unknowns are expected, there is one."""
+    alike, alone = np.ones(20), np.concatenate([[30.0], np.ones(19)])
+    assert grown(alike, 20) > 40.0 and grown(alone, 20) == 4.0 and grown(alike, 200) == 4.0
