@@ -35,7 +35,8 @@ machine, of all passes together. Where the true error is below 1e-7 it is that o
 nothing.
 """
 HELD = """
-The scenes {names} were held back: nothing was chosen after them, and they were run at the end.
+The scenes {names} were held back: nothing was chosen after them, and they were run at the end. Pressures are an
+exception: their errors on the disk were looked at before.
 """
 
 
