@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pcontact.assembly.loads import density, load_patches, value_of
-from pcontact.assembly.patches import assembled, kind_of
+from pcontact.assembly.patches import Patch, assembled, kind_of
 from pcontact.runtime.parallel import together
 from pcontact.scene.amplitude import Squared, amplitude_of
 from pcontact.scene.prescribed import Prescribed
@@ -160,3 +160,25 @@ def missing(space, loads, time):
         np.add.at(cells[patch.block], patch.cells, np.sum(forces**2, axis=(1, 2)))
     return Missing(assembled(space, [(patch.nodes, forces) for patch, forces in found]), cells)
 
+
+def force_density(space, load, points, normals, body, time):
+    """Force of a load per area or volume; where it is not finite the run has said so.
+
+    Parameters
+    ----------
+    space : pcontact.space.space.Space
+    load : Given or Spread
+    points : ndarray (n, nq, d)
+        [length]
+    normals : ndarray (n, nq, d) or None
+        None in cells.
+    body : int
+    time : float
+
+    Returns
+    -------
+    ndarray (n, nq, d)
+    """
+    none = np.zeros((len(points), 0), dtype=np.int64)
+    patch = Patch(none, np.zeros((*points.shape[:2], 0)), np.zeros(points.shape[:2]), points, normals, body)
+    return load.factor(time) * load.density(space, patch, time)

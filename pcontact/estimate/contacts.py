@@ -1,0 +1,132 @@
+"""What contact exerts on the bodies, in the residuals of their cells."""
+
+import numpy as np
+
+from pcontact.assembly.plastic import NO_RING
+from pcontact.assembly.plastic_kernels import CellPoints
+from pcontact.contact.law import OPEN, STICK
+from pcontact.contact.traction.orthotropic import traction_rows
+from pcontact.element.dilatation import factors
+from pcontact.element.shape import shape, shape_gradient
+from pcontact.estimate.bubbles import bubbles
+from pcontact.estimate.parts import CONTACT
+from pcontact.estimate.residuals import parts_of, tests_of
+from pcontact.estimate.tractions import on_source, on_target
+from pcontact.material.orthotropic import traction_matrix
+from pcontact.runtime.petsc import MPI
+
+
+class ContactResiduals:
+    """Tractions of the contacts of one problem.
+
+    Parameters
+    ----------
+    problem : pcontact.solve.problem.Problem
+    cells : pcontact.estimate.tractions.Cells
+        Of the surfaces of contact.
+    """
+
+    def __init__(self, problem, cells):
+        self._space, self._bulk, self._cells = problem.space, problem.bulk, cells
+
+    def add(self, contact, states, tested, pressed):
+        """Add the tractions of a contact. *Collective.*
+
+        Parameters
+        ----------
+        contact : pcontact.contact.report.ContactReport
+        states : list of dict
+            Of its pairs.
+        tested : list of ndarray (nc, n_parts, nb, d)
+            Residuals of every block [force]; changed.
+        pressed : list of ndarray (nc,) of bool
+            Cells of every block on which contact acts; changed.
+        """
+        normal_part, across_part = parts_of(contact)
+        for pair, state in zip(contact.pairs, states, strict=True):
+            sides = [on_source(self._space, pair, state)]
+            if not pair.rigid:
+                sides.append(on_target(self._space, pair, state, self._cells, contact.weight))
+            for number, forces in ((n, f) for side in sides for n, f in side.items()):
+                pressed[number][forces.rows[forces.force.any(axis=1)]] = True
+                values = tests_of(self._space, number, forces.xi)
+                along = np.sum(forces.force * forces.normal, axis=1)[:, None] * forces.normal
+                for part, force in ((normal_part, along), (across_part, forces.force - along)):
+                    np.add.at(tested[number], (forces.rows, part), values[:, :, None] * force[:, None, :])
+
+    def add_dual(self, contact, z, zero, tested):
+        """What contact exerts on a dual displacement. *Collective.*
+
+        With D the derivative of the law, the tangent has the terms  - int theta t(w) . G^-1 t(z)  and
+        - int D(t(w) - G [[w]]) . G^-1 (G [[z]] - theta t(z))  for a displacement w. Tests of cells are no displacements
+        of the space: that their tractions t(w) meet a [[z]] which is not zero where surfaces are closed, counts.
+        """
+        for pair, state, rest in zip(contact.pairs, contact.states(z), contact.states(zero), strict=True):
+            closed, normal = (pair.committed > OPEN) & state["paired"], state["normal"]
+            theta, gamma = pair.method.theta, pair.gamma_points
+            own = state["normal_stress"] - rest["normal_stress"]
+            jump = np.where(state["paired"], rest["gap"] - state["gap"], 0.0)
+            across = np.where(closed, jump - theta * own / gamma, 0.0)
+            traction, weight = -gamma * across, across + theta * own / gamma
+            traction, weight = traction[:, None] * normal, weight[:, None] * normal
+            if "slip" in state:
+                stick = (closed & (pair.committed == STICK))[:, None]
+                gamma = pair.method.alpha * gamma[:, None]
+                own = _along(state["own_traction"] - rest["own_traction"], normal)
+                across = np.where(stick, _along(state["slip"] - rest["slip"], normal) - theta * own / gamma, 0.0)
+                traction, weight = traction - gamma * across, weight + across + theta * own / gamma
+            forces = {"traction": traction, "weight": state["weight"]}
+            sides = [on_source(self._space, pair, forces)]
+            if not pair.rigid:
+                sides.append(on_target(self._space, pair, forces, self._cells, contact.weight))
+            for number, one in ((n, f) for side in sides for n, f in side.items()):
+                values = tests_of(self._space, number, one.xi)
+                np.add.at(tested[number], (one.rows, CONTACT), values[:, :, None] * one.force[:, None, :])
+            weighted = {"traction": weight, "weight": state["weight"]}
+            for number, one in on_source(self._space, pair, weighted).items():
+                np.add.at(tested[number], (one.rows, CONTACT), self._stresses(number, one))
+
+    def _stresses(self, number, points):
+        """Work (n, nb, d) of the stresses of the test functions of cells on vectors at points of their facets."""
+        mesh, block = self._space.mesh, self._space.mesh.blocks[number]
+        degree = self._space.degree_of(block)
+        (lam, mu), vector, normal = self._bulk.constants[block.body], points.force, points.normal
+        lam = factors(lam, mu, self._space.averages(block), degree)[0]
+        table, geometry_degree = mesh.geometry_nodes(block)
+        x, geo = mesh.points[table[points.rows]], shape_gradient(block.cell, geometry_degree, points.xi)
+        values, slopes = bubbles(block.cell, degree, points.xi)
+        slopes = np.matmul(slopes, np.linalg.inv(np.einsum("nad,nae->nde", x, geo)))
+        dot = np.sum(vector * normal, axis=1)
+        work = lam * dot[:, None, None] * slopes
+        work += mu * np.einsum("nbd,nd->nb", slopes, normal)[:, :, None] * vector[:, None]
+        work += mu * np.einsum("nbd,nd->nb", slopes, vector)[:, :, None] * normal[:, None]
+        if self._space.axisymmetric:
+            radius = np.einsum("na,na->n", shape(block.cell, geometry_degree, points.xi), x[:, :, 0])
+            work[:, :, 0] += (lam * dot / radius)[:, None] * values
+        law = self._bulk.orthotropic.get(block.body)
+        if law is not None:
+            ring = (values / radius[:, None])[:, None] if self._space.axisymmetric else NO_RING
+            at = np.einsum("na,nad->nd", shape(block.cell, geometry_degree, points.xi), x)
+            rows = np.empty((*slopes.shape, slopes.shape[2]))
+            some = CellPoints(np.zeros((0, 0), np.int64), np.ascontiguousarray(slopes[:, None]), ring)
+            traction_rows(some, law.deviation(at[:1] if law.uniform else at), traction_matrix(normal), rows)
+            work += np.einsum("ni,nbij->nbj", vector, rows)
+        return work
+
+    def on_surface(self, contact, states):
+        """The residual P - t of a pair, weighted; see :class:`pcontact.estimate.estimator.Estimate`. *Collective.*"""
+        sums = np.zeros(2)
+        for pair, state in zip(contact.pairs, states, strict=True):
+            source, normal = pair.source, pair.pairing.normal
+            weight = state["weight"] / source.trace[source.facet]
+            sums[0] += weight @ (state["pressure"] + state["normal_stress"]) ** 2
+            if "own_traction" in state:
+                rest = state["traction"] - state["own_traction"]
+                sums[1] += weight @ (np.sum(rest**2, axis=1) - np.sum(rest * normal, axis=1) ** 2)
+        contact, friction = np.sqrt(np.maximum(self._space.comm.allreduce(sums, op=MPI.SUM), 0.0)).tolist()
+        return {"contact": contact, "friction": friction}
+
+
+def _along(vectors, normal):
+    """Tangential part (np, d) of vectors."""
+    return vectors - np.sum(vectors * normal, axis=1, keepdims=True) * normal
