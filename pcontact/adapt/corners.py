@@ -77,7 +77,7 @@ class Pressure(NamedTuple):
             for vertex in nodes[:, :2].T:
                 np.add.at(normals, vertex, np.column_stack([along[:, 1], -along[:, 0]]))
                 np.add.at(counts[:, 0], vertex, 1.0)
-        normals, counts = _summed(space, normals), _summed(space, counts)[:, 0]
+        normals, counts = space.together(normals), space.together(counts)[:, 0]
         ends = (counts == 1.0) | ((counts > 0.0) & (np.linalg.norm(normals, axis=1) < TURN * counts))
         of_mesh = np.zeros((2, len(space.mesh.points)), dtype=bool)
         on = space.flag(np.unique(np.concatenate([np.zeros(0, np.int64), *(nodes.ravel() for nodes in own)])))
@@ -136,20 +136,11 @@ def around_vertices(space, squares):
         for corner in space.cells[number][:, :corners].T:
             np.add.at(own[:, 0], corner, times * some)
             np.add.at(volumes, corner, times * np.column_stack([volume, volume**2]))
-    own, (volume, square) = _summed(space, own)[:, 0], _summed(space, volumes).T
+    own, (volume, square) = space.together(own)[:, 0], space.together(volumes).T
     found, vertex = np.zeros((len(mesh.points), 3)), volume > 0.0
     rows = space.mesh_nodes[vertex]
     found[rows] = np.column_stack([own[vertex], np.sqrt(square[vertex] / volume[vertex]), _marks(mesh)[rows]])
     return found
-
-
-def _summed(space, values):
-    """Values (n_local, 2) of nodes, of all ranks together. *Collective.*"""
-    total = space.vector()
-    space.local.add(values, total)
-    result = space.local.gather(total)
-    total.destroy()
-    return result
 
 
 def _marks(mesh):
@@ -217,7 +208,7 @@ def singular(space, of_node, of_pressure=None):
     mesh, d, smooth = space.mesh, space.dim, _smooth(space)
     falls = np.maximum(of_node, LEAST)
     falls = falls if of_pressure is None else np.fmin(falls, of_pressure)
-    vertices = np.concatenate([np.zeros((0, 3), np.int64), *(block.nodes[:, :3] for block in mesh.blocks)])
+    vertices = _vertices(mesh)
     corner, rows = (of_node / smooth)[vertices].argmin(axis=1), np.arange(len(vertices))
     corner = vertices[rows, corner]
     own = 2.0 * np.broadcast_to(degrees(space), len(vertices)) + d
@@ -276,7 +267,7 @@ def wall(space, pressure, of_node, finer):
     square = around_vertices(space, pressure.squares)[:, 0]
     level = np.zeros(len(mesh.points), dtype=np.int64)
     if mesh.origin is not None:
-        vertices = np.concatenate([np.zeros((0, 3), np.int64), *(block.nodes[:, :3] for block in mesh.blocks)])
+        vertices = _vertices(mesh)
         np.maximum.at(level, vertices, mesh.origin.level[:, None])
     known = pressure.touched & (of_node < _smooth(space)) & (finer >= SURE)
     power = np.maximum(of_node - 1.0, 0.0)
@@ -286,6 +277,11 @@ def wall(space, pressure, of_node, finer):
         found = Wall(tuple(tree_points(mesh)[node].tolist()), 0.5 * float(of_node[node]) - 1.0, float(left[node]))
     every = [one for one in space.comm.allgather(found) if one is not None]
     return min(every, key=lambda one: one.power, default=None)
+
+
+def _vertices(mesh):
+    """Vertices (n_cells, 3) of all triangles of this rank, block after block."""
+    return np.concatenate([np.zeros((0, 3), np.int64), *(block.nodes[:, :3] for block in mesh.blocks)])
 
 
 def _bodies(mesh):

@@ -52,9 +52,7 @@ class FacetPairs:
         blocks, width = space.mesh.blocks, 2 if space.dim == 2 else 4
         ones = np.zeros((space.n_local, space.dim))
         ones[:, 0] = 1.0
-        total = space.vector()
-        space.local.add(ones, total)
-        shared = space.local.gather(total)[:, 0] > 1.5
+        shared = space.together(ones)[:, 0] > 1.5
         keys, border, self._order, self._codes = [], [], [], {}
         self.first = np.cumsum([0, *(len(b.nodes) * len(CELLS[b.cell].facets) for b in blocks)])
         for block, cells in zip(blocks, space.cells, strict=True):

@@ -37,18 +37,11 @@ class Recovery:
         # ranks may meet in a node with different bodies, too: its owner's number has to be everybody's
         numbers, one = np.zeros((space.n_local, space.dim)), np.zeros((space.n_local, space.dim))
         numbers[:, 0], one[:, 0] = body, 1.0
-        mean = self._sum(numbers)[:, 0] / np.maximum(self._sum(one)[:, 0], 1.0)
+        mean = space.together(numbers)[:, 0] / np.maximum(space.together(one)[:, 0], 1.0)
         clash |= bool(np.any(np.abs(mean - body) > 1e-9))
         bodies = sorted(set().union(*space.comm.allgather({block.body for block in space.mesh.blocks})))
         clash = space.comm.allreduce(clash, op=MPI.LOR)
         self._groups = [{number} for number in bodies] if clash else [set(bodies)]
-
-    def _sum(self, values):
-        total = self.space.vector()
-        self.space.local.add(values, total)
-        result = self.space.local.gather(total)
-        total.destroy()
-        return result
 
     def __call__(self, bulk, nodal, found=None):
         """Stress at the nodes of each block's cells. *Collective.*
@@ -71,7 +64,7 @@ class Recovery:
             for number, block in enumerate(space.mesh.blocks):
                 if block.body in group:
                     self._add(BlockStress(space, bulk, number, slice(None), nodal, found), number, sums)
-            sums = np.concatenate([self._sum(sums[:, k : k + d]) for k in range(0, sums.shape[1], d)], axis=1)
+            sums = np.concatenate([self.space.together(sums[:, k : k + d]) for k in range(0, sums.shape[1], d)], axis=1)
             mean = sums[:, : len(upper)] / np.where(sums[:, len(upper)] > 0.0, sums[:, len(upper)], 1.0)[:, None]
             tensor = np.empty((space.n_local, d, d))
             for k, (i, j) in enumerate(upper):

@@ -112,7 +112,7 @@ class SingularPoints:
         for block, cells, own in zip(space.mesh.blocks, space.cells, squares, strict=True):
             for corner in cells[:, : CELLS[block.cell].n_vertices].T:
                 np.add.at(sums[:, 0], corner, own)
-        around = self._summed(sums)[:, 0]
+        around = space.together(sums)[:, 0]
         total = space.comm.allreduce(float(sum(own.sum() for own in squares)), op=MPI.SUM)
         return self._flags & (around > SHARE * total) if total > 0.0 else np.zeros(space.n_local, dtype=bool)
 
@@ -130,20 +130,12 @@ class SingularPoints:
             vertices = cells[:, : CELLS[block.cell].n_vertices]
             np.add.at(bodies, vertices.ravel(), [1.0, block.body])
         # where all cells are of one body, its number times that of the cells is the sum
-        count, sums = self._summed(bodies).T
+        count, sums = space.together(bodies).T
         mine = np.zeros((space.n_local, 2))
         for block, cells in zip(blocks, space.cells, strict=True):
             vertices = cells[:, : CELLS[block.cell].n_vertices]
             mine[vertices, 0] = np.abs(sums[vertices] - block.body * count[vertices]) > 0.5
-        return (space.flag(edge) | (self._summed(mine)[:, 0] > 0.5)) & ~space.flag(other)
-
-    def _summed(self, values):
-        """Values (n_local, d) of nodes, of all ranks together. *Collective.*"""
-        total = self._space.vector()
-        self._space.local.add(values, total)
-        result = self._space.local.gather(total)
-        total.destroy()
-        return result
+        return (space.flag(edge) | (space.together(mine)[:, 0] > 0.5)) & ~space.flag(other)
 
     def _around(self, number, rows, corners, half, squares, around):
         """Rows of the table."""

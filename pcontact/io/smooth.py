@@ -68,10 +68,8 @@ class NodeMeans:
             # vectors have d values per node: a few columns at a time
             for first in range(0, k, d):
                 local = self._local([block[:, first : first + d] for block in blocks], layer)
-                total = space.vector()
-                space.local.add(local, total)
                 width = min(d, k - first)
-                out[place, first : first + width] = space.local.gather(total)[used, :width]
+                out[place, first : first + width] = space.together(local)[used, :width]
         return out
 
     def _local(self, blocks, layer):

@@ -150,6 +150,14 @@ class Space:
         total.destroy()
         return result
 
+    def together(self, values):
+        """Values (n_local, d) of nodes, those of all ranks summed, at all nodes of this rank. *Collective.*"""
+        total = self.vector()
+        self.local.add(values, total)
+        result = self.local.gather(total)
+        total.destroy()
+        return result
+
     def flag(self, local_nodes):
         """Flags (n_local,) of nodes that any rank names, so that shared nodes agree. *Collective.*
 
@@ -160,10 +168,7 @@ class Space:
         """
         values = np.zeros((self.n_local, self.dim))
         values[local_nodes, 0] = 1.0
-        total = self._template.duplicate()
-        total.set(0.0)
-        self.local.add(values, total)
-        return self.local.gather(total)[:, 0] > 0.5
+        return self.together(values)[:, 0] > 0.5
 
     def region(self, name):
         """Local space nodes of a region of facets, edges, vertices or cells, sorted. *Collective.*"""
