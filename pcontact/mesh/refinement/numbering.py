@@ -99,3 +99,18 @@ def distinct(keys, owners):
 def among(ends, edges, n):
     """Which pairs (m, 2) of numbers below n are among others (k, 2), in any order."""
     return np.isin(ends.min(axis=1) * n + ends.max(axis=1), edges.min(axis=1) * n + edges.max(axis=1))
+
+
+def facets_of_parts(first, on_it):
+    """Facets (n k, 2) of the parts of cells, by the rows of the parts and their local facets.
+
+    Parameters
+    ----------
+    first : ndarray (n,) of int
+        Row of the first part of each cell.
+    on_it : ndarray (k, 2) of int
+        Parts of a cell and their facets that lie on one of its own.
+    """
+    found = np.empty((len(first), len(on_it), 2), dtype=np.int64)
+    found[:, :, 0], found[:, :, 1] = first[:, None] + on_it[:, 0], on_it[:, 1]
+    return found.reshape(-1, 2)

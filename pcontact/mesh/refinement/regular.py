@@ -11,7 +11,7 @@ import numpy as np
 from pcontact.element.reference import CELLS, reference_nodes
 from pcontact.element.shape import shape
 from pcontact.mesh.refinement.keys import vertex_keys
-from pcontact.mesh.refinement.numbering import among, distinct, first_numbers, number_nodes
+from pcontact.mesh.refinement.numbering import among, distinct, facets_of_parts, first_numbers, number_nodes
 from pcontact.mesh.refinement.placing import halves_placed
 from pcontact.mesh.slices import COLUMN, MeshSlice, SliceBlock, bits
 
@@ -166,7 +166,5 @@ def _name(mesh, piece, parts, row, begin, members):
         for one in facets:
             for local, on_it in enumerate(parts[one.block].facets):
                 cells = begin[starts[one.block] + one.cells[one.local == local]]
-                there = np.empty((len(cells), len(on_it), 2), dtype=np.int64)
-                there[:, :, 0], there[:, :, 1] = cells[:, None] + on_it[:, 0], on_it[:, 1]
-                found.append(there.reshape(-1, 2))
+                found.append(facets_of_parts(cells, on_it))
         piece.facet_groups[name] = tuple(np.concatenate(found).T)

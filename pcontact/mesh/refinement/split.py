@@ -23,7 +23,7 @@ from pcontact.mesh.geometry.moving import put_on
 from pcontact.mesh.mesh import Mesh
 from pcontact.mesh.refinement.divisions import Places, divisions
 from pcontact.mesh.refinement.keys import middle_keys, vertex_keys
-from pcontact.mesh.refinement.numbering import among, distinct, first_numbers, number_nodes
+from pcontact.mesh.refinement.numbering import among, distinct, facets_of_parts, first_numbers, number_nodes
 from pcontact.mesh.refinement.refine import SIMPLICES, Balance, carried_over
 from pcontact.mesh.slices import COLUMN, MeshSlice, SliceBlock, bits
 from pcontact.runtime import profile
@@ -368,9 +368,7 @@ class _Split:
                 for kind in np.unique(kinds):
                     k, local = divmod(int(kind), MOST)
                     on_it, own = self._parts[k].division.facets[local], begin[cells[kinds == kind]]
-                    there = np.empty((len(own), len(on_it), 2), dtype=np.int64)
-                    there[:, :, 0], there[:, :, 1] = own[:, None] + on_it[:, 0], on_it[:, 1]
-                    found.append(there.reshape(-1, 2))
+                    found.append(facets_of_parts(own, on_it))
             piece.facet_groups[name] = tuple(np.concatenate(found).T)
 
     def _name_edges(self, piece, new):
