@@ -18,6 +18,7 @@ from .hertz import ball_on_block, cylinder_on_block, cylinders, two_balls
 from .indent import indent
 from .ironing import ironing, ironing_slab
 from .layer import layer_on_base
+from .parts import crowned_roller, disc_in_press, lug_on_pin
 from .pin import pin
 from .punch import cube_on_block, punch, rounded_punch
 from .rings import rings
@@ -57,6 +58,9 @@ GENERATORS = {
         heap,
         layer_on_base,
         pin,
+        lug_on_pin,
+        disc_in_press,
+        crowned_roller,
         punch,
         cube_on_block,
         rounded_punch,

@@ -144,6 +144,15 @@ CASES = [
         "cube_on_block", {}, "punch block",
         "punch_face punch_top punch_side block_under block_top block_bottom block_side symmetry_x symmetry_y",
     ),
+    ("lug_on_pin", {"h": 5.0}, "lug pin", "lug_bore lug_end lug_skin pin_skin pin_hole"),
+    (
+        "disc_in_press", {"h": 2.0}, "stamp disc anvil",
+        "stamp_skin stamp_side stamp_top disc_top disc_bottom disc_rim anvil_top anvil_side anvil_bottom axis",
+    ),
+    (
+        "crowned_roller", {"h": 2.0}, "roller block",
+        "roller_tread roller_top roller_end block_top block_bottom block_sides symmetry_y",
+    ),
     ("seal", {"n": (2, 12)}, "seal", "base outside inside symmetry"),
     ("seal", {"n": (2, 12), "cell": "triangle"}, "seal", "base outside inside symmetry"),
     ("cook", {"n": 4}, "panel", "left right bottom top"),
