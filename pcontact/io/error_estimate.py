@@ -167,15 +167,16 @@ class ErrorEstimate(Observer):
         PETSc.Vec or None
             None where there are no forces.
         """
-        problem, matrix = self._problem, self._problem.matrix.matrix
+        problem = self._problem
         residual, step = problem.space.vector(), problem.space.vector()
         problem.as_residual(forces.copy(), residual)
         if residual.norm() == 0.0:
             return None
         # a solver of its own: that of Newton's iteration is not left alone; its preconditioner is good enough
-        ksp = PETSc.KSP().create(comm=problem.space.comm)
+        ksp, preconditioner = PETSc.KSP().create(comm=problem.space.comm), self._newton.last_preconditioner()
+        matrix = problem.matrix.matrix
         ksp.setType("gmres")
-        ksp.setPC(self._newton.last_preconditioner())
+        ksp.setPC(preconditioner)
         ksp.setOperators(matrix, matrix)
         ksp.setTolerances(rtol=rtol, max_it=iterations)
         ksp.solve(residual, step)

@@ -98,7 +98,8 @@ class Newton:
         problem.stabilised = "stabilisation" not in self._without
         # whether a run begins with a prediction; what looks for partners at iterates, while there is such a thing
         self._predicting, self._search = False, None
-        self.norms = []
+        # whether the matrix holds a tangent of the last load step
+        self._linearised, self.norms = False, []
 
     def _take_options(self):
         """Set up SNES as the options say. *Collective.*"""
@@ -149,7 +150,7 @@ class Newton:
         with self._timed():
             changes = self.problem.pattern_changes
             self.problem.tangent(x, self._globalisation.rules, self._predicting)
-            self._predicting = False
+            self._predicting, self._linearised = False, True
             if self.problem.pattern_changes != changes:
                 forget_pattern(snes.getKSP())
                 if self._filter is not None:
@@ -199,7 +200,7 @@ class Newton:
         free_garbage(self.problem.space.comm)
         if self._reuse is not None:
             self._reuse.forget()
-        before, self._search, self.norms = u.copy(), follow, []
+        before, self._search, self.norms, self._linearised = u.copy(), follow, [], False
         self._converges.begin_step(before)
         try:
             result = self._run(u, True)
@@ -215,9 +216,13 @@ class Newton:
 
     def last_preconditioner(self):
         """The preconditioner of the last linear solve, without its filter and as it is, for another Krylov method.
+        After a load step that took no iteration the tangent at its solution is written first. *Collective.*
 
         The next load step begins with one of its own.
         """
+        if not self._linearised:
+            self.problem.tangent(self.snes.getSolution())
+            self._linearised = True
         pc = preconditioner(self.snes.getKSP())
         pc.setReusePreconditioner(True)
         return pc

@@ -22,7 +22,7 @@ from pcontact.io.result import load_result
 from pcontact.material.elastic import lame
 from pcontact.runtime.parallel import on_root
 from pcontact.runtime.petsc import MPI
-from pcontact.scene.model import Body, Contact, Displacement, Material, MeshSpec, Output, Scene
+from pcontact.scene.model import Body, Contact, Displacement, Material, MeshSpec, Output, Scene, Steps
 from pcontact.scene.target import Budget, Target
 from tests.support.commands import execute
 from tests.support.wedges import cut_mesh
@@ -104,6 +104,21 @@ def test_a_mesh_of_fewer_cells_is_no_budget_that_is_spent(tmp_path):
     scene = HELD_BACK["disk"].scene(tmp_path)
     scene.accuracy = Target(0.05)
     assert Loop(scene).run().status == REACHED
+
+
+def test_a_load_step_that_takes_no_iteration(tmp_path):
+    """Before it touches, a block moves as on the last mesh; the estimate asks for a tangent all the same."""
+    two_blocks(tmp_path / "gap.msh", 2, 1, 2, "triangle", gap=0.1)
+    scene = Scene(
+        mesh=MeshSpec(tmp_path / "gap.msh", order=2), materials={"soft": Material(10.0, 0.3)},
+        bodies=[Body("lower", "soft"), Body("upper", "soft")],
+        contacts=[Contact("upper_bottom", "lower_top", name="face")],
+        displacements=[Displacement("lower_bottom", [0.0, 0.0]), Displacement("upper_top", [0.0, -0.15])],
+        steps=Steps(count=3), output=Output(fields=False), accuracy=Target(0.1),
+    )  # fmt: skip
+    loop = Loop(scene, take=lambda simulation, _: [step["newton"] for step in simulation.records.data()["steps"]])
+    outcome = loop.run()
+    assert outcome.status == REACHED and len(loop.passes) > 1 and outcome.kept[0] == 0
 
 
 def punch_scene(folder, cell="triangle", **target):
