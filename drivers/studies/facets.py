@@ -20,9 +20,10 @@ from drivers.studies._round_bodies import LARGE, MIDDLE, SMALL, round_scene, she
 from meshes import rings as ring_mesh
 from meshes.shells import shells
 from pcontact import build
-from pcontact.adapt import pressures, roughness, variants
+from pcontact.adapt import roughness, variants
 from pcontact.adapt.watch import Watch
 from pcontact.assembly.error_norms import bulk_error
+from pcontact.estimate import pressures
 from pcontact.mesh.refinement.refine import Balance, refine
 from pcontact.runtime.errors import StepFailure
 from pcontact.runtime.options import Options
@@ -78,7 +79,7 @@ def left_of(first, scene, exact, pressure, halvings):
 
 def change_of_pressure(first, run, name):
     """Distance of the pressures of two runs on one mesh in L2. *Collective.*"""
-    own = (pressures.found(one.problem, name, one.stepper.u) for one in (first, run))
+    own = (pressures.named(one.problem, name, one.stepper.u) for one in (first, run))
     return pressures.apart(first.comm, *own)
 
 

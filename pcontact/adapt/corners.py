@@ -48,7 +48,7 @@ SURE, MUCH = 16.0, 0.2
 LEAST_OF_PRESSURE, UNSURE = 0.1, 2.5
 
 
-class Pressure(NamedTuple):
+class PressureError(NamedTuple):
     """What the cells have in the error of a contact pressure.
 
     Attributes
@@ -162,7 +162,7 @@ def powers(space, now, before, pressure=None):
         Of triangles.
     now, before : ndarray (n_nodes, 3)
         Of :func:`around_vertices`, on this mesh and on the last one; `before` interpolated.
-    pressure : Pressure, optional
+    pressure : PressureError, optional
         Where it is the error of one that counts.
 
     Returns
@@ -225,7 +225,7 @@ def powers_of_pressure(space, pressure, of_node, finer, sizes):
     Parameters
     ----------
     space : pcontact.space.space.Space
-    pressure : Pressure
+    pressure : PressureError
     of_node, finer : ndarray (n_nodes,)
         Of :func:`powers`.
     sizes : ndarray (n_nodes,)
@@ -255,7 +255,7 @@ def wall(space, pressure, of_node, finer):
     Parameters
     ----------
     space : pcontact.space.space.Space
-    pressure : Pressure
+    pressure : PressureError
     of_node, finer : ndarray (n_nodes,)
         Of :func:`powers`.
 
@@ -365,7 +365,7 @@ class Corners:
             Squared estimates.
         alike : bool
             Whether the last mesh is one of the same bodies.
-        pressure : Pressure, optional
+        pressure : PressureError, optional
             Where it is the error of one that counts.
 
         Returns

@@ -9,8 +9,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from pcontact.adapt import pressures
 from pcontact.adapt.variants import finer_quadrature, smooth_facets
+from pcontact.estimate import pressures
 from pcontact.estimate.goal import DUAL_ITERATIONS, DUAL_RTOL
 from pcontact.pairs import contact_reports
 from pcontact.runtime import log

@@ -5,7 +5,7 @@ import time as clock
 import numpy as np
 
 from pcontact.adapt.beside import Beside
-from pcontact.adapt.corners import Pressure
+from pcontact.adapt.corners import PressureError
 from pcontact.adapt.known import effectivity, of_quantity
 from pcontact.adapt.passes import Pass
 from pcontact.adapt.seen import Seen
@@ -155,7 +155,7 @@ class Measure:
         pressure, others = own / (found.value**2 or 1.0), watch.squares / (watch.norm**2 or 1.0)
         watch.energies = watch.squares
         if simulation.problem.space.dim == 2:
-            watch.pressure = Pressure.of(simulation.problem.space, pressure, groups)
+            watch.pressure = PressureError.of(simulation.problem.space, pressure, groups)
         sums = simulation.comm.allreduce(np.array([pressure.sum(), others.sum()]), op=MPI.SUM)
         return pressure + min(sums[0] / (sums[1] or 1.0), 1.0) * others
 

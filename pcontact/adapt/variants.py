@@ -6,10 +6,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pcontact.adapt import pressures
 from pcontact.adapt.settings import STEPS_RATE
 from pcontact.adapt.watch import Beginning
 from pcontact.contact.surface.smooth_geometry import smooth_surface
+from pcontact.estimate import pressures
 from pcontact.estimate.goal import value
 from pcontact.runtime import log
 from pcontact.runtime.errors import TOLD
@@ -108,7 +108,7 @@ def of_facets(simulation, scene, target):
                     return float("nan")
                 values.append(run.stepper.u.getArray(readonly=True).copy())
                 if target.quantity == "pressure":
-                    quantities.append(pressures.found(run.problem, target.name, run.stepper.u))
+                    quantities.append(pressures.named(run.problem, target.name, run.stepper.u))
                 elif target.quantity != "energy":
                     quantities.append(value(run.problem, target, last, run.stepper.u))
                 elif len(values) == 2:
@@ -133,7 +133,7 @@ class Answer(NamedTuple):
         Displacement at its end [length].
     value : float or None
         Of the quantity, where there is one.
-    pressure : list of pcontact.adapt.pressures.Pressure or None
+    pressure : list of pcontact.estimate.pressures.SourcePressure or None
         Where it is that of a contact.
     """
 
@@ -147,7 +147,7 @@ class Answer(NamedTuple):
         """That of a simulation, and the record of its last load step. *Collective.*"""
         u = run.stepper.u
         own = None if target.quantity == "energy" else value(run.problem, target, record, u)
-        pressure = pressures.found(run.problem, target.name, u) if target.quantity == "pressure" else None
+        pressure = pressures.named(run.problem, target.name, u) if target.quantity == "pressure" else None
         return cls(run.stepper.number, u.getArray(readonly=True).copy(), own, pressure)
 
 
@@ -209,9 +209,25 @@ def change_to(simulation, other, target, watch):
     if other is None:
         return float("nan")
     if target.quantity == "pressure":
-        return pressures.change(simulation, other, target.name)
+        return _change_of_pressure(simulation, other, target.name)
     if target.quantity != "energy":
         return abs(other.value - value(simulation.problem, target, watch.record, simulation.stepper.u))
     change = simulation.stepper.u.copy()
     change.setArray(np.asarray(change.getArray(readonly=True)) - other.u)
     return simulation.error_estimate.norm(change)
+
+
+def _change_of_pressure(simulation, other, name):
+    """How far the pressure of an :class:`Answer` is from that of a simulation on the same mesh. *Collective.*
+
+    Where the points of the contact are others, the pressures are those that the contact of the simulation has with both
+    displacements.
+    """
+    problem, u = simulation.problem, simulation.stepper.u
+    own = pressures.named(problem, name, u)
+    distance = pressures.apart(simulation.comm, own, other.pressure)
+    if np.isfinite(distance):
+        return distance
+    moved = u.copy()
+    moved.setArray(other.u)
+    return pressures.apart(simulation.comm, own, pressures.named(problem, name, moved))

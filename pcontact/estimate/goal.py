@@ -23,19 +23,13 @@ from typing import NamedTuple
 import numpy as np
 
 from pcontact.assembly.loads import load_vector
-from pcontact.contact.surface.sides import diameters
-from pcontact.element.reference import facet_nodes
-from pcontact.element.shape import shape
-from pcontact.estimate.tractions import bring, source_points
+from pcontact.estimate.pressures import named, norm
 from pcontact.runtime.petsc import MPI, PETSc
 from pcontact.scene.model import Load
 
 # [-] Of the dual solve. From: it is what is left of the estimate for forces that follow from equilibrium, which have no
 # error.
 DUAL_RTOL = 1e-5
-# [-] Sizes of the target's facets over those of the source, with which a pressure's error counts for both alike. From:
-# where the target is the finer one, pressures wave with its facets, and more so on finer meshes: Hertz's cylinder.
-SOURCE = 2.0
 # [iterations] Of the dual solve at most. From: chosen.
 DUAL_ITERATIONS = 400
 
@@ -182,9 +176,7 @@ def value(problem, target, record, u):
         return float(np.linalg.norm(record["reactions"][target.name]))
     if target.quantity == "displacement":
         return probe(problem, target.name, u).value
-    contact = next(one for one in problem.contacts if one.name == target.name)
-    own = sum(float(state["weight"] @ state["pressure"] ** 2) for state in contact.states(u))
-    return float(np.sqrt(problem.space.comm.allreduce(own, op=MPI.SUM)))
+    return norm(problem.space.comm, named(problem, target.name, u))
 
 
 def _weights(space, region):
@@ -236,119 +228,3 @@ def dual(problem, goal, preconditioner):
     problem.follow(z)
     values = z.getArray(readonly=True).reshape(-1, space.dim).copy()
     return values if goal.lift is None else values + goal.lift
-
-
-def surface_pressure(estimator, contact, u):
-    """How far the contact pressure is from that of the stress averaged at the nodes, in L2. *Collective.*
-
-    Both bodies bring errors into the pressure: it is compared with the stress of the source where it is integrated, and
-    with that of the target at the partners. The squares of both count by the compliance of the cells there: of two
-    alike they have the mean, beside a stiff body or an obstacle the soft one counts. What is missed at a point is that
-    of the cells of both sides, but of the source more, unless it is finer than the target (`SOURCE`): where it is not,
-    the pressure waves with the target's cells.
-
-    Parameters
-    ----------
-    estimator : pcontact.estimate.estimator.Estimator
-    contact : pcontact.contact.report.ContactReport
-    u : PETSc.Vec
-
-    Returns
-    -------
-    GoalError
-        The norm of the pressure, that of its error, and the squared parts of the cells.
-    """
-    space = estimator.space
-    averaged = estimator.averaged_stress(space.local.gather(u))
-    cells, total, norm = [np.zeros(len(block.nodes)) for block in space.mesh.blocks], 0.0, 0.0
-    for pair, state in zip(contact.pairs, contact.states(u), strict=True):
-        weight, pressure = state["weight"], state["pressure"]
-        source = _on_source(estimator, pair, weight, pressure, averaged)
-        target = [] if pair.rigid else _on_partners(estimator, pair, source, weight, pressure, averaged)
-        own = [source.squares.sum(), source.stiff, sum(one.squares.sum() for one in target),
-               sum(one.stiff for one in target), weight @ pressure**2]  # fmt: skip
-        sums = space.comm.allreduce(np.array(own), op=MPI.SUM)
-        # the stiffness of the other side over that of both
-        stiff = sums[1] + sums[3]
-        share = sums[3] / stiff if not pair.rigid and stiff > 0.0 else float(pair.rigid)
-        total, norm = total + share * sums[0] + (1.0 - share) * sums[2], norm + sums[4]
-        rest = source.squares if pair.rigid else np.where(pair.pairing.paired, 0.0, source.squares)
-        for number, (p, rows, _) in source.points.items():
-            np.add.at(cells[number], rows, share * rest[p])
-        if not pair.rigid:
-            _divide(estimator, target, share, cells)
-    return GoalError(float(np.sqrt(norm)), float(np.sqrt(total)), cells)
-
-
-class _Side(NamedTuple):
-    """What the points on one side miss: on the source all of them, on the target those of a block.
-
-    Attributes
-    ----------
-    points : object
-        Of the source, see :func:`pcontact.estimate.tractions.source_points`; the block and cells (n,) of the target.
-    squares : ndarray (n,)
-        Of the points, times their area.
-    stiff : float
-        Stiffness of the cells over the area that is closed.
-    told : ndarray (n, 3) or None
-        On the target: squares of the points on the source, the part that the source has, its cells.
-    """
-
-    points: object
-    squares: np.ndarray
-    stiff: float
-    told: np.ndarray | None = None
-
-
-def _on_source(estimator, pair, weight, pressure, averaged):
-    """A :class:`_Side`: that of the source."""
-    points, squares, stiff = source_points(estimator.space, pair), np.zeros(len(weight)), 0.0
-    for number, (p, rows, xi) in points.items():
-        squares[p] = _squares(estimator, number, rows, xi, (weight[p], pressure[p], pair.source.normal[p]), averaged)
-        stiff += float(weight[p] @ (pressure[p] > 0.0)) * estimator.stiffness(estimator.space.mesh.blocks[number])
-    return _Side(points, squares, stiff)
-
-
-def _on_partners(estimator, pair, source, weight, pressure, averaged):
-    """A :class:`_Side` of each block of the target. *Collective.*"""
-    space, mesh, found = estimator.space, estimator.space.mesh, []
-    acting = np.flatnonzero(pair.pairing.paired & (pressure > 0.0))
-    ids = np.zeros(len(weight))
-    for number, (p, rows, _) in source.points.items():
-        ids[p] = mesh.blocks[number].ids[rows]
-    table = np.column_stack([weight, pressure, pair.pairing.normal, source.squares,
-                             pair.source.size[pair.source.facet], ids])[acting]  # fmt: skip
-    for number, one in bring(space, pair, estimator.cells, acting, table).items():
-        block, d = mesh.blocks[number], space.dim
-        own = one.table[:, 0], one.table[:, 1], one.table[:, 2 : 2 + d]
-        squares = _squares(estimator, number, one.rows, one.xi, own, averaged)
-        x = mesh.points[block.nodes[one.rows[:, None], facet_nodes(block.cell, 1)[one.local]]]
-        size, theirs = diameters(x) ** 4, (SOURCE * one.table[:, -2]) ** 4
-        told = np.column_stack([one.table[:, 2 + d], theirs / (size + theirs), one.table[:, -1]])
-        found.append(_Side((number, one.rows), squares, float(own[0].sum()) * estimator.stiffness(block), told))
-    return found
-
-
-def _divide(estimator, target, share, cells):
-    """Give the cells of both sides what is missed at the points that have partners. *Collective.*"""
-    ids, back = [np.zeros(0, np.int64)], [np.zeros(0)]
-    for (number, rows), squares, _, told in target:
-        both = share * told[:, 0] + (1.0 - share) * squares
-        np.add.at(cells[number], rows, (1.0 - told[:, 1]) * both)
-        ids.append(told[:, 2].astype(np.int64))
-        back.append(told[:, 1] * both)
-    place, table = estimator.cells.deliver(np.concatenate(ids), np.concatenate(back)[:, None])
-    for number in np.unique(place[:, 0]):
-        some = place[:, 0] == number
-        np.add.at(cells[number], place[some, 1], table[some, 0])
-
-
-def _squares(estimator, number, rows, xi, state, averaged):
-    """Squares (n,) at points of cells of a block: of area (n,), pressure (n,) and normal (n, d)."""
-    space, (weight, pressure, normal) = estimator.space, state
-    block = space.mesh.blocks[number]
-    at = shape(block.cell, space.degree_of(block), xi)
-    stress = np.einsum("pn,pnij->pij", at, averaged[number][rows])
-    other = np.maximum(-np.einsum("pi,pij,pj->p", normal, stress, normal), 0.0)
-    return weight * np.where(pressure > 0.0, pressure - other, 0.0) ** 2

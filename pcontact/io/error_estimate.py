@@ -5,6 +5,7 @@ import numpy as np
 from pcontact.estimate import goal
 from pcontact.estimate.estimator import Estimator
 from pcontact.estimate.loads import applied, held, missing
+from pcontact.estimate.pressure_error import pressure_error
 from pcontact.runtime.observer import Observer
 from pcontact.runtime.petsc import MPI, PETSc
 
@@ -107,7 +108,7 @@ class ErrorEstimate(Observer):
         problem = self._problem
         if target.quantity == "pressure":
             contact = next((one for one in problem.contacts if one.name == target.name), None)
-            return goal.surface_pressure(self._estimator, contact, u)
+            return pressure_error(self._estimator, contact, u)
         found = self.goal(target, record, u)
         z = problem.space.vector()
         z.setArray(goal.dual(problem, found, self._newton.last_preconditioner()).ravel())

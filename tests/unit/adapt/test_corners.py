@@ -5,7 +5,7 @@ import pytest
 
 from drivers._common import make_mesh
 from meshes.blocks import one_block
-from pcontact.adapt.corners import Corners, Pressure, around_vertices
+from pcontact.adapt.corners import Corners, PressureError, around_vertices
 from pcontact.mesh.load import load_mesh
 from pcontact.mesh.refinement.refine import refine
 from pcontact.mesh.refinement.simplices import WISHED
@@ -96,12 +96,12 @@ def test_what_no_mesh_takes_from_a_pressure(power, shared_tmp):
 
     mesh, _ = refine(mesh, everywhere(mesh, 2))
     space = Space(mesh, 2)
-    *_, around = corners.look(space, squares(mesh, power), True, Pressure.of(space, own(mesh), ["bottom"]))
+    *_, around = corners.look(space, squares(mesh, power), True, PressureError.of(space, own(mesh), ["bottom"]))
     assert corners.wall is None
     mesh, fields = refine(mesh, everywhere(mesh, 10), around)
     corners.take(fields)
     space = Space(mesh, 2)
-    pressure = Pressure.of(space, own(mesh), ["bottom"])
+    pressure = PressureError.of(space, own(mesh), ["bottom"])
     corner = np.abs(mesh.points[pressure.ends] - [0.5, 0.0])
     assert corner == pytest.approx(np.tile([0.5, 0.0], (len(corner), 1))) and COMM.allreduce(len(corner)) >= 2
     falls, rise, _ = corners.look(space, squares(mesh, power), True, pressure)
@@ -113,6 +113,6 @@ def test_what_no_mesh_takes_from_a_pressure(power, shared_tmp):
     left = np.sqrt(square * 2.0 ** (-(power - 1.0) * (WISHED - 12) / 2))
     assert corners.wall.point == (0.0, 0.0) and corners.wall.power == pytest.approx(0.5 * power - 1.0)
     assert corners.wall.left == pytest.approx(left)
-    pressure = Pressure.of(space, own(mesh), ["top"])
+    pressure = PressureError.of(space, own(mesh), ["top"])
     assert (corners.look(space, squares(mesh, power), True, pressure)[0][found] == pytest.approx(power))
     assert corners.wall is None
