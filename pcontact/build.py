@@ -323,7 +323,7 @@ def _check_estimate(scene, space):
         kind = kind_of(space, one.region)
         if kind == "nodes" or (rigid and kind == "cells"):
             where = place(key, [one is other for other in getattr(scene, key)].index(True), one.region)
-            allowed = "false, or a group of facets" if rigid else "false, or a group of facets or cells"
+            allowed = f"false and no error to reach, or a group of facets{'' if rigid else ' or cells'}"
             raise input_error(scene.where, "output.estimate", f"true with {where}, a group of {kind}", allowed)
 
 

@@ -3,6 +3,7 @@
 import difflib
 import json
 import sys
+import time as clock
 import traceback
 from contextlib import suppress
 from dataclasses import replace
@@ -12,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pcontact import __version__
-from pcontact.adapt.loop import Loop
+from pcontact.adapt.loop import REACHED, Loop
 from pcontact.adapt.target import wanted
 from pcontact.contact.surface.smooth_geometry import SMOOTH, WRONG, facet_pressure
 from pcontact.doctor import examine
@@ -21,7 +22,7 @@ from pcontact.importer.write import import_file
 from pcontact.io import refine
 from pcontact.io.cost_forecast import cost_forecast
 from pcontact.io.report_schema import report_schema
-from pcontact.io.summary import JsonLines, summary
+from pcontact.io.summary import JsonLines, PassLines, summary
 from pcontact.io.template import write_template
 from pcontact.mesh.hdf5_writer import convert, mesh_sizes
 from pcontact.runtime import log, signals
@@ -183,6 +184,8 @@ def parse(arguments):
     while rest:
         word = rest.pop(0)
         if word.startswith("-") and not _number(word):
+            if COMMANDS[command].options is None:
+                _check_dash(word)
             value = rest.pop(0) if rest and (not rest[0].startswith("-") or _number(rest[0])) else ""
             options[word.lstrip("-")] = value
         elif COMMANDS[command].many:
@@ -203,6 +206,18 @@ def parse(arguments):
     if operand is not None and not wanted:
         raise InputError(f"command line: pcontact {command}: found {operand!r}; allowed: no operand")
     return command, operand, options
+
+
+def _check_dash(word):
+    """Refuse what PETSc, which reads the options of a run, takes for another one."""
+    name, equals, value = word.lstrip("-").partition("=")
+    if (word.startswith("--") or equals) and name in _declared():
+        raise InputError(f"command line: found {word!r}; allowed: -{name}{f' {value}' if equals else ''}")
+
+
+def _declared():
+    """Names of the options of a run."""
+    return {option.name for options in run_options().values() for option in options}
 
 
 def _number(word):
@@ -237,7 +252,7 @@ def run_scene(scene, directory, observers=(), mesh=None):
     """
     simulation = Simulation(scene, mesh=mesh)
     converged = simulation.run(directory, observers)
-    for line in simulation.unused(OURS):
+    for line in _unused(simulation):
         log.warning("%s", line)
     return simulation, converged
 
@@ -316,6 +331,47 @@ def forecast(scene):
     for line in loop.ahead.lines(scene.accuracy) if loop.ahead is not None else ():
         log.info("%s", line)
     return 0
+
+
+def _unused(simulation):
+    """Lines about options that nothing asked for."""
+    return simulation.unused(OURS, _declared())
+
+
+def reach(scene, directory, machine):
+    """Run a scene until its error is reached. *Collective.*
+
+    Parameters
+    ----------
+    scene : pcontact.scene.model.Scene
+        Of :func:`pcontact.adapt.target.wanted`.
+    directory : str or pathlib.Path
+    machine : bool
+        Whether the run speaks in lines of JSON.
+
+    Returns
+    -------
+    int
+        Exit status.
+    """
+    start, lines = clock.perf_counter(), PassLines(machine and MPI.COMM_WORLD.rank == 0)
+
+    def take(simulation, converged):
+        if converged:
+            lines.passed(loop.passes[-1])
+        return _unused(simulation), simulation.records.data()
+
+    loop = Loop(scene, take=take, observers=lambda _: [lines] if machine else [])
+    outcome = loop.run(directory)
+    unused, data = outcome.kept
+    for line in unused:
+        log.warning("%s", line)
+    lines.ended(outcome.failure is None, outcome.status == REACHED)
+    for line in summary({**data, "timing": {"total": clock.perf_counter() - start}}, directory):
+        log.info("%s", line)
+    if outcome.failure is not None:
+        log.error_line(outcome.failure)
+    return outcome.status
 
 
 def _gaps(contact, comm):
@@ -401,16 +457,11 @@ def _execute(command, operand, options):
         return 0 if aimed is None else forecast(aimed)
     directory = options.get("o") or Path(operand).stem + "_results"
     aimed = wanted(scene, Options())
-    if aimed is not None:
-        outcome = Loop(aimed, take=lambda simulation, _: simulation.unused(OURS)).run(directory)
-        for line in outcome.kept:
-            log.warning("%s", line)
-        if outcome.failure is not None:
-            log.error_line(outcome.failure)
-        return outcome.status
     machine = JSON["json"].read(options.get("json", "false"))
     if machine:
         log.setup(comm.rank, level="error")
+    if aimed is not None:
+        return reach(aimed, directory, machine)
     simulation, converged = run_scene(scene, directory, [JsonLines(comm.rank == 0)] if machine else [])
     data = simulation.records.data()
     simulation.close()

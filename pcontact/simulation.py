@@ -396,18 +396,20 @@ class Simulation:
         """Take what this run entered back out of the options database, for the next scene."""
         self.options.withdraw()
 
-    def unused(self, ours=()):
+    def unused(self, ours=(), others=()):
         """Lines about options that the user gave and nothing asked for.
 
         Parameters
         ----------
         ours : sequence of str
             Names that somebody else has dealt with.
+        others : sequence of str
+            Names that there are beside those which this run has asked for.
         """
         # a default that found no use (of a preconditioner that the user replaced) is not the user's mistake
         lines = []
         for name in self.options.unused([*ours, *self.newton.applied, *self.accuracy.chosen]):
-            near = difflib.get_close_matches(name, self.options.known, 1)
+            near = difflib.get_close_matches(name, {*self.options.known, *others}, 1)
             lines.append(f"option -{name} was not used" + (f"; the nearest is -{near[0]}" if near else ""))
         return lines
 

@@ -77,3 +77,19 @@ class JsonLines(Observer):
     def end(self, converged):
         """The end."""
         self._say("end", converged=converged, warnings=log.warnings())
+
+
+class PassLines(JsonLines):
+    """The same of runs on one mesh after the other, until an error is reached: a line for every pass, too, and one end
+    for all."""
+
+    def end(self, converged):
+        """That of a pass is not the end."""
+
+    def passed(self, done):
+        """A :class:`pcontact.adapt.passes.Pass`, as in ``report.json``."""
+        self._say("pass", **done.report())
+
+    def ended(self, converged, reached):
+        """The end."""
+        self._say("end", converged=converged, reached=reached, warnings=log.warnings())

@@ -34,6 +34,10 @@ def check_target(scene: Scene) -> None:
     if rough:
         found = f'{target.error:g} together with formulation = "{rough[0].formulation}"'
         raise input_error(scene.where, key, found, '"nitsche": what other formulations put wrong is not estimated')
+    soft = [c for c in scene.contacts if c.pressure_overclosure is not None]
+    if soft:
+        found = f"{target.error:g} together with pressure_overclosure (contact {soft[0].name})"
+        raise input_error(scene.where, key, found, "hard surfaces: what soft layers put wrong is not estimated")
     smooth = [c for c in scene.contacts if c.smooth_geometry]
     if smooth:
         found = f"{target.error:g} together with smooth_geometry = true (contact {smooth[0].name})"
@@ -46,4 +50,7 @@ def check_target(scene: Scene) -> None:
     }.get(target.quantity)
     if known is not None and target.name not in known:
         found = unknown_name(target.of, f"of no {target.quantity}", [f"{target.quantity}:{name}" for name in known])
-        raise input_error(scene.where, "accuracy.of", found, listed(f"{target.quantity}:{name}" for name in known))
+        allowed = listed(f"{target.quantity}:{name}" for name in known)
+        if target.quantity == "displacement":
+            allowed += "; probes of [output] are groups whose displacement is known"
+        raise input_error(scene.where, "accuracy.of", found, allowed)

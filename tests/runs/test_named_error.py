@@ -18,6 +18,7 @@ from meshes.blocks import two_blocks
 from meshes.punch import punch
 from pcontact.adapt.loop import REACHED, SPENT, Loop
 from pcontact.assembly.error_norms import bulk_error
+from pcontact.cli import reach
 from pcontact.io.result import load_result
 from pcontact.material.elastic import lame
 from pcontact.runtime.parallel import on_root
@@ -149,8 +150,13 @@ def test_a_budget_that_is_spent(shared_tmp):
     assert np.concatenate(result.bodies.cell_data["error_estimate"]).shape == (run.report["cells"],)
 
 
-def test_status_of_a_budget_that_is_spent(shared_tmp):
-    assert Loop(punch_scene(shared_tmp, error=0.01, budget=Budget(unknowns=100))).run().status == SPENT
+def test_what_programs_read_of_a_budget_that_is_spent(tmp_path, capsys):
+    """A line for every load step and pass, one for the end of all, and the exit status."""
+    scene = punch_scene(tmp_path, error=0.01, budget=Budget(unknowns=100))
+    assert reach(scene, tmp_path / "out", True) == SPENT
+    lines = [json.loads(line) for line in capsys.readouterr().out.splitlines() if line.startswith("{")]
+    assert [line["event"] for line in lines] == ["step", "pass", "end"]
+    assert lines[1]["error"] > 0.01 and lines[2]["converged"] and not lines[2]["reached"]
 
 
 @pytest.mark.parallel

@@ -60,6 +60,11 @@ def test_what_is_not_estimated_is_refused(tmp_path):
     scene.contacts = [Contact("upper_bottom", "lower_top", name="pair", formulation="penalty")]
     with pytest.raises(InputError, match=r'accuracy\.error: found .*"penalty"; allowed: "nitsche"'):
         asked(scene, {"error": "2%"})
+    scene.contacts = [Contact("upper_bottom", "lower_top", name="pair", pressure_overclosure=1.0)]
+    with pytest.raises(InputError, match=r"accuracy\.error: found .*pressure_overclosure \(contact pair\)"):
+        asked(scene, {"error": "2%"})
+    with pytest.raises(InputError, match=r"accuracy\.of: .*there are none\); probes of \[output\]"):
+        asked(scene_of(tmp_path), {"error": "2%", "error_of": "displacement:upper_top"})
     (tmp_path / "warm.vtu").touch()
     for key, one, found in (
         ("loads", Load(force=[0.0, -1.0], at=[0.0, 0.0]), r"loads\[0\].*at"),

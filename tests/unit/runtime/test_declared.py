@@ -110,6 +110,15 @@ def test_help_has_all_options():
     assert "-restart_anyway" in usage("run") and "-restart_anyway" not in usage("view")
 
 
+@pytest.mark.parametrize(("word", "allowed"), [("--error", "-error"), ("-error=5%", "-error 5%")])
+def test_words_that_petsc_takes_for_others(word, allowed):
+    with pytest.raises(InputError, match=f"command line: found '{word}'; allowed: {allowed}$"):
+        parse(["run", "scene.toml", word])
+    assert parse(["run", "scene.toml", "--json", "--snes_monitor"]) == (
+        "run", "scene.toml", {"json": "", "snes_monitor": ""}
+    )  # fmt: skip
+
+
 def test_pages_are_up_to_date(capsys):
     """Otherwise: python scripts/reference.py."""
     spec = importlib.util.spec_from_file_location("reference", ROOT / "scripts" / "reference.py")
