@@ -107,6 +107,22 @@ def transposed(space, items, u, phi):
     return total.getArray(readonly=True).reshape(-1, d).copy()
 
 
+def _beside(space, contact):
+    """Nodes (n_local,) of the cells on the source of a contact, but for those of its target alone. *Collective.*
+
+    A displacement that these have in common is rigid there: unless theta = 0 contact does work on its traction, too.
+    """
+    names = (contact.source, contact.target)
+    every, source, target = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)], [np.zeros(0, np.int64)]
+    for name, on in zip(names, (source, target), strict=True):
+        for facets in space.mesh.facet_groups.get(name, []):
+            on.append(space.facet_nodes(facets).ravel())
+            if on is source:
+                every.append(space.cells[facets.block][facets.cells].ravel())
+    every, source, target = (space.flag(np.unique(np.concatenate(some))) for some in (every, source, target))
+    return every & (source | ~target)
+
+
 def contact_force(problem, contact, force, u):
     """The force of a contact on its source, along itself. *Collective.*
 
@@ -119,11 +135,7 @@ def contact_force(problem, contact, force, u):
     u : PETSc.Vec
     """
     space, direction = problem.space, _direction(force)
-    on = np.zeros(space.n_local, dtype=bool)
-    for facets in space.mesh.facet_groups.get(contact.contact.source, []):
-        on[space.facet_nodes(facets)] = True
-    on = space.flag(np.flatnonzero(on))
-    phi = on[space.owned_local][:, None] * direction
+    phi = _beside(space, contact.contact)[space.owned_local][:, None] * direction
     if problem.lower is not None:
         problem.lower.follow(phi)
     # the residual has the force on the source with the other sign, and so has the report, on the target

@@ -9,7 +9,7 @@ import pytest
 from drivers.cases import rings
 from meshes import rings as rings_mesh
 from pcontact.adapt.watch import Watch
-from pcontact.estimate.goal import transposed, value
+from pcontact.estimate.goal import contact_force, transposed, value
 from pcontact.estimate.local import Bound, LocalFunctions, Moduli, energies, products
 from pcontact.estimate.yielding import Softening
 from pcontact.runtime.parallel import on_root
@@ -80,6 +80,25 @@ def test_transposed_tangent_is_the_derivative(solved):
     change = (problem.unbalanced(moved) - problem.unbalanced(u)) / step
     sums = COMM.allreduce(np.array([np.vdot(phi, change), np.vdot(slope, way)]), op=MPI.SUM)
     assert sums[0] == pytest.approx(sums[1], rel=1e-5)
+
+
+@pytest.mark.parallel
+def test_the_force_of_a_symmetric_method_has_its_own_derivative(shared_tmp):
+    """Taylor, theta = 1: terms that vanish with the error on the contact are no part of the force."""
+    on_root(COMM, partial(rings_mesh, shared_tmp / "rings.msh", n=4, cell="triangle", order=2))
+    scene = rings.ring_scene(shared_tmp / "rings.msh", 1, 1.0, gamma0=None)
+    scene.output.fields = False
+    simulation = Simulation(scene)
+    assert simulation.run(None, [], keep=True)
+    problem, u, (contact,) = simulation.problem, simulation.stepper.u, simulation.problem.contacts
+    goal = contact_force(problem, contact, contact.summary(u)["force"], u)
+    way = np.random.default_rng(COMM.rank).normal(size=(problem.space.n_owned, 2))
+    size = COMM.allreduce(float(np.abs(u.getArray(readonly=True)).max(initial=0.0)), op=MPI.MAX)
+    moved = u.copy()
+    moved.setArray(moved.getArray(readonly=True) + 1e-6 * size * way.ravel())
+    change = np.linalg.norm(contact.summary(moved)["force"]) - goal.value
+    simulation.free()
+    assert change == pytest.approx(1e-6 * size * COMM.allreduce(np.vdot(goal.slope, way)), rel=1e-4)
 
 
 @pytest.mark.parallel
