@@ -25,7 +25,16 @@ import numpy as np
 from drivers._common import make_mesh
 from drivers.cases import cattaneo_mindlin, disk_on_block, hertz, indent, rings, thick_cylinder
 from drivers.studies._block_scenes import DIRECT, blocks, laminates, loaded
-from drivers.studies._round_bodies import LARGE, MIDDLE, SMALL, round_scene, shell_exact, shell_pressure, wound_rings
+from drivers.studies._round_bodies import (
+    LARGE,
+    MIDDLE,
+    SMALL,
+    round_scene,
+    shell_exact,
+    shell_pressure,
+    wound_pressure,
+    wound_rings,
+)
 from drivers.studies.adapt import STIFF, STROKE, gentle_scene, punch_scene
 from meshes import crowned_roller, disc_in_press, lug_on_pin, two_blocks
 from meshes import disk_on_block as disk_mesh
@@ -251,9 +260,9 @@ def _degrees(folder):
     return scene
 
 
-def ring_force():
+def ring_force(pressure):
     """Of the inner ring on the outer one, a quarter of each: their pressure, on both projections of the arc."""
-    return np.sqrt(2.0) * rings.MIDDLE * rings.interface_pressure()
+    return np.sqrt(2.0) * rings.MIDDLE * pressure
 
 
 def shell_force():
@@ -267,12 +276,14 @@ SCENES = {
     "rings": NamedScene("rings, Lame", partial(_rings, rings.PRESSURE, 0.0, 4),
                         ("energy", "force:circle", "pressure:circle"),
                         partial(rings.exact, constants=rings.ring_constants()),
-                        {"force:circle": ring_force(), "pressure:circle": rings.interface_pressure()}),
+                        {"force:circle": ring_force(rings.interface_pressure()),
+                         "pressure:circle": rings.interface_pressure()}),
     "shrink_fit": NamedScene("rings shrunk onto each other, Lame", partial(_rings, 0.0, 6e-4, 12),
                              ("energy", "pressure:circle"),
                              partial(rings.exact, constants=rings.ring_constants(0.0, 6e-4)),
                              {"pressure:circle": rings.interface_pressure(0.0, 6e-4)}),
-    "wound": NamedScene("a laminate wound around wood, Lekhnitskii", _wound, ("energy", "force:circle"), _wound_known),
+    "wound": NamedScene("a laminate wound around wood, Lekhnitskii", _wound, ("energy", "force:circle"), _wound_known,
+                         {"force:circle": ring_force(wound_pressure())}),
     "laminate": NamedScene("laminates pressed and sheared, Coulomb", _laminate, ("energy", "support:upper_top")),
     "weight": NamedScene("a block under its weight", partial(_loaded, "weight")),
     "heat": NamedScene("a block with a hot spot", partial(_loaded, "heat"), ("energy", "displacement:right")),

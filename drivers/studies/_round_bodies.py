@@ -124,22 +124,27 @@ def _wound_exact(rings, dim, x, body):
     return u, full
 
 
-def wound_rings(path, degree, theta, pressure=1e-2):
-    """Scene and exact solution of two orthotropic rings under an outer pressure."""
-    middle, kinds = rings.MIDDLE, (WOUND, TRUNK)
+def _wound_rings(p, pressure):
+    """Constants A and B of two orthotropic rings, with a pressure between them and one on the outer one."""
+    middle = rings.MIDDLE
+    return (_wound(WOUND, middle, rings.LARGE, p, pressure), _wound(TRUNK, rings.SMALL, middle, 0.0, p))
 
-    def radial(constants, found, r):
-        k = _powers(constants)[0]
-        return found[0] * r**k + found[1] * r**-k
 
-    def solutions(p):
-        return (_wound(WOUND, middle, rings.LARGE, p, pressure), _wound(TRUNK, rings.SMALL, middle, 0.0, p))
+def wound_pressure(pressure=1e-2):
+    """Contact pressure of two orthotropic rings under an outer pressure [stress]."""
 
     def gap(p):
-        outer, inner = (radial(one, found, middle) for one, found in zip(kinds, solutions(p), strict=True))
+        powers = [_powers(constants)[0] for constants in (WOUND, TRUNK)]
+        outer, inner = (rise * rings.MIDDLE**k + fall * rings.MIDDLE**-k
+                        for k, (rise, fall) in zip(powers, _wound_rings(p, pressure), strict=True))  # fmt: skip
         return outer - inner
 
-    known = solutions(-gap(0.0) / (gap(1.0) - gap(0.0)))
+    return -gap(0.0) / (gap(1.0) - gap(0.0))
+
+
+def wound_rings(path, degree, theta, pressure=1e-2):
+    """Scene and exact solution of two orthotropic rings under an outer pressure."""
+    kinds, known = (WOUND, TRUNK), _wound_rings(wound_pressure(pressure), pressure)
     scene = rings.ring_scene(path, degree, theta, pressure=pressure, gamma0=None)
     scene.materials = {name: Material(one[0], one[1], G=one[2], point=[0.0, 0.0])
                        for name, one in zip(("wound", "trunk"), kinds, strict=True)}  # fmt: skip

@@ -89,15 +89,6 @@ class Answer:
             self.error = error.energy / error.energy_of_exact
 
 
-def expected(last):
-    """The error that a pass expects, relative: of quantities with what loads and the solver lack, all with signs."""
-    found = last.quantity
-    if found is None or "extrapolated" not in found:
-        return last.error - last.parts["mesh"] + last.estimate
-    beside = sum(value for name, value in last.parts.items() if name not in ("mesh", "algebraic", "loads"))
-    return abs(found["extrapolated"] - found["value"]) / (abs(found["value"]) or 1.0) + beside
-
-
 def cost_of(loop, scene, seconds):
     """Seconds over those of a run on the last mesh alone. *Collective.*"""
     start = clock.perf_counter()
@@ -118,7 +109,7 @@ def measure(name, named, of, error, args):
         return row | {"reached": "not converged"}, None
     last, alone = loop.passes[-1], loop.last_scene()
     alone.output.estimate = False
-    row |= {"reached": "yes" if outcome.status == REACHED else "no", "named": last.error, "estimate": expected(last),
+    row |= {"reached": "yes" if outcome.status == REACHED else "no", "named": last.error, "estimate": last.expected,
             "unknowns": last.unknowns, "passes": len(loop.passes), "seconds": seconds}  # fmt: skip
     if last.quantity is not None:
         row["value"] = last.quantity["value"]

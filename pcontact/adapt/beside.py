@@ -33,6 +33,8 @@ class Beside:
 
     def __init__(self, target, settings):
         self._target, self._settings, self._found, self.doubled = target, settings, None, None
+        # of changes of numbers, as far as they are known
+        self._signs = {}
 
     def parts(self, simulation, done, size, watch):
         """Them, relative, by what brings them about. *Collective.*
@@ -49,7 +51,8 @@ class Beside:
 
         Returns
         -------
-        dict of str to float
+        parts, toward : dict of str to float
+            How large they are; of numbers, those whose signs are known: the change toward what is more exact.
         """
         if self._found is None:
             begun = clock.perf_counter()
@@ -66,9 +69,9 @@ class Beside:
             parts[name] = fallen * value
         if self._settings.searches:
             parts["frozen_partners"] = 0.0
-        return parts
+        return parts, {name: self._signs[name] * value for name, value in parts.items() if name in self._signs}
 
-    def with_steps(self, left, steps):
+    def with_steps(self, left, steps, sign):
         """Take notice of the error of load steps that a finer mesh than the first one tells.
 
         Parameters
@@ -77,9 +80,12 @@ class Beside:
             Relative.
         steps : int
             Load steps that leave it.
+        sign : float
+            Of what more load steps change in a number.
         """
         if np.isfinite(left):
             self._found["load_steps"], self._steps = left, steps
+            self._sign("load_steps", sign)
 
     def _measure(self, simulation, size, watch):
         if simulation.problem.linear:
@@ -99,13 +105,23 @@ class Beside:
         known = self._bounds(simulation, scene, tried, size, watch)
         for name, other in tried.items():
             value = known.get(name, np.inf) / size
-            if not value <= SHARE * self._target.error:
+            alone = not abs(value) <= SHARE * self._target.error
+            if alone:
                 value = self._tried(simulation, name, other, size, watch)
+            # what several settings change together does not tell the sign of each
+            if alone or not simulation.scene.remembers:
+                self._sign(name, value)
+            value = abs(value)
             if name == "curved_facets":
                 value = self._with_gaps(simulation, value, size, watch)
             # of what twice as many have changed, and what is left then
             found[name] = value / (1.0 - 0.5**STEPS_RATE) if name == "load_steps" else value
         return found
+
+    def _sign(self, name, value):
+        """Keep the sign of a change, where it is one of a number."""
+        if self._target.quantity not in ("energy", "pressure"):
+            self._signs[name] = float(np.sign(value))
 
     def _bounds(self, simulation, scene, tried, size, watch):
         """What settings of the contacts change, good enough where it is small, by their names. *Collective.*
@@ -137,7 +153,7 @@ class Beside:
         answer = variants.answer(simulation, variants.with_steps(other, fewer), self._target, watch.known)
         if answer is None:
             return {}
-        change = variants.change_to(simulation, answer, self._target, watch)
+        change = abs(variants.change_to(simulation, answer, self._target, watch))
         # corners of amplitudes are met, however few load steps are planned: then the change is that of the others
         if answer.number > FEWER * simulation.stepper.number:
             return dict.fromkeys(names, change)
@@ -163,7 +179,7 @@ class Beside:
         return roughness.pressure(simulation, watch, self._target.name) / size
 
     def _tried(self, simulation, name, other, size, watch):
-        """What a scene `other` changes, relative; 0 where that is not known. *Collective.*"""
+        """What a scene `other` changes, relative, of numbers with its sign; 0 where that is not known. *Collective.*"""
         if self._rough(simulation, name):
             value = variants.of_facets(simulation, self._settings.scene(), self._target) / size
         elif name == "load_steps":
@@ -186,5 +202,7 @@ class Beside:
         scene = self._settings.scene()
         scene.output.estimate = scene.output.checkpoint = False
         for name in large:
-            self._found[name] = self._tried(simulation, name, variants.smooth_facets(scene), size, watch)
+            value = self._tried(simulation, name, variants.smooth_facets(scene), size, watch)
+            self._sign(name, value)
+            self._found[name] = abs(value)
         done.trials += clock.perf_counter() - begun

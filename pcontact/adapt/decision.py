@@ -10,6 +10,7 @@ from pcontact.adapt.forecast import Aims, forecast
 from pcontact.adapt.passes import cost_of, said_of
 from pcontact.adapt.settings import AIM, FACETS, SHARE, STEPS_SHARE
 from pcontact.adapt.sizes import degrees
+from pcontact.runtime import log
 from pcontact.runtime.petsc import MPI
 
 REACHED, FAILED, SPENT = 0, 1, 4
@@ -24,6 +25,9 @@ FALLEN, GROWN = 0.97, 1.3
 # [-] Power of a pressure from which on its square has no integral in the plane, as far as meshes tell it: 0.02 more.
 # From: a punch that is a hundred times as stiff as the block, -0.50.
 NO_SQUARE = -0.48
+# [-] Error that is aimed at over the parts that no mesh takes away, where these are more than the target. From: chosen;
+# a mesh with half of that error takes several times the cells and brings it down by a quarter.
+REACH = 2.0
 # [-] Power of the error with which meshes have brought it down, in that of smooth solutions: of the second mesh, before
 # it is known (Hertz's cylinder and ball, receding contact: 0.81 to 0.85), and at least.
 FIRST_TRUST, LEAST_TRUST = 0.83, 0.4
@@ -55,11 +59,14 @@ class Decision:
     ----------
     why : str
         Why the last pass is the last one.
+    aim : float
+        The error that meshes are made for: the target, or what can be reached where no mesh reaches the target.
     """
 
     def __init__(self, target, settings, passes, refining, comm):
         self._target, self._settings, self._passes, self._refining = target, settings, passes, refining
         self._start, self._budget, self.why = clock.perf_counter(), Budgeted(target.budget, comm), ""
+        self.aim = target.error
 
     def next(self, simulation, watch, done):
         """Exit status and None, or None and how to cut the cells of the mesh. *Collective.*
@@ -89,15 +96,13 @@ class Decision:
         if len(self._passes) >= MOST or self._stalls():
             largest = max(done.parts, key=done.parts.get)
             return self._spent(f"finer meshes do not bring it down, the largest part is {said_of(largest)}")
-        far = cost_of(self._passes, goal)["unknowns"]
+        stays = self._look_at_what_stays(done)
+        if stays and done.error <= self.aim:
+            return self._spent(stays)
+        far = cost_of(self._passes, self.aim)["unknowns"]
         if self._alike() > PATIENCE and far > FARTHEST * done.unknowns:
             return self._spent(f"at the rate seen it would take {far:.2g} unknowns")
-        self._settings.balance(done)
-        stays = sum(done.parts.get(name, 0.0) for name in self._settings.staying)
-        # no mesh is made for less than this share
-        if stays >= goal * (1.0 - AIM * SHARE):
-            largest = max(self._settings.staying, key=lambda name: done.parts.get(name, 0.0))
-            return self._spent(f"{said_of(largest)} alone make {100.0 * stays:.2g} %, which no mesh takes away")
+        self._settings.balance(done, self.aim)
         most = self._budget.growth(self._passes, clock.perf_counter() - self._start)
         if most < GROWN:
             return self._spent(f"the budget is spent ({self._budget.by})")
@@ -112,6 +117,21 @@ class Decision:
             return self._spent(f"the budget is spent ({self._budget.by})")
         done.next = self.expected(done, step)
         return None, step
+
+    def _look_at_what_stays(self, done):
+        """Why the target cannot be reached, where no mesh takes away what it takes; else empty. Then meshes are made
+        for what can be reached."""
+        stays, goal = sum(done.parts.get(name, 0.0) for name in self._settings.staying), self._target.error
+        # no mesh is made for less than this share
+        if stays < goal * (1.0 - AIM * SHARE):
+            self.aim = goal
+            return ""
+        largest = max(self._settings.staying, key=lambda name: done.parts.get(name, 0.0))
+        said, known = f"{said_of(largest)} alone make {100.0 * stays:.2g} %, which no mesh takes away", self.aim > goal
+        self.aim = max(REACH * stays, goal)
+        if not known and done.error > self.aim:
+            log.warning("%s: on to the %.3g %% that can be reached", said, 100.0 * self.aim)
+        return said
 
     def _step(self, space, watch, seen, done, most, known):
         """How the cells are cut that are not divided. *Collective.*
@@ -182,7 +202,7 @@ class Decision:
         aim : float
             Part of the target that it is made for.
         """
-        goal, share = self._target.error, SHARE * self._target.error
+        goal, share = self.aim, SHARE * self.aim
         stays = sum(done.parts.get(name, 0.0) for name in self._settings.staying)
         stays += min(done.parts["algebraic"], share)
         stays += min(done.parts.get("load_steps", 0.0), STEPS_SHARE * goal)

@@ -86,7 +86,7 @@ def change(simulation, target, watch, before, after):
     Returns
     -------
     float
-        As of :func:`pcontact.adapt.variants.difference`.
+        As of :func:`pcontact.adapt.variants.difference`, with its sign.
     """
     one, other = (forces_of(simulation, reports) for reports in (before, after))
     forces = {name: other[name] - one[name] for name in one}
@@ -103,7 +103,8 @@ def change(simulation, target, watch, before, after):
         moved -= np.vdot(goal.lift, total)
     if goal.shift is not None:
         moved += np.vdot(goal.shift, forces[goal.contact])
-    return abs(simulation.comm.allreduce(float(moved), op=MPI.SUM))
+    # the dual problem of a support has its force with the other sign
+    return goal.sign * simulation.comm.allreduce(float(moved), op=MPI.SUM)
 
 
 def _of_pressure(simulation, name, before, after, step):

@@ -204,7 +204,7 @@ class Loop:
             degree.try_higher(last)
             done.next = {"unknowns": None, "mesh": None, "load_steps": self._settings.steps, "degree": 2}
             return last.mesh, watch.known, None
-        begun = degree.choose(last, self.target.error)
+        begun = degree.choose(last, self._decision.aim)
         mesh, watch = begun.mesh, begun.watch
         done.next = self._decision.expected(begun.done, begun.step)
         meshes = []

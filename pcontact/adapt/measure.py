@@ -80,13 +80,31 @@ class Measure:
             parts={"mesh": estimate / known.least, **beside}, steps=self._settings.steps,
             seconds=seconds, solve=times["solve"], memory=times["peak_memory_mb"] * 2.0**20,
             entries=simulation.problem.matrix.matrix.getInfo(PETSc.Mat.InfoType.GLOBAL_SUM)["nz_used"],
-            quantity=None if found is None else self._quantity(found), part=part,
+            part=part,
         )  # fmt: skip
         self._add_loads(comm, watch, forces, done.parts)
-        done.parts |= self._beside.parts(simulation, done, size, watch)
+        others, toward = self._beside.parts(simulation, done, size, watch)
+        done.parts |= others
         self._add_facets(simulation, watch, done.parts)
         done.error = sum(done.parts.values())
+        if found is not None:
+            done.quantity = self._quantity(found, sum(toward.values()) * size)
+        done.expected = self._expected(done, found, toward, size)
         return done
+
+    def _expected(self, done, found, toward, size):
+        """The error that a pass expects, relative: not the largest that there may be.
+
+        What waves in the cells is at right angles to what facets change: squares of both norms add up. Changes of a
+        number have signs, as far as they are known, and cancel.
+        """
+        if found is None or self._target.quantity == "pressure":
+            facets = [done.parts.get(name, 0.0) for name in FACETS]
+            rest = sum(value for name, value in done.parts.items() if name not in ("mesh", *FACETS))
+            return float(np.hypot(done.estimate, sum(facets))) + rest
+        told = {"mesh", "algebraic", "loads", *toward}
+        own = (found.error + found.loads + found.algebraic) / size + sum(toward.values())
+        return abs(own) + sum(value for name, value in done.parts.items() if name not in told)
 
     def with_steps(self, simulation, watch, done):
         """Measure what load steps change on the mesh of a pass where the next one has more of them: a finer mesh than
@@ -115,13 +133,14 @@ class Measure:
             return
         part, times = followed(taken, other.number, taken * self._settings.steps / done.steps)
         change.setArray(change.getArray(readonly=True) - other.u)
-        left = simulation.error_estimate.norm(change) / watch.norm
+        left, sign = simulation.error_estimate.norm(change) / watch.norm, 0.0
         if self._target.quantity != "energy":
             own = done.quantity["value"]
-            left = change_to(simulation, other, self._target, watch) / (abs(own) or 1.0)
+            left = abs(change_to(simulation, other, self._target, watch)) / (abs(own) or 1.0)
             self._seen.with_steps(own + part * (own - other.value))
+            sign = np.sign(part * (own - other.value))
         if not first:
-            self._beside.with_steps(times * left, done.steps)
+            self._beside.with_steps(times * left, done.steps, sign)
         moved = simulation.stepper.u.copy()
         moved.axpy(part, change)
         watch.last = at_nodes(simulation.problem.space, moved)
@@ -186,12 +205,13 @@ class Measure:
         ratio = (large / parts["mesh"]) ** 2 if parts["mesh"] > 0.0 else 1.0
         watch.squares = watch.squares + ratio * (sums[1] or 1.0) / (sums[0] or 1.0) * own
 
-    def _quantity(self, found):
-        """Value of a quantity, and what it is extrapolated to, with an uncertainty."""
+    def _quantity(self, found, toward):
+        """Value of a quantity, and what it is extrapolated to, with an uncertainty. `toward`: what settings beside the
+        mesh change, with signs."""
         if self._target.quantity == "pressure":
             return {"value": found.value, "error": found.error}
-        best = found.value + found.error + found.loads + found.algebraic
+        best = found.value + found.error + found.loads + found.algebraic + toward
         # what is left of the estimate's own error; and, once there are two, by how much such values differ
         others = [abs(one.quantity["extrapolated"] - best) for one in self._passes[-1:]]
-        unsure = max([0.5 * abs(found.error), *others])
+        unsure = max([0.5 * (abs(found.error) + abs(toward)), *others])
         return {"value": found.value, "error": found.error, "extrapolated": best, "uncertainty": unsure}

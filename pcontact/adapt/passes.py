@@ -31,6 +31,8 @@ class Pass:
         The error by what brings it about, relative; names are keys of `NAMES`.
     error : float
         Their sum: the error that is named.
+    expected : float
+        The error that is expected, relative.
     steps : int
         Load steps that were planned.
     seconds, solve : float
@@ -57,6 +59,7 @@ class Pass:
     known: object
     parts: dict = field(default_factory=dict)
     error: float = 0.0
+    expected: float = 0.0
     steps: int = 1
     seconds: float = 0.0
     solve: float = 0.0
@@ -74,7 +77,7 @@ class Pass:
 
     def report(self):
         """Its entry of the report."""
-        names = ("unknowns", "cells", "degree", "error", "estimate", "parts", "steps", "seconds", "solve",
+        names = ("unknowns", "cells", "degree", "error", "expected", "estimate", "parts", "steps", "seconds", "solve",
                  "trials", "next")  # fmt: skip
         quantity = {} if self.quantity is None else {"quantity": self.quantity}
         return {name: getattr(self, name) for name in names} | quantity | {"memory_mb": self.memory / 2.0**20}
@@ -124,7 +127,7 @@ def report(passes, target, reached):
     last = passes[-1]
     return {
         "target": {"error": target.error, "of": target.of}, "reached": reached, "error": last.error,
-        "estimate": last.estimate, "parts": last.parts,
+        "expected": last.expected, "estimate": last.estimate, "parts": last.parts,
         "effectivity": {"least": last.known.least, "most": last.known.most, "of": last.known.words},
         **({} if last.quantity is None else {"quantity": last.quantity}), "rate": rate(passes),
         "half": cost_of(passes, 0.5 * last.error), "target_cost": cost_of(passes, target.error),

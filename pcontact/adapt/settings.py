@@ -72,13 +72,20 @@ class Settings:
         scene.steps.count, scene.mesh.order = done.steps, done.degree
         return scene
 
-    def balance(self, done):
-        """Spend on load steps, searches and tolerances where a pass says that they are large beside what is wanted."""
-        share, wanted = SHARE * self._target.error, AIM * STEPS_SHARE * self._target.error
+    def balance(self, done, aim):
+        """Spend on load steps, searches and tolerances where a pass says that they are large beside what is wanted.
+
+        Parameters
+        ----------
+        done : pcontact.adapt.passes.Pass
+        aim : float
+            The error that the next mesh is made for.
+        """
+        share, wanted = SHARE * aim, AIM * STEPS_SHARE * aim
         self.searches = self.searches or done.parts.get("frozen_partners", 0.0) > share
         steps = done.parts.get("load_steps", 0.0)
-        if steps > STEPS_SHARE * self._target.error:
+        if steps > STEPS_SHARE * aim:
             self.steps = int(np.ceil(self.steps * min((steps / wanted) ** (1.0 / STEPS_RATE), MORE_STEPS)))
-        if done.parts["algebraic"] > 0.1 * min(done.parts["mesh"], self._target.error):
-            wanted = 0.1 * self._target.error / done.parts["algebraic"]
+        if done.parts["algebraic"] > 0.1 * min(done.parts["mesh"], aim):
+            wanted = 0.1 * aim / done.parts["algebraic"]
             self._rtol = max(self._rtol * min(wanted, 0.3), LEAST_RTOL)

@@ -119,7 +119,7 @@ def of_facets(simulation, scene, target):
         return float("nan")
     if target.quantity == "pressure":
         return pressures.apart(comm, *quantities)
-    return abs(quantities[1] - quantities[0])
+    return quantities[1] - quantities[0]
 
 
 class Answer(NamedTuple):
@@ -199,7 +199,8 @@ def difference(simulation, other, target, watch):
     Returns
     -------
     float
-        In the energy norm [sqrt(energy)], of the pressure in L2, or of another quantity; nan where it is not known.
+        In the energy norm [sqrt(energy)], of the pressure in L2, or of another quantity, then with its sign: the value
+        that the other setting has less that of the simulation; nan where it is not known.
     """
     return change_to(simulation, answer(simulation, other, target, watch.known), target, watch)
 
@@ -211,7 +212,7 @@ def change_to(simulation, other, target, watch):
     if target.quantity == "pressure":
         return _change_of_pressure(simulation, other, target.name)
     if target.quantity != "energy":
-        return abs(other.value - value(simulation.problem, target, watch.record, simulation.stepper.u))
+        return other.value - value(simulation.problem, target, watch.record, simulation.stepper.u)
     change = simulation.stepper.u.copy()
     change.setArray(np.asarray(change.getArray(readonly=True)) - other.u)
     return simulation.error_estimate.norm(change)

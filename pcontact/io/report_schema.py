@@ -169,6 +169,7 @@ _ACCURACY = table(
     target={"type": "object", "description": "`error` that was asked for, and `of` what"},
     reached=_one(_TRUTH, "whether the error was reached"),
     error=number("the error that is named, as a part [-]"),
+    expected=number("the error that is expected, as a part [-]"),
     estimate=number("estimate of the last mesh, as a part [-]"),
     parts=by_name(number("[-]"), "the error by what brings it about"),
     effectivity={"type": "object", "description": "the estimate over the error in cases with known answers"},

@@ -5,10 +5,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from pcontact.adapt.decision import FIRST_TRUST, Decision
+from pcontact.adapt.decision import FIRST_TRUST, SPENT, Decision
 from pcontact.adapt.known import Range
 from pcontact.adapt.passes import Pass
 from pcontact.adapt.refining import Step
+from pcontact.adapt.settings import AIM
 from pcontact.adapt.sizes import Cuts
 from pcontact.runtime.petsc import MPI
 from pcontact.scene.target import Target
@@ -34,7 +35,7 @@ def asked(second, explain=False, parts=(1.0, 1.0)):
     passes[0].part, passes[1].part = parts
     passes[0].next = {"unknowns": 100.0, "mesh": 0.1, "load_steps": 1, "degree": 2}
     refining = Recorder(whole=False, corners=SimpleNamespace(explain=explain, wall=None))
-    settings = SimpleNamespace(staying=(), falling=("mesh",), steps=1, balance=lambda done: None)
+    settings = SimpleNamespace(staying=(), falling=("mesh",), steps=1, balance=lambda *_: None)
     decision = Decision(Target(0.01), settings, passes, refining, MPI.COMM_SELF)
     simulation = SimpleNamespace(problem=SimpleNamespace(space=SimpleNamespace(dim=3)))
     status, _ = decision.next(simulation, SimpleNamespace(squares=np.ones(1)), passes[-1])
@@ -73,7 +74,7 @@ def grown(squares, unknowns, error=0.1, of="energy"):
     known = Range(1.0, 2.0, "", 2)
     done = Pass(unknowns, 50, 2, error, known, {"mesh": error, "algebraic": 0.0}, error, seconds=1.0, memory=1e8)
     refining = Growing(whole=False, corners=SimpleNamespace(explain=False, wall=None))
-    settings = SimpleNamespace(staying=(), falling=("mesh",), steps=1, balance=lambda done: None)
+    settings = SimpleNamespace(staying=(), falling=("mesh",), steps=1, balance=lambda *_: None)
     decision = Decision(Target(0.02, of), settings, [done], refining, MPI.COMM_SELF)
     simulation = SimpleNamespace(problem=SimpleNamespace(space=SimpleNamespace(dim=2, comm=MPI.COMM_SELF)))
     return decision.next(simulation, SimpleNamespace(squares=squares), done)[1].cuts.growth
@@ -83,3 +84,20 @@ def test_no_mesh_tells_the_rate_of_few_cells_that_are_alike():
     """Where estimates say that there is a singular point, or many unknowns are expected, there is one."""
     alike, alone = np.ones(20), np.concatenate([[30.0], np.ones(19)])
     assert grown(alike, 20) > 40.0 and grown(alone, 20) == 4.0 and grown(alike, 200) == 4.0
+
+
+@pytest.mark.parametrize("error, status", [(0.5, None), (0.07, SPENT)])
+def test_the_best_that_facets_leave_is_reached(error, status):
+    """Facets alone are more than the target: meshes are made for as much again, and then there is no other one."""
+    parts = {"mesh": error - 0.04, "algebraic": 0.0, "curved_facets": 0.04}
+    done = Pass(100, 50, 2, error, Range(1.0, 2.0, "", 3), parts, error, seconds=1.0, memory=1e8)
+    refining = Recorder(whole=False, corners=SimpleNamespace(explain=False, wall=None))
+    settings = SimpleNamespace(staying=("curved_facets",), falling=("mesh",), steps=1, balance=lambda *_: None)
+    decision = Decision(Target(0.02), settings, [done], refining, MPI.COMM_SELF)
+    simulation = SimpleNamespace(problem=SimpleNamespace(space=SimpleNamespace(dim=3)))
+    assert decision.next(simulation, SimpleNamespace(squares=np.ones(1)), done)[0] == status
+    assert decision.aim == pytest.approx(0.08)
+    if status is None:
+        assert refining.wanted == pytest.approx((AIM * 0.04 / 0.46) ** (1.0 / FIRST_TRUST))
+    else:
+        assert decision.why.endswith("alone make 4 %, which no mesh takes away")
