@@ -64,12 +64,16 @@ class Beside:
         parts, finer = {}, min(done.parts["mesh"] / self._of, 1.0) if self._of > 0.0 else 1.0
         for name, value in self._found.items():
             # what a finer rule changes falls as fast as what a finer mesh does, what straight facets do stays
-            fallen = (self._steps / done.steps) ** STEPS_RATE if name == "load_steps" else 1.0
-            fallen = finer if name in FALLING else fallen
-            parts[name] = fallen * value
+            parts[name] = finer * value if name in FALLING else value
+        if "load_steps" in parts:
+            parts["load_steps"] = self.of_steps(done.steps)
         if self._settings.searches:
             parts["frozen_partners"] = 0.0
         return parts, {name: self._signs[name] * value for name, value in parts.items() if name in self._signs}
+
+    def of_steps(self, count):
+        """The error that so many load steps leave, relative."""
+        return self._found.get("load_steps", 0.0) * (self._steps / count) ** STEPS_RATE
 
     def with_steps(self, left, steps, sign):
         """Take notice of the error of load steps that a finer mesh than the first one tells.

@@ -31,6 +31,9 @@ REACH = 2.0
 # [-] Power of the error with which meshes have brought it down, in that of smooth solutions: of the second mesh, before
 # it is known (Hertz's cylinder and ball, receding contact: 0.81 to 0.85), and at least.
 FIRST_TRUST, LEAST_TRUST = 0.83, 0.4
+# [-] Error of the energy norm that says nothing but that the mesh is too coarse to tell one: no displacement at all has
+# it; and growth of the cells then, at most. From: a ball pressed into metal, of whose first mesh three facets touch it.
+NOTHING, LOOK = 1.0, 2.0
 # [-] The same, below which the rate is not known yet. From: a cube pressed on a block, drivers/studies/named_error.py.
 STEADY = 0.7
 # [unknowns] By the dimension: a pass with as many takes about twice as long as one with a few; and the power with which
@@ -142,6 +145,7 @@ class Decision:
         and not many unknowns are expected, no mesh comes before that only tells the rate.
         """
         wanted, cheap = self.wanted(done), CHEAP[space.dim] / done.unknowns
+        most = min(most, LOOK) if self._tells_nothing(done) else most
         step = self._refining.step(space, watch.squares, seen, wanted, most, known)
         if step.cuts.part > wanted and not self._refining.whole and self._even(space.comm, watch.squares):
             whole = self._refining.step(space, watch.squares, seen, wanted, most, True)
@@ -234,6 +238,8 @@ class Decision:
         # what simplices have more than the cells they were made of is no rate
         if old.next.get("divided"):
             return FIRST_TRUST
+        if self._tells_nothing(old):
+            return FIRST_TRUST
         # what estimates are taken for changes when meshes have been compared, and is no rate, either
         same = done.part / old.part
         expected, seen = old.next["mesh"] / old.parts["mesh"], same * done.parts["mesh"] / old.parts["mesh"]
@@ -242,6 +248,10 @@ class Decision:
         if not 0.0 < expected < 1.0:
             return least if corners.explain else 1.0
         return float(np.clip(np.log(seen) / np.log(expected), least, 1.0))
+
+    def _tells_nothing(self, done):
+        """Whether the error that a pass names is as large as that of no displacement at all."""
+        return self._target.quantity == "energy" and done.parts["mesh"] >= NOTHING
 
     def _same_bodies(self):
         """Whether the estimates of the last two meshes may be compared: facets that have come onto the geometry since

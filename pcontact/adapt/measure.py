@@ -62,7 +62,7 @@ class Measure:
         beside["loads"] = loads / norm
         if self._target.quantity == "energy":
             far = estimate / known.least > self._target.error
-            part = self._seen.part(simulation, watch, far)
+            part = self._seen.part(simulation, watch, far, norm * self._of_other_steps())
             estimate /= part
         else:
             found = simulation.error_estimate.of_quantity(
@@ -105,6 +105,12 @@ class Measure:
         told = {"mesh", "algebraic", "loads", *toward}
         own = (found.error + found.loads + found.algebraic) / size + sum(toward.values())
         return abs(own) + sum(value for name, value in done.parts.items() if name not in told)
+
+    def _of_other_steps(self):
+        """Errors of the load steps of this pass and the last one together, relative; 0 where these are the same."""
+        if not self._passes or self._passes[-1].steps == self._settings.steps:
+            return 0.0
+        return float(np.hypot(*map(self._beside.of_steps, (self._passes[-1].steps, self._settings.steps))))
 
     def with_steps(self, simulation, watch, done):
         """Measure what load steps change on the mesh of a pass where the next one has more of them: a finer mesh than

@@ -28,6 +28,9 @@ from pcontact.runtime.errors import TOLD
 # [-] Estimates over each other that count at most, and the part that counts at least. From: the difference of two that
 # hardly differ says nothing.
 ALIKE, LEAST = 0.8, 0.25
+# [-] Part of the squared change that load steps may have, above which it says nothing of meshes. From: chosen; a ball
+# pressed into metal, 160 load steps on one mesh and 406 on the next.
+STEPS = 0.5
 # [-] The part that is expected before meshes have been compared. From: Hill's cylinder, 0.62 to 0.64.
 EXPECTED = 0.6
 
@@ -47,8 +50,12 @@ def part_of(coarse, fine, change):
     return float(np.clip(coarse * np.sqrt(1.0 - min(fine / coarse, ALIKE) ** 2) / change, LEAST, 1.0))
 
 
-def between(simulation, before, coarse):
-    """The part that the last two passes have seen. *Collective.*
+def between(simulation, before, coarse, steps=0.0):
+    """The part that the last two passes have seen; None where load steps may have changed as much as meshes.
+    *Collective.*
+
+    Errors of load steps do not only become smaller when there are more of them: each step leaves its own trace in
+    bodies that yield, where the edge of the contact was at its end.
 
     Parameters
     ----------
@@ -58,10 +65,15 @@ def between(simulation, before, coarse):
         Displacement on the coarser mesh [length].
     coarse : float
         The estimate there [sqrt(energy)].
+    steps : float
+        Errors of the load steps of both, where these are others [sqrt(energy)].
     """
     change = simulation.stepper.u.copy()
     change.setArray(change.getArray(readonly=True) - before.ravel())
-    return part_of(coarse, simulation.error_estimate.last["absolute"], simulation.error_estimate.norm(change))
+    size = simulation.error_estimate.norm(change)
+    if steps**2 > STEPS * size**2:
+        return None
+    return part_of(coarse, simulation.error_estimate.over_steps, np.sqrt(size**2 - steps**2))
 
 
 class State(NamedTuple):
@@ -89,7 +101,7 @@ class State(NamedTuple):
     def of(cls, simulation, value):
         """That of a run, and a quantity. *Collective.*"""
         space = simulation.problem.space
-        return cls(space.n_dofs, space.degree, space.dim, simulation.error_estimate.last["absolute"], value)
+        return cls(space.n_dofs, space.degree, space.dim, simulation.error_estimate.over_steps, value)
 
 
 def fallen(coarse, fine):
@@ -173,9 +185,9 @@ class Seen:
     def __init__(self, target, settings, options):
         self._target, self._settings, self._options = target, settings, options
         # estimate and degree of the last pass, or its State, and what part of the error estimates have been seen to be
-        self._before, self._part = None, 1.0
+        self._before, self._part = None, None
 
-    def part(self, simulation, watch, far):
+    def part(self, simulation, watch, far, steps):
         """What part of the error of the displacement the estimate is: 1 but where bodies yield. *Collective.*
 
         Parameters
@@ -185,8 +197,10 @@ class Seen:
         watch : pcontact.adapt.watch.Watch
         far : bool
             Whether there is another pass, whatever the part: that one tells it, too.
+        steps : float
+            Errors of the load steps of this pass and the last one, where these are others [sqrt(energy)].
         """
-        own, degree = simulation.error_estimate.last["absolute"], simulation.problem.space.degree
+        own, degree = simulation.error_estimate.over_steps, simulation.problem.space.degree
         if not simulation.scene.plastic:
             return 1.0
         old, self._before, part = self._before, (own, degree), None
@@ -195,10 +209,11 @@ class Seen:
         if old is None or old[1] != degree:
             part = self._on_halved(simulation, lambda run, _, before: between(run, before, own))
         elif simulation.begin.end(watch.time) is not None:
-            part = between(simulation, simulation.begin.end(watch.time), old[0])
-        # a mesh that has changed the solution little says little
-        self._part = self._part if part is None else min(self._part, part)
-        return self._part
+            part = between(simulation, simulation.begin.end(watch.time), old[0], steps)
+        if part is not None:
+            # a mesh that has changed the solution little says little
+            self._part = part if self._part is None else min(self._part, part)
+        return EXPECTED if self._part is None else self._part
 
     @property
     def by_meshes(self):

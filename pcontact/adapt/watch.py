@@ -96,8 +96,7 @@ class Watch(Path):
 
     def __init__(self, simulation):
         super().__init__(simulation)
-        cells = sum(len(block.nodes) for block in simulation.mesh.blocks)
-        self.squares, self.absolute, self.norm, self.algebraic = np.zeros(cells), 0.0, 0.0, 0.0
+        self.squares, self.absolute, self.norm, self.algebraic = None, 0.0, 0.0, 0.0
         self.record, self.time, self.unbalanced, self.energies, self.pressure = None, 0.0, None, None, None
 
     def step(self, step, u, record):
@@ -105,9 +104,8 @@ class Watch(Path):
         super().step(step, u, record)
         estimate = self._simulation.error_estimate
         self.record, self.time, self.unbalanced = record, step.time, step.unbalanced
-        own = np.concatenate([np.zeros(0), *(cells**2 for cells in estimate.cells)])
-        self.squares = np.maximum(self.squares, own)
-        self.absolute = max(self.absolute, estimate.last["absolute"])
+        self.squares = estimate.squares
+        self.absolute = max(self.absolute, estimate.over_steps)
         self.algebraic = max(self.algebraic, estimate.last["algebraic"])
         self.norm = max(self.norm, estimate.last["energy_norm"])
 

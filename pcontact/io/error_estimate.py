@@ -52,6 +52,8 @@ class ErrorEstimate(Observer):
     ----------
     cells : list of ndarray (nc,)
         Estimate of every cell of each block after the last step [sqrt(energy)].
+    squares : ndarray (n_cells,)
+        Largest squared estimates of the cells of this rank over the steps, block after block [energy].
     last : dict or None
         What was added to the record of the last step.
 
@@ -62,14 +64,17 @@ class ErrorEstimate(Observer):
 
     def __init__(self, problem, scene, newton):
         self._problem, self._newton, self._loads, self.cells = problem, newton, applied(problem, scene), []
+        self._plastic = scene.plastic
         # the largest norm of the run so far, which a restarted run goes on with
         self.last, self.carried = None, 0.0
+        self.squares = np.zeros(sum(len(block.nodes) for block in problem.space.mesh.blocks))
         self._estimator = Estimator(problem, self._loads)
 
     def step(self, step, u, record):
         """Estimate. *Collective.*"""
         estimate = self._estimator(u, step.time, held(self._problem, step.unbalanced))
         self.cells = estimate.cells
+        self.squares = np.maximum(self.squares, np.concatenate([np.zeros(0), *(own**2 for own in self.cells)]))
         # relative to the largest norm of the run: bodies that have been let go have none, but stresses that remain
         self.carried = max(self.carried, estimate.energy)
         self.last = record["estimate"] = {
@@ -80,6 +85,17 @@ class ErrorEstimate(Observer):
             "parts": estimate.parts,
             "surfaces": estimate.surfaces,
         }
+
+    @property
+    def over_steps(self):
+        """Of the last step, from all steps so far [sqrt(energy)]. *Collective.*
+
+        Where bodies yield, what a cell has missed in a step stays in its plastic strain: cells count with the largest
+        of their estimates.
+        """
+        if not self._plastic:
+            return self.last["absolute"]
+        return float(np.sqrt(self._problem.space.comm.allreduce(float(self.squares.sum()), op=MPI.SUM)))
 
     def of_loads(self, time):
         """Energy norm of what the quadrature of loads leaves out of the displacement [sqrt(energy)], and the squared

@@ -170,6 +170,28 @@ def test_restart_on_other_ranks(block, shared_tmp):
 
 
 @parallel
+def test_what_cells_have_missed_stays(block):
+    """Where bodies yield they count with the largest estimate of all load steps, also when the cylinder is gone."""
+    scene, seen = indentation(block, order=2, friction=None), []
+    scene.output.estimate = True
+
+    class Estimates(Observer):
+        def step(self, step, u, record):
+            found = simulation.error_estimate
+            seen.append((found.last["absolute"], found.over_steps, found.squares.copy(), np.concatenate(found.cells)))
+
+    simulation = Simulation(scene, WORLD)
+    try:
+        assert simulation.run(None, [Estimates()])
+    finally:
+        simulation.free()
+    largest, over, squares, cells = (np.array(one) for one in zip(*seen, strict=True))
+    assert squares[-1] == pytest.approx((cells**2).max(axis=0))
+    assert over[-1] ** 2 == pytest.approx(WORLD.allreduce(squares[-1].sum()))
+    assert over[0] == pytest.approx(largest[0]) and over[-1] > 1.02 * largest.max() > 1.02 * largest[-1]
+
+
+@parallel
 def test_restart_before_anything_yields(block, shared_tmp):
     """A checkpoint without internal variables, on ranks which never have any, too."""
     out, dead = shared_tmp / "out", shared_tmp / "dead"

@@ -26,12 +26,12 @@ class Recorder(SimpleNamespace):
         return Step(Cuts(np.ones(1, dtype=np.int64), wanted, 10.0), None, ())
 
 
-def asked(second, explain=False, parts=(1.0, 1.0)):
+def asked(second, explain=False, parts=(1.0, 1.0), first=0.4):
     """Of the refining after two passes, the second one of an error: the first had 0.4, and 0.1 was expected. `parts` of
     the error are what their estimates were taken for."""
     known = Range(1.0, 2.0, "", 3)
     passes = [Pass(100, 50, 2, error, known, {"mesh": error, "algebraic": 0.0}, error, seconds=1.0, memory=1e8)
-              for error in (0.4, second)]  # fmt: skip
+              for error in (first, second)]  # fmt: skip
     passes[0].part, passes[1].part = parts
     passes[0].next = {"unknowns": 100.0, "mesh": 0.1, "load_steps": 1, "degree": 2}
     refining = Recorder(whole=False, corners=SimpleNamespace(explain=explain, wall=None))
@@ -78,6 +78,14 @@ def grown(squares, unknowns, error=0.1, of="energy"):
     decision = Decision(Target(0.02, of), settings, [done], refining, MPI.COMM_SELF)
     simulation = SimpleNamespace(problem=SimpleNamespace(space=SimpleNamespace(dim=2, comm=MPI.COMM_SELF)))
     return decision.next(simulation, SimpleNamespace(squares=squares), done)[1].cuts.growth
+
+
+def test_an_error_as_large_as_the_solution_says_nothing():
+    """The next mesh is there to have a look only, and what was promised of it is no rate."""
+    alike = np.ones(20)
+    assert grown(alike, 20, error=1.2) == 2.0 and grown(alike, 20, error=0.9) > 2.0
+    assert grown(alike, 20, error=1.2, of="force:face") > 2.0
+    assert asked(0.25, first=1.5).wanted == pytest.approx(0.034 ** (1.0 / FIRST_TRUST))
 
 
 def test_no_mesh_tells_the_rate_of_few_cells_that_are_alike():

@@ -1,9 +1,11 @@
 """What the change of the solution says of the estimate."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
-from pcontact.adapt.seen import ALIKE, LEAST, State, fallen, left_after, part_of
+from pcontact.adapt.seen import ALIKE, LEAST, State, between, fallen, left_after, part_of
 
 
 @pytest.mark.parametrize("part", [0.4, 0.9])
@@ -19,6 +21,24 @@ def test_what_says_nothing():
     assert part_of(0.05, 0.02, 0.03) == 1.0
     assert part_of(0.05, 0.05, 1.0) == LEAST
     assert part_of(0.05, 0.02, 0.0) == part_of(0.0, 0.0, 0.1) == 1.0
+
+
+def _between(steps):
+    """The part that two passes show, with errors of their load steps; their solutions differ by 1, the estimate has
+    fallen from 1 to 0.6."""
+    u = SimpleNamespace(
+        copy=lambda: u, setArray=lambda _: None, getArray=lambda readonly: np.zeros(2)  # fmt: skip
+    )
+    estimate = SimpleNamespace(norm=lambda _: 1.0, over_steps=0.6)
+    run = SimpleNamespace(stepper=SimpleNamespace(u=u), error_estimate=estimate)
+    return between(run, np.zeros((1, 2)), 0.5, steps)
+
+
+def test_load_steps_that_change_as_much_as_meshes():
+    """What they may have changed is no change of meshes; where it is much, nothing is said."""
+    assert _between(0.0) == pytest.approx(0.5 * np.sqrt(1.0 - ALIKE**2))
+    assert _between(0.6) == pytest.approx(_between(0.0) / 0.8)
+    assert _between(0.8) is None
 
 
 def test_what_is_left_of_a_quantity():
