@@ -108,6 +108,10 @@ class Beside:
         found = {"load_steps": 0.0}
         known = self._bounds(simulation, scene, tried, size, watch)
         for name, other in tried.items():
+            if name == "curved_facets" and self._settings.staying and self._target.quantity == "pressure":
+                # gaps times gamma, which the pressure of the first mesh has in it, are its own error
+                found[name] = roughness.pressure(simulation, watch, self._target.name) / size
+                continue
             value = known.get(name, np.inf) / size
             alone = not abs(value) <= SHARE * self._target.error
             if alone:
@@ -116,8 +120,10 @@ class Beside:
             if alone or not simulation.scene.remembers:
                 self._sign(name, value)
             value = abs(value)
-            if name == "curved_facets":
-                value = self._with_gaps(simulation, value, size, watch)
+            # what curved facets change on the mesh and, by the gaps that it does not follow, on finer ones; where nodes
+            # come onto a geometry, finer meshes have smaller gaps to follow
+            if name == "curved_facets" and self._settings.staying and self._target.quantity == "energy":
+                value = float(np.hypot(value, roughness.energy(simulation, watch) / size))
             # of what twice as many have changed, and what is left then
             found[name] = value / (1.0 - 0.5**STEPS_RATE) if name == "load_steps" else value
         return found
@@ -170,17 +176,6 @@ class Beside:
     def _rough(self, simulation, name):
         """Whether a part is that of facets that finer cells of degree 1 do not tell."""
         return name in self._settings.staying and simulation.problem.space.degree == 1
-
-    def _with_gaps(self, simulation, value, size, watch):
-        """What curved facets change on the mesh and, by the gaps that it does not follow, on finer ones, relative.
-        *Collective.*"""
-        # where nodes come onto a geometry, finer meshes have smaller gaps to follow
-        if self._target.quantity not in ("energy", "pressure") or not self._settings.staying:
-            return value
-        if self._target.quantity == "energy":
-            return float(np.hypot(value, roughness.energy(simulation, watch) / size))
-        # gaps times gamma, which the pressure of the first mesh has in it, are its own error
-        return roughness.pressure(simulation, watch, self._target.name) / size
 
     def _tried(self, simulation, name, other, size, watch):
         """What a scene `other` changes, relative, of numbers with its sign; 0 where that is not known. *Collective.*"""

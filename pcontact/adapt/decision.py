@@ -85,8 +85,11 @@ class Decision:
         status : int or None
             `REACHED` or `SPENT`.
         step : pcontact.adapt.refining.Step or None
+            None and no exit status: the same mesh with all load steps.
         """
         goal = self._target.error
+        if done.error <= goal and done.fewer:
+            return None, None
         if done.error <= goal:
             self.why = "reached"
             return REACHED, None
@@ -101,7 +104,7 @@ class Decision:
             return self._spent(f"finer meshes do not bring it down, the largest part is {said_of(largest)}")
         stays = self._look_at_what_stays(done)
         if stays and done.error <= self.aim:
-            return self._spent(stays)
+            return (None, None) if done.fewer else self._spent(stays)
         far = cost_of(self._passes, self.aim)["unknowns"]
         if self._alike() > PATIENCE and far > FARTHEST * done.unknowns:
             return self._spent(f"at the rate seen it would take {far:.2g} unknowns")

@@ -158,7 +158,7 @@ class Loop:
             Its `kept` is that of the last pass; :attr:`ahead` is the forecast, None where these passes were enough or
             did not end.
         """
-        self._looks_ahead, self._where = True, ""
+        self._looks_ahead, self._where, self._settings.forecasts = True, "", True
         status, _, failure = self._passes(None)
         return Outcome(status, self.kept, failure)
 
@@ -199,6 +199,11 @@ class Loop:
 
     def _onward(self, simulation, watch, done, step):
         """The next mesh, what is known on it, and None or the exit status where it is too large. *Collective.*"""
+        self._settings.fewer = False
+        if step is None:
+            done.next = {"unknowns": done.unknowns, "mesh": done.parts["mesh"], "load_steps": self._settings.steps,
+                         "degree": done.degree}  # fmt: skip
+            return simulation.mesh, watch.known, None
         degree, last = self._settings.degree, Tried(simulation.mesh, watch, done, step)
         if degree.is_open(last.mesh.curved):
             degree.try_higher(last)
@@ -207,6 +212,8 @@ class Loop:
         begun = degree.choose(last, self._decision.aim)
         mesh, watch = begun.mesh, begun.watch
         done.next = self._decision.expected(begun.done, begun.step)
+        self._settings.fewer = self._settings.spares(begun.done, done.next["mesh"] > self._decision.aim)
+        done.next["load_steps"] = self._settings.count
         meshes = []
 
         def cut(fields):

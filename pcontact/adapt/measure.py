@@ -77,8 +77,8 @@ class Measure:
         times = simulation.times()
         done = Pass(
             unknowns=space.n_dofs, cells=mesh.n_cells_total, degree=space.degree, estimate=estimate, known=known,
-            parts={"mesh": estimate / known.least, **beside}, steps=self._settings.steps,
-            seconds=seconds, solve=times["solve"], memory=times["peak_memory_mb"] * 2.0**20,
+            parts={"mesh": estimate / known.least, **beside}, steps=self._settings.count,
+            fewer=self._settings.fewer, seconds=seconds, solve=times["solve"], memory=times["peak_memory_mb"] * 2.0**20,
             entries=simulation.problem.matrix.matrix.getInfo(PETSc.Mat.InfoType.GLOBAL_SUM)["nz_used"],
             part=part,
         )  # fmt: skip
@@ -108,9 +108,9 @@ class Measure:
 
     def _of_other_steps(self):
         """Errors of the load steps of this pass and the last one together, relative; 0 where these are the same."""
-        if not self._passes or self._passes[-1].steps == self._settings.steps:
+        if not self._passes or self._passes[-1].steps == self._settings.count:
             return 0.0
-        return float(np.hypot(*map(self._beside.of_steps, (self._passes[-1].steps, self._settings.steps))))
+        return float(np.hypot(*map(self._beside.of_steps, (self._passes[-1].steps, self._settings.count))))
 
     def with_steps(self, simulation, watch, done):
         """Measure what load steps change on the mesh of a pass where the next one has more of them: a finer mesh than
@@ -129,7 +129,7 @@ class Measure:
         done : pcontact.adapt.passes.Pass
         """
         begun, first = clock.perf_counter(), len(self._passes) == 1
-        if self._settings.steps == done.steps:
+        if done.fewer or self._settings.steps == done.steps:
             return
         other = self._beside.doubled if first else self._with_others(simulation, done)
         if other is None:

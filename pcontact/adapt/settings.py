@@ -18,6 +18,9 @@ FALLING, FACETS = ("mesh", "quadrature", "loads", "frozen_partners"), ("straight
 # [-] Tolerances of Newton's method: that of the first pass over the target, and the range. From: the first is checked
 # against the algebraic error of every pass.
 FIRST_RTOL, LEAST_RTOL, MOST_RTOL = 0.01, 1e-9, 1e-4
+# [unknowns] Below which meshes are factorised: multigrid takes twice as long for some hundred. From: chosen; blocks and
+# cylinders in the plane, 104 to 404 unknowns.
+FEW = 500
 # [load steps] Times as many at once at most. From: chosen.
 MORE_STEPS = 4
 # [-] Power of their number that the error of load steps falls with. From: a ball pressed into metal, 10 to 160 load
@@ -39,8 +42,12 @@ class Settings:
     ----------
     steps : int
         Load steps.
+    fewer : bool
+        Whether the next pass takes half of them: it is not expected to be the last one.
     searches : bool
         Whether partners are searched in the iterations of Newton's method.
+    forecasts : bool
+        Whether the passes are to tell what others would take.
     degree : pcontact.adapt.degree.Degree
     falling, staying : tuple of str
         Parts of the error that a finer mesh takes away as it does its own, and those that it leaves.
@@ -48,19 +55,41 @@ class Settings:
 
     def __init__(self, scene, target, options):
         self._scene, self._target = scene, target
-        self.steps, self.searches = scene.steps.count, False
+        self.steps, self.fewer, self.searches = scene.steps.count, False, False
+        self.forecasts = False
         # new nodes lie on the facets of the first mesh, unless the geometry is known
         self.falling, self.staying = (FALLING, FACETS) if scene.mesh.geometry is None else (FALLING + FACETS, ())
         self._rtol = float(np.clip(FIRST_RTOL * target.error, LEAST_RTOL, MOST_RTOL))
         self.degree = Degree(options.get(key_options(MeshSpec)["order"], scene.mesh.order))
 
+    @property
+    def count(self):
+        """Load steps of the next pass."""
+        return -(-self.steps // 2) if self.fewer else self.steps
+
+    def spares(self, done, more):
+        """Whether half of the load steps will do after a pass.
+
+        Not where bodies yield, as meshes are compared there, or where load steps are much of the error, as cells at the
+        edge of a contact that moves are to be known there. A budget of time, and forecasts, want passes that are alike.
+
+        Parameters
+        ----------
+        done : pcontact.adapt.passes.Pass
+        more : bool
+            Whether another pass is expected to follow the next one.
+        """
+        half = done.parts.get("load_steps", 0.0) * 2.0**STEPS_RATE <= SHARE * self._target.error
+        timed = self._target.budget.time is not None
+        return more and half and self.steps > 1 and not (self._scene.plastic or timed or self.forecasts)
+
     def scene(self):
         """The scene of the next pass."""
         scene = self._scene.copy()
         scene.accuracy = None
-        scene.output.estimate, scene.steps.count, scene.mesh.order = True, self.steps, self.degree.now
+        scene.output.estimate, scene.steps.count, scene.mesh.order = True, self.count, self.degree.now
         # looser partners and tolerances than the mesh deserves are no place to save
-        ours = {"snes_rtol": f"{self._rtol:.3g}", "contact_search_again": "4"}
+        ours = {"snes_rtol": f"{self._rtol:.3g}", "contact_search_again": "4", "pc_direct_below": str(FEW)}
         if self.searches:
             ours["contact_search_every"] = "newton"
         scene.petsc = {**ours, **scene.petsc}

@@ -25,7 +25,7 @@ class FacetGeometry(NamedTuple):
         Outward unit normals of the parent cell.
     jxw : ndarray, (nf, nq)
         Quadrature weight times surface (length in 2D) element [length^(d-1)].
-    shape : ndarray, (nf, nq, nn)
+    shape : ndarray, (nf, nq, nn) or None
         Shape functions of the parent cell.
     gradients : ndarray, (nf, nq, nn, d)
         Physical gradients of the parent cell's shape functions [1/length].
@@ -34,7 +34,16 @@ class FacetGeometry(NamedTuple):
     points: np.ndarray
     normals: np.ndarray
     jxw: np.ndarray
-    shape: np.ndarray
+    shape: np.ndarray | None
+    gradients: np.ndarray
+
+
+class FacetPoints(NamedTuple):
+    """What kernels write of a :class:`FacetGeometry`."""
+
+    points: np.ndarray
+    normals: np.ndarray
+    jxw: np.ndarray
     gradients: np.ndarray
 
 
@@ -113,20 +122,45 @@ def facet_geometry(cell, x, local_facet, geometry_degree, degree, xi, weights):
     FacetGeometry
         With n dA = det J J^{-T} N dA_ref for the normals and the surface element (Nanson's formula).
     """
-    x = np.ascontiguousarray(x, dtype=np.float64)
     local_facet = np.ascontiguousarray(local_facet, dtype=np.int64)
+    on_cell = facet_points(cell, xi).reshape(-1, CELLS[cell].dim)
+    values = shape(cell, degree, on_cell)
+    values = values.reshape(-1, len(weights), values.shape[1])[local_facet]
+    return _facet_geometry(cell, x, local_facet, (geometry_degree, degree), (xi, weights), values)
+
+
+def every_facet(cell, x, geometry_degree, degree, xi, weights):
+    """Geometry of all facets of cells, cell after cell.
+
+    Parameters
+    ----------
+    cell, geometry_degree, degree, xi, weights
+        As for :func:`facet_geometry`.
+    x : ndarray, (nc, ng, d)
+        Coordinates of the geometry nodes of each cell.
+
+    Returns
+    -------
+    FacetGeometry
+        Of nc times the number of facets; `shape` is None: it is the same of all cells.
+    """
+    count = len(CELLS[cell].facets)
+    local = np.tile(np.arange(count), len(x))
+    return _facet_geometry(cell, np.repeat(x, count, axis=0), local, (geometry_degree, degree), (xi, weights), None)
+
+
+def _facet_geometry(cell, x, local_facet, degrees, rule, values):
+    """A :class:`FacetGeometry` of facets with the shape functions `values`."""
+    x, (xi, weights) = np.ascontiguousarray(x, dtype=np.float64), rule
     weights = np.ascontiguousarray(weights, dtype=np.float64)
     dim, nf, nq = CELLS[cell].dim, len(x), len(weights)
     on_cell = facet_points(cell, xi).reshape(-1, dim)
-    geo, dgeo = shape(cell, geometry_degree, on_cell), shape_gradient(cell, geometry_degree, on_cell)
-    values, dshape = shape(cell, degree, on_cell), shape_gradient(cell, degree, on_cell)
-    result = FacetGeometry(
-        np.empty((nf, nq, dim)), np.empty((nf, nq, dim)), np.empty((nf, nq)),
-        values.reshape(-1, nq, values.shape[1])[local_facet], np.empty((nf, nq, dshape.shape[1], dim)),
-    )  # fmt: skip
+    geo, dgeo = shape(cell, degrees[0], on_cell), shape_gradient(cell, degrees[0], on_cell)
+    dshape = shape_gradient(cell, degrees[1], on_cell)
+    out = np.empty((nf, nq, dim)), np.empty((nf, nq, dim)), np.empty((nf, nq)), np.empty((nf, nq, *dshape.shape[1:]))
     kernel = _facets2 if dim == 2 else _facets3
-    kernel(x, local_facet, FacetTables(geo, dgeo, dshape, facet_area_vectors(cell), weights), result)
-    return result
+    kernel(x, local_facet, FacetTables(geo, dgeo, dshape, facet_area_vectors(cell), weights), FacetPoints(*out))
+    return FacetGeometry(*out[:3], values, out[3])
 
 
 @njit
@@ -216,7 +250,7 @@ def _gradients3(x, dgeo, dshape, weights, grad, jxw):
 
 @njit
 def _facets2(x, local_facet, tables, out):
-    """Points, normals, weights and gradients of a :class:`FacetGeometry` in 2D."""
+    """:class:`FacetPoints` in 2D."""
     geo, dgeo, dshape, area, weights = tables.geo, tables.dgeo, tables.dshape, tables.area, tables.weights
     points, normals, jxw, grad = out.points, out.normals, out.jxw, out.gradients
     nq = weights.shape[0]
@@ -243,7 +277,7 @@ def _facets2(x, local_facet, tables, out):
 
 @njit
 def _facets3(x, local_facet, tables, out):
-    """Points, normals, weights and gradients of a :class:`FacetGeometry` in 3D."""
+    """:class:`FacetPoints` in 3D."""
     geo, dgeo, dshape, area, weights = tables.geo, tables.dgeo, tables.dshape, tables.area, tables.weights
     points, normals, jxw, grad = out.points, out.normals, out.jxw, out.gradients
     nq = weights.shape[0]

@@ -153,7 +153,7 @@ class Estimator:
         self._facets = FacetResiduals(problem, pairs, self._springs, kept)
         self._exerted = ContactResiduals(problem, self.cells)
         self._interiors = Interiors(problem, self._springs, held, kept)
-        self._around = AroundVertices(problem, pairs, self._springs, held, self._interiors, self._facets.kinds)
+        self._around = AroundVertices(problem, pairs, self._springs, held, self._interiors, self._facets.kinds, kept)
         self._singular = SingularPoints(self.space, pairs, set(getattr(self._bulk, "states", {})))
         # what yields under the last displacement; and time, displacement and residuals (all parts together) of the last
         # call, with which a quantity of the same solution begins

@@ -7,6 +7,7 @@ import numpy as np
 from pcontact.element.quadrature import quadrature
 from pcontact.element.reference import CELLS, facet_nodes
 from pcontact.element.shape import shape
+from pcontact.runtime.petsc import MPI
 
 
 def facet_rule(cell, degree):
@@ -39,8 +40,12 @@ class FacetPairs:
     ----------
     first : ndarray (n_blocks + 1,)
         First facet of each block.
+    points : ndarray (n_blocks + 1,)
+        First point of each block: every facet has those of :func:`facet_rule`.
     inner : ndarray (n,) of bool
-        Facets with a cell on the other side; known after :meth:`other_side`.
+        Facets with a cell on the other side.
+    other : ndarray (n_points,) of int
+        Row of :meth:`room` that has the other side of each point, -1 where there is none.
 
     Notes
     -----
@@ -53,7 +58,7 @@ class FacetPairs:
         ones = np.zeros((space.n_local, space.dim))
         ones[:, 0] = 1.0
         shared = space.together(ones)[:, 0] > 1.5
-        keys, border, self._order, self._codes = [], [], [], {}
+        keys, border, self._order = [], [], []
         self.first = np.cumsum([0, *(len(b.nodes) * len(CELLS[b.cell].facets) for b in blocks)])
         for block, cells in zip(blocks, space.cells, strict=True):
             corners = cells[:, facet_nodes(block.cell, 1)].reshape(-1, CELLS[CELLS[block.cell].facet].n_vertices)
@@ -67,69 +72,81 @@ class FacetPairs:
         self._keys = np.concatenate([np.zeros((0, width), np.int64), *keys])
         border = np.concatenate([np.zeros(0, bool), *border])
         self._first, self._second, alone = _pairs(self._keys)
-        self._border = alone[border[alone]]
+        self._border = np.sort(alone[border[alone]])
         self.inner = np.zeros(len(self._keys), dtype=bool)
+        self.inner[self._first] = self.inner[self._second] = True
+        self._number_points()
 
-    def canonical(self, number, values, back=False):
-        """Values (nc, nf, nq, k) at the points of a block's facets, from the cells' order to the common one.
+    def _number_points(self):
+        """Say where the other side of each point is."""
+        space, blocks = self.space, self.space.mesh.blocks
+        count = np.array([len(facet_rule(block.cell, space.degree)[1]) for block in blocks], dtype=np.int64)
+        self.points = np.cumsum([0, *(count * np.diff(self.first))])
+        width = int(space.comm.allreduce(max(count, default=0), op=MPI.MAX))
+        # rows of the points of each facet, in an order that is common to both sides
+        places = np.full((len(self._keys), width), -1, dtype=np.int64)
+        for number, block in enumerate(blocks):
+            own = places[self.first[number] : self.first[number + 1], : count[number]]
+            start = self.points[number] + count[number] * np.arange(len(own))
+            for code, rows in _alike(CELLS[block.cell].facet, self._order[number]):
+                own[rows] = start[rows, None] + _common_order(CELLS[block.cell].facet, space.degree, code)
+        self.other = np.full(self.points[-1] + 1, -1, dtype=np.int64)
+        one, two = places[self._first].ravel(), places[self._second].ravel()
+        self.other[one], self.other[two] = two, one
+        # those of fewer points than others, whose rows -1 stand for none
+        self.other = self.other[:-1]
+        self._places = places[self._border]
+        if space.comm.size > 1:
+            rows, _ = self._meet(np.zeros((len(self._border), 0)))
+            self.inner[rows] = True
+            beyond = self.points[-1] + np.arange(self._places.size).reshape(self._places.shape)
+            known = self.inner[self._border][:, None] & (self._places >= 0)
+            self.other[self._places[known]] = beyond[known]
 
-        Parameters
-        ----------
-        number : int
-            Block.
-        values : ndarray
-        back : bool
-            The other way round.
-        """
-        block = self.space.mesh.blocks[number]
-        kind = CELLS[block.cell].facet
-        flat = values.reshape(-1, *values.shape[2:])
-        out = np.empty_like(flat)
-        for code, rows in self._alike(number, kind):
-            points = _common_order(kind, self.space.degree, code)
-            if back:
-                points = np.argsort(points)
-            out[rows] = flat[rows[:, None], points]
-        return out.reshape(values.shape)
+    def room(self, d):
+        """Table (n_points and more, d) for values at the points of all facets: those of blocks from their row in
+        `points` on, the rest for :meth:`meet`."""
+        return np.empty((self.points[-1] + self._places.size, d))
 
-    def _alike(self, number, kind):
-        """The orders of vertices that facets of a block have, with the facets: a list of (tuple, ndarray)."""
-        if number not in self._codes:
-            order = self._order[number]
-            code = order @ (CELLS[kind].n_vertices ** np.arange(order.shape[1]))
-            found = [np.flatnonzero(code == one) for one in np.unique(code)]
-            self._codes[number] = [(tuple(order[rows[0]].tolist()), rows) for rows in found]
-        return self._codes[number]
+    def meet(self, table):
+        """Let the rest of a table of :meth:`room` have what other ranks say on the other side. *Collective.*"""
+        if self.space.comm.size == 1:
+            return
+        n, (border, width) = self.points[-1], self._places.shape
+        # facets of fewer points than others take any in the place of those that they do not have
+        own = table[:n][self._places]
+        rows, found = self._meet(own.reshape(border, width * table.shape[1]))
+        table[n:].reshape(border, -1)[np.searchsorted(self._border, rows)] = found
 
     def other_side(self, values):
-        """Values of the cell on the other side of every facet. *Collective.*
+        """Values (n, k) of the cell on the other side of every facet, of those of this rank's cells; zero where there
+        is no other cell. *Collective.*"""
+        out = np.zeros_like(values)
+        out[self._first], out[self._second] = values[self._second], values[self._first]
+        if self.space.comm.size > 1:
+            rows, found = self._meet(values[self._border])
+            out[rows] = found
+        return out
+
+    def _meet(self, values):
+        """Facets between ranks: each rank tells a third one, which a facet's vertices name, and it passes on.
+        *Collective.*
 
         Parameters
         ----------
         values : ndarray (n, k)
-            In an order common to both sides; all ranks have the same k.
+            Of those facets of this rank that may be between ranks.
 
         Returns
         -------
-        ndarray (n, k)
-            Zero where there is no other cell.
+        rows : ndarray (m,)
+            Facets that are.
+        found : ndarray (m, k)
         """
-        out = np.zeros_like(values)
-        out[self._first], out[self._second] = values[self._second], values[self._first]
-        self.inner[self._first] = self.inner[self._second] = True
-        comm = self.space.comm
-        if comm.size > 1:
-            rows, found = self._meet(values)
-            out[rows] = found
-            self.inner[rows] = True
-        return out
-
-    def _meet(self, values):
-        """Facets between ranks: each rank tells a third one, which a facet's vertices name, and it passes on."""
         space, exchanger, rows = self.space, self.space.exchanger, self._border
         keys, width = self._keys[rows], self._keys.shape[1]
         home = keys[:, 0] * space.comm.size // space.numbering.n_total
-        table = np.concatenate([keys, rows[:, None], values[rows]], axis=1)
+        table = np.concatenate([keys, rows[:, None], values], axis=1)
         order = np.argsort(home, kind="stable")
         ranks, starts = np.unique(home[order], return_index=True)
         pieces = np.split(table[order], starts[1:]) if len(ranks) else []
@@ -144,6 +161,13 @@ class FacetPairs:
         got = exchanger(replies, np.float64, answer.shape[1])
         found = np.concatenate([np.zeros((0, answer.shape[1])), *got.values()])
         return found[:, 0].astype(np.int64), found[:, 1:]
+
+
+def _alike(kind, order):
+    """The orders of vertices that facets of a kind have, with the facets: a list of (tuple, ndarray)."""
+    code = order @ (CELLS[kind].n_vertices ** np.arange(order.shape[1]))
+    found = [np.flatnonzero(code == one) for one in np.unique(code)]
+    return [(tuple(order[rows[0]].tolist()), rows) for rows in found]
 
 
 def _pairs(keys):

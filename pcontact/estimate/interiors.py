@@ -13,6 +13,7 @@ from pcontact.element.shape import shape, shape_gradient
 from pcontact.estimate.bubbles import bubbles
 from pcontact.estimate.loads import force_density
 from pcontact.estimate.local import NO_REST, LocalFunctions, Moduli
+from pcontact.estimate.points import add_work
 from pcontact.estimate.stress import turned
 
 # numbers per cell and quadrature point in one chunk
@@ -150,7 +151,10 @@ class Interiors:
         """What the interiors of some cells of a block add to their residuals (n, nb, d), with a
         :class:`pcontact.estimate.stress.BlockStress`."""
         sigma, around = stress(volume.grad, tables.values, volume.radius, tables.xi)
-        result = -_work(sigma, around, volume.test, volume.ring, volume.jxw)
+        result = np.zeros((len(sigma), *volume.test.shape[2:]))
+        add_work(sigma, volume.test, volume.jxw, result)
+        if around is not None:
+            result[:, :, 0] -= np.einsum("cq,cq,cqb->cb", volume.jxw, around, volume.ring)
         force = self._body_force(number, rows, volume.places, time, loads, (tables.values, stress.u))
         if force is not None:
             result += np.einsum("cq,qb,cqd->cbd", volume.jxw, tables.tests, force)
@@ -177,13 +181,3 @@ class Interiors:
                 total, own = np.zeros(points.shape) if total is None else total, chosen[rows]
                 total[own] += force_density(self._space, load, points[own], None, block.body, time)
         return total
-
-
-def _work(sigma, around, test, ring, jxw):
-    """int sigma : eps(v) (nc, nb, d) for all test functions."""
-    nc, nq, nb, d = test.shape
-    weighted = (jxw[:, :, None, None] * sigma).transpose(0, 1, 3, 2).reshape(nc, nq * d, d)
-    work = np.matmul(test.transpose(0, 2, 1, 3).reshape(nc, nb, nq * d), weighted)
-    if around is not None:
-        work[:, :, 0] += np.einsum("cq,cq,cqb->cb", jxw, around, ring)
-    return work

@@ -4,19 +4,18 @@ from functools import partial
 
 import numpy as np
 
-from pcontact.element.geometry import facet_geometry
+from pcontact.element.geometry import every_facet
 from pcontact.element.reference import CELLS, facet_points
 from pcontact.element.shape import shape
 from pcontact.estimate.bubbles import bubbles
 from pcontact.estimate.facets import facet_rule
 from pcontact.estimate.interiors import chunks
 from pcontact.estimate.loads import force_density
-from pcontact.estimate.parts import CONTACT, FRICTION, INTERIOR, JUMPS, NEUMANN
-from pcontact.estimate.points import of_nodes_on_normals, on_normals
+from pcontact.estimate.parts import CONTACT, FRICTION, JUMPS, NEUMANN
+from pcontact.estimate.points import Sides, of_nodes_on_normals, on_normals, weigh_facets
 from pcontact.estimate.recovery import Recovery
 from pcontact.estimate.stress import BlockStress
 from pcontact.estimate.tractions import source_facets
-from pcontact.runtime.petsc import MPI
 
 # [-] Stiffness beside which that of others does not count
 TAKES_ALL = 1e12
@@ -67,8 +66,8 @@ class FacetResiduals:
         self._space, self._bulk, self._pairs = problem.space, problem.bulk, pairs
         self._springs, self._kept = springs, kept
         self.kinds, self.recovery = self._kinds(problem.contacts), Recovery(problem.space)
-        # test functions of a block's cells at all points of their facets
-        self._on_facets = {}
+        # test functions of a block's cells at all points of their facets; what share of a jump a facet's cell takes
+        self._on_facets, self._share = {}, self._shares()
 
     def _kinds(self, contacts):
         """For each block, whose residual (normal, tangential) a facet's is."""
@@ -83,6 +82,17 @@ class FacetResiduals:
                         _, cells, local = facets[facets[:, 0] == number].T
                         result[number][cells, local] = parts_of(contact)
         return result
+
+    def _shares(self):
+        """For each block, what share (nc, nf) of a jump its cells take. *Collective.*"""
+        first, blocks = self._pairs.first, self._space.mesh.blocks
+        own = np.zeros((first[-1], 1))
+        for number, block in enumerate(blocks):
+            own[first[number] : first[number + 1]] = stiffness(self._space, self._bulk, block)
+        share = (own / (own + self._pairs.other_side(own)))[:, 0]
+        of_blocks = [share[first[number] : first[number + 1]] for number in range(len(blocks))]
+        return [some.reshape(len(block.nodes), len(CELLS[block.cell].facets))
+                for some, block in zip(of_blocks, blocks, strict=True)]  # fmt: skip
 
     def add(self, nodal, time, tested, bulk, loads, found=None):
         """Add the residuals of all facets but for the tractions of contact. *Collective.*
@@ -105,73 +115,68 @@ class FacetResiduals:
         list of (ndarray (n,), ndarray (n, nf, nq, d))
             Of every block cells that have facets on the boundary, and g - t of all but contact there [stress].
         """
-        space, mesh, result = self._space, self._space.mesh, []
-        own = [self._tractions(number, nodal, bulk, found) for number in range(len(mesh.blocks))]
-        stiff = [stiffness(space, self._bulk, block) for block in mesh.blocks]
-        flat, width = [], max([0, *(t.shape[2] * t.shape[3] for t, _, _ in own)])
-        width = space.comm.allreduce(width, op=MPI.MAX)
+        pairs, result = self._pairs, []
+        own = [self._tractions(number, nodal, bulk, found) for number in range(len(self._space.mesh.blocks))]
         flux = self._flux(nodal, own, bulk, found)
-        for number in range(len(own)):
-            values = self._pairs.canonical(number, flux[number])
-            table = np.zeros((values.shape[0] * values.shape[1], width + 1))
-            table[:, 0] = stiff[number]
-            n = values.shape[2] * values.shape[3]
-            table[:, 1 : 1 + n] = values.reshape(len(table), n)
-            flat.append(table)
-        other = self._pairs.other_side(np.concatenate([np.zeros((0, width + 1)), *flat]))
         for number, (traction, normal, jxw) in enumerate(own):
-            first, last = self._pairs.first[number : number + 2]
-            n = traction.shape[2] * traction.shape[3]
-            theirs = other[first:last, 1 : 1 + n].reshape(traction.shape)
-            theirs = self._pairs.canonical(number, theirs, back=True)
-            inner = self._pairs.inner[first:last].reshape(traction.shape[:2])
-            share = stiff[number] / (stiff[number] + other[first:last, 0])
-            share = share.reshape(inner.shape)[:, :, None, None]
-            jump = ((1.0 - share) * flux[number] - share * theirs - traction) * inner[:, :, None, None]
+            first, last = pairs.first[number : number + 2]
+            inner = pairs.inner[first:last].reshape(traction.shape[:2])
             outer = self._outer(number, time, traction, normal, inner, loads)
             self._springs.add(number, nodal, outer, traction, normal)
-            self._test(number, traction, jump, outer, jxw, tested[number])
+            sides = Sides(traction, flux, pairs.other, self._share[number])
+            self._test(number, sides, outer, jxw, tested[number])
             rows, parts = outer
             result.append((rows, sum(parts.values(), np.zeros_like(traction[rows]))))
         return result
 
     def _tractions(self, number, nodal, bulk, found):
         """sigma n (nc, nf, nq, d) and quadrature weights (nc, nf, nq), normals (nc, nf, nq, d) of a block's facets."""
-        space, mesh = self._space, self._space.mesh
-        block = mesh.blocks[number]
-        table, geometry_degree = mesh.geometry_nodes(block)
-        xi, weights = facet_rule(block.cell, space.degree)
-        on_cell = facet_points(block.cell, xi)
-        shape_ = len(block.nodes), len(on_cell), len(weights)
-        traction, normal, jxw = np.empty((*shape_, mesh.dim)), np.empty((*shape_, mesh.dim)), np.empty(shape_)
-        degree = space.degree_of(block)
-        for rows in chunks(space, number, len(weights) * space.cells[number].shape[1] * mesh.dim):
-            x = np.ascontiguousarray(mesh.points[table[rows]])
-            stress = BlockStress(space, bulk, number, rows, nodal, found)
-            for f, at_xi in enumerate(on_cell):
-                local = np.full(len(x), f, dtype=np.int64)
-                make = partial(facet_geometry, block.cell, x, local, geometry_degree, degree, xi, weights)
-                at = self._kept(("facets", number, rows.start, f), make)
-                radius = at.points[:, :, 0] if space.axisymmetric else None
-                sigma, _ = stress(at.gradients, shape(block.cell, degree, at_xi), radius, at_xi)
-                on_normals(sigma, at.normals, traction[rows, f])
-                normal[rows, f] = at.normals
-                jxw[rows, f] = at.jxw * space.circumference(at.points)
-        return traction, normal, jxw
+        space, d = self._space, self._space.dim
+        block = space.mesh.blocks[number]
+        points = self._points(block)
+        nc, n = len(block.nodes), len(points)
+        values, parts = shape(block.cell, space.degree_of(block), points), []
+        if not nc:
+            parts.append((np.zeros((0, n, d)), np.zeros((0, n, d)), np.zeros((0, n))))
+        for rows in chunks(space, number, n * space.cells[number].shape[1] * d):
+            grad, normals, jxw, radius = self._kept(("facets", number, rows.start), partial(self._made, number, rows))
+            sigma, _ = BlockStress(space, bulk, number, rows, nodal, found)(grad, values, radius, points)
+            traction = np.empty_like(normals)
+            on_normals(sigma, normals, traction)
+            parts.append((traction, normals, jxw))
+        traction, normals, jxw = parts[0] if len(parts) == 1 else map(np.concatenate, zip(*parts, strict=True))
+        shape_ = nc, len(CELLS[block.cell].facets), n // len(CELLS[block.cell].facets)
+        return traction.reshape(*shape_, d), normals.reshape(*shape_, d), jxw.reshape(shape_)
+
+    def _points(self, block):
+        """Reference points (nf nq, d) of all facets of the cells of a block."""
+        points = facet_points(block.cell, facet_rule(block.cell, self._space.degree)[0])
+        return points.reshape(-1, self._space.dim)
+
+    def _made(self, number, rows):
+        """Of some of a block's cells at the points of their facets: gradients (nc, nf nq, nn, d), normals, quadrature
+        weights, radii or None."""
+        space, block = self._space, self._space.mesh.blocks[number]
+        table, geometry_degree = space.mesh.geometry_nodes(block)
+        x, rule = space.mesh.points[table[rows]], facet_rule(block.cell, space.degree)
+        at, nc = every_facet(block.cell, x, geometry_degree, space.degree_of(block), *rule), len(x)
+        jxw = at.jxw * space.circumference(at.points) if space.axisymmetric else at.jxw
+        radius = at.points[:, :, 0].reshape(nc, -1) if space.axisymmetric else None
+        grad = at.gradients.reshape(nc, -1, *at.gradients.shape[2:])
+        return grad, at.normals.reshape(nc, -1, space.dim), jxw.reshape(nc, -1), radius
 
     def _flux(self, nodal, own, bulk, found):
-        """Traction (nc, nf, nq, d) of the averaged stress at each block's facets. *Collective.*"""
-        result = []
+        """Tractions of the averaged stress at the points of all facets, see `pcontact.estimate.facets.FacetPairs.room`.
+        *Collective.*"""
+        space, table = self._space, self._pairs.room(self._space.dim)
         for number, sigma in enumerate(self.recovery(bulk, nodal, found)):
-            block = self._space.mesh.blocks[number]
-            points = facet_points(block.cell, facet_rule(block.cell, self._space.degree)[0])
-            values = shape(block.cell, self._space.degree_of(block), points.reshape(-1, self._space.dim))
-            normals = own[number][1]
-            flat = normals.reshape(len(normals), len(values), self._space.dim)
-            at = np.empty_like(flat)
-            of_nodes_on_normals(values, np.ascontiguousarray(sigma), flat, at)
-            result.append(at.reshape(normals.shape))
-        return result
+            block, normals = space.mesh.blocks[number], own[number][1]
+            values = shape(block.cell, space.degree_of(block), self._points(block))
+            first, last = self._pairs.points[number : number + 2]
+            flat = normals.reshape(len(normals), len(values), space.dim)
+            of_nodes_on_normals(values, np.ascontiguousarray(sigma), flat, table[first:last].reshape(flat.shape))
+        self._pairs.meet(table)
+        return table
 
     def _outer(self, number, time, traction, normal, inner, loads):
         """Residual g - t of the facets on the boundary: cells (n,) that have some, and by parts (n, nf, nq, d)."""
@@ -206,15 +211,13 @@ class FacetResiduals:
         values = np.stack([shape(block.cell, geometry_degree, at) for at in points])
         return np.einsum("fqa,fad->fqd", values[local], mesh.points[table[cells]])
 
-    def _test(self, number, traction, jump, outer, jxw, tested):
+    def _test(self, number, sides, outer, jxw, tested):
         """Test the residuals of a block's facets with the functions on them."""
-        block = self._space.mesh.blocks[number]
-        points = facet_points(block.cell, facet_rule(block.cell, self._space.degree)[0])
         if number not in self._on_facets:
-            self._on_facets[number] = np.concatenate([tests_of(self._space, number, at) for at in points])
+            block = self._space.mesh.blocks[number]
+            self._on_facets[number] = tests_of(self._space, number, self._points(block))
         values, (rows, outer) = self._on_facets[number], outer
-        for part, residual in ((INTERIOR, traction), (JUMPS, jump)):
-            tested[:, part] += _integrals(values, residual, jxw)
+        weigh_facets(values.reshape(*jxw.shape[1:], -1), jxw, sides, self._pairs.points[number], tested)
         for part, residual in outer.items():
             tested[rows, part] += _integrals(values, residual, jxw[rows])
 

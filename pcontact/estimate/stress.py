@@ -1,5 +1,7 @@
 """Stress at any points of cells: of the elastic displacement, and of cells that have yielded."""
 
+from functools import cache
+
 import numpy as np
 
 from pcontact.assembly.geometry import rule_degree, some_cells
@@ -9,7 +11,7 @@ from pcontact.contact.traction.plastic import extrapolation
 from pcontact.element.dilatation import Mean, factors, hoop_operator, mean_dilatation
 from pcontact.element.reference import n_nodes
 from pcontact.element.shape import shape
-from pcontact.estimate.points import slopes
+from pcontact.estimate.points import slopes, stresses
 from pcontact.material.mandel import HALF
 
 # rows and columns of Mandel components; the third entry is across the plane in two dimensions
@@ -28,11 +30,16 @@ def turned(nodes, corners):
     """Nodes (nc, nn) of triangles or quadrilaterals, counted from the corners (nc,) on; None: as they are."""
     if corners is None:
         return nodes
-    count = 3 if nodes.shape[1] in (3, 6) else 4
-    order = (corners[:, None] + np.arange(count)) % count
+    return nodes[np.arange(len(nodes))[:, None], _orders(nodes.shape[1])[corners]]
+
+
+@cache
+def _orders(nn):
+    """Columns (count, nn) of nodes of cells with so many corners, from each corner on."""
+    count = 3 if nn in (3, 6) else 4
+    order = (np.arange(count)[:, None] + np.arange(count)) % count
     # midside nodes go round with the vertices, the one in the middle stays
-    order = np.hstack([order, order + count, np.full((len(order), 1), 2 * count)])
-    return np.take_along_axis(nodes, order[:, : nodes.shape[1]], axis=1)
+    return np.hstack([order, order + count, np.full((count, 1), 2 * count)])[:, :nn]
 
 
 class BlockStress:
@@ -64,20 +71,19 @@ class BlockStress:
         self.space, self.block, self.degree = space, block, space.degree_of(block)
         self.lam, self.mu = bulk.constants[block.body]
         self.u = nodal[turned(own_nodes(space, number)[rows], corners)]
-        table, self._geometry = space.mesh.geometry_nodes(block)
-        self._x = space.mesh.points[turned(table[rows], corners)]
+        self._table, self._geometry = space.mesh.geometry_nodes(block)
+        self._number, self._rows, self._corners = number, rows, corners
         averaged = space.averages(block)
         self.own, shared = factors(self.lam, self.mu, averaged, self.degree)
         self.shared = None
         if averaged:
-            x, order = np.ascontiguousarray(self._x), rule_degree(space, block, self._geometry)
+            x, order = np.ascontiguousarray(self._x()), rule_degree(space, block, self._geometry)
             mean = mean_dilatation(block.cell, x, self._geometry, self.degree, order, space.axisymmetric)
             # the displacement stands for nodes and directions: a single "node" of one direction
             mean = Mean(mean.centre, np.einsum("cbad,cad->cb", mean.slopes, self.u)[:, :, None, None])
             self.shared = mean.times(np.full(len(x), shared))
         self._law = bulk.orthotropic.get(block.body)
         self._heat = bulk.heat if bulk.heat is not None and bulk.heat.heated(number) else None
-        self._cells = number, np.arange(len(block.nodes))[rows]
         state = getattr(bulk, "states", {}).get(number)
         self.excess = None
         if state is not None:
@@ -107,6 +113,25 @@ class BlockStress:
             Hoop stress with axial symmetry.
         """
         d = grad.shape[3]
+        if radius is None and self.shared is None and self._law is None:
+            stress, around = np.empty((*grad.shape[:2], d, d)), None
+            stresses(self.u, grad, self.own, self.mu, stress)
+        else:
+            stress, around = self._of_strain(grad, values, radius, xi)
+        if self._heat is not None:
+            around = self._take_heat(stress, around, xi)
+        if self.excess is not None:
+            excess, points = self.excess
+            key = "extrapolation", self._number, xi.tobytes()
+            matrix, = self.space.kept(
+                key, lambda: (extrapolation(self.block.cell, self.space.degree, points, xi),)
+            )
+            around = _add_excess(np.matmul(matrix, excess), stress, around)
+        return stress, around
+
+    def _of_strain(self, grad, values, radius, xi):
+        """The same of elastic bodies, whatever their law."""
+        d = grad.shape[3]
         slope = np.empty((*grad.shape[:2], d, d))
         slopes(self.u, grad, slope)
         trace, ring = np.einsum("cqii->cq", slope), None
@@ -122,25 +147,20 @@ class BlockStress:
         around = None if ring is None else volumetric + 2.0 * self.mu * ring
         if self._law is not None:
             around = _add_excess(self._deviation(slope, ring, xi), stress, around)
-        if self._heat is not None:
-            around = self._take_heat(stress, around, xi)
-        if self.excess is not None:
-            excess, points = self.excess
-            key = "extrapolation", self._cells[0], xi.tobytes()
-            matrix, = self.space.kept(
-                key, lambda: (extrapolation(self.block.cell, self.space.degree, points, xi),)
-            )
-            around = _add_excess(np.matmul(matrix, excess), stress, around)
         return stress, around
+
+    def _x(self):
+        """Geometry nodes (nc, ng, d) of the cells [length]."""
+        return self.space.mesh.points[turned(self._table[self._rows], self._corners)]
 
     def _places(self, xi):
         """Points (nc, nq, d) of the cells [length]."""
-        return shape(self.block.cell, self._geometry, xi) @ self._x
+        return shape(self.block.cell, self._geometry, xi) @ self._x()
 
     def _take_heat(self, stress, around, xi):
         """Take the stress off that heated cells have at zero strain; returns the hoop stress."""
-        (number, rows), points = self._cells, self._places(xi)
-        values = self._heat.on_cells(number, rows, np.arange(len(rows)), points)
+        rows, points = np.arange(len(self.block.nodes))[self._rows], self._places(xi)
+        values = self._heat.on_cells(self._number, rows, np.arange(len(rows)), points)
         if self._law is None:
             stress -= values[:, :, None, None] * np.eye(stress.shape[2])
             return None if around is None else around - values

@@ -219,6 +219,11 @@ OPTIONS = listed(
         section="solver",
     ),
     Option(
+        "pc_direct_below", integer(0),
+        "unknowns below which one rank factorises linear systems instead of taking multigrid", 0, section="solver",
+        more="only if the user chose no preconditioner, and supports hold all bodies; where an error is named, 500",
+    ),
+    Option(
         "pc_rescue", BOOLEAN,
         "a direct solver from the first load step on in which Newton's method fails with multigrid", True,
         section="solver",

@@ -2,6 +2,7 @@
 
 import json
 import re
+from dataclasses import replace
 from functools import partial
 from importlib.util import find_spec
 
@@ -17,10 +18,13 @@ from meshes import rings as rings_mesh
 from meshes.blocks import two_blocks
 from meshes.punch import punch
 from pcontact.adapt.loop import REACHED, SPENT, Loop
+from pcontact.adapt.passes import Pass
+from pcontact.adapt.settings import Settings
 from pcontact.assembly.error_norms import bulk_error
 from pcontact.cli import reach
 from pcontact.io.result import load_result
 from pcontact.material.elastic import lame
+from pcontact.runtime.options import Options
 from pcontact.runtime.parallel import on_root
 from pcontact.runtime.petsc import MPI
 from pcontact.scene.model import Body, Contact, Displacement, Material, MeshSpec, Output, Scene, Steps
@@ -258,3 +262,37 @@ def test_a_pressure_whose_square_has_no_integral(shared_tmp):
     scene.accuracy = Target(0.04, "pressure:face")
     loop = Loop(scene)
     assert loop.run().status == REACHED and loop.passes[-1].unknowns < 15_000
+
+
+def test_a_pass_in_the_middle_takes_half_of_the_load_steps(tmp_path, monkeypatch):
+    """What such a pass reaches by surprise is run again with all of them, on the same mesh."""
+    scene = HELD_BACK["sheared"].scene(tmp_path)
+
+    def passes(error):
+        loop = Loop(replace(scene, accuracy=Target(error)))
+        assert loop.run().status == REACHED
+        return loop.passes
+
+    assert [one.steps for one in passes(0.04)] == [4, 2, 4]
+    alone = passes(0.07)
+    monkeypatch.setattr(Settings, "spares", lambda self, done, more: True)
+    _, half, last = again = passes(0.07)
+    assert [one.steps for one in again] == [4, 2, 4] and [one.steps for one in alone] == [4, 4]
+    assert half.next == {"unknowns": half.unknowns, "mesh": half.parts["mesh"], "load_steps": 4, "degree": 1}
+    assert last.cells == half.cells == alone[-1].cells
+    assert half.error < 0.07 and last.error == pytest.approx(alone[-1].error, rel=1e-4)
+
+
+def test_where_half_of_the_load_steps_will_do():
+    scene = Scene(MeshSpec("mesh.msh"), {}, [], steps=Steps(count=5))
+    known = Pass(100, 50, 1, 0.1, None, {"mesh": 0.1, "load_steps": 5e-4})
+
+    def count(target, more=True, **parts):
+        settings = Settings(scene, target, Options("command line"))
+        settings.fewer = settings.spares(replace(known, parts=known.parts | parts), more)
+        return settings.count
+
+    assert count(Target(0.01)) == 3 and count(Target(0.01), more=False) == 5
+    # with half of them the error that is theirs may be a tenth of the target
+    assert count(Target(0.01), load_steps=6e-4) == 5
+    assert count(Target(0.01, budget=Budget(time=60.0))) == 5

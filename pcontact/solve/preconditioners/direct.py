@@ -21,6 +21,18 @@ HOPEFUL = (FAILED, "diverged max it")
 PIVOTS = {"pc_factor_zeropivot": 1e-300}
 
 
+def is_small(options, space):
+    """Whether a problem has so few unknowns that the user wants its linear systems factorised.
+
+    Parameters
+    ----------
+    options : pcontact.runtime.options.Options
+    space : pcontact.space.space.Space
+    """
+    chosen = options.given("pc_type") or options.given("snes_lag_preconditioner")
+    return space.comm.size == 1 and space.n_dofs < options.get("pc_direct_below") and not chosen
+
+
 class DirectFallback:
     """Turns a run to a direct solver when its Krylov method has failed, once and for all.
 

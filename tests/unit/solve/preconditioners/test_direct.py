@@ -1,0 +1,33 @@
+"""Small problems whose linear systems are factorised."""
+
+import numpy as np
+import pytest
+
+from drivers.studies._named_scenes import HELD_BACK
+from pcontact.simulation import Simulation
+
+
+def solved(folder, **options):
+    """Preconditioner, Krylov iterations of the load steps, and displacement of sheared blocks of 104 unknowns."""
+    scene = HELD_BACK["sheared"].scene(folder)
+    scene.petsc, counts = {**scene.petsc, **options}, []
+    simulation = Simulation(scene)
+    try:
+        inner = simulation.newton.solve
+        simulation.newton.solve = lambda *some: counts.append(inner(*some)) or counts[-1]
+        assert simulation.run()
+        u = simulation.stepper.u.getArray(readonly=True).copy()
+        return simulation.newton.solver["preconditioner"], [one.krylov / max(one.newton, 1) for one in counts], u
+    finally:
+        simulation.free()
+
+
+def test_below_a_number_of_unknowns(tmp_path):
+    """One iteration for each linear system; the user's own preconditioner stays."""
+    multigrid, many, u = solved(tmp_path)
+    direct, few, same = solved(tmp_path, pc_direct_below="105")
+    assert multigrid == "gamg" and direct == "lu"
+    assert min(many) > 2.0 and max(few) <= 2.0
+    assert same == pytest.approx(u, abs=1e-6 * np.abs(u).max())
+    assert solved(tmp_path, pc_direct_below="104")[0] == "gamg"
+    assert solved(tmp_path, pc_direct_below="105", pc_type="jacobi")[0] == "jacobi"
