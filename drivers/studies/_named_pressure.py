@@ -2,8 +2,8 @@
 
 Points and facets are those of the source in the reference configuration, which the meshes of a scene share: facets of
 finer meshes are parts of those of the first one. A solution that stands for the exact one has its pressures at the
-quadrature points of its own, smaller facets, and so the integral is taken there. In the plane; where a pressure is
-known exactly, in space as well.
+quadrature points of its own, smaller facets, and so the integral is taken there. In space it is taken at the points of
+the other solution, where the pressure of the smaller facets is that of a plane through their own points.
 
 That solution is the one of a run that names a several times smaller error of the pressure. What it may lack itself is
 what it names, but for facets, which it shares with the rows.
@@ -24,6 +24,8 @@ from pcontact.scene.target import Target
 BEYOND = 1e-6
 # points whose facets are sought at once
 POINTS = 1024
+# facets in space among which that of a point is sought: those with the nearest middles
+NEAR = 16
 
 
 class Pressure(NamedTuple):
@@ -73,6 +75,8 @@ class Pressure(NamedTuple):
 
     def distance(self, other):
         """Difference to another solution on larger facets, in L2, relative."""
+        if self.x.shape[1] == 3:
+            return float(np.sqrt(other.weight @ (self.on_facets(other.x) - other.value) ** 2)) / self.norm
         return float(np.sqrt(self.weight @ (other.at(self.x) - self.value) ** 2)) / self.norm
 
     def at(self, x):
@@ -96,6 +100,29 @@ class Pressure(NamedTuple):
             rows, own = facet == one, order[first[one] : first[one + 1]]
             value[rows] = _line(place[rows], where[own], self.value[own])
         return np.maximum(value, 0.0)
+
+    def on_facets(self, x):
+        """The pressure (n,) at points (n, 3): that of the plane nearest to those of the points of a facet."""
+        origin, sides = self.ends[:, 0], self.ends[:, 1:] - self.ends[:, :1]
+        inverse = np.linalg.pinv(sides.transpose(0, 2, 1))
+        own = np.einsum("pkd,pd->pk", inverse[self.facet], self.x - origin[self.facet])
+        terms, count = np.column_stack([np.ones(len(own)), own]), len(self.ends)
+        matrix, right = np.zeros((count, 3, 3)), np.zeros((count, 3))
+        np.add.at(matrix, self.facet, terms[:, :, None] * terms[:, None, :])
+        np.add.at(right, self.facet, terms * self.value[:, None])
+        # facets with few points, or none, have the smallest plane
+        plane = np.einsum("fij,fj->fi", np.linalg.pinv(matrix, hermitian=True), right)
+        middles, near = self.ends.mean(axis=1), np.zeros((len(x), min(NEAR, count)), dtype=np.int64)
+        for rows in np.split(np.arange(len(x)), range(POINTS, len(x), POINTS)):
+            far = np.sum((x[rows, None] - middles) ** 2, axis=2)
+            near[rows] = np.argpartition(far, near.shape[1] - 1, axis=1)[:, : near.shape[1]]
+        place = np.einsum("nfkd,nfd->nfk", inverse[near], x[:, None] - origin[near])
+        aside = np.linalg.norm(x[:, None] - origin[near] - np.einsum("nfk,nfkd->nfd", place, sides[near]), axis=2)
+        outside = np.maximum(np.maximum(-place.min(axis=2), place.sum(axis=2) - 1.0), 0.0)
+        size = np.linalg.norm(sides, axis=2).max(axis=1)[near]
+        best = np.argmin(outside + aside / size, axis=1), np.arange(len(x))
+        facet, place = near[best[1], best[0]], place[best[1], best[0]]
+        return np.maximum(plane[facet, 0] + np.sum(plane[facet, 1:] * place, axis=1), 0.0)
 
     def write(self, path, error):
         """Keep it in a file, with the error that it may have."""

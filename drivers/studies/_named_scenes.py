@@ -292,10 +292,10 @@ SCENES = {
     "average": NamedScene("a block, an end moved on average", partial(_loaded, "average"), ("energy", "support:left")),
     "degrees": NamedScene("blocks of degree 1 and 2 with common nodes", _degrees, ("energy", "support:upper_top")),
     "hertz2d": NamedScene("cylinder on block, Hertz", partial(_hertz, "cylinder_on_block", 3),
-                          ("energy", "support:block_bottom", "pressure:cylinder_skin-block_top"), pressure=0.008),
-    "hertz3d": NamedScene("ball on block, Hertz", partial(_hertz, "ball_on_block", 2), ("energy",),
-                          reference=0.006),
-    "cattaneo": NamedScene("Cattaneo and Mindlin", _cattaneo, ("energy", "pressure:skins")),
+                          ("energy", "support:block_bottom", "pressure:cylinder_skin-block_top"), pressure=0.003),
+    "hertz3d": NamedScene("ball on block, Hertz", partial(_hertz, "ball_on_block", 2),
+                          ("energy", "pressure:ball_skin-block_top"), reference=0.006, pressure=0.03),
+    "cattaneo": NamedScene("Cattaneo and Mindlin", _cattaneo, ("energy", "pressure:skins"), pressure=0.01),
     "hill": NamedScene("thick cylinder, Hill", _hill, ("energy", "displacement:outer")),
     "indent": NamedScene("indentation", _indent, ("energy", "force:ball"), reference=0.05),
     "punch": NamedScene("re-entrant punch", _punch, ("energy", "support:punch_top", "force:face")),
@@ -308,7 +308,7 @@ SCENES = {
 }  # fmt: skip
 HELD_BACK = {
     "disk": NamedScene("disk resting on a block", _disk, ("energy", "force:disk-block", "pressure:disk-block"),
-                       pressure=0.03),
+                       pressure=0.012),
     "sheared": NamedScene("blocks pressed and sheared, Coulomb", _sheared, ("energy", "support:upper_top")),
 }
 LATE = {

@@ -31,3 +31,25 @@ def test_distance_of_pressures_on_nested_facets(tmp_path):
     fine.write(tmp_path / "kept.npz", 0.01)
     again, error = Pressure.read(tmp_path / "kept.npz")
     assert error == 0.01 and again.distance(rough) == fine.distance(rough)
+
+
+def sheet(cells, value):
+    """A pressure on the slanted square of two triangles, each divided into smaller ones, at three points of each."""
+    n, corners = np.arange(cells), []
+    for i, j in np.stack(np.meshgrid(n, n), axis=-1).reshape(-1, 2):
+        a, b, c, d = (np.array(one) / cells for one in ((i, j), (i + 1, j), (i + 1, j + 1), (i, j + 1)))
+        corners += [[a, b, c], [a, c, d]]
+    corners = np.array(corners)
+    ends = np.concatenate([corners, 0.5 * corners[:, :, :1]], axis=2)
+    points = np.einsum("qk,fkd->fqd", np.full((3, 3), 1.0 / 6.0) + 0.5 * np.eye(3), ends).reshape(-1, 3)
+    facet = np.repeat(np.arange(len(ends)), 3)
+    return Pressure(points, value(points, facet), np.full(len(points), np.sqrt(1.25) / len(points)), facet, ends)
+
+
+def test_distance_of_pressures_in_space():
+    """Planes are met exactly on the facet of a point, also where its neighbours have others."""
+    fine = sheet(6, lambda x, _: 1.0 + x[:, 0])
+    rough = sheet(2, lambda x, _: 1.1 + x[:, 0])
+    assert fine.distance(rough) == pytest.approx(0.1 / np.sqrt(7.0 / 3.0), rel=1e-3)
+    steps = sheet(3, lambda x, facet: 1.0 + x[:, 1] + 0.1 * facet)
+    assert steps.on_facets(steps.x) == pytest.approx(steps.value)
