@@ -178,6 +178,7 @@ class Loop:
                 simulation.free()
                 return REACHED, 1, None
             self.mesh = simulation.mesh
+            self._settings.follow(simulation)
             done = self._measure(simulation, watch, clock.perf_counter() - begun)
             self.passes.append(done)
             status, step = self._decision.next(simulation, watch, done)

@@ -3,8 +3,10 @@
 import numpy as np
 
 from pcontact.adapt.degree import Degree
+from pcontact.runtime.petsc import has_package
 from pcontact.scene.keys import options as key_options
 from pcontact.scene.model import MeshSpec
+from pcontact.solve.preconditioners.direct import MOST_UNKNOWNS, direct_options
 
 # [-] Part of the target that errors of one kind, other than the mesh's, may have. From: chosen.
 SHARE = 0.1
@@ -61,6 +63,7 @@ class Settings:
         self.falling, self.staying = (FALLING, FACETS) if scene.mesh.geometry is None else (FALLING + FACETS, ())
         self._rtol = float(np.clip(FIRST_RTOL * target.error, LEAST_RTOL, MOST_RTOL))
         self.degree = Degree(options.get(key_options(MeshSpec)["order"], scene.mesh.order))
+        self._solver = {}
 
     @property
     def count(self):
@@ -92,8 +95,25 @@ class Settings:
         ours = {"snes_rtol": f"{self._rtol:.3g}", "contact_search_again": "4", "pc_direct_below": str(FEW)}
         if self.searches:
             ours["contact_search_every"] = "newton"
-        scene.petsc = {**ours, **scene.petsc}
+        scene.petsc = {**ours, **self._solver, **scene.petsc}
         return scene
+
+    def follow(self, simulation):
+        """Take a direct solver from here on where bodies yield in the plane, and supports hold them all.
+
+        What flows hardly changes its volume: multigrid takes many iterations. A ball pressed into metal takes 0.6 times
+        as long with factors on 12,776 unknowns, 0.7 times with friction on 3,000.
+
+        Parameters
+        ----------
+        simulation : pcontact.simulation.Simulation
+            Of a pass.
+        """
+        problem, mumps = simulation.problem, has_package("mumps")
+        able = (mumps or problem.space.comm.size == 1) and "pc_type" not in simulation.newton.kept_out
+        held = not simulation.floating and problem.space.n_dofs <= MOST_UNKNOWNS[2]
+        if problem.space.dim == 2 and simulation.scene.plastic and held and able:
+            self._solver = {name: str(value) for name, value in direct_options(mumps).items()}
 
     def scene_of(self, done):
         """The scene of a pass, as it would be run alone."""
