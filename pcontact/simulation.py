@@ -227,7 +227,7 @@ class Simulation:
         meets = motions and not self.problem.linear
         self.rest = LooseBodies(self.problem, motions) if meets else None
 
-    def run(self, directory=None, observers=(), keep=False, said="command line: -o"):
+    def run(self, directory=None, observers=(), keep=False, said="command line: -o", fields=True):
         """All load steps. *Collective.*
 
         Parameters
@@ -240,6 +240,8 @@ class Simulation:
             Keep report, history and the fields of the last load step in memory.
         said : str
             Where the user names the directory, for messages.
+        fields : bool
+            False: without the fields, unless they are written.
 
         Returns
         -------
@@ -252,9 +254,9 @@ class Simulation:
             On every rank; see :func:`pcontact.runtime.lock.reserved`, too.
         """
         with profile.recording(self.profile), reserved(directory, self.comm, said):
-            return self._run(directory, observers, keep)
+            return self._run(directory, observers, keep, fields)
 
-    def _run(self, directory, observers, keep):
+    def _run(self, directory, observers, keep, fields):
         resumed, writes = None, directory is not None
         directory = Path(directory) if writes else None
         self._identity = None
@@ -262,7 +264,7 @@ class Simulation:
             self._identity = Identity.of(self._parts(), self.problem.space, remembering(self.problem.parts))
         if self.restart is not None:
             resumed = read_checkpoint(self.restart, self.problem.space, self._identity, self.anyway)
-        lasting = self._lasting(directory, observers, keep, None if resumed is None else resumed.time)
+        lasting = self._lasting(directory, observers, (keep, fields), None if resumed is None else resumed.time)
         self._announce()
         self._prepare(lasting, directory, None if resumed is None else resumed.first)
         if resumed is not None:
@@ -298,17 +300,17 @@ class Simulation:
         """The scenes of the phases up to the present one, by what they are called; the scene of a run without any."""
         return [scene_of(self.scene, number) for number in range(self.number + 1)] if self.spans else [self.scene]
 
-    def _lasting(self, directory, observers, keep, since):
+    def _lasting(self, directory, observers, kept, since):
         """The observers of the whole run, and whether fields are taken: a :class:`Lasting`. *Collective.*"""
         scene, writes = self.scene, directory is not None
         end = self.spans[-1].end if self.spans else scene.steps.end
         fields = None
         if writes and scene.output.fields:
             fields = Fields(directory, self.comm, self.timing, scene.output, since)
-        if writes or keep:
+        if writes or kept[0]:
             self.records = Records(directory, self.comm, self._head(), self._costs, since)
         terminal = Terminal(end, build.yielding_volume(scene, self.problem.space))
-        return Lasting(SmallStrain(), fields, [terminal, *observers], keep or fields is not None)
+        return Lasting(SmallStrain(), fields, [terminal, *observers], all(kept) or fields is not None)
 
     def _schedule(self):
         part, begin = self.part, self.spans[self.number].begin if self.spans else 0.0

@@ -61,6 +61,8 @@ class Loop:
         ``take(simulation, converged)``: what the caller keeps of a pass that has run.
     observers : callable
         ``observers(simulation)``: further observers of a pass.
+    fields : bool
+        Whether these, or the caller, look at the fields of load steps.
 
     Attributes
     ----------
@@ -74,9 +76,12 @@ class Loop:
         On every rank.
     """
 
-    def __init__(self, scene, comm=MPI.COMM_WORLD, said="command line", take=lambda *_: None, observers=lambda _: ()):
+    def __init__(
+        self, scene, comm=MPI.COMM_WORLD, said="command line", take=lambda *_: None, observers=lambda _: (),
+        fields=False,
+    ):  # fmt: skip
         self.scene, self.comm, self.said, self.target = scene, comm, said, scene.accuracy
-        self._take, self._observers, options = take, observers, Options(said)
+        self._take, self._observers, self._fields, options = take, observers, fields, Options(said)
         self.passes, self.kept, self.mesh = [], None, None
         self._settings = Settings(scene, self.target, options)
         self._refining = Refining(comm, self._settings, options)
@@ -104,7 +109,7 @@ class Loop:
         where = None if directory is None else directory / f"pass_{len(self.passes) + 1}"
         observers = [watch, *self._observers(simulation)]
         try:
-            converged = simulation.run(where, observers, keep=True, said=self._where)
+            converged = simulation.run(where, observers, keep=True, said=self._where, fields=self._fields)
         except TOLD:
             simulation.free()
             raise

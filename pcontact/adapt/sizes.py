@@ -9,6 +9,10 @@ from pcontact.runtime.petsc import MPI
 # [bisections per dimension] Of a cell at once: three make it an eighth as long. From: estimates of a coarse mesh know
 # only so much.
 AT_ONCE = 3
+# [-] Growth of the number of cells, over that with `AT_ONCE`, up to which one halving more is taken where these are not
+# enough and the rate is known. From: rings, whose few cells on the contact make most of the error of the pressure; with
+# many more cells than that, meshes are worse for the unknowns that they have (a soft punch, shrink fits).
+DEEPER = 1.25
 # [-] Growth of the number of cells that is enough for one pass, where the error cannot be had at once. From: all passes
 # together then cost a third more than the last one.
 PASS = 4.0
@@ -88,6 +92,9 @@ def next_cuts(comm, errors, part, most=np.inf, known=False):
     if errors.whole:
         return halvings(errors, part, most, known)
     step = cuts(comm, errors, part, most)
+    if known and step.part > part:
+        deeper = cuts(comm, errors, part, min(most, DEEPER * step.growth), AT_ONCE + 1)
+        return deeper if deeper.part <= (1.0 + KNOWN) * part else step
     if known or step.growth <= LEAP:
         return step
     return cuts(comm, errors, part, max(TRIAL * step.growth, PASS))
@@ -116,7 +123,7 @@ def halvings(errors, part, most=np.inf, known=False):
     return Cuts(more, 0.5 ** (errors.degree * number), 2.0 ** (errors.dim * number))
 
 
-def cuts(comm, errors, part, most=np.inf):
+def cuts(comm, errors, part, most=np.inf, at_once=AT_ONCE):
     """Cuts that leave a part of the error. *Collective.*
 
     A cell's part of the squared error falls with 2^(-2 p / d) per bisection, the cells double: the fewest have sizes in
@@ -133,6 +140,8 @@ def cuts(comm, errors, part, most=np.inf):
         Of the error, to be left.
     most : float
         Growth of the number of cells at most.
+    at_once : int
+        Halvings of a cell at most.
 
     Returns
     -------
@@ -154,7 +163,7 @@ def cuts(comm, errors, part, most=np.inf):
     def tried(scale):
         with np.errstate(divide="ignore"):
             wanted = dim / (2.0 * degree + dim) * np.log2(squares / scale)
-        more = np.clip(np.where(wanted > 0.0, np.rint(wanted), np.ceil(wanted)), back, AT_ONCE * dim).astype(np.int64)
+        more = np.clip(np.where(wanted > 0.0, np.rint(wanted), np.ceil(wanted)), back, at_once * dim).astype(np.int64)
         parts = np.where(more > 0, number * series, number)
         own, both = np.array([(parts * squares) @ 0.25 ** (degree * more / dim), parts @ 2.0**more]), np.empty(2)
         comm.Allreduce(own, both, op=MPI.SUM)
@@ -162,8 +171,8 @@ def cuts(comm, errors, part, most=np.inf):
         return Cuts(more, float(np.sqrt(left / total)), float(cells / count))
 
     # cells as large as this become as small as may be; below, those with smaller contributions catch up
-    cut_most = high / 2.0 ** ((2.0 * most_degree + dim) * AT_ONCE)
-    low, high = low / 4.0 ** ((most_degree + dim) * AT_ONCE), 2.0 * high
+    cut_most = high / 2.0 ** ((2.0 * most_degree + dim) * at_once)
+    low, high = low / 4.0 ** ((most_degree + dim) * at_once), 2.0 * high
     at_low, at_high = tried(low), tried(high)
     for _ in range(HALVINGS):
         if at_low.growth - at_high.growth < KNOWN * at_low.growth or high < (1.0 + SAME) * low:

@@ -124,7 +124,7 @@ def _reach(
         return [] if on_step is None else [_Caller(on_step, simulation)]
 
     try:
-        outcome = Loop(scene, comm, "options", Run.of, observers).run(output, "output")
+        outcome = Loop(scene, comm, "options", Run.of, observers, fields=True).run(output, "output")
     except _OnStepFailed as error:
         raise error.own from None
     return outcome.kept, outcome.failure

@@ -5,7 +5,7 @@ from itertools import product
 import numpy as np
 import pytest
 
-from pcontact.adapt.sizes import AT_ONCE, LEAP, PASS, Contributions, cuts, next_cuts
+from pcontact.adapt.sizes import AT_ONCE, DEEPER, LEAP, PASS, Contributions, cuts, next_cuts
 from pcontact.runtime.petsc import MPI
 
 
@@ -32,6 +32,15 @@ def test_a_singular_cell_does_not_cut_the_others():
     squares = np.concatenate([[1.0], np.full(1000, 1e-9)])
     found = cuts(MPI.COMM_SELF, Contributions(squares, 1, 2), 1e-3)
     assert found.more[0] == 2 * AT_ONCE and found.growth < 2.0 * PASS
+
+
+def test_few_cells_are_halved_once_more():
+    """Where that is enough, and takes hardly more cells; once the rate is known."""
+    errors = Contributions(np.concatenate([np.ones(4), np.full(400, 1e-6)]), 1, 2)
+    for part, known, halvings in ((0.08, True, AT_ONCE + 1), (0.08, False, AT_ONCE), (0.04, True, AT_ONCE)):
+        usual, found = cuts(MPI.COMM_SELF, errors, part), next_cuts(MPI.COMM_SELF, errors, part, known=known)
+        assert usual.part > part and (found.more[:4] == 2 * halvings).all()
+        assert (found.part < part) == (halvings > AT_ONCE) and found.growth <= DEEPER * usual.growth
 
 
 def test_growth_is_limited():
