@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from drivers._common import log
-from drivers.studies._named_reference import BUDGET, RTOL
+from drivers.studies._named_reference import BUDGET, finer
 from pcontact.adapt.loop import Loop
 from pcontact.adapt.settings import FACETS
 from pcontact.scene.target import Target
@@ -135,7 +135,7 @@ class Pressure(NamedTuple):
             return cls(*(data[name] for name in cls._fields)), float(data["error"])
 
 
-def made(scene, target, name):
+def made(scene, target, name, steps=1):
     """The pressure that stands for the exact one of a scene, on one rank, and what it may lack, relative.
 
     Parameters
@@ -145,14 +145,15 @@ def made(scene, target, name):
         Its own, of the pressure.
     name : str
         Of the contact.
+    steps : int
+        Load steps that it begins with, at least.
 
     Raises
     ------
     StepFailure
         A load step did not converge.
     """
-    scene, kept = replace(scene.copy(), accuracy=Target(target, f"pressure:{name}", budget=BUDGET)), []
-    scene.mesh.order, scene.petsc = 2, {**scene.petsc, "snes_rtol": f"{RTOL:g}"}
+    scene, kept = replace(finer(scene, steps), accuracy=Target(target, f"pressure:{name}", budget=BUDGET)), []
 
     def take(simulation, converged):
         kept[:] = [Pressure.of(simulation, name)] if converged else []

@@ -176,7 +176,15 @@ class _Goals(Observer):
             self.states[of] = State.of(simulation, found.value)
 
 
-def made(scene, target, quantities):
+def finer(scene, steps):
+    """A scene with a small tolerance, degree 2 and as many load steps at least."""
+    scene = scene.copy()
+    scene.mesh.order, scene.steps.count = 2, max(scene.steps.count, steps)
+    scene.petsc = {**scene.petsc, "snes_rtol": f"{RTOL:g}"}
+    return scene
+
+
+def made(scene, target, quantities, steps=1):
     """The reference of a scene, on one rank.
 
     Parameters
@@ -186,14 +194,15 @@ def made(scene, target, quantities):
         Its own, of the energy norm.
     quantities : list of str
         That it is to know, too.
+    steps : int
+        Load steps that it begins with, at least.
 
     Raises
     ------
     StepFailure
         A load step did not converge.
     """
-    scene, kept, goals = replace(scene.copy(), accuracy=Target(target, budget=BUDGET)), [], []
-    scene.mesh.order, scene.petsc = 2, {**scene.petsc, "snes_rtol": f"{RTOL:g}"}
+    scene, kept, goals = replace(finer(scene, steps), accuracy=Target(target, budget=BUDGET)), [], []
 
     def watch(simulation):
         goals.append(_Goals(simulation, quantities))

@@ -62,6 +62,8 @@ class NamedScene:
         Quantities whose values are known.
     reference, pressure : float
         Errors that are named of the finer solutions: of the energy norm, and of the pressure in L2.
+    steps : int
+        Load steps that these begin with, at least.
     """
 
     title: str
@@ -71,6 +73,7 @@ class NamedScene:
     known: dict = field(default_factory=dict)
     reference: float = 0.002
     pressure: float = 0.003
+    steps: int = 1
 
 
 def _shells(folder):
@@ -312,9 +315,11 @@ HELD_BACK = {
     "sheared": NamedScene("blocks pressed and sheared, Coulomb", _sheared, ("energy", "support:upper_top")),
 }
 LATE = {
-    "lug": NamedScene("a lug on a loose pin", _lug, ("energy", "support:lug_end", "pressure:bore"), pressure=0.01),
-    "roller": NamedScene("a crowned roller on a block", _roller, ("energy", "support:roller_top"), reference=0.02),
+    # the facets of the bore are 1 % of the energy norm: no reference has less than twice that
+    "lug": NamedScene("a lug on a loose pin", _lug, ("energy", "support:lug_end", "pressure:bore"), reference=0.03,
+                      pressure=0.03, steps=24),
+    "roller": NamedScene("a crowned roller on a block", _roller, ("energy", "support:roller_top"), reference=0.07),
     "disc_press": NamedScene("a disc between a stamp and an anvil", _disc_press,
-                             ("energy", "force:stamp", "displacement:disc_rim"), reference=0.02),
+                             ("energy", "force:stamp", "displacement:disc_rim"), reference=0.03, steps=32),
 }
 HELD_BACK |= LATE

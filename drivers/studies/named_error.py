@@ -143,7 +143,7 @@ def reference(name, named, args):
     if not (args.kept and path.exists()):
         start = clock.perf_counter()
         target = 0.1 if args.tiny else args.reference or named.reference
-        made(scene_of(named, args.o), target, wanted).write(path)
+        made(scene_of(named, args.o), target, wanted, named.steps).write(path)
         log.info("%s: reference in %.3g s", name, clock.perf_counter() - start)
     return Reference.read(path)
 
@@ -157,7 +157,7 @@ def pressure_reference(name, named, args):
     path = args.o / f"reference_{name}_pressure.npz"
     if not (args.kept and path.exists()):
         start = clock.perf_counter()
-        found, error = made_pressure(scene_of(named, args.o), named.pressure, contact_of(wanted[0]))
+        found, error = made_pressure(scene_of(named, args.o), named.pressure, contact_of(wanted[0]), named.steps)
         found.write(path, error)
         log.info("%s: reference of the pressure in %.3g s", name, clock.perf_counter() - start)
     return Pressure.read(path)
