@@ -13,8 +13,11 @@ from pcontact.adapt.settings import FACETS, SHARE
 from pcontact.adapt.variants import answer, change_to, followed
 from pcontact.adapt.watch import at_nodes
 from pcontact.element.reference import CELLS
+from pcontact.runtime import log
 from pcontact.runtime.petsc import MPI, PETSc
 
+# [-] Of the displacements, or of the forces, that there are: a quantity below is zero but for rounding. From: chosen.
+ZERO = 1e-9
 # [-] Load steps over those of another run from which on their change tells an error. From: chosen; fewer tell little.
 AGAIN = 1.5
 
@@ -68,7 +71,7 @@ class Measure:
             found = simulation.error_estimate.of_quantity(
                 self._target, watch.record, simulation.stepper.u, watch.time, watch.unbalanced
             )
-            known, size = of_quantity(self._target.quantity, mesh.dim), abs(found.value) or 1.0
+            known, size = of_quantity(self._target.quantity, mesh.dim), self._size(simulation, watch, found.value)
             found = found._replace(error=self._seen.error(simulation, found))
             estimate = abs(found.error) / size
             watch.squares = self._indicators(simulation, watch, found)
@@ -91,6 +94,19 @@ class Measure:
             done.quantity = self._quantity(found, sum(toward.values()) * size)
         done.expected = self._expected(done, found, toward, size)
         return done
+
+    def _size(self, simulation, watch, value):
+        """What errors of a quantity are divided by: its size, but not that of rounding errors where it is zero.
+        *Collective.*"""
+        if self._target.quantity == "pressure":
+            return abs(value) or 1.0
+        scale = simulation.stepper.u.norm(PETSc.NormType.NORM_INFINITY)
+        if self._target.quantity != "displacement":
+            # twice the strain energy over it: forces there are, if not their sum
+            scale = watch.norm**2 / scale if scale > 0.0 else 0.0
+        if abs(value) < ZERO * scale and not self._passes:
+            log.warning("%s is zero but for rounding: its errors are named over %.3g", self._target.of, ZERO * scale)
+        return max(abs(value), ZERO * scale) or 1.0
 
     def _expected(self, done, found, toward, size):
         """The error that a pass expects, relative: not the largest that there may be.
@@ -142,7 +158,7 @@ class Measure:
         left, sign = simulation.error_estimate.norm(change) / watch.norm, 0.0
         if self._target.quantity != "energy":
             own = done.quantity["value"]
-            left = abs(change_to(simulation, other, self._target, watch)) / (abs(own) or 1.0)
+            left = abs(change_to(simulation, other, self._target, watch)) / self._size(simulation, watch, own)
             self._seen.with_steps(own + part * (own - other.value))
             sign = np.sign(part * (own - other.value))
         if not first:

@@ -126,6 +126,22 @@ def test_a_load_step_that_takes_no_iteration(tmp_path):
     assert outcome.status == REACHED and len(loop.passes) > 1 and outcome.kept[0] == 0
 
 
+def test_a_quantity_that_is_zero(tmp_path):
+    """Without lateral contraction a side has no reaction: its error is not one of rounding over rounding."""
+    two_blocks(tmp_path / "blocks.msh", 2, 3, 4, "triangle")
+    scene = Scene(
+        mesh=MeshSpec(tmp_path / "blocks.msh", order=2), materials={"soft": Material(10.0, 0.0)},
+        bodies=[Body("lower", "soft"), Body("upper", "soft")],
+        contacts=[Contact("upper_bottom", "lower_top", name="face")],
+        displacements=[Displacement("lower_bottom", ["free", 0.0]), Displacement("upper_top", ["free", -0.05]),
+                       Displacement("left", [0.0, "free"])],
+        output=Output(fields=False), accuracy=Target(0.02, "support:left"),
+    )  # fmt: skip
+    loop = Loop(scene)
+    assert loop.run().status == REACHED and len(loop.passes) == 1 and loop.passes[0].error < 1e-5
+    assert 0.0 < abs(loop.passes[0].quantity["value"]) < 1e-12
+
+
 def punch_scene(folder, cell="triangle", **target):
     path = folder / f"punch_{cell}.msh"
     on_root(COMM, partial(punch, path, h=0.5, cell=cell))
