@@ -188,6 +188,8 @@ class Loop:
             self.passes.append(done)
             status, step = self._decision.next(simulation, watch, done)
             if status is None and self._looks_ahead:
+                # trials are among the seconds of a pass
+                done.seconds = clock.perf_counter() - begun
                 status = self._look_ahead(simulation.problem.space, watch, done, step)
             if status is None and not self._settings.degree.is_open(self.mesh.curved):
                 self._measure.with_steps(simulation, watch, done)
