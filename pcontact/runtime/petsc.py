@@ -40,6 +40,10 @@ if not start.is_library():
 PETSC_GRAPHS = ("ptscotch", "parmetis", "chaco")
 
 
+# PETSc's own factors take pivots below 2e-14 for zero, whatever the units: a matrix that is small all over is none
+LEAST_PIVOT = 1e-300
+
+
 def has_package(name):
     """Whether this PETSc was built with an external package.
 

@@ -6,7 +6,7 @@ problems of moderate size take them unasked.
 """
 
 from pcontact.runtime import log
-from pcontact.runtime.petsc import has_package
+from pcontact.runtime.petsc import LEAST_PIVOT, has_package
 
 # [unknowns] So many at most for which the program turns to a direct solver by itself, by the dimension of space. From:
 # factors of about 1 GB. Row: direct.
@@ -17,8 +17,7 @@ MUMPS_SPARE = 60
 # of the Krylov method are small where corrections are still wrong
 FAILED = "diverged linear solve"
 HOPEFUL = (FAILED, "diverged max it")
-# PETSc's own factors take pivots below 2e-14 for zero, whatever the units: a matrix that is small all over is none
-PIVOTS = {"pc_factor_zeropivot": 1e-300}
+PIVOTS = {"pc_factor_zeropivot": LEAST_PIVOT}
 
 
 def is_small(options, space):

@@ -9,6 +9,7 @@ import pytest
 from drivers.cases import rings
 from meshes import rings as rings_mesh
 from pcontact.adapt.watch import Watch
+from pcontact.estimate import goal
 from pcontact.estimate.goal import contact_force, transposed, value
 from pcontact.estimate.local import Bound, LocalFunctions, Moduli, energies, products
 from pcontact.estimate.yielding import Softening
@@ -118,6 +119,19 @@ def test_quantities_of_the_rings(solved):
         assert found.value == pytest.approx(value(simulation.problem, target, watch.record, u))
         assert found.error == pytest.approx(COMM.allreduce(sum(own.sum() for own in found.cells)))
         assert 0.5 < found.error / (exact - found.value) < 2.0, (of, found.value, exact, found.error)
+
+
+def test_dual_problems_in_the_plane_are_solved_with_factors(solved, monkeypatch):
+    """In an iteration, or with the preconditioner of Newton's method where there are none: the same."""
+    simulation, watch = solved(1)
+    target, kept = Target(0.1, "force:circle"), []
+    for factors in (goal._factors, lambda *_: None):
+        monkeypatch.setattr(goal, "_factors", lambda *some, make=factors: kept.append(make(*some)) or kept[-1])
+        found = simulation.error_estimate.goal(target, watch.record, simulation.stepper.u)
+        z = goal.dual(simulation.problem, found, simulation.newton.last_preconditioner())
+        kept.append(z)
+    assert kept[0] is not None and kept[2] is None
+    assert kept[1] == pytest.approx(kept[3], abs=1e-5 * np.abs(kept[3]).max())
 
 
 @pytest.mark.parallel
