@@ -22,12 +22,12 @@ ABOUT = """# Errors that were named, and true ones
 `python drivers/studies/named_error.py` writes this page (`--scene` by `--scene`, then `--join` and `--publish`). It
 runs the scenes of `drivers/studies/_named_scenes.py` on one rank with the error that a row has as `target`, from a
 coarse mesh. `found` is the distance of the answer to an exact solution (the energy of rings, shrink_fit, wound and
-shells, the forces of rings and shells, the pressures of rings, shrink_fit and shells), or to a solution on another mesh
-of degree 2 that all rows of a scene share. That one comes from a run which names a several times smaller error (of the
-pressure, for pressures), with a tolerance of 1e-9, and `reference` is what it may lack itself: the error that it names,
-with the change when its load steps are halved as that of the load steps. `true` is the root of the sum of both squares:
-the error of a solution is at right angles to what finer meshes add. The shared solution has the facets of the rows'
-meshes: what these lack is in `named`, but not in `true`.
+shells, the forces of rings, wound and shells, the pressures of rings, shrink_fit and shells), or to a solution on
+another mesh of degree 2 that all rows of a scene share. That one comes from a run which names a several times smaller
+error (of the pressure, for pressures), with a tolerance of 1e-9, and `reference` is what it may lack itself: the error
+that it names, with the change when its load steps are halved as that of the load steps. `true` is the root of the sum
+of both squares: the error of a solution is at right angles to what finer meshes add. The shared solution has the facets
+of the rows' meshes: what these lack is in `named`, but not in `true`.
 
 All errors are relative, those of the energy norm in that of elasticity. `estimate` is what the program expects the
 error to be; `named` is larger, as it allows for the smallest effectivity that is known. Seconds are those of a busy
