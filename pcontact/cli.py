@@ -313,6 +313,8 @@ def check_scene(scene):
     held = [name for k, name in enumerate(mesh.component_names) if k not in simulation.floating]
     log.info("held by supports: %s", _counted(held) or "no body")
     log.info("costs: %s", "\n       ".join(cost_forecast(simulation.problem, simulation.scene)))
+    # a forecast chooses its own options: those that were chosen here are no user's
+    simulation.free()
 
 
 def forecast(scene):

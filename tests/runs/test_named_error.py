@@ -21,12 +21,12 @@ from pcontact.adapt.loop import REACHED, SPENT, Loop
 from pcontact.adapt.passes import Pass
 from pcontact.adapt.settings import Settings
 from pcontact.assembly.error_norms import bulk_error
-from pcontact.cli import reach
+from pcontact.cli import check_scene, reach
 from pcontact.io.result import load_result
 from pcontact.material.elastic import lame
 from pcontact.runtime.options import Options
 from pcontact.runtime.parallel import on_root
-from pcontact.runtime.petsc import MPI
+from pcontact.runtime.petsc import MPI, PETSc
 from pcontact.scene.model import Body, Contact, Displacement, Material, MeshSpec, Output, Scene, Steps
 from pcontact.scene.target import Budget, Target
 from tests.support.commands import execute
@@ -246,6 +246,13 @@ displacements = [
 ]
 """
 FORECAST = r"error of 4 % of energy: about (\d+) passes of degree 1 with (.+) unknowns, ([\d.e+-]+) s, ([\d.e+-]+) MB"
+
+
+def test_a_check_leaves_no_options(tmp_path):
+    """What it has chosen is no user's choice for the forecast that follows."""
+    before = dict(PETSc.Options().getAll())
+    check_scene(punch_scene(tmp_path, error=0.01))
+    assert dict(PETSc.Options().getAll()) == before
 
 
 def test_a_forecast_and_the_run(tmp_path):
