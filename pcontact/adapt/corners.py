@@ -7,17 +7,19 @@ but at one vertex after the other, while points toward which a solution is singu
 
 A contact pressure goes like r^(a - 1) there, and in the plane the square of its error in L2 falls with h^(2 a - 1), the
 power of the energy less one. What the smallest cells that there may be leave of it is told ahead.
+
+In space it is edges that are looked for, see `pcontact.adapt.edges`.
 """
 
 from typing import NamedTuple
 
 import numpy as np
 
+from pcontact.adapt import edges
 from pcontact.adapt.cells import of_parts
 from pcontact.adapt.sizes import degrees
 from pcontact.element.reference import CELLS
-from pcontact.mesh.refinement.keys import vertex_keys
-from pcontact.mesh.refinement.origin import tree_points
+from pcontact.mesh.refinement.origin import marks, tree_points
 from pcontact.mesh.refinement.refine import Rise
 from pcontact.mesh.refinement.simplices import WISHED
 from pcontact.runtime.petsc import MPI
@@ -139,18 +141,8 @@ def around_vertices(space, squares):
     own, (volume, square) = space.together(own)[:, 0], space.together(volumes).T
     found, vertex = np.zeros((len(mesh.points), 3)), volume > 0.0
     rows = space.mesh_nodes[vertex]
-    found[rows] = np.column_stack([own[vertex], np.sqrt(square[vertex] / volume[vertex]), _marks(mesh)[rows]])
+    found[rows] = np.column_stack([own[vertex], np.sqrt(square[vertex] / volume[vertex]), marks(mesh)[rows]])
     return found
-
-
-def _marks(mesh):
-    """A number (n_nodes,) between 0 and 1 of each node, the same on all meshes of one base."""
-    keys = np.empty(len(mesh.points), dtype=np.uint64)
-    if mesh.origin is None:
-        vertex_keys(mesh.file_nodes, keys)
-    else:
-        keys[:] = mesh.origin.keys
-    return (keys >> np.uint64(11)).astype(float) * 2.0**-53
 
 
 def powers(space, now, before, pressure=None):
@@ -215,7 +207,8 @@ def singular(space, of_node, of_pressure=None):
     power = np.where(of_node[corner] < smooth[corner], falls[corner], own)
     points = tree_points(mesh)
     point, middle = points[corner], points[vertices].mean(axis=1)
-    return power, Rise(d * (1.0 - power / own), point, np.linalg.norm(middle - point, axis=1))
+    distance = np.linalg.norm(middle - point, axis=1)
+    return power, Rise(d * (1.0 - power / own), point, np.zeros_like(point), distance, np.full(len(power), np.inf))
 
 
 def powers_of_pressure(space, pressure, of_node, finer, sizes):
@@ -333,7 +326,7 @@ def _smooth(space):
 
 
 class Corners:
-    """Singular points on the meshes of a loop, one after the other: in the plane; edges in space take too many cells.
+    """Singular points on the meshes of a loop, one after the other, in the plane, and singular edges in space.
 
     Parameters
     ----------
@@ -347,13 +340,15 @@ class Corners:
     explain : bool
         Whether they have been found on the last mesh, and were not known before: that the error has fallen less than
         was expected says nothing of the next mesh then.
+    edges : pcontact.adapt.edges.Edges or None
+        Those of the last mesh, in space.
     wall : Wall or None
         What the last mesh has told of a pressure that no mesh reaches.
     """
 
     def __init__(self, comm):
         self._comm, self._before, self._known, self.explain, self.sought = comm, None, False, False, True
-        self.wall = None
+        self.wall, self.edges = None, None
 
     def look(self, space, squares, alike=True, pressure=None):
         """What is found on a mesh. *Collective.*
@@ -376,7 +371,9 @@ class Corners:
         around : sequence of ndarray (n_nodes, 3)
             For :meth:`take`, to be interpolated.
         """
-        if space.dim != 2 or not self.sought:
+        if space.dim == 3:
+            return self._look_in_space(space, squares, alike) if pressure is None else (None, None, ())
+        if not self.sought:
             return None, None, ()
         around, power, rise, found = around_vertices(space, squares), None, None, False
         if self._before is not None and alike:
@@ -387,6 +384,18 @@ class Corners:
             found = self._comm.allreduce(bool((rise.rise > 0.0).any()), op=MPI.LOR)
         self.explain, self._known = found and not self._known, found
         return power, rise, (around,)
+
+    def _look_in_space(self, space, squares, alike):
+        """The same in space. *Collective.*"""
+        own, self.edges = {block.cell for block in space.mesh.blocks if len(block.nodes)}, None
+        if not self.sought or set().union(*self._comm.allgather(own)) != {edges.NAME}:
+            return None, None, ()
+        smooth = np.broadcast_to(2.0 * degrees(space) + space.dim, squares.shape)
+        before = self._before if alike else None
+        self.edges, around, most = edges.look(space, squares, before, smooth)
+        found = self.edges is not None
+        self.explain, self._known = most and not self._known, found
+        return (self.edges.power, self.edges.rise, (around,)) if found else (None, None, (around,))
 
     def take(self, around):
         """Take what was known on the last mesh, at the nodes of the next one."""

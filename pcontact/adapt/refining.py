@@ -132,7 +132,13 @@ class Refining:
         else:
             level = None if space.mesh.origin is None else space.mesh.origin.level
             errors = Contributions(squares, degree, dim, power=power, whole=self.whole, level=level)
-        return Step(next_cuts(self._comm, errors, wanted, most, known), rise, around, divided)
+            if self.corners.edges is not None:
+                errors = errors._replace(touches=self.corners.edges.touches,
+                                         shared=self.corners.edges.shared(space, squares))  # fmt: skip
+        cuts = next_cuts(self._comm, errors, wanted, most, known)
+        if cuts.deep is not None:
+            rise = rise._replace(most=cuts.deep, within=rise.within * cuts.within)
+        return Step(cuts, rise, around, divided)
 
     def cut(self, mesh, step, fields, scene):
         """The next mesh and fields (n_nodes, k) on it, spread over the ranks for a scene. *Collective.*"""

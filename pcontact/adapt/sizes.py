@@ -24,6 +24,10 @@ LEAP, TRIAL = 8.0, 0.125
 # their squares by which cells that are alike differ. From: neighbours of cells that are cut follow, by far more; a mesh
 # and its mirror image, whose squares differ by what the solver leaves.
 HALVINGS, KNOWN, SAME = 50, 0.005, 1e-4
+# [-] Cells per cell on a singular edge that are made by a halving of it; the most halvings of one at once; and the
+# square of a cell beside it over that of one on it. From: bisection of a tetrahedron into eight, two of which have the
+# edge; chosen; a stiff cube on a block, degree 2.
+COST, DEEPEST, BESIDE = 7.0, 12, 0.004
 # [halvings] Rounding.
 ROUNDED = 1e-9
 
@@ -39,11 +43,17 @@ class Cuts(NamedTuple):
         Of the error that is expected to be left.
     growth : float
         Cells that are expected over those of now.
+    deep : ndarray (n,) or None
+        Bisections more of the parts of cells on singular edges that touch these; None: there are none.
+    within : ndarray (n,) or None
+        Sizes of cells, from which distance to the edge on other parts of them have more bisections.
     """
 
     more: np.ndarray
     part: float
     growth: float
+    deep: np.ndarray | None = None
+    within: np.ndarray | None = None
 
 
 class Contributions(NamedTuple):
@@ -66,6 +76,10 @@ class Contributions(NamedTuple):
         Whether all cells are halved together.
     level : ndarray (n,) of int or None
         Bisections that have made the cells, and may be taken back; None: none.
+    touches : ndarray (n,) of int or None
+        See :class:`pcontact.adapt.edges.Edges`; None: there are no singular edges.
+    shared : ndarray (n,) or None
+        Of cells that touch edges, the squares that they are cut for.
     """
 
     squares: np.ndarray
@@ -75,6 +89,8 @@ class Contributions(NamedTuple):
     power: np.ndarray | None = None
     whole: bool = False
     level: np.ndarray | None = None
+    touches: np.ndarray | None = None
+    shared: np.ndarray | None = None
 
 
 def degrees(space, whole=False):
@@ -147,11 +163,11 @@ def cuts(comm, errors, part, most=np.inf, at_once=AT_ONCE):
     -------
     Cuts
     """
-    squares, degree, dim, count, power, _, level = errors
+    squares, degree, dim, count, power, _, level, touches, _ = errors
     number = np.ones(len(squares)) if count is None else count
     # cells that grow smaller toward a point, over those that are alike
     series = np.ones(len(squares))
-    if power is not None:
+    if power is not None and touches is None:
         singular = power < 2.0 * degree + dim
         series = np.where(singular, 1.0 / (1.0 - 0.5 ** (dim * power / (2.0 * degree + dim))), 1.0)
     back = 0 if level is None else -np.minimum(level, dim)
@@ -164,6 +180,8 @@ def cuts(comm, errors, part, most=np.inf, at_once=AT_ONCE):
         with np.errstate(divide="ignore"):
             wanted = dim / (2.0 * degree + dim) * np.log2(squares / scale)
         more = np.clip(np.where(wanted > 0.0, np.rint(wanted), np.ceil(wanted)), back, at_once * dim).astype(np.int64)
+        if touches is not None:
+            return _toward_edges(comm, errors, scale, more, (total, count))
         parts = np.where(more > 0, number * series, number)
         own, both = np.array([(parts * squares) @ 0.25 ** (degree * more / dim), parts @ 2.0**more]), np.empty(2)
         comm.Allreduce(own, both, op=MPI.SUM)
@@ -184,6 +202,51 @@ def cuts(comm, errors, part, most=np.inf, at_once=AT_ONCE):
         else:
             high, at_high = middle, found
     return at_high if at_low.growth > most else at_low
+
+
+def _toward_edges(comm, errors, scale, more, sums):
+    """Cuts of a scale where cells have singular edges. *Collective.*
+
+    A halving of the cells on an edge leaves 2^(1 - e) of their squares, of which there are twice as many, and makes
+    `COST` cells: with the fewest cells, theirs are so much larger than those of others.
+
+    Parameters
+    ----------
+    comm : MPI.Comm
+    errors : Contributions
+    scale : float
+        Squares that other cells are to have.
+    more : ndarray (n,) of int
+        Bisections of others.
+    sums : tuple of float
+        Sum of the squares, and number of the cells of all ranks.
+
+    Returns
+    -------
+    Cuts
+    """
+    squares, dim, on = errors.squares, errors.dim, np.flatnonzero(errors.touches)
+    degree = np.broadcast_to(errors.degree, len(squares))
+    power, smooth, edge = errors.power[on], 2.0 * degree[on] + dim, errors.touches[on] == 2
+    with np.errstate(divide="ignore"):
+        over = np.maximum(np.log2(errors.shared[on] / (COST * scale)), 0.0)
+    halvings = np.minimum(over / power, DEEPEST)
+    left = np.where(edge, 2.0**halvings, 1.0) * 2.0 ** (-halvings * power)
+    for k in range(DEEPEST):
+        # beside those that have been halved k times
+        beside = np.minimum(BESIDE * 2.0 ** (-k * power), 2.0**-over / COST)
+        left += (COST - 1.0) * 2.0**k * beside * np.clip(halvings - k, 0.0, 1.0)
+    outer = dim / smooth * (over + np.log2(COST * BESIDE))
+    first = np.maximum(np.rint(outer), 0.0).astype(np.int64)
+    more, parts, rest = more.copy(), 2.0**more, 0.25 ** (degree * more / dim)
+    more[on], rest[on] = first, left
+    parts[on] = 2.0**first * np.where(edge, COST * 2.0**halvings - COST + 1.0, COST * halvings + 1.0)
+    deep, within = np.zeros(len(squares)), np.ones(len(squares))
+    deep[on] = np.where(edge, np.maximum(dim * halvings - first, 0.0), 0.0)
+    within[on] = 2.0 ** ((outer - first) / (dim * (1.0 - power / smooth)))
+    own, both = np.array([squares @ rest, parts.sum()]), np.empty(2)
+    comm.Allreduce(own, both, op=MPI.SUM)
+    return Cuts(more, float(np.sqrt(both[0] / sums[0])), float(both[1] / sums[1]), deep, within)
 
 
 def _sums(comm, squares, number):

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pcontact.mesh.refinement.keys import home_of_key
+from pcontact.mesh.refinement.keys import home_of_key, vertex_keys
 from pcontact.runtime.parallel import split_by_rank
 
 
@@ -38,6 +38,16 @@ class Origin:
 def tree_points(mesh):
     """Where the nodes (n, d) of a mesh are in the tree of its cells, which a geometry does not bend [length]."""
     return mesh.points if mesh.origin is None or mesh.origin.places is None else mesh.origin.places
+
+
+def marks(mesh):
+    """A number (n_nodes,) between 0 and 1 of each node, the same on all meshes of one base."""
+    keys = np.empty(len(mesh.points), dtype=np.uint64)
+    if mesh.origin is None:
+        vertex_keys(mesh.file_nodes, keys)
+    else:
+        keys[:] = mesh.origin.keys
+    return (keys >> np.uint64(11)).astype(float) * 2.0**-53
 
 
 def first_origin(base, keys):

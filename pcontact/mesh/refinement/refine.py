@@ -41,21 +41,27 @@ class Balance(NamedTuple):
 
 
 class Rise(NamedTuple):
-    """Where cells are wanted smaller and smaller toward a point.
+    """Where cells are wanted smaller and smaller toward a point, or toward a straight edge.
 
     Attributes
     ----------
     rise : ndarray (n_cells,)
-        Cuts that the parts of a cell get more whenever their distance to the point halves; 0: none.
+        Cuts that the parts of a cell get more whenever their distance to it halves; 0: none.
     toward : ndarray (n_cells, d)
-        The point [length].
+        The point, or an end of the edge [length].
+    along : ndarray (n_cells, d)
+        From there to the other end; 0: a point [length].
     within : ndarray (n_cells,)
         Distance from which on [length].
+    most : ndarray (n_cells,)
+        Cuts that they get more at most, those that touch it all of them; inf: the distances are those of their middles.
     """
 
     rise: np.ndarray
     toward: np.ndarray
+    along: np.ndarray
     within: np.ndarray
+    most: np.ndarray
 
 
 class Refined(NamedTuple):
@@ -174,7 +180,8 @@ def _wishes(exchanger, mesh, origin, more, rise):
     n = sum(len(block.nodes) for block in base.blocks)
     wanted = np.clip(origin.level + more, 0, WISHED)
     if rise is None:
-        rise = Rise(np.zeros(len(wanted)), np.zeros((len(wanted), base.dim)), np.zeros(len(wanted)))
+        nowhere = np.zeros((len(wanted), base.dim))
+        rise = Rise(np.zeros(len(wanted)), nowhere, nowhere, *np.zeros((2, len(wanted))))
     real = np.column_stack(rise).view(np.int64)
     table = np.column_stack([origin.path.view(np.int64), origin.level, wanted, real])
     rows = np.arange(n)
@@ -185,7 +192,9 @@ def _wishes(exchanger, mesh, origin, more, rise):
     ends = np.searchsorted(rows[order], np.arange(n + 1))
     real = np.ascontiguousarray(table[order, 3:]).view(np.float64)
     levels = table[order, 1].astype(np.int32), table[order, 2].astype(np.int32)
-    wishes = Wishes(path[order], *levels, real[:, 0].copy(), real[:, 1:-1].copy(), real[:, -1].copy())
+    parts = np.split(real, np.cumsum([1, base.dim, base.dim, 1]), axis=1)
+    rise, toward, along, within, most = (part.copy() for part in parts)
+    wishes = Wishes(path[order], *levels, rise[:, 0], toward, along, within[:, 0], most[:, 0])
     return wishes, np.column_stack([ends[:-1], ends[1:]])
 
 

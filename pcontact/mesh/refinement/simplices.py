@@ -111,11 +111,14 @@ class Wishes(NamedTuple):
         Of the cell.
     wanted : ndarray (n,) int32
     rise : ndarray (n,)
-        Levels that are wanted more whenever the distance of a part of the cell to a point halves; 0: none.
-    toward : ndarray (n, d)
-        The point [length].
+        Levels that are wanted more whenever the distance of a part of the cell to a point, or to a straight edge,
+        halves; 0: none.
+    toward, along : ndarray (n, d)
+        The point, or an end of the edge, and the way from there to the other end; 0: a point [length].
     within : ndarray (n,)
         Distance from which on [length].
+    most : ndarray (n,)
+        Levels that are wanted more at most.
     """
 
     path: np.ndarray
@@ -123,7 +126,9 @@ class Wishes(NamedTuple):
     wanted: np.ndarray
     rise: np.ndarray
     toward: np.ndarray
+    along: np.ndarray
     within: np.ndarray
+    most: np.ndarray
 
 
 @njit_inline
@@ -211,15 +216,28 @@ def _due(nodes, cells, wishes, c):
 
 @njit_inline
 def _risen(nodes, cells, wishes, c, k):
-    """Levels that a cell is wanted more because it is nearer to the point of a wish than the cell of the wish."""
-    square = 0.0
-    for i in range(nodes.points.shape[1]):
-        x = 0.0
-        for v in range(cells.vertices.shape[1]):
-            x += nodes.points[cells.vertices[c, v], i]
-        square += (x / cells.vertices.shape[1] - wishes.toward[k, i]) ** 2
+    """Levels that a cell is wanted more because it is nearer to the point or edge of a wish than the cell of the wish:
+    its middle, or, where there is a limit, its nearest vertex."""
+    corners, square, dim = cells.vertices.shape[1], 0.0, nodes.points.shape[1]
+    if wishes.most[k] < np.inf:
+        square = np.inf
+        for v in range(corners):
+            own, part, whole = 0.0, 0.0, 0.0
+            for i in range(dim):
+                x = nodes.points[cells.vertices[c, v], i] - wishes.toward[k, i]
+                own += x**2
+                part += x * wishes.along[k, i]
+                whole += wishes.along[k, i] ** 2
+            at = min(max(part / max(whole, 1e-300), 0.0), 1.0)
+            square = min(square, own + at * (at * whole - 2.0 * part))
+    else:
+        for i in range(dim):
+            x = 0.0
+            for v in range(corners):
+                x += nodes.points[cells.vertices[c, v], i]
+            square += (x / corners - wishes.toward[k, i]) ** 2
     octaves = 0.5 * np.log2(wishes.within[k] ** 2 / max(square, 1e-300))
-    return np.int64(np.rint(wishes.rise[k] * max(octaves, 0.0)))
+    return np.int64(np.rint(min(wishes.rise[k] * max(octaves, 0.0), wishes.most[k])))
 
 
 @njit_inline
@@ -237,7 +255,7 @@ def _longest(nodes, cells, c):
 def _divide_wishes(cells, wishes, c, n, level):
     """Give each half of a cell the wishes that touch it."""
     first, end = cells.wishes[c, 0], cells.wishes[c, 1]
-    if end - first == 1 and wishes.level[first] <= level:
+    if end > first and wishes.level[first] <= level:
         cells.wishes[n, 0], cells.wishes[n, 1] = first, end
         return
     cut = first

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from pcontact.adapt.decision import FIRST_TRUST, SPENT, Decision
+from pcontact.adapt.decision import FIRST_TRUST, SPENT, TOWARD_EDGES, Decision
 from pcontact.adapt.known import Range
 from pcontact.adapt.passes import Pass
 from pcontact.adapt.refining import Step
@@ -26,7 +26,7 @@ class Recorder(SimpleNamespace):
         return Step(Cuts(np.ones(1, dtype=np.int64), wanted, 10.0), None, ())
 
 
-def asked(second, explain=False, parts=(1.0, 1.0), first=0.4):
+def asked(second, explain=False, parts=(1.0, 1.0), first=0.4, edges=None):
     """Of the refining after two passes, the second one of an error: the first had 0.4, and 0.1 was expected. `parts` of
     the error are what their estimates were taken for."""
     known = Range(1.0, 2.0, "", 3)
@@ -34,7 +34,7 @@ def asked(second, explain=False, parts=(1.0, 1.0), first=0.4):
               for error in (first, second)]  # fmt: skip
     passes[0].part, passes[1].part = parts
     passes[0].next = {"unknowns": 100.0, "mesh": 0.1, "load_steps": 1, "degree": 2}
-    refining = Recorder(whole=False, corners=SimpleNamespace(explain=explain, wall=None))
+    refining = Recorder(whole=False, corners=SimpleNamespace(explain=explain, wall=None, edges=edges))
     settings = SimpleNamespace(staying=(), falling=("mesh",), steps=1, balance=lambda *_: None)
     decision = Decision(Target(0.01), settings, passes, refining, MPI.COMM_SELF)
     simulation = SimpleNamespace(problem=SimpleNamespace(space=SimpleNamespace(dim=3)))
@@ -59,6 +59,13 @@ def test_singular_points_excuse_and_cast_no_doubt():
     assert asked(0.1, True).wanted == asked(0.1).wanted == pytest.approx(0.085)
     assert asked(0.25, True).wanted == pytest.approx(0.034 ** (1.0 / FIRST_TRUST))
     assert asked(0.25, True).known
+
+
+def test_what_edges_leave_is_known():
+    """The next mesh reaches the target, however little the last one has brought, unless it knew them."""
+    found = asked(0.25, True, edges=True)
+    assert found.known and found.wanted == pytest.approx((0.0085 / 0.25) ** (1.0 / TOWARD_EDGES))
+    assert not asked(0.25, edges=True).known
 
 
 class Growing(Recorder):

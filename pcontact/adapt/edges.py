@@ -1,0 +1,288 @@
+"""Edges in space toward which the solution is singular, told as points are in the plane (`pcontact.adapt.corners`).
+
+Around an edge where the displacement goes like r^a with the distance r, the squared error of the cells that touch it
+falls with h^(2 a + 1), where h is their size; around others with h^(2 p + 3). Two meshes tell the power at vertices of
+sharp edges of the bodies, and of edges where groups of facets end, as under the edge of a punch. Where it is low at
+both ends of a piece of such an edge, the piece is singular.
+
+Cells are as long across an edge as along it. So each halving of those that touch it doubles their number, and the cells
+around them follow: `pcontact.adapt.sizes` has what that costs. Pieces that meet share what the cells around them have,
+as the smallest cells make their neighbours as small.
+"""
+
+import zlib
+from typing import NamedTuple
+
+import numpy as np
+
+from pcontact.element.reference import CELLS, edge_nodes
+from pcontact.mesh.outer import outer_facets
+from pcontact.mesh.refinement.origin import marks, tree_points
+from pcontact.mesh.refinement.refine import Rise
+from pcontact.runtime.petsc import MPI
+
+# [-] Sizes of cells of the last mesh over those of now, from which on the power is told. From: as in the plane.
+FINER = 1.5
+# [-] The largest power of an edge, and the least that is taken. From: a = 1, with which cells that become smaller
+# toward the edge gain nothing on others, and a = 1/2 of cracks and stiff punches; on coarse meshes squares fall less.
+LARGEST, LEAST = 3.0, 2.0
+# [-] Cosine of the angle between facets from which on an edge is sharp: 25 degrees. From: as in the plane, and more
+# for facets whose edges are no chords.
+TURN = 0.9
+# [-] Part of the squared estimate that cells on edges have, from which on they explain how it has fallen. From: chosen.
+MOST = 0.5
+# [-] Power of squares whose sum tells the largest of them. From: eight of one size then are a third more.
+LARGE = 8
+NAME = "tetrahedron"
+
+
+class Pieces(NamedTuple):
+    """Pieces of singular edges, edges of cells, of all ranks.
+
+    Attributes
+    ----------
+    ends : ndarray (n, 2) of int
+        Numbers of the nodes that all ranks agree on.
+    points : ndarray (n, 2, 3)
+        [length]
+    """
+
+    ends: np.ndarray
+    points: np.ndarray
+
+
+class Edges(NamedTuple):
+    """What the cells of this rank have to do with singular edges.
+
+    Attributes
+    ----------
+    touches : ndarray (n_cells,) of int
+        2: it has a piece of an edge, 1: a vertex of one, 0: nothing.
+    power : ndarray (n_cells,)
+        With which the squares around its vertices there fall; 2 p + 3 where it has none.
+    on : ndarray (n_cells, 4) of bool
+        Its vertices that are on an edge.
+    rise : pcontact.mesh.refinement.refine.Rise
+        Toward the edge; its limits are 0.
+    """
+
+    touches: np.ndarray
+    power: np.ndarray
+    on: np.ndarray
+    rise: Rise
+
+    def shared(self, space, squares):
+        """Squares (n_cells,) of cells that touch edges: the mean of those that have pieces of them with a vertex in
+        common; of others their own. *Collective.*"""
+        vertices, sums = _space_vertices(space), np.zeros((space.n_local, space.dim))
+        has = self.touches == 2
+        rows, corners = np.nonzero(has[:, None] & self.on)
+        for column, values in enumerate((squares[rows], np.ones(len(rows)))):
+            sums[:, column] = np.bincount(vertices[rows, corners], values, space.n_local)
+        sums, counts, _ = space.together(sums).T
+        some = self.on & (counts[vertices] > 0.0)
+        means = np.where(some, sums[vertices] / np.maximum(counts[vertices], 1.0), 0.0)
+        return np.where(some.any(axis=1), means.sum(axis=1) / np.maximum(some.sum(axis=1), 1), squares)
+
+
+def _space_vertices(space):
+    return np.concatenate([np.zeros((0, 4), np.int64), *(cells[:, :4] for cells in space.cells)])
+
+
+def _vertices(mesh):
+    return np.concatenate([np.zeros((0, 4), np.int64), *(block.nodes[:, :4] for block in mesh.blocks)])
+
+
+def _sizes(points):
+    """Lengths (n,) that go with the sizes of tetrahedra with vertices (n, 4, 3)."""
+    return np.cbrt(np.abs(np.linalg.det(points[:, 1:] - points[:, :1])))
+
+
+def around_vertices(space, squares):
+    """The largest squared estimate of the tetrahedra around the vertices of a mesh, and their size. *Collective.*
+
+    Parameters
+    ----------
+    space : pcontact.space.space.Space
+    squares : ndarray (n_cells,)
+
+    Returns
+    -------
+    ndarray (n_nodes, 4)
+        Of all nodes of the mesh of this rank: the largest square, a length that goes with the size of the largest
+        cells, a mark of the node that no interpolation gives, and 0 for the power that is found; zeros where it is no
+        vertex.
+    """
+    mesh, vertices, sums = space.mesh, _space_vertices(space), np.zeros((space.n_local, space.dim))
+    volumes = _sizes(mesh.points[_vertices(mesh)]) ** 3
+    # nearly the largest one: how many cells there are around a vertex differs from mesh to mesh
+    highest = space.comm.allreduce(float(np.max(squares, initial=0.0)), op=MPI.MAX) or 1.0
+    for column, values in enumerate(((squares / highest) ** LARGE, volumes, volumes**2)):
+        sums[:, column] = np.bincount(vertices.ravel(), np.repeat(values, 4), space.n_local)
+    own, volume, square = space.together(sums).T
+    found, vertex = np.zeros((len(mesh.points), 4)), volume > 0.0
+    rows = space.mesh_nodes[vertex]
+    found[rows, 0] = highest * own[vertex] ** (1.0 / LARGE)
+    found[rows, 1] = np.cbrt(square[vertex] / volume[vertex])
+    found[rows, 2] = marks(mesh)[rows]
+    return found
+
+
+def with_middles(mesh, found):
+    """Values (n_nodes, k) at vertices, and at nodes in the middles of edges the means of the ends; changed."""
+    if mesh.degree == 2:
+        ends = edge_nodes(NAME)
+        for block in mesh.blocks:
+            found[block.nodes[:, 4:10]] = found[block.nodes[:, ends]].mean(axis=2)
+    return found
+
+
+def powers(now, before):
+    """With which squares around nodes have fallen where an edge may be singular.
+
+    Parameters
+    ----------
+    now, before : ndarray (n_nodes, 4)
+        Of :func:`around_vertices`, on this mesh and on the last one, `before` interpolated, with the powers there.
+
+    Returns
+    -------
+    power : ndarray (n_nodes,)
+        0 where there is none.
+    surely : ndarray (n_nodes,) of bool
+        Whether it is a node of the last mesh, too: others may have the power of a neighbour.
+    """
+    told = (now[:, :2] > 0.0).all(axis=1) & (before[:, :2] > 0.0).all(axis=1)
+    told[told] = before[told, 1] > FINER * now[told, 1]
+    surely = now[:, 2] == before[:, 2]
+    power = np.where(surely & (before[:, 3] >= LEAST), before[:, 3], 0.0)
+    fallen, finer = (before[told, k] / now[told, k] for k in range(2))
+    own = np.log(fallen) / np.log(finer)
+    power[told] = np.where(own < LARGEST, np.clip(own, LEAST, LARGEST), 0.0)
+    return power, surely
+
+
+def pieces(space, power, surely):
+    """Pieces of sharp edges, and of edges where groups of facets end, between nodes that have a power (n_nodes,); see
+    :func:`powers`. *Collective.*"""
+    mesh, rows = space.mesh, [np.zeros((0, 14))]
+    groups = [np.zeros((len(block.nodes), len(CELLS[NAME].facets))) for block in mesh.blocks]
+    for name, parts in mesh.facet_groups.items():
+        for part in parts:
+            groups[part.block][part.cells, part.local] += zlib.crc32(name.encode())
+    points = tree_points(mesh)
+    for facets in outer_facets(mesh, space.exchanger):
+        nodes, body = mesh.facet_nodes(facets)[:, :3], mesh.blocks[facets.block].body
+        x = mesh.points[nodes]
+        normal = np.cross(x[:, 1] - x[:, 0], x[:, 2] - x[:, 0])
+        normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+        mark = groups[facets.block][facets.cells, facets.local] + 0.5 * body
+        for one, other in ((0, 1), (1, 2), (2, 0)):
+            ends = nodes[:, [one, other]]
+            some = (power[ends] > 0.0).all(axis=1)
+            ends = np.where(np.diff(mesh.file_nodes[ends[some]], axis=1) > 0, ends[some], ends[some][:, ::-1])
+            rows.append(np.column_stack([mesh.file_nodes[ends], normal[some], mark[some], points[ends].reshape(-1, 6),
+                                         surely[ends]]))  # fmt: skip
+    every = np.concatenate(space.comm.allgather(np.concatenate(rows)))
+    every = every[np.lexsort((every[:, 1], every[:, 0]))]
+    first = np.flatnonzero((every[1:, :2] != every[:-1, :2]).any(axis=1)) + 1
+    first = np.append(0, first)[: len(every)]
+    count = np.diff(np.append(first, len(every)))
+    one, other = every[first], every[first + np.minimum(count, 2) - 1]
+    alike = (count == 2) & (np.sum(one[:, 2:5] * other[:, 2:5], axis=1) > TURN) & (one[:, 5] == other[:, 5])
+    kept = one[~alike]
+    # new nodes count between others: at an end of the edge they have the power of their neighbour
+    while True:
+        nodes, index, count = np.unique(kept[:, :2], return_inverse=True, return_counts=True)
+        loose = ((count[index.reshape(-1, 2)] == 1) & (kept[:, 12:] == 0.0)).any(axis=1)
+        if not loose.any():
+            return Pieces(kept[:, :2].astype(np.int64), kept[:, 6:12].reshape(-1, 2, 3))
+        kept = kept[~loose]
+
+
+def touching(space, found, power, smooth):
+    """What cells have to do with pieces.
+
+    Parameters
+    ----------
+    space : pcontact.space.space.Space
+    found : Pieces
+    power : ndarray (n_nodes,)
+        Of :func:`powers`.
+    smooth : ndarray (n_cells,)
+        2 p + 3 of the cells.
+
+    Returns
+    -------
+    Edges
+    """
+    mesh, vertices = space.mesh, _vertices(space.mesh)
+    nodes, index = np.unique(found.ends, return_inverse=True)
+    index = index.reshape(-1, 2)
+    order = np.argsort(mesh.file_nodes)
+    at = np.full(len(mesh.points), -1, dtype=np.int64)
+    place = np.searchsorted(nodes, mesh.file_nodes[order])
+    same = place < len(nodes)
+    same[same] = nodes[place[same]] == mesh.file_nodes[order[same]]
+    at[order[same]] = place[same]
+    of_cell = at[vertices]
+    on = of_cell >= 0
+    toward, along = np.zeros((len(vertices), 3)), np.zeros((len(vertices), 3))
+    touches = on.any(axis=1).astype(np.int64)
+    rows = np.flatnonzero(touches)
+    toward[rows] = tree_points(mesh)[vertices[rows, on[rows].argmax(axis=1)]]
+    codes = index.min(axis=1) * len(nodes) + index.max(axis=1)
+    by_code = np.argsort(codes)
+    for one, other in edge_nodes(NAME)[::-1]:
+        rows = np.flatnonzero(on[:, one] & on[:, other])
+        low, high = np.sort(of_cell[rows][:, [one, other]], axis=1).T
+        place = np.searchsorted(codes[by_code], low * len(nodes) + high)
+        same = place < len(codes)
+        same[same] = codes[by_code[place[same]]] == (low * len(nodes) + high)[same]
+        rows, which = rows[same], by_code[place[same]]
+        touches[rows] = 2
+        toward[rows] = found.points[which, 0]
+        along[rows] = found.points[which, 1] - found.points[which, 0]
+    count = np.maximum(on.sum(axis=1), 1)
+    own = np.where(touches > 0, np.where(on, power[vertices], 0.0).sum(axis=1) / count, smooth)
+    rise = Rise(np.where(touches > 0, space.dim * (1.0 - own / smooth), 0.0), toward, along,
+                _sizes(tree_points(mesh)[vertices]), np.zeros(len(vertices)))  # fmt: skip
+    return Edges(touches, own, on, rise)
+
+
+def look(space, squares, before, smooth):
+    """What a mesh tells of edges. *Collective.*
+
+    Parameters
+    ----------
+    space : pcontact.space.space.Space
+        Of tetrahedra.
+    squares : ndarray (n_cells,)
+        Squared estimates.
+    before : ndarray (n_nodes, 4) or None
+        What the last mesh has told, interpolated.
+    smooth : ndarray (n_cells,)
+        2 p + 3 of the cells.
+
+    Returns
+    -------
+    edges : Edges or None
+        None where there are none.
+    around : ndarray (n_nodes, 4)
+        To be interpolated for the next mesh.
+    most : bool
+        Whether cells on edges have most of the squared estimate.
+    """
+    now, edges, most = around_vertices(space, squares), None, False
+    if before is not None:
+        power, surely = powers(now, before)
+        some = space.comm.allreduce(bool((power > 0.0).any()), op=MPI.LOR)
+        found = pieces(space, power, surely) if some else None
+        if found is not None and len(found.ends):
+            edges = touching(space, found, power, smooth)
+            on = np.isin(space.mesh.file_nodes, found.ends)
+            now[on, 3] = power[on]
+            own = np.array([squares[edges.touches > 0].sum(), squares.sum()])
+            have, total = space.comm.allreduce(own, op=MPI.SUM)
+            most = bool(have >= MOST * total)
+    return edges, with_middles(space.mesh, now), most
