@@ -69,7 +69,11 @@ class Beside:
             parts["load_steps"] = self.of_steps(done.steps)
         if self._settings.searches:
             parts["frozen_partners"] = 0.0
-        return parts, {name: self._signs[name] * value for name, value in parts.items() if name in self._signs}
+        return parts, self.toward(parts)
+
+    def toward(self, parts):
+        """Of parts of the error of a number, those whose signs are known: the change toward what is more exact."""
+        return {name: self._signs[name] * value for name, value in parts.items() if name in self._signs}
 
     def of_steps(self, count):
         """The error that so many load steps leave, relative."""

@@ -37,6 +37,8 @@ class Measure:
     def __init__(self, target, settings, passes, options):
         self._target, self._settings, self._passes = target, settings, passes
         self._beside, self._seen = Beside(target, settings), Seen(target, settings, options)
+        # a run with other load steps on the mesh of a pass, and which pass
+        self._other, self._other_of = None, None
 
     def __call__(self, simulation, watch, seconds):
         """What a pass has shown. *Collective.*
@@ -90,10 +92,21 @@ class Measure:
         done.parts |= others
         self._add_facets(simulation, watch, done.parts)
         done.error = sum(done.parts.values())
+        if done.error <= self._target.error and self._hardly_knows_steps(simulation, done):
+            self._of_half_steps(simulation, watch, done, None if found is None else found.value)
+            done.parts["load_steps"] = self._beside.of_steps(done.steps)
+            toward |= self._beside.toward({"load_steps": done.parts["load_steps"]})
+            done.error = sum(done.parts.values())
         if found is not None:
             done.quantity = self._quantity(found, sum(toward.values()) * size)
         done.expected = self._expected(done, found, toward, size)
         return done
+
+    def _hardly_knows_steps(self, simulation, done):
+        """Whether a coarser mesh has told the error of load steps, and it is not small, where bodies yield: on finer
+        ones it is larger there. A disc between a stamp and an anvil: 1.3 % with 1,114 unknowns, 6.9 % with 18,208."""
+        large = done.parts.get("load_steps", 0.0) > SHARE * self._target.error
+        return simulation.scene.plastic and large and bool(self._passes) and not done.fewer
 
     def _size(self, simulation, watch, value):
         """What errors of a quantity are divided by: its size, but not that of rounding errors where it is zero.
@@ -133,9 +146,6 @@ class Measure:
         the first one tells it better. The next mesh is compared with this one as it would be with its load steps.
         *Collective.*
 
-        Half of the load steps of the pass are run. The change to them is followed to those of the next pass by the
-        power with which the error falls, see `pcontact.adapt.beside`.
-
         Parameters
         ----------
         simulation : pcontact.simulation.Simulation
@@ -144,29 +154,54 @@ class Measure:
             Its `last` is set.
         done : pcontact.adapt.passes.Pass
         """
-        begun, first = clock.perf_counter(), len(self._passes) == 1
         if done.fewer or self._settings.steps == done.steps:
             return
-        other = self._beside.doubled if first else self._with_others(simulation, done)
-        if other is None:
+        if len(self._passes) == 1:
+            self._other = self._beside.doubled
+        elif self._other_of is not done:
+            own = None if done.quantity is None else done.quantity["value"]
+            self._of_half_steps(simulation, watch, done, own)
+        other, taken = self._other, simulation.stepper.number
+        if other is None or other.number == taken:
             return
-        taken, change = simulation.stepper.number, simulation.stepper.u.copy()
-        if other.number == taken:
-            return
-        part, times = followed(taken, other.number, taken * self._settings.steps / done.steps)
-        change.setArray(change.getArray(readonly=True) - other.u)
-        left, sign = simulation.error_estimate.norm(change) / watch.norm, 0.0
+        part, _ = followed(taken, other.number, taken * self._settings.steps / done.steps)
         if self._target.quantity != "energy":
             own = done.quantity["value"]
-            left = abs(change_to(simulation, other, self._target, watch)) / self._size(simulation, watch, own)
             self._seen.with_steps(own + part * (own - other.value))
-            sign = np.sign(part * (own - other.value))
-        if not first:
-            self._beside.with_steps(times * left, done.steps, sign)
-        moved = simulation.stepper.u.copy()
+        moved, change = simulation.stepper.u.copy(), self._change(simulation, other)
         moved.axpy(part, change)
         watch.last = at_nodes(simulation.problem.space, moved)
+
+    def _of_half_steps(self, simulation, watch, done, own):
+        """Run the mesh of a pass with half of its load steps: the change tells their error. *Collective.*
+
+        It is followed by the power with which the error falls, see `pcontact.adapt.beside`.
+
+        Parameters
+        ----------
+        simulation, watch, done
+            As for :meth:`with_steps`.
+        own : float or None
+            Value of the quantity, if one is named.
+        """
+        begun, taken = clock.perf_counter(), simulation.stepper.number
+        self._other, self._other_of = self._with_others(simulation, done), done
+        if self._other is None or self._other.number == taken:
+            return
+        _, times = followed(taken, self._other.number, taken)
+        left, sign = simulation.error_estimate.norm(self._change(simulation, self._other)) / watch.norm, 0.0
+        if self._target.quantity != "energy":
+            left = abs(change_to(simulation, self._other, self._target, watch)) / self._size(simulation, watch, own)
+            sign = np.sign((own - self._other.value) * (taken - self._other.number))
+        self._beside.with_steps(times * left, done.steps, sign)
         done.trials += clock.perf_counter() - begun
+
+    @staticmethod
+    def _change(simulation, other):
+        """The displacement of a run less that of another one with other load steps."""
+        change = simulation.stepper.u.copy()
+        change.setArray(change.getArray(readonly=True) - other.u)
+        return change
 
     def _with_others(self, simulation, done):
         """A run of the mesh of a pass with half of its load steps; with twice as many where corners of amplitudes leave

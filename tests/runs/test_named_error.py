@@ -17,6 +17,7 @@ from meshes import geometries
 from meshes import rings as rings_mesh
 from meshes.blocks import two_blocks
 from meshes.punch import punch
+from pcontact.adapt.beside import Beside
 from pcontact.adapt.loop import REACHED, SPENT, Loop
 from pcontact.adapt.passes import Pass
 from pcontact.adapt.settings import Settings
@@ -319,3 +320,29 @@ def test_where_half_of_the_load_steps_will_do():
     # with half of them the error that is theirs may be a tenth of the target
     assert count(Target(0.01), load_steps=6e-4) == 5
     assert count(Target(0.01, budget=Budget(time=60.0))) == 5
+
+
+@pytest.mark.parallel
+def test_load_steps_where_bodies_yield_are_told_by_the_last_mesh(shared_tmp, monkeypatch):
+    """Where they are more than a small part of the target."""
+    scene, told, of_steps = SCENES["hill"].scene(shared_tmp), [], Beside.with_steps
+
+    def with_steps(self, left, steps, sign):
+        told.append((left, steps))
+        of_steps(self, left, steps, sign)
+
+    def passes():
+        loop = Loop(replace(scene, accuracy=Target(0.05)))
+        assert loop.run().status == REACHED
+        return loop.passes
+
+    monkeypatch.setattr(Beside, "with_steps", with_steps)
+    first, last = passes()
+    assert not told and last.parts["load_steps"] == first.parts["load_steps"] > 0.0 == last.trials
+    monkeypatch.setattr("pcontact.adapt.measure.SHARE", 1e-3)
+    _, again = passes()
+    ((left, steps),) = told
+    assert steps == again.steps and again.cells == last.cells and again.trials > 0.0
+    assert again.parts["load_steps"] == pytest.approx(left) != last.parts["load_steps"]
+    assert again.parts["mesh"] == pytest.approx(last.parts["mesh"])
+    assert again.error == pytest.approx(sum(again.parts.values()))
