@@ -15,7 +15,7 @@ from pcontact.adapt.refining import Refining
 from pcontact.adapt.settings import Settings
 from pcontact.adapt.watch import Beginning, Watch
 from pcontact.runtime import log
-from pcontact.runtime.errors import TOLD
+from pcontact.runtime.errors import TOLD, InputError
 from pcontact.runtime.lock import reserved
 from pcontact.runtime.options import Options
 from pcontact.runtime.parallel import on_root
@@ -38,8 +38,8 @@ class Outcome(NamedTuple):
         `REACHED`, `FAILED` or `SPENT`.
     kept : object
         What the caller took of the best pass.
-    failure : StepFailure or None
-        Of the pass that did not converge.
+    failure : StepFailure, InputError or None
+        Of the pass that did not converge, or could not be run.
     """
 
     status: int
@@ -171,7 +171,13 @@ class Loop:
         mesh = known = None
         while True:
             scene, begun = self._settings.scene(), clock.perf_counter()
-            simulation, watch, converged = self._run(scene, mesh, known, directory)
+            try:
+                simulation, watch, converged = self._run(scene, mesh, known, directory)
+            except InputError as error:
+                # what a finer mesh is not solved with takes nothing from the passes before
+                if not self.passes:
+                    raise
+                return FAILED, len(self.passes), error
             if not converged and (self.passes or not simulation.stopped):
                 failure = simulation.failure
                 if not self.passes:

@@ -18,13 +18,14 @@ from meshes import rings as rings_mesh
 from meshes.blocks import two_blocks
 from meshes.punch import punch
 from pcontact.adapt.beside import Beside
-from pcontact.adapt.loop import REACHED, SPENT, Loop
+from pcontact.adapt.loop import FAILED, REACHED, SPENT, Loop
 from pcontact.adapt.passes import Pass
 from pcontact.adapt.settings import Settings
 from pcontact.assembly.error_norms import bulk_error
 from pcontact.cli import check_scene, reach
 from pcontact.io.result import load_result
 from pcontact.material.elastic import lame
+from pcontact.runtime.errors import InputError
 from pcontact.runtime.options import Options
 from pcontact.runtime.parallel import on_root
 from pcontact.runtime.petsc import MPI, PETSc
@@ -320,6 +321,23 @@ def test_where_half_of_the_load_steps_will_do():
     # with half of them the error that is theirs may be a tenth of the target
     assert count(Target(0.01), load_steps=6e-4) == 5
     assert count(Target(0.01, budget=Budget(time=60.0))) == 5
+
+
+def test_a_pass_that_cannot_be_run(tmp_path, monkeypatch, capsys):
+    """The best answer before it is kept."""
+    scene, run = rings_scene(tmp_path, 0.02), Loop._run
+
+    def failing(self, *args):
+        if len(self.passes) == 2:
+            raise InputError("PETSc options: a row has too many entries")
+        return run(self, *args)
+
+    monkeypatch.setattr(Loop, "_run", failing)
+    assert reach(scene, tmp_path / "out", False) == FAILED
+    assert "a row has too many entries" in capsys.readouterr().err
+    accuracy = json.loads((tmp_path / "out" / "report.json").read_text())["accuracy"]
+    assert len(accuracy["passes"]) == 2 and not accuracy["reached"]
+    assert not list((tmp_path / "out").glob("pass_*"))
 
 
 @pytest.mark.parallel
