@@ -85,3 +85,16 @@ def test_where_squares_fall_fast_there_is_no_edge(power, shared_tmp):
     _, corners, (of_cells, rise, around) = two_meshes(shared_tmp, lambda mesh: squares(mesh, power))
     assert of_cells is None and rise is None and corners.edges is None and not corners.explain
     assert len(around) == 1 and (around[0][:, 3] == 0.0).all()
+
+
+@pytest.mark.parallel
+def test_an_edge_that_has_little_of_the_error(shared_tmp):
+    """It is not cut for, and may be on the next mesh."""
+
+    def of(mesh):
+        _, distance = cells(mesh)
+        return squares(mesh) * np.where((distance == 0.0).any(axis=1), 1.0, 1e4)
+
+    _, corners, (of_cells, rise, around) = two_meshes(shared_tmp, of)
+    assert of_cells is None and rise is None and corners.edges is None and not corners.explain
+    assert COMM.allreduce(float(np.max(around[0][:, 3])), op=MPI.MAX) >= 2.0
