@@ -116,7 +116,7 @@ class FacetPairs:
         # facets of fewer points than others take any in the place of those that they do not have
         own = table[:n][self._places]
         rows, found = self._meet(own.reshape(border, width * table.shape[1]))
-        table[n:].reshape(border, -1)[np.searchsorted(self._border, rows)] = found
+        table[n:].reshape(border, width * table.shape[1])[np.searchsorted(self._border, rows)] = found
 
     def other_side(self, values):
         """Values (n, k) of the cell on the other side of every facet, of those of this rank's cells; zero where there
