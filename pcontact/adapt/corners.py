@@ -200,7 +200,7 @@ def singular(space, of_node, of_pressure=None):
     mesh, d, smooth = space.mesh, space.dim, _smooth(space)
     falls = np.maximum(of_node, LEAST)
     falls = falls if of_pressure is None else np.fmin(falls, of_pressure)
-    vertices = _vertices(mesh)
+    vertices = edges.vertices_of(mesh)
     corner, rows = (of_node / smooth)[vertices].argmin(axis=1), np.arange(len(vertices))
     corner = vertices[rows, corner]
     own = 2.0 * np.broadcast_to(degrees(space), len(vertices)) + d
@@ -260,7 +260,7 @@ def wall(space, pressure, of_node, finer):
     square = around_vertices(space, pressure.squares)[:, 0]
     level = np.zeros(len(mesh.points), dtype=np.int64)
     if mesh.origin is not None:
-        vertices = _vertices(mesh)
+        vertices = edges.vertices_of(mesh)
         np.maximum.at(level, vertices, mesh.origin.level[:, None])
     known = pressure.touched & (of_node < _smooth(space)) & (finer >= SURE)
     power = np.maximum(of_node - 1.0, 0.0)
@@ -270,11 +270,6 @@ def wall(space, pressure, of_node, finer):
         found = Wall(tuple(tree_points(mesh)[node].tolist()), 0.5 * float(of_node[node]) - 1.0, float(left[node]))
     every = [one for one in space.comm.allgather(found) if one is not None]
     return min(every, key=lambda one: one.power, default=None)
-
-
-def _vertices(mesh):
-    """Vertices (n_cells, 3) of all triangles of this rank, block after block."""
-    return np.concatenate([np.zeros((0, 3), np.int64), *(block.nodes[:, :3] for block in mesh.blocks)])
 
 
 def _bodies(mesh):

@@ -91,8 +91,10 @@ def _space_vertices(space):
     return np.concatenate([np.zeros((0, 4), np.int64), *(cells[:, :4] for cells in space.cells)])
 
 
-def _vertices(mesh):
-    return np.concatenate([np.zeros((0, 4), np.int64), *(block.nodes[:, :4] for block in mesh.blocks)])
+def vertices_of(mesh):
+    """Vertices (n_cells, d + 1) of all simplices of this rank, block after block."""
+    count = mesh.dim + 1
+    return np.concatenate([np.zeros((0, count), np.int64), *(block.nodes[:, :count] for block in mesh.blocks)])
 
 
 def _sizes(points):
@@ -116,7 +118,7 @@ def around_vertices(space, squares):
         vertex.
     """
     mesh, vertices, sums = space.mesh, _space_vertices(space), np.zeros((space.n_local, space.dim))
-    volumes = _sizes(mesh.points[_vertices(mesh)]) ** 3
+    volumes = _sizes(mesh.points[vertices_of(mesh)]) ** 3
     # nearly the largest one: how many cells there are around a vertex differs from mesh to mesh
     highest = space.comm.allreduce(float(np.max(squares, initial=0.0)), op=MPI.MAX) or 1.0
     for column, values in enumerate(((squares / highest) ** LARGE, volumes, volumes**2)):
@@ -218,7 +220,7 @@ def touching(space, found, power, smooth):
     -------
     Edges
     """
-    mesh, vertices = space.mesh, _vertices(space.mesh)
+    mesh, vertices = space.mesh, vertices_of(space.mesh)
     nodes, index = np.unique(found.ends, return_inverse=True)
     index = index.reshape(-1, 2)
     order = np.argsort(mesh.file_nodes)

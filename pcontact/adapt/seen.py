@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pcontact import build
-from pcontact.adapt.variants import solved
+from pcontact.adapt.variants import beyond, solved
 from pcontact.adapt.watch import at_nodes
 from pcontact.estimate.goal import value
 from pcontact.mesh.refinement.refine import Balance, refine
@@ -68,9 +68,7 @@ def between(simulation, before, coarse, steps=0.0):
     steps : float
         Errors of the load steps of both, where these are others [sqrt(energy)].
     """
-    change = simulation.stepper.u.copy()
-    change.setArray(change.getArray(readonly=True) - before.ravel())
-    size = simulation.error_estimate.norm(change)
+    size = simulation.error_estimate.norm(beyond(simulation, before.ravel()))
     if steps**2 > STEPS * size**2:
         return None
     return part_of(coarse, simulation.error_estimate.over_steps, np.sqrt(size**2 - steps**2))

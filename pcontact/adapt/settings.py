@@ -3,10 +3,10 @@
 import numpy as np
 
 from pcontact.adapt.degree import Degree
-from pcontact.runtime.petsc import has_package
+from pcontact.runtime.petsc import can_factorise, has_package
 from pcontact.scene.keys import options as key_options
 from pcontact.scene.model import MeshSpec
-from pcontact.solve.preconditioners.direct import MOST_UNKNOWNS, direct_options
+from pcontact.solve.preconditioners.direct import direct_options
 
 # [-] Part of the target that errors of one kind, other than the mesh's, may have. From: chosen.
 SHARE = 0.1
@@ -109,11 +109,10 @@ class Settings:
         simulation : pcontact.simulation.Simulation
             Of a pass.
         """
-        problem, mumps = simulation.problem, has_package("mumps")
-        able = (mumps or problem.space.comm.size == 1) and "pc_type" not in simulation.newton.kept_out
-        held = not simulation.floating and problem.space.n_dofs <= MOST_UNKNOWNS[2]
-        if problem.space.dim == 2 and simulation.scene.plastic and held and able:
-            self._solver = {name: str(value) for name, value in direct_options(mumps).items()}
+        space, free = simulation.problem.space, "pc_type" not in simulation.newton.kept_out
+        able = free and not simulation.floating and can_factorise(space.comm.size, space.dim, space.n_dofs)
+        if space.dim == 2 and simulation.scene.plastic and able:
+            self._solver = {name: str(value) for name, value in direct_options(has_package("mumps")).items()}
 
     def scene_of(self, done):
         """The scene of a pass, as it would be run alone."""

@@ -213,9 +213,14 @@ def change_to(simulation, other, target, watch):
         return _change_of_pressure(simulation, other, target.name)
     if target.quantity != "energy":
         return other.value - value(simulation.problem, target, watch.record, simulation.stepper.u)
+    return simulation.error_estimate.norm(beyond(simulation, other.u))
+
+
+def beyond(simulation, values):
+    """The displacement of a simulation less that of another run, values (n_owned d,): a PETSc.Vec."""
     change = simulation.stepper.u.copy()
-    change.setArray(np.asarray(change.getArray(readonly=True)) - other.u)
-    return simulation.error_estimate.norm(change)
+    change.setArray(change.getArray(readonly=True) - values)
+    return change
 
 
 def _change_of_pressure(simulation, other, name):

@@ -24,7 +24,7 @@ import numpy as np
 
 from pcontact.assembly.loads import load_vector
 from pcontact.estimate.pressures import named, norm
-from pcontact.runtime.petsc import LEAST_PIVOT, MPI, PETSc, has_package
+from pcontact.runtime.petsc import LEAST_PIVOT, MPI, PETSc, can_factorise
 from pcontact.scene.model import Load
 
 # [-] Of the dual solve. From: a laminate that is wound around wood; with 1e-5 the parts that cells have in the error of
@@ -33,8 +33,6 @@ from pcontact.scene.model import Load
 DUAL_RTOL = 1e-7
 # [iterations] Of the dual solve at most. From: chosen.
 DUAL_ITERATIONS = 400
-# [unknowns] In the plane, up to which it is solved with factors. From: these take about 1 GB.
-MOST_UNKNOWNS = 400_000
 
 
 class Goal(NamedTuple):
@@ -258,12 +256,11 @@ def _factors(space, matrix):
 
     A punch on 17,254 unknowns takes 0.25 s so, and 1.7 s with the multigrid of Newton's method.
     """
-    alone, mumps = space.comm.size == 1, has_package("mumps")
-    if space.dim != 2 or space.n_dofs > MOST_UNKNOWNS or not (alone or mumps):
+    if space.dim != 2 or not can_factorise(space.comm.size, space.dim, space.n_dofs):
         return None
     pc = PETSc.PC().create(comm=space.comm)
     pc.setType("lu")
-    if not alone:
+    if space.comm.size > 1:
         pc.setFactorSolverType("mumps")
     pc.setFactorPivot(LEAST_PIVOT)
     pc.setOperators(matrix, matrix)

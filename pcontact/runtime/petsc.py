@@ -42,6 +42,14 @@ PETSC_GRAPHS = ("ptscotch", "parmetis", "chaco")
 
 # PETSc's own factors take pivots below 2e-14 for zero, whatever the units: a matrix that is small all over is none
 LEAST_PIVOT = 1e-300
+# [unknowns] So many at most for which the program turns to a direct solver by itself, by the dimension of space. From:
+# factors of about 1 GB. Row: direct.
+MOST_UNKNOWNS = {2: 400_000, 3: 60_000}
+
+
+def can_factorise(ranks, dim, unknowns):
+    """Whether a system of so many unknowns may be factorised unasked: PETSc has factors of its own on one rank only."""
+    return (ranks == 1 or has_package("mumps")) and unknowns <= MOST_UNKNOWNS[dim]
 
 
 def has_package(name):

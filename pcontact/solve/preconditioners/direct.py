@@ -6,11 +6,8 @@ problems of moderate size take them unasked.
 """
 
 from pcontact.runtime import log
-from pcontact.runtime.petsc import LEAST_PIVOT, has_package
+from pcontact.runtime.petsc import LEAST_PIVOT, can_factorise, has_package
 
-# [unknowns] So many at most for which the program turns to a direct solver by itself, by the dimension of space. From:
-# factors of about 1 GB. Row: direct.
-MOST_UNKNOWNS = {2: 400_000, 3: 60_000}
 # [%] Of the work space, that MUMPS adds to its estimate. From: chosen.
 MUMPS_SPARE = 60
 # what SNES calls a linear solve that failed, and Newton's method that gets nowhere: on badly scaled tangents residuals
@@ -48,8 +45,8 @@ class DirectFallback:
         wanted = options.get("pc_rescue")
         self._options, self._space = options, space
         self._serial = space.comm.size == 1
-        able = self._serial or has_package("mumps")
-        self.possible = bool(wanted and able and not chosen and space.n_dofs <= MOST_UNKNOWNS[space.dim])
+        able = can_factorise(space.comm.size, space.dim, space.n_dofs)
+        self.possible = bool(wanted and able and not chosen)
         self.active = False
 
     def takes_over(self, result):
