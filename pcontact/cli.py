@@ -366,6 +366,7 @@ def reach(scene, directory, machine):
     loop = Loop(scene, take=take, observers=lambda _: [lines] if machine else [])
     outcome = loop.run(directory)
     unused, data = outcome.kept
+    data["accuracy"] = {**data["accuracy"], **outcome.section}
     for line in unused:
         log.warning("%s", line)
     lines.ended(outcome.failure is None, outcome.status == REACHED)

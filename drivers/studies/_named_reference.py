@@ -202,23 +202,24 @@ def made(scene, target, quantities, steps=1):
     StepFailure
         A load step did not converge.
     """
-    scene, kept, goals = replace(finer(scene, steps), accuracy=Target(target, budget=BUDGET)), [], []
+    scene, goals = replace(finer(scene, steps), accuracy=Target(target, budget=BUDGET)), []
 
     def watch(simulation):
         goals.append(_Goals(simulation, quantities))
         return goals[-1:]
 
     def take(simulation, converged):
-        # the last one is what is wanted, and meshes before it are much smaller
-        kept[:] = [clouds_of(simulation), simulation.error_estimate.norm(simulation.stepper.u)] if converged else []
-        kept.append(simulation.stepper.u.getArray(readonly=True).copy())
+        if not converged:
+            return None
+        u = simulation.stepper.u
+        return clouds_of(simulation), simulation.error_estimate.norm(u), u.getArray(readonly=True).copy()
 
     loop = Loop(scene, take=take, observers=watch)
-    failure = loop.run().failure
-    if failure is not None:
-        raise failure
-    clouds, norm, u = kept
-    last, beside = loop.passes[-1], {}
+    outcome = loop.run()
+    if outcome.failure is not None:
+        raise outcome.failure
+    clouds, norm, u = outcome.kept
+    last, goals, beside = loop.passes[loop.best - 1], goals[: loop.best], {}
     parts = {name: part for name, part in last.parts.items() if name not in FACETS}
     goals, yields = goals[-2:], any(scene.yields(body) for body in scene.bodies)
     if parts.pop("load_steps", 0.0) > 0.0:
@@ -231,7 +232,7 @@ def made(scene, target, quantities, steps=1):
 
 def _halved(loop, u, quantities):
     """What half of the load steps change: of the displacement [sqrt(energy)] and quantities, by their names."""
-    scene, found = loop.last_scene(), {}
+    scene, found = loop.best_scene(), {}
     scene.steps.count = max(scene.steps.count // 2, 1)
     with solved(scene, MPI.COMM_WORLD, "command line", loop.mesh) as (run, record):
         if record is None:

@@ -106,7 +106,7 @@ def measured(name, of, error, folder):
     if seconds < SHORT:
         again = [loop_of(scene, Target(error, of, budget=BUDGET)) for _ in range(3)]
         loop, seconds = min(again, key=lambda one: one[1])
-    last, alone = loop.passes[-1], loop.last_scene()
+    last, alone = loop.passes[-1], loop.best_scene()
     alone.output.estimate = False
     single = min(seconds_of(alone, loop.mesh)[0] for _ in range(3 if seconds < SHORT else 1))
     trials = sum(one.trials for one in loop.passes)
@@ -137,7 +137,7 @@ def by_hand(args):
     loop_of(ALL["hertz3d"].scene(args.o), Target(0.1))
     for target in args.target:
         loop, seconds = loop_of(ALL["hertz3d"].scene(args.o), Target(target, budget=BUDGET))
-        kept = None if best is None else seconds_of(loop.last_scene(), loop.mesh, taken)[2]
+        kept = None if best is None else seconds_of(loop.best_scene(), loop.mesh, taken)[2]
         rows.append([f"-error {target:g}", error(kept), loop.passes[-1].unknowns, seconds])
     for facets, degree, knobs in ((4, 2, BEST), (8, 2, BEST), (8, 1, {}), (16, 1, {})):
         scene = changed(case.scene(case.mesh(args.o, facets, degree), degree, case.steps), knobs)

@@ -56,7 +56,7 @@ def ran(scene, mesh=None):
 
 
 class Answer:
-    """What is kept of the last pass of a loop: as ``take`` of :class:`pcontact.adapt.loop.Loop`.
+    """What is kept of a pass of a loop: as ``take`` of :class:`pcontact.adapt.loop.Loop`.
 
     Attributes
     ----------
@@ -99,15 +99,20 @@ def cost_of(loop, scene, seconds):
 def measure(name, named, of, error, args):
     """A row of the table (a dict), but for the true error, and the answer of the last pass. *Collective.*"""
     scene = scene_of(named, args.o)
-    kept = Answer(named.exact if of == "energy" else None, contact_of(of))
+
+    def take(run, converged):
+        answer = Answer(named.exact if of == "energy" else None, contact_of(of))
+        answer(run, converged)
+        return answer
+
     start = clock.perf_counter()
-    loop = Loop(replace(scene, accuracy=Target(error, of, budget=BUDGET)), take=kept)
+    loop = Loop(replace(scene, accuracy=Target(error, of, budget=BUDGET)), take=take)
     outcome = loop.run()
     seconds = clock.perf_counter() - start
     row = {"scene": name, "of": of, "target": error}
     if not loop.passes or outcome.failure is not None:
         return row | {"reached": "not converged"}, None
-    last, alone = loop.passes[-1], loop.last_scene()
+    last, alone = loop.passes[loop.best - 1], loop.best_scene()
     alone.output.estimate = False
     row |= {"reached": "yes" if outcome.status == REACHED else "no", "named": last.error, "estimate": last.expected,
             "unknowns": last.unknowns, "passes": len(loop.passes), "seconds": seconds}  # fmt: skip
@@ -116,7 +121,7 @@ def measure(name, named, of, error, args):
     if args.cost:
         row["cost"] = cost_of(loop, alone, seconds)
     log.info("%s, %s, target %g: named %.3g, %d unknowns, %.3g s", name, of, error, last.error, last.unknowns, seconds)
-    return row, kept
+    return row, outcome.kept
 
 
 def contact_of(of):

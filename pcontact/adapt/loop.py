@@ -40,11 +40,14 @@ class Outcome(NamedTuple):
         What the caller took of the best pass.
     failure : StepFailure, InputError or None
         Of the pass that did not converge, or could not be run.
+    section : dict
+        The section `accuracy` of the report of the best pass; empty where none has converged.
     """
 
     status: int
     kept: object
     failure: object
+    section: dict
 
 
 class Loop:
@@ -67,8 +70,11 @@ class Loop:
     Attributes
     ----------
     passes : list of pcontact.adapt.passes.Pass
+    best : int
+        The number of the best one, from 1: the last one where the target is reached, else the one whose error is named
+        least; 0 before the first.
     mesh : pcontact.mesh.mesh.Mesh
-        Of the last one.
+        Of the best one.
 
     Raises
     ------
@@ -82,16 +88,17 @@ class Loop:
     ):  # fmt: skip
         self.scene, self.comm, self.said, self.target = scene, comm, said, scene.accuracy
         self._take, self._observers, self._fields, options = take, observers, fields, Options(said)
-        self.passes, self.kept, self.mesh = [], None, None
+        self.passes, self.best, self.mesh = [], 0, None
+        self._kept, self._records, self._section = None, None, {}
         self._settings = Settings(scene, self.target, options)
         self._refining = Refining(comm, self._settings, options)
         self._measure = Measure(self.target, self._settings, self.passes, options)
         self._decision = Decision(self.target, self._settings, self.passes, self._refining, comm)
         self._looks_ahead, self.ahead = False, None
 
-    def last_scene(self):
-        """The scene of the last pass, as it would be run alone."""
-        return self._settings.scene_of(self.passes[-1])
+    def best_scene(self):
+        """The scene of the best pass, as it would be run alone."""
+        return self._settings.scene_of(self.passes[self.best - 1])
 
     def _run(self, scene, mesh, known, directory):
         """Run a scene on a mesh (None: on that of the file). *Collective.*
@@ -147,12 +154,12 @@ class Loop:
 
     def _run_all(self, directory, said):
         with reserved(directory, self.comm, said):
-            status, best, failure = self._passes(directory)
+            status, failure = self._passes(directory)
             if directory is not None:
-                on_root(self.comm, _tidy, directory, best, len(self.passes) + 1)
+                on_root(self.comm, _tidy, directory, max(self.best, 1), len(self.passes) + 1)
                 if self.target.pictures and self.passes:
                     on_root(self.comm, draw_errors, directory)
-        return Outcome(status, self.kept, failure)
+        return Outcome(status, self._kept, failure, self._section)
 
     def forecast(self):
         """What the target would take, from the first one or two passes. *Collective.*
@@ -164,10 +171,11 @@ class Loop:
             did not end.
         """
         self._looks_ahead, self._where, self._settings.forecasts = True, "", True
-        status, _, failure = self._passes(None)
-        return Outcome(status, self.kept, failure)
+        status, failure = self._passes(None)
+        return Outcome(status, self._kept, failure, self._section)
 
     def _passes(self, directory):
+        """Exit status, and the failure of the last pass or None. *Collective.*"""
         mesh = known = None
         while True:
             scene, begun = self._settings.scene(), clock.perf_counter()
@@ -177,18 +185,14 @@ class Loop:
                 # what a finer mesh is not solved with takes nothing from the passes before
                 if not self.passes:
                     raise
-                return FAILED, len(self.passes), error
-            if not converged and (self.passes or not simulation.stopped):
-                failure = simulation.failure
-                if not self.passes:
-                    self.kept = self._take(simulation, converged)
-                simulation.free()
-                return FAILED, max(len(self.passes), 1), failure
+                return self._ended(FAILED, error)
             if not converged:
-                self.kept = self._take(simulation, converged)
+                # the user has asked the first one to stop, or it has failed
+                failure = None if simulation.stopped and not self.passes else simulation.failure
+                if not self.passes:
+                    self._kept = self._take(simulation, converged)
                 simulation.free()
-                return REACHED, 1, None
-            self.mesh = simulation.mesh
+                return self._ended(FAILED if failure is not None or self.passes else REACHED, failure)
             self._settings.follow(simulation)
             done = self._measure(simulation, watch, clock.perf_counter() - begun)
             self.passes.append(done)
@@ -196,20 +200,37 @@ class Loop:
             if status is None and self._looks_ahead:
                 # trials are among the seconds of a pass
                 done.seconds = clock.perf_counter() - begun
-                status = self._look_ahead(simulation.problem.space, watch, done, step)
-            if status is None and not self._settings.degree.is_open(self.mesh.curved):
+                status = self._look_ahead(simulation, watch, done, step)
+            if status is None and not self._settings.degree.is_open(simulation.mesh.curved):
                 self._measure.with_steps(simulation, watch, done)
             if status is None:
                 mesh, known, status = self._onward(simulation, watch, done, step)
             done.seconds = clock.perf_counter() - begun
             for line in table(self.passes, self.target, self._decision.why if status is not None else ""):
                 log.info("%s", line)
-            if not self._looks_ahead:
-                self._tell(simulation, status)
-            self.kept = self._take(simulation, converged)
+            self._look_at(simulation, converged, status)
             simulation.free()
             if status is not None:
-                return status, len(self.passes), None
+                return self._ended(status, None)
+
+    def _look_at(self, simulation, converged, status):
+        """Keep a pass where it is the best one so far. *Collective.*"""
+        done, number = self.passes[-1], len(self.passes)
+        best = status == REACHED or not self.best or done.error < self.passes[self.best - 1].error
+        if best:
+            self.best, self.mesh, self._records = number, simulation.mesh, simulation.records
+            self._tell(status)
+        kept = self._take(simulation, converged)
+        if best:
+            self._kept = kept
+
+    def _ended(self, status, failure):
+        """Exit status and failure; the report of the best pass has all passes. *Collective.*"""
+        if 0 < self.best < len(self.passes) and not self._looks_ahead:
+            self._tell(status)
+            least = 100.0 * self.passes[self.best - 1].error
+            log.info("the best answer is that of pass %d: error %.3g %% of %s", self.best, least, self.target.of)
+        return status, failure
 
     def _onward(self, simulation, watch, done, step):
         """The next mesh, what is known on it, and None or the exit status where it is too large. *Collective.*"""
@@ -239,27 +260,31 @@ class Loop:
         status = self._decision.fits(begun.done.unknowns * meshes[0].n_nodes_total / mesh.n_nodes_total)
         return meshes[0], known, status
 
-    def _look_ahead(self, space, watch, done, step):
+    def _look_ahead(self, simulation, watch, done, step):
         """`SPENT` and a forecast where it has enough passes to stand on. *Collective.*"""
         growing = [one for one in self.passes if one.degree == done.degree]
         more = len(growing) < TRIED and step.cuts.growth * done.unknowns < SMALL
-        if self._settings.degree.is_open(self.mesh.curved) or more:
+        if self._settings.degree.is_open(simulation.mesh.curved) or more:
             return None
-        self.ahead = self._decision.forecast(space, growing, watch.squares, step)
+        self.ahead = self._decision.forecast(simulation.problem.space, growing, watch.squares, step)
         return SPENT
 
-    def _tell(self, simulation, status):
-        """Put the section `accuracy` into the report of a pass. *Collective.*"""
-        section = report(self.passes, self.target, status == REACHED)
+    def _tell(self, status):
+        """Put the section `accuracy` into the report of the best pass. *Collective.*"""
+        if self._looks_ahead:
+            return
+        records, section = self._records, report(self.passes, self.best, self.target, status == REACHED)
         if self._settings.degree.chosen is not None:
             section["degree"] = self._settings.degree.chosen
         if self._refining.choice.made is not None:
             section["cells"] = self._refining.choice.made
+        # seconds are not the same on all ranks
+        self._section = section = self.comm.bcast(section)
 
         def write():
-            data = simulation.records.report.data
+            data = records.report.data
             data["accuracy"] = {**data["accuracy"], **section}
-            simulation.records.report.write()
+            records.report.write()
 
         on_root(self.comm, write)
 

@@ -118,23 +118,25 @@ def table(passes, target, why=""):
     return [f"{line}{coming}"]
 
 
-def report(passes, target, reached):
+def report(passes, number, target, reached):
     """Section `accuracy` of the report.
 
     Parameters
     ----------
     passes : list of Pass
+    number : int
+        Of the one whose answer is given, from 1.
     target : pcontact.scene.target.Target
     reached : bool
     """
-    last = passes[-1]
+    best = passes[number - 1]
     return {
-        "target": {"error": target.error, "of": target.of}, "reached": reached, "error": last.error,
-        "expected": last.expected, "estimate": last.estimate, "parts": last.parts,
-        "effectivity": {"least": last.known.least, "most": last.known.most, "of": last.known.words},
-        **({} if last.quantity is None else {"quantity": last.quantity}), "rate": rate(passes),
-        "half": cost_of(passes, 0.5 * last.error), "target_cost": cost_of(passes, target.error),
-        "passes": [one.report() for one in passes],
+        "target": {"error": target.error, "of": target.of}, "reached": reached, "error": best.error,
+        "expected": best.expected, "estimate": best.estimate, "parts": best.parts,
+        "effectivity": {"least": best.known.least, "most": best.known.most, "of": best.known.words},
+        **({} if best.quantity is None else {"quantity": best.quantity}), "rate": rate(passes),
+        "half": cost_of(passes, 0.5 * best.error), "target_cost": cost_of(passes, target.error),
+        "best": number, "passes": [one.report() for one in passes],
     }  # fmt: skip
 
 

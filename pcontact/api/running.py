@@ -127,6 +127,7 @@ def _reach(
         outcome = Loop(scene, comm, "options", Run.of, observers, fields=True).run(output, "output")
     except _OnStepFailed as error:
         raise error.own from None
+    outcome.kept.report["accuracy"].update(jsonable(outcome.section))
     return outcome.kept, outcome.failure
 
 

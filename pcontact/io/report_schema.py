@@ -170,7 +170,7 @@ _ACCURACY = table(
     reached=_one(_TRUTH, "whether the error was reached"),
     error=number("the error that is named, as a part [-]"),
     expected=number("the error that is expected, as a part [-]"),
-    estimate=number("estimate of the last mesh, as a part [-]"),
+    estimate=number("estimate of the mesh, as a part [-]"),
     parts=by_name(number("[-]"), "the error by what brings it about"),
     effectivity={"type": "object", "description": "the estimate over the error in cases with known answers"},
     quantity={"type": "object", "description": "value, error, extrapolated value and its uncertainty"},
@@ -180,6 +180,7 @@ _ACCURACY = table(
     degree={"type": "object", "description": "degree of the displacement that was chosen, and why"},
     cells={"type": "object", "description": "`chosen`: quadrilaterals, hexahedra that are halved or the simplices that "
            "they were divided into, and `why`"},
+    best=count("number of the pass whose results these are, from 1 [-]"),
     passes=listed({"type": "object"}, "meshes: unknowns, error, seconds, ..."),
 )  # fmt: skip
 REPORT = table(

@@ -19,6 +19,7 @@ from meshes.blocks import two_blocks
 from meshes.punch import punch
 from pcontact.adapt.beside import Beside
 from pcontact.adapt.loop import FAILED, REACHED, SPENT, Loop
+from pcontact.adapt.measure import Measure
 from pcontact.adapt.passes import Pass
 from pcontact.adapt.settings import Settings
 from pcontact.assembly.error_norms import bulk_error
@@ -170,6 +171,27 @@ def test_a_budget_that_is_spent(shared_tmp):
     assert section["target_cost"]["unknowns"] > 600
     result = load_result(shared_tmp / "out")
     assert np.concatenate(result.bodies.cell_data["error_estimate"]).shape == (run.report["cells"],)
+
+
+@pytest.mark.parallel
+def test_the_best_answer_need_not_be_the_last(shared_tmp, monkeypatch):
+    """Where a finer mesh names a larger error, the results of the mesh before are given, with all passes."""
+    call = Measure.__call__
+
+    def worse(self, *args):
+        done = call(self, *args)
+        done.error *= 1.0 + 9.0 * len(self._passes)
+        return done
+
+    monkeypatch.setattr(Measure, "__call__", worse)
+    scene = punch_scene(shared_tmp, error=0.01, budget=Budget(unknowns=600))
+    run = pc.run(scene, output=shared_tmp / "out")
+    report = json.loads((shared_tmp / "out" / "report.json").read_text())
+    section = report["accuracy"]
+    assert section["best"] == 1 < len(section["passes"]) and not section["reached"]
+    assert section["error"] == section["passes"][0]["error"] < section["passes"][1]["error"]
+    assert report["dofs"] == section["passes"][0]["unknowns"] == run.report["dofs"]
+    assert run.report["accuracy"] == section and not list((shared_tmp / "out").glob("pass_*"))
 
 
 def test_what_programs_read_of_a_budget_that_is_spent(tmp_path, capsys):
