@@ -15,7 +15,7 @@ from pcontact.adapt.refining import Refining
 from pcontact.adapt.settings import Settings
 from pcontact.adapt.watch import Beginning, Watch
 from pcontact.runtime import log
-from pcontact.runtime.errors import TOLD, InputError
+from pcontact.runtime.errors import TOLD, InputError, SolverError
 from pcontact.runtime.lock import reserved
 from pcontact.runtime.options import Options
 from pcontact.runtime.parallel import on_root
@@ -181,7 +181,7 @@ class Loop:
             scene, begun = self._settings.scene(), clock.perf_counter()
             try:
                 simulation, watch, converged = self._run(scene, mesh, known, directory)
-            except InputError as error:
+            except (InputError, SolverError) as error:
                 # what a finer mesh is not solved with takes nothing from the passes before
                 if not self.passes:
                     raise

@@ -7,7 +7,7 @@ import numpy as np
 
 from pcontact.assembly.pattern import positions, union
 from pcontact.runtime.jit import njit
-from pcontact.runtime.petsc import MPI, PETSc, local_values
+from pcontact.runtime.petsc import MPI, PETSc, graph_of_long_rows, local_values
 
 
 class MatrixRows(NamedTuple):
@@ -200,6 +200,8 @@ class GlobalMatrix:
         self._rows = MatrixRows(rowptr, columns, int(space.start), own, other)
         _scalar_pattern(self._rows, d, i, j)
         self.matrix.setPreallocationCSR((i, j, np.zeros(len(j))))
+        # many nodes of the source may face one facet of the target
+        graph_of_long_rows(self.matrix, max(int(np.diff(part).max(initial=0)) for part in (own, other)))
         nodes, place = np.unique(columns, return_inverse=True)
         flags = space.exchange(nodes).gather(self._flags) > 0.5
         self._fixed_column = np.ascontiguousarray(flags[place])

@@ -27,8 +27,20 @@ class OutputError(Exception):
     status = 3
 
 
+class SolverError(Exception):
+    """PETSc could not go on with a linear system: one line for the user, exit status 1.
+
+    Parameters
+    ----------
+    message : str
+        One line: where PETSc ended, what it says, and what else there is to try.
+    """
+
+    status = 1
+
+
 # what ends a program with one line, the same on every rank
-TOLD = (InputError, OutputError)
+TOLD = (InputError, OutputError, SolverError)
 
 
 class StepFailure(Exception):

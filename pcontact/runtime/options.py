@@ -7,12 +7,14 @@ import numpy as np
 
 from pcontact.runtime import log
 from pcontact.runtime.declared import OPTIONS, PETSC, RENAMED
-from pcontact.runtime.errors import InputError
-from pcontact.runtime.petsc import PETSc, option_used
+from pcontact.runtime.errors import InputError, SolverError
+from pcontact.runtime.petsc import PETSc, has_package, option_used
 
 UNSAID = object()
 # PETSc's error codes: arguments that are wrong or out of range, names that are not known, missing factorisations
-OPTION_FAULTS = (62, 63, 83, 86, 92)
+OPTION_FAULTS = (62, 63, 86, 92)
+# its code for all that a user may have done wrong: of an option where it says so, and of limits of its own
+USER_FAULT, OF_OPTION = 83, re.compile(r"option|enum|array entry", re.IGNORECASE)
 
 
 class Options:
@@ -136,13 +138,34 @@ class Options:
         InputError or None
             Names the options whose values PETSc complains about; None when it complains about something else.
         """
-        if error.ierr not in OPTION_FAULTS:
+        _, what = _told(error)
+        if error.ierr not in OPTION_FAULTS and not (error.ierr == USER_FAULT and OF_OPTION.search(what)):
             return None
-        what = re.sub(r"^\[\d+\] *", "", str(error).strip().splitlines()[-1]).rstrip(". ")
-        words = re.findall(r"[^\s,;:()]+", what)
+        words = re.findall(r"[^\s,;:()']+", what)
         names = [f"-{name} {value}" for name, value in self._db.getAll().items() if value and value in words]
         found = f"{', '.join(names)}: {what}" if names else what
         return InputError(f"PETSc options: found {found}; allowed: what -help lists")
+
+    def unsolved(self, error, comm):
+        """What the user hears where PETSc could not go on with a linear system.
+
+        Parameters
+        ----------
+        error : PETSc.Error
+            That is no :meth:`fault`.
+        comm : MPI.Comm
+
+        Returns
+        -------
+        SolverError or RuntimeError
+            The second one of several ranks: others may have met nothing, and wait.
+        """
+        where, what = _told(error)
+        own = self._db.getString("pc_type", "")
+        kinds = ("gamg", *(name for name in ("hypre", "ml") if has_package(name)), "lu")
+        others = ", ".join(f"-pc_type {kind}" for kind in kinds if kind != own)
+        said = f"PETSc could not solve a linear system ({where}: {what or 'it says no more'}); others to try: {others}"
+        return (SolverError if comm.size == 1 else RuntimeError)(said)
 
     def give(self, options):
         """Enter what the user says; it wins over whatever is proposed later.
@@ -201,3 +224,10 @@ class Options:
         """
         names = [name.lstrip("-") for name in self._db.getAll()]
         return [name for name in names if name not in ours and not option_used(name)]
+
+
+def _told(error):
+    """Where PETSc ended, and what it says there."""
+    lines = [re.sub(r"^\[\d+\] *", "", line) for line in str(error).strip().splitlines()]
+    places = [found[1] for line in lines if (found := re.match(r"(\w+)\(\) at ", line))]
+    return (places or [f"error {error.ierr}"])[-1], "" if lines[-1].startswith("error code") else lines[-1].rstrip(". ")

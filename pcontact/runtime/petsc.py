@@ -4,6 +4,8 @@ Every other module takes ``PETSc`` and ``MPI`` from here.
 """
 
 import ctypes
+import traceback
+import weakref
 from contextlib import contextmanager
 
 import numpy as np
@@ -151,6 +153,82 @@ class local_values:  # noqa: N801
             )
         self.matrix.assemble()
         return False
+
+
+# [blocks] In a row of either local part of a matrix, from which on 3.18 cannot make its graph by itself: a buffer of
+# `MatCreateGraph_Simple_AIJ`, which 3.19 allocates as long as it has to be
+LONG = 4096
+# place of `creategraph` among the operations of a matrix in 3.18, which its header does not name; its signature, and
+# what PETSc calls an error in a library
+_GRAPH, _GRAPH_TYPE, _ERR_LIB = 148, ctypes.CFUNCTYPE(
+    ctypes.c_int, ctypes.c_void_p, ctypes.c_int, ctypes.c_int, ctypes.c_double, ctypes.c_void_p
+), 76  # fmt: skip
+
+
+def graph_of_long_rows(matrix, longest):
+    """Have multigrid make the graph of a matrix whose rows may be long: that of its nodes. *Collective.*
+
+    Parameters
+    ----------
+    matrix : PETSc.Mat
+        AIJ, of dense blocks, with its pattern.
+    longest : int
+        Blocks in a row of a local part of it, at most.
+    """
+    if version >= (3, 19):
+        return
+    own = matrix.getAttr("graph")
+    if own is None and matrix.getComm().tompi4py().allreduce(longest, op=MPI.MAX) < LONG:
+        return
+    if own is None:
+        reference = weakref.ref(matrix)
+
+        def make(_, symmetric, scaled, threshold, found):
+            try:
+                graph = graph_of_blocks(reference())
+                code = _lib.MatCreateGraph(
+                    ctypes.c_void_p(graph.handle), symmetric, scaled, ctypes.c_double(threshold), ctypes.c_void_p(found)
+                )
+                graph.destroy()
+            except Exception:
+                traceback.print_exc()
+                return _ERR_LIB
+            return code
+
+        own = _GRAPH_TYPE(make)
+        # it is called as long as there is the matrix
+        matrix.setAttr("graph", own)
+        _check(_lib.MatSetOperation(ctypes.c_void_p(matrix.handle), _GRAPH, own), "MatSetOperation")
+
+
+def graph_of_blocks(matrix):
+    """The matrix of the sums of what is in the blocks of another one, without signs. *Collective.*
+
+    Parameters
+    ----------
+    matrix : PETSc.Mat
+        AIJ, of dense blocks.
+
+    Returns
+    -------
+    PETSc.Mat
+        To be destroyed by the caller.
+    """
+    size, (n, total) = matrix.getBlockSize(), (part // matrix.getBlockSize() for part in matrix.getSizes()[0])
+    rowptr, columns, values = matrix.getValuesCSR()
+    count = np.diff(rowptr)[::size] // size
+    first = np.concatenate([[0], np.cumsum(count)])
+    row, parts = np.repeat(np.arange(n), count), np.abs(values).reshape(-1, size).sum(axis=1)
+    at = np.arange(first[-1]) + (size - 1) * first[row]
+    sums = sum(parts[at + k * count[row]] for k in range(size))
+    nodes = columns.reshape(-1, size)[at, 0] // size
+    csr = (first.astype(PETSc.IntType), nodes.astype(PETSc.IntType), sums)
+    graph = PETSc.Mat().createAIJ(((n, total), (n, total)), csr=csr, comm=matrix.getComm())
+    _check(
+        _lib.MatPropagateSymmetryOptions(ctypes.c_void_p(matrix.handle), ctypes.c_void_p(graph.handle)),
+        "MatPropagateSymmetryOptions",
+    )
+    return graph
 
 
 def keep_preconditioner(snes, keep):

@@ -286,7 +286,7 @@ class Newton:
             self.snes.solve(None, u)
         except PETSc.Error as error:
             # solvers inside solvers read their options when they are first used
-            raise self._options.fault(error) or error from None
+            raise self._options.fault(error) or self._options.unsolved(error, self.problem.space.comm) from error
         finally:
             # a linear solve that fails ends an iteration early
             self._globalisation.end()
