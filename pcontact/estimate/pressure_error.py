@@ -9,7 +9,7 @@ with the outward normals N and areas dA of the bodies as they are given, as the 
 those of surfaces that have moved: where one body is stretched along the surface more than the other, or where round
 surfaces are pressed flat, a force acts on another area of the target than of the source, and not along their normals.
 A disk that rests on a block had stresses of up to 3 % beside its pressures, on any mesh. The partners themselves tell
-the areas: on a facet of the source their places are taken as a linear function of those of its points.
+the areas, see `pcontact.estimate.areas`.
 """
 
 from typing import NamedTuple
@@ -19,6 +19,7 @@ import numpy as np
 from pcontact.contact.surface.sides import diameters
 from pcontact.element.reference import facet_area_vectors, facet_nodes
 from pcontact.element.shape import shape, shape_gradient
+from pcontact.estimate.areas import areas
 from pcontact.estimate.goal import GoalError
 from pcontact.estimate.tractions import bring, source_points
 from pcontact.runtime.petsc import MPI
@@ -26,9 +27,6 @@ from pcontact.runtime.petsc import MPI
 # [-] Sizes of the target's facets over those of the source, with which a pressure's error counts for both alike. From:
 # where the target is the finer one, pressures wave with its facets, and more so on finer meshes: Hertz's cylinder.
 SOURCE = 2.0
-# [-] Least extent of the points of a facet in a direction, over the largest one, with which they tell an area. From:
-# chosen; points on a line tell none.
-LEAST = 1e-3
 
 
 def pressure_error(estimator, contact, u):
@@ -108,16 +106,18 @@ def _on_source(estimator, pair, state, averaged):
 def _on_partners(estimator, pair, state, source, averaged):
     """A :class:`_Side` of each block of the target. *Collective.*"""
     space, mesh, found = estimator.space, estimator.space.mesh, []
-    weight, pressure, area = state["weight"], state["pressure"], _areas(space, pair, state)
+    weight, pressure = state["weight"], state["pressure"]
     acting = np.flatnonzero(pair.pairing.paired & (pressure > 0.0))
+    area = areas(space, pair, acting, weight)
     ids = np.zeros(len(weight))
     for number, (p, rows, _) in source.points.items():
         ids[p] = mesh.blocks[number].ids[rows]
     size = pair.source.size[pair.source.facet]
-    table = np.column_stack([state["normal"], weight, pressure, area, source.squares, size, ids])[acting]
+    table = np.column_stack([state["normal"], weight, pressure, source.squares, size, ids])[acting]
+    table = np.column_stack([table, area])
     for number, one in bring(space, pair, estimator.cells, acting, table).items():
         block, d = mesh.blocks[number], space.dim
-        weight, pressure, area, squares, size, ids = one.table[:, d:].T
+        weight, pressure, squares, size, ids, area = one.table[:, d:].T
         directions = one.table[:, :d], _normals(mesh, block, one)
         own = _squares(weight, pressure, area * _traction(estimator, number, one.rows, one.xi, directions, averaged))
         x = mesh.points[block.nodes[one.rows[:, None], facet_nodes(block.cell, 1)[one.local]]]
@@ -125,60 +125,6 @@ def _on_partners(estimator, pair, state, source, averaged):
         told = np.column_stack([squares, theirs / (diameters(x) ** 4 + theirs), ids])
         found.append(_Side((number, one.rows), own, float(weight.sum()) * estimator.stiffness(block), told))
     return found
-
-
-def _areas(space, pair, state):
-    """Area (np,) of the target over that of the source at the points of a pair that have a pressure; 1 where they do
-    not tell. *Collective.*"""
-    pairing, source = pair.pairing, pair.source
-    places = space.vector()
-    places.setArray(space.points[space.owned_local].ravel())
-    nodes = pairing.exchange.gather(places)[pairing.targets]
-    places.destroy()
-    some = np.flatnonzero(pairing.paired & (state["pressure"] > 0.0))
-    x, y = state["x"][some], np.einsum("pa,pad->pd", pairing.target_shape[some], nodes[some])
-    facets, facet = np.unique(source.facet[some], return_inverse=True)
-    ratio = np.ones(len(state["x"]))
-    ratio[some] = stretched(facet, len(facets), state["weight"][some], x, y)[facet]
-    if space.axisymmetric:
-        ratio[some] *= y[:, 0] / x[:, 0]
-    return ratio
-
-
-def stretched(facet, count, weight, x, y):
-    """Areas of what becomes of facets, over their own: of the linear function of their points that is nearest.
-
-    Parameters
-    ----------
-    facet : ndarray (n,) of int
-        Facet of each point.
-    count : int
-        Of facets.
-    weight : ndarray (n,)
-    x, y : ndarray (n, d)
-        Points, and what becomes of them [length].
-
-    Returns
-    -------
-    ndarray (count,)
-        1 where points do not tell.
-    """
-    d = x.shape[1]
-    whole = np.bincount(facet, weight, minlength=count)
-    middle = [np.stack([np.bincount(facet, weight * row, minlength=count) for row in some.T], axis=1) / whole[:, None]
-              for some in (x, y)]  # fmt: skip
-    x, y = x - middle[0][facet], y - middle[1][facet]
-    own, both = np.zeros((2, count, d, d))
-    np.add.at(own, facet, weight[:, None, None] * x[:, :, None] * x[:, None, :])
-    np.add.at(both, facet, weight[:, None, None] * y[:, :, None] * x[:, None, :])
-    # directions in which points are spread, the last ones most: along the facet
-    spread, along = np.linalg.eigh(own)
-    spread, along = spread[:, 1:], along[:, :, 1:]
-    told = spread[:, 0] > LEAST**2 * spread[:, -1]
-    slopes = np.matmul(both, along) / np.where(told[:, None], spread, 1.0)[:, None, :]
-    squares = np.matmul(slopes.transpose(0, 2, 1), slopes)
-    area = np.sqrt(np.maximum(np.linalg.det(squares), 0.0))
-    return np.where(told & (area > 0.0), area, 1.0)
 
 
 def _normals(mesh, block, partners):

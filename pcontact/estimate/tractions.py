@@ -7,6 +7,7 @@ import numpy as np
 from pcontact.contact.surface.sides import FACETS
 from pcontact.element.geometry import facet_geometry
 from pcontact.element.reference import CELLS, facet_nodes, facet_points, reference_nodes
+from pcontact.estimate.areas import areas
 from pcontact.estimate.facets import facet_rule
 from pcontact.runtime.parallel import split_by_rank
 
@@ -216,13 +217,14 @@ def on_target(space, pair, state, cells, part=1.0):
     acting = np.flatnonzero(p.paired if d == 3 else p.paired & state["traction"].any(axis=1))
     weight = state["weight"][acting]
     force = -state["traction"][acting, :d] * weight[:, None]
-    table, result = np.column_stack([weight / part, force, p.normal[acting]]), {}
+    area = weight if d == 2 else weight * areas(space, pair, acting, state["weight"])
+    table, result = np.column_stack([area / part, force, p.normal[acting]]), {}
     for number, brought in bring(space, pair, cells, acting, table).items():
-        weight, force, normal = brought.table[:, 0], brought.table[:, 1 : 1 + d], brought.table[:, 1 + d :]
+        area, force, normal = brought.table[:, 0], brought.table[:, 1 : 1 + d], brought.table[:, 1 + d :]
         forces = PointForces(brought.rows, brought.xi, force, normal)
         if d == 3:
             at = brought.shape @ reference_nodes(CELLS[space.mesh.blocks[number].cell].facet, space.degree)
-            forces = _fitted(space, number, brought.local, at, weight, forces, part)
+            forces = _fitted(space, number, brought.local, at, area, forces, part)
         result[number] = forces
     return result
 
@@ -251,7 +253,8 @@ def _fit(own, facet, count, weight, values):
 
 
 def _fitted(space, number, local, xi, weight, forces, part):
-    """Forces that facets with partners all over get from the polynomial nearest to the traction at the points.
+    """Forces that facets with partners all over get from the polynomial nearest to the traction at the points, whose
+    areas on the target are weights (n,).
 
     The points are a quadrature rule of the source's facets, and a poor one on those of another mesh: as forces at
     points a uniform traction would look like a rough one.
