@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pcontact.adapt import edges
+from pcontact.adapt import edges, fronts
 from pcontact.adapt.cells import of_parts
 from pcontact.adapt.sizes import degrees
 from pcontact.element.reference import CELLS
@@ -355,8 +355,8 @@ class Corners:
             Squared estimates.
         alike : bool
             Whether the last mesh is one of the same bodies.
-        pressure : PressureError, optional
-            Where it is the error of one that counts.
+        pressure : PressureError or pcontact.adapt.fronts.Front, optional
+            Where it is the error of one that counts: in the plane, and in space.
 
         Returns
         -------
@@ -367,7 +367,7 @@ class Corners:
             For :meth:`take`, to be interpolated.
         """
         if space.dim == 3:
-            return self._look_in_space(space, squares, alike) if pressure is None else (None, None, ())
+            return self._look_in_space(space, squares, alike, pressure)
         if not self.sought:
             return None, None, ()
         around, power, rise, found = around_vertices(space, squares), None, None, False
@@ -380,12 +380,15 @@ class Corners:
         self.explain, self._known = found and not self._known, found
         return power, rise, (around,)
 
-    def _look_in_space(self, space, squares, alike):
+    def _look_in_space(self, space, squares, alike, front):
         """The same in space. *Collective.*"""
-        own, self.edges = {block.cell for block in space.mesh.blocks if len(block.nodes)}, None
-        if not self.sought or set().union(*self._comm.allgather(own)) != {edges.NAME}:
+        self.edges = None
+        if not self.sought or not edges.of_tetrahedra(space):
             return None, None, ()
-        smooth = np.broadcast_to(2.0 * degrees(space) + space.dim, squares.shape)
+        smooth = np.broadcast_to(2.0 * degrees(space) + space.dim, (len(squares),))
+        if front is not None:
+            self.edges = fronts.look(space, front, smooth)
+            return (None, None, ()) if self.edges is None else (self.edges.power, self.edges.rise, ())
         before = self._before if alike else None
         self.edges, around, most = edges.look(space, squares, before, smooth)
         found = self.edges is not None

@@ -76,7 +76,7 @@ class Edges(NamedTuple):
     def shared(self, space, squares):
         """Squares (n_cells,) of cells that touch edges: the mean of those that have pieces of them with a vertex in
         common; of others their own. *Collective.*"""
-        vertices, sums = _space_vertices(space), np.zeros((space.n_local, space.dim))
+        vertices, sums = space_vertices(space), np.zeros((space.n_local, space.dim))
         has = self.touches == 2
         rows, corners = np.nonzero(has[:, None] & self.on)
         for column, values in enumerate((squares[rows], np.ones(len(rows)))):
@@ -87,7 +87,14 @@ class Edges(NamedTuple):
         return np.where(some.any(axis=1), means.sum(axis=1) / np.maximum(some.sum(axis=1), 1), squares)
 
 
-def _space_vertices(space):
+def of_tetrahedra(space):
+    """Whether all cells of a mesh are tetrahedra. *Collective.*"""
+    own = {block.cell for block in space.mesh.blocks if len(block.nodes)}
+    return set().union(*space.comm.allgather(own)) == {NAME}
+
+
+def space_vertices(space):
+    """Vertices (n_cells, 4) of all tetrahedra of this rank, among the nodes of a space."""
     return np.concatenate([np.zeros((0, 4), np.int64), *(cells[:, :4] for cells in space.cells)])
 
 
@@ -97,7 +104,7 @@ def vertices_of(mesh):
     return np.concatenate([np.zeros((0, count), np.int64), *(block.nodes[:, :count] for block in mesh.blocks)])
 
 
-def _sizes(points):
+def vertex_sizes(points):
     """Lengths (n,) that go with the sizes of tetrahedra with vertices (n, 4, 3)."""
     return np.cbrt(np.abs(np.linalg.det(points[:, 1:] - points[:, :1])))
 
@@ -117,8 +124,8 @@ def around_vertices(space, squares):
         cells, a mark of the node that no interpolation gives, and 0 for the power that is found; zeros where it is no
         vertex.
     """
-    mesh, vertices, sums = space.mesh, _space_vertices(space), np.zeros((space.n_local, space.dim))
-    volumes = _sizes(mesh.points[vertices_of(mesh)]) ** 3
+    mesh, vertices, sums = space.mesh, space_vertices(space), np.zeros((space.n_local, space.dim))
+    volumes = vertex_sizes(mesh.points[vertices_of(mesh)]) ** 3
     # nearly the largest one: how many cells there are around a vertex differs from mesh to mesh
     highest = space.comm.allreduce(float(np.max(squares, initial=0.0)), op=MPI.MAX) or 1.0
     for column, values in enumerate(((squares / highest) ** LARGE, volumes, volumes**2)):
@@ -250,7 +257,7 @@ def touching(space, found, power, smooth):
     count = np.maximum(on.sum(axis=1), 1)
     own = np.where(touches > 0, np.where(on, power[vertices], 0.0).sum(axis=1) / count, smooth)
     rise = Rise(np.where(touches > 0, space.dim * (1.0 - own / smooth), 0.0), toward, along,
-                _sizes(tree_points(mesh)[vertices]), np.zeros(len(vertices)))  # fmt: skip
+                vertex_sizes(tree_points(mesh)[vertices]), np.zeros(len(vertices)))  # fmt: skip
     return Edges(touches, own, on, rise)
 
 

@@ -6,6 +6,7 @@ import numpy as np
 
 from pcontact.adapt.beside import Beside
 from pcontact.adapt.corners import PressureError
+from pcontact.adapt.fronts import front_of
 from pcontact.adapt.known import effectivity, of_quantity
 from pcontact.adapt.passes import Pass
 from pcontact.adapt.seen import Seen
@@ -223,10 +224,13 @@ class Measure:
         groups = [name for pair in contact.pairs for name in (pair.contact.source, pair.contact.target)]
         pressure, others = own / (found.value**2 or 1.0), watch.squares / (watch.norm**2 or 1.0)
         watch.energies = watch.squares
+        sums = simulation.comm.allreduce(np.array([pressure.sum(), others.sum()]), op=MPI.SUM)
+        squares = pressure + min(sums[0] / (sums[1] or 1.0), 1.0) * others
         if simulation.problem.space.dim == 2:
             watch.pressure = PressureError.of(simulation.problem.space, pressure, groups)
-        sums = simulation.comm.allreduce(np.array([pressure.sum(), others.sum()]), op=MPI.SUM)
-        return pressure + min(sums[0] / (sums[1] or 1.0), 1.0) * others
+        else:
+            watch.pressure = front_of(simulation.problem.space, contact, simulation.stepper.u, squares)
+        return squares
 
     def _add_loads(self, comm, watch, forces, parts):
         """Let the indicators have cells whose loads are integrated badly, by their share. *Collective.*"""
