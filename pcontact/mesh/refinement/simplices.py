@@ -25,7 +25,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pcontact.mesh.refinement.keys import AWAITED, FREE, enter, middle_key, new_table, place
-from pcontact.runtime.jit import njit_exact, njit_inline
+from pcontact.runtime.jit import njit_exact, njit_inline, njit_inner_exact
 
 # how a node came to be
 BASE, HALF, FACE = 0, 1, 2
@@ -290,9 +290,16 @@ def cut_all(nodes, cells, wishes, table, edges, count, rule, told):
     bool
         Whether it came to the end.
     """
+    room = told, np.empty(cells.vertices.shape[1], dtype=np.int32)
+    return _cut_on(nodes, cells, wishes, table, edges, count, rule, room)
+
+
+@njit_inner_exact
+def _cut_on(nodes, cells, wishes, table, edges, count, rule, room):
+    """The same, with room for what is told, and for the nodes between the middle of an edge and the other vertices."""
+    told, across = room
     d1 = cells.vertices.shape[1]
     c = count[2]
-    across = np.empty(d1, dtype=np.int32)
     while c < count[1]:
         if not _due(nodes, cells, wishes, c):
             c += 1
@@ -326,7 +333,10 @@ def cut_all(nodes, cells, wishes, table, edges, count, rule, told):
                         bc = cells.middles[c, k]
                 across[v] = _across(nodes, table, count, rule, (a, b, m, cells.vertices[c, v], ac, bc))
         n, level = count[1], cells.level[c]
-        cells.vertices[n], cells.middles[n], cells.facets[n] = cells.vertices[c], cells.middles[c], cells.facets[c]
+        for v in range(d1):
+            cells.vertices[n, v], cells.facets[n, v] = cells.vertices[c, v], cells.facets[c, v]
+        for k in range(edges.shape[0]):
+            cells.middles[n, k] = cells.middles[c, k]
         cells.base[n], cells.level[n], cells.path[n] = cells.base[c], level + 1, cells.path[c]
         cells.level[c] = level + 1
         cells.path[n] |= np.uint64(1) << np.uint64(DEEPEST - level)
