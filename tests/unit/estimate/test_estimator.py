@@ -171,3 +171,17 @@ def test_not_asked(shared_tmp):
     simulation.close()
     assert "estimate" not in watch.record
     assert "estimate" not in json.loads((shared_tmp / "run" / "report.json").read_text())
+
+
+@pytest.mark.parallel
+def test_what_the_solver_leaves(shared_tmp, monkeypatch):
+    """Where it is little, one application of the preconditioner says how much, but for a small factor."""
+    scene = sheared(make_mesh(two_blocks, shared_tmp / "blocks2d.msh", 2, 3, 4, "triangle"), friction=0.2)
+    scene.petsc = {"snes_rtol": "1e-3", "pc_direct_below": "0"}
+    found = {}
+    for little in (0.0, 1.0):
+        monkeypatch.setattr("pcontact.io.error_estimate.LITTLE", little)
+        found[little] = run(scene)[1]
+    assert found[1.0]["absolute"] == found[0.0]["absolute"] > found[0.0]["algebraic"] > 0.0
+    assert 0.05 * found[0.0]["algebraic"] < found[1.0]["algebraic"] < 2.0 * found[0.0]["algebraic"]
+    assert found[1.0]["algebraic"] != found[0.0]["algebraic"]
