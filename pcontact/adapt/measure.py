@@ -186,7 +186,7 @@ class Measure:
             Value of the quantity, if one is named.
         """
         begun, taken = clock.perf_counter(), simulation.stepper.number
-        self._other, self._other_of = self._with_others(simulation, done), done
+        self._other, self._other_of = self._with_others(simulation, watch, done), done
         if self._other is None or self._other.number == taken:
             return
         _, times = followed(taken, self._other.number, taken)
@@ -197,7 +197,7 @@ class Measure:
         self._beside.with_steps(times * abs(change) / size, done.steps, sign)
         done.trials += clock.perf_counter() - begun
 
-    def _with_others(self, simulation, done):
+    def _with_others(self, simulation, watch, done):
         """A run of the mesh of a pass with half of its load steps; with twice as many where corners of amplitudes leave
         no fewer. None where it does not converge. *Collective.*"""
         simulation.close()
@@ -205,7 +205,7 @@ class Measure:
         scene.output.estimate = scene.output.checkpoint = False
         for count in (max(done.steps // 2, 1), 2 * done.steps):
             scene.steps.count = count
-            other = answer(simulation, scene, self._target)
+            other = answer(simulation, scene, self._target, watch.known)
             if other is None or max(other.number, taken) >= AGAIN * min(other.number, taken):
                 return other
         return None
