@@ -18,8 +18,9 @@ AIM = 0.85
 # parts of the error that finer meshes take away, and those that are due to the shape of facets
 FALLING, FACETS = ("mesh", "quadrature", "loads", "frozen_partners"), ("straight_facets", "curved_facets")
 # [-] Tolerances of Newton's method: that of the first pass over the target, and the range. From: the first is checked
-# against the algebraic error of every pass.
-FIRST_RTOL, LEAST_RTOL, MOST_RTOL = 0.01, 1e-9, 1e-4
+# against the algebraic error of every pass; at 1e-4 for targets of 2 and 5 % a last iteration brought down by 1e-5 what
+# was small enough.
+FIRST_RTOL, LEAST_RTOL, MOST_RTOL = 0.01, 1e-9, 1e-3
 # [unknowns] Below which meshes are factorised: multigrid takes twice as long for some hundred. From: chosen; blocks and
 # cylinders in the plane, 104 to 404 unknowns.
 FEW = 500

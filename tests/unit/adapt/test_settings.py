@@ -28,3 +28,9 @@ def test_factors_where_bodies_yield_in_the_plane():
     assert _solver() == ("lu" if has_package("mumps") or MPI.COMM_WORLD.size == 1 else None)
     assert _solver(plastic=False) is _solver(dim=3) is _solver(floating={0: 1}) is _solver(chosen=("pc_type",)) is None
     assert _solver(petsc={"pc_type": "gamg"}) == "gamg"
+
+
+@pytest.mark.parametrize("error, tolerance", [(0.05, "0.0005"), (1e-4, "1e-06"), (0.3, "0.001")])
+def test_the_tolerance_follows_the_target(error, tolerance):
+    scene = Scene(mesh=MeshSpec("block.msh"), materials={}, bodies=[])
+    assert Settings(scene, Target(error), Options("command line")).scene().petsc["snes_rtol"] == tolerance
