@@ -110,7 +110,7 @@ class Loop:
         converged : bool
         """
         simulation = Simulation(scene, self.comm, self.said, self._refining.first if mesh is None else mesh)
-        watch = Watch(simulation)
+        watch, simulation.newton.lasting = Watch(simulation), True
         if known is not None:
             simulation.begin = Beginning(simulation, known)
         where = None if directory is None else directory / f"pass_{len(self.passes) + 1}"

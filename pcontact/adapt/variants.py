@@ -26,6 +26,7 @@ def solved(scene, comm, said, mesh, known=None):
     It begins where the bodies are known to be, see :class:`pcontact.adapt.watch.Beginning`. *Collective.*
     """
     simulation = Simulation(scene, comm, said, mesh)
+    simulation.newton.lasting = True
     if known is not None:
         simulation.begin = Beginning(simulation, known)
     try:

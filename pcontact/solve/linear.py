@@ -32,6 +32,11 @@ class Reuse:
         self.patience = patience
         self.forget()
 
+    @property
+    def begun(self):
+        """Whether there has been a solve since it has forgotten."""
+        return self._rate is not None
+
     def forget(self):
         """Have the next solve set up its preconditioner."""
         self._rate, self._fresh, self._area = None, True, 0.0

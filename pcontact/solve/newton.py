@@ -57,6 +57,9 @@ class Newton:
         Defaults that were entered into the options database, and those that the user's options kept out.
     norms : list of float
         Of the residual [force] at all iterations of the last load step; each new attempt begins with its first one.
+    lasting : bool
+        Whether a preconditioner may serve several load steps, as it does several iterations: for runs that nothing
+        restarts, since then load steps are not solved alike whatever came before them.
     """
 
     def __init__(self, problem, options, symmetric, near_null_space, timing, motions=None, modes_at=None):
@@ -102,7 +105,7 @@ class Newton:
         # whether a run begins with a prediction; what looks for partners at iterates, while there is such a thing
         self._predicting, self._search = False, None
         # whether the matrix holds a tangent of the last load step
-        self._linearised, self.norms = False, []
+        self._linearised, self.norms, self.lasting = False, [], False
 
     def _take_options(self):
         """Set up SNES as the options say. *Collective.*"""
@@ -199,10 +202,11 @@ class Newton:
         """
         if self._modes_at is not None:
             self.problem.matrix.matrix.setNearNullSpace(self._modes_at(u))
-        self._renew_preconditioner()
+        if not (self.lasting and self._reuse is not None and self._reuse.begun and self._filter is None):
+            self._renew_preconditioner()
+            if self._reuse is not None:
+                self._reuse.forget()
         free_garbage(self.problem.space.comm)
-        if self._reuse is not None:
-            self._reuse.forget()
         before, self._search, self.norms, self._linearised = u.copy(), follow, [], False
         self._converges.begin_step(before)
         try:

@@ -22,6 +22,7 @@ from pcontact.adapt.loop import FAILED, REACHED, SPENT, Loop
 from pcontact.adapt.measure import Measure
 from pcontact.adapt.passes import Pass
 from pcontact.adapt.settings import Settings
+from pcontact.adapt.variants import Last
 from pcontact.assembly.error_norms import bulk_error
 from pcontact.cli import check_scene, reach
 from pcontact.io.result import load_result
@@ -32,6 +33,8 @@ from pcontact.runtime.parallel import on_root
 from pcontact.runtime.petsc import MPI, PETSc
 from pcontact.scene.model import Body, Contact, Displacement, Material, MeshSpec, Output, Scene, Steps
 from pcontact.scene.target import Budget, Target
+from pcontact.simulation import Simulation
+from pcontact.solve.linear import Reuse
 from tests.support.commands import execute
 from tests.support.wedges import cut_mesh
 
@@ -363,13 +366,44 @@ def test_a_pass_that_cannot_be_run(tmp_path, monkeypatch, capsys):
 
 
 @pytest.mark.parallel
+def test_a_preconditioner_serves_several_load_steps(shared_tmp, monkeypatch):
+    """In runs that nothing restarts; what is found is the same."""
+    scene, kept, keep = HELD_BACK["sheared"].scene(shared_tmp), [], Reuse.keep
+    scene.petsc = {"pc_direct_below": "0"}
+
+    def told(self, ksp, area):
+        kept.append(keep(self, ksp, area))
+        return kept[-1]
+
+    def found(lasting):
+        kept.clear()
+        simulation = Simulation(scene)
+        simulation.newton.lasting = lasting
+        try:
+            assert simulation.run()
+            problem, u = simulation.problem, simulation.stepper.u
+            return kept.count(False), problem.reactions(u, problem.unbalanced(u))["upper_top"]
+        finally:
+            simulation.free()
+
+    monkeypatch.setattr(Reuse, "keep", told)
+    (each, alone), (once, force) = found(False), found(True)
+    assert each == 4 and once == 1
+    np.testing.assert_allclose(force, alone, rtol=1e-6)
+
+
+@pytest.mark.parallel
 def test_load_steps_where_bodies_yield_are_told_by_the_last_mesh(shared_tmp, monkeypatch):
     """Where they are more than a small part of the target."""
-    scene, told, of_steps = SCENES["hill"].scene(shared_tmp), [], Beside.with_steps
+    scene, told, of_steps, tried = SCENES["hill"].scene(shared_tmp), [], Beside.with_steps, []
 
     def with_steps(self, left, steps, sign):
         told.append((left, steps))
         of_steps(self, left, steps, sign)
+
+    def step(self, step, u, record):
+        tried.append(record["newton"])
+        self.record = record
 
     def passes():
         loop = Loop(replace(scene, accuracy=Target(0.05)))
@@ -377,12 +411,15 @@ def test_load_steps_where_bodies_yield_are_told_by_the_last_mesh(shared_tmp, mon
         return loop.passes
 
     monkeypatch.setattr(Beside, "with_steps", with_steps)
+    monkeypatch.setattr(Last, "step", step)
     first, last = passes()
     assert not told and last.parts["load_steps"] == first.parts["load_steps"] > 0.0 == last.trials
     monkeypatch.setattr("pcontact.adapt.measure.SHARE", 1e-3)
     _, again = passes()
     ((left, steps),) = told
     assert steps == again.steps and again.cells == last.cells and again.trials > 0.0
+    # half of the load steps begin where all of them have ended, and little is left to do
+    assert sum(tried[-2:]) <= 2
     assert again.parts["load_steps"] == pytest.approx(left) != last.parts["load_steps"]
     assert again.parts["mesh"] == pytest.approx(last.parts["mesh"])
     assert again.error == pytest.approx(sum(again.parts.values()))
