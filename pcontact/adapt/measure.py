@@ -75,7 +75,8 @@ class Measure:
                 self._target, watch.record, simulation.stepper.u, watch.time, watch.unbalanced
             )
             known, size = of_quantity(self._target.quantity, mesh.dim), self._size(simulation, watch, found.value)
-            found = found._replace(error=self._seen.error(simulation, found))
+            error, likely = self._seen.error(simulation, found)
+            found = found._replace(error=error)
             estimate = abs(found.error) / size
             watch.squares = self._indicators(simulation, watch, found)
             if self._target.quantity != "pressure":
@@ -99,7 +100,8 @@ class Measure:
             toward |= self._beside.toward({"load_steps": done.parts["load_steps"]})
             done.error = sum(done.parts.values())
         if found is not None:
-            done.quantity = self._quantity(found, sum(toward.values()) * size)
+            done.quantity = self._quantity(found, likely, sum(toward.values()) * size)
+            found = found._replace(error=likely)
         done.expected = self._expected(done, found, toward, size)
         return done
 
@@ -126,15 +128,16 @@ class Measure:
         """The error that a pass expects, relative: not the largest that there may be.
 
         What waves in the cells is at right angles to what facets change: squares of both norms add up. Changes of a
-        number have signs, as far as they are known, and cancel.
+        number have signs, and cancel; squares of those whose signs are not known add up.
         """
+        parts = self._beside.once(done.parts)
         if found is None or self._target.quantity == "pressure":
-            facets = [done.parts.get(name, 0.0) for name in FACETS]
-            rest = sum(value for name, value in done.parts.items() if name not in ("mesh", *FACETS))
+            facets = [parts.get(name, 0.0) for name in FACETS]
+            rest = sum(value for name, value in parts.items() if name not in ("mesh", *FACETS))
             return float(np.hypot(done.estimate, sum(facets))) + rest
         told = {"mesh", "algebraic", "loads", *toward}
         own = (found.error + found.loads + found.algebraic) / size + sum(toward.values())
-        return abs(own) + sum(value for name, value in done.parts.items() if name not in told)
+        return float(np.linalg.norm([own, *(value for name, value in parts.items() if name not in told)]))
 
     def _of_other_steps(self):
         """Errors of the load steps of this pass and the last one together, relative; 0 where these are the same."""
@@ -259,12 +262,12 @@ class Measure:
         ratio = (large / parts["mesh"]) ** 2 if parts["mesh"] > 0.0 else 1.0
         watch.squares = watch.squares + ratio * (sums[1] or 1.0) / (sums[0] or 1.0) * own
 
-    def _quantity(self, found, toward):
-        """Value of a quantity, and what it is extrapolated to, with an uncertainty. `toward`: what settings beside the
-        mesh change, with signs."""
+    def _quantity(self, found, likely, toward):
+        """Value of a quantity, and what it is extrapolated to, with an uncertainty. `likely`: the error of the mesh as
+        it is expected, `toward`: what settings beside the mesh change, with signs."""
         if self._target.quantity == "pressure":
             return {"value": found.value, "error": found.error}
-        best = found.value + found.error + found.loads + found.algebraic + toward
+        best = found.value + likely + found.loads + found.algebraic + toward
         # what is left of the estimate's own error; and, once there are two, by how much such values differ
         others = [abs(one.quantity["extrapolated"] - best) for one in self._passes[-1:]]
         unsure = max([0.5 * (abs(found.error) + abs(toward)), *others])

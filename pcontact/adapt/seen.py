@@ -137,6 +137,18 @@ def left_after(coarse, fine):
     return max((fine.value - coarse.value) * part / (1.0 - part), coarse.left * part, key=abs)
 
 
+def likely_after(coarse, fine):
+    """The same as it is expected, not as large as it may be: the mean size of both, with the sign of the change.
+
+    What is left of the error on the coarser mesh was told by meshes that are coarser still. Where cells lie better and
+    are no more, the error falls between the squares of the estimates and what so few more unknowns bring.
+    """
+    part, square = fallen(coarse, fine), (fine.estimate / (coarse.estimate or 1.0)) ** 2
+    between = np.sqrt(part * min(square, part))
+    change = (fine.value - coarse.value) * between / (1.0 - between)
+    return float(np.copysign(0.5 * (abs(change) + abs(coarse.left) * part), change))
+
+
 def on_halved(simulation, scene, options, found):
     """What is found on the mesh with all cells halved; None where the run there does not converge. *Collective.*
 
@@ -229,20 +241,21 @@ class Seen:
 
         Returns
         -------
-        float
+        left, likely : float
+            Of what meshes tell, see :func:`left_after`, and as it is expected; else the same.
         """
         if not simulation.scene.plastic or self._target.quantity == "pressure":
-            return found.error
+            return found.error, found.error
         own, old = State.of(simulation, found.value), self._before
         if old is None or old.degree != own.degree:
             best = self._on_halved(simulation, lambda run, record, _: State.of(run, self._value(run, record)))
-            left = found.error
+            left = likely = found.error
             if best is not None:
-                left = (best.value - own.value) / (1.0 - fallen(own, best))
+                left = likely = (best.value - own.value) / (1.0 - fallen(own, best))
         else:
-            left = left_after(old, own)
+            left, likely = left_after(old, own), likely_after(old, own)
         self._before = own._replace(left=left)
-        return left
+        return left, likely
 
     def with_steps(self, value):
         """Take notice of the quantity with other load steps on the mesh of the last pass."""

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from pcontact.adapt.seen import ALIKE, LEAST, State, between, fallen, left_after, part_of
+from pcontact.adapt.seen import ALIKE, LEAST, State, between, fallen, left_after, likely_after, part_of
 
 
 @pytest.mark.parametrize("part", [0.4, 0.9])
@@ -48,6 +48,19 @@ def test_what_is_left_of_a_quantity():
     assert left_after(coarse, fine) == pytest.approx(0.25 * error)
     by_chance = fine._replace(value=1.0)
     assert left_after(coarse._replace(left=-error), by_chance) == pytest.approx(-0.25 * error)
+
+
+def test_what_is_expected_of_a_quantity():
+    """The same where both ways agree; else the mean, on the side that the values go to. Better cells that are no more
+    bring more than their number."""
+    error, coarse = 0.08, State(100, 2, 2, 0.3, 1.0, 0.08)
+    fine = State(200, 2, 2, 0.15, 1.0 + 0.75 * error)
+    assert likely_after(coarse, fine) == pytest.approx(0.25 * error) == left_after(coarse, fine)
+    assert likely_after(coarse._replace(left=0.0), fine) == pytest.approx(0.125 * error)
+    assert likely_after(coarse._replace(left=-3.0 * error), fine) == pytest.approx(0.5 * error)
+    assert likely_after(coarse, fine._replace(value=1.0 - error)) < 0.0 < left_after(coarse, fine)
+    coarse, better = coarse._replace(left=0.0), fine._replace(unknowns=100, estimate=0.03)
+    assert 0.0 < likely_after(coarse, better) < 0.1 * left_after(coarse, better)
 
 
 def test_errors_of_quantities_that_fall():

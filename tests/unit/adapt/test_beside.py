@@ -1,0 +1,64 @@
+"""What is known of errors that the mesh has no part in."""
+
+from types import SimpleNamespace
+
+import pytest
+
+from pcontact.adapt import beside
+from pcontact.adapt.beside import LIKELY, Beside
+from pcontact.adapt.settings import FACETS, FALLING
+from pcontact.scene.target import Target
+
+CHANGE = 3e-4
+
+
+def _pass(mesh):
+    return SimpleNamespace(parts={"mesh": mesh}, steps=4, trials=0.0)
+
+
+@pytest.fixture
+def run(monkeypatch):
+    """A run with friction whose settings together change a force by `CHANGE`; twice the load steps change it by 1 %."""
+    monkeypatch.setattr(beside.variants, "difference", lambda *_: -CHANGE)
+    monkeypatch.setattr(beside.variants, "answer", lambda *_: None)
+    monkeypatch.setattr(beside.variants, "change_to", lambda *_: 0.01)
+    monkeypatch.setattr(beside.variants, "bent", lambda _: True)
+    scene = SimpleNamespace(remembers=True, plastic=False, temperatures=[], steps=SimpleNamespace(count=1), petsc={},
+                            contacts=[SimpleNamespace(tied=False)], output=SimpleNamespace())  # fmt: skip
+    for name in ("with_steps", "searching", "finer_quadrature", "smooth_facets"):
+        monkeypatch.setattr(beside.variants, name, lambda one, *_: one)
+    problem = SimpleNamespace(linear=False, space=SimpleNamespace(degree=2))
+    simulation = SimpleNamespace(problem=problem, scene=scene, close=lambda: None, mesh=SimpleNamespace(curved=True))
+    settings = SimpleNamespace(scene=lambda: scene, staying=FACETS, falling=FALLING, searches=False)
+    return simulation, Beside(Target(0.01, "force:face"), settings)
+
+
+WATCH = SimpleNamespace(known=None)
+
+
+def test_what_several_settings_change_together_counts_once(run):
+    """With its sign; each of them may be as large. Load steps are expected to leave less than what is named."""
+    simulation, errors = run
+    parts, toward = errors.parts(simulation, _pass(0.04), 1.0, WATCH)
+    assert parts["frozen_partners"] == parts["quadrature"] == parts["curved_facets"] == CHANGE
+    steps = toward.pop("load_steps")
+    assert 0.01 < steps == LIKELY[False] * parts["load_steps"]
+    assert sum(toward.values()) == pytest.approx(-CHANGE) and len(toward) == 3
+    assert sum(errors.once(parts).values()) == pytest.approx(CHANGE + parts["load_steps"])
+
+
+@pytest.mark.parametrize("value", [2e-5, float("nan")])
+def test_quadrature_is_measured_on_meshes_where_it_seems_to_be_much(run, monkeypatch, value):
+    """To first order, without a sign, as something remembers; what is not known falls as the mesh's part does."""
+    simulation, errors = run
+    monkeypatch.setattr(beside.variants, "difference", lambda *_: 0.3)
+    monkeypatch.setattr(beside.linearised, "changes", lambda *_: {"quadrature": value})
+    first, toward = errors.parts(simulation, _pass(0.04), 1.0, WATCH)
+    assert first["quadrature"] == toward["quadrature"] == 0.3
+    parts, toward = errors.parts(simulation, _pass(0.02), 1.0, WATCH)
+    known = value == value
+    assert parts["quadrature"] == pytest.approx(value if known else 0.15)
+    assert ("quadrature" in toward) != known
+    monkeypatch.setattr(beside.linearised, "changes", None)
+    if known:
+        assert errors.parts(simulation, _pass(0.01), 1.0, WATCH)[0]["quadrature"] == pytest.approx(0.5 * value)
