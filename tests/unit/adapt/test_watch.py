@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from pcontact.adapt.watch import Beginning, Known
+from pcontact.adapt.watch import KEPT, ROOM, Beginning, Known, Path
 
 
 def _begun(known, time=1.0):
@@ -33,3 +33,15 @@ def test_some_load_steps_tell_no_motion():
     assert _begun(known)(2.0) is None and _begun(known).end(2.0) == pytest.approx(_field(3.0)[::-1])
     moved = known._replace(last=_field(4.0)).moved(lambda fields: [2.0 * field for field in fields])
     assert moved.fields[1] == pytest.approx(_field(6.0)) and _begun(moved).end(2.0) == pytest.approx(_field(8.0)[::-1])
+
+
+@pytest.mark.parametrize("unknowns, steps, kept", [(100, 60, 60), (ROOM, KEPT, KEPT), (ROOM, KEPT + 1, 13)])
+def test_load_steps_that_there_is_room_for(unknowns, steps, kept, monkeypatch):
+    """All of them on small meshes; else every other one, and the last."""
+    monkeypatch.setattr("pcontact.adapt.watch.at_nodes", lambda space, u: u)
+    space = SimpleNamespace(comm=SimpleNamespace(size=1), n_dofs=unknowns)
+    path = Path(SimpleNamespace(problem=SimpleNamespace(space=space)))
+    for number in range(1, steps + 1):
+        path.step(SimpleNamespace(time=float(number)), number, {})
+    assert len(path.known.times) == len(path.known.fields) == kept and path.known.every == (kept == steps)
+    assert path.known.times[-1] == path.known.fields[-1] == steps
