@@ -118,4 +118,5 @@ def search_update(problem, newton, options):
     """What searches within load steps as the user asks for, None for no search but the first of a load step."""
     follows = options.get("contact_search_every") == "newton"
     most = options.get("contact_search_again", AT_THE_END if follows else 0)
-    return SearchUpdate(problem, newton, most, follows) if (most > 0 or follows) and not problem.linear else None
+    looks = (most > 0 or follows) and problem.others and not problem.linear
+    return SearchUpdate(problem, newton, most, follows) if looks else None
