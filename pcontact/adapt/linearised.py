@@ -52,6 +52,13 @@ def reports_of(simulation, scene, watch):
     return reports
 
 
+def own_reports(simulation, watch):
+    """The same of the scene of the run itself, which are made once. *Collective.*"""
+    if watch.reports is None:
+        watch.reports = reports_of(simulation, simulation.scene, watch)
+    return watch.reports
+
+
 def forces_of(simulation, reports):
     """Forces (n_owned, d) of contacts in the solution of a run, by their names. *Collective.*
 
@@ -140,7 +147,7 @@ def changes(simulation, target, watch, names):
     others = {"quadrature": finer_quadrature(scene, degree), "straight_facets": smooth_facets(scene),
               "curved_facets": smooth_facets(scene)}  # fmt: skip
     try:
-        here = reports_of(simulation, scene, watch)
+        here = own_reports(simulation, watch)
         found = {}
         for name in names:
             if name == "frozen_partners":

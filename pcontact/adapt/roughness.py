@@ -21,7 +21,7 @@ follow: there the change of the solution is 0.85 to 0.95 of what the gaps do on 
 
 import numpy as np
 
-from pcontact.adapt.linearised import reports_of
+from pcontact.adapt.linearised import own_reports, reports_of
 from pcontact.adapt.variants import smooth_facets
 from pcontact.contact.law import OPEN
 from pcontact.contact.surface.smooth_geometry import smooth_surface
@@ -84,8 +84,8 @@ def _norm(simulation, watch, contacts, density):
     """
     problem, u, square, names = simulation.problem, simulation.stepper.u, 0.0, {one.name for one in contacts}
     try:
-        plain, smooth = (reports_of(simulation, scene, watch)
-                         for scene in (simulation.scene, smooth_facets(simulation.scene)))  # fmt: skip
+        plain = own_reports(simulation, watch)
+        smooth = reports_of(simulation, smooth_facets(simulation.scene), watch)
     except TOLD:
         return 0.0
     for one, other in zip(plain, smooth, strict=True):

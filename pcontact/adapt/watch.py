@@ -96,12 +96,15 @@ class Watch(Path):
         Largest of the load steps [sqrt(energy)].
     record, time, unbalanced : dict, float, ndarray (n_owned, d)
         Of the last load step; forces that the solver has left unbalanced.
+    reports : list of pcontact.contact.report.ContactReport or None
+        The contacts of the run with the partners where it has ended, once they are known.
     """
 
     def __init__(self, simulation):
         super().__init__(simulation)
         self.squares, self.absolute, self.norm, self.algebraic = None, 0.0, 0.0, 0.0
         self.record, self.time, self.unbalanced, self.energies, self.pressure = None, 0.0, None, None, None
+        self.reports = None
 
     def step(self, step, u, record):
         """Take what the load step says. *Collective.*"""

@@ -10,6 +10,7 @@ from pcontact.element.dilatation import factors
 from pcontact.element.shape import shape, shape_gradient
 from pcontact.estimate.bubbles import bubbles
 from pcontact.estimate.parts import CONTACT
+from pcontact.estimate.points import add_at
 from pcontact.estimate.residuals import parts_of, tests_of
 from pcontact.estimate.tractions import on_source, on_target
 from pcontact.material.orthotropic import traction_matrix
@@ -52,7 +53,7 @@ class ContactResiduals:
                 values = tests_of(self._space, number, forces.xi)
                 along = np.sum(forces.force * forces.normal, axis=1)[:, None] * forces.normal
                 for part, force in ((normal_part, along), (across_part, forces.force - along)):
-                    np.add.at(tested[number], (forces.rows, part), values[:, :, None] * force[:, None, :])
+                    add_at(forces.rows, part, values[:, :, None] * force[:, None, :], tested[number])
 
     def add_dual(self, contact, z, zero, tested):
         """What contact exerts on a dual displacement. *Collective.*
@@ -81,10 +82,10 @@ class ContactResiduals:
                 sides.append(on_target(self._space, pair, forces, self._cells, contact.weight))
             for number, one in ((n, f) for side in sides for n, f in side.items()):
                 values = tests_of(self._space, number, one.xi)
-                np.add.at(tested[number], (one.rows, CONTACT), values[:, :, None] * one.force[:, None, :])
+                add_at(one.rows, CONTACT, values[:, :, None] * one.force[:, None, :], tested[number])
             weighted = {"traction": weight, "weight": state["weight"]}
             for number, one in on_source(self._space, pair, weighted).items():
-                np.add.at(tested[number], (one.rows, CONTACT), self._stresses(number, one))
+                add_at(one.rows, CONTACT, self._stresses(number, one), tested[number])
 
     def _stresses(self, number, points):
         """Work (n, nb, d) of the stresses of the test functions of cells on vectors at points of their facets."""

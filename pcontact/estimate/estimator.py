@@ -131,6 +131,8 @@ class Estimator:
     ----------
     problem : pcontact.solve.problem.Problem
     loads : list of pcontact.estimate.loads.Given or pcontact.estimate.loads.Spread
+    again : bool
+        Whether several displacements are to come.
 
     Attributes
     ----------
@@ -143,9 +145,9 @@ class Estimator:
     The constructor is *Collective*, and so are the calls.
     """
 
-    def __init__(self, problem, loads):
+    def __init__(self, problem, loads, again=False):
         self.space, self._bulk, self._contacts, self._loads = problem.space, problem.bulk, problem.contacts, loads
-        kept, pairs, self._springs = Kept(), FacetPairs(self.space), Springs(problem)
+        kept, pairs, self._springs = Kept(at_once=again), FacetPairs(self.space), Springs(problem)
         surfaces = [pair.contact for contact in self._contacts for pair in contact.pairs]
         names = {name for one in surfaces for name in (one.source, one.target)} - {None}
         self.cells = Cells(self.space, sorted(names))

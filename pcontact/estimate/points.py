@@ -125,6 +125,26 @@ def add_work(stress, test, jxw, out):
 
 
 @njit
+def add_at(rows, part, values, out):
+    """Add values of points to the residuals of their cells.
+
+    Parameters
+    ----------
+    rows : ndarray (n,) of int
+        Cells of the points.
+    part : int
+        Of the residual, see `pcontact.estimate.parts`.
+    values : ndarray (n, nb, d)
+    out : ndarray (nc, n_parts, nb, d)
+        Changed.
+    """
+    for p in range(values.shape[0]):
+        for b in range(values.shape[1]):
+            for i in range(values.shape[2]):
+                out[rows[p], part, b, i] += values[p, b, i]
+
+
+@njit
 def weigh_facets(values, jxw, sides, first, out):
     """Test what both sides of the facets of cells say of their tractions.
 

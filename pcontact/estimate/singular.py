@@ -111,7 +111,7 @@ class SingularPoints:
         sums = np.zeros((space.n_local, space.dim))
         for block, cells, own in zip(space.mesh.blocks, space.cells, squares, strict=True):
             for corner in cells[:, : CELLS[block.cell].n_vertices].T:
-                np.add.at(sums[:, 0], corner, own)
+                sums[:, 0] += np.bincount(corner, own, space.n_local)
         around = space.together(sums)[:, 0]
         total = space.comm.allreduce(float(sum(own.sum() for own in squares)), op=MPI.SUM)
         return self._flags & (around > SHARE * total) if total > 0.0 else np.zeros(space.n_local, dtype=bool)

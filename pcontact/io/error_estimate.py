@@ -71,7 +71,7 @@ class ErrorEstimate(Observer):
         # the largest norm of the run so far, which a restarted run goes on with
         self.last, self.carried = None, 0.0
         self.squares = np.zeros(sum(len(block.nodes) for block in problem.space.mesh.blocks))
-        self._estimator = Estimator(problem, self._loads)
+        self._estimator = Estimator(problem, self._loads, scene.steps.count > 1)
 
     def step(self, step, u, record):
         """Estimate. *Collective.*"""

@@ -14,6 +14,8 @@ class Kept:
     ----------
     room : int
         [bytes]
+    at_once : bool
+        Whether what is made will be asked for again.
 
     Attributes
     ----------
@@ -21,20 +23,20 @@ class Kept:
         That is left.
     """
 
-    def __init__(self, room=ROOM):
-        self.room, self._made, self._asked = room, {}, set()
+    def __init__(self, room=ROOM, at_once=False):
+        self.room, self._made, self._asked, self._at_once = room, {}, set(), at_once
 
     def get(self, key):
         """What is kept under a key, or None."""
         return self._made.get(key)
 
     def __call__(self, key, make):
-        """What ``make()`` gives, a tuple of arrays and of what is no array. It is kept when it is asked for again, and
-        made anew where there is no room for it."""
+        """What ``make()`` gives, a tuple of arrays and of what is no array. It is kept when it is asked for again, or
+        at once, and made anew where there is no room for it."""
         found = self._made.get(key)
         if found is not None:
             return found
-        found, again = make(), key in self._asked
+        found, again = make(), self._at_once or key in self._asked
         self._asked.add(key)
         return self.keep(key, found) if again else found
 

@@ -6,6 +6,7 @@ import pytest
 from pcontact.estimate.parts import INTERIOR, JUMPS, PARTS
 from pcontact.estimate.points import (
     Sides,
+    add_at,
     add_work,
     of_nodes_on_normals,
     on_normals,
@@ -58,3 +59,12 @@ def test_tractions_of_both_sides():
     assert out[:, INTERIOR] == pytest.approx(np.einsum("cfq,fqb,cfqi->cbi", jxw, values, traction))
     assert out[:, JUMPS] == pytest.approx(np.einsum("cfq,fqb,cfqi->cbi", jxw, values, jump))
     assert not np.delete(out, [INTERIOR, JUMPS], axis=1).any()
+
+
+def test_what_points_add_to_their_cells():
+    rng, rows = np.random.default_rng(1), np.array([2, 0, 2, 1])
+    values, out = rng.normal(size=(4, 3, 2)), np.ones((3, len(PARTS), 3, 2))
+    twin = out.copy()
+    add_at(rows, JUMPS, values, out)
+    np.add.at(twin, (rows, JUMPS), values)
+    assert out == pytest.approx(twin)
