@@ -139,6 +139,8 @@ class Simulation:
         Whether an observer ended it.
     begin : callable, optional
         Where the bodies are expected at the end of load steps, see :class:`pcontact.stepping.stepper.Stages`.
+    every : bool
+        Whether observers are told of every load step, see :class:`pcontact.stepping.stepper.Stepper`.
     records, snapshot : pcontact.io.observers.Records, pcontact.io.snapshot.Snapshot or None
         Report and history, and the fields of the last load step that converged, of a run that was asked for them.
 
@@ -157,7 +159,7 @@ class Simulation:
         self.timing = dict.fromkeys(("search", "assembly", "linear", "solve", "output"), 0.0)
         self.comm, self.options, self.profile, self.calls = comm, Options(said), profile.Profile(), CALLS.copy()
         self.failure, self.stopped, self.records, self.snapshot, self.begin = None, False, None, None, None
-        self.problem = self.newton = None
+        self.problem, self.newton, self.every = None, None, True
         self._items = tuple(items)
         self.restart = self.options.get("restart")
         self.anyway = self.options.get(ANYWAY)
@@ -357,6 +359,7 @@ class Simulation:
         self.stepper = Stepper(
             self.problem, self.newton, schedule, self._watch, recorder, self.timing, drive(scene, places), stages
         )  # fmt: skip
+        self.stepper.every = self.every
         self.newton.tell(self.stepper.iterate)
 
     def _go_on(self, lasting, directory):

@@ -26,7 +26,8 @@ def solved(scene, comm, said, mesh, known=None):
     It begins where the bodies are known to be, see :class:`pcontact.adapt.watch.Beginning`. *Collective.*
     """
     simulation = Simulation(scene, comm, said, mesh)
-    simulation.newton.lasting = True
+    # estimates are those of all load steps
+    simulation.newton.lasting, simulation.every = True, scene.output.estimate
     if known is not None:
         simulation.begin = Beginning(simulation, known)
     try:

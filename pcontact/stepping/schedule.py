@@ -78,7 +78,11 @@ class Schedule:
     @property
     def done(self):
         """Whether the run has ended."""
-        return self.time >= self.end * (1.0 - 1e-12)
+        return self.ends(self.time)
+
+    def ends(self, time):
+        """Whether a run has ended at a time."""
+        return time >= self.end * (1.0 - 1e-12)
 
     @property
     def size(self):

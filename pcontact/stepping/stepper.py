@@ -109,13 +109,15 @@ class Stepper:
         Load steps that are done.
     first : float or None
         Time at which the first load step of the run has ended.
+    every : bool
+        Whether observers are told of every load step; else of the last one alone, unless records sum up works.
     """
 
     def __init__(self, problem, newton, schedule, observers, recorder, timing, drive=None, stages=None):
         self.problem, self.newton, self.schedule = problem, newton, schedule
         self.observers, self.recorder, self.timing = observers, recorder, timing
         self.u = problem.space.vector()
-        self.number, self.first = 0, None
+        self.number, self.first, self.every = 0, None, True
         self._drive, self._last, self._stages = drive, None, Stages() if stages is None else stages
 
     def resume(self, number, time, first, size, values, last=None):
@@ -159,8 +161,9 @@ class Stepper:
             committed = self.u.copy()
             result = self._attempt(target, committed)
             if result.converged:
+                told = self._tells(target)
                 with profile.phase("output"):
-                    unbalanced = self._unbalanced(committed, target)
+                    unbalanced = self._unbalanced(committed, target) if told else None
                 for item in self.problem.items:
                     item.commit(self.u, target)
                 self._last = self.schedule.time, committed
@@ -168,8 +171,11 @@ class Stepper:
                 self.schedule.accept(target, result.newton // solves)
                 self.number += 1
                 self.first = target if self.first is None else self.first
+                cutbacks, before = 0, cutbacks
+                if not told:
+                    continue
                 step = Step(
-                    self.number, target, result.newton, result.krylov, cutbacks, result.residual,
+                    self.number, target, result.newton, result.krylov, before, result.residual,
                     list(self.newton.norms), *self._last, result.uzawa, result.hardest, result.free,
                     unbalanced,
                 )  # fmt: skip
@@ -177,7 +183,6 @@ class Stepper:
                     record = self.recorder(step, self.u)
                     for observer in self.observers:
                         observer.step(step, self.u, record)
-                cutbacks = 0
                 continue
             committed.copy(self.u)
             cutbacks += 1
@@ -190,6 +195,12 @@ class Stepper:
                     f"residual {result.residual:.3e} after {result.newton} iterations, first {result.initial:.3e}"
                     f"{'; ' if result.detail else ''}{result.detail})"
                 )
+
+    def _tells(self, target):
+        """Whether observers are told of the load step that ends at a time."""
+        if self.every or self.schedule.ends(target):
+            return True
+        return self.problem.energy is not None or self.problem.viscous is not None
 
     def iterate(self, norms):
         """Tell the observers of an iterate of Newton's method."""

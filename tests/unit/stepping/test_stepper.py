@@ -193,6 +193,16 @@ def test_stepper_detects_solves_and_commits():
     ]
 
 
+def test_observers_are_told_of_the_last_load_step_alone():
+    """But of all where records sum up works."""
+    for energy, told in ((None, [4]), ("balance", [1, 2, 3, 4])):
+        loop, problem, watch = stepper(1.0, count=4)
+        loop.every, problem.energy, problem.viscous = False, energy, None
+        loop._unbalanced = lambda before, target: None
+        loop.run()
+        assert [step.number for step in watch.records] == told and problem.calls[-1] == ("commit", 101.0, 1.0)
+
+
 def test_a_cut_back_undoes_everything():
     """The failed attempt leaves nothing behind: the next search is done on the committed state."""
     loop, problem, watch = stepper(0.2)
