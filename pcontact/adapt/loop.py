@@ -14,7 +14,7 @@ from pcontact.adapt.passes import report, table
 from pcontact.adapt.refining import Refining
 from pcontact.adapt.settings import Settings
 from pcontact.adapt.watch import Beginning, Watch
-from pcontact.runtime import log
+from pcontact.runtime import log, profile
 from pcontact.runtime.errors import TOLD, InputError, SolverError
 from pcontact.runtime.lock import reserved
 from pcontact.runtime.options import Options
@@ -148,7 +148,8 @@ class Loop:
         gc.collect(1)
         gc.freeze()
         try:
-            return self._run_all(directory, said)
+            with profile.holding():
+                return self._run_all(directory, said)
         finally:
             gc.unfreeze()
 
