@@ -8,7 +8,7 @@ from pcontact.adapt.budget import Budgeted
 from pcontact.adapt.cells import MEASURED, Ways, of_parts, parts_of
 from pcontact.adapt.forecast import Aims, forecast
 from pcontact.adapt.passes import cost_of, said_of
-from pcontact.adapt.settings import AIM, FACETS, SHARE, STEPS_SHARE
+from pcontact.adapt.settings import AIM, FACETS, NOTICED, SHARE, STEPS_SHARE
 from pcontact.adapt.sizes import degrees
 from pcontact.runtime import log
 from pcontact.runtime.petsc import MPI
@@ -215,9 +215,11 @@ class Decision:
         """
         goal, share = self.aim, SHARE * self.aim
         stays = sum(done.parts.get(name, 0.0) for name in self._settings.staying)
-        stays += min(done.parts["algebraic"], share)
+        # solved roughly: what is left of it depends on how many ranks there are
+        stays += min(done.parts["algebraic"], share) if done.parts["algebraic"] > NOTICED * goal else 0.0
         stays += min(done.parts.get("load_steps", 0.0), STEPS_SHARE * goal)
-        falls = sum(done.parts.get(name, 0.0) for name in self._settings.falling)
+        falls, loads = sum(done.parts.get(name, 0.0) for name in self._settings.falling), done.parts.get("loads", 0.0)
+        falls -= loads if loads <= NOTICED * self._target.error else 0.0
         falls += (more**done.power - 1.0) * done.parts["mesh"]
         part = min(aim * max(goal - stays, share) / falls, 1.0) ** (1.0 / (trust or self._trust(done)))
         # errors of quantities are products of two errors of the energy norm

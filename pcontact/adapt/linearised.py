@@ -11,15 +11,10 @@ import numpy as np
 
 from pcontact.adapt.variants import finer_quadrature, smooth_facets
 from pcontact.estimate import pressures
-from pcontact.estimate.goal import DUAL_ITERATIONS, DUAL_RTOL
 from pcontact.pairs import contact_reports
 from pcontact.runtime import log
 from pcontact.runtime.errors import TOLD
 from pcontact.runtime.petsc import MPI
-
-# [-] Of the linear solve for the energy norm. From: to first order the change is hardly known better; in quantities its
-# parts cancel, and they take the tolerance of dual problems.
-RTOL = 0.01
 
 
 def reports_of(simulation, scene, watch):
@@ -98,7 +93,7 @@ def change(simulation, target, watch, before, after):
     one, other = (forces_of(simulation, reports) for reports in (before, after))
     forces = {name: other[name] - one[name] for name in one}
     total, estimate = sum(forces.values()), simulation.error_estimate
-    step = estimate.answer(-total, RTOL if target.quantity == "energy" else DUAL_RTOL, DUAL_ITERATIONS)
+    step = estimate.answer(-total)
     if target.quantity == "energy":
         return 0.0 if step is None else estimate.norm(step)
     if target.quantity == "pressure":

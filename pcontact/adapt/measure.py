@@ -10,7 +10,7 @@ from pcontact.adapt.fronts import front_of
 from pcontact.adapt.known import effectivity, of_quantity
 from pcontact.adapt.passes import Pass
 from pcontact.adapt.seen import Seen
-from pcontact.adapt.settings import FACETS, SHARE
+from pcontact.adapt.settings import FACETS, NOTICED, SHARE
 from pcontact.adapt.variants import answer, beyond, change_to, followed
 from pcontact.adapt.watch import at_nodes
 from pcontact.element.reference import CELLS
@@ -64,7 +64,7 @@ class Measure:
         norm = watch.norm if watch.norm > 0.0 else 1.0
         estimate, size, found, part = watch.absolute / norm, norm, None, 1.0
         beside = {"algebraic": watch.algebraic / norm}
-        loads, forces = simulation.error_estimate.of_loads(watch.time)
+        loads, forces = simulation.error_estimate.of_loads(watch.time, 0.5 * NOTICED * self._target.error * norm)
         beside["loads"] = loads / norm
         if self._target.quantity == "energy":
             far = estimate / known.least > self._target.error

@@ -230,24 +230,39 @@ def dual(problem, goal, preconditioner):
         near = matrix.getNearNullSpace()
         transpose.setBlockSize(space.dim)
         transpose.setNearNullSpace(near)
-        ksp = PETSc.KSP().create(comm=space.comm)
-        ksp.setType("gmres")
-        ksp.setTolerances(rtol=DUAL_RTOL, max_it=DUAL_ITERATIONS)
-        factors = _factors(space, transpose)
-        for one in filter(None, (factors, preconditioner)):
-            ksp.setPC(one)
-            ksp.setOperators(transpose, transpose)
-            ksp.solve(right, z)
-            # of a body that nothing holds there are no factors
-            if ksp.getConvergedReason() > 0:
-                break
-        ksp.destroy()
-        if factors is not None:
-            factors.destroy()
+        solve(space, transpose, preconditioner, right, z)
         transpose.destroy()
     problem.follow(z)
     values = z.getArray(readonly=True).reshape(-1, space.dim).copy()
     return values if goal.lift is None else values + goal.lift
+
+
+def solve(space, matrix, preconditioner, right, z):
+    """Solve a linear system so well that what follows does not depend on how ranks share the mesh. *Collective.*
+
+    Parameters
+    ----------
+    space : pcontact.space.space.Space
+    matrix : PETSc.Mat
+    preconditioner : PETSc.PC
+        Where factors would take more than many iterations.
+    right, z : PETSc.Vec
+        `z` is set.
+    """
+    ksp = PETSc.KSP().create(comm=space.comm)
+    ksp.setType("gmres")
+    ksp.setTolerances(rtol=DUAL_RTOL, max_it=DUAL_ITERATIONS)
+    factors = _factors(space, matrix)
+    for one in filter(None, (factors, preconditioner)):
+        ksp.setPC(one)
+        ksp.setOperators(matrix, matrix)
+        ksp.solve(right, z)
+        # of a body that nothing holds there are no factors
+        if ksp.getConvergedReason() > 0:
+            break
+    ksp.destroy()
+    if factors is not None:
+        factors.destroy()
 
 
 def _factors(space, matrix):

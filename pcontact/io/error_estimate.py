@@ -100,12 +100,15 @@ class ErrorEstimate(Observer):
             return self.last["absolute"]
         return float(np.sqrt(self._problem.space.comm.allreduce(float(self.squares.sum()), op=MPI.SUM)))
 
-    def of_loads(self, time):
+    def of_loads(self, time, least=np.inf):
         """Energy norm of what the quadrature of loads leaves out of the displacement [sqrt(energy)], and the squared
         forces (nc,) that it leaves out of the cells of each block. *Collective.*
+
+        The norm is known roughly, from `least` on well.
         """
         forces, cells = missing(self._problem.space, self._loads, time)
-        return 0.0 if forces is None else self._answer(forces), cells
+        rough = 0.0 if forces is None else self._answer(forces)
+        return self._answer(forces, well=True) if rough > least else rough, cells
 
     def of_quantity(self, target, record, u, time, unbalanced):
         """The error of a quantity of the last load step, see `pcontact.estimate.goal`. *Collective.*
@@ -180,21 +183,20 @@ class ErrorEstimate(Observer):
         size = self._estimator.norm(step)
         return size if size < little else self._answer(forces)
 
-    def _answer(self, forces):
-        """Energy norm of what the tangent answers to forces (n_owned, d), solved roughly. *Collective.*"""
-        step = self.answer(forces, STEP_RTOL, STEP_ITERATIONS)
+    def _answer(self, forces, well=False):
+        """Energy norm of what the tangent answers to forces (n_owned, d). *Collective.*"""
+        step = self.answer(forces, well)
         return 0.0 if step is None else self._estimator.norm(step)
 
-    def answer(self, forces, rtol, iterations):
+    def answer(self, forces, well=True):
         """The displacement that the tangent of the last load step answers to forces. *Collective.*
 
         Parameters
         ----------
         forces : ndarray (n_owned, d)
             [force]
-        rtol : float
-        iterations : int
-            At most.
+        well : bool
+            Whether it decides on meshes, which are not to depend on how ranks share them; else it is solved roughly.
 
         Returns
         -------
@@ -207,13 +209,16 @@ class ErrorEstimate(Observer):
         if residual.norm() == 0.0:
             return None
         # a solver of its own: that of Newton's iteration is not left alone; its preconditioner is good enough
-        ksp, preconditioner = PETSc.KSP().create(comm=problem.space.comm), self._newton.last_preconditioner()
-        matrix = problem.matrix.matrix
-        ksp.setType("gmres")
-        ksp.setPC(preconditioner)
-        ksp.setOperators(matrix, matrix)
-        ksp.setTolerances(rtol=rtol, max_it=iterations)
-        ksp.solve(residual, step)
-        ksp.destroy()
+        preconditioner, matrix = self._newton.last_preconditioner(), problem.matrix.matrix
+        if well:
+            goal.solve(problem.space, matrix, preconditioner, residual, step)
+        else:
+            ksp = PETSc.KSP().create(comm=problem.space.comm)
+            ksp.setType("gmres")
+            ksp.setPC(preconditioner)
+            ksp.setOperators(matrix, matrix)
+            ksp.setTolerances(rtol=STEP_RTOL, max_it=STEP_ITERATIONS)
+            ksp.solve(residual, step)
+            ksp.destroy()
         problem.follow(step)
         return step

@@ -30,7 +30,9 @@ def test_factors_where_bodies_yield_in_the_plane():
     assert _solver(petsc={"pc_type": "gamg"}) == "gamg"
 
 
-@pytest.mark.parametrize("error, tolerance", [(0.05, "0.0005"), (1e-4, "1e-06"), (0.3, "0.001")])
-def test_the_tolerance_follows_the_target(error, tolerance):
-    scene = Scene(mesh=MeshSpec("block.msh"), materials={}, bodies=[])
-    assert Settings(scene, Target(error), Options("command line")).scene().petsc["snes_rtol"] == tolerance
+@pytest.mark.parametrize(
+    "error, of, tolerance", [(0.05, "energy", "1e-08"), (1e-7, "energy", "1e-09"), (0.05, "support:left", "1e-10")]
+)
+def test_the_tolerance_is_small_enough_for_the_same_meshes_on_all_ranks(error, of, tolerance):
+    settings = Settings(Scene(MeshSpec("block.msh"), {}, []), Target(error, of), Options("command line"))
+    assert settings.scene().petsc["snes_rtol"] == tolerance
