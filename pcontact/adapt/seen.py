@@ -74,6 +74,39 @@ def between(simulation, before, coarse, steps=0.0):
     return part_of(coarse, simulation.error_estimate.over_steps, np.sqrt(size**2 - steps**2))
 
 
+class Parts(NamedTuple):
+    """The parts of the error that pairs of meshes have shown estimates to be.
+
+    Where the estimate has not fallen from one mesh to the other, the coarser one has not seen what the finer one sees,
+    as a contact that begins between its nodes: the pair tells of its own estimate, and counts until it is known how the
+    finer ones fall. A copper disc between a stamp and an anvil, 1,114 to 13,970 unknowns: the estimate rises by a
+    quarter, and then falls to a tenth; the parts are 0.25, 1 and, on finer meshes, 0.98 and 0.77.
+
+    Attributes
+    ----------
+    fallen, others : float
+        The least of those pairs whose estimate has fallen, and of the others since the last of these; 1: none. A mesh
+        that has changed the solution little says little.
+    known : bool
+        Whether there has been any.
+    """
+
+    fallen: float = 1.0
+    others: float = 1.0
+    known: bool = False
+
+    def with_pair(self, part, fell):
+        """These and that of a pair whose estimate fell, or did not."""
+        if fell:
+            return Parts(min(self.fallen, part), 1.0, True)
+        return Parts(self.fallen, min(self.others, part), True)
+
+    @property
+    def least(self):
+        """The part that is counted with."""
+        return min(self.fallen, self.others) if self.known else EXPECTED
+
+
 class State(NamedTuple):
     """A mesh and its solution, as far as quantities are told by them.
 
@@ -195,7 +228,7 @@ class Seen:
     def __init__(self, target, settings, options):
         self._target, self._settings, self._options = target, settings, options
         # estimate and degree of the last pass, or its State, and what part of the error estimates have been seen to be
-        self._before, self._part = None, None
+        self._before, self._parts = None, Parts()
 
     def part(self, simulation, watch, far, steps):
         """What part of the error of the displacement the estimate is: 1 but where bodies yield. *Collective.*
@@ -213,17 +246,20 @@ class Seen:
         own, degree = simulation.error_estimate.over_steps, simulation.problem.space.degree
         if not simulation.scene.plastic:
             return 1.0
-        old, self._before, part = self._before, (own, degree), None
+        old, self._before, pair = self._before, (own, degree), None
+
+        def seen(run, before, coarse, steps=0.0):
+            return between(run, before, coarse, steps), run.error_estimate.over_steps <= ALIKE * coarse
+
         if (old is None or old[1] != degree) and far:
             return EXPECTED
         if old is None or old[1] != degree:
-            part = self._on_halved(simulation, lambda run, _, before: between(run, before, own))
+            pair = self._on_halved(simulation, lambda run, _, before: seen(run, before, own))
         elif simulation.begin.end(watch.time) is not None:
-            part = between(simulation, simulation.begin.end(watch.time), old[0], steps)
-        if part is not None:
-            # a mesh that has changed the solution little says little
-            self._part = part if self._part is None else min(self._part, part)
-        return EXPECTED if self._part is None else self._part
+            pair = seen(simulation, simulation.begin.end(watch.time), old[0], steps)
+        if pair is not None and pair[0] is not None:
+            self._parts = self._parts.with_pair(*pair)
+        return self._parts.least
 
     @property
     def by_meshes(self):

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from pcontact.adapt.seen import ALIKE, LEAST, State, between, fallen, left_after, likely_after, part_of
+from pcontact.adapt.seen import ALIKE, EXPECTED, LEAST, Parts, State, between, fallen, left_after, likely_after, part_of
 
 
 @pytest.mark.parametrize("part", [0.4, 0.9])
@@ -39,6 +39,18 @@ def test_load_steps_that_change_as_much_as_meshes():
     assert _between(0.0) == pytest.approx(0.5 * np.sqrt(1.0 - ALIKE**2))
     assert _between(0.6) == pytest.approx(_between(0.0) / 0.8)
     assert _between(0.8) is None
+
+
+def test_pairs_whose_estimate_has_not_fallen_count_until_one_has():
+    """A coarse mesh that has not seen a contact says nothing of the finer ones; what fallen estimates tell stays."""
+    parts = Parts()
+    assert parts.least == EXPECTED
+    blind = parts.with_pair(0.25, False)
+    assert blind.least == 0.25
+    known = blind.with_pair(0.9, True).with_pair(0.95, True)
+    assert known.least == 0.9
+    assert known.with_pair(0.3, False).least == 0.3
+    assert known.with_pair(0.3, False).with_pair(1.0, True).least == 0.9
 
 
 def test_what_is_left_of_a_quantity():
