@@ -5,7 +5,8 @@ kept as values at the quadrature points of its cells: there it is smooth, and so
 of a coarser mesh. What the solution itself lacks is part of it, so that the rows can allow for it:
 
     mesh, quadrature, ...   as the loop names them, but for facets, which both meshes share
-    load steps              the change when their number is halved: an error that falls as 1 / number has as much left
+    load steps              the change when their number is halved: an error that falls as 1 / number has as much left.
+                            Where they cost more than the mesh, the last mesh is run once more with many of them
     quantities              twice the error that the dual problem tells, where nothing yields; else the change of the
                             loop's last two meshes, as the squared estimates say that it goes on
 """
@@ -20,8 +21,9 @@ import numpy as np
 from drivers._common import log
 from pcontact.adapt.loop import Loop
 from pcontact.adapt.seen import State, left_after
-from pcontact.adapt.settings import FACETS
+from pcontact.adapt.settings import FACETS, FALLING
 from pcontact.adapt.variants import solved
+from pcontact.adapt.watch import Watch
 from pcontact.assembly.error_norms import Displacements, energy_density
 from pcontact.element.geometry import gradients
 from pcontact.element.quadrature import quadrature
@@ -31,6 +33,7 @@ from pcontact.runtime.errors import StepFailure
 from pcontact.runtime.observer import Observer
 from pcontact.runtime.petsc import MPI
 from pcontact.scene.target import Budget, Target
+from pcontact.simulation import Simulation
 
 # [-] Tolerance of Newton's method. From: it is the smallest that the loop takes.
 RTOL = 1e-9
@@ -184,7 +187,7 @@ def finer(scene, steps):
     return scene
 
 
-def made(scene, target, quantities, steps=1):
+def made(scene, target, quantities, steps=1, after=0):
     """The reference of a scene, on one rank.
 
     Parameters
@@ -196,6 +199,8 @@ def made(scene, target, quantities, steps=1):
         That it is to know, too.
     steps : int
         Load steps that it begins with, at least.
+    after : int
+        Load steps of one more run on the last mesh, where these are more than it has had.
 
     Raises
     ------
@@ -221,19 +226,38 @@ def made(scene, target, quantities, steps=1):
     clouds, norm, u = outcome.kept
     last, goals, beside = loop.passes[loop.best - 1], goals[: loop.best], {}
     parts = {name: part for name, part in last.parts.items() if name not in FACETS}
-    goals, yields = goals[-2:], any(scene.yields(body) for body in scene.bodies)
+    goals, yields, taken = goals[-2:], any(scene.yields(body) for body in scene.bodies), last.steps
+    if after > taken:
+        (clouds, norm, u), ratio = _again(loop, after, watch, take)
+        goals, taken = [goals[0], goals[-1]], after
+        parts |= {name: ratio * part for name, part in parts.items() if name in FALLING}
     if parts.pop("load_steps", 0.0) > 0.0:
-        beside = _halved(loop, u, quantities)
+        beside = _halved(loop, u, quantities, taken)
     values = {of: _value(of, goals, yields, beside.get(of, 0.0)) for of in quantities}
     error = sum(parts.values()) + beside.get("energy", 0.0) / norm
-    log.info("reference: %d unknowns, %d load steps, error %.3g", last.unknowns, last.steps, error)
-    return Reference(clouds, norm, error, values, last.unknowns, last.steps)
+    log.info("reference: %d unknowns, %d load steps, error %.3g", last.unknowns, taken, error)
+    return Reference(clouds, norm, error, values, last.unknowns, taken)
 
 
-def _halved(loop, u, quantities):
-    """What half of the load steps change: of the displacement [sqrt(energy)] and quantities, by their names."""
+def _again(loop, steps, watch, take):
+    """Run the best mesh with other load steps, watched as passes are: what is taken of it, and how many times as large
+    the estimate of the mesh is then. *Collective.*"""
+    scene, best = loop.best_scene(), loop.passes[loop.best - 1]
+    scene.steps.count = steps
+    simulation = Simulation(scene, mesh=loop.mesh)
+    seen = Watch(simulation)
+    try:
+        if not simulation.run(None, [seen, *watch(simulation)]):
+            raise StepFailure(str(simulation.failure))
+        return take(simulation, True), seen.absolute / seen.norm / (best.estimate * best.part)
+    finally:
+        simulation.free()
+
+
+def _halved(loop, u, quantities, steps):
+    """What half of so many load steps change: of the displacement [sqrt(energy)] and quantities, by their names."""
     scene, found = loop.best_scene(), {}
-    scene.steps.count = max(scene.steps.count // 2, 1)
+    scene.steps.count = max(steps // 2, 1)
     with solved(scene, MPI.COMM_WORLD, "command line", loop.mesh) as (run, record):
         if record is None:
             raise StepFailure("the reference with half of its load steps does not converge")

@@ -148,7 +148,7 @@ def reference(name, named, args):
     if not (args.kept and path.exists()):
         start = clock.perf_counter()
         target = 0.1 if args.tiny else args.reference or named.reference
-        made(scene_of(named, args.o), target, wanted, named.steps).write(path)
+        made(scene_of(named, args.o), target, wanted, named.steps, 0 if args.tiny else named.after).write(path)
         log.info("%s: reference in %.3g s", name, clock.perf_counter() - start)
     return Reference.read(path)
 
