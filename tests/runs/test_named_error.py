@@ -423,3 +423,24 @@ def test_load_steps_where_bodies_yield_are_told_by_the_last_mesh(shared_tmp, mon
     assert again.parts["load_steps"] == pytest.approx(left) != last.parts["load_steps"]
     assert again.parts["mesh"] == pytest.approx(last.parts["mesh"])
     assert again.error == pytest.approx(sum(again.parts.values()))
+
+
+@pytest.mark.parallel
+def test_a_mesh_with_much_error_of_load_steps_tells_it_before_the_next_one(shared_tmp, monkeypatch):
+    """How many load steps that has, if any, hangs on it."""
+    told, of_steps = [], Beside.with_steps
+
+    def with_steps(self, left, steps, sign):
+        told.append(left)
+        of_steps(self, left, steps, sign)
+
+    scene = replace(HELD_BACK["sheared"].scene(shared_tmp), accuracy=Target(0.05))
+    monkeypatch.setattr(Beside, "with_steps", with_steps)
+    assert Loop(scene).run().status == REACHED and not told
+    monkeypatch.setattr("pcontact.adapt.measure.STEPS_SHARE", 0.0)
+    # no pass with half of its load steps
+    monkeypatch.setattr(Settings, "spares", lambda *_: False)
+    loop = Loop(scene)
+    assert loop.run().status == REACHED and len(loop.passes) > 2
+    assert len(told) == len(loop.passes) - 2
+    assert [one.parts["load_steps"] for one in loop.passes[1:-1]] == pytest.approx(told)
