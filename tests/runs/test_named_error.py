@@ -418,8 +418,8 @@ def test_load_steps_where_bodies_yield_are_told_by_the_last_mesh(shared_tmp, mon
     _, again = passes()
     ((left, steps),) = told
     assert steps == again.steps and again.cells == last.cells and again.trials > 0.0
-    # half of the load steps begin where all of them have ended, and little is left to do
-    assert tried[-1] <= 1
+    # half of the load steps begin where all of them have ended, and little is left to do: others take 6
+    assert tried[-1] <= 2
     assert again.parts["load_steps"] == pytest.approx(left) != last.parts["load_steps"]
     assert again.parts["mesh"] == pytest.approx(last.parts["mesh"])
     assert again.error == pytest.approx(sum(again.parts.values()))
