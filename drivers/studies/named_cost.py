@@ -106,7 +106,7 @@ def measured(name, of, error, folder):
     if seconds < SHORT:
         again = [loop_of(scene, Target(error, of, budget=BUDGET)) for _ in range(3)]
         loop, seconds = min(again, key=lambda one: one[1])
-    last, alone = loop.passes[-1], loop.best_scene()
+    last, alone = loop.passes[loop.best - 1], loop.best_scene()
     alone.output.estimate = False
     single = min(seconds_of(alone, loop.mesh)[0] for _ in range(3 if seconds < SHORT else 1))
     trials = sum(one.trials for one in loop.passes)
@@ -128,10 +128,7 @@ def by_hand(args):
         return float("nan") if best is None else best.distance(kept.solution.at, kept.axisymmetric, kept.laws)
 
     def taken(simulation):
-        kept = Answer(None)
-        if best is not None:
-            kept(simulation, True)
-        return kept
+        return None if best is None else Answer.of(simulation, True)
 
     rows, case = [], CASES["hertz3d"]
     loop_of(ALL["hertz3d"].scene(args.o), Target(0.1))

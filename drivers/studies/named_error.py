@@ -23,6 +23,7 @@ references that are longer still.
 import time as clock
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 from drivers._common import log, main, make_parser, print_table, write_json
@@ -74,6 +75,13 @@ class Answer:
         self._exact, self.solution, self.laws, self.axisymmetric, self.error = exact, None, [], False, None
         self._contact, self.pressure = contact, None
 
+    @classmethod
+    def of(cls, run, converged, exact=None, contact=""):
+        """What is kept of a pass. *Collective.*"""
+        answer = cls(exact, contact)
+        answer(run, converged)
+        return answer
+
     def __call__(self, run, converged):
         """Keep it. *Collective.*"""
         if not converged:
@@ -97,14 +105,9 @@ def cost_of(loop, scene, seconds):
 
 
 def measure(name, named, of, error, args):
-    """A row of the table (a dict), but for the true error, and the answer of the last pass. *Collective.*"""
+    """A row of the table (a dict), but for the true error, and the answer of the best pass. *Collective.*"""
     scene = scene_of(named, args.o)
-
-    def take(run, converged):
-        answer = Answer(named.exact if of == "energy" else None, contact_of(of))
-        answer(run, converged)
-        return answer
-
+    take = partial(Answer.of, exact=named.exact if of == "energy" else None, contact=contact_of(of))
     start = clock.perf_counter()
     loop = Loop(replace(scene, accuracy=Target(error, of, budget=BUDGET)), take=take)
     outcome = loop.run()
