@@ -11,6 +11,7 @@ from pcontact.adapt.known import effectivity, of_quantity
 from pcontact.adapt.passes import Pass
 from pcontact.adapt.seen import Seen
 from pcontact.adapt.settings import FACETS, NOTICED, SHARE, STEPS_SHARE
+from pcontact.adapt.trials import sign_of
 from pcontact.adapt.variants import answer, beyond, change_to, followed
 from pcontact.adapt.watch import at_nodes
 from pcontact.element.reference import CELLS
@@ -200,8 +201,8 @@ class Measure:
         change = change_to(simulation, self._other, self._target, watch)
         size = watch.norm if self._target.quantity == "energy" else self._size(simulation, watch, own)
         # more load steps change a number as fewer of them do, the other way round
-        sign = np.sign(change * (self._other.number - taken))
-        self._beside.with_steps(times * abs(change) / size, done.steps, sign)
+        sign = sign_of(change * (self._other.number - taken), self._target)
+        self._beside.with_steps(times * abs(change) / size, done, sign)
         done.trials += clock.perf_counter() - begun
 
     def _with_others(self, simulation, watch, done):

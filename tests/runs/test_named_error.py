@@ -397,9 +397,9 @@ def test_load_steps_where_bodies_yield_are_told_by_the_last_mesh(shared_tmp, mon
     """Where they are more than a small part of the target."""
     scene, told, of_steps, tried = SCENES["hill"].scene(shared_tmp), [], Beside.with_steps, []
 
-    def with_steps(self, left, steps, sign):
-        told.append((left, steps))
-        of_steps(self, left, steps, sign)
+    def with_steps(self, left, done, sign):
+        told.append((left, done.steps))
+        of_steps(self, left, done, sign)
 
     def step(self, step, u, record):
         tried.append(record["newton"])
@@ -430,9 +430,9 @@ def test_a_mesh_with_much_error_of_load_steps_tells_it_before_the_next_one(share
     """How many load steps that has, if any, hangs on it."""
     told, of_steps = [], Beside.with_steps
 
-    def with_steps(self, left, steps, sign):
+    def with_steps(self, left, done, sign):
         told.append(left)
-        of_steps(self, left, steps, sign)
+        of_steps(self, left, done, sign)
 
     scene = replace(HELD_BACK["sheared"].scene(shared_tmp), accuracy=Target(0.05))
     monkeypatch.setattr(Beside, "with_steps", with_steps)

@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from pcontact.adapt import beside
+from pcontact.adapt import beside, trials
 from pcontact.adapt.beside import LIKELY, Beside
 from pcontact.adapt.settings import FACETS, FALLING
 from pcontact.scene.target import Target
@@ -19,14 +19,14 @@ def _pass(mesh):
 @pytest.fixture
 def run(monkeypatch):
     """A run with friction whose settings together change a force by `CHANGE`; twice the load steps change it by 1 %."""
-    monkeypatch.setattr(beside.variants, "difference", lambda *_: -CHANGE)
-    monkeypatch.setattr(beside.variants, "answer", lambda *_: None)
-    monkeypatch.setattr(beside.variants, "change_to", lambda *_: 0.01)
-    monkeypatch.setattr(beside.variants, "bent", lambda _: True)
+    monkeypatch.setattr(trials.variants, "difference", lambda *_: -CHANGE)
+    monkeypatch.setattr(trials.variants, "answer", lambda *_: None)
+    monkeypatch.setattr(trials.variants, "change_to", lambda *_: 0.01)
+    monkeypatch.setattr(trials.variants, "bent", lambda _: True)
     scene = SimpleNamespace(remembers=True, plastic=False, temperatures=[], steps=SimpleNamespace(count=1), petsc={},
                             contacts=[SimpleNamespace(tied=False)], output=SimpleNamespace())  # fmt: skip
     for name in ("with_steps", "searching", "finer_quadrature", "smooth_facets"):
-        monkeypatch.setattr(beside.variants, name, lambda one, *_: one)
+        monkeypatch.setattr(trials.variants, name, lambda one, *_: one)
     problem = SimpleNamespace(linear=False, space=SimpleNamespace(degree=2))
     simulation = SimpleNamespace(problem=problem, scene=scene, close=lambda: None, mesh=SimpleNamespace(curved=True))
     settings = SimpleNamespace(scene=lambda: scene, staying=FACETS, falling=FALLING, searches=False)
@@ -51,7 +51,7 @@ def test_what_several_settings_change_together_counts_once(run):
 def test_quadrature_is_measured_on_meshes_where_it_seems_to_be_much(run, monkeypatch, value):
     """To first order, without a sign, as something remembers; what is not known falls as the mesh's part does."""
     simulation, errors = run
-    monkeypatch.setattr(beside.variants, "difference", lambda *_: 0.3)
+    monkeypatch.setattr(trials.variants, "difference", lambda *_: 0.3)
     monkeypatch.setattr(beside.linearised, "changes", lambda *_: {"quadrature": value})
     first, toward = errors.parts(simulation, _pass(0.04), 1.0, WATCH)
     assert first["quadrature"] == toward["quadrature"] == 0.3
