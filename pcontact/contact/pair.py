@@ -382,6 +382,11 @@ class ContactPair(Item):
         """Tractions (np, d) that act on the source by the law [stress], and status (np,). *Collective.*"""
         return self.terms.forces(self.pairing, self.pairing.exchange.gather(u), self._view())
 
+    def derivative(self, u):
+        """Derivative (np, d, d) of the tractions of :meth:`forces` in the augmented ones. *Collective.*"""
+        p = self.pairing
+        return self.terms.derivative(p, p.exchange.gather(u), self._view())
+
     def target_shape(self, u):
         """Shape functions (np, m) of the partners' facets where the partners are at ``u``. *Collective.*"""
         return self.pairing.target_shape

@@ -4,7 +4,6 @@ import numpy as np
 
 from pcontact.assembly.plastic import NO_RING
 from pcontact.assembly.plastic_kernels import CellPoints
-from pcontact.contact.law import OPEN, STICK
 from pcontact.contact.traction.orthotropic import traction_rows
 from pcontact.element.dilatation import factors
 from pcontact.element.shape import shape, shape_gradient
@@ -55,35 +54,32 @@ class ContactResiduals:
                 for part, force in ((normal_part, along), (across_part, forces.force - along)):
                     add_at(forces.rows, part, values[:, :, None] * force[:, None, :], tested[number])
 
-    def add_dual(self, contact, z, zero, tested):
+    def add_dual(self, contact, u, z, zero, tested):
         """What contact exerts on a dual displacement. *Collective.*
 
-        With D the derivative of the law, the tangent has the terms  - int theta t(w) . G^-1 t(z)  and
-        - int D(t(w) - G [[w]]) . G^-1 (G [[z]] - theta t(z))  for a displacement w. Tests of cells are no displacements
-        of the space: that their tractions t(w) meet a [[z]] which is not zero where surfaces are closed, counts.
+        With D the derivative of the law at the displacement u, the tangent has the terms  - int theta t(w) . G^-1 t(z)
+        and  - int D (t(w) - G [[w]]) . G^-1 (G [[z]] - theta t(z))  for a displacement w. Tests of cells are no
+        displacements of the space: that their tractions t(w) meet a [[z]] which is not zero where surfaces are closed,
+        counts. Where they slip, D has the friction that follows the pressure: a [[z]] along the slip, which nothing
+        keeps small, meets the pressure of w.
         """
         for pair, state, rest in zip(contact.pairs, contact.states(z), contact.states(zero), strict=True):
-            closed, normal = (pair.committed > OPEN) & state["paired"], state["normal"]
-            theta, gamma = pair.method.theta, pair.gamma_points
-            own = state["normal_stress"] - rest["normal_stress"]
-            jump = np.where(state["paired"], rest["gap"] - state["gap"], 0.0)
-            across = np.where(closed, jump - theta * own / gamma, 0.0)
-            traction, weight = -gamma * across, across + theta * own / gamma
-            traction, weight = traction[:, None] * normal, weight[:, None] * normal
+            normal, theta, alpha, gamma = state["normal"], pair.method.theta, pair.method.alpha, pair.gamma_points
+            jump = np.where(state["paired"], rest["gap"] - state["gap"], 0.0)[:, None] * normal
+            own = (state["normal_stress"] - rest["normal_stress"])[:, None] * normal
             if "slip" in state:
-                stick = (closed & (pair.committed == STICK))[:, None]
-                gamma = pair.method.alpha * gamma[:, None]
-                own = _along(state["own_traction"] - rest["own_traction"], normal)
-                across = np.where(stick, _along(state["slip"] - rest["slip"], normal) - theta * own / gamma, 0.0)
-                traction, weight = traction - gamma * across, weight + across + theta * own / gamma
-            forces = {"traction": traction, "weight": state["weight"]}
+                jump += _along(state["slip"] - rest["slip"], normal)
+                own += _along(state["own_traction"] - rest["own_traction"], normal)
+            own = _scaled(own, normal, theta / gamma, theta / (alpha * gamma))
+            across = np.einsum("pij,pi->pj", pair.derivative(u), jump - own)
+            forces = {"traction": -_scaled(across, normal, gamma, alpha * gamma), "weight": state["weight"]}
             sides = [on_source(self._space, pair, forces)]
             if not pair.rigid:
                 sides.append(on_target(self._space, pair, forces, self._cells, contact.weight))
             for number, one in ((n, f) for side in sides for n, f in side.items()):
                 values = tests_of(self._space, number, one.xi)
                 add_at(one.rows, CONTACT, values[:, :, None] * one.force[:, None, :], tested[number])
-            weighted = {"traction": weight, "weight": state["weight"]}
+            weighted = {"traction": across + own, "weight": state["weight"]}
             for number, one in on_source(self._space, pair, weighted).items():
                 add_at(one.rows, CONTACT, self._stresses(number, one), tested[number])
 
@@ -131,3 +127,9 @@ class ContactResiduals:
 def _along(vectors, normal):
     """Tangential part (np, d) of vectors."""
     return vectors - np.sum(vectors * normal, axis=1, keepdims=True) * normal
+
+
+def _scaled(vectors, normal, normally, across):
+    """Vectors (np, d) whose parts along the normals and across them are taken times numbers (np,)."""
+    along = np.sum(vectors * normal, axis=1, keepdims=True) * normal
+    return normally[:, None] * along + across[:, None] * (vectors - along)

@@ -248,7 +248,7 @@ class Estimator:
         if goal.shift is not None:
             shifted.setArray(shifted.getArray(readonly=True) - goal.shift.ravel())
         for contact in self._contacts:
-            self._exerted.add_dual(contact, shifted if contact.name == goal.contact else z, zero, against)
+            self._exerted.add_dual(contact, u, shifted if contact.name == goal.contact else z, zero, against)
         return [
             self._solve(number, nodal, time, t, own, Dual(other, against[number], loads))[:, 0]
             for number, t in enumerate(tested)

@@ -124,6 +124,10 @@ class FrictionalTerms(FrictionlessTerms):
         _, status = self.law.project(view, p.normal, tau, slope)
         return (status, slope), status
 
+    def derivative(self, p, values, view):
+        """See :meth:`FrictionlessTerms.derivative`."""
+        return self.slopes(p, values, view)[0][1]
+
     # -- residual and tangent -------------------------------------------------------------------------------------
 
     def add_residual(self, p, values, view, local):

@@ -95,6 +95,10 @@ class FrictionlessTerms:
         closed = self.law.closed(view, self._pressed(p, values)[1])
         return closed, self._status(closed)
 
+    def derivative(self, p, values, view):
+        """Derivative (np, d, d) of the tractions of :meth:`forces` in the augmented ones."""
+        return self.slopes(p, values, view)[0][:, None, None] * p.normal[:, :, None] * p.normal[:, None, :]
+
     # -- residual and tangent -------------------------------------------------------------------------------------
 
     def add_residual(self, p, values, view, local):

@@ -128,6 +128,10 @@ class LayerTerms(FrictionlessTerms):
         slope = np.where(closed, ratio, 0.0)[:, None, None] * p.normal[:, :, None] * p.normal[:, None, :]
         return (closed.astype(np.int64), slope), self._status(closed)
 
+    def derivative(self, p, values, view):
+        """See :meth:`FrictionlessTerms.derivative`."""
+        return self.slopes(p, values, view)[0][1]
+
     def add_tangent(self, p, values, view, slopes, blocks):
         """Add to blocks (BlockRows); returns how many entries had no place."""
         excess = self.traction.excess(values, p)

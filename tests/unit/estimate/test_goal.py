@@ -1,5 +1,6 @@
 """The error of quantities: local products, the transposed tangent, forces and displacements of known solutions."""
 
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -7,11 +8,15 @@ import numpy as np
 import pytest
 
 from drivers.cases import rings
+from drivers.studies._named_scenes import HELD_BACK
 from meshes import rings as rings_mesh
 from pcontact.adapt.watch import Watch
-from pcontact.estimate import goal
+from pcontact.contact.law import OPEN, SLIP, STICK
+from pcontact.element.shape import shape, shape_gradient
+from pcontact.estimate import contacts, goal
 from pcontact.estimate.goal import contact_force, transposed, value
 from pcontact.estimate.local import Bound, LocalFunctions, Moduli, energies, products
+from pcontact.estimate.tractions import Cells
 from pcontact.estimate.yielding import Softening
 from pcontact.runtime.parallel import on_root
 from pcontact.runtime.petsc import MPI
@@ -100,6 +105,37 @@ def test_the_force_of_a_symmetric_method_has_its_own_derivative(shared_tmp):
     change = np.linalg.norm(contact.summary(moved)["force"]) - goal.value
     simulation.free()
     assert change == pytest.approx(1e-6 * size * COMM.allreduce(np.vdot(goal.slope, way)), rel=1e-4)
+
+
+@pytest.mark.parametrize("theta", [0.0, -1.0])
+def test_what_contact_exerts_on_a_dual_displacement_is_its_transposed_tangent(tmp_path, monkeypatch, theta):
+    """Where points stick, slip and are open: tested with displacements of the space it is  - z . N'(u) w."""
+    scene = HELD_BACK["sheared"].scene(tmp_path).copy()
+    scene.contacts = [replace(scene.contacts[0], friction=0.4, theta=theta, alpha=0.7)]
+    # one end lifts off
+    scene.displacements[1] = replace(scene.displacements[1], value=[0.03, "-0.05 * (x - 0.4)"])
+    simulation = Simulation(scene)
+    assert simulation.run(None, [], keep=True)
+    problem, u, (contact,) = simulation.problem, simulation.stepper.u, simulation.problem.contacts
+    space, rng = problem.space, np.random.default_rng(7)
+    assert set(np.unique(contact.pairs[0].committed)) == {OPEN, STICK, SLIP}
+    z, w, zero = space.vector(), rng.normal(size=(space.n_owned, 2)), space.vector()
+    z.setArray(rng.normal(size=2 * space.n_owned))
+    for name, own in (("tests_of", _shapes), ("bubbles", lambda *some: (shape(*some), shape_gradient(*some)))):
+        monkeypatch.setattr(contacts, name, own)
+    names = [contact.contact.source, contact.contact.target]
+    exerted = contacts.ContactResiduals(problem, Cells(space, names))
+    tested = [np.zeros((len(own), 5, own.shape[1], 2)) for own in space.cells]
+    exerted.add_dual(contact, u, z, zero, tested)
+    work = sum(np.vdot(t.sum(axis=1), w[own]) for t, own in zip(tested, space.cells, strict=True))
+    tangent = transposed(space, contact.pairs, u, z.getArray(readonly=True).reshape(-1, 2).copy())
+    simulation.free()
+    assert work == pytest.approx(-np.vdot(tangent, w), rel=1e-10)
+
+
+def _shapes(space, number, xi):
+    block = space.mesh.blocks[number]
+    return shape(block.cell, space.degree_of(block), xi)
 
 
 @pytest.mark.parallel
