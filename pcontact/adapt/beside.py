@@ -10,10 +10,11 @@ from pcontact.adapt import linearised
 from pcontact.adapt.settings import FACETS, FALLING, SHARE, STEPS_RATE
 from pcontact.adapt.trials import Change, Trials, sign_of
 
-# [-] Of the error of a number that load steps are named to leave, what is expected, where bodies yield and elsewhere:
-# it falls with `STEPS_RATE`, or faster. From: runs with twice and half as many leave 0.6 to 1 of it for a disc between
-# a stamp and an anvil and for a ball pressed into metal, 0 to 0.43 for a lug on a loose pin.
-LIKELY = {True: 0.8, False: 0.6}
+# [-] Of the error of a number that load steps are named to leave, what is expected, and how far off that is, where
+# bodies yield and elsewhere: it falls with `STEPS_RATE`, or faster. From: all of a range are as likely; runs with twice
+# and half as many leave 0.6 to 1 of it for a disc between a stamp and an anvil and for a ball pressed into metal, 0 to
+# 0.43 for a lug on a loose pin.
+LIKELY, OFF = {True: 0.8, False: 0.5}, {True: 0.4 / 12.0**0.5, False: 1.0 / 12.0**0.5}
 
 
 @dataclass
@@ -107,6 +108,11 @@ class Beside:
         signs = {name: one.change.sign for name, one in self._parts.items() if one.change.sign is not None}
         own = {name: signs[name] * value for name, value in self.once(parts).items() if name in signs}
         return own | {name: LIKELY[self._yields] * value for name, value in own.items() if name == "load_steps"}
+
+    def unsure(self, parts):
+        """How far off what :meth:`toward` has of load steps is, relative."""
+        one = self._parts.get("load_steps")
+        return 0.0 if one is None or one.change.sign is None else OFF[self._yields] * parts["load_steps"]
 
     def of_steps(self, count):
         """The error that so many load steps leave, relative."""

@@ -133,7 +133,8 @@ class Measure:
         """The error that a pass expects, relative: not the largest that there may be.
 
         What waves in the cells is at right angles to what facets change: squares of both norms add up. Changes of a
-        number have signs, and cancel; squares of those whose signs are not known add up.
+        number have signs, and cancel; squares of those whose signs are not known add up, and those of what is not known
+        of the others.
         """
         parts = self._beside.once(done.parts)
         if found is None or self._target.quantity == "pressure":
@@ -142,7 +143,8 @@ class Measure:
             return float(np.hypot(done.estimate, sum(facets))) + rest
         told = {"mesh", "algebraic", "loads", *toward}
         own = (found.error + found.loads + found.algebraic) / size + sum(toward.values())
-        return float(np.linalg.norm([own, *(value for name, value in parts.items() if name not in told)]))
+        others = [value for name, value in parts.items() if name not in told]
+        return float(np.linalg.norm([own, self._beside.unsure(parts), *others]))
 
     def _of_other_steps(self):
         """Errors of the load steps of this pass and the last one together, relative; 0 where these are the same."""

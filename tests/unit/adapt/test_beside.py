@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import pytest
 
 from pcontact.adapt import beside, trials
-from pcontact.adapt.beside import LIKELY, Beside
+from pcontact.adapt.beside import LIKELY, OFF, Beside
 from pcontact.adapt.settings import FACETS, FALLING
 from pcontact.scene.target import Target
 
@@ -43,6 +43,7 @@ def test_what_several_settings_change_together_counts_once(run):
     assert parts["frozen_partners"] == parts["quadrature"] == parts["curved_facets"] == CHANGE
     steps = toward.pop("load_steps")
     assert 0.01 < steps == LIKELY[False] * parts["load_steps"]
+    assert errors.unsure(parts) == OFF[False] * parts["load_steps"]
     assert sum(toward.values()) == pytest.approx(-CHANGE) and len(toward) == 3
     assert sum(errors.once(parts).values()) == pytest.approx(CHANGE + parts["load_steps"])
 
