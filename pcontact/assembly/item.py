@@ -22,11 +22,14 @@ class StatusRule:
         Points that were closed at the end of the last load step are closed, and stick; all others are open.
     waiting : ndarray (np,) of bool, optional
         Points that stay open, see :meth:`Item.defer` and :meth:`Item.recede`.
+    closed : ndarray (np,) of bool, optional
+        Points that are closed, whatever their traction; all others are open.
     """
 
     stick: bool = False
     frozen: bool = False
     waiting: np.ndarray | None = None
+    closed: np.ndarray | None = None
 
     def wait(self, waiting, stick=False):
         """The rule with points that stay open; where `stick`, all others that are closed stick."""

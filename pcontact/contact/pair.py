@@ -325,6 +325,8 @@ class ContactPair(Item):
         paired, tied = self.pairing.paired, self.law.tied
         if self.law.held or (rule.frozen and not tied):
             return View(paired & self.closed, True, not self.law.held)
+        if rule.closed is not None:
+            return View(paired & rule.closed, True, rule.stick and self.can_slip)
         if rule.waiting is not None:
             paired = paired & ~rule.waiting
         return View(paired, self.bilateral, rule.stick and self.can_slip)
@@ -382,10 +384,10 @@ class ContactPair(Item):
         """Tractions (np, d) that act on the source by the law [stress], and status (np,). *Collective.*"""
         return self.terms.forces(self.pairing, self.pairing.exchange.gather(u), self._view())
 
-    def derivative(self, u):
+    def derivative(self, u, rule=LAW):
         """Derivative (np, d, d) of the tractions of :meth:`forces` in the augmented ones. *Collective.*"""
         p = self.pairing
-        return self.terms.derivative(p, p.exchange.gather(u), self._view())
+        return self.terms.derivative(p, p.exchange.gather(u), self._view(rule))
 
     def target_shape(self, u):
         """Shape functions (np, m) of the partners' facets where the partners are at ``u``. *Collective.*"""

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from pcontact.assembly.item import LAW
 from pcontact.assembly.plastic import NO_RING
 from pcontact.assembly.plastic_kernels import CellPoints
 from pcontact.contact.traction.orthotropic import traction_rows
@@ -54,14 +55,14 @@ class ContactResiduals:
                 for part, force in ((normal_part, along), (across_part, forces.force - along)):
                     add_at(forces.rows, part, values[:, :, None] * force[:, None, :], tested[number])
 
-    def add_dual(self, contact, u, z, zero, tested):
+    def add_dual(self, contact, u, z, zero, tested, rules=None):
         """What contact exerts on a dual displacement. *Collective.*
 
-        With D the derivative of the law at the displacement u, the tangent has the terms  - int theta t(w) . G^-1 t(z)
-        and  - int D (t(w) - G [[w]]) . G^-1 (G [[z]] - theta t(z))  for a displacement w. Tests of cells are no
-        displacements of the space: that their tractions t(w) meet a [[z]] which is not zero where surfaces are closed,
-        counts. Where they slip, D has the friction that follows the pressure: a [[z]] along the slip, which nothing
-        keeps small, meets the pressure of w.
+        With D the derivative of the law at the displacement u, or by the rules that some pairs have, the tangent has
+        the terms  - int theta t(w) . G^-1 t(z)  and  - int D (t(w) - G [[w]]) . G^-1 (G [[z]] - theta t(z))  for a
+        displacement w. Tests of cells are no displacements of the space: that their tractions t(w) meet a [[z]] which
+        is not zero where surfaces are closed, counts. Where they slip, D has the friction that follows the pressure: a
+        [[z]] along the slip, which nothing keeps small, meets the pressure of w.
         """
         for pair, state, rest in zip(contact.pairs, contact.states(z), contact.states(zero), strict=True):
             normal, theta, alpha, gamma = state["normal"], pair.method.theta, pair.method.alpha, pair.gamma_points
@@ -71,7 +72,7 @@ class ContactResiduals:
                 jump += _along(state["slip"] - rest["slip"], normal)
                 own += _along(state["own_traction"] - rest["own_traction"], normal)
             own = _scaled(own, normal, theta / gamma, theta / (alpha * gamma))
-            across = np.einsum("pij,pi->pj", pair.derivative(u), jump - own)
+            across = np.einsum("pij,pi->pj", pair.derivative(u, (rules or {}).get(pair, LAW)), jump - own)
             forces = {"traction": -_scaled(across, normal, gamma, alpha * gamma), "weight": state["weight"]}
             sides = [on_source(self._space, pair, forces)]
             if not pair.rigid:

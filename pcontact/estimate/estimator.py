@@ -221,7 +221,7 @@ class Estimator:
 
         return [np.zeros((len(b.nodes), len(PARTS), *width(b))) for b in self.space.mesh.blocks]
 
-    def weighted(self, u, time, z, goal, holding=((), ())):
+    def weighted(self, u, time, z, goal, holding=((), ()), rules=None):
         """The residual of a dual displacement, weighted with the error of the displacement that the cells know, see
         `pcontact.estimate.goal`. *Collective.*
 
@@ -233,6 +233,8 @@ class Estimator:
         goal : pcontact.estimate.goal.Goal
         holding : (list, list) of pcontact.estimate.loads.Spread
             What holds groups that move on average, of both displacements.
+        rules : dict, optional
+            Of pairs, by which `z` has been found, see :func:`pcontact.estimate.closing.rules`.
 
         Returns
         -------
@@ -248,7 +250,8 @@ class Estimator:
         if goal.shift is not None:
             shifted.setArray(shifted.getArray(readonly=True) - goal.shift.ravel())
         for contact in self._contacts:
-            self._exerted.add_dual(contact, u, shifted if contact.name == goal.contact else z, zero, against)
+            of = shifted if contact.name == goal.contact else z
+            self._exerted.add_dual(contact, u, of, zero, against, rules)
         return [
             self._solve(number, nodal, time, t, own, Dual(other, against[number], loads))[:, 0]
             for number, t in enumerate(tested)

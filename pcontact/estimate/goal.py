@@ -22,6 +22,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from pcontact.assembly.item import LAW
 from pcontact.assembly.loads import load_vector
 from pcontact.estimate.pressures import named, norm
 from pcontact.runtime.petsc import LEAST_PIVOT, MPI, PETSc, can_factorise
@@ -94,12 +95,13 @@ def _direction(vector):
     return vector / size if size > 0.0 else np.eye(len(vector))[0]
 
 
-def transposed(space, items, u, phi):
-    """phi . N'(u) of some items for a field phi (n_owned, d), as forces (n_owned, d). *Collective.*"""
+def transposed(space, items, u, phi, rules=None):
+    """phi . N'(u) of some items for a field phi (n_owned, d), as forces (n_owned, d), by the law or by the rules that
+    some items have. *Collective.*"""
     total, d = space.vector(), space.dim
     for item in items:
         rowptr, columns = item.pattern()
-        values = item.tangent(u)
+        values = item.tangent(u, (rules or {}).get(item, LAW))
         rows = np.repeat(np.arange(space.n_owned), np.diff(rowptr))
         some = np.flatnonzero(phi[rows].any(axis=1))
         forces = np.einsum("eij,ei->ej", values[some], phi[rows[some]])
@@ -124,7 +126,7 @@ def _beside(space, contact):
     return every & (source | ~target)
 
 
-def contact_force(problem, contact, force, u):
+def contact_force(problem, contact, force, u, rules=None):
     """The force of a contact on its source, along itself. *Collective.*
 
     Parameters
@@ -134,17 +136,19 @@ def contact_force(problem, contact, force, u):
     force : sequence of float
         Of the report [force].
     u : PETSc.Vec
+    rules : dict, optional
+        Of pairs, see :func:`pcontact.estimate.closing.rules`.
     """
     space, direction = problem.space, _direction(force)
     phi = _beside(space, contact.contact)[space.owned_local][:, None] * direction
     if problem.lower is not None:
         problem.lower.follow(phi)
     # the residual has the force on the source with the other sign, and so has the report, on the target
-    slope = transposed(space, contact.pairs, u, phi)
+    slope = transposed(space, contact.pairs, u, phi, rules)
     return Goal(float(np.linalg.norm(force)), slope, contact=contact.name, shift=phi)
 
 
-def support_force(problem, region, force, u):
+def support_force(problem, region, force, u, rules=None):
     """The force of a support, along itself; see :func:`contact_force`. *Collective.*"""
     space, supports = problem.space, problem.supports
     names = [number for number, name in enumerate(supports.regions) if name == region]
@@ -152,7 +156,7 @@ def support_force(problem, region, force, u):
     phi = held * _direction(force)
     for group in problem.groups:
         group.follow(phi)
-    slope = transposed(space, problem.items, u, phi)
+    slope = transposed(space, problem.items, u, phi, rules)
     return Goal(float(np.linalg.norm(force)), -slope, phi, -1.0)
 
 

@@ -2,7 +2,9 @@
 
 import numpy as np
 
+from pcontact.assembly.item import LAW
 from pcontact.estimate import goal
+from pcontact.estimate.closing import rules
 from pcontact.estimate.estimator import Estimator
 from pcontact.estimate.loads import applied, held, missing
 from pcontact.estimate.pressure_error import pressure_error
@@ -131,11 +133,17 @@ class ErrorEstimate(Observer):
         if target.quantity == "pressure":
             contact = next((one for one in problem.contacts if one.name == target.name), None)
             return pressure_error(self._estimator, contact, u)
-        found = self.goal(target, record, u)
+        closing = rules(self._estimator, problem, u)
+        found = self.goal(target, record, u, closing)
         z = problem.space.vector()
+        if closing:
+            problem.tangent(u, tuple(closing.get(item, LAW) for item in problem.others))
         z.setArray(goal.dual(problem, found, self._newton.last_preconditioner()).ravel())
-        holding = held(problem, unbalanced), self._held(u, z, found)
-        cells = [found.sign * own for own in self._estimator.weighted(u, time, z, found, holding)]
+        holding = held(problem, unbalanced), self._held(u, z, found, closing)
+        cells = [found.sign * own for own in self._estimator.weighted(u, time, z, found, holding, closing)]
+        if closing:
+            # what settings change is asked of the tangent at the solution
+            problem.tangent(u)
         dual = z.getArray(readonly=True).reshape(unbalanced.shape)
         forces, _ = missing(problem.space, self._loads, time)
         left = problem.space.vector()
@@ -145,24 +153,24 @@ class ErrorEstimate(Observer):
         error, loads, algebraic = problem.space.comm.allreduce(np.array(work, dtype=float), op=MPI.SUM).tolist()
         return goal.GoalError(found.value, error, cells, loads, algebraic)
 
-    def _held(self, u, z, found):
+    def _held(self, u, z, found, closing):
         """What holds groups that move on average in a dual displacement. *Collective.*"""
         problem = self._problem
         if not problem.averages:
             return []
         phi = z.getArray(readonly=True).reshape(problem.fixed.shape)
-        forces = goal.transposed(problem.space, problem.items, u, phi)
+        forces = goal.transposed(problem.space, problem.items, u, phi, closing)
         return held(problem, forces if found.lift is not None else forces - found.slope)
 
-    def goal(self, target, record, u):
+    def goal(self, target, record, u, closing=None):
         """A quantity of the last load step that is no norm, a :class:`pcontact.estimate.goal.Goal`; parameters as of
-        :meth:`of_quantity`. *Collective.*"""
+        :meth:`of_quantity`, and the rules that pairs go by. *Collective.*"""
         problem, name = self._problem, target.name
         if target.quantity == "force":
             contact = next(one for one in problem.contacts if one.name == name)
-            return goal.contact_force(problem, contact, record["contacts"][name]["force"], u)
+            return goal.contact_force(problem, contact, record["contacts"][name]["force"], u, closing)
         if target.quantity == "support":
-            return goal.support_force(problem, name, record["reactions"][name], u)
+            return goal.support_force(problem, name, record["reactions"][name], u, closing)
         return goal.probe(problem, name, u)
 
     def norm(self, v):
