@@ -194,7 +194,6 @@ class Loop:
                     self._kept = self._take(simulation, converged)
                 simulation.free()
                 return self._ended(FAILED if failure is not None or self.passes else REACHED, failure)
-            self._settings.follow(simulation)
             done = self._measure(simulation, watch, clock.perf_counter() - begun)
             self.passes.append(done)
             status, step = self._decision.next(simulation, watch, done)

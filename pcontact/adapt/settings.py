@@ -3,10 +3,9 @@
 import numpy as np
 
 from pcontact.adapt.degree import Degree
-from pcontact.runtime.petsc import can_factorise, has_package
+from pcontact.runtime.petsc import MOST_UNKNOWNS
 from pcontact.scene.keys import options as key_options
 from pcontact.scene.model import MeshSpec
-from pcontact.solve.preconditioners.direct import direct_options
 
 # [-] Part of the target that errors of one kind, other than the mesh's, may have. From: chosen.
 SHARE = 0.1
@@ -27,8 +26,10 @@ FIRST_RTOL, LEAST_RTOL = 0.01, 1e-10
 # to 1.4 times as long. To take it only where another pass is expected, and to go on to it where the last one misses,
 # costs more: a third of the last passes miss.
 MOST_RTOL, MOST_RTOL_OF_NUMBERS = 1e-8, 1e-10
-# Options of the linear solves of Newton's method [-], where partners are searched in its iterations. From: with looser
-# ones normals under a punch differ by 1e-4 between one rank and two.
+# Options of the linear solves of Newton's method [-], where partners are searched in its iterations, or bodies rub.
+# From: with looser ones normals under a punch differ by 1e-4 between one rank and two, and one of four numbers of ranks
+# takes a lug that closes on its pin to other points that stick: there is more than one solution, and what the solves
+# leave decides which. Iterates differ from the fourth one on with 1e-3, on one of four with 1e-5, on none with 1e-7.
 FORCING, FORCED = ("snes_ksp_ew_rtol0", "snes_ksp_ew_rtolmax"), 1e-8
 # [-] Part of the target below which what is only known roughly is taken for nothing where meshes are chosen. From: it
 # is less than the margin that they are made with.
@@ -36,6 +37,11 @@ NOTICED = 0.01
 # [unknowns] Below which meshes are factorised: multigrid takes twice as long for some hundred. From: chosen; blocks and
 # cylinders in the plane, 104 to 404 unknowns.
 FEW = 500
+# [unknowns] Below which meshes of the plane are factorised where bodies yield or rub, on any number of ranks. From: all
+# for which there are factors; a ball pressed into metal takes 0.6 times as long so on 12,776 unknowns, 0.7 times with
+# friction on 3,000, loops of a lug on a pin, sheared blocks, laminates and Cattaneo's cylinder 0.5 to 0.9 times as long
+# as with linear solves to 1e-3, on 3,746 to 14,980 unknowns.
+FACTORISED = MOST_UNKNOWNS[2]
 # [load steps] Times as many at once at most. From: chosen.
 MORE_STEPS = 4
 # [-] Power of their number that the error of load steps falls with. From: a ball pressed into metal, 10 to 160 load
@@ -77,7 +83,6 @@ class Settings:
         most = MOST_RTOL if target.quantity in ("energy", "pressure") else MOST_RTOL_OF_NUMBERS
         self._rtol = float(np.clip(FIRST_RTOL * target.error, LEAST_RTOL, most))
         self.degree = Degree(options.get(key_options(MeshSpec)["order"], scene.mesh.order))
-        self._solver = {}
 
     @property
     def count(self):
@@ -107,27 +112,17 @@ class Settings:
         scene.output.estimate, scene.steps.count, scene.mesh.order = True, self.count, self.degree.now
         # looser partners and tolerances than the mesh deserves are no place to save
         ours = {"snes_rtol": f"{self._rtol:.3g}", "contact_search_again": "4", "pc_direct_below": str(FEW)}
+        if self._scene.remembers:
+            # what flows hardly changes its volume, and what rubs has iterates that hang on each solve: multigrid takes
+            # many iterations. See `FACTORISED`
+            ours["pc_direct_plane"] = str(FACTORISED)
         if self.searches:
-            # partners are those of iterates, which are to be the same on any number of ranks
-            ours |= {"contact_search_every": "newton", **dict.fromkeys(FORCING, f"{FORCED:g}")}
-        scene.petsc = {**ours, **self._solver, **scene.petsc}
+            ours["contact_search_every"] = "newton"
+        if self.searches or self._scene.frictional:
+            # iterates are to be the same on any number of ranks
+            ours |= dict.fromkeys(FORCING, f"{FORCED:g}")
+        scene.petsc = {**ours, **scene.petsc}
         return scene
-
-    def follow(self, simulation):
-        """Take a direct solver from here on where bodies yield in the plane, and supports hold them all.
-
-        What flows hardly changes its volume: multigrid takes many iterations. A ball pressed into metal takes 0.6 times
-        as long with factors on 12,776 unknowns, 0.7 times with friction on 3,000.
-
-        Parameters
-        ----------
-        simulation : pcontact.simulation.Simulation
-            Of a pass.
-        """
-        space, free = simulation.problem.space, "pc_type" not in simulation.newton.kept_out
-        able = free and not simulation.floating and can_factorise(space.comm.size, space.dim, space.n_dofs)
-        if space.dim == 2 and simulation.scene.plastic and able:
-            self._solver = {name: str(value) for name, value in direct_options(has_package("mumps")).items()}
 
     def scene_of(self, done):
         """The scene of a pass, as it would be run alone."""

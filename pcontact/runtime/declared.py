@@ -224,6 +224,12 @@ OPTIONS = listed(
         more="only if the user chose no preconditioner, and supports hold all bodies; where an error is named, 500",
     ),
     Option(
+        "pc_direct_plane", integer(0),
+        "the same in the plane, on any number of ranks", 0, section="solver",
+        more="up to 400,000, and on several ranks with MUMPS; where an error is named of bodies that rub or yield, "
+        "400,000",
+    ),
+    Option(
         "pc_rescue", BOOLEAN,
         "a direct solver from the first load step on in which Newton's method fails with multigrid", True,
         section="solver",

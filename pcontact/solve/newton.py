@@ -22,7 +22,7 @@ from pcontact.solve.globalisation import Globalisation
 from pcontact.solve.linear import Reuse, check_tolerances, newton_defaults, refresh_smoother, solver_defaults
 from pcontact.solve.preconditioners.contact import contact_preconditioner, new_preconditioner, preconditioner
 from pcontact.solve.preconditioners.deflation import Deflation, deflation
-from pcontact.solve.preconditioners.direct import PIVOTS, DirectFallback, is_small
+from pcontact.solve.preconditioners.direct import PIVOTS, DirectFallback, factors
 from pcontact.solve.result import NewtonResult, combined
 
 
@@ -73,15 +73,14 @@ class Newton:
         chosen = not options.given("snes_linesearch_type")
         lags = options.given("snes_lag_preconditioner")
         # what holds loose bodies changes with every iteration
-        small = not motions and is_small(options, problem.space)
-        direct = small or options.get("pc_type", "gamg") in ("lu", "cholesky")
+        small = {} if motions else factors(options, problem.space)
+        direct = bool(small) or options.get("pc_type", "gamg") in ("lu", "cholesky")
         # on large surfaces in space, where many points change their status, directions are poor at 1e-3; bodies that
         # yield take as many iterations with it, and stiff contact makes linear solves long
         hard = plastic or any(item.stiff for item in problem.others)
         inexact = 1e-3 if problem.space.dim == 2 or hard else 1e-4
         defaults = newton_defaults(problem.linear, direct, inexact)
-        defaults |= solver_defaults(symmetric, problem.space.comm.size) | (PIVOTS if direct else {})
-        defaults |= {"pc_type": "lu"} if small else {}
+        defaults |= solver_defaults(symmetric, problem.space.comm.size) | (PIVOTS if direct else {}) | small
         self.applied, self.kept_out = options.propose(defaults)
         self._fallback = DirectFallback(options, problem.space, direct or "pc_type" in self.kept_out or lags)
         self.snes = PETSc.SNES().create(comm=problem.space.comm)

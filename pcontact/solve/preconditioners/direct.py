@@ -17,16 +17,26 @@ HOPEFUL = (FAILED, "diverged max it")
 PIVOTS = {"pc_factor_zeropivot": LEAST_PIVOT}
 
 
-def is_small(options, space):
-    """Whether a problem has so few unknowns that the user wants its linear systems factorised.
+def factors(options, space):
+    """Defaults with which the linear systems of a problem are factorised from the beginning, as the user wants it of
+    few unknowns, or in the plane; empty: they are not.
 
     Parameters
     ----------
     options : pcontact.runtime.options.Options
     space : pcontact.space.space.Space
+
+    Returns
+    -------
+    dict of str to object
     """
-    chosen = options.given("pc_type") or options.given("snes_lag_preconditioner")
-    return space.comm.size == 1 and space.n_dofs < options.get("pc_direct_below") and not chosen
+    if options.given("pc_type") or options.given("snes_lag_preconditioner"):
+        return {}
+    ranks, unknowns = space.comm.size, space.n_dofs
+    if ranks == 1 and unknowns < options.get("pc_direct_below"):
+        return {"pc_type": "lu"} | PIVOTS
+    plane = space.dim == 2 and unknowns < options.get("pc_direct_plane")
+    return direct_options(has_package("mumps")) if plane and can_factorise(ranks, space.dim, unknowns) else {}
 
 
 class DirectFallback:

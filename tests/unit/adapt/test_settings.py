@@ -1,33 +1,28 @@
 """What the next pass runs with."""
 
-from types import SimpleNamespace
-
 import pytest
 
 from pcontact.adapt.settings import Settings
 from pcontact.runtime.options import Options
-from pcontact.runtime.petsc import MPI, has_package
-from pcontact.scene.model import Body, Material, MeshSpec, Scene
+from pcontact.scene.model import Body, Contact, Material, MeshSpec, Scene
 from pcontact.scene.target import Target
 
 
-def _solver(plastic=True, dim=2, floating=None, chosen=(), petsc=None):
-    """The preconditioner of the second pass, of a block whose first pass has run."""
-    scene = Scene(mesh=MeshSpec("block.msh"), materials={"m": Material(1.0, 0.3, 0.1 if plastic else None)},
-                  bodies=[Body("block", "m")], petsc=petsc or {})  # fmt: skip
-    settings = Settings(scene, Target(0.1), Options("command line"))
-    space = SimpleNamespace(comm=MPI.COMM_WORLD, dim=dim, n_dofs=1000)
-    settings.follow(SimpleNamespace(problem=SimpleNamespace(space=space), newton=SimpleNamespace(kept_out=chosen),
-                                    scene=scene, floating=floating or {}))  # fmt: skip
-    return settings.scene().petsc.get("pc_type")
+def _options(petsc=None, **contact):
+    """Options of the first pass of two blocks, one of which may yield."""
+    metal = Material(1.0, 0.3, contact.pop("yield_stress", None))
+    scene = Scene(MeshSpec("blocks.msh"), {"metal": metal}, [Body("lower", "metal"), Body("upper", "metal")],
+                  contacts=[Contact("upper_bottom", "lower_top", **contact)], petsc=petsc or {})  # fmt: skip
+    return Settings(scene, Target(0.1), Options("command line")).scene().petsc
 
 
-@pytest.mark.parallel(2)
-def test_factors_where_bodies_yield_in_the_plane():
-    """Not where the user has chosen, nor where contact alone holds a body: it has no factors before."""
-    assert _solver() == ("lu" if has_package("mumps") or MPI.COMM_WORLD.size == 1 else None)
-    assert _solver(plastic=False) is _solver(dim=3) is _solver(floating={0: 1}) is _solver(chosen=("pc_type",)) is None
-    assert _solver(petsc={"pc_type": "gamg"}) == "gamg"
+def test_linear_systems_are_solved_well_where_bodies_rub_or_yield():
+    """By factors in the plane; where bodies rub, by multigrid, too. The user's own options stay."""
+    tight, plane, loose = "snes_ksp_ew_rtolmax", "pc_direct_plane", _options()
+    assert tight not in loose and plane not in loose
+    rubs, yields = _options(friction=0.3), _options(yield_stress=0.1)
+    assert rubs[plane] == yields[plane] == "400000" and rubs[tight] == "1e-08" and tight not in yields
+    assert _options({tight: "1e-3", plane: "7"}, friction=0.3)[plane] == "7"
 
 
 @pytest.mark.parametrize(

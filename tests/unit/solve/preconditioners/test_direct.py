@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from drivers.studies._named_scenes import HELD_BACK
+from pcontact.runtime.petsc import MPI, has_package
 from pcontact.simulation import Simulation
 
 
@@ -31,3 +32,13 @@ def test_below_a_number_of_unknowns(tmp_path):
     assert same == pytest.approx(u, abs=1e-6 * np.abs(u).max())
     assert solved(tmp_path, pc_direct_below="104")[0] == "gamg"
     assert solved(tmp_path, pc_direct_below="105", pc_type="jacobi")[0] == "jacobi"
+
+
+@pytest.mark.parallel(2)
+def test_in_the_plane_on_any_number_of_ranks(shared_tmp):
+    """With MUMPS; not where the user has chosen."""
+    direct, few, _ = solved(shared_tmp, pc_direct_plane="105")
+    able = has_package("mumps") or MPI.COMM_WORLD.size == 1
+    assert (direct, max(few) <= 2.0) == (("lu", True) if able else ("gamg", False))
+    for kept in {"pc_direct_plane": "104"}, {"pc_direct_plane": "105", "pc_type": "gamg"}:
+        assert solved(shared_tmp, **kept)[0] == "gamg"
