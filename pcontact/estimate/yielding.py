@@ -92,3 +92,49 @@ def _strains(u, grad, ring, m):
     """Mandel strains (nc, nq, m) of displacements (nc, nn, d)."""
     around = np.einsum("cqa,ca->cq", ring, u[:, :, 0]) if ring.shape[0] else None
     return mandel(np.einsum("cai,cqaj->cqij", u, grad), around, m)
+
+
+def mean_flow(blocks, bulk):
+    """Mean accumulated plastic strain (n_cells,) of the cells of this rank, block after block; 0 where bodies do not
+    yield."""
+    states = getattr(bulk, "states", {})
+    means = [states[k].p.mean(axis=1) if k in states else np.zeros(len(b.nodes)) for k, b in enumerate(blocks)]
+    return np.concatenate([np.zeros(0), *means])
+
+
+class Retained:
+    """What cells keep in their plastic strain of the errors that they have had in load steps.
+
+    The plastic strain of a load step is as wrong as the displacement is then, and is added to what there is: cells keep
+    the mean of their errors over their flow. The edge of a contact that moves over a cell makes its error large in a
+    single load step, the larger the finer these are: with the largest errors instead, those of a ball pressed into
+    metal (2,444 unknowns) become 2.5 times as large from 20 to 120 load steps, with their means 1.3 times, and more
+    load steps ask for finer meshes without an end.
+
+    Parameters
+    ----------
+    count : int
+        Cells of this rank.
+    """
+
+    def __init__(self, count):
+        self._work, self._flow = np.zeros(count), np.zeros(count)
+
+    def after(self, errors, flow):
+        """It, after one more load step.
+
+        Parameters
+        ----------
+        errors : ndarray (n_cells,)
+            Of the displacement at its end [sqrt(energy)].
+        flow : ndarray (n_cells,)
+            Accumulated plastic strain then.
+
+        Returns
+        -------
+        ndarray (n_cells,)
+            [sqrt(energy)]
+        """
+        self._work += errors * (flow - self._flow)
+        self._flow = flow
+        return np.divide(self._work, flow, out=np.zeros(len(flow)), where=flow > 0.0)

@@ -8,6 +8,7 @@ from pcontact.estimate.closing import rules
 from pcontact.estimate.estimator import Estimator
 from pcontact.estimate.loads import applied, held, missing
 from pcontact.estimate.pressure_error import pressure_error
+from pcontact.estimate.yielding import Retained, mean_flow
 from pcontact.runtime.observer import Observer
 from pcontact.runtime.petsc import MPI, PETSc
 
@@ -58,7 +59,8 @@ class ErrorEstimate(Observer):
     cells : list of ndarray (nc,)
         Estimate of every cell of each block after the last step [sqrt(energy)].
     squares : ndarray (n_cells,)
-        Largest squared estimates of the cells of this rank over the steps, block after block [energy].
+        Squared estimates of the cells of this rank from all steps so far, block after block [energy]: the largest ones;
+        where bodies yield, see :class:`pcontact.estimate.yielding.Retained`.
     last : dict or None
         What was added to the record of the last step.
 
@@ -73,13 +75,19 @@ class ErrorEstimate(Observer):
         # the largest norm of the run so far, which a restarted run goes on with
         self.last, self.carried = None, 0.0
         self.squares = np.zeros(sum(len(block.nodes) for block in problem.space.mesh.blocks))
+        self._retained = Retained(len(self.squares)) if scene.plastic else None
         self._estimator = Estimator(problem, self._loads, scene.steps.count > 1)
 
     def step(self, step, u, record):
         """Estimate. *Collective.*"""
         estimate = self._estimator(u, step.time, held(self._problem, step.unbalanced))
         self.cells = estimate.cells
-        self.squares = np.maximum(self.squares, np.concatenate([np.zeros(0), *(own**2 for own in self.cells)]))
+        own = np.concatenate([np.zeros(0), *self.cells])
+        if self._retained is None:
+            self.squares = np.maximum(self.squares, own**2)
+        else:
+            flow = mean_flow(self._problem.space.mesh.blocks, self._problem.bulk)
+            self.squares = np.maximum(own, self._retained.after(own, flow)) ** 2
         # relative to the largest norm of the run: bodies that have been let go have none, but stresses that remain
         self.carried = max(self.carried, estimate.energy)
         self.last = record["estimate"] = {
@@ -95,8 +103,8 @@ class ErrorEstimate(Observer):
     def over_steps(self):
         """Of the last step, from all steps so far [sqrt(energy)]. *Collective.*
 
-        Where bodies yield, what a cell has missed in a step stays in its plastic strain: cells count with the largest
-        of their estimates.
+        Where bodies yield, what a cell has missed in a step stays in its plastic strain, as far as it has flowed there:
+        it counts where that is more than what the cell misses now.
         """
         if not self._plastic:
             return self.last["absolute"]
