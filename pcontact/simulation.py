@@ -33,7 +33,7 @@ from pcontact.runtime.options import Options
 from pcontact.runtime.petsc import MPI, free_garbage
 from pcontact.runtime.presets import Choice
 from pcontact.scene import describe
-from pcontact.scene.amplitude import drive
+from pcontact.scene.amplitude import corners, drive
 from pcontact.scene.phases import come_and_go, phase_at, scene_of, spans
 from pcontact.solve.newton import Newton
 from pcontact.space.carried import carried
@@ -316,12 +316,8 @@ class Simulation:
 
     def _schedule(self):
         part, begin = self.part, self.spans[self.number].begin if self.spans else 0.0
-        obstacles = [contact.obstacle for contact in part.contacts if contact.obstacle is not None]
-        moved = [*part.displacements, *part.loads, *part.temperatures, *part.couplings, *obstacles]
-        tables = [one.amplitude for one in moved] + [contact.interference_amplitude for contact in part.contacts]
-        stops, steps = [t for table in tables for t, _ in (table or [])], part.steps
-        control = Control(steps.longest_step, self.problem.angle)
-        return Schedule(steps.end, steps.count, steps.smallest_step, stops, control, begin)
+        steps, control = part.steps, Control(part.steps.longest_step, self.problem.angle)
+        return Schedule(steps.end, steps.count, steps.smallest_step, corners(part), control, begin)
 
     def _prepare(self, lasting, directory, first):
         """Schedule, observers and stepper of the present phase, or of the run. *Collective.*"""

@@ -8,7 +8,7 @@ from pcontact.adapt.budget import Budgeted
 from pcontact.adapt.cells import MEASURED, Ways, of_parts, parts_of
 from pcontact.adapt.forecast import Aims, forecast
 from pcontact.adapt.passes import cost_of, said_of
-from pcontact.adapt.settings import AIM, FACETS, NOTICED, SHARE, STEPS_SHARE
+from pcontact.adapt.settings import AIM, FACETS, MORE_STEPS, NOTICED, SHARE, STEPS_SHARE
 from pcontact.adapt.sizes import degrees
 from pcontact.runtime import log
 from pcontact.runtime.petsc import MPI
@@ -31,8 +31,11 @@ REACH = 2.0
 # [-] Power of the error with which meshes have brought it down, in that of smooth solutions: of the second mesh, before
 # it is known (Hertz's cylinder and ball, receding contact: 0.81 to 0.85), and at least.
 FIRST_TRUST, LEAST_TRUST = 0.83, 0.4
+# [-] Error of a mesh over the one expected, where bodies yield, that is counted with at most. From: chosen.
+MOST_MISSED = 1.5
 # [-] Error of the energy norm that says nothing but that the mesh is too coarse to tell one: no displacement at all has
-# it; and growth of the cells then, at most. From: a ball pressed into metal, of whose first mesh three facets touch it.
+# it; and growth of the cells, and of the load steps, then, at most. From: a ball pressed into metal, of whose first
+# mesh three facets touch it.
 NOTHING, LOOK = 1.0, 2.0
 # [-] The same of the mesh whose cells become smaller toward edges in space at once: cells around them follow for
 # nothing. From: the cube at 20, 10 and 5 %, 1.34, 1.16 and 0.96; with 1 it takes a quarter to two fifths more unknowns
@@ -112,7 +115,6 @@ class Decision:
         far = cost_of(self._passes, self.aim)["unknowns"]
         if self._alike() > PATIENCE and far > FARTHEST * done.unknowns:
             return self._spent(f"at the rate seen it would take {far:.2g} unknowns")
-        self._settings.balance(done, self.aim)
         most = self._budget.growth(self._passes, clock.perf_counter() - self._start)
         if most < GROWN:
             return self._spent(f"the budget is spent ({self._budget.by})")
@@ -125,6 +127,7 @@ class Decision:
         # a mesh of fewer cells may be the better one: where these are finer than needed they become larger
         if step.cuts.part >= 1.0:
             return self._spent(f"the budget is spent ({self._budget.by})")
+        self._settings.balance(done, self.aim, step.cuts.growth, LOOK if self.tells_nothing(done) else MORE_STEPS)
         done.next = self.expected(done, step)
         return None, step
 
@@ -152,7 +155,7 @@ class Decision:
         and not many unknowns are expected, no mesh comes before that only tells the rate.
         """
         wanted, cheap = self.wanted(done), CHEAP[space.dim] / done.unknowns
-        most = min(most, LOOK) if self._tells_nothing(done) else most
+        most = min(most, LOOK) if self.tells_nothing(done) else most
         step = self._refining.step(space, watch.squares, seen, wanted, most, known)
         if step.cuts.part > wanted and not self._refining.whole and self._even(space.comm, watch.squares):
             whole = self._refining.step(space, watch.squares, seen, wanted, most, True)
@@ -221,7 +224,9 @@ class Decision:
         falls, loads = sum(done.parts.get(name, 0.0) for name in self._settings.falling), done.parts.get("loads", 0.0)
         falls -= loads if loads <= NOTICED * self._target.error else 0.0
         falls += (more**done.power - 1.0) * done.parts["mesh"]
-        part = min(aim * max(goal - stays, share) / falls, 1.0) ** (1.0 / (trust or self._trust(done)))
+        part = min(aim * max(goal - stays, share) / falls, 1.0)
+        missed = 1.0 if trust else self._missed(done)
+        part = min(part ** (1.0 / (trust or self._trust(done))), part / missed if missed > 1.0 else 1.0)
         # errors of quantities are products of two errors of the energy norm
         return part ** (1.0 / done.power)
 
@@ -242,12 +247,7 @@ class Decision:
         """The power of the error in the one that was expected of the last mesh: below 1 where solutions are singular,
         unless that is known by now."""
         old, corners = self._passes[-2] if len(self._passes) > 1 else None, self._refining.corners
-        if old is None or old.degree != done.degree or old.next is None or old.next["degree"] != done.degree:
-            return FIRST_TRUST
-        # what simplices have more than the cells they were made of is no rate
-        if old.next.get("divided"):
-            return FIRST_TRUST
-        if self._tells_nothing(old):
+        if not self._goes_on(old, done):
             return FIRST_TRUST
         # what estimates are taken for changes when meshes have been compared, and is no rate, either
         same = done.part / old.part
@@ -260,7 +260,26 @@ class Decision:
             return least if corners.explain else 1.0
         return float(np.clip(np.log(seen) / np.log(expected), least, 1.0))
 
-    def _tells_nothing(self, done):
+    def _missed(self, done):
+        """The error of a mesh over the one that was expected, where bodies yield.
+
+        What one cell lacks makes others flow there, and finer cells see more of it, however much the mesh was to bring:
+        of meshes that were to bring little, the power tells nothing. A ball pressed into metal, whose error was to
+        become 0.20, 0.89 and 0.62 times as large: it was 1.4, 1.2 and 1.3 times what was expected.
+        """
+        old = self._passes[-2] if len(self._passes) > 1 else None
+        if not self._settings.yields or not self._goes_on(old, done):
+            return 1.0
+        return float(np.clip(done.part / old.part * done.parts["mesh"] / old.next["mesh"], 1.0, MOST_MISSED))
+
+    def _goes_on(self, old, done):
+        """Whether what was expected of a pass after the one before, or None, says how meshes bring the error down."""
+        if old is None or old.degree != done.degree or old.next is None or old.next["degree"] != done.degree:
+            return False
+        # what simplices have more than the cells they were made of is no rate
+        return not (old.next.get("divided") or self.tells_nothing(old))
+
+    def tells_nothing(self, done):
         """Whether the error that a pass names is as large as that of no displacement at all."""
         return self._target.quantity == "energy" and done.parts["mesh"] >= NOTHING
 

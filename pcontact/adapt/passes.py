@@ -52,6 +52,8 @@ class Pass:
         expected; None of what is not known. ``divided``: the cells are divided into simplices.
     part : float
         Of the error that the estimate has been taken for: 1 but where bodies yield.
+    steps_grow : float
+        Power of the unknowns with which the error of load steps grows from mesh to mesh, as far as it is known.
     """
 
     unknowns: int
@@ -72,6 +74,7 @@ class Pass:
     trials: float = 0.0
     next: dict | None = None
     part: float = 1.0
+    steps_grow: float = 0.0
 
     @property
     def power(self):

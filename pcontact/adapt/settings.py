@@ -4,8 +4,10 @@ import numpy as np
 
 from pcontact.adapt.degree import Degree
 from pcontact.runtime.petsc import MOST_UNKNOWNS
+from pcontact.scene.amplitude import corners
 from pcontact.scene.keys import options as key_options
 from pcontact.scene.model import MeshSpec
+from pcontact.stepping.schedule import filled, taken
 
 # [-] Part of the target that errors of one kind, other than the mesh's, may have. From: chosen.
 SHARE = 0.1
@@ -89,6 +91,19 @@ class Settings:
         """Load steps of the next pass."""
         return -(-self.steps // 2) if self.fewer else self.steps
 
+    @property
+    def yields(self):
+        """Whether bodies yield."""
+        return self._scene.plastic
+
+    def halved(self, count):
+        """The most load steps that become no more than half of the number that `count` planned ones become between
+        corners of amplitudes; half of those that are planned where corners leave no fewer."""
+        stops, end = corners(self._scene), self._scene.steps.end
+        number, half = taken(end, count, stops).sum(), max(count // 2, 1)
+        few = next((one for one in range(half, 0, -1) if 2 * taken(end, one, stops).sum() <= number), half)
+        return few
+
     def spares(self, done, more):
         """Whether half of the load steps will do after a pass.
 
@@ -130,20 +145,27 @@ class Settings:
         scene.steps.count, scene.mesh.order = done.steps, done.degree
         return scene
 
-    def balance(self, done, aim):
+    def balance(self, done, aim, growth=1.0, most=MORE_STEPS):
         """Spend on load steps, searches and tolerances where a pass says that they are large beside what is wanted.
+
+        Load steps end at the corners of amplitudes: as many are planned as there is room for between these.
 
         Parameters
         ----------
         done : pcontact.adapt.passes.Pass
         aim : float
             The error that the next mesh is made for.
+        growth : float
+            Of its unknowns.
+        most : float
+            Times as many load steps as now.
         """
         share, wanted = SHARE * aim, AIM * STEPS_SHARE * aim
         self.searches = self.searches or done.parts.get("frozen_partners", 0.0) > share
-        steps = done.parts.get("load_steps", 0.0)
+        steps = done.parts.get("load_steps", 0.0) * max(growth, 1.0) ** done.steps_grow
         if steps > STEPS_SHARE * aim:
-            self.steps = int(np.ceil(self.steps * min((steps / wanted) ** (1.0 / STEPS_RATE), MORE_STEPS)))
+            more = int(np.ceil(self.steps * min((steps / wanted) ** (1.0 / STEPS_RATE), most)))
+            self.steps = filled(self._scene.steps.end, more, corners(self._scene))
         if done.parts["algebraic"] > 0.1 * min(done.parts["mesh"], aim):
             wanted = 0.1 * aim / done.parts["algebraic"]
             self._rtol = max(self._rtol * min(wanted, 0.3), LEAST_RTOL)

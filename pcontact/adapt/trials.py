@@ -56,13 +56,13 @@ class Trials:
 
     Attributes
     ----------
-    doubled : pcontact.adapt.variants.Answer or None
-        Of twice the load steps, where they have been tried.
+    other : pcontact.adapt.variants.Answer or None
+        Of another number of load steps and nothing else, where that has been tried.
     """
 
     def __init__(self, simulation, target, settings, watch, size):
         self._simulation, self._target, self._settings = simulation, target, settings
-        self._watch, self._size, self.doubled = watch, size, None
+        self._watch, self._size, self.other = watch, size, None
         simulation.close()
         self._scene = settings.scene()
         self._scene.output.estimate = self._scene.output.checkpoint = False
@@ -94,9 +94,10 @@ class Trials:
             # gaps times gamma, which the pressure of the first mesh has in it, are its own error
             return Change(roughness.pressure(self._simulation, self._watch, self._target.name) / self._size)
         value = known.get(name, np.inf) / self._size
-        if abs(value) <= SHARE * self._target.error:
+        told = name == "load_steps" and self.other is not None
+        if told or abs(value) <= SHARE * self._target.error:
             joint = self._simulation.scene.remembers and name != "load_steps"
-            change = Change(abs(value), sign_of(value, self._target) if signed else None, joint)
+            change = Change(abs(value), sign_of(value, self._target) if signed or told else None, joint)
         else:
             change = self._alone(name, other)
         if stays and self._target.quantity == "energy":
@@ -138,7 +139,8 @@ class Trials:
 
     def _of_fewer_steps(self, other, names):
         """What all settings together and half the load steps change, for each and for twice the load steps; empty where
-        that is too much to be known so. *Collective.*"""
+        that is too much to be known so. Where there are no other settings it tells the load steps, however much, and
+        with their sign. *Collective.*"""
         simulation, steps = self._simulation, other.steps.count
         fewer = -(-steps // 2)
         if fewer == steps:
@@ -146,12 +148,17 @@ class Trials:
         answer = variants.answer(simulation, variants.with_steps(other, fewer), self._target, self._watch.known)
         if answer is None:
             return {}
-        change = abs(variants.change_to(simulation, answer, self._target, self._watch))
+        moved = variants.change_to(simulation, answer, self._target, self._watch)
+        change = abs(moved)
         # corners of amplitudes are met, however few load steps are planned: then the change is that of the others
         if answer.number > FEWER * simulation.stepper.number:
             return dict.fromkeys(names, change)
         # of the error that falls from one to the other number, what is left
         left = change / ((simulation.stepper.number / answer.number) ** STEPS_RATE - 1.0)
+        if not names and np.isfinite(left):
+            # more load steps change a number as fewer of them do, the other way round
+            self.other = answer
+            return {"load_steps": -np.copysign(left, moved) * (1.0 - 0.5**STEPS_RATE)}
         if not left + len(names) * change <= ROUGHLY * SHARE * self._target.error * self._size:
             return {}
         return dict.fromkeys(names, change) | {"load_steps": left * (1.0 - 0.5**STEPS_RATE)}
@@ -166,8 +173,8 @@ class Trials:
         if self._rough(name):
             value = variants.of_facets(simulation, self._settings.scene(), target)
         elif name == "load_steps":
-            self.doubled = variants.answer(simulation, other, target, watch.known)
-            value = variants.change_to(simulation, self.doubled, target, watch)
+            self.other = variants.answer(simulation, other, target, watch.known)
+            value = variants.change_to(simulation, self.other, target, watch)
         else:
             value = variants.difference(simulation, other, target, watch)
         if not np.isfinite(value):

@@ -88,6 +88,14 @@ class Squared(Amplitude):
         return super().factor(time) ** 2
 
 
+def corners(scene):
+    """Times (a list, unsorted) of the corners of all amplitudes of a scene: load steps end there."""
+    obstacles = [contact.obstacle for contact in scene.contacts if contact.obstacle is not None]
+    moved = [*scene.displacements, *scene.loads, *scene.temperatures, *scene.couplings, *obstacles]
+    tables = [one.amplitude for one in moved] + [contact.interference_amplitude for contact in scene.contacts]
+    return [time for table in tables for time, _ in (table or [])]
+
+
 def drive(scene, places):
     """What moves or loads the bodies of a scene.
 

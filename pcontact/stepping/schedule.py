@@ -5,6 +5,40 @@ from typing import NamedTuple
 
 import numpy as np
 
+# [-] Part of a load step that a remainder before a stop has at least: a shorter one is joined to it. From: rounding.
+REMAINDER = 1e-6
+# [-] Of numbers of load steps. From: doubles have 16 digits.
+ROUNDING = 1e-12
+
+
+def taken(end, count, stops=()):
+    """Load steps between stops, and at most as long as `count` equal ones would be.
+
+    Parameters
+    ----------
+    end : float
+        Of a run that begins at 0 [time].
+    count : int
+        Load steps that are planned.
+    stops : sequence of float
+        Times that must be met.
+
+    Returns
+    -------
+    ndarray (n,)
+        How many lie between one stop and the next.
+    """
+    spans = np.diff(np.unique([0.0, *(t for t in stops if 0.0 < t < end), end]))
+    return np.ceil(spans * count / end - REMAINDER).astype(int).clip(1)
+
+
+def filled(end, count, stops=()):
+    """The most load steps that can be planned for the number of those that `count` planned ones become between stops:
+    without short remainders before these. Parameters as for :func:`taken`."""
+    most = taken(end, count, stops)
+    spans = np.diff(np.unique([0.0, *(t for t in stops if 0.0 < t < end), end]))
+    return max(int(np.floor((most * end / spans).min() * (1.0 + ROUNDING))), count)
+
 
 class Control(NamedTuple):
     """How long load steps may get, where Newton's method says so; and how far bodies may turn in one.
@@ -66,7 +100,7 @@ class Schedule:
         stop = self._stops[np.searchsorted(self._stops, self.time + eps)]
         target = self.time + self._step
         # a remainder much shorter than a step is joined to it
-        target = float(stop) if target > stop - 1e-6 * self._step else float(target)
+        target = float(stop) if target > stop - REMAINDER * self._step else float(target)
         return target if self._control.turn is None else self._turned(target)
 
     def _turned(self, target):

@@ -2,6 +2,7 @@
 
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from pcontact.adapt import beside, trials
@@ -13,7 +14,7 @@ CHANGE = 3e-4
 
 
 def _pass(mesh):
-    return SimpleNamespace(parts={"mesh": mesh}, steps=4, trials=0.0)
+    return SimpleNamespace(parts={"mesh": mesh}, steps=4, trials=0.0, unknowns=100)
 
 
 @pytest.fixture
@@ -63,3 +64,17 @@ def test_quadrature_is_measured_on_meshes_where_it_seems_to_be_much(run, monkeyp
     monkeypatch.setattr(beside.linearised, "changes", None)
     if known:
         assert errors.parts(simulation, _pass(0.01), 1.0, WATCH)[0]["quadrature"] == pytest.approx(0.5 * value)
+
+
+def test_how_the_error_of_load_steps_grows_is_told_by_two_meshes(run):
+    """From a coarse mesh to one with ten times the unknowns it has become twice as large."""
+    simulation, errors = run
+    simulation.scene.plastic = True
+    first = _pass(0.04)
+    errors.parts(simulation, first, 1.0, WATCH)
+    assert not errors.follows and errors.grows == 0.0
+    finer = SimpleNamespace(**{**vars(_pass(0.02)), "unknowns": 1000, "steps": 8})
+    errors.with_steps(2.0 * errors.of_steps(8), finer, 1.0)
+    assert errors.follows and errors.grows == finer.steps_grow == pytest.approx(np.log10(2.0))
+    last = SimpleNamespace(**{**vars(_pass(0.01)), "unknowns": 10_000, "steps": 8})
+    assert errors.parts(simulation, last, 1.0, WATCH)[0]["load_steps"] == pytest.approx(2.0 * errors.of_steps(8))

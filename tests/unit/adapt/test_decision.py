@@ -26,7 +26,7 @@ class Recorder(SimpleNamespace):
         return Step(Cuts(np.ones(1, dtype=np.int64), wanted, 10.0), None, ())
 
 
-def asked(second, explain=False, parts=(1.0, 1.0), first=0.4, edges=None):
+def asked(second, explain=False, parts=(1.0, 1.0), first=0.4, edges=None, yields=False):
     """Of the refining after two passes, the second one of an error: the first had 0.4, and 0.1 was expected. `parts` of
     the error are what their estimates were taken for."""
     known = Range(1.0, 2.0, "", 3)
@@ -35,7 +35,7 @@ def asked(second, explain=False, parts=(1.0, 1.0), first=0.4, edges=None):
     passes[0].part, passes[1].part = parts
     passes[0].next = {"unknowns": 100.0, "mesh": 0.1, "load_steps": 1, "degree": 2}
     refining = Recorder(whole=False, corners=SimpleNamespace(explain=explain, wall=None, edges=edges))
-    settings = SimpleNamespace(staying=(), falling=("mesh",), steps=1, balance=lambda *_: None)
+    settings = SimpleNamespace(staying=(), falling=("mesh",), steps=1, yields=yields, balance=lambda *_: None)
     decision = Decision(Target(0.01), settings, passes, refining, MPI.COMM_SELF)
     simulation = SimpleNamespace(problem=SimpleNamespace(space=SimpleNamespace(dim=3)))
     status, _ = decision.next(simulation, SimpleNamespace(squares=np.ones(1)), passes[-1])
@@ -61,6 +61,14 @@ def test_singular_points_excuse_and_cast_no_doubt():
     assert asked(0.25, True).known
 
 
+def test_a_mesh_that_misses_where_bodies_yield_asks_for_as_much_more():
+    """However little the mesh was to bring: 0.12 instead of 0.1, where there were 0.4 and where there were 0.11."""
+    for first in (0.4, 0.11):
+        assert asked(0.12, first=first, yields=True).wanted <= 0.0085 / 0.12 / 1.2 * 1.0001
+    assert asked(0.3, yields=True).wanted <= asked(0.3).wanted
+    assert asked(0.09, yields=True).wanted == asked(0.09).wanted
+
+
 def test_what_edges_leave_is_known():
     """The next mesh reaches the target, however little the last one has brought, unless it knew them."""
     found = asked(0.25, True, edges=True)
@@ -81,7 +89,7 @@ def grown(squares, unknowns, error=0.1, of="energy"):
     known = Range(1.0, 2.0, "", 2)
     done = Pass(unknowns, 50, 2, error, known, {"mesh": error, "algebraic": 0.0}, error, seconds=1.0, memory=1e8)
     refining = Growing(whole=False, corners=SimpleNamespace(explain=False, wall=None))
-    settings = SimpleNamespace(staying=(), falling=("mesh",), steps=1, balance=lambda *_: None)
+    settings = SimpleNamespace(staying=(), falling=("mesh",), steps=1, yields=False, balance=lambda *_: None)
     decision = Decision(Target(0.02, of), settings, [done], refining, MPI.COMM_SELF)
     simulation = SimpleNamespace(problem=SimpleNamespace(space=SimpleNamespace(dim=2, comm=MPI.COMM_SELF)))
     return decision.next(simulation, SimpleNamespace(squares=squares), done)[1].cuts.growth
@@ -107,7 +115,8 @@ def test_the_best_that_facets_leave_is_reached(error, status):
     parts = {"mesh": error - 0.04, "algebraic": 0.0, "curved_facets": 0.04}
     done = Pass(100, 50, 2, error, Range(1.0, 2.0, "", 3), parts, error, seconds=1.0, memory=1e8)
     refining = Recorder(whole=False, corners=SimpleNamespace(explain=False, wall=None))
-    settings = SimpleNamespace(staying=("curved_facets",), falling=("mesh",), steps=1, balance=lambda *_: None)
+    settings = SimpleNamespace(staying=("curved_facets",), falling=("mesh",), steps=1, yields=False,
+                               balance=lambda *_: None)  # fmt: skip
     decision = Decision(Target(0.02), settings, [done], refining, MPI.COMM_SELF)
     simulation = SimpleNamespace(problem=SimpleNamespace(space=SimpleNamespace(dim=3)))
     assert decision.next(simulation, SimpleNamespace(squares=np.ones(1)), done)[0] == status

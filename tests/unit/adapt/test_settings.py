@@ -1,10 +1,12 @@
 """What the next pass runs with."""
 
+from types import SimpleNamespace
+
 import pytest
 
-from pcontact.adapt.settings import Settings
+from pcontact.adapt.settings import AIM, STEPS_RATE, STEPS_SHARE, Settings
 from pcontact.runtime.options import Options
-from pcontact.scene.model import Body, Contact, Material, MeshSpec, Scene
+from pcontact.scene.model import Body, Contact, Load, Material, MeshSpec, Scene, Steps
 from pcontact.scene.target import Target
 
 
@@ -31,3 +33,25 @@ def test_linear_systems_are_solved_well_where_bodies_rub_or_yield():
 def test_the_tolerance_is_small_enough_for_the_same_meshes_on_all_ranks(error, of, tolerance):
     settings = Settings(Scene(MeshSpec("block.msh"), {}, []), Target(error, of), Options("command line"))
     assert settings.scene().petsc["snes_rtol"] == tolerance
+
+
+def _planned(grow, growth, amplitude=None, most=4):
+    """Settings after a pass with ten load steps, which leave 0.05 where 0.1 is wanted in all."""
+    loads = [Load("top", traction=[0.0, 1.0], amplitude=amplitude)]
+    settings = Settings(Scene(MeshSpec("block.msh"), {}, [], loads=loads, steps=Steps(count=10)), Target(0.1),
+                        Options("command line"))  # fmt: skip
+    done = SimpleNamespace(parts={"mesh": 0.1, "load_steps": 0.05, "algebraic": 0.0}, steps_grow=grow)
+    settings.balance(done, 0.1, growth, most)
+    return settings
+
+
+def test_load_steps_are_planned_for_the_mesh_to_come():
+    """Their error grows with the unknowns; between corners of amplitudes there are as many as there is room for."""
+    wanted = AIM * STEPS_SHARE * 0.1
+    usual, grown = (10.0 * (part / wanted) ** (1.0 / STEPS_RATE) for part in (0.05, 0.05 * 4.0**0.5))
+    assert _planned(0.0, 4.0).steps == -(-usual // 1) and _planned(0.5, 4.0).steps == -(-grown // 1)
+    assert _planned(0.5, 4.0, most=2).steps == 20
+    corners = [(k / 4.0, float(k)) for k in range(5)]
+    settings = _planned(0.0, 4.0, corners)
+    assert settings.steps == 16 + 4 * (usual > 16)
+    assert settings.halved(20) == 8 and settings.halved(4) == 2

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pcontact.stepping.schedule import Control, Schedule
+from pcontact.stepping.schedule import Control, Schedule, filled, taken
 
 
 def walk(schedule, works):
@@ -22,6 +22,17 @@ def walk(schedule, works):
             reached.append(target)
         assert len(tried) < 1000
     return reached, tried
+
+
+@pytest.mark.parametrize("stops", [(), (0.3, 1.0), np.linspace(0.2, 2.0, 10)])
+@pytest.mark.parametrize("count", [1, 4, 7, 31, 62, 100])
+def test_load_steps_that_are_planned_fill_the_room_between_stops(count, stops):
+    """As many as the schedule takes, without short remainders; one more that is planned takes more of them."""
+    reached, _ = walk(Schedule(2.0, count, 1e-3, stops), lambda *_: 3)
+    number = taken(2.0, count, stops).sum()
+    assert number == len(reached)
+    best = filled(2.0, count, stops)
+    assert best >= count and taken(2.0, best, stops).sum() == number < taken(2.0, best + 1, stops).sum()
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 7, 10, 49, 1000])
