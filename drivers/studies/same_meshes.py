@@ -3,13 +3,14 @@
 Scenes of `_named_scenes.py`, as ``SCENE,OF,TARGET``. A line for each pass has the unknowns, the load steps, a digest of
 the mesh and the error named. The digest is that of the corners of all cells, sorted, with coordinates that are rounded
 to 1e-9 of the size of the mesh: it does not depend on how ranks number and share them. Files of several numbers of
-ranks are compared with each other by ``diff``:
+ranks are compared with each other by ``diff``; `passes.json` has the numbers with all digits:
 
     for n in 1 2 3 4; do mpirun -n $n python drivers/studies/same_meshes.py --run wound,force:circle,0.01 -o on_$n; done
     for n in 2 3 4; do diff on_1/passes.txt on_$n/passes.txt; done
 """
 
 import hashlib
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -79,15 +80,18 @@ def passes(scene, target, comm=MPI.COMM_WORLD):
 
 
 def run(args):
-    comm, lines = MPI.COMM_WORLD, []
+    comm, lines, numbers = MPI.COMM_WORLD, [], []
     for words in TINY if args.tiny else args.run:
         name, of, error = words.split(",")
         found = passes(ALL[name].scene(args.o), Target(float(error), of))
         for number, (word, one) in enumerate(zip(*found, strict=True), 1):
             lines.append(f"{words} pass {number} unknowns {one.unknowns} steps {one.steps} mesh {word} "
                          f"error {one.error:.3g}")  # fmt: skip
+            numbers.append({"run": words, "pass": number, "mesh": word, "error": one.error, "parts": one.parts,
+                            "quantity": one.quantity})  # fmt: skip
             log.info("%s", lines[-1])
         on_root(comm, (args.o / "passes.txt").write_text, "\n".join([*lines, ""]))
+        on_root(comm, (args.o / "passes.json").write_text, json.dumps(numbers, indent=1))
     return 0
 
 

@@ -41,8 +41,9 @@ NOTICED = 0.01
 FEW = 500
 # [unknowns] Below which meshes of the plane are factorised where bodies yield or rub, on any number of ranks. From: all
 # for which there are factors; a ball pressed into metal takes 0.6 times as long so on 12,776 unknowns, 0.7 times with
-# friction on 3,000, loops of a lug on a pin, sheared blocks, laminates and Cattaneo's cylinder 0.5 to 0.9 times as long
-# as with linear solves to 1e-3, on 3,746 to 14,980 unknowns.
+# friction on 3,000. Loops of laminates (1 and 2 %) take 0.6 to 1.0 times as long on one rank and on two as with
+# multigrid and linear solves to 1e-3, a lug on a pin 0.9 to 1.0, Cattaneo's cylinder 1.2; with multigrid to 1e-8 loops
+# take 0.9 to 2 times as long.
 FACTORISED = MOST_UNKNOWNS[2]
 # [load steps] Times as many at once at most. From: chosen.
 MORE_STEPS = 4

@@ -1,5 +1,7 @@
 """Any number of ranks makes the same meshes on the way to an error that is named."""
 
+import json
+
 import pytest
 
 from drivers.studies._named_scenes import SCENES
@@ -27,3 +29,7 @@ def test_lines_of_passes(tmp_path):
     assert run(Args) == 0
     lines = (tmp_path / "passes.txt").read_text().splitlines()
     assert len(lines) > 1 and all(line.startswith(f"{TINY[0]} pass {k} ") for k, line in enumerate(lines, 1))
+    numbers = json.loads((tmp_path / "passes.json").read_text())
+    errors = [float(line.split()[-1]) for line in lines]
+    assert [one["error"] for one in numbers] == pytest.approx(errors, rel=0.01)
+    assert [sum(one["parts"].values()) for one in numbers] == pytest.approx([one["error"] for one in numbers])
