@@ -41,9 +41,9 @@ NOTICED = 0.01
 FEW = 500
 # [unknowns] Below which meshes of the plane are factorised where bodies yield or rub, on any number of ranks. From: all
 # for which there are factors; a ball pressed into metal takes 0.6 times as long so on 12,776 unknowns, 0.7 times with
-# friction on 3,000. Loops of laminates (1 and 2 %) take 0.6 to 1.0 times as long on one rank and on two as with
-# multigrid and linear solves to 1e-3, a lug on a pin 0.9 to 1.0, Cattaneo's cylinder 1.2; with multigrid to 1e-8 loops
-# take 0.9 to 2 times as long.
+# friction on 3,000. Beside multigrid and linear solves to 1e-3, loops of laminates (1 and 2 %) take 0.6 times as long
+# on one rank, those of a lug on a pin 1.0; on two ranks 1.0 and 0.9. With multigrid to 1e-8, as where contact alone
+# holds a body, Cattaneo's cylinder takes 1.2 to 1.4 times as long as with 1e-3, on two ranks 1.15 times.
 FACTORISED = MOST_UNKNOWNS[2]
 # [load steps] Times as many at once at most. From: chosen.
 MORE_STEPS = 4
