@@ -278,10 +278,14 @@ class Seen:
         Returns
         -------
         left, likely : float
-            Of what meshes tell, see :func:`left_after`, and as it is expected; else the same.
+            Of what meshes tell, see :func:`left_after`, and as it is expected. Else the larger one of what cells tell
+            one by one and together, and the mean of both: the former is too large where cells of both signs cancel,
+            the latter too small on coarse meshes and where the solution is singular. Or twice the same.
         """
         if not simulation.scene.plastic or self._target.quantity == "pressure":
-            return found.error, found.error
+            if found.together is None:
+                return found.error, found.error
+            return max(found.error, found.together, key=abs), 0.5 * (found.error + found.together)
         own, old = State.of(simulation, found.value), self._before
         if old is None or old.degree != own.degree:
             best = self._on_halved(simulation, lambda run, record, _: State.of(run, self._value(run, record)))

@@ -37,12 +37,13 @@ from pcontact.estimate.facets import FacetPairs
 from pcontact.estimate.held import Held
 from pcontact.estimate.interiors import Interiors
 from pcontact.estimate.loads import Given
-from pcontact.estimate.local import energies, products
+from pcontact.estimate.local import energies, products, stiffnesses
 from pcontact.estimate.parts import INTERIOR, PARTS
 from pcontact.estimate.residuals import FacetResiduals, stiffness
 from pcontact.estimate.singular import SingularPoints
 from pcontact.estimate.springs import Springs
 from pcontact.estimate.stress import BlockStress
+from pcontact.estimate.together import Together
 from pcontact.estimate.tractions import Cells
 from pcontact.estimate.yielding import softening
 from pcontact.runtime.petsc import MPI
@@ -156,7 +157,9 @@ class Estimator:
         self._exerted = ContactResiduals(problem, self.cells)
         self._interiors = Interiors(problem, self._springs, held, kept)
         self._around = AroundVertices(problem, pairs, self._springs, held, self._interiors, self._facets.kinds, kept)
-        self._singular = SingularPoints(self.space, pairs, set(getattr(self._bulk, "states", {})))
+        yields = set(getattr(self._bulk, "states", {}))
+        self._singular = SingularPoints(self.space, pairs, yields)
+        self._together = Together(self.space, pairs, bool(yields))
         # what yields under the last displacement; and time, displacement and residuals (all parts together) of the last
         # call, with which a quantity of the same solution begins
         self._found, self._last = {}, None
@@ -238,8 +241,10 @@ class Estimator:
 
         Returns
         -------
-        list of ndarray (nc,)
+        cells : list of ndarray (nc,)
             Of the cells of each block [energy].
+        together : float or None
+            Their sum, but that of one problem on all cells, see `pcontact.estimate.together`; None where there is none.
         """
         own = [*self._loads, *holding[0]]
         nodal, tested = self._tested_before(u, time, own)
@@ -252,14 +257,17 @@ class Estimator:
         for contact in self._contacts:
             of = shifted if contact.name == goal.contact else z
             self._exerted.add_dual(contact, u, of, zero, against, rules)
-        return [
-            self._solve(number, nodal, time, t, own, Dual(other, against[number], loads))[:, 0]
+        problems = [] if self._together.holds else None
+        cells = [
+            self._solve(number, nodal, time, t, own, Dual(other, against[number], loads), problems)[:, 0]
             for number, t in enumerate(tested)
         ]
+        return cells, None if problems is None else self._together.product(problems)
 
-    def _solve(self, number, nodal, time, tested, own_loads, weight=None):
+    def _solve(self, number, nodal, time, tested, own_loads, weight=None, problems=None):
         """Squared energies (nc, n_parts + 1) of a block's local problems; or, with a :class:`Dual` as weight, their
-        energy products (nc, 1) with its local problems."""
+        energy products (nc, 1) with its local problems. To `problems` there are added their stiffness, held components
+        and both right-hand sides."""
         space, block, interiors = self.space, self.space.mesh.blocks[number], self._interiors
         out, tables = np.zeros((len(block.nodes), len(PARTS) + 1)), interiors.tables(number)
         for rows, volume in interiors.chunks(number, tables):
@@ -275,7 +283,14 @@ class Estimator:
             stress = BlockStress(space, self._elastic, number, rows, weight.nodal)
             others = weight.tested[rows].sum(axis=1)
             others += interiors.residual(number, rows, volume, tables, stress, time, weight.loads)
-            products(functions, moduli, softer, bound, loads.sum(axis=1), others, volume.fixed, out[rows, 0])
+            loads = loads.sum(axis=1)
+            products(functions, moduli, softer, bound, loads, others, volume.fixed, out[rows, 0])
+            if problems is not None:
+                matrices = np.empty((len(loads), loads[0].size, loads[0].size))
+                stiffnesses(functions, moduli, matrices)
+                sprung = bound.at >= 0
+                matrices[sprung] += bound.matrices[bound.at[sprung]]
+                problems.append((matrices, volume.fixed, loads, others))
         return out if weight is None else out[:, :1]
 
     @property

@@ -79,6 +79,8 @@ class GoalError(NamedTuple):
         What the cells of each block have in it, with signs.
     loads, algebraic : float
         J(u) - J(u_h), as far as the quadrature of loads and the solver have.
+    together : float or None
+        The error as one problem on all cells tells it, where there is one.
     """
 
     value: float
@@ -86,6 +88,7 @@ class GoalError(NamedTuple):
     cells: list
     loads: float = 0.0
     algebraic: float = 0.0
+    together: float | None = None
 
 
 def _direction(vector):
