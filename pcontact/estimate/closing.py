@@ -11,7 +11,9 @@ with the mesh. Where H = 0 nothing keeps it small, and between both the dual dis
 not follow. So points that are open count as closed where the bodies are pressed on each other around them: where the
 source's stress averaged at the nodes is pressure, and not much less than what opens the point. Gaps between the
 facets of two meshes open such points. With the averaged normal traction in the place of tau H_mean is
-tau / (tau - tau_h) there.
+tau / (tau - tau_h) there. In space that is not done: on coarse meshes the averaged stress is pressure far beyond the
+edge of what is closed. The support of a roller that is pushed across a block, 11,319 unknowns: estimated with 0.01 %
+so, where 1.4 % are true.
 """
 
 import numpy as np
@@ -43,6 +45,8 @@ def rules(estimator, problem, u):
     dict of pcontact.contact.pair.ContactPair to pcontact.assembly.item.StatusRule
     """
     space, found, averaged = problem.space, {}, None
+    if space.dim == 3:
+        return found
     for contact in problem.contacts:
         if contact.contact.formulation != "nitsche" or contact.contact.bilateral or contact.law.tied:
             continue
