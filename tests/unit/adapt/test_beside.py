@@ -78,3 +78,18 @@ def test_how_the_error_of_load_steps_grows_is_told_by_two_meshes(run):
     assert errors.follows and errors.grows == finer.steps_grow == pytest.approx(np.log10(2.0))
     last = SimpleNamespace(**{**vars(_pass(0.01)), "unknowns": 10_000, "steps": 8})
     assert errors.parts(simulation, last, 1.0, WATCH)[0]["load_steps"] == pytest.approx(2.0 * errors.of_steps(8))
+
+
+def test_facets_are_measured_anew_with_more_load_steps_where_bodies_rub(run, monkeypatch):
+    """What they change in a number: few load steps may have rubbed otherwise. Not with as many."""
+    simulation, errors = run
+    monkeypatch.setattr(trials.variants, "difference", lambda *_: 0.3)
+    monkeypatch.setattr(beside.linearised, "changes", lambda *_: {"quadrature": 0.0})
+    first, _ = errors.parts(simulation, _pass(0.04), 1.0, WATCH)
+    monkeypatch.setattr(trials.variants, "difference", lambda *_: -1e-4)
+    again, _ = errors.parts(simulation, _pass(0.04), 1.0, WATCH)
+    assert first["curved_facets"] == again["curved_facets"] == 0.3
+    more = _pass(0.04)
+    more.steps = 8
+    parts, toward = errors.parts(simulation, more, 1.0, WATCH)
+    assert parts["curved_facets"] == -toward["curved_facets"] == 1e-4
