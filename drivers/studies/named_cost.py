@@ -50,6 +50,8 @@ TARGETS = {
     "hill": (("energy", 0.01), ("energy", 0.005)),
     "cattaneo": (("energy", 0.01),),
     "indent": (("energy", 0.1), ("energy", 0.05)),
+    "disc_press": (("energy", 0.1),),
+    "lug": (("energy", 0.05),),
     "hertz3d": (("energy", 0.03),),
 }
 ALL = SCENES | HELD_BACK

@@ -11,9 +11,9 @@ the whole loop over those of a run of its last mesh alone, from scratch, without
 On one of two busy cores the rows of a scene in the plane take 5 to 60 s, and its reference 6 to 60 s. Cattaneo and
 Mindlin take 1 minute and 50 for the reference (100,000 unknowns, twice); Hertz's ball 4 minutes, the last row of it
 2.5, its reference 6 (737,211 unknowns), and some more the distances to it; the cube with sharp edges 1 minute at 20 and
-10 % (``--target 0.2 0.1``) and 4 for its reference; the indentation 10 minutes down to 5 % of energy and 2 % of the
-force. Rows at 2 and 1 % of its energy take hundreds to thousands of load steps on 20,000 to 50,000 unknowns, hours, and
-references that are longer still.
+10 % (``--target 0.2 0.1``) and 4 for its reference; the indentation 2 minutes down to 5 % of energy and 2 % of the
+force. A row at 2 % of its energy takes hundreds of load steps on 20,000 to 30,000 unknowns, half an hour or more, and a
+reference that is several times longer.
 
     python drivers/studies/named_error.py --scene hill -o hill
     python drivers/studies/named_error.py --scene punch -o punch

@@ -218,6 +218,18 @@ def change_to(simulation, other, target, watch):
     return simulation.error_estimate.norm(beyond(simulation, other.u))
 
 
+def change_between(simulation, one, other, target):
+    """How far an :class:`Answer` `other`, or None, is from `one`, both on the mesh of a simulation, as of
+    :func:`difference`; not of pressures. *Collective.*"""
+    if other is None:
+        return float("nan")
+    if target.quantity != "energy":
+        return other.value - one.value
+    change = simulation.problem.space.vector()
+    change.setArray(other.u - one.u)
+    return simulation.error_estimate.norm(change)
+
+
 def beyond(simulation, values):
     """The displacement of a simulation less that of another run, values (n_owned d,): a PETSc.Vec."""
     change = simulation.stepper.u.copy()

@@ -24,8 +24,9 @@ def run(monkeypatch):
     monkeypatch.setattr(trials.variants, "answer", lambda *_: None)
     monkeypatch.setattr(trials.variants, "change_to", lambda *_: 0.01)
     monkeypatch.setattr(trials.variants, "bent", lambda _: True)
-    scene = SimpleNamespace(remembers=True, plastic=False, temperatures=[], steps=SimpleNamespace(count=1), petsc={},
-                            contacts=[SimpleNamespace(tied=False)], output=SimpleNamespace())  # fmt: skip
+    scene = SimpleNamespace(remembers=True, plastic=False, frictional=True, temperatures=[], petsc={},
+                            steps=SimpleNamespace(count=1), output=SimpleNamespace(),
+                            contacts=[SimpleNamespace(tied=False)])  # fmt: skip
     for name in ("with_steps", "searching", "finer_quadrature", "smooth_facets"):
         monkeypatch.setattr(trials.variants, name, lambda one, *_: one)
     problem = SimpleNamespace(linear=False, space=SimpleNamespace(degree=2))
@@ -93,3 +94,15 @@ def test_facets_are_measured_anew_with_more_load_steps_where_bodies_rub(run, mon
     more.steps = 8
     parts, toward = errors.parts(simulation, more, 1.0, WATCH)
     assert parts["curved_facets"] == -toward["curved_facets"] == 1e-4
+
+
+@pytest.mark.parametrize("steps", [1, 2])
+def test_other_settings_are_tried_with_the_load_steps_that_change_much(run, monkeypatch, steps):
+    """Twice as many as the run has had: few of them rub otherwise. Not where no more have been taken."""
+    simulation, errors = run
+    simulation.stepper = SimpleNamespace(number=1)
+    monkeypatch.setattr(trials.variants, "difference", lambda *_: 0.3)
+    monkeypatch.setattr(trials.variants, "answer", lambda *_: SimpleNamespace(number=steps))
+    monkeypatch.setattr(trials.variants, "change_between", lambda *_: -2e-4)
+    parts, toward = errors.parts(simulation, _pass(0.04), 1.0, WATCH)
+    assert parts["curved_facets"] == abs(toward["curved_facets"]) == (2e-4 if steps == 2 else 0.3)
