@@ -51,7 +51,7 @@ TARGETS = {
     "cattaneo": (("energy", 0.01),),
     "indent": (("energy", 0.1), ("energy", 0.05)),
     "disc_press": (("energy", 0.1),),
-    "lug": (("energy", 0.05),),
+    "lug": (("energy", 0.05), ("energy", 0.02)),
     "hertz3d": (("energy", 0.03),),
 }
 ALL = SCENES | HELD_BACK
