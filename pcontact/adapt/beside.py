@@ -97,7 +97,7 @@ class Beside:
         if self._parts is None:
             self._measure(simulation, size, watch, done)
         else:
-            if not self._settings.staying or self._of_fewer_steps(done):
+            if not self._settings.staying or self._told_by_fewer_steps(done):
                 self._facets_anew(simulation, size, watch, done)
             self._quadrature_anew(simulation, size, watch, done)
         given = done.parts["mesh"], done.steps, done.unknowns
@@ -179,7 +179,7 @@ class Beside:
                 self._tell(name, change, done)
             self.other = trials.other
 
-    def _of_fewer_steps(self, done):
+    def _told_by_fewer_steps(self, done):
         """Whether what facets change in a number has been told by fewer load steps than those of a pass: these may have
         rubbed otherwise. A lug on a loose pin: 0.6 % with three of them, 0.01 % with twelve."""
         facets = [one for name, one in self._parts.items() if name in FACETS and one.change.sign is not None]

@@ -102,8 +102,7 @@ class Settings:
         corners of amplitudes; half of those that are planned where corners leave no fewer."""
         stops, end = corners(self._scene), self._scene.steps.end
         number, half = taken(end, count, stops).sum(), max(count // 2, 1)
-        few = next((one for one in range(half, 0, -1) if 2 * taken(end, one, stops).sum() <= number), half)
-        return few
+        return next((one for one in range(half, 0, -1) if 2 * taken(end, one, stops).sum() <= number), half)
 
     def spares(self, done, more):
         """Whether half of the load steps will do after a pass.

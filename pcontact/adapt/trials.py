@@ -14,6 +14,8 @@ from pcontact.runtime import log
 ROUGHLY = 0.5
 # [-] Part of the load steps that must have been left out for it. From: chosen.
 FEWER = 0.75
+# [-] Part of the error of load steps that twice as many take away.
+DOUBLED = 1.0 - 0.5**STEPS_RATE
 
 
 @dataclass
@@ -106,7 +108,7 @@ class Trials:
             change.value = float(np.hypot(change.value, rest))
         if name == "load_steps":
             # of what twice as many have changed, and what is left then
-            change.value /= 1.0 - 0.5**STEPS_RATE
+            change.value /= DOUBLED
         return change
 
     def facets(self, name):
@@ -154,14 +156,15 @@ class Trials:
         if answer.number > FEWER * simulation.stepper.number:
             return dict.fromkeys(names, change)
         # of the error that falls from one to the other number, what is left
-        left = change / ((simulation.stepper.number / answer.number) ** STEPS_RATE - 1.0)
+        _, times = variants.followed(simulation.stepper.number, answer.number, simulation.stepper.number)
+        left = times * change
         if not names and np.isfinite(left):
             # more load steps change a number as fewer of them do, the other way round
             self.other = answer
-            return {"load_steps": -np.copysign(left, moved) * (1.0 - 0.5**STEPS_RATE)}
+            return {"load_steps": -np.copysign(left, moved) * DOUBLED}
         if not left + len(names) * change <= ROUGHLY * SHARE * self._target.error * self._size:
             return {}
-        return dict.fromkeys(names, change) | {"load_steps": left * (1.0 - 0.5**STEPS_RATE)}
+        return dict.fromkeys(names, change) | {"load_steps": left * DOUBLED}
 
     def _rubs_otherwise(self):
         """Whether twice the load steps have been tried, and change so much that the next pass takes more, where bodies
@@ -173,7 +176,7 @@ class Trials:
         if other is None or other.number <= simulation.stepper.number:
             return False
         change = abs(variants.change_to(simulation, other, self._target, self._watch)) / self._size
-        return bool(change / (1.0 - 0.5**STEPS_RATE) > STEPS_SHARE * self._target.error)
+        return bool(change / DOUBLED > STEPS_SHARE * self._target.error)
 
     def _rough(self, name):
         """Whether a part is that of facets that finer cells of degree 1 do not tell."""

@@ -15,7 +15,6 @@ from functools import partial
 import numpy as np
 
 from pcontact.estimate.bubbles import supports
-from pcontact.runtime.jit import njit
 from pcontact.runtime.petsc import MPI
 
 # [-] Residual of the iteration over that of its start, and iterations at most. From: chosen; a laminate wound around
@@ -91,9 +90,8 @@ class Together:
         return values + self._pairs.other_side(values)
 
     def _times(self, matrices, held, values):
-        product = np.empty_like(values)
-        _multiply(matrices, values.reshape(matrices.shape[:2]), product.reshape(matrices.shape[:2]))
-        return np.where(held, 0.0, self._joined(product))
+        product = np.einsum("cij,cj->ci", matrices, values.reshape(matrices.shape[:2]))
+        return np.where(held, 0.0, self._joined(product.reshape(values.shape)))
 
     def _dot(self, one, other):
         """Sum over all facets, those between cells once. *Collective.*"""
@@ -115,14 +113,3 @@ class Together:
             now = self._dot(rest, turned)
             way, before = turned + now / before * way, now
         return result
-
-
-@njit
-def _multiply(matrices, vectors, out):
-    """Products (nc, n) of matrices (nc, n, n) and vectors (nc, n), into `out`."""
-    for c in range(len(vectors)):
-        for i in range(vectors.shape[1]):
-            total = 0.0
-            for j in range(vectors.shape[1]):
-                total += matrices[c, i, j] * vectors[c, j]
-            out[c, i] = total

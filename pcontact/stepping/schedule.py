@@ -28,16 +28,19 @@ def taken(end, count, stops=()):
     ndarray (n,)
         How many lie between one stop and the next.
     """
-    spans = np.diff(np.unique([0.0, *(t for t in stops if 0.0 < t < end), end]))
-    return np.ceil(spans * count / end - REMAINDER).astype(int).clip(1)
+    return np.ceil(_spans(end, stops) * count / end - REMAINDER).astype(int).clip(1)
 
 
 def filled(end, count, stops=()):
     """The most load steps that can be planned for the number of those that `count` planned ones become between stops:
     without short remainders before these. Parameters as for :func:`taken`."""
-    most = taken(end, count, stops)
-    spans = np.diff(np.unique([0.0, *(t for t in stops if 0.0 < t < end), end]))
-    return max(int(np.floor((most * end / spans).min() * (1.0 + ROUNDING))), count)
+    most = taken(end, count, stops) * end / _spans(end, stops)
+    return max(int(np.floor(most.min() * (1.0 + ROUNDING))), count)
+
+
+def _spans(end, stops):
+    """Times (n,) between one stop and the next."""
+    return np.diff(np.unique([0.0, *(t for t in stops if 0.0 < t < end), end]))
 
 
 class Control(NamedTuple):
