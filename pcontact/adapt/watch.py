@@ -28,12 +28,16 @@ class Known(NamedTuple):
         Whether these are all load steps.
     last : ndarray (n_nodes, d) or None
         The displacement at the end with the load steps of the next run, where these are others [length].
+    alone : list of bool
+        Whether a load step with friction had its solution after one iteration from the end of the one before: no
+        contact changes in it but as that iteration says. Empty: no load step.
     """
 
     times: list
     fields: list
     every: bool = True
     last: np.ndarray | None = None
+    alone: list = ()
 
     def moved(self, function):
         """The same on another mesh: ``function(fields)`` takes a list of fields there."""
@@ -59,10 +63,13 @@ class Path(Observer):
         every other load step, or fewer, but always the last.
     last : ndarray (n_nodes, d) or None
         See :class:`Known`; None until it is set.
+    alone : list of bool
+        See :class:`Known`.
     """
 
     def __init__(self, simulation):
         self._simulation, self.times, self.fields, self.last, self._every = simulation, [], [], None, True
+        self.alone = []
         # the same on every rank
         space = simulation.problem.space
         self._most = max(KEPT, ROOM * space.comm.size // (8 * space.n_dofs))
@@ -70,15 +77,19 @@ class Path(Observer):
     @property
     def known(self):
         """What there is to know for another run."""
-        return Known(self.times, self.fields, self._every, self.last)
+        return Known(self.times, self.fields, self._every, self.last, self.alone)
 
     def step(self, step, u, record):
         """Keep it. *Collective.*"""
+        begin = self._simulation.begin
+        own = self._simulation.scene.frictional and (begin is None or begin.alone(step.begin, step.time))
+        self.alone.append(own and step.newton <= 1)
         self.times.append(step.time)
         self.fields.append(at_nodes(self._simulation.problem.space, u))
         if len(self.times) > self._most:
             # counted from the end: what bodies do between two of them is a straight line for the next mesh
             self.times, self.fields, self._every = self.times[::-2][::-1], self.fields[::-2][::-1], False
+            self.alone = self.alone[::-2][::-1]
 
 
 class Watch(Path):
@@ -133,7 +144,9 @@ class Beginning:
     Where something remembers what has happened, the displacement of the other mesh itself is farther from the solution
     than that of the last load step: friction and plastic flow of the two meshes differ by more than they change in a
     load step. Where only some load steps are known, the way between them is no straight line, and the bodies are
-    expected where they go on by themselves.
+    expected where they go on by themselves. So they are under friction where one iteration did on the last mesh: there
+    is nothing to gain, and what a coarse mesh says of corners lets points slip or open on a fine one that never do.
+    Blocks pressed and sheared, 388 -> 3,974 unknowns: 26 iterations a load step, and one from where the last one ended.
 
     Parameters
     ----------
@@ -147,18 +160,28 @@ class Beginning:
         space = simulation.problem.space
         rows = space.mesh_nodes[space.owned_local]
         self._simulation, self._times, self._every = simulation, np.array([0.0, *known.times]), known.every
+        self._alone = np.array(known.alone, dtype=bool)
         self._fields = [np.zeros((len(rows), space.dim)), *(field[rows] for field in known.fields)]
         self._last = None if known.last is None else known.last[rows]
 
     def __call__(self, time):
         """The displacement (n_owned, d) at the end of a load step; None where that of the last mesh is not known."""
-        if not self._every:
-            return None
         stepper = self._simulation.stepper
+        if self.alone(stepper.schedule.time, time):
+            return None
         before, then = self.at(stepper.schedule.time), self.at(time)
         if before is None or then is None:
             return None
         return stepper.u.getArray(readonly=True).reshape(then.shape) + (then - before)
+
+    def alone(self, begin, end):
+        """Whether a load step between two times begins where the one before has ended."""
+        if not self._every:
+            return True
+        # the first of the times is the beginning of the run
+        first = int(np.searchsorted(self._times[1:], begin * (1.0 + SAME_TIME)))
+        last = int(np.searchsorted(self._times[1:], end * (1.0 - SAME_TIME)))
+        return last < len(self._alone) and bool(self._alone[first : last + 1].all())
 
     def end(self, time):
         """The displacement (n_owned, d) of the last mesh at the end of the run, with the load steps of this one; None
