@@ -34,7 +34,10 @@ def wanted(scene, options):
     said = {cls: {key: value for key, value in some.items() if value is not None} for cls, some in said.items()}
     target = scene.accuracy if isinstance(scene.accuracy, Target) else None
     # a word of the command line is another wish than the scene's error
-    if target is not None and options.given("accuracy") and "error" not in said[Target]:
+    if options.given("accuracy"):
+        if "error" in said[Target]:
+            found = "a preset beside an error to reach, which chooses what presets do"
+            raise InputError(f"{options.said}: -accuracy: found {found}; allowed: -accuracy or -error")
         target = None
     if target is None and "error" not in said[Target]:
         if any(said.values()):

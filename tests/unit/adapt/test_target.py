@@ -49,6 +49,8 @@ def test_of_the_scene(tmp_path):
     assert scene.accuracy.error == 0.01
     # a word of the command line is another wish
     assert asked(scene, {"accuracy": "draft"}) is None
+    with pytest.raises(InputError, match="-accuracy: found a preset beside an error to reach"):
+        asked(scene, {"accuracy": "draft", "error": "3%"})
 
 
 def test_what_is_not_estimated_is_refused(tmp_path):
