@@ -74,7 +74,7 @@ class Beside:
     def __init__(self, target, settings):
         self._target, self._settings, self.other = target, settings, None
         # by what brings them about; None before they have been measured
-        self._parts, self._yields, self.follows = None, False, False
+        self._parts, self._yields, self._touch, self.follows = None, False, False, False
 
     def parts(self, simulation, done, size, watch):
         """Them, relative, by what brings them about. *Collective.*
@@ -137,6 +137,14 @@ class Beside:
         one = self._parts.get("load_steps")
         return 0.0 if one is None else one.grows
 
+    def may_have_grown(self, unknowns):
+        """Times as large as it is known to be the error of load steps may be on a mesh with so many unknowns: contacts
+        that move over yielding cells leave more of it on finer meshes, and one mesh does not tell how much more. The
+        force on a disc between a stamp and an anvil: 0.14 % with 1,114 unknowns, 0.99 % with 4,442."""
+        if self.follows or not (self._yields and self._touch):
+            return 1.0
+        return max(unknowns / self.told_by(), 1.0) ** MOST_GROWTH
+
     def told_by(self):
         """Unknowns of the last mesh that has told the error of load steps."""
         return self._parts["load_steps"].unknowns
@@ -170,7 +178,7 @@ class Beside:
 
     def _measure(self, simulation, size, watch, done):
         """Measure them on the first mesh. *Collective.*"""
-        self._parts, self._yields = {}, simulation.scene.plastic
+        self._parts, self._yields, self._touch = {}, simulation.scene.plastic, bool(simulation.problem.others)
         if simulation.problem.linear:
             return
         with _trying(done):

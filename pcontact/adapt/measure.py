@@ -123,7 +123,8 @@ class Measure:
         if done.error > goal and part > STEPS_SHARE * goal:
             # how many more the next pass takes hangs on it
             return True
-        if not simulation.scene.plastic or part <= SHARE * goal:
+        most = part * self._beside.may_have_grown(done.unknowns)
+        if not simulation.scene.plastic or most <= SHARE * goal:
             return False
         finer = done.unknowns / self._beside.told_by()
         return finer > (FAR if done.error <= goal and self._beside.follows else NEAR)

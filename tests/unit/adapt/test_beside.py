@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pcontact.adapt import beside, trials
-from pcontact.adapt.beside import LIKELY, OFF, Beside
+from pcontact.adapt.beside import LIKELY, MOST_GROWTH, OFF, Beside
 from pcontact.adapt.settings import FACETS, FALLING
 from pcontact.scene.target import Target
 
@@ -29,7 +29,7 @@ def run(monkeypatch):
                             contacts=[SimpleNamespace(tied=False)])  # fmt: skip
     for name in ("with_steps", "searching", "finer_quadrature", "smooth_facets"):
         monkeypatch.setattr(trials.variants, name, lambda one, *_: one)
-    problem = SimpleNamespace(linear=False, space=SimpleNamespace(degree=2))
+    problem = SimpleNamespace(linear=False, others=["a contact"], space=SimpleNamespace(degree=2))
     simulation = SimpleNamespace(problem=problem, scene=scene, close=lambda: None, mesh=SimpleNamespace(curved=True))
     settings = SimpleNamespace(scene=lambda: scene, staying=FACETS, falling=FALLING, searches=False)
     return simulation, Beside(Target(0.01, "force:face"), settings)
@@ -77,8 +77,19 @@ def test_how_the_error_of_load_steps_grows_is_told_by_two_meshes(run):
     finer = SimpleNamespace(**{**vars(_pass(0.02)), "unknowns": 1000, "steps": 8})
     errors.with_steps(2.0 * errors.of_steps(8), finer, 1.0)
     assert errors.follows and errors.grows == finer.steps_grow == pytest.approx(np.log10(2.0))
+    assert errors.may_have_grown(10_000) == 1.0
     last = SimpleNamespace(**{**vars(_pass(0.01)), "unknowns": 10_000, "steps": 8})
     assert errors.parts(simulation, last, 1.0, WATCH)[0]["load_steps"] == pytest.approx(2.0 * errors.of_steps(8))
+
+
+@pytest.mark.parametrize("yields, contacts, times", [(True, 1, 10.0), (True, 0, 1.0), (False, 1, 1.0)])
+def test_how_much_one_mesh_may_have_missed_of_the_error_of_load_steps(run, yields, contacts, times):
+    """Where contacts move over yielding cells, and the meshes are finer."""
+    simulation, errors = run
+    simulation.scene.plastic, simulation.problem.others = yields, ["a contact"] * contacts
+    errors.parts(simulation, _pass(0.04), 1.0, WATCH)
+    assert errors.may_have_grown(50) == 1.0
+    assert errors.may_have_grown(100 * 10.0 ** (1.0 / MOST_GROWTH)) == pytest.approx(times)
 
 
 def test_facets_are_measured_anew_with_more_load_steps_where_bodies_rub(run, monkeypatch):
