@@ -42,8 +42,8 @@ FEW = 500
 # [unknowns] Below which meshes of the plane are factorised where bodies yield or rub, on any number of ranks. From: all
 # for which there are factors; a ball pressed into metal takes 0.6 times as long so on 12,776 unknowns, 0.7 times with
 # friction on 3,000. Beside multigrid and linear solves to 1e-3, loops of laminates (1 and 2 %) take 0.6 times as long
-# on one rank, those of a lug on a pin 1.0; on two ranks 1.0 and 0.9. With multigrid to 1e-8, as where contact alone
-# holds a body, Cattaneo's cylinder takes 1.2 to 1.4 times as long as with 1e-3, on two ranks 1.15 times.
+# on one rank, those of a lug on a pin 1.0, that of Cattaneo's cylinder (1 %), which contact alone holds, 0.5; on two
+# ranks 1.0, 0.9 and 0.7. Beside multigrid to 1e-8 the last one takes 0.4, on two ranks 0.5 times as long.
 FACTORISED = MOST_UNKNOWNS[2]
 # [load steps] Times as many at once at most. From: chosen.
 MORE_STEPS = 4

@@ -221,7 +221,7 @@ OPTIONS = listed(
     Option(
         "pc_direct_below", integer(0),
         "unknowns below which one rank factorises linear systems instead of taking multigrid", 0, section="solver",
-        more="only if the user chose no preconditioner, and supports hold all bodies; where an error is named, 500",
+        more="only if the user chose no preconditioner; where an error is named, 500",
     ),
     Option(
         "pc_direct_plane", integer(0),

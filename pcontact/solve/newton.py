@@ -72,8 +72,7 @@ class Newton:
             log.warning("-newton_without %s: there is no such rule any more", name)
         chosen = not options.given("snes_linesearch_type")
         lags = options.given("snes_lag_preconditioner")
-        # what holds loose bodies changes with every iteration
-        small = {} if motions else factors(options, problem.space)
+        small = factors(options, problem.space)
         direct = bool(small) or options.get("pc_type", "gamg") in ("lu", "cholesky")
         # on large surfaces in space, where many points change their status, directions are poor at 1e-3; bodies that
         # yield take as many iterations with it, and stiff contact makes linear solves long

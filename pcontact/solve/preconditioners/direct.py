@@ -21,6 +21,9 @@ def factors(options, space):
     """Defaults with which the linear systems of a problem are factorised from the beginning, as the user wants it of
     few unknowns, or in the plane; empty: they are not.
 
+    Bodies that nothing but contact holds have pivots of the size of their stabilisation where they touch nothing yet,
+    a millionth of their stiffness: the Krylov method, which has factors to precondition it, mends what these lose.
+
     Parameters
     ----------
     options : pcontact.runtime.options.Options

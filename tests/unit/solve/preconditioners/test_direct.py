@@ -1,17 +1,23 @@
 """Small problems whose linear systems are factorised."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 
+from drivers.studies._extreme_scenes import stack
+from drivers.studies._extreme_shapes import pointed
 from drivers.studies._named_scenes import HELD_BACK
+from drivers.studies._robust_scenes import extreme, lid
 from pcontact.runtime.petsc import MPI, has_package
 from pcontact.simulation import Simulation
 
 
-def solved(folder, **options):
-    """Preconditioner, Krylov iterations of the load steps, and displacement of sheared blocks of 104 unknowns."""
-    scene = HELD_BACK["sheared"].scene(folder)
-    scene.petsc, counts = {**scene.petsc, **options}, []
+def solved(folder, make=HELD_BACK["sheared"].scene, **options):
+    """Preconditioner, Krylov iterations of the load steps, and displacement of a scene: sheared blocks of 104 unknowns.
+    """
+    scene = make(folder)
+    scene.petsc, counts = {**(scene.petsc or {}), **options}, []
     simulation = Simulation(scene)
     try:
         inner = simulation.newton.solve
@@ -42,3 +48,21 @@ def test_in_the_plane_on_any_number_of_ranks(shared_tmp):
     assert (direct, max(few) <= 2.0) == (("lu", True) if able else ("gamg", False))
     for kept in {"pc_direct_plane": "104"}, {"pc_direct_plane": "105", "pc_type": "gamg"}:
         assert solved(shared_tmp, **kept)[0] == "gamg"
+
+
+@pytest.mark.parallel(2)
+@pytest.mark.parametrize(
+    "make", [lid, partial(extreme, build=pointed), partial(extreme, build=stack, youngs=(1e9, 1e3), pressure=10.0)],
+    ids=["free in the end", "on a corner", "a stiff body on a soft one"],
+)  # fmt: skip
+def test_bodies_that_nothing_but_contact_holds(shared_tmp, make):
+    """They touch nothing at first or in the end, or touch at a point: pivots of the size of their stabilisation."""
+    ways = {"pc_direct_plane": "1000"}, {"pc_direct_below": "1000"}
+    u = solved(shared_tmp, make, snes_ksp_ew_rtol0="1e-8", snes_ksp_ew_rtolmax="1e-8")[2]
+    for way, able in zip(ways, (has_package("mumps") or MPI.COMM_WORLD.size == 1, MPI.COMM_WORLD.size == 1),
+                         strict=True):  # fmt: skip
+        direct, few, same = solved(shared_tmp, make, **way)
+        assert direct == ("lu" if able else "gamg")
+        if able:
+            assert max(few) <= 3.0
+            assert same == pytest.approx(u, abs=1e-6 * np.abs(u).max())
