@@ -4,7 +4,7 @@ import time as clock
 
 import numpy as np
 
-from pcontact.adapt.beside import Beside
+from pcontact.adapt.beside import APART, Beside
 from pcontact.adapt.corners import PressureError
 from pcontact.adapt.fronts import front_of
 from pcontact.adapt.known import effectivity, of_quantity
@@ -23,8 +23,9 @@ ZERO = 1e-9
 # [-] Load steps over those of another run from which on their change tells an error. From: chosen; fewer tell little.
 AGAIN = 1.5
 # [-] Unknowns of a mesh where bodies yield over those of the last one that has told the error of load steps, up to
-# which a mesh in the middle does not tell it again, and the last one does not where two meshes have told it. From:
-# chosen.
+# which a mesh in the middle does not tell it again, and the last one does not where two meshes have told it. Where one
+# has, the last one does so from `APART` on: a disc between a stamp and an anvil, 1.6 % of its rim's displacement with
+# 1,114 unknowns and 2.5 % with 1,834. From: chosen.
 NEAR, FAR = 2.0, 8.0
 
 
@@ -126,8 +127,8 @@ class Measure:
         most = part * self._beside.may_have_grown(done.unknowns)
         if not simulation.scene.plastic or most <= SHARE * goal:
             return False
-        finer = done.unknowns / self._beside.told_by()
-        return finer > (FAR if done.error <= goal and self._beside.follows else NEAR)
+        near = NEAR if done.error > goal else FAR if self._beside.follows else APART
+        return done.unknowns > near * self._beside.told_by()
 
     def _size(self, simulation, watch, value):
         """What errors of a quantity are divided by: its size, but not that of rounding errors where it is zero.
