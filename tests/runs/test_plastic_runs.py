@@ -216,6 +216,7 @@ def same_times(block, rows, **said):
 
 @parallel
 @pytest.mark.parametrize("theta, friction", [(0.0, 0.3), (1.0, None)])
+@pytest.mark.usefixtures("one_order")
 def test_a_cut_back_leaves_no_trace(block, shared_tmp, theta, friction):
     """Steps that are solved and then refused, one while the block yields, one while it is let go."""
     refused = []

@@ -182,8 +182,8 @@ def test_what_the_solver_leaves(shared_tmp, monkeypatch):
     for little in (0.0, 1.0):
         monkeypatch.setattr("pcontact.io.error_estimate.LITTLE", little)
         found[little] = run(scene)[1]
-    # the sums over ranks may come in another order
+    # multigrid adds what other ranks send in the order in which it comes: runs differ by 1e-15
     assert found[1.0]["absolute"] == pytest.approx(found[0.0]["absolute"], rel=1e-12)
     assert found[0.0]["absolute"] > found[0.0]["algebraic"] > 0.0
     assert 0.05 * found[0.0]["algebraic"] < found[1.0]["algebraic"] < 2.0 * found[0.0]["algebraic"]
-    assert found[1.0]["algebraic"] != found[0.0]["algebraic"]
+    assert found[1.0]["algebraic"] != pytest.approx(found[0.0]["algebraic"], rel=1e-3)
