@@ -65,7 +65,7 @@ FEATURES = {
     "serendipity": ["mesh.complete:without_middles"],
     "reduced integration": ["element.reduced"],
     "ray tracing": ["contact.search.projection:ray_tracing"],
-    "cut facets": ["contact.segmentation.clipping", "contact.segmentation.overlaps", "contact.segmentation.pieces"],
+    "cut facets": [f"contact.segmentation.{name}" for name in ("clipping", "crossings", "overlaps", "pieces")],
     "smooth geometry": [
         "contact.surface.smooth_geometry:SmoothSurface.__init__",
         "contact.surface.smooth_geometry:SmoothSurface.offset",

@@ -38,6 +38,8 @@ class Found(NamedTuple):
         Facets that this rank tried.
     offset : ndarray (np, d) or None
         How far the target's smooth surface stands off the partner, where the target knows it [length].
+    facets : ndarray (np, n, d) or None
+        Nodes of the target facets as they were searched, where the search is to tell of them [length].
     """
 
     id: np.ndarray
@@ -48,6 +50,7 @@ class Found(NamedTuple):
     shape: np.ndarray
     candidates: int
     offset: np.ndarray | None = None
+    facets: np.ndarray | None = None
 
 
 BOXES = 8
@@ -137,8 +140,8 @@ def route(comm, low, high, points, radius):
 class _Searched:
     """Facets of this rank under a displacement, with what a search needs and all rounds of it share."""
 
-    def __init__(self, target, x_facets, method, numbers, opposite):
-        self._target, self._numbers, self._opposite = target, numbers, opposite
+    def __init__(self, target, x_facets, method, numbers, opposite, facets):
+        self._target, self._numbers, self._opposite, self._tell = target, numbers, opposite, facets
         x, kinds, ids, own, corners = target.around(x_facets)
         tree, cones = build_tree(*facet_boxes(x, kinds), target.bodies()), None
         self._exclusion = target.exclusion(tree)
@@ -155,7 +158,8 @@ class _Searched:
         rows : ndarray (n,)
             The points with a partner here.
         answers : ndarray (n, columns)
-            Of those: facet id, distance, gap, how it is held, facet size, y, normal, nodes, shape, offset if known.
+            Of those: facet id, distance, gap, how it is held, facet size, y, normal, nodes, shape, offset and facet
+            if asked for.
         candidates : int
         """
         target, d = self._target, self._facets.x.shape[2]
@@ -167,7 +171,8 @@ class _Searched:
         weights, nodes = target.shape(facet, p.xi[rows]), self._numbers[target.nodes[facet]]
         parts = [p.id, p.distance, p.gap, p.held, p.size, p.y, p.normal]
         smooth = [] if target.smooth is None else [target.smooth.at_target(target, facet, p.xi[rows])]
-        out = np.column_stack([*(part[rows] for part in parts), nodes, weights, *smooth])
+        facets = [self._facets.x[facet].reshape(len(facet), d * self._facets.x.shape[1])] if self._tell else []
+        out = np.column_stack([*(part[rows] for part in parts), nodes, weights, *smooth, *facets])
         return rows, out.astype(float, copy=False), int(p.candidates.sum())
 
 
@@ -222,37 +227,46 @@ def find_partners(space, target, nodal, query, method, origin=0.0, opposite=Fals
 class PartnerSearch:
     """The target facets of all ranks under one displacement, for several searches; as :func:`find_partners`.
 
+    Parameters
+    ----------
+    space, target, nodal, method, origin, opposite
+        See :func:`find_partners`.
+    facets : bool, optional
+        Whether searches tell the nodes of the facets that they find, as many on all ranks.
+
     Notes
     -----
     The constructor is *Collective*, and so are the calls.
     """
 
-    def __init__(self, space, target, nodal, method, origin=0.0, opposite=False):
+    def __init__(self, space, target, nodal, method, origin=0.0, opposite=False, facets=False):
         x_facets = np.ascontiguousarray(target.deformed(nodal, origin))
         self._space, self._target = space, target
         self._width = int(space.comm.allreduce(target.nodes.shape[1], op=MPI.MAX))
         target.nodes = padded(target.nodes, self._width)
-        self._searched = _Searched(target, x_facets, method, space.nodes, opposite)
+        self._searched = _Searched(target, x_facets, method, space.nodes, opposite, facets)
+        # columns of an answer: what it begins with, y, normal, nodes, shape functions; offset, facet
+        d, more = space.dim, (target.smooth is not None, facets)
+        self._columns = [5, 2 * d + 2 * self._width, more[0] * d, more[1] * d * target.x.shape[1]]
         self._boxes = None if space.comm.size == 1 else facet_boxes(x_facets, target.kinds)
 
     def __call__(self, query, about=None):
         """Partners of points of this rank, a :class:`Found`; of points on the target itself with what they tell about
         themselves. *Collective.*"""
         space, d, width, n_points = self._space, self._space.dim, self._width, len(query.x)
-        smooth = self._target.smooth
         asking = np.column_stack([query.x, query.normal, *([] if about is None else [about])])
         if space.comm.size == 1:
             count = n_points
             found, answers, candidates = self._searched.project(asking, query.radius)
         else:
-            columns = 5 + 2 * d + 2 * width + (0 if smooth is None else d)
             found, answers, candidates, count = _remote(
-                space, self._searched, self._boxes, asking, query.radius, columns
+                space, self._searched, self._boxes, asking, query.radius, sum(self._columns)
             )
         profile.count(searches=1, points=n_points, asked=count, candidates=candidates)
         winner = _best(found, answers, n_points, d)
         rows = np.flatnonzero(winner >= 0)
-        best, first = answers[winner[rows]], 5
+        best = answers[winner[rows]]
+        offset, facets = (np.zeros((n_points, columns)) if columns else None for columns in self._columns[2:])
         out = Found(
             np.full(n_points, -1, dtype=np.int64),
             np.zeros((n_points, d)),
@@ -261,13 +275,15 @@ class PartnerSearch:
             np.zeros((n_points, width), dtype=np.int64),
             np.zeros((n_points, width)),
             candidates,
-            None if smooth is None else np.zeros((n_points, d)),
+            offset,
+            None if facets is None else facets.reshape(n_points, self._target.x.shape[1], d),
         )
         out.id[rows], out.gap[rows] = best[:, 0], best[:, 2]
-        ends = np.cumsum([d, d, width, width])
-        out.y[rows], out.normal[rows], out.nodes[rows], out.shape[rows], rest = np.split(best[:, first:], ends, axis=1)
-        if out.offset is not None:
-            out.offset[rows] = rest
+        ends = np.cumsum([5, d, d, width, width, self._columns[2]])
+        _, out.y[rows], out.normal[rows], out.nodes[rows], out.shape[rows], *rest = np.split(best, ends, axis=1)
+        for told, values in zip((offset, facets), rest, strict=True):
+            if told is not None:
+                told[rows] = values
         return out
 
 

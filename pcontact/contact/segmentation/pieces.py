@@ -3,8 +3,10 @@
 The trace of the target's displacement along a source facet has a kink (and its gap a corner) wherever the partner moves
 from one target facet to the next. A Gauss rule across such kinks leaves an error in the nodal forces of the target that
 does not shrink relative to them when the mesh is refined, which limits the energy norm to order 1/2. In the plane the
-cuts are found by bisection of where the partner is, with the search itself, so that every method of search, curved
-facets and partners on other ranks need nothing of their own.
+partners of some points of each source facet are searched. Between two whose partners are on other facets these facets
+tell where the partner changes (`.crossings`), and one more search around there whether it does. What is left, such as
+facets between the two that no point has met, is divided further, and halved in the end, with the search itself, so
+that every method of search, curved facets and partners on other ranks need nothing of their own.
 
 A convex vertex of the target is the nearest point of all source points between the normals of the two facets that meet
 there. The partner enters it from one facet and leaves it to the other: both places are kinks, and the source is cut at
@@ -13,11 +15,14 @@ there is no other facet, and no cut.
 """
 
 import dataclasses
+from typing import NamedTuple
 
 import numpy as np
 
 from pcontact.contact.search.exchange import PartnerSearch
-from pcontact.contact.search.query import QueryPoints
+from pcontact.contact.search.projection import FACING
+from pcontact.contact.search.query import Criteria, QueryPoints
+from pcontact.contact.segmentation.crossings import crossings
 from pcontact.contact.segmentation.overlaps import tiles
 from pcontact.contact.surface.sides import default_quadrature
 from pcontact.element.quadrature import quadrature
@@ -28,11 +33,15 @@ from pcontact.runtime.petsc import MPI
 
 # intervals that each source facet starts with: a target facet shorter than one of them may be missed
 SAMPLES = 8
-# bisections: cuts are known to the last digit, 2^-54 of a facet, whichever end of it they begin at
-BISECTIONS = 52
+# in the reference segment: how far on both sides of a place the partners are looked at, to tell whether it is a cut;
+# more than what a node of the target holds to itself (`AT_NODE`) and what rays may pass beyond a facet, unless facets
+# are ten times as large as the source's
+AROUND = 1e-8
+# width of an interval with a cut that is known to the last digit
+LAST_DIGIT = 2.0**-52
 # bisections that one search of more points stands for, at most, and how many points it may have; from: a search takes
 # 0.6 ms, and 2 microseconds a point more
-AT_ONCE, POINTS = 4, 5000
+AT_ONCE, POINTS = 6, 5000
 # shortest piece, in the reference segment
 SLIVER = 1e-7
 # shape function of a node that a partner sits on, but for rounding
@@ -69,6 +78,27 @@ def _ends(space, target):
     return node[count == 1]
 
 
+class _Seen(NamedTuple):
+    """Partners of points (n) of a source.
+
+    Attributes
+    ----------
+    label : ndarray (n,) int64
+        Number of the facet, -1: no partner, -2 and below: between two facets, on the node -2 minus this.
+    id : ndarray (n,) int64
+        Number of the facet, -1: no partner.
+    ends : ndarray (n, 2) int64
+        Numbers of the nodes at its ends.
+    x : ndarray (n, m, 2)
+        Its nodes [length].
+    """
+
+    label: np.ndarray
+    id: np.ndarray
+    ends: np.ndarray
+    x: np.ndarray
+
+
 class _Partners:
     """Where on the target the partners of points of a source in the plane are, in the undeformed bodies.
 
@@ -88,40 +118,40 @@ class _Partners:
     def __init__(self, space, parts, search):
         self._target, self._radius, method = search
         still = np.zeros((space.n_local, space.dim))
-        self._space, self._search = space, PartnerSearch(space, self._target, still, method)
+        self._search = PartnerSearch(space, self._target, still, method, facets=True)
+        self._criteria = Criteria(method == "ray_tracing", FACING, False)
         self._ends = _ends(space, self._target)
-        self._first = np.cumsum([0, *(len(facets.cells) for facets in parts)], dtype=np.int64)
-        self._parts = [_nodes(space, facets) for facets in parts]
+        none = np.zeros((0, 3, 2))
+        self._nodes = np.concatenate([none, *(_nodes(space, facets) for facets in parts)])
 
-    def __call__(self, part, row, s):
-        """Of points s (n,) on facets `row` of parts `part`.
-
-        Returns
-        -------
-        ndarray (n,) int64
-            Number of the facet, -1: no partner, -2 and below: between two facets, on the node -2 minus this.
-        """
-        x, normal = np.zeros((len(s), 2)), np.zeros((len(s), 2))
-        for k, (corners, degree) in enumerate(self._parts):
-            chosen = np.flatnonzero(part == k)
-            some, at = corners[row[chosen]], s[chosen, None]
-            x[chosen] = np.einsum("pa,pai->pi", shape("segment", degree, at), some)
-            along = np.einsum("pa,pai->pi", shape_gradient("segment", degree, at)[:, :, 0], some)
-            normal[chosen] = np.column_stack([along[:, 1], -along[:, 0]]) / np.linalg.norm(along, axis=1)[:, None]
-        seen = self._target.seen_from(self._first[part] + row, x)
-        found = self._search(QueryPoints(x, normal, self._radius), seen.about)
+    def __call__(self, facet, s):
+        """Of points s (n,) on facets (n,): a :class:`_Seen`. *Collective.*"""
+        some = self._nodes[facet]
+        x = np.einsum("pa,pai->pi", shape("segment", 2, s[:, None]), some)
+        along = np.einsum("pa,pai->pi", shape_gradient("segment", 2, s[:, None])[:, :, 0], some)
+        normal = np.column_stack([along[:, 1], -along[:, 0]]) / np.linalg.norm(along, axis=1)[:, None]
+        found = self._search(QueryPoints(x, normal, self._radius), self._target.seen_from(facet, x).about)
         # the first two are the ends of a facet: its middle is no place to cut
-        at = np.argmax(found.shape[:, :2], axis=1)[:, None]
-        node = np.take_along_axis(found.nodes, at, axis=1)[:, 0]
-        held = (found.id >= 0) & (np.take_along_axis(found.shape, at, axis=1)[:, 0] > AT_NODE)
-        return np.where(held & ~np.isin(node, self._ends), -2 - node, found.id)
+        ends, weights = found.nodes[:, :2], found.shape[:, :2]
+        second = weights[:, 1] > weights[:, 0]
+        node = np.where(second, ends[:, 1], ends[:, 0])
+        held = (found.id >= 0) & (weights.max(axis=1) > AT_NODE)
+        held[held] = ~np.isin(node[held], self._ends)
+        return _Seen(np.where(held, -2 - node, found.id), found.id, ends, found.facets)
+
+    def between(self, facet, interval, seen, at):
+        """Places (n, m) inside intervals (n, 2) of facets (n,) where the partner may change, or nan, from the partners
+        of the points `at` (n, 2) of those seen: those of the ends of the intervals."""
+        partners = seen.id[at], seen.ends[at], seen.x[at]
+        return crossings(self._nodes[facet], interval, partners, self._criteria, self._radius)
 
 
 def _nodes(space, facets):
-    """Nodes (n, nn, 2) of facets of one part in the plane, and their degree."""
+    """Nodes (n, 3, 2) of facets of one part in the plane, of degree 2."""
     table, degree = space.mesh.geometry_nodes(space.mesh.blocks[facets.block])
     columns = facet_nodes(facets.cell, degree)[facets.local]
-    return space.mesh.points[table[facets.cells[:, None], columns]], degree
+    x = space.mesh.points[table[facets.cells[:, None], columns]]
+    return x if degree == 2 else np.concatenate([x, x.mean(axis=1, keepdims=True)], axis=1)
 
 
 def _apart(facet, at):
@@ -138,6 +168,103 @@ def _apart(facet, at):
 def _at_once(n):
     """Bisections of n intervals that one search is to stand for."""
     return max([bits for bits in range(2, AT_ONCE + 1) if n * 4**bits <= POINTS], default=1)
+
+
+class _Intervals(NamedTuple):
+    """Intervals (n) of source facets at whose ends the partners are on other facets.
+
+    Attributes
+    ----------
+    facet : ndarray (n,)
+    a, b : ndarray (n,)
+        Ends in the reference segment.
+    at : ndarray (n, 2)
+        The ends among the points that have been seen.
+    """
+
+    facet: np.ndarray
+    a: np.ndarray
+    b: np.ndarray
+    at: np.ndarray
+
+    def chosen(self, rows):
+        """Some of them."""
+        return _Intervals(*(column[rows] for column in self))
+
+
+def _changes(partners, n, comm):
+    """Places where the partners of points of n source facets change. *Collective.*
+
+    Parameters
+    ----------
+    partners : _Partners
+    n : int
+        Facets of this rank.
+
+    Returns
+    -------
+    facet, place : ndarray (m,)
+        The place is in the reference segment.
+    """
+    # just inside the facet: at its ends the partner is a matter of rounding
+    grid = np.linspace(-1.0 + 1e-9, 1.0 - 1e-9, SAMPLES + 1)
+    facet, s = np.repeat(np.arange(n), SAMPLES + 1), np.tile(grid, n)
+    seen, known, found = partners(facet, s), 0, []
+    intervals = _changing(facet, s, np.arange(len(s)), seen.label)
+    while True:
+        width = intervals.b - intervals.a
+        places = partners.between(intervals.facet, np.column_stack(intervals[1:3]), seen, intervals.at)
+        several = ~np.isnan(places)
+        near = (width <= 3.0 * AROUND) & several.any(axis=1)
+        halved = (width <= LAST_DIGIT) & ~near
+        k, j = np.nonzero(several & near[:, None])
+        found.append((intervals.facet[k], places[k, j]))
+        found.append((intervals.facet[halved], 0.5 * (intervals.a + intervals.b)[halved]))
+        left = np.flatnonzero(~near & ~halved)
+        most = comm.allreduce(len(left), op=MPI.MAX)
+        if not most:
+            break
+        intervals, places = intervals.chosen(left), places[left]
+        # where nothing is said, or was said twice and is not so, all of the interval is looked at
+        lost = np.ones(len(left), dtype=bool) if known > 1 else np.isnan(places).all(axis=1)
+        which, s = _inside(intervals, places, lost, _at_once(most))
+        more = partners(intervals.facet[which], s)
+        first, known = len(seen.label), known + 1
+        seen = _Seen(*(np.concatenate(columns) for columns in zip(seen, more, strict=True)))
+        # with the ends that were there
+        which = np.concatenate([which, np.tile(np.arange(len(left)), 2)])
+        s = np.concatenate([s, intervals.a, intervals.b])
+        at = np.concatenate([first + np.arange(len(more.label)), *intervals.at.T])
+        order = np.lexsort((s, which))
+        intervals = _changing(which[order], s[order], at[order], seen.label[at[order]], intervals.facet)
+    return tuple(np.concatenate(columns) for columns in zip(*found, strict=True))
+
+
+def _changing(group, s, at, label, facet=None):
+    """Intervals between points s (n,) of the same group, one after the other, with other labels (n,)."""
+    k = np.flatnonzero((group[1:] == group[:-1]) & (label[1:] != label[:-1]))
+    rows = group[k] if facet is None else facet[group[k]]
+    return _Intervals(rows, s[k], s[k + 1], np.column_stack([at[k], at[k + 1]]))
+
+
+def _inside(intervals, places, lost, bits):
+    """Points to look at: on both sides of some places (n, m) in intervals (n), and all over those that are lost (n,).
+
+    Returns
+    -------
+    which : ndarray (k,)
+        The interval.
+    s : ndarray (k,)
+        In the reference segment.
+    """
+    around = np.concatenate([places - AROUND, places + AROUND], axis=1)
+    k, j = np.nonzero((around > intervals.a[:, None]) & (around < intervals.b[:, None]))
+    rows = np.flatnonzero(lost)
+    a, b = intervals.a[rows, None], intervals.b[rows, None]
+    inner = a + (b - a) * (np.arange(1, 2**bits) / 2**bits)
+    # of the narrowest there may be no number in between
+    row, column = np.nonzero((inner > a) & (inner < b))
+    return np.concatenate([k, rows[row]]), np.concatenate([around[k, j], inner[row, column]])
 
 
 def cuts(space, parts, search):
@@ -162,25 +289,9 @@ def cuts(space, parts, search):
     part = np.repeat(np.arange(len(parts)), count)
     row = np.concatenate([np.arange(n) for n in count]) if len(count) else np.zeros(0, dtype=np.int64)
     n = len(part)
-    # just inside the facet: at its ends the partner is a matter of rounding
-    grid = np.linspace(-1.0 + 1e-9, 1.0 - 1e-9, SAMPLES + 1)
-    place, several = _Partners(space, parts, search), (np.repeat(part, SAMPLES + 1), np.repeat(row, SAMPLES + 1))
-    ids = place(*several, np.tile(grid, n)).reshape(n, SAMPLES + 1)
-    f, k = np.nonzero(ids[:, 1:] != ids[:, :-1])
-    a, b, ia, ib = grid[k], grid[k + 1], ids[f, k], ids[f, k + 1]
-    left = BISECTIONS if space.comm.allreduce(len(f), op=MPI.MAX) else 0
-    while left > 0:
-        bits = min(_at_once(space.comm.allreduce(len(f), op=MPI.MAX)), left)
-        left -= bits
-        s = a[:, None] + (b - a)[:, None] * (np.arange(2**bits + 1) / 2**bits)
-        s[:, -1] = b
-        several = (np.repeat(one[f], 2**bits - 1) for one in (part, row))
-        inner = place(*several, s[:, 1:-1].ravel())
-        at = np.column_stack([ia, inner.reshape(len(f), 2**bits - 1), ib])
-        which, k = np.nonzero(at[:, 1:] != at[:, :-1])
-        f, a, b, ia, ib = f[which], s[which, k], s[which, k + 1], at[which, k], at[which, k + 1]
+    f, places = _changes(_Partners(space, parts, search), n, space.comm)
     facet = np.concatenate([np.arange(n), np.arange(n), f])
-    at = np.concatenate([np.full(n, -1.0), np.full(n, 1.0), 0.5 * (a + b)])
+    at = np.concatenate([np.full(n, -1.0), np.full(n, 1.0), places])
     order = np.lexsort((at, facet))
     facet, at = _apart(facet[order], at[order])
     start = np.flatnonzero(facet[1:] == facet[:-1])
