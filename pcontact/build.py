@@ -102,12 +102,17 @@ def override(scene, options, accuracy):
     if options.get("no_code"):
         require_no_code(scene)
     options.propose(scene.petsc)
+    changed = False
     for table in (scene, scene.mesh, scene.steps, scene.output):
         for key, option in key_options(type(table)).items():
-            setattr(table, key, options.get(option, getattr(table, key)))
+            before = getattr(table, key)
+            after = options.get(option, before)
+            changed = changed or after is not before
+            setattr(table, key, after)
     accuracy.name = scene.accuracy if isinstance(scene.accuracy, str) else None
     said = {key: options.get(option, None) for key, option in key_options(Contact).items()}
-    validate(scene)
+    if changed:
+        validate(scene)
     return resolve_contacts(scene, {key: value for key, value in said.items() if value is not None}, options.said)
 
 

@@ -137,7 +137,7 @@ def _boundary(mesh, outer, used):
     for facets in outer:
         block = mesh.blocks[facets.block]
         key = facets.cells * 8 + facets.local
-        said, named = (np.isin(key, marked[which][facets.block] @ [8, 1]) for which in (True, False))
+        said, named = (_among(key, marked[which][facets.block] @ [8, 1]) for which in (True, False))
         cells, local, named = facets.cells[~said], facets.local[~said], named[~said]
         x = mesh.points[block.nodes[cells[:, None], facet_nodes(facets.cell, 1)[local]]]
         # the last vertex of a triangle twice
@@ -155,6 +155,13 @@ def _boundary(mesh, outer, used):
         near = NEAR * np.minimum(size, depth) + ROUNDING * far
         parts.append((x, normal, near, block.components[cells], named.astype(np.int64)))
     return Boundary(*(np.ascontiguousarray(np.concatenate(column)) for column in zip(*parts, strict=True)))
+
+
+def _among(keys, some):
+    """Which of small numbers (n,) are among some others (m,)."""
+    flags = np.zeros(1 + max(np.max(keys, initial=0), np.max(some, initial=0)), dtype=bool)
+    flags[some] = True
+    return flags[keys]
 
 
 def _ask(comm, exchanger, own):
