@@ -299,7 +299,7 @@ SCENES = {
                           ("energy", "support:block_bottom", "pressure:cylinder_skin-block_top"), pressure=0.005),
     "hertz3d": NamedScene("ball on block, Hertz", partial(_hertz, "ball_on_block", 2),
                           ("energy", "pressure:ball_skin-block_top"), reference=0.006, pressure=0.03),
-    "cattaneo": NamedScene("Cattaneo and Mindlin", _cattaneo, ("energy", "pressure:skins"), pressure=0.012),
+    "cattaneo": NamedScene("Cattaneo and Mindlin", _cattaneo, ("energy", "pressure:skins"), pressure=0.009),
     "hill": NamedScene("thick cylinder, Hill", _hill, ("energy", "displacement:outer")),
     "indent": NamedScene("indentation", _indent, ("energy", "force:ball"), reference=0.05),
     "punch": NamedScene("re-entrant punch", _punch, ("energy", "support:punch_top", "force:face")),
