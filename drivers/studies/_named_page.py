@@ -46,7 +46,8 @@ were chosen after rows of these scenes had been seen: two meshes whose estimate 
 ones; a mesh with much error of load steps tells it before the next one is planned; parts of the error of a number whose
 signs are not known are expected to add up as squares; of load steps half of what is named is expected of a number, or
 more; facets are measured anew with more load steps; cells that yield keep the mean of their errors over their flow;
-open points between closed ones count as closed in the dual problems of the plane only.
+open points between closed ones count as closed in the dual problems of the plane only; load steps are told anew where
+one mesh alone has told them, and finer ones may have much more of their error.
 """
 
 

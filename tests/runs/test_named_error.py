@@ -394,7 +394,7 @@ def test_a_preconditioner_serves_several_load_steps(shared_tmp, monkeypatch):
 
 @pytest.mark.parallel
 def test_load_steps_where_bodies_yield_are_told_by_the_last_mesh(shared_tmp, monkeypatch):
-    """Where they are more than a small part of the target, and no mesh with half of the unknowns has told them."""
+    """Where they are more than a small part of the target, and the only mesh that has told them is much coarser."""
     scene, told, of_steps, tried = SCENES["hill"].scene(shared_tmp), [], Beside.with_steps, []
 
     def with_steps(self, left, done, sign):
@@ -417,7 +417,7 @@ def test_load_steps_where_bodies_yield_are_told_by_the_last_mesh(shared_tmp, mon
     monkeypatch.setattr("pcontact.adapt.measure.SHARE", 1e-3)
     passes()
     assert not told
-    monkeypatch.setattr("pcontact.adapt.measure.NEAR", 1.0)
+    monkeypatch.setattr("pcontact.adapt.measure.APART", 1.0)
     _, again = passes()
     ((left, steps),) = told
     assert steps == again.steps and again.cells == last.cells and again.trials > 0.0
