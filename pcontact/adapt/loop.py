@@ -90,7 +90,7 @@ class Loop:
         self._take, self._observers, self._fields, options = take, observers, fields, Options(said)
         self.passes, self.best, self.mesh = [], 0, None
         self._kept, self._records, self._section = None, None, {}
-        self._settings = Settings(scene, self.target, options)
+        self._settings = Settings(scene, self.target, options, comm.size)
         self._refining = Refining(comm, self._settings, options)
         self._measure = Measure(self.target, self._settings, self.passes, options)
         self._decision = Decision(self.target, self._settings, self.passes, self._refining, comm)

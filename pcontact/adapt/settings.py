@@ -45,6 +45,10 @@ FEW = 500
 # on one rank, those of a lug on a pin 1.0, that of Cattaneo's cylinder (1 %), which contact alone holds, 0.5; on two
 # ranks 1.0, 0.9 and 0.7. Beside multigrid to 1e-8 the last one takes 0.4, on two ranks 0.5 times as long.
 FACTORISED = MOST_UNKNOWNS[2]
+# [unknowns] Below which all other meshes of the plane are factorised, on one rank. From: multigrid solves to small
+# tolerances here, and loops take 0.4 to 0.85 times as long without it: a force under a punch (1e-5, 16,874 unknowns)
+# 0.4, Hertz's cylinder (0.5 %, 11,658) 0.5, a shrink fit (1 %, 25,010) 0.7, rings (5 % of the pressure, 4,636) 0.85.
+ALONE = 30_000
 # [load steps] Times as many at once at most. From: chosen.
 MORE_STEPS = 4
 # [-] Power of their number that the error of load steps falls with. From: a ball pressed into metal, 10 to 160 load
@@ -61,6 +65,7 @@ class Settings:
         The user's.
     target : pcontact.scene.target.Target
     options : pcontact.runtime.options.Options
+    ranks : int
 
     Attributes
     ----------
@@ -77,8 +82,8 @@ class Settings:
         Parts of the error that a finer mesh takes away as it does its own, and those that it leaves.
     """
 
-    def __init__(self, scene, target, options):
-        self._scene, self._target = scene, target
+    def __init__(self, scene, target, options, ranks=1):
+        self._scene, self._target, self._ranks = scene, target, ranks
         self.steps, self.fewer, self.searches = scene.steps.count, False, False
         self.forecasts = False
         # new nodes lie on the facets of the first mesh, unless the geometry is known
@@ -131,6 +136,8 @@ class Settings:
             # what flows hardly changes its volume, and what rubs has iterates that hang on each solve: multigrid takes
             # many iterations. See `FACTORISED`
             ours["pc_direct_plane"] = str(FACTORISED)
+        elif self._ranks == 1:
+            ours["pc_direct_plane"] = str(ALONE)
         if self.searches:
             ours["contact_search_every"] = "newton"
         if self.searches or self._scene.frictional:

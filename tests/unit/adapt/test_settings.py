@@ -10,18 +10,19 @@ from pcontact.scene.model import Body, Contact, Load, Material, MeshSpec, Scene,
 from pcontact.scene.target import Target
 
 
-def _options(petsc=None, **contact):
+def _options(petsc=None, ranks=2, **contact):
     """Options of the first pass of two blocks, one of which may yield."""
     metal = Material(1.0, 0.3, contact.pop("yield_stress", None))
     scene = Scene(MeshSpec("blocks.msh"), {"metal": metal}, [Body("lower", "metal"), Body("upper", "metal")],
                   contacts=[Contact("upper_bottom", "lower_top", **contact)], petsc=petsc or {})  # fmt: skip
-    return Settings(scene, Target(0.1), Options("command line")).scene().petsc
+    return Settings(scene, Target(0.1), Options("command line"), ranks).scene().petsc
 
 
 def test_linear_systems_are_solved_well_where_bodies_rub_or_yield():
-    """By factors in the plane; where bodies rub, by multigrid, too. The user's own options stay."""
+    """By factors in the plane; where bodies rub, by multigrid, too. The user's own options stay. One rank also has
+    factors where nothing rubs or yields, up to fewer unknowns."""
     tight, plane, loose = "snes_ksp_ew_rtolmax", "pc_direct_plane", _options()
-    assert tight not in loose and plane not in loose
+    assert tight not in loose and plane not in loose and _options(ranks=1)[plane] == "30000"
     rubs, yields = _options(friction=0.3), _options(yield_stress=0.1)
     assert rubs[plane] == yields[plane] == "400000" and rubs[tight] == "1e-08" and tight not in yields
     assert _options({tight: "1e-3", plane: "7"}, friction=0.3)[plane] == "7"
