@@ -161,11 +161,12 @@ def punch_scene(folder, cell="triangle", **target):
     )  # fmt: skip
 
 
-def test_a_budget_that_is_spent(shared_tmp):
-    """The best answer is kept, and what the target would have cost is told."""
+def test_a_budget_that_is_spent(shared_tmp, recwarn):
+    """The best answer is kept, and what the target would have cost is told; the options of passes are no mistakes."""
     drawn = find_spec("pyvista") is not None
     scene = punch_scene(shared_tmp, error=0.01, budget=Budget(unknowns=600), pictures=drawn)
     run = pc.run(scene, output=shared_tmp / "out")
+    assert not [str(one.message) for one in recwarn if "was not used" in str(one.message)]
     pictures = {path.name for path in shared_tmp.glob("out/*.png")}
     assert pictures == ({"errors.png", "error_mesh.png"} if drawn else set())
     section = run.report["accuracy"]

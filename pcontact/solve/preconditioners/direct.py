@@ -33,12 +33,14 @@ def factors(options, space):
     -------
     dict of str to object
     """
+    ranks, unknowns = space.comm.size, space.n_dofs
+    # both are asked for, whatever the scene: an option that is not is told to the user as a mistake
+    few, plane = (unknowns < options.get(one) for one in ("pc_direct_below", "pc_direct_plane"))
     if options.given("pc_type") or options.given("snes_lag_preconditioner"):
         return {}
-    ranks, unknowns = space.comm.size, space.n_dofs
-    if ranks == 1 and unknowns < options.get("pc_direct_below"):
+    if ranks == 1 and few:
         return {"pc_type": "lu"} | PIVOTS
-    plane = space.dim == 2 and unknowns < options.get("pc_direct_plane")
+    plane = plane and space.dim == 2
     return direct_options(has_package("mumps")) if plane and can_factorise(ranks, space.dim, unknowns) else {}
 
 
