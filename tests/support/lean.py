@@ -65,7 +65,8 @@ FEATURES = {
     "serendipity": ["mesh.complete:without_middles"],
     "reduced integration": ["element.reduced"],
     "ray tracing": ["contact.search.projection:ray_tracing"],
-    "cut facets": [f"contact.segmentation.{name}" for name in ("clipping", "crossings", "overlaps", "pieces")],
+    "cut facets": ["contact.segmentation.clipping", "contact.segmentation.overlaps", "contact.segmentation.pieces"],
+    "cut facets of the plane": ["contact.segmentation.crossings"],
     "smooth geometry": [
         "contact.surface.smooth_geometry:SmoothSurface.__init__",
         "contact.surface.smooth_geometry:SmoothSurface.offset",
@@ -110,7 +111,7 @@ KEYS = {
         "friction": "friction tresca friction_limit adhesion law stick_stiffness",
         "friction that varies": "kinetic_friction friction_decay", "unbiased contact": "unbiased",
         "all surfaces": "all", "self contact": "self_contact", "tied surfaces": "tied",
-        "penalty": "formulation", "cut facets": "cut", "ray tracing": "search",
+        "penalty": "formulation", "cut facets": "cut", "cut facets of the plane": "", "ray tracing": "search",
         "initial gaps": "adjust_within clearance interference_amplitude", "soft layers": "pressure_overclosure",
         "smooth geometry": "smooth_geometry", "phases": "phases",
     },
