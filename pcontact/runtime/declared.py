@@ -227,7 +227,7 @@ OPTIONS = listed(
         "pc_direct_plane", integer(0),
         "the same in the plane, on any number of ranks", 0, section="solver",
         more="up to 400,000, and on several ranks with MUMPS; where an error is named of bodies that rub or yield, "
-        "400,000",
+        "400,000; of others, on one rank, 30,000",
     ),
     Option(
         "pc_rescue", BOOLEAN,
