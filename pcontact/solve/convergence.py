@@ -39,8 +39,10 @@ class ConvergenceTest:
         Of the residual [force] at the iterates of the present run.
     krylov : list of int
         Sums of the Krylov iterations before them, in this run.
+    predicted : bool
+        Whether SNES gets a predicted residual at the first iterate of the run: that is no solution, however small.
     predicted_from : float
-        The norm of the true residual at an iterate for which SNES gets a predicted one; else nan.
+        The norm of the true residual there, where it is known; else nan.
     told : callable, optional
         Called with the norms at every iterate.
     """
@@ -48,7 +50,7 @@ class ConvergenceTest:
     def __init__(self, problem, balance, residual):
         self._problem, self._balance, self._residual = problem, balance, residual
         self._floor, self._least, self._first, self._start = 0.0, 0.0, None, None
-        self.predicted_from, self.told = np.nan, None
+        self.predicted, self.predicted_from, self.told = False, np.nan, None
         self.begin()
 
     def begin_step(self, u):
@@ -58,8 +60,13 @@ class ConvergenceTest:
 
     def begin(self, near=False):
         """A run begins; with `near`, it may end where it begins."""
-        self._near = near
+        self._near, self.predicted = near, False
         self.norms, self.krylov = [], [0]
+
+    def negligible(self, norm, first, rtol):
+        """Whether a predicted residual of some norm is none: within its rounding errors, or as small beside the true
+        one (nan: not known) as that of a solution."""
+        return norm <= self._least or norm <= rtol * first
 
     @property
     def part(self):
@@ -86,6 +93,8 @@ class ConvergenceTest:
         u = snes.getSolution()
         if iteration > 0 and norm > 0.5 * self.norms[-2]:
             self._floor = ROUNDINGS * self._problem.roundoff(u)
+        if iteration == 0 and self.predicted:
+            return reasons.ITERATING
         reason = self._ends(u, iteration, norm, snes.getTolerances())
         rests = reason == reasons.ITERATING or self._balance is None or self._balance.rests(u, self._residual)
         return reason if rests else reasons.ITERATING

@@ -137,9 +137,18 @@ class Newton:
             if not (predicts_alone or self._globalisation.recall(x, f)):
                 self.problem.residual(x, f)
             if self._predicting:
-                # where bodies go on as they did, the prediction is as good as the residual
-                self._converges.predicted_from = np.nan if predicts_alone else f.norm()
-                self.problem.predicted(x, f)
+                self._predict(x, f, predicts_alone)
+
+    def _predict(self, x, f, alone):
+        """Put the prediction of a load step in the place of its residual ``f`` at ``x``, unless it asks for nothing: it
+        says where to begin, and nothing of where to end. With `alone`, ``f`` has no value yet. *Collective.*"""
+        # where bodies go on as they did, the prediction is as good as the residual
+        first = np.nan if alone else f.norm()
+        self.problem.predicted(x, f)
+        if self._converges.negligible(f.norm(), first, self.snes.getTolerances()[0]):
+            self._predicting, first = False, np.nan
+            self.problem.residual(x, f)
+        self._converges.predicted, self._converges.predicted_from = self._predicting, first
 
     def _update(self, snes, iteration):
         """Before an iteration: where partners have been looked for again, the residual is that among the new ones."""
