@@ -43,7 +43,6 @@ from pcontact.stepping.loose import LooseBodies
 from pcontact.stepping.partner_update import partner_update
 from pcontact.stepping.record import Recorder
 from pcontact.stepping.schedule import Control, Schedule
-from pcontact.stepping.search_update import search_update
 from pcontact.stepping.stepper import Stages, Stepper
 from pcontact.stepping.uzawa import uzawa
 
@@ -222,10 +221,8 @@ class Simulation:
         turns = self.problem.extrapolates
         modes_at = partial(near_null_space, self.problem.space, colours) if turns else None
         self.newton = Newton(self.problem, self.options, symmetric, modes, self.timing, motions, modes_at)
-        self.renew = partners = partner_update(self.problem, self.newton)
-        if partners is None:
-            self.renew = search_update(self.problem, self.newton, self.options)
-        self.settle = uzawa(self.problem.contacts, partners or self.newton, self.options)
+        self.renew = partner_update(self.problem, self.newton, self.options)
+        self.settle = uzawa(self.problem.contacts, self.renew or self.newton, self.options)
         meets = motions and not self.problem.linear
         self.rest = LooseBodies(self.problem, motions) if meets else None
 
@@ -331,6 +328,8 @@ class Simulation:
         self._carriers = {"largest_force": recorder, "direct": self.newton}
         if estimate is not None:
             self._carriers["largest_energy"] = estimate
+        if self.renew is not None:
+            self._carriers["partners"] = self.renew
         if self.problem.viscous is not None:
             viscous = self.problem.viscous
             self._carriers |= {"viscous_work": viscous.taken, "stress_work": viscous.stressed}

@@ -33,6 +33,9 @@ MOST_RTOL, MOST_RTOL_OF_NUMBERS = 1e-8, 1e-10
 # takes a lug that closes on its pin to other points that stick: there is more than one solution, and what the solves
 # leave decides which. Iterates differ from the fourth one on with 1e-3, on one of four with 1e-5, on none with 1e-7.
 FORCING, FORCED = ("snes_ksp_ew_rtol0", "snes_ksp_ew_rtolmax"), 1e-8
+# The option that says which part of the contact forces frozen partners may change, and its value in parts of the target
+# [-]. From: chosen, a tenth of what other errors may have.
+PARTNER_RTOL, PARTNERS = "contact_partner_rtol", 0.01
 # [-] Part of the target below which what is only known roughly is taken for nothing where meshes are chosen. From: it
 # is less than the margin that they are made with.
 NOTICED = 0.01
@@ -131,15 +134,14 @@ class Settings:
         scene.accuracy = None
         scene.output.estimate, scene.steps.count, scene.mesh.order = True, self.count, self.degree.now
         # looser partners and tolerances than the mesh deserves are no place to save
-        ours = {"snes_rtol": f"{self._rtol:.3g}", "contact_search_again": "4", "pc_direct_below": str(FEW)}
+        partners = (0.1 if self.searches else 1.0) * PARTNERS * self._target.error
+        ours = {"snes_rtol": f"{self._rtol:.3g}", PARTNER_RTOL: f"{partners:.3g}", "pc_direct_below": str(FEW)}
         if self._scene.remembers:
             # what flows hardly changes its volume, and what rubs has iterates that hang on each solve: multigrid takes
             # many iterations. See `FACTORISED`
             ours["pc_direct_plane"] = str(FACTORISED)
         elif self._ranks == 1:
             ours["pc_direct_plane"] = str(ALONE)
-        if self.searches:
-            ours["contact_search_every"] = "newton"
         if self.searches or self._scene.frictional:
             # iterates are to be the same on any number of ranks
             ours |= dict.fromkeys(FORCING, f"{FORCED:g}")

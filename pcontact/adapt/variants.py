@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pcontact.adapt.settings import STEPS_RATE
+from pcontact.adapt.settings import PARTNER_RTOL, STEPS_RATE
 from pcontact.adapt.watch import Beginning
 from pcontact.contact.surface.smooth_geometry import smooth_surface
 from pcontact.estimate import pressures
@@ -58,8 +58,8 @@ def smooth_facets(scene):
 
 
 def searching(scene):
-    """The scene whose contacts look for partners at the iterations of Newton's method, until they stay."""
-    return replace(scene, petsc={**scene.petsc, "contact_search_every": "newton"})
+    """The scene whose contacts look for partners in each load step until they stay."""
+    return replace(scene, petsc={**scene.petsc, PARTNER_RTOL: f"{0.01 * float(scene.petsc[PARTNER_RTOL]):.3g}"})
 
 
 def bent(simulation):

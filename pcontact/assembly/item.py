@@ -67,19 +67,23 @@ class Item:
         Points of this rank whose status changed in each tangent of the load step.
     too_deep : int
         Points of this rank deeper in an obstacle than the radius.
-    renews : bool
+    verifies : bool
         Whether :meth:`renew` is to be asked at the solution of a load step.
+    follows : bool
+        Whether that is what a load step is about, and no check that may be left out.
+    stale : float
+        What :meth:`renew` said last: the part by which the answer would be wrong with what the load step kept.
     """
 
     name = "bodies"
     space = None
     changes = True
     version = 0
-    can_slip = rigid = floats = stiff = renews = False
+    can_slip = rigid = floats = stiff = verifies = follows = False
     symmetric = True
     radius = np.inf
     flips = ()
-    too_deep = 0
+    too_deep, stale = 0, 0.0
 
     # -- what every item has --------------------------------------------------------------------------------------
 
@@ -131,7 +135,7 @@ class Item:
         Newton's method, see :meth:`renew`. *Collective.*"""
         return False
 
-    def renew(self, u, before, time, firm=False):
+    def renew(self, u, before, time, firm=False, tolerance=0.0):
         """Find again, at a solution ``u``, what the load step that began at ``before`` keeps. *Collective.*
 
         Parameters
@@ -141,6 +145,8 @@ class Item:
             At which the load step ends.
         firm : bool
             Keep it where it is hardly another one.
+        tolerance : float
+            Part of the answer that may be wrong with what is kept, see :attr:`stale`.
 
         Returns
         -------
@@ -238,12 +244,6 @@ class Item:
 
     def normal_motion(self, u, before):
         """Largest motion of a point along its normal between two displacements [length]. *Collective.*"""
-        return 0.0
-
-    def relative_motion(self, u, since):
-        """Largest motion of a closed point against its partner between two displacements, in sizes of its facet.
-        *Collective.*
-        """
         return 0.0
 
     def clearance(self, u, fields, beyond=False):

@@ -21,6 +21,7 @@ from pcontact.contact.formulation.finite_geometry import (
 from pcontact.contact.formulation.layer import FiniteLayerTerms
 from pcontact.contact.formulation.methods import facet_columns
 from pcontact.contact.law import OPEN, contact_law
+from pcontact.contact import motion
 from pcontact.contact.pair import ContactPair, method_of, partner_search
 from pcontact.contact.pairing import Pairing
 from pcontact.contact.surface.facet_maps import KIND, MAX_NODES
@@ -168,7 +169,7 @@ class FinitePair(ContactPair):
     def __init__(self, space, contact, source, search, terms, radius, floats=False):
         super().__init__(space, contact, source, search, terms, radius, floats)
         self._points = finite_source(source, self.origin)
-        self.renews = not (self.rigid or self.law.tied)
+        self.verifies = self.follows = not (self.rigid or self.law.tied)
 
     def detect(self, u, time, motion=0.0, ahead=None):
         """See :meth:`ContactPair.detect`. *Collective.*"""
@@ -259,7 +260,7 @@ class FinitePair(ContactPair):
         would end at once, and no displacement might fulfil the equations.
         """
         astray = False
-        if self.renews and self._status is not None:
+        if self.verifies and self._status is not None:
             p = self.pairing
             contact = self.terms.place(p, p.exchange.gather(u))
             closed = p.paired & (self._status > OPEN)
@@ -280,15 +281,15 @@ class FinitePair(ContactPair):
             return found
         return rule.wait(np.zeros(len(jxw), dtype=bool) if found is None else found.waiting, True)
 
-    def renew(self, u, before, time, firm=False):
-        """See :meth:`pcontact.assembly.item.Item.renew`. *Collective.*"""
-        if not self.renews:
+    def renew(self, u, before, time, firm=False, tolerance=0.0):
+        """See :meth:`pcontact.assembly.item.Item.renew`: until points have the facets that they find. *Collective.*"""
+        if not self.verifies:
             return False
-        p, nodal = self.pairing, self.space.local.gather(u)
-        found, values = self._find(nodal, self.deformed(nodal), time), p.exchange.gather(u)
+        p, found, values = self.pairing, self._partners_at(u, time), self.pairing.exchange.gather(u)
         closed = self.terms.forces(p, values, self._view())[1] > OPEN
-        gap = found.gap if self.offset is None else found.gap + self.offset
+        gap = found.gap + self._offset(time)
         touches, contact = closed | (found.paired & (gap <= 0.0)), self.terms.place(p, values)
+        self.stale, _ = motion.misled(self, u, found, gap, contact.normal, time)
         changed = np.where(found.paired, found.ids, -1) != np.where(p.paired, p.ids, -1)
         if not self._traces:
             # on the same facet, but held at its edge where it was not, or no longer
@@ -297,11 +298,8 @@ class FinitePair(ContactPair):
             touches &= ~(p.paired & contact.live & _inside(p.frozen.kind, contact.xi))
         if not self.space.comm.allreduce(bool(np.any(touches & changed)), op=MPI.LOR):
             return False
-        flips, status = self.flips, self._status
         self._time = time
-        self._take(found, u, before, time)
-        # the load step goes on with the same points; the other half of the contact may have kept its partners
-        self.flips, self._status = flips, status
+        self._take_again(found, u, before, time)
         return True
 
     def _lengths(self, p, values):

@@ -154,23 +154,74 @@ def farthest(change, normal, moved, out):
         out[p] = most
 
 
-def relative_motion(pair, u, since):
-    """How far closed points have gone along or across their partners between two displacements. *Collective.*
+def misled(pair, u, found, gap, normal, time):
+    """Part by which the contact forces at a solution ``u`` would be others among the partners that a search finds there.
+
+    Stiff points make much of small changes of their gap: the forces of the bodies change by as much of themselves as
+    the change of the gap is of the way by which the bodies have been pressed together, however large gamma is. The mean
+    over the closed points, weighted with their pressures, of the change of the gap counts over that of the
+    :func:`closing_motion`, and that of the normal, as a vector: the force turns with it. *Collective.*
+
+    Parameters
+    ----------
+    pair : pcontact.contact.pair.ContactPair
+    u : PETSc.Vec
+    found : pcontact.contact.search.partners.Partners
+    gap : ndarray (np,)
+        That they have there [length].
+    normal : ndarray (np, d)
+        By which the load step has gone at ``u``.
+    time : float
+        Of the solution.
 
     Returns
     -------
-    float
-        The largest relative displacement, in sizes of the source facets.
+    part : float
+        Points that have lost their partner count as if they had moved all that way.
+    lost : bool
+        Whether there are such points, or open ones that are inside a partner, deeper than any closed point.
     """
-    p, source = pair.pairing, pair.source
-    change = p.exchange.gather(u) - p.exchange.gather(since)
-    _, status = pair.forces(u)
-    closed = np.flatnonzero((status > OPEN) & p.paired)
-    facet = source.facet[closed]
-    jump = np.einsum("pa,pad->pd", source.shape[closed], change[p.cells[facet]])
-    jump -= np.einsum("pa,pad->pd", p.target_shape[closed], change[p.targets[closed]])
-    parts = np.linalg.norm(jump, axis=1) / source.size[facet]
-    return pair.space.comm.allreduce(float(np.max(parts, initial=0.0)), op=MPI.MAX)
+    p, comm, jxw = pair.pairing, pair.space.comm, pair.source.jxw
+    values = p.exchange.gather(u)
+    traction, linear = pair.terms.normal_state(p, values)
+    bears = pair.forces(u)[1] > OPEN
+    closed, misses = p.paired & bears & found.paired, p.paired & bears & ~found.paired
+    force = np.where(bears, jxw * np.abs(traction + pair.gamma_points * linear), 0.0)
+    change = np.where(closed, np.abs(gap - linear), 0.0)
+    # rounding errors of a gap are no change
+    change[change <= pair.rounding] = 0.0
+    turn = np.where(closed[:, None], found.normal - normal, 0.0)
+    way = closing_motion(pair, u, values, time) @ np.where(closed, force, 0.0)
+    sums = [force.sum(), force @ change, force[misses].sum(), np.sum(misses), *way, *(force @ turn)]
+    total, change, missed, misses, *sums = comm.allreduce(np.array(sums), op=MPI.SUM)
+    deepest = comm.allreduce(float(np.max(-linear[closed], initial=0.0)), op=MPI.MAX)
+    inside = found.paired & ~bears & (gap - pair.method.begins < -max(deepest, pair.rounding))
+    lost = comm.allreduce(bool(inside.any()), op=MPI.LOR) or misses > 0
+    if total == 0.0:
+        return 0.0, lost
+    part = change / sum(np.abs(sums[:2])) if change > 0.0 else 0.0
+    return float(max(part, np.linalg.norm(sums[2:]) / total) + missed / total), lost
+
+
+def closing_motion(pair, u, values, time):
+    """Ways (2, np) that the bodies have been pressed together at each point, along its normal, elastic or plastic
+    [length].
+
+    Each side has moved by so much against the mean motion of the other body: bodies that move as one are not pressed,
+    and those whose surfaces move as one have each been pressed by what lies behind them. *Collective.*
+    """
+    p, space, source, n_bodies = pair.pairing, pair.space, pair.source, pair.space.mesh.n_components
+    own, other = components_of(space, p, source)
+    moved, where = u.getArray(readonly=True).reshape(-1, space.dim), space.component[space.owned_local]
+    sums = [np.bincount(where, column, minlength=n_bodies) for column in (*moved.T, np.ones(len(moved)))]
+    sums = space.comm.allreduce(np.array(sums), op=MPI.SUM)
+    mean = (sums[:-1] / np.maximum(sums[-1], 1.0)).T
+    here = np.einsum("pa,pad->pd", source.shape, values[p.cells[source.facet]])
+    if pair.rigid:
+        there = back = np.broadcast_to(pair.search.moved(source.x - pair.origin, 0.0, time, pair.origin), here.shape)
+    else:
+        there, back = np.einsum("pm,pmd->pd", p.target_shape, values[p.targets]), mean[other]
+    return np.array([np.einsum("pd,pd->p", way, p.normal) for way in (here - back, mean[own] - there)])
 
 
 def clearance(pair, u, fields, beyond):

@@ -98,6 +98,7 @@ class ContactPair(Item):
         self.bilateral = contact.bilateral or self.law.tied or self.law.held
         self.time, self.version, self.flips, self._status = 0.0, 0, [], None
         self.lost, self._begun, self.offset, self.chords, self.pairing = (0, 0), False, None, None, None
+        self.verifies, self.stale = not self.law.tied, 0.0
         self._initial = initial_gap(contact)
         self._normals, self._coupled = source.normal, np.zeros(len(source.facet), dtype=bool)
         self.committed = np.full(len(source.facet), OPEN, dtype=np.int64)
@@ -161,20 +162,39 @@ class ContactPair(Item):
         space, expected = self.space, u if ahead is None else ahead
         if self.law.tied:
             expected = space.vector()
-        nodal = space.local.gather(expected)
-        x = self.deformed(nodal)
-        self._adjust_obstacle(nodal, x)
-        self._take(self._find(nodal, x, time), expected, u, time, motion)
+        if self._initial is not None and not self._initial.known:
+            self._measure(u)
+        self._take(self._partners_at(expected, time), expected, u, time, motion)
+
+    def _partners_at(self, u, time):
+        """Partners among the bodies at ``u``. *Collective.*"""
+        nodal = self.space.local.gather(u)
+        return self._find(nodal, self.deformed(nodal), time)
+
+    def _measure(self, u):
+        """Take the gap between the undeformed bodies, from which the first load step begins at ``u``, with an obstacle
+        where it is before it moves. *Collective.*"""
+        found = self._partners_at(u, self.time)
+        self._initial.take(self._clean(found), found.paired)
+
+    def _clean(self, found):
+        """Gap (np,) [length] that a search has found: surfaces that touch are closed in the first tangent, whatever the
+        rounding of their coordinates says."""
+        return np.where(found.paired & (np.abs(found.gap) > self.rounding), found.gap, 0.0)
+
+    def _offset(self, time):
+        """What is added to gaps (np,) that a search has found for those that the undeformed bodies are given, or 0
+        [length]."""
+        if self._initial is None:
+            return 0.0
+        self.offset = self._initial.offset(time)
+        return self.offset
 
     def _take(self, found, expected, u, time, motion=0.0):
         """Take the partners that were found at displacements that are expected, in a load step that begins at ``u``.
         *Collective.*
         """
-        source, paired, gap = self.source, found.paired, found.gap
-        # surfaces that touch are closed in the first tangent, whatever the rounding of their coordinates says
-        gap = np.where(paired & (np.abs(gap) > self.rounding), gap, 0.0)
-        if self._initial is not None:
-            gap = gap + self._offset(gap, paired, time)
+        source, paired, gap = self.source, found.paired, self._clean(found) + self._offset(time)
         normal = np.ascontiguousarray(np.where(paired[:, None], found.normal, self._normals))
         # obstacles have moved on already, and displacements that are expected are not those of a solution
         compares = self._begun and expected is u and not self.rigid
@@ -232,20 +252,6 @@ class ContactPair(Item):
     def _turn(self, nodal):
         """Outward normals of the source by which partners are looked for: those of the undeformed one."""
 
-    def _adjust_obstacle(self, nodal, x):
-        """The gap between undeformed bodies: with the obstacle where it is before it moves. *Collective.*"""
-        if self._initial is not None and not self._initial.known and self.rigid:
-            first = self._find(nodal, x, self.time)
-            self._initial.take(first.gap, first.paired)
-
-    def _offset(self, gap, paired, time):
-        """What is added to gaps (np,) that a search has found; the first one between bodies finds that of undeformed
-        ones."""
-        if not self._initial.known:
-            self._initial.take(gap, paired)
-        self.offset = self._initial.offset(time)
-        return self.offset
-
     def _freeze(self, u, gap, normal, found):
         """Partners that stay until the next search, with the gap that it found at displacements. *Collective.*"""
         if not self.rigid or self.pairing is None:
@@ -290,6 +296,26 @@ class ContactPair(Item):
         """Points that may need an entry in the matrix for both sides, among them those that are ``closed``."""
         # a bound that does not follow the pressure acts wherever there is a partner
         return self.pairing.paired & (closed | (not self.law.follows_pressure))
+
+    def renew(self, u, before, time, firm=False, tolerance=0.0):
+        """See :meth:`pcontact.assembly.item.Item.renew`. *Collective.*"""
+        if not self.verifies:
+            return False
+        found = self._partners_at(u, time)
+        self.stale, lost = motion.misled(
+            self, u, found, self._clean(found) + self._offset(time), self.pairing.normal, time
+        )
+        if self.stale <= tolerance and (firm or not lost):
+            return False
+        self._take_again(found, u, before, time)
+        return True
+
+    def _take_again(self, found, u, before, time):
+        """Take partners that were found at ``u`` within the load step that begins at ``before``: it goes on with the
+        same points; another half of the contact may have kept its partners. *Collective.*"""
+        flips, status = self.flips, self._status
+        self._take(found, u, before, time)
+        self.flips, self._status = flips, status
 
     def _count_lost(self, gap, paired):
         size = self.source.size[self.source.facet]
@@ -529,10 +555,6 @@ class ContactPair(Item):
     def normal_motion(self, u, before):
         """See :func:`pcontact.contact.motion.normal_motion`. *Collective.*"""
         return 0.0 if self.law.tied else motion.normal_motion(self, u, before)
-
-    def relative_motion(self, u, since):
-        """See :func:`pcontact.contact.motion.relative_motion`. *Collective.*"""
-        return motion.relative_motion(self, u, since)
 
     def clearance(self, u, fields, beyond=False):
         """See :func:`pcontact.contact.motion.clearance`. *Collective.*"""

@@ -179,13 +179,18 @@ HEURISTICS = (
 FORMER_HEURISTICS = ("stick_first", "cycles")
 OPTIONS = listed(
     Option(
-        "contact_search_every", choice("step", "newton"),
-        "when partners are looked for: at the beginning of a load step, or at iterations of Newton's method, too",
-        "step", section="contact", more="see below",
+        "contact_search_again", integer(0),
+        "searches for partners of a load step where Newton's method has ended, at most; 0: partners of a load step with "
+        "small strain are not verified", 8, section="contact", more="see below",
     ),
     Option(
-        "contact_search_again", integer(0), "searches for partners of a load step where Newton's method has ended",
-        otherwise="0; with -contact_search_every newton 4", section="contact", more="see below",
+        "contact_partner_rtol", POSITIVE,
+        "part of the contact forces that a last search for partners may change at the end of a load step", 2e-3,
+        section="contact", more="see below",
+    ),
+    Option(
+        "contact_search_every", choice("step", "newton"),
+        "does nothing any more: partners are found again in every load step", "step", section="contact",
     ),
     Option(
         "contact_uzawa_rtol", POSITIVE,

@@ -32,8 +32,8 @@ class Preset:
 # Of the forces at work, and of the first residual of a load step: looser ones save next to nothing.
 PRESETS = {
     "draft": Preset({"snes_rtol": 1e-4}, 1e-2, 1e-5, 1),
-    "standard": Preset({"snes_rtol": 1e-4, "contact_search_again": 1}, None, 1e-7, 2),
-    "fine": Preset({"snes_rtol": 1e-7, "contact_search_again": 4}, None, 1e-9, 2),
+    "standard": Preset({"snes_rtol": 1e-4}, None, 1e-7, 2),
+    "fine": Preset({"snes_rtol": 1e-7}, None, 1e-9, 2),
 }
 
 

@@ -23,6 +23,8 @@ class NewtonResult:
         Updates of multipliers around the solve, where there are any, see `pcontact.stepping.uzawa`.
     free : list of int or None
         Loose bodies on which no contact acts, where there are loose ones, see `pcontact.stepping.loose`.
+    partners : dict or None
+        What the last search for partners has said, see :class:`pcontact.stepping.partner_update.PartnerUpdate`.
     final : bool
         Whether a shorter load step would end in the same way.
     """
@@ -37,6 +39,7 @@ class NewtonResult:
     uzawa: dict | None = None
     hardest: int = 0
     free: list | None = None
+    partners: dict | None = None
     final: bool = False
 
 

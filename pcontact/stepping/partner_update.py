@@ -1,45 +1,60 @@
-"""At finite motion partners have other facets where the bodies have gone: a load step ends when none has any more."""
+"""Partners are found again where the bodies have gone: a load step ends when that changes its answer no more."""
 
 import time as clock
 from dataclasses import replace
 
-from pcontact.runtime import profile
+from pcontact.runtime import log, profile
 from pcontact.solve.result import combined
 
-# [searches] After Newton's method has ended, in a load step at most. From: chosen; then the load step is cut.
-RENEWALS = 8
 # [searches] Between the iterations of Newton's method in a load step at most, where closed points leave their facets.
 # From: chosen; points that go to and fro keep the facets of the last one.
 WITHIN = 8
 # [searches] After so many of them points that are hardly beyond their facets keep them. From: ball on block, 12,000
 # unknowns: a point that is to end on the edge between two facets goes to and fro, with 4 four times.
 FIRM = 1
-# [-] Part of the largest residual of a run below which iterates are so near to the solution that facets are those of
+
+
+# [-] Part of the largest residual of a run below which iterates are so near to the solution that partners are those of
 # the solution: found again between the iterations, they need no run of their own. From: ball on block, 12,000 and
-# 50,000 unknowns, 8 iterations without and 6 with it, whether 0.1 or 0.001.
+# 50,000 unknowns, finite strain, 8 iterations without and 6 with it, whether 0.1 or 0.001.
 NEAR_SOLUTION = 1e-3
+# [searches] In a load step at most where the user does without a check, and bodies have finite strain. From: chosen.
+MOST = 8
 
 
 class PartnerUpdate:
-    """Solves a load step, and again with the facets that points have at the solution, until they have them already.
+    """Solves a load step, and again with the partners that points have at the solution, until they hardly change it.
 
-    Between two renewals facets are frozen, and go on beyond their edges; the points on them move. Closed points that an
-    iteration of Newton's method takes beyond their facets get others at once: along a ray the place of the partner is
-    the same on both sides of an edge, so that the residual does not jump. Points that end on an edge would change
-    between its two facets for ever: in later searches they stay.
+    Newton's method always has the exact derivative of what is frozen. Between two searches partners are frozen: places,
+    normals and gaps at small strain, facets that go on beyond their edges where bodies have finite strain. Closed points
+    that an iteration takes beyond their facets, or far from where their partners were found, get others at once. Points
+    that end on an edge would change between its two facets for ever: in later searches they stay.
 
     Parameters
     ----------
     problem : pcontact.solve.problem.Problem
     newton : pcontact.solve.newton.Newton
+    most : int
+        Searches of a load step where Newton's method has ended. What still changes after them has not converged.
+    tolerance : float
+        Part of the answer that frozen partners may change, see :func:`pcontact.contact.motion.misled`.
+    items : list of pcontact.assembly.item.Item
+        That are asked.
+
+    Attributes
+    ----------
+    carried : float
+        Whether the last load step took other partners than it began with (1), so that those of the next one are found
+        near its solution already, or not (0). A restarted run goes on with it.
     """
 
-    def __init__(self, problem, newton):
-        self.problem, self.newton = problem, newton
+    def __init__(self, problem, newton, most, tolerance, items):
+        self.problem, self.newton, self.most, self.tolerance, self.items = problem, newton, most, tolerance, items
         # committed displacement and end of the load step
-        self._step = None
+        self._step, self._searches, self.carried = None, 0, 0.0
+        self._follows = any(item.follows for item in items)
 
-    def __call__(self, u, before, search):
+    def __call__(self, u, before, time):
         """Solve a load step. *Collective.*
 
         Parameters
@@ -48,18 +63,20 @@ class PartnerUpdate:
             As for :meth:`pcontact.solve.newton.Newton.solve`.
         before : PETSc.Vec
             The committed displacement.
-        search : tuple (time, motion, ahead)
-            What the items were told for the first search.
+        time : float
+            At which the load step ends.
 
         Returns
         -------
         pcontact.solve.result.NewtonResult
-            With the iterations of all runs. Not converged where facets still change after as many searches as are made.
+            With the iterations of all runs, and what the last search has said.
         """
-        left, self._step = [WITHIN], (before, search[0])
+        left, self._step, self._searches = [WITHIN], (before, time), 0
+
+        near, self.carried = NEAR_SOLUTION if self._follows or self.carried else 0.0, 0.0
 
         def follow(x, part):
-            if not left[0] or not (part < NEAR_SOLUTION or any([item.strays(x) for item in self.problem.others])):
+            if not left[0] or not (part < near or any([item.strays(x) for item in self.items])):
                 return False
             changed = self._renewed(x)
             left[0] -= changed
@@ -73,25 +90,36 @@ class PartnerUpdate:
         return self._settled(u, self.newton.again(u))
 
     def _settled(self, u, result):
-        """Go on from a solution until points have its facets. *Collective.*"""
-        for searches in range(RENEWALS):
+        """Go on from a solution until partners hardly change it. *Collective.*"""
+        for searches in range(self.most + 1):
             if not result.converged or not self._renewed(u, searches >= FIRM):
-                return result
+                break
+            if searches == self.most:
+                reason = f"points of contact still find other partners after {self.most} searches"
+                result = replace(result, converged=False, reason=reason)
+                break
             result = combined(result, self.newton.again(u, near=True))
-        if result.converged and self._renewed(u, True):
-            reason = f"points of contact still find other facets after {RENEWALS} searches"
-            return replace(result, converged=False, reason=reason)
-        return result
+        change = max(item.stale for item in self.items)
+        return replace(result, partners={"change": change, "searches": self._searches})
 
     def _renewed(self, u, firm=False):
         """Whether an item has changed its partners, see :meth:`pcontact.assembly.item.Item.renew`. *Collective.*"""
         start = clock.perf_counter()
         with profile.phase("search"):
-            changed = [item.renew(u, *self._step, firm) for item in self.problem.others]
+            changed = [item.renew(u, *self._step, firm, self.tolerance) for item in self.items]
+        self._searches += 1
         self.newton.timing["search"] += clock.perf_counter() - start
+        if any(changed):
+            self.carried = 1.0
         return any(changed)
 
 
-def partner_update(problem, newton):
-    """What renews facets within load steps; None where no item asks for it."""
-    return PartnerUpdate(problem, newton) if any(item.renews for item in problem.others) else None
+def partner_update(problem, newton, options):
+    """The :class:`PartnerUpdate` of a run; None where no item asks for it, or the user does without."""
+    if options.get("contact_search_every") == "newton":
+        log.warning("-contact_search_every newton: partners are found again in every load step; the option does nothing")
+    most = options.get("contact_search_again")
+    items = [item for item in problem.others if item.follows or (item.verifies and most > 0)]
+    if not items:
+        return None
+    return PartnerUpdate(problem, newton, most or MOST, options.get("contact_partner_rtol"), items)

@@ -118,6 +118,8 @@ class Recorder:
         self._warn_of_lost(step.time, record["contacts"])
         if step.uzawa is not None:
             record["uzawa"] = step.uzawa
+        if any(item.verifies for item in problem.others):
+            record["partners"] = step.partners or {"searches": 0}
         if step.free is not None:
             record["free"] = self._announce(step.time, step.free)
             record["free_bodies"] = len(step.free)
@@ -138,7 +140,7 @@ class Recorder:
                 self._told.add(name)
                 log.warning(
                     "time %g: contact %s: %d points are inside their partner that were open, %d that were closed have "
-                    "left theirs: bodies went far in a load step; smaller load steps, or -contact_search_every newton",
+                    "left theirs: bodies went far in a load step; smaller load steps, or no -contact_search_again 0",
                     time, name, passed, left,
                 )  # fmt: skip
 

@@ -43,6 +43,8 @@ class Step:
         Krylov iterations of the linear solve that took most.
     free : list of int or None
         Loose bodies on which no contact acts, see `pcontact.stepping.loose`.
+    partners : dict or None
+        What the last search for partners has said, see :class:`pcontact.stepping.partner_update.PartnerUpdate`.
     unbalanced : ndarray (n_owned, d) or None
         Internal plus contact minus external forces before the state was committed [force]: where cells have just
         yielded, the consistent adjoint of a committed state is another one.
@@ -60,6 +62,7 @@ class Step:
     uzawa: dict | None = None
     hardest: int = 0
     free: list | None = None
+    partners: dict | None = None
     unbalanced: object = None
 
 
@@ -71,7 +74,7 @@ class Stages(NamedTuple):
     start : callable, optional
         From the time at which a load step ends to the displacement (n_owned, d) that is expected then, or to None.
     renew : callable, optional
-        Solves the load step and looks for partners again, see :class:`pcontact.stepping.search_update.SearchUpdate`.
+        Solves the load step and looks for partners again, see :class:`pcontact.stepping.partner_update.PartnerUpdate`.
     settle : callable, optional
         Goes on from the solution of the load step, see :class:`pcontact.stepping.uzawa.Uzawa`.
     rest : callable, optional
@@ -177,7 +180,7 @@ class Stepper:
                 step = Step(
                     self.number, target, result.newton, result.krylov, before, result.residual,
                     list(self.newton.norms), *self._last, result.uzawa, result.hardest, result.free,
-                    unbalanced,
+                    result.partners, unbalanced,
                 )  # fmt: skip
                 with profile.phase("output"):
                     record = self.recorder(step, self.u)
@@ -225,7 +228,7 @@ class Stepper:
             if renew is None:
                 result = self.newton.solve(self.u)
             else:
-                result = renew(self.u, before, (target, motion, ahead))
+                result = renew(self.u, before, target)
             if settle is not None and result.converged:
                 result = settle(self.u, result)
             if rest is not None and result.converged:
