@@ -160,7 +160,7 @@ def misled(pair, u, found, gap, normal, time):
     Stiff points make much of small changes of their gap: the forces of the bodies change by as much of themselves as
     the change of the gap is of the way by which the bodies have been pressed together, however large gamma is. The mean
     over the closed points, weighted with their pressures, of the change of the gap counts over that of the
-    :func:`closing_motion`, and that of the normal, as a vector: the force turns with it. *Collective.*
+    :func:`closing_motion`, and the angle by which their normals turn the resultant. *Collective.*
 
     Parameters
     ----------
@@ -192,15 +192,19 @@ def misled(pair, u, found, gap, normal, time):
     change[change <= pair.rounding] = 0.0
     turn = np.where(closed[:, None], found.normal - normal, 0.0)
     way = closing_motion(pair, u, values, time) @ np.where(closed, force, 0.0)
-    sums = [force.sum(), force @ change, force[misses].sum(), np.sum(misses), *way, *(force @ turn)]
+    sums = [force.sum(), force @ change, force[misses].sum(), np.sum(misses), *way, *(force @ turn), *(force @ normal)]
     total, change, missed, misses, *sums = comm.allreduce(np.array(sums), op=MPI.SUM)
+    turn, resultant = np.split(np.array(sums[2:]), 2)
     deepest = comm.allreduce(float(np.max(-linear[closed], initial=0.0)), op=MPI.MAX)
     inside = found.paired & ~bears & (gap - pair.method.begins < -max(deepest, pair.rounding))
     lost = comm.allreduce(bool(inside.any()), op=MPI.LOR) or misses > 0
     if total == 0.0:
         return 0.0, lost
     part = change / sum(np.abs(sums[:2])) if change > 0.0 else 0.0
-    return float(max(part, np.linalg.norm(sums[2:]) / total) + missed / total), lost
+    # normals that spread or gather leave the force where it points
+    along = resultant / max(np.linalg.norm(resultant), 1e-300)
+    turned = np.linalg.norm(turn - (turn @ along) * along) / total
+    return float(max(part, turned) + missed / total), lost
 
 
 def closing_motion(pair, u, values, time):
