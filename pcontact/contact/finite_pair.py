@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pcontact.contact import motion
 from pcontact.contact.formulation.finite import FiniteTerms
 from pcontact.contact.formulation.finite_geometry import (
     CLOSEST,
@@ -21,7 +22,6 @@ from pcontact.contact.formulation.finite_geometry import (
 from pcontact.contact.formulation.layer import FiniteLayerTerms
 from pcontact.contact.formulation.methods import facet_columns
 from pcontact.contact.law import OPEN, contact_law
-from pcontact.contact import motion
 from pcontact.contact.pair import ContactPair, method_of, partner_search
 from pcontact.contact.pairing import Pairing
 from pcontact.contact.surface.facet_maps import KIND, MAX_NODES

@@ -154,8 +154,8 @@ def farthest(change, normal, moved, out):
         out[p] = most
 
 
-def misled(pair, u, found, gap, normal, time):
-    """Part by which the contact forces at a solution ``u`` would be others among the partners that a search finds there.
+def misled(pair, u, found, gap, normal, time, keeps=0.0):
+    """Part by which contact forces at a solution ``u`` would be others among the partners that a search finds there.
 
     Stiff points make much of small changes of their gap: the forces of the bodies change by as much of themselves as
     the change of the gap is of the way by which the bodies have been pressed together, however large gamma is. The mean
@@ -173,6 +173,9 @@ def misled(pair, u, found, gap, normal, time):
         By which the load step has gone at ``u``.
     time : float
         Of the solution.
+    keeps : float
+        Points whose gap changes by less than this part of that way may keep their normals: at the edge between two
+        facets each solution would find the normal of the other one.
 
     Returns
     -------
@@ -190,21 +193,21 @@ def misled(pair, u, found, gap, normal, time):
     change = np.where(closed, np.abs(gap - linear), 0.0)
     # rounding errors of a gap are no change
     change[change <= pair.rounding] = 0.0
-    turn = np.where(closed[:, None], found.normal - normal, 0.0)
     way = closing_motion(pair, u, values, time) @ np.where(closed, force, 0.0)
-    sums = [force.sum(), force @ change, force[misses].sum(), np.sum(misses), *way, *(force @ turn), *(force @ normal)]
-    total, change, missed, misses, *sums = comm.allreduce(np.array(sums), op=MPI.SUM)
-    turn, resultant = np.split(np.array(sums[2:]), 2)
+    sums = [force.sum(), force @ change, force[misses].sum(), np.sum(misses), *way, *(force @ normal)]
+    total, changed, missed, misses, *sums = comm.allreduce(np.array(sums), op=MPI.SUM)
     deepest = comm.allreduce(float(np.max(-linear[closed], initial=0.0)), op=MPI.MAX)
     inside = found.paired & ~bears & (gap - pair.method.begins < -max(deepest, pair.rounding))
     lost = comm.allreduce(bool(inside.any()), op=MPI.LOR) or misses > 0
     if total == 0.0:
         return 0.0, lost
-    part = change / sum(np.abs(sums[:2])) if change > 0.0 else 0.0
+    way, resultant = sum(np.abs(sums[:2])), np.array(sums[2:])
+    turns = closed & (change > keeps * way / total)
+    turn = comm.allreduce(force @ np.where(turns[:, None], found.normal - normal, 0.0), op=MPI.SUM)
     # normals that spread or gather leave the force where it points
     along = resultant / max(np.linalg.norm(resultant), 1e-300)
     turned = np.linalg.norm(turn - (turn @ along) * along) / total
-    return float(max(part, turned) + missed / total), lost
+    return float(max(changed / way if changed > 0.0 else 0.0, turned) + missed / total), lost
 
 
 def closing_motion(pair, u, values, time):

@@ -75,6 +75,8 @@ class ContactPair(Item):
     law : pcontact.contact.law.Frictionless
     pairing : pcontact.contact.pairing.Pairing or None
         Of the last search.
+    coupled : ndarray (np,) of bool
+        Points that have a partner which they may close with, and a place in the pattern for both.
     committed : ndarray (np,)
         Status of the points at the end of the last load step, see `pcontact.contact.law`.
     lost : (int, int)
@@ -100,7 +102,7 @@ class ContactPair(Item):
         self.lost, self._begun, self.offset, self.chords, self.pairing = (0, 0), False, None, None, None
         self.verifies, self.stale = not self.law.tied, 0.0
         self._initial = initial_gap(contact)
-        self._normals, self._coupled = source.normal, np.zeros(len(source.facet), dtype=bool)
+        self._normals, self.coupled = source.normal, np.zeros(len(source.facet), dtype=bool)
         self.committed = np.full(len(source.facet), OPEN, dtype=np.int64)
         low, high = bounding_box(space.comm, space.points)
         # of few digits, so that subtracting it rounds nothing
@@ -203,7 +205,7 @@ class ContactPair(Item):
         size = source.size[source.facet]
         # half of the motion closes points (see APPROACH in `pcontact.solve.newton`) before contact pushes them back
         near = gap - self.method.begins <= 0.5 * size + np.minimum(0.55 * motion, FORESEEN * size)
-        self._coupled = self._couples(near)
+        self.coupled = self._couples(near)
         self._new_pattern()
         self._start_step(u, time)
         if self.law.tied:
@@ -302,9 +304,8 @@ class ContactPair(Item):
         if not self.verifies:
             return False
         found = self._partners_at(u, time)
-        self.stale, lost = motion.misled(
-            self, u, found, self._clean(found) + self._offset(time), self.pairing.normal, time
-        )
+        gap, keeps = self._clean(found) + self._offset(time), tolerance if firm else 0.0
+        self.stale, lost = motion.misled(self, u, found, gap, self.pairing.normal, time, keeps)
         if self.stale <= tolerance and (firm or not lost):
             return False
         self._take_again(found, u, before, time)
@@ -326,7 +327,7 @@ class ContactPair(Item):
     def _new_pattern(self):
         """Pattern of the points that are coupled to their partners (and, for theta != 0, of all source cells)."""
         p, source = self.pairing, self.source
-        chosen = np.flatnonzero(self._coupled)
+        chosen = np.flatnonzero(self.coupled)
         # one of the points of a source facet that have a target facet in common
         key = source.facet[chosen] * (np.max(p.ids, initial=0) + 1) + p.ids[chosen]
         _, first = np.unique(key, return_index=True)
@@ -392,9 +393,9 @@ class ContactPair(Item):
         p, view = self.pairing, self._view(rule)
         values = p.exchange.gather(u)
         slopes, status = self.terms.slopes(p, values, view)
-        new = self._couples(status > OPEN) & ~self._coupled
+        new = self._couples(status > OPEN) & ~self.coupled
         if self.space.comm.allreduce(bool(new.any()), op=MPI.LOR):
-            self._coupled |= new
+            self.coupled |= new
             self._new_pattern()
         if self._status is not None:
             self.flips.append(int(np.sum(status != self._status)))

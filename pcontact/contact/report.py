@@ -1,9 +1,11 @@
 """What a contact of the scene says of itself: its one pair, or the two halves of unbiased contact as one."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
+from pcontact.contact.node_depths import node_depths
 from pcontact.contact.summary import summarise
 from pcontact.contact.surface.smooth_geometry import facet_error
 from pcontact.contact.unbiased import WEIGHT, is_unbiased
@@ -69,6 +71,8 @@ class ContactReport:
         Of the pairs: 1/2 for unbiased contact and self contact.
     groups : tuple of str
         Facet groups of the sources.
+    sinks : bool
+        Whether the last :meth:`summary` has found a corner of the target in the source that the points do not see.
     """
 
     def __init__(self, contact, pairs):
@@ -76,6 +80,11 @@ class ContactReport:
         self.weight = WEIGHT if is_unbiased(contact) else 1.0
         self.groups = tuple(pair.contact.source for pair in pairs)
         self.rigid, self.law, self.method = pairs[0].rigid, pairs[0].law, pairs[0].method
+        self.sinks = False
+
+    @cached_property
+    def _node_depths(self):
+        return node_depths(self.contact, self.pairs)
 
     @property
     def source(self):
@@ -170,6 +179,13 @@ class ContactReport:
         for state in states[1:]:
             state["traction"] = -state["traction"]
         summary = {**summarise(_joined(states), self.flips, self.lost, self.space.comm), **errors}
+        if self._node_depths is not None:
+            depths = self._node_depths.of_source(u), self._node_depths.of_target(u)
+            summary["target_penetration"] = depths[1][0]
+            self.sinks = self._node_depths.sinks(depths[1][0], summary["max_penetration"])
+            depth, where = max(depths, key=lambda entry: entry[0])
+            if depth > summary["max_penetration"]:
+                summary |= {"max_penetration": depth, "deepest": where.tolist()}
         if self.rigid and self.pairs[0].target.has_moment:
             moment = self.pairs[0].moment(u, states[0])
             summary["moment"] = self.space.comm.allreduce(moment, op=MPI.SUM).tolist()

@@ -72,6 +72,7 @@ _CONTACT = table(
     open=count("quadrature points that are open [-]"),
     stick=count("that stick; without friction none [-]"),
     slip=count("that slip; without friction all that are closed [-]"),
+    target_penetration=number("depth of the deepest node of the target in the source [length]"),
     flipped=count("that changed between these in the last iteration of Newton's method [-]"),
     passed=count("that are inside their partner and were open when partners were found [-]"),
     left=count("that were closed and have left their partner [-]"),

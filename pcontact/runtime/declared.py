@@ -180,8 +180,8 @@ FORMER_HEURISTICS = ("stick_first", "cycles")
 OPTIONS = listed(
     Option(
         "contact_search_again", integer(0),
-        "searches for partners of a load step where Newton's method has ended, at most; 0: partners of a load step with "
-        "small strain are not verified", 8, section="contact", more="see below",
+        "searches for partners of a load step where Newton's method has ended, at most; 0: with small strain partners "
+        "are not verified", 8, section="contact", more="see below",
     ),
     Option(
         "contact_partner_rtol", POSITIVE,

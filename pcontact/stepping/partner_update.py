@@ -26,9 +26,9 @@ class PartnerUpdate:
     """Solves a load step, and again with the partners that points have at the solution, until they hardly change it.
 
     Newton's method always has the exact derivative of what is frozen. Between two searches partners are frozen: places,
-    normals and gaps at small strain, facets that go on beyond their edges where bodies have finite strain. Closed points
-    that an iteration takes beyond their facets, or far from where their partners were found, get others at once. Points
-    that end on an edge would change between its two facets for ever: in later searches they stay.
+    normals and gaps at small strain, facets that go on beyond their edges where bodies have finite strain. Closed
+    points that an iteration takes beyond their facets get others at once. Points that end on an edge would change
+    between its two facets for ever: in later searches they stay.
 
     Parameters
     ----------
@@ -117,7 +117,7 @@ class PartnerUpdate:
 def partner_update(problem, newton, options):
     """The :class:`PartnerUpdate` of a run; None where no item asks for it, or the user does without."""
     if options.get("contact_search_every") == "newton":
-        log.warning("-contact_search_every newton: partners are found again in every load step; the option does nothing")
+        log.warning("-contact_search_every newton does nothing: partners are found again in every load step")
     most = options.get("contact_search_again")
     items = [item for item in problem.others if item.follows or (item.verifies and most > 0)]
     if not items:

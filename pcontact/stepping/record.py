@@ -143,6 +143,15 @@ class Recorder:
                     "left theirs: bodies went far in a load step; smaller load steps, or no -contact_search_again 0",
                     time, name, passed, left,
                 )  # fmt: skip
+        for contact in self._problem.contacts:
+            if contact.sinks and (contact.name, "sinks") not in self._told:
+                self._told.add((contact.name, "sinks"))
+                depth = contacts[contact.name]["target_penetration"]
+                log.warning(
+                    "time %g: contact %s: a corner of %s is %.3g deep in %s, between its points: forces are wrong; "
+                    "remedy: unbiased = true, or source and target exchanged",
+                    time, contact.name, contact.contact.target, depth, contact.contact.source,
+                )  # fmt: skip
 
     def _viscous(self, time, u):
         """Work of the viscous stabilisation, and over that of the stresses; warn once where it is not small.

@@ -1,0 +1,184 @@
+"""Partners are found again within a load step until they hardly change its answer."""
+
+import time as clock
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from drivers._common import make_mesh
+from drivers.cases.ironing import Forces, scene
+from meshes import ironing
+from pcontact.runtime.petsc import MPI, PETSc
+from pcontact.simulation import Simulation
+from pcontact.solve.result import NewtonResult
+from pcontact.stepping.partner_update import PartnerUpdate
+
+WORLD = MPI.COMM_WORLD
+
+
+class Partners(Forces):
+    """Also what the last search of every load step has said."""
+
+    def step(self, step, u, record):
+        super().step(step, u, record)
+        self.rows[-1]["partners"] = record["partners"]
+
+
+def ironed(path, count, comm=WORLD, change=None, **options):
+    """Rows of the load steps. Collective."""
+    for name, value in options.items():
+        PETSc.Options().setValue(name, value)
+    forces, simulation = Partners(), None
+    try:
+        case = scene(path, mu=0.3, depth=0.05, way=0.5, count=count, petsc={"snes_rtol": "1e-11"})
+        simulation = Simulation(case, comm)
+        if change is not None:
+            change(simulation)
+        assert simulation.run(None, [forces])
+    finally:
+        for name in options:
+            PETSc.Options().delValue(name)
+        if simulation is not None:
+            simulation.close()
+    return forces.rows
+
+
+@pytest.fixture
+def path(shared_tmp):
+    return make_mesh(ironing, shared_tmp / "ironing.msh", 2, 0.2)
+
+
+@pytest.mark.parallel
+@pytest.mark.parametrize("part", [2e-3, 1e-5])
+def test_a_load_step_ends_with_partners_that_hardly_change_it(path, part):
+    rows = ironed(path, 5, contact_partner_rtol=part)
+    assert all(row["partners"]["change"] <= part and row["partners"]["searches"] >= 1 for row in rows)
+    assert max(row["partners"]["searches"] for row in rows) > 1
+
+
+def test_without_the_check_the_report_says_so(path):
+    rows = ironed(path, 5, contact_search_again=0)
+    assert all(row["partners"] == {"searches": 0} for row in rows)
+
+
+@pytest.mark.parallel
+def test_few_load_steps_have_nearly_the_forces_of_many(path):
+    """Where partners that stay from the beginning of a load step give others."""
+    many, once = ironed(path, 40)[-1]["normal"], ironed(path, 5, contact_search_again=0)[-1]["normal"]
+    assert abs(ironed(path, 5)[-1]["normal"] - many) < 0.1 * abs(once - many)
+
+
+@pytest.mark.parallel
+def test_ranks_agree(path):
+    """Forces of all load steps: what the last search may change is the same on any ranks."""
+    said = {"pc_type": "lu"}
+    one, several = (ironed(path, 4, comm, **said) for comm in (MPI.COMM_SELF, WORLD))
+    for a, b in zip(one, several, strict=True):
+        assert a["normal"] == pytest.approx(b["normal"], rel=1e-6)
+        assert a["tangential"] == pytest.approx(b["tangential"], rel=1e-6, abs=1e-9)
+
+
+@pytest.mark.parallel
+def test_newton_has_the_derivative_of_what_is_frozen(path):
+    """Central differences of the residual among the partners of every iteration, and the residual it starts from."""
+    errors, seeds = [], iter(range(1000))
+
+    def watch(simulation):
+        problem, newton = simulation.problem, simulation.newton
+        tangent, space = problem.tangent, problem.space
+
+        def check(u, rules=None, predicted=False):
+            tangent(u, rules, predicted)
+            if predicted:
+                return
+            here, there, product = (space.vector() for _ in range(3))
+            problem.residual(u, here, rules)
+            stale = (here - newton._f).norm() / max(newton._f.norm(), 1e-12)
+            # the same direction whatever the ranks
+            way = np.sin(space.points[space.owned_local] * (3.0 + next(seeds)) + 1.0)
+            way[problem.fixed] = 0.0
+            v, eps = space.vector(), 1e-9
+            v.setArray(way.ravel())
+            both = []
+            for sign in (1.0, -1.0):
+                moved = u.copy()
+                moved.axpy(sign * eps, v)
+                problem.residual(moved, there, rules)
+                both.append(there.copy())
+            difference = (both[0] - both[1]) * (0.5 / eps)
+            problem.matrix.matrix.mult(v, product)
+            array = product.getArray().reshape(way.shape)
+            array[problem.fixed] = 0.0
+            errors.append((stale, (difference - product).norm() / product.norm()))
+
+        problem.tangent = check
+
+    ironed(path, 5, change=watch)
+    stale, taylor = np.array(errors).T
+    assert len(errors) > 10
+    assert stale.max() < 1e-9
+    assert taylor.max() < 1e-6
+
+
+class Flipping:
+    """Newton's method and an item that finds other partners a number of times."""
+
+    def __init__(self, times):
+        self.left, self.runs, self.timing = times, 0, {"search": 0.0}
+        self.follows, self.verifies, self.stale = False, True, 0.5
+
+    def solve(self, u, follow):
+        return NewtonResult(True, 4, 4, "", 0.0, 1.0)
+
+    def again(self, u, near):
+        self.runs += 1
+        return NewtonResult(True, 5, 5, "", 0.0, 1.0)
+
+    def renew(self, u, before, time, firm, tolerance):
+        self.left -= 1
+        self.stale = 0.5 if self.left >= 0 else 0.5 * tolerance
+        return self.left >= 0
+
+
+def flipped(times, most):
+    both = Flipping(times)
+    update = PartnerUpdate(SimpleNamespace(others=[both]), both, most, 1e-3, [both])
+    return both, update, update(None, None, 1.0)
+
+
+def test_what_settles_is_accepted():
+    newton, update, outcome = flipped(2, 6)
+    assert newton.runs == 2 and outcome.newton == 14 and outcome.converged
+    assert outcome.partners == {"change": 5e-4, "searches": 3}
+    assert update.carried == 1.0
+
+
+def test_what_does_not_settle_has_not_converged():
+    newton, _, outcome = flipped(100, 6)
+    assert newton.runs == 6 and not outcome.converged
+    assert "after 6 searches" in outcome.reason
+
+
+def test_searches_of_all_kinds_are_one_entry_of_the_timing(path, monkeypatch):
+    """Searches take an hour each: those of the load steps, within Newton's method, and after it."""
+    hours = []
+
+    def spy(simulation):
+        (item,) = simulation.problem.items[1:]
+        find, now = item.search.find, clock.perf_counter
+
+        def late(*arguments):
+            hours.append(3600.0)
+            return find(*arguments)
+
+        monkeypatch.setattr(clock, "perf_counter", lambda: now() + sum(hours))
+        item.search.find = late
+        timings.append(simulation.timing)
+
+    timings = []
+    ironed(path, 2, change=spy)
+    (timing,) = timings
+    assert len(hours) > 4
+    assert timing["search"] == pytest.approx(sum(hours), abs=600.0)
+    assert timing["solve"] < 600.0 and timing["linear"] < 600.0
