@@ -79,7 +79,7 @@ class Case:
     overkill: tuple | None = None
     loose: tuple = ()
     quantities: tuple = (*NORMS, *CONTACT_SCALARS)
-    finer: tuple = ({"again": 1}, {"steps": 4})
+    finer: tuple = ({"partners": 1e-4}, {"steps": 4})
     promised: dict = field(default_factory=dict)
 
 
@@ -174,7 +174,7 @@ def rings_case(title, pressure, delta, cell="quadrilateral") -> Case:
     return Case(
         title, "smooth", {1: (8, 16, 32, 64), 2: (8, 16, 32)}, {1: 32, 2: 16}, 32, 1, partial(_rings_mesh, delta, cell),
         partial(_rings_scene, pressure), partial(_rings_errors, pressure, delta), {"steps": (2, 4), "straight": ()},
-        finer=({"again": 1},), promised={"draft": (16, 1), "standard": (16, 2), "fine": (32, 2)},
+        finer=({"partners": 1e-4},), promised={"draft": (16, 1), "standard": (16, 2), "fine": (32, 2)},
     )  # fmt: skip
 
 
@@ -320,7 +320,7 @@ def shear_case(title, mu, overkill) -> Case:
     """Cattaneo and Mindlin with a coefficient of friction."""
     return Case(
         title, "friction", {1: (6, 11, 22), 2: (6, 11)}, {1: 11, 2: 6}, 11, 5, _shear_mesh, partial(_shear_scene, mu),
-        partial(_shear_errors, mu), {"steps": (3, 10, 20), "again": (1,)}, overkill,
+        partial(_shear_errors, mu), {"steps": (3, 10, 20), "partners": (1e-4,)}, overkill,
         quantities=(*NORMS, "shear", *CONTACT_SCALARS, "stick"), finer=({"steps": 10},),
         promised={"draft": (6, 1), "standard": (6, 2), "fine": (11, 2)},
     )  # fmt: skip
@@ -331,7 +331,7 @@ def hill_case(title, pressure) -> Case:
     return Case(
         title, "plastic", {1: (4, 8, 16, 32), 2: (4, 8, 16)}, {1: 16, 2: 8}, 16, 8, _hill_mesh,
         partial(_hill_scene, pressure), partial(_hill_errors, pressure),
-        {"steps": (2, 4, 16), "quadrature": (), "theta": (), "gamma0": (), "again": (), "every": ()}, (32, 2, 32),
+        {"steps": (2, 4, 16), "quadrature": (), "theta": (), "gamma0": (), "partners": ()}, (32, 2, 32),
         quantities=("energy", "outer"), finer=({"steps": 16},),
         promised={"draft": (8, 1), "standard": (8, 2), "fine": (16, 2)},
     )  # fmt: skip

@@ -26,8 +26,7 @@ KNOBS = {
     "snes": (1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-10),
     "krylov": (("ew", 1e-1), ("ew", 1e-2), 1e-1, 1e-2, 1e-6),
     "steps": (2,),
-    "again": (1, 4),
-    "every": ("newton",),
+    "partners": (1.0, 1e-4),
     "patience": (-1, 30),
     "jacobian": (2,),
     "straight": (True,),
@@ -79,8 +78,7 @@ def changed(scene: Scene, knobs: dict) -> Scene:
                 # for the preset to find
                 scene.mesh.order = None
         elif key not in ("steps", "straight"):
-            name = {"snes": "snes_rtol", "again": "contact_search_again",
-                    "every": "contact_search_every", "patience": "pc_patience",
+            name = {"snes": "snes_rtol", "partners": "contact_partner_rtol", "patience": "pc_patience",
                     "jacobian": "snes_lag_jacobian"}[key]  # fmt: skip
             petsc[name] = value
     scene.petsc = {**scene.petsc, **petsc}
@@ -175,17 +173,17 @@ class Runner:
 
     def prepare(self, overkill=True):
         """Compile or load all kernels outside the clock; solve on the overkill mesh where one is needed."""
-        case, again = self.case, {"again": 2} if self.case.knobs.get("again", (1,)) else {}
+        case, close = self.case, {"partners": 1e-4}
         with quiet():
             for degree, sizes in case.sizes.items():
                 path = self.mesh(sizes[0], degree)
-                timed(changed(case.scene(path, degree, case.steps), again), repeat=1)
+                timed(changed(case.scene(path, degree, case.steps), close), repeat=1)
             if case.overkill is None:
                 return
             size, degree, steps = case.overkill
             if not overkill:
                 size, degree, steps = case.sizes[2][-1], 2, case.steps
-            scene = changed(case.scene(self.mesh(size, degree), degree, steps), again)
+            scene = changed(case.scene(self.mesh(size, degree), degree, steps), close)
             simulation = Simulation(scene)
             try:
                 if not simulation.run(None):

@@ -33,7 +33,7 @@ class Preset:
 PRESETS = {
     "draft": Preset({"snes_rtol": 1e-4}, 1e-2, 1e-5, 1),
     "standard": Preset({"snes_rtol": 1e-4}, None, 1e-7, 2),
-    "fine": Preset({"snes_rtol": 1e-7}, None, 1e-9, 2),
+    "fine": Preset({"snes_rtol": 1e-7, "contact_partner_rtol": 1e-4}, None, 1e-9, 2),
 }
 
 
