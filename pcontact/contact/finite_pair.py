@@ -84,13 +84,13 @@ class ObstacleAt:
     def __call__(self, points, frozen, values, curved):
         """Partners with normal, gap and curvature at nodal values (n, d). *Collective.*"""
         x = places(points, values)
-        gap, normal = self.search.distance(x, self.time, self.origin)
+        gap, normal = self.search.gap(x, self.time, self.origin)
         curvature, d = np.zeros((0, x.shape[1], x.shape[1])), x.shape[1]
         if curved:
             curvature = np.empty((len(x), d, d))
             for j in range(d):
                 shift = self.step * np.eye(d)[j]
-                (_, ahead), (_, back) = (self.search.distance(x + s, self.time, self.origin) for s in (shift, -shift))
+                (_, ahead), (_, back) = (self.search.gap(x + s, self.time, self.origin) for s in (shift, -shift))
                 curvature[:, :, j] = (back - ahead) / (2.0 * self.step)
         gap, normal = np.ascontiguousarray(gap), np.ascontiguousarray(normal)
         return frozen._replace(gap=gap, normal=normal, curvature=curvature)
@@ -320,10 +320,6 @@ class FinitePair(ContactPair):
         """See :meth:`ContactPair.target_shape`. *Collective.*"""
         p = self.pairing
         return p.target_shape if self.rigid else self.terms.place(p, p.exchange.gather(u)).shape
-
-    def commit(self, u, time):
-        """End the load step. *Collective.*"""
-        self._commit(self.pairing.exchange.gather(u), time)
 
     def state(self, u):
         """See :meth:`ContactPair.state`; pressure, traction and weight are per undeformed area. *Collective.*"""

@@ -99,13 +99,14 @@ def lost(gap, paired, closed, size):
 
 
 def lost_by_obstacle(pair, u, values):
-    """The same by the frozen normals of an obstacle: its distance is known. *Collective.*"""
+    """The same by the frozen normals of an obstacle: its distance is known. What is inside without a partner has
+    passed, too. *Collective.*"""
     x, source = pair.deformed(pair.space.local.gather(u)), pair.source
     gap, _ = pair.search.distance(x, pair.time, pair.origin)
     gap = gap + (0.0 if pair.offset is None else pair.offset)
-    linear = pair.terms.gap(pair.pairing, values)
     near, wrong = pair.pairing.paired, DEEPER * source.size[source.facet]
-    passed, left = near & (gap < np.minimum(linear, 0.0) - wrong), near & pair.closed & (gap > linear + wrong)
+    linear = np.where(near, pair.terms.gap(pair.pairing, values), 0.0)
+    passed, left = gap < np.minimum(linear, 0.0) - wrong, near & pair.closed & (gap > linear + wrong)
     return int(np.sum(passed)), int(np.sum(left))
 
 

@@ -73,6 +73,41 @@ def test_points_that_a_frozen_normal_takes_into_an_obstacle(shared_tmp, caplog):
     assert not any("inside their partner" in line for line in caplog.messages)
 
 
+def below_a_bar(path, tool, source="top", **more):
+    """A block with a bar of radius 0.2 on its upper side, or in it."""
+    return Scene(
+        mesh=MeshSpec(path, strain="finite"),
+        materials={"m": Material(10.0, 0.3)},
+        bodies=[Body("block", "m")],
+        contacts=[Contact(source, obstacle=tool, name="bar")],
+        displacements=[Displacement("bottom", [0.0, 0.0])],
+        output=Output(fields=False),
+        **more,
+    )
+
+
+@pytest.mark.parallel
+def test_a_bar_that_lies_in_a_block_at_first(shared_tmp):
+    """It is pushed out of the material as if it had been pressed in from above, with the same force."""
+    path = made(shared_tmp / "b.msh", one_block, 2, (16, 8))
+    pressed = Obstacle("sphere", center=[0.5, 1.205], radius=0.2, displacement=[0.0, -0.255])
+    forces = [
+        solved(below_a_bar(path, tool, steps=Steps(1.0, count))).rows[-1]["contacts"]["bar"]["force"]
+        for tool, count in ((Obstacle("sphere", center=[0.5, 0.95], radius=0.2), 2), (pressed, 6))
+    ]
+    np.testing.assert_allclose(forces[0], forces[1], rtol=0.01, atol=1e-6)
+    assert forces[0][1] > 0.1
+
+
+@pytest.mark.parallel
+def test_points_inside_an_obstacle_without_a_partner(shared_tmp, caplog):
+    """The upper side of a block in a half space, whose lower side is no source: nothing pushes it out."""
+    path = made(shared_tmp / "b.msh", one_block, 2, (4, 4))
+    (row,) = solved(below_a_bar(path, Obstacle("plane", point=[0.0, 2.0], normal=[0.0, 1.0]))).rows
+    assert row["contacts"]["bar"]["passed"] == row["contacts"]["bar"]["open"] > 0
+    assert WORLD.rank != 0 or any("inside their partner" in line for line in caplog.messages)
+
+
 def rising(path, way, **more):
     """The lower of two blocks rises through a gap wider than the search radius, against the upper one."""
     return Scene(

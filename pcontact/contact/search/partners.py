@@ -7,9 +7,15 @@ import numpy as np
 from pcontact.contact.search.exchange import find_partners
 from pcontact.contact.search.query import QueryPoints
 from pcontact.runtime.parallel import together
+from pcontact.runtime.petsc import MPI
 
-# smallest cosine between the normals of a source point and its obstacle
+# [cosine] Smallest one between the normals of a source point and its obstacle.
 FACING = 0.1
+# [iterations] Of Newton's method along a way out of an obstacle. From: chosen; a way that crosses the surface at that
+# angle takes less than ten.
+TRACE = 30
+# [search radii] Distance from the surface at which the way ends. From: chosen, far below what gaps are asked for.
+REACHED = 1e-10
 
 
 class Partners(NamedTuple):
@@ -108,6 +114,11 @@ class TargetSearch:
 class ObstacleSearch:
     """Every point against a rigid obstacle; parameters and attributes as of `TargetSearch`.
 
+    The partner of a point is the nearest place of the obstacle if that faces it. A point behind the middle of the
+    obstacle, whose nearest way out is not into its body, is left to the points that face the obstacle as long as one of
+    them is as deep: what pushes them out takes it along, such as the upper side of a sheet. Else the obstacle lies in
+    the body, and the partner is where the way into the body, against the normal of the point, leaves the obstacle.
+
     Parameters
     ----------
     space : pcontact.space.space.Space
@@ -118,22 +129,57 @@ class ObstacleSearch:
 
     def __init__(self, space, target):
         self.space, self.target = space, target
-        self.too_deep = 0
+        self.too_deep, self._behind = 0, None
 
     def distance(self, x, time, origin):
         """Signed distance (np,) [length] and contact normal (np, d) of points relative to the origin. *Collective.*"""
         # a level set of the user's may fail on some ranks only
         return together(self.space.comm, self.target.gap, x, time, origin)
 
+    def gap(self, x, time, origin):
+        """The same of points that move from where they were searched: those that were behind the obstacle see the plane
+        of their partner until they face the obstacle. *Collective.*"""
+        gap, away = self.distance(x, time, origin)
+        rows, at, normal = self._behind
+        still = np.einsum("pd,pd->p", away[rows], normal) < FACING
+        rows, at, normal = rows[still], at[still], normal[still]
+        gap[rows], away[rows] = np.einsum("pd,pd->p", at - x[rows], normal), normal
+        return gap, away
+
     def find(self, nodal, x, normal, time, radius, origin):
         """See :meth:`TargetSearch.find`. *Collective.*"""
         gap, away = self.distance(x, time, origin)
         paired = np.einsum("pd,pd->p", away, normal) >= FACING
+        deepest = self.space.comm.allreduce(float(np.min(gap[paired], initial=0.0)), op=MPI.MIN)
+        rows = np.flatnonzero(~paired & (gap < min(deepest, -REACHED * radius)))
+        rows, at = self._ways_out(rows, x, normal, time, (REACHED * radius, origin))
+        paired[rows], away[rows] = True, self.distance(at, time, origin)[1]
+        gap[rows] = np.einsum("pd,pd->p", at - x[rows], away[rows])
+        self._behind = rows, at, away[rows]
         self.too_deep = int(np.sum(paired & (gap < -radius)))
         paired &= np.abs(gap) <= radius
         n = len(gap)
         ids, nodes = np.zeros(n, dtype=np.int64), np.zeros((n, 0), dtype=np.int64)
         return Partners(gap, away, paired, ids, nodes, np.zeros((n, 0)), None)
+
+    def _ways_out(self, rows, x, normal, time, about):
+        """Which of some points (n,) have a way out of the obstacle against their normals, and where it ends (m, d).
+        *Collective.*"""
+        tolerance, origin = about
+        way, ended = np.zeros(len(rows)), np.zeros(len(rows), dtype=bool)
+        for _ in range(TRACE):
+            if not self.space.comm.allreduce(bool(np.any(~ended)), op=MPI.LOR):
+                break
+            at = x[rows] - way[:, None] * normal[rows]
+            gap, away = self.distance(at, time, origin)
+            slope = np.einsum("pd,pd->p", away, normal[rows])
+            ended = (slope >= FACING) & (np.abs(gap) <= tolerance)
+            # beside the border of a surface there is no distance
+            goes = np.isfinite(gap)
+            rows, way, ended = rows[goes], way[goes], ended[goes]
+            way += np.where(ended, 0.0, -gap[goes] / np.where(slope[goes] >= FACING, slope[goes], 1.0))
+        rows, way = rows[ended], way[ended]
+        return rows, x[rows] - way[:, None] * normal[rows]
 
     def moved(self, x, start, end, origin):
         """See :meth:`TargetSearch.moved`."""
