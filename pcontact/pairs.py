@@ -8,6 +8,7 @@ from pcontact.contact.law import ADDED, contact_law
 from pcontact.contact.pair import contact_pair
 from pcontact.contact.report import ContactReport
 from pcontact.contact.search.all_surfaces import burdened, meetings, outer_surfaces, paired_elsewhere
+from pcontact.contact.search.overlap import overlap
 from pcontact.contact.search.self_surface import self_surface
 from pcontact.contact.segmentation.pieces import cut_source
 from pcontact.contact.summary import components_of as components_at
@@ -30,7 +31,7 @@ from pcontact.runtime.petsc import MPI
 from pcontact.scene import amplitude, obstacle_functions
 from pcontact.scene.model import OUTER
 from pcontact.scene.unsafe import unsafe
-from pcontact.space.modes import join
+from pcontact.space.modes import component_boxes, join, near_pairs
 from pcontact.space.space import AXIS
 
 # coefficient of friction up to which a solution is unique in most problems (of a half space in plane strain: up to
@@ -44,20 +45,43 @@ COARSE = 3.0
 COARSER = 1.25
 
 
-def _radius(space, contact, floats):
+def _radius(space, bulk, contact, sides, floats):
     """Search radius [length]. *Collective.*
 
     The user's; or 0.15 of the extent of the smaller surface, the farthest that bodies may move in a load step. A body
-    that nothing holds may have to look farther for a partner: half the extent. Where all surfaces may meet, 0.15 of
-    the extent of the smallest body: the search takes longer the farther it goes.
+    that nothing holds may have to look farther for a partner: half the extent. What lies deeper in the other body at
+    first has as far to go besides. Where all surfaces may meet, 0.15 of the extent of the smallest body: the search
+    takes longer the farther it goes.
     """
-    if contact.search_radius is not None:
-        return contact.search_radius
     if contact.target is None:
-        return size_of(space.mesh)
+        return contact.search_radius or size_of(space.mesh)
     if contact.all:
-        return 0.15 * float(np.min(extents(space, OUTER, bodies=True)))
-    return (0.5 if floats else 0.15) * min(float(extents(space, name)[0]) for name in (contact.source, contact.target))
+        return contact.search_radius or 0.15 * float(np.min(extents(space, OUTER, bodies=True)))
+    radius, names = contact.search_radius, (contact.source, contact.target)
+    if radius is None:
+        radius = (0.5 if floats else 0.15) * min(float(extents(space, name)[0]) for name in names)
+    depth = _overlap(space, bulk, contact, sides, radius)
+    if depth <= radius:
+        return radius
+    if contact.search_radius is None:
+        return radius + depth
+    log.warning(
+        "contact %s: the undeformed bodies overlap by %.4g, deeper than search_radius = %.4g: what is so deep has no "
+        "partner; remedy: a larger search_radius, or none",
+        contact.name, depth, radius,
+    )  # fmt: skip
+    return radius
+
+
+def _overlap(space, bulk, contact, sides, radius):
+    """How deep the undeformed source lies in bodies of the target [length], 0 where boxes around the bodies tell that
+    it is no deeper than a radius. *Collective.*"""
+    own, other = sides[0] - sides[-1], sides[-1] - sides[0]
+    deep = near_pairs(*component_boxes(space), -radius).tolist()
+    if not any((a in own and b in other) or (b in own and a in other) for a, b in deep):
+        return 0.0
+    source = source_surface(space, contact.source, bulk.constants, contact.quadrature, bulk.orthotropic)
+    return overlap(space, source, target_surface(space, contact.target), contact.search, other)
 
 
 def _require_area(scene, space, contact, source):
@@ -422,7 +446,7 @@ def contact_reports(scene, space, supports, free, bulk, tied):
             continue
         sides = _sides(space, contact)
         floats = bool(set().union(*sides) & set(free))
-        radius = _radius(space, contact, floats)
+        radius = _radius(space, bulk, contact, sides, floats)
         if contact.obstacle is None:
             near = meetings(space, sides, radius)
             edges |= near

@@ -482,9 +482,10 @@ class Contact:
         POSITIVE, "largest distance at which a partner is looked for",
         default=None, unit="length", otherwise="from the surfaces",
         resolved=True,
-        more="From the surfaces: 0.15 of the extent of the smaller surface (half of it where a body is not held); "
-        "`all`: 0.15 of the extent of the smallest body; `tied`: the largest facet. The extent is the length of a "
-        "straight line that is as wide spread, such as the diagonal of a square: it does not depend on directions",
+        more="From the surfaces: 0.15 of the extent of the smaller surface (half of it where a body is not held), "
+        "and as much more as the undeformed bodies overlap if that is deeper; `all`: 0.15 of the extent of the "
+        "smallest body; `tied`: the largest facet. The extent is the length of a straight line that is as wide "
+        "spread, such as the diagonal of a square: it does not depend on directions",
     )  # fmt: skip
     interference: str | None = key(
         choice("resolve", "adjust"), "what an initial overlap means", default="resolve", resolved=True,

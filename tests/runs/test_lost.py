@@ -134,6 +134,20 @@ def test_a_target_that_comes_from_afar_meets_its_source(shared_tmp, steps):
 
 
 @pytest.mark.parallel
+@pytest.mark.parametrize(("gap", "radius"), [(-0.1, None), (-0.3, None), (-0.3, 0.1)])
+def test_an_overlap_deeper_than_the_search_radius(shared_tmp, caplog, gap, radius):
+    """It is pushed apart with the force of two columns; where the user's radius is too short, a warning says so."""
+    path = made(shared_tmp / "b.msh", two_blocks, 2, 3, 2, gap=gap)
+    scene = rising(path, 0.0)
+    scene.contacts[0].search_radius = radius
+    (row,) = solved(scene).rows
+    said = any("search_radius = 0.1" in line for line in caplog.messages)
+    expected = 0.0 if radius else gap / 2.0 * 1000.0
+    assert row["contacts"]["pair"]["force"][1] == pytest.approx(expected, rel=1e-6)
+    assert WORLD.rank != 0 or said == bool(radius)
+
+
+@pytest.mark.parallel
 def test_bodies_that_move_together_are_not_far_from_each_other(shared_tmp):
     """Points without a partner, on bodies that move as one by many search radii, need no shorter load steps."""
     path = made(shared_tmp / "b.msh", two_blocks, 2, 2, 2, gap=0.3)

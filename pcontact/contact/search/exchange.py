@@ -140,8 +140,8 @@ def route(comm, low, high, points, radius):
 class _Searched:
     """Facets of this rank under a displacement, with what a search needs and all rounds of it share."""
 
-    def __init__(self, target, x_facets, method, numbers, opposite, facets):
-        self._target, self._numbers, self._opposite, self._tell = target, numbers, opposite, facets
+    def __init__(self, target, x_facets, method, numbers, criteria, facets):
+        self._target, self._numbers, self._criteria, self._tell = target, numbers, criteria, facets
         x, kinds, ids, own, corners = target.around(x_facets)
         tree, cones = build_tree(*facet_boxes(x, kinds), target.bodies()), None
         self._exclusion = target.exclusion(tree)
@@ -165,7 +165,7 @@ class _Searched:
         target, d = self._target, self._facets.x.shape[2]
         query, about = QueryPoints(asked[:, :d], asked[:, d : 2 * d], radius), asked[:, 2 * d :]
         exclusion = None if self._exclusion is None else target.placed(self._exclusion, about)
-        p = self._search(self._facets, query, exclusion=exclusion, opposite=self._opposite)
+        p = self._search(self._facets, query, exclusion=exclusion, **self._criteria)
         rows = np.flatnonzero(p.facet >= 0)
         facet = p.facet[rows]
         weights, nodes = target.shape(facet, p.xi[rows]), self._numbers[target.nodes[facet]]
@@ -221,7 +221,7 @@ def find_partners(space, target, nodal, query, method, origin=0.0, opposite=Fals
     -------
     Found
     """
-    return PartnerSearch(space, target, nodal, method, origin, opposite)(query, target.about)
+    return PartnerSearch(space, target, nodal, method, origin, opposite=opposite)(query, target.about)
 
 
 class PartnerSearch:
@@ -229,22 +229,24 @@ class PartnerSearch:
 
     Parameters
     ----------
-    space, target, nodal, method, origin, opposite
+    space, target, nodal, method, origin
         See :func:`find_partners`.
     facets : bool, optional
         Whether searches tell the nodes of the facets that they find, as many on all ranks.
+    criteria
+        ``facing`` and ``opposite`` of :func:`pcontact.contact.search.projection.closest_points`.
 
     Notes
     -----
     The constructor is *Collective*, and so are the calls.
     """
 
-    def __init__(self, space, target, nodal, method, origin=0.0, opposite=False, facets=False):
+    def __init__(self, space, target, nodal, method, origin=0.0, facets=False, **criteria):
         x_facets = np.ascontiguousarray(target.deformed(nodal, origin))
         self._space, self._target = space, target
         self._width = int(space.comm.allreduce(target.nodes.shape[1], op=MPI.MAX))
         target.nodes = padded(target.nodes, self._width)
-        self._searched = _Searched(target, x_facets, method, space.nodes, opposite, facets)
+        self._searched = _Searched(target, x_facets, method, space.nodes, criteria, facets)
         # columns of an answer: what it begins with, y, normal, nodes, shape functions; offset, facet
         d, more = space.dim, (target.smooth is not None, facets)
         self._columns = [5, 2 * d + 2 * self._width, more[0] * d, more[1] * d * target.x.shape[1]]

@@ -402,7 +402,12 @@ def target_surface(space, name, rim=True):
     -------
     TargetSurface
     """
-    surface = _facets(space, name)
+    return surface_of(space, space.mesh.facet_groups.get(name, []), rim)
+
+
+def surface_of(space, groups, rim=True):
+    """The same of facets: a list of pcontact.mesh.mesh.Facets. *Collective.*"""
+    surface = _facets(space, groups)
     if not rim or space.comm.size == 1:
         return surface
     x, nodes = (_widened(space, table) for table in (surface.x, surface.nodes))
@@ -414,12 +419,12 @@ def _widened(space, table):
     return np.ascontiguousarray(padded(table, space.comm.allreduce(table.shape[1], op=MPI.MAX)))
 
 
-def _facets(space, name):
-    """The facets of a facet group of this rank."""
+def _facets(space, groups):
+    """The facets of this rank."""
     mesh, d = space.mesh, space.dim
     layout_degree = max(2 if mesh.curved else 1, space.degree)
     kinds, ids, places, nodes, components, carry, first = [], [], [], [], [], [], 0
-    for facets in mesh.facet_groups.get(name, []):
+    for facets in groups:
         block = mesh.blocks[facets.block]
         kind = facets.kind
         rows = slice(first, first + len(facets.cells))
