@@ -43,6 +43,10 @@ SEVERAL = 3.0
 COARSE = 3.0
 # factor from which on they are cut, unless the user says otherwise
 COARSER = 1.25
+# [-] Constant of the trace inequality, modulus over depth of a cell, of the source over that of the target, from which
+# on the pressure is better with the two exchanged. From: blocks and rollers drawn at random in the plane. Of forty, 29
+# are beyond, and 28 of them better exchanged, by a factor of 14 in the median; of forty others 32 of 33.
+STIFFER = 5.0
 
 
 def _radius(space, bulk, contact, sides, floats):
@@ -253,6 +257,7 @@ def tied_pairs(scene, space, bulk):
             raise input_error(scene.where, f"contacts[{number}] ({contact.name}).tied", found, allowed)
         source = source_surface(space, contact.source, bulk.constants, contact.quadrature, bulk.orthotropic)
         _require_area(scene, space, contact, source)
+        _check_source(space, bulk, contact, source)
         target = target_surface(space, contact.target)
         radius = contact.search_radius or _tied_radius(space, source, target)
         source, target = _fitted(space, contact, source, target, radius)
@@ -365,6 +370,22 @@ def _check_sizes(scene, space, number, contact, pair):
         )  # fmt: skip
 
 
+def _check_source(space, bulk, contact, source):
+    """Warn of a source much stiffer than its target, whose stress says little of the pressure. *Collective.*"""
+    sided = contact.obstacle is None and contact.target != contact.source and not is_unbiased(contact)
+    if not sided or contact.all or contact.formulation != "nitsche" or contact.pressure_overclosure is not None:
+        return
+    # a point for each facet
+    other = source_surface(space, contact.target, bulk.constants, 1, bulk.orthotropic)
+    stiff, soft = _typical(space, source.trace), _typical(space, other.trace)
+    if 0.0 < STIFFER * soft < stiff:
+        log.warning(
+            "contact %s: the source %r is %.0f times as stiff as the target %r, modulus over depth of a cell: the "
+            "pressure may be wrong; remedy: source = %r, target = %r",
+            contact.name, contact.source, stiff / soft, contact.target, contact.target, contact.source,
+        )  # fmt: skip
+
+
 def _coarseness(space, source, target):
     """How many times larger facets of the source are than those of the target in space; 0 without any. *Collective.*"""
     x = target.x
@@ -460,6 +481,7 @@ def contact_reports(scene, space, supports, free, bulk, tied):
             continue
         source = _source(scene, space, bulk, supports, contact, sources)
         target = target_surface(space, contact.target) if contact.obstacle is None else _rigid(scene, space, number)
+        _check_source(space, bulk, contact, source)
         source, target = _fitted(space, contact, source, target, radius)
         pair = pair_of(space, bulk, contact, source, target, radius, floats)
         _add_chords(space, contact, pair, source, smooth)
