@@ -13,7 +13,7 @@ import numpy as np
 import pcontact
 from pcontact import build
 from pcontact.assembly.extension import extend
-from pcontact.assembly.release import equilibrium
+from pcontact.assembly.release import borne_by
 from pcontact.io.checkpoint import Checkpoint, keys_of, remembering
 from pcontact.io.cost_report import CostReport
 from pcontact.io.counters import Counters
@@ -75,8 +75,8 @@ class Kept(NamedTuple):
         Committed displacement [length].
     memory : dict of str to dict
         What the parts of the problem remember, by their names, see :meth:`pcontact.assembly.item.Item.memory`.
-    reactions : ndarray (n_owned, d)
-        Of the supports [force].
+    borne : ndarray (n_owned, d)
+        Forces of supports, groups and sections, see :func:`pcontact.assembly.release.borne_by`.
     origins : dict of int to ndarray (n_owned, d)
         See :class:`pcontact.assembly.release.Release`.
     keys : ndarray (n_owned,)
@@ -85,7 +85,7 @@ class Kept(NamedTuple):
 
     values: np.ndarray
     memory: dict
-    reactions: np.ndarray
+    borne: np.ndarray
     origins: dict
     keys: np.ndarray
 
@@ -93,18 +93,18 @@ class Kept(NamedTuple):
     def of(cls, problem, u, time):
         """That of a problem at its committed displacement and time. *Collective.*"""
         values = u.getArray(readonly=True).reshape(-1, problem.space.dim).copy()
-        parts = [part for part in remembering(problem.parts) if part is not problem.release]
+        # these begin anew
+        parts = [part for part in remembering(problem.parts) if part not in (problem.release, problem.energy)]
         memory = {part.name: part.memory() for part in parts}
-        reactions = np.where(problem.fixed, equilibrium(problem, u, time), 0.0)
         origins = {} if problem.release is None else problem.release.origins
-        return cls(values, memory, reactions, origins, keys_of(problem.space))
+        return cls(values, memory, borne_by(problem, u, time), origins, keys_of(problem.space))
 
     def moved(self, space):
         """The same on the nodes of another space, and flags (n_owned,) of those that it has beyond. *Collective.*"""
-        tables = [np.ones((len(self.keys), 1)), self.values, self.reactions, *self.origins.values()]
-        there, values, reactions, *origins = (carried(space, self.keys, table) for table in tables)
+        tables = [np.ones((len(self.keys), 1)), self.values, self.borne, *self.origins.values()]
+        there, values, borne, *origins = (carried(space, self.keys, table) for table in tables)
         origins = dict(zip(self.origins, origins, strict=True))
-        kept = self._replace(values=values, reactions=reactions, origins=origins, keys=keys_of(space))
+        kept = self._replace(values=values, borne=borne, origins=origins, keys=keys_of(space))
         return kept, there[:, 0] == 0.0
 
     def recall(self, problem):
@@ -209,7 +209,7 @@ class Simulation:
             self.part, mesh = build.present(self.part, mesh)
         self.problem, colours, motions = build.assemble(self.part, mesh, span, self._items)
         if self.scene.output.energy:
-            self.problem.energy = EnergyBalance(self.problem)
+            self.problem.energy = EnergyBalance(self.problem, self._parts()[:-1])
         self.floating = {k: len(rows) for k, rows in motions.items()}
         self.costs, self.counters = CostReport(self.profile, self.problem), Counters(self.problem, self.calls)
         # slip of Coulomb's law makes the tangent unsymmetric for every theta; that of Tresca's does not. Where a source
@@ -390,7 +390,9 @@ class Simulation:
             release.free_strains(self.problem.bulk)
         for name, one in self._carriers.items():
             one.carried = carried.get(name, 0.0)
-        release.start(self.problem, self.stepper.u, state.reactions)
+        release.start(self.problem, self.stepper.u, state.borne)
+        if self.problem.energy is not None:
+            self.problem.energy.begin(self.stepper.u)
 
     def close(self):
         """Take what this run entered back out of the options database, for the next scene."""

@@ -5,6 +5,9 @@ import numpy as np
 from pcontact.assembly.item import LAW, Item
 from pcontact.runtime.parallel import take_rows
 
+# tables of a checkpoint, and attributes
+TABLES = ("forces", "drawn", "offset")
+
 
 def equilibrium(problem, u, time):
     """Internal plus contact minus external forces (n_owned, d) of a problem at its committed displacement and a time
@@ -13,6 +16,12 @@ def equilibrium(problem, u, time):
     for item in problem.items:
         item.detect(u, time)
     return problem.unbalanced(u)
+
+
+def borne_by(problem, u, time):
+    """Forces (n_owned, d) that supports, groups and sections exert at a committed displacement and a time, with those
+    that draw sections [force]; zero at all other nodes, but for what solving has left. *Collective.*"""
+    return equilibrium(problem, u, time) + sum(section.at(time) for section in problem.sections)
 
 
 class Release(Item):
@@ -28,6 +37,8 @@ class Release(Item):
     ----------
     forces : ndarray (n_owned, d)
         On the bodies at the beginning of the phase [force].
+    drawn : ndarray (n_owned, d)
+        Beside these, on the sides of sections that a force draws: their tension there beyond that force [force].
     offset : ndarray (n_owned, d)
         How far nodes had moved there beyond what is prescribed: supports move them on from where they are [length].
     absolute : ndarray (n_owned, d) of bool
@@ -44,15 +55,16 @@ class Release(Item):
     def __init__(self, space, begin, end, begun):
         self.space, self._span, self._part, self.begun = space, (begin, end), 1.0, begun
         self.origins = {number: np.zeros((space.n_owned, space.dim)) for number in begun}
-        self.forces, self.offset = (np.zeros((space.n_owned, space.dim)) for _ in range(2))
+        self.forces, self.drawn, self.offset = (np.zeros((space.n_owned, space.dim)) for _ in range(3))
         self.absolute = np.zeros(self.forces.shape, dtype=bool)
 
-    def start(self, problem, u, reactions):
+    def start(self, problem, u, borne):
         """Take what a problem lacks of equilibrium at the beginning of the phase, and where its supports are there.
         *Collective.*
 
         Whatever has ended, supports, loads, contact, friction, leaves the same gap: the forces on the bodies that the
-        items of this phase and the reactions of supports that stay do not bear.
+        items of this phase do not bear, nor the supports, groups and sections that stay. These bear at first what they
+        have borne; what is a residual of this phase in that, nobody bears any more.
 
         Parameters
         ----------
@@ -60,15 +72,21 @@ class Release(Item):
             This item among its own; its items have the committed state.
         u : PETSc.Vec
             The committed displacement.
-        reactions : ndarray (n_owned, d)
-            At the end of the phase before [force].
+        borne : ndarray (n_owned, d)
+            At the end of the phase before, see :func:`borne_by` [force].
         """
         moved = u.getArray(readonly=True).reshape(self.forces.shape)
         prescribed = problem.supports.values(self._span[0])[self.space.owned_local]
         self.offset = np.where(problem.fixed, moved - prescribed, 0.0)
-        self.forces = equilibrium(problem, u, self._span[0]) - np.where(problem.fixed, reactions, 0.0)
-        for group in problem.groups:
-            group.lead(self.forces)
+        gap, kept = equilibrium(problem, u, self._span[0]) - borne, borne.copy()
+        for section in problem.sections:
+            if section.free:
+                tension, force = section.drawing(section.tension(borne)), section.at(self._span[0])
+                self.drawn += tension - force
+                gap += force
+                kept -= tension
+        problem.condense(kept)
+        self.forces = gap + kept
 
     def origin(self, number):
         """Displacement at the beginning of a phase in which bodies have begun, as a vector. *Collective.*"""
@@ -101,15 +119,19 @@ class Release(Item):
 
     def residual(self, u, out, rule=LAW):
         """Take the forces off ``out`` (n_owned, d)."""
-        out -= self._part * self.forces
+        out -= self._part * (self.forces + self.drawn)
 
     def external(self, u, out):
         """Add them to ``out`` (n_owned, d)."""
-        out += self._part * self.forces
+        out += self._part * (self.forces + self.drawn)
+
+    def draw(self, out):
+        """Add those on the sides of sections to ``out`` (n_owned, d)."""
+        out += self._part * self.drawn
 
     def add_magnitude(self, u, out):
         """Add their magnitudes to ``out`` (n_owned, d)."""
-        out += self._part * np.abs(self.forces)
+        out += self._part * (np.abs(self.forces) + np.abs(self.drawn))
 
     def tangent(self, u, rule=LAW):
         """None, they do not depend on the displacement."""
@@ -125,22 +147,20 @@ class Release(Item):
 
     def memory(self):
         """Forces, how far supports have been moved before they began, and where bodies have begun."""
-        keys, tables = self.memory_keys(), {"forces": self.forces, "offset": self.offset}
+        tables = {name: getattr(self, name) for name in TABLES}
         tables |= {f"origin {number}": values for number, values in self.origins.items()}
-        rows = {name: np.flatnonzero(table.any(axis=1)) for name, table in tables.items()}
+        keys, rows = self.memory_keys(), {name: np.flatnonzero(table.any(axis=1)) for name, table in tables.items()}
         return {name: (keys[rows[name]], table[rows[name]]) for name, table in tables.items()}
 
     def recall(self, name, chunks):
         """See :meth:`pcontact.assembly.item.Item.recall`."""
         number = int(name.partition(" ")[2]) if name.startswith("origin ") else None
-        if name not in ("forces", "offset") and number not in self.origins:
+        if name not in TABLES and number not in self.origins:
             return None
         values = np.zeros((self.space.n_owned, self.space.dim))
         count = take_rows(self.memory_keys(), chunks, values)
         if number is not None:
             self.origins[number] = values
-        elif name == "forces":
-            self.forces = values
         else:
-            self.offset = values
+            setattr(self, name, values)
         return count

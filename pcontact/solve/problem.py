@@ -265,13 +265,18 @@ class Problem:
     def as_residual(self, out, f):
         """Forces (n_owned, d), overwritten, as a residual vector: zero at prescribed components and at those that
         follow, whose forces go to the others. *Collective.*"""
+        self.condense(out)
+        f.setArray(out.ravel())
+
+    def condense(self, out):
+        """Leave of forces (n_owned, d) what supports and groups do not bear, in place: see :meth:`as_residual`.
+        *Collective.*"""
         out[self.fixed] = 0.0
         for group in self.groups:
             group.lead(out)
         if self.equations is not None:
             # some of what follows goes along with what is prescribed
             out[self.fixed] = 0.0
-        f.setArray(out.ravel())
 
     def predicted(self, u, f):
         """Residual vector at the beginning of a load step, for bodies that do not yield on the way, and points that

@@ -73,12 +73,22 @@ class PretensionSection:
         # the pair and the direction that say how far the sides have parted
         self._axis = int(np.argmax(np.round(np.abs(self.normal), 6)))
         self._pair = int(upper[0]) * d + self._axis, int(lower[0]) * d + self._axis
-        self.vector = np.zeros((space.n_owned, d))
-        if self.free:
-            force = pretension.force / self.count * self.normal
-            self.vector[self._rows] = -force
-            below_mine = lower[(lower >= space.start) & (lower < space.start + space.n_owned)]
-            self.vector[below_mine - space.start] = force
+        self._below = lower[(lower >= space.start) & (lower < space.start + space.n_owned)] - space.start
+        self.vector = self.drawing(pretension.force if self.free else 0.0)
+
+    def drawing(self, tension):
+        """Nodal forces (n_owned, d) that draw the sides together [force]."""
+        vector, force = np.zeros((self._space.n_owned, self._space.dim)), tension / self.count * self.normal
+        vector[self._rows], vector[self._below] = -force, force
+        return vector
+
+    def at(self, time):
+        """Nodal forces (n_owned, d) of its own force at a time [force]."""
+        return self._amplitude.factor(time) * self.vector
+
+    def tension(self, borne):
+        """That of forces (n_owned, d) which the section exerts [force]. *Collective.*"""
+        return -self._space.comm.allreduce(float((borne[self._rows] @ self.normal).sum()), op=MPI.SUM)
 
     @property
     def force(self):
@@ -194,9 +204,8 @@ class PretensionSection:
         Parameters
         ----------
         u, forces : ndarray (n_owned, d)
-            Displacement; internal plus contact minus external forces, those of the section among them.
+            Displacement; internal plus contact minus external forces, the section's own force among the latter, and
+            none that draws it beside that.
         time : float
         """
-        own = forces[self._rows] + self._amplitude.factor(time) * self.vector[self._rows]
-        tension = -self._space.comm.allreduce(float((own @ self.normal).sum()), op=MPI.SUM)
-        return {"force": tension, "shortening": self._shortened(u)}
+        return {"force": self.tension(forces + self.at(time)), "shortening": self._shortened(u)}

@@ -27,6 +27,8 @@ class EnergyBalance:
     Parameters
     ----------
     problem : pcontact.solve.problem.Problem
+    before : sequence of pcontact.scene.model.Scene
+        Of the phases before, whose works stay in the balance.
 
     Attributes
     ----------
@@ -40,12 +42,16 @@ class EnergyBalance:
 
     name = "energy"
 
-    def __init__(self, problem):
+    def __init__(self, problem, before=()):
         self._problem, space = problem, problem.space
         self._kinds = self._kinds_of(problem)
         kinds = ["loads", "supports", "bodies", *dict.fromkeys(self._kinds)]
         if any(pair.rigid for contact in problem.contacts for pair in contact.pairs):
             kinds.append("obstacles")
+        for scene in before:
+            kinds += ["springs"] if scene.springs else []
+            kinds += [f"contact {contact.name}" for contact in scene.contacts]
+            kinds += ["obstacles"] if any(contact.obstacle for contact in scene.contacts) else []
         kinds += ["heat"] if problem.bulk.heat is not None else []
         self.sums = {kind: Sum() for kind in dict.fromkeys(kinds)}
         # forces at the end of the last load step, with the sign of the residual: of loads, supports, bodies, items
@@ -85,9 +91,7 @@ class EnergyBalance:
             Internal plus contact minus external forces, see :meth:`pcontact.solve.problem.Problem.unbalanced`.
         """
         problem, shape = self._problem, self._last["loads"].shape
-        new, unbalanced = problem.forces_of_items(u)
-        forces = {"loads": new[0], "supports": -unbalanced, "bodies": new[1]}
-        forces |= {f"item {k}": force for k, force in enumerate(new[2:])}
+        forces = self._forces(u)
         values, start = (x.getArray(readonly=True).reshape(shape) for x in (u, before))
         moved, own = values - start, dict.fromkeys(self.sums, 0.0)
 
@@ -97,7 +101,6 @@ class EnergyBalance:
         for name, sign in (("loads", -1.0), ("supports", -1.0), ("bodies", 1.0)):
             own[name] += sign * work(name, moved)
         if "heat" in own:
-            forces["heat"] = problem.bulk.heat.forces
             own["heat"] -= 0.5 * float(np.sum((forces["heat"] - self._last["heat"]) * (values + start)))
         for k, (item, kind) in enumerate(zip(problem.others, self._kinds, strict=True)):
             name = f"item {k}"
@@ -113,7 +116,18 @@ class EnergyBalance:
         for one, number in zip(self.sums.values(), total, strict=True):
             one.carried += float(number)
         self._last = forces
-        return unbalanced
+        return -forces["supports"]
+
+    def _forces(self, u):
+        """Those at ``u`` (n_owned, d), as of `_last`. *Collective.*"""
+        items, unbalanced = self._problem.forces_of_items(u)
+        forces = {"loads": items[0], "supports": -unbalanced, "bodies": items[1]}
+        forces |= {f"item {k}": force for k, force in enumerate(items[2:])}
+        return forces | ({"heat": self._problem.bulk.heat.forces} if "heat" in self.sums else {})
+
+    def begin(self, u):
+        """Begin a phase at ``u``, with the forces that its items exert there. *Collective.*"""
+        self._last = self._forces(u)
 
     def _with_obstacle(self, pair, start, values, begin, end):
         """How nodes (n_owned, d) would move with the obstacle of a pair [length]."""

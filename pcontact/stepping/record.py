@@ -107,7 +107,7 @@ class Recorder:
         if problem.sections:
             forces = unbalanced.copy()
             if problem.release is not None:
-                problem.release.external(u, forces)
+                problem.release.draw(forces)
             record["pretensions"] = {one.name: one.record(moved, forces, step.time) for one in problem.sections}
         if problem.release is not None:
             record["released"] = problem.release.record()

@@ -80,6 +80,31 @@ def test_a_bar_that_is_welded_on_bears_its_share_of_what_comes_then():
     assert steps[3]["released"]["force"][0] == pytest.approx(-0.5 * 0.75 * 10 / 3, rel=1e-9)
 
 
+def test_forces_of_a_coupling_do_not_depend_on_numbers():
+    """A warm layer comes with a coupling on average: while its stress rises, forces are the same in all numberings."""
+    points, cells = grid(3, 4, 4.0)
+    found = []
+    for order in (np.arange(12), np.random.default_rng(1).permutation(12)):
+        own = cells[order]
+        low = points[own].mean(axis=1)[:, 1] < 2.0
+        mesh = pc.mesh_from((points, {"quad": own}), groups={"base": low, "layer": ~low},
+                            facets={"bottom": lambda x: x[:, 1] == 0, "top": lambda x: x[:, 1] == 4})  # fmt: skip
+        steps = pc.run(pc.Scene(
+            mesh=mesh, materials={"m": {"E": 100.0, "nu": 0.3, "expansion": 1e-3}},
+            bodies=[pc.Body("base", "m"), pc.Body("layer", "m", phases=["on"])], displacements={"bottom": [0, 0]},
+            couplings=[pc.Coupling("top", displacement=[0.01, "free"], rotation=0.0, average=True)],
+            temperatures=[pc.Temperature("1 + 2*x", "layer", reference=0.0)],
+            phases=[pc.Phase("alone"), pc.Phase("on", count=4)], petsc=EXACT,
+        ), comm=SELF).steps[1:]  # fmt: skip
+        found.append([[*step["couplings"]["top"]["force"], step["couplings"]["top"]["moment"],
+                       *step["released"]["force"]] for step in steps])  # fmt: skip
+        assert max(step["imbalance"] for step in steps) < 1e-10
+    np.testing.assert_allclose(found[1], found[0], atol=1e-9)
+    # all of it goes evenly from nothing to what it is at the end
+    parts = np.arange(1, 5)[:, None] / 4.0
+    np.testing.assert_allclose(np.array(found[0])[:, :3], parts * found[0][-1][:3], atol=1e-9)
+
+
 # small against the stress of the stretch in the layer, 0.05
 PRESSURE = 0.01
 

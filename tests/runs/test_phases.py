@@ -12,6 +12,7 @@ from pcontact.runtime.petsc import MPI
 from pcontact.scene.model import (
     Body,
     Contact,
+    Coupling,
     Displacement,
     Load,
     Material,
@@ -97,6 +98,38 @@ def test_a_support_that_is_added_holds_what_has_moved(mesh):
     np.testing.assert_allclose(record[3.0]["reactions"]["right"][0], 5.0 + 0.02 * stiffness(), rtol=1e-9)
     np.testing.assert_allclose(record[2.5]["reactions"]["right"][0], 2.5 + 0.01 * stiffness(), rtol=1e-9)
     np.testing.assert_allclose(record[4.0]["reactions"]["left"][0], 0.0, atol=1e-10)
+
+
+@pytest.mark.parametrize("average", [False, True])
+def test_half_of_a_load_is_left_half_way(mesh, average):
+    """A traction ends; of all forces half is left in the middle of the phase, also on nodes that a coupling holds."""
+    case = bar(mesh["bar"], [Phase("load"), Phase("unload", count=2)], [Displacement("left", [0, 0])],
+               loads=[Load("top", traction=[0.2, 0.5], phases=["load"])],
+               couplings=[Coupling("right", displacement=[0, 0], rotation=0.0, average=average)])  # fmt: skip
+    case.displacements = case.displacements[2:]
+    _, (whole, half, none) = simulated(case)
+    for step, part in ((half, 0.5), (none, 0.0)):
+        found, wanted = (np.array([*one["reactions"]["left"], *one["couplings"]["right"]["force"],
+                                   one["couplings"]["right"]["moment"]]) for one in (step, whole))  # fmt: skip
+        np.testing.assert_allclose(found, part * wanted, atol=1e-10)
+        np.testing.assert_allclose(step["released"]["force"], part * np.array([0.2, 0.5]), atol=1e-10)
+        assert step["imbalance"] < 1e-10
+
+
+def test_energies_of_phases(mesh):
+    """A spring joins and goes: works are those of the forces at both ends of a load step, whatever their number, and
+    what the spring has taken up stays in the balance."""
+    ends = []
+    for count in (2, 5):
+        case = bar(mesh["bar"], [Phase("pull"), Phase("with spring", count=count), Phase("without")], [],
+                   loads=[Load("right", traction=[5.0, 0.0], phases=["pull"]), Load("right", traction=[1.0, 0.0])],
+                   springs=[Spring("right", stiffness=[50.0, 0.0], phases=["with spring"])])  # fmt: skip
+        case.output.energy = True
+        _, steps = simulated(case)
+        assert max(abs(step["energy"]["defect"]) for step in steps) < 1e-9
+        ends.append([steps[-1]["energy"][name] for name in ("loads", "springs", "stored")])
+    np.testing.assert_allclose(ends[1], ends[0], rtol=1e-8)
+    assert ends[0][1] < 0.0, "it has been drawn as far as the bar was, and given back"
 
 
 def test_springs_and_loads_of_a_phase(mesh):

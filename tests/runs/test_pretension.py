@@ -34,20 +34,20 @@ GROUPS = {(2, 1): "bolt", (2, 2): "sleeve", (1, 3): "bottom", (1, 4): "top", (1,
           (1, 7): "sleeve_side", (1, 8): "bolt_top", (1, 9): "sleeve_top"}  # fmt: skip
 
 
-@pytest.fixture
-def mesh(shared_tmp):
-    """A bolt of 2 x 4 cells beside a sleeve of 2 x 3, with nodes of their own."""
-    path = shared_tmp / "bolt.msh"
+@pytest.fixture(params=["upright"])
+def mesh(shared_tmp, request):
+    """A bolt of 2 x 4 cells beside a sleeve of 2 x 3, with nodes of their own; mirrored, the floor is above."""
+    path, up = shared_tmp / "bolt.msh", -1 if request.param == "mirrored" else 1
     if WORLD.rank == 0:
         nodes, cells, facets = [], [], []
         for group, start, width, rows in ((1, 0.0, 1.0, 4), (2, 1.0, WIDTH, 3)):
             first = len(nodes) + 1
-            nodes += [(start + 0.5 * i * width, LENGTH * j / rows) for j in range(rows + 1) for i in range(3)]
+            nodes += [(start + 0.5 * i * width, up * LENGTH * j / rows) for j in range(rows + 1) for i in range(3)]
 
             def at(i, j, first=first):
                 return first + 3 * j + i
 
-            cells += [(3, group, (at(i, j), at(i + 1, j), at(i + 1, j + 1), at(i, j + 1)))
+            cells += [(3, group, (at(i, j), at(i + 1, j), at(i + 1, j + 1), at(i, j + 1))[::up])
                       for j in range(rows) for i in range(2)]  # fmt: skip
             facets += [(1, 3, (at(i, 0), at(i + 1, 0))) for i in range(2)]
             facets += [(1, top, (at(i, rows), at(i + 1, rows))) for i in range(2) for top in (4, 7 + group)]
@@ -96,6 +96,23 @@ def test_bolt_and_sleeve(mesh, order, kind):
     np.testing.assert_allclose(found, wanted, rtol=1e-9)
     assert steps[1]["couplings"]["top"]["displacement"][1] == pytest.approx(-force / SLEEVE, rel=1e-9)
     assert max(step["imbalance"] for step in steps) < 1e-9
+
+
+@pytest.mark.parametrize("mesh, up", [("upright", 1.0), ("mirrored", -1.0)], indirect=["mesh"])
+def test_tension_while_a_load_ends(mesh, up):
+    """A load on the side of the bolt, on nodes of the section too, ends; the bolt is locked, then drawn anew.
+
+    The tension goes evenly from what it was to what it will be, whichever side of the section is up.
+    """
+    case = joint(mesh, Pretension("cut", force=5.0, phases=["tighten", "anew"]), [*PHASES, Phase("anew", 1.0, 2)],
+                 [Load("bolt_side", traction=[0.5, -2.0 * up], phases=["tighten", "anew"])])  # fmt: skip
+    case.contacts = [Contact("bolt_side", "sleeve_side", tied=True, formulation="penalty", name="hole")]
+    steps = simulated(case)
+    tensions = [step["pretensions"]["cut"]["force"] for step in steps]
+    ends = np.array([0.0, *tensions[1::2]])
+    np.testing.assert_allclose(tensions[::2], 0.5 * (ends[1:] + ends[:-1]), rtol=1e-8)
+    assert abs(ends[2] - ends[1]) > 0.01 * ends[1] and max(step["imbalance"] for step in steps) < 1e-9
+    assert ends[[1, 3]] == pytest.approx(5.0, rel=1e-9)
 
 
 def loaded():
