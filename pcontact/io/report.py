@@ -9,7 +9,7 @@ import numpy as np
 from pcontact.runtime.files import going_on, make_directory, replace_file
 
 # of report.json: one more where a key changes its meaning or goes; keys may come without that
-FORMAT = 1
+FORMAT = 2
 
 
 def jsonable(value):

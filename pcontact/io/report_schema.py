@@ -156,7 +156,7 @@ STEP = table(
                    change=number("part of the contact forces by which the last search would have changed them [-]")),
     free=listed(_TEXT, "loose bodies on which no contact acts"),
     free_bodies=count("how many [-]"),
-    imbalance=number("sum of all forces over the largest force of the run [-]"),
+    imbalance=number("sum of all forces over the largest sum of their magnitudes in the run [-]"),
 )  # fmt: skip
 _SECONDS = {
     name: number(f"{words} [s]") for name, words in (

@@ -165,7 +165,7 @@ class Problem:
         """Whether all points of the bodies can be integrated: no cell is turned inside out. *Collective.*"""
         out = np.zeros((self.space.n_owned, self.space.dim))
         self.bulk.residual(u, out)
-        return bool(np.isfinite(self._norm(out)))
+        return bool(np.isfinite(self.norm(out)))
 
     def _changed_by_supports(self, before, u):
         """Names of the items with points that the supports alone open or close. *Collective.*"""
@@ -407,13 +407,13 @@ class Problem:
             item.add_magnitude(u, size)
         return size
 
-    def _norm(self, forces):
+    def norm(self, forces):
         """Norm over all ranks of forces (n_owned, d) [force]. *Collective.*"""
         return float(np.sqrt(self.space.comm.allreduce(float(np.sum(forces**2)))))
 
     def roundoff(self, u):
         """Norm of the rounding errors that the residual at ``u`` may carry [force]. *Collective.*"""
-        return np.finfo(float).eps * self._norm(self._magnitude(u))
+        return np.finfo(float).eps * self.norm(self._magnitude(u))
 
     def roundoff_of(self, u):
         """The same for the forces on every component (n_components,) [force]. *Collective.*"""
@@ -425,7 +425,7 @@ class Problem:
 
     def loaded(self, u):
         """Norm of the external forces at ``u`` [force]. *Collective.*"""
-        return self._norm(self.applied_forces(u))
+        return self.norm(self.applied_forces(u))
 
     def acting(self, u):
         """Largest of the norms of the external forces, and of those of the stresses at ``u`` where nodes are supported
@@ -437,14 +437,14 @@ class Problem:
         external, stresses = self.applied_forces(u), np.zeros((self.space.n_owned, self.space.dim))
         self.bulk.residual(u, stresses)
         held = np.where(self.fixed, stresses, 0.0)
-        return max(self._norm(external), self._norm(held), self._norm(stresses - held))
+        return max(self.norm(external), self.norm(held), self.norm(stresses - held))
 
     def stiffness_scale(self, u):
         """Norm of the sums of the absolute terms of the bodies' forces at ``u`` [force]: residuals that are small
         against it leave displacements open that are small against ``u``. *Collective.*"""
         size = np.zeros((self.space.n_owned, self.space.dim))
         self.bulk.add_magnitude(u, size)
-        return self._norm(size)
+        return self.norm(size)
 
     def rounding_of_contacts(self, u):
         """Norm of the rounding errors of the forces of every contact at ``u`` [force], by name. *Collective.*"""
@@ -453,7 +453,7 @@ class Problem:
             size = np.zeros((self.space.n_owned, self.space.dim))
             for pair in contact.pairs:
                 pair.add_magnitude(u, size)
-            errors[contact.name] = np.finfo(float).eps * self._norm(size)
+            errors[contact.name] = np.finfo(float).eps * self.norm(size)
         return errors
 
     def borne(self, u):
@@ -500,34 +500,67 @@ class Problem:
             own = (float(size[k]), space.points[node], mesh.component_names[space.component[node]])
         return max(space.comm.allgather(own), key=lambda entry: entry[0])
 
-    def imbalance(self, record, u):
-        """Sum of all forces on the bodies at ``u``, and the largest of them [force]. *Collective.*
+    def resultant(self, record, u):
+        """Norm of the sum of all forces on the bodies at ``u`` [force]: zero at equilibrium. *Collective.*
 
         Parameters
         ----------
         record : dict
-            With ``reactions`` and ``contacts`` of a step, and ``springs`` and ``couplings`` where there are some.
+            With ``reactions`` and ``contacts`` of a step, and ``couplings`` and ``equations`` where there are some.
         u : PETSc.Vec
         """
-        applied = self.space.comm.allreduce(self.applied_forces(u).sum(axis=0))
+        total = self.space.comm.allreduce((self.applied_forces(u) + self._drag(u)).sum(axis=0))
         obstacles = {contact.name for contact in self.contacts if contact.rigid}
-        forces = [np.asarray(force) for force in record["reactions"].values()]
+        forces = [*record["reactions"].values()]
         forces += [-np.asarray(pair["force"]) for name, pair in record["contacts"].items() if name in obstacles]
-        inner = [np.asarray(pair["force"]) for pair in record["contacts"].values()]
-        # springs may bear all of the load: their sum is nothing to compare with
-        inner += [np.asarray(spring["force"]) for spring in record.get("springs", {}).values()]
-        inner += [np.array([section["force"]]) for section in record.get("pretensions", {}).values()]
-        forces += [np.asarray(group["force"]) for group in record.get("couplings", {}).values()]
-        forces += [np.asarray(record["equations"]["force"])] if "equations" in record else []
-        largest = max(float(np.linalg.norm(force)) for force in [applied, *forces, *inner])
-        total = applied + sum(forces)
-        if self.viscous is not None:
-            drag = np.zeros((self.space.n_owned, self.space.dim))
-            self.viscous.drag(u, drag)
-            total = total + self.space.comm.allreduce(drag.sum(axis=0))
+        forces += [group["force"] for group in record.get("couplings", {}).values()]
+        forces += [record["equations"]["force"]] if "equations" in record else []
+        total = total + np.sum(forces, axis=0)
         if self.space.axisymmetric:
             total[0] = 0.0  # radial forces are borne by the ring
-        return float(np.linalg.norm(total)), largest
+        return float(np.linalg.norm(total))
+
+    def _drag(self, u):
+        """Forces (n_owned, d) of the viscous stabilisation on the bodies [force]. *Collective.*"""
+        out = np.zeros((self.space.n_owned, self.space.dim))
+        if self.viscous is not None:
+            self.viscous.drag(u, out)
+        return out
+
+    def sum_of_magnitudes(self, u, borne):
+        """Sum of the magnitudes of all forces on the bodies at ``u`` [force]: what their resultant is compared with,
+        for forces that balance each other, of rings, shrink fits, clamped bodies, leave no resultant. *Collective.*
+
+        They are those of supports and groups at their nodes, those of contact at its points, on both bodies, those of
+        loads, springs and dashpots at nodes; where nothing is applied and nothing touches, those of thermal stress.
+
+        Parameters
+        ----------
+        u : PETSc.Vec
+        borne : ndarray (n_owned, d)
+            By supports and groups [force].
+        """
+        acting, answers = [self.external(self.time)], [borne, self._drag(u)]
+        for item in self.others:
+            forces = answers if item in self.springs else acting
+            forces.append(np.zeros_like(borne))
+            item.external(u, forces[-1])
+        heat = [] if self.bulk.heat is None else [self.bulk.heat.forces]
+        own = [sum(float(np.linalg.norm(one, axis=1).sum()) for one in forces) for forces in (acting, answers, heat)]
+        acts, answer, thermal = self.space.comm.allreduce(np.array(own))
+        acts += float(np.sum(self.borne(u)))
+        return float(acts + answer + (thermal if acts == 0.0 else 0.0))
+
+    def acts(self, u, borne):
+        """Whether loads act on the bodies, or forces of supports and groups that are no rounding errors. *Collective.*
+
+        Parameters
+        ----------
+        u : PETSc.Vec
+        borne : ndarray (n_owned, d)
+            By supports and groups [force].
+        """
+        return self.loaded(u) > 0.0 or bool(np.any(self.space.norms(borne) > ROUNDINGS * self.roundoff_of(u)))
 
     def reactions(self, u, unbalanced=None):
         """Support forces that the surroundings exert, by region. *Collective.*

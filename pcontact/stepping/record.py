@@ -4,10 +4,11 @@ import numpy as np
 
 from pcontact.runtime import log
 from pcontact.runtime.petsc import MPI
+from pcontact.solve.convergence import NEARLY
 from pcontact.solve.problem import ROUNDINGS
 from pcontact.stepping.loose import Announcer
 
-# [-] Part of the largest force of the run that may be out of balance without a word. From: chosen, as BALANCED of
+# [-] Part of the forces of the run that may be out of balance without a word. From: chosen, as BALANCED of
 # convergence.py.
 UNBALANCED = 1e-3
 # [-] Part of the work of the stresses that a viscous stabilisation may take up without a word. From: chosen, as
@@ -37,7 +38,7 @@ class Recorder:
 
     def __init__(self, problem, probes, bodies=(), phase=None, absent=None):
         self._phase, self._absent = phase, absent
-        # the largest force of the run so far, which a restarted run goes on with
+        # the largest sum of magnitudes of the run so far, which a restarted run goes on with
         self._problem, self.carried, self._told = problem, 0.0, set()
         self._announce = Announcer(problem.space.mesh.component_names)
         space = problem.space
@@ -123,14 +124,34 @@ class Recorder:
         if step.free is not None:
             record["free"] = self._announce(step.time, step.free)
             record["free_bodies"] = len(step.free)
-        # relative to the largest force of the run: bodies that have parted leave nothing to compare with
-        total, largest = problem.imbalance(record, u)
-        self.carried = max(self.carried, largest)
+        return {**record, "imbalance": self._imbalance(step.time, u, record, unbalanced)}
+
+    def _imbalance(self, time, u, record, unbalanced):
+        """Resultant of all forces over the sum of their magnitudes; warn where it, or the residual, is not small.
+        *Collective.*
+
+        Residuals of rings, and of all that is symmetric, have no resultant.
+        """
+        problem, left = self._problem, unbalanced.copy()
+        problem.condense(left)
+        borne = unbalanced - left
+        total, residual = problem.resultant(record, u), problem.norm(left)
+        # the largest sum of the run: bodies that have parted leave nothing to compare with
+        self.carried = max(self.carried, problem.sum_of_magnitudes(u, borne))
         imbalance = total / self.carried if self.carried > 0.0 else 0.0
-        if imbalance > UNBALANCED:
-            touching = any(pair["stick"] + pair["slip"] for pair in record["contacts"].values())
-            self._warn(step.time, u, total, imbalance, touching)
-        return {**record, "imbalance": imbalance}
+        if max(total, residual) <= UNBALANCED * self.carried:
+            return imbalance
+        rounded = NEARLY * ROUNDINGS * problem.roundoff(u)
+        if total > ROUNDINGS * problem.rounding_of_sum(u) or residual > rounded:
+            why = "the residual that the tolerances leave does: smaller ones (-snes_rtol), or smaller load steps"
+        elif problem.acts(u, borne):
+            why = "rounding errors of the stresses hide them, the displacements are right only where they are imposed"
+        else:
+            # bodies that move, or touch, without any force leave rounding errors alone
+            return 0.0
+        log.warning("time %g: the forces are out of balance by %.2g %% of those of the run: %s", time,
+                    100.0 * max(total, residual) / max(self.carried, np.finfo(float).tiny), why)  # fmt: skip
+        return imbalance
 
     def _warn_of_lost(self, time, contacts):
         """Say once of every contact that its points were misled by partners that stay during a load step."""
@@ -167,18 +188,6 @@ class Recorder:
                 time, 100.0 * ratio, 100.0 * VISCOUS,
             )  # fmt: skip
         return {"work": viscous.taken.carried, "ratio": ratio}
-
-    def _warn(self, time, u, total, imbalance, touching):
-        """Say what hides the balance of forces. *Collective.*"""
-        if total > ROUNDINGS * self._problem.rounding_of_sum(u):
-            why = "the residual that the tolerances leave does: smaller ones (-snes_rtol), or smaller load steps"
-        elif touching or self._problem.loaded(u) > 0.0:
-            why = "rounding errors of the stresses hide them, the displacements are right only where they are imposed"
-        else:
-            # where nothing is applied and nothing touches, bodies that move leave rounding errors alone
-            return
-        log.warning("time %g: the forces are out of balance by %.2g %% of the largest of the run: %s", time,
-                    100.0 * imbalance, why)  # fmt: skip
 
     def _plastic(self):
         strain, volume = self._problem.bulk.plasticity()

@@ -212,7 +212,7 @@ def test_shaft_in_a_sleeve(shared_tmp, theta):
         assert simulation.floating == {}
         problem, u = simulation.problem, simulation.stepper.u
         record = problem.contacts[0].summary(u)
-        total, _ = problem.imbalance({"reactions": problem.reactions(u), "contacts": {"c": record}}, u)
+        total = problem.resultant({"reactions": problem.reactions(u), "contacts": {"c": record}}, u)
         return record, total
 
     pair_, imbalance = solved(scene, look)

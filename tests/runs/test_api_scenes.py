@@ -113,7 +113,7 @@ def test_what_is_saved_is_loaded(done, tmp_path):
     done.save(tmp_path)
     loaded = pc.load(tmp_path)
     assert loaded.report == json.loads(json.dumps(done.report)) and loaded.converged
-    assert loaded.report["format"] == 1
+    assert loaded.report["format"] == 2
     np.testing.assert_array_equal(loaded.history["time"], done.history["time"])
     whole = done.gather()
     np.testing.assert_array_equal(loaded.displacement, whole.displacement)
