@@ -103,7 +103,8 @@ class ConvergenceTest:
         """Why an iteration ends with this norm of the residual, or that it does not. *Collective.*"""
         reasons = PETSc.SNES.ConvergedReason
         rtol, atol = tolerances[:2]
-        if norm <= atol or (norm <= max(self._floor, self._least) and self._balanced(u, norm)):
+        rounded = norm <= max(self._floor, self._least) and self._settled(u, iteration, norm)
+        if norm <= atol or (rounded and self._balanced(u, norm)):
             return reasons.CONVERGED_FNORM_ABS
         if (iteration > 0 or self._near) and norm <= rtol * self._first:
             if self._small(u, norm, max(rtol, SMALL)):
@@ -112,6 +113,12 @@ class ConvergenceTest:
             if stuck and self._balanced(u, norm):
                 return reasons.CONVERGED_FNORM_ABS
         return reasons.ITERATING
+
+    def _settled(self, u, iteration, norm):
+        """Whether another iteration would gain nothing: the residual no longer falls, or is small against the forces at
+        work. Rounding errors of a stiff body may hide what is left in a soft one. *Collective.*"""
+        falls = iteration > 0 and norm <= 0.5 * self.norms[-2]
+        return not falls or norm <= SMALL * self._problem.acting(u)
 
     def _balanced(self, u, norm):
         """Whether a residual that rounding errors hide is small against the forces: those of a body that flows without

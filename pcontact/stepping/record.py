@@ -11,6 +11,9 @@ from pcontact.stepping.loose import Announcer
 # [-] Part of the forces of the run that may be out of balance without a word. From: chosen, as BALANCED of
 # convergence.py.
 UNBALANCED = 1e-3
+# [-] Part of the forces at work that rounding errors may be without a word. From: two blocks pressed together, one 1e8
+# to 1e12 times as stiff as the other and the more movable one: the pressure is wrong by a fifth to all of that part.
+ROUNDED = 1e-4
 # [-] Part of the work of the stresses that a viscous stabilisation may take up without a word. From: chosen, as
 # UNBALANCED.
 VISCOUS = 1e-3
@@ -40,6 +43,8 @@ class Recorder:
         self._phase, self._absent = phase, absent
         # the largest sum of magnitudes of the run so far, which a restarted run goes on with
         self._problem, self.carried, self._told = problem, 0.0, set()
+        # the largest of the norms of the forces at work so far
+        self._acting = 0.0
         self._announce = Announcer(problem.space.mesh.component_names)
         space = problem.space
         self._bodies, self._held = bodies, _held(problem) if bodies else None
@@ -140,6 +145,8 @@ class Recorder:
         self.carried = max(self.carried, problem.sum_of_magnitudes(u, borne))
         imbalance = total / self.carried if self.carried > 0.0 else 0.0
         if max(total, residual) <= UNBALANCED * self.carried:
+            if problem.acts(u, borne):
+                self._warn_of_rounding(time, u)
             return imbalance
         rounded = NEARLY * ROUNDINGS * problem.roundoff(u)
         if total > ROUNDINGS * problem.rounding_of_sum(u) or residual > rounded:
@@ -188,6 +195,22 @@ class Recorder:
                 time, 100.0 * ratio, 100.0 * VISCOUS,
             )  # fmt: skip
         return {"work": viscous.taken.carried, "ratio": ratio}
+
+    def _warn_of_rounding(self, time, u):
+        """Say once that a body is so stiff, and has moved so far, that rounding errors of its displacement show in the
+        stresses. *Collective.*"""
+        problem = self._problem
+        self._acting = max(self._acting, problem.acting(u))
+        errors = problem.roundoff_of(u)
+        part = np.linalg.norm(errors) / self._acting if self._acting > 0.0 else 0.0
+        if part > ROUNDED and "rounding" not in self._told:
+            self._told.add("rounding")
+            name = problem.space.mesh.component_names[int(np.argmax(errors))]
+            log.warning(
+                "time %g: rounding errors of the displacement of %s, which moves and is far stiffer than the others, "
+                "may make %.2g %% of the forces: stresses and contact pressures are no more accurate",
+                time, name, 100.0 * part,
+            )  # fmt: skip
 
     def _plastic(self):
         strain, volume = self._problem.bulk.plasticity()

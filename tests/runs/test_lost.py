@@ -183,6 +183,38 @@ def test_forces_that_the_rounding_errors_of_a_stiff_body_hide(shared_tmp, caplog
     assert row["imbalance"] < 1e-3 or WORLD.rank != 0 or any("out of balance" in line for line in caplog.messages)
 
 
+def on_a_stiff_block(path, ratio, **contact):
+    """Pressure (n,) of two blocks, pressed by 0.001, of which the upper one is ``ratio`` times as stiff; the mean that
+    is expected."""
+    scene = rising(path, 0.0)
+    scene.materials = {"soft": Material(1.0, 0.0), "stiff": Material(ratio, 0.0)}
+    scene.bodies = [Body("upper", "stiff"), Body("lower", "soft")]
+    scene.contacts, scene.petsc = [Contact(name="pair", **contact)], {}
+    scene.displacements = [Displacement("upper_top", [0.0, -0.001]), Displacement("lower_bottom", [0.0, 0.0])]
+    simulation = Simulation(scene)
+    assert simulation.run(None)
+    state = simulation.problem.contacts[0].state(simulation.stepper.u)
+    simulation.close()
+    return state["pressure"], 0.001 * ratio / (1.0 + ratio)
+
+
+def test_rounding_errors_of_a_stiff_body_do_not_end_what_a_soft_one_needs(shared_tmp):
+    """The pressure is that of the soft source, and only its target is 1e12 times as stiff."""
+    path = made(shared_tmp / "b.msh", two_blocks)
+    pressure, expected = on_a_stiff_block(path, 1e12, source="lower_top", target="upper_bottom")
+    np.testing.assert_allclose(pressure, expected, rtol=1e-9)
+
+
+@pytest.mark.parametrize("ratio, told", [(1e8, False), (1e11, True)])
+def test_rounding_errors_of_a_stiff_source_are_told(shared_tmp, caplog, ratio, told):
+    """Its pressure is wrong by a rounding error of a displacement times its modulus."""
+    path = made(shared_tmp / "b.msh", two_blocks)
+    pressure, expected = on_a_stiff_block(path, ratio, source="upper_bottom", target="lower_top")
+    lines = [line for line in caplog.messages if "rounding errors" in line]
+    assert bool(lines) == told and all("upper" in line for line in lines)
+    np.testing.assert_allclose(pressure, expected, rtol=1e-15 * ratio * 5.0)
+
+
 @pytest.mark.parametrize("d", [2, 3])
 def test_how_far_points_without_a_partner_go_does_not_depend_on_the_axes(d):
     """What stops a load step is how far the target's places go along their normals, not the box around that."""

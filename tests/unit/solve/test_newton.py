@@ -109,3 +109,17 @@ def test_units_do_not_matter(unit):
     second, v = solved(scaled, np.zeros(8))
     assert first.newton == second.newton and second.converged
     np.testing.assert_allclose(u, v, rtol=1e-12)
+
+
+def test_what_is_soft_converges_though_rounding_errors_of_what_is_stiff_hide_it():
+    """The residual of a stiff spring that moves may be larger than what a soft one has left."""
+
+    def residual(u):
+        return np.array([1e12 * (u[0] - 1.0), u[1] + u[1] ** 3 - 1.0])
+
+    def tangent(u):
+        return np.diag([1e12, 1.0 + 3.0 * u[1] ** 2])
+
+    problem = FewUnknowns(2, residual, tangent, 1.0, lambda u: np.array([1e12 * (abs(u[0]) + 1.0), 1.0]))
+    result, u = solved(problem, np.zeros(2))
+    assert result.converged and abs(residual(u)[1]) < 1e-6
