@@ -6,10 +6,12 @@ import re
 import subprocess
 import sys
 import tempfile
+from contextlib import contextmanager
 from pathlib import Path
 
 from pcontact.mesh.msh import read_msh
 from pcontact.runtime.errors import InputError
+from pcontact.runtime.files import SCRIPTS
 
 # A process of its own: gmsh may crash on a damaged file. An entity whose elements are of several groups, which versions
 # before 4 may have, would get all groups for all elements.
@@ -70,8 +72,9 @@ def read_gmsh(path):
             f"{path}: found version {version} of the format, or parts of a partition, without the Python package gmsh; "
             "allowed: version 2.1 to 2.2 and 4.1, or that package installed"
         )
-    with tempfile.TemporaryDirectory() as folder:
-        return read_msh(path, _translated(path, Path(folder) / "translated.msh"))
+    data = path.read_bytes()
+    # gmsh takes a file for a script whose first line it does not know
+    return _translated(path, data[max(data.find(b"$MeshFormat"), 0) :].lstrip())
 
 
 def read_unv(path):
@@ -93,18 +96,52 @@ def read_unv(path):
     if not available():
         allowed = "another file type, or that package installed"
         raise InputError(f'{path}: needs the Python package "gmsh"; allowed: {allowed}')
+    return _translated(path, _GROUPS.sub(rb"\g<1>  2477\2", path.read_bytes()))
+
+
+@contextmanager
+def apart(path, data=None):
+    """A file as gmsh may open it, so that nothing runs: alone in a folder, for gmsh runs what has the same name and
+    `.opt` behind it, and with an ending in small letters, for gmsh runs what it does not know by its ending.
+
+    Parameters
+    ----------
+    path : Path
+        A script of gmsh stays where it is: it is run anyway, and may speak of files beside it.
+    data : bytes, optional
+        What is in the file; absent: what is in that of `path`.
+
+    Yields
+    ------
+    Path
+    """
+    if path.suffix.lower() in SCRIPTS:
+        yield path
+        return
     with tempfile.TemporaryDirectory() as folder:
-        copy = Path(folder) / path.name
-        copy.write_bytes(_GROUPS.sub(rb"\g<1>  2477\2", path.read_bytes()))
-        return read_msh(path, _translated(copy, Path(folder) / "translated.msh", path))
+        file = Path(folder) / f"file{path.suffix.lower()}"
+        if data is None:
+            file.symlink_to(path.absolute())
+        else:
+            file.write_bytes(data)
+        yield file
 
 
-def _translated(path, target, named=None):
-    """The file as one of version 4.1; messages have the name of another one of which it is a copy."""
-    words = path.read_bytes()[:1000].split()
+def _translated(path, data):
+    """What gmsh reads out of the contents of a file."""
+    words = data[:1000].split()
     old = "new" if words[:1] == [b"$MeshFormat"] and words[1:2] and words[1][:1] == b"4" else "old"
+    with apart(path, data) as file:
+        target = file.with_name("translated.msh")
+        _convert(path, file, target, old)
+        return read_msh(path, target)
+
+
+def _convert(path, file, target, old):
+    """Have gmsh write a file as one of version 4.1; messages have the name of the `path` that it is a copy of."""
     keep = {name: value for name, value in os.environ.items() if not name.startswith(_LAUNCHER)}
-    command = [sys.executable, "-c", _TRANSLATE, str(path.absolute()), str(target), old]
+    # -P: no module of the working directory, which may be that of somebody's scene
+    command = [sys.executable, "-P", "-c", _TRANSLATE, str(file), str(target), old]
     try:
         done = subprocess.run(
             command, env=keep, capture_output=True, text=True, errors="replace", timeout=_PATIENCE,
@@ -114,8 +151,8 @@ def _translated(path, target, named=None):
         if done.returncode < 0:
             reason = f"it ends with signal {-done.returncode}"
         if done.returncode == 0 and target.is_file():
-            return target
+            return
     except (OSError, subprocess.TimeoutExpired) as error:
         reason = str(error)
     words = f"gmsh cannot read it: {reason or 'no reason given'}; allowed: a complete {path.suffix} file"
-    raise InputError(f"{named or path}: {words}")
+    raise InputError(f"{path}: {words}")

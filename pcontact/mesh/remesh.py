@@ -7,6 +7,7 @@ import numpy as np
 
 from pcontact.element.reference import CELLS, edge_nodes, facet_nodes
 from pcontact.mesh.complete import number_rows
+from pcontact.mesh.gmsh_reader import apart
 from pcontact.mesh.msh import VTK_ORDER
 from pcontact.runtime import signals
 from pcontact.runtime.errors import TOLD, InputError
@@ -218,7 +219,8 @@ def remesh(path, geometry, sizes, dim, degree, groups):
         raise InputError(f"command line: -geometry: found no file {str(geometry)!r}; allowed: a file of gmsh")
     with _fresh():
         try:
-            gmsh.open(str(geometry))
+            with apart(geometry) as file:
+                gmsh.open(str(file))
             for name, value in _OPTIONS.items():
                 gmsh.option.setNumber(name, value)
             _require_groups(geometry, groups)

@@ -266,7 +266,7 @@ OPTIONS = listed(
         False, section="run",
     ),
     Option(
-        "no_code", BOOLEAN, "refuse scenes that name Python functions, which are programs", False, section="run",
+        "no_code", BOOLEAN, "refuse scenes that may run a program of Python, of gmsh or of PETSc", False, section="run",
         more="see [running.md](running.md)",
     ),
 )  # fmt: skip

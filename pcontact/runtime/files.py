@@ -18,8 +18,9 @@ from pcontact.runtime.errors import InputError, OutputError
 
 # reasons that speak of a wrong name, which is wrong input where the user has just given the name
 NAMES = (errno.ENOENT, errno.ENOTDIR, errno.EISDIR, errno.EEXIST, errno.ENAMETOOLONG, errno.ELOOP, errno.EINVAL)
-# names of files of geometries end so
-GEOMETRIES = (".geo", ".geo_unrolled", ".brep", ".step", ".stp")
+# names of files of geometries end so; those of them that are scripts, which gmsh runs
+SCRIPTS = (".geo", ".geo_unrolled")
+GEOMETRIES = (*SCRIPTS, ".brep", ".step", ".stp")
 PROBE = 1 << 20  # bytes: more than a full disk or a used up quota takes
 
 # what is being written, to be taken away if a signal ends the process

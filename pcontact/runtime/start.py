@@ -32,4 +32,6 @@ def words():
         return ["pcontact"]
     # bytes that Python could not read as text are none for petsc4py either
     line = [os.fsencode(word).decode("utf-8", "replace") for word in sys.argv]
-    return line[:1] if "pytest" in sys.modules else line
+    # a `.petscrc` in the working directory may be that of somebody's scene, and has PETSc run programs
+    skipped = ["-skip_petscrc"] if "-no_code" in line else []
+    return line[:1] if "pytest" in sys.modules else line + skipped

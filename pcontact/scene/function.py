@@ -1,8 +1,11 @@
 """Level sets of a scene: functions named as "FILE.py:NAME", or expressions, and the watch over what they return."""
 
+import re
 from collections.abc import Callable
+from pathlib import Path
 from types import ModuleType
 
+from pcontact.runtime.files import GEOMETRIES, SCRIPTS
 from pcontact.runtime.messages import input_error, shown
 from pcontact.scene.called import Watched
 from pcontact.scene.expression import Expression
@@ -11,6 +14,9 @@ from pcontact.scene.places import place
 
 # characters of an expression in a message
 SHOWN = 80
+# a value of an option of PETSc that names neither a file, which it may write or run, nor a command; hypre has words
+# such as SOR/Jacobi
+PLAIN = re.compile(r"[\w.,+-]*|\w[\w+-]*(/\w[\w+-]*)+", re.ASCII)
 
 
 def obstacle_functions(scene: Scene, index: int) -> tuple[Callable, Callable | None]:
@@ -52,18 +58,29 @@ def obstacle_functions(scene: Scene, index: int) -> tuple[Callable, Callable | N
 
 
 def require_no_code(scene: Scene) -> None:
-    """Refuse a scene that names Python functions: to read it would run a program.
+    """Refuse a scene that could run a program: of Python, of gmsh, or through an option of PETSc.
 
     Raises
     ------
     InputError
     """
+    for key, found, allowed in _programs(scene):
+        raise input_error(scene.where, key, f"{found!r}, a program, with -no_code", allowed)
+
+
+def _programs(scene):
+    """Keys that run something, their values, and what is allowed in their place."""
     for index, contact in enumerate(scene.contacts):
         for key in ("function", "gradient"):
             reference = None if contact.obstacle is None else getattr(contact.obstacle, key)
             if isinstance(reference, str):
-                where = f"{place('contacts', index, contact.name)}.obstacle.{key}"
-                raise input_error(scene.where, where, f"{reference!r}, a program, with -no_code", "expression")
+                yield f"{place('contacts', index, contact.name)}.obstacle.{key}", reference, "expression"
+    geometry = scene.mesh.geometry
+    if geometry is not None and Path(geometry).suffix.lower() in SCRIPTS:
+        yield "mesh.geometry", str(geometry), f"a file {', '.join(one for one in GEOMETRIES if one not in SCRIPTS)}"
+    for name, value in scene.petsc.items():
+        if "python" in f"{name} {value}".lower() or not PLAIN.fullmatch(value):
+            yield f"petsc.{name}", value, "numbers and words that name no file and nothing of Python"
 
 
 def _load(scene, key, reference, vector):

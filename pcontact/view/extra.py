@@ -65,7 +65,7 @@ def _works(window):
     """Whether VTK draws with such a window, tried in a process of its own: with a library missing it crashes."""
     environment = {**os.environ, _WINDOW: window} if window else {k: v for k, v in os.environ.items() if k != _WINDOW}
     try:
-        done = subprocess.run([sys.executable, "-c", _PROBE], env=environment, capture_output=True, text=True,
+        done = subprocess.run([sys.executable, "-P", "-c", _PROBE], env=environment, capture_output=True, text=True,
                               timeout=_PATIENCE)  # fmt: skip
     except subprocess.TimeoutExpired:
         return False

@@ -376,3 +376,13 @@ def test_an_installation_that_cannot_be_written(tmp_path):
     done = subprocess.run(words, env=keep | home, cwd="/", capture_output=True, text=True, **nobody)
     assert done.returncode == 0, done.stderr
     assert re.fullmatch(r"warning: compiled kernels cannot be kept \(.*\): .* NUMBA_CACHE_DIR .*\n", done.stdout)
+
+
+@pytest.mark.slow
+def test_options_in_the_folder_of_a_scene(tmp_path):
+    """PETSc reads a file of options in the working directory, unless no code is to be run."""
+    lay_out(tmp_path / "given", Case([]))
+    (tmp_path / "given" / ".petscrc").write_text("-pc_type python\n-pc_python_type ./evil.py:PC\n")
+    (tmp_path / "given" / "evil.py").write_text("open('ran', 'w').close()\nraise SystemExit\n")
+    done = execute(tmp_path / "given", ["run", "scene.toml", "-no_code"])
+    assert done.returncode == 0 and not (tmp_path / "given" / "ran").exists()

@@ -7,6 +7,7 @@ from contextlib import contextmanager
 
 import numpy as np
 
+from pcontact.mesh.gmsh_reader import apart
 from pcontact.runtime import signals
 from pcontact.runtime.errors import InputError
 
@@ -120,8 +121,8 @@ def opened(path, dim):
     gmsh.option.setNumber("General.Terminal", 0)
     try:
         try:
-            with _silent():
-                gmsh.open(str(path))
+            with _silent(), apart(path) as file:
+                gmsh.open(str(file))
         except Exception as error:  # gmsh knows no other class
             raise InputError(f"a file that gmsh cannot read: {' '.join(str(error).split())}") from None
         drawing = Drawing(gmsh.model, dim)

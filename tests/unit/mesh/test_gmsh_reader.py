@@ -1,8 +1,9 @@
-"""Universal files, which gmsh translates, with their groups."""
+"""Universal files, which gmsh translates, with their groups; what gmsh must not run."""
 
 import numpy as np
 import pytest
 
+from pcontact.mesh.geometry.drawing import opened
 from pcontact.mesh.reader import read_mesh
 from pcontact.runtime.errors import InputError
 
@@ -40,3 +41,41 @@ def test_damaged_universal_files_are_refused(tmp_path):
     (tmp_path / "m.unv").write_text("    -1\n  2411\nnothing\n")
     with pytest.raises(InputError, match=r"m\.unv.*allowed"):
         read_mesh(tmp_path / "m.unv")
+
+
+def script(folder):
+    """A script of gmsh, and the file that it makes where it is run."""
+    return f'SystemCall "touch {folder / "ran"}";\n', folder / "ran"
+
+
+@pytest.mark.parametrize("name", ["m.Unv", "m.unv", "m.msh", "m.Step", "m.brep"])
+def test_scripts_by_another_name_are_not_run(tmp_path, name):
+    pytest.importorskip("gmsh")
+    text, ran = script(tmp_path)
+    (tmp_path / name).write_text(text)
+    with pytest.raises(InputError):
+        if name.lower().endswith(("step", "brep")):
+            with opened(tmp_path / name, 3):
+                pass
+        read_mesh(tmp_path / name)
+    assert not ran.exists()
+
+
+def test_options_beside_files_are_not_run(tmp_path, session):
+    text, ran = script(tmp_path)
+    gmsh = pytest.importorskip("gmsh")
+    gmsh.model.occ.addBox(0, 0, 0, 1, 1, 1)
+    gmsh.model.occ.synchronize()
+    gmsh.write(str(tmp_path / "m.brep"))
+    (tmp_path / "m.brep.opt").write_text(text)
+    with opened(tmp_path / "m.brep", 3) as drawing:
+        assert len(drawing.boundary) == 6
+    assert not ran.exists()
+
+
+def test_modules_beside_scenes_are_not_run(tmp_path, monkeypatch):
+    pytest.importorskip("gmsh")
+    unv(tmp_path / "m.unv")
+    (tmp_path / "gmsh.py").write_text("raise SystemExit('ran')\n")
+    monkeypatch.chdir(tmp_path)
+    assert read_mesh(tmp_path / "m.unv").dim == 3

@@ -4,7 +4,18 @@ import numpy as np
 import pytest
 
 from pcontact.runtime.errors import InputError
-from pcontact.scene import Body, Contact, Material, MeshSpec, Obstacle, Scene, obstacle_functions, read_scene, validate
+from pcontact.scene import (
+    Body,
+    Contact,
+    Material,
+    MeshSpec,
+    Obstacle,
+    Scene,
+    obstacle_functions,
+    read_scene,
+    require_no_code,
+    validate,
+)
 from tests.support.scenes import LEVEL_SET
 
 
@@ -113,3 +124,32 @@ def test_gradient_that_misbehaves(tmp_path):
     obstacle.gradient = lambda x, t: 0 * x
     _, gradient = obstacle_functions(built(tmp_path, contacts=[Contact("a", obstacle=obstacle)]), 0)
     refused(lambda: gradient(np.ones((3, 2)), 0.0), key, "zero at all 3 points", "free space")
+
+
+@pytest.mark.parametrize(
+    ("more", "key"),
+    [
+        ('[petsc]\npc_type = "python"\n', "petsc.pc_type: found 'python'"),
+        ('[petsc]\nmg_levels_pc_Python_type = "evil.PC"\n', "petsc.mg_levels_pc_Python_type"),
+        ('[petsc]\npc_composite_pcs = ["jacobi", "python"]\n', "petsc.pc_composite_pcs: found 'jacobi,python'"),
+        ('[petsc]\noptions_view = "ascii:evil.sh"\n', "petsc.options_view"),
+        ('[petsc]\ndraw_save = "a; evil"\n', "petsc.draw_save"),
+        ('[petsc]\nviewer_binary_filename = "../.profile"\n', "petsc.viewer_binary_filename"),
+        ('[petsc]\nviewer_binary_filename = "/etc/a"\n', "petsc.viewer_binary_filename"),
+    ],
+)  # fmt: skip
+def test_options_that_are_programs(write, more, key):
+    text = LEVEL_SET.replace('function = "%s"', 'expression = "y"')
+    scene = read_scene(write(text + more))
+    refused(lambda: require_no_code(scene), "scene.toml", key, "with -no_code")
+
+
+@pytest.mark.parametrize("name", ["a.geo", "a.GEO", "a.geo_unrolled"])
+def test_geometries_that_are_programs(tmp_path, name):
+    scene = built(tmp_path, mesh=MeshSpec(tmp_path / "mesh.msh", geometry=name))
+    refused(lambda: require_no_code(scene), f"mesh.geometry: found {name!r}", "with -no_code", ".step")
+
+
+def test_data_are_no_programs(tmp_path):
+    words = {"pc_type": "hypre", "snes_rtol": "1e-08", "ksp_monitor": "", "relax": "l1scaled-SOR/Jacobi", "on": "0,1"}
+    require_no_code(built(tmp_path, mesh=MeshSpec(tmp_path / "mesh.msh", geometry="a.step"), petsc=words))
