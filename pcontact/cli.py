@@ -489,7 +489,8 @@ def _check_letters(word):
 def guarded(function, *args):
     """Run a program: what the user is told of ends with one line and the same status on every rank.
 
-    That is 2 for wrong input, 3 for output that cannot be written. Anything else stops every rank.
+    That is 2 for wrong input, 3 for output that cannot be written. Anything else stops every rank; where memory ends,
+    one line says so, and the status is 1.
 
     Parameters
     ----------
@@ -510,6 +511,14 @@ def guarded(function, *args):
         return error.status
     except SystemExit:
         raise
+    except MemoryError as error:
+        # whichever rank it is, while the others wait for it
+        log.setup(comm.rank, all_ranks=comm.size > 1)
+        log.error_line(f"out of memory: {error or 'no more to be had'}; remedy: a coarser mesh, a machine with more, "
+                       "or more of them; docs/howto/memory.md says what needs it")
+        if comm.size > 1:
+            comm.Abort(1)
+        return 1
     except BaseException:
         with suppress(OSError, ValueError):
             traceback.print_exc()

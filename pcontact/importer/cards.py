@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from pcontact.runtime.errors import InputError
+from pcontact.runtime.messages import CONTROL, input_error
 
 # files that include each other
 DEEPEST = 20
@@ -142,16 +143,14 @@ def read_cards(path):
 def _read(path, name, cards, depth, deck):
     if depth > DEEPEST:
         raise InputError(f"{deck}: {name}: found files that include each other; allowed: at most {DEEPEST} deep")
-    try:
-        lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
-    except OSError as error:
-        raise InputError(f"{path}: found {str(error.strerror).lower()}; allowed: a deck that can be read") from None
-    number = 0
+    lines, number = _lines(path), 0
     while number < len(lines):
         text, place = lines[number].strip(), Place(name, number + 1)
         number += 1
         if not text or text.startswith("**"):
             continue
+        if CONTROL.search(text.replace("\t", " ")):
+            raise input_error(f"{deck} {place}", "text", f"{text[:40]!r}, with a control character", "text")
         if not text.startswith("*"):
             if not cards:
                 cards.append(Card("", text[:40], {}, place, deck))
@@ -165,6 +164,16 @@ def _read(path, name, cards, depth, deck):
         if card.key == "INCLUDE":
             inner = card.need("INPUT").strip('"')
             _read(path.parent / inner, inner, cards, depth + 1, deck)
+
+
+def _lines(path):
+    """Lines of a deck; what has no end, such as a device, is none."""
+    try:
+        if path.exists() and not path.is_file():
+            raise InputError(f"{path}: found no regular file; allowed: a deck that can be read")
+        return path.read_text(encoding="utf-8", errors="replace").splitlines()
+    except OSError as error:
+        raise InputError(f"{path}: found {str(error.strerror).lower()}; allowed: a deck that can be read") from None
 
 
 def _card(text, place, path):

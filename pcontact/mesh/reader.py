@@ -65,6 +65,9 @@ def read_file(path):
         The file is missing, unreadable or of unknown type.
     """
     try:
+        if path.exists() and not path.is_file():
+            # a device or a pipe may have no end
+            raise InputError(f"{path}: found no regular file; allowed: a mesh file that can be read")
         with open(path, "rb"):
             pass
     except OSError as error:

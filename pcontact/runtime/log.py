@@ -6,6 +6,7 @@ knows nothing of MPI: rank 0 speaks, the others are silent unless asked.
 
 import logging
 import os
+import re
 import sys
 import time as clock
 from contextlib import contextmanager, suppress
@@ -16,6 +17,8 @@ from pcontact.runtime import streams
 
 LOGGER = logging.getLogger("pcontact")
 _COLOURS, _PLAIN = {"red": "\033[31m", "green": "\033[32m", "yellow": "\033[33m"}, "\033[0m"
+# colours, and control characters that are no line break
+_OBEYED = re.compile(r"\033\[\d*m|[\x00-\x08\x0b-\x1f\x7f-\x9f]")
 # a library leaves it to its caller's logging what is shown
 LOGGER.addHandler(logging.NullHandler())
 LEVELS = {"error": logging.ERROR, "warning": logging.WARNING, "info": logging.INFO, "debug": logging.DEBUG}
@@ -57,8 +60,13 @@ class _Formatter(logging.Formatter):
 
     def format(self, record):
         level = "" if record.levelno in (logging.INFO, logging.DEBUG) else f"{record.levelname.lower()}: "
-        text = f"{self.prefix}{level}{super().format(record)}"
+        text = f"{self.prefix}{level}{_visible(super().format(record))}"
         return _painted(text, "yellow") if self.colours and record.levelno >= logging.WARNING else text
+
+
+def _visible(text):
+    """Text that a terminal shows and does not obey, but for our colours: a name out of a file may hold anything."""
+    return _OBEYED.sub(lambda found: found[0] if found[0][1:] else repr(found[0])[1:-1], text)
 
 
 def _painted(text, colour):
@@ -215,7 +223,7 @@ def error_line(message, stream=None):
     head = _painted("pcontact: error:", "red") if _coloured(stream) else "pcontact: error:"
     # nobody may be there to read it; the exit status says it, too
     with suppress(OSError, ValueError):
-        _put(stream, f"{mark}{head} {' '.join(str(message).split())}\n")
+        _put(stream, f"{mark}{head} {_visible(' '.join(str(message).split()))}\n")
 
 
 def finish():

@@ -1,6 +1,7 @@
 """The one line that says what is wrong with a scene."""
 
 import difflib
+import re
 import reprlib
 from collections.abc import Iterable
 
@@ -12,6 +13,8 @@ _SHORT = reprlib.Repr()
 _SHORT.maxstring = _SHORT.maxother = 80
 _SHORT.maxlist = _SHORT.maxtuple = 8
 _NAMES = 30  # more names than this do not help to find the right one
+# a terminal obeys them, and neither XML nor HDF5 nor a line of a table can hold them all
+CONTROL = re.compile(r"[\x00-\x1f\x7f-\x9f]")
 
 
 def input_error(file: str, key: str, found: str, allowed: str) -> InputError:

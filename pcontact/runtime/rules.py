@@ -10,7 +10,7 @@ import os
 from collections.abc import Callable
 from typing import NamedTuple
 
-from pcontact.runtime.messages import input_error, kind, shown
+from pcontact.runtime.messages import CONTROL, input_error, kind, shown
 
 # sizes of numbers between which squares and products of several of them neither overflow nor lose digits
 TINY, HUGE = 1e-60, 1e60
@@ -170,6 +170,13 @@ def sequence(allowed: str, item: Rule, sizes: tuple[int, ...] | None = None, tes
 def _text(value):
     if not isinstance(value, str) or not value.strip():
         raise ValueError
+    return _printable(value)
+
+
+def _printable(value):
+    """A text, unless there are control characters in it."""
+    if CONTROL.search(value):
+        raise ValueError("with a control character")
     return value
 
 
@@ -201,7 +208,7 @@ def _option_text(value):
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, str | int):
-        return str(value)
+        return _printable(str(value))
     if isinstance(value, float):
         return repr(number().accept(value))
     if isinstance(value, list | tuple):

@@ -17,6 +17,10 @@ from pcontact.scene.target import Budget, Target
 from pcontact.scene.validate import validate
 
 HOME = ("path", "beside")
+# [parts] of a dotted key, from which on it is none of a scene: reading one takes a time that grows with their square
+DEEP = 30
+_PART = r"""(?:(?<![\w-])[\w-]++|"[^"\n]*+"|'[^'\n]*+')"""
+_DEEP = re.compile(rf"{_PART}(?:[ \t]*+\.[ \t]*+{_PART}){{{DEEP}}}")
 _ALIKE = 0.8  # likeness above which a key of the same table is what was meant
 
 
@@ -164,6 +168,7 @@ def _parse(path):
             raise input_error(str(path), "file", "a directory", "a scene file (TOML)")
         # -sig: some editors put a byte order mark first, which TOML does not know
         text = path.read_text(encoding="utf-8-sig")
+        _check_depth(path, text)
         return tomllib.loads(text)
     except OSError as error:
         raise input_error(
@@ -186,6 +191,14 @@ def _parse(path):
     if "immutable" in message:
         allowed = "all keys inside the braces { ... }, or all of them dotted, not both"
     raise input_error(str(path), where, found, allowed)
+
+
+def _check_depth(path, text):
+    """Refuse keys of very many parts before they are read."""
+    found = _DEEP.search(text)
+    if found is not None:
+        where = f"line {text.count(chr(10), 0, found.start()) + 1}"
+        raise input_error(str(path), where, f"a key of more than {DEEP} parts, {cut(found[0])}", "keys of a scene")
 
 
 def _keys(cls):

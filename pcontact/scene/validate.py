@@ -5,7 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from pcontact.runtime.files import GEOMETRIES
-from pcontact.runtime.messages import closeness, input_error, listed, nearest, shown, unknown_name
+from pcontact.runtime.messages import CONTROL, closeness, input_error, listed, nearest, shown, unknown_name
 from pcontact.runtime.rules import PETSC_VALUE, TEXT, apply
 from pcontact.scene.keys import keys
 from pcontact.scene.model import (
@@ -195,7 +195,7 @@ def _check_values(scene):
             value = apply(declared.rule, getattr(table, key), scene.where, f"{where}.{key}" if where else key)
             setattr(table, key, value)
     for name in scene.petsc:
-        if not isinstance(name, str) or not name.strip("-") or any(c.isspace() for c in name):
+        if not isinstance(name, str) or not name.strip("-") or any(c.isspace() or CONTROL.match(c) for c in name):
             raise input_error(
                 scene.where, "petsc", f"an option named {name!r}", "names of options without blanks"
             )

@@ -23,7 +23,7 @@ from pathlib import Path
 import numpy as np
 from grids import msh_text
 from judge import SINGULAR, differences, numbers_of, scales
-from runner import job_of, run_jobs
+from runner import job_of, run_jobs, take_along
 from scenes import scene_of, texts
 from variants import TIGHT, in_units, variants_of
 
@@ -359,6 +359,7 @@ def main(words=None):
     parser.add_argument("--plan", type=json.loads, default=None, help="draws that are fixed, in JSON")
     parser.add_argument("-o", type=Path, default=None, help="directory for shrunk failures (default: none)")
     given = parser.parse_args(words)
+    take_along()
 
     def say(text):
         sys.stdout.write(text + "\n")

@@ -15,18 +15,15 @@ The exit status is 1 if a life failed, or its numbers are not those.
 import argparse
 import csv
 import json
-import os
-import signal
 import subprocess
 import sys
 import tempfile
 import time
-from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from runner import command, environment
+from runner import begin, command, environment, kill, of_session, take_along
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 from pcontact.cli import guarded, run_scene  # noqa: E402
@@ -84,38 +81,8 @@ def start(kind, folder, out, ranks, restart, log):
     """A process that runs a scene on some ranks, in a session of its own."""
     words = ["--live", kind, folder, out, *([out] if restart else [])]
     folder.mkdir(parents=True, exist_ok=True)
-    return subprocess.Popen(
-        command(__file__, ranks, *words), stdout=log, stderr=log, stdin=subprocess.DEVNULL, start_new_session=True,
-        env={**environment(), "TMPDIR": str(folder), "OMPI_MCA_btl_vader_backing_directory": str(folder)},
-    )  # fmt: skip
-
-
-def of_session(leader):
-    """Processes of a session: the launcher and all ranks."""
-    found = []
-    for entry in Path("/proc").iterdir():
-        try:
-            # PID (COMMAND) STATE PPID PGRP SESSION ...
-            if entry.name.isdigit() and int((entry / "stat").read_text().rpartition(")")[2].split()[3]) == leader:
-                found.append(int(entry.name))
-        except OSError:
-            continue
-    return found
-
-
-def kill(process, known=()):
-    """End all processes of a run at once; to list them takes longer than to write a checkpoint."""
-    for pid in known:
-        send(pid, signal.SIGSTOP)
-    for pid in of_session(process.pid):
-        send(pid, signal.SIGKILL)
-    process.wait()
-
-
-def send(pid, what):
-    """Send a signal to a process, if it is still there."""
-    with suppress(ProcessLookupError):
-        os.kill(pid, what)
+    places = {"TMPDIR": str(folder), "OMPI_MCA_btl_vader_backing_directory": str(folder)}
+    return begin(command(__file__, ranks, *words), log, {**environment(), **places})
 
 
 def stamp(path):
@@ -281,6 +248,7 @@ def main():
     parser.add_argument("--only", default="", help="kinds of scenes whose names have this word, such as finite, driver")
     parser.add_argument("-o", type=Path, help="results stay there (default: nowhere)")
     args = parser.parse_args()
+    take_along()
     kinds = [kind for kind in EVERY if args.only in kind]
     if not kinds:
         parser.error(f"--only {args.only}: no kind of scenes has this word; there are {', '.join(EVERY)}")

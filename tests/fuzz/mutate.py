@@ -24,7 +24,7 @@ import numpy as np
 from grids import msh_text
 from independent import Unread, complaints, lost, mesh_of, read_toml
 from mutations import hdf5_mutated, mesh_mutated, scene_mutated
-from runner import supervised
+from runner import supervised, take_along
 from scenes import scene_of, texts
 
 HERE = Path(__file__).resolve().parent
@@ -279,6 +279,7 @@ def main(words=None):
     parser.add_argument("--targets", nargs="+", choices=TARGETS, default=TARGETS)
     parser.add_argument("-o", type=Path, default=None, help="directory for the input of failures")
     given = parser.parse_args(words)
+    take_along()
 
     def say(text):
         sys.stdout.write(text + "\n")

@@ -6,13 +6,17 @@ import pickle
 import signal
 import subprocess
 import sys
+import threading
 import time
+from contextlib import suppress
 from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parents[1]
 # seconds that one run may take on a machine that does other things as well, and compiles the kernels first
 PATIENCE = float(os.environ.get("PCONTACT_FUZZ_PATIENCE", 400.0))
+# processes of runs, and who starts one
+_begun, _starting = [], threading.RLock()
 
 
 def environment():
@@ -42,6 +46,66 @@ def job_of(folder, options=None, restart=None, of=None, checkpoint=False, write=
     """A job of worker.py."""
     return {"folder": str(folder), "options": options or {}, "restart": restart, "of": None if of is None else str(of),
             "checkpoint": checkpoint, "write": write, "tangent": tangent}  # fmt: skip
+
+
+def begin(words, log, env):
+    """A process in a session of its own."""
+    with _starting:
+        _begun.append(subprocess.Popen(
+            words, stdout=log, stderr=log, stdin=subprocess.DEVNULL, env=env, start_new_session=True,
+        ))  # fmt: skip
+        return _begun[-1]
+
+
+def of_session(leader):
+    """Processes of a session: the launcher and all ranks."""
+    found = []
+    for entry in Path("/proc").iterdir():
+        try:
+            # PID (COMMAND) STATE PPID PGRP SESSION ...
+            if entry.name.isdigit() and int((entry / "stat").read_text().rpartition(")")[2].split()[3]) == leader:
+                found.append(int(entry.name))
+        except OSError:
+            continue
+    return found
+
+
+def kill(process, known=()):
+    """End all processes of a run at once; to list them takes longer than to write a checkpoint."""
+    for pid in known:
+        send(pid, signal.SIGSTOP)
+    for pid in of_session(process.pid):
+        send(pid, signal.SIGKILL)
+    process.wait()
+
+
+def send(pid, what):
+    """Send a signal to a process, if it is still there."""
+    with suppress(ProcessLookupError):
+        os.kill(pid, what)
+
+
+def end(process):
+    """End a process and all of its session: the launcher first, which clears up behind its ranks."""
+    with suppress(subprocess.TimeoutExpired):
+        send(process.pid, signal.SIGTERM)
+        process.wait(10)
+    kill(process)
+
+
+def take_along():
+    """Have SIGINT and SIGTERM end the processes of runs before this one: they have sessions of their own."""
+
+    def stop(number, frame):
+        # held to the end: no thread starts another one
+        _starting.acquire()
+        for process in _begun:
+            if process.poll() is None:
+                end(process)
+        os._exit(128 + number)
+
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, stop)
 
 
 def run_jobs(jobs, ranks, work):
@@ -102,10 +166,7 @@ def _supervise(script, path, ranks):
     """Run a list until it ends or stands still; how many jobs have ended, and how the next one did not."""
     done, log = Path(f"{path}.done"), Path(f"{path}.log")
     with open(log, "w") as stream:
-        process = subprocess.Popen(
-            command(script, ranks, path), stdout=stream, stderr=stream, stdin=subprocess.DEVNULL,
-            env=environment(), start_new_session=True,
-        )  # fmt: skip
+        process = begin(command(script, ranks, path), stream, environment())
         size, since, status = -1, time.monotonic(), "crashed"
         while process.poll() is None:
             now = done.stat().st_size if done.exists() else 0
@@ -113,11 +174,7 @@ def _supervise(script, path, ranks):
                 size, since = now, time.monotonic()
             if time.monotonic() - since > PATIENCE:
                 status = "hung"
-                os.killpg(process.pid, signal.SIGTERM)
-                try:
-                    process.wait(10)
-                except subprocess.TimeoutExpired:
-                    os.killpg(process.pid, signal.SIGKILL)
+                end(process)
                 break
             time.sleep(0.02)
         process.wait()

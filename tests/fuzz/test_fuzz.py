@@ -1,13 +1,18 @@
 """A minute of random scenes, and whether the judge would see what is wrong with one."""
 
 import copy
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
 
 import fuzz
 import numpy as np
 import pytest
 from grids import Elements, block, reference, symmetries, turned
 from judge import differences, numbers_of, scales
-from runner import job_of, run_jobs
+from runner import environment, job_of, of_session, run_jobs
 from scenes import scene_of, texts
 from variants import Motion, Variant, moved
 
@@ -201,3 +206,30 @@ def test_shrinking_ends_at_the_smallest_scene(tmp_path, monkeypatch):
     case = scene_of(seed, small.plan)
     assert case.dim == 2 and len(case.scene["bodies"]) == 1 and case.scene["steps"]["count"] == 1
     assert any(c.get("friction") for c in case.scene["contacts"])
+
+
+WORKER = """\
+import os, pathlib, signal, sys, time
+signal.signal(signal.SIGTERM, signal.SIG_IGN)
+pathlib.Path(sys.argv[1] + ".pid").write_text(str(os.getpid()))
+time.sleep(100)
+"""
+SUPERVISOR = """\
+import pathlib, sys
+from runner import supervised, take_along
+take_along()
+supervised(pathlib.Path(sys.argv[1]), [{}], 1, pathlib.Path(sys.argv[2]), None)
+"""
+
+
+def test_a_campaign_that_is_stopped_takes_its_processes_along(tmp_path):
+    """Also one that does not hear SIGTERM."""
+    (tmp_path / "worker.py").write_text(WORKER)
+    words = [sys.executable, "-c", SUPERVISOR, str(tmp_path / "worker.py"), str(tmp_path)]
+    process = subprocess.Popen(words, cwd=Path(__file__).parent, env=environment())
+    while not (found := [file.read_text() for file in tmp_path.glob("*.pid")]) or not found[0]:
+        assert process.poll() is None
+        time.sleep(0.05)
+    process.send_signal(signal.SIGTERM)
+    assert process.wait(60) == 128 + signal.SIGTERM
+    assert not of_session(int(found[0]))

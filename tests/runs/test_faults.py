@@ -62,6 +62,17 @@ def test_every_rank_learns_of_an_error_of_output(capfd):
     assert lines == (["pcontact: error: x: full"] * 2 if WORLD.rank == 0 else [])
 
 
+def test_the_end_of_memory_is_one_line(capfd):
+    """On one rank; on several the one that has none left stops all."""
+
+    def most():
+        return np.empty(1 << 55)
+
+    assert guarded(most) == 1
+    (line,) = capfd.readouterr().err.splitlines()
+    assert line.startswith("pcontact: error: out of memory: Unable to allocate") and "remedy" in line
+
+
 # -- a disk that is full ----------------------------------------
 
 

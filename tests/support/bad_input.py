@@ -452,6 +452,14 @@ CASES = {
         scene=expression("x").scene.replace("shape =", 'function = "functions.py:phi", shape ='), functions="",
     ),
     "level set of another shape": level_set("return x", r"shape \(\d+, 2\)"),
+    "control character in a name": Case(
+        [r"contacts\[0\] \(pa\\x00ir\)\.name: found a string 'pa\\x00ir', with a control character", "allowed"],
+        scene=swapped('"pair"', r'"pa\u0000ir"'),
+    ),
+    "control character in the name of a material": Case(
+        [r"materials: found a string 'm\\x1b', with a control character", "allowed"],
+        scene=SCENE.replace("[materials.m]", r'[materials."m\u001b"]').replace('"m"', r'"m\u001b"', 2),
+    ),
     "solver of the scene": Case(["-pc_type nonsense", "allowed"], scene=SCENE + "[petsc]\npc_type = 'nonsense'\n"),
     "number of the scene": Case(["-snes_rtol abc", "allowed"], scene=SCENE + "[petsc]\nsnes_rtol = 'abc'\n"),
 }

@@ -50,6 +50,10 @@ def test_included_files_have_lines_of_their_own(tmp_path):
         ("*NODE\n5, one, 2\n", ("line 11", "'one'", "a finite number")),
         ("*INCLUDE, INPUT=nothing.inp\n", ("nothing.inp", "no such file")),
         ("*INCLUDE, INPUT=deck.inp\n", ("deck.inp", "include each other")),
+        ("*INCLUDE, INPUT=/dev/zero\n", ("/dev/zero", "no regular file")),
+        ("*INCLUDE, INPUT=.\n", ("no regular file",)),
+        ("*NSET, NSET=a\ab\n1\n", ("line 10", r"'*NSET, NSET=a\x07b'", "a control character")),
+        ("*NSET, NSET=a\n\x00\n", ("line 11", "a control character")),
     ],
 )
 def test_what_cannot_be_read_is_named(tmp_path, more, words):

@@ -55,6 +55,14 @@ def test_error_is_one_line(stream):
     assert stream.getvalue() == "pcontact: error: scene.toml: [mesh] ordre: unknown key\n"
 
 
+def test_a_terminal_obeys_no_name_of_a_file(stream):
+    log.setup(0, stream)
+    log.info("a\x1b]0;title\x07\tb\rc \x1b[32mgreen\x1b[0m\n\x9b")
+    log.error_line("d\x1b[2J", stream)
+    lines = r"a\x1b]0;title\x07", r"b\rc " + "\x1b[32mgreen\x1b[0m\n" + r"\x9b", r"pcontact: error: d\x1b[2J"
+    assert stream.getvalue() == f"{lines[0]}\t{lines[1]}\n{lines[2]}\n"
+
+
 def test_progress_in_a_file_is_plain_lines(stream):
     log.setup(0, stream)
     with log.Progress(2.0, "load", lines=4) as progress:

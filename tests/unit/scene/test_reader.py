@@ -220,6 +220,8 @@ def test_shape_of_the_file(write, text, parts):
         ("a = 1\na = 2\n", ("line 2, column 6: found cannot overwrite a value in 'a = 2'",)),
         ("o = {a = 1}\no.b = 2\n", ("line 2, column", "inside the braces")),
         (b"title = '\xff'\n", ("byte 9: found text that is not UTF-8", "UTF-8")),
+        ("b = 1\n" + "a." * 100000 + "a = 1\n", ("line 2", "more than 30 parts", "allowed: keys of a scene")),
+        ("b = 1\n[" + "'a b' . " * 100000 + "a]\n", ("line 2", "more than 30 parts")),
         ("a = " + "[" * 5000, ("scene.toml: somewhere: found",)),
         ("a = " + "9" * 5000, ("scene.toml: somewhere: found",)),
     ],
