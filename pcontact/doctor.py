@@ -22,7 +22,7 @@ from pcontact.view import extra
 _NEEDED = ("numpy", "numba", "mpi4py", "petsc4py", "h5py", "tqdm")
 _OPTIONAL = {
     "meshio": "reads meshes that are no .msh", "gmsh": "makes meshes",
-    "matplotlib": "curves of `pcontact plot`", "pyvista": "pictures; the first `pcontact view` installs it",
+    "matplotlib": "curves of `pcontact plot`", "pyvista": "pictures; `pcontact view` says how to install it",
     "pandas": "tables in Python",
 }  # fmt: skip
 _SOLVERS = {

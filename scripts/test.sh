@@ -11,7 +11,7 @@ set -uo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.." || exit 2
 . scripts/env.sh || exit 2
 # what draws is no part of the set-up; where it cannot be had, its tests are left out
-python3 -c 'from pcontact.view import extra; extra.require()' ||
+python3 -c 'from pcontact.view import extra; extra.install()' ||
     printf 'without pyvista: tests of pictures are left out\n'
 python3 -c 'import mkdocs, mypy' 2>/dev/null || python3 -m pip install -q --disable-pip-version-check --no-input \
     -c "$(python3 -c 'import sys; print(sys.prefix)')/pcontact-constraints.txt" mkdocs-material mypy ||

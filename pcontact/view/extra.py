@@ -2,12 +2,13 @@
 
 import ctypes
 import os
+import shlex
 import subprocess
 import sys
 from importlib.util import find_spec
 from pathlib import Path
 
-from pcontact.runtime import log
+from pcontact.runtime import log, streams
 from pcontact.runtime.errors import InputError
 
 PACKAGES = ("pyvista>=0.44", "matplotlib", "trame-vtk", "imageio-ffmpeg")  # as the extra `view` of pyproject.toml
@@ -31,7 +32,7 @@ def missing(modules=MODULES):
 
 
 def require(modules=MODULES):
-    """See to it that modules of the extra are there; install it into an environment that the set-up has made.
+    """See to it that modules of the extra are there; in a venv of the set-up a terminal is asked to install them.
 
     Parameters
     ----------
@@ -40,25 +41,53 @@ def require(modules=MODULES):
     Raises
     ------
     InputError
-        They are not, and cannot be installed: one line that says what to do.
+        They are not, and are not to be installed, or cannot: one line that says what to do.
     """
     if not missing(modules):
         return
-    words = f"pcontact view: found no Python package {', '.join(missing(modules))}"
-    by_hand = f"{sys.executable} -m pip install {' '.join(repr(name) for name in PACKAGES)}"
-    stamp = Path(sys.prefix) / "pcontact-setup"
-    if not stamp.exists() or not os.access(sys.prefix, os.W_OK):
-        raise InputError(f"{words}; allowed: the extra `view`: {by_hand}")
+    ours = (Path(sys.prefix) / "pcontact-setup").exists() and os.access(sys.prefix, os.W_OK)
+    if not ours or not _agreed(f"{_lost(modules)}. Install it into {sys.prefix}, about 600 MB?"):
+        raise InputError(f"{_lost(modules)}; allowed: the extra `view`: {shlex.join(_command())} (about 600 MB)")
+    install(modules)
+
+
+def install(modules=MODULES):
+    """Install what draws into the environment, unless it is there.
+
+    Raises
+    ------
+    InputError
+        It cannot be had.
+    """
+    if not missing(modules):
+        return
     log.info("installing what draws, once (about 600 MB): %s", " ".join(PACKAGES))
-    constraints = Path(sys.prefix) / "pcontact-constraints.txt"
-    done = subprocess.run(
-        [sys.executable, "-m", "pip", "install", "-q", "--disable-pip-version-check", "--no-input",
-         *(["-c", str(constraints)] if constraints.exists() else []), *PACKAGES],
-        capture_output=True, text=True,
-    )  # fmt: skip
+    quietly = ["-q", "--disable-pip-version-check", "--no-input"]
+    done = subprocess.run([*_command(), *quietly], capture_output=True, text=True)
     if done.returncode or missing(modules):
         last = (done.stderr.strip().splitlines() or ["it is still missing"])[-1]
-        raise InputError(f"{words}, and pip could not install it ({last}); allowed: {by_hand}")
+        raise InputError(f"{_lost(modules)}, and pip could not install it ({last}); allowed: {shlex.join(_command())}")
+
+
+def _lost(modules):
+    """Which modules are missing, for messages."""
+    return f"pcontact view: found no Python package {', '.join(missing(modules))}"
+
+
+def _command():
+    """The words that install the extra, at the versions of the set-up where it has said some."""
+    constraints = Path(sys.prefix) / "pcontact-constraints.txt"
+    given = ["-c", str(constraints)] if constraints.exists() else []
+    return [sys.executable, "-m", "pip", "install", *given, *PACKAGES]
+
+
+def _agreed(question):
+    """Whether somebody at a terminal says yes."""
+    if not (streams.is_terminal(sys.stdin) and streams.is_terminal(sys.stderr)):
+        return False
+    sys.stderr.write(f"{question} [y/N] ")
+    sys.stderr.flush()
+    return sys.stdin.readline().strip().lower() in ("y", "yes")
 
 
 def _works(window):

@@ -1,10 +1,13 @@
 """Pictures: what is seen, where solids are cut, which field is meant, and that files come out."""
 
+import io
 import json
 import re
 import shutil
 import subprocess
 import sys
+from contextlib import nullcontext
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -374,6 +377,22 @@ def test_without_what_draws_one_line_says_what_to_install(solid_run, monkeypatch
     monkeypatch.setattr(sys, "prefix", str(solid_run))
     with pytest.raises(InputError, match=r"found no Python package pyvista.*the extra `view`: .* -m pip install"):
         show(str(solid_run), {})
+
+
+@pytest.mark.parametrize(("answer", "runs"), [(None, 0), ("\n", 0), ("no\n", 0), ("y\n", 1)])
+def test_nothing_is_installed_unasked(tmp_path, monkeypatch, answer, runs):
+    """Nor where nobody can be asked."""
+    commands = []
+    (tmp_path / "pcontact-setup").touch()
+    monkeypatch.setattr(sys, "prefix", str(tmp_path))
+    monkeypatch.setattr(extra, "find_spec", lambda name: None if len(commands) == 0 else name)
+    monkeypatch.setattr(extra.subprocess, "run", lambda words, **_: commands.append(words) or Mock(returncode=0))
+    for name in ("stdin", "stderr"):
+        monkeypatch.setattr(sys, name, io.StringIO(answer))
+        getattr(sys, name).isatty = lambda: answer is not None
+    with nullcontext() if runs else pytest.raises(InputError, match="-m pip install"):
+        extra.require()
+    assert len(commands) == runs
 
 
 def test_what_cannot_draw_is_found_out_in_another_process(monkeypatch):
