@@ -104,17 +104,22 @@ class _Instance:
         """Rows of elements; of an analytical surface points, in the plane or of its axes, as the part has them."""
         kind = card.word("TYPE", "ELEMENT")
         if kind == "SEGMENTS":
-            return [(place, [words[0], *self._pairs(card.numbers(place, words[1:]))]) for place, words in card.rows]
+            return [(place, [words[0], *self._pairs(card, place, words)]) for place, words in card.rows]
         if kind not in _FRAMES:
             return self._first(card)
         rows = [(place, words) for place, words in card.rows if any(words)]
         begin = next((k for k, (_, words) in enumerate(rows) if words[0].upper() == "START"), len(rows))
         numbers = [x for place, words in rows[:begin] for x in card.numbers(place, words)] or _FRAMES[kind]
+        if len(numbers) % 3:
+            raise card.refuse(f"{len(numbers)} numbers before START", "three of each point of its axes")
         points = [self.place.point(numbers[k : k + 3]).tolist() for k in range(0, len(numbers), 3)]
         return [(card.place, [repr(x) for x in point]) for point in points] + rows[begin:]
 
-    def _pairs(self, numbers):
+    def _pairs(self, card, place, words):
         """Points of the plane as the assembly has them."""
+        numbers = card.numbers(place, words[1:-1] if words[-1:] == [""] else words[1:])
+        if len(numbers) % 2:
+            raise card.refuse(", ".join(words), "START, LINE, CIRCL or PARAB and two numbers a point", place)
         points = [self.place.point([*numbers[k : k + 2], 0.0])[:2] for k in range(0, len(numbers), 2)]
         return [repr(float(x)) for point in points for x in point]
 

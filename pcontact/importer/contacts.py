@@ -8,6 +8,9 @@ from pcontact.importer.faces import FACING, distances, facing_faces, outward, su
 ROUGH, LARGEST = 100.0, 3.0
 # springs of contact that are stiffer than a layer of elements are a numerical means; softer ones are a soft layer
 HARD = 1.0
+# [layers of elements] From which on springs where points stick stand for none. From: they are 2 % of what yields of two
+# bodies of one layer each, whose shear modulus is E / 2.6.
+RIGID_STICK = 10.0
 # [lengths of an edge] gaps that ADJUST closes of a set of nodes, and those of surfaces that touch
 WHATEVER, TOUCHING = 0.1, 1e-6
 # rows of a table for exponential springs, and from where on they have no pressure [distances at which it is 1 %]
@@ -162,7 +165,8 @@ class Contacts:
         if wanted == "SURFACEBEHAVIOR":
             pair, faces = pairs[0] if pairs else ({}, [])
             other = {"pressure_overclosure": None}
-            tied = self._behavior(following, values, faces, other) if pairs else False
+            stay = "stick_stiffness" in pair
+            tied = self._behavior(following, values, (faces, stay), other) if pairs else False
             if not pairs or tied != ("tied" in pair):
                 self._let_go(card, following, pairs, other["pressure_overclosure"])
             elif other["pressure_overclosure"] != pair.get("pressure_overclosure"):
@@ -268,20 +272,33 @@ class Contacts:
             self.findings.leave(card, "massless contact is for dynamics", place)
         if "SMALLSLIDING" in card.parameters:
             self.findings.change(card, "small sliding: partners are found in every load step", place)
-        if "ADJUST" in card.parameters and "obstacle" in table:
-            self.findings.change(card, "ADJUST: gaps and overlaps with a rigid surface stay as they are", place)
-        elif "ADJUST" in card.parameters:
-            target = surface_faces(self.deck, self.deck.surface_of(card, place, words_of[1]))
-            table |= {"interference": "adjust", "adjust_within": self._adjusted(card, place, faces, target)}
-            words = f"gaps up to {table['adjust_within']:.3g} and overlaps are closed at points, no node is moved"
-            self.findings.change(card, words, place)
         interaction = self.deck.interactions.get(card.need("INTERACTION").upper())
         if interaction is None:
             raise card.refuse(f"the unknown interaction {card.get('INTERACTION')!r}", ", ".join(self.deck.interactions))
         self._interaction(interaction, table, faces)
+        if "ADJUST" in card.parameters:
+            self._adjust(card, place, words_of[1], (table, faces))
         self._pairs.setdefault(card.need("INTERACTION").upper(), []).append((table, faces))
         self._cards[id(table)] = card
         return table
+
+    def _adjust(self, card, place, other, pair):
+        """ADJUST of a pair, the `other` of whose surfaces is the master."""
+        table, faces = pair
+        if "obstacle" in table:
+            self.findings.change(card, "ADJUST: gaps and overlaps with a rigid surface stay as they are", place)
+            return
+        if "tied" in table:
+            word = card.need("ADJUST")
+            distance = 0.0 if word.upper() in self.deck.node_sets else card.number(place, word)
+            table["search_radius"] = distance or WHATEVER * self._edge(faces)
+            words = f"tied as the surfaces lie, up to {table['search_radius']:.3g} from each other: nodes are not moved"
+            self.findings.change(card, words, place)
+            return
+        target = surface_faces(self.deck, self.deck.surface_of(card, place, other))
+        table |= {"interference": "adjust", "adjust_within": self._adjusted(card, place, faces, target)}
+        words = f"gaps up to {table['adjust_within']:.3g} and overlaps are closed at points, no node is moved"
+        self.findings.change(card, words, place)
 
     def _adjusted(self, card, place, faces, target):
         """How wide gaps are closed by ADJUST: a distance, or a set of nodes whatever their gap."""
@@ -314,8 +331,8 @@ class Contacts:
         sides = [self.deck.surface_of(card, card.place, card.need(name)).name for name in ("SLAVE", "MASTER")]
         pair = next((pair for pairs in self._pairs.values() for pair, _ in pairs
                      if [pair.get("source"), pair.get("target")] == sides), None)  # fmt: skip
-        if pair is None or "interference" in pair:
-            self.findings.leave(card, "of surfaces that are no contact pair, or with ADJUST")
+        if pair is None or {"interference", "tied"} & pair.keys():
+            self.findings.leave(card, "of surfaces that are no contact pair, or with ADJUST, or tied")
             return
         pair["clearance"] = card.number(card.place, card.need("VALUE"))
         self.findings.take(card)
@@ -324,8 +341,9 @@ class Contacts:
         self._used.add(cards[0].place)
         self.findings.know(cards[0], "NAME")
         self.findings.take(cards[0])
-        tied = False
-        for card in cards[1:]:
+        tied, sticks = False, self._sticks(cards, faces)
+        # what friction is depends on how surfaces press on each other
+        for card in sorted(cards[1:], key=lambda card: card.key == "FRICTION"):
             values = [card.numbers(place, words) for place, words in card.rows]
             if card.key == "SURFACEBEHAVIOR":
                 self.findings.know(card, "PRESSURE-OVERCLOSURE", "PENALTY", "AUGMENTEDLAGRANGE", "DIRECT",
@@ -333,22 +351,43 @@ class Contacts:
                 if "NOSEPARATION" in card.parameters:
                     table["bilateral"] = True
                     self.findings.take(card, "surfaces do not part")
-                tied = self._behavior(card, values, faces, table)
+                tied = self._behavior(card, values, (faces, sticks > 0.0), table)
             elif card.key == "FRICTION":
-                self._friction(card, values, table)
+                self._friction(card, values, table, 0.0 if tied else sticks)
             elif card.key in ("GAPCONDUCTANCE", "GAPHEATGENERATION", "CONTACTDAMPING"):
                 self.findings.skip(card, "no static solution depends on it")
             else:
                 self.findings.leave(card, "not known")
-        if tied:
+        if tied and table.get("target") in (None, table.get("source")):
+            self.findings.leave(cards[0], "tied to a rigid surface, to itself, or all surfaces: contact instead")
+        elif tied:
             self._loose[id(table)] = {key: table[key] for key in ("friction",) if key in table}
-            table.pop("friction", None)
-            table.pop("interference", None)
+            # nothing else means anything where surfaces are tied
+            for key in table.keys() - {"source", "target"}:
+                del table[key]
             table["tied"] = True
 
-    def _behavior(self, card, values, faces, table):
-        """Pressure over overclosure; whether the surfaces are tied."""
-        kind = card.word("PRESSURE-OVERCLOSURE", "HARD")
+    def _sticks(self, cards, faces):
+        """Springs that hold where points stick, if they yield as the bodies do; else 0."""
+        card = next((card for card in cards if card.key == "FRICTION" and card.rows), None)
+        if card is None or not faces:
+            return 0.0
+        slope = (card.numbers(*card.rows[0]) + [0.0])[1]
+        return slope if slope < RIGID_STICK * self._layer(faces) else 0.0
+
+    def _behavior(self, card, values, pair, table):
+        """Pressure over overclosure; whether the surfaces are tied.
+
+        Parameters
+        ----------
+        card : Card
+        values : list of list of float
+            Its lines.
+        pair : (list of (int, int), bool)
+            Faces of the source; whether springs stay, however stiff they are: others hold beside them.
+        table : dict
+        """
+        (faces, stay), kind = pair, card.word("PRESSURE-OVERCLOSURE", "HARD")
         if kind == "HARD":
             self.findings.take(card, "no overlap is left")
             return False
@@ -372,7 +411,7 @@ class Contacts:
             return False
         part = slope / self._layer(faces)
         words = f"springs of {slope:g}, {part:.2g} times a layer of elements"
-        if part >= HARD:
+        if part >= HARD and not stay:
             self.findings.change(card, f"{words}: here no overlap is left")
         elif kind == "LINEAR":
             table["pressure_overclosure"] = slope
@@ -391,7 +430,7 @@ class Contacts:
         """Stiffness of the elements of a surface per area: modulus over the length of their faces, the mean."""
         return float(np.mean([self.modulus[e] for e, _ in faces])) / self._edge(faces)
 
-    def _friction(self, card, values, table):
+    def _friction(self, card, values, table, sticks=0.0):
         self.findings.know(card, "ROUGH", "TAUMAX", "SLIPTOLERANCE", "ELASTICSLIP")
         first = values[0] if values and values[0] else [0.0]
         value = float("inf") if "ROUGH" in card.parameters else first[0]
@@ -406,6 +445,9 @@ class Contacts:
             if "pressure_overclosure" in table:
                 table["stick_stiffness"] = first[1]
                 self.findings.take(card, f"{value:g}")
+            elif sticks:
+                words = f"springs of {sticks:g} where it sticks: they need *SURFACE BEHAVIOR with springs"
+                self.findings.leave(card, words)
             else:
                 self.findings.change(card, f"{value:g}, without the springs of {first[1]:g} where it sticks")
         else:
@@ -418,6 +460,9 @@ class Contacts:
             self.findings.leave(card, "a tie of stages of different cyclic symmetry", place)
             return None
         table, faces = self._sides(card, place, words)
+        if table is not None and table.get("target") in (None, table["source"]):
+            self.findings.leave(card, f"a tie to a rigid surface, or of one with itself: {', '.join(words[:2])}", place)
+            return None
         if table is None:
             return None
         others = surface_faces(self.deck, self.deck.surface_of(card, place, words[1]))

@@ -237,7 +237,8 @@ def read_deck(path):
             block.append(card)
         elif step is None and card.key in _OF_INTERACTION and last is deck.interactions and block is not None:
             block.append(card)
-        elif step is not None:
+        elif step is not None and not (card.key == "CONTACTPAIR" and len(deck.steps) == 1):
+            # what begins with the first step is there all the time
             step.cards.append(card)
         elif card.key != "INCLUDE":
             deck.model.append(card)

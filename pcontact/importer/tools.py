@@ -1,6 +1,7 @@
 """Rigid surfaces of a deck, of rigid elements or of lines and arcs, as obstacles whose surface is a mesh file."""
 
 from dataclasses import dataclass, field
+from itertools import chain, count
 
 import numpy as np
 
@@ -37,7 +38,7 @@ class Tool:
     curved : bool
         Whether facets have degree 2.
     table : dict
-        Of the obstacle.
+        Of the obstacle; its `file` is the name of the mesh file.
     """
 
     name: str
@@ -46,16 +47,11 @@ class Tool:
     curved: bool = False
     table: dict = field(default_factory=dict)
 
-    @property
-    def file(self):
-        """str : name of its mesh file."""
-        return f"{''.join(c if c.isalnum() or c in '_-' else '_' for c in self.name)}.msh"
-
     def write(self, directory):
         """Write the mesh file. Serial."""
         kinds = _CURVED if self.curved else _GMSH
         facets = [(k, kinds[len(one)], 1, [n + 1 for n in one]) for k, one in enumerate(self.facets, 1)]
-        write_msh(directory / self.file, enumerate(self.nodes.tolist(), 1), facets)
+        write_msh(directory / self.table["file"], enumerate(self.nodes.tolist(), 1), facets)
 
 
 class Tools:
@@ -66,10 +62,12 @@ class Tools:
     deck : Deck
     size : float
         Extent of the bodies [length].
+    mesh_name : str
+        Name of the file of the bodies' mesh, beside which those of the tools lie.
     """
 
-    def __init__(self, deck, size):
-        self._deck, self._size, self.used = deck, size, {}
+    def __init__(self, deck, size, mesh_name):
+        self._deck, self._size, self._mesh_name, self.used = deck, size, mesh_name, {}
 
     @staticmethod
     def rigid(surface):
@@ -93,10 +91,17 @@ class Tools:
         key = surface.name.upper()
         if key not in self.used:
             made = self._of_elements(surface) if surface.sides else self._analytical(surface)
-            made.table |= {"shape": "mesh", "file": made.file}
+            made.table |= {"shape": "mesh", "file": self._file(surface.name)}
             self._face(made, faces)
             self.used[key] = made
         return self.used[key]
+
+    def _file(self, name):
+        """A name of a mesh file that no other one has, also where capitals do not count."""
+        stem = "".join(c if c.isalnum() or c in "_-" else "_" for c in name)
+        taken = {file.lower() for file in (self._mesh_name, *(tool.table["file"] for tool in self.used.values()))}
+        files = (f"{stem}{more}.msh" for more in chain([""], map("_{}".format, count(2))))
+        return next(file for file in files if file.lower() not in taken)
 
     def _of_elements(self, surface):
         numbers = {}
@@ -140,7 +145,7 @@ class Tools:
         """Profiles as curved segments; in space drawn along a direction, or turned about an axis."""
         kind, rows = surface.card.word("TYPE"), list(surface.card.rows)
         frame = []
-        while rows and rows[0][1][0].upper() != "START":
+        while kind != "SEGMENTS" and rows and rows[0][1][0].upper() != "START":
             frame.append(surface.card.numbers(*rows.pop(0)))
         points = _profile(surface.card, rows)
         if kind == "SEGMENTS":

@@ -17,6 +17,7 @@ from pcontact.importer.pretensions import Pretensions
 from pcontact.importer.references import References
 from pcontact.importer.steps import OUTPUT, read_steps
 from pcontact.importer.supports import Supports
+from pcontact.importer.toml import key as toml_key
 from pcontact.importer.tools import ANALYTICAL, Tools
 from pcontact.runtime.errors import InputError
 
@@ -92,7 +93,7 @@ def translate(path, mesh_name):
         card = next(card for card in deck.model if card.key == "SOLIDSECTION")
         findings.change(card, f"forces at nodes are those of a thickness of 1, divided by {thickness:g}")
     regions = [(groups.add("cells", name, cells), material) for name, material, cells in parts]
-    tools = Tools(deck, float(np.ptp([deck.nodes[n] for n in nodes], axis=0).max()))
+    tools = Tools(deck, float(np.ptp([deck.nodes[n] for n in nodes], axis=0).max()), mesh_name)
     pairs = Contacts(deck, findings, groups, known, parts, tools)
     contacts = pairs.tables()
     drawn = Pretensions(deck, findings, groups)
@@ -121,7 +122,7 @@ def translate(path, mesh_name):
     done.tables = [("", {"title": title or path.name}, ""), ("[mesh]", mesh, "")]
     for key, name in names.items():
         table = {k: v for k, v in known[key].items() if k != "expansion" or heat}
-        done.tables.append((f"[materials.{_key(name)}]", table, _at(deck.materials[key][0])))
+        done.tables.append((f"[materials.{toml_key(name)}]", table, _at(deck.materials[key][0])))
     for (name, m), (_, _, cells) in zip(regions, parts, strict=True):
         body = {"region": name, "material": names[m]}
         if integration_of(deck, findings, cells) == "reduced":
@@ -171,10 +172,6 @@ def _strain(card, findings, of_bodies, plane, supports):
     if card is not None and plane == "plane_stress" and supports.pressures.now:
         findings.leave(next(iter(supports.pressures.now.values())).card, "a pressure that turns with the surface")
     return card
-
-
-def _key(name):
-    return name if all(c.isascii() and (c.isalnum() or c in "_-") for c in name) else f'"{name}"'
 
 
 def _at(card):

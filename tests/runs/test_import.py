@@ -402,6 +402,54 @@ def test_gaps_that_are_closed_or_said(tmp_path):
     assert solved(scene, ["top"])[-1]["probes"]["top"]["mean"][2] == pytest.approx(-0.102, rel=1e-6)
 
 
+@pytest.mark.parametrize("law_first", [True, False])
+@pytest.mark.parametrize(
+    ("law", "stick", "stiffness", "left_out"),
+    [
+        ("LINEAR\n1.e7", "1.e5", 1e5, False),
+        ("LINEAR\n1.e7", "1.e6", 1e6, False),
+        ("LINEAR\n1.e7", "1.e7", None, False),
+        ("LINEAR\n1000.", "1.e7", 1e7, False),
+        ("HARD", "1.e5", None, True),
+        ("TIED", "1.e5", None, False),
+    ],
+)
+def test_springs_where_points_stick(tmp_path, law, stick, stiffness, left_out, law_first):
+    """Kept where they yield as the bodies do, in whatever order the cards stand; a layer of elements has 2e5."""
+    cards = [f"*SURFACE BEHAVIOR, PRESSURE-OVERCLOSURE={law}\n", f"*FRICTION\n0.25, {stick}\n"]
+    text = PAIR.replace("*SURFACE BEHAVIOR, PRESSURE-OVERCLOSURE=HARD\n*FRICTION\n0.25,\n",
+                        "".join(cards if law_first else cards[::-1]))  # fmt: skip
+    status, words, scene = imported(tmp_path, BLOCKS + text)
+    assert status == left_out and ("left out (" in words) is left_out
+    assert scene.contacts[0].stick_stiffness == stiffness
+    assert (scene.contacts[0].pressure_overclosure is None) is (stiffness is None)
+
+
+@pytest.mark.parametrize("more", ["", ", NO SEPARATION"])
+def test_tied_surfaces_with_what_means_nothing_there(tmp_path, more):
+    """ADJUST says from how far surfaces are tied."""
+    high = BLOCKS.replace(bricks(((0, 0, 0), (1, 1, 1)), ((0, 0, 1), (1, 1, 1))),
+                          bricks(((0, 0, 0), (1, 1, 1)), ((0, 0, 1.01), (1, 1, 1))))  # fmt: skip
+    law = SOFT.format(more=", ADJUST=0.02").replace("LINEAR", f"TIED{more}").replace(
+        "*CONTACT PAIR", "*FRICTION, TAUMAX=3.\n0.3\n*CONTACT PAIR")  # fmt: skip
+    pull = "*NSET, NSET=top\n105, 106, 107, 108\n" + PRESS.replace("100.", "-100.")
+    status, _, scene = imported(tmp_path, high + law + pull)
+    assert status == 0 and scene.contacts[0].tied and scene.contacts[0].search_radius == 0.02
+    assert solved(scene, ["top"])[-1]["probes"]["top"]["mean"][2] == pytest.approx(0.001, rel=1e-3)
+
+
+def test_a_contact_pair_of_the_first_step_is_there_all_the_time(tmp_path):
+    cards, pair = PAIR.split("*CONTACT PAIR")
+    status, words, scene = imported(tmp_path, f"{BLOCKS}{cards}*STEP\n*STATIC\n*CONTACT PAIR{pair}*END STEP\n")
+    assert status == 0, words
+    assert [(one.source, one.target, one.phases) for one in scene.contacts] == [("upper", "lower", None)]
+
+
+def test_names_of_materials_that_need_quotes(tmp_path):
+    _, _, scene = imported(tmp_path, BLOCKS.replace("Steel", 'S\\b"t').replace("steel", 's\\b"T'))
+    assert list(scene.materials) == ['S\\b"t']
+
+
 def test_surfaces_that_are_tied_and_let_go(tmp_path):
     """Drawn apart in the first step, the upper block is without stress after the second one."""
     text = (

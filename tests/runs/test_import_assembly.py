@@ -6,6 +6,7 @@ import pytest
 from pcontact.importer.cards import read_cards
 from pcontact.importer.deck import read_deck
 from pcontact.importer.systems import rectangular
+from pcontact.mesh.reader import read_file
 from pcontact.runtime.errors import InputError
 from tests.support.decks import BLOCKS, PAIR, STEEL, bricks, imported, solved
 
@@ -239,9 +240,7 @@ def test_a_tool_of_lines_and_arcs(tmp_path, kind, lines, force):
     assert found == pytest.approx(force, rel=1e-6) if force else 2200.0 < found < 2450.0
 
 
-def test_a_tool_in_the_plane(tmp_path):
-    """Segments of an instance that is turned upside down and stands above the block."""
-    deck = """*Part, name=die
+DIE = """*Part, name=die
 *Surface, type=SEGMENTS, name=line
 START, -1., 0.
 LINE, 2., 0.
@@ -286,10 +285,42 @@ d.ref, 2, 2, -0.001
 d.ref, 6, 6
 *End Step
 """
-    status, words, scene = imported(tmp_path, deck)
+
+
+def test_a_tool_in_the_plane(tmp_path):
+    """Segments of an instance that is turned upside down and stands above the block."""
+    status, words, scene = imported(tmp_path, DIE)
     assert status == 0, words
     (contact,) = solved(scene)[-1]["contacts"].values()
     assert contact["force"][1] == pytest.approx(200.0, rel=1e-8)
+
+
+def test_files_of_tools_are_theirs_alone(tmp_path):
+    """Neither that of the bodies nor that of a tool whose name differs in capitals or signs."""
+    names = "mesh", "a.b", "A_b", "a b"
+    tools = "".join(
+        f"*Surface, type=SEGMENTS, name={name}\nSTART, -1., {k + 3}.\nLINE, 2., {k + 3}.\n"
+        f"*Rigid Body, ref node=d.ref, analytical surface={name}\n" for k, name in enumerate(names)
+    )  # fmt: skip
+    pairs = "".join(f"*Contact Pair, interaction=si\nb.top, {name}\n" for name in names)
+    text = DIE.replace("*End Assembly", f"{tools}*End Assembly").replace("*Step", f"{pairs}*Step", 1)
+    _, words, scene = imported(tmp_path, text)
+    files = [contact.obstacle.file.lower() for contact in scene.contacts]
+    assert len({"mesh.msh", *files}) == 6, words
+    meshes = [read_file(tmp_path / "out" / contact.obstacle.file) for contact in scene.contacts]
+    assert [mesh.points[0, 1] for mesh in meshes] == pytest.approx([1.0, 3.0, 4.0, 5.0, 6.0])
+
+
+@pytest.mark.parametrize("line", ["2, 0.5, 0.0, 0.", "START, 1.", "LINE, 1., 2."])
+def test_a_profile_that_cannot_be_read_is_refused(tmp_path, line):
+    with pytest.raises(InputError, match=f"line 3.*found {line[:4]}.*START"):
+        imported(tmp_path, DIE.replace("START, -1., 0.", line))
+
+
+@pytest.mark.parametrize("pair", ["*Tie, name=t\nb.top, d.line\n", "*Tie, name=t\nb.top, b.top\n"])
+def test_ties_to_nothing_that_strains_are_left_out(tmp_path, pair):
+    status, words, scene = imported(tmp_path, DIE.replace("*Contact Pair, interaction=si\nb.top, d.line\n", pair))
+    assert status == 1 and "a tie to a rigid surface" in words and not scene.contacts
 
 
 # -- counted meshes, rubber, tractions -----------------------------------------------------------------------------
