@@ -14,6 +14,8 @@ from pcontact.scene.places import place
 
 # characters of an expression in a message
 SHOWN = 80
+# numba reads it where it starts; it may say where compiled kernels are, which are pickled objects
+NUMBA = ".numba_config.yaml"
 # a value of an option of PETSc that names neither a file, which it may write or run, nor a command; hypre has words
 # such as SOR/Jacobi
 PLAIN = re.compile(r"[\w.,+-]*|\w[\w+-]*(/\w[\w+-]*)+", re.ASCII)
@@ -58,12 +60,14 @@ def obstacle_functions(scene: Scene, index: int) -> tuple[Callable, Callable | N
 
 
 def require_no_code(scene: Scene) -> None:
-    """Refuse a scene that could run a program: of Python, of gmsh, or through an option of PETSc.
+    """Refuse a scene that could run a program: of Python, of gmsh, or through settings of PETSc or numba.
 
     Raises
     ------
     InputError
     """
+    if Path(NUMBA).exists():
+        raise input_error(NUMBA, "file", "settings of numba in the working directory, with -no_code", "no such file")
     for key, found, allowed in _programs(scene):
         raise input_error(scene.where, key, f"{found!r}, a program, with -no_code", allowed)
 

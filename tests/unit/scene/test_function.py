@@ -150,6 +150,12 @@ def test_geometries_that_are_programs(tmp_path, name):
     refused(lambda: require_no_code(scene), f"mesh.geometry: found {name!r}", "with -no_code", ".step")
 
 
+def test_settings_of_numba_are_a_program(tmp_path, monkeypatch):
+    (tmp_path / ".numba_config.yaml").write_text("cache_dir: kernels\n")
+    monkeypatch.chdir(tmp_path)
+    refused(lambda: require_no_code(built(tmp_path)), ".numba_config.yaml", "with -no_code")
+
+
 def test_data_are_no_programs(tmp_path):
     words = {"pc_type": "hypre", "snes_rtol": "1e-08", "ksp_monitor": "", "relax": "l1scaled-SOR/Jacobi", "on": "0,1"}
     require_no_code(built(tmp_path, mesh=MeshSpec(tmp_path / "mesh.msh", geometry="a.step"), petsc=words))
