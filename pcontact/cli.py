@@ -21,6 +21,7 @@ from pcontact.importer.write import OPTIONS as IMPORT
 from pcontact.importer.write import import_file
 from pcontact.io import refine
 from pcontact.io.cost_forecast import cost_forecast
+from pcontact.io.report import read_steps
 from pcontact.io.report_schema import report_schema
 from pcontact.io.summary import JsonLines, PassLines, summary
 from pcontact.io.template import write_template
@@ -361,20 +362,35 @@ def reach(scene, directory, machine):
     def take(simulation, converged):
         if converged:
             lines.passed(loop.passes[-1])
-        return _unused(simulation), simulation.records.data()
+        return _unused(simulation), simulation.records.report
 
     loop = Loop(scene, take=take, observers=lambda _: [lines] if machine else [])
     outcome = loop.run(directory)
-    unused, data = outcome.kept
-    data["accuracy"] = {**data["accuracy"], **outcome.section}
+    unused, kept = outcome.kept
     for line in unused:
         log.warning("%s", line)
     lines.ended(outcome.failure is None, outcome.status == REACHED)
-    for line in summary({**data, "timing": {"total": clock.perf_counter() - start}}, directory):
-        log.info("%s", line)
+    say_what_came_out(kept, directory, timing={"total": clock.perf_counter() - start})
     if outcome.failure is not None:
         log.error_line(outcome.failure)
     return outcome.status
+
+
+def say_what_came_out(kept, directory, **other):
+    """The last lines of a run. Rank 0 speaks.
+
+    Parameters
+    ----------
+    kept : pcontact.io.report.Report or None
+        On rank 0.
+    directory : str or pathlib.Path
+        Where the run has left its load steps.
+    **other
+        Entries in place of those of the report.
+    """
+    if kept is not None:
+        for line in summary({**kept.data, **other, "steps": read_steps(directory)}, directory):
+            log.info("%s", line)
 
 
 def _gaps(contact, comm):
@@ -466,11 +482,9 @@ def _execute(command, operand, options):
     if aimed is not None:
         return reach(aimed, directory, machine)
     simulation, converged = run_scene(scene, directory, [JsonLines(comm.rank == 0)] if machine else [])
-    data = simulation.records.data()
-    simulation.close()
     if not machine:
-        for line in summary(data, directory):
-            log.info("%s", line)
+        say_what_came_out(simulation.records.report, directory)
+    simulation.close()
     return 0 if converged else 1
 
 

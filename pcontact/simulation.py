@@ -3,6 +3,7 @@
 import difflib
 import gc
 import time as clock
+from contextlib import nullcontext
 from functools import partial
 from itertools import product
 from pathlib import Path
@@ -236,7 +237,7 @@ class Simulation:
         observers : sequence
             Further observers, see :class:`pcontact.runtime.observer.Observer`; they come last.
         keep : bool
-            Keep report, history and the fields of the last load step in memory.
+            Keep report, load steps and the fields of the last one in memory.
         said : str
             Where the user names the directory, for messages.
         fields : bool
@@ -279,21 +280,26 @@ class Simulation:
             for name, one in self._carriers.items():
                 one.carried = resumed.carried.get(name, 0.0)
             log.info("restart from %s at time %g after %d steps", self.restart, resumed.time, resumed.number)
-        converged = True
+        with nullcontext() if self.records is None else self.records.kept():
+            converged = self._solve(lasting, directory)
+            for observer in self._watch:
+                observer.end(converged)
+        self.costs.announce()
+        return converged
+
+    def _solve(self, lasting, directory):
+        """The load steps of all phases; whether they converged, to the end of the run. *Collective.*"""
         try:
             self.stepper.run()
             while self.number + 1 < len(self.spans):
                 self._go_on(lasting, directory)
                 self.stepper.run()
         except StepFailure as failure:
-            converged, self.failure = False, failure
+            self.failure = failure
             log.error_line(failure)
         except Stopped:
-            converged, self.stopped = False, True
-        for observer in self._watch:
-            observer.end(converged)
-        self.costs.announce()
-        return converged
+            self.stopped = True
+        return self.failure is None and not self.stopped
 
     def _parts(self):
         """The scenes of the phases up to the present one, by what they are called; the scene of a run without any."""
@@ -307,7 +313,7 @@ class Simulation:
         if writes and scene.output.fields:
             fields = Fields(directory, self.comm, self.timing, scene.output, since)
         if writes or kept[0]:
-            self.records = Records(directory, self.comm, self._head(), self._costs, since)
+            self.records = Records(directory, self.comm, self._head(), self._costs, since, kept[0])
         terminal = Terminal(end, build.yielding_volume(scene, self.problem.space))
         return Lasting(SmallStrain(), fields, [terminal, *observers], all(kept) or fields is not None)
 

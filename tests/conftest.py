@@ -104,7 +104,7 @@ def declared_names(monkeypatch):
 
     def checked_end(self, converged, costs):
         end(self, converged, costs)
-        found.update(unknown(jsonable(self.report.data)))
+        found.update(unknown(jsonable(self.report.whole())))
 
     monkeypatch.setattr(Records, "_end", checked_end)
     yield

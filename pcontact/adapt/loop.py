@@ -116,7 +116,9 @@ class Loop:
         where = None if directory is None else directory / f"pass_{len(self.passes) + 1}"
         observers = [watch, *self._observers(simulation)]
         try:
-            converged = simulation.run(where, observers, keep=True, said=self._where, fields=self._fields)
+            # the command line reads load steps where they have been written
+            keep = where is None or self._fields
+            converged = simulation.run(where, observers, keep, self._where, self._fields)
         except TOLD:
             simulation.free()
             raise

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import io
-import json
 import tempfile
 from pathlib import Path
 from typing import Any
@@ -15,11 +14,11 @@ from pcontact.api.fields import Fields
 from pcontact.io.fields import FieldWriter
 from pcontact.io.history import columns, flatten
 from pcontact.io.names import STATUS
-from pcontact.io.report import jsonable
+from pcontact.io.report import Report, jsonable, read_report
 from pcontact.io.result import has_fields, load_result
 from pcontact.io.vtu import CELL_TYPES, SOLID
 from pcontact.runtime.errors import InputError
-from pcontact.runtime.files import make_directory, replace_file
+from pcontact.runtime.files import replace_file
 from pcontact.runtime.parallel import on_root
 from pcontact.runtime.petsc import MPI
 
@@ -248,8 +247,8 @@ def load(directory: str | Path, step: int = -1, comm: Any = None) -> Run:
     """
     directory = Path(directory)
     try:
-        report = json.loads((directory / "report.json").read_text(encoding="utf-8"))
-    except (OSError, ValueError) as problem:
+        report = read_report(directory)
+    except (OSError, ValueError, TypeError) as problem:
         raise InputError(
             f"{directory}: found no report.json that can be read ({problem}); allowed: the output directory of a run"
         ) from None
@@ -302,8 +301,12 @@ def _word(value: Any) -> str:
 
 
 def _write_numbers(directory: Path, report: dict[str, Any], steps: list[dict[str, Any]]) -> None:
-    make_directory(directory)
-    replace_file(directory / "report.json", json.dumps(report, indent=1) + "\n")
+    saved = Report(directory, keep=False)
+    saved.data = {name: value for name, value in report.items() if name != "steps"}
+    saved.begin()
+    for step in report["steps"]:
+        saved.add_step(step)
+    saved.write()
     rows = [flatten(row) for row in steps]
     text = io.StringIO()
     if rows:

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from pcontact.runtime import log
-from pcontact.runtime.files import append_text, going_on, make_directory, replace_file
+from pcontact.runtime.files import append_text, going_on, make_directory, replace_file, whole_lines
 
 _AXES = "xyz"
 
@@ -122,8 +122,7 @@ class History:
 
     def _take_up(self, resume_time):
         """Read the columns, and the rows that are kept."""
-        with open(self.path, newline="", encoding="utf-8") as stream:
-            columns, *rows = list(csv.reader(stream)) or [[]]
+        columns, *rows = list(csv.reader(whole_lines(self.path))) or [[]]
         if "time" in columns:
             column, limit = columns.index("time"), resume_time + 1e-10 * abs(resume_time)
             self.columns = columns
@@ -135,6 +134,7 @@ class History:
         self._kept = [[*row, *([""] * len(names))] for row in self._kept]
         self.columns = [*self.columns, *names]
         replace_file(self.path, _lines([self.columns, *self._kept]))
+        self._kept = []
         return []
 
     def _begin(self, row):
@@ -142,7 +142,7 @@ class History:
         self.columns = self.columns or list(row)
         make_directory(self.path.parent)
         replace_file(self.path, _lines([self.columns, *self._kept]))
-        self._begun = True
+        self._kept, self._begun = [], True
 
 
 def _lines(rows):

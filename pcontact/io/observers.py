@@ -1,6 +1,8 @@
 """What watches a run: terminal, history, report, fields."""
 
+import math
 import time as clock
+from contextlib import contextmanager, suppress
 
 from pcontact.contact.surface.smooth_geometry import SMOOTH, WRONG, facet_pressure
 from pcontact.io.fields import FieldWriter
@@ -8,8 +10,10 @@ from pcontact.io.hdf_fields import HdfWriter
 from pcontact.io.history import History
 from pcontact.io.report import Report
 from pcontact.runtime import log
+from pcontact.runtime.errors import InputError, OutputError
 from pcontact.runtime.observer import Observer
 from pcontact.runtime.parallel import on_root
+from pcontact.runtime.signals import last_words
 
 # [-] Part by which small strain may put results wrong without a word. From: chosen; a strain of 4 %, or a turn by 11.5
 # degrees, of a whole body.
@@ -18,6 +22,9 @@ ENOUGH = 0.02
 SHOWN = 6
 # [-] So many times the error of the first word is worth another one at the end of the run. From: chosen.
 MUCH = 2.0
+# [-] report.json is written anew when the run has so many times the load steps that it has had then: what is written of
+# it, all in all, is some nine times the last one. From: chosen.
+GROWTH = 1.125
 
 
 class Terminal(Observer):
@@ -142,7 +149,10 @@ class SmallStrain(Observer):
 
 
 class Records(Observer):
-    """The report and the history, on rank 0: history.csv and report.json, or in memory alone.
+    """The report and the history, on rank 0: history.csv, steps.jsonl and report.json, or in memory alone.
+
+    Every load step is added to the first two. All of report.json is written at the beginning and at the end, and
+    between them as the number of load steps grows (`GROWTH`).
 
     Parameters
     ----------
@@ -155,6 +165,8 @@ class Records(Observer):
         Returns the blocks of the report on what the run has cost: timing, parallel, memory. *Collective.*
     resume_time : float, optional
         Rows of an earlier run up to this time are kept.
+    keep : bool
+        Keep the load steps in memory.
 
     Attributes
     ----------
@@ -167,32 +179,65 @@ class Records(Observer):
         On every rank: files of the earlier run cannot be read.
     """
 
-    def __init__(self, directory, comm, head, finish, resume_time=None):
+    def __init__(self, directory, comm, head, finish, resume_time=None, keep=True):
         self._comm, self._finish, self._history, self.report = comm, finish, None, None
-        self._in_memory = directory is None
-        on_root(comm, self._open, directory, head, resume_time)
+        # in memory nobody reads what it has cost so far
+        self._next = math.inf if directory is None else 0.0
+        on_root(comm, self._open, directory, head, resume_time, keep)
 
-    def _open(self, directory, head, resume_time):
+    def _open(self, directory, head, resume_time, keep):
         if directory is not None:
             self._history = History(directory / "history.csv", resume_time)
-        self.report = Report(None if directory is None else directory / "report.json", resume_time)
+        self.report = Report(directory, resume_time, keep)
         self.report.data.update(head)
 
-    def step(self, step, u, record):
-        """Append the step to both files. *Collective.*
+    @contextmanager
+    def kept(self):
+        """While this lasts there is a report, and whatever ends the run leaves it with all load steps. *Collective.*
 
         Raises
         ------
         OutputError
             On every rank.
         """
-        # in memory nobody reads what it has cost so far
-        on_root(self._comm, self._step, record, {} if self._in_memory else self._finish())
+        on_root(self._comm, self._begin)
+        with last_words(self._leave):
+            try:
+                yield
+            except BaseException as error:
+                self._leave(isinstance(error, InputError))
+                raise
 
-    def _step(self, record, costs):
+    def _begin(self):
+        self.report.begin()
+
+    def _leave(self, refused=False):
+        """Write the report as far as it goes: other ranks may not be there any more."""
+        if self.report is not None:
+            self.report.data["warnings"] = log.warnings()
+            with suppress(OutputError):
+                self.report.leave(refused)
+
+    def _write(self, entries):
+        self.report.data.update(entries, warnings=log.warnings())
+        self.report.write()
+
+    def step(self, step, u, record):
+        """Add the load step. *Collective.*
+
+        Raises
+        ------
+        OutputError
+            On every rank.
+        """
+        on_root(self._comm, self._add, record)
+        if step.number >= self._next:
+            self._next = GROWTH * step.number
+            on_root(self._comm, self._write, self._finish())
+
+    def _add(self, record):
         if self._history is not None:
             self._history.append(record)
-        self.report.data.update(costs, warnings=log.warnings())
         if "estimate" in record:
             self.report.data["estimate"].update(record["estimate"])
         self.report.add_step(record)
@@ -208,8 +253,7 @@ class Records(Observer):
         on_root(self._comm, self._end, converged, self._finish())
 
     def _end(self, converged, costs):
-        self.report.data.update({"converged": converged, "warnings": log.warnings(), **costs})
-        self.report.write()
+        self._write({"converged": converged, **costs})
 
     def data(self):
         """What the report holds, on every rank. *Collective.*
@@ -219,7 +263,7 @@ class Records(Observer):
         dict
             See :class:`pcontact.io.report.Report`; not yet in the types of JSON.
         """
-        return self._comm.bcast(None if self.report is None else self.report.data)
+        return self._comm.bcast(None if self.report is None else self.report.whole())
 
 
 class Fields(Observer):

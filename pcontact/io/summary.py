@@ -1,6 +1,7 @@
 """The last lines of a run: what came out, what it took, where it is. And the same as lines for programs."""
 
 import json
+import math
 import sys
 
 from pcontact.io.report import jsonable
@@ -14,7 +15,7 @@ def summary(report, directory):
     Parameters
     ----------
     report : dict
-        As in ``report.json``.
+        As in ``report.json``; its `steps` may be an iterator.
     directory : str or Path
         Where the results are.
 
@@ -22,27 +23,34 @@ def summary(report, directory):
     -------
     list of str
     """
-    steps = report["steps"]
-    if not steps:
+    count, last, most = 0, None, {}
+    for last in report["steps"]:
+        count += 1
+        for name, contact in last.get("contacts", {}).items():
+            most[name] = max(most.get(name, 0.0), contact.get("max_pressure") or 0.0)
+    if last is None:
         return [f"no load step converged; the report is in {directory}"]
-    last = steps[-1]
     seconds = report["timing"].get("total")
     took = f" in {seconds:.1f} s" if isinstance(seconds, float) else ""
     word = log.coloured("done", "green") if report["converged"] else log.coloured("ended early", "yellow")
-    lines = [f"{word}: {len(steps)} load steps to time {last['time']:g}{took}"
+    lines = [f"{word}: {count} load steps to time {last['time']:g}{took}"
              + (f", {_peak(report):.0f} MB on the largest rank" if _peak(report) else "")]  # fmt: skip
     for name, contact in last.get("contacts", {}).items():
-        pressure = max(step["contacts"].get(name, {}).get("max_pressure", 0.0) or 0.0 for step in steps)
-        force = "force " + " ".join(f"{value + 0.0:.5g}" for value in contact["force"])
+        force = "force " + " ".join(f"{_number(value):.5g}" for value in contact["force"])
         if "radial_sum" in contact:
-            force = (f"axial force {contact['axial_force'] + 0.0:.5g} of the whole circumference, radial sum "
-                     f"{contact['radial_sum'] + 0.0:.5g}")  # fmt: skip
-        lines.append(f"  {name}: {force}, largest pressure {contact['max_pressure']:.5g} (of all load steps "
-                     f"{pressure:.5g}), penetration {contact['max_penetration']:.3g}")  # fmt: skip
+            force = (f"axial force {_number(contact['axial_force']):.5g} of the whole circumference, radial sum "
+                     f"{_number(contact['radial_sum']):.5g}")  # fmt: skip
+        lines.append(f"  {name}: {force}, largest pressure {_number(contact['max_pressure']):.5g} (of all load steps "
+                     f"{most[name]:.5g}), penetration {_number(contact['max_penetration']):.3g}")  # fmt: skip
     if report["warnings"]:
         lines.append(f"  {len(report['warnings'])} warnings, above and in report.json")
     lines.append(f"  results in {directory}; pictures: pcontact view {directory}")
     return lines
+
+
+def _number(value):
+    """A number without a negative zero; what is not finite is null in JSON."""
+    return math.nan if value is None else value + 0.0
 
 
 def _peak(report):

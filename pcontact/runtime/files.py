@@ -153,16 +153,16 @@ def replace_file(path, content):
     Parameters
     ----------
     path : str or pathlib.Path
-    content : str, bytes or list of bytes
+    content : str, bytes or iterable of these
         What it holds afterwards.
 
     Raises
     ------
     OutputError
     """
-    content = _utf8(content) if isinstance(content, str) else content
+    content = [content] if isinstance(content, (str, bytes)) else content
     with written_aside(path) as part, open(part, "wb") as stream:
-        stream.writelines([content] if isinstance(content, bytes) else content)
+        stream.writelines(_utf8(piece) if isinstance(piece, str) else piece for piece in content)
 
 
 def append_text(path, text):
@@ -187,6 +187,20 @@ def append_text(path, text):
         except OSError:
             stream.truncate(size)
             raise
+
+
+def whole_lines(path):
+    """Lines of a file that grows by :func:`append_text`, but one that a process which was killed has left unfinished.
+
+    Yields
+    ------
+    str
+        With its line feed.
+    """
+    with open(path, "rb") as stream:
+        for line in stream:
+            if line.endswith(b"\n"):
+                yield line.decode("utf-8")
 
 
 def require_end(part, ends):

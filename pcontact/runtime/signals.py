@@ -1,7 +1,7 @@
 """Signals: what the caller wants ignored stays so, and a run that is stopped says so in one line.
 
 No file is ever half written, so that a process may end at any moment: nothing has to be unwound, neither through
-Python nor through PETSc.
+Python nor through PETSc. What is worth a moment before says so (:func:`last_words`).
 """
 
 import os
@@ -16,6 +16,8 @@ STOPS = (signal.SIGINT, signal.SIGTERM)
 # those that PETSc and gmsh take for themselves when they start, whatever the caller wants: nohup has SIGHUP ignored,
 # Python SIGPIPE, for it gets an error instead where nobody reads
 TAKEN = (signal.SIGHUP, signal.SIGPIPE, *STOPS)
+# what is done before the process ends
+_last = []
 
 
 def take_back():
@@ -25,6 +27,22 @@ def take_back():
             handler = signal.getsignal(number)
             if handler is not None:
                 signal.signal(number, handler)
+
+
+@contextmanager
+def last_words(function):
+    """While this lasts, a function is called before SIGINT or SIGTERM end the process.
+
+    Parameters
+    ----------
+    function : callable
+        Without parameters; it may be called amid all that this process does otherwise, and must not wait for others.
+    """
+    _last.append(function)
+    try:
+        yield
+    finally:
+        _last.remove(function)
 
 
 @contextmanager
@@ -40,6 +58,8 @@ def stopping(speaks):
     """
 
     def stop(number, frame):
+        for function in _last:
+            function()
         discard_all()
         if speaks:
             name = signal.Signals(number).name

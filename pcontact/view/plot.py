@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from pcontact.runtime.errors import InputError
-from pcontact.runtime.files import written_aside
+from pcontact.runtime.files import whole_lines, written_aside
 
 _DPI = 150
 _STYLE = {"font.family": "DejaVu Sans", "font.size": 9, "axes.linewidth": 0.6, "text.color": "#1c2733",
@@ -38,8 +38,7 @@ def table(directory):
     path = Path(directory) / "history.csv"
     if not path.is_file():
         raise InputError(f"{directory}: found no history.csv in it; allowed: the output directory of a run")
-    with open(path, newline="", encoding="utf-8") as stream:
-        head, *rows = csv.reader(stream)
+    head, *rows = csv.reader(whole_lines(path))
 
     def number(word):
         try:

@@ -330,7 +330,7 @@ def test_output_where_asked(squares):
         WORLD.Barrier()
         assert json.loads((out / "report.json").read_text()) == run.report
         names = {path.name for path in out.iterdir()}
-        assert names == {"report.json", "history.csv", "fields.pvd", "fields"}
+        assert names == {"report.json", "steps.jsonl", "history.csv", "fields.pvd", "fields"}
         WORLD.Barrier()
     with pytest.raises(pc.InputError, match=f"^output {squares}: found .*not a directory"):
         pc.run(squares, output=squares)

@@ -199,7 +199,7 @@ def test_one_side_may_find_other_facets(tmp_path):
     simulation = Simulation(scene, MPI.COMM_SELF)
     try:
         assert simulation.run(keep=True)
-        first, last = simulation.records.report.data["steps"]
+        first, last = simulation.records.data()["steps"]
         assert first["cutbacks"] == last["cutbacks"] == 0 and last["newton"] <= 5
     finally:
         simulation.close()

@@ -44,7 +44,7 @@ def test_tube_of_rubber(tmp_path):
     try:
         assert simulation.problem.others[0].symmetric
         assert simulation.run(keep=True)
-        rows = simulation.records.report.data["steps"]
+        rows = simulation.records.data()["steps"]
         norms = simulation.newton.norms
     finally:
         simulation.close()

@@ -149,6 +149,6 @@ def test_objects_of_a_plain_run(mesh):
     finally:
         simulation.close()
     report = json.loads((folder / "report.json").read_text())
-    assert {path.name for path in folder.iterdir()} == {"report.json", "history.csv"}
+    assert {path.name for path in folder.iterdir()} == {"report.json", "steps.jsonl", "history.csv"}
     assert kernels <= KERNELS, kernels - KERNELS
     assert report["steps"][0].keys() == SECTIONS

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import pytest
 
+import pcontact as pc
 from pcontact.cli import main
 from pcontact.runtime import log
 from pcontact.runtime.errors import InputError, OutputError
@@ -155,13 +156,15 @@ def endless(folder, ranks=1):
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_signals_that_stop(tmp_path, number):
-    """One line, and nothing is left that was being written."""
+    """One line, and nothing is left that was being written; what has to be said before is said."""
     code = """if True:
         import time
         from pcontact.runtime.files import replace_file, written_aside
-        from pcontact.runtime.signals import stopping
+        from pcontact.runtime.signals import last_words, stopping
         replace_file("file", "before")
-        with stopping(True), written_aside("file") as part:
+        with last_words(lambda: replace_file("said", "too late")):
+            pass
+        with stopping(True), last_words(lambda: replace_file("said", "last")), written_aside("file") as part:
             part.write_text("aft")
             print("ready", flush=True)
             time.sleep(60)
@@ -173,7 +176,17 @@ def test_signals_that_stop(tmp_path, number):
     error = process.communicate(timeout=20)[1]
     assert process.returncode == 128 + number
     check_line(error, [f"stopped by {number.name}"])
-    assert [path.read_text() for path in tmp_path.iterdir()] == ["before"]
+    assert {path.name: path.read_text() for path in tmp_path.iterdir()} == {"file": "before", "said": "last"}
+
+
+@pytest.mark.slow
+def test_a_run_that_is_killed(tmp_path):
+    """What it has done so far is loaded."""
+    process = endless(tmp_path / "case")
+    process.kill()
+    process.communicate(timeout=20)
+    run = pc.load(tmp_path / "case" / "out")
+    assert len(run.steps) == len(run.history["time"]) == 2 and not run.converged and run.report["title"]
 
 
 @pytest.mark.slow

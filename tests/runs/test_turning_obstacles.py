@@ -53,7 +53,7 @@ def steps_of(scene, look=None, comm=SELF):
         look.pair = simulation.problem.contacts[0].pairs[0]
     try:
         assert simulation.run(None, [] if look is None else [look], keep=True)
-        return simulation.records.report.data["steps"]
+        return simulation.records.data()["steps"]
     finally:
         simulation.close()
 

@@ -12,6 +12,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 
+from pcontact.io.report import read_report
 from pcontact.io.result import load_result
 from tests.support.bad_input import SCENE, Case
 
@@ -126,9 +127,9 @@ ENDLESS = ["-steps_count", "4", "-snes_ksp_ew", "false", "-ksp_type", "richardso
 
 def check_whole(folder, steps):
     """All files have the first steps, and may have one that came after."""
-    report = json.loads((folder / "report.json").read_text())["steps"]
+    report = read_report(folder)["steps"]
     rows = list(csv.DictReader(io.StringIO((folder / "history.csv").read_text())))
-    assert len(report) == steps and len(rows) in (steps, steps + 1) and len(set(map(len, rows))) == 1
+    assert len(report) in (steps, len(rows)) and len(rows) in (steps, steps + 1) and len(set(map(len, rows))) == 1
     assert len(load_result(folder, steps).times) in (steps, steps + 1)
     with h5py.File(folder / "checkpoint.h5") as file:
         assert file.attrs["number"] in (steps - 1, steps)

@@ -343,9 +343,13 @@ def test_results_that_cannot_be_read(shared_tmp, half):
     """A run that goes on where it was keeps its rows; what it cannot make out it refuses, before any load step."""
     scene = lay(shared_tmp / "case")
     scene.output.fields = True
-    for name, text in {"report.json": "[1, 2]", "history.csv": "time,a\nx,1\n", "fields.pvd": "<VTKFile"}.items():
+    texts = {"report.json": "[1, 2]", "steps.jsonl": "[1, 2]\n"}
+    for name, text in {**texts, "history.csv": "time,a\nx,1\n", "fields.pvd": "<VTKFile"}.items():
         def damage(name=name, text=text):
             shutil.copytree(half, shared_tmp / name)
+            if name == "report.json":
+                # its load steps are those of steps.jsonl, where there is one
+                (shared_tmp / name / "steps.jsonl").unlink()
             (shared_tmp / name / name).write_text(text)
 
         on_root(WORLD, damage)

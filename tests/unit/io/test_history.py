@@ -5,6 +5,7 @@ import csv
 import numpy as np
 
 from pcontact.io.history import History, flatten
+from pcontact.view.plot import table
 from tests.support.records import step_row
 
 
@@ -27,6 +28,11 @@ def test_history_of_a_resumed_run_goes_on(tmp_path):
     History(tmp_path / "history.csv", resume_time=0.2).append(step_row(0.22))
     with open(tmp_path / "history.csv", newline="") as stream:
         assert [float(row["time"]) for row in csv.DictReader(stream)] == [0.1, 0.2, 0.22]
+    with open(tmp_path / "history.csv", "a") as stream:
+        stream.write(",".join(["0.23"] * len(table(tmp_path))))
+    assert table(tmp_path)["time"].tolist() == [0.1, 0.2, 0.22], "a row that was cut off is none"
+    History(tmp_path / "history.csv", resume_time=0.24).append(step_row(0.25))
+    assert table(tmp_path)["time"].tolist() == [0.1, 0.2, 0.22, 0.25]
     History(tmp_path / "history.csv").append({"time": 5})
     assert (tmp_path / "history.csv").read_text().split() == ["time", "5"]
 
