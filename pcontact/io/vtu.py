@@ -1,13 +1,17 @@
 """One rank's piece as a VTK XML file, and the small files that name the pieces.
 
-The arrays follow the XML as raw appended data, each compressed with zlib in one block: the smallest of VTK's
-forms that every reader knows. Format: the "VTK XML formats" chapter of the VTK User's Guide.
+Each array stands in its tag, compressed with zlib in one block, in base64. That takes a third more bytes than raw data
+behind the XML, which older versions of this program wrote and which are still read. But of raw data meshio (5.3.5)
+looks arrays up by offsets that it changes meanwhile: of some sizes it finds the wrong one, and where Python's base64
+does not stop at padding always. Format: the "VTK XML formats" chapter of the VTK User's Guide.
 """
 
+import base64
 import re
 import sys
 import zlib
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 from xml.etree import ElementTree
 from xml.sax.saxutils import quoteattr
@@ -32,6 +36,8 @@ _TYPES = {"f8": "Float64", "f4": "Float32", "i8": "Int64", "i4": "Int32", "i1": 
 DTYPES = {name: np.dtype(code) for code, name in _TYPES.items()}
 _ORDER = {"little": "LittleEndian", "big": "BigEndian"}[sys.byteorder]
 _HEAD = f'version="1.0" byte_order="{_ORDER}" header_type="UInt64" compressor="vtkZLibDataCompressor"'
+# [bytes] of the header of an array, and [characters] in base64
+_HEADER, _HEADER_TEXT = 32, 44
 _SYMMETRIC = ("XX", "YY", "ZZ", "XY", "YZ", "XZ")
 
 
@@ -119,21 +125,24 @@ def empty(kind, components):
     return np.zeros(0 if components == 1 else (0, components), dtype=DTYPES[kind])
 
 
-def _array_tag(tag, name, kind, components, rest=""):
-    """The tag that declares an array; symmetric tensors get the names of their components."""
+def _array_tag(tag, name, kind, components, rest="/>"):
+    """The tag that declares an array, with what follows; symmetric tensors get the names of their components."""
     text = f'<{tag} type={quoteattr(kind)} Name={quoteattr(name)} NumberOfComponents="{components}"'
     if components == len(_SYMMETRIC):
         text += "".join(f' ComponentName{i}="{part}"' for i, part in enumerate(_SYMMETRIC))
-    return f"{text}{rest}/>\n"
+    return f"{text}{rest}\n"
 
 
-def _compressed(array):
-    """VTK's header (blocks, their size, that of a partial last one, compressed sizes) and the block."""
+def _written(array):
+    """An array in its tag: VTK's header (blocks, size, that of a partial last one, compressed sizes) and the block."""
     if array.nbytes == 0:
-        return np.zeros(3, np.uint64).tobytes()
+        # meshio cannot read binary data of no blocks
+        return ' format="ascii">\n</DataArray>'
     # level 1: the digits of floating point numbers hardly compress better at a multiple of the time
     block = zlib.compress(array.tobytes(), 1)
-    return np.array([1, array.nbytes, 0, len(block)], np.uint64).tobytes() + block
+    head = np.array([1, array.nbytes, 0, len(block)], np.uint64).tobytes()
+    data = (base64.b64encode(head) + base64.b64encode(block)).decode("ascii")
+    return f' format="binary">\n{data}\n</DataArray>'
 
 
 def write_vtu(path, grid):
@@ -146,30 +155,22 @@ def write_vtu(path, grid):
     grid : Grid
         Its arrays, all as `storable` returns them.
     """
-    data, offset = [], 0
-
     def section(tag, arrays):
-        nonlocal offset
-        text = f"<{tag}>\n"
+        yield f"<{tag}>\n"
         for name, array in arrays.items():
-            text += _array_tag(
-                "DataArray", name, *signature(array), rest=f' format="appended" offset="{offset}"'
-            )
-            data.append(_compressed(array))
-            offset += len(data[-1])
-        return text + f"</{tag}>\n"
+            yield _array_tag("DataArray", name, *signature(array), rest=_written(array))
+        yield f"</{tag}>\n"
 
     cells = {"connectivity": grid.connectivity, "offsets": grid.offsets, "types": grid.types}
     head = (
         f'<?xml version="1.0"?>\n<VTKFile type="UnstructuredGrid" {_HEAD}>\n<UnstructuredGrid>\n'
         f'<Piece NumberOfPoints="{len(grid.points)}" NumberOfCells="{len(grid.types)}">\n'
-        + section("PointData", grid.point_data)
-        + section("CellData", grid.cell_data)
-        + section("Points", {"Points": grid.points})
-        + section("Cells", cells)
-        + '</Piece>\n</UnstructuredGrid>\n<AppendedData encoding="raw">\n_'
     )
-    replace_file(path, [head.encode(), *data, b"\n</AppendedData>\n</VTKFile>\n"])
+    replace_file(path, chain(
+        [head], section("PointData", grid.point_data), section("CellData", grid.cell_data),
+        section("Points", {"Points": grid.points}), section("Cells", cells),
+        ["</Piece>\n</UnstructuredGrid>\n</VTKFile>\n"],
+    ))  # fmt: skip
 
 
 def write_pvtu(path, point_arrays, cell_arrays, pieces):
@@ -263,11 +264,13 @@ def read_vtu(path):
     -------
     Grid
     """
-    content = Path(path).read_bytes()
+    content, appended = Path(path).read_bytes(), b""
     mark = re.search(rb'<AppendedData encoding="raw">\s*_', content)
-    root = ElementTree.fromstring(content[: mark.start()] + b"</VTKFile>")
+    if mark is not None:
+        content, appended = content[: mark.start()] + b"</VTKFile>", memoryview(content)[mark.end() :]
+    root = ElementTree.fromstring(content)
     sections = {
-        tag.tag: {a.attrib["Name"]: _read_array(content, mark.end(), a.attrib) for a in tag.iter("DataArray")}
+        tag.tag: {one.attrib["Name"]: _read_array(one, appended) for one in tag.iter("DataArray")}
         for tag in root.iter()
         if tag.tag in ("PointData", "CellData", "Points", "Cells")
     }
@@ -278,13 +281,19 @@ def read_vtu(path):
     )  # fmt: skip
 
 
-def _read_array(content, start, tag):
-    """The array that a tag declares, out of the appended data that begin at `start`."""
-    kind, components = tag["type"], int(tag["NumberOfComponents"])
-    at = start + int(tag["offset"])
-    blocks = int(np.frombuffer(content, np.uint64, 1, at)[0])
+def _read_array(tag, appended):
+    """The array of a tag: it stands there, or in the appended data of older versions."""
+    kind, components = tag.attrib["type"], int(tag.attrib["NumberOfComponents"])
+    if tag.attrib["format"] == "appended":
+        data = appended[int(tag.attrib["offset"]) :]
+        blocks, block = int(np.frombuffer(data, np.uint64, 1)[0]), data[_HEADER:]
+    else:
+        text = (tag.text or "").strip()
+        # the header and the block are padded each for itself
+        blocks, data = len(text), base64.b64decode(text[:_HEADER_TEXT])
+        block = base64.b64decode(text[_HEADER_TEXT:])
     if blocks == 0:
         return empty(kind, components)
-    length = int(np.frombuffer(content, np.uint64, 4, at)[3])
-    array = np.frombuffer(zlib.decompress(content[at + 32 : at + 32 + length]), DTYPES[kind])
+    length = int(np.frombuffer(data, np.uint64, 4)[3])
+    array = np.frombuffer(zlib.decompress(block[:length]), DTYPES[kind])
     return array if components == 1 else array.reshape(-1, components)
