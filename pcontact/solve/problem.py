@@ -458,15 +458,15 @@ class Problem:
 
     def borne(self, u):
         """Sums of the magnitudes of the contact forces on every component (n_components,) [force]. *Collective.*"""
-        return self.space.comm.allreduce(sum(item.force_magnitudes(u) for item in self.others), op=MPI.SUM)
+        return self.space.comm.allreduce(sum(item.force_magnitudes(u) for item in self.items), op=MPI.SUM)
 
     def bonds(self):
         """Forces (n_components,) that adhesion may exert on every component without pressure [force]. *Collective.*"""
-        return self.space.comm.allreduce(sum(item.bonds() for item in self.others), op=MPI.SUM)
+        return self.space.comm.allreduce(sum(item.bonds() for item in self.items), op=MPI.SUM)
 
     def touched(self):
         """Area of every component (n_components,) that was closed at the end of the last load step. *Collective.*"""
-        return self.space.comm.allreduce(sum(item.closed_areas() for item in self.others), op=MPI.SUM)
+        return self.space.comm.allreduce(sum(item.closed_areas() for item in self.items), op=MPI.SUM)
 
     def applied(self, u):
         """Sums of the magnitudes of the external forces on every component (n_components,) at ``u`` [force].

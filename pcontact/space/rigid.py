@@ -145,7 +145,8 @@ class RigidGroup:
             return None
         at = ", ".join(f"{c:g}" for c in self._space.points[self.nodes[held][0]])
         return (f"{where[0]}: {where[1]}.region: found {coupling.region!r}, of which the point ({at}) has a prescribed "
-                "displacement, or is in another coupling; allowed: a group that nothing else moves")  # fmt: skip
+                "displacement, or is in another coupling; allowed: a group that nothing else moves, or average = true "
+                "where supports hold some of its components")  # fmt: skip
 
     def _ends(self, points, numbers, centre, where, coupling):
         """Global numbers and places of nodes far apart, two in the plane and three in space. *Collective.*"""

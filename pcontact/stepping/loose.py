@@ -164,7 +164,7 @@ class Points:
         self._comm, fields = space.comm, [space.vector() for _ in bodies.fields]
         for field, values in zip(fields, bodies.fields, strict=True):
             field.setArray(values.ravel())
-        parts = [item.clearance(u, fields, beyond) for item in problem.others]
+        parts = [item.clearance(u, fields, beyond) for item in problem.items]
         distance, numbers, rows = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
         # the last place is that of what does not move
         place = np.full(space.mesh.n_components + 1, -1, dtype=np.int64)

@@ -203,6 +203,9 @@ def test_where_groups_are_refused(mesh):
     case.mesh.strain, case.mesh.kinematics = "small", "axisymmetric"
     with pytest.raises(InputError, match=r"couplings\[0\].*rotation.*axisymmetric"):
         Simulation(case, SELF)
+    case = scene(mesh["square"], [Coupling("top")], (), [Displacement("left", [0, "free"])])
+    with pytest.raises(InputError, match=r"couplings\[0\] \(top\).region: found 'top'.*average = true"):
+        Simulation(case, SELF)
     case = scene(mesh["square"], [Coupling("block", rotation=0.1)])
     case.output.estimate = True
     with pytest.raises(InputError, match=r"output.estimate.*couplings\[0\].*a group of cells"):

@@ -199,6 +199,25 @@ def test_a_load_on_a_body_that_nothing_holds_fails(shared_tmp):
 
 
 @pytest.mark.parallel
+def test_a_loose_body_where_there_is_no_contact(shared_tmp):
+    path = shared_tmp / "b.msh"
+    on_root(WORLD, two_blocks, path, 2, 2, 2)
+    case = Scene(
+        mesh=MeshSpec(path, strain="finite"),
+        materials={"m": Material(1000.0, 0.3)},
+        bodies=[Body("lower", "m"), Body("upper", "m")],
+        displacements=[Displacement("lower_bottom", [0.0, 0.0])],
+        loads=[Load("lower_top", traction=[0.0, 1.0])],
+        output=Output(fields=False, probes=["lower", "upper"]),
+        steps=Steps(1.0, 2),
+    )
+    records = solved(case)
+    assert [record["free"] for record in records] == [["upper"]] * 2
+    assert places(records)[-1, 0, :, 1].max() > 1e-4
+    np.testing.assert_array_equal(places(records)[:, 1], 0.0)
+
+
+@pytest.mark.parallel
 def test_a_heap_with_room(shared_tmp):
     """Disks that the plate moves about, none of which is caught: they make room without any force, the same on any
     ranks and with any solver, and no iteration is needed to find that out."""
