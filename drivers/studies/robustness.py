@@ -27,6 +27,7 @@ HEURISTICS = {
     "opening": {"newton_without": "opening"},
     "half_step": {"newton_without": "half_step"},
     "line_search": {"newton_without": "line_search"},
+    "correction": {"newton_without": "correction"},
     "step_limit": {"newton_without": "step_limit"},
     "stabilisation": {"newton_without": "stabilisation"},
     "direct": {"pc_rescue": "false"},

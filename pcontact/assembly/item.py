@@ -212,7 +212,8 @@ class Item:
 
     def turned(self, u):
         """What ``u`` changes at the points of this rank (4,): area closed in the last tangent, area of that open in
-        ``u``, area closed in ``u`` alone [length^(d - 1)], number of the points that open. *Collective.*
+        ``u``, area closed in ``u`` alone [length^(d - 1)], number of the points that open; infinite where the pressure
+        does not say what is open. *Collective.*
         """
         return np.zeros(4)
 

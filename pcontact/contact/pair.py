@@ -527,6 +527,8 @@ class ContactPair(Item):
 
     def turned(self, u):
         """See :meth:`pcontact.assembly.item.Item.turned`. *Collective.*"""
+        if not self.law.follows_pressure:
+            return np.full(4, np.inf)
         if not self._recedes:
             return np.zeros(4)
         p = self.pairing

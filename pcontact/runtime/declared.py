@@ -173,7 +173,7 @@ SECTIONS = {
 }
 # of Newton's method, each of which may be left out
 HEURISTICS = (
-    "prediction", "waiting", "opening", "half_step", "line_search", "step_limit", "stabilisation",
+    "prediction", "waiting", "opening", "half_step", "line_search", "correction", "step_limit", "stabilisation",
 )  # fmt: skip
 # those of earlier versions: left out anyway, and a warning says so
 FORMER_HEURISTICS = ("stick_first", "cycles")

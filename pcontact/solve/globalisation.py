@@ -10,6 +10,11 @@ from pcontact.solve.line_search import FARTHEST, decrease_of, zero_of
 # area on which they will be in contact. There the statuses of nearly all points are right; moved all the way, twice as
 # many close. Row: half_step.
 APPROACH = 0.5
+# [-] Part of a Newton step that the next one may be as long as where the residual has risen. From: LESS of balance.py.
+# Row: correction.
+SHORTER = 0.5
+# [force] Bound of a residual that may be as large as it likes if it has a value. From: the largest double.
+ANY = np.finfo(float).max
 
 
 class Globalisation:
@@ -30,7 +35,7 @@ class Globalisation:
         self._problem, self._balance, self._without = problem, balance, without
         self._searches = searches and not problem.linear and "line_search" not in without
         self._approach = 1.0 if "half_step" in without else APPROACH
-        self._trial, self._full, self._partly, self._before = (problem.space.vector() for _ in range(4))
+        self._trial, self._full, self._partly, self._before, self._step = (problem.space.vector() for _ in range(5))
         self.begin(False)
 
     def begin(self, beginning):
@@ -40,6 +45,8 @@ class Globalisation:
         self._waiting = None
         # those of the next iteration where the contact recedes, once in a run, and the area closed before it did
         self._receding, self._has_receded, self._area = None, False, 0.0
+        # part that was taken of a step in which the residual has risen, and its norm at the beginning of that step
+        self._risen = None
         # the residual at the end of a full step, when that has been tried and will be asked for again
         self._known, self._was_full = None, False
 
@@ -55,7 +62,7 @@ class Globalisation:
 
     def forget(self):
         """Partners have been looked for again: what is known of the last step says nothing any more."""
-        self._known, self._receding = None, None
+        self._known = self._receding = self._risen = None
 
     def prepare(self, x, f):
         """Before an iteration: where the contact recedes, or too many points have closed in a full step, the residual
@@ -72,6 +79,8 @@ class Globalisation:
     def limit(self, x, y, f):
         """Scale the Newton step ``-y`` from ``x``, where the residual is ``f``. *Collective.*"""
         self._waiting = None
+        if self._goes_back(x, y):
+            return
         part = 1.0
         if "step_limit" not in self._without:
             falls = None if self._balance is None else self._balance.falls(x, y, f)
@@ -79,8 +88,51 @@ class Globalisation:
         if part != 1.0:
             y.scale(part)
         if self._searches and not self._recedes(x, y, part == 1.0):
-            self._follow(x, y, f, 1.0 if part != 1.0 else FARTHEST)
-            self._was_full = self._was_full and part == 1.0
+            if self._bends(x, y):
+                y.scale(self._bend(1.0, f.norm()))
+            else:
+                self._follow(x, y, f, 1.0 if part != 1.0 else FARTHEST)
+                self._was_full = self._was_full and part == 1.0
+
+    def _bends(self, x, y):
+        """Whether bodies that may turn bend in a full step, and no point opens or closes. *Collective.*
+
+        Slender bodies stretch by the square of a step in which they bend, and are much stiffer along than across: the
+        norm of the residual rises a thousandfold in steps that go the right way, and the next step takes it away. There
+        the residual is no measure of a step; the length of the next one is.
+        """
+        if not self._problem.extrapolates or "correction" in self._without:
+            return False
+        self._go(x, y, 1.0)
+        if self._problem.turned(self._trial)[1:3].any():
+            return False
+        x.copy(self._before)
+        y.copy(self._step)
+        self._begins = False
+        return True
+
+    def _bend(self, most, first):
+        """The largest of ``most``, half of it, ... of the kept step after which the residual has a value. Where its
+        norm is more than ``first`` the next step will be the judge. *Collective.*"""
+
+        def norm(part):
+            self._go(self._before, self._step, most * part)
+            self._problem.residual(self._trial, self._full)
+            return self._full.norm()
+
+        part = most * decrease_of(norm, ANY)
+        self._risen, self._known = (part, first) if self._full.norm() > first else None, self._full
+        return part
+
+    def _goes_back(self, x, y):
+        """Whether the kept step is taken back, since the residual has risen in it and the Newton step after it, ``-y``
+        from ``x``, is hardly shorter: then ``-y`` becomes the way to half of it. *Collective.*"""
+        risen, self._risen = self._risen, None
+        if risen is None or y.norm() <= SHORTER * self._step.norm():
+            return False
+        self._go(self._before, self._step, self._bend(0.5 * risen[0], risen[1]))
+        y.waxpy(-1.0, self._trial, x)
+        return True
 
     def _recedes(self, x, y, full):
         """Whether the step, if it is a full one, is taken since the contact recedes in it. *Collective.*

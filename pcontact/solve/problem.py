@@ -329,6 +329,11 @@ class Problem:
             return None
         return tuple(LAW if rule is None else rule for rule in found)
 
+    def turned(self, u):
+        """See :meth:`pcontact.assembly.item.Item.turned`: sums (4,) over items and ranks. *Collective.*"""
+        own = sum((item.turned(u) for item in self.others), np.zeros(4))
+        return self.space.comm.allreduce(own, op=MPI.SUM)
+
     def recede(self, u, since=None):
         """Rules under which points that are open in the last tangent, or at the end ``u`` of a full Newton step, stay
         so; None where the step ends otherwise. *Collective.*
@@ -349,8 +354,7 @@ class Problem:
         """
         if self.yields or any(item.can_slip for item in self.others):
             return None
-        own = sum((item.turned(u) for item in self.others), np.zeros(4))
-        closed, opens, closes, count = self.space.comm.allreduce(own, op=MPI.SUM)
+        closed, opens, closes, count = self.turned(u)
         if since is None:
             goes = count >= MANY and opens > WIDE * closed and closes <= MIXED * opens
         else:

@@ -63,6 +63,16 @@ class FewUnknowns:
     def recede(self, u, rules=None, since=None):
         return None
 
+    def turned(self, u):
+        return np.array([1.0, 0.0, self.closes(u), 0.0])
+
+    def closes(self, u):
+        """Area that closes in ``u``."""
+        return 0.0
+
+    def integrable(self, u):
+        return True
+
     def closed_area(self):
         return 1.0
 

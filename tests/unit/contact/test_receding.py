@@ -80,7 +80,7 @@ class Bed(Item):
 class Beam(FewUnknowns):
     """Half a beam without weight on a bed of springs, pressed down in the middle (the first node)."""
 
-    recede, by_law = Problem.recede, (LAW,)
+    recede, turned, by_law = Problem.recede, Problem.turned, (LAW,)
 
     def __init__(self, n, stiffness):
         bend = np.diff(np.eye(n + 1), 2, axis=0)

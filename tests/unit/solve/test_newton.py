@@ -77,6 +77,65 @@ def test_a_residual_that_hardly_points_along_the_step():
     assert along.newton > result.newton
 
 
+def bent(stiffness=1e6, force=1.0):
+    """A bar that shortens along itself, u[0], by half the square of its turn, u[1], and that is stiff along itself."""
+
+    def residual(u):
+        along = stiffness * (u[0] + 0.5 * u[1] ** 2)
+        return np.array([along, along * u[1] + u[1] - force])
+
+    def tangent(u):
+        along = stiffness * (u[0] + 0.5 * u[1] ** 2)
+        return np.array([[stiffness, stiffness * u[1]], [stiffness * u[1], along + stiffness * u[1] ** 2 + 1.0]])
+
+    problem = FewUnknowns(2, residual, tangent)
+    problem.extrapolates = True
+    return problem
+
+
+def test_a_residual_that_rises_where_a_bar_bends():
+    """Full steps, though the first one raises the residual by half the stiffness: the next one is shorter."""
+    result, u = solved(bent(), np.zeros(2))
+    assert result.converged
+    np.testing.assert_allclose(u, [-0.5, 1.0], atol=1e-9)
+    along, _ = solved(bent(), np.zeros(2), newton_without="correction")
+    assert along.newton > 3 * result.newton
+    # where points close on the way the step is that of contact
+    problem = bent()
+    problem.closes = lambda u: 1.0
+    contact, _ = solved(problem, np.zeros(2))
+    assert contact.newton > result.newton
+
+
+def test_a_step_is_taken_back_where_the_next_one_is_no_shorter():
+    """The arc tangent beside a linear function, whose full steps grow without bound."""
+
+    def residual(u):
+        return np.array([np.arctan(u[0]), 0.1 * (u[1] - 1.0)])
+
+    def tangent(u):
+        return np.diag([1.0 / np.hypot(1.0, u[0]) / np.hypot(1.0, u[0]), 0.1])
+
+    problem = FewUnknowns(2, residual, tangent)
+    assert not solved(problem, [20.0, 0.0], newton_without="line_search,half_step", snes_max_it=9)[0].converged
+    problem.extrapolates = True
+    result, u = solved(problem, [20.0, 0.0])
+    assert result.converged
+    np.testing.assert_allclose(u, [0.0, 1.0], atol=1e-9)
+
+
+def test_a_step_is_halved_until_the_residual_has_a_value():
+    """Cells that a full step turns inside out."""
+
+    def residual(u):
+        return -2.0 - np.log(np.where(u < 1.0, 1.0 - u, np.nan))
+
+    problem = FewUnknowns(1, residual, lambda u: np.diag(1.0 / (1.0 - u)))
+    problem.extrapolates = True
+    result, u = solved(problem, [-3.0])
+    assert result.converged and u[0] == pytest.approx(1.0 - np.exp(-2.0))
+
+
 def test_a_residual_that_is_not_finite_ends_the_attempt():
     """So says a material point that cannot be integrated; the load step is then cut."""
     problem = FewUnknowns(1, lambda u: np.where(u < 0.5, u - 1.0, np.nan), lambda u: np.eye(1))
