@@ -2,9 +2,9 @@
 
 The ironing of `ironing.py`, a foot that is pressed into a slab and dragged along it, in few and in many load steps,
 with partners looked for once per load step (``-contact_search_again 0``), again where Newton's method has ended until
-that changes forces by 0.2 % at most, as by default, and to 1e-5 (``-contact_partner_rtol 1e-5``). The differences are those of the normal and the tangential force
-from a run in many load steps, in L2 while the foot is dragged, relative to that run's. Times are ratios to the first
-way's.
+that changes forces by 0.2 % at most, as by default, and to 1e-5 (``-contact_partner_rtol 1e-5``). The differences are
+those of the normal and the tangential force from a run in many load steps, in L2 while the foot is dragged, relative to
+that run's. Times are ratios to the first way's.
 """
 
 import time as clock

@@ -555,7 +555,7 @@ class Problem:
         acts += float(np.sum(self.borne(u)))
         return float(acts + answer + (thermal if acts == 0.0 else 0.0))
 
-    def acts(self, u, borne):
+    def acts(self, u, borne, roundings):
         """Whether loads act on the bodies, or forces of supports and groups that are no rounding errors. *Collective.*
 
         Parameters
@@ -563,8 +563,10 @@ class Problem:
         u : PETSc.Vec
         borne : ndarray (n_owned, d)
             By supports and groups [force].
+        roundings : float
+            So many rounding errors are no force.
         """
-        return self.loaded(u) > 0.0 or bool(np.any(self.space.norms(borne) > ROUNDINGS * self.roundoff_of(u)))
+        return self.loaded(u) > 0.0 or bool(np.any(self.space.norms(borne) > roundings * self.roundoff_of(u)))
 
     def reactions(self, u, unbalanced=None):
         """Support forces that the surroundings exert, by region. *Collective.*

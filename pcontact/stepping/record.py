@@ -145,13 +145,13 @@ class Recorder:
         self.carried = max(self.carried, problem.sum_of_magnitudes(u, borne))
         imbalance = total / self.carried if self.carried > 0.0 else 0.0
         if max(total, residual) <= UNBALANCED * self.carried:
-            if problem.acts(u, borne):
+            if problem.acts(u, borne, NEARLY * ROUNDINGS):
                 self._warn_of_rounding(time, u)
             return imbalance
         rounded = NEARLY * ROUNDINGS * problem.roundoff(u)
         if total > ROUNDINGS * problem.rounding_of_sum(u) or residual > rounded:
             why = "the residual that the tolerances leave does: smaller ones (-snes_rtol), or smaller load steps"
-        elif problem.acts(u, borne):
+        elif problem.acts(u, borne, NEARLY * ROUNDINGS):
             why = "rounding errors of the stresses hide them, the displacements are right only where they are imposed"
         else:
             # bodies that move, or touch, without any force leave rounding errors alone
