@@ -138,10 +138,10 @@ class ObstacleSearch:
 
     def gap(self, x, time, origin):
         """The same of points that move from where they were searched: those that were behind the obstacle see the plane
-        of their partner until they face the obstacle. *Collective.*"""
+        of their partner until they are out of it or face it. *Collective.*"""
         gap, away = self.distance(x, time, origin)
-        rows, at, normal = self._behind
-        still = np.einsum("pd,pd->p", away[rows], normal) < FACING
+        rows, at, normal, own = self._behind
+        still = (gap[rows] < 0.0) & (np.einsum("pd,pd->p", away[rows], own) < FACING)
         rows, at, normal = rows[still], at[still], normal[still]
         gap[rows], away[rows] = np.einsum("pd,pd->p", at - x[rows], normal), normal
         return gap, away
@@ -155,7 +155,7 @@ class ObstacleSearch:
         rows, at = self._ways_out(rows, x, normal, time, (REACHED * radius, origin))
         paired[rows], away[rows] = True, self.distance(at, time, origin)[1]
         gap[rows] = np.einsum("pd,pd->p", at - x[rows], away[rows])
-        self._behind = rows, at, away[rows]
+        self._behind = rows, at, away[rows], normal[rows]
         self.too_deep = int(np.sum(paired & (gap < -radius)))
         paired &= np.abs(gap) <= radius
         n = len(gap)
