@@ -566,7 +566,7 @@ class Problem:
         roundings : float
             So many rounding errors are no force.
         """
-        return self.loaded(u) > 0.0 or bool(np.any(self.space.norms(borne) > roundings * self.roundoff_of(u)))
+        return self.loaded(u) > 0.0 or self.norm(borne) > roundings * self.roundoff(u)
 
     def reactions(self, u, unbalanced=None):
         """Support forces that the surroundings exert, by region. *Collective.*
