@@ -331,7 +331,7 @@ class Simulation:
         name = self.spans[self.number].name if self.spans else None
         absent = [body.region for body in scene.bodies if body.absent] if self._changing else None
         recorder = Recorder(self.problem, output.probes, [body.region for body in scene.bodies], name, absent)
-        self._carriers = {"largest_force": recorder, "direct": self.newton}
+        self._carriers = {"largest_force": recorder, "direct": self.newton, "acting": self.newton.convergence}
         if estimate is not None:
             self._carriers["largest_energy"] = estimate
         if self.renew is not None:

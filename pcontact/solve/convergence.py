@@ -5,6 +5,9 @@ import numpy as np
 from pcontact.runtime.petsc import PETSc, diverged_nan
 from pcontact.solve.problem import ROUNDINGS
 
+# [-] Rounding errors of forces whose norm is 1, as many as an exact solution leaves.
+ROUNDOFF = ROUNDINGS * np.finfo(float).eps
+
 # [-] Part of the first residual below which the forces of a solution are not known. From: chosen, 5e5 rounding
 # errors of a double.
 ROUNDED = 1e-10
@@ -43,6 +46,9 @@ class ConvergenceTest:
         Whether SNES gets a predicted residual at the first iterate of the run: that is no solution, however small.
     predicted_from : float
         The norm of the true residual there, where it is known; else nan.
+    carried : float
+        Largest forces at work at solutions of the run so far [force]: their rounding errors are nothing in the load
+        steps after them, in which nothing may act any more.
     told : callable, optional
         Called with the norms at every iterate.
     """
@@ -50,12 +56,13 @@ class ConvergenceTest:
     def __init__(self, problem, balance, residual):
         self._problem, self._balance, self._residual = problem, balance, residual
         self._floor, self._least, self._first, self._start = 0.0, 0.0, None, None
-        self.predicted, self.predicted_from, self.told = False, np.nan, None
+        self.predicted, self.predicted_from, self.told, self.carried = False, np.nan, None, 0.0
         self.begin()
 
     def begin_step(self, u):
         """A load step begins at ``u``. *Collective.*"""
-        self._least = ROUNDINGS * self._problem.roundoff(u)
+        # loads that supports or equations bear leave their rounding errors, too
+        self._least = max(ROUNDINGS * self._problem.roundoff(u), ROUNDOFF * self._problem.loaded(u))
         self._first, self._start, self.predicted_from = None, u, np.nan
 
     def begin(self, near=False):
@@ -97,14 +104,19 @@ class ConvergenceTest:
             return reasons.ITERATING
         reason = self._ends(u, iteration, norm, snes.getTolerances())
         rests = reason == reasons.ITERATING or self._balance is None or self._balance.rests(u, self._residual)
-        return reason if rests else reasons.ITERATING
+        if not rests:
+            return reasons.ITERATING
+        if reason != reasons.ITERATING:
+            self.carried = max(self.carried, self._problem.acting(u))
+        return reason
 
     def _ends(self, u, iteration, norm, tolerances):
         """Why an iteration ends with this norm of the residual, or that it does not. *Collective.*"""
         reasons = PETSc.SNES.ConvergedReason
         rtol, atol = tolerances[:2]
         rounded = norm <= max(self._floor, self._least) and self._settled(u, iteration, norm)
-        if norm <= atol or (rounded and self._balanced(u, norm)):
+        hidden = rounded and self._balanced(u, norm)
+        if norm <= max(atol, ROUNDOFF * self.carried) or hidden:
             return reasons.CONVERGED_FNORM_ABS
         if (iteration > 0 or self._near) and norm <= rtol * self._first:
             if self._small(u, norm, max(rtol, SMALL)):
@@ -126,10 +138,10 @@ class ConvergenceTest:
         any force: there a residual is enough that hardly changes their displacements. *Collective.*"""
         if norm <= BALANCED * self._problem.acting(u):
             return True
-        if self._problem.loaded(u) > 0.0:
-            return False
         # bodies that spring back to where they were have no displacements left to compare with
-        return norm <= MOVED * max(self._problem.stiffness_scale(x) for x in (u, self._start))
+        scale = max(self._problem.stiffness_scale(x) for x in (u, self._start))
+        # springs that bear nothing leave the rounding errors of their forces
+        return self._problem.loaded(u) <= ROUNDOFF * scale and norm <= MOVED * scale
 
     def _small(self, u, norm, part):
         """Whether a residual is small against the forces at work. The first residual, of bodies whose supports alone

@@ -251,6 +251,11 @@ class Newton:
         if value and self._fallback.choose():
             self._turn_direct()
 
+    @property
+    def convergence(self):
+        """The :class:`pcontact.solve.convergence.ConvergenceTest`."""
+        return self._converges
+
     def _turn_direct(self):
         """Take the direct solver that the options hold by now. *Collective.*"""
         if self._filter is not None:

@@ -279,6 +279,14 @@ def test_a_block_that_an_average_alone_holds(mesh):
     assert np.ptp(up) > 1e-4 and record["contacts"]["floor"]["force"][1] < -1.0
 
 
+def test_an_average_that_bears_all_of_the_load(mesh):
+    """Nothing moves: rounding errors of a load that the equations bear are all that is left."""
+    end = Coupling("right", displacement=[0, 0], rotation=0.0, average=True)
+    load = Load("right", traction=[0.1, 0.05])
+    _, record = simulated(scene(mesh["square"], [end], [load], [Displacement("left", [0, 0])], nu=0.3))
+    np.testing.assert_allclose(record["couplings"]["right"]["force"], [-0.1, -0.05], atol=1e-12)
+
+
 @pytest.mark.parametrize("couplings, supports, message", [
     ([Coupling("right", displacement=[0.1, 0], average=True)], [Displacement("right", ["free", 0])],
      r"couplings \(right\): found a motion of which supports"),
