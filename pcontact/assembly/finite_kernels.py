@@ -537,6 +537,54 @@ def cell_piola(state, cells, nodal, c, mode, work, piola, slope):
     return True
 
 
+@njit_inner
+def acoustic(state, cells, c, q, normal, work, out):
+    """Acoustic tensor of a point along a direction N: the derivative of the traction P N by the displacement gradient
+    v (x) N, per undeformed area. After :func:`point_of_cell` in a mode other than STRESS.
+
+        Q = (g . S g) I + B^T A B + U'' n n,    g = Ui N,    n = F^-T N
+
+    Parameters
+    ----------
+    normal : ndarray (d,)
+        N, of the undeformed body.
+    work : CellWork
+        ``operator`` is overwritten.
+    out : ndarray (3, 3)
+        Overwritten: Q [stress], symmetric; zeros in the third direction of a plane.
+    """
+    d, m, fb, s = normal.shape[0], work.point.stress.shape[0], work.deformation, work.tensor
+    g, rows, along, slope = work.point.row, work.operator, 0.0, 0.0
+    out[:, :] = 0.0
+    for i in range(3):
+        g[i] = 0.0
+        for j in range(d):
+            g[i] += work.stretch[i, j] * normal[j]
+    for i in range(3):
+        for j in range(3):
+            along += g[i] * s[i, j] * g[j]
+    for i in range(d):
+        for k in range(m):
+            a, b = (k, k) if k < 3 else ((0, 1) if k == 3 else ((1, 2) if k == 4 else (0, 2)))
+            rows[i, k] = fb[i, a] * g[a] if k < 3 else HALF * (fb[i, a] * g[b] + fb[i, b] * g[a])
+    if cells.basis.shape[2] > 0:
+        slope = pressure_slope(state.material, state.material.shared, work.log_volume[q])
+    for i in range(d):
+        out[i, i] += along
+        for j in range(d):
+            for k in range(m):
+                for n in range(m):
+                    out[i, j] += rows[i, k] * work.point.tangent[k, n] * rows[j, n]
+    if slope > 0.0:
+        for i in range(d):
+            g[i] = 0.0
+            for j in range(d):
+                g[i] += work.inverse[q, j, i] * normal[j]
+        for i in range(d):
+            for j in range(d):
+                out[i, j] += slope * g[i] * g[j]
+
+
 @njit
 def piola_at(state, cells, nodal, mode, work, piola, slope):
     """:func:`cell_piola` of all cells: P (nc, nq, d, d) and dP (nc, nq, d, d, nn d), or (0, ...) where STRESS.

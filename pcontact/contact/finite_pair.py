@@ -347,7 +347,7 @@ def finite_pair(space, bulk, contact, source, target, radius, floats=False, trac
     if method.has_traction:
         traction = FiniteTraction(space, bulk, source, contact.source, trace)
     else:
-        traction = NoTraction(source)
+        traction = NoTraction(space, bulk, source, contact.source)
     kind = FiniteTerms if contact.pressure_overclosure is None else FiniteLayerTerms
     terms = kind(space, source, method, traction, law)
     return FinitePair(space, contact, source, partner_search(space, contact, target, law), terms, radius, floats)

@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from drivers._common import running
+from meshes.blocks import one_block
 from meshes.ironing import ironing_slab
 from pcontact.runtime.observer import Observer
-from pcontact.scene.model import Body, Contact, Displacement, Material, MeshSpec, Output, Scene, Steps
+from pcontact.scene.model import Body, Contact, Displacement, Material, MeshSpec, Obstacle, Output, Scene, Steps
 from pcontact.simulation import Simulation
 from tests.support.finite_contact import mesh, moved, slanted, turn, two
 
@@ -158,3 +159,25 @@ def test_points_that_leave_their_facets_in_a_load_step_find_others(shared_tmp):
     np.testing.assert_allclose(forces[:, 0], forces[:, 1], rtol=1e-5, atol=1e-4)
     # all of it slides at the end; the rays are those of the deformed foundation, which rises in front of the slab
     assert forces[-1, 0, 0] > 0.3 * forces[-1, 0, 1]
+
+
+def test_rubber_that_has_stiffened(shared_tmp):
+    """Stretched to twice its length along its surface and then pressed on a round obstacle: a thousand times as stiff
+    as undeformed, and where it bears a pressure it touches."""
+    path = mesh(lambda file: one_block(file, 2, 8, "quadrilateral"), shared_tmp / "rubber.msh")
+    rubber = Material(1.0, 0.3, law="ogden", ogden=[(1.0 / 1.3 / 20.0, 20.0)])
+    scene = Scene(
+        MeshSpec(path, strain="finite"), {"rubber": rubber}, [Body("block", "rubber")],
+        contacts=[Contact("bottom", obstacle=Obstacle("sphere", center=[1.0, -5.0], radius=5.0), name="c")],
+        displacements=[
+            Displacement("left", [0.0, "free"]),
+            Displacement("right", ["min(2*t, 1)", "free"]),
+            Displacement("top", ["x*min(2*t, 1)", "-0.2*max(0, t - 0.5)"]),
+        ],
+        steps=Steps(count=8), output=Output(fields=False),
+    )  # fmt: skip
+    with running(scene) as (simulation, converged):
+        state = simulation.problem.contacts[0].state(simulation.stepper.u)
+        assert converged
+    assert state["pressure"].max() > 100.0
+    assert np.abs(state["gap"][state["pressure"] > 0.0]).max() < 0.01

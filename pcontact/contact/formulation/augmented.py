@@ -72,9 +72,9 @@ class AugmentedLagrangian(Penalty):
         self._grown *= min(GROWTH, self.short())
         self.gamma = self._grown * self._first
 
-    def begin(self, stretch=None):
+    def begin(self, growth=None):
         """Start from the multipliers of the last load step, with the gamma that the scene says."""
-        super().begin(stretch)
+        super().begin(growth)
         self.multiplier, self._first, self._grown = self._kept, self.gamma, 1.0
 
     def commit(self):

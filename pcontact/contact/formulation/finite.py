@@ -5,8 +5,11 @@ The lag of the law behind the slip of a load step is taken off the next referenc
 Multipliers of the augmented Lagrangian method do not turn within a run of Newton's method; the updates around it turn
 them, and nothing is left of that where they have settled.
 
-With the ratio w = |F^-T N| of the committed state, the largest one on a facet, gamma grows by (1 + ln w) w^2 where that
-is more than 1: the constant of the trace inequality of a cell that has been compressed along its normal does so.
+In the committed state a cell may be stiffer along the normal of its facet than undeformed: compressed, or of rubber
+that has been stretched. The constant of its trace inequality grows, and gamma with it: by what the law says
+(`pcontact.contact.traction.finite`), and no less than Hencky's law says of a cell that is compressed along the normal
+alone, (1 + ln w) w^2 with the ratio w = |F^-T N|, the largest one on a facet. Rubber grows stiffer more slowly there,
+but a gamma that follows has load steps of ironing it cut.
 """
 
 from typing import NamedTuple
@@ -101,7 +104,7 @@ class FiniteTerms:
         w = np.empty(len(p.cells))
         stretch(p.points, self.source.grad, values, w)
         w = np.maximum(w, 1.0)
-        self.method.begin((1.0 + np.log(w)) * w**2)
+        self.method.begin(np.maximum((1.0 + np.log(w)) * w**2, self.traction.growth(values, p)))
         d, nn = self.space.dim, p.cells.shape[1]
         self._adjoint = np.zeros((0, nn, d, d))
         if self.method.theta != 0.0:

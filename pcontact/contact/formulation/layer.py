@@ -74,9 +74,9 @@ class Layer(Penalty):
         """See :attr:`Method.firmest`."""
         return np.maximum(self.gamma, self._steepest)
 
-    def begin(self, stretch=None):
+    def begin(self, growth=None):
         """See :meth:`Method.begin`: a stiffness that is said does not depend on cells."""
-        super().begin(stretch if self._sticks is None else None)
+        super().begin(growth if self._sticks is None else None)
 
     def normal(self, gap, facet):
         """The curve at gaps (np,) of points on facets (np,).

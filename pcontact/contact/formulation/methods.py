@@ -81,15 +81,15 @@ class Method:
         """What stands in the place of the source's traction (np, d) [stress]."""
         return traction
 
-    def begin(self, stretch=None):
+    def begin(self, growth=None):
         """A load step is tried: what it changes is that of the last one.
 
         Parameters
         ----------
-        stretch : ndarray (nf,), optional
-            By which gamma grows where the cells behind the facets are compressed.
+        growth : ndarray (nf,), optional
+            Of gamma, where the cells behind the facets have become stiffer.
         """
-        self.gamma = self._default if stretch is None else self._default * stretch
+        self.gamma = self._default if growth is None else self._default * growth
 
     def commit(self):
         """The load step has ended."""

@@ -2,19 +2,36 @@
 P of the parent cell's own quadrature points, extrapolated to the facet as in `pcontact.contact.traction.plastic`.
 
 Facets of bodies without finite strain have P = sigma: t is what small strain says, on the undeformed facet.
+
+How stiff a body is behind a facet is the largest eigenvalue of the acoustic tensor along the facet's normal N,
+
+    Q_ik = dP_ij/dF_kl N_j N_l,
+
+with elastic moduli, at any point of the parent cell; lambda + 2 mu in the undeformed state. For Hencky's law and a cell
+that is compressed along N alone, to 1/w of its length, it is (1 + ln w) w^2 times that.
 """
 
 from typing import NamedTuple
 
 import numpy as np
 
-from pcontact.assembly.finite_kernels import STRESS, CellWork, FiniteCells, cell_piola, cell_work
+from pcontact.assembly.finite_kernels import (
+    STRESS,
+    CellWork,
+    FiniteCells,
+    acoustic,
+    begin_cell,
+    cell_piola,
+    cell_work,
+    point_of_cell,
+)
 from pcontact.assembly.geometry import some_cells_weighted
 from pcontact.contact.formulation.finite_kernels import Slopes
 from pcontact.contact.traction.constant import ConstantTraction
 from pcontact.contact.traction.elastic import ElasticTraction
 from pcontact.contact.traction.plastic import FacetPoints, PlasticTraction, facet_points
 from pcontact.material.finite import CONSISTENT, ELASTIC
+from pcontact.material.log_strain import eigenpairs
 from pcontact.runtime.jit import njit
 
 
@@ -29,12 +46,13 @@ class _Facets(NamedTuple):
 
 class _Part(NamedTuple):
     """Those of one block: its ``number``, the ``rows`` of the parent cells in it, and ``which`` of the source's facets
-    they are."""
+    they are; how stiff they are behind these in the undeformed state, ``soft`` (n,) [stress]."""
 
     number: int
     rows: np.ndarray
     which: slice
     facets: _Facets
+    soft: np.ndarray
 
 
 class _Asked(NamedTuple):
@@ -99,6 +117,24 @@ def _add_tractions(state, facets, nodal, normal, asked, work, out):
                         for a in range(cells.nodes.shape[1]):
                             for m in range(d):
                                 row[a, i, m] += factor * slope[q, i, j, a * d + m]
+
+
+@njit
+def _stiffest(state, facets, nodal, normal, work, out):
+    """How stiff cells are behind their facets: ``out`` (nf,) [stress], 0 for a cell that cannot be integrated."""
+    cells, first, points = facets.cells, facets.first, facets.places.points
+    tensor, values, vectors, m = np.zeros((3, 3)), np.zeros(3), np.zeros((3, 3)), work.point.stress.shape[0]
+    for c in range(len(cells.nodes)):
+        out[c] = 0.0
+        if not begin_cell(state, cells, nodal, c, ELASTIC, work):
+            continue
+        for q in range(cells.grad.shape[1]):
+            if not point_of_cell(state, cells, c, q, ELASTIC, work):
+                break
+            for k in range(first[c], first[c + 1]):
+                acoustic(state, cells, c, q, normal[points[k]], work, tensor)
+                eigenpairs(tensor, m, values, vectors)
+                out[c] = max(out[c], values.max())
 
 
 @njit
@@ -169,16 +205,35 @@ class FiniteTraction:
         places = facet_points(source, which, cell, space.degree, rule)
         places = places._replace(matrix=np.ascontiguousarray(places.matrix))
         first = np.searchsorted(places.facet, np.arange(len(rows) + 1))
-        return _Part(facets.block, rows, which, _Facets(cells, first, places))
+        state = self._bulk.parts[facets.block].of(rows)
+        state, soft = state._replace(strain=0.0 * state.strain, p=0.0 * state.p), np.empty(len(rows))
+        behind = _Facets(cells, first, places)
+        _stiffest(state, behind, np.zeros_like(space.points), source.normal, cell_work(cells), soft)
+        return _Part(facets.block, rows, which, behind, soft)
+
+    def _present(self, part, p):
+        """State of the cells of a part, and its facets with the nodes of a pairing."""
+        nodes = np.ascontiguousarray(p.cells[part.which, : part.facets.cells.grad.shape[2]])
+        facets = part.facets._replace(cells=part.facets.cells._replace(nodes=nodes))
+        return self._bulk.parts[part.number].of(part.rows), facets
+
+    def growth(self, values, p):
+        """How much stiffer the cells behind the facets are at nodal values (n, d), the committed ones, than in the
+        undeformed state: (nf,), at least 1; with small strain 1."""
+        found = np.ones(len(p.cells))
+        for part in self._parts:
+            state, facets = self._present(part, p)
+            stiff = np.empty(len(part.rows))
+            _stiffest(state, facets, values, self.source.normal, cell_work(facets.cells), stiff)
+            found[part.which] = np.maximum(stiff / part.soft, 1.0)
+        return found
 
     def _add(self, values, p, asked, out):
         d = out.tractions.shape[1]
         for part in self._parts:
-            nodes = np.ascontiguousarray(p.cells[part.which, : part.facets.cells.grad.shape[2]])
-            cells, state = part.facets.cells._replace(nodes=nodes), self._bulk.parts[part.number].of(part.rows)
-            nq, nn = cells.grad.shape[1:3]
-            work = _Stresses(cell_work(cells), np.zeros((nq, d, d)), np.zeros((nq, d, d, nn * d)))
-            facets = part.facets._replace(cells=cells)
+            state, facets = self._present(part, p)
+            nq, nn = facets.cells.grad.shape[1:3]
+            work = _Stresses(cell_work(facets.cells), np.zeros((nq, d, d)), np.zeros((nq, d, d, nn * d)))
             _add_tractions(state, facets, values, self.source.normal, asked, work, out)
 
     def traction(self, values, p, wanted):
@@ -205,13 +260,14 @@ class FiniteTraction:
         return Slopes(at, rows)
 
 
-class NoTraction:
-    """Where the source's stress does not enter."""
+class NoTraction(FiniteTraction):
+    """Where the source's stress does not enter; how stiff it is does."""
 
-    symmetric, consistent, jumps = True, False, False
+    symmetric = True
 
-    def __init__(self, source):
-        self.source = self.small = source
+    def __init__(self, space, bulk, source, name):
+        super().__init__(space, bulk, source, name)
+        self.small = source
 
     def traction(self, values, p, wanted):
         """Zeros (np, d)."""
