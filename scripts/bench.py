@@ -2,14 +2,19 @@
 
     mpirun -n 2 python scripts/bench.py [--unknowns 200000] [--theta 0] [--friction 0.3] [--yield-stress 5]
                                         [--repeat 3] [any option]
+    python scripts/bench.py --against REV [--ranks 2] [--repeat 5] [...]
 
 Both solves use the same Krylov method and preconditioner; the elastic one (body forces, no contact) goes to a relative
 tolerance of 1e-8. With --friction the same press is solved with and without it, with --yield-stress with and without
 plasticity (perfect, of both bodies). --repeat runs all of them in turn and keeps the fastest of each: other work on the
 machine disturbs less. Prints ratios, writes bench.json.
+
+With --against this tree and the revision REV of it run in alternation, five cases (linear elastic, contact, friction,
+plasticity, finite strain) on one mesh, each run in processes of its own; this calls mpirun itself.
 """
 
 from drivers._common import main, make_mesh, make_parser, print_table, write_json
+from drivers.studies._against import against
 from drivers.studies._press import make_scene
 from drivers.studies.scaling import triad
 from meshes import ball_on_block
@@ -128,4 +133,6 @@ if __name__ == "__main__":
     PARSER.add_argument("--friction", type=float, default=0.0)
     PARSER.add_argument("--yield-stress", type=float, default=0.0)
     PARSER.add_argument("--repeat", type=int, default=1)
-    main(compare, PARSER)
+    PARSER.add_argument("--against", metavar="REV", help="compare with this revision instead; without mpirun")
+    PARSER.add_argument("--ranks", type=int, default=2, help="of mpirun, with --against (%(default)s)")
+    main(lambda args: against(args) if args.against else compare(args), PARSER)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import copy
 import itertools
-import os
 import pickle
 import re
 import subprocess
@@ -22,10 +21,9 @@ from pcontact.api.running import run
 from pcontact.api.scenes import read
 from pcontact.runtime.errors import TOLD, InputError, NotConverged
 from pcontact.runtime.petsc import MPI
+from pcontact.runtime.start import environment_outside
 from pcontact.scene import model
 
-_STARTED = ("PMIX_", "PMI_", "PRTE_", "ORTE_", "OPAL_", "OMPI_COMM_", "OMPI_APP_", "OMPI_MCA_ess", "OMPI_MCA_orte",
-            "OMPI_MCA_pmix")  # fmt: skip
 _STEP = re.compile(r"([A-Za-z_][\w-]*)|\[(\d+)\]|\[['\"]([^'\"]+)['\"]\]")
 
 
@@ -151,11 +149,6 @@ def _case(scene: model.Scene, options: Any) -> dict[str, Any]:
     return {"converged": done.converged, "error": error, **last}
 
 
-def _environment() -> dict[str, str]:
-    """That of this process without what MPI put there when it started: mpirun would take itself for a part of it."""
-    return {name: value for name, value in os.environ.items() if not name.startswith(_STARTED)}
-
-
 def _apart(scene: model.Scene, options: Any, ranks: int) -> dict[str, Any]:
     """A case run in processes of its own."""
     with tempfile.TemporaryDirectory() as scratch:
@@ -163,7 +156,7 @@ def _apart(scene: model.Scene, options: Any, ranks: int) -> dict[str, Any]:
         given.write_bytes(pickle.dumps((scene, options)))
         start = ["mpirun", "-n", str(ranks)] if ranks > 1 else []
         command = [*start, sys.executable, "-m", "pcontact.api.worker", str(given), str(found)]
-        done = subprocess.run(command, capture_output=True, text=True, env=_environment())
+        done = subprocess.run(command, capture_output=True, text=True, env=environment_outside())
         if not found.exists():
             lines = done.stderr.strip().splitlines() or [f"it ended with status {done.returncode}"]
             return {"converged": False, "error": lines[-1]}

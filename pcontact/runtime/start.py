@@ -3,6 +3,10 @@
 import os
 import sys
 
+# names of what MPI puts into the environment of the processes that it starts
+_STARTED = ("PMIX_", "PMI_", "PRTE_", "ORTE_", "OPAL_", "OMPI_COMM_", "OMPI_APP_", "OMPI_MCA_ess", "OMPI_MCA_orte",
+            "OMPI_MCA_pmix")  # fmt: skip
+
 
 class _State:
     """Whether this process is another program's, which has a command line of its own."""
@@ -35,3 +39,14 @@ def words():
     # a `.petscrc` in the working directory may be that of somebody's scene, and has PETSc run programs
     skipped = ["-skip_petscrc"] if "-no_code" in line else []
     return line[:1] if "pytest" in sys.modules else line + skipped
+
+
+def environment_outside():
+    """The environment of this process without what MPI put there when it started: an mpirun that is called from here
+    would take itself for a part of it.
+
+    Returns
+    -------
+    dict of str to str
+    """
+    return {name: value for name, value in os.environ.items() if not name.startswith(_STARTED)}

@@ -13,7 +13,7 @@ from pcontact.stepping.loose import Announcer
 UNBALANCED = 1e-3
 # [-] Part of the forces at work that rounding errors may be without a word. From: two blocks pressed together, one 1e8
 # to 1e12 times as stiff as the other and the more movable one: the pressure is wrong by a fifth to all of that part.
-ROUNDED = 1e-4
+ROUNDING_PART = 1e-4
 # [-] Part of the work of the stresses that a viscous stabilisation may take up without a word. From: chosen, as
 # UNBALANCED.
 VISCOUS = 1e-3
@@ -203,7 +203,7 @@ class Recorder:
         self._acting = max(self._acting, problem.acting(u))
         errors = problem.roundoff_of(u)
         part = np.linalg.norm(errors) / self._acting if self._acting > 0.0 else 0.0
-        if part > ROUNDED and "rounding" not in self._told:
+        if part > ROUNDING_PART and "rounding" not in self._told:
             self._told.add("rounding")
             name = problem.space.mesh.component_names[int(np.argmax(errors))]
             log.warning(
