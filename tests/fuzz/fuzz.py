@@ -2,9 +2,12 @@
 
 Every scene (scenes.py) runs with a direct solver and a small tolerance, then in other ways (variants.py): on three
 ranks, renumbered, mirrored, rotated and moved, in other units, restarted, with the program's own solver, with source
-and target swapped, with an error estimate. The numbers have to agree (judge.py). A failure is shrunk: feature after
-feature is replaced by the simplest one, as long as the scene still fails. What is left goes to a directory, with the
-command that repeats it.
+and target swapped, with an error estimate. The numbers have to agree (judge.py), and what must hold in each run by
+itself does (checks.py). A failure is shrunk: feature after feature is replaced by the simplest one, as long as the
+scene still fails. What is left goes to a directory, with the command that repeats it.
+
+With ``--log FILE`` every scene leaves a line there when it is over, and one that has a line is not run again: a
+campaign that was ended goes on. ``--kept`` runs the scenes in tests/fuzz/kept instead, which have failed once.
 
 The exit status is 1 if there was a failure.
 """
@@ -21,15 +24,17 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
+from checks import check
 from grids import msh_text
 from judge import SINGULAR, differences, numbers_of, scales
 from runner import job_of, run_jobs, take_along
-from scenes import scene_of, texts
+from scenes import kept, scene_of, texts
 from variants import TIGHT, in_units, variants_of
 
 HERE = Path(__file__).resolve().parent
+KEPT = HERE / "kept"
 # scenes of one round: their runs share a process
-ROUND = 10
+ROUND = 5
 
 
 @dataclass
@@ -56,10 +61,11 @@ def write_case(folder, case):
     (folder / "mesh.msh").write_text(msh_text(case.mesh))
 
 
-def prepared(seed, plan=None, only=None):
-    """The case of a seed in units of its own, and its variants."""
+def prepared(seed, plan=None, only=None, case=None):
+    """The case of a seed in units of its own, or one that was kept, and its variants."""
     rng = np.random.default_rng([seed, 1])
-    case = in_units(scene_of(seed, plan), rng)
+    if case is None:
+        case = in_units(scene_of(seed, plan), rng)
     variants = variants_of(case, rng)
     if only is not None:
         wanted = {only, *(v.against for v in variants if v.name == only), "tight"}
@@ -150,6 +156,7 @@ def judged(case, variants, results, work):
             findings.append(Finding(case.seed, variant.name, result["status"], text))
             if not variant.against:
                 return findings, notes
+        findings += [Finding(case.seed, variant.name, kind, text) for kind, text in absolute(variant, result)]
     status = results["tight"]["status"]
     if status == "stopped":
         reason = results["tight"]["cuts"][-1][1]
@@ -181,6 +188,13 @@ def judged(case, variants, results, work):
         elif wrong is not None:
             findings.append(wrong)
     return findings, notes
+
+
+def absolute(variant, result):
+    """What is wrong with one run by itself: (kind, text). One of each kind of run is enough."""
+    if variant.restart is not None or variant.name not in ("tight", "plain", "ranks", "swapped"):
+        return []
+    return check(variant.case, result, "snes_rtol" in variant.options)
 
 
 def _compared(case, variant, reference, base, result, singular=None):
@@ -297,49 +311,62 @@ def leave(finding, out):
 
 
 def round_of(seeds, plan, work):
-    """Findings and notes of some seeds: {seed: (case, findings, notes)}."""
+    """Findings, notes, number of load steps of some seeds, by seed; a Path is the folder of a scene that was kept."""
     place = Path(tempfile.mkdtemp(dir=work))
-    cases = {seed: prepared(seed, plan) for seed in seeds}
+    cases = {}
+    for seed in seeds:
+        case, number = (kept(seed), int(seed.name)) if isinstance(seed, Path) else (None, seed)
+        cases[number] = prepared(number, plan, case=case)
     results = run_scenes(cases, place)
     out = {}
     for seed, (case, variants) in cases.items():
         findings, notes = judged(case, variants, results[seed], place)
         for finding in findings:
             finding.plan = dict(plan or {})
-        steps = sum(len(r["steps"]) for r in results[seed].values())
-        out[seed] = case, findings, notes, steps
+        out[seed] = findings, notes, sum(len(r["steps"]) for r in results[seed].values())
     shutil.rmtree(place, ignore_errors=True)
     return out
 
 
-def campaign(seed, scenes, seconds, workers, plan, out, say):
+def over(log):
+    """Seeds that have a line in a log."""
+    return {json.loads(line)["seed"] for line in log.read_text().splitlines()} if log and log.exists() else set()
+
+
+def campaign(seeds, given, say):
     """Scenes until their number or the time is reached; all findings."""
     begin, findings, notes, count, steps = time.monotonic(), [], Counter(), 0, 0
     work = Path(tempfile.mkdtemp(prefix="pcontact_fuzz_"))
-    size = min(ROUND, max(1, scenes // max(workers, 1)))
-    seeds = [list(range(k, min(k + size, seed + scenes))) for k in range(seed, seed + scenes, size)]
-    with ThreadPoolExecutor(workers) as pool:
+    done = over(given.log)
+    seeds = [seed for seed in seeds if seed not in done]
+    size = min(ROUND, max(1, len(seeds) // max(given.j, 1)))
+    rounds = [seeds[k : k + size] for k in range(0, len(seeds), size)]
+    with ThreadPoolExecutor(given.j) as pool:
 
         def turn(some):
-            return {} if time.monotonic() - begin > seconds else round_of(some, plan, work)
+            return {} if time.monotonic() - begin > given.seconds else round_of(some, given.plan, work)
 
-        for found in pool.map(turn, seeds):
-            for _, new, more, n in found.values():
+        for found in pool.map(turn, rounds):
+            for seed, (new, more, n) in found.items():
                 count, steps = count + 1, steps + n
                 findings += new
                 notes.update(more)
                 for finding in new:
                     say(str(finding))
+                if given.log:
+                    line = {"seed": seed, "findings": [[f.variant, f.kind, f.text] for f in new], "notes": more}
+                    with open(given.log, "a") as stream:
+                        stream.write(json.dumps(line) + "\n")
             if found:
                 say(f"{count} scenes, {len(findings)} findings, {time.monotonic() - begin:.0f} s")
     wrong = len({finding.seed for finding in findings})
-    say(f"{count} scenes from seed {seed} on, {steps} load steps, {wrong} scenes with findings")
+    say(f"{count} scenes, {steps} load steps, {wrong} scenes with findings")
     for note, n in sorted(notes.items()):
         say(f"    {n} times: {note}")
-    if out is not None:
+    if given.o is not None and not given.kept:
         for finding in _each_once(findings):
             small = shrunk(finding, work)
-            say(f"shrunk: {small}\n    left in {leave(small, out)}")
+            say(f"shrunk: {small}\n    left in {leave(small, given.o)}")
     shutil.rmtree(work, ignore_errors=True)
     return findings
 
@@ -358,6 +385,8 @@ def main(words=None):
     parser.add_argument("-j", type=int, default=1, help="processes beside each other")
     parser.add_argument("--plan", type=json.loads, default=None, help="draws that are fixed, in JSON")
     parser.add_argument("-o", type=Path, default=None, help="directory for shrunk failures (default: none)")
+    parser.add_argument("--log", type=Path, default=None, help="file with a line for every scene that is over")
+    parser.add_argument("--kept", action="store_true", help="the scenes that were kept instead of new ones")
     given = parser.parse_args(words)
     take_along()
 
@@ -365,8 +394,8 @@ def main(words=None):
         sys.stdout.write(text + "\n")
         sys.stdout.flush()
 
-    found = campaign(given.seed, given.scenes, given.seconds, given.j, given.plan, given.o, say)
-    return 1 if found else 0
+    seeds = sorted(KEPT.iterdir()) if given.kept else range(given.seed, given.seed + given.scenes)
+    return 1 if campaign(seeds, given, say) else 0
 
 
 if __name__ == "__main__":

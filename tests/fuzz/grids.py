@@ -5,6 +5,7 @@ mistake in it would show.
 """
 
 import itertools
+import re
 from dataclasses import dataclass, field
 from functools import cache
 
@@ -210,6 +211,26 @@ def _sides(mesh, name, elements, lattice, shape):
             e.nodes = np.array(e.nodes)
 
 
+def sectioned(mesh, name, axis):
+    """The facets inside a block that lie in the middle plane of its lattice across an axis, as the group NAME_section.
+
+    The block is as :func:`block` has left it, with an even number of cubes along the axis.
+    """
+    groups = []
+    for e in mesh.bodies[name]:
+        kind, rows = facet_nodes(e.cell, e.degree)
+        facets = np.concatenate([e.nodes[:, row] for row in rows])
+        inside = (np.abs(mesh.points[facets][:, :, axis] - 0.5) < 1e-9).all(axis=1)
+        groups += [(kind, e.degree, nodes) for nodes in facets[inside]]
+    once = {frozenset(nodes.tolist()): (kind, degree, nodes) for kind, degree, nodes in groups}
+    kinds = {(kind, degree) for kind, degree, _ in once.values()}
+    mesh.facets[f"{name}_section"] = [
+        Elements(kind, degree, np.array([nodes for k, g, nodes in once.values() if (k, g) == (kind, degree)]))
+        for kind, degree in sorted(kinds)
+    ]
+    return mesh
+
+
 def jittered(mesh, counts, rng, amount):
     """Points of a block on [0, 1]^d moved where they are inside, by a part of the distance of the lattice's."""
     x = mesh.points
@@ -311,3 +332,29 @@ def msh_text(mesh):
     lines += ["$EndNodes", "$Elements", str(len(elements))]
     lines += [f"{k + 1} {text}" for k, text in enumerate(elements)]
     return "\n".join([*lines, "$EndElements", ""])
+
+
+def read_msh(text):
+    """The mesh that :func:`msh_text` has written."""
+    parts = dict(re.findall(r"^\$(\w+)\n(.*?)\n\$End\1$", text, re.M | re.S))
+    rows = [line.split(maxsplit=2) for line in parts["PhysicalNames"].splitlines()[1:]]
+    names = {int(number): (int(dim), name.strip('"')) for dim, number, name in rows}
+    dim = max(d for d, _ in names.values())
+    points = np.array([line.split()[1 : 1 + dim] for line in parts["Nodes"].splitlines()[1:]], dtype=float)
+    kinds = {number: (cell, k + 1) for cell, pair in GMSH.items() for k, number in enumerate(pair)}
+    found, mesh = {}, Mesh(points)
+    for line in parts["Elements"].splitlines()[1:]:
+        _, kind, _, group, _, *nodes = map(int, line.split())
+        found.setdefault((group, kind), []).append(np.array(nodes) - 1)
+    for (group, kind), nodes in found.items():
+        d, name = names[group]
+        if d == 0:
+            mesh.vertices[name] = np.concatenate(nodes)
+            continue
+        cell, degree = kinds[kind]
+        order = _gmsh_order(cell, degree)
+        table = np.array(nodes)
+        if order is not None:
+            table = table[:, np.argsort(order)]
+        (mesh.bodies if d == dim else mesh.facets).setdefault(name, []).append(Elements(cell, degree, table))
+    return mesh

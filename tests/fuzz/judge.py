@@ -1,8 +1,9 @@
 """Whether two runs of one scene have the same numbers.
 
 Compared are, at every load step, what is continuous in the data: displacements of all nodes of the file, support
-forces, contact forces, largest pressure and penetration, strain energy, plastic strain and volume, displacements of
-the probes; each against the largest value of its kind in the run (or, if that is less, what strains of 1e-6 make).
+forces, contact forces, largest pressure and penetration, strain energy, plastic strain, displacements of the probes,
+forces, moments and motions of total loads, coupled groups, springs, bolts and obstacles; each against the largest value
+of its kind in the run (or, if that is less, what strains of 1e-6 make).
 Forces of the rounding errors that the program itself takes for zero, and their energy, are no difference: where
 nothing presses, they are all there is.
 Numbers of points are not compared: one whose traction is zero up to rounding errors is open or closed as these have
@@ -60,9 +61,16 @@ def numbers_of(result, variant, first):
     if case.axial:
         energy = stress * length**3
     permutes = np.isin(np.abs(R).round(12), (0.0, 1.0)).all()
-    values, turned, floors = {}, set(), {"force": [], "energy": []}
+    moment, sense = force * length, float(np.sign(np.linalg.det(R)))
+    rows, turned, floors = [], set(), {"force": [], "moment": [], "energy": []}
+
+    def turn(value, unit):
+        # a number in the plane, an axis in space: mirrors turn their sense
+        return sense * (np.array(value) @ R if np.ndim(value) else np.array(value)) / unit
+
     for row in result["steps"]:
         floors["force"].append(row["floor"] / force)
+        floors["moment"].append(row["floor"] * case.length / moment)
         floors["energy"].append(row["floor"] * np.linalg.norm(row["u"]) / energy)
         record = row["record"]
         # nodes that the program adds have numbers beyond the file's; those that carry no displacement stay 0
@@ -70,25 +78,42 @@ def numbers_of(result, variant, first):
         u[row["nodes"]] = row["u"]
         u = u[: len(first.mesh.points)] if variant.number is None else u[variant.number]
         one = {"u": u @ R / length, "energy": row["energy"] / energy}
-        one["force reactions"] = {k: np.array(v) @ R / force for k, v in record["reactions"].items()}
+        one.update({f"force at {k}": np.array(v) @ R / force for k, v in record["reactions"].items()})
         for name, contact in record["contacts"].items():
             sign = -1.0 if name in variant.swapped else 1.0
-            turn = np.abs(R) if _sums(case, name) else R
-            if _sums(case, name) and not permutes:
+            sums = _sums(case, name)
+            if sums and not permutes:
                 turned.add(f"force {name}")
-            one[f"force {name}"] = sign * np.array(contact["force"]) @ turn / force
+            one[f"force {name}"] = sign * np.array(contact["force"]) @ (np.abs(R) if sums else R) / force
             one[f"pressure {name}"] = contact["max_pressure"] / stress
             one[f"depth {name}"] = contact["max_penetration"] / length
+            if "moment" in contact:
+                one[f"moment {name}"] = turn(contact["moment"], moment)
         for name, probe in record["probes"].items():
             one[f"probe {name}"] = np.array(probe["mean"]) @ R / length
+        for kind in ("loads", "couplings", "springs"):
+            for name, table in record.get(kind, {}).items():
+                one[f"force of {name} ({kind})"] = np.array(table["force"]) @ R / force
+                if "displacement" in table:
+                    one[f"probe {name} ({kind})"] = np.array(table["displacement"]) @ R / length
+                for key, unit in (("moment", moment), ("rotation", 1.0)):
+                    if key in table:
+                        one[f"{key} of {name} ({kind})"] = turn(table[key], unit)
+        for name, section in record.get("pretensions", {}).items():
+            one[f"force of {name}"], one[f"probe {name}"] = section["force"] / force, section["shortening"] / length
+        for name, value in record.get("moments", {}).items():
+            one[f"moment at {name}"] = turn(value, moment)
+        if "released" in record:
+            one["force released"] = np.array(record["released"]["force"]) @ R / force
         one["strain"] = record["plastic"]["max_equivalent_strain"]
-        for key, value in one.items():
-            values.setdefault(key, []).append(value)
-    reactions = values.pop("force reactions", [])
-    for name in reactions[0] if reactions else []:
-        values[f"force at {name}"] = [r[name] for r in reactions]
+        rows.append({key: np.asarray(value) for key, value in one.items()})
+    # what does not act in a phase is zero there
+    values = {
+        key: np.array([row.get(key, np.zeros_like(value)) for row in rows])
+        for key, value in {key: value for row in rows for key, value in row.items()}.items()
+    }
     times = np.array([row["record"]["time"] for row in result["steps"]])
-    values, floors = ({k: np.array(v) for k, v in table.items()} for table in (values, floors))
+    floors = {key: np.array(value) for key, value in floors.items()}
     return Numbers(times, values, tuple(turned), floors)
 
 
@@ -101,7 +126,7 @@ def _sums(case, name):
     return False
 
 
-KINDS = ("force", "pressure", "depth", "probe", "u", "energy", "strain")
+KINDS = ("force", "moment", "pressure", "depth", "probe", "rotation", "u", "energy", "strain")
 
 
 def scales(case, numbers):
@@ -109,13 +134,17 @@ def scales(case, numbers):
     L, E = case.length, case.stress
     d = 3 if case.axial else case.dim
     forces = E * L ** (d - 1) if d == 3 else E * L
-    least = {"force": STRAIN * forces, "pressure": STRAIN * E, "depth": STRAIN * L, "u": STRAIN * L,
+    least = {"force": STRAIN * forces, "moment": STRAIN * forces * L, "rotation": STRAIN,
+             "pressure": STRAIN * E, "depth": STRAIN * L, "u": STRAIN * L,
              "energy": STRAIN**2 * forces * L, "strain": STRAIN}  # fmt: skip
     found = dict(least)
     for key, value in numbers.values.items():
         kind = key.split()[0]
         kind = "u" if kind == "probe" else kind
         found[kind] = max(found[kind], float(np.max(np.abs(value), initial=0.0)))
+    # a moment is one of forces on arms of the bodies, a rotation one of displacements
+    found["moment"] = max(found["moment"], found["force"] * L)
+    found["rotation"] = max(found["rotation"], found["u"] / L)
     # energy is a sum of products of the two, which may cancel
     found["energy"] = max(found["energy"], found["force"] * found["u"])
     # a depth of contact is a part of the displacement, a pressure at least that of the forces

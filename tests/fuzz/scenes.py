@@ -6,10 +6,13 @@ fixes some of the draws (the shrinking and the tests use that).
 """
 
 import copy
+import tomllib
 from dataclasses import dataclass, field
 
+import features
 import numpy as np
-from grids import Mesh, block, jittered, joined
+from formulas import Formula
+from grids import Mesh, block, jittered, joined, read_msh, sectioned
 
 CELLS = {2: ["triangle", "quadrilateral", "mixed"], 3: ["tetrahedron", "hexahedron"]}
 FACTORS = (
@@ -100,27 +103,34 @@ class Draw:
 # -- bodies ------------------------------------------------------------------------------------------------
 
 
-def _counts(draw, name, d, cell, fine):
-    """Cubes along the axes: few."""
+def _counts(draw, name, d, cell, fine, section=None):
+    """Cubes along the axes: few; an even number across a section."""
     most = {(2, False): 5, (2, True): 3, (3, False): 3, (3, True): 2}[d, fine]
     if cell == "tetrahedron":
         most -= 1
     counts = [draw.whole(f"{name}.n{axis}", 1 if fine else 2, max(most, 1 + (not fine))) for axis in range(d)]
     if d == 3 and not fine:
         counts[1] = min(counts[1], 2)
+    if section is not None:
+        counts[section] = 2
     return counts
 
 
-def _body(draw, name, d, low, high, bulges, degree, order):
-    """A block between two corners; `bulges`: heights of the middle of the bottom and of the top."""
+def _body(draw, name, d, low, high, bulges, degree, order, section=None, counts=None):
+    """A block between two corners; `bulges`: heights of the middle of the bottom and of the top; `section`: the axis
+    of a bolt; `counts`: cubes along the axes.
+    """
     cell = draw.one(f"{name}.cell", CELLS[d])
-    counts = _counts(draw, name, d, cell, max(degree, order) == 2)
+    counts = counts or _counts(draw, name, d, cell, max(degree, order) == 2, section)
     cells = ["triangle", "quadrilateral"] if cell == "mixed" else cell
     if cell == "mixed":
         counts[0] = max(counts[0], 2)
     flip = draw.chance(f"{name}.flip", 0.5)
     mesh = block(name, cells, degree, counts, flip=(lambda cube: sum(cube) % 2 == 1) if flip and d == 2 else None)
-    jittered(mesh, counts, draw.rng(f"{name}.jitter"), draw.one(f"{name}.jitter", [0.0, 0.2]))
+    if section is None:
+        jittered(mesh, counts, draw.rng(f"{name}.jitter"), draw.one(f"{name}.jitter", [0.0, 0.2]))
+    else:
+        sectioned(mesh, name, section)
     grade = draw.one(f"{name}.grade", [0.0, 0.3])
     s = mesh.points
     s[:, : d - 1] = s[:, : d - 1] + grade * s[:, : d - 1] * (1.0 - s[:, : d - 1])
@@ -140,17 +150,21 @@ def _placed(mesh, low, high, bulges, axis=False):
     return mesh
 
 
-def _material(draw, name, cells, order, drive):
-    """Elastic, or one that yields; what locks is left out."""
+def _material(draw, name, cells, order, drive, where):
+    """Elastic, or one that yields; what locks is left out. `where`: dimension, and whether x is a radius."""
     nu = draw.uniform(f"{name}.nu", 0.0, 0.4)
     tensor = cells in ("quadrilateral", "hexahedron")
+    if draw.chance(f"{name}.orthotropic", 0.12):
+        return features.orthotropic(draw, name, *where, draw.one(f"{name}.E", [1.0, 1.0, 3.0, 10.0]))
     if draw.chance(f"{name}.stiff volume", 0.1) and (tensor or order == 2):
         nu = 0.49
     if draw.chance(f"{name}.auxetic", 0.05):
         nu = -0.3
     E = draw.one(f"{name}.E", [1.0, 1.0, 3.0, 0.3, 10.0])
     table = {"E": E, "nu": nu}
-    if draw.chance(f"{name}.yields", 0.3):
+    if draw.chance(f"{name}.is rubber", 0.15):
+        table["law"] = "rubber"
+    elif draw.chance(f"{name}.yields", 0.3):
         table.update(_plasticity(draw, name, E, drive))
     return table
 
@@ -230,11 +244,27 @@ def _obstacle(draw, name, d, where, low=True):
         table = {"shape": "sphere", "center": (at - sign * radius * up).tolist(), "radius": radius}
     elif shape == "inside":
         table = {"shape": "sphere", "center": (at + sign * radius * up).tolist(), "radius": radius, "inside": True}
-    if shape == "level_set":
+    if shape == "level_set" and draw.chance(f"{name}.expression", 0.5):
+        squares = " + ".join(f"({x} - {c!r})**2" for x, c in zip("xyz", table["center"], strict=False))
+        table = {"shape": "level_set", "expression": Formula.of(f"sqrt({squares}) - {radius!r}", d)}
+    elif shape == "level_set":
         table = {"shape": "level_set", "of": table}
         if draw.chance(f"{name}.gradient", 0.5):
             table["gradient"] = True
     return table
+
+
+def _moving(draw, table, name, d, value, end, axial=False, pivot=None):
+    """An obstacle that moves, and may turn."""
+    table.update({"displacement": value, **_factor(draw, name, end)})
+    if axial or not draw.chance(f"{name}.turns", 0.5):
+        return
+    round_ = table["shape"] in ("sphere", "cylinder")
+    table["angle"] = draw.uniform(f"{name}.angle", -8.0, 8.0) * (1.0 if round_ else 0.1)
+    if table["shape"] == "level_set":
+        table["pivot"] = pivot
+    if d == 3 and table["shape"] != "cylinder":
+        table["turn_axis"] = [0.3, 1.0, 0.1]
 
 
 # -- scenes ------------------------------------------------------------------------------------------------
@@ -246,10 +276,11 @@ def _factor(draw, name, end):
     return {} if rows is None else {"amplitude": [[t * end, f] for t, f in rows]}
 
 
-def _driven(draw, scene, name, d, depth, end):
-    """What moves or loads the top of a body; says which."""
+def _driven(draw, scene, name, d, depth, end, flat, area):
+    """What moves or loads the top of a body (`area`); says which. `flat`: its bottom is."""
     side, axial = f"{name}_{'xyz'[d - 1]}1", scene["mesh"].get("kinematics") == "axisymmetric"
-    drive = draw.one("drive", ["moved", "split", "pressed", "pulled along"], [40, 20, 25, 15])
+    drives = ["moved", "split", "pressed", "pulled along", "coupled", "averaged", "forced"]
+    drive = draw.one("drive", drives, [30, 15, 20, 10, 10, 8, 7])
     shear = [0.0] * (d - 1) if axial or draw.chance("no shear", 0.4) else [
         depth * draw.uniform(f"shear{k}", -1.0, 1.0) for k in range(d - 1)
     ]  # fmt: skip
@@ -262,11 +293,16 @@ def _driven(draw, scene, name, d, depth, end):
             {"region": side, "value": [*shear, "free"], **_factor(draw, "shear", end)},
         ]
         return "moved"
-    for k in range(d - 1):
-        if not (axial and k == 0):
-            value = ["free"] * d
-            value[k] = 0.0
-            scene["displacements"].append({"region": f"{name}_{'xyz'[k]}0", "value": value})
+    if drive in ("coupled", "averaged"):
+        table = features.coupling(draw, scene, side, d, [*shear, -depth], flat)
+        table.update({**_factor(draw, "press", end), **({"average": True} if drive == "averaged" else {})})
+        return "moved"
+    if drive == "forced":
+        features.coupling(draw, scene, side, d, [*[0.0] * (d - 1), "free"], False)
+        force = [*[0.0] * (d - 1), -area * depth * draw.uniform("load", 0.3, 1.0)]
+        scene["loads"].append({"name": "push", "region": side, "force": force, **_factor(draw, "press", end)})
+        return "loaded"
+    _rollers(scene, name, d, axial)
     # what presses never lets go
     load, pushed = {"region": side}, draw.uniform("load", 0.3, 1.0) * depth
     if drive == "pressed":
@@ -286,7 +322,7 @@ def _rollers(scene, name, d, axial):
             scene["displacements"].append({"region": f"{name}_{'xyz'[k]}0", "value": value})
 
 
-def _empty(draw, d, order):
+def _empty(draw, d, order, kinds=("plane_strain", "plane_stress", "axisymmetric")):
     end = draw.one("end", [1.0, 1.0, 3.5])
     scene = {
         "mesh": {"file": "mesh.msh", "order": order},
@@ -295,8 +331,7 @@ def _empty(draw, d, order):
         "output": {"fields": False, "probes": []},
     }  # fmt: skip
     if d == 2:
-        kinds = ["plane_strain", "plane_stress", "axisymmetric"]
-        kinematics = draw.one("kinematics", kinds, [60, 20, 20])
+        kinematics = draw.one("kinematics", list(kinds), [60, 20, 20][: len(kinds)])
         if kinematics != "plane_strain" or draw.chance("kinematics said", 0.2):
             scene["mesh"]["kinematics"] = kinematics
     return scene, end
@@ -312,6 +347,7 @@ def _stack(draw, d, degree, order):
     inner = draw.one("inner radius", [0.0, 0.7]) if axial else draw.uniform("place", -0.3, 0.3)
     draw.drawn["axis"] = axial and inner == 0.0
     names, meshes, level, tops = ["low", "middle", "high"][:n], [], 0.0, []
+    bolted = names[-1] if not axial and draw.chance("bolt", 0.12) else None
     options = ["pair", "unbiased", "all", "tied", "bilateral"]
     kinds = [draw.one(f"kind{k}", options, [45, 15, 15, 13, 12]) for k in range(n)]
     one = kinds[0] == "all"
@@ -324,24 +360,35 @@ def _stack(draw, d, degree, order):
                 gap = 0.0
         curved = draw.one(f"{name}.curved", [(0, 0), (1, 0), (0, 1)], [50, 30, 20])
         bulges = [0.1 * curved[0] * (k > 0 or floor), 0.1 * curved[1] * (k < n - 1)]
+        if name == bolted:
+            bulges = [0.0, 0.0]
         start = inner if axial else inner + 0.5 * (1.0 - width) + (draw.uniform(f"{name}.off", -0.2, 0.2) if k else 0.0)
         low = [start, *[0.5 * (1.0 - width)] * (d - 2), level + gap]
         high = [start + width, *[0.5 * (1.0 + width)] * (d - 2), level + gap + draw.one(f"{name}.height", [0.6, 1.0])]
-        meshes.append(_body(draw, name, d, low, high, bulges, degree, order))
+        section = d - 1 if name == bolted else None
+        meshes.append(_body(draw, name, d, low, high, bulges, degree, order, section))
         level = high[-1]
         scene["bodies"].append({"region": name, "material": name})
         tops.append((low, high))
-    drive = _driven(draw, scene, names[-1], d, depth, end)
+    area = _area(*tops[-1], axial)
+    drive = _driven(draw, scene, names[-1], d, depth, end, not bulges[0], area)
     for name in names:
         cells = draw.drawn[f"{name}.cell"]
-        scene["materials"][name] = _material(draw, name, cells, order, drive)
-    _eased(scene)
+        scene["materials"][name] = _material(draw, name, cells, order, drive, (d, axial))
+    _eased(scene, area)
+    if bolted and draw.drawn["drive"] not in ("pulled along", "pressed"):
+        features.bolt(draw, scene, bolted, d, depth, drive)
     vertical = "xyz"[d - 1]
     loose = names[:-1] if floor else names[1:-1]
-    if not floor:
+    if not floor and draw.chance("springs", 0.15):
+        features.springs(draw, scene, f"low_{vertical}0", d, draw.uniform("low.spring", 1.0, 5.0), "low")
+    elif not floor:
         scene["displacements"].append({"region": f"low_{vertical}0", "value": [0.0] * d})
     for name in loose:
-        _rollers(scene, name, d, axial)
+        if draw.chance(f"{name}.on springs", 0.12):
+            features.springs(draw, scene, f"{name}_x0", d, draw.uniform(f"{name}.spring", 0.3, 2.0), name)
+        else:
+            _rollers(scene, name, d, axial)
     if one and n > 1:
         numerics = _numerics(draw, "all", d, order, several=floor)
         scene["contacts"].append({"all": True, **_law(draw, "all"), **numerics})
@@ -359,7 +406,8 @@ def _stack(draw, d, degree, order):
             # a ball around the axis does not reach a ring at its highest point
             table = {"shape": "plane", "point": [0.0, 0.0], "normal": [0.0, 1.0]}
         if draw.chance("floor.moves", 0.3):
-            table.update({"displacement": [*[0.0] * (d - 1), 0.3 * depth], **_factor(draw, "floor", end)})
+            up = [*[0.0] * (d - 1), 0.3 * depth]
+            _moving(draw, table, "floor", d, up, end, axial, [*middle, -1.0])
         contact = {"name": "floor", "source": f"low_{vertical}0", "obstacle": table, **_law(draw, "floor")}
         several = bool(scene["contacts"])
         contact.update(_numerics(draw, "floor", d, order, obstacle=True, several=several))
@@ -370,19 +418,37 @@ def _stack(draw, d, degree, order):
     scene["output"]["probes"] = [f"{names[-1]}_{vertical}1", f"{names[-1]}_{vertical}0", f"{names[0]}_corner"]
     if draw.chance("weight", 0.2):
         force = [0.0] * (d - 1) + [-0.1 * depth]
-        scene["loads"].append({"region": names[0], "body_force": force, **_factor(draw, "weight", end)})
+        if draw.chance("weight.mass", 0.4):
+            for material in scene["materials"].values():
+                material["density"] = 1.0
+            scene["loads"].append({"region": names[0], "acceleration": force, **_factor(draw, "weight", end)})
+        else:
+            scene["loads"].append({"region": names[0], "body_force": force, **_factor(draw, "weight", end)})
+    if draw.chance("side", 0.1) and not axial and not floor:
+        features.pushed_sideways(draw, scene, names[0], d, depth, end)
+    if draw.chance("phased", 0.2):
+        features.phases(draw, scene, names, d, depth)
     return scene, joined(meshes)
 
 
-def _eased(scene):
+def _area(low, high, axial):
+    """Of a block's top, in space, per thickness, or on the whole circumference."""
+    if axial:
+        return float(np.pi * (high[0] ** 2 - low[0] ** 2))
+    return float(np.prod(np.array(high[:-1]) - np.array(low[:-1])))
+
+
+def _eased(scene, area):
     """Loads that the softest body bears, and that stay near the yield stress of the weakest."""
     materials = scene["materials"].values()
-    most = min(m["E"] for m in materials)
-    yields = [m.get("yield_stress") or m["hardening_curve"][0][1] for m in materials if len(m) > 2]
+    most = min(np.min(m["E"]) for m in materials)
+    yields = [m.get("yield_stress") or m["hardening_curve"][0][1] for m in materials
+              if {"yield_stress", "hardening_curve"} & m.keys()]  # fmt: skip
     for load in scene["loads"]:
-        pushed = abs(load["pressure"] if "pressure" in load else load["traction"][-1])
-        factor = min([most, *[1.2 * y / pushed for y in yields]])
-        for key in set(load) & {"pressure", "traction"}:
+        pushed = abs(load["pressure"] if "pressure" in load else load["traction"][-1] if "traction" in load
+                     else load["force"][-1] / area)  # fmt: skip
+        factor = float(min([most, *[1.2 * y / pushed for y in yields]]))
+        for key in set(load) & {"pressure", "traction", "force"}:
             value = load[key]
             load[key] = [factor * v for v in value] if isinstance(value, list) else factor * value
 
@@ -421,7 +487,7 @@ def _slot(draw, d, degree, order):
     s[:, 0] += 0.5 if axial else 0.0
     up = "xyz"[d - 1]
     scene["bodies"].append({"region": "body", "material": "body"})
-    scene["materials"]["body"] = _material(draw, "body", cell, order, "moved")
+    scene["materials"]["body"] = _material(draw, "body", cell, order, "moved", (d, axial))
     scene["displacements"] += [
         {"region": f"body_{up}0", "value": [0.0] * d},
         {"region": f"body_{up}1", "value": [*[0.0] * (d - 1), -opening * draw.uniform("close", 1.1, 1.6)],
@@ -434,6 +500,142 @@ def _slot(draw, d, degree, order):
         contact = {"name": "slot", "source": "body_inner", "target": "body_inner"}
     scene["contacts"].append({**contact, "search_radius": 2.0 * opening, **_law(draw, "slot"), **numerics})
     scene["output"]["probes"] = [f"body_{up}1", "body_x1", "body_corner"]
+    return scene, mesh
+
+
+# -- bodies that go far --------------------------------------------------------------------------------------
+
+
+def _plank(draw, d, degree, order, most):
+    """A scene with a body that is held at its bottom, long enough to go along; its mesh, its box, depth and end."""
+    scene, end = _empty(draw, d, order, ["plane_strain", "plane_stress"])
+    scene["steps"]["count"] = draw.whole("steps", 1, most)
+    depth = draw.uniform("depth", 0.01, 0.03)
+    high = [2.0, *[1.0] * (d - 2), draw.one("low.height", [0.5, 0.8])]
+    curved = draw.one("low.curved", [(0, 0), (0, 1)])
+    counts = [draw.whole("low.n0", 2, 4 if d == 3 else 6), *[1] * (d - 2), draw.whole("low.n1", 1, 2)]
+    counts[0] += counts[0] % 2 * curved[1]  # a node where it is highest
+    mesh = _body(draw, "low", d, [0.0] * d, high, [0.0, 0.1 * curved[1]], degree, order, counts=counts)
+    scene["bodies"].append({"region": "low", "material": "low"})
+    scene["displacements"].append({"region": f"low_{features.UP[d]}0", "value": [0.0] * d})
+    scene["output"]["probes"] = [f"low_{features.UP[d]}1"]
+    return scene, mesh, high, depth, end
+
+
+def _upper(draw, scene, d, degree, order, low, width, bulge):
+    """A body above a plank, its lowest corner at `low`."""
+    high = [a + b for a, b in zip(low, [width, *[0.6] * (d - 2), draw.one("middle.height", [0.3, 0.6])], strict=True)]
+    # a node where a curved bottom is lowest
+    counts = [2 if bulge else draw.whole("middle.n0", 1, 3), *[1] * (d - 2), draw.whole("middle.n1", 1, 2)]
+    mesh = _body(draw, "middle", d, low, high, [bulge, 0.0], degree, order, counts=counts)
+    scene["bodies"].append({"region": "middle", "material": "middle"})
+    scene["output"]["probes"].append("middle_corner")
+    return mesh
+
+
+def _materials(draw, scene, d, order, drive="moved"):
+    for body in scene["bodies"]:
+        name = body["region"]
+        scene["materials"][name] = _material(draw, name, draw.drawn[f"{name}.cell"], order, drive, (d, False))
+
+
+def _across(draw, scene, d, order, several=False):
+    """The contact of the two bodies; surfaces that go far."""
+    kind = draw.one("kind1", ["pair", "unbiased", "all"], [60, 25, 15])
+    numerics = _numerics(draw, "pair1", d, order)
+    if kind == "all":
+        contact = {"name": "all", "all": True, **_law(draw, "pair1"), **numerics}
+    else:
+        up = features.UP[d]
+        contact = _pair(draw, kind, f"middle_{up}0", f"low_{up}1", d, order, 1)
+        contact.pop("interference", None)
+    if draw.chance("newton", 0.3):
+        scene["petsc"] = {"contact_search_every": "newton"}
+    scene["contacts"].append(contact)
+
+
+def _slide(draw, d, degree, order):
+    """A short body that is pressed on a plank and goes along it, its corners over many facets or over the end."""
+    scene, mesh, top, depth, end = _plank(draw, d, degree, order, 8)
+    up = features.UP[d]
+    width, bulge = draw.one("middle.width", [0.4, 0.7]), 0.1 * draw.chance("middle.bulge", 0.3)
+    other = _upper(draw, scene, d, degree, order, [0.1, *[0.2] * (d - 2), top[-1]], width, bulge)
+    _materials(draw, scene, d, order)
+    way = draw.uniform("way", 0.3, 1.9 - width) if draw.chance("stays on", 0.7) else draw.uniform("way", 1.5, 1.8)
+    press, go = [[0.0, 0.0], [0.25 * end, 1.0]], [[0.25 * end, 0.0], [end, 1.0]]
+    along = [way, *[draw.one("slant", [0.0, 0.1])] * (d - 2), "free"]
+    scene["displacements"] += [
+        {"region": f"middle_{up}1", "value": [*["free"] * (d - 1), -depth], "amplitude": press},
+        {"region": f"middle_{up}1", "value": along, "amplitude": go},
+    ]
+    _across(draw, scene, d, order)
+    return scene, joined([mesh, other])
+
+
+def _pass(draw, d, degree, order):
+    """A body that goes by above another one, without touching it or over its bump."""
+    scene, mesh, top, depth, end = _plank(draw, d, degree, order, 8)
+    up, touches = features.UP[d], draw.chance("touches", 0.5)
+    # both are highest in the middle, where they meet
+    gap = -0.5 * depth if touches else draw.uniform("clear", 0.02, 0.1)
+    width = draw.one("middle.width", [0.4, 0.7])
+    other = _upper(draw, scene, d, degree, order, [-width - 0.3, *[0.2] * (d - 2), top[-1] + gap], width, 0.05)
+    _materials(draw, scene, d, order)
+    way = 2.6 + width if draw.chance("all the way", 0.7) else draw.uniform("way", 0.5, 2.5)
+    value = [way, *[0.0] * (d - 1)]
+    if draw.chance("as a tool", 0.4):
+        scene["displacements"].append({"region": "middle", "value": value})
+    else:
+        scene["displacements"].append({"region": f"middle_{up}1", "value": value})
+    _across(draw, scene, d, order)
+    return scene, joined([mesh, other])
+
+
+def _tool(draw, d, degree, order):
+    """A meshed body, all of whose nodes are prescribed, that comes down on another one from a distance."""
+    scene, mesh, top, depth, end = _plank(draw, d, degree, order, 5)
+    gap = draw.one("gap", [0.0, 0.5 * depth, 3.0 * depth, 10.0 * depth])
+    width = draw.one("middle.width", [0.4, 0.7])
+    bulge = 0.1 * draw.chance("middle.bulge", 0.6)
+    other = _upper(draw, scene, d, degree, order, [0.7, *[0.2] * (d - 2), top[-1] + gap], width, bulge)
+    _materials(draw, scene, d, order)
+    value = [draw.one("aside", [0.0, 0.5]) * depth, *[0.0] * (d - 2), -gap - depth]
+    table = {"region": "middle", "value": value, **_factor(draw, "press", end)}
+    if draw.chance("turns", 0.3):
+        table.update(angle=draw.uniform("turn", -1.5, 1.5), point=[1.0, *[0.5] * (d - 2), top[-1] + gap])
+        if d == 3:
+            table["axis"] = [0.1, 1.0, 0.0]
+    scene["displacements"].append(table)
+    _across(draw, scene, d, order)
+    return scene, joined([mesh, other])
+
+
+def _press(draw, d, degree, order):
+    """A rigid body above a plank, that comes down, goes along and turns."""
+    scene, mesh, top, depth, end = _plank(draw, d, degree, order, 5)
+    up, at = np.eye(d)[-1], [draw.uniform("at", 0.7, 1.3), *[0.5] * (d - 2), top[-1]]
+    gap = draw.one("gap", [0.0, 0.5 * depth, 3.0 * depth])
+    at[-1] += gap
+    shape = draw.one("tool", ["round", "punch", "wedge"] + (["cone", "torus"] if d == 3 else []))
+    table = {"shape": shape, "point": at, "normal": (-up).tolist()}
+    if shape == "round":
+        table = _obstacle(draw, "tool", d, at, low=False)
+    elif shape == "punch":
+        table.update({"width": 0.6, "edge_radius": 0.15, **({"axis": [0.0, 1.0, 0.0]} if d == 3 else {})})
+    elif shape == "wedge":
+        table.update({"half_angle": 70.0, "edge_radius": 0.3, **({"axis": [0.0, 1.0, 0.0]} if d == 3 else {})})
+    elif shape == "cone":
+        table.update(half_angle=70.0, edge_radius=0.3)
+    elif shape == "torus":
+        center = (np.array(at) + [0.0, 0.0, 0.7]).tolist()
+        table = {"shape": "torus", "center": center, "axis": [0.0, 1.0, 0.0], "ring_radius": 0.5, "radius": 0.2}
+    along = draw.one("way", [0.0, 0.1, 0.5])
+    pivot = [*at[:-1], at[-1] + 1.0]
+    _moving(draw, table, "tool", d, [along, *[0.0] * (d - 2), -gap - depth], end, pivot=pivot)
+    _materials(draw, scene, d, order)
+    contact = {"name": "tool", "source": f"low_{features.UP[d]}1", "obstacle": table, **_law(draw, "tool")}
+    contact.update(_numerics(draw, "tool", d, order, obstacle=True))
+    scene["contacts"].append(contact)
     return scene, mesh
 
 
@@ -454,27 +656,49 @@ def scene_of(seed, plan=None):
     draw = Draw(seed, plan)
     d = draw.one("dim", [2, 3], [60, 40])
     degree, order = draw.one("degree", [1, 2], [70, 30]), draw.one("order", [1, 2], [65, 35])
-    make = draw.one("arrangement", ["stack", "slot"], [85, 15])
-    scene, mesh = (_stack if make == "stack" else _slot)(draw, d, degree, order)
+    makes = {"stack": _stack, "slot": _slot, "slide": _slide, "pass": _pass, "tool": _tool, "press": _press}
+    make = draw.one("arrangement", list(makes), [55, 9, 10, 8, 10, 8])
+    scene, mesh = makes[make](draw, d, degree, order)
     if draw.chance("mean", 0.15) and scene["mesh"].get("kinematics") != "plane_stress":
         scene["mesh"]["mean_dilatation"] = draw.chance("mean.value", 0.5)
     _strained(draw, scene)
+    end = sum(p["duration"] for p in scene["phases"]) if "phases" in scene else scene["steps"]["end"]
+    features.said_as_formulas(draw, scene, d, end)
+    case = Case(seed, scene, mesh)
+    _sensible(case, draw)
+    if not case.finite and draw.chance("heated", 0.12):
+        features.heated(draw, scene, d, end)
+        _cooled(scene)
     for key in ("contacts", "displacements", "loads"):
         if not scene[key]:
             del scene[key]
-    case = Case(seed, scene, mesh)
-    _sensible(case, draw)
     return case
 
 
+def _begins_late(scene):
+    """Whether a body begins after the first phase."""
+    return any(body.get("phases", ["p0"])[0] != "p0" for body in scene["bodies"])
+
+
 def _strained(draw, scene):
-    """Finite strain of all bodies, or of some of them."""
-    kind = draw.one("strain", ["small", "finite", "both"], [80, 14, 6])
+    """Finite strain of all bodies, or of some of them, where all else that is there allows it."""
+    kind = draw.one("strain", ["small", "finite", "both"], [60, 28, 12])
+    if any(isinstance(m["E"], list) for m in scene["materials"].values()) or scene.get("pretensions"):
+        kind = "small"
+    if _begins_late(scene):
+        kind = "small"
     if kind == "finite":
         scene["mesh"]["strain"] = "finite"
     elif kind == "both":
         for number, body in enumerate(scene["bodies"]):
             body["strain"] = ["finite", "small"][number % 2]
+
+
+def _cooled(scene):
+    """Temperatures of bodies that yield in plane stress are refused."""
+    yields = any({"yield_stress", "hardening_curve"} & m.keys() for m in scene["materials"].values())
+    if scene["mesh"].get("kinematics") == "plane_stress" and yields:
+        del scene["temperatures"]
 
 
 def _sensible(case, draw):
@@ -483,11 +707,23 @@ def _sensible(case, draw):
     if case.finite:
         # curved facets of pairs that move need their nodes in the middle
         scene["mesh"]["order"] = max(scene["mesh"]["order"], draw.drawn["degree"])
+        for table in scene.get("couplings", []):
+            if "rotation" in table:
+                table["rotation"] = 0.0 if case.dim == 2 else [0.0] * 3
+    if any(isinstance(m["E"], list) for m in scene["materials"].values()):
+        scene["mesh"].pop("mean_dilatation", None)
     for body in scene["bodies"]:
         cells = {e.cell for e in case.mesh.bodies[body["region"]]}
-        material = scene["materials"][body["material"]]
-        if cells & {"triangle", "tetrahedron"} and scene["mesh"]["order"] == 1:
+        material, name = scene["materials"][body["material"]], body["material"]
+        if cells & {"triangle", "tetrahedron"} and scene["mesh"]["order"] == 1 and not isinstance(material["nu"], list):
             material["nu"] = min(material["nu"], 0.4)
+        if material.get("law") == "rubber":
+            finite = "finite" in (scene["mesh"].get("strain"), body.get("strain"))
+            if finite and scene["mesh"].get("kinematics") != "plane_stress":
+                scene["materials"][name] = {**features.rubber(draw, name, material),
+                                            **{k: material[k] for k in ("density",) if k in material}}  # fmt: skip
+            else:
+                del material["law"]
     for contact in scene.get("contacts", []):
         if contact.get("cut") is False and case.dim == 3:
             # a coarse source on a fine target is refused
@@ -501,10 +737,13 @@ def _sensible(case, draw):
 
 def toml(value):
     """A value in TOML."""
+    if isinstance(value, Formula):
+        return f'"{value.text()}"'
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, dict):
-        return "{ " + ", ".join(f"{key} = {toml(part)}" for key, part in value.items()) + " }"
+        keys = {key: key if key.isidentifier() else f'"{key}"' for key in value}
+        return "{ " + ", ".join(f"{keys[key]} = {toml(part)}" for key, part in value.items()) + " }"
     if isinstance(value, (list, tuple)):
         return "[" + ", ".join(map(toml, value)) + "]"
     if isinstance(value, str):
@@ -569,3 +808,24 @@ def texts(case):
     if functions:
         files["functions.py"] = LEVEL_SET.format(parts="\n".join(functions))
     return files
+
+
+SAID_AS_FORMULAS = ("pressure", "traction", "body_force", "acceleration", "value", "friction", "expression")
+
+
+def _formulas(value, d, key=None):
+    """A value of a scene file with expressions as formulas."""
+    if isinstance(value, dict):
+        return {name: _formulas(part, d, name) for name, part in value.items()}
+    if isinstance(value, list):
+        return [_formulas(part, d, key) for part in value]
+    said = isinstance(value, str) and value != "free" and key in SAID_AS_FORMULAS
+    return Formula.of(value, d) if said else value
+
+
+def kept(folder):
+    """The case of a scene that was kept in a folder named by its seed: scene.toml and mesh.msh, no other files."""
+    mesh = read_msh((folder / "mesh.msh").read_text())
+    scene = _formulas(tomllib.loads((folder / "scene.toml").read_text()), mesh.dim)
+    length = float(np.ptp(mesh.points, axis=0).max())
+    return Case(int(folder.name), scene, mesh, length, max(float(np.max(m["E"])) for m in scene["materials"].values()))

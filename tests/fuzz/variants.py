@@ -7,6 +7,7 @@ A :class:`Motion` is x' = length R x + shift with R orthogonal, and stresses in 
 from dataclasses import dataclass
 
 import numpy as np
+from formulas import combined, moved_value
 from grids import renumbered, turned
 
 TIGHT = {"snes_rtol": "1e-12", "pc_type": "lu"}
@@ -61,44 +62,111 @@ class Variant:
 
 def _direction(motion, value):
     """A vector without length, or one in which components may be "free" (R then permutes the axes)."""
-    if "free" not in value:
-        return (motion.R @ np.array(value, dtype=float)).tolist()
-    out = [None] * len(value)
-    for i, row in enumerate(motion.R):
+    rows = []
+    for row in motion.R:
         j = int(np.argmax(np.abs(row)))
-        out[i] = "free" if value[j] == "free" else float(row[j] * value[j])
-    return out
+        free = "free" in value and value[j] == "free"
+        rows.append("free" if free else combined(row, [0.0 if v == "free" else v for v in value]))
+    return rows
+
+
+def _turn(motion, value):
+    """A rotation or a moment, a number in the plane: mirrors turn its sense."""
+    sense = float(np.sign(np.linalg.det(motion.R)))
+    if isinstance(value, list):
+        return _times(sense, _direction(motion, value))
+    return _times(sense, value)
 
 
 def _times(factor, value):
-    return [v if v == "free" else factor * v for v in value] if isinstance(value, list) else factor * value
+    if isinstance(value, list):
+        return [_times(factor, v) for v in value]
+    return value if value == "free" else factor * value
 
 
 def _point(motion, value):
     return (motion.length * (motion.R @ np.array(value, dtype=float)) + motion.shift).tolist()
 
 
-def _obstacle(motion, table):
-    for key in set(table) & {"point", "center"}:
-        table[key] = _point(motion, table[key])
-    for key in set(table) & {"normal", "axis"}:
-        table[key] = _direction(motion, table[key])
-    if "displacement" in table:
-        table["displacement"] = _times(motion.length, _direction(motion, table["displacement"]))
-    if "radius" in table:
-        table["radius"] *= motion.length
-    if "of" in table:
-        _obstacle(motion, table["of"])
+def _along(motion, value):
+    """Magnitudes in the directions of the axes, which R permutes unless they are alike."""
+    if np.ptp(value) == 0.0:
+        return value
+    return (np.abs(motion.R).round(12) @ np.array(value)).tolist()
 
 
-STRESSES = ("E", "yield_stress", "hardening", "kinematic_hardening", "tresca", "friction_limit", "adhesion", "pressure")
+def _frame(motion, table):
+    """The axes of an orthotropic material. Around an axis they are of radius and hoop, which a mirror turns around."""
+    sense = float(np.sign(np.linalg.det(motion.R)))
+    if "point" in table:
+        if "axis" in table:
+            table["axis"] = _direction(motion, table["axis"])
+        table["point"] = _point(motion, table["point"])
+        if "angle" in table:
+            table["angle"] *= sense
+        return
+    R = np.eye(3)
+    R[: len(motion.R), : len(motion.R)] = motion.R
+    if "angle" in table:
+        angle = np.radians(table["angle"])
+        one = R @ [np.cos(angle), np.sin(angle), 0.0]
+        table["angle"] = float(np.degrees(np.arctan2(one[1], one[0])))
+    else:
+        table["axes"] = [(R @ one).tolist() for one in table.get("axes", np.eye(3)[:2].tolist())]
 
 
-def _stresses(table, factor):
-    for key in set(table) & set(STRESSES):
-        table[key] *= factor
-    if "hardening_curve" in table:
-        table["hardening_curve"] = [[strain, factor * stress] for strain, stress in table["hardening_curve"]]
+# what a motion does to a key of any table, obstacles among them: its kind
+VECTORS = ("normal", "axis")
+POINTS = ("point", "center", "pivot")
+TURNS = {"rotation": 0, "moment": 1}
+UNITS = {
+    # powers of the unit of stress and of length
+    **dict.fromkeys(("E", "G", "yield_stress", "hardening", "kinematic_hardening", "mooney_rivlin"), (1, 0)),
+    **dict.fromkeys(("tresca", "friction_limit", "adhesion", "pressure"), (1, 0)),
+    **dict.fromkeys(("search_radius", "clearance", "adjust_within", "radius", "ring_radius"), (0, 1)),
+    **dict.fromkeys(("width", "edge_radius", "shortening"), (0, 1)),
+    "per_area": (1, -1), "density": (1, -2), "friction_decay": (0, -1), "viscous_stabilisation": (1, -2),
+    "traction": (1, 0), "body_force": (1, -1), "acceleration": (0, 1), "displacement": (0, 1), "value": (0, 1),
+}  # fmt: skip
+DIRECTED = ("traction", "body_force", "acceleration", "displacement", "force")
+
+
+def _moved_table(motion, table, size):
+    """A table of a scene in place; forces are stresses times a length to the power of `size`."""
+    powers = {**UNITS, "force": (1, size), "moment": (1, size + 1), "stiffness": (1, size - 1)}
+    for key, value in table.items():
+        value = moved_value(motion, value)
+        if key in DIRECTED and isinstance(value, list):
+            value = _direction(motion, value)
+        if key in ("per_area", "stiffness") and isinstance(value, list):
+            value = _along(motion, value)
+        if key in VECTORS:
+            value = _direction(motion, value)
+        if key == "turn_axis":
+            value = _turn(motion, value)
+        if key in POINTS:
+            value = _point(motion, value)
+        if key in TURNS:
+            value = _turn(motion, value)
+        if key in powers:
+            stress, length = powers[key]
+            value = _times(motion.stress**stress * motion.length**length, value)
+        table[key] = value
+    if "angle" in table and ("axis" not in table or "shape" in table) and "turn_axis" not in table:
+        # in the plane, or about the axis of a cylinder: a direction that a mirror does not turn around
+        table["angle"] *= float(np.sign(np.linalg.det(motion.R)))
+    elif "angle" in table and "shape" not in table:
+        table["axis"] = _times(float(np.sign(np.linalg.det(motion.R))), table["axis"])
+
+
+def _obstacle(motion, table, size):
+    of = table.pop("of", None)
+    _moved_table(motion, table, size)
+    if "expression" in table:
+        table["expression"] *= motion.length
+    if of is not None:
+        _obstacle(motion, of, size)
+        table["of"] = of
 
 
 def moved(case, motion):
@@ -107,21 +175,45 @@ def moved(case, motion):
     out.mesh = case.mesh if np.linalg.det(motion.R) > 0.0 else turned(case.mesh)
     out.mesh = out.mesh.copy(motion.length * (case.mesh.points @ motion.R.T) + motion.shift)
     out.length, out.stress = case.length * motion.length, case.stress * motion.stress
-    scene = out.scene
-    for table in [*scene["materials"].values(), *scene.get("contacts", []), *scene.get("loads", [])]:
-        _stresses(table, motion.stress)
+    scene, size = out.scene, 2 if case.axial or case.dim == 3 else 1
+    for table in scene["materials"].values():
+        frame = {key: table.pop(key) for key in ("axes", "angle", "point", "axis") if key in table}
+        _moved_table(motion, table, size)
+        if "hardening_curve" in table:
+            table["hardening_curve"] = [[strain, motion.stress * one] for strain, one in table["hardening_curve"]]
+        if "ogden" in table:
+            table["ogden"] = [[motion.stress * mu, power] for mu, power in table["ogden"]]
+        if isinstance(table["E"], list):
+            _frame(motion, frame)
+            table.update(frame)
     for contact in scene.get("contacts", []):
-        if "search_radius" in contact:
-            contact["search_radius"] *= motion.length
-        if "obstacle" in contact:
-            _obstacle(motion, contact["obstacle"])
+        obstacle = contact.pop("obstacle", None)
+        _moved_table(motion, contact, size)
+        if obstacle is not None:
+            _obstacle(motion, obstacle, size)
+            contact["obstacle"] = obstacle
     for table in scene.get("displacements", []):
-        table["value"] = _times(motion.length, _direction(motion, table["value"]))
-    for load in scene.get("loads", []):
-        for key, factor in (("traction", motion.stress), ("body_force", motion.stress / motion.length)):
-            if key in load:
-                load[key] = _times(factor, _direction(motion, load[key]))
+        table["value"] = _direction(motion, table["value"])
+        _moved_table(motion, table, size)
+    for key in ("loads", "springs", "couplings", "pretensions"):
+        for table in scene.get(key, []):
+            _moved_table(motion, table, size)
+    for table in scene.get("temperatures", []):
+        table["value"] = moved_value(motion, table["value"])
+    for phase in scene.get("phases", []):
+        if "friction" in phase:
+            phase["friction"] = {k: moved_value(motion, v) for k, v in phase["friction"].items()}
     return out
+
+
+def _permuted(scene):
+    """Whether a scene has words about the axes, which are then permuted at most."""
+    tables = [*scene.get("displacements", []), *scene.get("couplings", [])]
+    words = [one for table in tables for key in ("value", "displacement", "rotation") for one in table.get(key) or []
+             if isinstance(table.get(key), list)]  # fmt: skip
+    along = [table[key] for table in scene.get("springs", []) for key in ("per_area", "stiffness")
+             if isinstance(table.get(key), list)]  # fmt: skip
+    return "free" in words or any(np.ptp(value) > 0.0 for value in along)
 
 
 def rotation(case, rng, mirror):
@@ -129,8 +221,7 @@ def rotation(case, rng, mirror):
     d = case.dim
     if case.axial:
         return np.diag([1.0, -1.0 if mirror else 1.0])
-    partly = any("free" in table["value"] for table in case.scene.get("displacements", []))
-    if partly:
+    if _permuted(case.scene):
         R = np.eye(d)[rng.permutation(d)] * rng.choice([-1.0, 1.0], d)[:, None]
     else:
         R = np.linalg.qr(rng.normal(size=(d, d)))[0]
@@ -199,7 +290,7 @@ def variants_of(case, rng, ranks=3):
         Variant("restarted", case, TIGHT, restart=1),
         Variant("ranks", case, mumps, ranks=ranks),
     ]
-    if not case.finite:
+    if not (case.finite or {"phases", "pretensions"} & case.scene.keys()):
         # an estimate is refused there
         out.append(Variant("estimated", _estimated(case), {}, against="plain"))
     # multigrid in parallel costs most

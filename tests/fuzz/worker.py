@@ -47,6 +47,8 @@ class Watch(Observer):
         row = {"number": step.number, "record": record, "energy": energy, "cutbacks": step.cutbacks}
         # forces of rounding errors that Newton's method takes for zero
         row["floor"] = 8.0 * problem.roundoff(u)
+        row["applied"] = WORLD.allreduce(problem.applied_forces(u).sum(axis=0))
+        row["points"] = {contact.name: points_of(contact, u) for contact in problem.contacts}
         if self.tangent:
             row["singular"] = singular(self.simulation)
         if WORLD.rank == 0:
@@ -64,6 +66,18 @@ class Watch(Observer):
 
     def end(self, converged):
         """Nothing is left to do."""
+
+
+def points_of(contact, u):
+    """Sums over the quadrature points of a contact, of all ranks: forces on the partners of every half, and the largest
+    traction of open points. *Collective.*
+    """
+    forces, most = [], 0.0
+    for state in contact.states(u):
+        forces.append(WORLD.allreduce(-(state["traction"] * state["weight"][:, None]).sum(axis=0)))
+        still = np.linalg.norm(state["traction"][state["status"] == 0], axis=1)
+        most = max(most, WORLD.allreduce(float(np.max(still, initial=0.0)), op=MPI.MAX))
+    return {"forces": forces, "open": most}
 
 
 def singular(simulation):
