@@ -21,6 +21,8 @@ BALANCE, LOOSE = 1e-7, 1e-3
 INSIDE = 0.15
 # [-] part of the same by which surfaces have to be apart to be so without doubt, whatever curves between nodes
 APART = 0.1
+# of a reference cell by which a point on the border of two cells is in both
+EDGE = 1e-9
 # words of warnings that say that partners were wrong
 SAID = ("smaller load steps", "contact_search_every", "inside", "search_radius", "search radius", "overlap")
 
@@ -178,7 +180,7 @@ def within(x, groups, points):
         corners = points[e.nodes]
         low, high = corners.min(axis=1), corners.max(axis=1)
         for k in range(len(e.nodes)):
-            near = np.flatnonzero(~found & ((x > low[k]) & (x < high[k])).all(axis=1))
+            near = np.flatnonzero(~found & ((x >= low[k]) & (x <= high[k])).all(axis=1))
             if len(near):
                 found[near] = _in_cell(e, corners[k], x[near])
     return found
@@ -196,9 +198,9 @@ def _in_cell(e, corners, x):
         xi = xi + np.clip(step, -0.5, 0.5)
     shapes, _ = _shapes(e.cell, e.degree, xi)
     exact = np.linalg.norm(shapes @ corners - x, axis=1) < 1e-6 * np.ptp(corners)
-    inside = (xi > 0.0).all(axis=1) & (xi < 1.0).all(axis=1)
+    inside = (xi > -EDGE).all(axis=1) & (xi < 1.0 + EDGE).all(axis=1)
     if e.cell in ("triangle", "tetrahedron"):
-        inside &= xi.sum(axis=1) < 1.0
+        inside &= xi.sum(axis=1) < 1.0 + EDGE
     return exact & inside
 
 
