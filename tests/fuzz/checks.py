@@ -17,6 +17,8 @@ from grids import DIM, FACETS, VERTICES, facet_nodes, reference
 # [-] part of the largest force of the run that may be out of balance with the tolerance of TIGHT, and with that of the
 # program, 1e-8 of the first residual
 BALANCE, LOOSE = 1e-7, 1e-3
+# [-] the same of loads that are expressions, which the program integrates with few points
+EXPRESSIONS = 1e-3
 # [-] part of the smallest facet near by that a node may be inside the partner without a warning
 INSIDE = 0.15
 # [-] part of the same by which surfaces have to be apart to be so without doubt, whatever curves between nodes
@@ -43,12 +45,17 @@ def acts(table, phase):
     return phase is None or phase in table.get("phases", [phase])
 
 
+def formulas_in(value):
+    """The formulas in a value or a list of them."""
+    return [one for one in (value if isinstance(value, list) else [value]) if isinstance(one, Formula)]
+
+
 def factor(scene, table, value, t):
     """Factor of a value at a time: its amplitude, 1 where the value has the time, or a ramp."""
     if "amplitude" in table:
         return float(np.interp(t, *np.array(table["amplitude"]).T))
-    if any("t" in text.replace("sqrt", "").replace("tanh", "") for one in np.atleast_1d(np.array(value, dtype=object))
-           if isinstance(one, Formula) for _, text in one.terms):  # fmt: skip
+    texts = [text for one in formulas_in(value) for _, text in one.terms]
+    if any("t" in text.replace("sqrt", "").replace("tanh", "") for text in texts):
         return 1.0
     first = next(p for p in phases_of(scene) if acts(table, p[0]))
     return float(np.clip((t - first[1]) / (first[2] - first[1]), 0.0, 1.0))
@@ -300,7 +307,8 @@ def balance(case, result, tight):
     least = 1e-6 * case.stress * case.length ** (2 if case.axial or case.dim == 3 else 1)
     if "viscous_stabilisation" in scene["steps"]:
         return []
-    allowed = BALANCE if tight else LOOSE
+    said = any(formulas_in(value) for one in scene.get("loads", []) for value in one.values())
+    allowed = max(BALANCE if tight else LOOSE, EXPRESSIONS * said)
     warned = any("out of balance" in line for line in result["warnings"])
     worst = 0.0
     for row in result["steps"]:
@@ -447,8 +455,8 @@ def idle(case, result):
             if not there or body_of(mesh, one["region"]) in record.get("absent", []):
                 continue
             value = next((one[k] for k in words if k in one), None)
-            moves = [v for v in np.atleast_1d(np.array(value, dtype=object)) if v != "free"]
-            if any(isinstance(v, Formula) or v != 0.0 for v in moves) and factor(scene, one, value, record["time"]):
+            moves = [v for v in (value if isinstance(value, list) else [value]) if v not in ("free", 0.0)]
+            if moves and factor(scene, one, value, record["time"]):
                 return [("no iterations", f"time {record['time']:g}: {key} of {one['region']} act")]
     if any(c["stick"] + c["slip"] for c in record["contacts"].values()):
         return [("no iterations", f"time {record['time']:g}: bodies touch")]

@@ -131,8 +131,10 @@ def rubber(draw, name, material):
 # -- phases ------------------------------------------------------------------------------------------------
 
 
-def phases(draw, scene, names, d, depth):
-    """Two or three phases instead of one; in some of them something else acts."""
+def phases(draw, scene, names, d, depth, alone):
+    """Two or three phases instead of one; in some of them something else acts. `alone`: whether all bodies are held
+    without the last one, and without its contact.
+    """
     count = draw.one("phases", [2, 3])
     ends = np.linspace(0.0, scene["steps"].pop("end"), count + 1)
     steps = draw.whole("phase.count", 1, 3)
@@ -143,8 +145,8 @@ def phases(draw, scene, names, d, depth):
     every = [one["name"] for one in scene["phases"]]
     pairs = [c for c in scene["contacts"] if "target" in c and not c.get("tied") and c["source"] != c["target"]]
     kinds = ["load", "spring", "none"]
-    kinds += ["friction"] * any("tresca" not in c for c in pairs) + ["tied", "begins"] * bool(pairs)
-    kinds += ["comes", "goes"] * (len(names) > 1 and not scene.get("pretensions"))
+    kinds += ["friction"] * any("tresca" not in c for c in pairs) + ["tied"] * bool(pairs)
+    kinds += ["begins"] * (bool(pairs) and alone) + ["comes", "goes"] * (alone and not scene.get("pretensions"))
     kinds += ["locked"] * bool(scene.get("pretensions"))
     kind = draw.one("phase.kind", kinds)
     if kind == "load":

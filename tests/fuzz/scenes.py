@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 
 import features
 import numpy as np
+from checks import phases_of
 from formulas import Formula
 from grids import Mesh, block, jittered, joined, read_msh, sectioned
 
@@ -427,7 +428,7 @@ def _stack(draw, d, degree, order):
     if draw.chance("side", 0.1) and not axial and not floor:
         features.pushed_sideways(draw, scene, names[0], d, depth, end)
     if draw.chance("phased", 0.2):
-        features.phases(draw, scene, names, d, depth)
+        features.phases(draw, scene, names, d, depth, n == 2 and not floor and drive == "moved")
     return scene, joined(meshes)
 
 
@@ -662,7 +663,7 @@ def scene_of(seed, plan=None):
     if draw.chance("mean", 0.15) and scene["mesh"].get("kinematics") != "plane_stress":
         scene["mesh"]["mean_dilatation"] = draw.chance("mean.value", 0.5)
     _strained(draw, scene)
-    end = sum(p["duration"] for p in scene["phases"]) if "phases" in scene else scene["steps"]["end"]
+    end = phases_of(scene)[-1][2]
     features.said_as_formulas(draw, scene, d, end)
     case = Case(seed, scene, mesh)
     _sensible(case, draw)
