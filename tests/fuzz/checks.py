@@ -12,7 +12,7 @@ from itertools import pairwise
 
 import numpy as np
 from formulas import Formula
-from grids import DIM, FACETS, VERTICES, facet_nodes, reference
+from grids import DIM, FACETS, MIDDLES, VERTICES, facet_nodes, reference
 
 # [-] part of the largest force of the run that may be out of balance with the tolerance of TIGHT, and with that of the
 # program, 1e-8 of the first residual
@@ -228,6 +228,20 @@ def boundary(mesh, body):
     return [type(mesh.bodies[body][0])(kind, degree, np.array(nodes)) for (kind, degree), nodes in groups.items()]
 
 
+def places(mesh, row):
+    """Points of the mesh in a load step; those that carry no displacement of their own lie between their vertices."""
+    u = np.zeros((max(len(mesh.points), row["nodes"].max() + 1), mesh.dim))
+    known = np.zeros(len(u), dtype=bool)
+    u[row["nodes"]], known[row["nodes"]] = row["u"], True
+    for e in (e for groups in mesh.bodies.values() for e in groups if e.degree == 2):
+        first = len(VERTICES[e.cell])
+        for k, group in enumerate(MIDDLES[e.cell]):
+            nodes = e.nodes[:, first + k]
+            between = u[e.nodes[:, list(group)]].mean(axis=1)
+            u[nodes[~known[nodes]]] = between[~known[nodes]]
+    return mesh.points + u[: len(mesh.points)]
+
+
 def body_of(mesh, group):
     """The body that a group is on."""
     return next(b for b in sorted(mesh.bodies, key=len, reverse=True) if group == b or group.startswith(f"{b}_"))
@@ -338,7 +352,7 @@ def balance(case, result, tight):
                 found.append(("unbalanced", f"time {t:g}: {what} by {size / largest:.1e} of the largest force"))
     if warned and worst < 1e-4:
         found.append(("false warning", f"out of balance is said, but it is {worst:.1e}"))
-    return found[:2]
+    return found
 
 
 def _last_of(result, record):
@@ -361,7 +375,7 @@ def sums(case, result):
             if points["open"] > 0.0 and not _glued(case, name):
                 text = f"time {row['record']['time']:g}: {name}: a traction of {points['open']:.1e} at an open point"
                 found.append(("open points", text))
-    return found[:1]
+    return found
 
 
 def _contact(case, name):
@@ -401,9 +415,7 @@ def penetration(case, result):
     found, mesh = [], case.mesh
     said = any(word in line for line in result["warnings"] for word in SAID)
     for row in result["steps"]:
-        u = np.zeros((max(len(mesh.points), row["nodes"].max() + 1), case.dim))
-        u[row["nodes"]] = row["u"]
-        x = mesh.points + u[: len(mesh.points)]
+        x = places(mesh, row)
         absent = row["record"].get("absent", [])
         for contact in case.scene.get("contacts", []):
             name = contact.get("name") or "all"
@@ -435,7 +447,7 @@ def penetration(case, result):
             if np.isfinite(apart) and apart > 0.0 and force > least and not _glued(case, name):
                 found.append(("force without touch", f"time {row['record']['time']:g}: {name} bears {force:.1e} "
                                                      f"at a distance of {apart:.1e}"))  # fmt: skip
-    return found[:2]
+    return found
 
 
 # -- the first load step -----------------------------------------------------------------------------------------
@@ -467,7 +479,8 @@ def idle(case, result):
 
 
 def check(case, result, tight=True):
-    """All findings of a run: list of (kind, text)."""
+    """Findings of a run, the first of every kind: list of (kind, text)."""
     if result["status"] not in ("converged", "stopped") or not result["steps"]:
         return []
-    return [*balance(case, result, tight), *sums(case, result), *penetration(case, result), *idle(case, result)]
+    found = [*balance(case, result, tight), *sums(case, result), *penetration(case, result), *idle(case, result)]
+    return list({kind: (kind, text) for kind, text in reversed(found)}.values())[::-1]

@@ -64,8 +64,9 @@ def write_case(folder, case):
 def prepared(seed, plan=None, only=None, case=None):
     """The case of a seed in units of its own, or one that was kept, and its variants."""
     rng = np.random.default_rng([seed, 1])
-    if case is None:
-        case = in_units(scene_of(seed, plan), rng)
+    drawn = in_units(scene_of(seed, plan) if case is None else case, rng)
+    # one that was kept has its units, and the variants that it had
+    case = drawn if case is None else case
     variants = variants_of(case, rng)
     if only is not None:
         wanted = {only, *(v.against for v in variants if v.name == only), "tight"}
@@ -156,7 +157,8 @@ def judged(case, variants, results, work):
             findings.append(Finding(case.seed, variant.name, result["status"], text))
             if not variant.against:
                 return findings, notes
-        findings += [Finding(case.seed, variant.name, kind, text) for kind, text in absolute(variant, result)]
+        seen = {finding.kind for finding in findings}
+        findings += [Finding(case.seed, variant.name, *row) for row in absolute(variant, result) if row[0] not in seen]
     status = results["tight"]["status"]
     if status == "stopped":
         reason = results["tight"]["cuts"][-1][1]
@@ -235,8 +237,9 @@ def _compared(case, variant, reference, base, result, singular=None):
 
 # the simplest value of a draw, by the end of its name
 SIMPLE = [
-    ("strain", "small"),
-    ("dim", 2), ("arrangement", "stack"), ("bodies", 2), ("bodies", 1), ("degree", 1), ("order", 1),
+    ("strain", "small"), ("phased", False), ("heated", False), ("bolt", False), ("springs", False),
+    ("on springs", False), ("side", False), ("said", False), ("orthotropic", False), ("is rubber", False), ("turns", False),
+    ("newton", False), ("dim", 2), ("arrangement", "stack"), ("bodies", 2), ("bodies", 1), ("degree", 1), ("order", 1),
     ("kinematics", "plane_strain"), ("count", 1), ("end", 1.0), ("floor", False), ("cell", "quadrilateral"),
     ("cell", "hexahedron"), ("curved", (0, 0)), ("jitter", 0.0), ("grade", 0.0), ("yields", False),
     ("stiff volume", False), ("auxetic", False), ("nu", 0.3), ("E", 1.0), ("law", "none"), ("law", "coulomb"),
@@ -247,6 +250,8 @@ SIMPLE = [
     ("off", 0.0), ("height", 1.0), ("flip", False), ("place", 0.0), ("swap", False), ("adjust", False),
     ("hardening", "isotropic"), ("n0", 1), ("n1", 1), ("n2", 1), ("n0", 2), ("n1", 2), ("depth", 0.02),
     ("friction", 0.3), ("gradient", False), ("kinematics said", False),
+    ("warm said", False), ("force said", False), ("mass", False), ("tilts", False), ("follows", False), ("steps", 1),
+    ("as a tool", False), ("bulge", False), ("slant", 0.0), ("aside", 0.0), ("gap", 0.0), ("tool", "punch"),
 ]  # fmt: skip
 
 

@@ -13,7 +13,7 @@ import pytest
 from grids import Elements, block, reference, symmetries, turned
 from judge import differences, numbers_of, scales
 from runner import environment, job_of, of_session, run_jobs
-from scenes import scene_of, texts
+from scenes import kept, scene_of, texts
 from variants import Motion, Variant, moved
 
 pytestmark = pytest.mark.slow
@@ -42,7 +42,7 @@ def test_random_scenes_agree_with_themselves(tmp_path):
 def test_partners_are_those_of_the_solution(seed, variant, tmp_path):
     """Not those of the iterate that has looked for them: where means of multipliers are taken, and where points are
     held at corners. On ranks that have facets of one kind alone they are those of the others."""
-    case, variants = fuzz.prepared(seed, {"strain": "finite", "count": 1, "end": 1.0}, variant)
+    case, variants = fuzz.prepared(seed, only=variant, case=kept(fuzz.KEPT / str(seed)))
     results = fuzz.run_scenes({seed: (case, variants)}, tmp_path)[seed]
     findings, _ = fuzz.judged(case, variants, results, tmp_path)
     assert len(results) == 2 and not findings, "\n".join(map(str, findings))
@@ -50,7 +50,7 @@ def test_partners_are_those_of_the_solution(seed, variant, tmp_path):
 
 def test_a_body_that_hangs_on_friction_of_open_points(tmp_path):
     """Nothing but Tresca's traction holds a loose block above another one: Newton's steps are as long as they are."""
-    case, variants = fuzz.prepared(545, only="tight")
+    case, variants = fuzz.prepared(545, only="tight", case=kept(fuzz.KEPT / "545"))
     result = fuzz.run_scenes({545: (case, variants)}, tmp_path)[545]["tight"]
     assert result["status"] == "converged" and not result["cuts"][1:]
 
@@ -59,7 +59,7 @@ def test_a_body_that_hangs_on_friction_of_open_points(tmp_path):
 def one(tmp_path_factory):
     """A case and what came out."""
     place = tmp_path_factory.mktemp("one")
-    case = scene_of(3)
+    case = scene_of(3, {"arrangement": "stack", "bodies": 2, "drive": "moved", "gap1": "none", "phased": False})
     fuzz.write_case(place / "case", case)
     return case, run_jobs([job_of(place / "case")], 1, place)[0]
 
@@ -125,7 +125,7 @@ def test_a_result_is_moved_back(one):
 
 def test_what_has_several_solutions_and_says_so(tmp_path):
     """A slot whose sides yield while they close: the solvers come to different solutions."""
-    case, variants = fuzz.prepared(110, {"strain": "small"}, only="plain")
+    case, variants = fuzz.prepared(110, only="plain", case=kept(fuzz.KEPT / "110"))
     results = fuzz.run_scenes({110: (case, variants)}, tmp_path)[110]
     findings, notes = fuzz.judged(case, variants, results, tmp_path)
     assert not findings and any(note.startswith("another solution: by strain") for note in notes)
@@ -140,7 +140,7 @@ def test_what_has_several_solutions_and_says_so(tmp_path):
 def test_solutions_that_are_not_stable_are_not_taken(tmp_path):
     """A slot closes in a load step so large that it has a solution which no slow motion comes to: all solvers find the
     other one."""
-    case, variants = fuzz.prepared(488, {"slot.consistent": False}, only="plain")
+    case, variants = fuzz.prepared(488, only="plain", case=kept(fuzz.KEPT / "488"))
     results = fuzz.run_scenes({488: (case, variants)}, tmp_path)[488]
     assert all(result["status"] == "converged" for result in results.values())
     findings, notes = fuzz.judged(case, variants, results, tmp_path)
@@ -173,14 +173,19 @@ def test_a_seed_is_a_scene():
 def test_what_the_scenes_have():
     """All kinds of contact, laws, formulations, cells and kinematics come up."""
     found = set()
-    for seed in range(150):
+    for seed in range(400):
         case = scene_of(seed)
+        for key in ("loads", "displacements", "couplings", "pretensions", "phases", "bodies"):
+            found |= {f"{key} {name}" for table in case.scene.get(key, []) for name in table}
+        found |= case.scene.keys() | ({"expression"} if "Formula(" in repr(case.scene) else set())
         for contact in case.scene.get("contacts", []):
-            shape = contact.get("obstacle", {}).get("shape", "none")
+            obstacle = contact.get("obstacle", {})
+            shape = obstacle.get("shape", "none")
+            found |= {f"obstacle {name}" for name in obstacle}
             found |= {shape, *contact, str(contact.get("theta")), contact.get("formulation"), contact.get("search")}
             found.add("self" if contact.get("source") == contact.get("target") else "two surfaces")
         for material in case.scene["materials"].values():
-            found |= set(material)
+            found |= set(material) | {material.get("law", "hencky")}
         found |= {e.cell for groups in case.mesh.bodies.values() for e in groups}
         found |= {case.scene["mesh"].get("kinematics"), "finite" if case.finite else "small"}
     assert found >= {
@@ -188,7 +193,11 @@ def test_what_the_scenes_have():
         "friction", "friction_limit", "adhesion", "tresca", "1", "0", "-1", "penalty", "augmented_lagrangian",
         "ray_tracing", "cut", "interference", "yield_stress", "hardening", "hardening_curve", "kinematic_hardening",
         "triangle", "quadrilateral", "tetrahedron", "hexahedron", "plane_stress", "axisymmetric",
-        "small", "finite",
+        "small", "finite", "expression", "springs", "temperatures", "expansion", "density", "neo_hooke",
+        "mooney_rivlin", "ogden", "axes", "angle", "point", "loads follower", "loads force", "loads acceleration",
+        "displacements angle", "couplings average", "couplings rotation", "pretensions force", "pretensions shortening",
+        "phases friction", "phases tied", "bodies phases", "obstacle angle", "obstacle displacement", "punch", "wedge",
+        "cone", "torus",
     }  # fmt: skip
 
 
