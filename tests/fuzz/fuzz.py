@@ -238,8 +238,9 @@ def _compared(case, variant, reference, base, result, singular=None):
 # the simplest value of a draw, by the end of its name
 SIMPLE = [
     ("strain", "small"), ("phased", False), ("heated", False), ("bolt", False), ("springs", False),
-    ("on springs", False), ("side", False), ("said", False), ("orthotropic", False), ("is rubber", False), ("turns", False),
-    ("newton", False), ("dim", 2), ("arrangement", "stack"), ("bodies", 2), ("bodies", 1), ("degree", 1), ("order", 1),
+    ("on springs", False), ("side", False), ("said", False), ("orthotropic", False), ("is rubber", False),
+    ("turns", False), ("newton", False),
+    ("dim", 2), ("arrangement", "stack"), ("bodies", 2), ("bodies", 1), ("degree", 1), ("order", 1),
     ("kinematics", "plane_strain"), ("count", 1), ("end", 1.0), ("floor", False), ("cell", "quadrilateral"),
     ("cell", "hexahedron"), ("curved", (0, 0)), ("jitter", 0.0), ("grade", 0.0), ("yields", False),
     ("stiff volume", False), ("auxetic", False), ("nu", 0.3), ("E", 1.0), ("law", "none"), ("law", "coulomb"),
