@@ -18,13 +18,14 @@ from variants import Motion, Variant, moved
 
 pytestmark = pytest.mark.slow
 
-# a slice of what `scripts/fuzz.sh` goes on with: in the plane and in space, small and
-# finite strain, all kinds of contact and formulation
-SEEDS = (3, 5, 6, 7, 10, 14, 15, 17)
+# a slice of what `scripts/fuzz.sh` goes on with: in the plane and in space, small and finite strain, phases, friction
+# that changes, follower loads, rubber, obstacles that move and turn
+SEEDS = (20200, 20216, 20218, 20219, 20223, 20224, 20228, 20229)
 
 
 def test_random_scenes_agree_with_themselves(tmp_path):
-    """On three ranks, renumbered, mirrored, rotated, in other units, restarted, with another solver."""
+    """On three ranks, renumbered, mirrored, rotated, in other units, restarted, with another solver; each holds by
+    itself, too."""
     cases = {seed: fuzz.prepared(seed) for seed in SEEDS}
     results = fuzz.run_scenes(cases, tmp_path)
     findings, steps = [], 0
@@ -32,7 +33,7 @@ def test_random_scenes_agree_with_themselves(tmp_path):
         found, _ = fuzz.judged(case, variants, results[seed], tmp_path)
         findings += found
         steps += sum(len(result["steps"]) for result in results[seed].values())
-        assert len(results[seed]) == len(variants) >= 9 - case.finite
+        assert len(results[seed]) == len(variants) >= 8
     assert not findings, "\n".join(map(str, findings))
     assert steps > 20 * len(SEEDS)
 
