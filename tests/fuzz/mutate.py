@@ -25,13 +25,13 @@ from grids import msh_text
 from independent import Unread, complaints, lost, mesh_of, read_toml
 from mutations import hdf5_mutated, mesh_mutated, scene_mutated
 from runner import supervised, take_along
-from scenes import scene_of, texts
+from scenes import PLAIN, scene_of, texts
 
 HERE = Path(__file__).resolve().parent
 # how far a report may be from that of the same scene, written in another way
 SAME = 1e-5
 # sensible scenes of which each is the start of a fifth of the mutations
-SIMPLE = {"degree": 1, "kinematics": "plane_strain", "kinematics said": False, "count": 2, "low.jitter": 0.2}
+SIMPLE = {**PLAIN, "degree": 1, "kinematics": "plane_strain", "kinematics said": False, "count": 2, "low.jitter": 0.2}
 BASES = [
     {**SIMPLE, "dim": 2, "arrangement": "stack", "bodies": 2, "kind0": "pair", "kind1": "pair", "drive": "pressed",
      "pair1.law": "coulomb", "pair1.formulation": "nitsche"},

@@ -23,6 +23,15 @@ FACTORS = (
     [[0.0, 0.0], [0.25, 0.8], [1.0, 1.0]],
 )
 
+# a plan without what readers of their own do not know (independent.py)
+PLAIN = {
+    **dict.fromkeys(("phased", "springs", "bolt", "heated", "side", "weight.mass", "floor.turns"), False),
+    **{f"{table}{k}.said": False for table in ("load", "support", "contact") for k in range(5)},
+    **{f"{body}.{what}": False for body in ("low", "middle", "high", "body")
+       for what in ("orthotropic", "is rubber", "on springs")},
+    "floor.expression": False, "strain": "small",
+}  # fmt: skip
+
 
 @dataclass
 class Case:

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from grids import msh_text
 from independent import Unread, area_vectors, count, mesh_of, volume
-from scenes import scene_of
+from scenes import PLAIN, scene_of
 
 pytestmark = pytest.mark.slow
 
@@ -43,7 +43,8 @@ def test_what_is_damaged_is_not_read(base):
 
 def test_counts_and_sizes():
     """Of boxes: their sides, their volume, their nodes of degree 2."""
-    case = scene_of(0, {"dim": 3, "arrangement": "stack", "bodies": 2, "kind0": "pair", "low.cell": "hexahedron",
+    case = scene_of(0, {**PLAIN, "dim": 3, "arrangement": "stack", "bodies": 2, "kind0": "pair",
+                        "low.cell": "hexahedron",
                         "low.curved": (0, 0), "middle.curved": (0, 0), "degree": 1, "order": 2, "low.n0": 2,
                         "low.n1": 1, "low.n2": 2, "low.height": 1.0, "middle.cell": "tetrahedron", "middle.n0": 1,
                         "middle.n1": 1, "middle.n2": 1, "middle.width": 0.5, "middle.height": 0.6,
