@@ -108,11 +108,14 @@ def _frame(motion, table):
     R = np.eye(3)
     R[: len(motion.R), : len(motion.R)] = motion.R
     if "angle" in table:
-        angle = np.radians(table["angle"])
-        one = R @ [np.cos(angle), np.sin(angle), 0.0]
-        table["angle"] = float(np.degrees(np.arctan2(one[1], one[0])))
+        angle = np.radians(table.pop("angle"))
+        table["axes"] = [[np.cos(angle), np.sin(angle), 0.0], [-np.sin(angle), np.cos(angle), 0.0]]
+    axes = [(R @ one).tolist() for one in table.get("axes", np.eye(3)[:2].tolist())]
+    if len(motion.R) == 2 and axes[0][2] == axes[1][2] == 0.0:
+        table.pop("axes", None)
+        table["angle"] = float(np.degrees(np.arctan2(axes[0][1], axes[0][0])))
     else:
-        table["axes"] = [(R @ one).tolist() for one in table.get("axes", np.eye(3)[:2].tolist())]
+        table["axes"] = axes
 
 
 # what a motion does to a key of any table, obstacles among them: its kind
