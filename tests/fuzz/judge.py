@@ -174,7 +174,8 @@ def differences(first, second, scale, kinds=KINDS):
         kind = key.split()[0]
         if kind not in kinds or key in second.turned:
             continue
-        a, b = value, second.values.get(key)
+        # what does not act in a phase has no key in a run that has begun after it
+        a, b = value, second.values.get(key, None if np.any(value) else value)
         if b is None or a.shape != b.shape or not np.isfinite(b).all():
             out.append((np.inf, key))
             continue
