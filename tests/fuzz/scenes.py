@@ -526,6 +526,8 @@ def _plank(draw, d, degree, order, most):
     counts = [draw.whole("low.n0", 2, 4 if d == 3 else 6), *[1] * (d - 2), draw.whole("low.n1", 1, 2)]
     counts[0] += counts[0] % 2 * curved[1]  # a node where it is highest
     mesh = _body(draw, "low", d, [0.0] * d, high, [0.0, 0.1 * curved[1]], degree, order, counts=counts)
+    # as high as its highest node
+    high[-1] = float(mesh.points[:, -1].max())
     scene["bodies"].append({"region": "low", "material": "low"})
     scene["displacements"].append({"region": f"low_{features.UP[d]}0", "value": [0.0] * d})
     scene["output"]["probes"] = [f"low_{features.UP[d]}1"]
@@ -538,6 +540,7 @@ def _upper(draw, scene, d, degree, order, low, width, bulge):
     # a node where a curved bottom is lowest
     counts = [2 if bulge else draw.whole("middle.n0", 1, 3), *[1] * (d - 2), draw.whole("middle.n1", 1, 2)]
     mesh = _body(draw, "middle", d, low, high, [bulge, 0.0], degree, order, counts=counts)
+    mesh.points[:, -1] += low[-1] - mesh.points[:, -1].min()
     scene["bodies"].append({"region": "middle", "material": "middle"})
     scene["output"]["probes"].append("middle_corner")
     return mesh
