@@ -463,8 +463,10 @@ class ContactPair(Item):
         return borne(self.space, self.pairing, self.source, self.closed.astype(float))
 
     def bonds(self):
-        """Forces (n_components,) that adhesion may exert without pressure, of this rank. *Collective.*"""
-        return borne(self.space, self.pairing, self.source, np.where(self.pairing.paired, self.law.bond, 0.0))
+        """Forces (n_components,) that adhesion may exert without pressure, of this rank: any where contact bears tension.
+        *Collective.*"""
+        bond = np.inf if self.bilateral else self.law.bond
+        return borne(self.space, self.pairing, self.source, np.where(self.pairing.paired, bond, 0.0))
 
     def area_changed_by_supports(self, before, u):
         """Area of the points of this rank that ``u``, in which only supports have moved, opens or closes. *Collective.*

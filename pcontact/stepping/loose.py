@@ -71,7 +71,8 @@ class LooseBodies:
         return np.where(applied > 0.0, np.minimum(least, NOTHING * applied), least)
 
     def free(self, u, least):
-        """Loose bodies on which no contact acts, or less than `least` (n_components,) [force]. *Collective.*
+        """Loose bodies on which no contact acts, or less than `least` (n_components,) [force], and that none holds which
+        bears tension. *Collective.*
 
         Returns
         -------
@@ -79,7 +80,7 @@ class LooseBodies:
             Connected components.
         """
         contact = self.problem.borne(u)
-        return np.flatnonzero(self._loose & (contact <= least)).tolist()
+        return np.flatnonzero(self._loose & (contact <= least) & (self.problem.bonds() < np.inf)).tolist()
 
     def __call__(self, u, before, result):
         """Choose among the solutions of a load step. *Collective.*

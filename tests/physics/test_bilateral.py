@@ -54,3 +54,28 @@ def test_what_juts_out_is_not_pulled_to_the_border(tmp_path, dim, law):
             assert np.abs(last.record["contacts"]["pair"]["force"]).max() < 1e-9
     finally:
         simulation.close()
+
+
+@pytest.mark.parallel
+@pytest.mark.parametrize("friction", [None, 0.3])
+def test_a_body_that_a_contact_holds_which_bears_tension_is_not_free(shared_tmp, friction):
+    """It goes along with the other one, without any force."""
+    path = shared_tmp / "b.msh"
+    if WORLD.rank == 0:
+        two_blocks(path, 2, 2, 3)
+    WORLD.Barrier()
+    scene = Scene(
+        mesh=MeshSpec(path),
+        materials={"m": Material(1000.0, 0.3)},
+        bodies=[Body("lower", "m"), Body("upper", "m")],
+        contacts=[Contact("upper_bottom", "lower_top", name="pair", bilateral=True, friction=friction)],
+        displacements=[Displacement("lower", [0.0, -0.1]), Displacement("upper_left", [0.0, "free"])],
+        output=Output(fields=False, probes=["upper_top"]),
+    )
+    simulation, last = Simulation(scene), Last()
+    try:
+        assert simulation.run(None, [last])
+        assert last.record["free"] == []
+        np.testing.assert_allclose(last.record["probes"]["upper_top"]["mean"], [0.0, -0.1], atol=1e-8)
+    finally:
+        simulation.close()
