@@ -19,6 +19,9 @@ LONG = 30.0
 SHORT_OF = 0.99
 # [facet sizes] Depth beyond the known one from which on a point counts as lost. From: chosen.
 DEEPER = 0.1
+# [-] Difference from a former normal, in parts of that from the present one, up to which a point goes back to it.
+# From: chosen.
+RETURNED = 0.1
 
 
 def step_limit(pair, u, y, falls=None):
@@ -155,7 +158,7 @@ def farthest(change, normal, moved, out):
         out[p] = most
 
 
-def misled(pair, u, found, gap, normal, time, keeps=0.0):
+def misled(pair, u, found, gap, normal, time, keeps=0.0, former=None):
     """Part by which contact forces at a solution ``u`` would be others among the partners that a search finds there.
 
     Stiff points make much of small changes of their gap: the forces of the bodies change by as much of themselves as
@@ -175,8 +178,10 @@ def misled(pair, u, found, gap, normal, time, keeps=0.0):
     time : float
         Of the solution.
     keeps : float
-        Points whose gap changes by less than this part of that way may keep their normals: at the edge between two
-        facets each solution would find the normal of the other one.
+        Points whose gap changes by less than this part of that way may keep their normals.
+    former : ndarray (np, d), optional
+        Normals before those by which the load step has gone. A point that would go back to them may keep what it has if
+        it changes the answer by less than `keeps`: at the edge between two facets each solution finds the other one.
 
     Returns
     -------
@@ -195,16 +200,25 @@ def misled(pair, u, found, gap, normal, time, keeps=0.0):
     # rounding errors of a gap are no change
     change[change <= pair.rounding] = 0.0
     way = closing_motion(pair, u, values, time) @ np.where(closed, force, 0.0)
-    sums = [force.sum(), force @ change, force[misses].sum(), np.sum(misses), *way, *(force @ normal)]
-    total, changed, missed, misses, *sums = comm.allreduce(np.array(sums), op=MPI.SUM)
     deepest = comm.allreduce(float(np.max(-linear[closed], initial=0.0)), op=MPI.MAX)
     inside = found.paired & ~bears & (gap - pair.method.begins < -max(deepest, pair.rounding))
-    lost = comm.allreduce(bool(inside.any()), op=MPI.LOR) or misses > 0
+    counts, areas = (np.sum(misses), np.sum(inside)), (jxw[bears].sum(), jxw[inside] @ -gap[inside])
+    sums = [force.sum(), force[misses].sum(), *counts, *areas, *way, *(force @ normal)]
+    total, missed, misses, inside, area, depth, *sums = comm.allreduce(np.array(sums), op=MPI.SUM)
+    lost = bool(misses + inside > 0)
     if total == 0.0:
-        return 0.0, lost
-    way, resultant = sum(np.abs(sums[:2])), np.array(sums[2:])
-    turns = closed & (change > keeps * way / total)
-    turn = comm.allreduce(force @ np.where(turns[:, None], found.normal - normal, 0.0), op=MPI.SUM)
+        return float(lost), lost
+    way, resultant, turn = sum(np.abs(sums[:2])), np.array(sums[2:]), found.normal - normal
+    kept = change <= keeps * way / total
+    if former is not None:
+        # each solution finds the partner of the other one
+        returned = np.linalg.norm(found.normal - former, axis=1) <= RETURNED * np.linalg.norm(turn, axis=1)
+        returned &= force * change <= keeps * way
+        change[returned], kept = 0.0, kept | returned
+    turn = np.where((closed & ~kept)[:, None], turn, 0.0)
+    changed, *turn = comm.allreduce(np.array([force @ change, *(force @ turn)]), op=MPI.SUM)
+    # what is inside without a word will bear as others do
+    changed += total / area * depth
     # normals that spread or gather leave the force where it points
     along = resultant / max(np.linalg.norm(resultant), 1e-300)
     turned = np.linalg.norm(turn - (turn @ along) * along) / total

@@ -100,7 +100,8 @@ class ContactPair(Item):
         self.bilateral = contact.bilateral or self.law.tied or self.law.held
         self.time, self.version, self.flips, self._status = 0.0, 0, [], None
         self.lost, self._begun, self.offset, self.chords, self.pairing = (0, 0), False, None, None, None
-        self.verifies, self.stale = not self.law.tied, 0.0
+        # normals of the partners before those of the last search within a load step
+        self.verifies, self.stale, self._former = not self.law.tied, 0.0, None
         self._initial = initial_gap(contact)
         self._normals, self.coupled = source.normal, np.zeros(len(source.facet), dtype=bool)
         self.committed = np.full(len(source.facet), OPEN, dtype=np.int64)
@@ -213,7 +214,7 @@ class ContactPair(Item):
             self.radius = np.inf
 
     def _start_step(self, u, time):
-        self.flips, self._status = [], None
+        self.flips, self._status, self._former = [], None, None
         p, search, moved = self.pairing, self.search, 0.0
         values = p.exchange.gather(u)
         if self.rigid:
@@ -305,7 +306,7 @@ class ContactPair(Item):
             return False
         found = self._partners_at(u, time)
         gap, keeps = self._clean(found) + self._offset(time), tolerance if firm else 0.0
-        self.stale, lost = motion.misled(self, u, found, gap, self.pairing.normal, time, keeps)
+        self.stale, lost = motion.misled(self, u, found, gap, self.pairing.normal, time, keeps, self._former)
         if self.stale <= tolerance and (firm or not lost):
             return False
         self._take_again(found, u, before, time)
@@ -314,9 +315,9 @@ class ContactPair(Item):
     def _take_again(self, found, u, before, time):
         """Take partners that were found at ``u`` within the load step that begins at ``before``: it goes on with the
         same points; another half of the contact may have kept its partners. *Collective.*"""
-        flips, status = self.flips, self._status
+        flips, status, former = self.flips, self._status, self.pairing.normal
         self._take(found, u, before, time)
-        self.flips, self._status = flips, status
+        self.flips, self._status, self._former = flips, status, former
 
     def _count_lost(self, gap, paired):
         size = self.source.size[self.source.facet]
@@ -463,8 +464,8 @@ class ContactPair(Item):
         return borne(self.space, self.pairing, self.source, self.closed.astype(float))
 
     def bonds(self):
-        """Forces (n_components,) that adhesion may exert without pressure, of this rank: any where contact bears tension.
-        *Collective.*"""
+        """Forces (n_components,) that adhesion may exert without pressure, of this rank; any where contact bears
+        tension. *Collective.*"""
         bond = np.inf if self.bilateral else self.law.bond
         return borne(self.space, self.pairing, self.source, np.where(self.pairing.paired, bond, 0.0))
 

@@ -128,9 +128,11 @@ class ConvergenceTest:
 
     def _settled(self, u, iteration, norm):
         """Whether another iteration would gain nothing: the residual no longer falls, or is small against the forces at
-        work. Rounding errors of a stiff body may hide what is left in a soft one. *Collective.*"""
-        falls = iteration > 0 and norm <= 0.5 * self.norms[-2]
-        return not falls or norm <= SMALL * self._problem.acting(u)
+        work, or these are rounding errors. Those of a stiff body may hide what is left in a soft one. *Collective.*"""
+        if iteration == 0 or norm > 0.5 * self.norms[-2]:
+            return True
+        acting = self._problem.acting(u)
+        return norm <= SMALL * acting or acting <= max(self._floor, self._least)
 
     def _balanced(self, u, norm):
         """Whether a residual that rounding errors hide is small against the forces: those of a body that flows without

@@ -12,7 +12,7 @@ from pcontact.solve.line_search import FARTHEST, decrease_of, zero_of
 APPROACH = 0.5
 # [-] Part of a Newton step that the next one may be as long as where the residual has risen. From: LESS of balance.py.
 # Row: correction.
-SHORTER = 0.5
+CONTRACTS = 0.5
 # [force] Bound of a residual that may be as large as it likes if it has a value. From: the largest double.
 ANY = np.finfo(float).max
 
@@ -128,7 +128,7 @@ class Globalisation:
         """Whether the kept step is taken back, since the residual has risen in it and the Newton step after it, ``-y``
         from ``x``, is hardly shorter: then ``-y`` becomes the way to half of it. *Collective.*"""
         risen, self._risen = self._risen, None
-        if risen is None or y.norm() <= SHORTER * self._step.norm():
+        if risen is None or y.norm() <= CONTRACTS * self._step.norm():
             return False
         self._go(self._before, self._step, self._bend(0.5 * risen[0], risen[1]))
         y.waxpy(-1.0, self._trial, x)

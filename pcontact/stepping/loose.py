@@ -71,8 +71,8 @@ class LooseBodies:
         return np.where(applied > 0.0, np.minimum(least, NOTHING * applied), least)
 
     def free(self, u, least):
-        """Loose bodies on which no contact acts, or less than `least` (n_components,) [force], and that none holds which
-        bears tension. *Collective.*
+        """Loose bodies on which no contact acts, or less than `least` (n_components,) [force], and that no
+        contact holds which bears tension. *Collective.*
 
         Returns
         -------

@@ -10,7 +10,7 @@ import numpy as np
 from formulas import combined, moved_value
 from grids import renumbered, turned
 
-TIGHT = {"snes_rtol": "1e-12", "pc_type": "lu"}
+TIGHT = {"snes_rtol": "1e-12", "pc_type": "lu", "contact_partner_rtol": "1e-5"}
 
 
 @dataclass

@@ -28,7 +28,7 @@ KERNELS = {
 }  # fmt: skip
 SECTIONS = {
     "time", "newton", "krylov", "krylov_most", "cutbacks", "reactions", "contacts", "probes", "plastic", "small_strain",
-    "imbalance",
+    "partners", "imbalance",
 }  # fmt: skip
 
 

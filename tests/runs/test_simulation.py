@@ -73,7 +73,7 @@ def test_report_and_history(mesh_file, run, shared_tmp):
         pair = step["contacts"]["pair"]
         assert set(pair) == {
                 "force", "area", "max_pressure", "max_penetration", "deepest", "open", "stick", "slip", "flipped",
-                "passed", "left",
+                "passed", "left", "target_penetration",
             }  # fmt: skip
         assert pair["open"] + pair["slip"] == n_points and pair["stick"] == 0
         assert pair["area"] == pytest.approx(1.0)
@@ -144,8 +144,8 @@ def test_reactions_balance_contact_and_loads(mesh_file, run, cell, theta):
     own_weight[-1] = -weight
     upper = sum(value for name, value in reactions.items() if name.startswith("upper"))
     np.testing.assert_allclose(upper - force + own_weight, 0.0, atol=1e-9)
-    # frictionless on a flat surface
-    np.testing.assert_allclose(force[:-1], 0.0, atol=1e-12)
+    # frictionless on a surface that was flat: its facets have turned by a percent or two
+    np.testing.assert_allclose(force[:-1], 0.0, atol=0.03 * abs(force[-1]))
 
 
 @parallel

@@ -38,7 +38,7 @@ def steps_of(scene, comm=SELF):
     simulation = Simulation(scene, comm)
     try:
         assert simulation.run(keep=True)
-        return simulation.records.report.data["steps"]
+        return simulation.records.data()["steps"]
     finally:
         simulation.close()
 

@@ -108,6 +108,20 @@ def clash(one, other):
 
 
 @njit_inner_exact
+def is_around(exclusion, q, facet):
+    """Whether a facet of the body of point q is that of the point, or one that shares its cell or a node with it."""
+    if exclusion.parts[q] != exclusion.facet_parts[facet]:
+        return False
+    if exclusion.cells[q] == exclusion.facet_cells[facet]:
+        return True
+    for i in range(exclusion.nodes.shape[1]):
+        for j in range(exclusion.facet_nodes.shape[1]):
+            if exclusion.nodes[q, i] == exclusion.facet_nodes[facet, j]:
+                return True
+    return False
+
+
+@njit_inner_exact
 def is_own(exclusion, q, facet, kind, xi, normal, shapes):
     """Whether a facet belongs to the neighbourhood of point q, see the head of the module.
 
@@ -128,12 +142,8 @@ def is_own(exclusion, q, facet, kind, xi, normal, shapes):
         return True
     if exclusion.parts[q] != exclusion.facet_parts[facet]:
         return False
-    if exclusion.cells[q] == exclusion.facet_cells[facet]:
+    if is_around(exclusion, q, facet):
         return True
-    for i in range(exclusion.nodes.shape[1]):
-        for j in range(exclusion.facet_nodes.shape[1]):
-            if exclusion.nodes[q, i] == exclusion.facet_nodes[facet, j]:
-                return True
     fill_shapes(kind, xi[0], xi[1], shapes)
     gap = 0.0
     for k in range(exclusion.x.shape[1]):

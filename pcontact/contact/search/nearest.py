@@ -14,10 +14,11 @@ from typing import NamedTuple
 import numpy as np
 
 from pcontact.contact.search.closest_point import GRID, LocalFacet, closest_on_facet
-from pcontact.contact.search.exclusion import is_own
+from pcontact.contact.search.exclusion import is_around, is_own
 from pcontact.contact.search.ray import ray_on_facet
 from pcontact.contact.search.table import (
     ANGLE,
+    AROUND,
     AT_CORNER,
     COLUMNS,
     CORNER,
@@ -185,6 +186,9 @@ def _search_points(target, query, criteria, exclusion, projections, work):
                         continue
                 sort_group(solved, n_group, tree.order, target.ids)
                 if not rays:
+                    for i in range(n_group if on_it else 0):
+                        around = is_around(exclusion, q, tree.order[leaves[group[i]]])
+                        found[group[i], AROUND] = 1.0 if around else 0.0
                     for i in range(n_group):
                         set_normal(solved, n_group, found[group[i]], facing > 0.0, opposite)
                 winner = -1
@@ -344,7 +348,7 @@ def _solve(target, criteria, point, local, leaf, row):
         p[k] = x[k] - x_facets[facet, 0, k]
         size2 += (tree.facet_upper[leaf, k] - tree.facet_lower[leaf, k]) ** 2
     row[SIZE], row[SLACK] = np.sqrt(size2), rounding
-    row[DISTANCE], row[INTERIOR], row[ANGLE], row[LOST], row[HELD] = np.inf, 1.0, 1.0, 0.0, 0.0
+    row[DISTANCE], row[INTERIOR], row[ANGLE], row[LOST], row[HELD], row[AROUND] = np.inf, 1.0, 1.0, 0.0, 0.0, 0.0
     if not row[SIZE] > 0.0:
         return
     if criteria.rays:

@@ -17,9 +17,9 @@ AT_CORNER = 1e-13  # reference coordinates that are those of a corner
 EDGE, CORNER = 1.0, 2.0
 # columns of the table of solved facets: distance, gap, reference coordinates, y - x (3), target normal (3),
 # contact normal (3), interior (0 or 1), angle at y, facet size, rounding length, whether it is no partner (0 or 1),
-# how it is held
+# how it is held, whether the point is on it or on a neighbour (0 or 1)
 DISTANCE, GAP, U, V, R, NY, N = 0, 1, 2, 3, 4, 7, 10
-INTERIOR, ANGLE, SIZE, SLACK, LOST, HELD, COLUMNS = 13, 14, 15, 16, 17, 18, 19
+INTERIOR, ANGLE, SIZE, SLACK, LOST, HELD, AROUND, COLUMNS = 13, 14, 15, 16, 17, 18, 19, 20
 
 
 class Solved(NamedTuple):
@@ -63,7 +63,10 @@ def goes_before(row, other):
 
 @njit_inner_exact
 def set_normal(solved, count, row, strict, opposite):
-    """Contact normal and gap of one facet of a group, see the head of `projection`; no normal: no partner."""
+    """Contact normal and gap of one facet of a group, see the head of `projection`; no normal: no partner.
+
+    A point that touches another surface lies on its own facets, too: those say nothing of the other one.
+    """
     found, group = solved.found, solved.group
     touching = row[DISTANCE] <= TOUCH * row[SIZE] + row[SLACK]
     if row[INTERIOR] > 0.0 and not touching:
@@ -73,14 +76,14 @@ def set_normal(solved, count, row, strict, opposite):
         for i in range(count):
             other = found[group[i]]
             c0, c1, c2 = other[R] - row[R], other[R + 1] - row[R + 1], other[R + 2] - row[R + 2]
-            if c0 * c0 + c1 * c1 + c2 * c2 <= same:
+            if c0 * c0 + c1 * c1 + c2 * c2 <= same and not other[AROUND] > row[AROUND]:
                 w = other[ANGLE]
                 m0, m1, m2 = m0 + w * other[NY], m1 + w * other[NY + 1], m2 + w * other[NY + 2]
         length = np.sqrt(m0 * m0 + m1 * m1 + m2 * m2)
         for i in range(count):
             other = found[group[i]]
             c0, c1, c2 = other[R] - row[R], other[R + 1] - row[R + 1], other[R + 2] - row[R + 2]
-            if c0 * c0 + c1 * c1 + c2 * c2 <= same:
+            if c0 * c0 + c1 * c1 + c2 * c2 <= same and not other[AROUND] > row[AROUND]:
                 cone = min(cone, m0 * other[NY] + m1 * other[NY + 1] + m2 * other[NY + 2])
         if not touching:
             # outside, the offset looks against the normals

@@ -225,7 +225,9 @@ class FiniteTraction:
             state, facets = self._present(part, p)
             stiff = np.empty(len(part.rows))
             _stiffest(state, facets, values, self.source.normal, cell_work(facets.cells), stiff)
-            found[part.which] = np.maximum(stiff / part.soft, 1.0)
+            # facets of other pairs have no points here
+            ratio = np.divide(stiff, part.soft, out=np.ones_like(stiff), where=part.soft > 0.0)
+            found[part.which] = np.maximum(ratio, 1.0)
         return found
 
     def _add(self, values, p, asked, out):

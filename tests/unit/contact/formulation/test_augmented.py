@@ -487,8 +487,8 @@ def test_cut_backs_are_forgotten(tmp_path, update):
         def failing(simulation, name=name, fatal=fatal, failed=failed):
             newton, function = simulation.newton, getattr(simulation.newton, name)
 
-            def call(u):
-                outcome = function(u)
+            def call(u, *follow, **more):
+                outcome = function(u, *follow, **more)
                 late = simulation.problem.time > 0.7
                 failed.extend([u] * late)
                 return replace(outcome, converged=not late or len(failed) != fatal)
