@@ -392,6 +392,7 @@ class Simulation:
                                for number in release.begun}  # fmt: skip
         self.stepper.resume(stepper.number, span.begin, stepper.first, schedule.size, state.values)
         state.recall(self.problem)
+        self._warn_of_untied(span)
         if self._changing:
             release.free_strains(self.problem.bulk)
         for name, one in self._carriers.items():
@@ -399,6 +400,15 @@ class Simulation:
         release.start(self.problem, self.stepper.u, state.borne)
         if self.problem.energy is not None:
             self.problem.energy.begin(self.stepper.u)
+
+    def _warn_of_untied(self, span):
+        """Say of the contacts that a phase ties which ones were nowhere closed before: these are open all the phase.
+        *Collective.*"""
+        for one in self.problem.contacts:
+            closed = self.comm.allreduce(sum(int(pair.closed.sum()) for pair in one.pairs))
+            if one.contact.held and not closed:
+                log.warning("phase %s: contact %s has no point that is closed at time %g: tied = [%r] ties nothing",
+                            span.name, one.name, span.begin, one.name)  # fmt: skip
 
     def close(self):
         """Take what this run entered back out of the options database, for the next scene."""

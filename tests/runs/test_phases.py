@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from meshes.blocks import one_block, two_blocks
+from pcontact.runtime import log
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.petsc import MPI
 from pcontact.scene.model import (
@@ -179,6 +180,15 @@ def test_surfaces_that_tie_when_they_are_closed_take_tension(mesh, contact):
     assert all(step["contacts"]["joint"]["stick"] > 0 for step in steps[2:4])
     np.testing.assert_allclose(force[4:], [0.5 * force[3], 0.0], atol=1e-9)
     assert steps[5]["contacts"]["joint"]["area"] == 0.0
+
+
+@pytest.mark.parametrize("moved", [0.1, -0.1])
+def test_a_tie_of_surfaces_that_are_apart_is_told(mesh, moved):
+    log.forget_warnings()
+    phases = [Phase("before"), Phase("after", tied=["joint"])]
+    simulated(blocks(mesh["blocks"], phases, {}, [Displacement("upper_top", [0, moved], [[0, 0], [1, 1]])]))
+    told = [line for line in log.warnings() if "after" in line and "joint" in line and "tied" in line]
+    assert len(told) == (moved > 0.0)
 
 
 def test_friction_holds_what_has_been_tightened_without(mesh):
