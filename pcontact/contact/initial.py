@@ -7,7 +7,8 @@ class InitialGap:
     """The gap that the undeformed bodies are given, and what is added to gaps for it.
 
     With the gap g of the first search, the bodies are given g' = 0 where they are adjusted, the clearance where it is
-    said, or g. Of an overlap, g' < 0, the part f(t) acts: to all gaps there is added g' - g + (f - 1) min(g', 0).
+    said, or g. Of an overlap, g' < 0, the part f(t) acts: to all gaps there is added g' - g + (f - 1) min(g', 0). Of
+    a gap that a bilateral contact closes that part does, too: g' stands in the place of min(g', 0).
 
     Parameters
     ----------
@@ -17,7 +18,7 @@ class InitialGap:
     def __init__(self, contact):
         self._within = (contact.adjust_within or 0.0) if contact.interference == "adjust" else None
         self._clearance, self._table = contact.clearance, contact.interference_amplitude
-        self._base = self._overlap = None
+        self._bilateral, self._base, self._overlap = contact.bilateral, None, None
 
     @property
     def known(self):
@@ -32,7 +33,7 @@ class InitialGap:
         elif self._clearance is not None:
             given = np.full_like(gap, self._clearance)
         self._base = np.where(paired, given - gap, 0.0)
-        self._overlap = np.where(paired, np.minimum(given, 0.0), 0.0)
+        self._overlap = np.where(paired, given if self._bilateral else np.minimum(given, 0.0), 0.0)
 
     def offset(self, time):
         """What is added to gaps (np,) at a time [length]."""

@@ -88,6 +88,8 @@ class ContactPair(Item):
         To which places of points are relative, so that they lose no digits [length].
     rounding : float
         Rounding errors that a gap may carry [length].
+    closing : float
+        Largest gap at points of this rank that is closed, whatever the load, in the first load step [length].
     offset : ndarray (np,) or None
         What is added to gaps for those that the undeformed bodies are given, see `pcontact.contact.initial` [length].
     """
@@ -102,7 +104,7 @@ class ContactPair(Item):
         self.lost, self._begun, self.offset, self.chords, self.pairing = (0, 0), False, None, None, None
         # normals of the partners before those of the last search within a load step
         self.verifies, self.stale, self._former = not self.law.tied, 0.0, None
-        self._initial = initial_gap(contact)
+        self._initial, self.closing = initial_gap(contact), 0.0
         self._normals, self.coupled = source.normal, np.zeros(len(source.facet), dtype=bool)
         self.committed = np.full(len(source.facet), OPEN, dtype=np.int64)
         low, high = bounding_box(space.comm, space.points)
@@ -202,6 +204,8 @@ class ContactPair(Item):
         # obstacles have moved on already, and displacements that are expected are not those of a solution
         compares = self._begun and expected is u and not self.rigid
         self.lost = self._count_lost(gap, paired) if compares else (0, 0)
+        at_once = paired & (self.contact.bilateral and not self._begun)
+        self.closing = float(np.max(gap[at_once], initial=0.0))
         self._freeze(expected, gap, normal, found)
         size = source.size[source.facet]
         # half of the motion closes points (see APPROACH in `pcontact.solve.newton`) before contact pushes them back

@@ -501,7 +501,7 @@ class Contact:
         more="Negative: an overlap, which is pushed apart; see below",
     )  # fmt: skip
     interference_amplitude: Table | None = key(
-        AMPLITUDE, "factor of the initial overlap over the time",
+        AMPLITUDE, "factor of the initial overlap, and of the gap that `bilateral` closes, over the time",
         default=None, otherwise="all of it acts from the beginning",
         more="see below",
     )  # fmt: skip

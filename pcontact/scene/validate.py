@@ -421,9 +421,10 @@ def _check_initial(scene, where, contact):
         if getattr(contact, key) is not None and adjusts:
             found = f'{key} together with interference = "adjust"'
             raise input_error(scene.where, f"{where}.{key}", found, f"at most one of {key}, interference = \"adjust\"")
-    if contact.interference_amplitude is not None and (contact.clearance or 0.0) > 0.0:
+    grows = contact.interference_amplitude is not None and not contact.bilateral
+    if grows and (contact.clearance or 0.0) > 0.0:
         found = f"an amplitude of the overlap together with clearance = {contact.clearance:g}, which leaves none"
-        raise input_error(scene.where, f"{where}.interference_amplitude", found, "clearance < 0, or none")
+        raise input_error(scene.where, f"{where}.interference_amplitude", found, "clearance < 0, none, or bilateral")
     if contact.clearance is not None and (contact.meets_itself or (contact.all and contact.obstacle is None)):
         found = f"{contact.clearance:g} of surfaces that meet anywhere"
         raise input_error(scene.where, f"{where}.clearance", found, "pairs of two surfaces")

@@ -1,7 +1,7 @@
 """Why a load step may have failed: what a user can see only with difficulty."""
 
 from pcontact.mesh.mesh import size_of
-from pcontact.runtime.petsc import PETSc
+from pcontact.runtime.petsc import MPI, PETSc
 from pcontact.solve.convergence import BALANCED
 from pcontact.solve.preconditioners.direct import FAILED
 from pcontact.solve.problem import ROUNDINGS
@@ -9,6 +9,8 @@ from pcontact.solve.problem import ROUNDINGS
 # [-] Part of the volume that may yield from which on a limit load is near. From: chosen; a sentence depends on it, no
 # iteration.
 YIELDED = 0.5
+# [sizes of the mesh] Gap from which on closing it at once is said to be much. From: chosen; a sentence depends on it.
+CLOSED = 1e-3
 
 
 def diagnose(problem, u, reason, norm):
@@ -46,6 +48,13 @@ def diagnose(problem, u, reason, norm):
             f"rounding errors of the gap of contact {worst}, times its gamma, are {errors[worst]:.2g}, and the forces "
             f"{acting:.2g}: its gamma0 is too large"
         ]
+    for one in problem.contacts:
+        gap = problem.space.comm.allreduce(max(pair.closing for pair in one.pairs), op=MPI.MAX)
+        if gap > CLOSED * size:
+            found.append(
+                f"contact {one.name}: bilateral = true closes its gap of {gap:.3g} at once, however short the step is: "
+                "interference_amplitude does so over the time"
+            )
     part = problem.bulk.flowing(u)
     if part >= YIELDED:
         found.append(f"{100.0 * part:.0f} % of what may yield does: the load may be beyond the limit load")

@@ -6,8 +6,9 @@ import pytest
 from meshes import two_blocks
 from pcontact.runtime.observer import Observer
 from pcontact.runtime.petsc import MPI
-from pcontact.scene.model import Body, Contact, Displacement, Material, MeshSpec, Output, Scene
+from pcontact.scene.model import Body, Contact, Displacement, Material, MeshSpec, Output, Scene, Steps
 from pcontact.simulation import Simulation
+from pcontact.solve.diagnosis import diagnose
 
 WORLD = MPI.COMM_WORLD
 GAP = 0.2
@@ -79,3 +80,49 @@ def test_a_body_that_a_contact_holds_which_bears_tension_is_not_free(shared_tmp,
         np.testing.assert_allclose(last.record["probes"]["upper_top"]["mean"], [0.0, -0.1], atol=1e-8)
     finally:
         simulation.close()
+
+
+def apart(path, amplitude):
+    """Two blocks apart by a gap, held at their ends, that contact draws together in two load steps."""
+    if WORLD.rank == 0:
+        two_blocks(path, 2, 2, 2, gap=GAP)
+    WORLD.Barrier()
+    keys = {"bilateral": True, "search_radius": 0.6, "interference_amplitude": amplitude}
+    return Scene(
+        mesh=MeshSpec(path), materials={"m": Material(1000.0, 0.3)},
+        bodies=[Body("lower", "m"), Body("upper", "m")],
+        contacts=[Contact("upper_bottom", "lower_top", name="pair", **keys)],
+        displacements=[Displacement("lower_bottom", [0.0, 0.0]), Displacement("upper_top", [0.0, 0.0])],
+        steps=Steps(count=2), petsc={"snes_rtol": 1e-12, "pc_type": "lu"}, output=Output(fields=False),
+    )  # fmt: skip
+
+
+class Forces(Observer):
+    """Observer: the force of every load step."""
+
+    def __init__(self):
+        self.found = []
+
+    def step(self, step, u, record):
+        self.found.append(np.linalg.norm(record["contacts"]["pair"]["force"]))
+
+
+def test_gap_that_closes_over_the_time(tmp_path):
+    """Half of it in the first of two load steps; without an amplitude all of it, and no more comes."""
+    found = {}
+    for amplitude in ([(0.0, 0.0), (1.0, 1.0)], None):
+        simulation, forces = Simulation(apart(tmp_path / "b.msh", amplitude)), Forces()
+        problem = simulation.problem
+        try:
+            u = problem.space.vector()
+            problem.contacts[0].pairs[0].detect(u, 1e-6)
+            words = " ".join(diagnose(problem, u, "", 1.0))
+            assert ("interference_amplitude" in words and "0.2" in words) == (amplitude is None)
+            assert simulation.run(None, [forces])
+            found[amplitude is None] = forces.found
+        finally:
+            simulation.close()
+    assert found[True][0] > 1.0
+    # partners are found on the deformed bodies
+    np.testing.assert_allclose(found[True], found[True][0], rtol=0.02)
+    np.testing.assert_allclose(found[False], [0.5 * found[True][0], found[True][0]], rtol=0.02)
