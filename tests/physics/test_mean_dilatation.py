@@ -306,7 +306,8 @@ def ring(path):
 @pytest.mark.slow
 @pytest.mark.parametrize("formulation", ["nitsche", "penalty"])
 def test_squeezed_ring_with_friction(tmp_path, formulation):
-    """Points stick by springs that are as stiff as rubber is in shear: with lambda in them the first step fails."""
+    """Points stick by springs that are as stiff as rubber is in shear. With lambda in them load steps of the penalty
+    method fail."""
     walls = {"groove": Obstacle("plane", point=[50.035, 0.0], normal=[1.0, 0.0]),
              "bore": Obstacle("plane", point=[55.365, 0.0], normal=[-1.0, 0.0], displacement=[-1.07, 0.0],
                               amplitude=[(0.0, 0.0), (1.0, 1.0)])}  # fmt: skip
