@@ -33,6 +33,7 @@ from drivers.studies import _extreme_shapes as shapes
 from drivers.studies._press import make_scene as make_press
 from meshes import (
     ball_on_block,
+    beam,
     clip,
     cylinder_on_block,
     heap,
@@ -286,6 +287,21 @@ def large(folder, make, mesh, arguments, **keys):
     return replace(scene, output=Output(fields=False))
 
 
+def bent(folder, load=1.0, count=4, held=("left",), thin=0.5, back=0, **keys):
+    """A strip of length 20, a cantilever or clamped at both ends, finite strain: a force on its end, or a pressure, of
+    ``load`` times E I / L^2, goes up in some steps, and back to nothing in others, after which nothing acts."""
+    path, young = make_mesh(beam, folder / "mesh.msh", (40, 1), length=20.0, height=thin, order=2), 1.2e4
+    force = load * young * thin**3 / 12.0 / 20.0**2
+    amplitude = [[0.0, 0.0], [1.0, 1.0], [2.0, 0.0], [3.0, 0.0]] if back else None
+    where = {"region": "top", "pressure": force / 20.0} if len(held) > 1 else {"region": "right", "force": [0.0, force]}
+    return Scene(
+        mesh=MeshSpec(path, order=2, strain="finite", kinematics="plane_stress"), materials={"m": Material(young, 0.0)},
+        bodies=[Body("beam", "m")], displacements=[Displacement(name, [0.0, 0.0]) for name in held],
+        loads=[Load(**where, amplitude=amplitude)], steps=Steps(3.0 if back else 1.0, count),
+        output=Output(fields=False), **keys,
+    )  # fmt: skip
+
+
 def extreme(folder, build, **keys):
     """A cell of the matrix of extremes, see `drivers/studies/extremes.py`."""
     return build(folder, **keys)[0]
@@ -355,6 +371,12 @@ def _cases():
     for friction in (0.0, 0.3):
         keys = {"unknowns": 12_000, "friction": friction, "strain": "finite"}
         yield "finite", f"ball on block, friction {friction:g}", pressed, keys
+    for load in (1.0, 2.0, 4.0):
+        yield "bending", f"cantilever, load {load:g}", bent, {"load": load}
+    yield "bending", "cantilever, one load step", bent, {"count": 1}
+    yield "bending", "cantilever, unloaded to nothing", bent, {"back": 1, "count": 12}
+    for load in (10.0, 1000.0):
+        yield "bending", f"clamped plate, load {load:g}", bent, {"load": load, "held": ("left", "right"), "thin": 0.1}
     stack, bars = extremes.stack, extremes.bars
     for word, build, keys in (
         ("nu 0.49999", stack, {**solid, "nu": (0.49999, 0.49999)}),
