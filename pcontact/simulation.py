@@ -41,11 +41,10 @@ from pcontact.space.carried import carried
 from pcontact.space.modes import near_null_space
 from pcontact.stepping.energy import EnergyBalance
 from pcontact.stepping.loose import LooseBodies
-from pcontact.stepping.partner_update import partner_update
+from pcontact.stepping.partner_update import updates
 from pcontact.stepping.record import Recorder
 from pcontact.stepping.schedule import Control, Schedule
 from pcontact.stepping.stepper import Stages, Stepper
-from pcontact.stepping.uzawa import uzawa
 
 
 class Lasting(NamedTuple):
@@ -222,8 +221,7 @@ class Simulation:
         turns = self.problem.extrapolates
         modes_at = partial(near_null_space, self.problem.space, colours) if turns else None
         self.newton = Newton(self.problem, self.options, symmetric, modes, self.timing, motions, modes_at)
-        self.renew = partner_update(self.problem, self.newton, self.options)
-        self.settle = uzawa(self.problem.contacts, self.renew or self.newton, self.options)
+        self.renew, self.settle = updates(self.problem, self.newton, self.options)
         meets = motions and not self.problem.linear
         self.rest = LooseBodies(self.problem, motions) if meets else None
 

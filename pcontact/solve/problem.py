@@ -220,11 +220,13 @@ class Problem:
             total += load.at(time)
         return total
 
-    def applied_forces(self, u):
-        """Nodal external forces (n_owned, d), with those that depend on the displacement [force]. *Collective.*"""
-        total = self.external(self.time)
+    def applied_forces(self, u, springs=True):
+        """Nodal external forces (n_owned, d), with those that depend on the displacement, of springs or without them
+        [force]. *Collective.*"""
+        total, left_out = self.external(self.time), () if springs else self.springs
         for item in self.others:
-            item.external(u, total)
+            if item not in left_out:
+                item.external(u, total)
         return total
 
     def unbalanced(self, u, rules=None):
@@ -427,9 +429,9 @@ class Problem:
         """Rounding errors that the sum of all forces at ``u`` may carry [force]. *Collective.*"""
         return np.finfo(float).eps * float(np.linalg.norm(self.space.comm.allreduce(self._magnitude(u).sum(axis=0))))
 
-    def loaded(self, u):
-        """Norm of the external forces at ``u`` [force]. *Collective.*"""
-        return self.norm(self.applied_forces(u))
+    def loaded(self, u, springs=True):
+        """Norm of :meth:`applied_forces` at ``u`` [force]. *Collective.*"""
+        return self.norm(self.applied_forces(u, springs))
 
     def acting(self, u):
         """Largest of the norms of the external forces, and of those of the stresses at ``u`` where nodes are supported

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 from pcontact.runtime import log, profile
 from pcontact.solve.result import combined
+from pcontact.stepping.uzawa import uzawa
 
 # [searches] Between the iterations of Newton's method in a load step at most, where closed points leave their facets.
 # From: chosen; points that go to and fro keep the facets of the last one.
@@ -40,6 +41,8 @@ class PartnerUpdate:
         Part of the answer that frozen partners may change, see :func:`pcontact.contact.motion.misled`.
     items : list of pcontact.assembly.item.Item
         That are asked.
+    settle : pcontact.stepping.uzawa.Uzawa, optional
+        Settles multipliers before partners are verified: until then the bodies are deep in each other.
 
     Attributes
     ----------
@@ -48,8 +51,9 @@ class PartnerUpdate:
         near its solution already, or not (0). A restarted run goes on with it.
     """
 
-    def __init__(self, problem, newton, most, tolerance, items):
+    def __init__(self, problem, newton, most, tolerance, items, settle=None):
         self.problem, self.newton, self.most, self.tolerance, self.items = problem, newton, most, tolerance, items
+        self.settle = settle
         # committed displacement and end of the load step
         self._step, self._searches, self.carried = None, 0, 0.0
         self._follows = any(item.follows for item in items)
@@ -82,7 +86,11 @@ class PartnerUpdate:
             left[0] -= changed
             return changed
 
-        return self._settled(u, self.newton.solve(u, follow))
+        return self._settled(u, self._with_multipliers(u, self.newton.solve(u, follow)))
+
+    def _with_multipliers(self, u, result):
+        """The result after multipliers have settled, if there are some. *Collective.*"""
+        return self.settle(u, result) if self.settle is not None and result.converged else result
 
     def again(self, u):
         """Solve on from the solution ``u`` of the load step after multipliers have changed, see
@@ -98,7 +106,7 @@ class PartnerUpdate:
                 reason = f"points of contact still find other partners after {self.most} searches"
                 result = replace(result, converged=False, reason=reason)
                 break
-            result = combined(result, self.newton.again(u, near=True))
+            result = self._with_multipliers(u, combined(result, self.newton.again(u, near=True)))
         change = max(item.stale for item in self.items)
         return replace(result, partners={"change": change, "searches": self._searches})
 
@@ -114,12 +122,22 @@ class PartnerUpdate:
         return any(changed)
 
 
-def partner_update(problem, newton, options):
-    """The :class:`PartnerUpdate` of a run; None where no item asks for it, or the user does without."""
+def updates(problem, newton, options):
+    """What a load step has beside Newton's method: the :class:`PartnerUpdate`, None where no item asks for it, or the
+    user does without; and the updates of multipliers that come after it, None where there are none."""
+    if any(item.follows for item in problem.others):
+        partners = _partner_update(problem, newton, options, None)
+        return partners, uzawa(problem.contacts, partners, options)
+    settle = uzawa(problem.contacts, newton, options)
+    partners = _partner_update(problem, newton, options, settle)
+    return partners, settle if partners is None else None
+
+
+def _partner_update(problem, newton, options, settle):
     if options.get("contact_search_every") == "newton":
         log.warning("-contact_search_every newton does nothing: partners are found again in every load step")
     most = options.get("contact_search_again")
     items = [item for item in problem.others if item.follows or (item.verifies and most > 0)]
     if not items:
         return None
-    return PartnerUpdate(problem, newton, most or MOST, options.get("contact_partner_rtol"), items)
+    return PartnerUpdate(problem, newton, most or MOST, options.get("contact_partner_rtol"), items, settle)

@@ -145,7 +145,7 @@ def another(case, variant, result, work):
         return False
     place = work / f"again_{case.seed}_{variant.name.replace(', ', '_')}"
     write_case(place, variant.case)
-    again = run_jobs([job_of(place, {"snes_rtol": TIGHT["snes_rtol"]})], variant.ranks, work)[0]
+    again = run_jobs([job_of(place, {**variant.options, "snes_rtol": TIGHT["snes_rtol"]})], variant.ranks, work)[0]
     return _compared(case, variant, variant, result, again) is None
 
 

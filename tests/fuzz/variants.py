@@ -10,7 +10,8 @@ import numpy as np
 from formulas import combined, moved_value
 from grids import renumbered, turned
 
-TIGHT = {"snes_rtol": "1e-12", "pc_type": "lu", "contact_partner_rtol": "1e-5"}
+PLAIN = {"contact_partner_rtol": "1e-5"}
+TIGHT = {"snes_rtol": "1e-12", "pc_type": "lu", **PLAIN}
 
 
 @dataclass
@@ -285,7 +286,7 @@ def variants_of(case, rng, ranks=3):
     mumps = {**TIGHT, "pc_factor_mat_solver_type": "mumps"}
     out = [
         Variant("tight", case, TIGHT, against=""),
-        Variant("plain", case, {}, tolerance=1e-5),
+        Variant("plain", case, PLAIN, tolerance=1e-5),
         Variant("renumbered", numbered, TIGHT, number=number),
         Variant("mirrored", moved(case, mirror), TIGHT, motion=mirror),
         Variant("rotated", moved(case, rotate), TIGHT, motion=rotate),
@@ -295,12 +296,12 @@ def variants_of(case, rng, ranks=3):
     ]
     if not (case.finite or {"phases", "pretensions"} & case.scene.keys()):
         # an estimate is refused there
-        out.append(Variant("estimated", _estimated(case), {}, against="plain"))
+        out.append(Variant("estimated", _estimated(case), PLAIN, against="plain"))
     # multigrid in parallel costs most
     if case.seed % 2 == 0:
-        out.append(Variant("ranks, plain", case, {}, ranks=ranks, against="plain", tolerance=1e-5))
+        out.append(Variant("ranks, plain", case, PLAIN, ranks=ranks, against="plain", tolerance=1e-5))
     if case.seed % 4 == 0:
-        out.append(Variant("renumbered, plain", numbered, {}, number=number, against="plain", tolerance=1e-5))
+        out.append(Variant("renumbered, plain", numbered, PLAIN, number=number, against="plain", tolerance=1e-5))
     swap = _swapped(case)
     if swap is not None:
         out.append(Variant("swapped", swap[0], TIGHT, swapped=swap[1]))

@@ -224,7 +224,7 @@ def test_a_cut_back_leaves_no_trace(block, shared_tmp, theta, friction):
     def refuse(simulation):
         solve, problem = simulation.newton.solve, simulation.problem
 
-        def solve_and_refuse(u):
+        def solve_and_refuse(u, *follow):
             outcome = solve(u)
             if len(refused) < 2 and problem.time in (0.5, 0.75):
                 refused.append(problem.time)
