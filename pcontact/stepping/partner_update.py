@@ -13,8 +13,6 @@ WITHIN = 8
 # [searches] After so many of them points that are hardly beyond their facets keep them. From: ball on block, 12,000
 # unknowns: a point that is to end on the edge between two facets goes to and fro, with 4 four times.
 FIRM = 1
-
-
 # [-] Part of the largest residual of a run below which iterates are so near to the solution that partners are those of
 # the solution: found again between the iterations, they need no run of their own. From: ball on block, 12,000 and
 # 50,000 unknowns, finite strain, 8 iterations without and 6 with it, whether 0.1 or 0.001.

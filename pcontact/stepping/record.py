@@ -199,11 +199,13 @@ class Recorder:
     def _warn_of_rounding(self, time, u):
         """Say once that a body is so stiff, and has moved so far, that rounding errors of its displacement show in the
         stresses. *Collective.*"""
+        if "rounding" in self._told:
+            return
         problem = self._problem
         self._acting = max(self._acting, problem.acting(u))
         errors = problem.roundoff_of(u)
         part = np.linalg.norm(errors) / self._acting if self._acting > 0.0 else 0.0
-        if part > ROUNDING_PART and "rounding" not in self._told:
+        if part > ROUNDING_PART:
             self._told.add("rounding")
             name = problem.space.mesh.component_names[int(np.argmax(errors))]
             log.warning(
