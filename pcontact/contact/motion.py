@@ -186,7 +186,7 @@ def misled(pair, u, found, gap, normal, time, keeps=0.0, former=None):
     Returns
     -------
     part : float
-        Points that have lost their partner count as if they had moved all that way.
+        Points that have lost their partner count as if they had moved all that way. At most all of the answer changes.
     lost : bool
         Whether there are such points, or open ones that are inside a partner, deeper than any closed point.
     """
@@ -222,7 +222,8 @@ def misled(pair, u, found, gap, normal, time, keeps=0.0, former=None):
     # normals that spread or gather leave the force where it points
     along = resultant / max(np.linalg.norm(resultant), 1e-300)
     turned = np.linalg.norm(turn - (turn @ along) * along) / total
-    return float(max(changed / way if changed > 0.0 else 0.0, turned) + missed / total), lost
+    part = changed / max(way, changed) if changed > 0.0 else 0.0
+    return float(max(part, turned) + missed / total), lost
 
 
 def closing_motion(pair, u, values, time):

@@ -172,9 +172,11 @@ def test_what_is_wrong_is_seen(pressed, kind):
 
 
 @pytest.mark.slow
-@pytest.mark.xfail(reason="a load step does not converge, runs do not agree, or a force without touch", strict=False)
-@pytest.mark.parametrize(("seed", "variant"), [(5602, "tight"), (5657, "tight"), (5674, "rotated"), (5679, "tight"),
-                                                 (20241, "tight")])  # fmt: skip
+@pytest.mark.parametrize(("seed", "variant"), [
+    (5602, "tight"), (5674, "rotated"), (20241, "tight"),
+    *(pytest.param(seed, "tight", marks=pytest.mark.xfail(reason="a load step does not converge", strict=True))
+      for seed in (5657, 5679)),
+])  # fmt: skip
 def test_scenes_that_were_kept(seed, variant, tmp_path):
     """Finite strain, and friction or yielding; a body that goes by above another one: they converge, and runs agree."""
     case, variants = fuzz.prepared(seed, only=variant, case=kept(fuzz.KEPT / str(seed)))

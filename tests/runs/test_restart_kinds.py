@@ -68,10 +68,16 @@ def test_same_numbers_on_the_same_ranks(shared_tmp, kind):
 @pytest.mark.parallel
 @pytest.mark.parametrize("kind", ["tied", "Tresca"])
 def test_same_numbers_on_other_ranks(shared_tmp, kind):
-    """Written by all ranks and read by one."""
-    case = KINDS[kind]
-    full = run(case(shared_tmp), WORLD, shared_tmp / "full", shared_tmp / "kept")
-    alone = run(case(shared_tmp), SELF, shared_tmp / f"alone{WORLD.rank}", restart=shared_tmp / "kept")
+    """Written by all ranks and read by one. Iterates differ by the tolerance of linear solves, and partners found at
+    them by as much as the check of partners allows."""
+
+    def case():
+        scene = KINDS[kind](shared_tmp)
+        scene.petsc["contact_partner_rtol"] = "1e-9"
+        return scene
+
+    full = run(case(), WORLD, shared_tmp / "full", shared_tmp / "kept")
+    alone = run(case(), SELF, shared_tmp / f"alone{WORLD.rank}", restart=shared_tmp / "kept")
     WORLD.Barrier()
     difference, where = worst(full[STOP:], alone, COUNTED)
     assert difference <= 1e-7, where
