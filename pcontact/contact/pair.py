@@ -650,9 +650,13 @@ class ContactPair(Item):
 def method_of(space, contact, source):
     """The formulation of a contact, for a source surface. *Collective.*"""
     if contact.pressure_overclosure is None:
-        return METHODS[contact.formulation or "nitsche"](contact, source.trace, source.x.shape)
-    softest = space.comm.allreduce(float(np.min(source.trace, initial=np.inf)), op=MPI.MIN)
-    return Layer(contact, source.trace, softest)
+        method = METHODS[contact.formulation or "nitsche"](contact, source.trace, source.x.shape)
+    else:
+        softest = space.comm.allreduce(float(np.min(source.trace, initial=np.inf)), op=MPI.MIN)
+        method = Layer(contact, source.trace, softest)
+    if contact.alpha is None and contact.stick_stiffness is None:
+        method.take_alpha(source.shear)
+    return method
 
 
 def partner_search(space, contact, target, law):

@@ -9,7 +9,8 @@ In the committed state a cell may be stiffer along the normal of its facet than 
 that has been stretched. The constant of its trace inequality grows, and gamma with it: by what the law says
 (`pcontact.contact.traction.finite`), and no less than Hencky's law says of a cell that is compressed along the normal
 alone, (1 + ln w) w^2 with the ratio w = |F^-T N|, the largest one on a facet. Rubber grows stiffer more slowly there,
-but a gamma that follows has load steps of ironing it cut.
+but a gamma that follows has load steps of ironing it cut. Tangential tractions need what shear says, which may grow
+alone: that of rubber which hardly changes its volume.
 """
 
 from typing import NamedTuple
@@ -78,8 +79,7 @@ class FiniteTerms:
 
     def __init__(self, space, source, method, traction, law):
         self.space, self.source, self.method, self.traction, self.law = space, source, method, traction, law
-        self.slides, alpha = law.tangential, method.alpha if law.tangential else 0.0
-        self._weights = method.theta, alpha, 1.0 / alpha if law.tangential else 0.0
+        self.slides = law.tangential
         self._lag = np.zeros_like(source.x)
         # that of the load step; what the next one will start from is known when this one has been committed
         self._carried = self._lag
@@ -104,7 +104,9 @@ class FiniteTerms:
         w = np.empty(len(p.cells))
         stretch(p.points, self.source.grad, values, w)
         w = np.maximum(w, 1.0)
-        self.method.begin(np.maximum((1.0 + np.log(w)) * w**2, self.traction.growth(values, p)))
+        growth = self.traction.growth(values, p)
+        growth[:, 0] = np.maximum((1.0 + np.log(w)) * w**2, growth[:, 0])
+        self.method.begin(growth)
         d, nn = self.space.dim, p.cells.shape[1]
         self._adjoint = np.zeros((0, nn, d, d))
         if self.method.theta != 0.0:
@@ -115,7 +117,7 @@ class FiniteTerms:
         contact = self._contact(p, values)
         at = self._acting(p, values, view, contact)
         if self.slides and not self.law.tied:
-            lag = (at.traction - at.force) / (self.method.alpha * self.method.gamma[self.source.facet])[:, None]
+            lag = (at.traction - at.force) / (self.method.alpha * self.method.gamma)[self.source.facet, None]
             stick = at.status == STICK
             if self.method.has_traction:
                 lag = np.where(stick[:, None], patch_means(self.space, p, self.source, lag, stick), lag)
@@ -142,7 +144,9 @@ class FiniteTerms:
     def parameters(self):
         """Weights of the terms."""
         deep = DEEP * 2.0 ** max(0, self._made - EARLY)
-        return FiniteParameters(*self._weights, self.method.gamma, self._adjoint, deep * self.source.size)
+        method, none = self.method, np.zeros_like(self.method.alpha)
+        alpha, inverse = (method.alpha, 1.0 / method.alpha) if self.slides else (none, none)
+        return FiniteParameters(method.theta, alpha, inverse, method.gamma, self._adjoint, deep * self.source.size)
 
     def place(self, p, values):
         """Where the points are at nodal values (n, d), without slip: a :class:`Placed`. *Collective.*"""

@@ -48,7 +48,7 @@ class FiniteParameters(NamedTuple):
     Attributes
     ----------
     theta : float
-    alpha, inverse : float
+    alpha, inverse : ndarray (nf,)
         alpha and 1 / alpha; both 0 without friction.
     gamma : ndarray (nf,)
         [stress/length]
@@ -59,8 +59,8 @@ class FiniteParameters(NamedTuple):
     """
 
     theta: float
-    alpha: float
-    inverse: float
+    alpha: np.ndarray
+    inverse: np.ndarray
     gamma: np.ndarray
     adjoint: np.ndarray
     depth: np.ndarray
@@ -105,20 +105,20 @@ class Slopes(NamedTuple):
 def augment(parameters, facet, placed, traction, tau):
     """tau (np, d) of points with the traction (np, d), where they are `Placed`; 0 without partner."""
     for p in range(len(facet)):
-        gamma = parameters.gamma[facet[p]]
+        gamma, alpha = parameters.gamma[facet[p]], parameters.alpha[facet[p]]
         for i in range(tau.shape[1]):
             tau[p, i] = 0.0
             if placed.live[p]:
-                pushed = placed.gap[p] * placed.normal[p, i] - parameters.alpha * placed.slip[p, i]
+                pushed = placed.gap[p] * placed.normal[p, i] - alpha * placed.slip[p, i]
                 tau[p, i] = traction[p, i] + gamma * pushed
 
 
 @njit_inner
-def _weigh(parameters, gamma, n, v, out):
+def _weigh(gamma, inverse, n, v, out):
     """out = G^-1 v."""
     along = dot(v, n)
     for i in range(len(n)):
-        out[i] = (along * n[i] + (v[i] - along * n[i]) * parameters.inverse) / gamma
+        out[i] = (along * n[i] + (v[i] - along * n[i]) * inverse) / gamma
 
 
 @njit
@@ -131,7 +131,7 @@ def add_residual(parameters, source, partner, placed, acting, out):
         if parameters.theta != 0.0:
             for i in range(d):
                 rest[i] = force[p, i] - acting.traction[p, i]
-            _weigh(parameters, parameters.gamma[f], normal[p], rest, weight)
+            _weigh(parameters.gamma[f], parameters.inverse[f], normal[p], rest, weight)
             for a in range(source.cells.shape[1]):
                 for j in range(d):
                     value = 0.0
@@ -177,7 +177,7 @@ def tangent_work(d, nn, ms, mt):
 
 
 @njit_inner
-def _fill_dtau(parameters, gamma, ms, nn, mt, on, work, out):
+def _fill_dtau(gamma, alpha, ms, nn, mt, on, work, out):
     """gamma (n dg + g dn - alpha ds_T) and dn in the columns of the nodes of both facets."""
     d, n, g, s = len(work.n), work.n, work.gap[0], work.slip
     across = dot(n, s)
@@ -186,16 +186,16 @@ def _fill_dtau(parameters, gamma, ms, nn, mt, on, work, out):
         for j in range(d):
             k, column = slot * d + j, place * d + j
             slides, turns = 0.0, 0.0
-            if parameters.alpha != 0.0:
+            if alpha != 0.0:
                 for i in range(d):
                     slides += n[i] * work.ds[i, k]
                     turns += s[i] * work.dn[i, k]
             for i in range(d):
                 dn = work.dn[i, k]
                 value = n[i] * work.dg[k] + g * dn
-                if parameters.alpha != 0.0:
+                if alpha != 0.0:
                     slip = work.ds[i, k] - n[i] * slides - across * dn - n[i] * turns
-                    value -= parameters.alpha * slip
+                    value -= alpha * slip
                 out.dtau[i, column] += gamma * value
                 out.dn[i, column] += dn
 
@@ -220,10 +220,10 @@ def _fill_dforce(n, tau, force, slope, columns, out):
 
 
 @njit_inner
-def _fill_weak(parameters, gamma, n, slopes, row, nn, columns, out):
+def _fill_weak(gamma, inverse, n, slopes, row, nn, columns, out):
     """G^-1 (dP - dt) + dG^-1 (P - t) with P - t in out.rest."""
     d = len(n)
-    factor, along = (1.0 - parameters.inverse) / gamma, dot(out.rest, n)
+    factor, along = (1.0 - inverse) / gamma, dot(out.rest, n)
     for k in range(columns):
         a, j, turn = k // d, k % d, 0.0
         for i in range(d):
@@ -233,7 +233,7 @@ def _fill_weak(parameters, gamma, n, slopes, row, nn, columns, out):
             turn += out.dn[i, k] * out.rest[i]
         between = dot(out.turned, n)
         for i in range(d):
-            value = (between * n[i] + (out.turned[i] - between * n[i]) * parameters.inverse) / gamma
+            value = (between * n[i] + (out.turned[i] - between * n[i]) * inverse) / gamma
             out.weak[i, k] = value + factor * (out.dn[i, k] * along + n[i] * turn)
 
 
@@ -265,7 +265,7 @@ def add_tangent(parameters, source, partner, motion, acting, slopes, out, blocks
     out : TangentWork
     blocks : pcontact.assembly.graph.BlockRows
     """
-    theta, slides, adjoint, work = parameters.theta, parameters.alpha != 0.0, parameters.adjoint, out.point
+    theta, adjoint, work = parameters.theta, parameters.adjoint, out.point
     d, nn, ms, mt = motion.u.shape[1], source.cells.shape[1], source.on.shape[1], partner.nodes.shape[1]
     missing, columns = 0, (nn + mt) * d
     for p in range(len(source.facet)):
@@ -273,7 +273,8 @@ def add_tangent(parameters, source, partner, motion, acting, slopes, out, blocks
         if acting.status[p] == 0 and theta == 0.0:
             continue
         f = source.facet[p]
-        gamma = parameters.gamma[f]
+        gamma, alpha = parameters.gamma[f], parameters.alpha[f]
+        slides = alpha != 0.0
         found = place_point(source, partner, motion, p, slides, work)
         # what is open does not depend on its partner, but for the normal of the closest point
         mode = partner.mode[p] if found else NONE
@@ -281,7 +282,7 @@ def add_tangent(parameters, source, partner, motion, acting, slopes, out, blocks
         _damp(parameters.depth[f], source.shape[p], min(mt, NODE_COUNTS[partner.kind[p]]), work)
         out.dtau[:, :] = 0.0
         out.dn[:, :] = 0.0
-        _fill_dtau(parameters, gamma if found else 0.0, ms, nn, mt, source.on[f], work, out)
+        _fill_dtau(gamma if found else 0.0, alpha, ms, nn, mt, source.on[f], work, out)
         row = slopes.at[p]
         if row >= 0:
             for a in range(nn):
@@ -292,7 +293,7 @@ def add_tangent(parameters, source, partner, motion, acting, slopes, out, blocks
         if theta != 0.0:
             for i in range(d):
                 out.rest[i] = force[i] - acting.traction[p, i]
-            _fill_weak(parameters, gamma, work.n, slopes, row, nn, columns, out)
+            _fill_weak(gamma, parameters.inverse[f], work.n, slopes, row, nn, columns, out)
             missing += _add_weak(theta * source.jxw[p], source, partner, p, adjoint[p], out, blocks)
         if acting.status[p] > 0:
             missing += _add_pressed(source.jxw[p], source, partner, p, force, out, blocks)

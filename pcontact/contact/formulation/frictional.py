@@ -60,7 +60,7 @@ class FrictionalTerms(FrictionlessTerms):
         traction, tau = self._augmented(p, values, p.acts)
         force, status = self.law.project(view, p.normal, tau)
         if not self.law.tied:
-            lag = (traction - force) / (self.method.alpha * self.method.gamma[self.source.facet])[:, None]
+            lag = (traction - force) / (self.method.alpha * self.method.gamma)[self.source.facet, None]
             stick = status == STICK
             if self.source.grad.shape[1]:
                 lag = np.where(stick[:, None], patch_means(self.space, p, self.source, lag, stick), lag)
@@ -143,7 +143,7 @@ class FrictionalTerms(FrictionlessTerms):
         rest, method = force - traction, self.method
         tangential = across(rest, p.normal)
         factor = method.theta * self.source.jxw / method.gamma[self.source.facet]
-        return factor[:, None] * (rest - tangential + tangential / method.alpha)
+        return factor[:, None] * (rest - tangential + tangential / method.alpha[self.source.facet, None])
 
     def add_tangent(self, p, values, view, slopes, blocks):
         """Add to blocks (BlockRows); returns how many entries had no place."""

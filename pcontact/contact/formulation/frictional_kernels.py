@@ -63,7 +63,7 @@ def augment(parameters, source, partner, traction, jump, before, wanted, tau):
             along_slip += (jump[p, i] - before[p, i]) * normal[p, i]
         for i in range(d):
             slip = jump[p, i] - before[p, i] - along_slip * normal[p, i]
-            tau[p, i] = traction[p, i] + stiff * ((gap0[p] - along) * normal[p, i] - alpha * slip)
+            tau[p, i] = traction[p, i] + stiff * ((gap0[p] - along) * normal[p, i] - alpha[facet[p]] * slip)
 
 
 @njit_inner
@@ -108,7 +108,7 @@ def _add_forces(parameters, source, partner, traction, force, status, out, work)
     for p in range(len(facet)):
         f = facet[p]
         if theta != 0.0:
-            _weigh(force[p], traction[p], normal[p], gamma[f], alpha, theta * jxw[p], weight)
+            _weigh(force[p], traction[p], normal[p], gamma[f], alpha[f], theta * jxw[p], weight)
             for a in range(grad.shape[1]):
                 node = cells[f, a]
                 _node_operator(grad[p, a], source.volumetric[p, a], source.mu[f], source.normal[p], operator)
@@ -200,7 +200,7 @@ def _add_blocks(parameters, source, partner, excess, status, slope, operators, b
         touches = status[p] > 0
         if not touches and theta == 0.0:
             continue
-        _stiffness(slope[p], normal[p], gamma[f], alpha, operators.stiff, operators.inverse)
+        _stiffness(slope[p], normal[p], gamma[f], alpha[f], operators.stiff, operators.inverse)
         width = nn + nt if touches else nn
         exceeds = len(at) > 0 and at[p] >= 0
         adjoint = real if exceeds and at[p] >= excess.adjoint else elastic

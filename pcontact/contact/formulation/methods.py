@@ -38,7 +38,9 @@ class Method:
 
     Attributes
     ----------
-    theta, alpha, gamma0 : float
+    theta, gamma0 : float
+    alpha : ndarray (nf,)
+        Of the tangential part over that of the normal one; 1 unless the contact says it, or it is taken.
     gamma : ndarray (nf,)
         gamma0 times that constant [stress/length].
     """
@@ -50,9 +52,13 @@ class Method:
 
     def __init__(self, contact, trace, shape=None):
         self.theta = float(contact.theta) if self.has_traction else 0.0
-        self.alpha = 1.0 if contact.alpha is None else float(contact.alpha)
+        self.take_alpha(np.full_like(trace, 1.0 if contact.alpha is None else contact.alpha))
         self.gamma0 = parameter(contact)
         self._default = self.gamma = self.gamma0 * trace
+
+    def take_alpha(self, alpha):
+        """Take alpha (nf,) of the undeformed bodies."""
+        self._alpha = self.alpha = alpha
 
     @property
     def parameters(self):
@@ -86,10 +92,15 @@ class Method:
 
         Parameters
         ----------
-        growth : ndarray (nf,), optional
-            Of gamma, where the cells behind the facets have become stiffer.
+        growth : ndarray (nf, 2), optional
+            Of gamma, where the cells behind the facets have become stiffer, and of the part that tangential tractions
+            need: where that grows more, alpha grows, too, up to 1.
         """
-        self.gamma = self._default if growth is None else self._default * growth
+        self.gamma, self.alpha = self._default, self._alpha
+        if growth is not None:
+            along, across = growth.T
+            self.gamma = self._default * along
+            self.alpha = np.maximum(self._alpha, np.minimum(1.0, self._alpha * across / along))
 
     def commit(self):
         """The load step has ended."""

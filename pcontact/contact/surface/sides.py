@@ -51,6 +51,8 @@ class SourceSurface:
     trace : ndarray (nf,)
         Constant of the trace inequality of the parent cell, times the number of its facets in the surface
         [stress/length].
+    shear : ndarray (nf,)
+        Part of it that tangential tractions need, see `pcontact.contact.formulation.parameters`.
     size : ndarray (nf,)
         Diameter of the facets [length].
     components : ndarray (nf,)
@@ -74,6 +76,7 @@ class SourceSurface:
     own: np.ndarray
     shared: Mean | None
     trace: np.ndarray
+    shear: np.ndarray
     size: np.ndarray
     components: np.ndarray
     axisymmetric: bool = False
@@ -217,9 +220,18 @@ def _part(space, facets, constants, quadrature_degree, orthotropic):
         "trace": trace_constant(
             facets.cell, coordinates, local, geometry_degree, space.degree_of(block), lam, mu, kind
         ),
+        "shear": _shear(lam, mu, law, at),
         "size": diameters(mesh.points[mesh.facet_nodes(facets)]),
         "components": block.components[facets.cells],
     }
+
+
+def _shear(lam, mu, law, at):
+    """Part of the trace constant of facets that tangential tractions need, (nf,), the largest of their points."""
+    nf, nq, d = at.normals.shape
+    if law is None:
+        return np.full(nf, min(1.0, 2.0 * mu / (lam + 2.0 * mu)))
+    return law.shear(at.points.reshape(-1, d), at.normals.reshape(-1, d)).reshape(nf, nq).max(axis=1)
 
 
 def source_surface(space, name, constants, quadrature_degree=None, orthotropic=None):
@@ -247,7 +259,7 @@ def source_surface(space, name, constants, quadrature_degree=None, orthotropic=N
         empty = np.zeros
         return SourceSurface(
             empty((0, d + 1), np.int64), empty(0, np.int64), empty(0, np.int64), empty((0, d)), empty((0, d)),
-            empty(0), empty((0, d + 1)), empty((0, d + 1, d)), empty(0), empty(0), None, empty(0), empty(0),
+            empty(0), empty((0, d + 1)), empty((0, d + 1, d)), empty(0), empty(0), None, empty(0), empty(0), empty(0),
             empty(0, np.int64), space.axisymmetric,
         )  # fmt: skip
     width = max(p["cells"].shape[1] for p in parts)

@@ -8,7 +8,8 @@ How stiff a body is behind a facet is the largest eigenvalue of the acoustic ten
     Q_ik = dP_ij/dF_kl N_j N_l,
 
 with elastic moduli, at any point of the parent cell; lambda + 2 mu in the undeformed state. For Hencky's law and a cell
-that is compressed along N alone, to 1/w of its length, it is (1 + ln w) w^2 times that.
+that is compressed along N alone, to 1/w of its length, it is (1 + ln w) w^2 times that. How stiff it is in shear is the
+second eigenvalue, mu in the undeformed state.
 """
 
 from typing import NamedTuple
@@ -46,7 +47,7 @@ class _Facets(NamedTuple):
 
 class _Part(NamedTuple):
     """Those of one block: its ``number``, the ``rows`` of the parent cells in it, and ``which`` of the source's facets
-    they are; how stiff they are behind these in the undeformed state, ``soft`` (n,) [stress]."""
+    they are; how stiff they are behind these in the undeformed state, ``soft`` (n, 2) [stress]."""
 
     number: int
     rows: np.ndarray
@@ -121,11 +122,12 @@ def _add_tractions(state, facets, nodal, normal, asked, work, out):
 
 @njit
 def _stiffest(state, facets, nodal, normal, work, out):
-    """How stiff cells are behind their facets: ``out`` (nf,) [stress], 0 for a cell that cannot be integrated."""
+    """How stiff cells are behind their facets, and in shear: ``out`` (nf, 2) [stress], 0 for a cell that cannot be
+    integrated."""
     cells, first, points = facets.cells, facets.first, facets.places.points
     tensor, values, vectors, m = np.zeros((3, 3)), np.zeros(3), np.zeros((3, 3)), work.point.stress.shape[0]
     for c in range(len(cells.nodes)):
-        out[c] = 0.0
+        out[c, :] = 0.0
         if not begin_cell(state, cells, nodal, c, ELASTIC, work):
             continue
         for q in range(cells.grad.shape[1]):
@@ -134,7 +136,9 @@ def _stiffest(state, facets, nodal, normal, work, out):
             for k in range(first[c], first[c + 1]):
                 acoustic(state, cells, c, q, normal[points[k]], work, tensor)
                 eigenpairs(tensor, m, values, vectors)
-                out[c] = max(out[c], values.max())
+                values.sort()
+                for i in range(2):
+                    out[c, i] = max(out[c, i], values[2 - i])
 
 
 @njit
@@ -206,7 +210,7 @@ class FiniteTraction:
         places = places._replace(matrix=np.ascontiguousarray(places.matrix))
         first = np.searchsorted(places.facet, np.arange(len(rows) + 1))
         state = self._bulk.parts[facets.block].of(rows)
-        state, soft = state._replace(strain=0.0 * state.strain, p=0.0 * state.p), np.empty(len(rows))
+        state, soft = state._replace(strain=0.0 * state.strain, p=0.0 * state.p), np.empty((len(rows), 2))
         behind = _Facets(cells, first, places)
         _stiffest(state, behind, np.zeros_like(space.points), source.normal, cell_work(cells), soft)
         return _Part(facets.block, rows, which, behind, soft)
@@ -219,11 +223,11 @@ class FiniteTraction:
 
     def growth(self, values, p):
         """How much stiffer the cells behind the facets are at nodal values (n, d), the committed ones, than in the
-        undeformed state: (nf,), at least 1; with small strain 1."""
-        found = np.ones(len(p.cells))
+        undeformed state, and how much in shear: (nf, 2), at least 1; with small strain 1."""
+        found = np.ones((len(p.cells), 2))
         for part in self._parts:
             state, facets = self._present(part, p)
-            stiff = np.empty(len(part.rows))
+            stiff = np.empty((len(part.rows), 2))
             _stiffest(state, facets, values, self.source.normal, cell_work(facets.cells), stiff)
             # facets of other pairs have no points here
             ratio = np.divide(stiff, part.soft, out=np.ones_like(stiff), where=part.soft > 0.0)

@@ -195,7 +195,7 @@ def test_halves_weigh_half(stacked):
     """Residual and tangent are the means of the two contacts with a source and a target."""
     space, u = stacked, motion(stacked, 0.03, 0.01, 0.1)
     item, parts = unbiased(space, "coulomb", theta=1.0), []
-    said = {"gamma0": 1.0, "theta": 1.0, "search": "closest_point", **LAWS["coulomb"]}
+    said = {"gamma0": 1.0, "theta": 1.0, "alpha": 1.0, "search": "closest_point", **LAWS["coulomb"]}
     for names in (("upper_bottom", "lower_top"), ("lower_top", "upper_bottom")):
         parts.append(pair(space, Contact(*names, **said), 0.3))
     for one in (item, *parts):

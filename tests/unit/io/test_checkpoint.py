@@ -190,10 +190,10 @@ def test_keys_that_are_new(tmp_path):
     """A checkpoint of a version of the program that did not know a key goes on where the key has its default."""
     scene = resolve_contacts(lay(tmp_path / "case"), {})
     then, now = physics(scene), physics(scene)
-    assert then["contacts[0] (pair)"].pop("alpha") == 1.0 and "hardening_curve" not in now["materials.m"]
+    assert then["contacts[0] (pair)"].pop("theta") == 0.0 and "hardening_curve" not in now["materials.m"]
     assert not differences(then, now, 1.0)
-    now["contacts[0] (pair)"]["alpha"] = 2.0
-    assert differences(then, now, 1.0) == [("contacts[0] (pair).alpha", "2.0", "1.0")]
+    now["contacts[0] (pair)"]["theta"] = 1.0
+    assert differences(then, now, 1.0) == [("contacts[0] (pair).theta", "1.0", "0.0")]
 
 
 # -- damage -------------------------------

@@ -85,6 +85,8 @@ def test_acoustic_tensor(dim):
     normal /= np.linalg.norm(normal, axis=1)[:, None]
     lam, mu = lame(7.0, 0.3)
     np.testing.assert_allclose(law_of(isotropic(7.0, 0.3), axes, dim).acoustic(normal), lam + 2 * mu)
+    for nu, part in ((0.3, 2 * mu / (lam + 2 * mu)), (-0.3, 1.0)):
+        np.testing.assert_allclose(law_of(isotropic(7.0, nu), axes, dim).shear(normal, normal), part)
     law = law_of(LAMINATE, axes, dim)
     strain = rng.normal(size=(2000, law.size))
     stress = strain @ law.moduli(normal)[0]
@@ -92,3 +94,9 @@ def test_acoustic_tensor(dim):
     for one, bound in zip(normal, law.acoustic(normal), strict=True):
         ratio = np.sum((stress @ traction_matrix(one[None])[0].T) ** 2, axis=1) / energy
         assert 0.5 * bound < ratio.max() <= bound * (1.0 + 1e-12)
+    # of the tangential part alone
+    for one, bound in zip(normal, law.acoustic(normal) * law.shear(normal, normal), strict=True):
+        traction = stress @ traction_matrix(one[None])[0].T
+        traction -= np.outer(traction @ one, one)
+        ratio = np.sum(traction**2, axis=1) / energy
+        assert 0.2 * bound < ratio.max() <= bound * (1.0 + 1e-12)

@@ -110,7 +110,9 @@ class Setting:
         self.dt, self.adjoint = random.standard_normal((2, self.nn, d, d))
         alpha, inverse = (ALPHA, 1.0 / ALPHA) if self.frictional else (0.0, 0.0)
         adjoint = self.adjoint[None] if theta else np.zeros((0, self.nn, d, d))
-        self.parameters = FiniteParameters(theta, alpha, inverse, np.array([GAMMA]), adjoint, np.array([np.inf]))
+        self.parameters = FiniteParameters(
+            theta, np.array([alpha]), np.array([inverse]), np.array([GAMMA]), adjoint, np.array([np.inf])
+        )
         self.blocks = BlockRows(np.arange(n + 1) * n, np.tile(np.arange(n), n), np.zeros((n * n, d, d)))
 
     def partner(self, u):

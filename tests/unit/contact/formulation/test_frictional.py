@@ -112,7 +112,7 @@ class Points:
 
     def parameters(self, theta):
         """Parameters as kernels take them."""
-        return Parameters(theta, self.alpha, self.gamma)
+        return Parameters(theta, np.full_like(self.gamma, self.alpha), self.gamma)
 
     @property
     def sides(self):

@@ -56,7 +56,7 @@ def test_a_number_is_a_slope():
 def test_stiffness_of_sticking_points():
     said = {"theta": 0.0, "alpha": 0.5, "pressure_overclosure": 7.0, "stick_stiffness": 3.0}
     method = Layer(Contact("a", "b", friction=0.1, **said), np.array([1.0, 2.0]), 1.0)
-    method.begin(np.array([2.0, 3.0]))
+    method.begin(np.array([[2.0, 3.0], [3.0, 4.0]]))
     np.testing.assert_array_equal(method.alpha * method.gamma, 3.0)
 
 
