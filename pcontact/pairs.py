@@ -84,7 +84,7 @@ def _overlap(space, bulk, contact, sides, radius):
     deep = near_pairs(*component_boxes(space), -radius).tolist()
     if not any((a in own and b in other) or (b in own and a in other) for a, b in deep):
         return 0.0
-    source = source_surface(space, contact.source, bulk.constants, contact.quadrature, bulk.orthotropic)
+    source = _points(space, bulk, contact)
     return overlap(space, source, target_surface(space, contact.target), contact.search, other)
 
 
@@ -188,7 +188,7 @@ def _halves(scene, space, bulk, contact, supports, radius, floats, smooth):
     """The pairs of a contact both surfaces of which are source and target, or of self contact. *Collective.*"""
     halves = []
     for one in contacts_of_halves(contact):
-        source = source_surface(space, one.source, bulk.constants, one.quadrature, bulk.orthotropic)
+        source = _points(space, bulk, one)
         _require_area(scene, space, one, source)
         target = target_surface(space, one.target, rim=one.source != one.target)
         if one.source == one.target:
@@ -255,7 +255,7 @@ def tied_pairs(scene, space, bulk):
             found = f"true with body {scene.bodies[late[0]].region}, which begins in a later phase than the first"
             allowed = "nodes in common, or false and tied of [[phases]]"
             raise input_error(scene.where, f"contacts[{number}] ({contact.name}).tied", found, allowed)
-        source = source_surface(space, contact.source, bulk.constants, contact.quadrature, bulk.orthotropic)
+        source = _points(space, bulk, contact)
         _require_area(scene, space, contact, source)
         _check_source(space, bulk, contact, source)
         target = target_surface(space, contact.target)
@@ -422,12 +422,23 @@ def _rigid(scene, space, number):
     return RigidObstacle(obstacle, factor, size_of(space.mesh), surface=RigidSurface(surface, obstacle.inside))
 
 
+def _points(space, bulk, contact):
+    """The source of a contact, whatever else acts on it. *Collective.*"""
+    constants, laws = bulk.constants, bulk.orthotropic
+    return source_surface(space, contact.source, constants, contact.quadrature, laws, _sticks(contact))
+
+
+def _sticks(contact):
+    """Whether points stick by what the bodies say, see `pcontact.contact.formulation.parameters`."""
+    return contact_law(contact).tangential and contact.alpha is None and contact.stick_stiffness is None
+
+
 def _source(scene, space, bulk, supports, contact, known):
     """The source of a contact; obstacles around the same bodies share one, by what it depends on. *Collective.*"""
-    key = contact.all, contact.source, contact.quadrature, contact_law(contact).tangential
+    key = contact.all, contact.source, contact.quadrature, contact_law(contact).tangential, _sticks(contact)
     if contact.obstacle is not None and key in known:
         return known[key]
-    source = source_surface(space, contact.source, bulk.constants, contact.quadrature, bulk.orthotropic)
+    source = _points(space, bulk, contact)
     _require_area(scene, space, contact, source)
     if contact.all:
         source = _muted(scene, space, supports, contact, source)

@@ -654,7 +654,7 @@ def method_of(space, contact, source):
     else:
         softest = space.comm.allreduce(float(np.min(source.trace, initial=np.inf)), op=MPI.MIN)
         method = Layer(contact, source.trace, softest)
-    if contact.alpha is None and contact.stick_stiffness is None:
+    if contact.alpha is None:
         method.take_alpha(source.shear)
     return method
 

@@ -61,12 +61,15 @@ class Dilatation(NamedTuple):
         Reduced integration, see `pcontact.element.reduced`; without axial symmetry.
     law : pcontact.material.orthotropic.Orthotropic or None
         Elasticity of which lam and mu are the nearest isotropic constants; without mean dilatation.
+    shear : ndarray (nf,) or None
+        Of the trace constant of facets: squares of tangential tractions count over this part; None: over 1.
     """
 
     axisymmetric: bool
     averaged: bool
     reduced: bool = False
     law: object = None
+    shear: np.ndarray | None = None
 
 
 # lam div u alone

@@ -6,7 +6,9 @@ with the elastic stress of the parent cell E of facet F: what coercivity needs, 
 and the moduli (Warburton and Hesthaven 2003 for the polynomial inequality on simplices). With axial symmetry both
 integrals have the weight r, the energy has the hoop strain, and nodes on the axis do not move along r; with mean
 dilatation stress and energy are those of `pcontact.element.dilatation`, with reduced integration those of
-`pcontact.element.reduced`.
+`pcontact.element.reduced`. Where points stick by alpha gamma, |sigma n|^2 is (n . sigma n)^2 + |P sigma n|^2 / alpha,
+with P = I - n n: the closed form is the same with alpha = 2 mu / (lam + 2 mu), for (n . sigma n)^2 / (lam + 2 mu) +
+|P sigma n|^2 / mu <= sigma : eps.
 
 Of an orthotropic body lam and mu are those of the nearest isotropic one, and C_dev is added, see
 `pcontact.material.orthotropic`. |sigma n|^2 <= a sigma : eps with a the largest eigenvalue of the acoustic tensor
@@ -81,7 +83,8 @@ def trace_constant(cell, x, local_facet, geometry_degree, degree, lam, mu, kind=
             modulus = (lam + 2.0 * mu)[kept] if law is None else law.acoustic(_normals(cell, nodes, local_facet[kept]))
             result[kept] = _closed_form(cell, nodes, local_facet[kept], degree) * modulus
         else:
-            result[kept] = _in_batches(cell, nodes, local_facet[kept], on_degree, degree, lam[kept], mu[kept], kind)
+            arguments = cell, nodes, local_facet[kept], on_degree, degree, lam[kept], mu[kept], _of(kind, kept)
+            result[kept] = _in_batches(*arguments)
     return result
 
 
@@ -112,12 +115,17 @@ def _normals(cell, x, local_facet):
     return facet_geometry(cell, np.ascontiguousarray(x), local_facet, 1, 1, xi, weights).normals[:, 0]
 
 
+def _of(kind, rows):
+    """The kind of some of the facets."""
+    return kind if kind.shear is None else kind._replace(shear=kind.shear[rows])
+
+
 def _in_batches(cell, x, local_facet, geometry_degree, degree, lam, mu, kind):
     """`_largest` of a few facets at a time, (nf,)."""
     result = np.empty(len(x))
     for start in range(0, len(x), _BATCH):
         part = slice(start, start + _BATCH)
-        arguments = x[part], local_facet[part], geometry_degree, degree, lam[part], mu[part], kind
+        arguments = x[part], local_facet[part], geometry_degree, degree, lam[part], mu[part], _of(kind, part)
         result[part] = _largest(cell, *arguments)
     return result
 
@@ -239,6 +247,9 @@ def _tractions(layout, x, local_facet, lam, mu, kind, rest=None):
     if rest is not None:
         stress = rest(facets.points) @ _strains(grad, hoop)
         result += root[..., None] * _onto(stress, normals).reshape(result.shape)
+    if kind.shear is not None:
+        along = normals[..., None, None] * np.einsum("fqi,fqiak->fqak", normals, result)[:, :, None]
+        result = along + (result - along) / np.sqrt(kind.shear)[:, None, None, None, None]
     return result.reshape(nf, nq * dim, nn * dim)
 
 

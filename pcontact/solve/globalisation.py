@@ -3,7 +3,7 @@
 import numpy as np
 
 from pcontact.runtime.petsc import MPI
-from pcontact.solve.line_search import FARTHEST, decrease_of, zero_of
+from pcontact.solve.line_search import ENOUGH, FARTHEST, decrease_of, zero_of
 
 # [-] Part of the first Newton step of a load step that is taken where all of it goes too far. From: Hertz, approach
 # a^2 / R, overlap a^2 / (2 R): bodies that touch along curved surfaces, moved by half their approach, overlap on the
@@ -225,8 +225,9 @@ class Globalisation:
             beyond = 1.0 if turns else farthest
             approach = self._approach if self._begins else 1.0
             part = zero_of(component, along, approach, beyond)
-            if turns and approach == 1.0 and part < 1.0 and norm(1.0) <= min(f.norm(), norm(part)):
-                part = 1.0
+            if approach == 1.0 and part < 1.0:
+                most = min(f.norm(), norm(part)) if turns else ENOUGH * f.norm()
+                part = 1.0 if norm(1.0) <= most else part
         # a step that has been cut says nothing of where it would have ended
         self._begins, self._was_full = False, part >= 1.0
         x.copy(self._before)

@@ -6,9 +6,9 @@ constant has lam + 2 mu, which bounds the normal traction. The tangential one is
     t_n^2 / (lam + 2 mu) + |t_T|^2 / mu <= sigma : eps,
 
 so on simplices alpha gamma may be as small as mu / (lam + 2 mu) times gamma: with the same gamma0 the method is
-coercive. On other cells, too, it nearly is with twice that, min(1, 2 mu / (lam + 2 mu)), which is taken unless alpha is
-said: the bound of gamma0 grows by up to 10 % on quadrilaterals, 30 % on wedges, and defaults are twice the bound. Near
-Poisson's ratio 0.5, lam is hundreds of times mu: with alpha = 1 points would stick by springs hundreds of times as
+coercive. Twice that, min(1, 2 mu / (lam + 2 mu)), is taken unless alpha is said, and the trace constant of other cells
+is that of the traction whose tangential part counts over it: up to 1.1 times as large on quadrilaterals, 1.3 on wedges.
+Near Poisson's ratio 0.5, lam is hundreds of times mu: with alpha = 1 points would stick by springs hundreds of times as
 stiff as the body is in shear, and Newton's method would not find which of them slip.
 """
 

@@ -52,7 +52,7 @@ class SourceSurface:
         Constant of the trace inequality of the parent cell, times the number of its facets in the surface
         [stress/length].
     shear : ndarray (nf,)
-        Part of it that tangential tractions need, see `pcontact.contact.formulation.parameters`.
+        Part of it that tangential tractions need, see `pcontact.contact.formulation.parameters`; 1 where nothing asks.
     size : ndarray (nf,)
         Diameter of the facets [length].
     components : ndarray (nf,)
@@ -183,7 +183,7 @@ def _pad(array, width):
     return np.concatenate([array, np.zeros((array.shape[0], missing, *array.shape[2:]))], axis=1)
 
 
-def _part(space, facets, constants, quadrature_degree, orthotropic):
+def _part(space, facets, constants, quadrature_degree, orthotropic, sticks):
     mesh, block = space.mesh, space.mesh.blocks[facets.block]
     table, geometry_degree = mesh.geometry_nodes(block)
     degree = quadrature_degree or default_quadrature(facets.kind, space.degree)
@@ -200,7 +200,8 @@ def _part(space, facets, constants, quadrature_degree, orthotropic):
                                  space.degree_of(block))  # fmt: skip
         shared = shared.times(np.full(len(coordinates), factor))
     law, grad = orthotropic.get(block.body), at.gradients
-    kind = Dilatation(space.axisymmetric, averaged, space.reduces(block), law)
+    shear = _shear(lam, mu, law, at) if sticks else None
+    kind = Dilatation(space.axisymmetric, averaged, space.reduces(block), law, shear)
     if kind.reduced:
         grad = reduced_gradients(block.cell, coordinates, geometry_degree, facet_points(facets.cell, xi)[local])
     nf, nq = at.jxw.shape
@@ -220,7 +221,7 @@ def _part(space, facets, constants, quadrature_degree, orthotropic):
         "trace": trace_constant(
             facets.cell, coordinates, local, geometry_degree, space.degree_of(block), lam, mu, kind
         ),
-        "shear": _shear(lam, mu, law, at),
+        "shear": np.ones(nf) if shear is None else shear,
         "size": diameters(mesh.points[mesh.facet_nodes(facets)]),
         "components": block.components[facets.cells],
     }
@@ -234,7 +235,7 @@ def _shear(lam, mu, law, at):
     return law.shear(at.points.reshape(-1, d), at.normals.reshape(-1, d)).reshape(nf, nq).max(axis=1)
 
 
-def source_surface(space, name, constants, quadrature_degree=None, orthotropic=None):
+def source_surface(space, name, constants, quadrature_degree=None, orthotropic=None, sticks=False):
     """Quadrature points of a facet group.
 
     Parameters
@@ -247,13 +248,15 @@ def source_surface(space, name, constants, quadrature_degree=None, orthotropic=N
     quadrature_degree : int, optional
     orthotropic : dict of int to pcontact.material.orthotropic.Orthotropic, optional
         By body, elasticity of which the constants are the nearest isotropic ones.
+    sticks : bool, optional
+        Whether the trace constant is that of points which stick by ``shear`` of it.
 
     Returns
     -------
     SourceSurface
     """
     d = space.dim
-    arguments = constants, quadrature_degree, orthotropic or {}
+    arguments = constants, quadrature_degree, orthotropic or {}, sticks
     parts = [_part(space, f, *arguments) for f in space.mesh.facet_groups.get(name, [])]
     if not parts:
         empty = np.zeros

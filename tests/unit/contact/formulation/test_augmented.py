@@ -100,7 +100,7 @@ def test_gamma_grows_from_that_of_the_stretch():
     """Updates let gamma grow; by how much the cells are compressed counts all the same, and does not stay."""
     method = AugmentedLagrangian(contact_of("augmented_lagrangian", gamma0=0.05), np.array([2.0, 3.0]), (4, 2))
     for stretch, factor in (([1.0, 4.0], 10.0), ([2.0, 1.0], 10.0)):
-        method.begin(np.array(stretch))
+        method.begin(np.column_stack([stretch, np.ones(2)]))
         np.testing.assert_allclose(method.gamma, 0.05 * np.array([2.0, 3.0]) * stretch)
         method.stiffen()
         np.testing.assert_allclose(method.gamma, factor * 0.05 * np.array([2.0, 3.0]) * stretch)
