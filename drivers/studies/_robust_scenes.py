@@ -18,6 +18,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
+import gmsh
 import numpy as np
 
 from drivers._common import make_mesh
@@ -47,6 +48,7 @@ from meshes import (
     two_blocks,
 )
 from meshes.bricks import Brick, bricks
+from meshes.tools import gmsh_model, group, write
 from pcontact.scene.model import Body, Contact, Displacement, Load, Material, MeshSpec, Obstacle, Output, Scene, Steps
 
 FREE = "free"
@@ -302,6 +304,33 @@ def bent(folder, load=1.0, count=4, held=("left",), thin=0.5, back=0, **keys):
     )  # fmt: skip
 
 
+def section(path):
+    """Section of an O-ring, of quadrilaterals that follow no pattern."""
+    with gmsh_model("ring"):
+        occ, option = gmsh.model.occ, gmsh.option.setNumber
+        disk = occ.addDisk(52.7, 0.0, 0.0, 2.665, 2.665)
+        occ.synchronize()
+        group(2, "ring", [disk])
+        group(1, "skin", [tag for _, tag in gmsh.model.getBoundary([(2, disk)], oriented=False)])
+        for key, value in (("MeshSizeMax", 0.5), ("RecombineAll", 1), ("Algorithm", 8), ("RecombinationAlgorithm", 3)):
+            option(f"Mesh.{key}", value)
+        gmsh.model.mesh.generate(2)
+        return write(path)
+
+
+def squeezed_ring(folder, nu=0.4995, strain="small", **keys):
+    """An O-ring of rubber between a shaft and a bore that closes on it by a fifth, with friction."""
+    walls = {"groove": _plane([50.035, 0.0], [1.0, 0.0]),
+             "bore": _plane([55.365, 0.0], [-1.0, 0.0], displacement=[-1.07, 0.0], amplitude=[(0.0, 0.0), (1.0, 1.0)])}
+    law = {"law": "neo_hooke"} if strain == "finite" else {}
+    return Scene(
+        MeshSpec(section(folder / "mesh.msh"), kinematics="axisymmetric", strain=strain),
+        {"rubber": Material(6.0, nu, **law)}, [Body("ring", "rubber")], steps=Steps(count=10),
+        output=Output(fields=False),
+        contacts=[Contact("skin", obstacle=wall, name=name, friction=0.15, **keys) for name, wall in walls.items()],
+    )  # fmt: skip
+
+
 def extreme(folder, build, **keys):
     """A cell of the matrix of extremes, see `drivers/studies/extremes.py`."""
     return build(folder, **keys)[0]
@@ -377,6 +406,10 @@ def _cases():
     yield "bending", "cantilever, unloaded to nothing", bent, {"back": 1, "count": 12}
     for load in (10.0, 1000.0):
         yield "bending", f"clamped plate, load {load:g}", bent, {"load": load, "held": ("left", "right"), "thin": 0.1}
+    for nu in (0.49, 0.4999):
+        for strain in ("small", "finite"):
+            yield "rubber", f"ring, nu {nu:g}, {strain} strain", squeezed_ring, {"nu": nu, "strain": strain}
+    yield "rubber", "ring, penalty", squeezed_ring, {"formulation": "penalty"}
     stack, bars = extremes.stack, extremes.bars
     for word, build, keys in (
         ("nu 0.49999", stack, {**solid, "nu": (0.49999, 0.49999)}),

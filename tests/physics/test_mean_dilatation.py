@@ -1,13 +1,12 @@
 """Mean dilatation: no locking, exact patches, coercive contact, when it is chosen."""
 
-import gmsh
 import numpy as np
 import pytest
 
 from drivers._common import running
 from drivers.studies._extreme_shapes import wave
+from drivers.studies._robust_scenes import squeezed_ring
 from meshes.blocks import one_block, two_blocks
-from meshes.tools import gmsh_model, group, write
 from pcontact.assembly.bulk import ElasticBulk
 from pcontact.assembly.error_norms import bulk_error
 from pcontact.assembly.geometry import bulk_degree
@@ -23,7 +22,7 @@ from pcontact.material.elastic import lame
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.petsc import MPI
 from pcontact.scene import amplitude, validate
-from pcontact.scene.model import Body, Contact, Displacement, Load, Material, MeshSpec, Obstacle, Output, Scene, Steps
+from pcontact.scene.model import Body, Contact, Displacement, Load, Material, MeshSpec, Obstacle, Output, Scene
 from pcontact.simulation import Simulation
 from pcontact.space.space import Space
 from tests.support.kinematics import DIRECT, cylinder, mesh, nodal, solved, strip
@@ -290,34 +289,12 @@ def test_pressure_of_a_wave(shared_tmp, cell, bound):
     assert errors[0] < bound and errors[1] > 0.5
 
 
-def ring(path):
-    """Section of an O-ring, of quadrilaterals that follow no pattern."""
-    with gmsh_model("ring"):
-        occ, option = gmsh.model.occ, gmsh.option.setNumber
-        disk = occ.addDisk(52.7, 0.0, 0.0, 2.665, 2.665)
-        occ.synchronize()
-        group(2, "ring", [disk])
-        group(1, "skin", [tag for _, tag in gmsh.model.getBoundary([(2, disk)], oriented=False)])
-        for key, value in (("MeshSizeMax", 0.5), ("RecombineAll", 1), ("Algorithm", 8), ("RecombinationAlgorithm", 3)):
-            option(f"Mesh.{key}", value)
-        gmsh.model.mesh.generate(2)
-        return write(path)
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("formulation", ["nitsche", "penalty"])
 def test_squeezed_ring_with_friction(tmp_path, formulation):
     """Points stick by springs that are as stiff as rubber is in shear. With lambda in them load steps of the penalty
     method fail."""
-    walls = {"groove": Obstacle("plane", point=[50.035, 0.0], normal=[1.0, 0.0]),
-             "bore": Obstacle("plane", point=[55.365, 0.0], normal=[-1.0, 0.0], displacement=[-1.07, 0.0],
-                              amplitude=[(0.0, 0.0), (1.0, 1.0)])}  # fmt: skip
-    scene = Scene(
-        MeshSpec(ring(tmp_path / "ring.msh"), kinematics="axisymmetric"), {"rubber": Material(6.0, 0.4995)},
-        [Body("ring", "rubber")], steps=Steps(count=10), output=Output(fields=False),
-        contacts=[Contact("skin", obstacle=wall, name=name, friction=0.15, formulation=formulation)
-                  for name, wall in walls.items()],
-    )  # fmt: skip
+    scene = squeezed_ring(tmp_path, formulation=formulation)
     with running(scene, None) as (simulation, converged):
         assert converged
         (pair,) = simulation.problem.contacts[0].pairs
