@@ -26,9 +26,10 @@ from pcontact.io.restart import ANYWAY, checkpoint_time, read_checkpoint
 from pcontact.io.snapshot import Snapshot
 from pcontact.mesh.components import Numbers
 from pcontact.mesh.mesh import bounding_box
-from pcontact.runtime import log, profile
+from pcontact.runtime import compiling, log, profile
 from pcontact.runtime.errors import TOLD, StepFailure, Stopped
-from pcontact.runtime.jit import CALLS, tell_uncached
+from pcontact.runtime.jit import CALLS
+from pcontact.runtime.kernel_cache import tell_uncached
 from pcontact.runtime.lock import reserved
 from pcontact.runtime.options import Options
 from pcontact.runtime.petsc import MPI, free_garbage
@@ -154,7 +155,7 @@ class Simulation:
     """
 
     def __init__(self, scene, comm=MPI.COMM_WORLD, said="command line", mesh=None, items=()):
-        self.start = clock.perf_counter()
+        self.start, self._compiled = clock.perf_counter(), compiling.seconds()
         self.timing = dict.fromkeys(("search", "assembly", "linear", "solve", "output"), 0.0)
         self.comm, self.options, self.profile, self.calls = comm, Options(said), profile.Profile(), CALLS.copy()
         self.failure, self.stopped, self.records, self.snapshot, self.begin = None, False, None, None, None
@@ -489,7 +490,8 @@ class Simulation:
 
     def times(self):
         """Timing block of the report: the slowest rank's seconds, memory summed over ranks. *Collective.*"""
-        own = {**self.timing, "total": clock.perf_counter() - self.start}
+        own = {**self.timing, "total": clock.perf_counter() - self.start,
+               "compile": compiling.seconds() - self._compiled}  # fmt: skip
         names = sorted(own)
         slowest, _ = profile.largest_and_sum(self.comm, names, own)
         memory = self.comm.allreduce(profile.memory()[0] / 1024.0**2)

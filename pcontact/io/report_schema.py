@@ -162,7 +162,7 @@ _SECONDS = {
     name: number(f"{words} [s]") for name, words in (
         ("total", "of the run"), ("setup", "until the first load step"), ("search", "searches for partners"),
         ("assembly", "residuals and tangents"), ("linear", "linear solves"), ("solve", "load steps without searches"),
-        ("output", "fields"),
+        ("output", "fields"), ("compile", "compiling kernels, a part of all the others; 0 where they were kept"),
     )
 }  # fmt: skip
 _ACCURACY = table(

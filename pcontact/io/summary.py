@@ -32,6 +32,8 @@ def summary(report, directory):
         return [f"no load step converged; the report is in {directory}"]
     seconds = report["timing"].get("total")
     took = f" in {seconds:.1f} s" if isinstance(seconds, float) else ""
+    compiled = report["timing"].get("compile") or 0.0
+    took += f" ({compiled:.1f} s of it compiled kernels, once)" if took and compiled >= 0.1 else ""
     word = log.coloured("done", "green") if report["converged"] else log.coloured("ended early", "yellow")
     lines = [f"{word}: {count} load steps to time {last['time']:g}{took}"
              + (f", {_peak(report):.0f} MB on the largest rank" if _peak(report) else "")]  # fmt: skip

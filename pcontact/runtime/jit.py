@@ -1,133 +1,98 @@
 """The decorators of compiled kernels, and how often each was called."""
 
-import pickle
-import re
-import zlib
 from collections import Counter
-from contextlib import suppress
-from functools import cache
-from pathlib import Path
+from functools import cached_property
 
 import numba
-from numba.core.caching import FunctionCache
+from numba.core import types
+from numba.core.codegen import JITCodeLibrary
+from numba.core.compiler import Compiler
 from numba.core.cpu import CPUTargetOptions
 from numba.core.registry import CPUDispatcher
 
-from pcontact.runtime import log
-
-# where modules lie whose kernels others call; of these packages, one module alone has a part in kernels
-PACKAGE, FOREIGN, OWN = Path(__file__).resolve().parents[1], ("runtime.",), "runtime.jit"
-IMPORT = re.compile(r"^[ \t]*from[ \t]+([\w.]+)[ \t]+import[ \t]+(\([^)]*\)|[^\n]*)", re.MULTILINE)
+from pcontact.runtime.compiling import timed
+from pcontact.runtime.kernel_cache import cache_of
 
 # calls from Python, by "module.function"; what a kernel calls itself is a part of it
 CALLS = Counter()
 
 
-class _Uncached:
-    """Why compiled kernels are not kept on disk; None if they are."""
+class _PartLibrary(JITCodeLibrary):
+    """Code that goes into the kernels that call it: they optimise it and make it machine code, once for all."""
 
-    reason = None
+    @property
+    def codegen(self):
+        return self
 
+    def set_env(self, env_name, env):
+        """Nothing: objects of Python have no part in kernels."""
 
-def tell_uncached():
-    """Warn of kernels that every run has to compile anew, if there is no place to keep them."""
-    if _Uncached.reason is not None:
-        log.warning(
-            "compiled kernels cannot be kept (%s): every run compiles them anew, for half a minute; NUMBA_CACHE_DIR "
-            "names a directory for them",
-            _Uncached.reason,
-        )  # fmt: skip
+    def _optimize_final_module(self):
+        pass
 
+    def _finalize_final_module(self):
+        self._finalize_dynamic_globals()
+        self._finalized = True
 
-@cache
-def _file_of(module):
-    """The source of a module of this package, by its name below the package; None if there is none."""
-    path = PACKAGE.joinpath(*module.split("."))
-    return next((file for file in (path.with_suffix(".py"), path / "__init__.py") if file.is_file()), None)
+    def get_pointer_to_function(self, name):
+        """None: Python does not call it."""
+        self._ensure_finalized()
+        return 0
 
-
-@cache
-def _read(path):
-    """Checksum of a source, and the modules of this package from which it imports names."""
-    text = path.read_text(encoding="utf-8")
-    found, prefix = set(), f"{PACKAGE.name}."
-    for module, names in IMPORT.findall(text):
-        if f"{module}.".startswith(prefix):
-            home = module[len(prefix) :]
-            found.add(home)
-            found |= {f"{home}.{name}".lstrip(".") for name in re.findall(r"\w+", names)}
-    known = {name for name in found if name and _file_of(name) is not None}
-    return zlib.crc32(text.encode()), {name for name in known if name == OWN or not name.startswith(FOREIGN)}
+    def serialize_using_object_code(self):
+        """There is none."""
+        return self.serialize_using_bitcode()
 
 
-@cache
-def sources(path):
-    """Checksums of all modules of this package that a source imports from, directly or not, by name.
-
-    The code of a kernel contains that of the kernels it calls, and the values of the constants it names.
-
-    Parameters
-    ----------
-    path : pathlib.Path
-
-    Returns
-    -------
-    dict of str to int
-    """
-    found, left = {}, list(_read(path)[1])
-    while left:
-        name = left.pop()
-        if name not in found:
-            found[name], more = _read(_file_of(name))
-            left += more
-    return found
+class _PartCompiler(Compiler):
+    def __init__(self, typingctx, targetctx, library, args, return_type, flags, locals):
+        library = _PartLibrary(targetctx.codegen(), "part")
+        super().__init__(typingctx, targetctx, library, args, return_type, flags, locals)
 
 
-class _Cache(FunctionCache):
-    """Kernels kept on disk, unless the disk is full; what another version left and this one cannot read is none."""
-
-    def __init__(self, function):
-        """Kernels are those of a source and of what it imports from, whereas numba looks at the one file only."""
-        super().__init__(function)
-        path = Path(function.__code__.co_filename)
-        # what is typed in has no source
-        called = sorted(sources(path).items()) if path.is_file() else []
-        stamp = zlib.crc32(repr(called).encode())
-        self._cache_file._source_stamp = (self._cache_file._source_stamp, stamp)
-
-    def load_overload(self, sig, target_context):
-        """A kernel that was kept, or None."""
-        try:
-            return super().load_overload(sig, target_context)
-        except (AttributeError, ImportError, pickle.UnpicklingError, EOFError, ValueError, TypeError, KeyError):
-            # names of types that this version does not have, or a file that was cut off
-            with suppress(OSError):
-                self.flush()
-            return None
-
-    def save_overload(self, sig, data):
-        """Keep a kernel."""
-        try:
-            super().save_overload(sig, data)
-        except OSError as error:
-            if _Uncached.reason is None:
-                _Uncached.reason = (error.strerror or str(error)).lower()
-                tell_uncached()
+# of what only kernels call: nothing by which Python calls it
+PART = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True, "pipeline_class": _PartCompiler}
 
 
-class _Counted(CPUDispatcher):
-    """A kernel that counts its calls: a third of a microsecond each."""
+def _plain(kind):
+    """Type of an argument without its value: a constant in a call makes no copy of the kernel that is called."""
+    if isinstance(kind, types.BaseAnonymousTuple):
+        return types.Tuple([_plain(one) for one in kind])
+    return types.unliteral(kind)
 
-    def enable_caching(self):
-        """Keep the kernel beside its source or in the user's cache; go without if neither can be written."""
-        try:
-            self._cache = _Cache(self.py_func)
-        except RuntimeError:
-            _Uncached.reason = "neither the installation nor the user's cache can be written to"
+
+class _Kernel(CPUDispatcher):
+    """A kernel, kept on disk."""
+
+    def compile(self, sig):
+        with timed(), self._cache.held():
+            return super().compile(sig)
+
+
+class _Counted(_Kernel):
+    """A kernel that counts its calls from Python: a third of a microsecond each."""
 
     def __call__(self, *arguments, **named):
         CALLS[self.title] += 1
         return super().__call__(*arguments, **named)
+
+    @cached_property
+    def _part(self):
+        """The same for kernels that call it."""
+        part = numba.njit(**self.options, **PART)(self.py_func)
+        part.__class__ = _Kernel
+        part._cache = cache_of(self.py_func, part=True)
+        return part
+
+    def get_call_template(self, args, kws):
+        """What numba asks of a call in a kernel: types."""
+        if "inline" in self.options:
+            return super().get_call_template(args, kws)
+        return self._part.get_call_template([_plain(one) for one in args], {k: _plain(v) for k, v in kws.items()})
+
+    def get_overload(self, sig):
+        """What numba asks of a call in a kernel: code."""
+        return super().get_overload(sig) if "inline" in self.options else self._part.get_overload(sig)
 
 
 # numba's word for a function that does not count references to the arrays it handles; not all of its versions have it
@@ -135,11 +100,14 @@ UNCOUNTED = {"_nrt": False} if hasattr(CPUTargetOptions, "_nrt") else {}
 
 
 def _compiled(**options):
+    # error_model="numpy": a division by zero gives inf, not an exception, and the loops vectorise
+    options = {"error_model": "numpy", **options}
+
     def decorate(function):
-        kernel = numba.njit(error_model="numpy", **options)(function)
+        kernel = numba.njit(**options)(function)
         # numba makes its own class of dispatchers; this one is nothing but that, with another call
         kernel.__class__ = _Counted
-        kernel.enable_caching()
+        kernel.options, kernel._cache = options, cache_of(function)
         kernel.title = f"{function.__module__.rpartition('.')[2]}.{function.__name__}"
         return kernel
 
@@ -147,7 +115,6 @@ def _compiled(**options):
 
 
 FAST = {"contract", "reassoc", "nsz", "arcp"}
-# error_model="numpy": a division by zero gives inf, not an exception, and the loops vectorise
 njit = _compiled(fastmath=FAST)
 # said explicitly: what is not said is taken over from the kernel that calls first
 njit_exact = _compiled(fastmath=False)

@@ -179,6 +179,18 @@ def info(message, *args):
     LOGGER.info(message, *args)
 
 
+def notice(text):
+    """Log a line that a caller of the library sees, too, who would else wait in silence: on standard error."""
+    if _State.stream is None and _State.rank == 0 and not LOGGER.disabled:
+        heard = (handler for handler in (*LOGGER.handlers, *logging.getLogger().handlers)
+                 if not isinstance(handler, logging.NullHandler))  # fmt: skip
+        if not (LOGGER.isEnabledFor(logging.INFO) and any(heard)):
+            with suppress(OSError, ValueError):
+                streams.put(sys.stderr, f"pcontact: {text}\n")
+            return
+    info("%s", text)
+
+
 def coloured(text, colour):
     """Text that a line of :func:`info` is made of, red, green or yellow where that goes to a terminal."""
     return _painted(text, colour) if _State.stream is not None and _coloured(_State.stream) else text
@@ -300,6 +312,35 @@ class Progress:
 
     def close(self):
         """Take the bar away."""
+        if self._bar is not None:
+            with suppress(OSError):
+                self._bar.close()
+            self._bar = None
+
+
+class Count:
+    """A number that grows, on a terminal; it stands below a bar that is there.
+
+    Parameters
+    ----------
+    label : str
+    """
+
+    def __init__(self, label):
+        stream = _State.stream if _State.stream is not None else sys.stderr
+        shown = _State.stream is None or LOGGER.isEnabledFor(logging.INFO)
+        self._bar = None
+        if _State.rank == 0 and shown and not LOGGER.disabled and streams.is_terminal(stream):
+            self._bar = tqdm(desc=label, file=stream, leave=False, bar_format="{desc}: {n_fmt} in {elapsed}")
+
+    def to(self, value):
+        """Show another number."""
+        if self._bar is not None:
+            with suppress(OSError):
+                self._bar.update(value - self._bar.n)
+
+    def close(self):
+        """Take the number away."""
         if self._bar is not None:
             with suppress(OSError):
                 self._bar.close()

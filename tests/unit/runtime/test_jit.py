@@ -2,14 +2,17 @@
 
 import importlib
 import importlib.util
+import os
 import pickle
+import subprocess
 import sys
+import textwrap
 
 import numba
 import pytest
 
-from pcontact.runtime import jit
-from pcontact.runtime.jit import PACKAGE, _Uncached, sources
+from pcontact.runtime import compiling, kernel_cache
+from pcontact.runtime.kernel_cache import PACKAGE, _Uncached, sources
 
 SOURCE = """
 from pcontact.runtime.jit import njit
@@ -18,6 +21,9 @@ from pcontact.runtime.jit import njit
 def twice(x):
     return 2.0 * x
 """
+
+
+MEMORIES = kernel_cache._file_of, kernel_cache._read, kernel_cache.sources, kernel_cache._stamp
 
 
 def imported(path):
@@ -64,7 +70,7 @@ def test_a_kernel_whose_callee_changes_is_compiled_anew(tmp_path, monkeypatch):
     }
     for name, text in files.items():
         (package / f"{name}.py").write_text(text)
-    monkeypatch.setattr(jit, "PACKAGE", package)
+    monkeypatch.setattr(kernel_cache, "PACKAGE", package)
     monkeypatch.setattr(_Uncached, "reason", None)
     monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path / "cache"))
     monkeypatch.syspath_prepend(str(tmp_path))
@@ -72,7 +78,7 @@ def test_a_kernel_whose_callee_changes_is_compiled_anew(tmp_path, monkeypatch):
     def run():
         for name in [one for one in sys.modules if one.split(".")[0] == "kernels"]:
             del sys.modules[name]
-        for function in (jit._file_of, jit._read, jit.sources):
+        for function in MEMORIES:
             function.cache_clear()
         importlib.invalidate_caches()
         outer, other = (getattr(importlib.import_module(f"kernels.{name}"), name) for name in ("outer", "other"))
@@ -86,5 +92,110 @@ def test_a_kernel_whose_callee_changes_is_compiled_anew(tmp_path, monkeypatch):
         (package / "inner.py").write_text(files["inner"].replace("2.0 * x", "5.0 * x + 0.0"))
         assert run() == ((6.0, 3.0), [0, 1])
     finally:
-        for function in (jit._file_of, jit._read, jit.sources):
+        for function in MEMORIES:
             function.cache_clear()
+
+
+CALLING = """
+from pcontact.runtime.jit import njit, njit_inner
+
+@njit_inner
+def add(pair, x):
+    return pair[0] + pair[1] * x
+
+@njit
+def sum_of(n, x):
+    total = 0.0
+    for i in range(n):
+        total += add((i, 1), x) + add((0, 1), x) + add((2, i), x)
+    return total
+"""
+
+
+def test_constants_in_a_call_make_no_further_copies(tmp_path, monkeypatch):
+    """A kernel that kernels call is compiled once for all values; Python can call it all the same."""
+    monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path / "cache"))
+    path = tmp_path / "calling.py"
+    path.write_text(CALLING)
+    module = imported(path)
+    assert module.sum_of(3, 2.0) == 27.0
+    assert len(module.add._part.overloads) == 1 and not module.add.overloads
+    assert module.add((1, 2), 0.5) == 2.0
+    # what kernels call is kept for those that are compiled later
+    for index in (tmp_path / "cache").rglob("*sum_of*.nbi"):
+        index.unlink()
+    again = imported(path)
+    assert again.sum_of(3, 2.0) == 27.0
+    assert [sum(one.stats.cache_hits.values()) for one in (again.sum_of, again.add._part)] == [0, 1]
+
+
+def test_another_copy_and_an_older_revision_find_what_is_compiled(tmp_path, monkeypatch):
+    """What counts is what the source says, neither where it is nor when it was written."""
+    monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path / "cache"))
+
+    def hits(folder, text):
+        (tmp_path / folder).mkdir(exist_ok=True)
+        path = tmp_path / folder / "kernels.py"
+        path.write_text(text)
+        kernel_cache._stamp.cache_clear()
+        kernel = imported(path).twice
+        kernel(1.5)
+        return sum(kernel.stats.cache_hits.values())
+
+    assert hits("one", SOURCE) == 0
+    assert hits("other", SOURCE) == 1
+    assert hits("one", SOURCE.replace("2.0", "3.0")) == 0
+    assert hits("one", SOURCE) == 1
+    for number in range(kernel_cache.VERSIONS + 3):
+        hits("one", SOURCE.replace("2.0", f"{number}.5"))
+    assert len(list((tmp_path / "cache").iterdir())) == kernel_cache.VERSIONS
+
+
+def test_a_run_that_compiles_says_so_once(tmp_path, monkeypatch, capsys):
+    """Where the kernels go, and how long it took; a run that finds them says nothing."""
+    monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path / "cache"))
+    monkeypatch.setattr(compiling._State, "said", False)
+    path = tmp_path / "calling.py"
+    path.write_text(CALLING)
+    before = compiling.seconds()
+    imported(path).sum_of(3, 2.0)
+    assert compiling.seconds() > before
+    told = capsys.readouterr()
+    assert (told.out + told.err).count(f"they are kept in {tmp_path / 'cache'}") == 1
+    before = compiling.seconds()
+    monkeypatch.setattr(compiling._State, "said", False)
+    imported(path).sum_of(3, 2.0)
+    assert compiling.seconds() == before and not any(capsys.readouterr())
+
+
+def test_one_process_compiles_and_the_others_load(tmp_path):
+    """Two processes that need the same kernel at the same time."""
+    (tmp_path / "kernels.py").write_text(SOURCE)
+    code = textwrap.dedent(
+        """
+        import time
+        from kernels import twice
+        from pcontact.runtime import log
+        log.setup()
+        compile_core = twice._compiler.compile
+        def slowly(*arguments):
+            time.sleep(1.0)
+            return compile_core(*arguments)
+        twice._compiler.compile = slowly
+        print("ready", flush=True)
+        input()
+        twice(1.5)
+        print("hits", sum(twice.stats.cache_hits.values()))
+        """
+    )
+    path = f"{tmp_path}{os.pathsep}{os.environ.get('PYTHONPATH', '')}"
+    environment = {**os.environ, "PYTHONPATH": path, "NUMBA_CACHE_DIR": str(tmp_path / "cache")}
+    runs = [subprocess.Popen([sys.executable, "-c", code], env=environment, stdin=subprocess.PIPE,
+                             stdout=subprocess.PIPE, text=True) for _ in range(2)]  # fmt: skip
+    for run in runs:
+        assert run.stdout.readline() == "ready\n"
+    for run in runs:
+        run.stdin.write("\n")
+        run.stdin.flush()
+    said = [run.communicate()[0] for run in runs]
+    assert sorted(text.split("hits ")[1].strip() for text in said) == ["0", "1"]
