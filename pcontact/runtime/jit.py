@@ -6,7 +6,7 @@ from functools import cached_property
 import numba
 from numba.core import types
 from numba.core.codegen import JITCodeLibrary
-from numba.core.compiler import Compiler
+from numba.core.compiler import Compiler, Flags
 from numba.core.cpu import CPUTargetOptions
 from numba.core.registry import CPUDispatcher
 
@@ -15,6 +15,25 @@ from pcontact.runtime.kernel_cache import cache_of
 
 # calls from Python, by "module.function"; what a kernel calls itself is a part of it
 CALLS = Counter()
+
+
+class _Flags(Flags):
+    """Options of a compilation. numba compares them at each call of a function of its own: a seventh of all time, the
+    way it does so."""
+
+    _DEFAULTS = {name: option.default for name, option in Flags.options.items()}
+    _HASH = hash(Flags())
+
+    def __eq__(self, other):
+        return self._values == other._values or self._DEFAULTS | self._values == self._DEFAULTS | other._values
+
+    def __hash__(self):
+        return self._HASH
+
+
+class _KernelCompiler(Compiler):
+    def __init__(self, typingctx, targetctx, library, args, return_type, flags, locals):
+        super().__init__(typingctx, targetctx, library, args, return_type, _Flags(flags), locals)
 
 
 class _PartLibrary(JITCodeLibrary):
@@ -44,7 +63,7 @@ class _PartLibrary(JITCodeLibrary):
         return self.serialize_using_bitcode()
 
 
-class _PartCompiler(Compiler):
+class _PartCompiler(_KernelCompiler):
     def __init__(self, typingctx, targetctx, library, args, return_type, flags, locals):
         library = _PartLibrary(targetctx.codegen(), "part")
         super().__init__(typingctx, targetctx, library, args, return_type, flags, locals)
@@ -104,7 +123,7 @@ def _compiled(**options):
     options = {"error_model": "numpy", **options}
 
     def decorate(function):
-        kernel = numba.njit(**options)(function)
+        kernel = numba.njit(**options, pipeline_class=_KernelCompiler)(function)
         # numba makes its own class of dispatchers; this one is nothing but that, with another call
         kernel.__class__ = _Counted
         kernel.options, kernel._cache = options, cache_of(function)

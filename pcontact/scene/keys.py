@@ -11,6 +11,7 @@ from functools import cache
 from typing import Any, TypeVar, dataclass_transform
 
 from pcontact.runtime.declared import Option
+from pcontact.runtime.messages import unknown_name
 from pcontact.runtime.rules import Rule, optional
 
 T = TypeVar("T")
@@ -87,10 +88,25 @@ def options(cls: type) -> dict[str, Option]:
     }  # fmt: skip
 
 
+def closed(cls: type[T]) -> type[T]:
+    """Class decorator: a dataclass that takes no attributes but its own, as a file takes no other keys."""
+    known = [one.name for one in dataclasses.fields(cls)]
+
+    def set_known(self, name, value):
+        if name not in known and not hasattr(cls, name):
+            keys_of = [one for one in known if one in keys(cls)] or known
+            found = unknown_name(name, "no such key", keys_of)
+            raise AttributeError(f"{cls.__name__}: found {found}; allowed: {', '.join(keys_of)}")
+        object.__setattr__(self, name, value)
+
+    cls.__setattr__ = set_known
+    return cls
+
+
 @dataclass_transform(field_specifiers=(key, dataclasses.field))
 def table(cls: type[T]) -> type[T]:
     """Class decorator: the dataclass of a table, whose docstring lists its keys."""
-    cls = dataclass(cls)
+    cls = closed(dataclass(cls))
     lines = [f"{name} : {one.rule.allowed}\n        {one.text}" for name, one in keys(cls).items()]
     listed = "\n    ".join(["Parameters", "----------", *lines])
     cls.__doc__ = f"{(cls.__doc__ or '').rstrip()}\n\n    {listed}\n"

@@ -25,7 +25,7 @@ from pcontact.runtime.rules import (
     one_of,
     sequence,
 )
-from pcontact.scene.keys import key, keys, table
+from pcontact.scene.keys import closed, key, keys, table
 from pcontact.scene.orthotropic import equivalent_poisson
 from pcontact.scene.target import Budget, Target, preset_or_target
 from pcontact.scene.values import (
@@ -869,6 +869,7 @@ LIST_TABLES = {"bodies": Body, "contacts": Contact, "displacements": Displacemen
                "phases": Phase}  # fmt: skip
 
 
+@closed
 @dataclass
 class Scene:
     """Everything the user describes.
