@@ -64,7 +64,9 @@ def add_forces(facets, u, pressure, ring, absolute, out):
     for f in range(facets.nodes.shape[0]):
         for q in range(facets.weights.shape[1]):
             radius = facets.radius[f, q]
-            t[:, :] = facets.tangents[f, q]
+            for i in range(d - 1):
+                for j in range(d):
+                    t[i, j] = facets.tangents[f, q, i, j]
             for a in range(facets.nodes.shape[1]):
                 node = facets.nodes[f, a]
                 radius += facets.shape[q, a] * u[node, 0]
@@ -101,7 +103,9 @@ def add_stiffness(facets, u, pressure, ring, rowptr, columns, values):
     for f in range(facets.nodes.shape[0]):
         for q in range(facets.weights.shape[1]):
             radius = facets.radius[f, q]
-            t[:, :] = facets.tangents[f, q]
+            for i in range(d - 1):
+                for j in range(d):
+                    t[i, j] = facets.tangents[f, q, i, j]
             for a in range(nn):
                 node = facets.nodes[f, a]
                 radius += facets.shape[q, a] * u[node, 0]

@@ -310,7 +310,9 @@ def energies(functions, moduli, softening, bound, loads, fixed, out):
         softer = softening.part[c].any()
         other = softer or bound.at[c] >= 0
         if other:
-            elastic[:, :] = matrix
+            for i in range(n):
+                for j in range(n):
+                    elastic[i, j] = matrix[i, j]
         if softer:
             _soften(functions, c, softening, matrix)
         _add_bound(bound, c, matrix)

@@ -25,7 +25,7 @@ from pcontact.contact.surface.facet_maps import (
     load_nodes,
     to_bezier,
 )
-from pcontact.runtime.jit import njit_exact, njit_inline
+from pcontact.runtime.jit import njit_exact, njit_inline, njit_inner_exact
 
 # angle of a cone that leaves nothing out
 ALL = np.pi
@@ -123,14 +123,16 @@ def _fill_facets(x_facets, kinds, cones):
     for f in range(kinds.size):
         load_nodes(x_facets, f, kinds[f], nodes)
         for k in range(3):
-            line[:] = nodes[:, k]
+            for i in range(9):
+                line[i] = nodes[i, k]
             to_bezier(kinds[f], line)
-            nodes[:, k] = line
+            for i in range(9):
+                nodes[i, k] = line[i]
         count = _normals(kinds[f], nodes, vectors)
         _bound(vectors, count, cones[f])
 
 
-@njit_exact
+@njit_inner_exact
 def _normals(kind, b, out):
     """Vectors (n of them) whose positive combinations are all normals of a facet with control points b (9, 3)."""
     count, m = 0, DIFFERENCES[kind]
@@ -149,12 +151,12 @@ def _normals(kind, b, out):
     return count
 
 
-@njit_exact
+@njit_inner_exact
 def _everything(cone):
     cone[0], cone[1], cone[2], cone[3] = 0.0, 0.0, 1.0, ALL
 
 
-@njit_exact
+@njit_inner_exact
 def _bound(vectors, count, cone):
     """The cone of some vectors; that of all directions if one is zero or they spread over half of them."""
     for i in range(count):
@@ -178,7 +180,7 @@ def _bound(vectors, count, cone):
         _everything(cone)
 
 
-@njit_exact
+@njit_inner_exact
 def angle_between(a0, a1, a2, b0, b1, b2):
     """Angle between unit vectors."""
     return np.arccos(min(max(a0 * b0 + a1 * b1 + a2 * b2, -1.0), 1.0))
@@ -220,7 +222,7 @@ def _fill_rings(numbers, first, around, kinds, d, alone, rings):
             _everything(rings[f])
 
 
-@njit_exact
+@njit_inner_exact
 def _count_at_edge(numbers, first, around, kinds, a, b):
     """How many facets have both corners."""
     count = 0
@@ -231,7 +233,7 @@ def _count_at_edge(numbers, first, around, kinds, a, b):
     return count
 
 
-@njit_exact
+@njit_inner_exact
 def _join(a, b, out):
     """The cone around two cones."""
     if a[3] >= ALL or b[3] >= ALL:
@@ -240,7 +242,8 @@ def _join(a, b, out):
     between = angle_between(a[0], a[1], a[2], b[0], b[1], b[2])
     wide, narrow = (a, b) if a[3] >= b[3] else (b, a)
     if between + narrow[3] <= wide[3]:
-        out[:] = wide
+        for k in range(4):
+            out[k] = wide[k]
         return
     angle = 0.5 * (between + wide[3] + narrow[3])
     if not angle < 0.5 * np.pi or not between > 0.0:
@@ -262,7 +265,8 @@ def _fill_nodes(tree, cones):
         if tree.child[node] >= 0:
             _join(cones[tree.child[node]], cones[tree.child[node] + 1], cones[node])
             continue
-        cones[node] = cones[n + tree.first[node]]
+        for k in range(4):
+            cones[node, k] = cones[n + tree.first[node], k]
         for i in range(tree.first[node] + 1, tree.last[node]):
             _join(cones[node].copy(), cones[n + i], cones[node])
 
@@ -275,10 +279,12 @@ def _fill_undeformed(tree, lower, upper, parts):
         first, last = tree.child[node], tree.child[node] + 2
         if first < 0:
             first, last = n + tree.first[node], n + tree.last[node]
-        lower[node], upper[node], parts[node] = lower[first], upper[first], parts[first]
+        parts[node] = parts[first]
+        for k in range(lower.shape[1]):
+            lower[node, k], upper[node, k] = lower[first, k], upper[first, k]
+            for i in range(first + 1, last):
+                lower[node, k], upper[node, k] = min(lower[node, k], lower[i, k]), max(upper[node, k], upper[i, k])
         for i in range(first + 1, last):
-            lower[node] = np.minimum(lower[node], lower[i])
-            upper[node] = np.maximum(upper[node], upper[i])
             if parts[i] != parts[node]:
                 parts[node] = -1
 

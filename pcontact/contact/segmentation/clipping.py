@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pcontact.runtime.jit import njit_exact
+from pcontact.runtime.jit import njit_exact, njit_inner_exact
 
 # vertices of a polygon at most: a quadrilateral that four lines cut has eight, one that is cut off again a few more
 MOST = 24
@@ -89,7 +89,14 @@ def area(p, n):
     return 0.5 * total
 
 
-@njit_exact
+@njit_inner_exact
+def _copy(p, n, out):
+    """Copy the first vertices of a polygon."""
+    for i in range(n):
+        out[i, 0], out[i, 1] = p[i, 0], p[i, 1]
+
+
+@njit_inner_exact
 def split(p, n, a, b, left, right):
     """Cut a polygon along the line from a to b; return how many vertices the parts on its two sides have."""
     tx, ty = b[0] - a[0], b[1] - a[1]
@@ -117,13 +124,13 @@ def split(p, n, a, b, left, right):
     return n_left, n_right
 
 
-@njit_exact
+@njit_inner_exact
 def _length2(regular, x, y):
     """Square of a length in the regular triangle (up to a factor) or the square, from reference coordinates."""
     return x * x + y * y + (x + y) ** 2 if regular == 3 else x * x + y * y
 
 
-@njit_exact
+@njit_inner_exact
 def _corners(p, n):
     """Leave out, in place, vertices that coincide or lie on the line between their neighbours; return how many stay."""
     i, left = 0, n
@@ -145,7 +152,7 @@ def _corners(p, n):
     return n if n >= 3 else 0
 
 
-@njit_exact
+@njit_inner_exact
 def _add(a, b, c, sides, facet, count, tiles):
     """Append a tile with the neighbouring vertices b, a, c, or only count it if there is no room."""
     size = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
@@ -220,15 +227,13 @@ def _emit(p, n, facet, count, tiles):
     return count
 
 
-@njit_exact
+@njit_inner_exact
 def _within(polygon, n, domain, work):
     """Part of a polygon within the reference domain, into work[0]; return its number of vertices."""
-    for i in range(n):
-        work[0, i, 0], work[0, i, 1] = polygon[i, 0], polygon[i, 1]
+    _copy(polygon, n, work[0])
     for e in range(len(domain)):
         n, _ = split(work[0], n, domain[e], domain[(e + 1) % len(domain)], work[1], work[2])
-        for i in range(n):
-            work[0, i, 0], work[0, i, 1] = work[1, i, 0], work[1, i, 1]
+        _copy(work[1], n, work[0])
         if n < 3:
             return 0
     return n
@@ -243,16 +248,20 @@ def _take(polygon, m, remains, n_pieces, facet, count, tiles, work):
         x, y = polygon[(e + 1) % m, 0] - polygon[e, 0], polygon[(e + 1) % m, 1] - polygon[e, 1]
         lengths[e] = -_length2(regular, x, y)
     # what is left is cut along the longest edges first, whichever vertex the polygon begins with
-    order = np.argsort(lengths)
+    order = np.arange(m)
+    for e in range(1, m):
+        k = e
+        while k > 0 and lengths[order[k - 1]] > lengths[e]:
+            order[k] = order[k - 1]
+            k -= 1
+        order[k] = e
     for r in range(n_pieces):
         n = sizes[r]
-        for i in range(n):
-            work[0, i, 0], work[0, i, 1] = pieces[r, i, 0], pieces[r, i, 1]
+        _copy(pieces[r], n, work[0])
         room = n_pieces
         for e in order:
             n, rest = split(work[0], n, polygon[e], polygon[(e + 1) % m], work[1], work[2])
-            for i in range(n):
-                work[0, i, 0], work[0, i, 1] = work[1, i, 0], work[1, i, 1]
+            _copy(work[1], n, work[0])
             if n < 3 or area(work[0], n) <= least:
                 n = 0
                 break
@@ -260,8 +269,7 @@ def _take(polygon, m, remains, n_pieces, facet, count, tiles, work):
                 if room == PIECES:
                     return -1, count
                 sizes[room] = rest
-                for i in range(rest):
-                    pieces[room, i, 0], pieces[room, i, 1] = work[2, i, 0], work[2, i, 1]
+                _copy(work[2], rest, pieces[room])
                 room += 1
         if n == 0:
             # nothing in common: the piece stays whole, and what was cut off on the way is forgotten
@@ -271,13 +279,12 @@ def _take(polygon, m, remains, n_pieces, facet, count, tiles, work):
         if room > n_pieces:
             room -= 1
             sizes[r] = sizes[room]
-            for i in range(sizes[r]):
-                pieces[r, i, 0], pieces[r, i, 1] = pieces[room, i, 0], pieces[room, i, 1]
+            _copy(pieces[room], sizes[r], pieces[r])
         n_pieces = room
     return n_pieces, count
 
 
-@njit_exact
+@njit_inner_exact
 def _crosses(a, b, domain):
     """Whether a segment from a to b has a part inside the domain."""
     start, end, x, y = 0.0, 1.0, b[0] - a[0], b[1] - a[1]
@@ -297,7 +304,7 @@ def _crosses(a, b, domain):
     return (end - start) * length > SAME
 
 
-@njit_exact
+@njit_inner_exact
 def _is_shared(polygons, j, e):
     """Whether edge e of polygon j is also one of another polygon, run through the other way."""
     vertices, corners = polygons.vertices, polygons.corners
@@ -310,7 +317,7 @@ def _is_shared(polygons, j, e):
     return False
 
 
-@njit_exact
+@njit_inner_exact
 def _is_covered(polygons, p, n):
     """Whether the mean of the vertices of a polygon is in one of some polygons."""
     vertices, corners = polygons.vertices, polygons.corners
@@ -336,7 +343,7 @@ def _left_over(facet, polygons, remains, work):
     vertices, corners, pieces, sizes = polygons.vertices, polygons.corners, remains.vertices, remains.corners
     domain, least, n_pieces, total = facet.domain, facet.least, 1, 0.0
     sizes[0] = len(domain)
-    pieces[0, : len(domain)] = domain
+    _copy(domain, len(domain), pieces[0])
     for j in range(len(corners)):
         for e in range(corners[j]):
             a, b = vertices[j, e], vertices[j, (e + 1) % corners[j]]
@@ -348,7 +355,8 @@ def _left_over(facet, polygons, remains, work):
                     continue
                 if n_pieces == PIECES:
                     return -1, 0.0
-                pieces[r, :n], pieces[n_pieces, :rest] = work[1, :n], work[2, :rest]
+                _copy(work[1], n, pieces[r])
+                _copy(work[2], rest, pieces[n_pieces])
                 sizes[r], sizes[n_pieces] = n, rest
                 n_pieces += 1
     for r in range(n_pieces):
@@ -364,9 +372,9 @@ def _take_all(facet, polygons, remains, count, tiles, work):
     """Tiles of polygons that overlap, each as far as those before have left it; pieces that remain, and tiles."""
     domain, corners, n_pieces, copy = facet.domain, polygons.corners, 1, np.empty((MOST, 2))
     remains.corners[0] = len(domain)
-    remains.vertices[0, : len(domain)] = domain
+    _copy(domain, len(domain), remains.vertices[0])
     for j in range(len(corners)):
-        copy[: corners[j]] = polygons.vertices[j, : corners[j]]
+        _copy(polygons.vertices[j], corners[j], copy)
         n_pieces, count = _take(copy, corners[j], remains, n_pieces, facet, count, tiles, work)
         if n_pieces < 0:
             break
