@@ -19,6 +19,7 @@ from pcontact.contact.formulation.finite_geometry import (
     current_normals,
     tied_offsets,
 )
+from pcontact.contact.formulation.finite_held import AWAY
 from pcontact.contact.formulation.layer import FiniteLayerTerms
 from pcontact.contact.formulation.methods import facet_columns
 from pcontact.contact.law import OPEN, contact_law
@@ -162,6 +163,13 @@ def _inside(kinds, xi):
     return inside & (triangle | (np.abs(v) <= 1.0 + PAST))
 
 
+def _clipped(kinds, xi):
+    """Reference points (np, 2) moved onto facets of some kinds (np,)."""
+    low = np.where(np.isin(kinds, [KIND["triangle", degree] for degree in (1, 2)]), 0.0, -1.0)[:, None]
+    xi = np.clip(xi, low, 1.0)
+    return np.where(low == 0.0, xi / np.maximum(xi.sum(axis=1, keepdims=True), 1.0), xi)
+
+
 class FinitePair(ContactPair):
     """One source surface and its partners at finite motion; parameters as for `ContactPair`, with `FiniteTerms` and a
     source that has the gradients of its cells, whatever the formulation."""
@@ -233,7 +241,7 @@ class FinitePair(ContactPair):
             off = np.ones(len(mode), dtype=bool)
             # held at an edge, unless the line to the partner is not along the normal: where they touch
             for other in (HELD, FIXED):
-                off &= ~contact.live | (np.abs(contact.normal - p.normal).max(axis=1) > APART)
+                off &= ~self._on_facets(contact, values) | (np.abs(contact.normal - p.normal).max(axis=1) > APART)
                 p.frozen = p.frozen._replace(mode=np.where((mode == CLOSEST) & off, other, p.frozen.mode))
                 contact = self.terms.place(p, values)
         p.frozen = p.frozen._replace(shift=np.where(contact.live, gap - contact.gap, 0.0))
@@ -261,11 +269,13 @@ class FinitePair(ContactPair):
         """
         astray = False
         if self.verifies and self._status is not None:
-            p = self.pairing
-            contact = self.terms.place(p, p.exchange.gather(u))
-            closed = p.paired & (self._status > OPEN)
-            astray = bool(np.any(closed & ~(contact.live & _inside(p.frozen.kind, contact.xi))))
+            values = self.pairing.exchange.gather(u)
+            astray = bool(np.any(self._astray(self._on_facets(self.terms.place(self.pairing, values), values))))
         return self.space.comm.allreduce(astray, op=MPI.LOR)
+
+    def _astray(self, on):
+        """Points (np,) that were closed in the last tangent, and are not on their facets or hardly beside them."""
+        return False if self._status is None else self.pairing.paired & (self._status > OPEN) & ~on
 
     def defer(self, before, u, rule):
         """See :meth:`ContactPair.defer`; where most of the contact has stuck, and overlapped so far that the tangent
@@ -288,19 +298,56 @@ class FinitePair(ContactPair):
         p, found, values = self.pairing, self._partners_at(u, time), self.pairing.exchange.gather(u)
         closed = self.terms.forces(p, values, self._view())[1] > OPEN
         gap = found.gap + self._offset(time)
-        touches, contact = closed | (found.paired & (gap <= 0.0)), self.terms.place(p, values)
+        contact = self.terms.place(p, values)
+        on = self._on_facets(contact, values)
+        touches = closed | (found.paired & (gap <= 0.0)) | self._astray(on)
         self.stale, _ = motion.misled(self, u, found, gap, contact.normal, time)
-        changed = np.where(found.paired, found.ids, -1) != np.where(p.paired, p.ids, -1)
-        if not self._traces:
-            # on the same facet, but held at its edge where it was not, or no longer
-            changed |= found.paired & (np.abs(found.normal - contact.normal).max(axis=1) > APART)
+        others = np.where(found.paired, found.ids, -1) != np.where(p.paired, p.ids, -1)
+        turned = found.paired & (np.abs(found.normal - contact.normal).max(axis=1) > APART)
+        # on the same facet, but held at its edge where it was not, or no longer
+        changed = others if self._traces else others | turned
         if firm:
-            touches &= ~(p.paired & contact.live & _inside(p.frozen.kind, contact.xi))
+            touches &= ~(p.paired & on)
         if not self.space.comm.allreduce(bool(np.any(touches & changed)), op=MPI.LOR):
             return False
         self._time = time
+        if firm and not self._traces and self._former is not None:
+            returns = touches & others & turned & contact.live & (found.ids == self._former.ids)
+            returns &= np.einsum("pd,pd->p", found.normal, contact.normal) > 0.0
+            found = self._between(found, contact, values, returns)
         self._take_again(found, u, before, time)
         return True
+
+    def _on_facets(self, contact, values):
+        """Points (np,) whose partner is on its facet or hardly beside it, and has not been left behind at an edge."""
+        p = self.pairing
+        on, held = contact.live & _inside(p.frozen.kind, contact.xi), np.isin(p.frozen.mode, (HELD, FIXED))
+        if held.any():
+            corners, normal = (p.x + values)[p.targets[held]], contact.normal[held]
+            y = np.einsum("pm,pmd->pd", contact.shape[held], corners)
+            way = y - places(p.points, values)[held]
+            beside = np.linalg.norm(way - np.einsum("pd,pd->p", way, normal)[:, None] * normal, axis=1)
+            length = np.linalg.norm(corners - y[:, None], axis=2).max(axis=1)
+            turns = p.frozen.mode[held] == HELD
+            on[held] &= beside <= np.where(turns, AWAY * np.linalg.norm(way, axis=1), 0.5 * PAST * length)
+        return on
+
+    def _between(self, found, contact, values, returns):
+        """What was found, where points that go back to the facet that they came from are held at the edge between the
+        two, by the mean of their normals: each solution is beside its own facet. *Collective.*"""
+        p, normal, back = self.pairing, found.normal.copy(), returns[:, None]
+        mean = contact.normal[returns] + found.normal[returns]
+        normal[returns] = mean / np.linalg.norm(mean, axis=1, keepdims=True)
+        p.frozen = p.frozen._replace(
+            mode=np.where(returns, FIXED, p.frozen.mode), normal=normal, shift=np.where(returns, 0.0, p.frozen.shift),
+            xi=np.where(back, _clipped(p.frozen.kind, contact.xi), p.frozen.xi),
+        )  # fmt: skip
+        held = self.terms.place(p, values)
+        return found._replace(
+            gap=np.where(returns, held.gap, found.gap), normal=normal, ids=np.where(returns, p.ids, found.ids),
+            nodes=np.where(back, self._planned[2][p.targets], found.nodes),
+            shape=np.where(back, held.shape, found.shape),
+        )  # fmt: skip
 
     def _lengths(self, p, values):
         """Places."""

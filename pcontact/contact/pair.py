@@ -102,7 +102,7 @@ class ContactPair(Item):
         self.bilateral = contact.bilateral or self.law.tied or self.law.held
         self.time, self.version, self.flips, self._status = 0.0, 0, [], None
         self.lost, self._begun, self.offset, self.chords, self.pairing = (0, 0), False, None, None, None
-        # normals of the partners before those of the last search within a load step
+        # partners before those of the last search within a load step
         self.verifies, self.stale, self._former = not self.law.tied, 0.0, None
         self._initial, self.closing = initial_gap(contact), 0.0
         self._normals, self.coupled = source.normal, np.zeros(len(source.facet), dtype=bool)
@@ -310,7 +310,8 @@ class ContactPair(Item):
             return False
         found = self._partners_at(u, time)
         gap, keeps = self._clean(found) + self._offset(time), tolerance if firm else 0.0
-        self.stale, lost = motion.misled(self, u, found, gap, self.pairing.normal, time, keeps, self._former)
+        former = None if self._former is None else self._former.normal
+        self.stale, lost = motion.misled(self, u, found, gap, self.pairing.normal, time, keeps, former)
         if self.stale <= tolerance and (firm or not lost):
             return False
         self._take_again(found, u, before, time)
@@ -319,7 +320,7 @@ class ContactPair(Item):
     def _take_again(self, found, u, before, time):
         """Take partners that were found at ``u`` within the load step that begins at ``before``: it goes on with the
         same points; another half of the contact may have kept its partners. *Collective.*"""
-        flips, status, former = self.flips, self._status, self.pairing.normal
+        flips, status, former = self.flips, self._status, self.pairing
         self._take(found, u, before, time)
         self.flips, self._status, self._former = flips, status, former
 

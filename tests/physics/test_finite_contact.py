@@ -1,9 +1,12 @@
 """Contact at finite strain against closed forms: patch, turned bodies."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from drivers._common import running
+from drivers.cases.large_sliding import ironing_scene
 from meshes.blocks import one_block
 from meshes.ironing import ironing_slab
 from pcontact.runtime.observer import Observer
@@ -159,6 +162,44 @@ def test_points_that_leave_their_facets_in_a_load_step_find_others(shared_tmp):
     np.testing.assert_allclose(forces[:, 0], forces[:, 1], rtol=1e-5, atol=1e-4)
     # all of it slides at the end; the rays are those of the deformed foundation, which rises in front of the slab
     assert forces[-1, 0, 0] > 0.3 * forces[-1, 0, 1]
+
+
+class Cuts(Observer):
+    """Load steps that were cut, and iterations of Newton's method in each of the others."""
+
+    def __init__(self):
+        self.cuts, self.newton = 0, []
+
+    def step(self, step, u, record):
+        self.newton.append(step.newton)
+
+    def cut(self, target, result):
+        self.cuts += 1
+
+
+@pytest.mark.parallel(1, 3)
+@pytest.mark.parametrize(
+    "n, order, search, counts",
+    [
+        # a point at a vertex of the slab is beside its facet with either of them
+        (1, 2, "closest_point", (5, 15)),
+        # points that are held at the sharp edge of the slab, and turn about it
+        (2, 1, "closest_point", (10, 20)),
+        # points whose rays pass the end of the slab
+        (2, 2, "ray_tracing", (4, 8)),
+    ],
+)
+def test_points_at_vertices_and_beyond_edges(shared_tmp, n, order, search, counts):
+    """The slab that irons a foundation takes so many load steps, few of them cut. If points are told to be on their
+    facets whatever they do at edges, 14, 11 and 6 are cut, and the first two runs end early."""
+    path = mesh(ironing_slab, shared_tmp / f"vertices_{n}_{order}.msh", n=n, order=order)
+    scene, look = ironing_scene(path, 1.0, 1.5, *counts), Cuts()
+    contact = replace(scene.contacts[0], search=search)
+    scene = replace(scene, contacts=[contact], mesh=replace(scene.mesh, order=order), output=Output(fields=False))
+    with running(scene, None, [look]) as (_, converged):
+        assert converged
+    assert look.cuts <= 1
+    assert max(look.newton) < 20
 
 
 def test_rubber_that_has_stiffened(shared_tmp):
