@@ -47,7 +47,14 @@ class _PartLibrary(JITCodeLibrary):
         """Nothing: objects of Python have no part in kernels."""
 
     def _optimize_final_module(self):
-        pass
+        """Once, that callers see how small it is; they do it thoroughly."""
+        codegen = self._codegen
+        passes = codegen._module_pass_manager(
+            loop_vectorize=False, slp_vectorize=False, opt=codegen._opt_level, cost="cheap"
+        )
+        # its builder comes along in later versions of numba
+        passes, *builder = passes if isinstance(passes, tuple) else (passes,)
+        passes.run(self._final_module, *builder)
 
     def _finalize_final_module(self):
         self._finalize_dynamic_globals()
