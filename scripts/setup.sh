@@ -262,7 +262,6 @@ print_env() {
             unset_only+=(OMPI_MCA_btl_vader_single_copy_mechanism=none)
         fi
     fi
-    if [[ ! -w $root ]]; then unset_only+=("NUMBA_CACHE_DIR=${XDG_CACHE_HOME:-$HOME/.cache}/pcontact/numba"); fi
     for name in "${unset_only[@]}"; do
         printf 'export %s="${%s:-%s}"\n' "${name%%=*}" "${name%%=*}" "${name#*=}"
     done
