@@ -21,7 +21,7 @@ from pcontact.io.counters import Counters
 from pcontact.io.error_estimate import ErrorEstimate, label
 from pcontact.io.identity import Identity
 from pcontact.io.names import STATUS, forces_of
-from pcontact.io.observers import FacetErrors, Fields, Records, SmallStrain, Terminal
+from pcontact.io.observers import FacetErrors, Fields, OpenContacts, Records, SmallStrain, Terminal
 from pcontact.io.restart import ANYWAY, checkpoint_time, read_checkpoint
 from pcontact.io.snapshot import Snapshot
 from pcontact.mesh.components import Numbers
@@ -53,7 +53,8 @@ class Lasting(NamedTuple):
 
     Attributes
     ----------
-    strain : pcontact.io.observers.SmallStrain
+    warners : list of pcontact.runtime.observer.Observer
+        That come before the report, which has their warnings.
     writer : pcontact.io.observers.Fields or None
     last : list of pcontact.runtime.observer.Observer
         That come after report and checkpoint.
@@ -61,7 +62,7 @@ class Lasting(NamedTuple):
         Whether the fields of load steps are taken.
     """
 
-    strain: object
+    warners: list
     writer: object
     last: list
     fields: bool
@@ -314,7 +315,13 @@ class Simulation:
         if writes or kept[0]:
             self.records = Records(directory, self.comm, self._head(), self._costs, since, kept[0])
         terminal = Terminal(end, build.yielding_volume(scene, self.problem.space))
-        return Lasting(SmallStrain(), fields, [terminal, *observers], all(kept) or fields is not None)
+        warners = [SmallStrain()]
+        if since is None:
+            # self contact and contact of all surfaces stand by; a run that goes on does not know what was before
+            warners.append(OpenContacts(
+                [one.name for one in scene.contacts if not one.all and one.source != one.target]
+            ))  # fmt: skip
+        return Lasting(warners, fields, [terminal, *observers], all(kept) or fields is not None)
 
     def _schedule(self):
         part, begin = self.part, self.spans[self.number].begin if self.spans else 0.0
@@ -350,7 +357,7 @@ class Simulation:
         if writer is not None:
             writer.snapshot = self.snapshot
         # the report has the warnings of those before it
-        watch = [FacetErrors(self.problem.contacts), lasting.strain, estimate, self.snapshot, writer, self.records,
+        watch = [FacetErrors(self.problem.contacts), *lasting.warners, estimate, self.snapshot, writer, self.records,
                  checkpoint, *lasting.last]  # fmt: skip
         self._watch = [one for one in watch if one is not None]
         low, high = bounding_box(self.comm, space.mesh.points)

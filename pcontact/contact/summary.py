@@ -23,7 +23,8 @@ def summarise(state, flips, lost, comm):
     -------
     dict
         ``force`` on the target (d,) [force], ``area`` of the closed points, ``max_pressure`` [stress],
-        ``max_penetration`` [length] and ``deepest``, the reference position where it is, ``open``, ``stick``, ``slip``
+        ``max_penetration`` [length] and ``deepest``, the reference position where it is, ``least_gap`` of the points
+        with a partner [length] (None: there is none), ``open``, ``stick``, ``slip``
         (points), ``flipped`` (points that changed their status in the last Newton iteration), ``passed`` and ``left``
         (points that frozen partners have misled). The same on every rank.
     """
@@ -42,6 +43,7 @@ def summarise(state, flips, lost, comm):
         if value > deepest:
             deepest, where = value, at
     top = comm.allreduce(float(np.max(state["pressure"], initial=0.0)), op=MPI.MAX)
+    near = comm.allreduce(float(np.min(state["gap"][state["paired"]], initial=np.inf)), op=MPI.MIN)
     n_open, n_stick, n_slip, flipped, passed, left = (int(n) for n in sums[d + 1 :])
     return {
         "force": sums[:d].tolist(),
@@ -49,6 +51,7 @@ def summarise(state, flips, lost, comm):
         "max_pressure": top,
         "max_penetration": deepest,
         "deepest": where.tolist(),
+        "least_gap": near if near < np.inf else None,
         "open": n_open,
         "stick": n_stick,
         "slip": n_slip,

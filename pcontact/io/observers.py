@@ -148,6 +148,36 @@ class SmallStrain(Observer):
         )  # fmt: skip
 
 
+class OpenContacts(Observer):
+    """Warns, at the end of the run, of contacts that nothing has ever closed.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Of the contacts that are meant to close.
+    """
+
+    def __init__(self, names):
+        self._open = dict.fromkeys(names, (math.inf, 0.0))
+
+    def step(self, step, u, record):
+        """Keep where a contact came nearest, and forget those that are closed."""
+        for name, contact in record["contacts"].items():
+            if contact["stick"] + contact["slip"] > 0:
+                self._open.pop(name, None)
+            elif name in self._open and contact["least_gap"] is not None:
+                self._open[name] = min(self._open[name], (contact["least_gap"], step.time))
+
+    def end(self, converged):
+        """Warn."""
+        for name, (gap, time) in self._open.items() if converged else ():
+            near = f"the least gap was {gap:.3g}, at time {time:g}" if gap < math.inf else "no point had a partner"
+            log.warning(
+                "contact %s: open at all points in all load steps: %s. Do loads and motions close it? Are source and "
+                "target the surfaces that meet, within search_radius?", name, near,
+            )  # fmt: skip
+
+
 class Records(Observer):
     """The report and the history, on rank 0: history.csv, steps.jsonl and report.json, or in memory alone.
 

@@ -69,6 +69,8 @@ _CONTACT = table(
     max_pressure=number("largest contact pressure of the quadrature points [stress]"),
     max_penetration=number("largest penetration of a closed point [length]"),
     deepest=vector("where that is, in the undeformed bodies [length]"),
+    least_gap={"type": ["number", "null"], "description": "least gap, negative: overlap; null: no point has a partner "
+               "[length]"},
     open=count("quadrature points that are open [-]"),
     stick=count("that stick; without friction none [-]"),
     slip=count("that slip; without friction all that are closed [-]"),

@@ -7,6 +7,7 @@ import pytest
 
 from meshes import one_block, two_blocks
 from pcontact.contact.motion import normal_motion
+from pcontact.runtime import log
 from pcontact.runtime.observer import Observer
 from pcontact.runtime.petsc import MPI
 from pcontact.scene.model import Body, Contact, Displacement, Load, Material, MeshSpec, Obstacle, Output, Scene, Steps
@@ -250,3 +251,22 @@ def normal_motion_of(normal, own, moved, radius):
         np.concatenate([own, moved]),
         np.zeros((points + len(moved), own.shape[1])),
     )  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    "lift, radius, words", [(0.02, None, "least gap was 0.11, at time 0.5"), (0.02, 0.05, "no point had a partner"),
+                            (-0.2, None, "")], ids=["apart", "out of sight", "closed"],
+)  # fmt: skip
+def test_a_contact_that_nothing_closes_is_named(shared_tmp, lift, radius, words):
+    """With the least gap and when that was; a contact that closes in one load step is not named."""
+    path = made(shared_tmp / "blocks.msh", two_blocks, n_lower=(2, 2), n_upper=(2, 2), gap=0.1)
+    scene = Scene(
+        mesh=MeshSpec(path), materials={"m": Material(1000.0, 0.3)}, bodies=[Body("lower", "m"), Body("upper", "m")],
+        contacts=[Contact("upper_bottom", "lower_top", name="gap", search_radius=radius)],
+        displacements=[Displacement("lower_bottom", [0.0, 0.0]), Displacement("upper_top", [0.0, lift])],
+        steps=Steps(count=2), output=Output(fields=False, estimate=False),
+    )  # fmt: skip
+    log.forget_warnings()
+    solved(scene)
+    told = [line for line in log.warnings() if "open at all points" in line]
+    assert len(told) == bool(words) and all("contact gap" in line and words in line for line in told)

@@ -64,7 +64,7 @@ def test_report_and_history(mesh_file, run, shared_tmp):
     assert report["dofs"] == 2 * (9 + 16) == simulation.problem.space.n_dofs
     assert any("lower" in text and "upper" in text for text in report["model"]["active"])
     assert {"friction", "plasticity"} <= set(report["model"]["left_out"])
-    assert {"setup", "search", "solve", "total", "peak_memory_mb"} <= set(report["timing"])
+    assert {"setup", "search", "solve", "total", "compile", "peak_memory_mb"} <= set(report["timing"])
     assert report["timing"]["total"] >= report["timing"]["solve"] > 0
     assert [s["time"] for s in report["steps"]] == [0.5, 1.0]
     for step in report["steps"]:
@@ -72,8 +72,8 @@ def test_report_and_history(mesh_file, run, shared_tmp):
         assert set(step["reactions"]) == {"lower_bottom", "upper_top", "left"}
         pair = step["contacts"]["pair"]
         assert set(pair) == {
-                "force", "area", "max_pressure", "max_penetration", "deepest", "open", "stick", "slip", "flipped",
-                "passed", "left", "target_penetration",
+                "force", "area", "max_pressure", "max_penetration", "deepest", "least_gap", "open", "stick", "slip",
+                "flipped", "passed", "left", "target_penetration",
             }  # fmt: skip
         assert pair["open"] + pair["slip"] == n_points and pair["stick"] == 0
         assert pair["area"] == pytest.approx(1.0)
