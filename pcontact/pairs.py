@@ -371,19 +371,22 @@ def _check_sizes(scene, space, number, contact, pair):
 
 
 def _check_source(space, bulk, contact, source):
-    """Warn of a source much stiffer than its target, whose stress says little of the pressure. *Collective.*"""
+    """Warn of a source much stiffer than its target, whose stress says little of the pressure; how many times as stiff
+    it is then, else 0. *Collective.*"""
     sided = contact.obstacle is None and contact.target != contact.source and not is_unbiased(contact)
     if not sided or contact.all or contact.formulation != "nitsche" or contact.pressure_overclosure is not None:
-        return
+        return 0.0
     # a point for each facet
     other = source_surface(space, contact.target, bulk.constants, 1, bulk.orthotropic)
     stiff, soft = _typical(space, source.trace), _typical(space, other.trace)
-    if 0.0 < STIFFER * soft < stiff:
-        log.warning(
-            "contact %s: the source %r is %.0f times as stiff as the target %r, modulus over depth of a cell: the "
-            "pressure may be wrong; remedy: source = %r, target = %r",
-            contact.name, contact.source, stiff / soft, contact.target, contact.target, contact.source,
-        )  # fmt: skip
+    if not 0.0 < STIFFER * soft < stiff:
+        return 0.0
+    log.warning(
+        "contact %s: the source %r is %.0f times as stiff as the target %r, modulus over depth of a cell: the "
+        "pressure may be wrong; remedy: source = %r, target = %r",
+        contact.name, contact.source, stiff / soft, contact.target, contact.target, contact.source,
+    )  # fmt: skip
+    return stiff / soft
 
 
 def _coarseness(space, source, target):
@@ -492,9 +495,10 @@ def contact_reports(scene, space, supports, free, bulk, tied):
             continue
         source = _source(scene, space, bulk, supports, contact, sources)
         target = target_surface(space, contact.target) if contact.obstacle is None else _rigid(scene, space, number)
-        _check_source(space, bulk, contact, source)
+        stiffer = _check_source(space, bulk, contact, source)
         source, target = _fitted(space, contact, source, target, radius)
         pair = pair_of(space, bulk, contact, source, target, radius, floats)
+        pair.stiffer = stiffer
         _add_chords(space, contact, pair, source, smooth)
         _check_sizes(scene, space, number, contact, pair)
         reports.append(ContactReport(contact, [pair]))

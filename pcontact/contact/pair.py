@@ -90,6 +90,8 @@ class ContactPair(Item):
         Rounding errors that a gap may carry [length].
     closing : float
         Largest gap at points of this rank that is closed, whatever the load, in the first load step [length].
+    stiffer : float
+        How many times as stiff as the target the source is, where that is too much; else 0.
     offset : ndarray (np,) or None
         What is added to gaps for those that the undeformed bodies are given, see `pcontact.contact.initial` [length].
     """
@@ -104,7 +106,7 @@ class ContactPair(Item):
         self.lost, self._begun, self.offset, self.chords, self.pairing = (0, 0), False, None, None, None
         # partners before those of the last search within a load step
         self.verifies, self.stale, self._former = not self.law.tied, 0.0, None
-        self._initial, self.closing = initial_gap(contact), 0.0
+        self._initial, self.closing, self.stiffer = initial_gap(contact), 0.0, 0.0
         self._normals, self.coupled = source.normal, np.zeros(len(source.facet), dtype=bool)
         self.committed = np.full(len(source.facet), OPEN, dtype=np.int64)
         low, high = bounding_box(space.comm, space.points)
@@ -320,9 +322,9 @@ class ContactPair(Item):
     def _take_again(self, found, u, before, time):
         """Take partners that were found at ``u`` within the load step that begins at ``before``: it goes on with the
         same points; another half of the contact may have kept its partners. *Collective.*"""
-        flips, status, former = self.flips, self._status, self.pairing
+        kept, former = (self.flips, self._status, self.closing), self.pairing
         self._take(found, u, before, time)
-        self.flips, self._status, self._former = flips, status, former
+        (self.flips, self._status, self.closing), self._former = kept, former
 
     def _count_lost(self, gap, paired):
         size = self.source.size[self.source.facet]

@@ -55,6 +55,12 @@ def diagnose(problem, u, reason, norm):
                 f"contact {one.name}: bilateral = true closes its gap of {gap:.3g} at once, however short the step is: "
                 "interference_amplitude does so over the time"
             )
+        ratio, source, target = max(pair.stiffer for pair in one.pairs), one.contact.source, one.contact.target
+        if ratio > 0.0 and one.law.can_slip:
+            found.append(
+                f"contact {one.name}: friction, and a source that is {ratio:.0f} times as stiff as the target: "
+                f"Newton's method may go to and fro; remedy: source = {target!r}, target = {source!r}"
+            )
     part = problem.bulk.flowing(u)
     if part >= YIELDED:
         found.append(f"{100.0 * part:.0f} % of what may yield does: the load may be beyond the limit load")

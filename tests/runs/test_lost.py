@@ -222,6 +222,25 @@ def test_rounding_errors_of_a_stiff_source_are_told(shared_tmp, caplog, ratio, t
     np.testing.assert_allclose(pressure, expected, rtol=1e-15 * ratio * 5.0)
 
 
+@pytest.mark.parametrize("source, target", [("upper_bottom", "lower_top"), ("lower_top", "upper_bottom")])
+def test_friction_on_a_target_that_is_too_soft_is_told(shared_tmp, source, target):
+    """A load step that does not converge says that source and target are to be exchanged; exchanged, it does."""
+    scene = rising(made(shared_tmp / "b.msh", two_blocks), 0.0)
+    scene.materials = {"soft": Material(1e-8, 0.3), "stiff": Material(1.0, 0.3)}
+    scene.bodies = [Body("upper", "stiff"), Body("lower", "soft")]
+    scene.contacts, scene.petsc = [Contact(source, target, name="pair", friction=0.3)], {}
+    scene.steps = Steps(count=1, min_step=0.9)
+    scene.displacements = [
+        *(Displacement(name, ["free", value]) for name, value in (("lower_bottom", 0.0), ("upper_top", -0.01))),
+        *(Displacement(name, [0.0, "free"]) for name in ("lower_left", "upper_left")),
+    ]
+    simulation = Simulation(scene)
+    converged = simulation.run(None)
+    simulation.close()
+    assert converged == (source == "lower_top")
+    assert converged or "remedy: source = 'lower_top', target = 'upper_bottom'" in str(simulation.failure)
+
+
 @pytest.mark.parametrize("d", [2, 3])
 def test_how_far_points_without_a_partner_go_does_not_depend_on_the_axes(d):
     """What stops a load step is how far the target's places go along their normals, not the box around that."""
