@@ -289,6 +289,56 @@ def large(folder, make, mesh, arguments, **keys):
     return replace(scene, output=Output(fields=False))
 
 
+def ironed_slab(folder, n, search, order=1):
+    """The slab that irons a foundation, in short load steps, on a coarse mesh: past vertices and sharp edges."""
+    scene = slides.ironing_scene(make_mesh(ironing_slab, folder / "mesh.msh", n, order), 1.0, 2.0, 20, 40)
+    contacts = [replace(scene.contacts[0], search=search)]
+    return replace(scene, mesh=replace(scene.mesh, order=order), contacts=contacts, output=Output(fields=False))
+
+
+def flattened(folder, depth=0.8, count=20):
+    """A quarter of a slender elastic ring, pressed nearly flat."""
+    path = make_mesh(thick_cylinder, folder / "mesh.msh", 2, (2, 40), inner=0.92, outer=1.0)
+    scene = slides.ring_scene(path, 0.2, depth, count)
+    return replace(scene, materials={"rubber": Material(1.0, 0.3)}, output=Output(fields=False))
+
+
+def snapping(folder, load=0.5, count=20):
+    """A flat arch, clamped at both ends: a pressure makes it snap to the other side, onto a floor."""
+
+    def bend(x):
+        return np.column_stack([2.0 * x[:, 0] - 1.0, 0.2 * (1.0 - (2.0 * x[:, 0] - 1.0) ** 2) + 0.02 * x[:, 1]])
+
+    arch = Brick("arch", [0.0, 0.0], [1.0, 1.0], [48, 2], "quadrilateral", 2, bend)
+    path = make_mesh(bricks, folder / "mesh.msh", [arch])
+    floor = _plane([0.0, -0.15], [0.0, 1.0])
+    return Scene(
+        mesh=MeshSpec(path, order=2, strain="finite"), materials={"m": Material(1.0e4, 0.3)},
+        bodies=[Body("arch", "m")], loads=[Load("arch_top", pressure=load)],
+        contacts=[Contact("arch_bottom", obstacle=floor, name="floor", friction=0.2, search_radius=0.5)],
+        displacements=[Displacement(f"arch_{side}", [0.0, 0.0]) for side in ("left", "right")],
+        steps=Steps(count=count), output=Output(fields=False),
+    )  # fmt: skip
+
+
+def drawn(folder, deep=0.3, count=30):
+    """A thin round sheet that yields, drawn by a ball over the round edge of a die, under a holder."""
+    sheet = Brick("sheet", [0.0, 0.0], [1.0, 0.04], [40, 2], "quadrilateral")
+    path = make_mesh(bricks, folder / "mesh.msh", [sheet])
+    punch = Obstacle("sphere", center=[0.0, 0.44], radius=0.4, displacement=[0.0, -deep])
+    tools = (
+        ("punch", "sheet_top", punch),
+        ("die", "sheet_bottom", Obstacle("sphere", center=[0.6, -0.15], radius=0.15)),
+        ("holder", "sheet_top", _plane([0.0, 0.042], [0.0, -1.0])),
+    )
+    return Scene(
+        mesh=MeshSpec(path, kinematics="axisymmetric", strain="finite", mean_dilatation=True),
+        materials={"m": Material(210e3, 0.3, yield_stress=200.0, hardening=1000.0)}, bodies=[Body("sheet", "m")],
+        contacts=[Contact(region, obstacle=tool, name=name, friction=0.1) for name, region, tool in tools],
+        displacements=[Displacement("sheet_left", [0.0, FREE])], steps=Steps(count=count), output=Output(fields=False),
+    )  # fmt: skip
+
+
 def bent(folder, load=1.0, count=4, held=("left",), thin=0.5, back=0, **keys):
     """A strip of length 20, a cantilever or clamped at both ends, finite strain: a force on its end, or a pressure, of
     ``load`` times E I / L^2, goes up in some steps, and back to nothing in others, after which nothing acts."""
@@ -400,6 +450,12 @@ def _cases():
     for friction in (0.0, 0.3):
         keys = {"unknowns": 12_000, "friction": friction, "strain": "finite"}
         yield "finite", f"ball on block, friction {friction:g}", pressed, keys
+    for n, search, order in ((2, "closest_point", 1), (2, "closest_point", 2), (3, "ray_tracing", 1)):
+        keys = {"n": n, "search": search, "order": order}
+        yield "finite", f"ironing in short steps, {search}, {n}, degree {order}", ironed_slab, keys
+    yield "finite", "slender ring pressed flat", flattened, {}
+    yield "finite", "arch that snaps", snapping, {}
+    yield "finite", "drawn sheet", drawn, {}
     for load in (1.0, 2.0, 4.0):
         yield "bending", f"cantilever, load {load:g}", bent, {"load": load}
     yield "bending", "cantilever, one load step", bent, {"count": 1}

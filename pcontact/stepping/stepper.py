@@ -5,6 +5,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
+import numpy as np
+
 from pcontact.runtime import profile
 from pcontact.runtime.errors import StepFailure
 
@@ -220,7 +222,8 @@ class Stepper:
                 item.detect(self.u, target, motion, ahead)
         middle, searched = clock.perf_counter(), self.timing["search"]
         with profile.phase("solve"):
-            self.problem.prescribe(self.u, target, self._continued(target) if self.problem.extrapolates else None)
+            onward = self._continued(target, motion) if self.problem.extrapolates else None
+            self.problem.prescribe(self.u, target, onward)
             if expected is not None:
                 self.problem.expect(self.u, expected)
             if rest is not None and self._last is not None:
@@ -259,11 +262,14 @@ class Stepper:
         way.scale(part)
         return way
 
-    def _continued(self, target):
-        """Displacement if the bodies go on as what drives them does; None before the second load step."""
+    def _continued(self, target, imposed):
+        """Displacement if the bodies go on as what drives them does; None before the second load step, and where they
+        have jumped beside what is `imposed` on them [length]. *Collective.*"""
         if self._last is None:
             return None
         way = self._way(target)
+        if self._jumps(way, imposed):
+            return None
         way.axpy(1.0, self.u)
         return way
 
@@ -290,13 +296,17 @@ class Stepper:
         else:
             way = expected.copy()
             way.axpy(-1.0, self.u)
-        # bodies that jump do not go on so
-        space = self.problem.space
-        longest = space.longest(way.getArray(readonly=True).reshape(-1, space.dim))
-        if longest > JUMP * min(item.radius for item in pairs):
+        if self._jumps(way):
             return None
         way.axpy(1.0, self.u)
         return way
+
+    def _jumps(self, way, imposed=0.0):
+        """Whether a motion, beside what is imposed [length], is that of bodies that jump, and do not go on so.
+        *Collective.*"""
+        space = self.problem.space
+        longest = space.longest(way.getArray(readonly=True).reshape(-1, space.dim))
+        return longest - imposed > JUMP * min((item.radius for item in self.problem.others), default=np.inf)
 
     def _check_motion(self, result, before):
         """Bodies that moved farther than partners were looked for may have passed through each other."""

@@ -100,6 +100,20 @@ def test_which_bodies_jump_does_not_depend_on_the_axes(block):
     assert [place for _, _, place in searches(far)] == pytest.approx([0.0, 0.6 * WAY], abs=1e-12)
 
 
+@pytest.mark.parametrize("imposed, goes_on", [(0.0, False), (1.0, True)])
+def test_load_steps_after_a_jump_begin_where_the_bodies_are(block, imposed, goes_on):
+    """Bodies with finite strain that have moved by a search radius, be it imposed on them or not."""
+    simulation = Simulation(scene(block, [(0, 0), (2, 1)], 2.0))
+    try:
+        assert simulation.run()
+        stepper, far = simulation.stepper, simulation.problem.others[0].radius
+        stepper.u.set(far)
+        stepper._last, stepper.schedule.time = (0.0, simulation.problem.space.vector()), 1.0
+        assert (stepper._continued(2.0, imposed * far) is not None) == goes_on
+    finally:
+        simulation.close()
+
+
 def test_what_drives_a_scene(block):
     """Displacements, loads and moving obstacles; not what is zero, or stands still."""
     ball = Obstacle("sphere", center=[0.5, 2.0], radius=0.5, displacement=[0.0, -0.1], amplitude=[(0, 0), (4, 2)])
