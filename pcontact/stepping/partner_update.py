@@ -80,7 +80,7 @@ class PartnerUpdate:
         def follow(x, part):
             if not left[0] or not (part < near or any([item.strays(x) for item in self.items])):
                 return False
-            changed = self._renewed(x, left[0] <= WITHIN - FIRM)
+            changed = self._renewed(x, self._follows and left[0] <= WITHIN - FIRM)
             left[0] -= changed
             return changed
 
