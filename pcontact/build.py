@@ -79,6 +79,8 @@ LEAST = 1e-12
 # [degrees] Turn of bodies with small strain that is refused. From: the strain of the turn, 1.5 % and more, is larger
 # than any that small strain is for.
 FAR = 10.0
+# [-] Part of the magnitudes of a load below which a component of it is but rounding. From: sums of some thousand terms.
+IDLE = 1e-9
 
 
 def override(scene, options, accuracy):
@@ -382,7 +384,7 @@ def _prescribed(scene, number):
     return Prescribed(value, scene.where, f"{place('loads', number, load.region)}.{key}")
 
 
-def _forces(scene, space):
+def _forces(scene, space, supports):
     """Nodal forces at factor 1 with their amplitudes, loads whose expressions have the time, and those of which the
     report has the resultant. *Collective.*"""
     forces, timed, total = [], [], []
@@ -393,6 +395,7 @@ def _forces(scene, space):
         if load.total:
             total.append(TotalLoad(space, load, number, factor, (scene.where, where)))
             forces.append((total[-1].vector, factor))
+            _warn_of_idle(space, supports, forces[-1], where)
             continue
         prescribed = _prescribed(scene, number)
         if prescribed.timed:
@@ -401,7 +404,25 @@ def _forces(scene, space):
             factor = factor if load.angular_speed is None else Squared(factor.times, factor.factors)
             vector = load_vector(space, load, prescribed, 0.0, _masses(scene, space, load, where))
             forces.append((vector, factor))
+            _warn_of_idle(space, supports, forces[-1], where)
     return forces, timed, total
+
+
+def _warn_of_idle(space, supports, force, where):
+    """Say of a load that it moves nothing: its factor is always zero, or supports take all of a component.
+    *Collective.*"""
+    vector, factor = force
+    if not factor.factors.any():
+        log.warning("%s: its amplitude is zero at all times: it does nothing", where)
+        return
+    size = np.abs(vector).reshape(-1, space.dim)
+    free = np.where(supports.fixed[space.owned_local], 0.0, size)
+    every, left = space.comm.allreduce(np.array([size.sum(axis=0), free.sum(axis=0)]), op=MPI.SUM)
+    # a component that is but rounding of the others is none
+    idle = [axis for k, axis in enumerate("xyz"[: space.dim]) if every[k] > IDLE * every.sum() and left[k] == 0.0]
+    if idle:
+        log.warning("%s: in direction %s all its nodes have a prescribed displacement: there it does nothing", where,
+                    ", ".join(idle))  # fmt: skip
 
 
 def _masses(scene, space, load, where):
@@ -721,7 +742,7 @@ def _assemble(scene, space, orthotropic, span, more):
     lower = _lower_rows(scene, space)
     equations = _equations(scene, space, supports, [*couplings, *sections], averages, lower)
     supports.groups = [*couplings, *sections, *([] if equations is None else [equations])]
-    forces, timed, total = _forces(scene, space)
+    forces, timed, total = _forces(scene, space, supports)
     forces += [section.force for section in sections if section.free]
     springs = [GroundSprings(space, spring) for spring in scene.springs]
     _check_turns(scene, space, supports)

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from meshes import beam, one_block
+from pcontact.runtime import log
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.petsc import MPI
 from pcontact.scene import describe
@@ -216,3 +217,24 @@ def test_nodes_in_a_line_bear_no_moment_about_it(tmp_path, mesh):
     case.output.estimate = True
     with pytest.raises(InputError, match=r"output.estimate.*springs\[0\].*a group of nodes"):
         Simulation(case, SELF)
+
+
+@pytest.mark.parametrize(
+    "load, held, words", [
+        (Load("top", traction=[0.0, -1.0]), ["free", -0.1], "direction y all its nodes have a prescribed"),
+        (Load("top", traction=[1.0, -1.0]), [0.0, "free"], "direction x all its nodes"),
+        (Load("top", traction=[0.0, -1.0]), [0.0, "free"], ""),
+        (Load("top", force=[0.0, -1.0]), [0.0, 0.0], "direction y all its nodes"),
+        (Load("top", pressure=1.0, amplitude=[[0.0, 0.0], [1.0, 0.0]]), None, "its amplitude is zero at all times"),
+        (Load("top", pressure=1.0, amplitude=[[0.0, 1.0], [1.0, 0.0]]), None, ""),
+    ],
+)  # fmt: skip
+def test_a_load_that_does_nothing_is_named(mesh, load, held, words):
+    """A load on nodes that supports move in its direction, or whose amplitude is zero."""
+    held = [] if held is None else [Displacement("top", held)]
+    scene = Scene(MeshSpec(mesh[2]), {"m": Material(1000.0, 0.3)}, [Body("block", "m")], loads=[load],
+                  displacements=[Displacement("bottom", [0.0, 0.0]), *held])  # fmt: skip
+    simulation = Simulation(scene)
+    simulation.close()
+    told = [line for line in log.warnings() if "nothing" in line]
+    assert len(told) == bool(words) and all(words in line and "loads[0] (top)" in line for line in told)
