@@ -21,8 +21,8 @@ def missed(folder):
     """A kernel is compiled, and kept in a folder (None: it is not kept). It is said once."""
     if not _State.said:
         _State.said = True
-        kept = "" if folder is None else f"; they are kept in {folder}"
-        log.notice(f"compiling kernels, the first run of this kind on this machine{kept}")
+        kept = "" if folder is None else f", the first run of this kind on this machine; they are kept in {folder}"
+        log.notice(f"compiling kernels{kept}")
     _State.kernels += 1
     if _State.busy:
         _State.missed = True
