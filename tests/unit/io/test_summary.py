@@ -16,4 +16,6 @@ def test_what_came_out_and_where_it_is():
     assert "pcontact view out" in last
     lines = summary(report(converged=False, warnings=["w"], memory={"read": {"peak_mb_largest": 12.0}}), "out")
     assert lines[0].startswith("ended early") and "12 MB" in lines[0] and "1 warnings" in lines[2]
+    compiled = report(timing={"total": 9.5, "compile": 8.25})
+    assert summary(compiled, "out")[0] == "done: 2 load steps to time 2 in 9.5 s (8.2 s of it compiled kernels, once)"
     assert "no load step converged" in summary(report(steps=[]), "out")[0]
