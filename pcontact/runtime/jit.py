@@ -76,6 +76,8 @@ class _PartCompiler(_KernelCompiler):
         super().__init__(typingctx, targetctx, library, args, return_type, flags, locals)
 
 
+# whether what kernels call is compiled by itself: earlier versions of numba have other libraries of code
+PARTS = numba.version_info.short >= (0, 62)
 # of what only kernels call: nothing by which Python calls it
 PART = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True, "pipeline_class": _PartCompiler}
 
@@ -102,6 +104,10 @@ class _Counted(_Kernel):
         CALLS[self.title] += 1
         return super().__call__(*arguments, **named)
 
+    @property
+    def _apart(self):
+        return PARTS and "inline" not in self.options
+
     @cached_property
     def _part(self):
         """The same for kernels that call it."""
@@ -112,13 +118,13 @@ class _Counted(_Kernel):
 
     def get_call_template(self, args, kws):
         """What numba asks of a call in a kernel: types."""
-        if "inline" in self.options:
+        if not self._apart:
             return super().get_call_template(args, kws)
         return self._part.get_call_template([_plain(one) for one in args], {k: _plain(v) for k, v in kws.items()})
 
     def get_overload(self, sig):
         """What numba asks of a call in a kernel: code."""
-        return super().get_overload(sig) if "inline" in self.options else self._part.get_overload(sig)
+        return self._part.get_overload(sig) if self._apart else super().get_overload(sig)
 
 
 # numba's word for a function that does not count references to the arrays it handles; not all of its versions have it

@@ -19,7 +19,7 @@ from functools import cache
 from pathlib import Path
 
 import numba
-from numba.core.caching import CompileResultCacheImpl, FunctionCache, NullCache, UserProvidedCacheLocator
+from numba.core.caching import CompileResultCacheImpl, FunctionCache, NullCache
 
 from pcontact.runtime import compiling, log
 
@@ -109,12 +109,11 @@ def _stamp(path):
     return hashlib.sha256(repr(parts).encode()).hexdigest()[:16]
 
 
-class _Locator(UserProvidedCacheLocator):
-    """The directory of the kernels of a module, by its content."""
+class _Locator:
+    """The directory of the kernels of a module, by its content; the class that numba has for it changes its name."""
 
     def __init__(self, py_func, py_file):
-        super().__init__(py_func, py_file)
-        self._module = py_func.__module__
+        self._module, self._line = py_func.__module__, py_func.__code__.co_firstlineno
         self._cache_path = str(folder() / f"{self._module}-{_stamp(Path(py_file))}")
 
     @classmethod
@@ -123,6 +122,10 @@ class _Locator(UserProvidedCacheLocator):
         if not os.path.isfile(py_file) or not _can_keep(folder()):
             return None
         return cls(py_func, py_file)
+
+    def get_cache_path(self):
+        """The directory."""
+        return self._cache_path
 
     def ensure_cache_path(self):
         """Nothing: it is made with the first kernel."""
@@ -140,7 +143,7 @@ class _Locator(UserProvidedCacheLocator):
 
     def get_disambiguator(self):
         """The line on which the kernel begins."""
-        return str(self._lineno)
+        return str(self._line)
 
 
 class _Kept(CompileResultCacheImpl):

@@ -12,6 +12,7 @@ import numba
 import pytest
 
 from pcontact.runtime import compiling, kernel_cache
+from pcontact.runtime.jit import PARTS
 from pcontact.runtime.kernel_cache import PACKAGE, _Uncached, sources
 
 SOURCE = """
@@ -112,6 +113,7 @@ def sum_of(n, x):
 """
 
 
+@pytest.mark.skipif(not PARTS, reason="a version of numba that makes copies")
 def test_constants_in_a_call_make_no_further_copies(tmp_path, monkeypatch):
     """A kernel that kernels call is compiled once for all values; Python can call it all the same."""
     monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path / "cache"))
