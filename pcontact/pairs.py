@@ -433,7 +433,9 @@ def _points(space, bulk, contact):
 
 def _sticks(contact):
     """Whether points stick by what the bodies say, see `pcontact.contact.formulation.parameters`."""
-    return contact_law(contact).tangential and contact.alpha is None and contact.stick_stiffness is None
+    said = contact.alpha is not None or contact.stick_stiffness is not None
+    # the adjoint term weighs tangential misfits with 1 / alpha, which cells that yield do not bear
+    return contact_law(contact).tangential and not said and contact.theta == 0.0
 
 
 def _source(scene, space, bulk, supports, contact, known):

@@ -178,17 +178,15 @@ def misled(pair, u, found, gap, normal, time, keeps=0.0, former=None):
     time : float
         Of the solution.
     keeps : float
-        Part of the answer that may be changed by all points together which would go back to what they had before.
+        Points whose gap changes by less than this part of that way may keep their normals.
     former : ndarray (np, d), optional
-        Normals before those by which the load step has gone: at the edge between two facets each solution finds the
-        other one.
+        Normals before those by which the load step has gone. A point that would go back to them may keep what it has if
+        it changes the answer by less than `keeps`: at the edge between two facets each solution finds the other one.
 
     Returns
     -------
     part : float
         Points that have lost their partner count as if they had moved all that way. At most all of the answer changes.
-    rest : float
-        The same without what points may keep.
     lost : bool
         Whether there are such points, or open ones that are inside a partner, deeper than any closed point.
     """
@@ -209,27 +207,23 @@ def misled(pair, u, found, gap, normal, time, keeps=0.0, former=None):
     total, missed, misses, inside, area, depth, *sums = comm.allreduce(np.array(sums), op=MPI.SUM)
     lost = bool(misses + inside > 0)
     if total == 0.0:
-        return float(lost), float(lost), lost
+        return float(lost), lost
     way, resultant, turn = sum(np.abs(sums[:2])), np.array(sums[2:]), found.normal - normal
-    kept = np.zeros(len(change), dtype=bool)
-    if former is not None and keeps > 0.0:
-        # each solution finds the partner of the other one; all of them together change it by that part
-        kept = closed & (np.linalg.norm(found.normal - former, axis=1) <= RETURNED * np.linalg.norm(turn, axis=1))
-        share = keeps / max(comm.allreduce(int(kept.sum()), op=MPI.SUM), 1)
-        kept &= (force * change <= share * way) & (force * np.linalg.norm(turn, axis=1) <= share * total)
-    rest = np.where(kept, 0.0, change)
-    # of all points, and of those that may not keep what they have
-    turn = np.array([force * closed, force * (closed & ~kept)]) @ turn
-    sums = comm.allreduce(np.column_stack([[force @ change, force @ rest], turn]), op=MPI.SUM)
-    along, parts = resultant / max(np.linalg.norm(resultant), 1e-300), []
-    for changed, *turn in sums:
-        # what is inside without a word will bear as others do
-        changed += total / area * depth
-        # normals that spread or gather leave the force where it points
-        turned = np.linalg.norm(turn - (turn @ along) * along) / total
-        part = changed / max(way, changed) if changed > 0.0 else 0.0
-        parts.append(float(max(part, turned) + missed / total))
-    return *parts, lost
+    kept = change <= keeps * way / total
+    if former is not None:
+        # each solution finds the partner of the other one
+        returned = np.linalg.norm(found.normal - former, axis=1) <= RETURNED * np.linalg.norm(turn, axis=1)
+        returned &= force * change <= keeps * way
+        change[returned], kept = 0.0, kept | returned
+    turn = np.where((closed & ~kept)[:, None], turn, 0.0)
+    changed, *turn = comm.allreduce(np.array([force @ change, *(force @ turn)]), op=MPI.SUM)
+    # what is inside without a word will bear as others do
+    changed += total / area * depth
+    # normals that spread or gather leave the force where it points
+    along = resultant / max(np.linalg.norm(resultant), 1e-300)
+    turned = np.linalg.norm(turn - (turn @ along) * along) / total
+    part = changed / max(way, changed) if changed > 0.0 else 0.0
+    return float(max(part, turned) + missed / total), lost
 
 
 def closing_motion(pair, u, values, time):

@@ -59,7 +59,7 @@ def test_bodies_that_pass_each_other_do_not_touch():
         [("wall_right", [0.0, 0.0]), ("block_top", [0.0, -1.6])], 4,
         bodies=[Body("wall", "steel"), Body("block", "steel")], materials={"steel": steel},
     ))  # fmt: skip
-    assert not warnings
+    assert all("open at all points" in line for line in warnings)
     assert all(step["contacts"]["c"]["max_pressure"] == 0.0 for step in steps)
     assert steps[-1]["plastic"]["max_equivalent_strain"] == 0.0
 

@@ -64,17 +64,13 @@ def test_a_residual_that_hardly_points_along_the_step():
     def tangent(u):
         return np.array([[0.2 * u[0] + 1e-4, 0.2], [1.0, 0.0]])
 
-    def problem(turns):
-        one = FewUnknowns(2, residual, tangent)
-        one.extrapolates = turns
-        return one
-
-    # the first step of a load step is another matter, see `APPROACH`
-    result, u = solved(problem(True), np.zeros(2), newton_without="half_step")
-    assert result.converged and result.newton == 2
-    np.testing.assert_allclose(u, [1.0, -0.5], atol=1e-9)
-    along, _ = solved(problem(False), np.zeros(2), newton_without="half_step")
-    assert along.newton > result.newton
+    for turns in (True, False):
+        problem = FewUnknowns(2, residual, tangent)
+        problem.extrapolates = turns
+        # the first step of a load step is another matter, see `APPROACH`
+        result, u = solved(problem, np.zeros(2), newton_without="half_step")
+        assert result.converged and result.newton == 2
+        np.testing.assert_allclose(u, [1.0, -0.5], atol=1e-9)
 
 
 def bent(stiffness=1e6, force=1.0):
