@@ -337,7 +337,8 @@ def test_tangent_of_deep_overlap(mode):
         return one.tangent(one.u)
 
     full, half, none = tangent(np.inf), tangent(0.5 * overlap), tangent(0.0)
-    assert (tangent(overlap) == full).all() and np.abs(full - none).max() > 1e-3 * np.abs(full).max()
+    # rounding errors of the overlap are others in another kernel
+    assert (tangent(1.000001 * overlap) == full).all() and np.abs(full - none).max() > 1e-3 * np.abs(full).max()
     np.testing.assert_allclose(half, 0.5 * (full + none), atol=1e-13 * np.abs(full).max())
 
 
