@@ -198,7 +198,7 @@ class Orthotropic:
         return np.linalg.eigvalsh(matrix @ self.moduli(normal) @ matrix.transpose(0, 2, 1))[:, -1]
 
     def shear(self, x, normal):
-        """Twice the largest |C : e . n|^2 across n over e : C : e, over the largest one in any direction, or 1.
+        """Four times the largest |C : e . n|^2 across n over e : C : e, over the largest one in any direction, or 1.
 
         Parameters
         ----------
@@ -208,13 +208,13 @@ class Orthotropic:
         Returns
         -------
         ndarray (n,)
-            2 mu / (lam + 2 mu) of an isotropic body with lam >= 0.
+            4 mu / (lam + 2 mu) of an isotropic body with lam >= 2 mu.
         """
         matrix = traction_matrix(normal)
         acoustic = matrix @ self.moduli(x) @ matrix.transpose(0, 2, 1)
         across = np.eye(normal.shape[1]) - normal[:, :, None] * normal[:, None, :]
         part, whole = (np.linalg.eigvalsh(one)[:, -1] for one in (across @ acoustic @ across, acoustic))
-        return np.minimum(1.0, 2.0 * part / whole)
+        return np.minimum(1.0, 4.0 * part / whole)
 
     @property
     def expands(self):

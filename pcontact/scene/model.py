@@ -458,7 +458,7 @@ class Contact:
     )  # fmt: skip
     alpha: float | None = key(
         POSITIVE, "with friction: parameter of the tangential terms over that of the normal ones", default=None,
-        otherwise="theta 0: 2 mu / (lambda + 2 mu) of the source, at most 1; else 1", option="contact_alpha",
+        otherwise="theta 0: 4 mu / (lambda + 2 mu) of the source, at most 1; else 1", option="contact_alpha",
         resolved=True,
     )  # fmt: skip
     adjoint: str | None = key(

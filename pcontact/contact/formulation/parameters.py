@@ -6,8 +6,8 @@ constant has lam + 2 mu, which bounds the normal traction. The tangential one is
     t_n^2 / (lam + 2 mu) + |t_T|^2 / mu <= sigma : eps,
 
 so on simplices alpha gamma may be as small as mu / (lam + 2 mu) times gamma: with the same gamma0 the method is
-coercive. Twice that, min(1, 2 mu / (lam + 2 mu)), is taken unless alpha is said, and the trace constant of other cells
-is that of the traction whose tangential part counts over it: up to 1.1 times as large on quadrilaterals, 1.3 on wedges.
+coercive. Four times that, min(1, 4 mu / (lam + 2 mu)), which is 1 up to a Poisson's ratio of 1/3, is taken unless alpha
+is said, and the trace constant of other cells is that of the traction whose tangential part counts over it.
 Near Poisson's ratio 0.5, lam is hundreds of times mu: with alpha = 1 points would stick by springs hundreds of times as
 stiff as the body is in shear, and Newton's method would not find which of them slip.
 """

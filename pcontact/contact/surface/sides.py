@@ -231,7 +231,7 @@ def _shear(lam, mu, law, at):
     """Part of the trace constant of facets that tangential tractions need, (nf,), the largest of their points."""
     nf, nq, d = at.normals.shape
     if law is None:
-        return np.full(nf, min(1.0, 2.0 * mu / (lam + 2.0 * mu)))
+        return np.full(nf, min(1.0, 4.0 * mu / (lam + 2.0 * mu)))
     return law.shear(at.points.reshape(-1, d), at.normals.reshape(-1, d)).reshape(nf, nq).max(axis=1)
 
 
