@@ -123,12 +123,7 @@ class Globalisation:
         """The largest of ``most``, half of it, ... of the kept step after which the residual has a value. Where its
         norm is more than ``first`` the next step will be the judge. *Collective.*"""
 
-        def norm(part):
-            self._go(self._before, self._step, most * part)
-            self._problem.residual(self._trial, self._full)
-            return self._full.norm()
-
-        part = most * decrease_of(norm, ANY)
+        part = most * self._part(self._before, self._step, ANY, most)
         self._risen, self._known = (part, first) if self._full.norm() > first else None, self._full
         return part
 
@@ -153,18 +148,22 @@ class Globalisation:
         if self._since <= WATCHED:
             return False
         lowest, step = self._lowest
-
-        def norm(part):
-            lowest.copy(self._trial)
-            self._trial.axpy(-part, step)
-            self._problem.residual(self._trial, self._full)
-            return self._full.norm()
-
         least, self._least, self._risen, self._known = self._least, np.inf, None, self._full
-        step.scale(decrease_of(norm, least))
+        step.scale(self._part(lowest, step, least))
         y.waxpy(1.0, step, x)
         y.axpy(-1.0, lowest)
         return True
+
+    def _part(self, x, y, bound, most=1.0):
+        """The largest of 1, 1/2, ... of ``most`` of a step after which the norm of the residual is at most ``bound``.
+        *Collective.*"""
+
+        def norm(part):
+            self._go(x, y, most * part)
+            self._problem.residual(self._trial, self._full)
+            return self._full.norm()
+
+        return decrease_of(norm, bound)
 
     def _recedes(self, x, y, full):
         """Whether the step, if it is a full one, is taken since the contact recedes in it. *Collective.*
