@@ -178,7 +178,7 @@ def misled(pair, u, found, gap, normal, time, keeps=0.0, former=None):
     time : float
         Of the solution.
     keeps : float
-        Points whose gap changes by less than this part of that way may keep their normals.
+        Points whose gap changes by less than this part of that way may keep their normals: they do not decide.
     former : ndarray (np, d), optional
         Normals before those by which the load step has gone. A point that would go back to them may keep what it has if
         it changes the answer by less than `keeps`: at the edge between two facets each solution finds the other one.
@@ -187,6 +187,8 @@ def misled(pair, u, found, gap, normal, time, keeps=0.0, former=None):
     -------
     part : float
         Points that have lost their partner count as if they had moved all that way. At most all of the answer changes.
+    deciding : float
+        The same without the points that may keep what they have.
     lost : bool
         Whether there are such points, or open ones that are inside a partner, deeper than any closed point.
     """
@@ -207,23 +209,25 @@ def misled(pair, u, found, gap, normal, time, keeps=0.0, former=None):
     total, missed, misses, inside, area, depth, *sums = comm.allreduce(np.array(sums), op=MPI.SUM)
     lost = bool(misses + inside > 0)
     if total == 0.0:
-        return float(lost), lost
+        return float(lost), float(lost), lost
     way, resultant, turn = sum(np.abs(sums[:2])), np.array(sums[2:]), found.normal - normal
-    kept = change <= keeps * way / total
+    kept, returned = change <= keeps * way / total, np.zeros(len(closed), dtype=bool)
     if former is not None:
         # each solution finds the partner of the other one
         returned = np.linalg.norm(found.normal - former, axis=1) <= RETURNED * np.linalg.norm(turn, axis=1)
         returned &= force * change <= keeps * way
-        change[returned], kept = 0.0, kept | returned
-    turn = np.where((closed & ~kept)[:, None], turn, 0.0)
-    changed, *turn = comm.allreduce(np.array([force @ change, *(force @ turn)]), op=MPI.SUM)
-    # what is inside without a word will bear as others do
-    changed += total / area * depth
-    # normals that spread or gather leave the force where it points
     along = resultant / max(np.linalg.norm(resultant), 1e-300)
-    turned = np.linalg.norm(turn - (turn @ along) * along) / total
-    part = changed / max(way, changed) if changed > 0.0 else 0.0
-    return float(max(part, turned) + missed / total), lost
+    parts = []
+    for changes, turns in ((closed, closed), (closed & ~returned, closed & ~(kept | returned))):
+        bent = np.where(turns[:, None], turn, 0.0)
+        changed, *bent = comm.allreduce(np.array([force[changes] @ change[changes], *(force @ bent)]), op=MPI.SUM)
+        # what is inside without a word will bear as others do
+        changed += total / area * depth
+        # normals that spread or gather leave the force where it points
+        turned = np.linalg.norm(bent - (bent @ along) * along) / total
+        part = changed / max(way, changed) if changed > 0.0 else 0.0
+        parts.append(float(max(part, turned) + missed / total))
+    return *parts, lost
 
 
 def closing_motion(pair, u, values, time):

@@ -313,8 +313,8 @@ class ContactPair(Item):
         found = self._partners_at(u, time)
         gap, keeps = self._clean(found) + self._offset(time), tolerance if firm else 0.0
         former = None if self._former is None else self._former.normal
-        self.stale, lost = motion.misled(self, u, found, gap, self.pairing.normal, time, keeps, former)
-        if self.stale <= tolerance and (firm or not lost):
+        self.stale, part, lost = motion.misled(self, u, found, gap, self.pairing.normal, time, keeps, former)
+        if part <= tolerance and (firm or not lost):
             return False
         self._take_again(found, u, before, time)
         return True
