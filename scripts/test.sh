@@ -1,7 +1,9 @@
 #!/usr/bin/env bash
 # All tests, from a fresh machine on:
 #
-#   scripts/test.sh          lint, floors, serial tests, parallel tests on 2, 3 and 4 ranks, all drivers on 2 ranks
+#   scripts/test.sh          lint, floors, tests on 1 to 4 ranks, all drivers on 2 ranks; a test that may run on several
+#                            numbers of ranks runs on one of them
+#   scripts/test.sh every    the same, such a test on all of them
 #   scripts/test.sh fast     lint, floors, serial tests without those marked slow
 #
 # TIMEOUT (seconds, default 900) bounds each run under mpirun. Ends with what failed and the line "N passed, N failed";
@@ -70,8 +72,8 @@ on_ranks() {
     timeout --kill-after=10 "$timeout" mpirun -n "$n" "$@"
 }
 
-chosen=()
-if [[ ${1:-} == fast ]]; then chosen=(-m "not slow"); fi
+chosen=(--spread)
+if [[ ${1:-} == fast ]]; then chosen=(-m "not slow"); elif [[ ${1:-} == every ]]; then chosen=(); fi
 total=$EPOCHREALTIME
 part "ruff" one ruff check --output-format concise .
 part "floors" one lint-imports
@@ -79,7 +81,7 @@ part "floors" one lint-imports
 part "serial" pytest python3 -m pytest -q --color=no -p no:cacheprovider -n 2 --dist worksteal "${chosen[@]}"
 if [[ ${1:-} != fast ]]; then
     for n in 2 3 4; do
-        part "parallel, $n ranks" pytest on_ranks "$n" python3 -m pytest -q --color=no -p no:cacheprovider -m parallel
+        part "parallel, $n ranks" pytest on_ranks "$n" python3 -m pytest -q --color=no -p no:cacheprovider -m parallel "${chosen[@]}"
     done
     for driver in drivers/{cases,studies}/[!_]*.py; do
         [[ -e $driver ]] || continue

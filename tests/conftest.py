@@ -1,14 +1,16 @@
 """How the tests run on several ranks: ``mpirun -n N python -m pytest``.
 
-Every rank runs the same tests in the same order; those not marked `parallel` are left out, and those marked
-`parallel(n)` where there are not n ranks. After each phase of a test (set-up, call, teardown) the ranks
-compare notes: a test that fails on one rank is reported as failed by rank 0, the only one that prints. A
-rank that failed while others are still inside the test (most likely waiting for it) ends them all.
+Every rank runs the same tests in the same order; those not marked `parallel` are left out, and those
+marked `parallel(n)` where there are not n ranks. With `--spread` each test runs on one of its numbers of
+ranks only. After each phase of a test (set-up, call, teardown) the ranks compare notes: a test that fails
+on one rank is reported as failed by rank 0, the only one that prints. A rank that failed while others are
+still inside the test (most likely waiting for it) ends them all.
 """
 
 import os
 import sys
 import time
+import zlib
 from pathlib import Path
 
 # a worker of pytest-xdist inherits what MPI told its parent, and would take itself for that process
@@ -49,21 +51,36 @@ def pytest_configure(config):
         sys.stdout = open(os.devnull, "w")
 
 
+def pytest_addoption(parser):
+    parser.addoption("--spread", action="store_true", help="run each test on one of its numbers of ranks only")
+
+
+def pytest_ignore_collect(collection_path):
+    """On several ranks nothing is imported where no test is for them."""
+    if WORLD.size > 1 and collection_path.suffix == ".py" and "mark.parallel" not in collection_path.read_text():
+        return True
+    return None
+
+
 def pytest_collection_modifyitems(config, items):
-    if WORLD.size == 1:
-        return
-    out = [item for item in items if not _runs_here(item)]
-    items[:] = [item for item in items if _runs_here(item)]
-    config.hook.pytest_deselected(items=out)
+    spread = config.getoption("spread")
+    here = [item for item in items if WORLD.size in _numbers(item, spread)]
+    config.hook.pytest_deselected(items=[item for item in items if item not in set(here)])
+    items[:] = here
 
 
-def _runs_here(item):
-    """Whether a test runs on this number of ranks; without numbers in its mark it runs on two and three, and on more
-    if it is one of the pieces that a run is made of."""
-    mark = item.get_closest_marker("parallel")
-    if mark is None or mark.args:
-        return mark is not None and WORLD.size in mark.args
-    return WORLD.size < 4 or "unit" in item.path.parts
+def _numbers(item, spread):
+    """Numbers of ranks on which a test runs: one, if it is not marked, and those of its mark. Without numbers in it
+    these are two and three, and four for tests of the pieces that a run is made of. To `spread` is to take one of them,
+    by a checksum of the test's name, two ranks more often than three where whole runs take their time."""
+    mark, unit = item.get_closest_marker("parallel"), "unit" in item.path.parts
+    if mark is None:
+        return (1,)
+    numbers = mark.args or ((1, 2, 3, 4) if unit else (1, 2, 3))
+    if not spread:
+        return (1, *numbers)
+    several = numbers if unit or mark.args else (1, 2, 2, 3)
+    return (several[zlib.crc32(item.nodeid.encode()) % len(several)],)
 
 
 @pytest.hookimpl(wrapper=True, tryfirst=True)

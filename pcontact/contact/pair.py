@@ -50,6 +50,9 @@ METHODS = {"nitsche": Method, "penalty": Penalty, "augmented_lagrangian": Augmen
 # terms of a pair without friction and with it; those of a layer
 TERMS, LAYER_TERMS = (FrictionlessTerms, FrictionalTerms), (LayerTerms, FrictionalLayerTerms)
 
+# [-] Part of the way to a gap that is found again which a point goes at least. From: chosen.
+DAMPED = 0.25
+
 
 class ContactPair(Item):
     """One source surface and its partners.
@@ -105,7 +108,7 @@ class ContactPair(Item):
         self.time, self.version, self.flips, self._status = 0.0, 0, [], None
         self.lost, self._begun, self.offset, self.chords, self.pairing = (0, 0), False, None, None, None
         # partners before those of the last search within a load step
-        self.verifies, self.stale, self._former = not self.law.tied, 0.0, None
+        self.verifies, self.stale, self._former, self._turns = not self.law.tied, 0.0, None, None
         self._initial, self.closing, self.stiffer = initial_gap(contact), 0.0, 0.0
         self._normals, self.coupled = source.normal, np.zeros(len(source.facet), dtype=bool)
         self.committed = np.full(len(source.facet), OPEN, dtype=np.int64)
@@ -220,7 +223,7 @@ class ContactPair(Item):
             self.radius = np.inf
 
     def _start_step(self, u, time):
-        self.flips, self._status, self._former = [], None, None
+        self.flips, self._status, self._former, self._turns = [], None, None, None
         p, search, moved = self.pairing, self.search, 0.0
         values = p.exchange.gather(u)
         if self.rigid:
@@ -310,21 +313,40 @@ class ContactPair(Item):
         """See :meth:`pcontact.assembly.item.Item.renew`. *Collective.*"""
         if not self.verifies:
             return False
-        found = self._partners_at(u, time)
-        gap, keeps = self._clean(found) + self._offset(time), tolerance if firm else 0.0
+        found, keeps = self._partners_at(u, time), tolerance if firm else 0.0
+        offset = self._offset(time)
+        gap = self._clean(found) + offset
         former = None if self._former is None else self._former.normal
         self.stale, part, lost = motion.misled(self, u, found, gap, self.pairing.normal, time, keeps, former)
         if part <= tolerance and (firm or not lost):
             return False
-        self._take_again(found, u, before, time)
+        self._take_again(found._replace(gap=self._damped(u, found, gap) - offset), u, before, time)
         return True
+
+    def _damped(self, u, found, gap):
+        """Gap (np,) that a point takes whose gap, found again, lies beyond the one before by turns: less of the way.
+
+        A partner that stays takes along a gap whose derivative is that along the normal. Where the normal is not that
+        of the partner's facet the true one is larger, by a ray at 45 degrees twice as large, and the gap that is found
+        goes to and fro. Aitken's rule at each point.
+        """
+        p = self.pairing
+        linear, part = self.terms.normal_state(p, p.exchange.gather(u))[1], 1.0
+        way = np.where(p.paired & found.paired, gap - linear, 0.0)
+        if self._turns is not None:
+            before, part = self._turns
+            with np.errstate(divide="ignore", invalid="ignore"):
+                part = part * before / (before - way)
+            part = np.where((part > 0.0) & (part < 1.0), np.maximum(part, DAMPED), 1.0)
+        self._turns = way, part
+        return gap - (1.0 - part) * way
 
     def _take_again(self, found, u, before, time):
         """Take partners that were found at ``u`` within the load step that begins at ``before``: it goes on with the
         same points; another half of the contact may have kept its partners. *Collective.*"""
-        kept, former = (self.flips, self._status, self.closing), self.pairing
+        kept, former = (self.flips, self._status, self.closing, self._turns), self.pairing
         self._take(found, u, before, time)
-        (self.flips, self._status, self.closing), self._former = kept, former
+        (self.flips, self._status, self.closing, self._turns), self._former = kept, former
 
     def _count_lost(self, gap, paired):
         size = self.source.size[self.source.facet]

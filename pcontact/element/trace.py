@@ -31,6 +31,8 @@ from pcontact.runtime.jit import njit
 _STRAIGHT = 1e-8
 # A rigid mode is one whose energy is below this fraction of the stiffness.
 _RIGID = 1e-12
+# A pivot is at least this fraction of its diagonal entry.
+_ROUNDING = np.finfo(float).eps
 # A node is on the axis of symmetry if its radius is below this fraction of the cell's extent.
 _AXIS = 1e-8
 # A shear component of a tensor is this part of Mandel's.
@@ -322,7 +324,8 @@ def _elastic(grad, jxw, lam, mu, dim, stiffness):
 def _compliance(stiffness, loads, compliance):
     """B^T K^{-1} B for K (nf, n, n) symmetric positive definite and B (nf, n, m), into (nf, m, m).
 
-    By Cholesky's K = L L^T and Y = L^{-1} B; the lower triangle of K and all of B are overwritten by L and Y.
+    By Cholesky's K = L L^T and Y = L^{-1} B; the lower triangle of K and all of B are overwritten by L and Y. Of flat
+    cells a pivot may be nothing but rounding errors, of either sign: no less is taken than they are.
     """
     for c in range(stiffness.shape[0]):
         lower, y, out = stiffness[c], loads[c], compliance[c]
@@ -332,7 +335,7 @@ def _compliance(stiffness, loads, compliance):
                 rest = lower[i, j]
                 for k in range(j):
                     rest -= lower[i, k] * lower[j, k]
-                lower[i, j] = np.sqrt(rest) if i == j else rest / lower[j, j]
+                lower[i, j] = np.sqrt(max(rest, _ROUNDING * lower[i, i])) if i == j else rest / lower[j, j]
             for k in range(i):
                 for n in range(m):
                     y[i, n] -= lower[i, k] * y[k, n]

@@ -42,7 +42,7 @@ class FieldWriter:
         if resume_time is not None:
             on_root(comm, other_format, self.directory, INDEX, NAME)
         self._kept = None if resume_time is None else on_root(comm, self._take_up, resume_time)
-        self._entries = None
+        self._began = False
 
     def write(self, step, time, bodies, surfaces=None, points=None):
         """Write one step. *Collective.*
@@ -72,8 +72,9 @@ class FieldWriter:
         """
         grids = on_all(self.comm, grids_of, bodies, surfaces or {}, points or {})
         parts = agree(self.comm, grids)
-        if self._entries is None:
-            self._entries = on_all(self.comm, self._begin)
+        if not self._began:
+            on_all(self.comm, self._begin)
+            self._began = True
         on_all(self.comm, self._write_pieces, step, grids, parts)
         on_all(self.comm, self._write_index, step, time, parts)
 
@@ -88,13 +89,11 @@ class FieldWriter:
     def _begin(self):
         """Make the directory, clear away what an earlier run left, keep what this run continues."""
         if self.comm.rank != 0:
-            return []
+            return
+        if self._kept is None:
+            clear(self.directory)
         make_directory(self.directory / "fields")
-        if self._kept is not None:
-            return self._kept
-        clear(self.directory)
-        make_directory(self.directory / "fields")
-        return []
+        vtu.write_pvd(self.directory / INDEX, self._kept or [])
 
     def _write_pieces(self, step, grids, parts):
         """This rank's file of each part of which it owns something."""
@@ -110,17 +109,18 @@ class FieldWriter:
         """Rank 0: the .pvtu of each part, then the collection, which is whole after every step."""
         if self.comm.rank != 0:
             return
+        entries = []
         for number, ((group, name), part) in enumerate(parts.items()):
             file = f"{part['file']}_{step:06d}"
             vtu.write_pvtu(
                 self.directory / "fields" / f"{file}.pvtu", part["point_data"], part["cell_data"],
                 [f"{file}_{rank:04d}.vtu" for rank in part["ranks"]],
             )  # fmt: skip
-            self._entries.append({
+            entries.append({
                 "timestep": repr(float(time)), "group": group, "part": number,
                 "name": f"{group}: {name}" if name else group, "file": f"fields/{file}.pvtu",
             })  # fmt: skip
-        vtu.write_pvd(self.directory / INDEX, self._entries)
+        vtu.add_to_pvd(self.directory / INDEX, entries)
 
 
 def clear(directory):

@@ -18,7 +18,7 @@ from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
-from pcontact.runtime.files import replace_file
+from pcontact.runtime.files import append_text, replace_file
 
 CELL_TYPES = {
     "vertex": (1, 1), "line": (3, 2), "triangle": (5, 3), "quad": (9, 4), "tetra": (10, 4),
@@ -36,6 +36,8 @@ _TYPES = {"f8": "Float64", "f4": "Float32", "i8": "Int64", "i4": "Int32", "i1": 
 DTYPES = {name: np.dtype(code) for code, name in _TYPES.items()}
 _ORDER = {"little": "LittleEndian", "big": "BigEndian"}[sys.byteorder]
 _HEAD = f'version="1.0" byte_order="{_ORDER}" header_type="UInt64" compressor="vtkZLibDataCompressor"'
+# of a collection
+_TAIL = "</Collection>\n</VTKFile>\n"
 # [bytes] of the header of an array, and [characters] in base64
 _HEADER, _HEADER_TEXT = 32, 44
 _SYMMETRIC = ("XX", "YY", "ZZ", "XY", "YZ", "XZ")
@@ -212,12 +214,26 @@ def write_pvd(path, entries):
     entries : list of dict
         Attributes of each data set: timestep, group, part, name, file (relative to the .pvd).
     """
-    lines = "".join(
+    head = f'<?xml version="1.0"?>\n<VTKFile type="Collection" version="0.1" byte_order="{_ORDER}">\n'
+    replace_file(path, head + "<Collection>\n" + _data_sets(entries) + _TAIL)
+
+
+def add_to_pvd(path, entries):
+    """Add to a collection that :func:`write_pvd` has written: what that costs does not grow with the run.
+
+    Raises
+    ------
+    OutputError
+        The collection is as it was.
+    """
+    append_text(path, _data_sets(entries), _TAIL)
+
+
+def _data_sets(entries):
+    return "".join(
         "<DataSet " + " ".join(f"{key}={quoteattr(str(value))}" for key, value in entry.items()) + "/>\n"
         for entry in entries
     )
-    head = f'<?xml version="1.0"?>\n<VTKFile type="Collection" version="0.1" byte_order="{_ORDER}">\n'
-    replace_file(path, head + "<Collection>\n" + lines + "</Collection>\n</VTKFile>\n")
 
 
 def read_pvd(path):

@@ -165,27 +165,31 @@ def replace_file(path, content):
         stream.writelines(_utf8(piece) if isinstance(piece, str) else piece for piece in content)
 
 
-def append_text(path, text):
+def append_text(path, text, tail=""):
     """Add to a file that is there, all or nothing.
 
     Parameters
     ----------
     path : str or pathlib.Path
     text : str
+    tail : str
+        Which ends the file before and afterwards.
 
     Raises
     ------
     OutputError
         The file is as it was.
     """
-    rest = _utf8(text)
+    rest, tail = _utf8(text + tail), _utf8(tail)
     with telling(path), open(path, "r+b", buffering=0) as stream:
-        size = stream.seek(0, os.SEEK_END)
+        size = stream.seek(-len(tail), os.SEEK_END)
         try:
             while rest:
                 rest = rest[stream.write(rest) :]
         except OSError:
             stream.truncate(size)
+            stream.seek(size)
+            stream.write(tail)
             raise
 
 

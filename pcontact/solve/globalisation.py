@@ -40,6 +40,10 @@ class Globalisation:
         self._searches = searches and not problem.linear and "line_search" not in without
         self._approach = 1.0 if "half_step" in without else APPROACH
         self._trial, self._full, self._partly, self._before, self._step = (problem.space.vector() for _ in range(5))
+        # where bodies bend: the iterate where the residual was least, and the step from there
+        self._lowest = (None, None)
+        if problem.extrapolates and "correction" not in without:
+            self._lowest = (problem.space.vector(), problem.space.vector())
         self.begin(False)
 
     def begin(self, beginning):
@@ -51,8 +55,8 @@ class Globalisation:
         self._receding, self._has_receded, self._area = None, False, 0.0
         # part that was taken of a step in which the residual has risen, and its norm at the beginning of that step
         self._risen = None
-        # least norm of the residual, iterations since then, and the iterate and the step from there
-        self._least, self._since, self._lowest = np.inf, 0, None
+        # least norm of the residual, and iterations since then
+        self._least, self._since = np.inf, 0
         # the residual at the end of a full step, when that has been tried and will be asked for again
         self._known, self._was_full = None, False
 
@@ -142,12 +146,14 @@ class Globalisation:
         residual is less than it ever was, on the step from where it was least. *Collective.*"""
         if not self._problem.extrapolates or "correction" in self._without:
             return False
+        lowest, step = self._lowest
         if f.norm() < self._least:
-            self._least, self._since, self._lowest = f.norm(), 0, (x.copy(), y.copy())
+            self._least, self._since = f.norm(), 0
+            x.copy(lowest)
+            y.copy(step)
         self._since += 1
         if self._since <= WATCHED:
             return False
-        lowest, step = self._lowest
         least, self._least, self._risen, self._known = self._least, np.inf, None, self._full
         step.scale(self._part(lowest, step, least))
         y.waxpy(1.0, step, x)

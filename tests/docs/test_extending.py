@@ -72,7 +72,7 @@ def test_it_is_coulomb_below_its_limit(law):
     assert np.max(np.abs(ours - theirs)) <= 1e-6 * np.max(np.abs(theirs))
 
 
-@pytest.mark.parallel(3)
+@pytest.mark.parallel(2, 3)
 @pytest.mark.parametrize("dim", [2, 3])
 def test_a_block_slides_with_its_bound(law, shared_tmp, dim):
     """Pressed, then dragged: in the end all of it slips, and bears what the law says of the pressure at every point."""

@@ -27,7 +27,7 @@ def test_hertz_has_no_error():
     assert found["error"] == pytest.approx(0.1, rel=1e-3) and 0.05 < found["oscillation"] < 0.1
 
 
-@pytest.mark.parallel(3)
+@pytest.mark.parallel(2, 3)
 def test_formulations_on_one_mesh(shared_tmp):
     """Forces balance in all; multipliers do away with the penetration of the penalty method, at a better pressure."""
     mesh = generate(CASE, shared_tmp / "cylinder.msh", CASE.half_width / 5, 1)
@@ -59,7 +59,7 @@ def test_tiny(tmp_path):
         run(parse(make_options(), ["--decades", "0"]))
 
 
-@pytest.mark.parallel(3)
+@pytest.mark.parallel(2, 3)
 def test_what_fails_is_a_row_with_its_cause(shared_tmp):
     mesh = generate(CASE, shared_tmp / "cylinder.msh", CASE.half_width / 3, 1)
     row = solve(mesh, "penalty", -1.0, 1)

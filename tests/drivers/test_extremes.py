@@ -41,6 +41,12 @@ MENDED = {
     "few points, tangential touch, plane, load 1e-12": f"{RIGHT} or {REFUSED}",
     # the gap of points without a partner was not a number
     "few points, corner on face, 2D, upper is source": RIGHT,
+    # the gap along a ray went to and fro between two searches, until the load step was given up
+    "few points, corner on face, 2D, upper is source, search ray_tracing": RIGHT,
+    "few points, corner on face, 3D, upper is source, search ray_tracing": RIGHT,
+    "few points, edge on edge, 3D, upper is source, search ray_tracing": RIGHT,
+    # a pivot of the trace constant's local problem was a rounding error less than zero
+    "shape, aspect 1e4, flat, hexahedron 1": RIGHT,
     # no word about gamma0 below the bound of coercivity, edges that the quadrature does not see, a limit load
     "gamma0, 1e-06, ring, theta 0": REFUSED,
     "mesh sizes, 1 : 100, target fine, hexahedron": RIGHT,
@@ -75,7 +81,7 @@ def test_a_part_of_the_matrix(tmp_path, name):
     assert row["verdict"] != WRONG, row["text"]
 
 
-@pytest.mark.parallel(3)
+@pytest.mark.parallel(2, 3)
 @pytest.mark.parametrize("name", MENDED)
 def test_what_was_wrong(shared_tmp, name):
     row = run_cell(CELLS[name], shared_tmp / "cell")

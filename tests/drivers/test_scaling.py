@@ -61,7 +61,7 @@ def test_refuses_other_files(tmp_path):
         load(tmp_path / "scaling.json")
 
 
-@pytest.mark.parallel(3)
+@pytest.mark.parallel(2, 3)
 def test_small_run(shared_tmp):
     """A row of this run stands beside one of another number of ranks, with all that it promises."""
     path = shared_tmp / "scaling.json"
@@ -126,7 +126,7 @@ def test_phases_nest(monkeypatch):
     assert record.sent == {"search": [2, 100], "solve": [1, 10]} and record.counts == {"solve": {"points": 7}}
 
 
-@pytest.mark.parallel(3)
+@pytest.mark.parallel(2, 3)
 def test_largest_and_sum():
     largest, total = profile.largest_and_sum(WORLD, ("a", "b"), {"a": WORLD.rank})
     assert largest == {"a": WORLD.size - 1, "b": 0.0}

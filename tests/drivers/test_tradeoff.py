@@ -86,7 +86,7 @@ def block(path, order, force=0.0):
     )  # fmt: skip
 
 
-@pytest.mark.parallel(3)
+@pytest.mark.parallel(2, 3)
 @pytest.mark.parametrize("cell", ["triangle", "quadrilateral"])
 def test_overkill_is_the_solution(shared_tmp, cell):
     """Displacement and gradient of a finished run at other points: those of its own nodes and cells."""

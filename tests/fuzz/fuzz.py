@@ -163,7 +163,7 @@ def judged(case, variants, results, work):
         findings += [Finding(case.seed, variant.name, *row) for row in absolute(variant, result) if row[0] not in seen]
     status = results["tight"]["status"]
     if status == "stopped":
-        reason = results["tight"]["cuts"][-1][1]
+        reason = (results["tight"]["cuts"] or [(0.0, "before any load step")])[-1][1]
         if unpromised(case) is not None:
             notes.append(f"{unpromised(case)} stopped: {reason[:60]}")
         else:

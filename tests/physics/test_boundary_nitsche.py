@@ -124,7 +124,7 @@ def l2_error(path, order, theta):
 @pytest.mark.parametrize("theta", [1.0, 0.0, -1.0])
 @pytest.mark.parametrize(
     ("cell", "order"),
-    [pytest.param("triangle", 1, marks=pytest.mark.parallel(3)), ("quadrilateral", 1), ("triangle", 2)],
+    [pytest.param("triangle", 1, marks=pytest.mark.parallel(2, 3)), ("quadrilateral", 1), ("triangle", 2)],
 )
 def test_l2_order(shared_tmp, cell, order, theta):
     errors = []

@@ -90,7 +90,7 @@ def test_wrong_options(words, said):
         check(parse(make_options(), words))
 
 
-@pytest.mark.parametrize("theta", [1.0, pytest.param(0.0, marks=pytest.mark.parallel(3)), -1.0])
+@pytest.mark.parametrize("theta", [1.0, pytest.param(0.0, marks=pytest.mark.parallel(2, 3)), -1.0])
 def test_cattaneo_mindlin(shared_tmp, theta):
     """22 facets in the contact half width, degree 1."""
     args = parse(make_options(), ["--steps", "2"])

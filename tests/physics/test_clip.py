@@ -57,7 +57,7 @@ def test_work_comes_back(mesh):
     assert abs(lost[0]) < 0.2 and abs(lost[1]) < 0.025
 
 
-@pytest.mark.parallel(3)
+@pytest.mark.parallel(2, 3)
 def test_ranks_do_not_matter(mesh):
     """Forces of every load step against those of one rank."""
     # points on edges keep partners that were found at iterates, which depend on the linear solves

@@ -25,7 +25,7 @@ def reference(folder):
     return solve_reference(folder, 0.02)
 
 
-@pytest.mark.parallel(3)
+@pytest.mark.parallel(2, 3)
 def test_error_of_the_skew_variant_is_flat_in_gamma0(folder, reference):
     rows = sweep(folder, 0.05, reference, [-1.0], GAMMAS)
     assert all(row["converged"] for row in rows)
@@ -51,7 +51,7 @@ def test_error_falls_with_the_mesh(folder, reference):
     assert np.all(rates > 0.6) and rates[1] > rates[0]
 
 
-@pytest.mark.parallel(3)
+@pytest.mark.parallel(2, 3)
 @pytest.mark.parametrize("theta", [1.0, 0.0, -1.0])
 def test_contact_carries_the_weight(shared_tmp, theta):
     path = shared_tmp / "disk.msh"

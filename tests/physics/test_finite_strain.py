@@ -65,7 +65,7 @@ def corner(row):
     return row["probes"]["corner"]["mean"][1]
 
 
-@pytest.mark.parallel(3)
+@pytest.mark.parallel(2, 3)
 def test_cook(shared_tmp):
     """6.284 with 8 x 8 cells is what an independent program finds. Ranks do not matter."""
     path = mesh(cook, shared_tmp / "cook.msh", 8)

@@ -54,7 +54,7 @@ def test_wrong_options(words, said):
         check(parse(make_options(), words))
 
 
-@pytest.mark.parallel(3)
+@pytest.mark.parallel(2, 3)
 @pytest.mark.parametrize("order", [1, 2])
 @pytest.mark.parametrize("theta", THETAS)
 def test_cylinders(shared_tmp, theta, order):
@@ -67,7 +67,7 @@ def test_cylinders(shared_tmp, theta, order):
     assert result["p0_max"] == pytest.approx(result["p0_hertz"], rel=0.02 if order == 1 else 0.003)
 
 
-@pytest.mark.parallel(3)
+@pytest.mark.parallel(2, 3)
 def test_cylinders_pressed_by_a_force(shared_tmp):
     """Only contact holds the upper cylinder vertically."""
     result = hertz(shared_tmp, "cylinders", 20, "--theta", "0")
@@ -76,7 +76,7 @@ def test_cylinders_pressed_by_a_force(shared_tmp):
     assert result["p0_fit"] == pytest.approx(9.351351, rel=0.005)
 
 
-@pytest.mark.parallel(3)
+@pytest.mark.parallel(2, 3)
 @pytest.mark.parametrize("order", [1, 2])
 def test_cylinder_on_block(shared_tmp, order):
     result = hertz(shared_tmp, "cylinder_on_block", 20, "--drive", "displacement", "--order", str(order))
@@ -98,7 +98,7 @@ def test_deviation_is_that_of_finite_width(shared_tmp):
     assert deviations[1] < 0.3 * deviations[0] < 0.3 * 0.002
 
 
-@pytest.mark.parallel(3)
+@pytest.mark.parallel(2, 3)
 @pytest.mark.parametrize("name", ["two_balls", "ball_on_block"])
 def test_balls(shared_tmp, name):
     """Constant stress in the cells, eight in the contact radius: errors of 4 % and 1 %."""

@@ -160,7 +160,7 @@ def test_numbers_and_directions_do_not_matter_on_hexahedra(tmp_path, unbiased):
     assert differences(scene, tmp_path, ["mirrored and numbered anew", "turned and numbered anew"]).max() < 1e-9
 
 
-@pytest.mark.parallel(3)
+@pytest.mark.parallel(2, 3)
 def test_ranks_do_not_matter_either(shared_tmp):
     kinds = ["mirrored and numbered anew", "turned and numbered anew"]
     disk, ball = make_disk(shared_tmp / "disk.msh"), make_ball(shared_tmp / "ball.msh")

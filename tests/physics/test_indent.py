@@ -90,7 +90,7 @@ def test_hardening(tmp_path):
     assert forces[2] == pytest.approx(forces[1], rel=0.05)
 
 
-@pytest.mark.parallel(3)
+@pytest.mark.parallel(2, 3)
 @pytest.mark.parametrize(("dim", "friction"), [(2, 0.0), (2, 0.3), (3, 0.3)])
 def test_ranks_do_not_matter(shared_tmp, dim, friction):
     """Force and imprint of one rank, down and up again."""

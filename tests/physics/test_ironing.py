@@ -35,7 +35,7 @@ def mesh(shared_tmp):
     return make_mesh(ironing_mesh, shared_tmp / "ironing.msh", 2, 0.1)
 
 
-@pytest.mark.parallel(3)
+@pytest.mark.parallel(2, 3)
 @pytest.mark.parametrize("theta", [1.0, 0.0, -1.0])
 def test_forces_of_the_pair(mesh, theta):
     """They balance the supports, the friction is mu times the pressure, and no load step is cut."""
@@ -54,7 +54,7 @@ def test_few_load_steps_do(mesh):
         assert near_friction(ironing.measure(forces(mesh, count=count)))
 
 
-@pytest.mark.parallel(3)
+@pytest.mark.parallel(2, 3)
 def test_ranks_do_not_matter(mesh):
     """Forces of every load step against those of one rank."""
     tight = {"snes_rtol": "1e-11", "snes_ksp_ew": "false", "ksp_rtol": "1e-10"}

@@ -48,8 +48,8 @@ def everywhere(value, largest=True):
 
 @pytest.mark.parametrize(
     "cell, order",
-    [pytest.param("quadrilateral", 1, marks=pytest.mark.parallel(3)), ("triangle", 1),
-     pytest.param("triangle", 2, marks=pytest.mark.parallel(3)), ("quadrilateral", 2)],
+    [pytest.param("quadrilateral", 1, marks=pytest.mark.parallel(2, 3)), ("triangle", 1),
+     pytest.param("triangle", 2, marks=pytest.mark.parallel(2, 3)), ("quadrilateral", 2)],
 )  # fmt: skip
 def test_thick_cylinder_axisymmetric(shared_tmp, cell, order):
     def look(simulation):
@@ -87,7 +87,7 @@ def test_thick_cylinder_hoop_stress(shared_tmp):
     assert stress[:, 2].min() == pytest.approx(66.7, rel=0.005)
 
 
-@pytest.mark.parallel(3)
+@pytest.mark.parallel(2, 3)
 @pytest.mark.parametrize("kinematics", ["plane_strain", "plane_stress"])
 def test_thick_cylinder_of_two_rings(shared_tmp, kinematics):
     """Quarter of two rings that contact holds together: as if they were one."""
@@ -134,7 +134,7 @@ def test_constants_of_plane_stress():
     assert lam * (1.0 + strain) + 2 * mu * strain == pytest.approx(0.0, abs=1e-15)
 
 
-@pytest.mark.parallel(3)
+@pytest.mark.parallel(2, 3)
 @pytest.mark.parametrize("cell, order", [("triangle", 1), ("quadrilateral", 2)])
 def test_plane_stress_tension(shared_tmp, cell, order):
     path = mesh(one_block, shared_tmp / "b.msh", 2, 3, cell)
@@ -155,7 +155,7 @@ def test_plane_stress_tension(shared_tmp, cell, order):
 # -- contact with axial symmetry -------------------------------------------
 
 
-@pytest.mark.parallel(3)
+@pytest.mark.parallel(2, 3)
 @pytest.mark.parametrize("friction", [None, 0.3])
 @pytest.mark.parametrize("theta", THETAS)
 @pytest.mark.parametrize("cell, order", [("quadrilateral", 1), ("triangle", 1), ("quadrilateral", 2)])
@@ -189,7 +189,7 @@ def test_stacked_cylinders(shared_tmp, cell, order, theta, friction):
     assert pair_["max_pressure"] == pytest.approx(1.0, rel=1e-9)
 
 
-@pytest.mark.parallel(3)
+@pytest.mark.parallel(2, 3)
 @pytest.mark.parametrize("theta", THETAS)
 def test_shaft_in_a_sleeve(shared_tmp, theta):
     """Shrink fit of a solid shaft: the pressure of Lame, the same along the axis, radial forces in balance or not."""
@@ -249,7 +249,7 @@ def balls(path, kinematics, h, half):
     )  # fmt: skip
 
 
-@pytest.mark.parallel(3)
+@pytest.mark.parallel(2, 3)
 def test_hertz_axisymmetric(shared_tmp):
     """Contact radius and largest pressure for the computed force."""
 
@@ -277,7 +277,7 @@ def test_as_stiff_as_in_space(shared_tmp):
     assert forces[0] == pytest.approx(4 * forces[1], rel=0.01)
 
 
-@pytest.mark.parallel(3)
+@pytest.mark.parallel(2, 3)
 def test_ball_on_a_rigid_plane(shared_tmp):
     """Half a ball on an obstacle is one of two equal balls."""
     both = balls(shared_tmp / "b.msh", "axisymmetric", 1.0, 0.5)

@@ -53,7 +53,7 @@ def on_plane(path, d, strain, depth, **contact):
     )  # fmt: skip
 
 
-@pytest.mark.parallel(3)
+@pytest.mark.parallel(2, 3)
 @pytest.mark.parametrize("strain", ["small", "finite"])
 @pytest.mark.parametrize("curve", [500.0, CURVE], ids=["slope", "table"])
 @pytest.mark.parametrize("cell", ["quadrilateral", "hexahedron"])

@@ -62,7 +62,7 @@ def radial_error(folder, n, mean_dilatation, nu=SOFT):
     return solved(scene, look)
 
 
-@pytest.mark.parallel(3)
+@pytest.mark.parallel(2, 3)
 def test_thick_cylinder(shared_tmp):
     """Axial symmetry, nu = 0.4999: order 2 with, 80 % too stiff without; usual nu: no difference."""
     errors = [radial_error(shared_tmp, n, None) for n in (8, 16)]
@@ -275,7 +275,7 @@ def test_tangent_of_a_pair_of_degree_2(tmp_path, cell, kinematics, theta):
         check_taylor(item, first + motion(space, depth + 0.01, slide, tilt, seed=3), "coulomb")
 
 
-@pytest.mark.parallel(3)
+@pytest.mark.parallel(2, 3)
 @pytest.mark.parametrize("cell, bound", [("quadrilateral", 6e-3), ("triangle", 6e-2)])
 def test_pressure_of_a_wave(shared_tmp, cell, bound):
     """Westergaard's solution with nu = 0.4999 and cells of degree 2; the pressure is lost without."""
@@ -315,7 +315,7 @@ def test_alpha(tmp_path, nu, said, expected):
 # -- patch tests --------------------------------------
 
 
-@pytest.mark.parallel(3)
+@pytest.mark.parallel(2, 3)
 @pytest.mark.parametrize("friction", [None, 0.3])
 @pytest.mark.parametrize("theta", [1.0, 0.0, -1.0])
 @pytest.mark.parametrize("cell", TENSOR)

@@ -22,7 +22,7 @@ VARIANTS = VARIANTS if WORLD.size == 1 else [VARIANTS[k] for k in (0, 3, 4)]
 
 
 @pytest.mark.slow
-@pytest.mark.parallel(3)
+@pytest.mark.parallel(2, 3)
 @pytest.mark.parametrize("order", [1, 2])
 @pytest.mark.parametrize(("n_lower", "n_upper"), [(2, 2), (2, 4)])
 @pytest.mark.parametrize("cell", list(DIMENSION))
@@ -34,7 +34,7 @@ def test_exact_on_matching_and_nested_meshes(shared_tmp, cell, n_lower, n_upper,
 
 
 @pytest.mark.slow
-@pytest.mark.parallel(3)
+@pytest.mark.parallel(2, 3)
 @pytest.mark.parametrize("order", [1, 2])
 @pytest.mark.parametrize(
     ("lower", "upper"),
@@ -55,7 +55,7 @@ def test_squares_above_triangles_are_off_by_the_quadrature_alone_if_not_cut(shar
 
 
 @pytest.mark.slow
-@pytest.mark.parallel(3)
+@pytest.mark.parallel(2, 3)
 @pytest.mark.parametrize("order", [1, 2])
 @pytest.mark.parametrize("cell", ["triangle", "quadrilateral"])
 @pytest.mark.parametrize(("n_lower", "n_upper"), [(3, 4), (4, 3)], ids=["source finer", "target finer"])
@@ -81,7 +81,7 @@ def test_error_falls_with_the_quadrature_of_whole_facets_in_3d(shared_tmp, cell,
     assert wrong[2] < 0.12 * wrong[0] and wrong[2] < (5e-3 if n_upper > n_lower else 2e-2)
 
 
-@pytest.mark.parallel(3)
+@pytest.mark.parallel(2, 3)
 @pytest.mark.parametrize("theta", [1.0, 0.0, -1.0])
 def test_default_solver_and_tolerances(shared_tmp, theta):
     """Quadratic hexahedra are the hardest for the multigrid method."""
@@ -120,7 +120,7 @@ def extremes(simulation):
     return values[:3], -values[3], values[4]
 
 
-@pytest.mark.parallel(3)
+@pytest.mark.parallel(2, 3)
 @pytest.mark.parametrize("theta", [1.0, 0.0, -1.0])
 @pytest.mark.parametrize(("cell", "order"), [("hexahedron", 1), ("tetrahedron", 1), ("hexahedron", 2)])
 def test_overclosed_cubes(shared_tmp, cell, order, theta):
@@ -133,7 +133,7 @@ def test_overclosed_cubes(shared_tmp, cell, order, theta):
     assert (low, high) == pytest.approx((0.625, 0.625), rel=1e-5)
 
 
-@pytest.mark.parallel(3)
+@pytest.mark.parallel(2, 3)
 def test_overclosed_cubes_on_meshes_that_do_not_match(shared_tmp):
     path = shared_tmp / "cubes.msh"
     on_root(WORLD, lambda: overclosed_cubes(path, 3, 4))
@@ -144,7 +144,7 @@ def test_overclosed_cubes_on_meshes_that_do_not_match(shared_tmp):
     assert (low, high) == pytest.approx((0.625, 0.625), rel=1e-3)
 
 
-@pytest.mark.parallel(3)
+@pytest.mark.parallel(2, 3)
 @pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
 def test_adjusted_overlap_leaves_nothing(shared_tmp, cell):
     path = shared_tmp / "cubes.msh"

@@ -54,7 +54,7 @@ BULK_MODULUS = LAME[0] + 2.0 / 3.0 * LAME[1]
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "hardening, kinematic", [*HARDENING[:3], pytest.param(20.0, 30.0, marks=pytest.mark.parallel(3))]
+    "hardening, kinematic", [*HARDENING[:3], pytest.param(20.0, 30.0, marks=pytest.mark.parallel(2, 3))]
 )
 @pytest.mark.parametrize("n", [1, 3])
 @pytest.mark.parametrize("kinematics, held", BARS)

@@ -65,7 +65,7 @@ def test_exact_gradient():
         assert lam * np.trace(g) + 2 * mu * g[0, 0] == pytest.approx(-p, rel=1e-9, abs=1e-3)
 
 
-@pytest.mark.parallel(3)
+@pytest.mark.parallel(2, 3)
 def test_error_norms(shared_tmp):
     """Energy of the exact solution is the work of the pressure; the error of u = 0 is the solution itself."""
     path = make_mesh(rings, shared_tmp / "rings.msh", n=8, order=2)
@@ -78,7 +78,7 @@ def test_error_norms(shared_tmp):
     assert error.displacement == pytest.approx(error.displacement_of_exact, rel=1e-14)
 
 
-@pytest.mark.parallel(3)
+@pytest.mark.parallel(2, 3)
 def test_surface_error():
     comm = MPI.COMM_WORLD
     n = 3 if comm.rank == 0 else 0
@@ -87,7 +87,7 @@ def test_surface_error():
     assert error == pytest.approx((np.sqrt(17.0), np.sqrt(18.0), 2.0), rel=1e-14)
 
 
-@pytest.mark.parallel(3)
+@pytest.mark.parallel(2, 3)
 @pytest.mark.parametrize("theta", THETAS)
 @pytest.mark.parametrize(("degree", "u_tolerance", "p_tolerance"), [(1, 2e-3, 5e-4), (2, 2e-5, 1e-5)])
 def test_numbers(shared_tmp, degree, u_tolerance, p_tolerance, theta):
@@ -100,7 +100,7 @@ def test_numbers(shared_tmp, degree, u_tolerance, p_tolerance, theta):
 
 
 @pytest.mark.slow
-@pytest.mark.parallel(3)
+@pytest.mark.parallel(2, 3)
 @pytest.mark.parametrize("cell", ["quadrilateral", "triangle"])
 @pytest.mark.parametrize("theta", THETAS)
 def test_rates_degree_1(shared_tmp, theta, cell):
@@ -113,7 +113,7 @@ def test_rates_degree_1(shared_tmp, theta, cell):
 
 
 @pytest.mark.slow
-@pytest.mark.parallel(3)
+@pytest.mark.parallel(2, 3)
 @pytest.mark.parametrize("theta", THETAS)
 def test_rates_degree_2(shared_tmp, theta):
     sizes = [16, 32]
@@ -123,7 +123,7 @@ def test_rates_degree_2(shared_tmp, theta):
         assert min(rates) >= 1.4, (key, rates)
 
 
-@pytest.mark.parallel(3)
+@pytest.mark.parallel(2, 3)
 @pytest.mark.parametrize("source", ["inner", "outer"])
 def test_searches_agree(shared_tmp, source):
     """Both gap definitions have the same limit on a circle; on a mesh they differ by its normals only."""

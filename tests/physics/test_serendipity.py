@@ -151,7 +151,7 @@ def test_curved_rings_converge_at_the_rate_of_degree_2(shared_tmp, integration):
     assert min(rates.values()) > 1.4, rates
 
 
-@pytest.mark.parallel(3)
+@pytest.mark.parallel(2, 3)
 def test_a_converted_mesh_a_coupling_and_the_fields(cube, shared_tmp):
     """The mesh itself and the converted one give the same, with a coupling; cells are written with 20 nodes."""
     path, found = cube.with_name("cubes.msh"), []

@@ -38,7 +38,7 @@ def test_formula():
     assert interface_pressure(0.0, delta) == pytest.approx(p, rel=10 * delta / c)
 
 
-@pytest.mark.parallel(3)
+@pytest.mark.parallel(2, 3)
 @pytest.mark.parametrize("theta", [1.0, 0.0, -1.0])
 def test_resolve(shared_tmp, theta):
     """2e-4 is the discretisation error at n = 16, a sixteenth of that at n = 8: the circles of the mesh."""
@@ -52,7 +52,7 @@ def test_resolve(shared_tmp, theta):
     assert u["outer_inner_skin"] - u["inner_outer_skin"] == pytest.approx(DELTA, rel=1e-3)
 
 
-@pytest.mark.parallel(3)
+@pytest.mark.parallel(2, 3)
 def test_adjust(shared_tmp):
     _, largest, norm = run(shared_tmp, 8, interference="adjust")
     assert largest <= 1e-9 * interface_pressure(0.0, DELTA)
@@ -82,7 +82,7 @@ def given(folder, delta, count=1, **contact):
         simulation.close()
 
 
-@pytest.mark.parallel(3)
+@pytest.mark.parallel(2, 3)
 def test_clearance(shared_tmp):
     """An overlap that is said, of rings that touch in the mesh, is Lame's; by an amplitude it grows in proportion."""
     half, full = given(shared_tmp, 0.0, 2, clearance=-DELTA, interference_amplitude=((0.0, 0.0), (1.0, 1.0)))[0]
@@ -94,7 +94,7 @@ def test_clearance(shared_tmp):
     assert pressures == [0.0] and norm == 0.0
 
 
-@pytest.mark.parallel(3)
+@pytest.mark.parallel(2, 3)
 def test_overlap_of_the_mesh_by_an_amplitude(shared_tmp):
     table = ((0.0, 0.0), (0.5, 0.0), (1.0, 1.0))
     first, last = given(shared_tmp, DELTA, 2, interference_amplitude=table)[0]
@@ -114,7 +114,7 @@ def test_adjusted_gaps():
     assert initial_gap(Contact("a", "b", interference="resolve")) is None
 
 
-@pytest.mark.parallel(3)
+@pytest.mark.parallel(2, 3)
 def test_gaps_are_closed_without_strain(shared_tmp):
     """Rings apart by a gap within the distance touch at once: they are as stiff as rings that touch in the mesh."""
     path = make_mesh(rings, shared_tmp / "apart.msh", n=8, order=2, delta=-DELTA)

@@ -12,7 +12,7 @@ from pcontact.simulation import Simulation
 
 pytestmark = pytest.mark.slow
 WORLD, SELF = MPI.COMM_WORLD, MPI.COMM_SELF
-parallel = pytest.mark.parallel(3)
+parallel = pytest.mark.parallel(2, 3)
 N = slider.PRESSURE  # normal force: the area is 1
 MU = 0.3
 CELLS = {2: (6, 2), 3: (4, 4, 1)}

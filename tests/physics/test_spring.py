@@ -58,7 +58,7 @@ def test_flats_meet(h, flats):
     assert sides(Namespace(wire=1.0, h=h)) == flats
 
 
-@pytest.mark.parallel(3)
+@pytest.mark.parallel(2, 3)
 def test_coils_close(shared_tmp):
     """A line at first, far steeper in the end, forces in balance, nothing left inside."""
     rows, left = pressed(mesh(shared_tmp), 0.9)

@@ -53,7 +53,7 @@ def solved(path, comm=WORLD, count=5, **said):
         simulation.close()
 
 
-@pytest.mark.parallel(3)
+@pytest.mark.parallel(2, 3)
 @pytest.mark.parametrize("said", [{}, {"friction": 0.0}, {"yield_stress": 5.0}])
 def test_pressed(shared_tmp, said):
     path = make_mesh(heap, shared_tmp / "h.msh", 2, 5, 0.3)
@@ -69,7 +69,7 @@ def test_pressed(shared_tmp, said):
         assert 0.5 * last["plate"] < last["floor"] < last["plate"]
 
 
-@pytest.mark.parallel(3)
+@pytest.mark.parallel(2, 3)
 def test_weight(shared_tmp):
     """The floor and the friction of the walls bear the weight of all bodies."""
     path = make_mesh(heap, shared_tmp / "h.msh", 2, 5, 0.3)
@@ -78,7 +78,7 @@ def test_weight(shared_tmp):
     assert history.rows[-1]["floor"] == pytest.approx(0.5 * area, rel=1e-6)
 
 
-@pytest.mark.parallel(3)
+@pytest.mark.parallel(2, 3)
 def test_ranks_do_not_matter(shared_tmp):
     path = make_mesh(heap, shared_tmp / "h.msh", 2, 5, 0.3, 0.5)
     one = solved(path, SELF)[0].rows

@@ -102,7 +102,7 @@ def test_lame(tmp_path, kinematics):
     assert found["hoop_b"] == pytest.approx(200.0 / 3.0, rel=5e-3)
 
 
-@pytest.mark.parallel(3)
+@pytest.mark.parallel(2, 3)
 @pytest.mark.parametrize("kinematics", ["plane", "axisymmetric"])
 def test_ranks_do_not_matter(shared_tmp, kinematics):
     """Displacements and residual stress of one rank."""

@@ -57,7 +57,7 @@ def pulled_and_sheared(path, dim, order=1, **said):
     return scene(path, dim, loads, held, order, Material(E, 0.0), **said), stress
 
 
-@pytest.mark.parallel(3)
+@pytest.mark.parallel(2, 3)
 @pytest.mark.parametrize("order, theta", [(1, 1.0), (1, 0.0), (1, -1.0), (2, 0.0)])
 @pytest.mark.parametrize("cell, lower, upper", [
     ("triangle", 3, 4), ("quadrilateral", 3, 4), ("tetrahedron", 2, 2), ("hexahedron", 2, 4),
@@ -110,7 +110,7 @@ def bent(path, dim, whole, theta=0.0):
     return WORLD.allreduce(float(own))
 
 
-@pytest.mark.parallel(3)
+@pytest.mark.parallel(2, 3)
 @pytest.mark.parametrize("theta", THETAS)
 @pytest.mark.parametrize("cell", ["quadrilateral"])
 def test_bending(shared_tmp, cell, theta):
@@ -132,7 +132,7 @@ def test_bending(shared_tmp, cell, theta):
 # -- one Newton step, no matter how large the deformation -----
 
 
-@pytest.mark.parallel(3)
+@pytest.mark.parallel(2, 3)
 @pytest.mark.parametrize("formulation, theta", [("nitsche", 1.0), ("nitsche", -1.0), ("penalty", 0.0)])
 def test_one_newton_step(shared_tmp, formulation, theta):
     """Tied elastic bodies are a linear problem; the body that only the tie holds is not loose."""
@@ -156,7 +156,7 @@ def test_one_newton_step(shared_tmp, formulation, theta):
         assert np.all(item.pairing.paired)
 
 
-@pytest.mark.parallel(3)
+@pytest.mark.parallel(2, 3)
 @pytest.mark.parametrize("gap", [0.05, -0.05])
 def test_gap_and_overlap_stay(shared_tmp, gap):
     """Without a load nothing moves; a rigid motion of all bodies costs nothing."""
@@ -176,7 +176,7 @@ def test_nothing_to_tie(tmp_path):
         Simulation(scene(path, 2, [], [Displacement("lower_bottom", [0.0, 0.0])]))
 
 
-@pytest.mark.parallel(3)
+@pytest.mark.parallel(2, 3)
 def test_augmented_lagrangian(shared_tmp):
     """Multipliers settle where the mean of the jump is gone: closer to Nitsche's solution than the penalty method."""
     path, tops = make_mesh(two_blocks, shared_tmp / "b.msh", 2, 3, 4, "quadrilateral"), {}
@@ -224,7 +224,7 @@ def test_tangent(tmp_path, cell, theta, alpha):
     np.testing.assert_allclose(residual_of(item, u).ravel(), force, atol=1e-12 * np.abs(force).max())
 
 
-@pytest.mark.parallel(3)
+@pytest.mark.parallel(2, 3)
 @pytest.mark.parametrize("theta, adjoint", [(0.0, "elastic"), (1.0, "elastic"), (1.0, "consistent")])
 def test_plastic(shared_tmp, theta, adjoint):
     """Tied bars that yield in tension: the uniform solution of one bar, step by step."""
@@ -245,7 +245,7 @@ def test_plastic(shared_tmp, theta, adjoint):
 # -- ranks --------------------------------------------
 
 
-@pytest.mark.parallel(3)
+@pytest.mark.parallel(2, 3)
 @pytest.mark.parametrize("cell", ["triangle", "hexahedron"])
 def test_ranks(shared_tmp, cell):
     dim = DIMENSION[cell]

@@ -27,7 +27,7 @@ from tests.support.commands import ENDLESS, LATE, ROOT, TIMEOUT, environment, la
 from tests.support.small import blocks_file
 
 WORLD, SELF = MPI.COMM_WORLD, MPI.COMM_SELF
-parallel = pytest.mark.parallel(3)
+parallel = pytest.mark.parallel(2, 3)
 # one iteration of a weak linear solver is not enough for anything that moves, which it does from 0.5 on
 WEAK = {"snes_max_it": 1, "ksp_max_it": 1, "pc_type": "jacobi", "steps_count": 4, "steps_min": 0.1}
 # what a run takes, not what it finds

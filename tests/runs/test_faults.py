@@ -81,15 +81,16 @@ def test_files_are_whole_or_not_there(tmp_path):
     path = tmp_path / "a.txt"
     replace_file(path, "before\n")
     append_text(path, "more\n")
+    append_text(path, "and ", "more\n")
     with full(1000):
-        for change in (replace_file, append_text):
+        for change in (replace_file, append_text, lambda path, text: append_text(path, text, "more\n")):
             with pytest.raises(OutputError, match=r"a\.txt: cannot be written \(file too large\)"):
                 change(path, "x" * 2000)
         with pytest.raises(OutputError, match=r"no/b: cannot be written \(no such file or directory\)"):
             replace_file(tmp_path / "no" / "b", "")
         with pytest.raises(OutputError, match="file too large"), written_aside(path) as part, open(part, "w") as stream:
             stream.write("x" * 2000)
-    assert [p.name for p in tmp_path.iterdir()] == ["a.txt"] and path.read_text() == "before\nmore\n"
+    assert [p.name for p in tmp_path.iterdir()] == ["a.txt"] and path.read_text() == "before\nand more\n"
     with pytest.raises(OutputError):
         append_text(tmp_path / "vanished", "a row without a head")
 

@@ -189,7 +189,7 @@ def mesh(shared_tmp):
     return path
 
 
-@pytest.mark.parallel(3)
+@pytest.mark.parallel(2, 3)
 @pytest.mark.parametrize("piece", list(PIECES))
 def test_what_is_left_out_costs_nothing(mesh, piece, monkeypatch):
     # what compiles, or is read from a cache, does so here
@@ -209,7 +209,7 @@ def test_what_is_used_is_counted(mesh, piece, monkeypatch):
         counters(with_piece(mesh, piece))
 
 
-@pytest.mark.parallel(3)
+@pytest.mark.parallel(2, 3)
 def test_elastic_frictionless_contact_has_no_state(mesh):
     """What is committed is the status of the points; nothing tangential, nothing plastic, in any item."""
     simulation = Simulation(scene(mesh), WORLD)
@@ -232,7 +232,7 @@ def test_kernels_are_counted():
     assert from_python and all(hasattr(kernel, "title") for kernel in from_python)
 
 
-@pytest.mark.parallel(3)
+@pytest.mark.parallel(2, 3)
 def test_what_check_foretells(mesh):
     """State of friction and plasticity, in bytes."""
     plain, rough, yielding = (counters(case) for case in (

@@ -17,7 +17,7 @@ from tests.support.small import keys
 
 pytestmark = pytest.mark.slow
 WORLD, SELF = MPI.COMM_WORLD, MPI.COMM_SELF
-parallel = pytest.mark.parallel(3)
+parallel = pytest.mark.parallel(2, 3)
 THETAS = [1.0, 0.0, -1.0]
 E, YIELD, STRAIN = 200.0, 0.5, 0.5 / 200.0
 # inexact linear solves would make Newton's path another on every number of ranks

@@ -11,7 +11,7 @@ from pcontact.simulation import Simulation
 from tests.support.small import blocks_file
 
 WORLD = MPI.COMM_WORLD
-pytestmark = [pytest.mark.parallel(3), pytest.mark.slow]
+pytestmark = [pytest.mark.parallel(2, 3), pytest.mark.slow]
 THETAS = [1.0, 0.0, -1.0]
 
 

@@ -9,7 +9,7 @@ from pcontact.element import trace
 from pcontact.element.dilatation import Dilatation
 from pcontact.element.geometry import facet_geometry
 from pcontact.element.quadrature import quadrature
-from pcontact.element.reference import CELLS, n_nodes, reference_nodes
+from pcontact.element.reference import CELLS, facet_nodes, n_nodes, reference_nodes
 from pcontact.element.shape import shape, shape_gradient
 from pcontact.element.trace import trace_constant
 from tests.support.orthotropic import LAMINATE, SKEW, law_of, plane_axes
@@ -234,3 +234,16 @@ def test_split_of_the_stiffness_does_not_matter(cell, degree, axisymmetric):
 def law_at(law, points):
     """C_dev (1, 1, m, m) of a uniform law."""
     return law.deviation(points[0])[None]
+
+
+@pytest.mark.parametrize("cell", ["quadrilateral", "hexahedron"])
+def test_cells_so_flat_that_pivots_are_rounding_errors_have_a_constant(cell):
+    """On the small sides of rectangles and boxes it does not grow with them, on the large ones as they get thinner."""
+    constants = []
+    for thin in np.geomspace(1e-2, 1e-5, 25):
+        x, local = facets_of(cell, 1)
+        x[..., -1] *= thin
+        found = trace_constant(cell, x, local, 1, 1, *lame(0.3))
+        heights = x[np.arange(len(x))[:, None], facet_nodes(cell, 1)[local], -1]
+        constants.append(found * np.where(np.ptp(heights, axis=1) > 0.0, 1.0, thin))
+    assert np.allclose(constants, constants[0], rtol=0.02)

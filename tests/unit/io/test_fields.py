@@ -115,8 +115,14 @@ def test_what_is_wrong_on_one_rank_is_raised_on_all(shared_tmp):
 @pytest.mark.parallel
 def test_a_resumed_run_keeps_the_steps_before_it(shared_tmp):
     first = FieldWriter(shared_tmp, COMM)
+    index = []
     for step in (1, 2, 3):
         first.write(step, 0.1 * step, stack_piece(COMM.rank))
+        COMM.barrier()
+        index.append((shared_tmp / "fields.pvd").stat().st_ino)
+        assert load_result(shared_tmp).times == pytest.approx(0.1 * np.arange(1, step + 1))
+        COMM.barrier()
+    assert len(set(index)) == 1, "the index of a long run is added to, not written again"
     FieldWriter(shared_tmp, COMM, resume_time=0.2).write(3, 0.25, stack_piece(COMM.rank))
     assert load_result(shared_tmp).times == pytest.approx([0.1, 0.2, 0.25])
     COMM.barrier()
