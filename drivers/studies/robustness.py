@@ -30,6 +30,7 @@ HEURISTICS = {
     "correction": {"newton_without": "correction"},
     "step_limit": {"newton_without": "step_limit"},
     "stabilisation": {"newton_without": "stabilisation"},
+    "alpha": {"contact_alpha": "1"},
     "direct": {"pc_rescue": "false"},
     "reuse": {"pc_patience": "-1"},
 }
