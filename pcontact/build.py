@@ -111,6 +111,10 @@ def override(scene, options, accuracy):
             after = options.get(option, before)
             changed = changed or after is not before
             setattr(table, key, after)
+    output = scene.output
+    if output.checkpoint is None or options.given("checkpoint_every"):
+        output.checkpoint = output.checkpoint_every is not None
+    output.checkpoint_every = output.checkpoint_every or 1
     accuracy.name = scene.accuracy if isinstance(scene.accuracy, str) else None
     said = {key: options.get(option, None) for key, option in key_options(Contact).items()}
     if changed:
@@ -150,11 +154,9 @@ def read(scene, comm, options):
         _cut(scene, mesh)
 
     regions, order, serendipity = [b.region for b in scene.bodies], scene.mesh.order, scene.mesh.serendipity
-    if order is None:
-        # cells that are to curve have nodes in the middles of their edges, whatever the degree of the displacement
-        order = 1 if scene.mesh.geometry is None or is_converted(scene.mesh_path) else 2
-    if serendipity and order == 1:
-        raise input_error(scene.where, "mesh.serendipity", "true with a displacement of degree 1", "order = 2")
+    if order is None and scene.mesh.geometry is not None and not is_converted(scene.mesh_path):
+        # cells that are to curve have nodes in the middles of their edges
+        order = 2
     mesh = load_mesh(comm, scene.mesh_path, order, regions, pairs, check, (weight, method), serendipity)
     if scene.mesh.geometry is not None:
         put_on(mesh, scene.folder / scene.mesh.geometry, scene.where)

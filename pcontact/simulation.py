@@ -37,6 +37,7 @@ from pcontact.runtime.presets import Choice
 from pcontact.scene import describe
 from pcontact.scene.amplitude import corners, drive
 from pcontact.scene.phases import come_and_go, phase_at, scene_of, spans
+from pcontact.scene.validate import check_degrees
 from pcontact.solve.newton import Newton
 from pcontact.space.carried import carried
 from pcontact.space.modes import near_null_space
@@ -189,7 +190,8 @@ class Simulation:
             self.mesh = build.read(self.scene, self.comm, self.options) if mesh is None else mesh(self.scene)
         else:
             self.mesh = mesh
-        self.scene.mesh.order = self.accuracy.order(self.scene.mesh.order, self.mesh.curved)
+        self.scene.mesh.order = self.accuracy.order(self.scene.mesh.order, self.mesh.degree)
+        check_degrees(self.scene)
         self.spans, self.number = spans(self.scene), 0
         if self.spans and self.restart is not None:
             self.number = phase_at(self.scene, checkpoint_time(self.restart, self.comm))

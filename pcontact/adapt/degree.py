@@ -75,7 +75,7 @@ class Degree:
     Attributes
     ----------
     now : int or None
-        Of the next pass; None: what the mesh says, degree 1 first.
+        Of the next pass; None: 1, and on a mesh of degree 2 also 2.
     chosen : dict or None
         See :func:`cheaper`; without ``entries`` where there was no choice.
     """

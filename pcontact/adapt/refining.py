@@ -1,5 +1,6 @@
 """From the estimates of the cells of a pass to the mesh of the next one."""
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -70,14 +71,16 @@ class Refining:
         InputError
         """
         self.corners.sought = not scene.plastic
-        mesh = build.read(scene, self._comm, self._options)
+        said = self._settings.degree.now
+        # read as the user says: with a geometry cells are to be curved with either degree
+        mesh = build.read(replace(scene, mesh=replace(scene.mesh, order=said)), self._comm, self._options)
         own = {block.cell for block in mesh.blocks if len(block.nodes)}
         kinds = set().union(*self._comm.allgather(own))
         self.whole = not kinds <= set(SIMPLICES)
         if not self.whole:
             return mesh
         stiff = locking(scene, 1)
-        if scene.mesh.order is None and not mesh.curved and stiff is not None:
+        if said is None and not mesh.curved and stiff is not None:
             why = f"{NAMES[mesh.dim]} of degree 1 would be too stiff in {stiff} (locking)"
             scene.mesh.order = self._settings.degree.take(2, why)
             mesh = build.read(scene, self._comm, self._options)

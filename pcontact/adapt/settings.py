@@ -132,7 +132,7 @@ class Settings:
         """The scene of the next pass."""
         scene = self._scene.copy()
         scene.accuracy = None
-        scene.output.estimate, scene.steps.count, scene.mesh.order = True, self.count, self.degree.now
+        scene.output.estimate, scene.steps.count, scene.mesh.order = True, self.count, self.degree.now or 1
         # looser partners and tolerances than the mesh deserves are no place to save
         partners = (0.1 if self.searches else 1.0) * PARTNERS * self._target.error
         ours = {"snes_rtol": f"{self._rtol:.3g}", PARTNER_RTOL: f"{partners:.3g}", "pc_direct_below": str(FEW)}

@@ -100,8 +100,8 @@ class ConvertedMesh:
     ----------
     comm : MPI.Comm
     path : str or pathlib.Path
-    order : int
-        Degree of the displacement.
+    order : int or None
+        Degree of the displacement; None: that of the mesh.
     serendipity : bool
         Quadrilaterals and hexahedra of degree 2 have no nodes in the middles of faces and cells.
 
@@ -156,7 +156,7 @@ class ConvertedMesh:
                 f"{self.path}: found cells of degree 1 and a displacement of degree 2; "
                 f"allowed: order 1, or a file made by pcontact convert --order 2"
             )
-        degree = 2 if head["curved"] else order
+        degree = order if order is not None and not head["curved"] else int(head["degree"])
         starts, shares = _share(int(head["cells"]), comm), _share(int(head["nodes"]), comm)
         self._first, end = int(starts[comm.rank]), int(starts[comm.rank + 1])
         low, high = int(shares[comm.rank]), int(shares[comm.rank + 1])

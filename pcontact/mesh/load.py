@@ -122,8 +122,8 @@ def load_mesh(comm, path, order, regions, pairs, check, dealing=(WEIGHT, "bisect
     ----------
     comm : MPI.Comm
     path : str or pathlib.Path
-    order : int
-        Degree of the displacement.
+    order : int or None
+        Degree of the displacement; None: that of the mesh.
     regions : list of str
         Cell group of each body.
     pairs : list of (str, str or None, float or None)

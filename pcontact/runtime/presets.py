@@ -51,21 +51,21 @@ class Choice:
     def __init__(self):
         self.name, self.chosen, self.overridden = None, {}, {}
 
-    def order(self, said, curved):
+    def order(self, said, degree):
         """Degree of the displacement.
 
         Parameters
         ----------
         said : int or None
             By the scene or the command line.
-        curved : bool
-            Whether the mesh is of degree 2.
+        degree : int
+            That of the mesh.
 
         Returns
         -------
         int
         """
-        wanted = PRESETS[self.name].order if self.name is not None and curved else 1
+        wanted = degree if self.name is None else min(degree, PRESETS[self.name].order)
         if said is not None:
             if self.name is not None and said != wanted:
                 self.overridden["mesh_order"] = said

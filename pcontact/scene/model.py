@@ -108,9 +108,9 @@ class MeshSpec:
         "together, see [mesh.md](mesh.md)",
     )  # fmt: skip
     order: int | None = key(
-        integer(1, 2), "degree of the displacement", default=None, otherwise="1, or what `accuracy` chooses",
+        integer(1, 2), "degree of the displacement", default=None, otherwise="that of the mesh, or what `accuracy` chooses",
         option="mesh_order",
-        more="A mesh of degree 2 keeps its curved cells with either; 2 with a converted mesh needs `pcontact convert "
+        more="A mesh of degree 2 keeps its curved cells with either; with `geometry` it is of degree 2. 2 with a converted mesh needs `pcontact convert "
         "--order 2`",
     )  # fmt: skip
     kinematics: str = key(
@@ -831,10 +831,14 @@ class Output:
     fields: bool = key(
         BOOLEAN, "fields of every step", default=True, option="output_fields", more="for `pcontact view` and ParaView"
     )
-    checkpoint: bool = key(
-        BOOLEAN, "write `checkpoint.h5`, for `-restart DIR`", default=False, more="see [restart.md](restart.md)"
-    )
-    checkpoint_every: int = key(integer(1), "load steps between two checkpoints", default=1, option="checkpoint_every")
+    checkpoint: bool | None = key(
+        BOOLEAN, "write `checkpoint.h5`, for `-restart DIR`", default=None,
+        otherwise="false; true with `checkpoint_every`", more="see [restart.md](restart.md)",
+    )  # fmt: skip
+    checkpoint_every: int | None = key(
+        integer(1), "load steps between two checkpoints", default=None, otherwise="1", option="checkpoint_every",
+        more="the option writes checkpoints whatever `checkpoint` says",
+    )  # fmt: skip
     probes: Sequence[str] = key(
         sequence("a list of names of groups", TEXT), "groups whose displacement is reported: mean, least, largest",
         default=(),

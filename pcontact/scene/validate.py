@@ -628,8 +628,18 @@ def _check_serendipity(scene):
         where = f"{place('bodies', reduced[0], scene.bodies[reduced[0]].region)}.integration"
         found = "without mesh.serendipity = true" if not scene.mesh.serendipity else "with axial symmetry"
         raise input_error(scene.where, where, f'"reduced" {found}', '"full"')
+    check_degrees(scene)
+
+
+def check_degrees(scene):
+    """Check that no body has more than the degree of the displacement, where that is known, and serendipity cells 2.
+
+    Raises
+    ------
+    InputError
+    """
     for k, body in enumerate(scene.bodies):
-        if body.order is not None and body.order > (scene.mesh.order or 1):
+        if None not in (body.order, scene.mesh.order) and body.order > scene.mesh.order:
             where = f"{place('bodies', k, body.region)}.order"
             raise input_error(scene.where, where, f"{body.order} without order = 2 in [mesh]", "1, or order = 2 there")
     if scene.mesh.serendipity and scene.mesh.order == 1:

@@ -54,23 +54,24 @@ def test_options_win(shared_tmp):
 
 
 def test_degree():
-    """Degree 2 on a mesh of degree 2, unless the user says one; none of it without a preset."""
-    for name, curved, said, asked, chosen, overridden in (
-        ("standard", True, None, 2, {"mesh_order": 2}, {}), ("standard", False, None, 1, {"mesh_order": 1}, {}),
-        ("draft", True, None, 1, {"mesh_order": 1}, {}), ("fine", True, 1, 1, {}, {"mesh_order": 1}),
-        ("fine", True, 2, 2, {}, {}), (None, True, None, 1, {}, {}), (None, False, 2, 2, {}, {}),
+    """That of the mesh, unless the user or a preset says one; without a preset nothing is chosen."""
+    for name, degree, said, asked, chosen, overridden in (
+        ("standard", 2, None, 2, {"mesh_order": 2}, {}), ("standard", 1, None, 1, {"mesh_order": 1}, {}),
+        ("draft", 2, None, 1, {"mesh_order": 1}, {}), ("fine", 2, 1, 1, {}, {"mesh_order": 1}),
+        ("fine", 2, 2, 2, {}, {}), (None, 2, None, 2, {}, {}), (None, 1, 2, 2, {}, {}), (None, 2, 1, 1, {}, {}),
+        (None, 1, None, 1, {}, {}),
     ):  # fmt: skip
         choice = Choice()
         choice.name = name
-        assert choice.order(said, curved) == asked
+        assert choice.order(said, degree) == asked
         assert (choice.chosen, choice.overridden) == (chosen, overridden)
 
 
 @pytest.mark.parallel
 def test_degree_of_a_run(shared_tmp):
     """The mesh of the rings is of degree 2."""
-    for order, asked in ((None, 2), (1, 1)):
-        scene = scene_of(shared_tmp, "standard")
+    for accuracy, order, asked in (("standard", None, 2), ("standard", 1, 1), (None, None, 2), (None, 1, 1)):
+        scene = scene_of(shared_tmp, accuracy)
         scene.mesh.order = order
         with running(scene) as (simulation, converged):
             assert converged and simulation.problem.space.degree == asked
