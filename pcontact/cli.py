@@ -33,7 +33,7 @@ from pcontact.runtime.files import replace_file
 from pcontact.runtime.options import Options
 from pcontact.runtime.parallel import on_root
 from pcontact.runtime.petsc import MPI
-from pcontact.runtime.rules import BOOLEAN, choice, integer, text
+from pcontact.runtime.rules import ANY_TEXT, BOOLEAN, choice, integer, text
 from pcontact.scene import Contact, MeshSpec, Output, Scene, Steps, read_scene
 from pcontact.scene.keys import options as key_options
 from pcontact.scene.schema import schema
@@ -110,10 +110,16 @@ COMMANDS = {
     ),
 }  # fmt: skip
 # options that are no run's, not even unused
-OURS = ("o", "help", "h", "field", "step", "scale", "json")
+OURS = ("o", "help", "h", "field", "step", "scale", "json", "set")
 JSON = listed(
     Option("json", BOOLEAN, "a line of JSON for every load step, cut and the end instead of text", False, flag="true")
 )
+SET = listed(
+    Option(
+        "set", ANY_TEXT, "any key of the scene, with a value as in the file: -set steps.count=4; as often as wanted. "
+        "Tables of lists by their name, region or number from 0: -set contacts.NAME.friction=0.3", value="KEY=VALUE",
+    )
+)  # fmt: skip
 
 
 def run_options():
@@ -146,7 +152,7 @@ def usage(command=None):
     lines += [""]
     if any(one.options is None for one in named.values()):
         lines += ["Options of run and check. They win over the scene; its [petsc] table wins over defaults."]
-        lines += help_lines(JSON.values())
+        lines += help_lines([*SET.values(), *JSON.values()])
         for title, options in run_options().items():
             lines += [f"{title}:", *help_lines(options)]
         lines += ["Of PETSc:", PETSC_HELP]
@@ -169,6 +175,7 @@ def parse(arguments):
     operand : str, list of str or None
         A list of a command that takes several.
     options : dict of str to str
+        With a list of all values of ``-set``.
 
     Raises
     ------
@@ -188,6 +195,9 @@ def parse(arguments):
             if COMMANDS[command].options is None:
                 _check_dash(word)
             value = rest.pop(0) if rest and (not rest[0].startswith("-") or _number(rest[0])) else ""
+            if word.lstrip("-") == "set" and COMMANDS[command].options is None:
+                # PETSc keeps the last one only
+                value = [*options.get("set", []), value]
             options[word.lstrip("-")] = value
         elif COMMANDS[command].many:
             operand = [*(operand or []), word]
@@ -218,7 +228,7 @@ def _check_dash(word):
 
 def _declared():
     """Names of the options of a run."""
-    return {option.name for options in run_options().values() for option in options}
+    return {option.name for options in run_options().values() for option in options} | SET.keys()
 
 
 def _number(word):
@@ -439,8 +449,8 @@ def _execute(command, operand, options):
     if command == "help":
         log.info("%s", usage(operand))
         return 0
-    operands = operand if isinstance(operand, list) else [operand]
-    for word in filter(None, (*operands, *options.values())):
+    operands, sets = operand if isinstance(operand, list) else [operand], options.pop("set", [])
+    for word in filter(None, (*operands, *options.values(), *sets)):
         _check_letters(word)
     comm = MPI.COMM_WORLD
     if command in ("view", "plot"):
@@ -469,7 +479,7 @@ def _execute(command, operand, options):
         values = read_all(command, COMMANDS[command].options, options)
         print_schema(values.get("o"), values.get("of", "scene"))
         return 0
-    scene = read_scene(operand)
+    scene = read_scene(operand, words=sets)
     if command == "check":
         aimed = wanted(scene, Options())
         check_scene(scene)

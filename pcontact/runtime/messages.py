@@ -3,7 +3,7 @@
 import difflib
 import re
 import reprlib
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 
 from pcontact.runtime.errors import InputError
 
@@ -17,9 +17,30 @@ _NAMES = 30  # more names than this do not help to find the right one
 CONTROL = re.compile(r"[\x00-\x1f\x7f-\x9f]")
 
 
+# what the command line has set in scenes: (file, key path without names) -> the option
+_SAID: dict[tuple[str, str], str] = {}
+_NAME = re.compile(r"(?<=\]) \(.*?\)(?=\.|$)")
+
+
+def set_elsewhere(file: str, options: Mapping[str, str]) -> None:
+    """Enter what has said the keys of a file, by their paths: messages about these name it instead of the file."""
+    for old in [old for old in _SAID if old[0] == file]:
+        del _SAID[old]
+    _SAID.update({(file, _NAME.sub("", path)): option for path, option in options.items()})
+
+
+def _origin(file, key):
+    """What a message begins with: file and key path, or the option that has set the key."""
+    path = _NAME.sub("", key)
+    for (of, place), option in _SAID.items():
+        if of == file and (path + ".").startswith(place + "."):
+            return option + (f": {key}" if path != place else "")
+    return f"{file}: {key}"
+
+
 def input_error(file: str, key: str, found: str, allowed: str) -> InputError:
     """The error to raise: file, key path, what was found, what is allowed, in one line."""
-    line = f"{file}: {key}: found {found}; allowed: {allowed}"
+    line = f"{_origin(file, key)}: found {found}; allowed: {allowed}"
     return InputError("".join(c if c.isprintable() else repr(c)[1:-1] for c in line))
 
 

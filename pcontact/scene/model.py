@@ -108,10 +108,10 @@ class MeshSpec:
         "together, see [mesh.md](mesh.md)",
     )  # fmt: skip
     order: int | None = key(
-        integer(1, 2), "degree of the displacement", default=None, otherwise="that of the mesh, or what `accuracy` chooses",
-        option="mesh_order",
-        more="A mesh of degree 2 keeps its curved cells with either; with `geometry` it is of degree 2. 2 with a converted mesh needs `pcontact convert "
-        "--order 2`",
+        integer(1, 2), "degree of the displacement", default=None,
+        otherwise="that of the mesh, or what `accuracy` chooses", option="mesh_order",
+        more="A mesh of degree 2 keeps its curved cells with either; with `geometry` it is of degree 2. 2 with a "
+        "converted mesh needs `pcontact convert --order 2`",
     )  # fmt: skip
     kinematics: str = key(
         choice("plane_strain", "plane_stress", "axisymmetric"), "plane meshes only: what happens across the plane",

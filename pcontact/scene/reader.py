@@ -2,29 +2,26 @@
 
 import re
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import MISSING, fields
 from functools import cache
 from pathlib import Path
 
-import numpy as np
-
 from pcontact.runtime import log
-from pcontact.runtime.messages import closeness, cut, input_error, nearest, shown, unknown_name
+from pcontact.runtime.messages import closeness, cut, input_error, nearest, set_elsewhere, shown
+from pcontact.scene.changes import DEEP, DEEP_KEY, changed, plain, with_words
 from pcontact.scene.model import HEADERS, LIST_TABLES, RENAMED, SINGLE_TABLES, Contact, Material, Obstacle, Phase, Scene
 from pcontact.scene.places import place
 from pcontact.scene.target import Budget, Target
 from pcontact.scene.validate import validate
 
 HOME = ("path", "beside")
-# [parts] of a dotted key, from which on it is none of a scene: reading one takes a time that grows with their square
-DEEP = 30
-_PART = r"""(?:(?<![\w-])[\w-]++|"[^"\n]*+"|'[^'\n]*+')"""
-_DEEP = re.compile(rf"{_PART}(?:[ \t]*+\.[ \t]*+{_PART}){{{DEEP}}}")
 _ALIKE = 0.8  # likeness above which a key of the same table is what was meant
 
 
-def read_scene(path: str | Path, changes: Mapping[str, object] | None = None) -> Scene:
+def read_scene(
+    path: str | Path, changes: Mapping[str, object] | None = None, words: Sequence[str] = ()
+) -> Scene:
     """Read and check a scene file.
 
     Parameters
@@ -32,7 +29,9 @@ def read_scene(path: str | Path, changes: Mapping[str, object] | None = None) ->
     path : str or pathlib.Path
         A TOML file.
     changes : mapping, optional
-        Keys of the scene with other values, see :func:`changed`.
+        Keys of the scene with other values, see :func:`pcontact.scene.changes.changed`.
+    words : sequence of str
+        The same from the command line, ``KEY=VALUE`` each, one after the other.
 
     Returns
     -------
@@ -45,7 +44,9 @@ def read_scene(path: str | Path, changes: Mapping[str, object] | None = None) ->
         One line: file, key path (or line and column), what was found, what is allowed.
     """
     path = Path(path)
-    return _scene(changed(_parse(path), changes or {}, str(path)), str(path), path=path)
+    data, said = with_words(changed(_parse(path), changes or {}, str(path)), words)
+    set_elsewhere(str(path), said)
+    return _scene(data, str(path), path=path)
 
 
 def scene_from(data: Mapping[str, object], folder: str | Path | None = None) -> Scene:
@@ -71,68 +72,6 @@ def scene_from(data: Mapping[str, object], folder: str | Path | None = None) -> 
     if not isinstance(data, Mapping):
         raise input_error("scene", "scene", shown(data), "a dict with the tables of a scene file")
     return _scene(plain(data), "scene", beside=None if folder is None else Path(folder))
-
-
-def plain(value: object) -> object:
-    """The same in the types that TOML has: arrays and tuples as lists, numbers of numpy and paths as Python's own."""
-    if isinstance(value, Mapping):
-        return {str(key): plain(part) for key, part in value.items()}
-    if isinstance(value, (np.ndarray, np.generic)):
-        return value.tolist()
-    if isinstance(value, (list, tuple)):
-        return [plain(part) for part in value]
-    return str(value) if isinstance(value, Path) else value
-
-
-def changed(data: dict[str, object], changes: Mapping[str, object], file: str) -> dict[str, object]:
-    """The tables of a scene with some values replaced.
-
-    Parameters
-    ----------
-    data : dict
-        As `tomllib` makes it; left as it is.
-    changes : mapping
-        Tables are merged, key by key; None takes a key out. A dict in the place of a list of tables has the changes of
-        those that it names: contacts and phases by ``name``, the others by ``region``. All other values take the place
-        of the old ones.
-    file : str
-        For messages.
-
-    Raises
-    ------
-    InputError
-        A list has no table of a name, or several.
-    """
-    return _merged(data, plain(changes), file, "")
-
-
-def _merged(table, changes, file, where):
-    result = dict(table)
-    for key, value in changes.items():
-        old, place_ = result.get(key), f"{where}.{key}" if where else key
-        if isinstance(value, dict) and isinstance(old, dict):
-            result[key] = _merged(old, value, file, place_)
-        elif isinstance(value, dict) and isinstance(old, list):
-            result[key] = _merged_list(key, old, value, file)
-        elif value is None:
-            result.pop(key, None)
-        else:
-            result[key] = value
-    return result
-
-
-def _merged_list(key, items, changes, file):
-    named = "name" if key in ("contacts", "phases") else "region"
-    names = [item.get(named) if isinstance(item, dict) else None for item in items]
-    items = list(items)
-    for name, change in changes.items():
-        if names.count(name) != 1:
-            found = f"{names.count(name)} tables with {named} {name!r}" if name in names else unknown_name(
-                str(name), f"no such {named}", [str(one) for one in names if one is not None])  # fmt: skip
-            raise input_error(file, key, found, f"the {named} of one of them, or a list of all")
-        row = names.index(name)
-        items[row] = _merged(items[row], change, file, place(key, row, name)) if isinstance(change, dict) else change
-    return items
 
 
 def _scene(data, file, **home):
@@ -195,7 +134,7 @@ def _parse(path):
 
 def _check_depth(path, text):
     """Refuse keys of very many parts before they are read."""
-    found = _DEEP.search(text)
+    found = DEEP_KEY.search(text)
     if found is not None:
         where = f"line {text.count(chr(10), 0, found.start()) + 1}"
         raise input_error(str(path), where, f"a key of more than {DEEP} parts, {cut(found[0])}", "keys of a scene")

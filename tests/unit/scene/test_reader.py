@@ -102,7 +102,7 @@ def test_numbers_become_float(full):
 def test_plain_scene_has_defaults(write):
     scene = read_scene(write(PLAIN))
     assert scene.title == "" and scene.petsc == {} and scene.loads == [] and scene.displacements == []
-    assert scene.steps == Steps(1.0, 1, None) and scene.output == Output(True, False)
+    assert scene.steps == Steps(1.0, 1, None) and scene.output == Output(True)
     assert scene.contacts[0].name == "ball_skin-block_top"
 
 
