@@ -440,6 +440,7 @@ class Contact:
     self_contact: bool | None = key(
         BOOLEAN, "whether a body is its own partner, too", default=None,
         otherwise="of `all`: false, of a surface with itself: true",
+        more="where such a surface is flat or bulges everywhere it must be said",
     )  # fmt: skip
     tied: bool = key(BOOLEAN, "the surfaces are glued together as they are", default=False, more="see below")
     formulation: str | None = key(
