@@ -26,6 +26,7 @@ from pcontact.io.report_schema import report_schema
 from pcontact.io.summary import JsonLines, PassLines, summary
 from pcontact.io.template import write_template
 from pcontact.mesh.hdf5_writer import convert, mesh_sizes
+from pcontact.mesh.mesh import size_of
 from pcontact.runtime import log, signals
 from pcontact.runtime.declared import OPTIONS, SECTIONS, Option, help_lines, listed, read_all
 from pcontact.runtime.errors import TOLD, InputError
@@ -35,6 +36,7 @@ from pcontact.runtime.parallel import on_root
 from pcontact.runtime.petsc import MPI
 from pcontact.runtime.rules import ANY_TEXT, BOOLEAN, choice, integer, text
 from pcontact.scene import Contact, MeshSpec, Output, Scene, Steps, read_scene
+from pcontact.scene.amplitude import LOOKS, amplitude, corners
 from pcontact.scene.keys import options as key_options
 from pcontact.scene.schema import schema
 from pcontact.scene.target import Budget, Target
@@ -309,6 +311,8 @@ def check_scene(scene):
                      paired, least, most)  # fmt: skip
         else:
             log.info("contact %s: no point has a partner in the undeformed bodies", contact.name)
+        if not paired or least > max(pair.rounding for pair in contact.pairs):
+            _say_distance(simulation, contact, least if paired else _distance(simulation, contact))
         pressure, gap = facet_pressure(contact.pairs)
         if pressure > 0.0:
             log.warning(
@@ -408,6 +412,52 @@ def _gaps(contact, comm):
     own = np.concatenate([p.gap0[p.paired] for p in (pair.pairing for pair in contact.pairs)])
     least = comm.allreduce(float(np.min(own, initial=np.inf)), op=MPI.MIN)
     return comm.allreduce(len(own)), least, comm.allreduce(float(np.max(own, initial=-np.inf)), op=MPI.MAX)
+
+
+def _distance(simulation, contact):
+    """Least distance of the surfaces of a contact [length], infinite where they do not face each other.
+    *Collective.*"""
+    space, least = simulation.problem.space, np.inf
+    for pair in contact.pairs:
+        nodal, far = np.zeros((space.n_local, space.dim)), size_of(simulation.mesh)
+        found = pair.search.find(nodal, pair.deformed(nodal), pair.source.normal, 0.0, far, pair.origin)
+        # those that look away from each other lie behind each other
+        least = min(least, float(np.min(found.gap[found.paired & (found.gap > 0.0)], initial=np.inf)))
+    return space.comm.allreduce(least, op=MPI.MIN)
+
+
+def _say_distance(simulation, contact, least):
+    """Say how far an open contact is, and whether what is prescribed goes as far. *Collective.*"""
+    scene, reach = simulation.part, _reach(simulation)
+    if least == np.inf:
+        log.warning("contact %s: its surfaces do not face each other, however far one looks", contact.name)
+        return
+    line = f"contact {contact.name}: open at first, least distance {least:.4g}"
+    loaded = any((scene.loads, scene.temperatures, scene.couplings, scene.pretensions)) or any(
+        one.interference_amplitude for one in scene.contacts
+    )
+    if not simulation.spans and reach >= least:
+        line += f"; prescribed motions go up to {reach:.4g} and can close it"
+    elif not simulation.spans and loaded:
+        line += f"; prescribed motions go up to {reach:.4g}, less than that: loads have to close it"
+    elif not simulation.spans:
+        log.warning("%s; prescribed motions go up to %.4g, less than that, and no load acts: it stays open unless a "
+                    "body turns or bends", line, reach)  # fmt: skip
+        return
+    log.info("%s", line)
+
+
+def _reach(simulation):
+    """Farthest that supports and obstacles go together [length]. *Collective.*"""
+    problem, scene, moving = simulation.problem, simulation.part, [0.0]
+    times = np.union1d(corners(scene), np.linspace(0.0, scene.steps.end, LOOKS))
+    supports = max(problem.space.longest(np.nan_to_num(problem.supports.values(time))) for time in times)
+    for obstacle in (one.obstacle for one in scene.contacts if one.obstacle is not None):
+        if obstacle.angle or obstacle.shape == "level_set":
+            return np.inf
+        factor = amplitude(obstacle.amplitude, scene.steps.end).factor(times)
+        moving.append(float(np.max(np.abs(factor))) * float(np.linalg.norm(obstacle.displacement or 0.0)))
+    return supports + max(moving)
 
 
 def _counted(names):

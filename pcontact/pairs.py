@@ -6,6 +6,7 @@ from pcontact.contact.finite_pair import finite_pair
 from pcontact.contact.formulation.parameters import coercive, parameter
 from pcontact.contact.law import ADDED, contact_law
 from pcontact.contact.pair import contact_pair
+from pcontact.contact.path import SlipPath
 from pcontact.contact.report import ContactReport
 from pcontact.contact.search.all_surfaces import burdened, meetings, outer_surfaces, paired_elsewhere
 from pcontact.contact.search.overlap import overlap
@@ -530,6 +531,9 @@ def contact_reports(scene, space, supports, free, bulk, tied):
         _add_chords(space, contact, pair, source, smooth)
         _check_sizes(scene, space, number, contact, pair)
         reports.append(ContactReport(contact, [pair]))
+    for pair in (pair for report in reports for pair in report.pairs if scene.output.slip):
+        if (pair.law.tangential or pair.law.held) and not pair.contact.tied:
+            pair.path = SlipPath(len(pair.source.facet))
     for k in sorted(set(free) - touching):
         name = space.mesh.component_names[k]
         text = "body %s: no contact pair can hold the %d rigid modes that no support holds"

@@ -11,8 +11,8 @@ from pcontact.assembly.coupling import Average, turned
 from pcontact.assembly.patches import group_patches
 from pcontact.runtime.messages import input_error
 from pcontact.runtime.petsc import MPI
+from pcontact.space.moments import moments
 from pcontact.space.rigid import moved
-from pcontact.space.turn import moments
 
 # [nodes] Largest group. From: an equation couples all its nodes with each other, in space 430 MB of the matrix.
 MOST = 2000

@@ -23,6 +23,7 @@ from pcontact.contact.formulation.methods import Method, Penalty
 from pcontact.contact.initial import initial_gap
 from pcontact.contact.law import OPEN, SLIP, STICK, View, contact_law
 from pcontact.contact.pairing import Pairing
+from pcontact.contact.path import NAME as PATH
 from pcontact.contact.points import PartnerPoints, SourcePoints, interpolate
 from pcontact.contact.receding import MANY, MIXED, WIDE, still_closed, turned
 from pcontact.contact.search.partners import ObstacleSearch, TargetSearch
@@ -33,7 +34,7 @@ from pcontact.contact.traction.plastic import PlasticTraction
 from pcontact.mesh.mesh import bounding_box
 from pcontact.runtime.parallel import take_rows, together
 from pcontact.runtime.petsc import MPI
-from pcontact.space.turn import moments
+from pcontact.space.moments import moments
 
 # [facet sizes] So far ahead, facets get their place in the pattern before they close. From: chosen; what closes
 # farther away makes a new pattern.
@@ -95,6 +96,8 @@ class ContactPair(Item):
         Largest gap at points of this rank that is closed, whatever the load, in the first load step [length].
     stiffer : float
         How many times as stiff as the target the source is, where that is too much; else 0.
+    path : pcontact.contact.path.SlipPath or None
+        Slip and wear so far, where they are asked for and points can slip.
     offset : ndarray (np,) or None
         What is added to gaps for those that the undeformed bodies are given, see `pcontact.contact.initial` [length].
     """
@@ -109,7 +112,7 @@ class ContactPair(Item):
         self.lost, self._begun, self.offset, self.chords, self.pairing = (0, 0), False, None, None, None
         # partners before those of the last search within a load step
         self.verifies, self.stale, self._former, self._turns = not self.law.tied, 0.0, None, None
-        self._initial, self.closing, self.stiffer = initial_gap(contact), 0.0, 0.0
+        self._initial, self.closing, self.stiffer, self.path = initial_gap(contact), 0.0, 0.0, None
         self._normals, self.coupled = source.normal, np.zeros(len(source.facet), dtype=bool)
         self.committed = np.full(len(source.facet), OPEN, dtype=np.int64)
         low, high = bounding_box(space.comm, space.points)
@@ -453,6 +456,8 @@ class ContactPair(Item):
     def commit(self, u, time):
         """End the load step. *Collective.*"""
         values = self.pairing.exchange.gather(u)
+        if self.path is not None:
+            self.path.add(self.state(u))
         self._commit(values, time)
         if self.rigid:
             self.lost = motion.lost_by_obstacle(self, u, values)
@@ -604,7 +609,8 @@ class ContactPair(Item):
         if self.law.slows and self.law.speed is not None:
             fast = np.flatnonzero(self.law.speed)
             status["speed"] = keys[fast], self.law.speed[fast, None]
-        return {**status, **self.terms.memory(keys)}
+        path = {} if self.path is None else self.path.memory(keys)
+        return {**status, **path, **self.terms.memory(keys)}
 
     def memory_keys(self):
         """Keys (n,) of all rows that :meth:`memory` may have."""
@@ -618,6 +624,8 @@ class ContactPair(Item):
             count = take_rows(keys, chunks, speed)
             self.law.speed = speed[:, 0]
             return count
+        if name == PATH:
+            return None if self.path is None else self.path.recall(keys, chunks)
         if name != "status" or self.law.tied:
             return self.terms.recall(name, keys, chunks)
         status = np.zeros((len(self.committed), 1))

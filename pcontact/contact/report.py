@@ -5,8 +5,9 @@ from functools import cached_property
 
 import numpy as np
 
+from pcontact.contact.law import OPEN
 from pcontact.contact.node_depths import node_depths
-from pcontact.contact.summary import summarise
+from pcontact.contact.summary import resultants, summarise
 from pcontact.contact.surface.smooth_geometry import facet_error
 from pcontact.contact.unbiased import WEIGHT, is_unbiased
 from pcontact.runtime.petsc import MPI
@@ -165,6 +166,11 @@ class ContactReport:
         state = _joined(self.states(u))
         return {**state, "weight": state["weight"] / self.weight}
 
+    def paths(self):
+        """Slip and wear at the points of all sources, see :meth:`pcontact.contact.path.SlipPath.fields`; empty where
+        they are not asked for."""
+        return _joined([pair.path.fields() for pair in self.pairs]) if self.pairs[0].path else {}
+
     def summary(self, u):
         """Numbers of the contact for the report, the same on every rank. *Collective.*
 
@@ -172,13 +178,22 @@ class ContactReport:
         in every direction the sum of the magnitudes, which is that between two places that touch where there are only
         two.
         """
-        states = self.states(u)
+        states, comm = self.states(u), self.space.comm
         errors = facet_error(self.pairs, states)
-        if self.weight != 1.0 and len(states) == 1:
+        alone = self.weight != 1.0 and len(states) == 1
+        if alone:
             states[0]["traction"] = -np.abs(states[0]["traction"])
         for state in states[1:]:
             state["traction"] = -state["traction"]
-        summary = {**summarise(_joined(states), self.flips, self.lost, self.space.comm), **errors}
+        joined, closed = _joined(states), [state["status"] > OPEN for state in states]
+        summary = {**summarise(joined, self.flips, self.lost, comm), **errors}
+        own = sum(len(np.unique(pair.source.facet[rows])) for pair, rows in zip(self.pairs, closed, strict=True))
+        # a mean of two sides
+        summary["facets"] = -(-comm.allreduce(own) // len(states))
+        if not alone:
+            summary |= self._resultants(u, joined)
+        for one in (pair.path.summary(pair.source.jxw / self.weight, comm) for pair in self.pairs if pair.path):
+            summary |= {key: max(value, summary.get(key, 0.0)) for key, value in one.items()}
         if self._node_depths is not None:
             depths = self._node_depths.of_source(u), self._node_depths.of_target(u)
             summary["target_penetration"] = depths[1][0]
@@ -190,6 +205,18 @@ class ContactReport:
             moment = self.pairs[0].moment(u, states[0])
             summary["moment"] = self.space.comm.allreduce(moment, op=MPI.SUM).tolist()
         return {**summary, "bodies": self._on_bodies(u)} if self._between_all() else summary
+
+    def _resultants(self, u, joined):
+        """See :func:`pcontact.contact.summary.resultants`, of the deformed bodies. *Collective.*
+
+        With axial symmetry there is no moment: what one side of the axis has, the other one takes away.
+        """
+        nodal = self.space.local.gather(u)
+        places = np.concatenate([pair.deformed(nodal) + pair.origin for pair in self.pairs])
+        result = resultants(joined, places, self.space.comm)
+        if self.space.axisymmetric:
+            del result["moment"]
+        return result
 
     def _between_all(self):
         return self.contact.all and not self.rigid

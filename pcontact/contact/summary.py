@@ -4,6 +4,7 @@ import numpy as np
 
 from pcontact.contact.law import OPEN, SLIP, STICK
 from pcontact.runtime.petsc import MPI
+from pcontact.space.moments import moments
 
 
 def summarise(state, flips, lost, comm):
@@ -59,6 +60,41 @@ def summarise(state, flips, lost, comm):
         "passed": passed,
         "left": left,
     }
+
+
+def resultants(state, places, comm):
+    """Forces of the quadrature points of all ranks together. *Collective.*
+
+    Parameters
+    ----------
+    state : dict of str to ndarray
+        See `pcontact.contact.pair.ContactPair.state`.
+    places : ndarray (np, d)
+        Of the points [length].
+    comm : MPI.Comm
+
+    Returns
+    -------
+    dict
+        On the target: ``normal_force`` and ``friction_force`` (d,) [force], whose sum is the force, and ``moment``, a
+        number in the plane, (3,) in space, about the origin [force * length]; ``centre`` (d,) of the normal force, NaN
+        where there is none [length]. The same on every rank.
+    """
+    weight, normal, d = state["weight"], state["normal"], places.shape[1]
+    total = -state["traction"] * weight[:, None]
+    along = np.einsum("pd,pd->p", total, normal)
+    pressing = along[:, None] * normal
+    moment = np.atleast_1d(moments(places, total))
+    sums = np.concatenate([
+        pressing.sum(axis=0), (total - pressing).sum(axis=0), np.abs(along) @ places, [np.abs(along).sum()], moment
+    ])  # fmt: skip
+    sums = comm.allreduce(sums, op=MPI.SUM)
+    centre = sums[2 * d : 3 * d] / sums[3 * d] if sums[3 * d] > 0.0 else np.full(d, np.nan)
+    moment = sums[3 * d + 1 :].tolist()
+    return {
+        "normal_force": sums[:d].tolist(), "friction_force": sums[d : 2 * d].tolist(), "centre": centre.tolist(),
+        "moment": moment if d == 3 else moment[0],
+    }  # fmt: skip
 
 
 def components_of(space, pairing, source):

@@ -20,7 +20,7 @@ def flatten(values, prefix=""):
     values : dict
         Scalars, sequences of numbers and dicts of these. Sequences of up to three numbers become ``NAME_x``,
         ``NAME_y``, ``NAME_z``, longer ones ``NAME_0``, ``NAME_1``, ...; a dict's keys are joined by dots. Lists of
-        dicts and of names, which the report has, are left out.
+        dicts and of names, and the names of bodies, which the report has, are left out.
     prefix : str
         Goes before every name.
 
@@ -33,7 +33,7 @@ def flatten(values, prefix=""):
         name = f"{prefix}{key}"
         if isinstance(value, dict):
             scalars.update(flatten(value, f"{name}."))
-        elif isinstance(value, list) and value and isinstance(value[0], (dict, str)):
+        elif key == "body" or isinstance(value, list) and value and isinstance(value[0], (dict, str)):
             continue
         elif isinstance(value, (list, tuple, np.ndarray)) and np.ndim(value):
             suffixes = _AXES if len(value) <= len(_AXES) else range(len(value))

@@ -31,6 +31,7 @@ class Field(NamedTuple):
 # of points by the numbers of the field `status`
 STATUS = ("open", "stick", "slip")
 _FINITE, _YIELD, _SMOOTH, _ESTIMATE = "finite strain", "a body may yield", "`smooth = true`", "`estimate = true`"
+_SLIP = "friction, `slip = true`"
 
 FIELDS = (
     Field("displacement", "nodes", "length", "of the nodes; also on the contact surfaces"),
@@ -60,6 +61,10 @@ FIELDS = (
     Field("gap", "facets", "length", "mean over the facet; negative where bodies overlap"),
     Field("status", "facets", "", "what most of the closed points do: 0 open, where none is closed, 1 stick, 2 slip"),
     Field("area", "facets", "area", "of the facet, as far as it has points"),
+    Field("slip", "facets", "length", "magnitude of the slip of the load step, mean over the facet", _SLIP),
+    Field("slip_total", "facets", "length", "sum of these over the load steps", _SLIP),
+    Field("wear_per_coefficient", "facets", "stress * length", "integral of the pressure over the slip so far: times a "
+          "coefficient of wear the depth that is worn off", _SLIP),
     Field("pressure", "points", "stress", "contact pressure"),
     Field("gap", "points", "length", "to the partner; negative where bodies overlap"),
     Field("traction", "points", "stress", "that acts on the source, a vector"),
@@ -67,6 +72,10 @@ FIELDS = (
     Field("status", "points", "", "0 open, 1 stick, 2 slip"),
     Field("weight", "points", "area", "area that the point stands for"),
     Field("paired", "points", "", "1 where the point has a partner"),
+    Field("slip", "points", "length", "magnitude of the slip of the load step, 0 where the point does not slide at its "
+          "end", _SLIP),
+    Field("slip_total", "points", "length", "sum of these over the load steps", _SLIP),
+    Field("wear_per_coefficient", "points", "stress * length", "as of the facets", _SLIP),
 )  # fmt: skip
 # endings of names in pictures: components of vectors and of symmetric tensors
 COMPONENTS = ("x", "y", "z", "xx", "yy", "zz", "xy", "yz", "xz")

@@ -64,7 +64,11 @@ _CONTACT = table(
     force=vector("on the target; of self contact sums of magnitudes [force]"),
     radial_sum=number("axial symmetry: `force[0]`, radial forces summed over the circumference, no resultant [force]"),
     axial_force=number("axial symmetry: `force[1]` [force]"),
-    moment=turned("on an obstacle that turns, about its pivot [force * length]"),
+    normal_force=vector("part of `force` along the normals; not of self contact [force]"),
+    friction_force=vector("part of `force` across them; not of self contact [force]"),
+    centre=vector("of the normal force, in the deformed bodies; null without contact [length]"),
+    moment=turned("on the target about the origin, on an obstacle that turns, or is a mesh, about its pivot; not with axial "
+                  "symmetry and self contact [force * length]"),
     area=number("of the closed points [area]"),
     max_pressure=number("largest contact pressure of the quadrature points [stress]"),
     max_penetration=number("largest penetration of a closed point [length]"),
@@ -74,6 +78,11 @@ _CONTACT = table(
     open=count("quadrature points that are open [-]"),
     stick=count("that stick; without friction none [-]"),
     slip=count("that slip; without friction all that are closed [-]"),
+    facets=count("facets of the source that have closed points [-]"),
+    max_slip=number("with `slip = true`: largest slip of the load step at points that slide [length]"),
+    max_slip_total=number("and of the run so far [length]"),
+    max_wear_per_coefficient=number("largest integral of the pressure over the slip so far [stress * length]"),
+    wear_volume_per_coefficient=number("that over the area [force * length]"),
     target_penetration=number("depth of the deepest node of the target in the source [length]"),
     flipped=count("that changed between these in the last iteration of Newton's method [-]"),
     passed=count("that are inside their partner and were open when partners were found [-]"),
@@ -96,6 +105,15 @@ _FINITE = table(
     smallest_stretch=number("smallest one [-]"), rotation=number("largest rotation of its cells [degrees]"),
     place=vector("middle of the cell whose stretch is farthest from 1, in the undeformed body [length]"),
 )  # fmt: skip
+_LARGEST = {
+    name: table("", (), value=number(f"{words} [{unit}]"), body=text("its region"),
+                place=vector("where, in the undeformed body [length]"))
+    for name, words, unit in (
+        ("displacement", "largest magnitude of nodes", "length"),
+        ("equivalent_stress", "largest von Mises' stress, of the means of cells", "stress"),
+        ("equivalent_plastic_strain", "where a body may yield: largest mean of cells", "-"),
+    )
+}  # fmt: skip
 _ENERGY = table(
     "with `energy = true`: works so far, and what became of them", ("stored", "defect"),
     **{name: number(f"{words} [force * length]") for name, words in (
@@ -139,6 +157,7 @@ STEP = table(
     plastic=table("of all bodies", ("max_equivalent_strain", "yielded_volume"),
                   max_equivalent_strain=number("largest equivalent plastic strain [-]"),
                   yielded_volume=number("volume that has yielded [volume]")),
+    largest=table("largest values, where they are", (), **_LARGEST),
     small_strain=by_name(_STRAIN, "bodies with small strain: how far they are from what it represents"),
     finite_strain=by_name(_FINITE, "bodies with finite strain: how far they go"),
     viscous=table("with a viscous stabilisation", (), work=number("that it has taken up so far [force * length]"),

@@ -93,9 +93,9 @@ class Snapshot(Observer):
         """Take the fields of the step. *Collective.*"""
         start, contacts, surfaces, points = clock.perf_counter(), self._problem.contacts, {}, {}
         for contact in contacts:
-            state = contact.state(u)
-            surfaces[contact.name] = self._surface(contact, state, u)
-            points[contact.name] = _cloud(state)
+            state, paths = contact.state(u), contact.paths()
+            surfaces[contact.name] = self._surface(contact, {**state, **paths}, u, paths)
+            points[contact.name] = _cloud({**state, **paths}, paths)
         point_numbers = {contact.name: contact.memory_keys() for contact in contacts}
         cell_numbers = [block.ids for block in self._problem.space.mesh.blocks]
         self.taken = Taken(step.number, step.time, self._bodies(u), cell_numbers, surfaces, points, point_numbers)
@@ -130,14 +130,14 @@ class Snapshot(Observer):
         cells = [(STORED.get(name, name), table) for name, table in zip(names, tables, strict=True)]
         return Piece(points, [(name, table[:, : CELL_TYPES[name][1]]) for name, table in cells], nodal, data)
 
-    def _surface(self, contact, state, u):
+    def _surface(self, contact, state, u, more):
         """Source facets with the means of their quadrature points."""
         space, mesh = self._problem.space, self._problem.space.mesh
         source = contact.source
         facet, n = source.facet, len(source.cells)
         area = np.bincount(facet, state["weight"], minlength=n)
         mean = {}
-        for name, key in (("contact_pressure", "pressure"), ("gap", "gap")):
+        for name, key in (("contact_pressure", "pressure"), ("gap", "gap"), *zip(more, more, strict=True)):
             mean[name] = np.bincount(facet, state["weight"] * state[key], minlength=n) / area
         mean["status"] = facet_status(facet, state["status"], state["weight"], n)
         mean["area"] = area
@@ -151,6 +151,6 @@ class Snapshot(Observer):
         return Piece(space.points, cells, {"displacement": space.local.gather(u)}, data)
 
 
-def _cloud(state):
-    keys = ("pressure", "gap", "traction", "normal", "status", "weight", "paired")
+def _cloud(state, more):
+    keys = ("pressure", "gap", "traction", "normal", "status", "weight", "paired", *more)
     return Cloud(state["x"], {key: state[key] for key in keys})

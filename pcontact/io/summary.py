@@ -8,6 +8,10 @@ from pcontact.io.report import jsonable
 from pcontact.runtime import log, streams
 from pcontact.runtime.observer import Observer
 
+# facets across a contact area from which on its largest pressure is resolved. From: Hertz' pressure of cylinders and of
+# a ball on a block, degree 1 and 2 (docs/tables/accuracy.md).
+ACROSS = 6
+
 
 def summary(report, directory):
     """Lines about a run that has ended.
@@ -23,11 +27,13 @@ def summary(report, directory):
     -------
     list of str
     """
-    count, last, most = 0, None, {}
+    count, last, most, at = 0, None, {}, {}
     for last in report["steps"]:
         count += 1
         for name, contact in last.get("contacts", {}).items():
-            most[name] = max(most.get(name, 0.0), contact.get("max_pressure") or 0.0)
+            pressure = contact.get("max_pressure") or 0.0
+            if pressure > most.get(name, -1.0):
+                most[name], at[name] = pressure, contact
     if last is None:
         return [f"no load step converged; the report is in {directory}"]
     seconds = report["timing"].get("total")
@@ -44,10 +50,42 @@ def summary(report, directory):
                      f"{_number(contact['radial_sum']):.5g}")  # fmt: skip
         lines.append(f"  {name}: {force}, largest pressure {_number(contact['max_pressure']):.5g} (of all load steps "
                      f"{most[name]:.5g}), penetration {_number(contact['max_penetration']):.3g}")  # fmt: skip
+    if "target" not in report.get("accuracy", {}):
+        lines += _unresolved(at)
+    lines += _largest(last.get("largest", {}))
     if report["warnings"]:
         lines.append(f"  {len(report['warnings'])} warnings, above and in report.json")
     lines.append(f"  results in {directory}; pictures: pcontact view {directory}")
     return lines
+
+
+def _unresolved(contacts):
+    """Lines on contacts, each at its largest pressure, of which few facets are closed and others are not."""
+    lines = []
+    for name, contact in contacts.items():
+        count, space = contact.get("facets") or 0, len(contact["force"]) == 3
+        across = math.sqrt(count) if space else count
+        if 0 < across < ACROSS and contact["open"]:
+            lines.append(
+                f"  {name}: the contact area is about {across:.0f} facet{'s' * (across >= 1.5)} across: its largest "
+                f"pressure is not resolved; remedy: {ACROSS} or more there, or -error 5% -error_of pressure:{name}"
+            )
+    return lines
+
+
+_WORDS = {"equivalent_stress": "equivalent stress", "equivalent_plastic_strain": "equivalent plastic strain",
+          "displacement": "displacement"}  # fmt: skip
+
+
+def _largest(found):
+    """Line of the largest stress, plastic strain and displacement of a load step; none without any."""
+    parts = []
+    for name, words in _WORDS.items():
+        one = found.get(name)
+        if one is not None and one["place"] is not None:
+            at = ", ".join(f"{_number(x):.4g}" for x in one["place"])
+            parts.append(f"{words} {_number(one['value']):.5g} in {one['body']} at ({at})")
+    return [f"  largest {'; '.join(parts)}"] * bool(parts)
 
 
 def _number(value):

@@ -853,6 +853,10 @@ class Output:
         BOOLEAN, "works of loads, supports and obstacles, and what became of them, in the report and the history",
         default=False, option="output_energy", more="see [results.md](results.md)",
     )  # fmt: skip
+    slip: bool = key(
+        BOOLEAN, "slip of contacts with friction, and the pressure over it (wear), in the fields, the report and the "
+        "history", default=False, option="output_slip", kw_only=True, more="see [results.md](results.md)",
+    )  # fmt: skip
     estimate: bool = key(
         BOOLEAN, "estimate of the error of every step, in the report and the fields",
         default=False, option="output_estimate",

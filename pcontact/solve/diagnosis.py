@@ -13,7 +13,7 @@ YIELDED = 0.5
 CLOSED = 1e-3
 
 
-def diagnose(problem, u, reason, norm):
+def diagnose(problem, u, reason, norm, loose=()):
     """Sentences on the state in which Newton's method has ended without success. *Collective.*
 
     Parameters
@@ -24,6 +24,8 @@ def diagnose(problem, u, reason, norm):
         Of SNES.
     norm : float
         Of the residual [force].
+    loose : collection of int
+        Connected components that supports leave free.
 
     Returns
     -------
@@ -37,7 +39,7 @@ def diagnose(problem, u, reason, norm):
     elif not problem.extrapolates and not moved <= size:
         found.append(
             f"displacements of {moved:.3g}, more than the size of the bodies ({size:.3g}): the load is too large for "
-            "small strains, or nothing holds a body"
+            f"small strains, or {_unheld(problem, u, loose) or 'nothing holds a body'}"
         )
     elif min(norm, problem.loaded(u) or norm) <= ROUNDINGS * problem.roundoff(u):
         found.append("rounding errors of the stresses hide the rest: the load is too small for these displacements")
@@ -65,9 +67,25 @@ def diagnose(problem, u, reason, norm):
     if part >= YIELDED:
         found.append(f"{100.0 * part:.0f} % of what may yield does: the load may be beyond the limit load")
     if reason == FAILED:
+        words = _unheld(problem, u, loose) or "bodies that nothing holds"
         found.append(
-            "the tangent is singular or nearly so: bodies that nothing holds, a limit load, or a gamma0 below the "
-            "bound of coercivity; another solver: -pc_type lu"
+            f"the tangent is singular or nearly so: {words}, a limit load, or a gamma0 below the bound of coercivity; "
+            "another solver: -pc_type lu"
         )
+    if not found and loose:
+        found += [words for words in [_unheld(problem, u, loose)] if words]
     return found
 
+
+def _unheld(problem, u, loose):
+    """Words on bodies that no support holds, first those without a contact force in ``u``; empty without any.
+    *Collective.*"""
+    if not loose:
+        return ""
+    names, borne = problem.space.mesh.component_names, problem.borne(u)
+    lost = [k for k in loose if borne[k] <= ROUNDINGS * problem.roundoff(u)]
+    listed = ", ".join(dict.fromkeys(names[k] for k in lost or loose))
+    if not lost:
+        return f"contact alone holds {listed}, and may not be able to: a support is missing"
+    before = "contact has let go" if problem.touched()[lost].any() else "no contact force has held before"
+    return f"no support holds {listed}, which {before}: a support is missing, or a load that presses it on another body"

@@ -64,6 +64,7 @@ class Newton:
 
     def __init__(self, problem, options, symmetric, near_null_space, timing, motions=None, modes_at=None):
         self.problem, self.timing, self._modes_at = problem, timing, modes_at
+        self._loose = sorted(motions or ())
         self._balance = Balance(problem, motions) if motions and not problem.linear else None
         self._options = options
         plastic = problem.yields
@@ -327,7 +328,7 @@ class Newton:
     def _detail(self, reason, norm):
         """What a user should look at. *Collective.*"""
         value, point, body = self.problem.worst(self._f)
-        parts = diagnose(self.problem, self.snes.getSolution(), reason, norm)
+        parts = diagnose(self.problem, self.snes.getSolution(), reason, norm, self._loose)
         parts.append(f"largest residual {value:.3e} at {np.array2string(point, precision=4)} in body {body}")
         for contact in self.problem.contacts:
             last = contact.space.comm.allreduce(np.array(([0, 0, 0] + contact.flips)[-3:]))

@@ -11,7 +11,7 @@ import numpy as np
 
 from pcontact.runtime.parallel import agree
 from pcontact.runtime.petsc import MPI
-from pcontact.space.turn import moments
+from pcontact.space.moments import moments
 
 # [-] Size of a group across the line through its farthest nodes, over that along it, below which it is a line. From:
 # far above the rounding errors of coordinates, far below what is no line.

@@ -246,12 +246,27 @@ class Announcer:
     def __init__(self, names):
         several = {name for name in names if names.count(name) > 1}
         self.names = [f"{name} {k}" if name in several else name for k, name in enumerate(names)]
-        self._free, self._known = set(), set()
+        # bodies that are free now, that were so once, and that a contact force has held at the end of a load step
+        self._free, self._known, self._held = set(), set(), set()
 
-    def __call__(self, time, free):
-        """Names of the free bodies (components) of a load step."""
+    def __call__(self, time, free, first=False):
+        """Names of the free bodies (components) of a load step, which may be the first one of a run."""
+        if not (first or self._free or self._held):
+            # who goes on does not know what was before
+            self._held = set(range(len(self.names)))
         gone, caught = [k for k in free if k not in self._free], sorted(self._free.difference(free))
         self._free = set(free)
+        self._held.update(set(range(len(self.names))) - self._free)
+        never = [k for k in gone if k not in self._held]
+        if never:
+            self._known.update(never)
+            log.warning(
+                "time %g: no support holds %s, and no contact force ever has: left where %s. Is a support missing? "
+                "Does a load press %s on another body? Do contacts name the surfaces that meet?",
+                time, self._listed(never), "it is" if len(never) == 1 else "they are",
+                "it" if len(never) == 1 else "them",
+            )  # fmt: skip
+        gone = [k for k in gone if k in self._held]
         if gone:
             say = log.info if self._known.issuperset(gone) else log.warning
             self._known.update(gone)

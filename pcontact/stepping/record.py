@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from pcontact.material.elastic import equivalent_stress
 from pcontact.runtime import log
 from pcontact.runtime.petsc import MPI
 from pcontact.solve.convergence import NEARLY
@@ -84,6 +85,7 @@ class Recorder:
             "contacts": {contact.name: contact.summary(u) for contact in problem.contacts},
             "probes": {name: self._probe(nodes, u) for name, nodes in self._probes.items()},
             "plastic": self._plastic(),
+            "largest": largest(problem, u),
         }
         if self._bodies:
             record["small_strain"] = self._distortions(u)
@@ -127,7 +129,7 @@ class Recorder:
         if any(item.verifies for item in problem.others):
             record["partners"] = step.partners or {"searches": 0}
         if step.free is not None:
-            record["free"] = self._announce(step.time, step.free)
+            record["free"] = self._announce(step.time, step.free, step.number == 1)
             record["free_bodies"] = len(step.free)
         return {**record, "imbalance": self._imbalance(step.time, u, record, unbalanced)}
 
@@ -239,6 +241,48 @@ class Recorder:
         comm.Allreduce(MPI.IN_PLACE, high, op=MPI.MAX)
         mean = total[:d] / max(total[d], 1.0)
         return {"mean": mean.tolist(), "min": low.tolist(), "max": high.tolist()}
+
+
+def largest(problem, u):
+    """Largest equivalent stress, equivalent plastic strain and displacement, and where they are. *Collective.*
+
+    Parameters
+    ----------
+    problem : pcontact.solve.problem.Problem
+    u : PETSc.Vec
+
+    Returns
+    -------
+    dict of str to dict
+        ``value``, ``place`` in the undeformed bodies [length] and ``body``, the same on every rank: of cells their
+        means and middles.
+    """
+    space, bulk = problem.space, problem.bulk
+    moved = np.linalg.norm(u.getArray(readonly=True).reshape(-1, space.dim), axis=1)
+    node, component = space.owned_local, space.component
+    own = {"displacement": _top(moved, lambda row: (space.points[node[row]], component[node[row]]))}
+    cells = [(block.components, table) for block, table in zip(space.mesh.blocks, space.cells, strict=True)]
+    fields = {"equivalent_stress": [equivalent_stress(values) for values, _ in bulk.stress(u)]}
+    strain = bulk.plastic_strain()
+    fields |= {} if strain is None else {"equivalent_plastic_strain": strain}
+    for name, values in fields.items():
+        tops = [_top(one, lambda row, at=at: (space.points[at[1][row]].mean(axis=0), at[0][row]))
+                for one, at in zip(values, cells, strict=True)]  # fmt: skip
+        own[name] = max(tops, key=lambda top: top[0], default=(0.0, None, 0))
+    every, result = space.comm.allgather(own), {}
+    for name in own:
+        value, place, body = max((one[name] for one in every), key=lambda top: top[0])
+        result[name] = {"value": value, "place": place, "body": space.mesh.component_names[body]}
+    return result
+
+
+def _top(values, where):
+    """Largest of some values (n,), and what a function says of its row: place (d,) and component."""
+    if not len(values):
+        return -1.0, None, 0
+    row = int(np.argmax(values))
+    place, component = where(row)
+    return float(values[row]), place.tolist(), int(component)
 
 
 def _name_components(record):

@@ -127,7 +127,7 @@ def with_piece(path, piece):
     return scene(path, **{
         "friction": {"friction": 0.4},
         "friction that varies": {"friction": "0.4 + 0*x"},
-        "self contact": {"source": "upper_bottom", "target": "upper_bottom"},
+        "self contact": {"source": "upper_bottom", "target": "upper_bottom", "self_contact": True},
         "all surfaces": {"source": None, "target": None, "all": True},
         "tied surfaces": {"tied": True},
         "unbiased contact": {"unbiased": True},

@@ -16,7 +16,7 @@ from meshes.blocks import two_blocks
 from pcontact.runtime.jit import CALLS
 from pcontact.runtime.parallel import on_root
 from pcontact.runtime.petsc import MPI
-from pcontact.scene.model import Coupling, Load, Material
+from pcontact.scene.model import Coupling, Displacement, Load, Material
 from pcontact.simulation import Simulation
 from tests.support.lean import FEATURES, KEYS, scene
 
@@ -28,7 +28,7 @@ KERNELS = {
 }  # fmt: skip
 SECTIONS = {
     "time", "newton", "krylov", "krylov_most", "cutbacks", "reactions", "contacts", "probes", "plastic", "small_strain",
-    "partners", "imbalance",
+    "partners", "imbalance", "largest",
 }  # fmt: skip
 
 
@@ -49,7 +49,7 @@ def with_feature(path, feature):
     }
     loads = {
         "loads": Load("upper_left", pressure=0.01), "total loads": Load("upper_left", force=[0.0, 0.01, 0.0]),
-        "expressions": Load("upper_left", pressure="0.01*t"), "turning": Load("upper_left", moment=[0.0, 0.01, 0.0]),
+        "expressions": Load("upper_left", pressure="0.01*t"),
     }  # fmt: skip
     if feature in tables:
         name, more = tables[feature]
@@ -62,6 +62,9 @@ def with_feature(path, feature):
     elif feature == "means of groups":
         result.displacements = result.displacements[:1]
         result.couplings = [Coupling("upper_top", average=True, displacement=[0.005, 0.0, -0.02])]
+    elif feature == "turning":
+        result.displacements[1] = Displacement("upper_top", [0.005, 0.0, -0.02], angle=0.1, point=[0.5, 0.5, 2.0],
+                                               axis=[0.0, 0.0, 1.0])  # fmt: skip
     elif feature == "ray tracing":
         result.contacts = [replace(pair, search="ray_tracing")]
     elif feature == "cut facets":

@@ -139,7 +139,7 @@ KEYS = {
     "Output": {
         "fields": "fields", "smooth fields": "smooth", "fields in one file": "format compression",
         "checkpoints": "checkpoint checkpoint_every", "probes": "probes", "energy": "energy",
-        "error estimate": "estimate",
+        "error estimate": "estimate", "slip": "slip",
     },
 }  # fmt: skip
 

@@ -300,7 +300,7 @@ def test_status_of_facets():
 
 @pytest.mark.parametrize("more", [
     {"materials": {"m": {"yield_stress": 20.0, "hardening": 100.0}}, "output": {"smooth": True, "estimate": True}},
-    {"mesh": {"strain": "finite"}},
+    {"mesh": {"strain": "finite"}, "contacts": {"0": {"friction": 0.1}}, "output": {"slip": True}},
 ])  # fmt: skip
 def test_all_fields_are_declared(more, tmp_path):
     """What a run writes is in the table, at its place; and the table has nothing that neither of two runs has."""
@@ -317,7 +317,8 @@ def test_all_fields_are_declared(more, tmp_path):
     for cloud in result.points.values():
         found |= {("points", name) for name in cloud.data}
     assert found <= {(field.place, field.name) for field in FIELDS}
-    without = {"finite strain"} if "materials" in more else {"a body may yield", "`smooth = true`", "`estimate = true`"}
+    without = {"a body may yield", "`smooth = true`", "`estimate = true`"}
+    without = {"finite strain", "`slip = true`"} if "materials" in more else without
     wanted = {(field.place, field.name) for field in FIELDS if not without & set(field.when.split(", "))}
     assert wanted <= found
 

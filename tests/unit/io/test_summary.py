@@ -4,9 +4,34 @@ from pcontact.io.summary import summary
 
 
 def report(**more):
-    pair = {"force": [0.0, -2.5], "max_pressure": 3.0, "max_penetration": 1e-4}
+    pair = {"force": [0.0, -2.5], "max_pressure": 3.0, "max_penetration": 1e-4, "open": 0}
     steps = [{"time": 1.0, "contacts": {"a": {**pair, "max_pressure": 7.0}}}, {"time": 2.0, "contacts": {"a": pair}}]
     return {"steps": steps, "converged": True, "warnings": [], "timing": {"total": 1.5}, "memory": {}, **more}
+
+
+def test_a_contact_area_of_few_facets():
+    """Of those that are closed at the largest pressure; all of a surface, and a named error, need no word."""
+    pair = {"force": [0.0, -2.5], "max_pressure": 7.0, "max_penetration": 1e-4, "open": 3, "facets": 4}
+    less = {**pair, "max_pressure": 3.0, "facets": 20}
+
+    def lines(one, **more):
+        steps = [{"time": 1.0, "contacts": {"a": one}}, {"time": 2.0, "contacts": {"a": less}}]
+        return [line for line in summary(report(steps=steps, **more), "out") if "not resolved" in line]
+
+    (line,) = lines(pair)
+    assert "a: the contact area is about 4 facets across" in line and "-error_of pressure:a" in line
+    assert "about 4 facets across" in lines({**pair, "force": [0.0, 0.0, -1.0], "facets": 16})[0]
+    assert not lines({**pair, "open": 0}) and not lines({**pair, "facets": 6})
+    assert not lines({**pair, "force": [0.0, 0.0, -1.0], "facets": 36}) and not lines(pair, accuracy={"target": {}})
+
+
+def test_the_largest_values_and_their_places():
+    step = {"time": 1.0, "largest": {
+        "displacement": {"value": 0.5, "place": [1.0, -0.0], "body": "lid"},
+        "equivalent_stress": {"value": 2.0, "place": [0.25, 2.0], "body": "box"},
+    }}  # fmt: skip
+    line = summary(report(steps=[step]), "out")[1]
+    assert line == "  largest equivalent stress 2 in box at (0.25, 2); displacement 0.5 in lid at (1, 0)"
 
 
 def test_what_came_out_and_where_it_is():

@@ -318,6 +318,38 @@ def test_a_body_is_warned_of_once():
     log.forget_warnings()
 
 
+def test_what_nothing_ever_held_is_told_apart():
+    """Whoever goes on from a checkpoint cannot know."""
+    for first, said in ((True, "no contact force ever has"), (False, "no contact force holds")):
+        log.forget_warnings()
+        names = Announcer(["block", "lid"])
+        names(0.5, [0], first)
+        names(1.0, [0, 1])
+        own, other = log.warnings()
+        assert said in own and "body block" in own and "no support and no contact force holds body lid: free" in other
+    log.forget_warnings()
+
+
+@pytest.mark.parametrize(
+    ("traction", "said"),
+    [([0.0, 100.0], "no support holds upper, which no contact force has held before: a support is missing"),
+     ([10.0, -1.0], "contact alone holds upper, and may not be able to: a support is missing")],
+)  # fmt: skip
+def test_a_missing_support_is_named(tmp_path, traction, said):
+    """Of a block that is drawn off another one, or along it with more than friction bears."""
+    path = blocks_file(tmp_path / "b.msh", "quadrilateral", 2, 2)
+    scene = Scene(
+        mesh=MeshSpec(path), materials={"m": Material(1000.0, 0.3)}, bodies=[Body(b, "m") for b in ("lower", "upper")],
+        contacts=[Contact("upper_bottom", "lower_top", friction=0.3)],
+        displacements=[Displacement("lower_bottom", [0.0, 0.0])], loads=[Load("upper_top", traction=traction)],
+        steps=Steps(min_step=1.0), output=Output(fields=False), petsc={"snes_max_it": "20"},
+    )  # fmt: skip
+    simulation = Simulation(scene, SELF)
+    assert not simulation.run()
+    assert said in str(simulation.failure)
+    simulation.close()
+
+
 def test_names_are_no_columns():
     assert flatten({"free": ["block"], "free_bodies": 1}) == {"free_bodies": 1}
 
