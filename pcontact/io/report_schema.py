@@ -67,8 +67,8 @@ _CONTACT = table(
     normal_force=vector("part of `force` along the normals; not of self contact [force]"),
     friction_force=vector("part of `force` across them; not of self contact [force]"),
     centre=vector("of the normal force, in the deformed bodies; null without contact [length]"),
-    moment=turned("on the target about the origin, on an obstacle that turns, or is a mesh, about its pivot; not with axial "
-                  "symmetry and self contact [force * length]"),
+    moment=turned("on the target about the origin, on an obstacle that turns, or is a mesh, about its pivot; not with "
+                  "axial symmetry and self contact [force * length]"),
     area=number("of the closed points [area]"),
     max_pressure=number("largest contact pressure of the quadrature points [stress]"),
     max_penetration=number("largest penetration of a closed point [length]"),
