@@ -27,6 +27,7 @@ from pcontact.material.finite import FiniteMaterial
 from pcontact.material.hardening import hardening_curve, hardening_table
 from pcontact.material.orthotropic import Orthotropic, frame, stiffness
 from pcontact.material.plastic import VonMises, plastic_constants
+from pcontact.mesh.by_place import BY_PLACE
 from pcontact.mesh.geometry.moving import put_on
 from pcontact.mesh.groups import RawMesh
 from pcontact.mesh.hdf5_reader import is_converted
@@ -51,11 +52,13 @@ from pcontact.scene import (
     validate,
 )
 from pcontact.scene.amplitude import Squared
+from pcontact.scene.expression import Condition
 from pcontact.scene.keys import options as key_options
 from pcontact.scene.model import LOCKING, POOR, Contact
 from pcontact.scene.phases import groups_of, left, scene_of
 from pcontact.scene.places import place
 from pcontact.scene.prescribed import Prescribed
+from pcontact.scene.regions import check_region
 from pcontact.scene.unsafe import unsafe
 from pcontact.solve.preconditioners.deflation import MOST_COLOURS
 from pcontact.solve.problem import Problem
@@ -146,10 +149,13 @@ def read(scene, comm, options):
 
     def check(mesh):
         check_dimension(scene, mesh.dim)
+        _select(scene, mesh)
         if scene.mesh.kinematics == "axisymmetric":
             check_radius(scene, mesh.points, mesh.path)
         check_lost(scene, mesh.lost, mesh.path)
-        check_regions(scene, mesh.cell_groups, mesh.facet_groups, mesh.node_groups, mesh.path)
+        whole = isinstance(mesh, RawMesh)
+        box = (mesh.points.min(axis=0), mesh.points.max(axis=0)) if whole else None
+        check_regions(scene, mesh.cell_groups, mesh.facet_groups, mesh.node_groups, mesh.path, box)
         check_apart(scene, getattr(mesh, "common", {}))
         _cut(scene, mesh)
 
@@ -161,6 +167,29 @@ def read(scene, comm, options):
     if scene.mesh.geometry is not None:
         put_on(mesh, scene.folder / scene.mesh.geometry, scene.where)
     return mesh
+
+
+def _select(scene, mesh):
+    """Make the groups that the scene makes by place."""
+    if not scene.regions:
+        return
+    if not isinstance(mesh, RawMesh):
+        found = f"groups by place with the converted mesh {mesh.path}"
+        raise input_error(scene.where, "regions", found, "the file that it was converted from, or groups in that")
+    size = float(np.linalg.norm(np.ptp(mesh.points, axis=0)))
+    groups = {"cells": mesh.cell_groups, "facets": mesh.facet_groups, "nodes": mesh.node_groups}
+    for number, one in enumerate(scene.regions):
+        check_region(scene, number, mesh.dim, groups, mesh.path)
+        test = Condition("x == x" if one.where is None else one.where)
+        made = BY_PLACE[one.kind](mesh, partial(test, size=size), mesh.cell_groups.get(one.of))
+        if one.kind == "nodes":
+            made, mesh.edge_groups[one.name] = made
+        groups[one.kind][one.name] = made
+        if not len(made[0] if one.kind == "facets" else made):
+            found = f"{one.where!r}, where there are no {one.kind}{f' of {one.of}' if one.of else ''}"
+            low, high = (corner.tolist() for corner in (mesh.points.min(axis=0), mesh.points.max(axis=0)))
+            allowed = f"a condition that some fulfil; the mesh goes from {low} to {high}"
+            raise input_error(scene.where, f"{place('regions', number, one.name)}.where", found, allowed)
 
 
 def _cut(scene, mesh):

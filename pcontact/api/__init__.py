@@ -30,6 +30,7 @@ from pcontact.scene import (
     Output,
     Phase,
     Pretension,
+    Region,
     Spring,
     Steps,
     Temperature,
@@ -37,6 +38,6 @@ from pcontact.scene import (
 
 __all__ = [
     "Body", "Contact", "ContactResult", "Coupling", "Displacement", "Fields", "FrictionLaw", "Item", "Load", "Material",
-    "MeshSpec", "Obstacle", "Output", "Phase", "Picture", "Pretension", "Run", "Scene", "Spring", "Step", "Steps",
-    "Study", "Temperature", "add_law", "from_dict", "load", "mesh_from", "new", "read", "run", "study",
+    "MeshSpec", "Obstacle", "Output", "Phase", "Picture", "Pretension", "Region", "Run", "Scene", "Spring", "Step",
+    "Steps", "Study", "Temperature", "add_law", "from_dict", "load", "mesh_from", "new", "read", "run", "study",
 ]  # fmt: skip

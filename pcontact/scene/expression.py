@@ -13,6 +13,11 @@ import numpy as np
 LONGEST, MOST, DEEPEST = 2000, 500, 100
 VARIABLES = ("x", "y", "z", "t")
 CONSTANTS = {"pi": np.pi}
+# variables of conditions: place, and outward normal
+NORMAL = ("nx", "ny", "nz")
+PLACES = ("x", "y", "z", *NORMAL)
+# [sizes of the mesh] Difference of two numbers that are equal in a condition
+EQUAL = 1e-6
 
 
 def _over(a, b):
@@ -70,6 +75,11 @@ ALLOWED = (
     f"{', '.join(FUNCTIONS)}"
 )
 
+CONDITION = (
+    "a condition on x, y, z and, of facets, the outward normal nx, ny, nz: comparisons < <= > >= == of expressions of "
+    f"these, pi, numbers, + - * / **, and the functions {', '.join(FUNCTIONS)}; joined by and, or, not"
+)
+
 
 class Expression:
     """A function of place and time, with its gradient in closed form.
@@ -89,6 +99,8 @@ class Expression:
         What is wrong, and where in the text.
     """
 
+    variables = VARIABLES
+
     def __init__(self, text):
         if len(text) > LONGEST:
             raise ValueError(f"{len(text)} characters, at most {LONGEST}")
@@ -101,7 +113,7 @@ class Expression:
             raise ValueError(f"{error.msg} at character {error.offset or 1}") from None
         except (RecursionError, MemoryError):
             raise ValueError("brackets or signs that are nested too deep") from None
-        self._root = self._node(tree, 0)
+        self._root = self._top(tree)
 
     def __call__(self, x, time):
         """Values (n,) at points x (n, d) [length]."""
@@ -116,6 +128,9 @@ class Expression:
         with np.errstate(all="ignore"):
             slope = _slope(self._root, places, slopes)[1]
         return np.zeros(x.shape) if slope is None else np.broadcast_to(slope.T, x.shape).astype(float)
+
+    def _top(self, tree):
+        return self._node(tree, 0)
 
     def _node(self, tree, depth):
         """A node of ours for one of Python's: (kind, ...), with nodes in it."""
@@ -151,7 +166,7 @@ class Expression:
     def _name(self, tree):
         if tree.id in CONSTANTS:
             return ("number", CONSTANTS[tree.id])
-        if tree.id not in VARIABLES:
+        if tree.id not in self.variables:
             raise _refused(tree, f"the name {tree.id[:40]!r}")
         self.names.add(tree.id)
         return ("place", tree.id)
@@ -225,3 +240,64 @@ def _slope(node, places, slopes):
             part = np.where(own == 0.0, 0.0, outer * own)
             total = part if total is None else total + part
     return rest[0](*values), total
+
+
+class Condition(Expression):
+    """A condition on places and outward normals of a mesh.
+
+    Parameters
+    ----------
+    text : str
+        Comparisons of expressions of `PLACES`, such as ``0 < x < 1``, joined by ``and``, ``or``, ``not``.
+
+    Attributes
+    ----------
+    names : set of str
+        Variables that it has.
+
+    Raises
+    ------
+    ValueError
+        What is wrong, and where in the text.
+    """
+
+    variables = PLACES
+
+    def __call__(self, x, normal, size):
+        """Flags (n,) of points x (n, d) [length] with normals (n, d) or None; a size of the mesh [length] says what ==
+        means."""
+        places = {**_places(x, 0.0), **({} if normal is None else dict(zip(NORMAL, normal.T, strict=False)))}
+        places.setdefault("nz", np.zeros(len(x)))
+        with np.errstate(all="ignore"):
+            return np.broadcast_to(_holds(self._root, places, EQUAL * size), len(x))
+
+    def _top(self, tree):
+        return self._test(tree, 0)
+
+    def _test(self, tree, depth):
+        """A condition: ("test", comparison or None for ==, both sides), or ("all" | "any" | "not", conditions)."""
+        self._count += 1
+        if self._count > MOST or depth > DEEPEST:
+            raise ValueError(f"more than {MOST} operations, or nested deeper than {DEEPEST}")
+        if isinstance(tree, ast.BoolOp):
+            kind = "all" if isinstance(tree.op, ast.And) else "any"
+            return (kind, [self._test(one, depth + 1) for one in tree.values])
+        if isinstance(tree, ast.UnaryOp) and isinstance(tree.op, ast.Not):
+            return ("not", [self._test(tree.operand, depth + 1)])
+        if not isinstance(tree, ast.Compare):
+            raise _refused(tree, "something that is no comparison")
+        if not all(type(one) in COMPARISONS or isinstance(one, ast.Eq) for one in tree.ops):
+            raise _refused(tree, "a comparison other than < <= > >= ==")
+        parts = [self._node(one, depth + 1) for one in (tree.left, *tree.comparators)]
+        return ("all", [("test", COMPARISONS.get(type(op)), parts[k : k + 2]) for k, op in enumerate(tree.ops)])
+
+
+def _holds(node, places, near):
+    kind, *rest = node
+    if kind == "test":
+        left, right = (_value(one, places) for one in rest[1])
+        return np.abs(left - right) <= near if rest[0] is None else rest[0](left, right)
+    parts = [_holds(one, places, near) for one in rest[0]]
+    if kind == "not":
+        return np.logical_not(parts[0])
+    return (np.logical_and if kind == "all" else np.logical_or).reduce(np.broadcast_arrays(*parts))

@@ -43,6 +43,7 @@ from pcontact.scene.values import (
     MOMENT,
     MOONEY_RIVLIN,
     OGDEN,
+    PLACE_CONDITION,
     POISSON,
     PRESSURE_OVERCLOSURE,
     ROTATION,
@@ -761,6 +762,25 @@ class Spring:
 
 
 @table
+class Region:
+    """A group that the mesh does not have, by where its members are."""
+
+    name: str = key(TEXT, "its name, for `region`, `source`, ... of other tables; none that the mesh has")
+    kind: str = key(
+        choice("cells", "facets", "nodes"), "of what it is", default="facets",
+        more="cells by their middles, facets of the boundary by all of their vertices",
+    )  # fmt: skip
+    where: str | None = key(
+        PLACE_CONDITION, "which of them belong to it, in the undeformed mesh", default=None, otherwise="all",
+        more="== is meant up to 1e-6 of the extent of the mesh; see below",
+    )  # fmt: skip
+    of: str | None = key(
+        TEXT, "name of a group of cells, such as that of a body, whose cells, facets or nodes they are", default=None,
+        otherwise="of all cells",
+    )  # fmt: skip
+
+
+@table
 class Phase:
     """A part of the run, with load steps of its own."""
 
@@ -876,7 +896,9 @@ SINGLE_TABLES = {"mesh": MeshSpec, "steps": Steps, "output": Output}
 LIST_TABLES = {"bodies": Body, "contacts": Contact, "displacements": Displacement, "loads": Load,
                "springs": Spring, "temperatures": Temperature,
                "couplings": Coupling, "pretensions": Pretension, "equations": Equation, "periodic": Periodic,
-               "phases": Phase}  # fmt: skip
+               "phases": Phase, "regions": Region}  # fmt: skip
+# those whose tables go by their names, all others by their regions
+NAMED = (Contact, Phase, Region)
 
 
 @closed
@@ -887,7 +909,7 @@ class Scene:
     Parameters
     ----------
     mesh, materials, bodies, contacts, displacements, loads, springs, temperatures, couplings, pretensions, equations,
-    periodic, phases : the tables
+    periodic, phases, regions : the tables
     steps, output : the tables
     petsc : dict of str to str
         Options of this scene, without the leading dash; the command line wins.
@@ -930,6 +952,7 @@ class Scene:
     pretensions: list[Pretension] = field(default_factory=list)
     equations: list[Equation] = field(default_factory=list)
     periodic: list[Periodic] = field(default_factory=list)
+    regions: list[Region] = field(default_factory=list)
 
     @property
     def where(self) -> str:

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 
-from pcontact.scene.model import LIST_TABLES, Contact, Phase, Scene
+from pcontact.scene.model import LIST_TABLES, NAMED, Contact, Scene
 from pcontact.scene.target import Target
 
 
@@ -21,7 +21,7 @@ def tables(scene: Scene) -> Iterator[tuple[str, object]]:
         yield f"materials.{name}", material
     for key in LIST_TABLES:
         for index, item in enumerate(getattr(scene, key)):
-            where = place(key, index, item.name if isinstance(item, Contact | Phase) else item.region)
+            where = place(key, index, item.name if isinstance(item, NAMED) else item.region)
             yield where, item
             if isinstance(item, Contact) and item.obstacle is not None:
                 yield f"{where}.obstacle", item.obstacle

@@ -10,7 +10,7 @@ from pathlib import Path
 from pcontact.runtime import log
 from pcontact.runtime.messages import closeness, cut, input_error, nearest, set_elsewhere, shown
 from pcontact.scene.changes import DEEP, DEEP_KEY, changed, plain, with_words
-from pcontact.scene.model import HEADERS, LIST_TABLES, RENAMED, SINGLE_TABLES, Contact, Material, Obstacle, Phase, Scene
+from pcontact.scene.model import HEADERS, LIST_TABLES, NAMED, RENAMED, SINGLE_TABLES, Contact, Material, Obstacle, Scene
 from pcontact.scene.places import place
 from pcontact.scene.target import Budget, Target
 from pcontact.scene.validate import validate
@@ -202,7 +202,7 @@ def _list(key, data, file):
     cls = LIST_TABLES[key]
     items = []
     for index, table in enumerate(data):
-        name = table.get("name" if cls in (Contact, Phase) else "region") if isinstance(table, dict) else None
+        name = table.get("name" if cls in NAMED else "region") if isinstance(table, dict) else None
         where = place(key, index, name)
         if cls is Contact and isinstance(table, dict) and "obstacle" in table:
             table = {**table, "obstacle": _build(Obstacle, table["obstacle"], file, f"{where}.obstacle")}

@@ -1,12 +1,13 @@
 """Checks of a scene against the mesh: the dimension, and the groups it names."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.messages import input_error, listed, unknown_name
+from pcontact.scene.expression import NORMAL, PLACES, Condition
 from pcontact.scene.keys import keys
 from pcontact.scene.model import (
     Body,
@@ -25,7 +26,7 @@ from pcontact.scene.model import (
     Temperature,
 )
 from pcontact.scene.orthotropic import across_plane
-from pcontact.scene.places import tables
+from pcontact.scene.places import place, tables
 from pcontact.scene.prescribed import names
 
 # obstacles that are none in the plane; those that have an axis to turn about
@@ -51,6 +52,12 @@ _EXPRESSIONS = {
     Contact: ("friction", "kinetic_friction"),
 }
 _KINDS = {"cells": "a group of cells", "facets": "a group of facets", "nodes": "a group of edges or vertices"}
+
+
+class Groups(dict):
+    """Groups by what they are groups of, and what messages say where there is none of a name."""
+
+    advice = ""
 
 
 def check_dimension(scene: Scene, dim: int) -> None:
@@ -190,6 +197,7 @@ def check_regions(
     facet_groups: Mapping[str, object],
     node_groups: Mapping[str, object],
     mesh_path: str | Path,
+    box: Sequence[Sequence[float]] | None = None,
 ) -> None:
     """Check that every group the scene names is in the mesh, is of the right kind and is not empty.
 
@@ -202,13 +210,18 @@ def check_regions(
         A plain count n is taken too.
     mesh_path : str or pathlib.Path
         For the messages.
+    box : (corner, corner), optional
+        Least and largest coordinates of the mesh [length]: messages about groups that are not there have them.
 
     Raises
     ------
     InputError
         Names the groups there are, and the nearest one.
     """
-    groups = {"cells": cell_groups, "facets": facet_groups, "nodes": node_groups}
+    groups = Groups({"cells": cell_groups, "facets": facet_groups, "nodes": node_groups})
+    if box is not None:
+        low, high = ([float(f"{value:.6g}") for value in corner] for corner in box)
+        groups.advice = f"; or one of a table [[regions]], by place: the mesh goes from {low} to {high}"
     for where, table in tables(scene):
         if isinstance(table, Body):
             _require(scene, f"{where}.region", table.region, groups, ("cells",), mesh_path)
@@ -238,6 +251,44 @@ def check_regions(
             _require(scene, f"{where}.region", table.region, groups, kinds, mesh_path)
     for index, probe in enumerate(scene.output.probes):
         _require(scene, f"output.probes[{index}]", probe, groups, tuple(groups), mesh_path)
+
+
+def check_region(
+    scene: Scene, number: int, dim: int, groups: Mapping[str, Mapping[str, object]], mesh_path: str | Path
+) -> None:
+    """Check what a region by place names.
+
+    Parameters
+    ----------
+    scene : Scene
+        A valid scene.
+    number : int
+        Of the region.
+    dim : int
+        Space dimension of the mesh.
+    groups : mapping of str to mapping
+        Cells, facets and nodes of the mesh and of the regions before, as in :func:`check_regions`.
+    mesh_path : str or pathlib.Path
+        For the messages.
+
+    Raises
+    ------
+    InputError
+        The mesh has a group of that name, there is no such body, or no such variable.
+    """
+    one = scene.regions[number]
+    where = place("regions", number, one.name)
+    if any(one.name in some for some in groups.values()):
+        raise input_error(scene.where, f"{where}.name", f"{one.name!r}, a group that is there already", "another name")
+    if one.of is not None:
+        _require(scene, f"{where}.of", one.of, groups, ("cells",), mesh_path)
+    used = Condition(one.where).names if one.where is not None else set()
+    wrong = used & ({"z", "nz"} if dim == 2 else set()) or used & (set() if one.kind == "facets" else set(NORMAL))
+    if wrong:
+        found = f"{min(wrong)} {'with a 2D mesh' if dim == 2 and wrong & {'z', 'nz'} else f'of {one.kind}'}"
+        names = [name for name in PLACES if name not in ({"z", "nz"} if dim == 2 else ())]
+        allowed = ", ".join(name for name in names if one.kind == "facets" or name not in NORMAL)
+        raise input_error(scene.where, f"{where}.where", found, allowed)
 
 
 def check_lost(scene: Scene, lost: Mapping[str, str], mesh_path: str | Path) -> None:
@@ -282,15 +333,14 @@ def _require(scene, key, name, groups, kinds, mesh_path):
     for kind in kinds:
         for group, ids in groups[kind].items():
             known[group] = known.get(group, 0) + _size(ids)
-    words = "a group" if len(kinds) == len(groups) else _KINDS[kinds[0]]
+    words, advice = "a group" if len(kinds) == len(groups) else _KINDS[kinds[0]], getattr(groups, "advice", "")
     allowed = f"the name of {words} of {mesh_path}: {listed(group for group, size in known.items() if size)}"
     if name not in known:
         other = next((_KINDS[kind] for kind in groups if name in groups[kind]), None)
         if other is not None:
             raise input_error(scene.where, key, f"{name!r}, {other}", allowed)
-        raise input_error(
-            scene.where, key, unknown_name(name, f"no such group in {mesh_path}", known), allowed
-        )
+        found = unknown_name(name, f"no such group in {mesh_path}{'' if known else ', which has none of these'}", known)
+        raise input_error(scene.where, key, found, allowed + advice)
     if known[name] == 0:
         raise input_error(scene.where, key, f"{name!r}, an empty group", allowed)
 

@@ -94,6 +94,7 @@ def validate(scene: Scene) -> None:
     _check_estimate(scene)
     _check_temperatures(scene)
     _check_unique(scene, "contacts", "name")
+    _check_unique(scene, "regions", "name")
     if isinstance(scene.accuracy, Target):
         check_target(scene)
     if scene.phases:

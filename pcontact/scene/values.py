@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 from pcontact.runtime.rules import NON_NEGATIVE, TEXT, Rule, either, entries, number, sequence, text
 from pcontact.scene.called import Called
-from pcontact.scene.expression import ALLOWED, Expression
+from pcontact.scene.expression import ALLOWED, CONDITION, Condition, Expression
 
 
 def _function(value):
@@ -18,6 +18,11 @@ def _function(value):
 
 def _expression(value):
     Expression(TEXT.accept(value))
+    return value
+
+
+def _condition(value):
+    Condition(TEXT.accept(value))
     return value
 
 
@@ -133,6 +138,7 @@ DIRECTION = sequence("a list of one finite number per direction (2 or 3), not al
 DIRECTION.schema["contains"] = {"not": {"const": 0}}
 FUNCTION = text('"FILE.py:NAME", a function in a Python file beside the scene', _function, r"\.py:[^:]+$")
 EXPRESSION = text(ALLOWED, _expression)
+PLACE_CONDITION = text(CONDITION, _condition)
 
 
 def _term(value):

@@ -29,6 +29,7 @@ from pcontact.scene.model import (
     Periodic,
     Phase,
     Pretension,
+    Region,
     Scene,
     Spring,
     Steps,
@@ -106,7 +107,7 @@ def whole(folder):
         steps=Steps(), output=Output(), accuracy=Target(0.02, budget=Budget()), beside=folder,
         springs=[Spring("top", per_area=1.0)], temperatures=[Temperature(1.0)], couplings=[Coupling("side")],
         phases=[Phase("on")], pretensions=[Pretension("cut", force=1.0)], equations=[Equation([("a", "x", 1.0)])],
-        periodic=[Periodic("left", "right", [1, 0])],
+        periodic=[Periodic("left", "right", [1, 0])], regions=[Region("top")],
     )  # fmt: skip
 
 

@@ -77,6 +77,8 @@ FEATURES = {
     "means of groups": ["assembly.average"],
     "expressions": ["scene.expression"],
     "turning": ["space.turn"],
+    "groups by place": ["mesh.by_place"],
+    "slip": ["contact.path"],
     "error estimate": ["estimate.estimator", "estimate.local", "estimate.recovery", "io.error_estimate"],
     "energy": ["stepping.energy"],
     "fields": ["io.fields", "io.vtu", "io.parts"],
@@ -131,6 +133,7 @@ KEYS = {
     "Pretension": {"pre-tension": "region force shortening amplitude name", "phases": "phases"},
     "Equation": {"equations": "terms"},
     "Periodic": {"equations": "region partner translation angle point axis within"},
+    "Region": {"groups by place": "name kind where of"},
     "Phase": {"phases": "name duration count friction tied"},
     "Steps": {
         ANY: "end count min_step", "sizes of load steps": "control max_step",

@@ -11,7 +11,7 @@ from pcontact.runtime.errors import InputError
 from pcontact.runtime.parallel import on_root
 from pcontact.runtime.petsc import MPI
 from pcontact.scene import obstacle_functions
-from pcontact.scene.expression import FUNCTIONS, Expression
+from pcontact.scene.expression import FUNCTIONS, Condition, Expression
 from pcontact.scene.model import Body, Contact, Displacement, Material, MeshSpec, Obstacle, Output, Scene, Steps
 from pcontact.simulation import Simulation
 
@@ -148,3 +148,29 @@ def test_a_run_with_an_expression(shared_tmp):
         forces[name] = [step["contacts"]["hill"]["force"] for step in steps]
     assert np.abs(forces["expression"]).max() > 1.0
     np.testing.assert_allclose(forces["expression"], forces["function"], rtol=1e-9, atol=1e-9)
+
+
+def test_conditions():
+    """Joined by and, or, not; == up to a part of the size; normals where there are some."""
+    x, normal = np.array([[0.0, 0.0], [1.0, 0.5], [2.0, 1.0 + 1e-8]]), np.array([[0.0, 1.0], [1.0, 0.0], [0.0, -1.0]])
+    for text, flags in (
+        ("x < 1", [1, 0, 0]), ("0 < x < 2", [0, 1, 0]), ("y == 1", [0, 0, 1]), ("not y == 1", [1, 1, 0]),
+        ("x == 0 or ny < -0.5", [1, 0, 1]), ("nx > 0.5 and x >= 1 and y < 1", [0, 1, 0]),
+        ("hypot(x, y) <= 1.2", [1, 1, 0]),
+        ("1 < 2", [1, 1, 1]), ("(x if y < 0.2 else 5) > 1", [0, 1, 1]), ("not (x < 1 or y > 0.9)", [0, 1, 0]),
+        ("z == 0 and nz == 0", [1, 1, 1]),
+    ):  # fmt: skip
+        assert Condition(text)(x, normal, 1.0).tolist() == [bool(flag) for flag in flags], text
+    assert Condition("y == 1")(x, None, 1e-3).tolist() == [False] * 3
+    assert Condition("x < nx").names == {"x", "nx"}
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [("x", "no comparison"), ("x and y < 1", "no comparison"), ("(x < 1) + 1 > 0", "a comparison that is no part"),
+     ("x != 1", "other than"), ("t < 1", "the name 't'"), ("x.y < 1", "an attribute"), ("x <", "invalid syntax"),
+     ("not " * 200 + "x < 1", "nested deeper"), (" or ".join(["x < 1"] * 200), "more than")],
+)  # fmt: skip
+def test_what_is_no_condition(text, said):
+    with pytest.raises(ValueError, match=said):
+        Condition(text)
