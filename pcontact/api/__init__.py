@@ -16,6 +16,7 @@ from pcontact.api.results import ContactResult, Picture, Run, load
 from pcontact.api.running import Step, run
 from pcontact.api.scenes import Scene, from_dict, new, read
 from pcontact.api.study import Study, study
+from pcontact.api.tables import Table
 from pcontact.assembly.item import Item
 from pcontact.contact.law import FrictionLaw, add_law
 from pcontact.scene import (
@@ -39,5 +40,6 @@ from pcontact.scene import (
 __all__ = [
     "Body", "Contact", "ContactResult", "Coupling", "Displacement", "Fields", "FrictionLaw", "Item", "Load", "Material",
     "MeshSpec", "Obstacle", "Output", "Phase", "Picture", "Pretension", "Region", "Run", "Scene", "Spring", "Step",
-    "Steps", "Study", "Temperature", "add_law", "from_dict", "load", "mesh_from", "new", "read", "run", "study",
+    "Steps", "Study", "Table", "Temperature", "add_law", "from_dict", "load", "mesh_from", "new", "read", "run",
+    "study",
 ]  # fmt: skip

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from pcontact.api.tables import Named, html, lost
 from pcontact.io.parts import NODE_NUMBER
 
 
@@ -40,8 +41,10 @@ class Fields:
         self, number: int, time: float, points: np.ndarray, cells: list[tuple[str, np.ndarray]], data: tuple[Any, ...],
         contacts: dict[str, dict[str, np.ndarray]],
     ) -> None:  # fmt: skip
-        self.number, self.time, self.points, self.cells, self.contacts = number, time, points, cells, contacts
-        self.node_numbers, self.cell_numbers, self.point_data, self.cell_data = data
+        self.number, self.time, self.points, self.cells = number, time, points, cells
+        self.contacts = Named({name: Named(one) for name, one in contacts.items()})
+        self.node_numbers, self.cell_numbers = data[:2]
+        self.point_data, self.cell_data = Named(data[2]), Named(data[3])
 
     @classmethod
     def of(cls, taken: Any) -> Fields:
@@ -78,7 +81,25 @@ class Fields:
         for data in (self.point_data, self.cell_data):
             if name in data:
                 return data[name]
-        raise KeyError(f"{name!r}; there are {', '.join([*self.point_data, *self.cell_data])}")
+        raise lost(name, [*self.point_data, *self.cell_data])
+
+    def __repr__(self) -> str:
+        fields, contacts = ", ".join([*self.point_data, *self.cell_data]), ", ".join(self.contacts) or "none"
+        return (
+            f"<Fields of load step {self.number}, time {self.time:g}: {len(self.points)} nodes, "
+            f"{len(self.cell_numbers)} cells; fields {fields}; contacts {contacts}>"
+        )
+
+    def _repr_html_(self) -> str:
+        data = [("nodes", self.point_data), ("cells", self.cell_data)]
+        data += [(f"points of {name}", one) for name, one in self.contacts.items()]
+        rows = [
+            [name, place, " x ".join(map(str, values.shape)), *(extremes(values))]
+            for place, some in data for name, values in some.items()
+        ]  # fmt: skip
+        return f"<p>load step {self.number}, time {self.time:g}</p>" + html(
+            ("field", "of the", "shape", "least", "largest"), rows
+        )
 
     @property
     def displacement(self) -> np.ndarray:
@@ -94,6 +115,11 @@ class Fields:
         """Those of all ranks in one, see :meth:`Run.gather`. *Collective.*"""
         parts = comm.allgather(self) if everywhere else comm.gather(self)
         return None if parts is None else _joined(parts)
+
+
+def extremes(values: np.ndarray) -> list[Any]:
+    """Least and largest entry of an array; none of an empty one."""
+    return [float(np.min(values)), float(np.max(values))] if values.size else [None, None]
 
 
 def _locked(array: Any) -> np.ndarray:

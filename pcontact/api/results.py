@@ -5,12 +5,14 @@ from __future__ import annotations
 import csv
 import io
 import tempfile
+from html import escape
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from pcontact.api.fields import Fields
+from pcontact.api.tables import Named, Table, html, shown
 from pcontact.io.fields import FieldWriter
 from pcontact.io.history import columns, flatten
 from pcontact.io.names import STATUS
@@ -21,6 +23,13 @@ from pcontact.runtime.errors import InputError
 from pcontact.runtime.files import replace_file
 from pcontact.runtime.parallel import on_root
 from pcontact.runtime.petsc import MPI
+
+# of a contact in the report, and how they are shown
+NUMBERS = {
+    "force": "force", "normal_force": "normal force", "friction_force": "friction force", "area": "closed area",
+    "max_pressure": "largest pressure", "max_penetration": "penetration", "open": "open", "stick": "stick",
+    "slip": "slip",
+}  # fmt: skip
 
 
 class ContactResult:
@@ -52,6 +61,13 @@ class ContactResult:
         self.report = report
         self.force = np.array(report.get("force", []), dtype=float)
 
+    def __repr__(self) -> str:
+        words = ", ".join(f"{words} {shown(self.report[key])}" for key, words in NUMBERS.items() if key in self.report)
+        return f"<ContactResult: {len(self.x)} points; {words}>"
+
+    def _repr_html_(self) -> str:
+        return html(("", ""), [(words, self.report[key]) for key, words in NUMBERS.items() if key in self.report])
+
 
 class Picture:
     """A picture in memory: a notebook shows it; ``save`` writes it."""
@@ -80,7 +96,7 @@ class Run:
     report : dict
         What ``report.json`` holds; the same on every rank.
     history : dict of str to ndarray (n_steps,)
-        The columns of ``history.csv``: `history["time"]`. :meth:`table` has them as a table of pandas.
+        The columns of ``history.csv``: `history["time"]`, a :class:`Table`.
     unused : list of str
         A line for each option that nothing asked for.
     """
@@ -90,7 +106,7 @@ class Run:
     ) -> None:
         self.report = report
         self.converged, self.stopped, self.unused = bool(report.get("converged")), False, list[str]()
-        self.history: dict[str, np.ndarray] = columns(report["steps"] if steps is None else steps)
+        self.history = Table(columns(report["steps"] if steps is None else steps))
         self._fields, self._comm = fields, comm
         self._taken: Any = None
         self._directory: Path | None = None
@@ -104,6 +120,30 @@ class Run:
         made.converged, made.stopped, made.unused = converged, simulation.stopped, simulation.unused()
         made._taken = taken
         return made
+
+    def __repr__(self) -> str:
+        fields = [] if self._fields is None else [*self._fields.point_data, *self._fields.cell_data]
+        return f"<Run: {self._how()}; contacts {', '.join(self._contacts()) or 'none'}; fields {', '.join(fields)}>"
+
+    def _how(self) -> str:
+        ended = "converged" if self.converged else "stopped" if self.stopped else "ended early"
+        to = f" to time {self.steps[-1]['time']:g}" if self.steps else ""
+        said = f", {len(self.warnings)} warnings" if self.report.get("warnings") else ""
+        return f"{ended}, {len(self.steps)} load steps{to}{said}"
+
+    def _contacts(self) -> dict[str, Any]:
+        return self.steps[-1]["contacts"] if self.steps else {}
+
+    def _repr_html_(self) -> str:
+        contacts = self._contacts()
+        known = [key for key in NUMBERS if any(key in one for one in contacts.values())]
+        rows = [[name, *(one.get(key) for key in known)] for name, one in contacts.items()]
+        words = html(["contact", *(NUMBERS[key] for key in known)], rows) if rows else ""
+        largest = self.steps[-1].get("largest", {}) if self.steps else {}
+        tops = [[name.replace("_", " "), one["value"], one["body"], one["place"]] for name, one in largest.items()]
+        words += html(("largest", "", "body", "place"), tops) if tops else ""
+        said = "".join(f"<li>{escape(line)}</li>" for line in self.report.get("warnings", []))
+        return f"<p>{escape(self._how())}</p>{words}" + (f"<ul>{said}</ul>" if said else "")
 
     @property
     def warnings(self) -> list[str]:
@@ -128,12 +168,12 @@ class Run:
     @property
     def contact(self) -> dict[str, ContactResult]:
         """By the name of the contact: ``run.contact["skin-top"].pressure``."""
-        last = self.steps[-1]["contacts"] if self.steps else {}
-        return {name: ContactResult(data, last.get(name, {})) for name, data in self.fields().contacts.items()}
+        last, found = self._contacts(), self.fields().contacts
+        return Named({name: ContactResult(data, last.get(name, {})) for name, data in found.items()})
 
-    def table(self) -> Any:
-        """The history as a pandas.DataFrame, if pandas is installed, else as it is."""
-        return _frame(self.history)
+    def table(self) -> Table:
+        """The history; ``table().to_pandas()`` is a pandas.DataFrame."""
+        return self.history
 
     def fields(self) -> Fields:
         """The fields at the end of the last load step that converged, this rank's part.
@@ -314,14 +354,6 @@ def _write_numbers(directory: Path, report: dict[str, Any], steps: list[dict[str
         writer.writeheader()
         writer.writerows(rows)
     replace_file(directory / "history.csv", text.getvalue())
-
-
-def _frame(table: dict[str, Any]) -> Any:
-    try:
-        import pandas
-    except ModuleNotFoundError:
-        return table
-    return pandas.DataFrame(table)
 
 
 def _grid(fields: Fields) -> Any:

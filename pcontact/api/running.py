@@ -12,6 +12,7 @@ from pcontact.adapt.target import wanted
 from pcontact.api.fields import Fields
 from pcontact.api.results import Run
 from pcontact.api.scenes import from_dict, read
+from pcontact.api.tables import shown
 from pcontact.assembly.item import Item
 from pcontact.io.report import jsonable
 from pcontact.runtime import log
@@ -194,6 +195,10 @@ class Step:
         self._fields: Fields | None = None
         self._comm = simulation.comm
         self.next_size: float = simulation.stepper.schedule.size
+
+    def __repr__(self) -> str:
+        words = ", ".join(f"{name} {shown(one['force'])}" for name, one in self.report["contacts"].items())
+        return f"<Step {self.number}: time {self.time:g}, {self.newton} iterations; forces: {words or 'no contact'}>"
 
     def fields(self) -> Fields:
         """The fields at its end, this rank's part: :class:`Fields`."""

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from pcontact.api.meshes import mesh_from, own_folder
+from pcontact.api.tables import Named, Tables
 from pcontact.io.template import write_template
 from pcontact.runtime.errors import InputError
 from pcontact.scene import Body, Contact, Material, MeshSpec, Obstacle, Output, Steps, model, read_scene, scene_from
@@ -38,7 +39,8 @@ class Scene(model.Scene):
 
     Notes
     -----
-    Its attributes are the keys of the file and may be changed; a run checks them, and leaves the scene as it is.
+    Its attributes are the keys of the file and may be changed; a run checks them, and leaves the scene as it is. Lists
+    of tables go by number, and by name or region: ``scene.contacts["press"].friction = 0.3``.
     """
 
     def __init__(
@@ -72,8 +74,16 @@ class Scene(model.Scene):
     def of(cls, scene: model.Scene) -> Scene:
         """The same scene as one of this class."""
         made = cls.__new__(cls)
-        made.__dict__.update(scene.__dict__)
+        for name, value in scene.__dict__.items():
+            setattr(made, name, value)
         return made
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        if name in _TABLES and isinstance(value, list):
+            value = Tables(value)
+        elif name == "materials" and isinstance(value, dict):
+            value = Named(value)
+        super().__setattr__(name, value)
 
 
 def _made(kind: type, value: Any) -> Any:

@@ -16,10 +16,11 @@ from typing import Any
 
 import numpy as np
 
-from pcontact.api.results import _frame
 from pcontact.api.running import run
 from pcontact.api.scenes import read
+from pcontact.api.tables import Table, Tables, lost, there
 from pcontact.runtime.errors import TOLD, InputError, NotConverged
+from pcontact.runtime.messages import unknown_name
 from pcontact.runtime.petsc import MPI
 from pcontact.runtime.start import environment_outside
 from pcontact.scene import model
@@ -46,7 +47,7 @@ class Study:
     def __getitem__(self, name: str) -> np.ndarray:
         """A column, NaN where a case has no number."""
         if not any(name in row for row in self.rows):
-            raise KeyError(f"{name!r}; there are {', '.join(self.columns)}")
+            raise lost(name, self.columns)
         values = [row.get(name) for row in self.rows]
         if any(isinstance(value, str) for value in values):
             return np.array(["" if value is None else str(value) for value in values])
@@ -57,9 +58,16 @@ class Study:
         """Names of the columns."""
         return list(dict.fromkeys(name for row in self.rows for name in row))
 
-    def table(self) -> Any:
-        """All columns as a pandas.DataFrame, if pandas is installed, else as a dict of arrays."""
-        return _frame({name: self[name] for name in self.columns})
+    def table(self) -> Table:
+        """All columns; ``table().to_pandas()`` is a pandas.DataFrame."""
+        return Table({name: self[name] for name in self.columns})
+
+    def __repr__(self) -> str:
+        failed = sum(not row["converged"] for row in self.rows)
+        return f"<Study: {len(self)} cases, {failed} failed; columns {', '.join(self.columns)}>"
+
+    def _repr_html_(self) -> str:
+        return self.table()._repr_html_()
 
 
 def study(
@@ -113,28 +121,28 @@ def _changed(scene: model.Scene, case: Mapping[str, Any]) -> model.Scene:
     for where, value in case.items():
         steps = [name or quoted or int(number) for name, number, quoted in _STEP.findall(where)]
         one: Any = made
+        at: Any = where
         try:
-            for step in steps[:-1]:
-                one = _part(one, step)
-            last = steps[-1]
+            for at in steps[:-1]:
+                one = _part(one, at)
+            at = steps[-1]
+            _part(one, at)
             if isinstance(one, (dict, list)):
-                _part(one, last)
-                one[last] = value
+                one[at] = value
             else:
-                getattr(one, str(last))
-                setattr(one, str(last), value)
+                setattr(one, str(at), value)
         except (AttributeError, KeyError, IndexError, TypeError):
-            raise InputError(
-                f"study: found no {where!r} in the scene; allowed: places as contacts[0].friction, materials.NAME.E"
-            ) from None
+            names = there(one)
+            found = f"no {where!r} in the scene: {unknown_name(str(at), 'which is not there', names)}"
+            allowed = f"there: {', '.join(names)}" if names else "places as contacts[0].friction, materials.NAME.E"
+            raise InputError(f"study: found {found}; allowed: {allowed}") from None
     return made
 
 
 def _part(one: Any, step: Any) -> Any:
-    if isinstance(one, list) and isinstance(step, str):
-        found = [part for part in one if step in (getattr(part, "name", None), getattr(part, "region", None))]
-        return found[0]
-    return one[step] if isinstance(one, (dict, list)) else getattr(one, step)
+    if isinstance(one, list):
+        return Tables(one)[step]
+    return one[step] if isinstance(one, dict) else getattr(one, str(step))
 
 
 def _case(scene: model.Scene, options: Any) -> dict[str, Any]:

@@ -122,7 +122,7 @@ def _row(key, items, name, file):
             return rows[0]
         if rows:
             numbers = f"their numbers {', '.join(map(str, rows))}, or a list of all"
-            raise input_error(file, key, f"{len(rows)} tables of {named} {name!r}", numbers)
+            raise input_error(file, key, f"{len(rows)} tables with {named} {name!r}", numbers)
     if name.isdecimal() and int(name) < len(items):
         return int(name)
     allowed = [*dict.fromkeys(called), *[f"a number below {len(items)}"] * bool(items)] or ["none, as there are none"]

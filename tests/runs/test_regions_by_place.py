@@ -16,7 +16,8 @@ from pcontact.simulation import Simulation
 WORLD = MPI.COMM_WORLD
 REGIONS = [
     Region("lower", "cells", "y < 1"), Region("upper", "cells", "y > 1"),
-    Region("lower_top", where="y == 1", of="lower"), Region("upper_bottom", where="ny < -0.9", of="upper"), Region("lower_bottom", "nodes", "y == 0"),
+    Region("lower_top", where="y == 1", of="lower"), Region("upper_bottom", where="ny < -0.9", of="upper"),
+    Region("lower_bottom", "nodes", "y == 0"),
     Region("upper_top", where="y == 2 and ny > 0"),
 ]  # fmt: skip
 

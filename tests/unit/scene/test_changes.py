@@ -59,7 +59,7 @@ def test_any_key(path):
         ("contacts.press.frction=1", ("-set contacts.press.frction: found an unknown key", "'friction'")),
         ("contacts.pres.friction=1", ("-set contacts.pres.friction: contacts: found 'pres'", "'press'", "a-b, press")),
         ("contacts.2.friction=1", ("found '2'", "a number below 2")),
-        ("displacements.a.value=[0, 0]", ("2 tables of region 'a'", "0, 1")),
+        ("displacements.a.value=[0, 0]", ("2 tables with region 'a'", "0, 1")),
         ("steps={count = 0}", ("-set steps: steps.count: found an integer 0",)),
         ("loads.a.pressure=1", ("found 'a', no such name or region", "there are none")),
         ("friction", ("-set: found 'friction'", "KEY=VALUE")),
