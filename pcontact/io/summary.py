@@ -8,6 +8,8 @@ from pcontact.io.report import jsonable
 from pcontact.runtime import log, streams
 from pcontact.runtime.observer import Observer
 
+# part of the normal force below which friction is not shown
+NEGLIGIBLE = 1e-6
 # facets across a contact area from which on its largest pressure is resolved. From: Hertz' pressure of cylinders and of
 # a ball on a block, degree 1 and 2 (docs/tables/accuracy.md).
 ACROSS = 6
@@ -48,6 +50,8 @@ def summary(report, directory):
         if "radial_sum" in contact:
             force = (f"axial force {_number(contact['axial_force']):.5g} of the whole circumference, radial sum "
                      f"{_number(contact['radial_sum']):.5g}")  # fmt: skip
+        if contact.get("normal_force") and "radial_sum" not in contact:
+            force += _parts(contact)
         lines.append(f"  {name}: {force}, largest pressure {_number(contact['max_pressure']):.5g} (of all load steps "
                      f"{most[name]:.5g}), penetration {_number(contact['max_penetration']):.3g}")  # fmt: skip
     if "target" not in report.get("accuracy", {}):
@@ -57,6 +61,15 @@ def summary(report, directory):
         lines.append(f"  {len(report['warnings'])} warnings, above and in report.json")
     lines.append(f"  results in {directory}; pictures: pcontact view {directory}")
     return lines
+
+
+def _parts(contact):
+    """Magnitudes of the normal force and of friction, and the centre, in brackets; nothing without contact."""
+    if None in contact["centre"] or any(map(math.isnan, contact["centre"])):
+        return ""
+    normal, friction = (math.hypot(*contact[key]) for key in ("normal_force", "friction_force"))
+    slides = f", friction {friction:.5g}" if friction > NEGLIGIBLE * normal else ""
+    return f" (normal {normal:.5g}{slides}, at {' '.join(f'{_number(x):.4g}' for x in contact['centre'])})"
 
 
 def _unresolved(contacts):

@@ -1,5 +1,7 @@
 """The last lines of a run."""
 
+import math
+
 from pcontact.io.summary import summary
 
 
@@ -23,6 +25,19 @@ def test_a_contact_area_of_few_facets():
     assert "about 4 facets across" in lines({**pair, "force": [0.0, 0.0, -1.0], "facets": 16})[0]
     assert not lines({**pair, "open": 0}) and not lines({**pair, "facets": 6})
     assert not lines({**pair, "force": [0.0, 0.0, -1.0], "facets": 36}) and not lines(pair, accuracy={"target": {}})
+
+
+def test_parts_of_a_force():
+    pair = {"force": [0.6, -2.5], "max_pressure": 7.0, "max_penetration": 1e-4, "open": 0, "normal_force": [0.0, -2.5],
+            "friction_force": [0.6, 0.0], "centre": [0.25, -0.0]}  # fmt: skip
+
+    def line(**more):
+        return summary(report(steps=[{"time": 1.0, "contacts": {"a": {**pair, **more}}}]), "out")[1]
+
+    assert "force 0.6 -2.5 (normal 2.5, friction 0.6, at 0.25 0)," in line()
+    assert "(normal 2.5, at 0.25 0)," in line(friction_force=[0.0, 0.0])
+    assert "(" not in line(centre=[None, None]).partition(", largest")[0]
+    assert "(" not in line(centre=[math.nan] * 2).partition(", largest")[0]
 
 
 def test_the_largest_values_and_their_places():
