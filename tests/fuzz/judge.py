@@ -90,8 +90,10 @@ def numbers_of(result, variant, first):
             one[f"force {name}"] = sign * np.array(contact["force"]) @ (np.abs(R) if sums else R) / force
             one[f"pressure {name}"] = contact["max_pressure"] / stress
             one[f"depth {name}"] = contact["max_penetration"] / length
-            if "moment" in contact:
-                one[f"moment {name}"] = turn(contact["moment"], moment)
+            if "moment" in contact and name not in variant.swapped:
+                about = np.zeros(d) if motion is None or _pivots(case, name) else motion.shift
+                arm = np.cross(about, contact["force"])
+                one[f"moment {name}"] = turn((np.array(contact["moment"]) - arm).tolist(), moment)
         for name, probe in record["probes"].items():
             one[f"probe {name}"] = np.array(probe["mean"]) @ R / length
         for kind in ("loads", "couplings", "springs"):
@@ -118,6 +120,14 @@ def numbers_of(result, variant, first):
     times = np.array([row["record"]["time"] for row in result["steps"]])
     floors = {key: np.array(value) for key, value in floors.items()}
     return Numbers(times, values, tuple(turned), floors)
+
+
+def _pivots(case, name):
+    """Whether the moment of a contact is about the pivot of its obstacle, which moves along with the scene."""
+    for contact in case.scene.get("contacts", []):
+        if contact.get("name") == name and "obstacle" in contact:
+            return "angle" in contact["obstacle"] or contact["obstacle"]["shape"] == "mesh"
+    return False
 
 
 def _sums(case, name):
