@@ -1,15 +1,20 @@
 """What is said of the compilation of kernels, and what it takes."""
 
+import threading
 import time as clock
 from contextlib import contextmanager
 
 from pcontact.runtime import log
 
+# [s] How often the line of a terminal changes, and after how long a file has another one. From: chosen; somebody who
+# looks at it sees that it goes on, and who reads the file later has a few lines more.
+ON_TERMINAL, IN_FILE = 0.5, 10.0
+
 
 class _State:
-    """Of this process: seconds and kernels so far; whether something is being compiled, and was said."""
+    """Of this process: seconds and kernels so far; whether something is being compiled, since when; what was said."""
 
-    seconds, kernels, busy, missed, said, count = 0.0, 0, False, False, False, None
+    seconds, kernels, busy, start, said, told_at, teller = 0.0, 0, False, 0.0, False, 0.0, None
 
 
 def seconds():
@@ -24,10 +29,37 @@ def missed(folder):
         kept = "" if folder is None else f", the first run of this kind on this machine; they are kept in {folder}"
         log.notice(f"compiling kernels{kept}")
     _State.kernels += 1
-    if _State.busy:
-        _State.missed = True
-        _State.count = _State.count or log.Count("compiling kernels")
-        _State.count.to(_State.kernels)
+    if _State.busy and _State.teller is None:
+        _State.teller = _Teller()
+
+
+class _Teller(threading.Thread):
+    """Says that it goes on while this process is busy: a kernel takes up to ten seconds, without a word of Python."""
+
+    def __init__(self):
+        super().__init__(daemon=True)
+        self._line, self._end = log.Line(), threading.Event()
+        self._say()
+        self.start()
+
+    def run(self):
+        """Tell until the end."""
+        while not self._end.wait(ON_TERMINAL):
+            self._say()
+
+    def _say(self):
+        took = _State.seconds + clock.perf_counter() - _State.start
+        text = f"compiling kernels: {_State.kernels} in {took:.0f} s"
+        self._line.say(text)
+        if not self._line.shown and took - _State.told_at >= IN_FILE:
+            _State.told_at = took
+            log.info("%s", text)
+
+    def close(self):
+        """Say no more."""
+        self._end.set()
+        self.join()
+        self._line.close()
 
 
 @contextmanager
@@ -36,12 +68,12 @@ def timed():
     if _State.busy:
         yield
         return
-    start, _State.busy, _State.missed = clock.perf_counter(), True, False
+    _State.start, _State.busy = clock.perf_counter(), True
     try:
         yield
     finally:
         _State.busy = False
-        if _State.missed:
-            _State.seconds += clock.perf_counter() - start
-            _State.count.close()
-            _State.count = None
+        if _State.teller is not None:
+            _State.seconds += clock.perf_counter() - _State.start
+            _State.teller.close()
+            _State.teller = None

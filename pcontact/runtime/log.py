@@ -318,29 +318,34 @@ class Progress:
             self._bar = None
 
 
-class Count:
-    """A number that grows, on a terminal; it stands below a bar that is there.
+class Line:
+    """A line that changes, on a terminal; it stands below a bar that is there.
 
-    Parameters
+    Attributes
     ----------
-    label : str
+    shown : bool
+        Whether it is there: in a file there is none.
     """
 
-    def __init__(self, label):
+    def __init__(self):
         stream = _State.stream if _State.stream is not None else sys.stderr
-        shown = _State.stream is None or LOGGER.isEnabledFor(logging.INFO)
+        wanted = _State.stream is None or LOGGER.isEnabledFor(logging.INFO)
         self._bar = None
-        if _State.rank == 0 and shown and not LOGGER.disabled and streams.is_terminal(stream):
-            self._bar = tqdm(desc=label, file=stream, leave=False, bar_format="{desc}: {n_fmt} in {elapsed}")
+        if _State.rank == 0 and wanted and not LOGGER.disabled and streams.is_terminal(stream):
+            self._bar = tqdm(file=stream, leave=False, bar_format="{desc}")
 
-    def to(self, value):
-        """Show another number."""
+    @property
+    def shown(self):
+        return self._bar is not None
+
+    def say(self, text):
+        """Show another text."""
         if self._bar is not None:
             with suppress(OSError):
-                self._bar.update(value - self._bar.n)
+                self._bar.set_description_str(text)
 
     def close(self):
-        """Take the number away."""
+        """Take the line away."""
         if self._bar is not None:
             with suppress(OSError):
                 self._bar.close()

@@ -2,11 +2,15 @@
 
 import importlib
 import importlib.util
+import io
 import os
 import pickle
+import re
 import subprocess
 import sys
 import textwrap
+import time
+from types import SimpleNamespace
 
 import numba
 import pytest
@@ -169,6 +173,29 @@ def test_a_run_that_compiles_says_so_once(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(compiling._State, "said", False)
     imported(path).sum_of(3, 2.0)
     assert compiling.seconds() == before and not any(capsys.readouterr())
+
+
+@pytest.mark.parametrize("terminal", [True, False])
+def test_signs_of_life_while_one_kernel_is_compiled(monkeypatch, terminal):
+    """A line that changes on a terminal; in a file one more from time to time, and nothing that a terminal obeys."""
+    stream = io.StringIO()
+    stream.isatty = lambda: terminal
+    state = SimpleNamespace(**{name: value for name, value in vars(compiling._State).items() if name[0] != "_"})
+    monkeypatch.setattr(compiling, "_State", state)
+    monkeypatch.setattr(compiling, "ON_TERMINAL", 0.01)
+    monkeypatch.setattr(compiling, "IN_FILE", 0.1)
+    state.seconds, state.kernels, state.said, state.told_at = 41.8, 6, False, 41.8
+    log.setup(0, stream)
+    with compiling.timed():
+        compiling.missed("folder")
+        time.sleep(0.35)
+    head, _, rest = stream.getvalue().partition("\n")
+    assert head.endswith("kept in folder") and state.seconds >= 42.15 and state.teller is None
+    if terminal:
+        shown = re.findall(r"\rcompiling kernels: (\d+ in \d+ s)", rest)
+        assert shown[0] == "7 in 42 s" and len(shown) > 5
+    else:
+        assert set(rest.splitlines()) == {"compiling kernels: 7 in 42 s"} and 2 <= rest.count("\n") <= 3
 
 
 def test_one_process_compiles_and_the_others_load(tmp_path):
