@@ -1,4 +1,4 @@
-"""The command line: ``pcontact run | check | import | convert | refine | view | plot | new | doctor | schema``."""
+"""The command line: ``pcontact run | check | import | convert | refine | view | plot | new | demo | ...``."""
 
 import difflib
 import json
@@ -16,11 +16,13 @@ from pcontact import __version__
 from pcontact.adapt.loop import REACHED, Loop
 from pcontact.adapt.target import wanted
 from pcontact.contact.surface.smooth_geometry import SMOOTH, WRONG, facet_pressure
+from pcontact.demo import explain
 from pcontact.doctor import examine
 from pcontact.importer.write import OPTIONS as IMPORT
 from pcontact.importer.write import import_file
 from pcontact.io import refine
 from pcontact.io.cost_forecast import cost_forecast
+from pcontact.io.examples import lay_out
 from pcontact.io.report import read_steps
 from pcontact.io.report_schema import report_schema
 from pcontact.io.summary import JsonLines, PassLines, summary
@@ -43,6 +45,8 @@ from pcontact.scene.target import Budget, Target
 from pcontact.simulation import Simulation
 from pcontact.space.modes import component_boxes, near_pairs
 from pcontact.view import show
+from pcontact.warm import OPTIONS as WARM
+from pcontact.warm import warm
 
 CONVERT = listed(
     Option("order", integer(1, 2), "2: cells completed to degree 2, for a displacement of that degree", 1),
@@ -102,6 +106,11 @@ COMMANDS = {
         "columns Y of the history over X, or over the time", show.PLOT, many=True,
     ),
     "new": Command("the name of a directory", "NAME", "a commented scene with its mesh to start from", listed()),
+    "demo": Command(
+        "", "[-o DIR]", "a first look: a ball is pressed on a block, and what came out is explained",
+        listed(Option("o", text("a directory"), "scene, mesh and results", otherwise="demo", value="DIR")),
+    ),
+    "warm": Command("", "[-jobs N]", "what runs would compile at first is compiled now", WARM),
     "doctor": Command("", "", "what is installed, how fast this machine is, what to do", listed()),
     "schema": Command(
         "", "[-of report] [-o FILE.json]", "JSON Schema of a scene file, for editors, or of report.json",
@@ -390,6 +399,30 @@ def reach(scene, directory, machine):
     return outcome.status
 
 
+def demonstrate(folder):
+    """Run an example, and say what its results mean and where they are. *Collective.*
+
+    Parameters
+    ----------
+    folder : pathlib.Path
+        Where scene, mesh and results go.
+
+    Returns
+    -------
+    int
+        Exit status.
+    """
+    comm = MPI.COMM_WORLD
+    path = comm.bcast(on_root(comm, lay_out, "press", folder))
+    log.info("the scene is %s; pcontact run %s -o %s/results runs it", path, path, path.parent)
+    simulation, converged = run_scene(read_scene(path), path.parent / "results")
+    say_what_came_out(simulation.records.report, path.parent / "results")
+    for line in on_root(comm, explain, path) or ():
+        log.info("%s", line)
+    simulation.close()
+    return 0 if converged else 1
+
+
 def say_what_came_out(kept, directory, **other):
     """The last lines of a run. Rank 0 speaks.
 
@@ -511,6 +544,11 @@ def _execute(command, operand, options):
     if command == "new":
         read_all(command, {}, options)
         log.info("wrote %s; its first lines say what to do", on_root(comm, write_template, operand))
+        return 0
+    if command == "demo":
+        return demonstrate(Path(read_all(command, COMMANDS[command].options, options).get("o", "demo")))
+    if command == "warm":
+        log.info("%s", on_root(comm, lambda: warm(**read_all(command, WARM, options))))
         return 0
     if command == "doctor":
         read_all(command, {}, options)

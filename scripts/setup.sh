@@ -11,7 +11,8 @@
 #   3. the same after apt-get install, as root or with passwordless sudo;
 #   4. otherwise a message that says what to install, and exit status 2.
 #
-# PCONTACT_VENV names another place for the venv. Progress goes to standard error.
+# PCONTACT_VENV names another place for the venv. At the end what runs would compile at first is compiled, about a minute
+# of all cores, unless PCONTACT_NO_WARM is set. Progress goes to standard error.
 set -euo pipefail
 
 root=${BASH_SOURCE[0]%/*}
@@ -235,7 +236,15 @@ set_up() {
     quietly "$python" -c 'import numba, gmsh, meshio, h5py, matplotlib, petsc4py, mpi4py; h5py.File' ||
         fail "the set-up is not complete (above)"
     write_stamp
+    fresh=yes
     say "done"
+}
+
+# Compiles what runs would compile at first. The set-up is complete without it.
+warm() {
+    export PYTHONPATH=$root${PYTHONPATH:+:$PYTHONPATH} OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 NUMBA_NUM_THREADS=1
+    say "compiling, once (PCONTACT_NO_WARM=1 leaves it out; Ctrl-C: runs compile what they need)"
+    "$prefix/bin/python3" -m pcontact warm >&2 || say "not compiled (above): runs compile what they need"
 }
 
 export_petsc() {
@@ -280,6 +289,7 @@ main() {
         if ! find_finished; then set_up; fi
         exec 9>&-
     fi
+    if [[ -n ${fresh:-} && -z ${PCONTACT_NO_WARM:-} ]]; then (warm); fi
     if [[ ${1:-} == --env ]]; then print_env; fi
 }
 

@@ -53,7 +53,7 @@ def folder():
 
 
 @cache
-def _can_keep(path):
+def can_keep(path):
     """Whether the directory of all kernels is there, or can be made, for this user alone."""
     with suppress(OSError):
         path.mkdir(mode=0o700, parents=True, exist_ok=True)
@@ -109,6 +109,17 @@ def _stamp(path):
     return hashlib.sha256(repr(parts).encode()).hexdigest()[:16]
 
 
+def directories():
+    """Names of the directories, there or not, of the kernels of all modules of the program as it is."""
+    files = {file.relative_to(PACKAGE).with_suffix("").parts: file for file in PACKAGE.rglob("*.py")}
+    return sorted(f"{'.'.join((PACKAGE.name, *parts))}-{_stamp(file)}" for parts, file in files.items())
+
+
+def count():
+    """Compiled kernels that are kept, of all versions of the program."""
+    return sum(1 for _ in folder().glob("*/*.nbc"))
+
+
 class _Locator:
     """The directory of the kernels of a module, by its content; the class that numba has for it changes its name."""
 
@@ -119,7 +130,7 @@ class _Locator:
     @classmethod
     def from_function(cls, py_func, py_file):
         """None: there is no such source, as of what is typed in, or no place to keep anything."""
-        if not os.path.isfile(py_file) or not _can_keep(folder()):
+        if not os.path.isfile(py_file) or not can_keep(folder()):
             return None
         return cls(py_func, py_file)
 

@@ -66,6 +66,17 @@ def test_the_first_page_is_short():
     assert (ROOT / "README.md").stat().st_size <= SHORT
 
 
+COUNTS = {"seven": 7, "fifteen": 15, "twenty": 20, "twenty-one": 21}
+
+
+@pytest.mark.parametrize("words, files", [
+    ("scenes to copy", "drivers/examples/*.toml"), ("tutorials by", "docs/tutorials/*.md"),
+    ("short answers", "docs/howto/*.md"), ("pictures, each", "docs/gallery/*.jpg")])  # fmt: skip
+def test_what_the_first_page_counts(words, files):
+    found = re.findall(rf"([\w-]+) {words}", (ROOT / "README.md").read_text())
+    assert [COUNTS[word.lower()] for word in found] == [len(list(ROOT.glob(files)))]
+
+
 def test_the_scene_of_the_first_page(tmp_path):
     text = (ROOT / "README.md").read_text()
     (tmp_path / "scene.toml").write_text(re.search(r"```toml\n(.*?)```", text, re.DOTALL).group(1))

@@ -1,6 +1,7 @@
 """A new user's first commands: new, run, lines for programs, doctor."""
 
 import json
+import re
 import subprocess
 import sys
 
@@ -32,6 +33,22 @@ def test_a_new_scene_runs_as_it_is(tmp_path):
     events = [json.loads(line) for line in lines.splitlines()]
     assert [event["event"] for event in events] == ["step"] * 8 + ["end"] and events[-1]["converged"]
     assert events[0]["contacts"]["foot"]["max_pressure"] > 0
+
+
+@pytest.mark.slow
+def test_a_first_look(tmp_path):
+    """What the numbers mean and where they are; who has changed the scene gets the numbers of the changed one."""
+    text = command(tmp_path, "demo", "-o", "look")
+    expected, found = re.search(r"expected: contacts.press.force\[2\] = (\S+) within 2 %.* found (\S+)", text).groups()
+    assert float(found) == pytest.approx(float(expected), rel=0.02)
+    assert re.search(r"press.max_pressure +0.8\d+ +largest contact pressure", text)
+    named = re.findall(r"^  (look/results/\S+) ", text, re.MULTILINE)
+    assert len(named) == 3 and all((tmp_path / name).stat().st_size > 100 for name in named)
+    assert "a picture: " in text or "no picture: " in text
+    scene = tmp_path / "look/press.toml"
+    scene.write_text(scene.read_text().replace("count = 2", "count = 1").replace("-0.06]", "-0.03]"))
+    text = command(tmp_path, "demo", "-o", "look")
+    assert "done: 1 load steps" in text and "expected:" not in text
 
 
 def test_a_new_scene_overwrites_nothing(tmp_path):

@@ -1,0 +1,148 @@
+"""``pcontact warm``: the kernels that the examples need are compiled, in several processes, before somebody waits.
+
+``python -m pcontact.warm FOLDER NAME ...`` runs some of the examples, and writes a line for each.
+"""
+
+import contextlib
+import os
+import subprocess
+import sys
+import tempfile
+import time as clock
+import zlib
+from pathlib import Path
+
+from pcontact.io.examples import lay_out, scenes
+from pcontact.runtime import kernel_cache, log
+from pcontact.runtime.declared import Option, listed
+from pcontact.runtime.errors import InputError, OutputError
+from pcontact.runtime.files import replace_file
+from pcontact.runtime.rules import integer
+from pcontact.runtime.start import environment_outside
+from pcontact.scene import read_scene
+from pcontact.simulation import Simulation
+
+OPTIONS = listed(
+    Option("jobs", integer(1), "processes that compile at the same time", otherwise="one for each core")
+)  # fmt: skip
+# examples that have most to compile: they come first, each in a process of its own
+_FIRST = ("axisymmetric", "bimetal", "indentation", "press", "heap")
+_OFTEN = 0.5  # [s] between two looks at what has been compiled
+
+
+def warm(jobs=None):
+    """Compile what the examples need; in an installation without them, the scene of ``pcontact new``. Serial.
+
+    Parameters
+    ----------
+    jobs : int, optional
+        Processes; absent: one for each core.
+
+    Returns
+    -------
+    str
+        A line: what there is.
+
+    Raises
+    ------
+    OutputError
+        Compiled kernels cannot be kept.
+    InputError
+        An example does not run, as where its mesh cannot be made.
+    """
+    folder = kernel_cache.folder()
+    if not kernel_cache.can_keep(folder):
+        raise OutputError(f"{folder}: compiled kernels cannot be kept; NUMBA_CACHE_DIR names another directory")
+    what = "the examples" if scenes() else "the scene of `pcontact new`"
+    record = folder / "warm"
+    if _is_there(record):
+        return f"the kernels that {what} need{'' if scenes() else 's'} are there, in {folder}"
+    names = sorted((path.stem for path in scenes()), key=lambda name: (*_FIRST, name).index(name)) or ["new"]
+    jobs = min(jobs or len(os.sched_getaffinity(0)), len(names))
+    start, before = clock.perf_counter(), kernel_cache.count()
+    log.info("compiling the kernels that %s need%s, once, in %d process%s; they are kept in %s", what,
+             "" if scenes() else "s", jobs, "es" if jobs > 1 else "", folder)  # fmt: skip
+    with tempfile.TemporaryDirectory() as scratch:
+        _follow([_Worker(Path(scratch) / str(k), names[k::jobs]) for k in range(jobs)], len(names), before)
+    directories = kernel_cache.directories()
+    there = [name for name in directories if (folder / name).is_dir()]
+    replace_file(record, "\n".join([_version(directories), *there]))
+    return f"{kernel_cache.count() - before} kernels compiled in {clock.perf_counter() - start:.0f} s"
+
+
+def _version(directories):
+    """Checksum of the program, by its directories of kernels, and of the examples."""
+    return f"{zlib.crc32(repr([directories, *(path.read_bytes() for path in scenes())]).encode())}"
+
+
+def _is_there(record):
+    """Whether kernels were compiled for the program as it is, and nothing of them has gone since."""
+    try:
+        version, *names = record.read_text().splitlines()
+    except (OSError, ValueError):
+        return False
+    return version == _version(kernel_cache.directories()) and all((record.parent / name).is_dir() for name in names)
+
+
+class _Worker:
+    """A process that runs some of the examples.
+
+    Parameters
+    ----------
+    folder : pathlib.Path
+        Its own.
+    names : sequence of str
+    """
+
+    def __init__(self, folder, names):
+        folder.mkdir()
+        self._said, self._wrong = folder / "said", folder / "wrong"
+        # one thread each, as in runs: the cores are taken
+        environment = {**environment_outside(), "OMP_NUM_THREADS": "1"}
+        with open(self._said, "w") as said, open(self._wrong, "w") as wrong:
+            self.process = subprocess.Popen([sys.executable, "-m", "pcontact.warm", str(folder / "runs"), *names],
+                                            stdout=said, stderr=wrong, env=environment)  # fmt: skip
+
+    def done(self):
+        """Examples that it has run."""
+        return self._said.read_text().count("\n")
+
+    def check(self):
+        """Raise an error if it has ended with one."""
+        if self.process.poll():
+            lines = self._wrong.read_text(errors="replace").strip().splitlines()
+            said = lines[-1] if lines else f"exit status {self.process.returncode}"
+            raise InputError(f"pcontact warm: an example did not run: {said}")
+
+
+def _follow(workers, total, before):
+    """Show how far the processes are until they have ended."""
+    try:
+        with log.Progress(total, "compiling", lines=5) as progress:
+            while any([worker.process.poll() is None for worker in workers]):
+                progress.to(sum(worker.done() for worker in workers), f"{kernel_cache.count() - before} kernels")
+                clock.sleep(_OFTEN)
+                for worker in workers:
+                    worker.check()
+            progress.to(total, f"{kernel_cache.count() - before} kernels")
+    finally:
+        for worker in workers:
+            with contextlib.suppress(ProcessLookupError):
+                worker.process.kill()
+            worker.process.wait()
+
+
+def main(words):
+    """Run examples in a folder, and write a line for each. Serial."""
+    folder, *names = words
+    log.setup(level="error")
+    for name in names:
+        simulation = Simulation(read_scene(lay_out(name, Path(folder))))
+        simulation.run(Path(folder) / f"{name}_results")
+        simulation.close()
+        sys.stdout.write(f"{name}\n")
+        sys.stdout.flush()
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
