@@ -3,7 +3,6 @@
 ``python -m pcontact.warm FOLDER NAME ...`` runs some of the examples, and writes a line for each.
 """
 
-import contextlib
 import os
 import subprocess
 import sys
@@ -13,7 +12,7 @@ import zlib
 from pathlib import Path
 
 from pcontact.io.examples import lay_out, scenes
-from pcontact.runtime import kernel_cache, log
+from pcontact.runtime import kernel_cache, log, signals
 from pcontact.runtime.declared import Option, listed
 from pcontact.runtime.errors import InputError, OutputError
 from pcontact.runtime.files import replace_file
@@ -117,8 +116,12 @@ class _Worker:
 
 def _follow(workers, total, before):
     """Show how far the processes are until they have ended."""
+    def end():
+        for worker in workers:
+            worker.process.kill()
+
     try:
-        with log.Progress(total, "compiling", lines=5) as progress:
+        with log.Progress(total, "compiling", lines=5) as progress, signals.last_words(end):
             while any([worker.process.poll() is None for worker in workers]):
                 progress.to(sum(worker.done() for worker in workers), f"{kernel_cache.count() - before} kernels")
                 clock.sleep(_OFTEN)
@@ -126,9 +129,8 @@ def _follow(workers, total, before):
                     worker.check()
             progress.to(total, f"{kernel_cache.count() - before} kernels")
     finally:
+        end()
         for worker in workers:
-            with contextlib.suppress(ProcessLookupError):
-                worker.process.kill()
             worker.process.wait()
 
 

@@ -243,7 +243,7 @@ set_up() {
 # Compiles what runs would compile at first. The set-up is complete without it.
 warm() {
     export PYTHONPATH=$root${PYTHONPATH:+:$PYTHONPATH} OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 NUMBA_NUM_THREADS=1
-    say "compiling, once (PCONTACT_NO_WARM=1 leaves it out; Ctrl-C: runs compile what they need)"
+    say "compiling, once (PCONTACT_NO_WARM=1 leaves it out)"
     "$prefix/bin/python3" -m pcontact warm >&2 || say "not compiled (above): runs compile what they need"
 }
 

@@ -31,12 +31,34 @@ class _Flags(Flags):
         return self._HASH
 
 
+# whether what kernels call is compiled by itself: earlier versions of numba have other libraries of code
+PARTS = numba.version_info.short >= (0, 62)
+
+
+class _KernelLibrary(JITCodeLibrary):
+    """Code of a kernel."""
+
+    def _optimize_functions(self, ll_module):
+        """Each that has a body. numba sets up the same passes anew for each name, of functions elsewhere, too: a
+        twentieth of a compilation."""
+        ll_module.data_layout = self._codegen._data_layout
+        passes = self._codegen._function_pass_manager()
+        for function in ll_module.functions:
+            if not function.is_declaration:
+                passes[0].run(function, passes[1])
+
+
 class _KernelCompiler(Compiler):
+    _library = _KernelLibrary
+
     def __init__(self, typingctx, targetctx, library, args, return_type, flags, locals):
+        if PARTS:
+            library = self._library(targetctx.codegen(), "kernel")
+            library.enable_object_caching()
         super().__init__(typingctx, targetctx, library, args, return_type, _Flags(flags), locals)
 
 
-class _PartLibrary(JITCodeLibrary):
+class _PartLibrary(_KernelLibrary):
     """Code that goes into the kernels that call it: they optimise it and make it machine code, once for all."""
 
     @property
@@ -71,13 +93,9 @@ class _PartLibrary(JITCodeLibrary):
 
 
 class _PartCompiler(_KernelCompiler):
-    def __init__(self, typingctx, targetctx, library, args, return_type, flags, locals):
-        library = _PartLibrary(targetctx.codegen(), "part")
-        super().__init__(typingctx, targetctx, library, args, return_type, flags, locals)
+    _library = _PartLibrary
 
 
-# whether what kernels call is compiled by itself: earlier versions of numba have other libraries of code
-PARTS = numba.version_info.short >= (0, 62)
 # of what only kernels call: nothing by which Python calls it
 PART = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True, "pipeline_class": _PartCompiler}
 
@@ -134,9 +152,11 @@ UNCOUNTED = {"_nrt": False} if hasattr(CPUTargetOptions, "_nrt") else {}
 def _compiled(**options):
     # error_model="numpy": a division by zero gives inf, not an exception, and the loops vectorise
     options = {"error_model": "numpy", **options}
+    # nobody calls kernels from C; numba writes, optimises and compiles a function for that: an eighth of a compilation
+    unwanted = {} if "inline" in options else {"no_cfunc_wrapper": True}
 
     def decorate(function):
-        kernel = numba.njit(**options, pipeline_class=_KernelCompiler)(function)
+        kernel = numba.njit(**options, **unwanted, pipeline_class=_KernelCompiler)(function)
         # numba makes its own class of dispatchers; this one is nothing but that, with another call
         kernel.__class__ = _Counted
         kernel.options, kernel._cache = options, cache_of(function)

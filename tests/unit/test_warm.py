@@ -1,5 +1,8 @@
 """Kernels that are compiled before somebody waits."""
 
+import subprocess
+import sys
+import time
 from pathlib import Path
 
 import numba
@@ -10,6 +13,7 @@ from pcontact.io.examples import FOLDER
 from pcontact.runtime import kernel_cache
 from pcontact.runtime.errors import InputError, OutputError
 from pcontact.warm import warm
+from tests.support.commands import TIMEOUT, environment
 
 
 @pytest.fixture
@@ -82,3 +86,26 @@ def test_no_place_for_kernels(tmp_path, monkeypatch):
     monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path / "file" / "cache"))
     with pytest.raises(OutputError, match="cannot be kept; NUMBA_CACHE_DIR names"):
         warm()
+
+
+@pytest.mark.slow
+def test_a_signal_ends_its_processes_too(tmp_path):
+    given = {**environment(), "NUMBA_CACHE_DIR": str(tmp_path / "cache")}
+    run = subprocess.Popen([sys.executable, "-m", "pcontact", "warm", "-jobs", "1"], env=given, text=True,
+                           stdout=subprocess.PIPE, stderr=subprocess.PIPE)  # fmt: skip
+
+    def at_work():
+        """Processes that run examples and are this run's."""
+        found = [Path("/proc", child) for child in Path(f"/proc/{run.pid}/task/{run.pid}/children").read_text().split()]
+        return [path for path in found if b"pcontact.warm" in (path / "cmdline").read_bytes()]
+
+    assert run.stdout.readline().startswith("compiling the kernels that the examples need, once, in 1 process;")
+    while not (workers := at_work()):
+        time.sleep(0.1)
+    run.terminate()
+    assert run.wait(TIMEOUT) == 143 and len(workers) == 1
+    for _ in range(100):
+        if not workers[0].exists() or b"pcontact.warm" not in (workers[0] / "cmdline").read_bytes():
+            return
+        time.sleep(0.1)
+    pytest.fail("the process goes on")
