@@ -107,7 +107,7 @@ COMMANDS = {
     ),
     "new": Command("the name of a directory", "NAME", "a commented scene with its mesh to start from", listed()),
     "demo": Command(
-        "", "[-o DIR]", "a first look: a ball is pressed on a block, and what came out is explained",
+        "", "[-o DIR]", "a first look: a ball is pressed on a block; what came out",
         listed(Option("o", text("a directory"), "scene, mesh and results", otherwise="demo", value="DIR")),
     ),
     "warm": Command("", "[-jobs N]", "what runs would compile at first is compiled now", WARM),

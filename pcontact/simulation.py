@@ -157,7 +157,7 @@ class Simulation:
     """
 
     def __init__(self, scene, comm=MPI.COMM_WORLD, said="command line", mesh=None, items=()):
-        self.start, self._compiled = clock.perf_counter(), compiling.seconds()
+        self.start, self._kernels = clock.perf_counter(), (compiling.seconds(), compiling.memory())
         self.timing = dict.fromkeys(("search", "assembly", "linear", "solve", "output"), 0.0)
         self.comm, self.options, self.profile, self.calls = comm, Options(said), profile.Profile(), CALLS.copy()
         self.failure, self.stopped, self.records, self.snapshot, self.begin = None, False, None, None, None
@@ -500,7 +500,8 @@ class Simulation:
     def times(self):
         """Timing block of the report: the slowest rank's seconds, memory summed over ranks. *Collective.*"""
         own = {**self.timing, "total": clock.perf_counter() - self.start,
-               "compile": compiling.seconds() - self._compiled}  # fmt: skip
+               "compile": compiling.seconds() - self._kernels[0],
+               "kernels_mb": (compiling.memory() - self._kernels[1]) / 1024.0**2}  # fmt: skip
         names = sorted(own)
         slowest, _ = profile.largest_and_sum(self.comm, names, own)
         memory = self.comm.allreduce(profile.memory()[0] / 1024.0**2)

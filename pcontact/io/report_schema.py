@@ -230,6 +230,7 @@ REPORT = table(
     warnings=listed(_TEXT, "what the run warned of"),
     steps=listed(STEP, "load steps"),
     timing=table("seconds of the slowest rank", (), **_SECONDS, phases=by_name(number("[s]"), "without those inside"),
+                 kernels_mb=number("by how much the largest rank grew as it loaded or compiled kernels [MB]"),
                  peak_memory_mb=number("of all ranks [MB]")),
     parallel={"type": "object", "description": "searches, messages, imbalance of the ranks"},
     memory={"type": "object", "description": "peak and resident set after each phase"},

@@ -41,10 +41,12 @@ def summary(report, directory):
     seconds = report["timing"].get("total")
     took = f" in {seconds:.1f} s" if isinstance(seconds, float) else ""
     compiled = report["timing"].get("compile") or 0.0
-    took += f" ({compiled:.1f} s of it compiled kernels, once)" if took and compiled >= 0.1 else ""
+    once = bool(took and compiled >= 0.1)
+    took += f" ({compiled:.1f} s of it compiled kernels, once)" if once else ""
+    memory = f", {_peak(report):.0f} MB on the largest rank" if _peak(report) else ""
+    memory += f" ({report['timing'].get('kernels_mb') or 0.0:.0f} MB of it for kernels)" if memory and once else ""
     word = log.coloured("done", "green") if report["converged"] else log.coloured("ended early", "yellow")
-    lines = [f"{word}: {count} load steps to time {last['time']:g}{took}"
-             + (f", {_peak(report):.0f} MB on the largest rank" if _peak(report) else "")]  # fmt: skip
+    lines = [f"{word}: {count} load steps to time {last['time']:g}{took}{memory}"]
     for name, contact in last.get("contacts", {}).items():
         force = "force " + " ".join(f"{_number(value):.5g}" for value in contact["force"])
         if "radial_sum" in contact:

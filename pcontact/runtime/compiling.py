@@ -1,9 +1,11 @@
 """What is said of the compilation of kernels, and what it takes."""
 
 import gc
+import resource
 import threading
 import time as clock
 from contextlib import contextmanager
+from pathlib import Path
 
 from pcontact.runtime import log
 
@@ -17,14 +19,27 @@ CYCLES = 20_000, 10, 10
 
 
 class _State:
-    """Of this process: seconds and kernels so far; whether something is being compiled, since when; what was said."""
+    """Of this process: seconds, bytes and kernels so far; whether one is compiled, since when; what was said."""
 
-    seconds, kernels, busy, start, said, told_at, teller = 0.0, 0, False, 0.0, False, 0.0, None
+    seconds, bytes, kernels, busy, start, said, told_at, teller = 0.0, 0, 0, False, 0.0, False, 0.0, None
 
 
 def seconds():
     """Seconds that this process has compiled kernels so far, or waited for another one that did."""
     return _State.seconds
+
+
+def memory():
+    """By how much this process has grown so far where it compiled or loaded kernels [byte]."""
+    return _State.bytes
+
+
+def resident():
+    """Present resident set of this process [byte]; 0 if the system does not say it."""
+    try:
+        return int(Path("/proc/self/statm").read_text().split()[1]) * resource.getpagesize()
+    except OSError:
+        return 0
 
 
 def missed(folder):
@@ -69,17 +84,18 @@ class _Teller(threading.Thread):
 
 @contextmanager
 def timed():
-    """Count the seconds inside, if kernels are compiled there."""
+    """Count the seconds inside, if kernels are compiled there, and the bytes."""
     if _State.busy:
         yield
         return
-    _State.start, _State.busy, own = clock.perf_counter(), True, gc.get_threshold()
+    _State.start, _State.busy, own, before = clock.perf_counter(), True, gc.get_threshold(), resident()
     gc.set_threshold(*CYCLES)
     try:
         yield
     finally:
         _State.busy = False
         gc.set_threshold(*own)
+        _State.bytes += resident() - before
         if _State.teller is not None:
             _State.seconds += clock.perf_counter() - _State.start
             _State.teller.close()

@@ -15,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
+from pcontact.runtime import compiling
 from pcontact.runtime.petsc import MPI, PETSc
 
 STAGES = ("read", "distribute", "set_up", "search", "solve", "output")
@@ -27,7 +28,6 @@ PETSc.KSP().create(comm=PETSc.COMM_SELF).destroy()
 _STAGES = {name: PETSc.Log.Stage(name) for name in STAGES}
 _EVENTS = {name: PETSc.Log.Event(name) for name in EVENTS}
 _PETSC = {name: [PETSc.Log.Event(event) for event in events] for name, events in PETSC_EVENTS.items()}
-PAGE = resource.getpagesize()
 # [bytes] Resident set up to which a process holds freed memory for runs to come, see `holding`. From: chosen; a process
 # that has run small meshes has 0.2 to 0.4 GB.
 HELD = 2**29
@@ -50,11 +50,7 @@ def _petsc_counts():
 def memory():
     """Largest and present resident set of this process [byte]."""
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
-    try:
-        resident = int(Path("/proc/self/statm").read_text().split()[1]) * PAGE
-    except OSError:
-        resident = peak
-    return peak, resident
+    return peak, compiling.resident() or peak
 
 
 def give_back():

@@ -58,4 +58,7 @@ def test_what_came_out_and_where_it_is():
     assert lines[0].startswith("ended early") and "12 MB" in lines[0] and "1 warnings" in lines[2]
     compiled = report(timing={"total": 9.5, "compile": 8.25})
     assert summary(compiled, "out")[0] == "done: 2 load steps to time 2 in 9.5 s (8.2 s of it compiled kernels, once)"
+    took = {"total": 9.5, "compile": 8.25, "kernels_mb": 143.2}
+    compiled = report(timing=took, memory={"a": {"peak_mb_largest": 340.0}})
+    assert summary(compiled, "out")[0].endswith("once), 340 MB on the largest rank (143 MB of it for kernels)")
     assert "no load step converged" in summary(report(steps=[]), "out")[0]

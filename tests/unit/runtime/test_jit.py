@@ -184,13 +184,15 @@ def test_signs_of_life_while_one_kernel_is_compiled(monkeypatch, terminal):
     monkeypatch.setattr(compiling, "_State", state)
     monkeypatch.setattr(compiling, "ON_TERMINAL", 0.01)
     monkeypatch.setattr(compiling, "IN_FILE", 0.1)
-    state.seconds, state.kernels, state.said, state.told_at = 41.8, 6, False, 41.8
+    monkeypatch.setattr(compiling, "resident", iter([5_000_000, 7_500_000]).__next__)
+    state.seconds, state.kernels, state.bytes, state.said, state.told_at = 41.8, 6, 500_000, False, 41.8
     log.setup(0, stream)
     with compiling.timed():
         compiling.missed("folder")
         time.sleep(0.35)
     head, _, rest = stream.getvalue().partition("\n")
     assert head.endswith("kept in folder") and state.seconds >= 42.15 and state.teller is None
+    assert compiling.memory() == 3_000_000
     if terminal:
         shown = re.findall(r"\rcompiling kernels: (\d+ in \d+ s)", rest)
         assert shown[0] == "7 in 42 s" and len(shown) > 5
