@@ -1,9 +1,11 @@
 """``pcontact warm``: the kernels that the examples need are compiled, in several processes, before somebody waits.
 
-``python -m pcontact.warm FOLDER NAME ...`` runs some of the examples, and writes a line for each.
+``python -m pcontact.warm PARENT FOLDER NAME ...`` runs some of the examples, and writes a line for each.
 """
 
+import ctypes
 import os
+import signal
 import subprocess
 import sys
 import tempfile
@@ -12,7 +14,7 @@ import zlib
 from pathlib import Path
 
 from pcontact.io.examples import lay_out, scenes
-from pcontact.runtime import kernel_cache, log, signals
+from pcontact.runtime import kernel_cache, log
 from pcontact.runtime.declared import Option, listed
 from pcontact.runtime.errors import InputError, OutputError
 from pcontact.runtime.files import replace_file
@@ -26,6 +28,7 @@ OPTIONS = listed(
 )  # fmt: skip
 # examples that have most to compile: they come first, each in a process of its own
 _FIRST = ("axisymmetric", "bimetal", "indentation", "press", "heap")
+_SYSTEM, _ENDS_WITH_PARENT = ctypes.CDLL(None), 1  # PR_SET_PDEATHSIG of prctl(2)
 _OFTEN = 0.5  # [s] between two looks at what has been compiled
 
 
@@ -99,8 +102,8 @@ class _Worker:
         # one thread each, as in runs: the cores are taken
         environment = {**environment_outside(), "OMP_NUM_THREADS": "1"}
         with open(self._said, "w") as said, open(self._wrong, "w") as wrong:
-            self.process = subprocess.Popen([sys.executable, "-m", "pcontact.warm", str(folder / "runs"), *names],
-                                            stdout=said, stderr=wrong, env=environment)  # fmt: skip
+            command = [sys.executable, "-m", "pcontact.warm", str(os.getpid()), str(folder / "runs"), *names]
+            self.process = subprocess.Popen(command, stdout=said, stderr=wrong, env=environment)
 
     def done(self):
         """Examples that it has run."""
@@ -116,12 +119,8 @@ class _Worker:
 
 def _follow(workers, total, before):
     """Show how far the processes are until they have ended."""
-    def end():
-        for worker in workers:
-            worker.process.kill()
-
     try:
-        with log.Progress(total, "compiling", lines=5) as progress, signals.last_words(end):
+        with log.Progress(total, "compiling", lines=5) as progress:
             while any([worker.process.poll() is None for worker in workers]):
                 progress.to(sum(worker.done() for worker in workers), f"{kernel_cache.count() - before} kernels")
                 clock.sleep(_OFTEN)
@@ -129,14 +128,19 @@ def _follow(workers, total, before):
                     worker.check()
             progress.to(total, f"{kernel_cache.count() - before} kernels")
     finally:
-        end()
         for worker in workers:
+            worker.process.kill()
             worker.process.wait()
 
 
 def main(words):
-    """Run examples in a folder, and write a line for each. Serial."""
-    folder, *names = words
+    """Run examples in a folder, and write a line for each, as long as the process is there that asks for it. Serial."""
+    parent, folder, *names = words
+    # Linux sends the signal when it ends, however that comes about
+    if hasattr(_SYSTEM, "prctl"):
+        _SYSTEM.prctl(_ENDS_WITH_PARENT, signal.SIGKILL)
+    if os.getppid() != int(parent):
+        return
     log.setup(level="error")
     for name in names:
         simulation = Simulation(read_scene(lay_out(name, Path(folder))))

@@ -104,7 +104,8 @@ def test_a_signal_ends_its_processes_too(tmp_path):
         time.sleep(0.1)
     run.terminate()
     assert run.wait(TIMEOUT) == 143 and len(workers) == 1
-    for _ in range(100):
+    # it looks for its parent once it has been loaded
+    for _ in range(300):
         if not workers[0].exists() or b"pcontact.warm" not in (workers[0] / "cmdline").read_bytes():
             return
         time.sleep(0.1)
