@@ -32,9 +32,9 @@ class Fields:
         ``stress`` (components XX, YY, ZZ, XY, YZ, XZ), ``equivalent_stress``, ``equivalent_plastic_strain`` where
         bodies may yield, ``body`` (number in the scene), ``rank``, ...
     contacts : dict of str to dict of str to ndarray
-        By the name of the contact, at its quadrature points: ``x`` (np, d), ``pressure``, ``gap``, ``traction``
-        (np, d), ``normal``, ``status`` (0 open, 1 stick, 2 slip), ``weight`` (area), ``paired``, ``number`` (the same
-        on any ranks).
+        By the name of the contact, at its quadrature points: ``x`` and ``displacement`` (np, d), ``pressure``, ``gap``,
+        ``traction`` (np, d), ``normal``, ``status`` (0 open, 1 stick, 2 slip), ``weight`` (area), ``paired``,
+        ``number`` (the same on any ranks).
     """
 
     def __init__(

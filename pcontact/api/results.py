@@ -272,7 +272,8 @@ def load(directory: str | Path, step: int = -1, comm: Any = None) -> Run:
     directory : str or pathlib.Path
         The output directory of a run.
     step : int
-        Which of the load steps whose fields are there, from 1; negative numbers count from the last one.
+        Which of the load steps whose fields are there, from 1; negative numbers count from the last one; 0: the
+        undeformed bodies.
     comm : MPI.Comm, optional
         Of the ranks that draw it together; absent: this rank alone.
 
@@ -313,7 +314,7 @@ def _loaded(directory: Path, step: int) -> Fields:
     cell_data = {name: np.concatenate(arrays) for name, arrays in bodies.cell_data.items()}
     n_cells = sum(len(nodes) for _, nodes in bodies.cells)
     numbers = (np.arange(len(bodies.points)), np.arange(n_cells))
-    number = step if step > 0 else len(result.times) + 1 + step
+    number = step if step >= 0 else len(result.times) + 1 + step
     return Fields(number, result.time, bodies.points[:, :d], list(bodies.cells),
                   (*numbers, point_data, cell_data), contacts)  # fmt: skip
 

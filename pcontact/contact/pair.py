@@ -247,12 +247,18 @@ class ContactPair(Item):
 
     def deformed(self, nodal):
         """Points of the source (np, d) under displacements (n_local, d), relative to the origin: no digits are lost."""
-        source, space = self.source, self.space
+        space = self.space
         # the geometry is of the degree of the displacement at most, which interpolates it
-        curved, moved = space.mesh.curved and space.degree == 1, np.empty_like(source.x)
-        values = nodal if curved else space.points - self.origin + nodal
-        interpolate(values, source.cells, source.facet, source.shape, moved)
-        return (source.x - self.origin) + moved if curved else moved
+        if space.mesh.curved and space.degree == 1:
+            return (self.source.x - self.origin) + self.at_points(nodal)
+        return self.at_points(space.points - self.origin + nodal)
+
+    def at_points(self, nodal):
+        """Values (np, d) at the points of the source of a field of the nodes (n_local, d)."""
+        source = self.source
+        values = np.empty_like(source.x)
+        interpolate(nodal, source.cells, source.facet, source.shape, values)
+        return values
 
     def _find(self, nodal, x, time):
         """Partners, with the gap between the surfaces that the facets stand for, if they are to be told apart.

@@ -171,6 +171,11 @@ class ContactReport:
         they are not asked for."""
         return _joined([pair.path.fields() for pair in self.pairs]) if self.pairs[0].path else {}
 
+    def displacement(self, u):
+        """Of the points of all sources (np, d) [length]. *Collective.*"""
+        nodal = self.space.local.gather(u)
+        return np.concatenate([pair.at_points(nodal) for pair in self.pairs])
+
     def summary(self, u):
         """Numbers of the contact for the report, the same on every rank. *Collective.*
 

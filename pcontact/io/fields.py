@@ -3,6 +3,7 @@
 In the output directory::
 
     fields.pvd                          all times, three groups of parts: bodies, surfaces, points
+                                        (the first time, step 0: the undeformed bodies)
     fields/bodies_000001.pvtu           the bodies at step 1, and
     fields/bodies_000001_0000.vtu       rank 0's piece of them
     fields/surface_NAME_000001.pvtu     the facets of one contact pair
@@ -52,7 +53,7 @@ class FieldWriter:
         Parameters
         ----------
         step : int
-            Number of the step, for the file names.
+            Number of the step, for the file names; 0: the undeformed bodies.
         time : float
             Time of the step.
         bodies : Piece

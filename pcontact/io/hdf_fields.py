@@ -55,7 +55,7 @@ class HdfWriter:
         aside = on_all(self.comm, self._open)
         try:
             total = {key: rows.sum(axis=0) for key, rows in counts.items()}
-            rooms = on_all(self.comm, self._enter, aside, time, parts, total, changed, root=True)
+            rooms = on_all(self.comm, self._enter, aside, step, time, parts, total, changed, root=True)
             jobs = [(room, *self._rows(room, grids[room.key], counts[room.key])) for room in rooms]
             # a file of the run before may be compressed, whatever this run says
             if self.comm.size > 1 and all(room.places or not rows.any() for room, _, rows in jobs):
@@ -104,9 +104,9 @@ class HdfWriter:
                 aside.discard()
         return Hdf5Grown(self.path, False)
 
-    def _enter(self, aside, *step):
+    def _enter(self, aside, *entry):
         """Make room for a load step: list of :class:`pcontact.io.vtkhdf.Room`."""
-        return None if aside is None else Series(aside.file, self._level).add(*step)
+        return None if aside is None else Series(aside.file, self._level).add(*entry)
 
     def _rows(self, room, grid, counts):
         """What this rank has for a room (n, k) or (n,), and how many rows each rank has (n_ranks,)."""

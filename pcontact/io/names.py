@@ -19,6 +19,8 @@ class Field(NamedTuple):
         One line.
     when : str
         Where it is there; empty: always.
+    begin : float or None
+        Its value in the undeformed bodies, without forces; None: what it is there.
     """
 
     name: str
@@ -26,6 +28,7 @@ class Field(NamedTuple):
     unit: str
     help: str
     when: str = ""
+    begin: float | None = 0.0
 
 
 # of points by the numbers of the field `status`
@@ -35,48 +38,54 @@ _SLIP = "friction, `slip = true`"
 
 FIELDS = (
     Field("displacement", "nodes", "length", "of the nodes; also on the contact surfaces"),
-    Field("node_number", "nodes", "", "number of the node in the mesh, from 0"),
+    Field("node_number", "nodes", "", "number of the node in the mesh, from 0", begin=None),
     Field("stress", "cells", "stress", "XX, YY, ZZ, XY, YZ, XZ, mean of the cell; with finite strain Cauchy's"),
     Field("equivalent_stress", "cells", "stress", "von Mises' stress of that mean"),
     Field("equivalent_plastic_strain", "cells", "", "accumulated, mean of the cell", _YIELD),
     Field("log_strain", "cells", "", "logarithmic strain ln V, components as of the stress", _FINITE),
-    Field("stretch_1", "cells", "", "largest principal stretch", _FINITE),
-    Field("stretch_2", "cells", "", "middle principal stretch", _FINITE),
-    Field("stretch_3", "cells", "", "smallest principal stretch", _FINITE),
+    Field("stretch_1", "cells", "", "largest principal stretch", _FINITE, 1.0),
+    Field("stretch_2", "cells", "", "middle principal stretch", _FINITE, 1.0),
+    Field("stretch_3", "cells", "", "smallest principal stretch", _FINITE, 1.0),
     Field("rotation", "cells", "degrees", "axis times angle", _FINITE),
     Field("error_estimate", "cells", "sqrt(energy)", "of the error in the energy norm", _ESTIMATE),
-    Field("cell_number", "cells", "", "number of the cell in the mesh, from 0", _ESTIMATE),
-    Field("body", "cells", "", "number of the body in the scene, from 0"),
-    Field("rank", "cells", "", "which rank has the cell"),
+    Field("cell_number", "cells", "", "number of the cell in the mesh, from 0", _ESTIMATE, None),
+    Field("body", "cells", "", "number of the body in the scene, from 0", begin=None),
+    Field("rank", "cells", "", "which rank has the cell", begin=None),
     Field("stress_smooth", "nodes", "stress", "`stress`, averaged in each body", _SMOOTH),
     Field("equivalent_stress_smooth", "nodes", "stress", "`equivalent_stress`, averaged in each body", _SMOOTH),
     Field("equivalent_plastic_strain_smooth", "nodes", "", "`equivalent_plastic_strain`, averaged in each body",
           f"{_SMOOTH}, {_YIELD}"),
     Field("log_strain_smooth", "nodes", "", "`log_strain`, averaged in each body", f"{_SMOOTH}, {_FINITE}"),
-    Field("stretch_1_smooth", "nodes", "", "`stretch_1`, averaged in each body", f"{_SMOOTH}, {_FINITE}"),
-    Field("stretch_2_smooth", "nodes", "", "`stretch_2`, averaged in each body", f"{_SMOOTH}, {_FINITE}"),
-    Field("stretch_3_smooth", "nodes", "", "`stretch_3`, averaged in each body", f"{_SMOOTH}, {_FINITE}"),
+    Field("stretch_1_smooth", "nodes", "", "`stretch_1`, averaged in each body", f"{_SMOOTH}, {_FINITE}",
+          1.0),
+    Field("stretch_2_smooth", "nodes", "", "`stretch_2`, averaged in each body", f"{_SMOOTH}, {_FINITE}",
+          1.0),
+    Field("stretch_3_smooth", "nodes", "", "`stretch_3`, averaged in each body", f"{_SMOOTH}, {_FINITE}",
+          1.0),
     Field("rotation_smooth", "nodes", "degrees", "`rotation`, averaged in each body", f"{_SMOOTH}, {_FINITE}"),
     Field("contact_pressure", "facets", "stress", "mean over the facet"),
-    Field("gap", "facets", "length", "mean over the facet; negative where bodies overlap"),
+    Field("gap", "facets", "length", "mean over the facet; negative where bodies overlap", begin=None),
     Field("status", "facets", "", "what most of the closed points do: 0 open, where none is closed, 1 stick, 2 slip"),
-    Field("area", "facets", "area", "of the facet, as far as it has points"),
+    Field("area", "facets", "area", "of the facet, as far as it has points", begin=None),
     Field("slip", "facets", "length", "magnitude of the slip of the load step, mean over the facet", _SLIP),
     Field("slip_total", "facets", "length", "sum of these over the load steps", _SLIP),
     Field("wear_per_coefficient", "facets", "stress * length", "integral of the pressure over the slip so far: times a "
           "coefficient of wear the depth that is worn off", _SLIP),
+    Field("displacement", "points", "length", "of the source"),
     Field("pressure", "points", "stress", "contact pressure"),
-    Field("gap", "points", "length", "to the partner; negative where bodies overlap"),
+    Field("gap", "points", "length", "to the partner; negative where bodies overlap", begin=None),
     Field("traction", "points", "stress", "that acts on the source, a vector"),
-    Field("normal", "points", "", "from the source to the target, a vector"),
+    Field("normal", "points", "", "from the source to the target, a vector", begin=None),
     Field("status", "points", "", "0 open, 1 stick, 2 slip"),
-    Field("weight", "points", "area", "area that the point stands for"),
-    Field("paired", "points", "", "1 where the point has a partner"),
+    Field("weight", "points", "area", "area that the point stands for", begin=None),
+    Field("paired", "points", "", "1 where the point has a partner", begin=None),
     Field("slip", "points", "length", "magnitude of the slip of the load step, 0 where the point does not slide at its "
           "end", _SLIP),
     Field("slip_total", "points", "length", "sum of these over the load steps", _SLIP),
     Field("wear_per_coefficient", "points", "stress * length", "as of the facets", _SLIP),
 )  # fmt: skip
+# of the undeformed bodies, by name; of one name all fields are alike
+BEGIN = {field.name: field.begin for field in FIELDS}
 # endings of names in pictures: components of vectors and of symmetric tensors
 COMPONENTS = ("x", "y", "z", "xx", "yy", "zz", "xy", "yz", "xz")
 

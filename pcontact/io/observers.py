@@ -297,7 +297,7 @@ class Records(Observer):
 
 
 class Fields(Observer):
-    """Fields of every step, for ParaView.
+    """Fields of the undeformed bodies, where the first load step begins, and of every step, for ParaView.
 
     Parameters
     ----------
@@ -326,5 +326,8 @@ class Fields(Observer):
     def step(self, step, u, record):
         """Write the step. *Collective.*"""
         start, taken = clock.perf_counter(), self.snapshot.taken
+        if step.number == 1:
+            begin = self.snapshot.undeformed()
+            self._writer.write(0, step.begin, begin.bodies, begin.surfaces, begin.points)
         self._writer.write(step.number, step.time, taken.bodies, taken.surfaces, taken.points)
         self._timing["output"] += clock.perf_counter() - start

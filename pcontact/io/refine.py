@@ -132,6 +132,8 @@ def read_estimate(directory, step=-1):
     ------
     InputError
     """
+    if step == 0:
+        raise InputError("command line: -step: found 0, the undeformed bodies; allowed: a load step")
     result = load_result(directory, step)
     data = result.bodies.cell_data
     if "error_estimate" not in data:

@@ -25,7 +25,7 @@ class Result:
     time : float
         Time of the step.
     times : list of float
-        Times of all steps that are there.
+        Times of all load steps that are there.
     bodies : Piece
         All bodies; points (n, 3), those that ranks share are joined.
     surfaces : dict of str to Piece
@@ -50,7 +50,8 @@ def load_result(directory, step=-1):
     directory : str or Path
         The output directory of a run.
     step : int
-        Which of the steps that are there, from 1; negative numbers count from the last one.
+        Which of the load steps that are there, from 1; negative numbers count from the last one; 0: the undeformed
+        bodies.
 
     Returns
     -------
@@ -69,7 +70,7 @@ def load_result(directory, step=-1):
     if not index.exists():
         raise InputError(f"{directory}: no {INDEX} or {NAME} in it; was the run made with fields = true?")
     try:
-        times, number, grids = (_of_series if hdf else _of_pieces)(index, step)
+        times, begins, number, grids = (_of_series if hdf else _of_pieces)(index, step)
     # a damaged XML file gives a SyntaxError, a damaged piece or HDF5 file any of the others
     except (OSError, ValueError, SyntaxError, KeyError, AttributeError, RuntimeError, zlib.error) as problem:
         raise InputError(f"{index}: the fields cannot be read: {problem}") from problem
@@ -81,7 +82,7 @@ def load_result(directory, step=-1):
         for (group, name), grid in grids.items()
         if group == "points"
     }
-    return Result(directory, time, times, bodies[0] if bodies else Piece(np.zeros((0, 3))), surfaces, clouds)
+    return Result(directory, time, times[begins:], bodies[0] if bodies else Piece(np.zeros((0, 3))), surfaces, clouds)
 
 
 def has_fields(directory):
@@ -89,20 +90,23 @@ def has_fields(directory):
     return any((Path(directory) / name).exists() for name in (INDEX, NAME))
 
 
-def _number(index, step, times):
-    """Which of the times a step is, from 0."""
-    if step == 0 or abs(step) > len(times):
-        allowed = f"1 to {len(times)}, or -1 (the last) to {-len(times)}"
+def _number(index, step, times, begins):
+    """Which of the times a step is, from 0. The first of them may be that of the undeformed bodies."""
+    count = len(times) - begins
+    if abs(step) > count or step == 0 and not begins:
+        allowed = f"1 to {count}, or -1 (the last) to {-count}{'; 0: undeformed' if begins else ''}"
         raise InputError(f"{index}: no step {step}; allowed: {allowed}")
-    return step - 1 if step > 0 else len(times) + step
+    return step - 1 + begins if step > 0 else 0 if step == 0 else len(times) + step
 
 
 def _of_pieces(index, step):
-    """All times, the number of the step, and its grids by group and name."""
+    """All times, whether the first is that of the undeformed bodies, the number of the step, and its grids by group
+    and name."""
     entries = vtu.read_pvd(index)
     times = sorted({float(entry["timestep"]) for entry in entries})
-    number = _number(index, step, times)
-    return times, number, {
+    begins = any(entry["file"].endswith("_000000.pvtu") for entry in entries)
+    number = _number(index, step, times, begins)
+    return times, begins, number, {
         (entry["group"], entry["name"].partition(": ")[2]): _read(index.parent / entry["file"])
         for entry in entries
         if float(entry["timestep"]) == times[number]
@@ -113,9 +117,9 @@ def _of_series(index, step):
     """The same out of one file."""
     with grown(index) as file:
         series = Series(file)
-        times = series.times.tolist()
-        number = _number(index, step, times)
-        return times, number, series.read(number)
+        times, begins = series.times.tolist(), series.begins
+        number = _number(index, step, times, begins)
+        return times, begins, number, series.read(number)
 
 
 def _read(path):

@@ -1,11 +1,13 @@
 """The fields of the last load step that converged, as arrays of this rank."""
 
 import time as clock
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
 from pcontact.element.reference import MESHIO_NAMES
+from pcontact.io.names import BEGIN
 from pcontact.io.parts import NODE_NUMBER, Cloud, Piece
 from pcontact.io.smooth import NodeMeans
 from pcontact.io.vtu import CELL_TYPES, STORED
@@ -95,11 +97,30 @@ class Snapshot(Observer):
         for contact in contacts:
             state, paths = contact.state(u), contact.paths()
             surfaces[contact.name] = self._surface(contact, {**state, **paths}, u, paths)
-            points[contact.name] = _cloud({**state, **paths}, paths)
+            points[contact.name] = _cloud({**state, **paths}, contact.displacement(u), paths)
         point_numbers = {contact.name: contact.memory_keys() for contact in contacts}
         cell_numbers = [block.ids for block in self._problem.space.mesh.blocks]
         self.taken = Taken(step.number, step.time, self._bodies(u), cell_numbers, surfaces, points, point_numbers)
         self._timing["output"] += clock.perf_counter() - start
+
+    def undeformed(self):
+        """The fields of the bodies before the first load step, which was the last one taken: all but the places are 0,
+        stretches 1, and gaps and normals are those of its partners. *Collective.*
+
+        Returns
+        -------
+        Taken
+        """
+        taken, start = self.taken, self._problem.space.vector()
+        bodies = replace(taken.bodies, point_data=_begun(taken.bodies.point_data),
+                         cell_data=_begun(taken.bodies.cell_data))  # fmt: skip
+        surfaces, points = {}, {}
+        for contact in self._problem.contacts:
+            state = contact.state(start)
+            piece, cloud = self._surface(contact, state, start), _cloud(state, contact.displacement(start))
+            surfaces[contact.name] = replace(piece, cell_data=_begun(piece.cell_data))
+            points[contact.name] = replace(cloud, data=_begun(cloud.data))
+        return taken._replace(number=0, bodies=bodies, surfaces=surfaces, points=points)
 
     def _bodies(self, u):
         space, bulk = self._problem.space, self._problem.bulk
@@ -148,9 +169,22 @@ class Snapshot(Observer):
             for name, values in mean.items():
                 data[name].append(values[first : first + len(table)])
             first += len(table)
-        return Piece(space.points, cells, {"displacement": space.local.gather(u)}, data)
+        nodes = np.unique(np.concatenate([np.zeros(0, np.int64), *(table.ravel() for _, table in cells)]))
+        cells = [(kind, np.searchsorted(nodes, table)) for kind, table in cells]
+        return Piece(space.points[nodes], cells, {"displacement": space.local.gather(u)[nodes]}, data)
 
 
-def _cloud(state, more):
+def _begun(data):
+    """Fields of the undeformed bodies, from those of a load step: dict of arrays, or of lists of one for each block."""
+
+    def begun(name, array):
+        value = BEGIN.get(name, 0.0)
+        return array if value is None else np.full_like(array, value)
+
+    return {name: [begun(name, one) for one in values] if isinstance(values, list) else begun(name, values)
+            for name, values in data.items()}  # fmt: skip
+
+
+def _cloud(state, displacement, more):
     keys = ("pressure", "gap", "traction", "normal", "status", "weight", "paired", *more)
-    return Cloud(state["x"], {key: state[key] for key in keys})
+    return Cloud(state["x"], {"displacement": displacement, **{key: state[key] for key in keys}})

@@ -86,6 +86,11 @@ class Series:
         """Times of all load steps (n_steps,)."""
         return self._steps["Values"][:]
 
+    @property
+    def begins(self):
+        """Whether the first of them is that of the undeformed bodies."""
+        return bool(self._steps.attrs.get("Undeformed", False))
+
     # -- writing ----------------------------------------------------------------------------------------------------
 
     def keep(self, count):
@@ -99,11 +104,13 @@ class Series:
         self._steps["Values"].resize(count, 0)
         self._steps.attrs["NSteps"] = count
 
-    def add(self, time, parts, counts, changed):
+    def add(self, step, time, parts, counts, changed):
         """Enter a load step, and make room for its rows.
 
         Parameters
         ----------
+        step : int
+            Its number; 0: the undeformed bodies.
         time : float
         parts : dict of (str, str) to dict
             See :func:`pcontact.io.parts.agree`.
@@ -127,6 +134,8 @@ class Series:
                 # of a contact that acts in other phases
                 self._nothing(grid, time)
         _append(self._steps["Values"], [time])
+        if step == 0:
+            self._steps.attrs["Undeformed"] = True
         self._steps.attrs["NSteps"] = len(before) + 1
         return rooms
 

@@ -276,6 +276,6 @@ PETSC = listed(Option("pc_type", ANY_TEXT, "preconditioner", "gamg"))
 RENAMED: dict[str, str] = {}
 # of commands that look at the results of a run
 STEP = Option(
-    "step", Rule("a whole number: 1 is the first step, -1 the last", int, {"type": "integer"}),
-    "1 is the first load step, -1 the last", -1,
+    "step", Rule("a whole number: 1 is the first step, -1 the last, 0 undeformed", int, {"type": "integer"}),
+    "1 is the first load step, -1 the last, 0 the undeformed bodies", -1,
 )  # fmt: skip

@@ -288,6 +288,25 @@ def test_touching_bodies_of_one_region_stay_apart(shared_tmp, order, smooth, kin
     np.testing.assert_allclose(
         np.sort(bodies.point_data["displacement"][middle, 1]), np.repeat([0.0, 0.25], order + 1), atol=1e-6
     )
+    _moved_and_undeformed(shared_tmp / "run", order)
+
+
+def _moved_and_undeformed(run, order):
+    """Contact surfaces have their own points; these and quadrature points move with the bodies; step 0 is time 0."""
+    last, begin = load_result(run), load_result(run, 0)
+    assert last.times == begin.times == [0.5, 1.0] and (begin.time, last.time) == (0.0, 1.0)
+    assert len(pc.load(run, 0).fields().points) == 2 * (order + 1) ** 2 and pc.load(run).fields().number == 2
+    for result, motion in ((last, 0.25), (begin, 0.0)):
+        (surface,), (cloud,) = result.surfaces.values(), result.points.values()
+        # one facet, of the upper body
+        assert len(surface.points) == order + 1 and surface.cells[0][1].max() == order
+        for piece, data in ((surface, surface.point_data), (cloud, cloud.data)):
+            np.testing.assert_allclose(data["displacement"], [[0.0, motion, 0.0]] * len(piece.points), atol=1e-6)
+        np.testing.assert_allclose(cloud.data["gap"], motion, atol=1e-6)
+        assert np.abs(result.bodies.point_data["displacement"]).max() == pytest.approx(motion, abs=1e-6)
+    assert not np.concatenate(begin.bodies.cell_data["stress"]).any()
+    with pytest.raises(InputError, match="no step 3; allowed: 1 to 2, or -1 .the last. to -2; 0: undeformed"):
+        load_result(run, 3)
 
 
 def test_status_of_facets():
