@@ -2,7 +2,7 @@
 
 Between two kernels of a formulation (`pcontact.contact.formulation`), a law makes of tau (np, d) the traction P(tau)
 (np, d), its generalised derivative D (np, d, d), and the status of the points. A law of friction of one's own is a
-subclass of :class:`FrictionLaw` with a method :meth:`~FrictionLaw.bounded`, which :func:`add_law` gives a name.
+subclass of :class:`FrictionLaw` with a method :meth:`~FrictionLaw.bound`, which :func:`add_law` gives a name.
 
 The laws here are one row of numbers ``(base, coefficient, limit)``. The bound follows the normal part of tau,
 
@@ -84,9 +84,36 @@ class Frictionless:
 
 
 class FrictionLaw(Frictionless):
-    """A law with a bound of the tangential traction."""
+    """A law with a bound of the tangential traction: a subclass writes :meth:`bound`, all else has defaults.
+
+    Parameters
+    ----------
+    contact : pcontact.scene.model.Contact
+        Whose keys may be numbers of the law.
+    """
 
     tangential = can_slip = True
+    symmetric = False
+
+    def __init__(self, contact=None):
+        self.contact = contact
+
+    def bound(self, pressure):
+        """The largest tangential traction of points under a pressure.
+
+        Parameters
+        ----------
+        pressure : ndarray (np,)
+            At least 0 [stress].
+
+        Returns
+        -------
+        bound : ndarray (np,)
+            At least 0 [stress].
+        slope : ndarray (np,)
+            Its derivative with respect to the pressure.
+        """
+        raise NotImplementedError(f"{type(self).__name__} has no method bound(pressure)")
 
     def project(self, view, normal, tau, slope=None):
         """Traction and status of the points.
@@ -116,7 +143,22 @@ class FrictionLaw(Frictionless):
 
     def bounded(self, view, normal, tau, traction, slope, status):
         """Write traction, status and, unless it has the length 0, ``slope`` of the paired points; the others are 0."""
-        raise NotImplementedError
+        tau_n = np.einsum("pd,pd->p", tau, normal)
+        across = tau - tau_n[:, None] * normal
+        length = np.linalg.norm(across, axis=1)
+        closed = self.closed(view, tau_n)
+        rho, growth = self.bound(np.maximum(-tau_n, 0.0))
+        stick, slip = closed & (length <= rho), closed & (length > rho)
+        # of the tangential part that is left: all, what the bound admits, nothing
+        share = np.where(stick, 1.0, np.divide(rho, length, out=np.zeros_like(length), where=slip))
+        traction[:] = np.where(closed, tau_n, 0.0)[:, None] * normal + share[:, None] * across
+        status[:] = np.select([stick, slip], [STICK, SLIP], OPEN)
+        if len(slope):
+            along = np.divide(across, length[:, None], out=np.zeros_like(across), where=slip[:, None])
+            nn = np.einsum("pi,pj->pij", normal, normal)
+            slope[:] = closed[:, None, None] * nn + share[:, None, None] * (np.eye(tau.shape[1]) - nn)
+            slope -= share[:, None, None] * np.einsum("pi,pj->pij", along, along)
+            slope -= np.where(tau_n < 0.0, growth, 0.0)[:, None, None] * np.einsum("pi,pj->pij", along, normal)
 
 
 class RowLaw(FrictionLaw):
@@ -271,7 +313,7 @@ def add_law(name, make):
     ----------
     name : str
     make : callable
-        From a :class:`pcontact.scene.model.Contact` to a law, a :class:`FrictionLaw`.
+        From a :class:`pcontact.scene.model.Contact` to a law: a subclass of :class:`FrictionLaw`, or a function.
     """
     ADDED[name] = make
 

@@ -36,6 +36,7 @@ def law():
 
 def test_examples_are_short():
     assert all(len(block.splitlines()) <= 60 for block in BLOCKS)
+    assert "def bounded" not in BLOCKS[0], "a law of friction needs its bound alone"
 
 
 def points(dim, n=200):
@@ -60,6 +61,27 @@ def test_the_derivative_of_the_law(law, dim):
         same = (then == status) & (before == status)
         wanted = slope @ step
         assert np.max(np.abs(0.5 * (there - back) - wanted)[same]) <= 1e-14
+
+
+@pytest.mark.parametrize("bilateral", [False, True])
+def test_a_bound_alone_is_a_law(bilateral):
+    """Coulomb's, written as a bound: traction, status and derivative are those of the compiled one."""
+
+    class Own(pc.FrictionLaw):
+        def bound(self, pressure):
+            return F * pressure, np.full_like(pressure, F)
+
+    normal, tau = points(3)
+    view = View(np.arange(len(tau)) % 7 > 0, bilateral, False)
+    found = []
+    for one in (Own(), contact_law(Contact("a", "b", friction=F))):
+        slope = np.zeros((len(tau), 3, 3))
+        found.append((*one.project(view, normal, tau, slope), slope))
+    for ours, theirs in zip(*found, strict=True):
+        np.testing.assert_allclose(ours[view.paired], theirs[view.paired], rtol=0, atol=1e-13)
+    assert not Own().symmetric
+    with pytest.raises(NotImplementedError, match="Bare has no method bound"):
+        type("Bare", (pc.FrictionLaw,), {})().project(view, normal, tau)
 
 
 def test_it_is_coulomb_below_its_limit(law):
