@@ -5,6 +5,12 @@
 
 from __future__ import annotations
 
+import sys
+from importlib.util import find_spec
+
+if sys.argv[0] == "-m" and find_spec("gmsh") is None:
+    sys.exit("python -m meshes: found no Python package gmsh; remedy: pip install gmsh")
+
 from .bars import round_bar
 from .beam import beam
 from .blocks import one_block, overclosed_cubes, two_blocks

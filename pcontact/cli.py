@@ -1,6 +1,5 @@
 """The command line: ``pcontact run | check | import | convert | refine | view | plot | new | demo | ...``."""
 
-import difflib
 import json
 import sys
 import time as clock
@@ -8,17 +7,14 @@ import traceback
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
-from pcontact import __version__
 from pcontact.adapt.loop import REACHED, Loop
 from pcontact.adapt.target import wanted
 from pcontact.contact.surface.smooth_geometry import SMOOTH, WRONG, facet_pressure
 from pcontact.demo import explain
 from pcontact.doctor import examine
-from pcontact.importer.write import OPTIONS as IMPORT
 from pcontact.importer.write import import_file
 from pcontact.io import refine
 from pcontact.io.cost_forecast import cost_forecast
@@ -26,228 +22,25 @@ from pcontact.io.examples import lay_out
 from pcontact.io.report import read_steps
 from pcontact.io.report_schema import report_schema
 from pcontact.io.summary import JsonLines, PassLines, summary
-from pcontact.io.template import write_template
+from pcontact.io.template import write_example, write_template
 from pcontact.mesh.hdf5_writer import convert, mesh_sizes
 from pcontact.mesh.mesh import size_of
 from pcontact.runtime import log, signals
-from pcontact.runtime.declared import OPTIONS, SECTIONS, Option, help_lines, listed, read_all
+from pcontact.runtime.commands import CONVERT, DEMO, JSON, NEW, WARM
+from pcontact.runtime.declared import read_all
 from pcontact.runtime.errors import TOLD, InputError
 from pcontact.runtime.files import replace_file
 from pcontact.runtime.options import Options
 from pcontact.runtime.parallel import on_root
 from pcontact.runtime.petsc import MPI
-from pcontact.runtime.rules import ANY_TEXT, BOOLEAN, choice, integer, text
-from pcontact.scene import Contact, MeshSpec, Output, Scene, Steps, read_scene
+from pcontact.scene import read_scene
 from pcontact.scene.amplitude import LOOKS, amplitude, corners
-from pcontact.scene.keys import options as key_options
 from pcontact.scene.schema import schema
-from pcontact.scene.target import Budget, Target
 from pcontact.simulation import Simulation
 from pcontact.space.modes import component_boxes, near_pairs
+from pcontact.usage import COMMANDS, OURS, declared, parse, usage
 from pcontact.view import show
-from pcontact.warm import OPTIONS as WARM
 from pcontact.warm import warm
-
-CONVERT = listed(
-    Option("order", integer(1, 2), "2: cells completed to degree 2, for a displacement of that degree", 1),
-    Option(
-        "o", text("a file"), 'to be named in the scene: [mesh] file = "FILE.h5"', otherwise="beside MESH",
-        value="FILE.h5",
-    ),
-)  # fmt: skip
-PETSC_HELP = """\
-  -snes_monitor, -snes_rtol X, -snes_linesearch_type bt|cp|basic|l2, -ksp_type, -pc_type gamg|hypre|ml|lu, ...
-                                                   any option of PETSc; -help with a scene lists them"""
-EXIT = """\
-Exit status: 0 all steps converged, 1 a step did not converge, 2 the input is wrong, 3 output cannot be written or
-another run writes there, 4 the error to reach (-error) was not reached."""
-
-
-class Command(NamedTuple):
-    """A command.
-
-    Attributes
-    ----------
-    operand : str
-        What it is called with, for messages; empty: nothing.
-    usage, help : str
-        Its words, and what it does.
-    options : dict of str to Option or None
-        Those that it takes; None: those of a run.
-    many : bool
-        Whether it takes several operands, at least two.
-    """
-
-    operand: str
-    usage: str
-    help: str
-    options: dict | None = None
-    many: bool = False
-
-
-COMMANDS = {
-    "run": Command("a scene file", "SCENE.toml [-o DIR] [options]", "solve; results in DIR (default: SCENE_results)"),
-    "check": Command("a scene file", "SCENE.toml [options]",
-                     "what is modelled; solves nothing (with -error coarse meshes)"),
-    "import": Command(
-        "a deck", "DECK [-o DIR]", "a scene with its mesh from a deck of Abaqus or CalculiX (.inp)", IMPORT
-    ),
-    "convert": Command("a mesh file", "MESH [-o FILE.h5] [--order 2]", "a mesh for reading in parallel", CONVERT),
-    "refine": Command(
-        "a directory", "DIR [-o FILE.msh] [options]",
-        "a finer mesh where the error estimate of the run in DIR is large", refine.OPTIONS,
-    ),
-    "view": Command(
-        "a directory", "DIR [-field NAME] [-o FILE]",
-        "the deformed bodies: window, picture, page, animation", show.OPTIONS,
-    ),
-    "plot": Command(
-        "a directory and columns of its history", "DIR [X] Y [Y ...]",
-        "columns Y of the history over X, or over the time", show.PLOT, many=True,
-    ),
-    "new": Command("the name of a directory", "NAME", "a commented scene with its mesh to start from", listed()),
-    "demo": Command(
-        "", "[-o DIR]", "a first look: a ball is pressed on a block; what came out",
-        listed(Option("o", text("a directory"), "scene, mesh and results", otherwise="demo", value="DIR")),
-    ),
-    "warm": Command("", "[-jobs N]", "what runs would compile at first is compiled now", WARM),
-    "doctor": Command("", "", "what is installed, how fast this machine is, what to do", listed()),
-    "schema": Command(
-        "", "[-of report] [-o FILE.json]", "JSON Schema of a scene file, for editors, or of report.json",
-        listed(
-            Option("of", choice("scene", "report"), "a scene file, or report.json", "scene"),
-            Option("o", text("a file"), "where it goes", otherwise="standard output", value="FILE.json"),
-        ),
-    ),
-}  # fmt: skip
-# options that are no run's, not even unused
-OURS = ("o", "help", "h", "field", "step", "scale", "json", "set")
-JSON = listed(
-    Option("json", BOOLEAN, "a line of JSON for every load step, cut and the end instead of text", False, flag="true")
-)
-SET = listed(
-    Option(
-        "set", ANY_TEXT, "any key of the scene, with a value as in the file: -set steps.count=4; as often as wanted. "
-        "Tables of lists by their name, region or number from 0: -set contacts.NAME.friction=0.3", value="KEY=VALUE",
-    )
-)  # fmt: skip
-
-
-def run_options():
-    """The options of a run, by section: a title and the options.
-
-    Returns
-    -------
-    dict of str to list of Option
-    """
-    tables = (Scene, Target, Budget, MeshSpec, Contact, Steps, Output)
-    scene = [option for cls in tables for option in key_options(cls).values()]
-    every = [replace(option, default=None, otherwise="") for option in scene] + list(OPTIONS.values())
-    return {title: [option for option in every if option.section == name] for name, title in SECTIONS.items()}
-
-
-def usage(command=None):
-    """What ``--help`` says.
-
-    Parameters
-    ----------
-    command : str, optional
-        Absent: of all commands.
-    """
-    named = COMMANDS if command is None else {command: COMMANDS[command]}
-    lines = [f"pcontact {__version__}: contact between elastic bodies with Nitsche's method, in parallel on PETSc", ""]
-    lines += [f"  pcontact {f'{name} {one.usage}':<39} {one.help}" for name, one in named.items()]
-    if command in (None, "run"):
-        lines += ["  mpirun -n 4 pcontact run SCENE.toml ...          the same on four ranks"]
-    lines += ["  pcontact COMMAND --help                          the options of a command"] * (command is None)
-    lines += [""]
-    if any(one.options is None for one in named.values()):
-        lines += ["Options of run and check. They win over the scene; its [petsc] table wins over defaults."]
-        lines += help_lines([*SET.values(), *JSON.values()])
-        for title, options in run_options().items():
-            lines += [f"{title}:", *help_lines(options)]
-        lines += ["Of PETSc:", PETSC_HELP]
-    for name, one in named.items():
-        if one.options is not None:
-            lines += [f"Options of {name}:", *help_lines(one.options.values())]
-    return "\n".join([*lines, EXIT])
-
-
-def parse(arguments):
-    """Command, its operand and our own options from the command line.
-
-    Parameters
-    ----------
-    arguments : list of str
-
-    Returns
-    -------
-    command : str
-    operand : str, list of str or None
-        A list of a command that takes several.
-    options : dict of str to str
-        With a list of all values of ``-set``.
-
-    Raises
-    ------
-    InputError
-    """
-    if not arguments or arguments[0] in ("-h", "--help", "-help"):
-        return "help", None, {}
-    command, rest = arguments[0], list(arguments[1:])
-    if command not in COMMANDS:
-        near = difflib.get_close_matches(command, COMMANDS, 1)
-        hint = f"; the nearest is {near[0]!r}" if near else ""
-        raise InputError(f"command line: found {command!r}; allowed: {', '.join(COMMANDS)}{hint}")
-    options, operand = {}, None
-    while rest:
-        word = rest.pop(0)
-        if word.startswith("-") and not _number(word):
-            if COMMANDS[command].options is None:
-                _check_dash(word)
-            value = rest.pop(0) if rest and (not rest[0].startswith("-") or _number(rest[0])) else ""
-            if word.lstrip("-") == "set" and COMMANDS[command].options is None:
-                # PETSc keeps the last one only
-                value = [*options.get("set", []), value]
-            options[word.lstrip("-")] = value
-        elif COMMANDS[command].many:
-            operand = [*(operand or []), word]
-        elif operand is None:
-            operand = word
-        else:
-            raise InputError(f"command line: second operand: found {word!r}; allowed: pcontact {command} ONE [options]")
-    if options.get("o") == "":
-        raise InputError("command line: -o: found nothing; allowed: a directory (run), a file (convert, view)")
-    asks, wanted = {"h", "help"} & set(options), COMMANDS[command].operand
-    # with a scene the word is PETSc's
-    if asks and (operand is None or COMMANDS[command].options is not None):
-        return "help", command, {}
-    if wanted and (operand is None or COMMANDS[command].many and len(operand) < 2):
-        found = "no operand" if operand is None else operand[0]
-        raise InputError(f"command line: pcontact {command}: found {found}; allowed: {wanted}")
-    if operand is not None and not wanted:
-        raise InputError(f"command line: pcontact {command}: found {operand!r}; allowed: no operand")
-    return command, operand, options
-
-
-def _check_dash(word):
-    """Refuse what PETSc, which reads the options of a run, takes for another one."""
-    name, equals, value = word.lstrip("-").partition("=")
-    if (word.startswith("--") or equals) and name in _declared():
-        raise InputError(f"command line: found {word!r}; allowed: -{name}{f' {value}' if equals else ''}")
-
-
-def _declared():
-    """Names of the options of a run."""
-    return {option.name for options in run_options().values() for option in options} | SET.keys()
-
-
-def _number(word):
-    try:
-        float(word)
-    except ValueError:
-        return False
-    return True
 
 
 def run_scene(scene, directory, observers=(), mesh=None):
@@ -361,7 +154,7 @@ def forecast(scene):
 
 def _unused(simulation):
     """Lines about options that nothing asked for."""
-    return simulation.unused(OURS, _declared())
+    return simulation.unused(OURS, declared())
 
 
 def reach(scene, directory, machine):
@@ -542,11 +335,12 @@ def _execute(command, operand, options):
             log.info("wrote %s", written)
         return 0
     if command == "new":
-        read_all(command, {}, options)
-        log.info("wrote %s; its first lines say what to do", on_root(comm, write_template, operand))
+        example = read_all(command, NEW, options).get("example")
+        work = (write_template, operand) if example is None else (write_example, operand, example)
+        log.info("wrote %s; its first lines say what to do", on_root(comm, *work))
         return 0
     if command == "demo":
-        return demonstrate(Path(read_all(command, COMMANDS[command].options, options).get("o", "demo")))
+        return demonstrate(Path(read_all(command, DEMO, options).get("o", "demo")))
     if command == "warm":
         log.info("%s", on_root(comm, lambda: warm(**read_all(command, WARM, options))))
         return 0

@@ -15,17 +15,12 @@ from pathlib import Path
 
 from pcontact.io.examples import lay_out, scenes
 from pcontact.runtime import kernel_cache, log
-from pcontact.runtime.declared import Option, listed
 from pcontact.runtime.errors import InputError, OutputError
 from pcontact.runtime.files import replace_file
-from pcontact.runtime.rules import integer
 from pcontact.runtime.start import environment_outside
 from pcontact.scene import read_scene
 from pcontact.simulation import Simulation
 
-OPTIONS = listed(
-    Option("jobs", integer(1), "processes that compile at the same time", otherwise="one for each core")
-)  # fmt: skip
 # examples that have most to compile: they come first, each in a process of its own
 _FIRST = ("axisymmetric", "bimetal", "indentation", "press", "heap")
 _SYSTEM, _ENDS_WITH_PARENT = ctypes.CDLL(None), 1  # PR_SET_PDEATHSIG of prctl(2)

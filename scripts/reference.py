@@ -11,13 +11,13 @@ import sys
 from dataclasses import MISSING, fields
 from pathlib import Path
 
-from pcontact.cli import COMMANDS, run_options
 from pcontact.io.names import FIELDS
 from pcontact.io.report_schema import described
 from pcontact.runtime.declared import shown
 from pcontact.runtime.presets import PRESETS
 from pcontact.scene.keys import keys
 from pcontact.scene.model import HEADERS, Contact, Scene
+from pcontact.usage import COMMANDS, run_options
 
 ROOT = Path(__file__).resolve().parents[1]
 BLOCK = re.compile(r"(<!-- table: ([\w ]+) -->\n).*?(<!-- end -->)", re.DOTALL)

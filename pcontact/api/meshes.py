@@ -88,7 +88,10 @@ def _written(source: Any, groups: Mapping[str, Any], facets: Mapping[str, Any]) 
         source.option.setNumber("Mesh.MshFileVersion", 4.1)
         source.write(str(path))
         return path
-    import meshio
+    try:
+        import meshio
+    except ModuleNotFoundError as error:
+        raise InputError(f"mesh_from: needs the Python package {error.name!r}; allowed: pip install meshio") from None
 
     points, blocks, named = _parts(source, meshio)
     solid = any(kind.startswith(_SOLID) for kind, _ in blocks)

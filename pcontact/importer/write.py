@@ -7,18 +7,12 @@ from pcontact.importer.findings import CHANGED, LEFT_OUT, NO_EFFECT, TAKEN
 from pcontact.importer.groups import counted, write_mesh
 from pcontact.importer.translate import translate
 from pcontact.runtime import log
-from pcontact.runtime.declared import Option, listed
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.files import make_directory, replace_file
-from pcontact.runtime.rules import text
 from pcontact.scene.reader import read_scene
 
 SCENE, MESH, LIST = "scene.toml", "mesh.msh", "import.txt"
 DECKS = (".inp",)
-OPTIONS = listed(
-    Option("o", text("a directory"), "where scene, mesh and list go", otherwise="beside the file, by its name",
-           value="DIR"),
-)  # fmt: skip
 
 
 def import_file(path, directory=None):

@@ -1,7 +1,6 @@
 """``pcontact refine``: a better mesh from the error estimate of a finished run."""
 
 import json
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,29 +11,12 @@ from pcontact.io.result import load_result
 from pcontact.mesh.reader import read_mesh
 from pcontact.mesh.refinement.gather import halved_where
 from pcontact.mesh.remesh import remesh, write_refined, write_sizes
-from pcontact.runtime.declared import STEP, Option, listed, read_all
+from pcontact.runtime.commands import ERROR, PART, REFINE
+from pcontact.runtime.declared import read_all
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.parallel import on_root
 from pcontact.runtime.petsc import MPI
-from pcontact.runtime.rules import BOOLEAN, number, text
 
-# part of the squared error whose cells are refined; error wanted of a new mesh over the old one
-PART, ERROR = 0.5, 0.5
-OPTIONS = listed(
-    Option(
-        "part", number(above=0, most=1),
-        "triangles, tetrahedra: cells with this part of the squared error are refined", PART,
-    ),
-    Option(
-        "divide", BOOLEAN,
-        "quadrilaterals, hexahedra: divided into triangles, tetrahedra, which are refined alone; else all are halved",
-        False,
-    ),
-    Option("geometry", text("a file .geo"), "instead, gmsh makes a new mesh of this geometry", value="FILE.geo"),
-    Option("error", number(above=0, below=1), "with -geometry: error of the new mesh over the one of now", ERROR),
-    replace(STEP, help=f"whose estimate: {STEP.help}"),
-    Option("o", text("a file .msh"), "the new mesh", otherwise="DIR/refined.msh", value="FILE.msh"),
-)  # fmt: skip
 NOT_MATCHING = 1e-6
 
 
@@ -46,7 +28,7 @@ def refine_run(directory, options, comm=MPI.COMM_SELF):
     directory : str
         The output directory of a run with an estimate.
     options : dict of str to str
-        Without dashes; keys of `OPTIONS`.
+        Without dashes; keys of `pcontact.runtime.commands.REFINE`.
     comm : MPI.Comm, optional
         Its ranks cut the cells together; rank 0 alone reads and writes files, and has gmsh make meshes of geometries.
 
@@ -72,11 +54,11 @@ def refine_run(directory, options, comm=MPI.COMM_SELF):
 def _prepared(directory, options):
     """What was written with a geometry; or else None, the mesh, the cells to cut, the file to write, and whether the
     cells are divided first."""
-    values = read_all("refine", OPTIONS, options)
+    values = read_all("refine", REFINE, options)
     raw, estimates, degree = read_estimate(directory, values.get("step", -1))
     target = Path(values.get("o") or directory / "refined.msh")
     if target.suffix != ".msh":
-        raise InputError(f"command line: -o: found {str(target)!r}; allowed: {OPTIONS['o'].allowed}")
+        raise InputError(f"command line: -o: found {str(target)!r}; allowed: {REFINE['o'].allowed}")
     if not target.parent.is_dir():
         raise InputError(f"command line: -o: found no directory {str(target.parent)!r}; allowed: one that exists")
     if "geometry" in values:

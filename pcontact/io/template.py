@@ -1,5 +1,6 @@
-"""``pcontact new``: a commented scene with its mesh, to start from."""
+"""``pcontact new``: a commented scene with its mesh, or an example with what makes its mesh, to start from."""
 
+import difflib
 from pathlib import Path
 
 import numpy as np
@@ -64,6 +65,11 @@ count = 8                          # load steps; they are cut where Newton's met
 energy = true                      # works and what became of them, in report.json and history.csv
 """
 
+_HEAD = """\
+# The commands below are typed in this directory; the one that makes the mesh needs gmsh (pip install gmsh).
+#
+"""
+
 
 def write_template(name):
     """Write a scene and its mesh into a new directory. Serial.
@@ -85,13 +91,67 @@ def write_template(name):
     OutputError
         It cannot be written.
     """
+    folder = _made(name)
+    replace_file(folder / "blocks.msh", _mesh())
+    replace_file(folder / "scene.toml", _SCENE.format(name=name))
+    return folder / "scene.toml"
+
+
+def write_example(name, example):
+    """Write one of the examples into a new directory, with the package that makes its mesh. Serial.
+
+    Parameters
+    ----------
+    name : str
+        As of :func:`write_template`.
+    example : str
+        Its name, without ``.toml``.
+
+    Returns
+    -------
+    Path
+        The scene; the commands in its head comment are those to type in the directory.
+
+    Raises
+    ------
+    InputError
+        There is no such example, or something in the directory already.
+    OutputError
+        It cannot be written.
+    """
+    scenes, meshes = _examples()
+    names = sorted(path.stem for path in scenes.glob("*.toml"))
+    if example not in names:
+        near = difflib.get_close_matches(example, names, 1)
+        hint = f"; the nearest is {near[0]!r}" if near else ""
+        raise InputError(f"command line: -example: found {example!r}; allowed: {', '.join(names)}{hint}")
+    folder = _made(name)
+    make_directory(folder / "meshes")
+    for path in sorted(meshes.glob("*.py")):
+        replace_file(folder / "meshes" / path.name, path.read_text(encoding="utf-8"))
+    text = (scenes / f"{example}.toml").read_text(encoding="utf-8")
+    for there, here in (("drivers/examples/", ""), ("scripts/pcontact.sh ", "pcontact "),
+                        (f"results/{example}", "results")):  # fmt: skip
+        text = text.replace(there, here)
+    replace_file(folder / f"{example}.toml", _HEAD + text)
+    return folder / f"{example}.toml"
+
+
+def _examples():
+    """Where the examples are, and the package that makes their meshes: in the wheel, or in the repository."""
+    package = Path(__file__).resolve().parents[1]
+    if (package / "examples").is_dir():
+        return package / "examples", package / "examples" / "meshes"
+    return package.parent / "drivers" / "examples", package.parent / "meshes"
+
+
+def _made(name):
+    """A new directory."""
     folder = Path(name)
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise InputError(f"command line: pcontact new: found {name}, which is there already; allowed: a new directory")
     make_directory(folder)
-    replace_file(folder / "blocks.msh", _mesh())
-    replace_file(folder / "scene.toml", _SCENE.format(name=name))
-    return folder / "scene.toml"
+    return folder
 
 
 def _mesh():

@@ -39,6 +39,18 @@ class SolverError(Exception):
     status = 1
 
 
+class NoPetsc(ImportError):
+    """petsc4py or mpi4py is not there, or does not fit: one line for the user, exit status 2.
+
+    Parameters
+    ----------
+    message : str
+        One line: what is wrong, and where a petsc4py is to be had.
+    """
+
+    status = 2
+
+
 # what ends a program with one line, the same on every rank
 TOLD = (InputError, OutputError, SolverError)
 

@@ -9,17 +9,23 @@ import weakref
 from contextlib import contextmanager
 
 import numpy as np
-import petsc4py
 
 from pcontact.runtime import signals, start, streams
+from pcontact.runtime.missing import no_petsc
 
 # before anything opens a file that stays open
 streams.reserve()
 
-petsc4py.init(start.words())
+try:
+    import petsc4py
 
-from mpi4py import MPI  # noqa: E402
-from petsc4py import PETSc  # noqa: E402
+    petsc4py.init(start.words())
+
+    from mpi4py import MPI
+    from petsc4py import PETSc
+# numpy and MPI that do not fit give the last two
+except (ImportError, ValueError, RuntimeError) as error:
+    raise no_petsc(error) from error
 
 signals.take_back()
 

@@ -7,6 +7,9 @@ import sys
 _STARTED = ("PMIX_", "PMI_", "PRTE_", "ORTE_", "OPAL_", "OMPI_COMM_", "OMPI_APP_", "OMPI_MCA_ess", "OMPI_MCA_orte",
             "OMPI_MCA_pmix")  # fmt: skip
 
+# what Open MPI, PMIx and PMI call the number of a process
+_RANKS = ("OMPI_COMM_WORLD_RANK", "PMIX_RANK", "PMI_RANK")
+
 
 class _State:
     """Whether this process is another program's, which has a command line of its own."""
@@ -39,6 +42,12 @@ def words():
     # a `.petscrc` in the working directory may be that of somebody's scene, and has PETSc run programs
     skipped = ["-skip_petscrc"] if "-no_code" in line else []
     return line[:1] if "pytest" in sys.modules else line + skipped
+
+
+def is_first():
+    """Whether this process is the first one of those that MPI has started together, by what it says of it before it is
+    loaded; True for one that nobody has."""
+    return next((os.environ[name] for name in _RANKS if name in os.environ), "0") == "0"
 
 
 def environment_outside():

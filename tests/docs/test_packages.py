@@ -28,7 +28,8 @@ def test_the_wheel(tmp_path):
         names = set(archive.namelist())
     modules = {str(path.relative_to(ROOT)) for path in (ROOT / "pcontact").rglob("*.py")}
     assert modules | {"pcontact/py.typed", "pcontact/__init__.pyi"} <= names
-    assert not [name for name in names if name.startswith(("tests/", "drivers/"))]
+    assert not [name for name in names if name.startswith(("tests/", "drivers/", "meshes/"))]
+    assert {"pcontact/examples/press.toml", "pcontact/examples/meshes/__main__.py"} <= names
     installed(wheel, tmp_path)
 
 
@@ -44,10 +45,12 @@ def installed(wheel, folder):
     pip = [sys.executable, "-m", "pip", "--python", str(python), "install", "-q", "--no-deps", "--no-index"]
     asked = "import pcontact as pc; assert pc.new().steps.count == 8; print(pc.__file__)"
     for command in ([*pip, "--ignore-installed", str(wheel)], [str(python), "-c", asked],
-                    [str(python.with_name("pcontact")), "--help"]):  # fmt: skip
+                    [str(python.with_name("pcontact")), "--help"],
+                    [str(python.with_name("pcontact")), "new", "first", "-example", "press"]):  # fmt: skip
         done = subprocess.run(command, cwd=folder, capture_output=True, text=True, env=alone)
         assert done.returncode == 0, done.stderr
         assert command[-1] != asked or done.stdout.startswith(str(site))
+    assert (folder / "first/press.toml").exists() and (folder / "first/meshes/hertz.py").exists()
 
 
 def test_one_version_everywhere():
@@ -64,5 +67,12 @@ def test_what_view_installs_is_the_extra():
 def test_recipes_have_all_dependencies():
     recipe = (ROOT / "packaging/conda/recipe.yaml").read_text()
     spack = (ROOT / "packaging/spack/package.py").read_text()
-    for name in PROJECT["dependencies"]:
+    for name in PROJECT["dependencies"] + PROJECT["optional-dependencies"]["mesh"]:
         assert name in recipe and name in spack, name
+
+
+def test_what_draws_and_makes_meshes_are_extras():
+    """As the pages say: a run needs neither."""
+    extras = PROJECT["optional-dependencies"]
+    assert not {"gmsh", "meshio", "matplotlib"} & set(PROJECT["dependencies"])
+    assert {"gmsh", "meshio"} <= set(extras["mesh"]) and "matplotlib" in extras["view"]

@@ -11,13 +11,13 @@ import pcontact as pc
 from drivers._common import running
 from drivers.gallery import make as gallery
 from meshes.__main__ import main as write_mesh
-from pcontact.cli import COMMANDS, run_options
 from pcontact.io.names import known
 from pcontact.scene import Contact, Material, Obstacle, Scene
 from pcontact.scene.keys import keys
 from pcontact.scene.model import HEADERS, LIST_TABLES, SINGLE_TABLES
 from pcontact.scene.reader import read_scene
 from pcontact.scene.target import Budget, Target
+from pcontact.usage import COMMANDS, run_options
 
 ROOT = Path(drivers.__path__[0]).parent
 PAGES = sorted([ROOT / "README.md", *ROOT.glob("docs/**/*.md"), *ROOT.glob("drivers/**/*.md")])

@@ -249,6 +249,7 @@ def test_an_interrupt_while_the_program_is_loaded(tmp_path):
                 if name == "pcontact.cli":
                     os.kill(os.getpid(), signal.SIGINT)
         sys.meta_path.insert(0, Finder())
+        sys.argv = ["pcontact", "doctor"]
         runpy.run_module("pcontact", run_name="__main__")
     """
     done = subprocess.run([sys.executable, "-c", code], env=environment(), capture_output=True, text=True)

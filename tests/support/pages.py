@@ -24,8 +24,9 @@ import sys
 from pathlib import Path
 
 from meshes.__main__ import main as write_mesh
-from pcontact.cli import main, parse
+from pcontact.cli import main
 from pcontact.runtime.petsc import PETSc
+from pcontact.usage import parse
 from tests.support.commands import environment
 
 BLOCK = re.compile(r"^```(\w+)\n(.*?)^```$", re.DOTALL | re.MULTILINE)

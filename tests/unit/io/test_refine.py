@@ -8,7 +8,6 @@ import pytest
 
 from drivers._common import make_mesh
 from meshes.blocks import one_block
-from pcontact.cli import parse
 from pcontact.estimate.size import at_vertices, largest_contributions, new_sizes
 from pcontact.io.refine import read_estimate, refine_run
 from pcontact.mesh.reader import read_mesh
@@ -16,6 +15,7 @@ from pcontact.runtime.errors import InputError
 from pcontact.runtime.petsc import MPI
 from pcontact.scene.model import Body, Displacement, Load, Material, MeshSpec, Output, Scene
 from pcontact.simulation import Simulation
+from pcontact.usage import parse
 
 
 def test_marks():

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 
 import drivers
-from pcontact.cli import COMMANDS, parse, run_options, usage
 from pcontact.runtime import declared, log, options
 from pcontact.runtime.declared import OPTIONS, Option, read_all
 from pcontact.runtime.errors import InputError
@@ -23,6 +22,7 @@ from pcontact.scene.keys import keys
 from pcontact.scene.model import HEADERS, RENAMED, Body
 from pcontact.scene.schema import schema
 from pcontact.scene.target import Budget, Target
+from pcontact.usage import COMMANDS, parse, run_options, usage
 from tests.support.bad_input import CASES
 from tests.support.bad_input import SCENE as SQUARES
 from tests.support.scenes import FULL, LEVEL_SET, PLAIN, value_cases
