@@ -87,8 +87,8 @@ VIEW = listed(
         "size", text("WIDTHxHEIGHT in pixels, 200 to 8000 each", _size), "width and height in pixels", value="1600x1000"
     ),
     Option(
-        "o", text("a file"), ".png, .jpg, .svg, .pdf: a picture; .html: a page to turn the bodies in; .gif, .mp4: all "
-        "load steps", otherwise="a window, or without a display DIR/NAME.png", value="FILE",
+        "o", text("a file"), ".png, .jpg, .svg, .pdf: a picture; .html: a page to turn the bodies in, with all load "
+        "steps and a choice of fields; .gif, .mp4: all load steps", otherwise="a window, or without a display DIR/NAME.png", value="FILE",
     ),
 )  # fmt: skip
 PLOT = listed(

@@ -1,9 +1,11 @@
 """Results to be turned by hand: in a window, or in a page of their own that a browser shows without a network."""
 
+import base64
 import html
 import io
 import json
 import zipfile
+from importlib.resources import files
 from pathlib import Path
 
 import numpy as np
@@ -12,16 +14,26 @@ import pyvista
 from pcontact.io.result import load_result
 from pcontact.runtime.files import written_aside
 from pcontact.view import render
+from pcontact.view.movie import in_the_same_colours
 from pcontact.view.picture import Look, around_contact, staged
+from pcontact.view.quantity import available, find
 
 _GLASS = 0.35  # opacity of bodies that hide what lies between them
 _ROOM = 0.8  # [-] of a panel for the bodies: the colour bar stands beside them
 _LINE = 6.0  # [pixels] width of the contact surfaces of plane bodies
+# fields that a page offers where none is named, after that which a picture would show
+_OFFERED = ("contact_pressure", "equivalent_stress", "displacement", "equivalent_plastic_strain")
+# Scenes of a page, one for each field and load step, at most: load steps are left out evenly. From: chosen.
+_SCENES = 24
 
 
 def _plotter(directory, field, step, look, off_screen):
     """All fields and views side by side, in a plotter, and the words above them."""
-    stages = staged(load_result(directory, step), field, look)
+    return _plotted(staged(load_result(directory, step), field, look), look, off_screen)
+
+
+def _plotted(stages, look, off_screen):
+    """The same of stages."""
     panels = [(stage, view) for stage in stages for view in (look.views or ("whole",))]
     titles = []
     plotter = pyvista.Plotter(shape=(1, len(panels)), off_screen=off_screen, window_size=look.size, border=False)
@@ -83,31 +95,62 @@ def window(directory, field=None, step=-1, **look):
     plotter.show(title=str(directory))
 
 
-def page(directory, field, output, step=-1, **look):
-    """Write a page; the parameters are those of :func:`pcontact.view.picture.picture`.
+def page(directory, field=None, output="page.html", step=None, **look):
+    """Write a page with a slider over load steps and a choice of fields, as :func:`pcontact.view.picture.picture`.
+
+    Named fields stand side by side instead, and a `step` that is given is the only one.
 
     Returns
     -------
     Path
     """
-    output = Path(output)
-    plotter, title = _plotter(directory, field, step, Look(**look), off_screen=True)
-    try:
-        plotter.render()
-        words = embedded(plotter.render_window)
-    finally:
-        plotter.close()
-    # the page shows no letters of VTK's
-    title = html.escape(title)
-    head = f'<div style="position:fixed;top:8px;left:12px;font:15px sans-serif;color:#1c2733">{title}</div>'
-    words = words.replace("</body>", head + "</body>", 1)
+    output, look = Path(output), Look(**look)
+    last = load_result(directory, -1 if step is None else step)
+    first = find(last).name
+    fields = [field] if field is not None else [first, *(name for name in _OFFERED if name in available(last)
+                                                        and name != first)]  # fmt: skip
+    results = [last]
+    if step is None:
+        count = len(last.times)
+        numbers = np.linspace(count, 1, min(count, max(1, _SCENES // len(fields)))).round().astype(int)
+        results = [load_result(directory, number) for number in np.unique(numbers).tolist()]
+    scenes = []
+    for name in fields:
+        stages = in_the_same_colours(staged(last, name, look), results)
+        scenes.append([_scene([row[k] for row in stages], look) for k in range(len(results))])
+    content = {
+        "fields": [", ".join(find(last, one.strip()).label.capitalize() for one in name.split(",")) for name in fields],
+        "steps": [f"time {result.time:g}" for result in results],
+        "titles": [[title for title, _ in row] for row in scenes],
+        "scenes": [[data for _, data in row] for row in scenes],
+        "viewer": _viewer(),
+    }
+    head, tail = (files("pcontact.view") / "page.html").read_text(encoding="utf-8").split("{{content}}")
+    name = html.escape(f"{Path(directory).resolve().name}: {content['fields'][0]}")
+    # whatever stands in it, no mark of HTML
+    words = head.replace("{{title}}", name) + json.dumps(content).replace("<", "\\u003c") + tail
     with written_aside(output, "-o") as part:
         part.write_text(words, encoding="utf-8")
     return output
 
 
+def _scene(stages, look):
+    """The words above some stages, and what vtk.js shows of them, packed as text."""
+    plotter, title = _plotted(stages, look, off_screen=True)
+    try:
+        plotter.render()
+        return title, base64.b64encode(embedded(plotter.render_window)).decode()
+    finally:
+        plotter.close()
+
+
+def _viewer():
+    """The page of vtk.js that shows a scene, all in one file."""
+    return (files("trame_vtk.tools") / "static_viewer.html").read_text(encoding="utf-8")
+
+
 def embedded(render_window):
-    """What a window shows as a page for vtk.js, all in one file.
+    """What a window shows as a scene for vtk.js, a packed archive.
 
     Parameters
     ----------
@@ -115,10 +158,9 @@ def embedded(render_window):
 
     Returns
     -------
-    str
+    bytes
     """
     from trame_vtk.modules.vtk import serializers
-    from trame_vtk.tools.vtksz2html import write_html
 
     serializers.initialize_serializers()
     context = serializers.SynchronizationContext()
@@ -133,8 +175,7 @@ def embedded(render_window):
         entry["hash"]: {**entry, "content": context.get_cached_data_array(entry["hash"], False)}
         for entry in serializers.extract_array_hash(scene)
     }
-    packed, words = io.BytesIO(), io.StringIO()
+    packed = io.BytesIO()
     with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr("index.json", json.dumps({"hashes": arrays, "scene": scene}))
-    write_html(packed.getvalue(), words)
-    return words.getvalue()
+    return packed.getvalue()

@@ -46,22 +46,11 @@ def movie(directory, field=None, output="movie.gif", **look):
     output, look = Path(output), Look(**{"size": (1280, 800), **look})
     coder = _coder() if output.suffix.lower() == ".mp4" else None
     last = load_result(directory)
-    stages = staged(last, field, look)
-    names = [stage.quantity.name for stage in stages]
     results = [load_result(directory, step + 1) for step in range(len(last.times))]
-    windows = []
-    for stage in stages:
-        every = [find(result, stage.quantity.name) for result in results]
-        values = {str(k): quantity.all_values for k, quantity in enumerate(every)}
-        stage.colours = colour_scale(_of_all(stage.quantity, values), _maps())
-        ends = [_corners(stage.at(result, quantity, None).positions)
-                for result, quantity in ((results[0], every[0]), (results[-1], every[-1]))]  # fmt: skip
-        windows.append(np.concatenate(ends))
+    stages = in_the_same_colours(staged(last, field, look), results)
     frames = []
-    for result in results:
-        row = [stage.at(result, find(result, name), window)
-               for stage, name, window in zip(stages, names, windows, strict=True)]  # fmt: skip
-        figure = compose(row, look)
+    for row in zip(*stages, strict=True):
+        figure = compose(list(row), look)
         figure.canvas.draw()
         frames.append(np.asarray(figure.canvas.buffer_rgba())[..., :3].copy())
     seconds = float(np.clip(LENGTH / len(frames), FASTEST, SLOWEST))
@@ -73,6 +62,33 @@ def movie(directory, field=None, output="movie.gif", **look):
         else:
             _film(coder, frames, seconds, part)
     return output
+
+
+def in_the_same_colours(stages, results):
+    """Stages of all load steps in the same colours, from the same place.
+
+    Parameters
+    ----------
+    stages : list of pcontact.view.picture.Stage
+        Of one of them: what is drawn, and from where.
+    results : list of pcontact.io.result.Result
+        Of each load step.
+
+    Returns
+    -------
+    list of list of pcontact.view.picture.Stage
+        For each of the stages, of each load step.
+    """
+    found = []
+    for stage in stages:
+        every = [find(result, stage.quantity.name) for result in results]
+        values = {str(k): quantity.all_values for k, quantity in enumerate(every)}
+        stage.colours = colour_scale(_of_all(stage.quantity, values), _maps())
+        ends = [_corners(stage.at(result, quantity, None).positions)
+                for result, quantity in ((results[0], every[0]), (results[-1], every[-1]))]  # fmt: skip
+        window = np.concatenate(ends)
+        found.append([stage.at(result, quantity, window) for result, quantity in zip(results, every, strict=True)])
+    return found
 
 
 def _maps():

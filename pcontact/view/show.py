@@ -33,7 +33,7 @@ def show(directory, options):
     values = read_all("view", VIEW, options)
     if not Path(directory).is_dir() and Path(directory).suffix in (".toml", ".pvd", ".vtkhdf"):
         raise InputError(f"command line: pcontact view: found {directory}; allowed: the output directory of a run")
-    output, step, field = values.pop("o", None), values.pop("step", -1), values.pop("field", None)
+    output, step, field = values.pop("o", None), values.pop("step", None), values.pop("field", None)
     suffix = Path(output).suffix.lower() if output else ""
     extra.require((*extra.MODULES, *(("trame_vtk",) if suffix in PAGES else ())))
     turned = set(values.get("views", ())) <= set(TURNED)
@@ -43,13 +43,14 @@ def show(directory, options):
     if output is None and turned and extra.has_display():
         from pcontact.view.live import window
 
-        window(directory, field, step, **values)
+        window(directory, field, -1 if step is None else step, **values)
         return None
     extra.prepare_off_screen()
     if suffix in PAGES:
         from pcontact.view.live import page
 
         return page(directory, field, output, step, **values)
+    step = -1 if step is None else step
     if suffix in MOVIES:
         from pcontact.view.movie import movie
 

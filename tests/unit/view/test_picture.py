@@ -1,11 +1,13 @@
 """Pictures: what is seen, where solids are cut, which field is meant, and that files come out."""
 
+import base64
 import io
 import json
 import re
 import shutil
 import subprocess
 import sys
+import zipfile
 from contextlib import nullcontext
 from unittest.mock import Mock
 
@@ -334,9 +336,31 @@ def test_movies_show_all_load_steps(tmp_path):
 
 def test_a_page_holds_all_it_needs(solid_run):
     pytest.importorskip("trame_vtk")
-    words = page(solid_run, None, solid_run / "a.html").read_text()
+    words = page(solid_run, None, solid_run / "a.html", size=SMALL).read_text()
     assert "OfflineLocalView.load" in words and "Contact pressure: time 1" in words
     assert not re.search(r"<(script|link)[^>]*(src|href)=.?https?:", words)
+
+
+def test_a_page_has_a_slider_and_a_choice(tmp_path):
+    """Over load steps, of fields, each a scene of its own in the same colours; a title that is seen, and the tab's."""
+    pytest.importorskip("trame_vtk")
+    writer, (bodies, surfaces, points) = FieldWriter(tmp_path, MPI.COMM_SELF), two_cubes()
+    for step in (0, 1, 2):
+        writer.write(step, 0.5 * step, bodies, surfaces, points)
+    words = page(tmp_path, None, tmp_path / "a.html", size=SMALL).read_text()
+    assert f"<title>{tmp_path.name}: Contact pressure</title>" in words and words.count("<title>") == 1
+    assert '<h1 id="title">' in words and 'type="range"' in words and "<select" in words
+    content = json.loads(re.search(r'<script type="application/json" id="content">(.*?)</script>', words)[1])
+    assert content["fields"][:3] == ["Contact pressure", "Equivalent stress", "Displacement"]
+    assert content["steps"] == ["time 0.5", "time 1"], "load steps; the undeformed bodies are none"
+    for titles, scenes in zip(content["titles"], content["scenes"], strict=True):
+        assert len(titles) == len(scenes) == 2 and ["time 0.5" in titles[0], "time 1" in titles[1]] == [True, True]
+        for scene in scenes:
+            with zipfile.ZipFile(io.BytesIO(base64.b64decode(scene))) as archive:
+                assert json.loads(archive.read("index.json"))["scene"]["type"].endswith("RenderWindow")
+    one = page(tmp_path, "displacement,gap", tmp_path / "b.html", step=1, size=SMALL).read_text()
+    content = json.loads(re.search(r'id="content">(.*?)</script>', one)[1])
+    assert content["fields"] == ["Displacement, Gap"] and content["steps"] == ["time 0.5"]
 
 
 def test_windows_and_pages_have_several_views(solid_run, monkeypatch):
