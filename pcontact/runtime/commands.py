@@ -88,7 +88,8 @@ VIEW = listed(
     ),
     Option(
         "o", text("a file"), ".png, .jpg, .svg, .pdf: a picture; .html: a page to turn the bodies in, with all load "
-        "steps and a choice of fields; .gif, .mp4: all load steps", otherwise="a window, or without a display DIR/NAME.png", value="FILE",
+        "steps and a choice of fields; .gif, .mp4: all load steps", otherwise="a window, or without a display "
+        "DIR/NAME.png", value="FILE",
     ),
 )  # fmt: skip
 PLOT = listed(

@@ -358,9 +358,9 @@ def test_a_page_has_a_slider_and_a_choice(tmp_path):
         for scene in scenes:
             with zipfile.ZipFile(io.BytesIO(base64.b64decode(scene))) as archive:
                 assert json.loads(archive.read("index.json"))["scene"]["type"].endswith("RenderWindow")
-    one = page(tmp_path, "displacement,gap", tmp_path / "b.html", step=1, size=SMALL).read_text()
+    one = page(tmp_path, "displacement,pressure", tmp_path / "b.html", step=1, size=SMALL).read_text()
     content = json.loads(re.search(r'id="content">(.*?)</script>', one)[1])
-    assert content["fields"] == ["Displacement, Gap"] and content["steps"] == ["time 0.5"]
+    assert content["fields"] == ["Displacement, Pressure"] and content["steps"] == ["time 0.5"]
 
 
 def test_windows_and_pages_have_several_views(solid_run, monkeypatch):
