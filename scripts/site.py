@@ -22,22 +22,82 @@ PAGES = ROOT / "build" / "site_pages"
 LINK = re.compile(r"(!?)\[([^\]]*)\]\(([^)\s]+)\)")
 # pages that stand elsewhere in the repository, and what they are called in the site
 ELSEWHERE = {"drivers/examples/README.md": "examples.md"}
+# Browsers start no workers from a disk; Material's search then takes a frame that acts as one, which this declares. The
+# plugin `offline` would fetch one from a network, unless a file of this name is there.
+WORKER = """\
+if (location.protocol === "file:") {
+  window.IFrameWorker = class extends EventTarget {
+    constructor(url) {
+      super();
+      const frame = document.createElement("iframe");
+      frame.hidden = true;
+      // the program in the frame answers its parent, not itself
+      frame.said = data => this.dispatchEvent(new MessageEvent("message", { data }));
+      const script = (head, text) => `<script${head}>${text}</` + "script>";
+      frame.srcdoc = script("", "postMessage = data => frameElement.said(data)") + script(` src="${url}"`, "");
+      this.ready = new Promise(done => frame.addEventListener("load", () => done(frame.contentWindow)));
+      document.body.append(frame);
+    }
+    postMessage(data) {
+      this.ready.then(inside => inside.dispatchEvent(new inside.MessageEvent("message", { data })));
+    }
+  };
+  window.Worker = window.IFrameWorker;
+}
+"""
+
+
+def described(text):
+    """A docstring as markdown: its sections are lists, of a name with its type and what is said of it."""
+    lines, out, section = text.splitlines(), [], False
+    for number, line in enumerate(lines):
+        after = lines[number + 1] if number + 1 < len(lines) else ""
+        if after and set(after) == {"-"}:
+            section = True
+            out += ["", f"**{line}**", ""]
+        elif line and set(line) == {"-"}:
+            continue
+        elif section and line and not line.startswith(" "):
+            name, colon, kind = line.partition(" : ")
+            out.append(f"* `{name}`{f' ({kind})' if colon else ''}")
+        else:
+            # an indented line goes on with its point of the list
+            out.append(("    " + line.strip() if line.strip() else "") if section else line)
+    # code as markdown has it, references by their last name
+    words = re.sub(r":\w+:`~?([\w.]+)`", lambda match: f"`{match[1].rpartition('.')[2]}`", "\n".join(out))
+    return re.sub(r"``([^`]+)``", r"`\1`", words)
+
+
+def call(name, one):
+    """How something is called: on one line, or each argument on one of its own."""
+    words = re.sub(r"(: |-> )'([^']*)'", r"\1\2", str(inspect.signature(one)))
+    if len(words) > 80:
+        parts = [re.sub(r"(: |-> )'([^']*)'", r"\1\2", str(one)) for one in inspect.signature(one).parameters.values()]
+        words = "(\n    " + ",\n    ".join(parts) + ",\n)" + words[words.rindex(")") + 1 :]
+    return f"{name}{words}"
 
 
 def api_page():
     """The names of the Python API with their docstrings."""
-    lines = ["# Python API", "", "[python.md](python.md) explains it; these are the docstrings.", ""]
+    lines = ["# Python API", "", "[python.md](python.md) explains it.", ""]
     for name in sorted(n for n in dir(pc) if n in pc._HOMES):
         one = getattr(pc, name)
         try:
-            words = f"{name}{inspect.signature(one)}" if not inspect.isclass(one) or name == "Scene" else name
+            words = call(name, one) if not inspect.isclass(one) or name == "Scene" else name
         except ValueError:
             words = name
-        lines += [f"## {name}", "", "```text", words, "", inspect.getdoc(one) or "", "```", ""]
+        lines += [f"## {name}", "", "```python", words, "```", "", described(inspect.getdoc(one) or ""), ""]
         for method, made in vars(one).items() if inspect.isclass(one) else ():
             if not method.startswith("_") and (inspect.isfunction(made) or isinstance(made, property)) and made.__doc__:
-                lines += [f"### {name}.{method}", "", "```text", inspect.cleandoc(made.__doc__), "```", ""]
+                words = call(method, made) if inspect.isfunction(made) else method
+                lines += [f"### {name}.{method}", "", "```python", words, "```", "",
+                          described(inspect.cleandoc(made.__doc__)), ""]  # fmt: skip
     return "\n".join(lines)
+
+
+def title(path):
+    """The title of a page: of links whose words are the name of its file."""
+    return path.read_text(encoding="utf-8").partition("\n")[0].lstrip("# ")
 
 
 def rewritten(text, home, place):
@@ -63,7 +123,8 @@ def rewritten(text, home, place):
         if name is None:
             return f"`{path.relative_to(ROOT)}`" if match[2].strip("`") == target else f"{match[2]}"
         up = "../" * (len(place.relative_to(PAGES).parts) - 1)
-        return f"{match[1]}[{match[2]}]({up}{name}{'#' + anchor if anchor else ''})"
+        words = title(path) if match[2].strip("`").endswith(".md") else match[2]
+        return f"{match[1]}[{words}]({up}{name}{'#' + anchor if anchor else ''})"
 
     return LINK.sub(link, text)
 
@@ -78,7 +139,10 @@ def write_pages():
     for home, name in ELSEWHERE.items():
         page = PAGES / name
         page.write_text(rewritten((ROOT / home).read_text(encoding="utf-8"), ROOT / home, page), encoding="utf-8")
-    (PAGES / "api.md").write_text(api_page(), encoding="utf-8")
+    (PAGES / "assets").mkdir()
+    (PAGES / "assets" / "iframe-worker.js").write_text(WORKER, encoding="utf-8")
+    home = ROOT / "docs" / "api.md"
+    (PAGES / "api.md").write_text(rewritten(api_page(), home, PAGES / "api.md"), encoding="utf-8")
 
 
 def configuration():

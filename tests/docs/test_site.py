@@ -25,4 +25,11 @@ def test_the_site_builds():
     index = pages[site / "index.html"]
     for title in ("Start", "Tutorials", "How-to", "Explanation", "Reference", "Gallery", "Verification", "Performance"):
         assert title in index
-    assert "Run.to_pyvista" in pages[site / "api.html"]
+    assert "Run.to_pyvista" in pages[site / "api.html"] and "<strong>Parameters</strong>" in pages[site / "api.html"]
+    # the search finds without a server, too
+    assert (site / "search" / "search_index.js").exists() and "assets/iframe-worker.js" in index
+    scene = pages[site / "scene.html"]
+    assert "{ error = 0.02, ... }" in scene
+    assert all(f'id="{one}"' in scene for one in ("contacts", "load-steps", "output"))
+    named = {str(page): re.findall(r"<a href=\"[^\"]*\">[\w/]+\.md</a>", text) for page, text in pages.items()}
+    assert not {page: found for page, found in named.items() if found}, "links have titles, not names of files"
