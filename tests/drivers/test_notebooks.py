@@ -1,8 +1,11 @@
 """The notebooks of the examples: their cells run one after the other, as in a kernel."""
 
 import ast
+import io
 import json
 import os
+import re
+from contextlib import redirect_stdout
 from pathlib import Path
 
 import numpy as np
@@ -15,24 +18,41 @@ NOTEBOOKS = sorted(FOLDER.glob("*.ipynb"))
 
 
 def code_of(path):
-    """Source of the code cells; the notebook is one of version 4, and kept without outputs."""
+    """Source of the code cells; the notebook is one of version 4, kept with what its cells show."""
     book = json.loads(path.read_text(encoding="utf-8"))
     assert book["nbformat"] == 4 and len({cell["id"] for cell in book["cells"]}) == len(book["cells"])
     code = [cell for cell in book["cells"] if cell["cell_type"] == "code"]
-    assert not any(cell["outputs"] for cell in code)
+    for cell in code:
+        source = "".join(cell["source"])
+        assert bool(cell["outputs"]) == ("print(" in source or isinstance(ast.parse(source).body[-1], ast.Expr))
     return ["".join(cell["source"]) for cell in code]
 
 
+def printed(path):
+    """What the cells print, as it is kept."""
+    cells = json.loads(path.read_text(encoding="utf-8"))["cells"]
+    kept = [one for cell in cells for one in cell.get("outputs", []) if one["output_type"] == "stream"]
+    return "".join(line for one in kept for line in one["text"])
+
+
+def numbers(text):
+    return np.array([float(word) for word in re.findall(r"-?\d+(?:\.\d*)?(?:e[-+]?\d+)?", text)])
+
+
 def executed(path, monkeypatch):
-    """Names that the cells leave, and what each of them shows at its end."""
+    """Names that the cells leave, and what each of them shows at its end; they print what is kept."""
     pytest.importorskip("matplotlib")
     monkeypatch.setitem(os.environ, "MPLBACKEND", "agg")
     names, shown = {}, []
+    said = io.StringIO()
     for source in code_of(path):
         cell = ast.parse(source)
         last = cell.body.pop() if isinstance(cell.body[-1], ast.Expr) else None
-        exec(compile(cell, path.name, "exec"), names)
-        shown.append(None if last is None else eval(compile(ast.Expression(last.value), path.name, "eval"), names))
+        with redirect_stdout(said):
+            exec(compile(cell, path.name, "exec"), names)
+            shown.append(None if last is None else eval(compile(ast.Expression(last.value), path.name, "eval"), names))
+    now, kept = numbers(said.getvalue()), numbers(printed(path))
+    assert len(now) and now == pytest.approx(kept, rel=1e-3, abs=1e-4), "python scripts/notebooks.py writes them"
     return names, shown
 
 
