@@ -95,9 +95,7 @@ class Snapshot(Observer):
         """Take the fields of the step. *Collective.*"""
         start, contacts, surfaces, points = clock.perf_counter(), self._problem.contacts, {}, {}
         for contact in contacts:
-            state, paths = contact.state(u), contact.paths()
-            surfaces[contact.name] = self._surface(contact, {**state, **paths}, u, paths)
-            points[contact.name] = _cloud({**state, **paths}, contact.displacement(u), paths)
+            surfaces[contact.name], points[contact.name] = self._contact(contact, u)
         point_numbers = {contact.name: contact.memory_keys() for contact in contacts}
         cell_numbers = [block.ids for block in self._problem.space.mesh.blocks]
         self.taken = Taken(step.number, step.time, self._bodies(u), cell_numbers, surfaces, points, point_numbers)
@@ -116,8 +114,7 @@ class Snapshot(Observer):
                          cell_data=_begun(taken.bodies.cell_data))  # fmt: skip
         surfaces, points = {}, {}
         for contact in self._problem.contacts:
-            state = contact.state(start)
-            piece, cloud = self._surface(contact, state, start), _cloud(state, contact.displacement(start))
+            piece, cloud = self._contact(contact, start)
             surfaces[contact.name] = replace(piece, cell_data=_begun(piece.cell_data))
             points[contact.name] = replace(cloud, data=_begun(cloud.data))
         return taken._replace(number=0, bodies=bodies, surfaces=surfaces, points=points)
@@ -150,6 +147,12 @@ class Snapshot(Observer):
         names = [MESHIO_NAMES[(block.cell, space.degree)] for block in blocks]
         cells = [(STORED.get(name, name), table) for name, table in zip(names, tables, strict=True)]
         return Piece(points, [(name, table[:, : CELL_TYPES[name][1]]) for name, table in cells], nodal, data)
+
+    def _contact(self, contact, u):
+        """Source facets, and their quadrature points."""
+        paths = contact.paths()
+        state = {**contact.state(u), **paths}
+        return self._surface(contact, state, u, paths), _cloud(state, contact.displacement(u), paths)
 
     def _surface(self, contact, state, u, more):
         """Source facets with the means of their quadrature points."""
