@@ -39,7 +39,8 @@ def test_every_key_is_declared(cls):
     """Every field of a table but tables and places, with a help; its default is allowed."""
     others = {field.name for field in fields(cls) if field.name not in keys(cls)}
     tables = {"mesh", "materials", "bodies", "contacts", "displacements", "loads", "couplings", "springs",
-              "temperatures", "phases", "regions", "pretensions", "equations", "periodic", "steps", "output", "petsc"}  # fmt: skip
+              "temperatures", "phases", "regions", "pretensions", "equations", "periodic",
+              "steps", "output", "petsc"}  # fmt: skip
     known = {Scene: tables | {"path", "beside"}, Contact: {"obstacle", "held"}, Pretension: {"locked"},
              Body: {"absent", "since"}, Target: {"budget"}}  # fmt: skip
     assert others == known.get(cls, set())
