@@ -495,7 +495,7 @@ OPTIONS = {
         ["-mesh_order", "'7'", r"allowed: 1 \| 2"], words=("check", "SCENE", "-mesh_order", "7")
     ),
     "command": Case(
-        ["command line", "'rum'", "allowed: run, check, import, convert, refine, view, plot, new, doctor, schema",
+        ["command line", "'rum'", "allowed: run, check, ", "new, demo, warm, doctor, schema",
          "nearest is 'run'"],
         words=("rum", "SCENE"),
     ),

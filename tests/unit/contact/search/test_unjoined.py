@@ -202,7 +202,7 @@ HANGING = mesh_text(
      (1, 3, (1, 2)), (1, 6, (6, 7)), (1, 6, (7, 8)), (1, 4, (3, 4))],
 )  # fmt: skip
 NO_CONTACT = SCENE[: SCENE.index("[[contacts]]")] + SCENE[SCENE.index("[[displacements]]") :]
-CRACK = '[[contacts]]\nsource = "lower_top"\ntarget = "lower_top"\n'
+CRACK = '[[contacts]]\nsource = "lower_top"\ntarget = "lower_top"\nself_contact = true\n'
 
 
 def simulate(folder, mesh, scene, path="mesh.msh"):
