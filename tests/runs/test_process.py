@@ -154,6 +154,14 @@ def endless(folder, ranks=1):
     return process
 
 
+@pytest.fixture(autouse=True)
+def interruptible():
+    """Tests that a shell has started in the background ignore interrupts, and so would what they start."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_signals_that_stop(tmp_path, number):
     """One line, and nothing is left that was being written; what has to be said before is said."""
