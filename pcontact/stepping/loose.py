@@ -29,9 +29,6 @@ CLEAR = 1e-12
 WORST = 200
 # [rounds] At most. From: chosen; what overlaps after them stays where Newton's method has left it.
 ROUNDS = 50
-# [-] Part of an overlap that may be left where bodies fit exactly. From: tolerance of Newton's method, to which they
-# are as large as they are.
-SOLVED = 1e-8
 # [names] In a line of the log. From: chosen; no iteration depends on it.
 NAMED = 5
 
@@ -143,7 +140,7 @@ class LooseBodies:
         away = points.apart(back, self._clear)
         # where nothing has been moved apart yet, what overlaps says nothing of what may
         least = self._clear if before is u else max(points.overlap(0.0 * back), self._clear)
-        if points.overlap(back + away) > max(2.0 * least, SOLVED * points.overlap(back)):
+        if points.overlap(back + away) > 2.0 * least:
             return False
         u.setArray(u.getArray(readonly=True) + bodies.field(back + away).ravel())
         return True
