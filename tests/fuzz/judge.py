@@ -90,7 +90,10 @@ def numbers_of(result, variant, first):
             one[f"force {name}"] = sign * np.array(contact["force"]) @ (np.abs(R) if sums else R) / force
             one[f"pressure {name}"] = contact["max_pressure"] / stress
             one[f"depth {name}"] = contact["max_penetration"] / length
-            if "moment" in contact and name not in variant.swapped:
+            if name in variant.swapped:
+                # forces act at the points of the other surface
+                turned.add(f"moment {name}")
+            elif "moment" in contact:
                 about = np.zeros(d) if motion is None or _pivots(case, name) else motion.shift
                 arm = np.cross(about, contact["force"])
                 one[f"moment {name}"] = turn((np.array(contact["moment"]) - arm).tolist(), moment)
