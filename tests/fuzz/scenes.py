@@ -386,7 +386,8 @@ def _stack(draw, d, degree, order):
         cells = draw.drawn[f"{name}.cell"]
         scene["materials"][name] = _material(draw, name, cells, order, drive, (d, axial))
     _eased(scene, area)
-    if bolted and draw.drawn["drive"] not in ("pulled along", "pressed"):
+    # contact of all surfaces would hold the two sides of the section
+    if bolted and not one and draw.drawn["drive"] not in ("pulled along", "pressed"):
         features.bolt(draw, scene, bolted, d, depth, drive)
     vertical = "xyz"[d - 1]
     loose = names[:-1] if floor else names[1:-1]
