@@ -50,7 +50,6 @@ PLACES = 1000
 METHODS = {"nitsche": Method, "penalty": Penalty, "augmented_lagrangian": AugmentedLagrangian}
 # terms of a pair without friction and with it; those of a layer
 TERMS, LAYER_TERMS = (FrictionlessTerms, FrictionalTerms), (LayerTerms, FrictionalLayerTerms)
-
 # [-] Part of the way to a gap that is found again which a point goes at least. From: chosen.
 DAMPED = 0.25
 

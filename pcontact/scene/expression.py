@@ -132,11 +132,15 @@ class Expression:
     def _top(self, tree):
         return self._node(tree, 0)
 
-    def _node(self, tree, depth):
-        """A node of ours for one of Python's: (kind, ...), with nodes in it."""
+    def _counted(self, depth):
+        """Count a node of the tree, and refuse what is too long or too deep."""
         self._count += 1
         if self._count > MOST or depth > DEEPEST:
             raise ValueError(f"more than {MOST} operations, or nested deeper than {DEEPEST}")
+
+    def _node(self, tree, depth):
+        """A node of ours for one of Python's: (kind, ...), with nodes in it."""
+        self._counted(depth)
 
         def inner(*trees):
             return tuple(self._node(one, depth + 1) for one in trees)
@@ -276,9 +280,7 @@ class Condition(Expression):
 
     def _test(self, tree, depth):
         """A condition: ("test", comparison or None for ==, both sides), or ("all" | "any" | "not", conditions)."""
-        self._count += 1
-        if self._count > MOST or depth > DEEPEST:
-            raise ValueError(f"more than {MOST} operations, or nested deeper than {DEEPEST}")
+        self._counted(depth)
         if isinstance(tree, ast.BoolOp):
             kind = "all" if isinstance(tree.op, ast.And) else "any"
             return (kind, [self._test(one, depth + 1) for one in tree.values])
