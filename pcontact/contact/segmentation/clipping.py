@@ -124,6 +124,33 @@ def split(p, n, a, b, left, right):
     return n_left, n_right
 
 
+@njit_exact
+def clip(polygons, lines, clipped):
+    """Clip convex polygons (n, k, 2), each by the left sides of lines (n, m, 2, 2), given by two points each.
+
+    Parameters
+    ----------
+    polygons : Polygons
+    lines : (n, m, 2, 2) float64
+    clipped : Polygons
+        Output, with room for k + m vertices, padded with the first one; where nothing is left there are no corners.
+    """
+    work = np.empty((3, MOST, 2))
+    for j in range(len(polygons.corners)):
+        n = polygons.corners[j]
+        _copy(polygons.vertices[j], n, work[0])
+        for e in range(lines.shape[1]):
+            n, _ = split(work[0], n, lines[j, e, 0], lines[j, e, 1], work[1], work[2])
+            _copy(work[1], n, work[0])
+            if n < 3:
+                n = 0
+                break
+        clipped.corners[j] = n
+        for i in range(clipped.vertices.shape[1]):
+            k = i if i < n else 0
+            clipped.vertices[j, i, 0], clipped.vertices[j, i, 1] = work[0, k, 0], work[0, k, 1]
+
+
 @njit_inner_exact
 def _length2(regular, x, y):
     """Square of a length in the regular triangle (up to a factor) or the square, from reference coordinates."""
@@ -408,7 +435,7 @@ def tile(domain, first, polygons, cut, tiles):
     first : (nf + 1,) int64
         The polygons of facet f are first[f] to first[f + 1], the nearest first.
     polygons : Polygons
-        With four vertices at most.
+        With eight vertices at most.
     cut : (nf,) bool
         Output: false where a facet has no polygons within it, or too many pieces; it has no tiles.
     tiles : Tiles

@@ -6,11 +6,13 @@ are straight in the facet's reference domain; where facets are curved, or far ap
 changes a little beside the cut, by a length of second order. Facets that face no target nearby keep their rule.
 """
 
+from functools import cached_property
+
 import numpy as np
 
 from pcontact.contact.search.exchange import route
 from pcontact.contact.search.tree import build_tree
-from pcontact.contact.segmentation.clipping import Polygons, Tiles, tile
+from pcontact.contact.segmentation.clipping import Polygons, Tiles, clip, tile
 from pcontact.contact.surface.facet_maps import SQUARE_CORNERS, TRIANGLE_CORNERS, facet_boxes
 from pcontact.element.reference import facet_nodes
 from pcontact.element.shape import shape, shape_gradient
@@ -19,12 +21,14 @@ from pcontact.runtime.parallel import split_by_rank
 
 # how far along its normal a facet looks for those it is cut by, over its extent
 REACH = 2.0
-# margin of the boxes for curved facets, over their extent
+# margin of the boxes for curved facets, over their extent, and of what is seen of target facets, over the width
 MARGIN = 0.05
 # cosine of the angle of a target facet that is not yet seen edge-on
 EDGE_ON = 0.02
 # difference of distances and areas that rounding may make, over the extent and in the reference domain
 ALIKE = 1e-8
+# twice the area by which a polygon may be concave: rounding [square of the extent, reference area]
+BENT = 1e-12
 # Newton iterations, of which curved facets need a few
 ITERATIONS = 12
 # corners of the kinds of `pcontact.contact.surface.facet_maps`
@@ -59,16 +63,30 @@ class _Frames:
         margin = MARGIN * self.extent[:, None]
         return ends.min(axis=1) - margin, ends.max(axis=1) + margin
 
+    def beside(self, rows, y):
+        """Points y (n, m, 3) beside facets ``rows`` (n,), in these facets' planes: (n, m, 2), over their extents."""
+        away = (y - self.centre[rows][:, None]) / self.extent[rows][:, None, None]
+        return np.einsum("nki,nmi->nmk", self.tangents[rows], away)
+
+    @cached_property
+    def borders(self):
+        """Lines (n, e, 2, 2) in the planes of the facets, two points each, which have the facets on their left."""
+        every = self.beside(np.arange(len(self.nodes)), self.nodes)
+        n = len(_corners(self.kind))
+        start, way = every[:, :n], np.roll(every[:, :n], -1, axis=1) - every[:, :n]
+        out = np.stack([way[:, :, 1], -way[:, :, 0]], axis=2) / np.linalg.norm(way, axis=2)[:, :, None]
+        height = np.einsum("nek,neak->nea", out, every[:, None] - start[:, :, None])
+        bulge, depth = height.max(axis=2), -height.min(axis=2)
+        start = start + (bulge + MARGIN * depth)[:, :, None] * out
+        return np.stack([start, start + way], axis=2)
+
     def inverse(self, rows, y):
-        """Reference points (n, m, 2) of facets ``rows`` (n,) whose places are beside points y (n, m, 3)."""
+        """Reference points (n, m, 2) of facets ``rows`` (n,) whose places are points y (n, m, 2) of their planes."""
         n, m = y.shape[:2]
-        tangents = np.repeat(self.tangents[rows], m, axis=0)
-        nodes = np.repeat(self.nodes[rows] - self.centre[rows][:, None], m, axis=0)
-        flat = np.einsum("pki,pai->pak", tangents, nodes)
-        aim = np.einsum("pki,pi->pk", tangents, (y - self.centre[rows][:, None]).reshape(n * m, 3))
+        flat = np.repeat(self.beside(rows, self.nodes[rows]), m, axis=0)
         xi = np.tile(_corners(self.kind).mean(axis=0), (n * m, 1))
         for _ in range(1 if self.kind == "triangle" and self.degree == 1 else ITERATIONS):
-            miss = aim - np.einsum("pa,pak->pk", shape(self.kind, self.degree, xi), flat)
+            miss = y.reshape(-1, 2) - np.einsum("pa,pak->pk", shape(self.kind, self.degree, xi), flat)
             slope = np.einsum("pai,pak->pki", shape_gradient(self.kind, self.degree, xi), flat)
             det = slope[:, 0, 0] * slope[:, 1, 1] - slope[:, 0, 1] * slope[:, 1, 0]
             with np.errstate(all="ignore"):
@@ -159,17 +177,25 @@ def _faced(space, target, low, high):
 
 
 def _convex(polygons, corners):
-    """Polygons (n, 4, 2) with their numbers of corners as convex ones: rows, polygons and corners of these."""
-    ahead = np.roll(polygons, -1, axis=1) - polygons
-    turn = ahead[:, :, 0] * np.roll(ahead, -1, axis=1)[:, :, 1] - ahead[:, :, 1] * np.roll(ahead, -1, axis=1)[:, :, 0]
-    bent = (corners == 4) & np.any(turn < 0.0, axis=1)
+    """Polygons (n, k, 2) with their numbers of corners as convex ones: rows, polygons and corners of these.
+
+    Vertices beyond the corners repeat one of them.
+    """
+    k = polygons.shape[1]
+    place = np.arange(k)
+    rows = np.arange(len(polygons))[:, None]
+    after, before = (place + 1) % corners[:, None], (place - 1) % corners[:, None]
+    ahead, behind = polygons[rows, after] - polygons, polygons - polygons[rows, before]
+    turn = behind[:, :, 0] * ahead[:, :, 1] - behind[:, :, 1] * ahead[:, :, 0]
+    turn[place >= corners[:, None]] = np.inf
+    bent = np.any(turn < -BENT, axis=1)
     rows = np.flatnonzero(~bent)
     found = [(rows, polygons[rows], corners[rows])]
-    # turn[i] is that at corner i + 1: the diagonal starts at the corner that turns the other way
-    start = (np.argmin(turn[bent], axis=1) + 1) % 4
-    rows = np.flatnonzero(bent)
-    for half in ([0, 1, 2, 2], [0, 2, 3, 3]):
-        chosen = (start[:, None] + np.array(half)) % 4
+    # all triangles begin at the corner that turns the other way
+    start = np.argmin(turn, axis=1)
+    for second in range(1, k - 1):
+        rows = np.flatnonzero(bent & (corners >= second + 2))
+        chosen = (start[rows, None] + np.minimum(place, 2) + (place > 0) * (second - 1)) % corners[rows, None]
         found.append((rows, polygons[rows[:, None], chosen], np.full(len(rows), 3)))
     return tuple(np.concatenate(columns) for columns in zip(*found, strict=True))
 
@@ -181,8 +207,8 @@ def _ranking(frames, row, away, centre, polygons):
     """
     scale = ALIKE * frames.extent[row]
     aside = np.linalg.norm(centre - frames.centre[row], axis=1)
-    diagonals = polygons[:, 2] - polygons[:, 0], polygons[:, 3] - polygons[:, 1]
-    size = diagonals[0][:, 0] * diagonals[1][:, 1] - diagonals[0][:, 1] * diagonals[1][:, 0]
+    x, y = np.moveaxis(polygons.vertices - polygons.vertices[:, :1], 2, 0)
+    size = np.sum(x * np.roll(y, -1, axis=1) - y * np.roll(x, -1, axis=1), axis=1)
     return np.rint(aside / scale), np.rint(-size / ALIKE), np.rint(away / scale)
 
 
@@ -199,16 +225,22 @@ def _polygons(target, frames, row, number, count, body, corners):
     row, number, count, corners, away = row[kept], number[kept], count[kept], corners[kept], away[kept]
     # seen from the source they run the other way round
     back = np.where((count == 3)[:, None], [2, 1, 0, 0], [3, 2, 1, 0])
-    xi = frames.inverse(row, np.take_along_axis(corners, back[:, :, None], axis=1))
-    domain = _corners(frames.kind)
-    meets = np.all((xi.max(axis=1) > domain.min(axis=0)) & (xi.min(axis=1) < domain.max(axis=0)), axis=1)
-    meets &= np.all(np.isfinite(xi), axis=(1, 2))
-    order = np.flatnonzero(meets)
-    which, polygons, count = _convex(xi[order], count[order])
-    which = order[which]
-    order = np.lexsort((number[which], *_ranking(frames, row[which], away[which], centre[which], polygons), row[which]))
+    flat = frames.beside(row, np.take_along_axis(corners, back[:, :, None], axis=1))
+    which, flat, count = _convex(flat, count)
+    lines = frames.borders[row[which]]
+    room = flat.shape[1] + lines.shape[1]
+    clipped = Polygons(np.zeros((len(which), room, 2)), np.zeros(len(which), dtype=np.int64))
+    clip(Polygons(flat, count), lines, clipped)
+    left = np.flatnonzero(clipped.corners)
+    xi = frames.inverse(row[which[left]], clipped.vertices[left])
+    rows, polygons, count = _convex(xi, clipped.corners[left])
+    which = which[left[rows]]
+    kept = np.all(np.isfinite(polygons), axis=(1, 2))
+    which, polygons = which[kept], Polygons(np.ascontiguousarray(polygons[kept]), count[kept])
+    keys = _ranking(frames, row[which], away[which], centre[which], polygons)
+    order = np.lexsort((number[which], *keys, row[which]))
     first = np.searchsorted(row[which][order], np.arange(len(frames.centre) + 1))
-    return first, Polygons(np.ascontiguousarray(polygons[order]), count[order])
+    return first, Polygons(*(values[order] for values in polygons))
 
 
 def tiles(space, parts, target):

@@ -9,6 +9,8 @@ from pcontact.contact.segmentation.overlaps import tiles as tiles_of
 from pcontact.contact.segmentation.pieces import _at, cut_source, cuts
 from pcontact.contact.surface.facet_maps import SQUARE_CORNERS, TRIANGLE_CORNERS
 from pcontact.contact.surface.sides import source_surface, target_surface
+from pcontact.element.reference import facet_nodes
+from pcontact.element.shape import shape
 from pcontact.runtime.petsc import MPI
 from tests.support.patch import blocks, solve
 from tests.support.small import SELF, make_space
@@ -204,3 +206,35 @@ def images(vertices):
             matrix = np.array([b - a, c - a]).T @ np.linalg.inv(sides)
             found.append(np.column_stack([matrix, a - matrix @ origin]))
     return found
+
+
+@pytest.mark.parametrize("taper", [0.2, 0.7])
+@pytest.mark.parametrize("quarter", range(4))
+def test_large_targets_cut_small_trapezoids(shared_tmp, taper, quarter):
+    """Four target facets, 20 times as large, meet under a trapezoid: no tile reaches into two, however it is turned."""
+    path = blocks(shared_tmp, "hexahedron", 2, 1, gap=0.05)
+
+    def change(points):
+        upper = points[:, 2] > 1.0
+        points[:, :2] -= 0.5
+        points[~upper, :2] *= 20.0
+        points[upper, 0] *= 1.0 - 2.0 * taper * points[upper, 1]
+        points[upper, :2] += (0.07, 0.03)
+        c, s = ((1, 0), (0, 1), (-1, 0), (0, -1))[quarter]
+        points[upper, :2] = points[upper, :2] @ np.array([[c, s], [-s, c]])
+        return points
+
+    space = make_space(SELF, path, ["lower", "upper"], 1, change)
+    parts, target = space.mesh.facet_groups["upper_bottom"], target_surface(space, "lower_top")
+    _, _, kinds, found = tiles_of(space, parts, target)
+    block = space.mesh.blocks[parts[0].block]
+    nodes = block.nodes[parts[0].cells[:, None], facet_nodes("hexahedron", 1)[parts[0].local]][0]
+    others = np.where((kinds == 4)[:, None], found[:, 1] + found[:, 2] - found[:, 0], found[:, 0])
+    every = np.concatenate([found, others[:, None]], axis=1)
+    places = shape("quadrilateral", 1, every.reshape(-1, 2)) @ space.mesh.points[nodes, :2]
+    places = places.reshape(every.shape)
+    # the lines on which target facets meet are straight in the facet's reference domain, which moves them a little
+    low, high = places.min(axis=1), places.max(axis=1)
+    assert np.all((low > -0.02) | (high < 0.02))
+    assert abs(np.sum(np.where(kinds == 4, 2.0, 1.0) * areas(found)) - 4.0) < 1e-12
+    assert len(kinds) == 8
