@@ -133,7 +133,7 @@ def clip(polygons, lines, clipped):
     polygons : Polygons
     lines : (n, m, 2, 2) float64
     clipped : Polygons
-        Output, with room for k + m vertices, padded with the first one; where nothing is left there are no corners.
+        Output, with room for k + m vertices; where nothing is left there are no corners.
     """
     work = np.empty((3, MOST, 2))
     for j in range(len(polygons.corners)):
@@ -146,9 +146,7 @@ def clip(polygons, lines, clipped):
                 n = 0
                 break
         clipped.corners[j] = n
-        for i in range(clipped.vertices.shape[1]):
-            k = i if i < n else 0
-            clipped.vertices[j, i, 0], clipped.vertices[j, i, 1] = work[0, k, 0], work[0, k, 1]
+        _copy(work[0], n, clipped.vertices[j])
 
 
 @njit_inner_exact

@@ -81,12 +81,11 @@ class _Frames:
         return np.stack([start, start + way], axis=2)
 
     def inverse(self, rows, y):
-        """Reference points (n, m, 2) of facets ``rows`` (n,) whose places are points y (n, m, 2) of their planes."""
-        n, m = y.shape[:2]
-        flat = np.repeat(self.beside(rows, self.nodes[rows]), m, axis=0)
-        xi = np.tile(_corners(self.kind).mean(axis=0), (n * m, 1))
+        """Reference points (n, 2) of facets ``rows`` (n,) whose places are points y (n, 2) of their planes."""
+        flat = self.beside(rows, self.nodes[rows])
+        xi = np.tile(_corners(self.kind).mean(axis=0), (len(rows), 1))
         for _ in range(1 if self.kind == "triangle" and self.degree == 1 else ITERATIONS):
-            miss = y.reshape(-1, 2) - np.einsum("pa,pak->pk", shape(self.kind, self.degree, xi), flat)
+            miss = y - np.einsum("pa,pak->pk", shape(self.kind, self.degree, xi), flat)
             slope = np.einsum("pai,pak->pki", shape_gradient(self.kind, self.degree, xi), flat)
             det = slope[:, 0, 0] * slope[:, 1, 1] - slope[:, 0, 1] * slope[:, 1, 0]
             with np.errstate(all="ignore"):
@@ -94,7 +93,7 @@ class _Frames:
                     (slope[:, 1, 1] * miss[:, 0] - slope[:, 0, 1] * miss[:, 1]) / det,
                     (slope[:, 0, 0] * miss[:, 1] - slope[:, 1, 0] * miss[:, 0]) / det,
                 ])  # fmt: skip
-        return xi.reshape(n, m, 2)
+        return xi
 
 
 def _corners(kind):
@@ -232,9 +231,13 @@ def _polygons(target, frames, row, number, count, body, corners):
     clipped = Polygons(np.zeros((len(which), room, 2)), np.zeros(len(which), dtype=np.int64))
     clip(Polygons(flat, count), lines, clipped)
     left = np.flatnonzero(clipped.corners)
-    xi = frames.inverse(row[which[left]], clipped.vertices[left])
-    rows, polygons, count = _convex(xi, clipped.corners[left])
-    which = which[left[rows]]
+    count, which = clipped.corners[left], which[left]
+    place = np.arange(room)
+    polygon, corner = np.nonzero(place < count[:, None])
+    xi = np.zeros((len(left), room, 2))
+    xi[polygon, corner] = frames.inverse(row[which[polygon]], clipped.vertices[left[polygon], corner])
+    rows, polygons, count = _convex(xi[np.arange(len(left))[:, None], place * (place < count[:, None])], count)
+    which = which[rows]
     kept = np.all(np.isfinite(polygons), axis=(1, 2))
     which, polygons = which[kept], Polygons(np.ascontiguousarray(polygons[kept]), count[kept])
     keys = _ranking(frames, row[which], away[which], centre[which], polygons)
