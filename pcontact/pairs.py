@@ -22,6 +22,7 @@ from pcontact.contact.traction.constant import ConstantTraction
 from pcontact.contact.traction.orthotropic import OrthotropicTrace, OrthotropicTraction
 from pcontact.contact.traction.plastic import PlasticTrace
 from pcontact.contact.traction.strain_free import strain_free
+from pcontact.contact.traction.target import TargetTraction
 from pcontact.contact.unbiased import contacts_of_halves, halved, is_unbiased
 from pcontact.mesh.mesh import size_of
 from pcontact.mesh.surface import read_surface
@@ -158,6 +159,8 @@ def pair_of(space, bulk, contact, source, target, radius, floats=False):
         if free is not None:
             pair.terms.traction.add_constant(free)
         return pair
+    if trace is None and _is_two_sided(space, bulk, contact):
+        trace = TargetTraction(space, contact.target, bulk.constants, contact.alpha is None)
     pair = contact_pair(space, contact, source, target, radius, floats, trace)
     if bulk.orthotropic and contact.formulation == "nitsche":
         _turn(space, bulk, contact, pair)
@@ -166,6 +169,20 @@ def pair_of(space, bulk, contact, source, target, radius, floats=False):
         if part is not None:
             pair.terms.traction = ConstantTraction(pair.terms.traction, part)
     return pair
+
+
+def _is_two_sided(space, bulk, contact):
+    """Whether the traction of a pair is the weighted one of both sides: two surfaces of bodies that are elastic,
+    isotropic, of one temperature and there from the beginning. *Collective.*"""
+    sided = contact.target is not None and contact.target != contact.source and not is_unbiased(contact)
+    if not sided or contact.all or contact.formulation != "nitsche" or contact.pressure_overclosure is not None:
+        return False
+    numbers = {facets.block for name in (contact.source, contact.target)
+               for facets in space.mesh.facet_groups.get(name, []) if len(facets.cells)}  # fmt: skip
+    special = {number for number, block in enumerate(space.mesh.blocks) if block.body in bulk.orthotropic}
+    special |= set(bulk.states) | set(bulk.parts) | set(bulk.added)
+    plain = bulk.heat is None and not numbers & special
+    return space.comm.allreduce(plain, op=MPI.LAND)
 
 
 def _turn(space, bulk, contact, pair):

@@ -44,7 +44,7 @@ PAST = 0.05
 class FinitePairing(Pairing):
     """Partners of the source points, whose facets are frozen until the next search.
 
-    ``partner`` has shape functions and normals where the search found them; ``b`` is empty.
+    ``partner`` has shape functions and normals where the search found them.
 
     Attributes
     ----------

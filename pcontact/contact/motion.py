@@ -47,7 +47,7 @@ def step_limit(pair, u, y, falls=None):
     """
     p, source, comm = pair.pairing, pair.source, pair.space.comm
     traction, gap = pair.terms.normal_state(p, p.exchange.gather(u), p.acts)
-    overclosed = traction + pair.gamma_points * gap
+    overclosed = traction + pair.gamma * gap
     gap = gap - pair.method.begins
     approach = pair.terms.approach(p, u, y)
     part = pair.radius / max(float(np.max(np.abs(approach), initial=0.0)), 1e-300)
@@ -197,7 +197,7 @@ def misled(pair, u, found, gap, normal, time, keeps=0.0, former=None):
     traction, linear = pair.terms.normal_state(p, values)
     bears = pair.forces(u)[1] > OPEN
     closed, misses = p.paired & bears & found.paired, p.paired & bears & ~found.paired
-    force = np.where(bears, jxw * np.abs(traction + pair.gamma_points * linear), 0.0)
+    force = np.where(bears, jxw * np.abs(traction + pair.gamma * linear), 0.0)
     change = np.where(closed, np.abs(gap - linear), 0.0)
     # rounding errors of a gap are no change
     change[change <= pair.rounding] = 0.0
@@ -257,7 +257,7 @@ def clearance(pair, u, fields, beyond):
     p, source = pair.pairing, pair.source
     own, other = components_of(pair.space, p, source)
     some = np.flatnonzero(p.paired & (own != other))
-    distance = (pair.pressed(u) - (pair.law.reach if beyond else 0.0)) / pair.gamma_points
+    distance = (pair.pressed(u) - (pair.law.reach if beyond else 0.0)) / pair.gamma
     rows = np.empty((len(some), 2, len(fields)))
     for k, field in enumerate(fields):
         values = p.exchange.gather(field)

@@ -16,10 +16,9 @@ from pcontact.assembly.pattern import OwnedRows
 from pcontact.contact import motion
 from pcontact.contact.formulation.augmented import AugmentedLagrangian
 from pcontact.contact.formulation.averages import add_at_nodes
-from pcontact.contact.formulation.frictional import FrictionalTerms
-from pcontact.contact.formulation.frictionless import FrictionlessTerms
-from pcontact.contact.formulation.layer import FrictionalLayerTerms, Layer, LayerTerms
+from pcontact.contact.formulation.layer import Layer, LayerTerms
 from pcontact.contact.formulation.methods import Method, Penalty
+from pcontact.contact.formulation.small import SmallTerms
 from pcontact.contact.initial import initial_gap
 from pcontact.contact.law import OPEN, SLIP, STICK, View, contact_law
 from pcontact.contact.pairing import Pairing
@@ -31,6 +30,7 @@ from pcontact.contact.summary import borne
 from pcontact.contact.surface.obstacle import RigidObstacle
 from pcontact.contact.traction.elastic import ElasticTraction
 from pcontact.contact.traction.plastic import PlasticTraction
+from pcontact.contact.traction.target import TargetTraction
 from pcontact.mesh.mesh import bounding_box
 from pcontact.runtime.parallel import take_rows, together
 from pcontact.runtime.petsc import MPI
@@ -48,8 +48,6 @@ PLACES = 1000
 
 # formulations of a scene
 METHODS = {"nitsche": Method, "penalty": Penalty, "augmented_lagrangian": AugmentedLagrangian}
-# terms of a pair without friction and with it; those of a layer
-TERMS, LAYER_TERMS = (FrictionlessTerms, FrictionalTerms), (LayerTerms, FrictionalLayerTerms)
 # [-] Part of the way to a gap that is found again which a point goes at least. From: chosen.
 DAMPED = 0.25
 
@@ -65,7 +63,7 @@ class ContactPair(Item):
     source : pcontact.contact.surface.sides.SourceSurface
         As the formulation needs it, with the weight of the pair in its quadrature weights.
     search : TargetSearch or ObstacleSearch
-    terms : FrictionlessTerms
+    terms : SmallTerms
         Tractions, formulation and law at the points.
     radius : float
         Search radius [length].
@@ -126,13 +124,8 @@ class ContactPair(Item):
 
     @property
     def gamma(self):
-        """Parameter of the facets (nf,), as it acts [stress/length]."""
+        """Parameter of the points (np,), as it acts [stress/length]."""
         return self.method.gamma
-
-    @property
-    def gamma_points(self):
-        """The same at the points (np,)."""
-        return self.method.gamma[self.source.facet]
 
     @property
     def stiff(self):
@@ -274,6 +267,7 @@ class ContactPair(Item):
 
     def _freeze(self, u, gap, normal, found):
         """Partners that stay until the next search, with the gap that it found at displacements. *Collective.*"""
+        found = self.terms.weigh(found, self.space.local.gather(u))
         if not self.rigid or self.pairing is None:
             self._plan(found.nodes, found.paired)
         self.pairing = self._paired(normal, found)
@@ -293,8 +287,8 @@ class ContactPair(Item):
         )
         partner, every = PartnerPoints(nodes, shape, normal, np.zeros(len(paired))), np.ones(len(paired), dtype=bool)
         acts = paired.copy() if self.method.theta == 0.0 else every
-        b = self.terms.operator(normal, self.pairing)
-        return Pairing(exchange, points, partner, paired, found.ids, b, acts, every)
+        operator = self.terms.operator(normal, self.pairing)
+        return Pairing(exchange, points, partner, paired, found.ids, operator, acts, every)
 
     @property
     def _stressed(self):
@@ -314,8 +308,8 @@ class ContactPair(Item):
 
     def _couples(self, closed):
         """Points that may need an entry in the matrix for both sides, among them those that are ``closed``."""
-        # a bound that does not follow the pressure acts wherever there is a partner
-        return self.pairing.paired & (closed | (not self.law.follows_pressure))
+        # a bound that does not follow the pressure acts wherever there is a partner, as the adjoint of its cell does
+        return self.pairing.paired & (closed | (not self.law.follows_pressure) | self.terms.wide)
 
     def renew(self, u, before, time, firm=False, tolerance=0.0):
         """See :meth:`pcontact.assembly.item.Item.renew`. *Collective.*"""
@@ -415,7 +409,7 @@ class ContactPair(Item):
         facet, targets = source.facet[some], p.targets[some]
         own, other = np.abs(source.shape[some]), np.abs(p.target_shape[some])
         size = np.einsum("pa,pad->p", own, size[p.cells[facet]]) + np.einsum("pm,pmd->p", other, size[targets])
-        size = (size + initial[some]) * self.method.firmest[facet] * source.jxw[some]
+        size = (size + initial[some]) * self.method.firmest[some] * source.jxw[some]
         size = np.repeat(size[:, None], self.space.dim, axis=1)
         local = np.zeros_like(values)
         add_at_nodes(own, p.cells, facet, size, local)
@@ -483,7 +477,7 @@ class ContactPair(Item):
         *Collective.*
         """
         traction, gap = self.terms.normal_state(self.pairing, self.pairing.exchange.gather(u), wanted)
-        return traction + self.gamma_points * gap
+        return traction + self.gamma * gap
 
     def closed_area(self):
         """Area of the points of this rank that were closed in the last tangent [length^(d - 1)]."""
@@ -655,7 +649,7 @@ class ContactPair(Item):
         p, source, view = self.pairing, self.source, self._view()
         values = p.exchange.gather(u)
         traction, gap = self.terms.normal_state(p, values)
-        tau = traction + self.gamma_points * gap
+        tau = traction + self.gamma * gap
         closed = self.law.closed(view, tau)
         pressure = np.where(closed, -tau, 0.0)
         state = {
@@ -687,13 +681,14 @@ class ContactPair(Item):
 
 def method_of(space, contact, source):
     """The formulation of a contact, for a source surface. *Collective.*"""
+    trace = source.trace[source.facet]
     if contact.pressure_overclosure is None:
-        method = METHODS[contact.formulation or "nitsche"](contact, source.trace, source.x.shape)
+        method = METHODS[contact.formulation or "nitsche"](contact, trace, source.x.shape)
     else:
-        softest = space.comm.allreduce(float(np.min(source.trace, initial=np.inf)), op=MPI.MIN)
-        method = Layer(contact, source.trace, softest)
+        softest = space.comm.allreduce(float(np.min(trace, initial=np.inf)), op=MPI.MIN)
+        method = Layer(contact, trace, softest)
     if contact.alpha is None:
-        method.take_alpha(source.shear)
+        method.take_alpha(source.shear[source.facet])
     return method
 
 
@@ -718,8 +713,9 @@ def contact_pair(space, contact, source, target, radius, floats=False, trace=Non
         Search radius [length].
     floats : bool
         Whether a body of the pair is not held by supports.
-    trace : pcontact.contact.traction.plastic.PlasticTrace, optional
-        Where cells of the source may yield.
+    trace : PlasticTrace or TargetTraction, optional
+        Where cells of the source may yield; where the traction is the weighted one of both sides (see
+        `pcontact.contact.traction`).
     law : pcontact.contact.law.Frictionless, optional
         Another law than the contact's.
 
@@ -730,10 +726,11 @@ def contact_pair(space, contact, source, target, radius, floats=False, trace=Non
     law = contact_law(contact) if law is None else law
     method = method_of(space, contact, source)
     source = method.source(source)
-    if trace is None or not method.has_traction:
+    both = trace if isinstance(trace, TargetTraction) else None
+    if trace is both or not method.has_traction:
         traction = ElasticTraction(source)
     else:
         traction = PlasticTraction(source, trace, method.theta != 0.0 and contact.adjoint == "consistent")
-    kinds = TERMS if contact.pressure_overclosure is None else LAYER_TERMS
-    terms = kinds[law.tangential](space, source, method, traction, law)
+    kind = SmallTerms if contact.pressure_overclosure is None else LayerTerms
+    terms = kind(space, source, method, traction, law, both)
     return ContactPair(space, contact, source, partner_search(space, contact, target, law), terms, radius, floats)

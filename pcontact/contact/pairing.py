@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pcontact.contact.points import PartnerPoints, SourcePoints
+from pcontact.contact.points import PartnerPoints, SourcePoints, TractionOperator
 
 
 @dataclass
@@ -21,8 +21,8 @@ class Pairing:
     paired : ndarray (np,) of bool
     ids : ndarray (np,)
         Target facets, for the pattern.
-    b : ndarray (np, nn, d)
-        Operator of the normal traction; with friction, where all of the traction counts, of width 0.
+    operator : pcontact.contact.points.TractionOperator or None
+        Derivative of the traction; None at finite motion, where it is not the same at all displacements.
     acts : ndarray (np,) of bool
         Points that add to residual and tangent. Without a partner there is no pressure, and only the adjoint term of
         theta = 1, -1 asks for the traction.
@@ -35,7 +35,7 @@ class Pairing:
     partner: PartnerPoints
     paired: np.ndarray
     ids: np.ndarray
-    b: np.ndarray
+    operator: TractionOperator | None
     acts: np.ndarray
     every: np.ndarray
 
@@ -46,7 +46,7 @@ class Pairing:
 
     @property
     def targets(self):
-        """Nodes (np, m) of the partners' facets."""
+        """Nodes (np, m) of the partners' facets, or of their cells where these have a part in the traction."""
         return self.partner.nodes
 
     @property

@@ -59,6 +59,28 @@ class PartnerPoints(NamedTuple):
     gap0: np.ndarray
 
 
+class TractionOperator(NamedTuple):
+    """Derivative of the traction at the points, in the m directions in which tractions count.
+
+    Attributes
+    ----------
+    axes : ndarray (1 or np, m, d)
+        Unit vectors, the same for all points where there is one row.
+    normal : ndarray (np, m)
+        Contact normals along them.
+    rows : ndarray (np, nr, m, d)
+        By displacements of the nodes of the parent cell, then those of the partner; nr may be 0, or lack the latter
+        [stress/length].
+    width : ndarray (np,)
+        How many of these nodes have something to say, or would have.
+    """
+
+    axes: np.ndarray
+    normal: np.ndarray
+    rows: np.ndarray
+    width: np.ndarray
+
+
 class Excess(NamedTuple):
     """What the stress of cells that yield, or are orthotropic, adds to the derivative of the traction.
 
@@ -68,8 +90,8 @@ class Excess(NamedTuple):
     ----------
     at : ndarray (np,)
         Row of each point in ``rows``, -1 where the cell is elastic and isotropic; of length 0 where all cells are.
-    rows : ndarray (n, nn, d, d)
-        [stress/length]
+    rows : ndarray (n, nn, m, d)
+        In the directions of a `TractionOperator` [stress/length].
     adjoint : int
         The adjoint operator has the rows from this one on, too.
     """

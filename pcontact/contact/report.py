@@ -94,7 +94,7 @@ class ContactReport:
 
     @property
     def gamma(self):
-        """Parameter (nf,) of the facets of all sources, as it acts [stress/length]."""
+        """Parameter (np,) of the points of all sources, as it acts [stress/length]."""
         return np.concatenate([pair.gamma for pair in self.pairs])
 
     @property

@@ -1,7 +1,7 @@
 """The terms of a pair at finite motion, with friction and without: all of the traction, and what moves with the bodies.
 
 The lag of the law behind the slip of a load step is taken off the next reference, as in
-`pcontact.contact.formulation.frictional`; it is a vector in the committed state, which the convected slip carries on.
+`pcontact.contact.formulation.small`; it is a vector in the committed state, which the convected slip carries on.
 Multipliers of the augmented Lagrangian method do not turn within a run of Newton's method; the updates around it turn
 them, and nothing is left of that where they have settled.
 
@@ -34,7 +34,7 @@ from pcontact.contact.formulation.finite_kernels import (
     augment,
     tangent_work,
 )
-from pcontact.contact.formulation.frictional import across
+from pcontact.contact.formulation.small import across
 from pcontact.contact.law import OPEN, SLIP, STICK
 from pcontact.runtime.parallel import take_rows
 
@@ -75,7 +75,11 @@ class FiniteTerms:
     Attributes
     ----------
     last : LastTangent
+    wide : bool
+        See `pcontact.contact.formulation.small.SmallTerms`; the cells of partners have no part in the traction.
     """
+
+    wide = False
 
     def __init__(self, space, source, method, traction, law):
         self.space, self.source, self.method, self.traction, self.law = space, source, method, traction, law
@@ -93,12 +97,16 @@ class FiniteTerms:
         """The next tangent is the first one of a load step."""
         self._made = 0
 
+    def weigh(self, found, nodal):
+        """Partners as they are: the traction is that of the source."""
+        return found
+
     def operator(self, normal, last):
-        """Of width 0: all of the traction counts."""
-        return np.empty((len(normal), 0, normal.shape[1]))
+        """None: the derivative of the traction is another one at other displacements."""
+        return None
 
     def begin(self, p, values, moved, turned):
-        """See :meth:`pcontact.contact.formulation.frictionless.FrictionlessTerms.begin`; the displacements are the
+        """See :meth:`pcontact.contact.formulation.small.SmallTerms.begin`; the displacements are the
         committed ones."""
         self._before, self._carried = values, turned(self._lag)
         w = np.empty(len(p.cells))
@@ -106,7 +114,7 @@ class FiniteTerms:
         w = np.maximum(w, 1.0)
         growth = self.traction.growth(values, p)
         growth[:, 0] = np.maximum((1.0 + np.log(w)) * w**2, growth[:, 0])
-        self.method.begin(growth)
+        self.method.begin(growth[self.source.facet])
         d, nn = self.space.dim, p.cells.shape[1]
         self._adjoint = np.zeros((0, nn, d, d))
         if self.method.theta != 0.0:
@@ -117,7 +125,7 @@ class FiniteTerms:
         contact = self._contact(p, values)
         at = self._acting(p, values, view, contact)
         if self.slides and not self.law.tied:
-            lag = (at.traction - at.force) / (self.method.alpha * self.method.gamma)[self.source.facet, None]
+            lag = (at.traction - at.force) / (self.method.alpha * self.method.gamma)[:, None]
             stick = at.status == STICK
             if self.method.has_traction:
                 lag = np.where(stick[:, None], patch_means(self.space, p, self.source, lag, stick), lag)
@@ -170,7 +178,7 @@ class FiniteTerms:
         """Tractions at the points, an :class:`Acting`."""
         n, d, placed = len(p.paired), self.space.dim, contact.placed
         traction, tau = self._traction(p, values, p.acts if wanted is None else wanted), np.empty((n, d))
-        augment(self.parameters, p.points.facet, placed, traction, tau)
+        augment(self.parameters, placed, traction, tau)
         view, slope = view._replace(paired=view.paired & placed.live), np.zeros((n if sloped else 0, d, d))
         return Acting(traction, tau, *self._projected(view, placed.normal, tau, slope), slope)
 

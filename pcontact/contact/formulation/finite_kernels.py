@@ -48,9 +48,9 @@ class FiniteParameters(NamedTuple):
     Attributes
     ----------
     theta : float
-    alpha, inverse : ndarray (nf,)
+    alpha, inverse : ndarray (np,)
         alpha and 1 / alpha; both 0 without friction.
-    gamma : ndarray (nf,)
+    gamma : ndarray (np,)
         [stress/length]
     adjoint : ndarray (np, nn, d, d)
         T, row i of it the traction t_i [stress/length]; of length 0 where theta = 0.
@@ -102,10 +102,10 @@ class Slopes(NamedTuple):
 
 
 @njit
-def augment(parameters, facet, placed, traction, tau):
+def augment(parameters, placed, traction, tau):
     """tau (np, d) of points with the traction (np, d), where they are `Placed`; 0 without partner."""
-    for p in range(len(facet)):
-        gamma, alpha = parameters.gamma[facet[p]], parameters.alpha[facet[p]]
+    for p in range(len(tau)):
+        gamma, alpha = parameters.gamma[p], parameters.alpha[p]
         for i in range(tau.shape[1]):
             tau[p, i] = 0.0
             if placed.live[p]:
@@ -131,7 +131,7 @@ def add_residual(parameters, source, partner, placed, acting, out):
         if parameters.theta != 0.0:
             for i in range(d):
                 rest[i] = force[p, i] - acting.traction[p, i]
-            _weigh(parameters.gamma[f], parameters.inverse[f], normal[p], rest, weight)
+            _weigh(parameters.gamma[p], parameters.inverse[p], normal[p], rest, weight)
             for a in range(source.cells.shape[1]):
                 for j in range(d):
                     value = 0.0
@@ -273,7 +273,7 @@ def add_tangent(parameters, source, partner, motion, acting, slopes, out, blocks
         if acting.status[p] == 0 and theta == 0.0:
             continue
         f = source.facet[p]
-        gamma, alpha = parameters.gamma[f], parameters.alpha[f]
+        gamma, alpha = parameters.gamma[p], parameters.alpha[p]
         slides = alpha != 0.0
         found = place_point(source, partner, motion, p, slides, work)
         # what is open does not depend on its partner, but for the normal of the closest point
@@ -293,7 +293,7 @@ def add_tangent(parameters, source, partner, motion, acting, slopes, out, blocks
         if theta != 0.0:
             for i in range(d):
                 out.rest[i] = force[i] - acting.traction[p, i]
-            _fill_weak(gamma, parameters.inverse[f], work.n, slopes, row, nn, columns, out)
+            _fill_weak(gamma, parameters.inverse[p], work.n, slopes, row, nn, columns, out)
             missing += _add_weak(theta * source.jxw[p], source, partner, p, adjoint[p], out, blocks)
         if acting.status[p] > 0:
             missing += _add_pressed(source.jxw[p], source, partner, p, force, out, blocks)

@@ -20,11 +20,9 @@ Pressure is per undeformed area of the source, as all tractions of contact at fi
 import numpy as np
 
 from pcontact.contact.formulation.finite import FiniteTerms
-from pcontact.contact.formulation.frictional import FrictionalTerms
-from pcontact.contact.formulation.frictional_kernels import add_tangent
-from pcontact.contact.formulation.frictionless import FrictionlessTerms
 from pcontact.contact.formulation.methods import STIFF, Penalty
 from pcontact.contact.formulation.parameters import TRACELESS
+from pcontact.contact.formulation.small import SmallTerms
 
 
 class Layer(Penalty):
@@ -34,8 +32,8 @@ class Layer(Penalty):
     ----------
     contact : pcontact.scene.model.Contact
         With `pressure_overclosure`.
-    trace : ndarray (nf,)
-        Constant of the trace inequality of the parent cells [stress/length].
+    trace : ndarray (np,)
+        Constant of the trace inequality of the parent cells of the points [stress/length].
     softest : float
         The smallest one of all ranks [stress/length].
 
@@ -78,8 +76,8 @@ class Layer(Penalty):
         """See :meth:`Method.begin`: a stiffness that is said does not depend on cells."""
         super().begin(growth if self._sticks is None else None)
 
-    def normal(self, gap, facet):
-        """The curve at gaps (np,) of points on facets (np,).
+    def normal(self, gap):
+        """The curve at gaps (np,) of the points.
 
         Returns
         -------
@@ -88,7 +86,7 @@ class Layer(Penalty):
         ratio : ndarray (np,)
             Its derivative over gamma.
         """
-        closing, gamma = -gap, self.gamma[facet]
+        closing, gamma = -gap, self.gamma
         piece = np.searchsorted(self.overclosure, closing, side="left") - 1
         inside = np.clip(piece, 0, len(self.slope) - 1)
         tau = -(self.pressure[inside] + self.slope[inside] * (closing - self.overclosure[inside]))
@@ -100,68 +98,31 @@ class Layer(Penalty):
 
 
 def turned(slope, ratio, normal):
-    """Derivatives (np, d, d) of a law, times r n n + (I - n n) with ratios r (np,) and normals n (np, d)."""
+    """Derivatives (np, m, m) of a law, times r n n + (I - n n) with ratios r (np,) and normals n (np, m)."""
     along = np.einsum("pij,pj->pi", slope, normal)
     return slope + (ratio - 1.0)[:, None, None] * along[:, :, None] * normal[:, None, :]
 
 
-class LayerTerms(FrictionlessTerms):
-    """Residual and tangent of a pair with a layer and without friction; parameters as for `FrictionlessTerms`."""
+class LayerTerms(SmallTerms):
+    """Residual and tangent of a pair with a layer; parameters as for `SmallTerms`."""
 
     def normal_state(self, p, values, wanted=None):
         """Normal traction, so that gamma times the gap makes it that of the layer, and gap (np,)."""
-        traction, tau, gap = self._layered(p, values)
-        return traction, gap
-
-    def _layered(self, p, values):
-        gap, facet = self._evaluate(p, values)[1], self.source.facet
-        tau, _ = self.method.normal(gap, facet)
-        return tau - self.method.gamma[facet] * gap, tau, gap
-
-    def _pressed(self, p, values):
-        return self._layered(p, values)[:2]
-
-    def slopes(self, p, values, view):
-        """What :meth:`add_tangent` needs of the law, and status (np,)."""
-        tau, ratio = self.method.normal(self._evaluate(p, values)[1], self.source.facet)
-        closed = self.law.closed(view, tau)
-        slope = np.where(closed, ratio, 0.0)[:, None, None] * p.normal[:, :, None] * p.normal[:, None, :]
-        return (closed.astype(np.int64), slope), self._status(closed)
-
-    def derivative(self, p, values, view):
-        """See :meth:`FrictionlessTerms.derivative`."""
-        return self.slopes(p, values, view)[0][1]
-
-    def add_tangent(self, p, values, view, slopes, blocks):
-        """Add to blocks (BlockRows); returns how many entries had no place."""
-        excess = self.traction.excess(values, p)
-        return add_tangent(self.method.parameters, p.source, p.partner, excess, *slopes, blocks)
-
-    def state(self, p, values, view):
-        """The source's stress does not enter."""
-        return {"normal_stress": np.zeros(len(p.paired))}
-
-
-class FrictionalLayerTerms(FrictionalTerms):
-    """Residual and tangent of a pair with a layer and friction; parameters as for `FrictionlessTerms`."""
-
-    def normal_state(self, p, values, wanted=None):
-        """See :meth:`LayerTerms.normal_state`."""
-        gap, facet = self.gap(p, values, wanted), self.source.facet
-        return self.method.normal(gap, facet)[0] - self.method.gamma[facet] * gap, gap
+        gap = self.gap(p, values, wanted)
+        return self.method.normal(gap)[0] - self.method.gamma * gap, gap
 
     def _augmented(self, p, values, wanted):
         traction, tau = super()._augmented(p, values, wanted)
-        return traction, layered(self.method, self.source.facet, p.normal, tau)[0]
+        return traction, layered(self.method, p.operator.normal, tau)[0]
 
     def slopes(self, p, values, view):
         """What :meth:`add_tangent` needs of the law, and status (np,)."""
         (status, slope), _ = super().slopes(p, values, view)
-        _, ratio = self.method.normal(self.gap(p, values, p.acts), self.source.facet)
-        return (status, turned(slope, ratio, p.normal)), status
+        ratio = self.method.normal(self.gap(p, values, p.acts))[1]
+        return (status, turned(slope, ratio, p.operator.normal)), status
 
     def state(self, p, values, view):
-        """See :meth:`FrictionalTerms.state`; the source's stress does not enter."""
+        """See :meth:`SmallTerms.state`; the source's stress does not enter."""
         return {**super().state(p, values, view), "normal_stress": np.zeros(len(p.paired))}
 
 
@@ -175,19 +136,19 @@ class FiniteLayerTerms(FiniteTerms):
 
     def normal_state(self, p, values, wanted=None):
         """See :meth:`LayerTerms.normal_state`. *Collective.*"""
-        gap, facet = self._gap(p, values, self.place(p, values)), self.source.facet
-        return self.method.normal(gap, facet)[0] - self.method.gamma[facet] * gap, gap
+        gap = self._gap(p, values, self.place(p, values))
+        return self.method.normal(gap)[0] - self.method.gamma * gap, gap
 
     def _projected(self, view, normal, tau, slope):
-        tau, ratio = layered(self.method, self.source.facet, normal, tau)
+        tau, ratio = layered(self.method, normal, tau)
         force, status = super()._projected(view, normal, tau, slope)
         if len(slope):
             slope[:] = turned(slope, ratio, normal)
         return force, status
 
 
-def layered(method, facet, normal, tau):
-    """Augmented tractions (np, d) of the layer and ratios (np,), from those of the penalty method."""
+def layered(method, normal, tau):
+    """Augmented tractions (np, m) of the layer and ratios (np,), from those of the penalty method."""
     pushed = np.einsum("pd,pd->p", tau, normal)
-    along, ratio = method.normal(pushed / method.gamma[facet], facet)
+    along, ratio = method.normal(pushed / method.gamma)
     return tau + (along - pushed)[:, None] * normal, ratio

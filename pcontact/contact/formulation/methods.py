@@ -31,17 +31,17 @@ class Method:
     ----------
     contact : pcontact.scene.model.Contact
         With its numerics resolved.
-    trace : ndarray (nf,)
-        Constant of the trace inequality of the parent cells [stress/length].
+    trace : ndarray (np,)
+        Constant of the trace inequality of the parent cells of the points [stress/length].
     shape : tuple (np, d), optional
         Of the points: what a formulation keeps at them.
 
     Attributes
     ----------
     theta, gamma0 : float
-    alpha : ndarray (nf,)
+    alpha : ndarray (np,)
         Of the tangential part over that of the normal one; 1 unless the contact says it, or it is taken.
-    gamma : ndarray (nf,)
+    gamma : ndarray (np,)
         gamma0 times that constant [stress/length].
     """
 
@@ -54,11 +54,15 @@ class Method:
         self.theta = float(contact.theta) if self.has_traction else 0.0
         self.take_alpha(np.full_like(trace, 1.0 if contact.alpha is None else contact.alpha))
         self.gamma0 = parameter(contact)
-        self._default = self.gamma = self.gamma0 * trace
+        self.take_trace(trace)
 
     def take_alpha(self, alpha):
-        """Take alpha (nf,) of the undeformed bodies."""
+        """Take alpha (np,) of the undeformed bodies."""
         self._alpha = self.alpha = alpha
+
+    def take_trace(self, trace):
+        """Take another constant (np,) of the trace inequality."""
+        self._default = self.gamma = self.gamma0 * trace
 
     @property
     def parameters(self):
@@ -67,7 +71,7 @@ class Method:
 
     @property
     def firmest(self):
-        """The largest stiffness (nf,) between a gap and its traction [stress/length]."""
+        """The largest stiffness (np,) between a gap and its traction [stress/length]."""
         return self.gamma
 
     @property
@@ -92,7 +96,7 @@ class Method:
 
         Parameters
         ----------
-        growth : ndarray (nf, 2), optional
+        growth : ndarray (np, 2), optional
             Of gamma, where the cells behind the facets have become stiffer, and of the part that tangential tractions
             need: where that grows more, alpha grows, too, up to 1.
         """

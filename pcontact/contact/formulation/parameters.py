@@ -32,10 +32,10 @@ class Parameters(NamedTuple):
     ----------
     theta : float
         Of the adjoint term: 1, 0, -1.
-    alpha : ndarray (nf,)
+    alpha : ndarray (np,)
         Of the tangential part over that of the normal one.
-    gamma : ndarray (nf,)
-        Of the facets of the source [stress/length].
+    gamma : ndarray (np,)
+        Of the points of the source [stress/length].
     """
 
     theta: float

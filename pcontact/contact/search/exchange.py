@@ -34,6 +34,10 @@ class Found(NamedTuple):
         Global space nodes of the target facet.
     shape : ndarray (np, m)
         Their shape functions at the point.
+    place : ndarray (np, 1 + d)
+        Rank that has the facet, its row there, and the reference point on it.
+    held : ndarray (np,)
+        How the projection is held, see `pcontact.contact.search.projection.Projections`.
     candidates : int
         Facets that this rank tried.
     offset : ndarray (np, d) or None
@@ -48,6 +52,8 @@ class Found(NamedTuple):
     gap: np.ndarray
     nodes: np.ndarray
     shape: np.ndarray
+    place: np.ndarray
+    held: np.ndarray
     candidates: int
     offset: np.ndarray | None = None
     facets: np.ndarray | None = None
@@ -140,7 +146,8 @@ def route(comm, low, high, points, radius):
 class _Searched:
     """Facets of this rank under a displacement, with what a search needs and all rounds of it share."""
 
-    def __init__(self, target, x_facets, method, numbers, criteria, facets):
+    def __init__(self, target, x_facets, method, space, criteria, facets):
+        self._rank, numbers = space.comm.rank, space.nodes
         self._target, self._numbers, self._criteria, self._tell = target, numbers, criteria, facets
         x, kinds, ids, own, corners = target.around(x_facets)
         tree, cones = build_tree(*facet_boxes(x, kinds), target.bodies()), None
@@ -158,8 +165,8 @@ class _Searched:
         rows : ndarray (n,)
             The points with a partner here.
         answers : ndarray (n, columns)
-            Of those: facet id, distance, gap, how it is held, facet size, y, normal, nodes, shape, offset and facet
-            if asked for.
+            Of those: facet id, distance, gap, how it is held, facet size, y, normal, nodes, shape, rank, row and
+            reference point, offset and facet if asked for.
         candidates : int
         """
         target, d = self._target, self._facets.x.shape[2]
@@ -172,7 +179,8 @@ class _Searched:
         parts = [p.id, p.distance, p.gap, p.held, p.size, p.y, p.normal]
         smooth = [] if target.smooth is None else [target.smooth.at_target(target, facet, p.xi[rows])]
         facets = [self._facets.x[facet].reshape(len(facet), d * self._facets.x.shape[1])] if self._tell else []
-        out = np.column_stack([*(part[rows] for part in parts), nodes, weights, *smooth, *facets])
+        place = np.full(len(rows), self._rank), facet, p.xi[rows, : d - 1]
+        out = np.column_stack([*(part[rows] for part in parts), nodes, weights, *place, *smooth, *facets])
         return rows, out.astype(float, copy=False), int(p.candidates.sum())
 
 
@@ -246,10 +254,10 @@ class PartnerSearch:
         self._space, self._target = space, target
         self._width = int(space.comm.allreduce(target.nodes.shape[1], op=MPI.MAX))
         target.nodes = padded(target.nodes, self._width)
-        self._searched = _Searched(target, x_facets, method, space.nodes, criteria, facets)
-        # columns of an answer: what it begins with, y, normal, nodes, shape functions; offset, facet
+        self._searched = _Searched(target, x_facets, method, space, criteria, facets)
+        # columns of an answer: what it begins with, y, normal, nodes, shape functions, place; offset, facet
         d, more = space.dim, (target.smooth is not None, facets)
-        self._columns = [5, 2 * d + 2 * self._width, more[0] * d, more[1] * d * target.x.shape[1]]
+        self._columns = [5, 3 * d + 1 + 2 * self._width, more[0] * d, more[1] * d * target.x.shape[1]]
         self._boxes = None if space.comm.size == 1 else facet_boxes(x_facets, target.kinds)
 
     def __call__(self, query, about=None):
@@ -276,13 +284,16 @@ class PartnerSearch:
             np.zeros(n_points),
             np.zeros((n_points, width), dtype=np.int64),
             np.zeros((n_points, width)),
+            np.zeros((n_points, 1 + d)),
+            np.zeros(n_points),
             candidates,
             offset,
             None if facets is None else facets.reshape(n_points, self._target.x.shape[1], d),
         )
-        out.id[rows], out.gap[rows] = best[:, 0], best[:, 2]
-        ends = np.cumsum([5, d, d, width, width, self._columns[2]])
-        _, out.y[rows], out.normal[rows], out.nodes[rows], out.shape[rows], *rest = np.split(best, ends, axis=1)
+        out.id[rows], out.gap[rows], out.held[rows] = best[:, 0], best[:, 2], best[:, 3]
+        ends = np.cumsum([5, d, d, width, width, 1 + d, self._columns[2]])
+        _, *parts = np.split(best, ends, axis=1)
+        out.y[rows], out.normal[rows], out.nodes[rows], out.shape[rows], out.place[rows], *rest = parts
         for told, values in zip((offset, facets), rest, strict=True):
             if told is not None:
                 told[rows] = values

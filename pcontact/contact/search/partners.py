@@ -36,6 +36,8 @@ class Partners(NamedTuple):
         Their shape functions at the partner.
     offset : ndarray (np, d) or None
         Of the target's smooth surface there, see `pcontact.contact.surface.smooth_geometry`.
+    place, held : ndarray or None
+        Of target facets, see `pcontact.contact.search.exchange.Found`.
     """
 
     gap: np.ndarray
@@ -45,6 +47,8 @@ class Partners(NamedTuple):
     nodes: np.ndarray
     shape: np.ndarray
     offset: np.ndarray | None
+    place: np.ndarray | None = None
+    held: np.ndarray | None = None
 
 
 class TargetSearch:
@@ -98,7 +102,8 @@ class TargetSearch:
         found = find_partners(self.space, self.target, nodal, query, self.method, origin, self.opposite)
         self.candidates += found.candidates
         return Partners(
-            found.gap, found.normal, found.id >= 0, found.id, found.nodes, found.shape, found.offset
+            found.gap, found.normal, found.id >= 0, found.id, found.nodes, found.shape, found.offset, found.place,
+            found.held,
         )  # fmt: skip
 
     def moved(self, x, start, end, origin):

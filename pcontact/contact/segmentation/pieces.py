@@ -48,7 +48,7 @@ SLIVER = 1e-7
 AT_NODE = 1.0 - 1e-12
 
 
-def _at(space, facets, rows, s):
+def at_places(space, facets, rows, s):
     """Points s (n, d - 1) of facets `rows` of one part: position, normal, area element, shape functions, gradients, and
     those of which the strain is made."""
     mesh, block = space.mesh, space.mesh.blocks[facets.block]
@@ -374,7 +374,7 @@ def cut_source(space, source, name, target, radius, method, degree=None, onto=No
     values, slope, grad = np.zeros((n, nn)), np.zeros((n, nn, d)), np.zeros((n, nn, d))
     for k, facets in enumerate(parts):
         c = np.flatnonzero(part == k)
-        x[c], normal[c], area, v, g, strain = _at(space, facets, row[c], s[c])
+        x[c], normal[c], area, v, g, strain = at_places(space, facets, row[c], s[c])
         values[c, : v.shape[1]], slope[c, : v.shape[1]], grad[c, : v.shape[1]] = v, g, strain
         jxw[c] = w[c] * area * space.circumference(x[c])
     whole = ~np.isin(source.facet, facet)

@@ -1,50 +1,70 @@
 """The traction of a source of linear elasticity."""
 
+from typing import NamedTuple
+
 import numpy as np
 
 from pcontact.contact.points import no_excess
 from pcontact.runtime.jit import njit, njit_inner
 
 
+class CellPoints(NamedTuple):
+    """Points (np) on facets, of which the stress of the cell is asked for.
+
+    Attributes
+    ----------
+    grad : ndarray (np, nn, d)
+        Shape gradients of the cell [1/length].
+    volumetric : ndarray (np, nn, d)
+        Volumetric operator P, lam G in plane strain [stress/length].
+    mu : ndarray (np,)
+        Shear modulus [stress].
+    normal : ndarray (np, d)
+        Outward normal n_X of the facet.
+    """
+
+    grad: np.ndarray
+    volumetric: np.ndarray
+    mu: np.ndarray
+    normal: np.ndarray
+
+
 @njit
-def traction_operator(points, grad, volumetric, facet, mu, normal_x, normal, out):
-    """b (np, nn, d) of some points: derivative of the normal component of the elastic boundary traction.
+def fill_rows(points, cells, axes, factor, first, out):
+    """Derivative of the components of the elastic boundary traction along directions e_k, at some points.
 
     Parameters
     ----------
     points : ndarray (n,)
         Those whose rows of ``out`` are written.
-    grad : ndarray (np, nn, d)
-        Shape gradients of the parent cell [1/length].
-    volumetric : ndarray (np, nn, d)
-        Volumetric operator P of the parent cell, lam G in plane strain [stress/length].
-    facet : ndarray (np,)
-    mu : ndarray (nf,)
-        Shear modulus [stress].
-    normal_x : ndarray (np, d)
-        Outward normal of the source facet.
-    normal : ndarray (np, d)
-        Contact normal.
-    out : ndarray (np, nn, d)
-        (n_X . n) P_a + mu ((G_a . n_X) n + (G_a . n) n_X) [stress/length].
+    cells : CellPoints
+    axes : ndarray (1 or np, m, d)
+        The directions.
+    factor : ndarray (np,)
+        What the traction is multiplied with.
+    first : int
+        Column of ``out`` with the first node of the cells.
+    out : ndarray (np, nr, m, d)
+        (n_X . e_k) P_a + mu ((G_a . n_X) e_k + (G_a . e_k) n_X) [stress/length].
     """
+    grad, volumetric, normal, last = cells.grad, cells.volumetric, cells.normal, len(axes) - 1
     d = grad.shape[2]
-    for k in range(len(points)):
-        p = points[k]
-        shear = mu[facet[p]]
-        cosine = 0.0
-        for i in range(d):
-            cosine += normal_x[p, i] * normal[p, i]
-        for a in range(grad.shape[1]):
-            along_x = 0.0
-            along_n = 0.0
+    for n in range(len(points)):
+        p = points[n]
+        shear, e = factor[p] * cells.mu[p], axes[min(p, last)]
+        for k in range(axes.shape[1]):
+            cosine = 0.0
             for i in range(d):
-                along_x += grad[p, a, i] * normal_x[p, i]
-                along_n += grad[p, a, i] * normal[p, i]
-            for i in range(d):
-                out[p, a, i] = cosine * volumetric[p, a, i] + shear * (
-                    along_x * normal[p, i] + along_n * normal_x[p, i]
-                )
+                cosine += factor[p] * normal[p, i] * e[k, i]
+            for a in range(grad.shape[1]):
+                along_x, along_e = 0.0, 0.0
+                for i in range(d):
+                    along_x += grad[p, a, i] * normal[p, i]
+                    along_e += grad[p, a, i] * e[k, i]
+                for i in range(d):
+                    out[p, first + a, k, i] = cosine * volumetric[p, a, i] + shear * (
+                        along_x * e[k, i] + along_e * normal[p, i]
+                    )
 
 
 @njit_inner
@@ -102,24 +122,6 @@ class ElasticTraction:
 
     def __init__(self, source):
         self.source = source
-
-    def normal_operator(self, normal, last):
-        """Operator of the normal traction (np, nn, d); most normals are as they were: of obstacles, without partner.
-
-        Parameters
-        ----------
-        normal : ndarray (np, d)
-            Contact normals.
-        last : pcontact.contact.pairing.Pairing or None
-            Of the last search, whose operator is overwritten.
-        """
-        source = self.source
-        if last is None:
-            b, turned = np.empty_like(source.grad), np.arange(len(normal))
-        else:
-            b, turned = last.b, np.flatnonzero((normal != last.normal).any(axis=1))
-        traction_operator(turned, source.grad, source.volumetric, source.facet, source.mu, source.normal, normal, b)
-        return b
 
     def elastic(self, values, p, wanted):
         """The elastic part of the traction (np, d) at values (n, d), of the points that are wanted (np,)."""

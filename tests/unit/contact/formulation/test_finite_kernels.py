@@ -142,7 +142,7 @@ class Setting:
         placed, tau = unplaced(1, d, self.mt), np.zeros((1, d))
         work = point_work(d, self.ms + self.mt)
         evaluate(self.source, partner, self.motion(u), self.frictional, work, placed)
-        augment(self.parameters, self.source.facet, placed, traction, tau)
+        augment(self.parameters, placed, traction, tau)
         slope, normal, live = np.zeros((1, d, d)), placed.normal, placed.live
         if self.frictional:
             force, status = self.law.project(View(live, self.mode == TIED, False), normal, tau, slope)

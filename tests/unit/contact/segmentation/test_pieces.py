@@ -6,7 +6,7 @@ import pytest
 from drivers.cases.patch import errors, scene
 from pcontact.contact.segmentation.clipping import Polygons, Tiles, tile
 from pcontact.contact.segmentation.overlaps import tiles as tiles_of
-from pcontact.contact.segmentation.pieces import _at, cut_source, cuts
+from pcontact.contact.segmentation.pieces import at_places, cut_source, cuts
 from pcontact.contact.surface.facet_maps import SQUARE_CORNERS, TRIANGLE_CORNERS
 from pcontact.contact.surface.sides import source_surface, target_surface
 from pcontact.element.reference import facet_nodes
@@ -80,7 +80,7 @@ def test_cuts_in_the_plane_are_at_the_ends_of_facets_to_rounding(shared_tmp, ord
     ends = [np.zeros(0)]
     for k, facets in enumerate(parts):
         chosen = part == k
-        ends += [_at(space, facets, row[chosen], s[chosen, None])[0][:, 0] for s in (a, b)]
+        ends += [at_places(space, facets, row[chosen], s[chosen, None])[0][:, 0] for s in (a, b)]
     found = np.concatenate(WORLD.allgather(np.concatenate(ends)))
     known = np.unique(np.round(np.concatenate([np.arange(8) / 7, np.arange(4) / 3]), 15))
     away = np.abs(found[:, None] - known)

@@ -1,0 +1,289 @@
+"""The terms of a pair at small strain, with friction and without.
+
+With friction all of the traction counts, without it the normal one alone: the kernels take the directions in which
+tractions count, see `pcontact.contact.formulation.small_kernels`.
+
+The slip of a load step counts from the tangential jump of the committed displacement on the present pair of points
+(plus what a rigid obstacle has moved since the committed time), so a point that is handed to another target facet
+loses nothing. Traction and law agree weakly: at a point that sticks the jump differs from its reference by
+
+    lag = (t_T - P_T) / (alpha gamma),
+
+small with the mesh. The lag is taken off the next reference. Each load step would otherwise start from the jump as it
+is, and stick would creep by the lag in every step. Points that stick carry the lag's local average, over the patches of
+the shape functions: its changes from point to point are those of the stress of the cells and of meshes that do not
+match, and would add up from step to step. Points that slip carry their own: they stay at their bound. Without a
+traction of the source (penalty) the lag is that of the spring which bears the traction, exact at a point.
+
+A tied point obeys the law of stick without a bound: the projection is the identity, P = tau, and Nitsche's method
+becomes that of an interface condition [[u]] = 0,
+
+    R  = - int tau . [[v]] + theta int (tau - t) . G^-1 T[v],   tau = t - G [[u]],
+
+without a gap: what lies between the surfaces at the beginning, or how far they overlap, stays there without any force.
+The condition is linear. Partners are found once, in the undeformed bodies, and the jump counts from there.
+"""
+
+import numpy as np
+
+from pcontact.contact.formulation.averages import patch_means
+from pcontact.contact.formulation.small_kernels import add_residual, add_tangent, augment, evaluate
+from pcontact.contact.law import OPEN, SLIP, STICK
+from pcontact.contact.points import TractionOperator
+from pcontact.contact.traction.elastic import CellPoints, fill_rows
+from pcontact.runtime.parallel import take_rows
+
+
+def across(vectors, normal):
+    """Tangential part (np, d) of vectors."""
+    return vectors - np.einsum("pd,pd->p", vectors, normal)[:, None] * normal
+
+
+class SmallTerms:
+    """Residual and tangent of a pair at its points, as functions of nodal values (n, d) and the view of a rule.
+
+    Parameters
+    ----------
+    space : pcontact.space.space.Space
+    source : pcontact.contact.surface.sides.SourceSurface
+    method : pcontact.contact.formulation.methods.Method
+    traction : pcontact.contact.traction.elastic.ElasticTraction
+    law : pcontact.contact.law.Frictionless
+    target : pcontact.contact.traction.target.TargetTraction, optional
+        Where the traction is the weighted one of both sides.
+    """
+
+    def __init__(self, space, source, method, traction, law, target=None):
+        self.space, self.source, self.method, self.traction, self.law = space, source, method, traction, law
+        self._target, self._weighted = target, None
+        self._own = CellPoints(source.grad, source.volumetric, source.mu[source.facet], source.normal)
+        self._start = self._before = self._lag = np.zeros((len(source.x), self._directions))
+
+    @property
+    def _directions(self):
+        """Directions in which tractions count."""
+        return self.space.dim if self.law.tangential else 1
+
+    @property
+    def _lags(self):
+        return self.law.tangential and not self.law.tied
+
+    @property
+    def wide(self):
+        """Whether the adjoint term needs the cells of partners, of open points, too."""
+        return self._target is not None and self.method.theta != 0.0
+
+    # -- a load step ----------------------------------------------------------------------------------------------
+
+    def weigh(self, found, nodal):
+        """Partners (`pcontact.contact.search.partners.Partners`) on the nodes of their cells, where those have a part
+        in the traction: weights, gamma and alpha are those of the two sides at displacements (n_local, d).
+        *Collective.*
+        """
+        if self._target is None:
+            return found
+        found, self._weighted = self._target.weigh(found, self.source, nodal)
+        self.method.take_trace(self._weighted.trace)
+        if self._weighted.shear is not None:
+            self.method.take_alpha(self._weighted.shear)
+        return found
+
+    def operator(self, normal, last):
+        """The derivative of the traction, a :class:`pcontact.contact.points.TractionOperator`.
+
+        Parameters
+        ----------
+        normal : ndarray (np, d)
+            Contact normals.
+        last : pcontact.contact.pairing.Pairing or None
+            Of the last search, whose operator is overwritten: most normals are as they were, of obstacles and without
+            partner.
+        """
+        n, nn, d = self._own.grad.shape
+        m, weighted, every = self._directions, self._weighted, np.arange(n)
+        axes, along = (np.eye(d)[None], normal) if m == d else (normal[:, None], np.ones((n, 1)))
+        width = np.full(n, self.source.shape.shape[1])
+        if weighted is not None:
+            nt = weighted.cells.grad.shape[1]
+            rows = np.empty((n, nn + nt, m, d))
+            fill_rows(every, self._own, axes, weighted.own, 0, rows)
+            fill_rows(every, weighted.cells, axes, weighted.other, nn, rows)
+            width[weighted.other != 0.0] += nt
+            return TractionOperator(axes, along, rows, width)
+        if last is None:
+            rows, some = np.empty((n, nn, m, d)), every
+        else:
+            rows, some = last.operator.rows, np.flatnonzero((normal != last.normal).any(axis=1) & (m != d))
+        fill_rows(some, self._own, axes, np.ones(n), 0, rows)
+        return TractionOperator(axes, along, rows, width)
+
+    def begin(self, p, values, moved, turned):
+        """A load step begins, with a pairing and displacements (n, d): remember the jump, and the one from which the
+        law counts slip.
+
+        Parameters
+        ----------
+        p : pcontact.contact.pairing.Pairing
+        values : ndarray (n, d)
+        moved : ndarray (np, d) or (d,), or zero
+            What an obstacle moves in it [length].
+        turned : callable
+            Vectors (np, d) that turn with the obstacle, at the end of it.
+        """
+        self.method.begin()
+        if self._lags:
+            self._start = self._evaluate(p, values, p.acts)[1] + moved
+            self._before = self._start - turned(self._lag)
+
+    def commit(self, p, values, view):
+        """The load step has ended; returns the status (np,) of the points. *Collective.*
+
+        By how much the jump lags behind the law is kept.
+        """
+        traction, tau = self._augmented(p, values, p.acts)
+        force, status = self._projected(p, view, tau)
+        if self._lags:
+            lag = (traction - force) / (self.method.alpha * self.method.gamma)[:, None]
+            stick = status == STICK
+            if self.source.grad.shape[1]:
+                lag = np.where(stick[:, None], patch_means(self.space, p, self.source, lag, stick), lag)
+            self._lag = np.where((status > OPEN)[:, None], across(lag, p.normal), 0.0)
+        self.method.commit()
+        return status
+
+    def memory(self, keys):
+        """Tables for a checkpoint, see `pcontact.assembly.item.Item.memory`."""
+        rows = np.flatnonzero(self._lag.any(axis=1))
+        lag = {"lag": (keys[rows], self._lag[rows])} if self._lags else {}
+        return {**lag, **self.method.memory(keys)}
+
+    def recall(self, name, keys, chunks):
+        """Take a table back, see `pcontact.assembly.item.Item.recall`."""
+        if name != "lag" or not self._lags:
+            return self.method.recall(name, keys, chunks)
+        self._lag = np.zeros_like(self.source.x)
+        return take_rows(keys, chunks, self._lag)
+
+    # -- at the points, in the directions in which tractions count ------------------------------------------------
+
+    def _evaluate(self, p, values, wanted):
+        """Linear traction and jump (np, m) of the points that are wanted (np,)."""
+        traction, jump = np.empty((2, len(p.paired), self._directions))
+        evaluate(values, p.source, p.partner, p.operator, wanted, traction, jump)
+        return traction, jump
+
+    def _traction(self, p, values, wanted):
+        """What stands in the place of the traction, and jump (np, m)."""
+        traction, jump = self._evaluate(p, values, wanted)
+        if self.law.tangential:
+            self.traction.add_excess(values, p, traction)
+            return self.method.traction(traction), jump
+        self.traction.add_normal_excess(values, p, traction[:, 0])
+        return self.method.normal_traction(traction[:, 0], p.normal)[:, None], jump
+
+    def _augmented(self, p, values, wanted):
+        """Traction and augmented traction (np, m) of the points that are wanted (np,)."""
+        traction, jump = self._traction(p, values, wanted)
+        tau = np.empty_like(traction)
+        augment(self.method.parameters, p.operator, p.gap0, traction, jump, self._before, wanted, tau)
+        return traction, tau
+
+    def _projected(self, p, view, tau, slope=None):
+        """Traction P (np, m) and status (np,) by the law; fills its derivative (np, m, m)."""
+        if self.law.tangential:
+            return self.law.project(view, p.normal, tau, slope)
+        closed = self.law.closed(view, tau[:, 0])
+        if slope is not None:
+            slope[closed] = 1.0
+        return np.where(closed[:, None], tau, 0.0), np.where(closed, SLIP, OPEN)
+
+    def _in_space(self, p, vectors):
+        """Vectors (np, m) as vectors (np, d)."""
+        return vectors if self.law.tangential else vectors * p.normal
+
+    # -- at the points --------------------------------------------------------------------------------------------
+
+    def gap(self, p, values, wanted=None):
+        """Gap (np,) [length], of the points that are wanted (np,)."""
+        jump = self._evaluate(p, values, p.every if wanted is None else wanted)[1]
+        return p.gap0 - np.einsum("pm,pm->p", jump, p.operator.normal)
+
+    def approach(self, p, u, y):
+        """How far a step -y from u (distributed vectors) closes the gap (np,) [length]. *Collective.*"""
+        return self.gap(p, p.exchange.gather(y)) - p.gap0
+
+    def normal_state(self, p, values, wanted=None):
+        """Normal traction and gap (np,), at least of the points that are wanted (np,)."""
+        traction, jump = self._evaluate(p, values, p.every if wanted is None else wanted)
+        traction, gap = (np.einsum("pm,pm->p", one, p.operator.normal) for one in (traction, jump))
+        self.traction.add_normal_excess(values, p, traction)
+        return self.method.normal_traction(traction, p.normal), p.gap0 - gap
+
+    def forces(self, p, values, view):
+        """Tractions P (np, d) that act on the source, and status (np,)."""
+        force, status = self._projected(p, view, self._augmented(p, values, p.acts)[1])
+        return self._in_space(p, force), status
+
+    def slopes(self, p, values, view):
+        """What :meth:`add_tangent` needs of the law, and status (np,)."""
+        tau = self._augmented(p, values, p.acts)[1]
+        slope = np.zeros((*tau.shape, tau.shape[1]))
+        _, status = self._projected(p, view, tau, slope)
+        return (status, slope), status
+
+    def derivative(self, p, values, view):
+        """Derivative (np, d, d) of the tractions of :meth:`forces` in the augmented ones."""
+        slope, axes = self.slopes(p, values, view)[0][1], p.operator.axes
+        return slope if self.law.tangential else slope * axes.transpose(0, 2, 1) * axes
+
+    # -- residual and tangent -------------------------------------------------------------------------------------
+
+    def add_residual(self, p, values, view, local):
+        """Add to forces ``local`` (n, d)."""
+        traction, tau = self._augmented(p, values, p.acts)
+        force, status = self._projected(p, view, tau)
+        add_residual(self.method.parameters, p.source, p.partner, p.operator, traction, force, status, local)
+        if self.traction.consistent:
+            self.traction.add_adjoint(values, p, self._weights(p, traction, force), local)
+
+    def _weights(self, p, traction, force):
+        """What the adjoint operator is tested with: theta G^-1 (P - t) (np, d), times the weights of the points."""
+        rest, method = force - traction, self.method
+        tangential = across(rest, p.operator.normal)
+        factor = (method.theta * self.source.jxw / method.gamma)[:, None]
+        return self._in_space(p, factor * (rest - tangential + tangential / method.alpha[:, None]))
+
+    def _excess(self, values, p):
+        excess = self.traction.excess(values, p)
+        if self.law.tangential or not len(excess.rows):
+            return excess._replace(rows=excess.rows[:, :, : self._directions])
+        points = np.flatnonzero(excess.at >= 0)
+        normal = p.normal[points[np.argsort(excess.at[points])]]
+        return excess._replace(rows=np.ascontiguousarray(np.einsum("kaij,ki->kaj", excess.rows, normal)[:, :, None]))
+
+    def add_tangent(self, p, values, view, slopes, blocks):
+        """Add to blocks (BlockRows); returns how many entries had no place."""
+        arguments = p.source, p.partner, p.operator, self._excess(values, p), *slopes, blocks
+        missing = add_tangent(self.method.parameters, *arguments)
+        if self.traction.consistent:
+            traction, tau = self._augmented(p, values, p.acts)
+            force, _ = self._projected(p, view, tau)
+            missing += self.traction.add_curvature(values, p, self._weights(p, traction, force), blocks)
+        return missing
+
+    def slip(self, p, values):
+        """Tangential slip (np, d) of the load step [length], zero without a partner."""
+        slip = across(self._evaluate(p, values, p.every)[1] - self._start, p.normal)
+        return np.where(p.paired[:, None], slip, 0.0)
+
+    # -- report ---------------------------------------------------------------------------------------------------
+
+    def state(self, p, values, view):
+        """What the points say beyond pressure and gap, see `pcontact.contact.pair.ContactPair.state`: with friction
+        ``traction`` with its tangential part, ``status``, ``slip`` of the load step (np, d) [length], and
+        ``own_traction`` (np, d), that of the stress."""
+        if not self.law.tangential:
+            return {}
+        own, tau = self._augmented(p, values, p.every)
+        traction, status = self._projected(p, view, tau)
+        return {"traction": traction, "own_traction": own, "slip": self.slip(p, values), "status": status}
