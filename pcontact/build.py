@@ -5,28 +5,27 @@ from functools import partial
 import numpy as np
 
 from pcontact.assembly.average import AverageCoupling
-from pcontact.assembly.bulk import ElasticBulk
 from pcontact.assembly.coupling import TotalLoad
 from pcontact.assembly.distortion import SLIGHT
 from pcontact.assembly.finite import FiniteBulk
 from pcontact.assembly.follower import FollowerPressure
 from pcontact.assembly.geometry import chunks
-from pcontact.assembly.heat import Heat, HeatedElasticBulk, HeatedPlasticBulk, Heating
+from pcontact.assembly.heat import Heat, Heating
 from pcontact.assembly.loads import TimedLoad, load_vector, lumped_volume, value_of
 from pcontact.assembly.mixed import MixedBulk
 from pcontact.assembly.nodal_field import NodalField
 from pcontact.assembly.patches import kind_of
-from pcontact.assembly.plastic import PlasticBulk
 from pcontact.assembly.release import Release
+from pcontact.assembly.solid import Solid
 from pcontact.assembly.springs import GroundSprings, SpinForces
 from pcontact.assembly.viscous import ViscousStabilisation
 from pcontact.contact.search.unjoined import unjoined
 from pcontact.element.reference import CELLS, facet_kinds
-from pcontact.material.elastic import in_plane, lame
+from pcontact.material.elastic import Elastic, lame
 from pcontact.material.finite import FiniteMaterial
 from pcontact.material.hardening import hardening_curve, hardening_table
 from pcontact.material.orthotropic import Orthotropic, frame, stiffness
-from pcontact.material.plastic import VonMises, plastic_constants
+from pcontact.material.plastic import Plastic, VonMises, plastic_constants
 from pcontact.mesh.by_place import BY_PLACE
 from pcontact.mesh.geometry.moving import put_on
 from pcontact.mesh.groups import RawMesh
@@ -247,75 +246,62 @@ def check_present(scene, mesh):
             raise input_error(scene.where, where, found, "contacts of bodies that are there")
 
 
-def _small(material):
-    """Constants and hardening curve of a material that may yield; None for others."""
+def _curve(material):
+    """Hardening curve of a material, of length 0 where it does not yield."""
     if not material.plastic:
-        return None
-    row = plastic_constants(*lame(material.E, material.nu), material.kinematic_hardening)
+        return np.zeros((0, 3))
     if material.hardening_curve is not None:
-        return row, hardening_table(material.hardening_curve)
-    return row, hardening_curve(material.yield_stress, material.hardening)
+        return hardening_table(material.hardening_curve)
+    return hardening_curve(material.yield_stress, material.hardening)
 
 
 def _finite(material, kinematics):
     """A material for finite strain."""
-    elastic = plastic_constants(*lame(material.E, material.nu)), np.zeros((0, 3))
-    small = VonMises(*(_small(material) or elastic), kinematics == "plane_stress")
+    constants = plastic_constants(*lame(material.E, material.nu), material.kinematic_hardening)
+    small = VonMises(constants, _curve(material), kinematics == "plane_stress")
     terms = np.array(material.terms, dtype=np.float64).reshape(-1, 2)
     return FiniteMaterial(small, terms, material.multiplicative, 0.0, 0.0)
 
 
-def orthotropic_bodies(scene, dim):
-    """Elasticity of the orthotropic bodies of a scene, by their numbers."""
-    found = {}
-    for number, body in enumerate(scene.bodies):
-        material = scene.materials[body.material]
-        if material.orthotropic:
-            moduli = stiffness(material.E, material.nu, material.G)
-            around = None if material.point is None else (material.point, material.axis or (0.0, 0.0, 1.0))
-            found[number] = Orthotropic(
-                moduli, frame(*material.frame), dim, scene.mesh.kinematics, around, material.expansion
-            )
-    return found
+def small_strain(material, dim, kinematics):
+    """The law of small strain of a material of the scene, a `pcontact.material.elastic.Elastic`."""
+    if material.orthotropic:
+        moduli = stiffness(material.E, material.nu, material.G)
+        around = None if material.point is None else (material.point, material.axis or (0.0, 0.0, 1.0))
+        return Orthotropic(moduli, frame(*material.frame), dim, kinematics, around, material.expansion)
+    constants, expansion = lame(material.E, material.nu), material.expansion or 0.0
+    if material.plastic:
+        return Plastic(*constants, _curve(material), material.kinematic_hardening, dim, kinematics, expansion)
+    return Elastic(*constants, kinematics, expansion)
 
 
-def constants_of(scene, orthotropic):
-    """Lame constants of the bodies of a scene in its kinematics, of orthotropic ones the nearest [stress]."""
-    materials = [scene.materials[body.material] for body in scene.bodies]
-    return [
-        orthotropic[number].constants if number in orthotropic else
-        in_plane(*lame(material.E, material.nu), scene.mesh.kinematics) for number, material in enumerate(materials)
-    ]  # fmt: skip
+def bulk_item(scene, space, laws):
+    """The item of all bodies: one of small strain, of finite strain, or of both. *Collective.*
 
-
-def bulk_item(scene, space, constants, orthotropic):
-    """The item of all bodies: an elastic one unless a body may yield, or has finite strain. *Collective.*"""
+    Parameters
+    ----------
+    laws : list of pcontact.material.elastic.Elastic
+        Of small strain, of each body.
+    """
     materials = [scene.materials[body.material] for body in scene.bodies]
     finite = [_finite(material, scene.mesh.kinematics) if scene.finite(body) else None
               for body, material in zip(scene.bodies, materials, strict=True)]  # fmt: skip
-    small = [_small(material) if other is None else None for material, other in zip(materials, finite, strict=True)]
     with profile.phase("bulk_assembly"):
         if all(finite):
-            return FiniteBulk(space, constants, finite)
+            return FiniteBulk(space, [law.constants for law in laws], finite)
         if any(finite):
-            return MixedBulk(space, constants, small, finite)
-        heat = _heat(scene, space, constants, orthotropic)
-        if heat is not None:
-            return HeatedPlasticBulk(heat, space, constants, small, orthotropic) if any(small) else HeatedElasticBulk(
-                heat, space, constants, orthotropic)  # fmt: skip
-        if any(small):
-            return PlasticBulk(space, constants, small, orthotropic)
-        return ElasticBulk(space, constants, orthotropic)
+            return MixedBulk(space, laws, finite)
+        return Solid(space, laws, _heat(scene, space, laws))
 
 
-def _stabilisation(space, scene, constants, free):
+def _stabilisation(space, laws, free):
     """Diagonal (n_owned,) that stabilises the bodies that the supports leave free. *Collective.*"""
     if not free:
         return np.zeros(space.n_owned)
     _, scale = component_frames(space)
     modulus = np.zeros(space.mesh.n_components)
     for block in space.mesh.blocks:
-        lam, mu = constants[block.body]
+        lam, mu = laws[block.body].constants
         # the P-wave modulus, unless the body is nearly incompressible
         modulus[block.components] = min(lam + 2.0 * mu, 4.0 * mu)
     modulus = np.array(space.comm.allgather(modulus)).max(axis=0)
@@ -484,30 +470,20 @@ def _spinning(scene, space):
     return result
 
 
-def _heat(scene, space, constants, orthotropic):
+def _heat(scene, space, laws):
     """Thermal stress of the bodies, None without temperatures. *Collective.*"""
     if not scene.temperatures:
         return None
     absent = any(body.absent for body in scene.bodies)
     if absent and not any(scene.materials[one.material].expansion for one in scene.bodies if not one.absent):
         return None
-    # in plane stress the third direction is free to expand
-    normal = 2.0 if scene.mesh.kinematics == "plane_stress" else 3.0
-    bulk, moduli = [lam + 2.0 / normal * mu for lam, mu in constants], []
-    for number, body in enumerate(scene.bodies):
-        law = orthotropic.get(number)
-        if law is None:
-            moduli.append(normal * bulk[number] * (scene.materials[body.material].expansion or 0.0))
-        else:
-            moduli.append(1.0 if law.expands else 0.0)
-            bulk[number] = 1.0 / law.expansion_energy if law.expands else 1.0
     heatings = []
     for number, one in enumerate(scene.temperatures):
         where = place("temperatures", number, one.region)
         value = Prescribed(one.value, scene.where, f"{where}.value") if one.file is None else partial(
             _nodal_field, space, scene.folder / one.file, one.field, (scene.where, where))  # fmt: skip
         heatings.append(Heating(one.region, value, one.reference, amplitude_of(one, scene.steps.end), where))
-    return Heat(space, heatings, moduli, bulk, scene.where, orthotropic)
+    return Heat(space, heatings, laws, scene.where)
 
 
 def _nodal_field(space, path, name, where, which):
@@ -743,7 +719,6 @@ def assemble(scene, mesh, span=None, more=()):
     floating : dict of int to ndarray (m, n_modes)
         Components that nothing holds, and the rigid motions that they have left.
     """
-    orthotropic = orthotropic_bodies(scene, mesh.dim)
     averaged = [
         [number for number, body in enumerate(scene.bodies) if scene.averages(body, simplices)]
         for simplices in (False, True)
@@ -752,15 +727,16 @@ def assemble(scene, mesh, span=None, more=()):
     lower = [number for number, body in enumerate(scene.bodies) if scene.lower(body)]
     space = Space(mesh, scene.mesh.order, scene.mesh.kinematics, *averaged, reduced, lower)
     try:
-        return _assemble(scene, space, orthotropic, span, more)
+        return _assemble(scene, space, span, more)
     except TOLD:
         space.exchanger.free()
         raise
 
 
-def _assemble(scene, space, orthotropic, span, more):
+def _assemble(scene, space, span, more):
     """See :func:`assemble`. *Collective.*"""
-    end, mesh, constants = scene.steps.end, space.mesh, constants_of(scene, orthotropic)
+    end, mesh = scene.steps.end, space.mesh
+    laws = [small_strain(scene.materials[body.material], mesh.dim, scene.mesh.kinematics) for body in scene.bodies]
     _check_estimate(scene, space)
     _check_locking(scene, space)
     _check_joined(scene, space)
@@ -777,7 +753,7 @@ def _assemble(scene, space, orthotropic, span, more):
     forces += [section.force for section in sections if section.free]
     springs = [GroundSprings(space, spring) for spring in scene.springs]
     _check_turns(scene, space, supports)
-    bulk = bulk_item(scene, space, constants, orthotropic)
+    bulk = bulk_item(scene, space, laws)
     begun = _begun(scene, space)
     bulk.added = frozenset(number for blocks in begun.values() for number in blocks)
     tied = tied_pairs(scene, space, bulk)
@@ -791,7 +767,7 @@ def _assemble(scene, space, orthotropic, span, more):
     release = None if span is None else Release(space, span.begin, span.end, begun)
     items += [] if release is None else [release]
     viscous = None if eta is None else ViscousStabilisation(space, eta, bulk)
-    problem = Problem(space, items, supports, forces, _stabilisation(space, scene, constants, free), contacts, viscous)
+    problem = Problem(space, items, supports, forces, _stabilisation(space, laws, free), contacts, viscous)
     problem.timed, problem.total, problem.springs, problem.release = timed, total, springs, release
     problem.averages = averages
     problem.sections, problem.equations, problem.lower = sections, equations, _lower(scene, space, lower)

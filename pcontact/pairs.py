@@ -18,11 +18,6 @@ from pcontact.contact.surface.obstacle import RigidObstacle
 from pcontact.contact.surface.rigid_surface import RigidSurface
 from pcontact.contact.surface.sides import components_of, diameters, extents, source_surface, target_surface
 from pcontact.contact.surface.smooth_geometry import Chords, smooth_surface
-from pcontact.contact.traction.constant import ConstantTraction
-from pcontact.contact.traction.orthotropic import OrthotropicTrace, OrthotropicTraction
-from pcontact.contact.traction.plastic import PlasticTrace
-from pcontact.contact.traction.strain_free import strain_free
-from pcontact.contact.traction.target import TargetTraction
 from pcontact.contact.unbiased import contacts_of_halves, halved, is_unbiased
 from pcontact.mesh.mesh import size_of
 from pcontact.mesh.surface import read_surface
@@ -127,14 +122,6 @@ def _require_valley(scene, space, contact, source):
     agree(space.comm, None if space.comm.allreduce(meets, op=MPI.LOR) else message)
 
 
-def _trace(space, bulk, source, contact):
-    """What plasticity adds to the traction of a source; None where its cells cannot yield. *Collective.*"""
-    if not bulk.yields:
-        return None
-    trace = PlasticTrace(space, bulk, source, contact.source)
-    return trace if space.comm.allreduce(trace.parts, op=MPI.SUM) else None
-
-
 def _moves(space, bulk, source, target):
     """Whether a body of a pair has finite strain. *Collective.*"""
     finite = [block.components for number, block in enumerate(space.mesh.blocks) if number in bulk.parts]
@@ -148,49 +135,13 @@ def pair_of(space, bulk, contact, source, target, radius, floats=False):
 
     Parameters
     ----------
-    bulk : ElasticBulk or PlasticBulk
+    bulk : pcontact.assembly.item.Bulk
     others
         See :func:`pcontact.contact.pair.contact_pair`.
     """
-    trace = _trace(space, bulk, source, contact) if contact.formulation == "nitsche" else None
-    free = strain_free(space, bulk, source, contact.source) if contact.formulation == "nitsche" else None
     if bulk.finite is not None and _moves(space, bulk, source, target):
-        pair = finite_pair(space, bulk, contact, source, target, radius, floats, trace)
-        if free is not None:
-            pair.terms.traction.add_constant(free)
-        return pair
-    if trace is None and _is_two_sided(space, bulk, contact):
-        trace = TargetTraction(space, contact.target, bulk.constants, contact.alpha is None)
-    pair = contact_pair(space, contact, source, target, radius, floats, trace)
-    if bulk.orthotropic and contact.formulation == "nitsche":
-        _turn(space, bulk, contact, pair)
-    heated = bulk.heat.trace(source, contact.source) if bulk.heat and contact.formulation == "nitsche" else None
-    for part in (heated, free):
-        if part is not None:
-            pair.terms.traction = ConstantTraction(pair.terms.traction, part)
-    return pair
-
-
-def _is_two_sided(space, bulk, contact):
-    """Whether the traction of a pair is the weighted one of both sides: two surfaces of bodies that are elastic,
-    isotropic, of one temperature and there from the beginning. *Collective.*"""
-    sided = contact.target is not None and contact.target != contact.source and not is_unbiased(contact)
-    if not sided or contact.all or contact.formulation != "nitsche" or contact.pressure_overclosure is not None:
-        return False
-    numbers = {facets.block for name in (contact.source, contact.target)
-               for facets in space.mesh.facet_groups.get(name, []) if len(facets.cells)}  # fmt: skip
-    special = {number for number, block in enumerate(space.mesh.blocks) if block.body in bulk.orthotropic}
-    special |= set(bulk.states) | set(bulk.parts) | set(bulk.added)
-    plain = bulk.heat is None and not numbers & special
-    return space.comm.allreduce(plain, op=MPI.LAND)
-
-
-def _turn(space, bulk, contact, pair):
-    """Add to the traction of a pair what orthotropic cells of its source have of their own. *Collective.*"""
-    trace, method = OrthotropicTrace(space, bulk.orthotropic, pair.source, contact.source), pair.method
-    if not space.comm.allreduce(len(trace.rows), op=MPI.SUM):
-        return
-    pair.terms.traction = OrthotropicTraction(pair.terms.traction, trace, method.theta != 0.0)
+        return finite_pair(space, bulk, contact, source, target, radius, floats)
+    return contact_pair(space, contact, source, target, radius, floats, bulk)
 
 
 def _cuts(space, contact, source, target):
@@ -506,7 +457,7 @@ def contact_reports(scene, space, supports, free, bulk, tied):
     supports : pcontact.space.supports.Supports
     free : dict of int to ndarray (m, n_modes)
         Components that the supports do not hold, and the rigid motions left to them.
-    bulk : ElasticBulk or PlasticBulk
+    bulk : pcontact.assembly.item.Bulk
     tied : dict of int to ContactPair
         Of :func:`tied_pairs`.
 

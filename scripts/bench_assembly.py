@@ -14,7 +14,7 @@ from drivers._common import main, make_mesh, make_parser, print_table, write_jso
 from drivers.studies._press import make_scene
 from drivers.studies.scaling import triad
 from meshes import ball_on_block
-from pcontact.assembly.bulk import ElasticBulk
+from pcontact.assembly.solid import Solid
 from pcontact.runtime.petsc import MPI
 from pcontact.simulation import Simulation
 
@@ -60,7 +60,7 @@ def kernels(simulation):
 
     result = {
         "stiffness of the bodies, from scratch": (
-            lambda: ElasticBulk(space, bulk.constants), geometry + 2 * nbytes(bulk.values)
+            lambda: Solid(space, bulk.materials), geometry + 2 * nbytes(bulk.values)
         ),
         "bulk residual": (lambda: bulk.residual(u, out), nbytes(bulk.values, bulk.columns, out) + out.nbytes),
         "matrix, all rows": (whole, 2 * nbytes(blocks) + nbytes(matrix._at, matrix._rows.columns)),

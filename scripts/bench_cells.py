@@ -57,7 +57,7 @@ def run(args):
             u.setArray((space.points[space.owned_local] * np.linspace(0.01, -0.02, dim)).ravel())
             residual, tangent = measure(bulk, u)
             count = sum(len(cells) for cells in space.cells)
-            size = sum(s.strain.nbytes + s.p.nbytes for s in getattr(bulk, "states", {}).values())
+            size = sum(s.values.nbytes for s in bulk.states.values())
             rows.append({
                 "cell": cell, "degree": degree, "kind": kind, "cells": count,
                 "residual_us": 1e6 * residual / count, "tangent_us": 1e6 * tangent / count, "bytes": size / count,

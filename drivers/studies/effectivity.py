@@ -49,7 +49,6 @@ from meshes import rings as ring_mesh
 from meshes.shells import shells, tubes
 from pcontact import build
 from pcontact.adapt.watch import at_nodes
-from pcontact.assembly.bulk import ElasticBulk
 from pcontact.assembly.error_norms import bulk_error
 from pcontact.mesh.refinement.refine import Balance, refine
 from pcontact.runtime.errors import InputError
@@ -183,7 +182,7 @@ def against_finer(simulation, scene, corners=False):
         difference.getArray().reshape(-1, space.dim)[:] -= field[space.mesh_nodes[space.owned_local]]
         difference.assemble()
         forces = np.zeros((space.n_owned, space.dim))
-        ElasticBulk.residual(fine.problem.items[0], difference, forces)
+        fine.problem.items[0].elastic_forces(difference, forces)
         own_work = float(np.vdot(forces, difference.getArray(readonly=True)))
         return float(np.sqrt(fine.comm.allreduce(own_work, op=MPI.SUM)))
 

@@ -67,8 +67,8 @@ def _centres(space, number):
 
 
 def _rest(law, centres):
-    """What the stiffness of an orthotropic law differs by at the centres of cells (k, 6, 6); k = 0 without a law."""
-    if law is None:
+    """What the stiffness of a law differs by at the centres of cells (k, 6, 6); k = 0 without."""
+    if not law.anisotropic:
         return np.zeros((0, 6, 6))
     some = centres.table[:1] if law.uniform else centres.table
     deviation = law.deviation(np.einsum("a,cad->cd", centres.geo, centres.places[some]))
@@ -82,7 +82,7 @@ def distortions(bulk, u, held):
 
     Parameters
     ----------
-    bulk : pcontact.assembly.bulk.ElasticBulk
+    bulk : pcontact.assembly.solid.Solid
         Bodies without stiffness in it are left out: another item has them.
     u : PETSc.Vec
     held : ndarray (n_components,) of bool
@@ -101,9 +101,8 @@ def distortions(bulk, u, held):
         lam, mu = bulk.constants[block.body]
         if mu == 0.0:
             continue
-        state, centres, worst = bulk.states.get(number), _centres(space, number), np.zeros(2)
-        limit = np.inf if state is None else RADIUS * state.material.curve[0, 1] / (2.0 * mu)
-        stiffness = Stiffness(lam, mu, limit, _rest(bulk.orthotropic.get(block.body), centres))
+        material, centres, worst = bulk.materials[block.body], _centres(space, number), np.zeros(2)
+        stiffness = Stiffness(lam, mu, RADIUS * material.limit / (2.0 * mu), _rest(material, centres))
         moved = bulk.moved(nodal, number)
         add_distortion(centres, moved, stiffness, held[block.components], sums[block.body], worst)
         if worst[0] >= 0.0:

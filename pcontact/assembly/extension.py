@@ -7,7 +7,6 @@ mesh has them.
 
 import numpy as np
 
-from pcontact.assembly.bulk import ElasticBulk
 from pcontact.assembly.matrix import GlobalMatrix
 from pcontact.runtime.petsc import PETSc
 
@@ -47,7 +46,7 @@ def extend(problem, values, fresh, time):
     bulk = getattr(problem.bulk, "small", problem.bulk)
     forces = np.zeros_like(values)
     vector.setArray(values.ravel())
-    ElasticBulk.residual(bulk, vector, forces)
+    bulk.elastic_forces(vector, forces)
     forces[held] = 0.0
     if space.comm.allreduce(float(np.sum(forces**2))) > 0.0:
         values += _solved(space, bulk, fixed, -forces)

@@ -18,7 +18,8 @@ from pcontact.assembly.geometry import chunks, hoop, n_points, points_of
 from pcontact.assembly.graph import BlockRows, multiply, node_graph
 from pcontact.assembly.item import LAW, Bulk
 from pcontact.assembly.pattern import OwnedRows
-from pcontact.assembly.plastic import NO_RING, POINTS
+from pcontact.assembly.solid import POINTS
+from pcontact.assembly.strains import NO_RING
 from pcontact.element.dilatation import components, factors, linear
 from pcontact.material.hardening import yield_work
 from pcontact.runtime import log
@@ -239,7 +240,7 @@ class FiniteBulk(Bulk):
         return float(flowing / volume) if volume > 0.0 else 0.0
 
     def memory(self):
-        """Internal variables of the cells that have yielded, see :meth:`PlasticBulk.memory`."""
+        """Internal variables of the cells that have yielded, see :meth:`pcontact.assembly.solid.Solid.memory`."""
         tables = {}
         for number, part in self._own.items():
             rows = np.flatnonzero(part.p.any(axis=1))
@@ -284,7 +285,7 @@ class FiniteBulk(Bulk):
         Returns
         -------
         list of (ndarray (nc, 6), ndarray (nc,))
-            For each block; zero without finite strain. See :meth:`ElasticBulk.stress`.
+            For each block; zero without finite strain. See :meth:`pcontact.assembly.solid.Solid.stress`.
         """
         return [(stress, volume) for stress, _, volume in self._means(u)]
 

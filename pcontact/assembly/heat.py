@@ -13,10 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pcontact.assembly.bulk import ElasticBulk
 from pcontact.assembly.geometry import chunks, hoop, points_of, some_cells_weighted
-from pcontact.assembly.item import LAW
-from pcontact.assembly.plastic import PlasticBulk
 from pcontact.element.dilatation import components, dilatation, linear
 from pcontact.material.mandel import HALF
 from pcontact.material.orthotropic import traction_matrix
@@ -70,15 +67,10 @@ class Heat:
     ----------
     space : pcontact.space.space.Space
     heatings : list of Heating
-    moduli : list of float
-        beta of each body [stress / temperature]; 1 of an orthotropic body that expands.
-    bulk : list of float
-        Energy density of free expansion by dT is 1/2 (beta dT)^2 / bulk: bulk modulus, in plane stress that of the
-        plane [stress]; 1 / (alpha : C : alpha) of an orthotropic body.
+    materials : list of pcontact.material.elastic.Elastic
+        Of each body.
     source : str
         Name of the scene, for messages.
-    laws : dict of int to pcontact.material.orthotropic.Orthotropic
-        Of the orthotropic bodies.
 
     Attributes
     ----------
@@ -97,8 +89,8 @@ class Heat:
     The constructor is *Collective*.
     """
 
-    def __init__(self, space, heatings, moduli, bulk, source, laws):
-        self.space, self._heatings, self._moduli, self._bulk, self._laws = space, heatings, moduli, bulk, laws
+    def __init__(self, space, heatings, materials, source):
+        self.space, self._heatings, self._materials = space, heatings, materials
         self._time, self._traces, self.forces = None, [], np.zeros((space.n_owned, space.dim))
         self._which = [np.full(len(block.nodes), -1, dtype=np.int64) for block in space.mesh.blocks]
         self.means = self._no_means()
@@ -117,7 +109,7 @@ class Heat:
         for number, one in enumerate(heatings):
             if not isinstance(one.prescribed, Prescribed):
                 heatings[number] = one._replace(prescribed=one.prescribed([w == number for w in self._which]))
-        expands = any((which >= 0).any() and moduli[block.body]
+        expands = any((which >= 0).any() and materials[block.body].beta
                       for which, block in zip(self._which, space.mesh.blocks, strict=True))  # fmt: skip
         if not space.comm.allreduce(expands, op=MPI.LOR):
             agree(space.comm, f"{source}: {heatings[0].key}: found no cell of a material with expansion; allowed: "
@@ -133,7 +125,7 @@ class Heat:
             else:
                 values = one.prescribed.at(number, rows[own], points[own])
             out[own] = one.amplitude.factor(self._time) * (values.reshape(-1, points.shape[1]) - one.reference)
-        return self._moduli[self.space.mesh.blocks[number].body] * out
+        return self._material(number).beta * out
 
     def detect(self, time):
         """Take the temperatures of a time. *Collective.*"""
@@ -150,7 +142,10 @@ class Heat:
 
     def heated(self, number):
         """Whether a block has cells that are heated and expand."""
-        return bool((self._which[number] >= 0).any() and self._moduli[self.space.mesh.blocks[number].body])
+        return bool((self._which[number] >= 0).any() and self._material(number).beta)
+
+    def _material(self, number):
+        return self._materials[self.space.mesh.blocks[number].body]
 
     def _chunks(self):
         """Block, rows, gradients, weights, hoop operators and beta dT (nc, nq) of the chunks of heated cells."""
@@ -166,7 +161,8 @@ class Heat:
 
     def law(self, number):
         """The orthotropic law of a block, None where it is isotropic."""
-        return self._laws.get(self.space.mesh.blocks[number].body)
+        material = self._material(number)
+        return material if material.anisotropic else None
 
     def _no_means(self):
         return [np.zeros(len(which) if self.law(number) is None else (len(which), 6))
@@ -190,6 +186,14 @@ class Heat:
             np.add.at(local, space.cells[number][rows], np.einsum("cq,cq,cqad->cad", jxw, values, operator))
         return local, means
 
+    def take_off(self, stress, number):
+        """Take the means off the stresses (nc, 6) of the cells of a block."""
+        mean = self.means[number]
+        if mean.ndim > 1:
+            stress -= mean
+        else:
+            stress[:, : 2 if self.space.kinematics == "plane_stress" else 3] -= mean[:, None]
+
     def directions(self, number, rows, shape):
         """beta (nc, nq, m) of an orthotropic body at the points of cells, in Mandel components [stress/temperature]."""
         beta = self.law(number).thermal(points_of(self.space, number, rows).reshape(-1, self.space.dim))
@@ -205,7 +209,7 @@ class Heat:
         """What heated cells would store if they were kept from expanding [force * length]. *Collective.*"""
         own = 0.0
         for number, _, _, jxw, _, values in self._chunks():
-            own += 0.5 * np.sum(jxw * values**2) / self._bulk[self.space.mesh.blocks[number].body]
+            own += 0.5 * np.sum(jxw * values**2) / self._material(number).bulk
         return float(self.space.comm.allreduce(own, op=MPI.SUM))
 
     def trace(self, source, name):
@@ -299,62 +303,3 @@ class HeatTrace:
         """Take the temperatures that the heat has."""
         for number, rows, points, cells, x in self.parts:
             self.values[points] = heat.on_cells(number, rows, cells, x)[:, 0]
-
-
-class _Heated:
-    """What thermal strain adds to the item of all bodies.
-
-    Parameters
-    ----------
-    heat : Heat
-    others
-        Those of the item.
-    """
-
-    def __init__(self, heat, *others):
-        super().__init__(*others)
-        self.heat = heat
-
-    def detect(self, u, time, motion=0.0, ahead=None):
-        """The temperatures are those of the end of the load step. *Collective.*"""
-        self.heat.detect(time)
-
-    def residual(self, u, out, rule=LAW):
-        """Add the internal forces of the owned nodes to ``out`` (n_owned, d). *Collective.*"""
-        super().residual(u, out, rule)
-        out -= self.heat.forces
-
-    def add_magnitude(self, u, out):
-        """Add the sum of the absolute terms of :meth:`residual` to ``out`` (n_owned, d). *Collective.*"""
-        super().add_magnitude(u, out)
-        out += np.abs(self.heat.forces)
-
-    def energies(self, u):
-        """See :meth:`pcontact.assembly.item.Bulk.energies`: stored is 1/2 (eps - alpha dT) C (eps - alpha dT).
-        *Collective.*"""
-        stored, dissipated = super().energies(u)
-        own = float(np.sum(self.heat.forces * u.getArray(readonly=True).reshape(self.heat.forces.shape)))
-        return stored - self.space.comm.allreduce(own, op=MPI.SUM) + self.heat.energy(), dissipated
-
-    def stress(self, u):
-        """Mean stress and volume of every cell, see :meth:`ElasticBulk.stress`. *Collective.*"""
-        result = super().stress(u)
-        for (stress, _), mean in zip(result, self.heat.means, strict=True):
-            if mean.ndim > 1:
-                stress -= mean
-            else:
-                stress[:, : 2 if self.space.kinematics == "plane_stress" else 3] -= mean[:, None]
-        return result
-
-
-class HeatedElasticBulk(_Heated, ElasticBulk):
-    """Item of elastic bodies with thermal strain; parameters are a :class:`Heat` and those of :class:`ElasticBulk`."""
-
-
-class HeatedPlasticBulk(_Heated, PlasticBulk):
-    """The same of bodies that may yield."""
-
-    def predict(self, u, committed, out):
-        """Add the forces of bodies that go from the committed displacement to ``u`` without yielding. *Collective.*"""
-        super().predict(u, committed, out)
-        out -= self.heat.forces

@@ -302,7 +302,7 @@ class Bulk(Item):
         Whether bodies may yield.
     extrapolates : bool
         Whether a load step begins where the bodies are if they move on as they did: see :meth:`predict`.
-    states : dict of int to pcontact.assembly.plastic_kernels.PlasticState
+    states : dict of int to pcontact.assembly.solid.PointStates
         Internal variables, by block; empty where none may yield.
     parts : dict of int to pcontact.assembly.finite_kernels.FiniteState
         The same of blocks with finite strain.

@@ -2,12 +2,12 @@
 
 import numpy as np
 
-from pcontact.assembly.bulk import ElasticBulk
 from pcontact.assembly.deformation import deformation_fields, mean_gradients
 from pcontact.assembly.finite import FiniteBulk
 from pcontact.assembly.item import LAW, Bulk
 from pcontact.assembly.pattern import positions
-from pcontact.assembly.plastic import PlasticBulk
+from pcontact.assembly.solid import Solid
+from pcontact.material.elastic import Elastic
 
 
 class MixedBulk(Bulk):
@@ -16,16 +16,14 @@ class MixedBulk(Bulk):
     Parameters
     ----------
     space : pcontact.space.space.Space
-    constants : list of (float, float)
-        Lame constants of each body of the scene [stress], see :class:`ElasticBulk`.
-    small : list of (ndarray (3,), ndarray (k, 3)) or None
-        See :class:`PlasticBulk`; None for elastic bodies and those with finite strain.
+    laws : list of pcontact.material.elastic.Elastic
+        Of small strain, of each body of the scene.
     finite : list of pcontact.material.finite.FiniteMaterial or None
         See :class:`FiniteBulk`; None for bodies without finite strain.
 
     Attributes
     ----------
-    small : ElasticBulk or PlasticBulk
+    small : Solid
         In which bodies with finite strain have no stiffness.
     finite : FiniteBulk
 
@@ -36,11 +34,11 @@ class MixedBulk(Bulk):
 
     symmetric, extrapolates = False, True
 
-    def __init__(self, space, constants, small, finite):
-        self.space, self.constants = space, constants
-        own = [(0.0, 0.0) if other else pair for pair, other in zip(constants, finite, strict=True)]
-        self.small = PlasticBulk(space, own, small) if any(small) else ElasticBulk(space, own)
-        self.finite = FiniteBulk(space, constants, finite)
+    def __init__(self, space, laws, finite):
+        self.space, self.constants = space, [law.constants for law in laws]
+        nothing = Elastic(0.0, 0.0)
+        self.small = Solid(space, [nothing if other else law for law, other in zip(laws, finite, strict=True)])
+        self.finite = FiniteBulk(space, self.constants, finite)
         self.yields, self.states = self.small.yields or self.finite.yields, self.small.states
         self.parts, self.origins = self.finite.parts, {}
         self._place = positions(*self.finite.pattern(), *self.small.pattern())
@@ -89,7 +87,7 @@ class MixedBulk(Bulk):
         return {"points": sum(part.counters()["points"] for part in (self.small, self.finite)), "work": 0}
 
     def memory(self):
-        """Internal variables by block, see :meth:`PlasticBulk.memory`; blocks have one kind or the other."""
+        """Internal variables by block, see :meth:`pcontact.assembly.solid.Solid.memory`."""
         return {**self.small.memory(), **self.finite.memory()}
 
     def memory_keys(self):

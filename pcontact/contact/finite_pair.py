@@ -376,7 +376,7 @@ class FinitePair(ContactPair):
         return {**state, "gap": gap, "weight": self.source.jxw, "x": self.source.x}
 
 
-def finite_pair(space, bulk, contact, source, target, radius, floats=False, trace=None):
+def finite_pair(space, bulk, contact, source, target, radius, floats=False):
     """The pair of a contact between bodies of which some have finite strain. *Collective.*
 
     Parameters
@@ -392,7 +392,7 @@ def finite_pair(space, bulk, contact, source, target, radius, floats=False, trac
     law = contact_law(contact)
     method = method_of(space, contact, source)
     if method.has_traction:
-        traction = FiniteTraction(space, bulk, source, contact.source, trace)
+        traction = FiniteTraction(space, bulk, source, contact.source)
     else:
         traction = NoTraction(space, bulk, source, contact.source)
     kind = FiniteTerms if contact.pressure_overclosure is None else FiniteLayerTerms

@@ -28,9 +28,8 @@ from pcontact.contact.receding import MANY, MIXED, WIDE, still_closed, turned
 from pcontact.contact.search.partners import ObstacleSearch, TargetSearch
 from pcontact.contact.summary import borne
 from pcontact.contact.surface.obstacle import RigidObstacle
-from pcontact.contact.traction.elastic import ElasticTraction
-from pcontact.contact.traction.plastic import PlasticTraction
-from pcontact.contact.traction.target import TargetTraction
+from pcontact.contact.traction.small import Traction
+from pcontact.contact.traction.target import target_traction
 from pcontact.mesh.mesh import bounding_box
 from pcontact.runtime.parallel import take_rows, together
 from pcontact.runtime.petsc import MPI
@@ -699,7 +698,7 @@ def partner_search(space, contact, target, law):
     return TargetSearch(space, target, contact.search, contact.bilateral or law.tied)
 
 
-def contact_pair(space, contact, source, target, radius, floats=False, trace=None, law=None):
+def contact_pair(space, contact, source, target, radius, floats=False, bulk=None, law=None):
     """The pair of a contact in its formulation. *Collective.*
 
     Parameters
@@ -713,9 +712,8 @@ def contact_pair(space, contact, source, target, radius, floats=False, trace=Non
         Search radius [length].
     floats : bool
         Whether a body of the pair is not held by supports.
-    trace : PlasticTrace or TargetTraction, optional
-        Where cells of the source may yield; where the traction is the weighted one of both sides (see
-        `pcontact.contact.traction`).
+    bulk : pcontact.assembly.item.Bulk, optional
+        Has the materials of both sides; isotropic elasticity of the source alone without.
     law : pcontact.contact.law.Frictionless, optional
         Another law than the contact's.
 
@@ -726,11 +724,10 @@ def contact_pair(space, contact, source, target, radius, floats=False, trace=Non
     law = contact_law(contact) if law is None else law
     method = method_of(space, contact, source)
     source = method.source(source)
-    both = trace if isinstance(trace, TargetTraction) else None
-    if trace is both or not method.has_traction:
-        traction = ElasticTraction(source)
-    else:
-        traction = PlasticTraction(source, trace, method.theta != 0.0 and contact.adjoint == "consistent")
+    traction, both = Traction(source), None
+    if bulk is not None and method.has_traction:
+        traction.of_materials(space, bulk, contact.source, method.theta, contact.adjoint == "consistent")
+        both = target_traction(space, bulk, contact)
     kind = SmallTerms if contact.pressure_overclosure is None else LayerTerms
     terms = kind(space, source, method, traction, law, both)
     return ContactPair(space, contact, source, partner_search(space, contact, target, law), terms, radius, floats)

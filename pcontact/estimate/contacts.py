@@ -3,9 +3,8 @@
 import numpy as np
 
 from pcontact.assembly.item import LAW
-from pcontact.assembly.plastic import NO_RING
-from pcontact.assembly.plastic_kernels import CellPoints
-from pcontact.contact.traction.orthotropic import traction_rows
+from pcontact.assembly.strains import cell_points
+from pcontact.contact.traction.small import FacetPoints, traction_rows
 from pcontact.element.dilatation import factors
 from pcontact.element.shape import shape, shape_gradient
 from pcontact.estimate.bubbles import bubbles
@@ -104,11 +103,12 @@ class ContactResiduals:
             work[:, :, 0] += (lam * dot / radius)[:, None] * values
         law = self._bulk.orthotropic.get(block.body)
         if law is not None:
-            ring = (values / radius[:, None])[:, None] if self._space.axisymmetric else NO_RING
+            ring = (values / radius[:, None])[:, None] if self._space.axisymmetric else None
             at = np.einsum("na,nad->nd", shape(block.cell, geometry_degree, points.xi), x)
             rows = np.empty((*slopes.shape, slopes.shape[2]))
-            some = CellPoints(np.zeros((0, 0), np.int64), np.ascontiguousarray(slopes[:, None]), ring)
-            traction_rows(some, law.deviation(at[:1] if law.uniform else at), traction_matrix(normal), rows)
+            some = cell_points(np.zeros((0, 0), np.int64), np.ascontiguousarray(slopes[:, None]), ring)
+            alone = FacetPoints(np.arange(len(at)), np.arange(len(at)), np.ones((len(at), 1)))
+            traction_rows(some, law.deviation(at), alone, traction_matrix(normal), rows)
             work += np.einsum("ni,nbij->nbj", vector, rows)
         return work
 

@@ -29,7 +29,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pcontact.assembly.bulk import ElasticBulk
 from pcontact.estimate.around import AroundVertices
 from pcontact.estimate.bubbles import number_of
 from pcontact.estimate.contacts import ContactResiduals
@@ -309,7 +308,7 @@ class Estimator:
     def norm(self, v):
         """Energy norm of a displacement, that of elasticity. *Collective.*"""
         out = np.zeros((self.space.n_owned, self.space.dim))
-        ElasticBulk.residual(self._bulk, v, out)
+        self._bulk.elastic_forces(v, out)
         return self._root(v, out)
 
     def _root(self, u, out):

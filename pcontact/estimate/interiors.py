@@ -165,8 +165,7 @@ class Interiors:
         law = self._bulk.orthotropic.get(block.body)
         if law is None:
             return NO_REST
-        points = points.reshape(-1, points.shape[2])
-        return law.deviation(points[:1] if law.uniform else points)
+        return law.deviation(points.reshape(-1, points.shape[2]))
 
     def _body_force(self, number, rows, points, time, loads, displacement):
         """Force density at points (n, nq, d) of some of a block's cells, None where there is none in the block, at a

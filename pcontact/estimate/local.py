@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pcontact.assembly.plastic_kernels import fill_operator, pull, square
+from pcontact.assembly.strains import fill_operator, pull, square
 from pcontact.runtime.jit import njit
 
 

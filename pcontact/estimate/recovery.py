@@ -48,7 +48,7 @@ class Recovery:
 
         Parameters
         ----------
-        bulk : pcontact.assembly.bulk.ElasticBulk
+        bulk : pcontact.assembly.solid.Solid
         nodal : ndarray (n_local, d)
         found : dict, optional
             See :class:`pcontact.estimate.stress.BlockStress`.

@@ -5,9 +5,8 @@ from functools import cache
 import numpy as np
 
 from pcontact.assembly.geometry import rule_degree, some_cells
-from pcontact.assembly.plastic import NO_RING
-from pcontact.assembly.plastic_kernels import CellPoints, excess_at
-from pcontact.contact.traction.plastic import extrapolation
+from pcontact.assembly.strains import cell_points
+from pcontact.contact.traction.small import extrapolation
 from pcontact.element.dilatation import Mean, factors, hoop_operator, mean_dilatation
 from pcontact.element.reference import n_nodes
 from pcontact.element.shape import shape
@@ -48,7 +47,7 @@ class BlockStress:
     Parameters
     ----------
     space : pcontact.space.space.Space
-    bulk : pcontact.assembly.bulk.ElasticBulk
+    bulk : pcontact.assembly.solid.Solid
         After the load step has been committed: cells that yield do so in the state at its end.
     number : int
         Block.
@@ -196,11 +195,8 @@ def mandel(slope, ring, m):
 def _excess(space, state, number, rows, nodal):
     """Excess (nc, nq, m) over elasticity at the bulk's own points, and these points (nq, d)."""
     grad, ring, xi = some_cells(space, number, rows)
-    ring = NO_RING if ring is None else np.ascontiguousarray(ring)
-    state, m = state.of(rows), state.strain.shape[2]
-    excess = np.zeros(state.strain.shape)
-    excess_at(CellPoints(space.cells[number][rows], grad, ring), state, nodal, False, excess, np.zeros((0, 0, m, m)))
-    return excess, xi
+    found = state.stress(rows, cell_points(space.cells[number][rows], grad, ring), nodal)
+    return found.excess.reshape(*grad.shape[:2], -1), xi
 
 
 def _add_excess(excess, stress, around):

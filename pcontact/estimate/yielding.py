@@ -14,10 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pcontact.assembly.geometry import some_cells
-from pcontact.assembly.plastic import NO_RING
-from pcontact.assembly.plastic_kernels import CellPoints, PlasticState, excess_at
-from pcontact.estimate.stress import mandel
-from pcontact.material.mandel import add_elastic_tangent
+from pcontact.assembly.strains import cell_points, strains
 
 
 class Softening(NamedTuple):
@@ -44,7 +41,7 @@ def softening(space, bulk, number, rows, nodal, xi):
     Parameters
     ----------
     space : pcontact.space.space.Space
-    bulk : pcontact.assembly.bulk.ElasticBulk
+    bulk : pcontact.assembly.solid.Solid
         After the load step has been committed.
     number : int
         Block.
@@ -64,34 +61,15 @@ def softening(space, bulk, number, rows, nodal, xi):
         return Softening(np.zeros((len(nodes), 1)), np.zeros((0, 0)), np.zeros(len(xi), dtype=np.int64))
     cells = np.arange(len(space.cells[number]))[rows][some]
     grad, ring, points = some_cells(space, number, cells)
-    ring = NO_RING if ring is None else np.ascontiguousarray(ring)
-    nq, m = state.strain.shape[1:]
-    virgin = PlasticState(state.material, np.zeros((len(some), nq, m)), np.zeros((len(some), nq)))
-    excess, moduli = np.zeros(virgin.strain.shape), _moduli(state.material, m)
-    places = CellPoints(np.ascontiguousarray(nodes[some]), grad, ring)
-    excess_at(places, virgin, nodal, False, excess, np.zeros((0, 0, m, m)))
-    strain = _strains(nodal[nodes[some]], grad, ring, m)
+    places, shape = cell_points(np.ascontiguousarray(nodes[some]), grad, ring), grad.shape[:2]
+    excess, moduli = state.stress(cells, places, nodal, virgin=True).excess, state.material.moduli()
+    strain = strains(places, nodal)
     # the excess of a virgin point is along the strain: what is taken away is a part of the work of the strain
-    work = np.einsum("cqm,mn,cqn->cq", strain, moduli, strain)
-    part = np.zeros((len(nodes), nq))
-    part[some] = -np.einsum("cqm,cqm->cq", excess, strain) / np.where(work > 0.0, work, 1.0)
+    work = np.einsum("nk,kl,nl->n", strain, moduli, strain)
+    part = np.zeros((len(nodes), shape[1]))
+    part[some] = (-np.einsum("nk,nk->n", excess, strain) / np.where(work > 0.0, work, 1.0)).reshape(shape)
     near = np.argmin(np.sum((xi[:, None] - points[None]) ** 2, axis=2), axis=1)
     return Softening(part, moduli, near)
-
-
-def _moduli(material, m):
-    """Moduli (m, m) of the strain that flow changes: of the deviator, in plane stress of all in the plane."""
-    moduli = np.zeros((m, m))
-    add_elastic_tangent(material.constants, material.plane_stress, moduli)
-    if not material.plane_stress:
-        moduli[:3, :3] = 2.0 * material.constants[1] * (np.eye(3) - 1.0 / 3.0)
-    return moduli
-
-
-def _strains(u, grad, ring, m):
-    """Mandel strains (nc, nq, m) of displacements (nc, nn, d)."""
-    around = np.einsum("cqa,ca->cq", ring, u[:, :, 0]) if ring.shape[0] else None
-    return mandel(np.einsum("cai,cqaj->cqij", u, grad), around, m)
 
 
 def mean_flow(blocks, bulk):

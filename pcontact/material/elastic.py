@@ -1,4 +1,17 @@
-"""Isotropic linear elasticity: constants and the stress of a displacement gradient."""
+"""Isotropic linear elasticity: constants, the stress of a displacement gradient, and what every material says.
+
+A *material* of small strain is an :class:`Elastic`, or derived from it. Its stress has up to four parts:
+
+    sigma = C_iso : eps  +  C_dev : eps  +  excess(eps, state)  -  beta dT
+
+C_iso is isotropic, its constants are :attr:`Elastic.constants`: they give scales, too, and a mean dilatation is one of
+this part. C_dev is linear (:meth:`Elastic.deviation`), both are integrated once. The excess is all that is not linear
+in the strain, of laws that say :attr:`Elastic.nonlinear`: it is integrated anew for every displacement, and has
+internal variables. The last part is what keeps a heated body from expanding. Components are those of
+`pcontact.material.mandel`.
+"""
+
+from typing import NamedTuple
 
 import numpy as np
 
@@ -24,6 +37,93 @@ def in_plane(lam, mu, kinematics):
     kinematics keep the constants.
     """
     return (2.0 * lam * mu / (lam + 2.0 * mu), mu) if kinematics == "plane_stress" else (lam, mu)
+
+
+class Moment(NamedTuple):
+    """What a law may depend on besides strain and state.
+
+    Attributes
+    ----------
+    step : float
+        Increment of the load step [time]; 0 where the state is that at its end.
+    heat : ndarray (n,) or None
+        How far the temperature of the points is from that without thermal strain; None where nothing heats them.
+    temperature : ndarray (n,) or None
+    """
+
+    step: float = 0.0
+    heat: np.ndarray | None = None
+    temperature: np.ndarray | None = None
+
+
+NOW = Moment()
+
+
+class Response(NamedTuple):
+    """What points add to linear elasticity.
+
+    Attributes
+    ----------
+    excess : ndarray (n, m)
+        Stress [stress].
+    tangent : ndarray (n, m, m)
+        Its derivative by the strain, symmetric; (0, m, m) where it was not wanted.
+    active : ndarray (n,)
+        STILL: neither of them, both are zero; LOADED: the stress alone; FLOWS: both.
+    """
+
+    excess: np.ndarray
+    tangent: np.ndarray
+    active: np.ndarray
+
+
+STILL, LOADED, FLOWS = 0, 1, 2
+
+
+class Elastic:
+    """Isotropic linear elasticity of small strain.
+
+    Parameters
+    ----------
+    lam, mu : float
+        Lame constants [stress].
+    kinematics : str
+        "plane_strain" in space.
+    expansion : float
+        Thermal [1/temperature].
+
+    Attributes
+    ----------
+    constants : (float, float)
+        Lame constants of C_iso, in plane stress those of the plane [stress].
+    nonlinear : bool
+        Whether there is an excess.
+    anisotropic, uniform : bool
+        Whether there is a C_dev, and whether it is the same everywhere.
+    width : int
+        Numbers that a point has as internal variables.
+    limit : float
+        Equivalent stress of the first yield [stress].
+    beta : float
+        Stress per temperature that keeps the body from expanding, a multiple of the identity; of a law with
+        :meth:`thermal` it is 1 where that is not zero.
+    bulk : float
+        Energy density of free expansion by dT is 1/2 (beta dT)^2 / bulk [stress].
+    """
+
+    nonlinear, anisotropic, uniform, width, limit = False, False, True, 0, np.inf
+
+    def __init__(self, lam, mu, kinematics="plane_strain", expansion=0.0):
+        self.constants, self.plane_stress = in_plane(lam, mu, kinematics), kinematics == "plane_stress"
+        # in plane stress the third direction is free to expand
+        normal = 2.0 if self.plane_stress else 3.0
+        self.bulk = self.constants[0] + 2.0 / normal * self.constants[1]
+        self.expansion, self.beta = expansion, normal * self.bulk * expansion
+
+    def deviation(self, x):
+        """C_dev (k, m, m) [stress] at points x (n, d): k = 0 without, 1 where it is uniform, else n."""
+        m = 6 if x.shape[1] == 3 else 4
+        return np.zeros((0, m, m))
 
 
 @njit

@@ -18,7 +18,7 @@ isotropic body, and C_dev is added where an orthotropic body is.
 
 import numpy as np
 
-from pcontact.material.elastic import in_plane
+from pcontact.material.elastic import Elastic
 from pcontact.material.mandel import HALF
 
 # index pairs of the Mandel components
@@ -105,7 +105,7 @@ def _isotropic(lam, mu, m, plane_stress):
     return out
 
 
-class Orthotropic:
+class Orthotropic(Elastic):
     """Orthotropic elasticity of a body in the directions of the mesh: x, y, z, or r, axis, hoop with axial symmetry.
 
     Parameters
@@ -126,27 +126,26 @@ class Orthotropic:
 
     Attributes
     ----------
-    constants : (float, float)
-        Lame constants of C_iso, in plane stress those of the plane [stress].
-    uniform : bool
-        Whether the stiffness is the same everywhere.
     size : int
         Number m of components.
     """
 
+    anisotropic = True
+
     def __init__(self, moduli, axes, dim, kinematics, around=None, expansion=None):
-        self._plane_stress, self.size = kinematics == "plane_stress", 6 if dim == 3 else 4
+        self.size = 6 if dim == 3 else 4
         self._around = None
         if around is not None:
             self._around = np.array(around[0], dtype=np.float64), np.array(around[1], dtype=np.float64)
             self._around[1][:] /= np.linalg.norm(self._around[1])
         matrix = turn(axes[None])[0]
         self._local = matrix @ moduli @ matrix.T
-        self.constants = in_plane(*nearest_isotropic(moduli), kinematics)
-        self._isotropic = _isotropic(*self.constants, self.size, self._plane_stress)
-        self._expansion = None
-        if expansion is not None:
+        super().__init__(*nearest_isotropic(moduli), kinematics)
+        self._isotropic = _isotropic(*self.constants, self.size, self.plane_stress)
+        self._expansion = np.zeros(6)
+        if expansion is not None and np.any(expansion):
             self._expansion = matrix @ np.array([*expansion, 0.0, 0.0, 0.0])
+            self.beta, self.bulk = 1.0, 1.0 / self._expansion_energy()
 
     @property
     def uniform(self):
@@ -175,7 +174,7 @@ class Orthotropic:
         if self.size == 6:
             return full
         plane = full[:, :4, :4].copy()
-        if self._plane_stress:
+        if self.plane_stress:
             plane -= plane[:, :, 2:3] * plane[:, 2:3, :] / plane[:, 2:3, 2:3]
             plane[:, 2, :] = plane[:, :, 2] = 0.0
         return plane
@@ -216,29 +215,19 @@ class Orthotropic:
         part, whole = (np.linalg.eigvalsh(one)[:, -1] for one in (across @ acoustic @ across, acoustic))
         return np.minimum(1.0, 4.0 * part / whole)
 
-    @property
-    def expands(self):
-        """Whether it has thermal expansion."""
-        return self._expansion is not None and bool(np.any(self._expansion))
-
-    @property
-    def expansion_energy(self):
+    def _expansion_energy(self):
         """Twice the energy per volume, and per temperature squared, of a body that is kept from expanding."""
         local = self._reduced(self._local[None])[0]
-        if not self._plane_stress:
-            return float(self._expansion @ self._local @ self._expansion)
-        return float(self._expansion[:4] @ local @ self._expansion[:4])
+        return float(self._expansion[: self.size] @ local @ self._expansion[: self.size])
 
     def thermal(self, x):
         """Stress (k, m) per temperature that keeps the body from expanding, C : alpha, at points x (n, d)."""
-        if self._expansion is None:
-            return np.zeros((1, self.size))
         stress = self._local @ self._expansion
         full = self._turned(x) @ stress
         if self.size == 6:
             return full
         plane = full[:, :4].copy()
-        if self._plane_stress:
+        if self.plane_stress:
             matrix = self._turned(x)
             across = (matrix @ self._local @ matrix.transpose(0, 2, 1))[:, :4, 2]
             plane -= across / across[:, 2:3] * plane[:, 2:3]

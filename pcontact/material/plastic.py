@@ -8,8 +8,9 @@ with R, x, p and beta as in :mod:`pcontact.material.hardening`.
 
 Components are those of :mod:`pcontact.material.mandel`: m = 6 in 3D, 4 in 2D.
 
-A material is a :class:`VonMises`. The state of a point is its plastic strain (m,), deviatoric, and the equivalent
-plastic strain p, accumulated; both begin at 0.
+A material is a :class:`Plastic`; kernels need of it a :class:`VonMises`. The state of a point is its plastic strain
+(m,), deviatoric, and the equivalent plastic strain p, accumulated; both begin at 0. Flow is a matter of the deviator,
+which thermal strain does not change but in plane stress.
 
 The kernels give the **excess** over linear elasticity, sigma - C_e : eps, and its derivative: elastic stiffness is
 integrated once for all cells, and what is added to it has no rounding error where nothing ever yielded. In plane stress
@@ -27,9 +28,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pcontact.material.hardening import RADIUS, flow_length, yield_radius
-from pcontact.material.mandel import HALF, add_diagonal, moduli_of, to_axes
-from pcontact.runtime.jit import njit_inline, njit_inner_exact
+from pcontact.material.elastic import FLOWS, LOADED, NOW, Elastic, Response
+from pcontact.material.hardening import RADIUS, flow_length, yield_radius, yield_work
+from pcontact.material.mandel import HALF, add_diagonal, add_elastic_tangent, moduli_of, to_axes
+from pcontact.runtime.jit import njit, njit_inline, njit_inner_exact
 
 # A state that was brought back to the yield surface is found there again up to this many times the rounding error of
 # the trial stress: it has to count as elastic, whatever the last digits are.
@@ -367,3 +369,122 @@ def thickness_strain(constants, strain, plastic_strain):
     lam, shear, _ = moduli_of(constants, False)
     elastic = strain[0] + strain[1] - plastic_strain[0] - plastic_strain[1]
     return plastic_strain[2] - lam / (lam + shear) * elastic
+
+
+@njit
+def respond(law, strain, state, excess, tangent, active):
+    """Excess of points, and its derivative unless ``tangent`` has the length 0.
+
+    Parameters
+    ----------
+    law : VonMises
+    strain : ndarray (n, m)
+    state : ndarray (n, m + 1)
+        Plastic strain and equivalent plastic strain.
+    excess, tangent, active : ndarray
+        Zeros; written where points have them, see `pcontact.material.elastic.Response`.
+    """
+    m, wanted = strain.shape[1], len(tangent) > 0
+    work, unused = np.zeros(m), np.zeros((m, m))
+    for k in range(len(strain)):
+        plastic, p = state[k, :m], state[k, m]
+        if p == 0.0 and not flows(law, strain[k], plastic, 0.0, work):
+            continue
+        _, yields = return_map(
+            law, strain[k], plastic, p, wanted, work, excess[k], tangent[k] if wanted else unused
+        )
+        active[k] = FLOWS if yields else LOADED
+
+
+@njit
+def advance(law, strain, state):
+    """Let the state (n, m + 1) of points, in place, follow the strain (n, m)."""
+    m = strain.shape[1]
+    excess, work, tangent = np.zeros(m), np.zeros(m), np.zeros((m, m))
+    for k in range(len(strain)):
+        plastic = state[k, :m]
+        if flows(law, strain[k], plastic, state[k, m], work):
+            state[k, m], _ = return_map(law, strain[k], plastic, state[k, m], False, plastic, excess, tangent)
+
+
+@njit
+def bend(law, strain, state, weight, second, active):
+    """:func:`second_derivative` of points with weights (n, m) into ``second`` (n, m, m), where they flow."""
+    m = strain.shape[1]
+    work = np.zeros((2, m))
+    for k in range(len(strain)):
+        if second_derivative(law, strain[k], state[k, :m], state[k, m], weight[k], work, second[k]):
+            active[k] = FLOWS
+
+
+class Plastic(Elastic):
+    """Von Mises plasticity.
+
+    Parameters
+    ----------
+    lam, mu : float
+        Lame constants [stress].
+    curve : ndarray (k, 3)
+        Isotropic hardening, see `pcontact.material.hardening`.
+    kinematic_hardening : float
+        Prager's Hk [stress].
+    dim : int
+    kinematics, expansion
+        See `pcontact.material.elastic.Elastic`.
+
+    Attributes
+    ----------
+    law : VonMises
+    """
+
+    nonlinear = symmetric = True
+
+    def __init__(self, lam, mu, curve, kinematic_hardening=0.0, dim=3, kinematics="plane_strain", expansion=0.0):
+        super().__init__(lam, mu, kinematics, expansion)
+        self.law = VonMises(plastic_constants(lam, mu, kinematic_hardening), curve, self.plane_stress)
+        self.size, self.limit = 6 if dim == 3 else 4, float(curve[0, 1])
+        self.width = self.size + 1
+
+    def stress(self, strain, state, moment=NOW, tangent=False):
+        """A `Response` of points to a strain (n, m), from a committed state (n, m + 1)."""
+        n, m = strain.shape
+        found = Response(np.zeros((n, m)), np.zeros((n if tangent else 0, m, m)), np.zeros(n, dtype=np.int8))
+        respond(self.law, strain, state, *found)
+        return found
+
+    def commit(self, strain, state, moment=NOW):
+        """Let a state, in place, follow the strain."""
+        advance(self.law, strain, state)
+
+    def curvature(self, strain, state, weight):
+        """Second derivatives (n, m, m) of weights (n, m) times the stress, and where they are not zero, as `active`."""
+        second, active = np.zeros((*strain.shape, strain.shape[1])), np.zeros(len(strain), dtype=np.int8)
+        bend(self.law, strain, state, weight, second, active)
+        return second, active
+
+    def flow(self, state):
+        """Equivalent plastic strain of states (..., width), a view."""
+        return state[..., self.size]
+
+    def energies(self, strain, state, excess):
+        """What points store beyond 1/2 eps C_e eps at a committed state, and what they have dissipated (n,) [stress].
+
+        Stored are 1/2 eps_e C_e eps_e and what Prager's back stress stores, 1/2 (2/3 Hk) eps_p eps_p; dissipated is the
+        integral of the yield stress over the equivalent plastic strain. With the excess s = -C_e eps_p the first is
+        1/2 eps C_e eps + eps s - 1/2 eps_p s.
+        """
+        plastic, across = state[:, : self.size], state[:, : self.size].copy()
+        if self.plane_stress:
+            # plastic flow keeps the volume
+            across[:, 2] = -across[:, 0] - across[:, 1]
+        back = moduli_of(self.law.constants, False)[2]
+        stored = 0.5 * back * np.sum(across**2, axis=1) + np.sum((strain - 0.5 * plastic) * excess, axis=1)
+        return stored, yield_work(self.law.curve, self.flow(state))
+
+    def moduli(self):
+        """Moduli (m, m) of the strain that flow changes: of the deviator, in plane stress of all in the plane."""
+        moduli = np.zeros((self.size, self.size))
+        add_elastic_tangent(self.law.constants, self.plane_stress, moduli)
+        if not self.plane_stress:
+            moduli[:3, :3] = 2.0 * self.law.constants[1] * (np.eye(3) - 1.0 / 3.0)
+        return moduli

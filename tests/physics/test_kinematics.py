@@ -7,7 +7,6 @@ from drivers.cases.hertz import fit
 from meshes.blocks import one_block, two_blocks
 from meshes.hertz import cylinders, two_balls
 from meshes.rings import rings
-from pcontact.assembly.bulk import ElasticBulk
 from pcontact.assembly.error_norms import bulk_error
 from pcontact.contact.law import Frictionless, RowLaw
 from pcontact.contact.pair import contact_pair
@@ -25,7 +24,7 @@ from pcontact.space.space import Space
 from tests.support.kinematics import DIRECT, INNER, NU, OUTER, PRESSURE, E, cylinder, mesh, nodal, solved, strip
 from tests.support.pairs import STEPS, check_taylor, motion, pair, residual_of
 from tests.support.pairs import bodies as friction_between
-from tests.support.small import DIMENSION, SELF, blocks_file, dense_item, make_space, vector_of
+from tests.support.small import DIMENSION, SELF, blocks_file, dense_item, elastic_solid, make_space, vector_of
 
 WORLD = MPI.COMM_WORLD
 THETAS = [1.0, 0.0, -1.0]
@@ -307,7 +306,7 @@ def lowest(space, theta, gamma0, law):
     item.detect(zero, 1.0)
     free = np.ones((space.n_owned, 2), dtype=bool)
     free[:, 0] = ~space.on_axis()[space.owned_local]
-    k = dense_item(ElasticBulk(space, constants), zero) + dense_item(item, zero)
+    k = dense_item(elastic_solid(space, constants), zero) + dense_item(item, zero)
     k = k[np.ix_(free.ravel(), free.ravel())]
     eigenvalues = np.linalg.eigvalsh(0.5 * (k + k.T))
     return eigenvalues[0] / eigenvalues[-1]
@@ -370,7 +369,7 @@ def test_energy_of_a_uniform_strain(tmp_path, cell, degree):
     path = one_block(tmp_path / "b.msh", 2, 2, cell, lower=(0.5, 0.0))
     space = Space(make_space(SELF, path, ["block"], degree).mesh, degree, "axisymmetric")
     lam, mu = lame(5.0, 0.3)
-    bulk, e, k = ElasticBulk(space, [(lam, mu)]), 0.02, -0.05
+    bulk, e, k = elastic_solid(space, [(lam, mu)]), 0.02, -0.05
     u = space.points[space.owned_local] * [e, k]
     force = residual_of(bulk, u)
     volume = np.pi * (1.5**2 - 0.5**2)

@@ -7,7 +7,6 @@ from drivers._common import running
 from drivers.studies._extreme_shapes import wave
 from drivers.studies._robust_scenes import squeezed_ring
 from meshes.blocks import one_block, two_blocks
-from pcontact.assembly.bulk import ElasticBulk
 from pcontact.assembly.error_norms import bulk_error
 from pcontact.assembly.geometry import bulk_degree
 from pcontact.contact.law import Frictionless, RowLaw
@@ -35,6 +34,7 @@ from tests.support.small import (
     block_file,
     blocks_file,
     dense_item,
+    elastic_solid,
     make_space,
     numpy_gradients,
     vector_of,
@@ -146,8 +146,8 @@ def test_stiffness(spaces):
     lam, mu = 3.0, 2.0
     own = -2.0 / 3.0 * mu if plain.degree == 1 else 0.0
     k = {
-        "mean": dense_item(ElasticBulk(averaged, [(lam, mu)]), plain.vector()),
-        "shear": dense_item(ElasticBulk(plain, [(own, mu)]), plain.vector()),
+        "mean": dense_item(elastic_solid(averaged, [(lam, mu)]), plain.vector()),
+        "shear": dense_item(elastic_solid(plain, [(own, mu)]), plain.vector()),
     }
     difference = k["mean"] - k["shear"]
     np.testing.assert_allclose(difference, difference.T, atol=1e-12)
@@ -156,7 +156,7 @@ def test_stiffness(spaces):
     size = modes(averaged, np.zeros((1, plain.dim))).shape[1]
     assert 0 < np.sum(values > 1e-9) <= size * cells and values[0] > -1e-10
     x = plain.points[plain.owned_local]
-    volume = sum(v.sum() for _, v in ElasticBulk(plain, [(lam, mu)]).stress(plain.vector()))
+    volume = sum(v.sum() for _, v in elastic_solid(plain, [(lam, mu)]).stress(plain.vector()))
     blow = x.ravel() @ difference @ x.ravel()
     assert blow == pytest.approx((lam - own) * plain.dim**2 * volume, rel=1e-12)
     # any other displacement, against least squares in every cell
@@ -177,7 +177,7 @@ def test_uniform_strain_is_the_same(spaces):
     u = vector_of(plain, plain.points[plain.owned_local] @ rng.normal(size=(d, d)))
     results = []
     for space in (plain, averaged):
-        bulk, out = ElasticBulk(space, [(3.0, 2.0)]), np.zeros((space.n_owned, d))
+        bulk, out = elastic_solid(space, [(3.0, 2.0)]), np.zeros((space.n_owned, d))
         bulk.residual(u, out)
         results.append((out, bulk.stress(u)[0][0]))
     for one, other in zip(*results, strict=True):
@@ -186,7 +186,7 @@ def test_uniform_strain_is_the_same(spaces):
 
 def test_only_rigid_modes_cost_nothing(spaces):
     _, averaged = spaces
-    values = np.linalg.eigvalsh(dense_item(ElasticBulk(averaged, [lame(1.0, SOFT)]), averaged.vector()))
+    values = np.linalg.eigvalsh(dense_item(elastic_solid(averaged, [lame(1.0, SOFT)]), averaged.vector()))
     n = 3 if averaged.dim == 2 else 6
     assert np.abs(values[:n]).max() < 1e-12 * values[-1] and values[n] > 1e-7 * values[-1]
 
@@ -222,7 +222,7 @@ def lowest(space, theta, gamma0, law, nu):
     item = contact_pair(space, contact, source, rigid, 1.0, law=law)
     zero = space.vector()
     item.detect(zero, 1.0)
-    k = dense_item(ElasticBulk(space, constants), zero) + dense_item(item, zero)
+    k = dense_item(elastic_solid(space, constants), zero) + dense_item(item, zero)
     eigenvalues = np.linalg.eigvalsh(0.5 * (k + k.T))
     return eigenvalues[0] / eigenvalues[-1]
 

@@ -8,10 +8,9 @@ import pytest
 from meshes.beam import beam
 from meshes.blocks import one_block, two_blocks
 from pcontact import build
-from pcontact.assembly.bulk import ElasticBulk
 from pcontact.assembly.finite import FiniteBulk
 from pcontact.assembly.mixed import MixedBulk
-from pcontact.assembly.plastic import PlasticBulk
+from pcontact.assembly.solid import Solid
 from pcontact.contact.finite_pair import FinitePair
 from pcontact.contact.pair import ContactPair
 from pcontact.io.result import load_result
@@ -98,23 +97,23 @@ def two(path, lower, upper, **more):
 
 
 @pytest.mark.parametrize(
-    "lower, upper, kind, small",
+    "lower, upper, kind, yields",
     [
-        (("elastic", "small"), ("elastic", "small"), ElasticBulk, None),
-        (("elastic", "small"), ("metal", "small"), PlasticBulk, None),
-        (("elastic", "finite"), ("metal", "finite"), FiniteBulk, None),
-        (("elastic", "small"), ("metal", "finite"), MixedBulk, ElasticBulk),
-        (("elastic", "finite"), ("metal", "small"), MixedBulk, PlasticBulk),
+        (("elastic", "small"), ("elastic", "small"), Solid, False),
+        (("elastic", "small"), ("metal", "small"), Solid, True),
+        (("elastic", "finite"), ("metal", "finite"), FiniteBulk, True),
+        (("elastic", "small"), ("metal", "finite"), MixedBulk, False),
+        (("elastic", "finite"), ("metal", "small"), MixedBulk, True),
     ],
 )
-def test_items(tmp_path, lower, upper, kind, small):
+def test_items(tmp_path, lower, upper, kind, yields):
     """Scenes without finite strain have the items that they had; each body has one that knows its strain."""
     path = two_blocks(tmp_path / "blocks.msh", 2, 1, 1, "quadrilateral")
     simulation = Simulation(two(path, lower, upper), MPI.COMM_SELF)
     try:
         bulk = simulation.problem.bulk
-        assert type(bulk) is kind and (small is None or type(bulk.small) is small)
-        assert simulation.newton.solver["krylov"] == ("cg" if kind in (ElasticBulk, PlasticBulk) else "gmres")
+        assert type(bulk) is kind and getattr(bulk, "small", bulk).yields == yields
+        assert simulation.newton.solver["krylov"] == ("cg" if kind is Solid else "gmres")
     finally:
         simulation.close()
 

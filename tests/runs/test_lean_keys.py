@@ -22,9 +22,9 @@ from tests.support.lean import FEATURES, KEYS, scene
 
 # modules of the kernels that a plain run calls, and what its report says of a load step
 KERNELS = {
-    "averages", "bulk", "complete", "components", "curve", "distortion_kernels", "elastic", "facet_maps",
-    "frictionless_kernels", "geometry", "graph", "groups", "matrix", "nearest", "outer", "points", "slices", "trace",
-    "tree", "unjoined",
+    "averages", "complete", "components", "curve", "distortion_kernels", "elastic", "facet_maps",
+    "frictionless_kernels", "geometry", "graph", "groups", "matrix", "nearest", "outer", "points", "slices",
+    "small", "solid", "trace", "tree", "unjoined",
 }  # fmt: skip
 SECTIONS = {
     "time", "newton", "krylov", "krylov_most", "cutbacks", "reactions", "contacts", "probes", "plastic", "small_strain",
@@ -148,7 +148,7 @@ def test_objects_of_a_plain_run(mesh):
     try:
         assert simulation.run(folder)
         kernels = {name.partition(".")[0] for name in CALLS - before}
-        assert [type(item).__name__ for item in simulation.problem.items] == ["ElasticBulk", "ContactPair"]
+        assert [type(item).__name__ for item in simulation.problem.items] == ["Solid", "ContactPair"]
     finally:
         simulation.close()
     report = json.loads((folder / "report.json").read_text())

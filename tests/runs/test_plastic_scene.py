@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from pcontact import build
-from pcontact.assembly.bulk import ElasticBulk
+from pcontact.assembly.solid import Solid
 from pcontact.io.observers import Terminal
 from pcontact.io.result import load_result
 from pcontact.io.smooth import NodeMeans
@@ -192,8 +192,8 @@ def stub_of(monkeypatch):
     def plastic_strain(bulk):
         return [1e-3 * np.asarray(block.ids, dtype=float) for block in bulk.space.mesh.blocks]
 
-    monkeypatch.setattr(ElasticBulk, "plasticity", lambda bulk: (0.0123, 0.25), raising=False)
-    monkeypatch.setattr(ElasticBulk, "plastic_strain", plastic_strain, raising=False)
+    monkeypatch.setattr(Solid, "plasticity", lambda bulk: (0.0123, 0.25), raising=False)
+    monkeypatch.setattr(Solid, "plastic_strain", plastic_strain, raising=False)
 
 
 @pytest.mark.parallel

@@ -4,7 +4,8 @@ from pcontact.scene.model import Body, Contact, Displacement, Material, MeshSpec
 
 # what asks for the law of a contact, and what contact without friction has, too
 ASKED = ("contact_law", "Frictionless", "View", "_tresca", "_coulomb")
-# modules of each piece; names in them that other physics uses, too, or that ask whether a scene has the piece
+# of each piece modules, or "module:name" for one class or function of a module, or a method of a class of it; names in
+# its modules that other physics uses, too, or that ask whether a scene has the piece
 PIECES = {
     "friction": (("contact.formulation.frictional_kernels", "contact.formulation.frictional", "contact.law"), ASKED),
     "friction that varies": (
@@ -12,8 +13,8 @@ PIECES = {
                            "project_rows", "add_law"),
     ),
     "plasticity": (
-        ("material.plastic", "material.hardening", "assembly.plastic", "assembly.plastic_kernels",
-         "contact.traction.plastic"),
+        ("material.plastic", "material.hardening", "assembly.solid:PointStates", "assembly.strains:add_forces",
+         "contact.traction.small:_Excess"),
         (),
     ),
     "finite strain": (
@@ -32,10 +33,9 @@ PIECES = {
     "phases": (("assembly.release",), ()),
     "equations": (("space.equations",), ()),
     "rigid groups": (("assembly.constrained", "space.rigid"), ()),
-    "thermal strain": (("assembly.heat", "contact.traction.constant"), ()),
+    "thermal strain": (("assembly.heat",), ()),
     "bodies that come and go": (
-        ("mesh.present", "space.carried", "assembly.extension", "contact.traction.constant",
-         "contact.traction.strain_free"), ("strain_free",),
+        ("mesh.present", "space.carried", "assembly.extension", "contact.traction.small:_Begun"), (),
     ),
     "fields of files": (("assembly.nodal_field",), ()),
     "self contact": (("contact.search.self_surface", "contact.search.exclusion", "contact.search.cones"),
@@ -71,7 +71,9 @@ FEATURES = {
         "contact.surface.smooth_geometry:SmoothSurface.__init__",
         "contact.surface.smooth_geometry:SmoothSurface.offset",
     ],
-    "orthotropic materials": ["assembly.orthotropic", "contact.traction.orthotropic", "material.orthotropic"],
+    "orthotropic materials": [
+        "assembly.strains:write_strains", "contact.traction.small:_LinearRows.__init__", "material.orthotropic",
+    ],
     "loads": ["assembly.loads", "assembly.patches"],
     "total loads": ["assembly.coupling"],
     "means of groups": ["assembly.average"],

@@ -4,15 +4,14 @@ import numpy as np
 import pytest
 
 from meshes.blocks import one_block
-from pcontact.assembly.plastic import PlasticBulk
+from pcontact.assembly.solid import Solid
 from pcontact.contact.pair import contact_pair
 from pcontact.contact.surface.obstacle import RigidObstacle
 from pcontact.contact.surface.sides import source_surface, target_surface
-from pcontact.contact.traction.plastic import PlasticTrace
-from pcontact.material.elastic import in_plane, lame
+from pcontact.material.elastic import Elastic, lame
 from pcontact.material.hardening import hardening_curve, hardening_table
 from pcontact.material.mandel import add_elastic_tangent, elastic_stress
-from pcontact.material.plastic import VonMises, flows, plastic_constants, return_map
+from pcontact.material.plastic import Plastic, VonMises, flows, plastic_constants, return_map
 from pcontact.scene import amplitude
 from pcontact.scene.model import Body, Displacement, Load, Material, MeshSpec, Output, Scene, Steps
 from tests.support.kinematics import DIRECT, mesh
@@ -124,25 +123,31 @@ BARS = [("plane_stress", False), ("axisymmetric", False), ("3D", False), ("plane
 SOFT = lame(10.0, 0.3)
 
 
+def solid(space, constants, materials):
+    """The item of bodies with Lame constants, of which those with a material yield."""
+    own = space.dim, space.kinematics
+    return Solid(space, [Elastic(*constants, own[1]) if one is None else Plastic(*one[0][:2], one[1], one[0][2], *own)
+                         for one in materials])  # fmt: skip
+
+
 def items(space, contact, materials, constants, radius=1.0):
     """Bulk item and pair."""
-    bulk = PlasticBulk(space, [in_plane(*constants, space.kinematics)] * len(materials), materials)
+    bulk = solid(space, constants, materials)
     source = source_surface(space, contact.source, bulk.constants, contact.quadrature)
     if contact.obstacle is None:
         target = target_surface(space, contact.target)
     else:
         target = RigidObstacle(contact.obstacle, amplitude(contact.obstacle.amplitude, 1.0), 1.0)
-    trace = PlasticTrace(space, bulk, source, contact.source)
-    return bulk, contact_pair(space, contact, source, target, radius, trace=trace)
+    return bulk, contact_pair(space, contact, source, target, radius, bulk=bulk)
 
 
 def flowing(bulk, u):
     """Which points would yield at a displacement; the state stays."""
-    before = {number: (s.strain.copy(), s.p.copy()) for number, s in bulk.states.items()}
+    before = {number: s.values.copy() for number, s in bulk.states.items()}
     bulk.commit(vector_of(bulk.space, u), 1.0)
-    result = np.concatenate([(s.p > before[number][1]).ravel() for number, s in bulk.states.items()])
+    result = np.concatenate([(s.p > s.material.flow(before[number])).ravel() for number, s in bulk.states.items()])
     for number, s in bulk.states.items():
-        s.strain[:], s.p[:] = before[number]
+        s.values[:] = before[number]
     return result
 
 

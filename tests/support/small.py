@@ -4,8 +4,10 @@ import numpy as np
 
 from meshes.blocks import one_block, two_blocks
 from pcontact.assembly.pattern import JoinedPattern
+from pcontact.assembly.solid import Solid
 from pcontact.contact.report import ContactReport
 from pcontact.element.shape import shape, shape_gradient
+from pcontact.material.elastic import Elastic
 from pcontact.mesh.complete import complete
 from pcontact.mesh.components import components
 from pcontact.mesh.distribute import distribute
@@ -35,6 +37,11 @@ def bend(points, amount=0.08):
         other = (axis + 1) % x.shape[1]
         moved[:, axis] += amount * np.sin(2.1 * x[:, other] + 0.7 * x[:, axis] + axis)
     return moved
+
+
+def elastic_solid(space, constants):
+    """The item of elastic bodies with these Lame constants, in plane stress those of the plane."""
+    return Solid(space, [Elastic(*pair) for pair in constants])
 
 
 def make_space(comm, path, regions, degree=1, change=None):

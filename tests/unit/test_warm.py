@@ -33,7 +33,7 @@ def cache(tmp_path, monkeypatch):
 
 def test_a_second_call_finds_that_all_is_there(cache, tmp_path, monkeypatch):
     """Until a part of it goes, or an example is another one."""
-    name = next(name for name in kernel_cache.directories() if name.startswith("pcontact.assembly.bulk-"))
+    name = next(name for name in kernel_cache.directories() if name.startswith("pcontact.assembly.solid-"))
     made, scene = [], tmp_path / "one.toml"
     scene.write_text("first")
 
@@ -69,7 +69,7 @@ def test_one_example_in_a_process(cache, monkeypatch):
     monkeypatch.setattr(module, "scenes", lambda: [FOLDER / "water.toml"])
     assert "kernels compiled in" in warm(4)
     version, *names = (cache / "warm").read_text().splitlines()
-    assert [name for name in names if name.startswith("pcontact.assembly.bulk-")] and (cache / names[0]).is_dir()
+    assert [name for name in names if name.startswith("pcontact.assembly.solid-")] and (cache / names[0]).is_dir()
 
 
 @pytest.mark.slow

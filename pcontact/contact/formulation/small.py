@@ -30,7 +30,7 @@ from pcontact.contact.formulation.averages import patch_means
 from pcontact.contact.formulation.small_kernels import add_residual, add_tangent, augment, evaluate
 from pcontact.contact.law import OPEN, SLIP, STICK
 from pcontact.contact.points import TractionOperator
-from pcontact.contact.traction.elastic import CellPoints, fill_rows
+from pcontact.contact.traction.small import FacetCells, fill_rows
 from pcontact.runtime.parallel import take_rows
 
 
@@ -47,7 +47,7 @@ class SmallTerms:
     space : pcontact.space.space.Space
     source : pcontact.contact.surface.sides.SourceSurface
     method : pcontact.contact.formulation.methods.Method
-    traction : pcontact.contact.traction.elastic.ElasticTraction
+    traction : pcontact.contact.traction.small.Traction
     law : pcontact.contact.law.Frictionless
     target : pcontact.contact.traction.target.TargetTraction, optional
         Where the traction is the weighted one of both sides.
@@ -56,7 +56,7 @@ class SmallTerms:
     def __init__(self, space, source, method, traction, law, target=None):
         self.space, self.source, self.method, self.traction, self.law = space, source, method, traction, law
         self._target, self._weighted = target, None
-        self._own = CellPoints(source.grad, source.volumetric, source.mu[source.facet], source.normal)
+        self._own = FacetCells(source.grad, source.volumetric, source.mu[source.facet], source.normal)
         self._start = self._before = self._lag = np.zeros((len(source.x), self._directions))
 
     @property

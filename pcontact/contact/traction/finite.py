@@ -1,5 +1,5 @@
 """Traction at contact of bodies with finite strain: t = P N per undeformed area, with the first Piola-Kirchhoff stress
-P of the parent cell's own quadrature points, extrapolated to the facet as in `pcontact.contact.traction.plastic`.
+P of the parent cell's own quadrature points, extrapolated to the facet as in `pcontact.contact.traction.small`.
 
 Facets of bodies without finite strain have P = sigma: t is what small strain says, on the undeformed facet.
 
@@ -28,9 +28,7 @@ from pcontact.assembly.finite_kernels import (
 )
 from pcontact.assembly.geometry import some_cells_weighted
 from pcontact.contact.formulation.finite_kernels import Slopes
-from pcontact.contact.traction.constant import ConstantTraction
-from pcontact.contact.traction.elastic import ElasticTraction
-from pcontact.contact.traction.plastic import FacetPoints, PlasticTraction, facet_points
+from pcontact.contact.traction.small import FacetPoints, Traction, facet_points
 from pcontact.material.finite import CONSISTENT, ELASTIC
 from pcontact.material.log_strain import eigenpairs
 from pcontact.runtime.jit import njit
@@ -171,20 +169,18 @@ class FiniteTraction:
     source : pcontact.contact.surface.sides.SourceSurface
     name : str
         Its facet group.
-    trace : pcontact.contact.traction.plastic.PlasticTrace or None
-        Of the facets without finite strain, where their cells may yield.
 
     Attributes
     ----------
     symmetric, consistent, jumps : bool
-        See `pcontact.contact.traction.elastic.ElasticTraction`.
+        See `pcontact.contact.traction.small.Traction`.
     small : SourceSurface
         The source, whose facets with finite strain have no moduli.
     """
 
     symmetric = consistent = jumps = False
 
-    def __init__(self, space, bulk, source, name, trace=None):
+    def __init__(self, space, bulk, source, name):
         self.source, self._bulk, self._parts, first = source, bulk, [], 0
         finite = np.zeros(len(source.cells), dtype=bool)
         for facets in space.mesh.facet_groups.get(name, []):
@@ -194,12 +190,11 @@ class FiniteTraction:
                 self._parts.append(self._part(space, facets, which))
                 finite[which] = True
         self.small = source.mute(finite)
-        self._rest = ElasticTraction(self.small) if trace is None else PlasticTraction(self.small, trace)
+        self._rest = self._small(space, bulk, name)
 
-    def add_constant(self, trace):
-        """Add what does not depend on the displacement to the tractions of facets without finite strain, see
-        :class:`pcontact.contact.traction.constant.ConstantTraction`."""
-        self._rest = ConstantTraction(self._rest, trace)
+    def _small(self, space, bulk, name):
+        """Traction of the facets without finite strain."""
+        return Traction(self.small).of_materials(space, bulk, name, 0.0)
 
     def _part(self, space, facets, which):
         source, cell = self.source, space.mesh.blocks[facets.block].cell
@@ -274,6 +269,9 @@ class NoTraction(FiniteTraction):
     def __init__(self, space, bulk, source, name):
         super().__init__(space, bulk, source, name)
         self.small = source
+
+    def _small(self, space, bulk, name):
+        return None
 
     def traction(self, values, p, wanted):
         """Zeros (np, d)."""

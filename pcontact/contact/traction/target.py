@@ -28,7 +28,8 @@ import numpy as np
 from pcontact.contact.search.table import EDGE
 from pcontact.contact.segmentation.pieces import at_places
 from pcontact.contact.surface.sides import source_surface
-from pcontact.contact.traction.elastic import CellPoints
+from pcontact.contact.traction.small import FacetCells
+from pcontact.contact.unbiased import is_unbiased
 from pcontact.runtime.parallel import split_by_rank
 from pcontact.runtime.petsc import MPI
 
@@ -42,7 +43,7 @@ class Weighted(NamedTuple):
 
     Attributes
     ----------
-    cells : pcontact.contact.traction.elastic.CellPoints
+    cells : pcontact.contact.traction.small.FacetCells
         Of the partners.
     own, other : ndarray (np,)
         w1 and -w2 J.
@@ -52,7 +53,7 @@ class Weighted(NamedTuple):
         Part of it that tangential tractions need, where points stick.
     """
 
-    cells: CellPoints
+    cells: FacetCells
     own: np.ndarray
     other: np.ndarray
     trace: np.ndarray
@@ -158,7 +159,7 @@ class TargetTraction:
         other = 1.0 - own
         parts = own**2 * l1, other**2 * ratio * l2
         trace = parts[0] + parts[1]
-        cells = CellPoints(grad.reshape(-1, n, d), volumetric.reshape(-1, n, d), modulus.copy(), normal.copy())
+        cells = FacetCells(grad.reshape(-1, n, d), volumetric.reshape(-1, n, d), modulus.copy(), normal.copy())
         part = (parts[0] * shear1 + parts[1] * shear2) / trace if self._sticks else None
         found = found._replace(nodes=nodes.astype(np.int64), shape=np.ascontiguousarray(shape))
         return found, Weighted(cells, own, -other * ratio, trace, part)
@@ -174,3 +175,21 @@ def area_vectors(slope, values, normal):
     else:
         turn = np.cross(np.roll(turn, -1, axis=1), np.roll(turn, -2, axis=1))
     return np.einsum("pij,pj->pi", turn, normal)
+
+
+def target_traction(space, bulk, contact):
+    """The `TargetTraction` of a contact; None where the traction is that of the source alone. *Collective.*
+
+    It is that of both for two surfaces of bodies that are elastic, isotropic, at one temperature and there from the
+    beginning; where points of both surfaces look for partners, each side has its own.
+    """
+    sided = contact.target is not None and contact.target != contact.source and not is_unbiased(contact)
+    if not sided or contact.all or contact.formulation != "nitsche" or contact.pressure_overclosure is not None:
+        return None
+    groups = [space.mesh.facet_groups.get(name, []) for name in (contact.source, contact.target)]
+    numbers = {facets.block for group in groups for facets in group if len(facets.cells)}
+    other = {number for number, block in enumerate(space.mesh.blocks) if block.body in bulk.orthotropic}
+    other |= set(bulk.states) | set(bulk.parts) | set(bulk.added)
+    if not space.comm.allreduce(bulk.heat is None and not numbers & other, op=MPI.LAND):
+        return None
+    return TargetTraction(space, contact.target, bulk.constants, contact.alpha is None)

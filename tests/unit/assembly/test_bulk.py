@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from meshes.blocks import two_blocks
-from pcontact.assembly.bulk import ElasticBulk, add_stiffness
 from pcontact.assembly.geometry import bulk_degree
 from pcontact.assembly.graph import node_graph
 from pcontact.assembly.loads import load_vector, lumped_volume
+from pcontact.assembly.solid import add_stiffness
 from pcontact.element.quadrature import quadrature
 from pcontact.material.elastic import equivalent_stress, lame, mean_stress
 from pcontact.scene.model import Load
@@ -18,6 +18,7 @@ from tests.support.small import (
     bend,
     block_file,
     dense_item,
+    elastic_solid,
     elasticity,
     magnitude_of,
     make_space,
@@ -122,7 +123,7 @@ def test_mean_stress_is_what_numpy_averages(d):
 
 
 def test_stiffness_is_that_of_numpy(space):
-    bulk = ElasticBulk(space, [LAME])
+    bulk = elastic_solid(space, [LAME])
     u = space.vector()
     expected = twin_stiffness(space, *LAME)
     rows = (space.owned_local[:, None] * space.dim + np.arange(space.dim)).ravel()
@@ -131,7 +132,7 @@ def test_stiffness_is_that_of_numpy(space):
 
 
 def test_stiffness_is_symmetric_and_only_rigid_modes_cost_nothing(space):
-    bulk = ElasticBulk(space, [LAME])
+    bulk = elastic_solid(space, [LAME])
     k = dense_item(bulk, space.vector())
     assert np.abs(k - k.T).max() < 1e-13 * np.abs(k).max()
     modes = rigid_modes(ordered(space, space.points), np.zeros(space.dim), 1.0)
@@ -143,7 +144,7 @@ def test_stiffness_is_symmetric_and_only_rigid_modes_cost_nothing(space):
 
 
 def test_residual_is_stiffness_times_displacement(space):
-    bulk, rng = ElasticBulk(space, [LAME]), np.random.default_rng(3)
+    bulk, rng = elastic_solid(space, [LAME]), np.random.default_rng(3)
     values = rng.normal(size=(space.n_owned, space.dim))
     u = vector_of(space, values)
     start = rng.normal(size=values.shape)
@@ -158,7 +159,7 @@ def test_uniaxial_stress(space):
     """u = strain x: the known stress in every cell, its traction at the boundary, no force inside."""
     d, young, poisson, pull = space.dim, 7.0, 0.3, 0.5
     lam, mu = lame(young, poisson)
-    bulk = ElasticBulk(space, [(lam, mu)])
+    bulk = elastic_solid(space, [(lam, mu)])
     # plane strain: the stress out of plane holds the strain there at zero
     strain = np.full(d, -poisson * (1 + poisson) if d == 2 else -poisson) * pull / young
     strain[0] = (1 - poisson**2 if d == 2 else 1.0) * pull / young
@@ -186,7 +187,7 @@ def normal_forces(space, side):
 def test_loads_have_the_right_sum(space):
     """Body force times volume; a closed surface under pressure is in balance and does no turning."""
     d = space.dim
-    volume = sum(v.sum() for _, v in ElasticBulk(space, [LAME]).stress(space.vector()))
+    volume = sum(v.sum() for _, v in elastic_solid(space, [LAME]).stress(space.vector()))
     force = load_vector(space, Load("block", body_force=[2.0, -1.0, 3.0][:d]))
     np.testing.assert_allclose(force.sum(axis=0), volume * np.array([2.0, -1.0, 3.0][:d]), rtol=1e-12)
     share = lumped_volume(space)
@@ -204,9 +205,9 @@ def test_two_materials_and_two_kinds_of_cells(tmp_path):
     """Each block with its own constants."""
     path = two_blocks(tmp_path / "blocks.msh", 2, 2, 3, "quadrilateral", cell_upper="triangle")
     space = make_space(SELF, path, ["lower", "upper"], 1, bend)
-    both = dense_item(ElasticBulk(space, [LAME, (5.0, 1.0)]), space.vector())
-    first = dense_item(ElasticBulk(space, [LAME, (0.0, 0.0)]), space.vector())
-    second = dense_item(ElasticBulk(space, [(0.0, 0.0), (5.0, 1.0)]), space.vector())
+    both = dense_item(elastic_solid(space, [LAME, (5.0, 1.0)]), space.vector())
+    first = dense_item(elastic_solid(space, [LAME, (0.0, 0.0)]), space.vector())
+    second = dense_item(elastic_solid(space, [(0.0, 0.0), (5.0, 1.0)]), space.vector())
     np.testing.assert_allclose(both, first + second, atol=1e-13)
     lower = np.repeat(space.component[space.owned_local] == 0, 2)
     assert np.abs(first[~lower]).max() == 0 and np.abs(second[lower]).max() == 0

@@ -3,17 +3,16 @@
 import numpy as np
 import pytest
 
-from pcontact.assembly.bulk import ElasticBulk
 from pcontact.assembly.distortion import SLIGHT, Distortion, distortions
 from pcontact.assembly.geometry import some_cells_weighted
-from pcontact.assembly.plastic import PlasticBulk
+from pcontact.assembly.solid import Solid
 from pcontact.material.elastic import lame
 from pcontact.material.hardening import hardening_curve
-from pcontact.material.plastic import plastic_constants
+from pcontact.material.plastic import Plastic
 from pcontact.runtime.parallel import on_root
 from pcontact.runtime.petsc import MPI
 from pcontact.space.space import Space
-from tests.support.small import SELF, bend, block_file, make_space
+from tests.support.small import SELF, bend, block_file, elastic_solid, make_space
 
 WORLD = MPI.COMM_WORLD
 CONSTANTS = lame(10.0, 0.3)
@@ -33,7 +32,7 @@ def linear(gradient):
 
 
 def found(space, motion, held=HELD, bulk=None):
-    (one,) = distortions(bulk or ElasticBulk(space, [CONSTANTS]), displaced(space, motion), held).values()
+    (one,) = distortions(bulk or elastic_solid(space, [CONSTANTS]), displaced(space, motion), held).values()
     return one
 
 
@@ -70,10 +69,10 @@ def test_against_numpy(tmp_path, cell, limit):
     space = make_space(SELF, block_file(tmp_path / "block.msh", cell), ["block"], 1, bend)
     rng = np.random.default_rng(3)
     u = displaced(space, lambda x: 0.05 * rng.standard_normal(x.shape) + 0.1 * x)
-    bulk = ElasticBulk(space, [CONSTANTS])
+    bulk = elastic_solid(space, [CONSTANTS])
     if np.isfinite(limit):
         curve = hardening_curve(2.0 * CONSTANTS[1] * limit * np.sqrt(1.5))
-        bulk = PlasticBulk(space, [CONSTANTS], [(plastic_constants(*CONSTANTS), curve)])
+        bulk = Solid(space, [Plastic(*CONSTANTS, curve, dim=space.dim)])
     (one,) = distortions(bulk, u, HELD).values()
     np.testing.assert_allclose(one[:3], expected(space, space.local.gather(u), *CONSTANTS, limit), rtol=1e-10)
 

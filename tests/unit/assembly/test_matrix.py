@@ -7,7 +7,6 @@ the file.
 import numpy as np
 import pytest
 
-from pcontact.assembly.bulk import ElasticBulk
 from pcontact.assembly.graph import find, node_graph
 from pcontact.assembly.matrix import GlobalMatrix
 from pcontact.assembly.pattern import OwnedRows
@@ -26,6 +25,7 @@ from tests.support.small import (
     bend,
     block_file,
     blocks_file,
+    elastic_solid,
     keys,
     magnitude_of,
     make_space,
@@ -123,7 +123,7 @@ def test_bulk_is_the_same_on_any_ranks(both):
     space, serial = both
     forces, sizes = [], []
     for s in both:
-        bulk = ElasticBulk(s, CONSTANTS)
+        bulk = elastic_solid(s, CONSTANTS)
         u, out = vector_of(s, field(s)), np.ones((s.n_owned, s.dim))
         bulk.residual(u, out)
         forces.append(by_key(s, out))
@@ -134,7 +134,7 @@ def test_bulk_is_the_same_on_any_ranks(both):
 
 def global_matrix(space, supports, contact=None, u=None, extra=0.0):
     """Matrix of bulk and an optional contact item."""
-    bulk, matrix = ElasticBulk(space, CONSTANTS), GlobalMatrix(space, supports.fixed)
+    bulk, matrix = elastic_solid(space, CONSTANTS), GlobalMatrix(space, supports.fixed)
     none = np.zeros(space.n_owned + 1, dtype=np.int64), np.zeros(0, dtype=np.int64)
     values = np.zeros((0, space.dim, space.dim)) if contact is None else contact.tangent(u)
     matrix.renew(bulk.pattern(), none if contact is None else contact.pattern())
@@ -157,7 +157,7 @@ def test_global_matrix_without_supports(both):
     values = field(space)
     product = by_key(space, times(space, matrix, values))
     reference = np.zeros((serial.n_owned, serial.dim))
-    ElasticBulk(serial, CONSTANTS).residual(vector_of(serial, field(serial)), reference)
+    elastic_solid(serial, CONSTANTS).residual(vector_of(serial, field(serial)), reference)
     np.testing.assert_allclose(product, by_key(serial, reference), atol=1e-11)
     assert matrix.isSymmetric(1e-12)
     scale = matrix.norm(PETSc.NormType.NORM_INFINITY)
@@ -326,7 +326,7 @@ def test_the_matrix_gets_a_new_pattern_when_far_points_close(shared_tmp):
     space = make_space(WORLD, path, ["lower", "upper"])
     supports = some_supports(space)
     item = contact_item(space, radius=1.0)
-    problem = Problem(space, [ElasticBulk(space, CONSTANTS), item], supports, [], np.zeros(space.n_owned))
+    problem = Problem(space, [elastic_solid(space, CONSTANTS), item], supports, [], np.zeros(space.n_owned))
     zero = space.vector()
     item.detect(zero, 1.0)
     problem.tangent(zero)
@@ -360,7 +360,7 @@ def test_tangent_of_the_problem_is_the_derivative_of_its_residual(both, theta):
     space, _ = both
     supports = some_supports(space)
     items = [
-        ElasticBulk(space, CONSTANTS),
+        elastic_solid(space, CONSTANTS),
         contact_item(space, theta),
         contact_item(space, theta, bilateral=True),
     ]
@@ -405,7 +405,7 @@ def test_ranks_without_cells(tiny):
         assert matrix.isSymmetric(1e-12)
         out = np.zeros((space.n_owned, 2))
         item.residual(u, out)
-        ElasticBulk(space, CONSTANTS).residual(u, out)
+        elastic_solid(space, CONSTANTS).residual(u, out)
         vectors = near_null_space(space, np.array([0, 1])).getVecs()
         assert len(vectors) == 6
         results.append(

@@ -5,13 +5,13 @@ import pytest
 
 from pcontact.assembly.finite import FiniteBulk
 from pcontact.assembly.mixed import MixedBulk
-from pcontact.assembly.plastic import PlasticBulk
+from pcontact.assembly.solid import Solid
 from pcontact.material.hardening import hardening_curve
-from pcontact.material.plastic import plastic_constants
+from pcontact.material.plastic import Plastic
 from tests.support.finite import LAM, MU, SLOPE, YIELD, deformed, finite_material, forces_of
 from tests.support.small import SELF, bend, blocks_file, dense_item, magnitude_of, make_space, vector_of
 
-SMALL = plastic_constants(LAM, MU), hardening_curve(YIELD, SLOPE)
+SMALL = Plastic(LAM, MU, hardening_curve(YIELD, SLOPE), dim=2)
 
 
 @pytest.fixture
@@ -21,7 +21,7 @@ def space(tmp_path):
 
 def mixed(space):
     """The lower body with small strain, the upper one with finite strain; both may yield."""
-    return MixedBulk(space, [(LAM, MU)] * 2, [SMALL, None], [None, finite_material("multiplicative")])
+    return MixedBulk(space, [SMALL] * 2, [None, finite_material("multiplicative")])
 
 
 def body_of(space):
@@ -34,7 +34,7 @@ def body_of(space):
 
 def test_each_body_is_that_of_its_kind(space):
     rng, bulk = np.random.default_rng(2), mixed(space)
-    small = PlasticBulk(space, bulk.constants, [SMALL, SMALL])
+    small = Solid(space, [SMALL, SMALL])
     finite = FiniteBulk(space, bulk.constants, [finite_material("multiplicative")] * 2)
     for item in (bulk, small, finite):
         item.commit(vector_of(space, deformed(space, np.random.default_rng(1))[space.owned_local]), 0.0)

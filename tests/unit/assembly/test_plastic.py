@@ -3,20 +3,19 @@
 import numpy as np
 import pytest
 
-from pcontact.assembly.bulk import ElasticBulk
 from pcontact.assembly.geometry import bulk_degree
-from pcontact.assembly.plastic import PlasticBulk
 from pcontact.element.quadrature import quadrature
 from pcontact.element.shape import shape
 from pcontact.material.elastic import in_plane
 from pcontact.space.space import Space
-from tests.support.plastic import LAME, MATERIALS, YIELD_STRAIN, Point, mandel, tensor
+from tests.support.plastic import LAME, MATERIALS, YIELD_STRAIN, Point, mandel, solid, tensor
 from tests.support.small import (
     DIMENSION,
     SELF,
     bend,
     blocks_file,
     dense_item,
+    elastic_solid,
     elasticity,
     magnitude_of,
     make_space,
@@ -57,7 +56,7 @@ def bulk(request, tmp_path_factory):
     shift[0] = 0.5 if kinematics == "axisymmetric" else 0.0
     flat = make_space(SELF, path, ["lower", "upper"], degree, lambda x: bend(x, 0.04) + shift)
     space = Space(flat.mesh, degree, kinematics, [0, 1] if averaged else [])
-    item = PlasticBulk(space, [in_plane(*LAME, kinematics)] * 2, [None, MATERIALS[MATERIAL]])
+    item = solid(space, LAME, [None, MATERIALS[MATERIAL]])
     assert [body_of(space, number) for number in item.states] == [1]
     assert all(space.averages(space.mesh.blocks[number]) == averaged for number in item.states)
     return item
@@ -66,7 +65,7 @@ def bulk(request, tmp_path_factory):
 def fresh(item):
     """Virgin again."""
     for state in item.states.values():
-        state.strain[:], state.p[:] = 0.0, 0.0
+        state.values[:] = 0.0
     return item
 
 
@@ -89,7 +88,7 @@ def residual(item, u):
 
 
 def state(item):
-    return {number: (s.strain.copy(), s.p.copy()) for number, s in item.states.items()}
+    return {number: (s.values[..., :-1].copy(), s.p.copy()) for number, s in item.states.items()}
 
 
 def assert_same(first, second):
@@ -197,7 +196,7 @@ def test_strain_from_an_origin(bulk):
     commit(bulk, u - origin)
     committed = state(bulk)
     for number, (strain, p) in before.items():
-        bulk.states[number].strain[:], bulk.states[number].p[:] = strain, p
+        bulk.states[number].values[..., :-1], bulk.states[number].p[:] = strain, p
     some = {number: local(space, origin) for number in range(len(space.mesh.blocks))}
     bulk.count_from(some)
     try:
@@ -205,7 +204,7 @@ def test_strain_from_an_origin(bulk):
             np.testing.assert_allclose(found, one, rtol=1e-9, atol=1e-10 * np.abs(one).max())
         commit(bulk, u)
         for number, (strain, p) in committed.items():
-            np.testing.assert_allclose(bulk.states[number].strain, strain, atol=1e-12)
+            np.testing.assert_allclose(bulk.states[number].values[..., :-1], strain, atol=1e-12)
             np.testing.assert_allclose(bulk.states[number].p, p, atol=1e-12)
         fresh(bulk).count_from({0: some[0]})
         forces = residual(bulk, u)
@@ -227,7 +226,7 @@ def test_against_numpy(bulk):
         scale = np.abs(expected).max()
         np.testing.assert_allclose(residual(bulk, u), expected, rtol=0, atol=1e-12 * scale)
         assert_same(before, state(bulk))
-        elastic = ElasticBulk(space, bulk.constants).stress(vector_of(space, u))
+        elastic = elastic_solid(space, bulk.constants).stress(vector_of(space, u))
         stress, (number, twin) = bulk.stress(vector_of(space, u)), *twins.items()
         mean = np.einsum("cq,cqij->cij", twin.jxw, twin.excess(local(space, u))) / twin.jxw.sum(axis=1)[:, None, None]
         added = stress[number][0] - elastic[number][0]
@@ -242,7 +241,7 @@ def test_against_numpy(bulk):
         np.testing.assert_allclose(bulk.states[number].p, p, rtol=1e-10, atol=1e-16)
         found = np.array([[point.plastic for point in row] for row in twin.points])
         size = max(np.abs(found).max(), YIELD_STRAIN)
-        np.testing.assert_allclose(bulk.states[number].strain, found, rtol=0, atol=1e-11 * size)
+        np.testing.assert_allclose(bulk.states[number].values[..., :-1], found, rtol=0, atol=1e-11 * size)
         largest, volume = bulk.plasticity()
         assert largest == bulk.states[number].p.max()
         assert volume == pytest.approx(twin.jxw[bulk.states[number].p > 0.0].sum(), rel=1e-12)
@@ -309,13 +308,13 @@ def test_commit(bulk):
 def test_nothing_yields(bulk):
     """Bit by bit the elastic item: forces, stiffness, magnitude."""
     space = fresh(bulk).space
-    u, elastic = motion(space, 0.1, 1), ElasticBulk(space, bulk.constants)
+    u, elastic = motion(space, 0.1, 1), elastic_solid(space, bulk.constants)
     np.testing.assert_array_equal(residual(bulk, u), residual(elastic, u))
     np.testing.assert_array_equal(magnitude_of(bulk, vector_of(space, u)), magnitude_of(elastic, vector_of(space, u)))
     assert bulk.tangent(vector_of(space, u)) is bulk.values
     np.testing.assert_array_equal(bulk.values, elastic.values)
     commit(bulk, u)
-    assert all(not s.p.any() and not s.strain.any() for s in bulk.states.values())
+    assert all(not s.values.any() for s in bulk.states.values())
     assert bulk.plasticity() == (0.0, 0.0) and all(len(rows) == 0 for rows, _ in bulk.memory().values())
 
 

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from pcontact.contact.law import OPEN, SLIP, STICK, Frictionless, project_rows
+from pcontact.contact.law import OPEN, SLIP, STICK, Frictionless
 from pcontact.runtime.petsc import MPI
 from pcontact.scene.model import Contact
-from tests.support.laws import LAWS, law_of, limit_of, numpy_projection
+from tests.support.laws import LAWS, limit_of
 from tests.support.pairs import (
     LIMITED,
     OBSTACLES,
@@ -31,7 +31,6 @@ from tests.support.small import (
     blocks_file,
     dense,
     dense_item,
-    elasticity,
     make_space,
     summary_of,
     vector_of,

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from pcontact.assembly.bulk import ElasticBulk
 from pcontact.contact.pair import contact_pair
 from pcontact.contact.surface.obstacle import RigidObstacle
 from pcontact.contact.surface.sides import source_surface, target_surface
@@ -16,9 +15,8 @@ from tests.support.small import (
     bend,
     block_file,
     blocks_file,
-    dense,
     dense_item,
-    elasticity,
+    elastic_solid,
     make_space,
     summary_of,
     vector_of,
@@ -271,7 +269,7 @@ def lowest(space, theta, gamma0, bilateral):
     )
     zero = space.vector()
     item.detect(zero, 1.0)
-    k = dense_item(ElasticBulk(space, [CONSTANTS]), zero) + dense_item(item, zero)
+    k = dense_item(elastic_solid(space, [CONSTANTS]), zero) + dense_item(item, zero)
     eigenvalues = np.linalg.eigvalsh(0.5 * (k + k.T))
     return eigenvalues[0] / eigenvalues[-1]
 

@@ -8,7 +8,7 @@ from pcontact.contact.formulation import small_kernels as kernels
 from pcontact.contact.formulation.parameters import Parameters
 from pcontact.contact.law import OPEN, SLIP, STICK, project_rows
 from pcontact.contact.points import PartnerPoints, SourcePoints, TractionOperator, interpolate, no_excess
-from pcontact.contact.traction.elastic import CellPoints, fill_rows, tractions
+from pcontact.contact.traction.small import FacetCells, fill_rows, tractions
 from tests.support.laws import LAWS, law_of, numpy_projection
 from tests.support.pairs import tangential
 from tests.support.small import dense, elasticity
@@ -266,7 +266,7 @@ def test_rows_are_those_of_the_stress(d, friction):
     """rows . u = e . sigma(u) n_X for any gradients and normals, and what is evaluated without them."""
     rng = np.random.default_rng(5)
     n_points, nn = 6, 5
-    cells = CellPoints(*rng.normal(size=(2, n_points, nn, d)), 1.0 + rng.random(n_points), rng.normal(size=(6, d)))
+    cells = FacetCells(*rng.normal(size=(2, n_points, nn, d)), 1.0 + rng.random(n_points), rng.normal(size=(6, d)))
     axes = np.eye(d)[None] if friction else rng.normal(size=(n_points, 1, d))
     factor, u = rng.normal(size=n_points), rng.normal(size=(nn, d))
     out = np.full((n_points, nn + 3, axes.shape[1], d), np.nan)

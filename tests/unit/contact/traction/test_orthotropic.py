@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from pcontact.assembly.bulk import ElasticBulk
+from pcontact.assembly.solid import Solid
 from pcontact.contact.law import OPEN, SLIP, STICK
 from pcontact.contact.surface.obstacle import RigidObstacle
 from pcontact.contact.surface.sides import source_surface, target_surface
-from pcontact.material.elastic import in_plane, lame
+from pcontact.material.elastic import Elastic, in_plane, lame
 from pcontact.pairs import pair_of
 from pcontact.scene import amplitude
 from pcontact.scene.model import Contact
@@ -30,7 +30,7 @@ def space_of(path, cell, degree, kinematics):
 
 def item_of(space, contact, laws, constants):
     """The pair, its partners not found yet."""
-    bulk = ElasticBulk(space, constants, laws)
+    bulk = Solid(space, [laws.get(body) or Elastic(*pair) for body, pair in enumerate(constants)])
     source = source_surface(space, contact.source, constants, contact.quadrature, laws)
     target = target_surface(space, contact.target) if contact.obstacle is None else RigidObstacle(
         contact.obstacle, amplitude(None, 1.0), 1.0)  # fmt: skip

@@ -7,7 +7,7 @@ from pcontact.assembly.geometry import bulk_degree
 from pcontact.contact.formulation.parameters import GAMMA0
 from pcontact.contact.law import OPEN, SLIP, STICK
 from pcontact.contact.surface.sides import source_surface
-from pcontact.contact.traction.plastic import PlasticTrace, extrapolation
+from pcontact.contact.traction.small import Traction, extrapolation
 from pcontact.element.quadrature import quadrature
 from pcontact.element.reference import CELLS, facet_points
 from pcontact.material.hardening import hardening_curve
@@ -124,9 +124,9 @@ def test_tangent_at_the_yield_surface(space, name, theta):
     (yielded,) = (s.p > 0.0 for s in bulk.states.values())
     assert yielded.any()
     values = item.pairing.exchange.gather(vector_of(space, first))
-    at, rows = item.terms.traction.trace.operators(values, item.pairing.cells)
+    at, rows = item.terms.traction._excess.rows(values, item.pairing.cells)
     assert np.all(at == -1) and len(rows) == 0
-    at, rows = item.terms.traction.trace.operators(1.5 * values, item.pairing.cells)
+    at, rows = item.terms.traction._excess.rows(1.5 * values, item.pairing.cells)
     assert np.any(at >= 0) and len(rows) == np.sum(at >= 0)
     errors = taylor(bulk, item, first, name if name in LAWS else "coulomb", [-first])
     # slip may turn in space
@@ -175,11 +175,12 @@ def test_traction_of_a_uniform_stress(space):
         bulk, item = items(space, Contact(side, "lower_top", theta=0.0, gamma0=1.0), [None, material], LAME)
         values = vector_of(space, u)
         local = space.local.gather(values)
-        found = item.terms.traction.trace.traction(local, np.ascontiguousarray(item.source.cells))
+        found = np.zeros_like(item.source.x)
+        item.terms.traction._excess.add(local, np.ascontiguousarray(item.source.cells), found)
         expected = item.source.normal @ tensor(excess)[: space.dim, : space.dim]
         np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12)
     lower = source_surface(space, "lower_top", bulk.constants)
-    assert PlasticTrace(space, bulk, lower, "lower_top").parts == 0
+    assert Traction(lower).of_materials(space, bulk, "lower_top", 1.0).symmetric
 
 
 class Pressed(Observer):

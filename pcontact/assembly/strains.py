@@ -1,14 +1,15 @@
-"""Compiled kernels of bodies that may yield: what plasticity adds to linear elasticity, cell by cell.
+"""Compiled kernels between displacement and strain, cell by cell: what laws of small strain say at points becomes
+forces and stiffness.
 
-Elastic forces and stiffness are integrated once. Only the excess of the stress over linear elasticity, which is zero
-where nothing ever yielded, is integrated here, with its consistent tangent (`pcontact.material.plastic`). The excess is
-a deviator (in plane stress it has no 33 component): a mean dilatation of the cell does not see it.
+Elastic forces and stiffness of isotropic bodies are integrated once (`pcontact.assembly.solid`). Here are integrated
+what an orthotropic stiffness differs by, and the excess of laws that are not linear, which is zero where nothing ever
+yielded. An excess that is a deviator (in plane stress: without a 33 component) is not seen by a mean dilatation.
 
-Common arguments, one row per cell c and quadrature point q:
+Common arguments, one row per cell c and quadrature point q; of points in a row the number is c nq + q:
 
     points : CellPoints          the points
     jxw (nc, nq)                 their weights, see `pcontact.assembly.geometry.chunks`
-    state : PlasticState         the material, and the committed state of the points
+    active (n,)                  of a `pcontact.material.elastic.Response`
     nodal (n, d)                 displacement [length]
 """
 
@@ -17,9 +18,11 @@ from typing import NamedTuple
 import numpy as np
 
 from pcontact.assembly.graph import find
+from pcontact.material.elastic import FLOWS, STILL
 from pcontact.material.mandel import HALF
-from pcontact.material.plastic import VonMises, flows, return_map
 from pcontact.runtime.jit import njit, njit_inline, njit_inner
+
+NO_RING = np.zeros((0, 0, 0))
 
 
 class CellPoints(NamedTuple):
@@ -40,25 +43,9 @@ class CellPoints(NamedTuple):
     ring: np.ndarray
 
 
-class PlasticState(NamedTuple):
-    """Material and internal variables of the cells of one block, or of some of them.
-
-    Attributes
-    ----------
-    material : pcontact.material.plastic.VonMises
-    strain : ndarray (nc, nq, m)
-        Committed plastic strain at the quadrature points, Mandel components.
-    p : ndarray (nc, nq)
-        Committed equivalent plastic strain.
-    """
-
-    material: VonMises
-    strain: np.ndarray
-    p: np.ndarray
-
-    def of(self, rows):
-        """That of some cells, views for a slice."""
-        return PlasticState(self.material, self.strain[rows], self.p[rows])
+def cell_points(cells, grad, ring):
+    """The :class:`CellPoints` of gradients, and of N / r or None."""
+    return CellPoints(cells, grad, NO_RING if ring is None else np.ascontiguousarray(ring))
 
 
 @njit_inline
@@ -107,60 +94,81 @@ def fill_operator(points, c, q, out):
 
 
 @njit
-def add_forces(points, jxw, state, nodal, absolute, out):
-    """Add the nodal forces of the excess to ``out`` (n, d) [force], or the sizes of their terms (``absolute``)."""
+def write_strains(points, nodal, out):
+    """Write the strains of all points of the cells into ``out`` (n, m)."""
+    nq = points.grad.shape[1]
+    for c in range(points.cells.shape[0]):
+        for q in range(nq):
+            strain_at(points, nodal, c, q, out[c * nq + q])
+
+
+def strains(points, nodal):
+    """Mandel strains (n, m) of all points of the cells."""
+    nc, nq, _, d = points.grad.shape
+    out = np.empty((nc * nq, 6 if d == 3 else 4))
+    write_strains(points, nodal, out)
+    return out
+
+
+@njit
+def add_forces(points, jxw, stress, active, absolute, out):
+    """Add the nodal forces of stresses (n, m) to ``out`` (n, d) [force], or the sizes of their terms (``absolute``)."""
     cells, grad = points.cells, points.grad
-    material, plastic_strain, p = state.material, state.strain, state.p
-    nq, nn, d = grad.shape[1], grad.shape[2], grad.shape[3]
-    m = plastic_strain.shape[2]
-    strain, excess, work, tangent = np.zeros(m), np.zeros(m), np.zeros(m), np.zeros((m, m))
+    nq, nn, d, m = grad.shape[1], grad.shape[2], grad.shape[3], stress.shape[1]
     operator = np.zeros((m, nn, d))
     for c in range(cells.shape[0]):
         for q in range(nq):
-            strain_at(points, nodal, c, q, strain)
-            if p[c, q] == 0.0 and not flows(material, strain, plastic_strain[c, q], 0.0, work):
+            if active[c * nq + q] == STILL:
                 continue
-            return_map(material, strain, plastic_strain[c, q], p[c, q], False, work, excess, tangent)
+            own = stress[c * nq + q]
             fill_operator(points, c, q, operator)
             for a in range(nn):
                 for i in range(d):
                     force = 0.0
                     for k in range(m):
-                        term = operator[k, a, i] * excess[k]
+                        term = operator[k, a, i] * own[k]
                         force += abs(term) if absolute else term
                     out[cells[c, a], i] += jxw[c, q] * force
 
 
 @njit
-def add_tangent(points, jxw, state, nodal, blocks):
-    """Add the derivative of the forces to block rows; returns how many cells yield."""
-    cells, grad = points.cells, points.grad
-    material, plastic_strain, p = state.material, state.strain, state.p
-    nq, nn, d = grad.shape[1], grad.shape[2], grad.shape[3]
-    m = plastic_strain.shape[2]
-    strain, excess, work, tangent = np.zeros(m), np.zeros(m), np.zeros(m), np.zeros((m, m))
+def add_stiffness(points, jxw, moduli, active, blocks):
+    """Add int B^T C B of the cells with points that flow to block rows.
+
+    Parameters
+    ----------
+    moduli : ndarray (k, m, m)
+        C [stress], of all points (k = 1), or of each.
+    active : ndarray (k,)
+    blocks : pcontact.assembly.graph.BlockRows
+
+    Returns
+    -------
+    cells : int
+        With such points.
+    missing : int
+        Blocks without a place.
+    """
+    grad, count, missing = points.grad, 0, 0
+    nq, nn, d, m = grad.shape[1], grad.shape[2], grad.shape[3], moduli.shape[1]
     operator, pulled = np.zeros((m, nn, d)), np.zeros((m, nn * d))
     flat, stiffness = operator.reshape(m, nn * d), np.zeros((nn * d, nn * d))
-    count = 0
-    for c in range(cells.shape[0]):
+    for c in range(grad.shape[0]):
         touched = False
         for q in range(nq):
-            strain_at(points, nodal, c, q, strain)
-            if not flows(material, strain, plastic_strain[c, q], p[c, q], work):
-                continue
-            _, yields = return_map(material, strain, plastic_strain[c, q], p[c, q], True, work, excess, tangent)
-            if not yields:
+            k = c * nq + q if len(moduli) > 1 else 0
+            if active[k] != FLOWS:
                 continue
             if not touched:
                 stiffness[:] = 0.0
                 touched = True
             fill_operator(points, c, q, operator)
-            pull(tangent, flat, jxw[c, q], pulled)
+            pull(moduli[k], flat, jxw[c, q], pulled)
             square(flat, pulled, stiffness)
         if touched:
             count += 1
-            scatter(stiffness, cells, c, blocks)
-    return count
+            missing += scatter(stiffness, points.cells, c, blocks)
+    return count, missing
 
 
 @njit_inner
@@ -205,45 +213,3 @@ def scatter(stiffness, cells, c, blocks):
                 for j in range(d):
                     out[k, i, j] += stiffness[a * d + i, b * d + j]
     return missing
-
-
-@njit
-def commit(points, state, nodal):
-    """Let the state of all points, in place, follow the displacement."""
-    material, plastic_strain, p = state.material, state.strain, state.p
-    m = plastic_strain.shape[2]
-    strain, excess, work, tangent = np.zeros(m), np.zeros(m), np.zeros(m), np.zeros((m, m))
-    for c in range(p.shape[0]):
-        for q in range(p.shape[1]):
-            strain_at(points, nodal, c, q, strain)
-            if flows(material, strain, plastic_strain[c, q], p[c, q], work):
-                p[c, q], _ = return_map(
-                    material, strain, plastic_strain[c, q], p[c, q], False, plastic_strain[c, q], excess, tangent
-                )
-
-
-@njit
-def excess_at(points, state, nodal, want_tangent, excess, tangent):
-    """Excess (nc, nq, m) of cells and, if wanted, its derivative (nc, nq, m, m); flags (nc,) of those that yield.
-
-    Both are overwritten.
-    """
-    material, plastic_strain, p = state.material, state.strain, state.p
-    nc, nq, m = excess.shape
-    strain, work = np.zeros(m), np.zeros(m)
-    unused = np.zeros((m, m))
-    yielding = np.zeros(nc, dtype=np.bool_)
-    excess[:] = 0.0
-    if want_tangent:
-        tangent[:] = 0.0
-    for c in range(nc):
-        for q in range(nq):
-            strain_at(points, nodal, c, q, strain)
-            if p[c, q] == 0.0 and not flows(material, strain, plastic_strain[c, q], 0.0, work):
-                continue
-            _, yields = return_map(
-                material, strain, plastic_strain[c, q], p[c, q], want_tangent, work,
-                excess[c, q], tangent[c, q] if want_tangent else unused,
-            )  # fmt: skip
-            yielding[c] |= yields
-    return yielding

@@ -1,0 +1,514 @@
+"""The item of all bodies with small strain, a material for each (`pcontact.material.elastic`).
+
+What is linear in the displacement is integrated once, a sparse product ever after. Cells whose law is not linear have
+internal variables besides, :class:`PointStates`, and what their stress has in excess of linear elasticity is integrated
+anew for each displacement. Residual and tangent are functions of the displacement and the committed state.
+"""
+
+import numpy as np
+
+from pcontact.assembly import strains
+from pcontact.assembly.distortion import distortions
+from pcontact.assembly.geometry import chunks, hoop, keep, n_points, points_of
+from pcontact.assembly.graph import BlockRows, find, multiply, node_graph
+from pcontact.assembly.item import LAW, Bulk
+from pcontact.assembly.pattern import OwnedRows, positions
+from pcontact.assembly.strains import add_forces, cell_points
+from pcontact.element.dilatation import linear, squares
+from pcontact.material.elastic import FLOWS, Moment, mean_stress
+from pcontact.material.mandel import HALF
+from pcontact.runtime.jit import njit
+from pcontact.runtime.parallel import take_rows
+from pcontact.runtime.petsc import MPI
+
+# Quadrature points of a cell, at most: cells times it are keys of checkpoints.
+POINTS = 1 << 10
+# Cells whose orthotropic stiffness is turned at once.
+TURNED = 1024
+
+
+@njit
+def add_stiffness(grad, jxw, cells, lam, mu, rowptr, columns, values):
+    """Add the elastic stiffness of cells to block rows.
+
+    Parameters
+    ----------
+    grad : ndarray (nc, nq, nn, d)
+    jxw : ndarray (nc, nq)
+    cells : ndarray (nc, nn)
+        Local nodes.
+    lam, mu : float
+        Lame constants [stress].
+    rowptr, columns : ndarray
+        Local pattern.
+    values : ndarray (nnz, d, d)
+        K[a, b] = int lam Ga (x) Gb + mu (Gb (x) Ga + (Ga . Gb) I), added in place.
+    """
+    nq, nn, d = grad.shape[1], grad.shape[2], grad.shape[3]
+    block = np.zeros((d, d))
+    for c in range(cells.shape[0]):
+        for a in range(nn):
+            for b in range(a, nn):
+                block[:, :] = 0.0
+                for q in range(nq):
+                    w = jxw[c, q]
+                    dot = 0.0
+                    for i in range(d):
+                        dot += grad[c, q, a, i] * grad[c, q, b, i]
+                    for i in range(d):
+                        block[i, i] += w * mu * dot
+                        for j in range(d):
+                            block[i, j] += w * (
+                                lam * grad[c, q, a, i] * grad[c, q, b, j]
+                                + mu * grad[c, q, a, j] * grad[c, q, b, i]
+                            )
+                row, column = cells[c, a], cells[c, b]
+                k = find(columns, rowptr[row], rowptr[row + 1], column)
+                for i in range(d):
+                    for j in range(d):
+                        values[k, i, j] += block[i, j]
+                if a != b:
+                    k = find(columns, rowptr[column], rowptr[column + 1], row)
+                    for i in range(d):
+                        for j in range(d):
+                            values[k, i, j] += block[j, i]
+
+
+@njit
+def add_squares(operators, weights, cells, rowptr, columns, values):
+    """Add sum_m w_m A_m (x) A_m of cells to block rows, see `pcontact.element.dilatation.squares`.
+
+    Parameters
+    ----------
+    operators : ndarray (nc, m, nn, d)
+    weights : ndarray (nc, m)
+    cells : ndarray (nc, nn)
+        Local nodes.
+    rowptr, columns : ndarray
+        Local pattern.
+    values : ndarray (nnz, d, d)
+        Added in place.
+    """
+    nm, nn, d = operators.shape[1], operators.shape[2], operators.shape[3]
+    for c in range(cells.shape[0]):
+        for a in range(nn):
+            row = cells[c, a]
+            for b in range(nn):
+                k = find(columns, rowptr[row], rowptr[row + 1], cells[c, b])
+                for i in range(d):
+                    for j in range(d):
+                        value = 0.0
+                        for m in range(nm):
+                            value += weights[c, m] * operators[c, m, a, i] * operators[c, m, b, j]
+                        values[k, i, j] += value
+
+
+class PointStates:
+    """Internal variables of the points of a block whose law is not linear.
+
+    Parameters
+    ----------
+    solid : Solid
+    number : int
+        Block.
+    material : pcontact.material.elastic.Elastic
+
+    Attributes
+    ----------
+    values : ndarray (nc, nq, width)
+        The committed state.
+    """
+
+    def __init__(self, solid, number, material):
+        self._solid, self.number, self.material = solid, number, material
+        space = solid.space
+        self.values = np.zeros((len(space.cells[number]), n_points(space, number), material.width))
+
+    @property
+    def p(self):
+        """Equivalent plastic strain (nc, nq), a view."""
+        return self.material.flow(self.values)
+
+    @property
+    def table(self):
+        """All states of a cell in a row (nc, nq width), a view."""
+        nc, nq, width = self.values.shape
+        return self.values.reshape(nc, nq * width)
+
+    def of(self, rows):
+        """States of the points of some cells in a row (n, width): a view for a slice."""
+        return self.values[rows].reshape(-1, self.values.shape[2])
+
+    def chunks(self):
+        """Cells, points, weights (nc, nq) of the chunks of all cells."""
+        space = self._solid.space
+        for rows, grad, jxw, shapes in chunks(space, self.number):
+            ring = hoop(space, self.number, rows, shapes)
+            yield rows, cell_points(space.cells[self.number][rows], grad, ring), np.ascontiguousarray(jxw)
+
+    def stress(self, rows, points, nodal, tangent=False, virgin=False):
+        """What cells add to linear elasticity under displacements, a `pcontact.material.elastic.Response`.
+
+        Parameters
+        ----------
+        rows : slice or ndarray
+            Cells.
+        points : pcontact.assembly.strains.CellPoints
+            Theirs.
+        nodal : ndarray (n, d)
+            Displacement from which the block counts its strain.
+        tangent : bool
+            Whether the derivative is wanted.
+        virgin : bool
+            From no state instead of the committed one.
+        """
+        state = self.of(rows)
+        state = np.zeros_like(state) if virgin else state
+        return self.material.stress(strains.strains(points, nodal), state, self.moment(rows), tangent)
+
+    def curvature(self, points, nodal, state, weights):
+        """Second derivatives (n, m, m) of weights (n, m) times the stress of cells in states (n, width), and where they
+        are not zero, as `active`."""
+        return self.material.curvature(strains.strains(points, nodal), state, weights)
+
+    def moment(self, rows):
+        """What the law depends on besides at the points of some cells."""
+        return Moment(self._solid.step)
+
+
+class Solid(Bulk):
+    """Item of all bodies with small strain.
+
+    Parameters
+    ----------
+    space : pcontact.space.space.Space
+    materials : list of pcontact.material.elastic.Elastic
+        Of each body of the scene.
+    heat : pcontact.assembly.heat.Heat, optional
+
+    Attributes
+    ----------
+    constants : list of (float, float)
+        Lame constants of each body [stress].
+    rowptr, columns : ndarray
+        Pattern of the owned rows, global nodes.
+    values : ndarray (nnz, d, d)
+        Stiffness of linear elasticity [stress * length^(d-2)].
+    states : dict of int to PointStates
+        By block.
+    step : float
+        Increment of the load step [time]; 0 once it has been committed.
+
+    Notes
+    -----
+    *Collective.*
+    """
+
+    def __init__(self, space, materials, heat=None):
+        self.space, self.materials, self.heat = space, materials, heat
+        self.constants = [material.constants for material in materials]
+        self.orthotropic = {body: material for body, material in enumerate(materials) if material.anisotropic}
+        self.yields = self.changes = any(material.nonlinear for material in materials)
+        rowptr, columns = node_graph(space.cells, space.n_local)
+        local = np.zeros((len(columns), space.dim, space.dim))
+        for number in range(len(space.mesh.blocks)):
+            self._add_block(number, rowptr, columns, local)
+        self.origins, self._free_forces, self._free_energy = {}, None, 0.0
+        owned = OwnedRows(space.numbering, space.exchanger, space.nodes, rowptr, columns)
+        self.rowptr, self.columns = owned.rowptr, owned.columns
+        self.values = owned.sum(local)
+        nodes, self._column = np.unique(self.columns, return_inverse=True)
+        self._exchange = space.exchange(nodes)
+        self.states, self._time, self.step = {}, 0.0, 0.0
+        if self.yields:
+            self._add_states()
+
+    def _add_block(self, number, rowptr, columns, local):
+        """Add the stiffness of the cells of a block to block rows of local nodes."""
+        space, block = self.space, self.space.mesh.blocks[number]
+        (lam, mu), averaged = self.constants[block.body], space.averages(block)
+        plain = not (averaged or space.axisymmetric)
+        for rows, grad, jxw, shapes in chunks(space, number):
+            cells = space.cells[number][rows]
+            add_stiffness(grad, jxw, cells, lam if plain else 0.0, mu, rowptr, columns, local)
+            if not plain:
+                ring = hoop(space, number, rows, shapes)
+                at = points_of(space, number, rows) if averaged and linear(block.cell, space.degree_of(block)) else None
+                parts = squares(grad, jxw, ring, averaged, space.degree_of(block), lam, mu, at)
+                add_squares(*parts, cells, rowptr, columns, local)
+        blocks = BlockRows(rowptr, columns, local)
+        for _, points, jxw, moduli in self._turned(number):
+            strains.add_stiffness(points, jxw, moduli, np.full(len(moduli), FLOWS), blocks)
+
+    def _turned(self, number):
+        """Cells, points, weights and C_dev (k, m, m) of some cells of a block at a time; none where it has no C_dev."""
+        space, material = self.space, self.materials[self.space.mesh.blocks[number].body]
+        for rows, grad, jxw, shapes in chunks(space, number) if material.anisotropic else ():
+            ring = hoop(space, number, rows, shapes)
+            for first in range(0, len(grad), TURNED):
+                some = slice(first, min(first + TURNED, len(grad)))
+                own = slice(rows.start + some.start, rows.start + some.stop)
+                x = points_of(space, number, slice(own.start, own.start + 1) if material.uniform else own)
+                moduli = material.deviation(x.reshape(-1, space.dim))
+                points = cell_points(space.cells[number][own], grad[some], None if ring is None else ring[some])
+                yield own, points, np.ascontiguousarray(jxw[some]), moduli
+
+    def _add_states(self):
+        """Give the cells whose law is not linear internal variables, and their places in the tangent. *Collective.*"""
+        space = self.space
+        for number, block in enumerate(space.mesh.blocks):
+            if self.materials[block.body].nonlinear:
+                self.states[number] = PointStates(self, number, self.materials[block.body])
+                # residuals, tangents and estimates ask for the same again in every iteration
+                keep(space, number)
+        rowptr, columns = node_graph([space.cells[number] for number in self.states], space.n_local)
+        owned = OwnedRows(space.numbering, space.exchanger, space.nodes, rowptr, columns)
+        self._pattern, self._owned = (rowptr, columns), owned
+        self._place = positions(owned.rowptr, owned.columns, self.rowptr, self.columns)
+
+    @property
+    def name(self):
+        """For reports and checkpoints."""
+        return "bodies that may yield" if self.yields else "bodies"
+
+    def count_from(self, origins):
+        """See :meth:`pcontact.assembly.item.Bulk.count_from`. *Collective.*"""
+        self.origins, self._free_forces, self._free_energy = origins, None, 0.0
+        if not origins:
+            return
+        space, energy = self.space, 0.0
+        forces = np.zeros((space.n_local, space.dim))
+        for number, origin in origins.items():
+            rowptr, columns = node_graph([space.cells[number]], space.n_local)
+            local, own = np.zeros((len(columns), space.dim, space.dim)), np.zeros_like(forces)
+            self._add_block(number, rowptr, columns, local)
+            multiply(rowptr, columns, local, origin, own)
+            forces += own
+            energy += 0.5 * float(np.sum(origin * own))
+        self._free_forces = space.summed(space.local, forces)
+        self._free_energy = space.comm.allreduce(energy, op=MPI.SUM)
+
+    def moved(self, nodal, number):
+        """Displacement (n_local, d) of which a block has the strain."""
+        return nodal - self.origins[number] if number in self.origins else nodal
+
+    # -- forces and stiffness ---------------------------------------------------------------------------------------
+
+    def pattern(self):
+        """Owned block rows: rowptr (n_owned + 1,), columns (nnz,)."""
+        return self.rowptr, self.columns
+
+    def detect(self, u, time, motion=0.0, ahead=None):
+        """Temperatures are those of the end of the load step. *Collective.*"""
+        self.step = time - self._time
+        if self.heat is not None:
+            self.heat.detect(time)
+
+    def elastic_forces(self, u, out):
+        """Add the forces of linear elasticity on the owned nodes, without heat, to ``out`` (n_owned, d).
+        *Collective.*"""
+        y = np.empty_like(out)
+        multiply(self.rowptr, self._column, self.values, self._exchange.gather(u), y)
+        out += y if self._free_forces is None else y - self._free_forces
+
+    def residual(self, u, out, rule=LAW):
+        """Add the internal forces of the owned nodes to ``out`` (n_owned, d). *Collective.*
+
+        A point that cannot be integrated leaves NaN.
+        """
+        self.predict(u, u, out)
+
+    def predict(self, u, committed, out):
+        """Add the forces of bodies that go from the committed displacement to ``u`` without yielding. *Collective.*"""
+        self.elastic_forces(u, out)
+        if self.yields:
+            out += self._excess_forces(committed, False)
+        if self.heat is not None:
+            out -= self.heat.forces
+
+    def add_magnitude(self, u, out):
+        """Add the sum of the absolute terms of :meth:`residual` to ``out`` (n_owned, d). *Collective.*"""
+        y = np.empty_like(out)
+        multiply(self.rowptr, self._column, np.abs(self.values), np.abs(self._exchange.gather(u)), y)
+        out += y if self._free_forces is None else y + np.abs(self._free_forces)
+        if self.yields:
+            out += self._excess_forces(u, True)
+        if self.heat is not None:
+            out += np.abs(self.heat.forces)
+
+    def _responses(self, u, tangent=False):
+        """State, cells, points, weights, displacement and response of the chunks of cells whose law is not linear."""
+        nodal = self.space.local.gather(u)
+        for number, state in self.states.items():
+            moved = self.moved(nodal, number)
+            for rows, points, jxw in state.chunks():
+                yield state, rows, points, jxw, moved, state.stress(rows, points, moved, tangent)
+
+    def _excess_forces(self, u, absolute):
+        local = np.zeros((self.space.n_local, self.space.dim))
+        for _, _, points, jxw, _, found in self._responses(u):
+            add_forces(points, jxw, found.excess, found.active, absolute, local)
+        return self.space.summed(self.space.local, local)
+
+    def tangent(self, u, rule=LAW):
+        """Values (nnz, d, d) on :meth:`pattern`. *Collective.*"""
+        if not self.yields:
+            return self.values
+        d, count = self.space.dim, 0
+        local = np.zeros((len(self._pattern[1]), d, d))
+        blocks = BlockRows(*self._pattern, local)
+        for _, _, points, jxw, _, found in self._responses(u, True):
+            count += strains.add_stiffness(points, jxw, found.tangent, found.active, blocks)[0]
+        if not self.space.comm.allreduce(count, op=MPI.SUM):
+            return self.values
+        values = self.values.copy()
+        values[self._place] += self._owned.sum(local)
+        return values
+
+    # -- internal variables -----------------------------------------------------------------------------------------
+
+    def commit(self, u, time):
+        """Take the internal variables to a displacement. *Collective.*"""
+        if self.yields:
+            nodal = self.space.local.gather(u)
+            for number, state in self.states.items():
+                for rows, points, _ in state.chunks():
+                    strain = strains.strains(points, self.moved(nodal, number))
+                    state.material.commit(strain, state.of(rows), state.moment(rows))
+        self._time, self.step = time, 0.0
+
+    def flowing(self, u):
+        """Part of the volume that may yield which yields between the committed displacement and ``u``. *Collective.*"""
+        nodal, sums = self.space.local.gather(u), np.zeros(2)
+        for number, state in self.states.items():
+            for rows, points, jxw in state.chunks():
+                strain, values = strains.strains(points, self.moved(nodal, number)), state.of(rows).copy()
+                state.material.commit(strain, values, state.moment(rows))
+                flows = ~(state.material.flow(values) <= state.material.flow(state.of(rows)))
+                sums += [np.sum(jxw.ravel()[flows]), np.sum(jxw)]
+        flowing, volume = self.space.comm.allreduce(sums, op=MPI.SUM)
+        return float(flowing / volume) if volume > 0.0 else 0.0
+
+    def counters(self):
+        """Quadrature points with internal variables."""
+        return {"points": sum(state.p.size for state in self.states.values()), "work": 0}
+
+    def memory(self):
+        """Internal variables of the cells that have any, for a checkpoint.
+
+        Returns
+        -------
+        dict of str to (ndarray (n,), ndarray (n, nq width))
+            By block: cell numbers; states of their points.
+        """
+        tables = {}
+        for number, state in self.states.items():
+            rows = np.flatnonzero(state.values.any(axis=(1, 2)))
+            tables[str(number)] = self.space.mesh.blocks[number].ids[rows], state.table[rows]
+        return tables
+
+    def memory_keys(self):
+        """Keys (n,) of all rows that :meth:`memory` may have: cells, by the number of their points; None where no law
+        has a state."""
+        if not self.yields:
+            return None
+        blocks = self.space.mesh.blocks
+        keys = [blocks[number].ids * POINTS + state.values.shape[1] for number, state in self.states.items()]
+        return np.concatenate([np.zeros(0, dtype=np.int64), *keys])
+
+    def recall(self, name, chunks):
+        """Take back what :meth:`memory` gave, see `pcontact.assembly.item.Item.recall`."""
+        state = self.states.get(int(name))
+        if state is None:
+            return 0
+        state.values[:] = 0.0
+        return take_rows(self.space.mesh.blocks[int(name)].ids, chunks, state.table)
+
+    # -- report -----------------------------------------------------------------------------------------------------
+
+    def energies(self, u):
+        """See :meth:`pcontact.assembly.item.Bulk.energies`: half of (u - u0) K (u - u0), what laws say of their excess,
+        and, of heated bodies, 1/2 (eps - alpha dT) C (eps - alpha dT). *Collective.*"""
+        forces, own = np.zeros((self.space.n_owned, self.space.dim)), np.zeros(3)
+        values = u.getArray(readonly=True).reshape(forces.shape)
+        multiply(self.rowptr, self._column, self.values, self._exchange.gather(u), forces)
+        if self._free_forces is not None:
+            forces -= 2.0 * self._free_forces
+        if self.heat is not None:
+            forces -= 2.0 * self.heat.forces
+        own[0] = 0.5 * np.sum(forces * values)
+        for state, rows, points, jxw, moved, found in self._responses(u):
+            strain = strains.strains(points, moved)
+            own[1:] += [np.sum(jxw.ravel() * part)
+                        for part in state.material.energies(strain, state.of(rows), found.excess)]  # fmt: skip
+        elastic, more, dissipated = (float(x) for x in self.space.comm.allreduce(own, op=MPI.SUM))
+        stored = elastic + self._free_energy + more
+        return stored if self.heat is None else stored + self.heat.energy(), dissipated
+
+    def distortions(self, u, held):
+        """See :func:`pcontact.assembly.distortion.distortions`. *Collective.*"""
+        return distortions(self, u, held)
+
+    def stress(self, u):
+        """Mean stress of every cell. *Collective.*
+
+        Returns
+        -------
+        list of (ndarray (nc, 6), ndarray (nc,))
+            For each block stress (XX, YY, ZZ, XY, YZ, XZ) and volume. With axial symmetry XX is the radial, YY the
+            axial, ZZ the hoop stress, and the volume that of the whole ring.
+        """
+        nodal = self.space.local.gather(u)
+        result = []
+        for number, block in enumerate(self.space.mesh.blocks):
+            lam, mu = self.constants[block.body]
+            stress, volume = np.zeros((len(block.nodes), 6)), np.zeros(len(block.nodes))
+            moved = self.moved(nodal, number)
+            for rows, grad, jxw, shapes in chunks(self.space, number):
+                cells = self.space.cells[number][rows]
+                mean_stress(grad, jxw, moved, cells, lam, mu, stress[rows], volume[rows])
+                ring = hoop(self.space, number, rows, shapes)
+                if ring is not None:
+                    strain = np.einsum("cq,cqa,ca->c", jxw, ring, moved[cells, 0]) / volume[rows]
+                    stress[rows, :3] += lam * strain[:, None]
+                    stress[rows, 2] += 2.0 * mu * strain
+            for rows, points, jxw, moduli in self._turned(number):
+                own = np.einsum("...ij,...j->...i", moduli, strains.strains(points, moved))
+                add_means(jxw, own, stress[rows])
+            if self.space.kinematics == "plane_stress":
+                stress[:, 2] = 0.0
+            if self.heat is not None:
+                self.heat.take_off(stress, number)
+            result.append((stress, volume))
+        for state, rows, _, jxw, _, found in self._responses(u):
+            add_means(jxw, found.excess, result[state.number][0][rows])
+        return result
+
+    def plastic_strain(self):
+        """Mean equivalent plastic strain (nc,) of the cells of each block; None where nothing may yield."""
+        if not self.yields:
+            return None
+        result = [np.zeros(len(cells)) for cells in self.space.cells]
+        for number, state in self.states.items():
+            for rows, _, jxw in state.chunks():
+                result[number][rows] = np.sum(jxw * state.p[rows], axis=1) / jxw.sum(axis=1)
+        return result
+
+    def plasticity(self):
+        """Largest equivalent plastic strain, and volume of the points that have yielded [length^d, with axial symmetry
+        length^3]. *Collective.*"""
+        if not self.yields:
+            return 0.0, 0.0
+        largest, volume = 0.0, 0.0
+        for state in self.states.values():
+            largest = max(largest, float(np.max(state.p, initial=0.0)))
+            volume += sum(float(np.sum(jxw[state.p[rows] > 0.0])) for rows, _, jxw in state.chunks())
+        comm = self.space.comm
+        return comm.allreduce(largest, op=MPI.MAX), comm.allreduce(volume, op=MPI.SUM)
+
+
+def add_means(jxw, values, out):
+    """Add the means over cells with weights (nc, nq) of Mandel stresses (n, m) of their points to ``out`` (nc, 6)."""
+    mean = np.einsum("cq,cqm->cm", jxw, values.reshape(*jxw.shape, -1)) / jxw.sum(axis=1)[:, None]
+    mean[:, 3:] *= HALF
+    out[:, : mean.shape[1]] += mean
