@@ -21,11 +21,11 @@ from pcontact.assembly.springs import GroundSprings, SpinForces
 from pcontact.assembly.viscous import ViscousStabilisation
 from pcontact.contact.search.unjoined import unjoined
 from pcontact.element.reference import CELLS, facet_kinds
-from pcontact.material.elastic import Elastic, lame
+from pcontact.material.elastic import lame
 from pcontact.material.finite import FiniteMaterial
-from pcontact.material.hardening import hardening_curve, hardening_table
-from pcontact.material.orthotropic import Orthotropic, frame, stiffness
-from pcontact.material.plastic import Plastic, VonMises, plastic_constants
+from pcontact.material.hardening import curve_of
+from pcontact.material.laws import ADDED, small_strain
+from pcontact.material.plastic import VonMises, plastic_constants
 from pcontact.mesh.by_place import BY_PLACE
 from pcontact.mesh.geometry.moving import put_on
 from pcontact.mesh.groups import RawMesh
@@ -53,7 +53,7 @@ from pcontact.scene import (
 from pcontact.scene.amplitude import Squared
 from pcontact.scene.expression import Condition
 from pcontact.scene.keys import options as key_options
-from pcontact.scene.model import LOCKING, POOR, Contact
+from pcontact.scene.model import LOCKING, POOR, RUBBER, Contact
 from pcontact.scene.phases import groups_of, left, scene_of
 from pcontact.scene.places import place
 from pcontact.scene.prescribed import Prescribed
@@ -246,33 +246,27 @@ def check_present(scene, mesh):
             raise input_error(scene.where, where, found, "contacts of bodies that are there")
 
 
-def _curve(material):
-    """Hardening curve of a material, of length 0 where it does not yield."""
-    if not material.plastic:
-        return np.zeros((0, 3))
-    if material.hardening_curve is not None:
-        return hardening_table(material.hardening_curve)
-    return hardening_curve(material.yield_stress, material.hardening)
-
-
 def _finite(material, kinematics):
     """A material for finite strain."""
     constants = plastic_constants(*lame(material.E, material.nu), material.kinematic_hardening)
-    small = VonMises(constants, _curve(material), kinematics == "plane_stress")
+    small = VonMises(constants, curve_of(material), kinematics == "plane_stress")
     terms = np.array(material.terms, dtype=np.float64).reshape(-1, 2)
     return FiniteMaterial(small, terms, material.multiplicative, 0.0, 0.0)
 
 
-def small_strain(material, dim, kinematics):
-    """The law of small strain of a material of the scene, a `pcontact.material.elastic.Elastic`."""
-    if material.orthotropic:
-        moduli = stiffness(material.E, material.nu, material.G)
-        around = None if material.point is None else (material.point, material.axis or (0.0, 0.0, 1.0))
-        return Orthotropic(moduli, frame(*material.frame), dim, kinematics, around, material.expansion)
-    constants, expansion = lame(material.E, material.nu), material.expansion or 0.0
-    if material.plastic:
-        return Plastic(*constants, _curve(material), material.kinematic_hardening, dim, kinematics, expansion)
-    return Elastic(*constants, kinematics, expansion)
+def _check_laws(scene):
+    """Refuse materials with a law that this program has not added, or does not know the energy of."""
+    for name, material in scene.materials.items():
+        if not material.added:
+            continue
+        where, law = f"materials.{name}.law", ADDED.get(material.law)
+        if law is None:
+            added = " | ".join(map(repr, ADDED)) or "none: this program has added no material (pcontact.add_material)"
+            allowed = f'"hencky" | {" | ".join(map(repr, RUBBER))}, or a law that was added, {added}'
+            raise input_error(scene.where, where, repr(material.law), allowed)
+        if scene.output.energy and getattr(law, "energy", None) is None:
+            found = f"true with the law {material.law!r}, which does not say what it stores"
+            raise input_error(scene.where, "output.energy", found, "false, or a law with a method energy")
 
 
 def bulk_item(scene, space, laws):
@@ -736,6 +730,7 @@ def assemble(scene, mesh, span=None, more=()):
 def _assemble(scene, space, span, more):
     """See :func:`assemble`. *Collective.*"""
     end, mesh = scene.steps.end, space.mesh
+    _check_laws(scene)
     laws = [small_strain(scene.materials[body.material], mesh.dim, scene.mesh.kinematics) for body in scene.bodies]
     _check_estimate(scene, space)
     _check_locking(scene, space)

@@ -19,6 +19,8 @@ from pcontact.api.study import Study, study
 from pcontact.api.tables import Table
 from pcontact.assembly.item import Item
 from pcontact.contact.law import FrictionLaw, add_law
+from pcontact.material.laws import add_material
+from pcontact.material.point_law import PointLaw
 from pcontact.scene import (
     Body,
     Contact,
@@ -39,7 +41,7 @@ from pcontact.scene import (
 
 __all__ = [
     "Body", "Contact", "ContactResult", "Coupling", "Displacement", "Fields", "FrictionLaw", "Item", "Load", "Material",
-    "MeshSpec", "Obstacle", "Output", "Phase", "Picture", "Pretension", "Region", "Run", "Scene", "Spring", "Step",
-    "Steps", "Study", "Table", "Temperature", "add_law", "from_dict", "load", "mesh_from", "new", "read", "run",
-    "study",
+    "MeshSpec", "Obstacle", "Output", "Phase", "Picture", "PointLaw", "Pretension", "Region", "Run", "Scene", "Spring",
+    "Step", "Steps", "Study", "Table", "Temperature", "add_law", "add_material", "from_dict", "load", "mesh_from",
+    "new", "read", "run", "study",
 ]  # fmt: skip

@@ -109,7 +109,7 @@ class Heat:
         for number, one in enumerate(heatings):
             if not isinstance(one.prescribed, Prescribed):
                 heatings[number] = one._replace(prescribed=one.prescribed([w == number for w in self._which]))
-        expands = any((which >= 0).any() and materials[block.body].beta
+        expands = any((which >= 0).any() and (materials[block.body].beta or materials[block.body].reads_temperature)
                       for which, block in zip(self._which, space.mesh.blocks, strict=True))  # fmt: skip
         if not space.comm.allreduce(expands, op=MPI.LOR):
             agree(space.comm, f"{source}: {heatings[0].key}: found no cell of a material with expansion; allowed: "
@@ -117,7 +117,12 @@ class Heat:
 
     def stress(self, number, rows, points):
         """beta dT (n, nq) at points (n, nq, d) of cells (n,) of a block, as the temperature says."""
-        out, which = np.zeros(points.shape[:2]), self._which[number][rows]
+        return self._material(number).beta * self.temperatures(number, rows, points)[0]
+
+    def temperatures(self, number, rows, points):
+        """dT, and the temperature itself, (n, nq) at points (n, nq, d) of cells (n,) of a block; 0 where nothing heats
+        them."""
+        out, which, reference = np.zeros(points.shape[:2]), self._which[number][rows], np.zeros((len(rows), 1))
         for k in np.unique(which[which >= 0]):
             one, own = self._heatings[k], which == k
             if isinstance(one.prescribed, Prescribed):
@@ -125,7 +130,8 @@ class Heat:
             else:
                 values = one.prescribed.at(number, rows[own], points[own])
             out[own] = one.amplitude.factor(self._time) * (values.reshape(-1, points.shape[1]) - one.reference)
-        return self._material(number).beta * out
+            reference[own] = one.reference
+        return out, reference + out
 
     def detect(self, time):
         """Take the temperatures of a time. *Collective.*"""

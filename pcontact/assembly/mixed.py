@@ -57,6 +57,10 @@ class MixedBulk(Bulk):
         self.small.residual(u, out)
         self.finite.residual(u, out)
 
+    def detect(self, u, time, motion=0.0, ahead=None):
+        """See :meth:`pcontact.assembly.solid.Solid.detect`. *Collective.*"""
+        self.small.detect(u, time)
+
     def predict(self, u, base, out):
         """Add the forces at ``u`` as those of each kind of body are predicted from ``base``. *Collective.*"""
         self.small.predict(u, base, out)

@@ -137,7 +137,8 @@ class PointStates:
 
     def of(self, rows):
         """States of the points of some cells in a row (n, width): a view for a slice."""
-        return self.values[rows].reshape(-1, self.values.shape[2])
+        some = self.values[rows]
+        return some.reshape(some.shape[0] * some.shape[1], some.shape[2])
 
     def chunks(self):
         """Cells, points, weights (nc, nq) of the chunks of all cells."""
@@ -162,18 +163,26 @@ class PointStates:
         virgin : bool
             From no state instead of the committed one.
         """
+        strain, moment = self.at(rows, points, nodal)
         state = self.of(rows)
-        state = np.zeros_like(state) if virgin else state
-        return self.material.stress(strains.strains(points, nodal), state, self.moment(rows), tangent)
+        return self.material.stress(strain, np.zeros_like(state) if virgin else state, moment, tangent)
 
-    def curvature(self, points, nodal, state, weights):
-        """Second derivatives (n, m, m) of weights (n, m) times the stress of cells in states (n, width), and where they
-        are not zero, as `active`."""
-        return self.material.curvature(strains.strains(points, nodal), state, weights)
+    def curvature(self, rows, points, nodal, weights):
+        """Second derivatives (n, m, m) of weights (n, m) times the stress of cells, and where they are not zero, as
+        `active`; others as for :meth:`stress`."""
+        strain, moment = self.at(rows, points, nodal)
+        return self.material.curvature(strain, self.of(rows), weights, moment)
 
-    def moment(self, rows):
-        """What the law depends on besides at the points of some cells."""
-        return Moment(self._solid.step)
+    def at(self, rows, points, nodal):
+        """Strain (n, m) of the points of cells, without that of thermal expansion where the law asks for it, and what
+        the law depends on besides; parameters as for :meth:`stress`."""
+        strain, solid, material = strains.strains(points, nodal), self._solid, self.material
+        if solid.heat is None or not material.reads_temperature:
+            return strain, Moment(solid.step)
+        some = np.arange(len(self.values))[rows]
+        heat, temperature = solid.heat.temperatures(self.number, some, points_of(solid.space, self.number, some))
+        strain[:, : 2 if material.plane_stress else 3] -= material.expansion * heat.reshape(-1, 1)
+        return strain, Moment(solid.step, temperature.ravel())
 
 
 class Solid(Bulk):
@@ -209,6 +218,7 @@ class Solid(Bulk):
         self.constants = [material.constants for material in materials]
         self.orthotropic = {body: material for body, material in enumerate(materials) if material.anisotropic}
         self.yields = self.changes = any(material.nonlinear for material in materials)
+        self.symmetric = all(material.symmetric for material in materials)
         rowptr, columns = node_graph(space.cells, space.n_local)
         local = np.zeros((len(columns), space.dim, space.dim))
         for number in range(len(space.mesh.blocks)):
@@ -373,8 +383,8 @@ class Solid(Bulk):
             nodal = self.space.local.gather(u)
             for number, state in self.states.items():
                 for rows, points, _ in state.chunks():
-                    strain = strains.strains(points, self.moved(nodal, number))
-                    state.material.commit(strain, state.of(rows), state.moment(rows))
+                    strain, moment = state.at(rows, points, self.moved(nodal, number))
+                    state.material.commit(strain, state.of(rows), moment)
         self._time, self.step = time, 0.0
 
     def flowing(self, u):
@@ -382,8 +392,8 @@ class Solid(Bulk):
         nodal, sums = self.space.local.gather(u), np.zeros(2)
         for number, state in self.states.items():
             for rows, points, jxw in state.chunks():
-                strain, values = strains.strains(points, self.moved(nodal, number)), state.of(rows).copy()
-                state.material.commit(strain, values, state.moment(rows))
+                (strain, moment), values = state.at(rows, points, self.moved(nodal, number)), state.of(rows).copy()
+                state.material.commit(strain, values, moment)
                 flows = ~(state.material.flow(values) <= state.material.flow(state.of(rows)))
                 sums += [np.sum(jxw.ravel()[flows]), np.sum(jxw)]
         flowing, volume = self.space.comm.allreduce(sums, op=MPI.SUM)
@@ -391,7 +401,7 @@ class Solid(Bulk):
 
     def counters(self):
         """Quadrature points with internal variables."""
-        return {"points": sum(state.p.size for state in self.states.values()), "work": 0}
+        return {"points": sum(int(np.prod(state.values.shape[:2])) for state in self.states.values()), "work": 0}
 
     def memory(self):
         """Internal variables of the cells that have any, for a checkpoint.
@@ -438,7 +448,7 @@ class Solid(Bulk):
             forces -= 2.0 * self.heat.forces
         own[0] = 0.5 * np.sum(forces * values)
         for state, rows, points, jxw, moved, found in self._responses(u):
-            strain = strains.strains(points, moved)
+            strain, _ = state.at(rows, points, moved)
             own[1:] += [np.sum(jxw.ravel() * part)
                         for part in state.material.energies(strain, state.of(rows), found.excess)]  # fmt: skip
         elastic, more, dissipated = (float(x) for x in self.space.comm.allreduce(own, op=MPI.SUM))

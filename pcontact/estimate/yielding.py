@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pcontact.assembly.geometry import some_cells
-from pcontact.assembly.strains import cell_points, strains
+from pcontact.assembly.strains import cell_points
 
 
 class Softening(NamedTuple):
@@ -62,8 +62,8 @@ def softening(space, bulk, number, rows, nodal, xi):
     cells = np.arange(len(space.cells[number]))[rows][some]
     grad, ring, points = some_cells(space, number, cells)
     places, shape = cell_points(np.ascontiguousarray(nodes[some]), grad, ring), grad.shape[:2]
-    excess, moduli = state.stress(cells, places, nodal, virgin=True).excess, state.material.moduli()
-    strain = strains(places, nodal)
+    excess, (strain, _) = state.stress(cells, places, nodal, virgin=True).excess, state.at(cells, places, nodal)
+    moduli = state.material.moduli(strain.shape[1])
     # the excess of a virgin point is along the strain: what is taken away is a part of the work of the strain
     work = np.einsum("nk,kl,nl->n", strain, moduli, strain)
     part = np.zeros((len(nodes), shape[1]))

@@ -46,13 +46,11 @@ class Moment(NamedTuple):
     ----------
     step : float
         Increment of the load step [time]; 0 where the state is that at its end.
-    heat : ndarray (n,) or None
-        How far the temperature of the points is from that without thermal strain; None where nothing heats them.
     temperature : ndarray (n,) or None
+        Of the points; None where nothing heats them.
     """
 
     step: float = 0.0
-    heat: np.ndarray | None = None
     temperature: np.ndarray | None = None
 
 
@@ -98,6 +96,10 @@ class Elastic:
         Lame constants of C_iso, in plane stress those of the plane [stress].
     nonlinear : bool
         Whether there is an excess.
+    symmetric : bool
+        Whether the derivative of the stress is symmetric.
+    reads_temperature : bool
+        Whether the excess depends on the temperature.
     anisotropic, uniform : bool
         Whether there is a C_dev, and whether it is the same everywhere.
     width : int
@@ -111,7 +113,9 @@ class Elastic:
         Energy density of free expansion by dT is 1/2 (beta dT)^2 / bulk [stress].
     """
 
-    nonlinear, anisotropic, uniform, width, limit = False, False, True, 0, np.inf
+    nonlinear = anisotropic = reads_temperature = False
+    symmetric = uniform = True
+    width, limit = 0, np.inf
 
     def __init__(self, lam, mu, kinematics="plane_strain", expansion=0.0):
         self.constants, self.plane_stress = in_plane(lam, mu, kinematics), kinematics == "plane_stress"
@@ -120,10 +124,31 @@ class Elastic:
         self.bulk = self.constants[0] + 2.0 / normal * self.constants[1]
         self.expansion, self.beta = expansion, normal * self.bulk * expansion
 
+    @classmethod
+    def of(cls, material, dim, kinematics):
+        """That of a material of a scene, whatever else it has."""
+        return cls(*lame(material.E, material.nu), kinematics, material.expansion or 0.0)
+
+    def moduli(self, m):
+        """Moduli (m, m) of the strain that flow changes: of the deviator, in plane stress of all in the plane."""
+        out = isotropic(*self.constants, m, self.plane_stress)
+        if not self.plane_stress:
+            out[:3, :3] = 2.0 * self.constants[1] * (np.eye(3) - 1.0 / 3.0)
+        return out
+
     def deviation(self, x):
         """C_dev (k, m, m) [stress] at points x (n, d): k = 0 without, 1 where it is uniform, else n."""
         m = 6 if x.shape[1] == 3 else 4
         return np.zeros((0, m, m))
+
+
+def isotropic(lam, mu, m, plane_stress):
+    """Isotropic stiffness (m, m) [stress]; with the constants of the plane in plane stress, where 33 is zero."""
+    out, normal = 2.0 * mu * np.eye(m), 2 if plane_stress else 3
+    out[:normal, :normal] += lam
+    if plane_stress:
+        out[2, :] = out[:, 2] = 0.0
+    return out
 
 
 @njit

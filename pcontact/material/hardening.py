@@ -49,6 +49,15 @@ def hardening_table(table):
     return np.column_stack([table, slopes])
 
 
+def curve_of(material):
+    """Curve of a material of a scene, of length 0 where it does not yield."""
+    if not material.plastic:
+        return np.zeros((0, 3))
+    if material.hardening_curve is not None:
+        return hardening_table(material.hardening_curve)
+    return hardening_curve(material.yield_stress, material.hardening)
+
+
 @njit_inline
 def segment_of(curve, p):
     """Number of the segment of ``curve`` (k, 3) that begins at ``p`` or contains it."""

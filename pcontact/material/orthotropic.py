@@ -18,7 +18,7 @@ isotropic body, and C_dev is added where an orthotropic body is.
 
 import numpy as np
 
-from pcontact.material.elastic import Elastic
+from pcontact.material.elastic import Elastic, isotropic
 from pcontact.material.mandel import HALF
 
 # index pairs of the Mandel components
@@ -96,15 +96,6 @@ def nearest_isotropic(moduli):
     return (triple_bulk - shear) / 3.0, 0.5 * shear
 
 
-def _isotropic(lam, mu, m, plane_stress):
-    out = 2.0 * mu * np.eye(m)
-    normal = 2 if plane_stress else 3
-    out[:normal, :normal] += lam
-    if plane_stress:
-        out[2, :] = out[:, 2] = 0.0
-    return out
-
-
 class Orthotropic(Elastic):
     """Orthotropic elasticity of a body in the directions of the mesh: x, y, z, or r, axis, hoop with axial symmetry.
 
@@ -141,11 +132,20 @@ class Orthotropic(Elastic):
         matrix = turn(axes[None])[0]
         self._local = matrix @ moduli @ matrix.T
         super().__init__(*nearest_isotropic(moduli), kinematics)
-        self._isotropic = _isotropic(*self.constants, self.size, self.plane_stress)
+        self._isotropic = isotropic(*self.constants, self.size, self.plane_stress)
         self._expansion = np.zeros(6)
         if expansion is not None and np.any(expansion):
             self._expansion = matrix @ np.array([*expansion, 0.0, 0.0, 0.0])
             self.beta, self.bulk = 1.0, 1.0 / self._expansion_energy()
+
+    @classmethod
+    def of(cls, material, dim, kinematics):
+        """That of a material of a scene which has constants along three axes; None for others."""
+        if not material.orthotropic:
+            return None
+        moduli = stiffness(material.E, material.nu, material.G)
+        around = None if material.point is None else (material.point, material.axis or (0.0, 0.0, 1.0))
+        return cls(moduli, frame(*material.frame), dim, kinematics, around, material.expansion)
 
     @property
     def uniform(self):

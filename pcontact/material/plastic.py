@@ -28,9 +28,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pcontact.material.elastic import FLOWS, LOADED, NOW, Elastic, Response
-from pcontact.material.hardening import RADIUS, flow_length, yield_radius, yield_work
-from pcontact.material.mandel import HALF, add_diagonal, add_elastic_tangent, moduli_of, to_axes
+from pcontact.material.elastic import FLOWS, LOADED, NOW, Elastic, Response, lame
+from pcontact.material.hardening import RADIUS, curve_of, flow_length, yield_radius, yield_work
+from pcontact.material.mandel import HALF, add_diagonal, moduli_of, to_axes
 from pcontact.runtime.jit import njit, njit_inline, njit_inner_exact
 
 # A state that was brought back to the yield surface is found there again up to this many times the rounding error of
@@ -437,13 +437,26 @@ class Plastic(Elastic):
     law : VonMises
     """
 
-    nonlinear = symmetric = True
+    nonlinear = True
 
     def __init__(self, lam, mu, curve, kinematic_hardening=0.0, dim=3, kinematics="plane_strain", expansion=0.0):
         super().__init__(lam, mu, kinematics, expansion)
         self.law = VonMises(plastic_constants(lam, mu, kinematic_hardening), curve, self.plane_stress)
         self.size, self.limit = 6 if dim == 3 else 4, float(curve[0, 1])
         self.width = self.size + 1
+
+    @classmethod
+    def of(cls, material, dim, kinematics):
+        """That of a material of a scene which may yield; None for others."""
+        if not material.plastic:
+            return None
+        constants, expansion = lame(material.E, material.nu), material.expansion or 0.0
+        return cls(*constants, curve_of(material), material.kinematic_hardening, dim, kinematics, expansion)
+
+    @property
+    def reads_temperature(self):
+        """In plane stress a stress that is uniform in the plane has a deviator."""
+        return self.plane_stress
 
     def stress(self, strain, state, moment=NOW, tangent=False):
         """A `Response` of points to a strain (n, m), from a committed state (n, m + 1)."""
@@ -456,7 +469,7 @@ class Plastic(Elastic):
         """Let a state, in place, follow the strain."""
         advance(self.law, strain, state)
 
-    def curvature(self, strain, state, weight):
+    def curvature(self, strain, state, weight, moment=NOW):
         """Second derivatives (n, m, m) of weights (n, m) times the stress, and where they are not zero, as `active`."""
         second, active = np.zeros((*strain.shape, strain.shape[1])), np.zeros(len(strain), dtype=np.int8)
         bend(self.law, strain, state, weight, second, active)
@@ -480,11 +493,3 @@ class Plastic(Elastic):
         back = moduli_of(self.law.constants, False)[2]
         stored = 0.5 * back * np.sum(across**2, axis=1) + np.sum((strain - 0.5 * plastic) * excess, axis=1)
         return stored, yield_work(self.law.curve, self.flow(state))
-
-    def moduli(self):
-        """Moduli (m, m) of the strain that flow changes: of the deviator, in plane stress of all in the plane."""
-        moduli = np.zeros((self.size, self.size))
-        add_elastic_tangent(self.law.constants, self.plane_stress, moduli)
-        if not self.plane_stress:
-            moduli[:3, :3] = 2.0 * self.law.constants[1] * (np.eye(3) - 1.0 / 3.0)
-        return moduli

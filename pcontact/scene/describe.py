@@ -12,7 +12,7 @@ def _plastic(scene, finite=None):
     return [
         f"{body.region} ({_hardening(scene.materials[body.material])})"
         for body in scene.bodies
-        if scene.yields(body) and finite in (None, scene.finite(body))
+        if scene.materials[body.material].plastic and finite in (None, scene.finite(body))
     ]
 
 
@@ -29,6 +29,10 @@ def _strains(scene):
                   if scene.materials[body.material].orthotropic]  # fmt: skip
         if turned:
             lines.append(f"orthotropic: {', '.join(turned)}")
+        added = [f"{body.region} ({scene.materials[body.material].law})" for body in bodies
+                 if scene.materials[body.material].added]  # fmt: skip
+        if added:
+            lines.append(f"laws that the program has added: {', '.join(added)}")
         plastic = _plastic(scene, finite)
         if plastic:
             lines.append(f"{words} von Mises plasticity: {', '.join(plastic)}")

@@ -40,8 +40,10 @@ from pcontact.scene.values import (
     FOUNDATION,
     FUNCTION,
     HARDENING_CURVE,
+    LAW,
     MOMENT,
     MOONEY_RIVLIN,
+    NUMBERS,
     OGDEN,
     PLACE_CONDITION,
     POISSON,
@@ -143,6 +145,10 @@ class MeshSpec:
     )  # fmt: skip
 
 
+# laws of finite strain
+RUBBER = ("neo_hooke", "mooney_rivlin", "ogden")
+
+
 @table
 class Material:
     """Isotropic elasticity, or orthotropic where `E` is a list; von Mises plasticity as well where `yield_stress` or
@@ -172,9 +178,15 @@ class Material:
         default=None, unit="stress", otherwise="none", more="linear between the points, constant beyond the last",
     )  # fmt: skip
     law: str = key(
-        choice("hencky", "neo_hooke", "mooney_rivlin", "ogden"), "with finite strain: elasticity", default="hencky",
-        more="`hencky`: Hooke's law of logarithmic strain; the others are rubber, see "
-        "[finite_strain.md](finite_strain.md). `E` and `nu` are those of small strain with all of them",
+        LAW,
+        "with finite strain: elasticity; with small strain: the name of a law that a Python program has added",
+        default="hencky",
+        more="`hencky`: Hooke's law, with finite strain of logarithmic strain; the next three are rubber, see "
+        "[finite_strain.md](finite_strain.md). `E` and `nu` are those of small strain with all of them. Laws that "
+        "programs add: see [extending.md](extending.md)",
+    )  # fmt: skip
+    parameters: Sequence[float] | None = key(
+        NUMBERS, "numbers for a law that a program has added", default=None, otherwise="none",
     )  # fmt: skip
     mooney_rivlin: Sequence[float] | None = key(
         MOONEY_RIVLIN, "with `law = \"mooney_rivlin\"`: c10 and c01", default=None, unit="stress", otherwise="none",
@@ -240,6 +252,11 @@ class Material:
     def plastic(self) -> bool:
         """Whether it may yield."""
         return self.yield_stress is not None or self.hardening_curve is not None
+
+    @property
+    def added(self) -> bool:
+        """Whether its law is one that a program has added."""
+        return self.law not in ("hencky", *RUBBER)
 
     @property
     def multiplicative(self) -> bool:
@@ -1001,8 +1018,8 @@ class Scene:
         return body.order is not None and body.order < (self.mesh.order or 1)
 
     def yields(self, body: Body) -> bool:
-        """Whether a body may yield."""
-        return self.materials[body.material].plastic
+        """Whether a body may yield, or has a law that a program has added."""
+        return self.materials[body.material].plastic or self.materials[body.material].added
 
     @property
     def plastic(self) -> bool:

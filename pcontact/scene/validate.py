@@ -16,6 +16,7 @@ from pcontact.scene.model import (
     OBSTACLE_KEYS,
     OF_TOTALS,
     OUTER,
+    RUBBER,
     SINGLE_TABLES,
     TOTALS,
     Contact,
@@ -263,10 +264,13 @@ def _check_strain(scene):
     """Laws of rubber are for finite strain, which some parts of the program do not have."""
     for index, body in enumerate(scene.bodies):
         material, where = scene.materials[body.material], f"bodies[{index}] ({body.region})"
-        if material.law != "hencky" and not scene.finite(body):
+        if material.law in RUBBER and not scene.finite(body):
             found = f'"{material.law}" in body {body.region} with small strain'
             raise input_error(scene.where, f"materials.{body.material}.law", found, f'{where}.strain = "finite"')
-        if material.law != "hencky" and scene.mesh.kinematics == "plane_stress":
+        if material.added and scene.finite(body):
+            found = f'"{material.law}" in body {body.region} with finite strain'
+            raise input_error(scene.where, f"materials.{body.material}.law", found, f'{where}.strain = "small"')
+        if material.law in RUBBER and scene.mesh.kinematics == "plane_stress":
             found = f'"{material.law}" with kinematics = "plane_stress"'
             raise input_error(scene.where, f"materials.{body.material}.law", found, '"hencky"')
         if scene.output.estimate and scene.finite(body):
@@ -362,6 +366,8 @@ def _check_law(scene, where, material):
         return
     if material.plastic:
         raise input_error(scene.where, f"{where}.law", f'"{material.law}" of what may yield', '"hencky"')
+    if material.added:
+        return
     young = (1.0 + material.nu) * sum(modulus * power for modulus, power in material.terms)
     if abs(young - material.E) > ALIKE_MODULI * young:
         found = f'{material.E:g} with a law = "{material.law}" of other stiffness'
@@ -600,7 +606,7 @@ def _check_spring(scene, where, spring):
 
 
 def _check_temperatures(scene):
-    """Thermal strain is one of small strain; that of bodies that yield in plane stress is not in their law."""
+    """Thermal strain is one of small strain."""
     for index, item in enumerate(scene.temperatures):
         where = place("temperatures", index, item.region)
         if (item.value is None) == (item.file is None):
@@ -613,13 +619,9 @@ def _check_temperatures(scene):
             allowed = f"a file beside the scene, in {scene.folder.absolute()}"
             raise input_error(scene.where, f"{where}.file", f"{str(item.file)!r}, no such file", allowed)
         for body in scene.bodies:
-            material = scene.materials[body.material]
             if scene.finite(body):
                 found = f"body {body.region} with finite strain"
                 raise input_error(scene.where, where, found, "thermal strain with small strain of all bodies")
-            if scene.mesh.kinematics == "plane_stress" and material.plastic and material.expansion:
-                found = f'body {body.region} that may yield, with expansion and kinematics = "plane_stress"'
-                raise input_error(scene.where, where, found, "elastic bodies, or other kinematics")
 
 
 def _check_serendipity(scene):

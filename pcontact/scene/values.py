@@ -196,6 +196,8 @@ POISSON = _or_three(
 )  # fmt: skip
 EXPANSION = _or_three(number(), "orthotropic: a list of 3 such numbers, along axes 1, 2, 3", number())
 SHEAR = sequence("a list of 3 numbers > 0, G12, G13, G23", number(above=0), (3,))
+LAW = TEXT._replace(allowed='"hencky" | "neo_hooke" | "mooney_rivlin" | "ogden", or the name of a law that was added')
+NUMBERS = sequence("a list of finite numbers", number(), None)
 AXES = sequence(
     "a list of two vectors of 3 numbers, not zero", sequence("", number(), (3,), any), (2,)
 )  # fmt: skip

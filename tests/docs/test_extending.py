@@ -14,6 +14,7 @@ from pcontact.contact.formulation.methods import Penalty
 from pcontact.contact.law import ADDED, OPEN, SLIP, STICK, View, contact_law
 from pcontact.contact.pair import METHODS
 from pcontact.material.hardening import hardening_table
+from pcontact.material.laws import ADDED as LAWS_ADDED
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.petsc import MPI
 from pcontact.scene.model import Contact, Displacement, Material
@@ -152,6 +153,31 @@ def test_a_curve_of_hardening():
     between = 0.5 * (table[1:, 0] + table[:-1, 0])
     found = curve[:-1, 1] + curve[:-1, 2] * (between - table[:-1, 0])
     assert found == pytest.approx(4.0 - 2.0 * np.exp(-between / 0.01), rel=2e-3)
+
+
+@pytest.mark.parallel
+def test_a_law_of_creep(shared_tmp):
+    """The stress of a bar that is held falls as backward Euler says of d sigma / dt = -E A sigma^n."""
+    exec(BLOCKS[6], {})
+    path = make_mesh(one_block, shared_tmp / "block.msh", 2, 2)
+    scene = pc.from_dict({
+        "mesh": {"file": str(path), "kinematics": "plane_stress"},
+        "materials": {"m": {"E": 100.0, "nu": 0.3, "law": "norton", "parameters": [0.01, 3.0]}},
+        "bodies": [{"region": "block", "material": "m"}], "steps": {"count": 4},
+        "displacements": [
+            {"region": "bottom", "value": ["free", 0.0]}, {"region": "left", "value": [0.0, "free"]},
+            {"region": "top", "value": ["free", 0.02], "amplitude": [[0.0, 0.0], [1e-9, 1.0], [1.0, 1.0]]},
+        ],
+    })  # fmt: skip
+    try:
+        run = pc.run(scene)
+    finally:
+        del LAWS_ADDED["norton"]
+    known = 2.0
+    assert len(run.steps) == 5
+    for step in run.steps[1:]:
+        known = next(root.real for root in np.roots([0.25, 0.0, 1.0, -known]) if abs(root.imag) < 1e-12)
+        assert step["reactions"]["top"][1] == pytest.approx(known, rel=1e-7)
 
 
 @pytest.mark.parallel

@@ -19,6 +19,7 @@ from pcontact.runtime.petsc import MPI
 from pcontact.scene.model import Coupling, Displacement, Load, Material
 from pcontact.simulation import Simulation
 from tests.support.lean import FEATURES, KEYS, scene
+from tests.support.point_laws import add_all, remove_all
 
 # modules of the kernels that a plain run calls, and what its report says of a load step
 KERNELS = {
@@ -71,6 +72,9 @@ def with_feature(path, feature):
         result.contacts = [replace(pair, cut=True)]
     elif feature == "orthotropic materials":
         result.materials["soft"] = Material([1000.0, 900.0, 800.0], [0.3] * 3, G=[300.0] * 3)
+    elif feature == "laws from outside":
+        add_all()
+        result.materials["soft"] = Material(1000.0, 0.3, law="mises", parameters=[8.0, 100.0])
     else:
         return None
     return result
@@ -136,6 +140,7 @@ def test_a_run_with_it_calls_it(mesh, plain, feature):
         assert all(importlib.import_module(f"pcontact.{module}") for module in modules)
         return
     called = run(case, mesh.parent / feature.replace(" ", "_"))
+    remove_all()
     assert named(called, FEATURES[feature]) == set(FEATURES[feature])
     assert called - plain
 

@@ -187,7 +187,6 @@ def test_restart(mesh, shared_tmp):
         (lambda s: setattr(s.mesh, "strain", "finite"), ("temperatures[0]", "body block with finite strain")),
         (lambda s: setattr(s.temperatures[0], "region", "top"), ("temperatures[0] (top).region", "group of facets")),
         (lambda s: setattr(s.temperatures[0], "value", "z"), ("temperatures[0].value", "z with a 2D mesh")),
-        (lambda s: setattr(s.materials["m"], "yield_stress", 1.0), ("temperatures[0]", "plane_stress", "may yield")),
     ],
 )  # fmt: skip
 def test_bad_temperatures(mesh, change, parts):

@@ -72,8 +72,10 @@ FEATURES = {
         "contact.surface.smooth_geometry:SmoothSurface.offset",
     ],
     "orthotropic materials": [
-        "assembly.strains:write_strains", "contact.traction.small:_LinearRows.__init__", "material.orthotropic",
+        "assembly.strains:strains", "contact.traction.small:_LinearRows.__init__",
+        "material.orthotropic:Orthotropic.__init__", "material.orthotropic:Orthotropic.deviation",
     ],
+    "laws from outside": ["material.point_law"],
     "loads": ["assembly.loads", "assembly.patches"],
     "total loads": ["assembly.coupling"],
     "means of groups": ["assembly.average"],
@@ -104,7 +106,7 @@ KEYS = {
     "Material": {
         ANY: "E nu", "plasticity": "yield_stress hardening kinematic_hardening hardening_curve",
         "finite strain": "law mooney_rivlin ogden split", "thermal strain": "expansion", "loads": "density",
-        "orthotropic materials": "G axes angle point axis",
+        "orthotropic materials": "G axes angle point axis", "laws from outside": "parameters",
     },
     "Body": {
         ANY: "region material", "finite strain": "strain", "reduced integration": "integration", "equations": "order",

@@ -420,14 +420,14 @@ class _Excess:
         """
         missing = 0
         for part in self.parts:
-            places, (nf, nq, _) = part.places, (state := part.state.values[part.rows]).shape
+            places, (nf, nq) = part.places, part.grad.shape[:2]
             # Mandel stresses, by whose work the vectors test the traction
             work = np.matmul(weights[places.points][:, None], part.onto)[:, 0]
             tested = np.zeros((nf, nq, work.shape[1]))
             np.add.at(tested, places.facet, places.matrix[:, :, None] * work[:, None])
             parents = part.parents(cells)
             moduli, active = part.state.curvature(
-                parents, self._moved(part, values, cells), state.reshape(nf * nq, -1), tested.reshape(nf * nq, -1)
+                part.rows, parents, self._moved(part, values, cells), tested.reshape(nf * nq, -1)
             )
             missing += add_stiffness(parents, np.ones((nf, nq)), moduli, active, blocks)[1]
         return missing

@@ -172,7 +172,7 @@ def test_tangent_where_both_bodies_yield(tmp_path, theta, adjoint, name):
         bulk, item = plastic_items(space, one, [material] * 2, SOFT, 0.3)
         bulks.append(bulk)
         traction = item.terms.traction
-        traction.trace = type(traction.trace)(space, bulks[0], halved(item.source), one.source)
+        traction._excess = type(traction._excess)(space, bulks[0], halved(item.source), one.source)
         return item
 
     item, bulk = both(contact, make), bulks[0]
