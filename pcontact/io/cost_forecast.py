@@ -12,9 +12,14 @@ FRICTION_TIMES, PLASTIC_TIMES = "0.8 to 1.6", "2.2 to 2.9"
 FINITE_TIMES, MOVING = "1.5 to 2.3", 2.4
 
 
-def friction_bytes(d):
-    """Of a quadrature point: lag, slip reference and the jump before the step, d numbers each."""
-    return 3 * 8 * d
+# what tables of bytes call the derivative of the normal traction
+ROWS = "pairs.pairing.operator.rows"
+
+
+def friction_bytes(d, rows):
+    """Of a quadrature point: lag, slip reference and the jump before the step, d numbers each, and the derivative of
+    d - 1 more components of the traction, ``rows`` bytes each."""
+    return 3 * 8 * d + (d - 1) * rows
 
 
 def plastic_bytes(d):
@@ -45,7 +50,8 @@ def cost_forecast(problem, scene):
     smooth = [contact.name for contact in contacts if not (contact.friction or contact.tresca or contact.law)]
     points = sum(counts["points"].get(name, 0) for name in smooth)
     if points:
-        lines.append(_more("friction", points, friction_bytes(space.dim), FRICTION_TIMES))
+        rows = sum(counts["bytes"].get(name, {}).get(ROWS, 0) for name in smooth) / points
+        lines.append(_more("friction", points, friction_bytes(space.dim, rows), FRICTION_TIMES))
     if not scene.plastic:
         lines.append(_more("plasticity of all bodies", cells, plastic_bytes(space.dim), PLASTIC_TIMES))
     if not any(scene.finite(body) for body in scene.bodies):
@@ -61,5 +67,5 @@ def cost_forecast(problem, scene):
 
 
 def _more(name, points, size, times):
-    return (f"left out, {name}: {points * size / MB:.3g} MB for the state ({size} bytes at each of {points} points), "
+    return (f"left out, {name}: {points * size / MB:.3g} MB for the state ({size:.0f} bytes at each of {points} points), "
             f"a load step {times} times as long")  # fmt: skip

@@ -409,7 +409,7 @@ def test_the_first_search_for_modules_does_not_start_mpi():
     code = """if True:
         import sys
         import pcontact as pc
-        from pcontact.contact.formulation.frictionless_kernels import __name__
+        from pcontact.contact.formulation.small_kernels import __name__
         assert issubclass(pc.InputError, Exception) and "run" in dir(pc)
         assert not {"mpi4py.MPI", "petsc4py.PETSc", "pcontact.api"} & set(sys.modules)
         try:

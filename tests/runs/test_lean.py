@@ -12,9 +12,9 @@ import meshio
 import numpy as np
 import pytest
 from numba.core.registry import CPUDispatcher
-from pcontact.contact.formulation.frictionless import FrictionlessTerms
 
 from meshes.blocks import two_blocks
+from pcontact.contact.formulation.small import SmallTerms
 from pcontact.element.reference import facet_nodes
 from pcontact.io.cost_forecast import cost_forecast, friction_bytes, plastic_bytes
 from pcontact.io.counters import held
@@ -217,18 +217,18 @@ def test_elastic_frictionless_contact_has_no_state(mesh):
     simulation.run(None)
     bulk, pair = simulation.problem.items
     shared = simulation.problem.space, simulation.mesh
-    assert type(pair.terms) is FrictionlessTerms
+    assert type(pair.terms) is SmallTerms
     assert not {name for name in held(bulk, shared) if "state" in name or "strain" in name}
     tangential = ("lag", "start", "before", "law", "slip", "tangent", "multiplier")
     assert not [name for name in held(pair, shared) if any(word in name for word in tangential)]
     kernels = simulation.counters()["kernels"]
-    assert not [name for name in kernels if name.split(".")[0] in ("frictional_kernels", "plastic", "strains")]
+    assert not [name for name in kernels if name.split(".")[0] in ("law", "plastic", "strains")]
     simulation.close()
 
 
 def test_kernels_are_counted():
     """Kernels called from Python count, all kinds of decorator."""
-    from_python = [thing for thing in vars(sys.modules["pcontact.contact.formulation.frictionless_kernels"]).values()
+    from_python = [thing for thing in vars(sys.modules["pcontact.contact.formulation.small_kernels"]).values()
                    if isinstance(thing, CPUDispatcher)]  # fmt: skip
     assert from_python and all(hasattr(kernel, "title") for kernel in from_python)
 
@@ -239,12 +239,14 @@ def test_what_check_foretells(mesh):
     plain, rough, yielding = (counters(case) for case in (
         scene(mesh), with_piece(mesh, "friction"), with_piece(mesh, "plasticity")
     ))  # fmt: skip
-    points, law = plain["points"]["pair"], 24 * WORLD.size
+    points, rows = plain["points"]["pair"], plain["bytes"]["pair"]["pairs.pairing.operator.rows"]
+    # its row, and the directions of space
+    law = (24 + 72) * WORLD.size
     # the slip of one more direction may couple other points, hence other patterns
     patterns = ("columns", "rowptr", "owned.")
     others = {name for name in rough["bytes"]["pair"] if not name.startswith(patterns)}
     more = sum(rough["bytes"]["pair"][name] - plain["bytes"]["pair"].get(name, 0) for name in others)
-    assert more == friction_bytes(3) * points + law
+    assert more == friction_bytes(3, rows / points) * points + law
     (name,) = set(yielding["points"]) - {"pair"}
     state = {key: size for key, size in yielding["bytes"][name].items() if key == "states.values"}
     assert len(state) == 1 and sum(state.values()) == plastic_bytes(3) * yielding["points"][name]

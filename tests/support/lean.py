@@ -7,7 +7,7 @@ ASKED = ("contact_law", "Frictionless", "View", "_tresca", "_coulomb")
 # of each piece modules, or "module:name" for one class or function of a module, or a method of a class of it; names in
 # its modules that other physics uses, too, or that ask whether a scene has the piece
 PIECES = {
-    "friction": (("contact.formulation.frictional_kernels", "contact.formulation.frictional", "contact.law"), ASKED),
+    "friction": (("contact.law",), ASKED),
     "friction that varies": (
         ("contact.law",), (*ASKED, "FrictionLaw", "RowLaw", "Tied", "Held", "bound", "project", "_project_all",
                            "project_rows", "add_law"),

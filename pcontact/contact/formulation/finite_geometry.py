@@ -125,7 +125,7 @@ class FinitePartner(NamedTuple):
 
 class Motion(NamedTuple):
     """Nodal values (n, d): undeformed places relative to the origin, displacements now and committed [length]; and the
-    lag (np, d) of the points, see `pcontact.contact.formulation.frictional`, in the committed state."""
+    lag (np, d) of the points, see `pcontact.contact.formulation.small`, in the committed state."""
 
     x: np.ndarray
     u: np.ndarray

@@ -6,7 +6,7 @@
   the parent cells the nodes on their facets remain, so that the pattern is smaller, too, and stress and internal
   variables of the cells do not enter. The traction follows from the motion of the bodies: where they touch the gap is
   -p / gamma, where they stick the slip is traction over alpha gamma, and the next load step begins with that traction
-  (see `pcontact.contact.formulation.frictional`).
+  (see `pcontact.contact.formulation.small`).
 * The augmented Lagrangian method: a multiplier, see `pcontact.contact.formulation.augmented`; theta = 0.
 
 A formulation of one's own is a subclass of :class:`Method` and an entry in :data:`METHODS`.

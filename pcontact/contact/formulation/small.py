@@ -57,7 +57,8 @@ class SmallTerms:
         self.space, self.source, self.method, self.traction, self.law = space, source, method, traction, law
         self._target, self._weighted = target, None
         self._own = FacetCells(source.grad, source.volumetric, source.mu[source.facet], source.normal)
-        self._start = self._before = self._lag = np.zeros((len(source.x), self._directions))
+        if self._lags:
+            self._start = self._before = self._lag = np.zeros_like(source.x)
 
     @property
     def _directions(self):
@@ -109,6 +110,8 @@ class SmallTerms:
             fill_rows(every, self._own, axes, weighted.own, 0, rows)
             fill_rows(every, weighted.cells, axes, weighted.other, nn, rows)
             width[weighted.other != 0.0] += nt
+            # nobody asks for the cells of the partners again
+            self._weighted = None
             return TractionOperator(axes, along, rows, width)
         if last is None:
             rows, some = np.empty((n, nn, m, d)), every
@@ -153,9 +156,10 @@ class SmallTerms:
 
     def memory(self, keys):
         """Tables for a checkpoint, see `pcontact.assembly.item.Item.memory`."""
+        if not self._lags:
+            return self.method.memory(keys)
         rows = np.flatnonzero(self._lag.any(axis=1))
-        lag = {"lag": (keys[rows], self._lag[rows])} if self._lags else {}
-        return {**lag, **self.method.memory(keys)}
+        return {"lag": (keys[rows], self._lag[rows]), **self.method.memory(keys)}
 
     def recall(self, name, keys, chunks):
         """Take a table back, see `pcontact.assembly.item.Item.recall`."""
@@ -184,8 +188,8 @@ class SmallTerms:
     def _augmented(self, p, values, wanted):
         """Traction and augmented traction (np, m) of the points that are wanted (np,)."""
         traction, jump = self._traction(p, values, wanted)
-        tau = np.empty_like(traction)
-        augment(self.method.parameters, p.operator, p.gap0, traction, jump, self._before, wanted, tau)
+        tau, before = np.empty_like(traction), self._before if self._lags else np.zeros_like(jump)
+        augment(self.method.parameters, p.operator, p.gap0, traction, jump, before, wanted, tau)
         return traction, tau
 
     def _projected(self, p, view, tau, slope=None):
@@ -273,7 +277,8 @@ class SmallTerms:
 
     def slip(self, p, values):
         """Tangential slip (np, d) of the load step [length], zero without a partner."""
-        slip = across(self._evaluate(p, values, p.every)[1] - self._start, p.normal)
+        start = self._start if self._lags else 0.0
+        slip = across(self._evaluate(p, values, p.every)[1] - start, p.normal)
         return np.where(p.paired[:, None], slip, 0.0)
 
     # -- report ---------------------------------------------------------------------------------------------------

@@ -189,18 +189,12 @@ def add_tangent(parameters, source, partner, operator, excess, status, slope, bl
         np.zeros(n), np.zeros((n, m, d)), np.zeros((m, m)), np.zeros((m, m)), np.zeros((n, m, d)),
         np.zeros((n, m, d)), np.zeros((n, d, d)),
     )  # fmt: skip
-    return _add_blocks(parameters, source, partner, operator, excess, status, slope, work, blocks)
-
-
-@njit_inner
-def _add_blocks(parameters, source, partner, operator, excess, status, slope, work, blocks):
     theta, alpha, gamma = parameters.theta, parameters.alpha, parameters.gamma
     part, real, weak, push = work.part, work.real, work.weak, work.push
     facet, cells, shape, jxw, nodes, at = source.facet, source.cells, source.shape, source.jxw, partner.nodes, excess.at
     rows, axes, last = operator.rows, operator.axes, len(operator.axes) - 1
     rowptr, columns, values = blocks.rowptr, blocks.columns, blocks.values
-    m, d, nn, nt = axes.shape[1], axes.shape[2], cells.shape[1], nodes.shape[1]
-    missing = 0
+    nn, nt, missing = cells.shape[1], nodes.shape[1], 0
     for p in range(len(facet)):
         f = facet[p]
         touches = status[p] > 0

@@ -24,10 +24,9 @@ from pcontact.contact.search.projection import FACING
 from pcontact.contact.search.query import Criteria, QueryPoints
 from pcontact.contact.segmentation.crossings import crossings
 from pcontact.contact.segmentation.overlaps import tiles
-from pcontact.contact.surface.sides import default_quadrature
+from pcontact.contact.surface.sides import at_places, default_quadrature
 from pcontact.element.quadrature import quadrature
-from pcontact.element.reduced import reduced_gradients
-from pcontact.element.reference import facet_area_vectors, facet_nodes, facet_points
+from pcontact.element.reference import facet_nodes
 from pcontact.element.shape import shape, shape_gradient
 from pcontact.runtime.petsc import MPI
 
@@ -46,27 +45,6 @@ AT_ONCE, POINTS = 6, 5000
 SLIVER = 1e-7
 # shape function of a node that a partner sits on, but for rounding
 AT_NODE = 1.0 - 1e-12
-
-
-def at_places(space, facets, rows, s):
-    """Points s (n, d - 1) of facets `rows` of one part: position, normal, area element, shape functions, gradients, and
-    those of which the strain is made."""
-    mesh, block = space.mesh, space.mesh.blocks[facets.block]
-    table, degree = mesh.geometry_nodes(block)
-    local = facets.local[rows]
-    xi = np.empty((len(s), space.dim))
-    for side in np.unique(local):
-        xi[local == side] = facet_points(facets.cell, s[local == side])[side]
-    x = mesh.points[table[facets.cells[rows]]]
-    jacobian = np.einsum("pai,paj->pij", x, shape_gradient(block.cell, degree, xi))
-    # Nanson's formula: n dA = det J J^-T N dA_ref
-    inverse = np.linalg.inv(jacobian)
-    vector = np.einsum("p,pji,pj->pi", np.linalg.det(jacobian), inverse, facet_area_vectors(facets.cell)[local])
-    area = np.linalg.norm(vector, axis=1)
-    grad = np.einsum("paj,pji->pai", shape_gradient(block.cell, space.degree, xi), inverse)
-    position = np.einsum("pa,pai->pi", shape(block.cell, degree, xi), x)
-    strain = reduced_gradients(block.cell, x, degree, xi[:, None])[:, 0] if space.reduces(block) else grad
-    return position, vector / area[:, None], area, shape(block.cell, space.degree, xi), grad, strain
 
 
 def _ends(space, target):

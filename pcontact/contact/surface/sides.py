@@ -11,8 +11,8 @@ from pcontact.element.dilatation import Dilatation, Mean, dilatation, factors, h
 from pcontact.element.geometry import facet_geometry
 from pcontact.element.quadrature import quadrature
 from pcontact.element.reduced import reduced_gradients
-from pcontact.element.reference import CELLS, facet_nodes, facet_points, reference_nodes
-from pcontact.element.shape import shape
+from pcontact.element.reference import CELLS, facet_area_vectors, facet_nodes, facet_points, reference_nodes
+from pcontact.element.shape import shape, shape_gradient
 from pcontact.element.trace import trace_constant
 from pcontact.runtime.petsc import MPI
 
@@ -225,6 +225,27 @@ def _part(space, facets, constants, quadrature_degree, orthotropic, sticks):
         "size": diameters(mesh.points[mesh.facet_nodes(facets)]),
         "components": block.components[facets.cells],
     }
+
+
+def at_places(space, facets, rows, s):
+    """Points s (n, d - 1) of facets `rows` of one part: position, normal, area element, shape functions, gradients, and
+    those of which the strain is made."""
+    mesh, block = space.mesh, space.mesh.blocks[facets.block]
+    table, degree = mesh.geometry_nodes(block)
+    local = facets.local[rows]
+    xi = np.empty((len(s), space.dim))
+    for side in np.unique(local):
+        xi[local == side] = facet_points(facets.cell, s[local == side])[side]
+    x = mesh.points[table[facets.cells[rows]]]
+    jacobian = np.einsum("pai,paj->pij", x, shape_gradient(block.cell, degree, xi))
+    # Nanson's formula: n dA = det J J^-T N dA_ref
+    inverse = np.linalg.inv(jacobian)
+    vector = np.einsum("p,pji,pj->pi", np.linalg.det(jacobian), inverse, facet_area_vectors(facets.cell)[local])
+    area = np.linalg.norm(vector, axis=1)
+    grad = np.einsum("paj,pji->pai", shape_gradient(block.cell, space.degree, xi), inverse)
+    position = np.einsum("pa,pai->pi", shape(block.cell, degree, xi), x)
+    strain = reduced_gradients(block.cell, x, degree, xi[:, None])[:, 0] if space.reduces(block) else grad
+    return position, vector / area[:, None], area, shape(block.cell, space.degree, xi), grad, strain
 
 
 def _shear(lam, mu, law, at):

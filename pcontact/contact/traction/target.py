@@ -26,8 +26,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pcontact.contact.search.table import EDGE
-from pcontact.contact.segmentation.pieces import at_places
-from pcontact.contact.surface.sides import source_surface
+from pcontact.contact.surface.sides import at_places, source_surface
 from pcontact.contact.traction.small import FacetCells
 from pcontact.contact.unbiased import is_unbiased
 from pcontact.runtime.parallel import split_by_rank
