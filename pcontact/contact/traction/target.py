@@ -183,7 +183,7 @@ def target_traction(space, bulk, contact):
     beginning; where points of both surfaces look for partners, each side has its own.
     """
     sided = contact.target is not None and contact.target != contact.source and not is_unbiased(contact)
-    if not sided or contact.all or contact.formulation != "nitsche" or contact.pressure_overclosure is not None:
+    if not sided or contact.all:
         return None
     groups = [space.mesh.facet_groups.get(name, []) for name in (contact.source, contact.target)]
     numbers = {facets.block for group in groups for facets in group if len(facets.cells)}

@@ -1,0 +1,190 @@
+"""Tractions of both sides: weights and areas against what is known of them, tangents, the surfaces exchanged."""
+
+import numpy as np
+import pytest
+
+from pcontact.contact.formulation.small import SmallTerms
+from pcontact.contact.pair import contact_pair
+from pcontact.contact.surface.sides import source_surface, target_surface
+from pcontact.material.elastic import lame
+from pcontact.runtime.petsc import MPI
+from pcontact.scene.model import Body, Contact, Displacement, Load, Material, MeshSpec, Output, Scene
+from tests.support.laws import LAWS
+from tests.support.pairs import STEPS, bodies, check_taylor, motion
+from tests.support.patch import blocks, solve
+from tests.support.small import DIMENSION, SELF, bend, blocks_file, dense_item, elastic_solid, make_space, vector_of
+
+WORLD = MPI.COMM_WORLD
+SOFT, STIFF = lame(10.0, 0.45), lame(70.0, 0.2)
+
+
+def pair(space, contact, radius=1.0):
+    """Item of a contact between a soft and a stiff body whose first search is done by the caller."""
+    constants = [SOFT, STIFF]
+    source = source_surface(space, contact.source, constants, contact.quadrature, sticks=contact.alpha is None)
+    target = target_surface(space, contact.target)
+    return contact_pair(space, contact, source, target, radius, bulk=elastic_solid(space, constants))
+
+
+def gradients(space, values):
+    """Displacements (n_owned, d) with a gradient (d, d) in each of two bodies."""
+    x = space.points[space.owned_local]
+    return np.einsum("nij,nj->ni", np.asarray(values)[space.component[space.owned_local]], x)
+
+
+def stress(gradient, constants):
+    """Of linear elasticity, plane strain."""
+    strain = 0.5 * (gradient + gradient.T)
+    return constants[0] * np.trace(strain) * np.eye(len(strain)) + 2.0 * constants[1] * strain
+
+
+def inclined(x, slope):
+    """The upper block with a bottom that rises along x."""
+    upper = x[:, -1] > 1.0
+    x[upper, -1] += slope * (x[upper, 0] - 0.5) * (2.1 - x[upper, -1]) + 0.5 * abs(slope)
+    return x
+
+
+@pytest.mark.parametrize("friction", [False, True])
+@pytest.mark.parametrize("search", ["closest_point", "ray_tracing"])
+@pytest.mark.parametrize("cell", ["quadrilateral", "triangle", "hexahedron", "tetrahedron"])
+def test_weights_areas_and_traction(tmp_path, cell, search, friction):
+    """An inclined source over a flat target, both strained: w1 sigma1 n_X - w2 J sigma2 n_Y, with J that of the areas
+    which lie beneath each other along the direction of the search."""
+    d, slope = DIMENSION[cell], 0.5
+    path = blocks_file(tmp_path / "b.msh", cell, 2, 3, gap=0.1)
+    space = make_space(SELF, path, ["lower", "upper"], 1, lambda x: inclined(x, slope))
+    contact = Contact("upper_bottom", "lower_top", theta=0.0, search=search, friction=0.3 if friction else None)
+    item = pair(space, contact)
+    rng = np.random.default_rng(3)
+    both = 0.05 * rng.normal(size=(2, d, d))
+    u = vector_of(space, gradients(space, both))
+    item.detect(u, 1.0)
+    source, p = item.source, item.pairing
+    turn = [np.eye(d) + one for one in both]
+    up = np.eye(d)[-1]
+    areas = [np.linalg.det(f) * np.linalg.inv(f).T @ n for f, n in zip(turn, (up, source.normal[0]), strict=True)]
+    ratio = np.abs(p.normal @ areas[1] / (p.normal @ areas[0]))
+    # at the ends of the target partners are held, and no part of them counts
+    some = p.paired & (p.operator.width > source.shape.shape[1])
+    assert np.count_nonzero(some) > 0.5 * len(some)
+    own, other = (stress(one, moduli) for one, moduli in zip(both[::-1], (STIFF, SOFT), strict=True))
+    l1, l2 = source.trace[source.facet], source_surface(space, "lower_top", [SOFT, STIFF], sticks=True).trace[0]
+    w1 = np.where(some, ratio * l2 / (l1 + ratio * l2), 1.0)
+    known = w1[:, None] * (source.normal @ own) - ((1.0 - w1) * ratio)[:, None] * (other @ up)
+    gamma = np.where(some, ratio * l1 * l2 / (l1 + ratio * l2), l1) * item.method.gamma0
+    if cell != "triangle" and cell != "tetrahedron":
+        # cells on the ends of a simplicial mesh have other constants
+        np.testing.assert_allclose(item.gamma, gamma, rtol=1e-9)
+        shear = 4.0 * SOFT[1] / (SOFT[0] + 2.0 * SOFT[1])
+        part = (w1**2 * l1 + (1.0 - w1) ** 2 * ratio * l2 * np.where(some, shear, 0.0)) / (gamma / item.method.gamma0)
+        np.testing.assert_allclose(item.method.alpha, part, rtol=1e-9)
+        found = item.terms._evaluate(p, p.exchange.gather(u), p.every)[0]
+        np.testing.assert_allclose(found, known if friction else np.sum(known * p.normal, axis=1)[:, None], atol=1e-12)
+
+
+@pytest.fixture(scope="module", params=["quadrilateral", "triangle", "hexahedron", "tetrahedron"])
+def stacked(request, tmp_path_factory):
+    """Two boxes whose meshes do not match and which overhang: some source points have no partner."""
+    d = DIMENSION[request.param]
+    path = tmp_path_factory.mktemp("stacked") / "blocks.msh"
+    blocks_file(path, request.param, [2] * d, [3] * (d - 1) + [1], offset=0.3)
+    return make_space(SELF, path, ["lower", "upper"], 1)
+
+
+@pytest.mark.parametrize("name", ["none", *LAWS])
+@pytest.mark.parametrize("search", ["closest_point", "ray_tracing"])
+@pytest.mark.parametrize("theta, alpha", [(1.0, 0.7), (0.0, 1.0), (-1.0, 0.7)])
+def test_tangent_is_the_derivative(stacked, theta, search, name, alpha):
+    """Open, sticking, slipping, without partner, in the second load step."""
+    space = stacked
+    contact = bodies("coulomb" if name == "none" else name, search, theta, alpha)
+    if name == "none":
+        contact.friction = None
+    item = pair(space, contact, radius=0.3)
+    first = motion(space, -0.01, 0.01)
+    item.detect(space.vector(), 0.5)
+    item.commit(vector_of(space, first), 0.5)
+    item.detect(vector_of(space, first), 1.0)
+    assert type(item.terms) is SmallTerms and np.any(item.pairing.operator.width > item.source.shape.shape[1])
+    for depth, slide, tilt in STEPS[:3]:
+        u = first + motion(space, depth + 0.01, slide, tilt, seed=3)
+        if name == "none" and theta == 1.0:
+            k = dense_item(item, vector_of(space, u))
+            np.testing.assert_allclose(k, k.T, atol=1e-13 * np.abs(k).max())
+        check_taylor(item, u, "coulomb" if name == "none" else name)
+
+
+def test_tangent_of_curved_cells_of_second_order(tmp_path):
+    path = blocks_file(tmp_path / "b.msh", "triangle", 2, 1, order=2)
+    space = make_space(SELF, path, ["lower", "upper"], 2, lambda x: bend(x, 0.03))
+    for theta in (1.0, 0.0):
+        item = pair(space, bodies("coulomb", theta=theta))
+        item.detect(space.vector(), 1.0)
+        for depth in (0.0, 0.2):
+            check_taylor(item, motion(space, depth, 0.02), "coulomb")
+
+
+# -- whole scenes ----------------------------------------
+
+
+def scene(path, dim, ratio, swapped=False, **contact):
+    """Two blocks, the upper one ``ratio`` times as stiff; their tops bear a pressure that varies and a shear."""
+    sides = ("lower_top", "upper_bottom") if swapped else ("upper_bottom", "lower_top")
+    unit, free = min(1.0, ratio), ["free"] * (dim - 1)
+    load = [0.0] * (dim - 1) + [f"{-1e-3 * unit}*(1 + 0.5*cos(pi*x))"]
+    supports = [Displacement("lower_bottom", [0.0] * dim), Displacement("left", [0.0, *free]),
+                Displacement("right", [0.0, *free])]  # fmt: skip
+    if dim == 3:
+        supports += [Displacement(side, ["free", 0.0, "free"]) for side in ("front", "back")]
+    return Scene(
+        title="exchanged",
+        mesh=MeshSpec(path),
+        materials={"soft": Material(E=1.0, nu=0.3), "other": Material(E=ratio, nu=0.3)},
+        bodies=[Body("lower", "soft"), Body("upper", "other")],
+        contacts=[Contact(*sides, name="c", cut=True, **contact)],
+        displacements=supports,
+        loads=[Load("upper_top", traction=load)],
+        output=Output(fields=False),
+        petsc={"snes_rtol": "1e-11", "ksp_rtol": "1e-12"},
+    )
+
+
+def displacement(simulation):
+    """Of all nodes in their order, iterations of the largest load step. *Collective.*"""
+    space = simulation.problem.space
+    nodes, values = space.nodes[space.owned_local], space.local.gather(simulation.stepper.u)[space.owned_local]
+    order, all_ = (np.concatenate(WORLD.allgather(part)) for part in (nodes, values))
+    return all_[np.argsort(order)], len(simulation.newton.norms) - 1
+
+
+@pytest.mark.parallel
+@pytest.mark.parametrize("theta", [0.0, 1.0, -1.0])
+@pytest.mark.parametrize("friction", [None, 0.5])
+@pytest.mark.parametrize("cell, ratio", [("quadrilateral", 1e-3), ("triangle", 100.0), ("hexahedron", 10.0)])
+def test_exchanged_surfaces_are_one_problem(shared_tmp, cell, ratio, friction, theta):
+    """Flat surfaces, facets cut where the other side's end: the same displacement whichever is the source."""
+    path = blocks(shared_tmp, cell, *((3, 2) if cell == "hexahedron" else (7, 4)), heights=(1.0, 0.3))
+    said = {"theta": theta, "friction": friction, "search": "ray_tracing", "gamma0": 2.0 if theta == 1.0 else 1.0}
+    found = [solve(scene(path, DIMENSION[cell], ratio, swapped, **said), displacement)[0] for swapped in (False, True)]
+    assert np.abs(found[0] - found[1]).max() < 1e-8 * np.abs(found[0]).max()
+
+
+@pytest.mark.parametrize("friction", [None, 0.5])
+@pytest.mark.parametrize("ratio", [1e-8, 1e8])
+def test_extreme_ratios_of_stiffness(shared_tmp, ratio, friction):
+    """Whichever surface is the source: few iterations, and the pressure of a mesh that matches."""
+    path = blocks(shared_tmp, "quadrilateral", 8, 15, heights=(1.0, 0.3))
+
+    def pressure(simulation):
+        state = simulation.problem.contacts[0].state(simulation.stepper.u)
+        return state["x"][:, 0], state["pressure"], state["weight"], displacement(simulation)[1]
+
+    (shared_tmp / "fine").mkdir()
+    fine = solve(scene(blocks(shared_tmp / "fine", "quadrilateral", 60, 60, heights=(1.0, 0.3)), 2, ratio), pressure)
+    order = np.argsort(fine[0])
+    for swapped in (False, True):
+        x, found, weight, iterations = solve(scene(path, 2, ratio, swapped, friction=friction), pressure)
+        known = np.interp(x, fine[0][order], fine[1][order])
+        assert iterations <= 12
+        assert weight @ (found - known) ** 2 < 0.05**2 * (weight @ known**2)
