@@ -55,9 +55,9 @@ class FinitePairing(Pairing):
     obstacle : ObstacleAt or None
     """
 
-    points: FiniteSource
-    frozen: FinitePartner
-    x: np.ndarray
+    points: FiniteSource = None
+    frozen: FinitePartner = None
+    x: np.ndarray = None
     obstacle: object = None
 
     def partner_at(self, values, curved):

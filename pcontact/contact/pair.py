@@ -287,7 +287,7 @@ class ContactPair(Item):
         partner, every = PartnerPoints(nodes, shape, normal, np.zeros(len(paired))), np.ones(len(paired), dtype=bool)
         acts = paired.copy() if self.method.theta == 0.0 else every
         operator = self.terms.operator(normal, self.pairing)
-        return Pairing(exchange, points, partner, paired, found.ids, operator, acts, every)
+        return Pairing(exchange, points, partner, paired, found.ids, operator, acts, every, found.width)
 
     @property
     def _stressed(self):
@@ -363,7 +363,7 @@ class ContactPair(Item):
         key = source.facet[chosen] * (np.max(p.ids, initial=0) + 1) + p.ids[chosen]
         _, first = np.unique(key, return_index=True)
         facets = source.facet[chosen[first]]
-        tables = [np.concatenate([p.cells[facets], p.targets[chosen[first]]], axis=1)]
+        tables = [np.concatenate([p.cells[facets], p.partner.nodes[chosen[first]]], axis=1)]
         if self.method.theta != 0.0:
             tables.append(p.cells)
         n = len(p.exchange.nodes)

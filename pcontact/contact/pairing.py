@@ -28,6 +28,8 @@ class Pairing:
         theta = 1, -1 asks for the traction.
     every : ndarray (np,) of bool
         All of them.
+    width : int or None
+        See `pcontact.contact.search.partners.Partners`.
     """
 
     exchange: object
@@ -38,6 +40,7 @@ class Pairing:
     operator: TractionOperator | None
     acts: np.ndarray
     every: np.ndarray
+    width: int | None = None
 
     @property
     def cells(self):
@@ -46,13 +49,13 @@ class Pairing:
 
     @property
     def targets(self):
-        """Nodes (np, m) of the partners' facets, or of their cells where these have a part in the traction."""
-        return self.partner.nodes
+        """Nodes (np, m) of the partners' facets."""
+        return self.partner.nodes[:, : self.width]
 
     @property
     def target_shape(self):
         """Shape functions (np, m) there."""
-        return self.partner.shape
+        return self.partner.shape[:, : self.width]
 
     @property
     def normal(self):

@@ -29,6 +29,7 @@ from pcontact.contact.search.table import EDGE
 from pcontact.contact.surface.sides import at_places, source_surface
 from pcontact.contact.traction.small import FacetCells
 from pcontact.contact.unbiased import is_unbiased
+from pcontact.element.reference import facet_nodes
 from pcontact.runtime.parallel import split_by_rank
 from pcontact.runtime.petsc import MPI
 
@@ -90,13 +91,18 @@ class TargetTraction:
         space, side, d, n = self._space, self._side, self._space.dim, len(rows)
         x, normal, shape = np.empty((n, d)), np.empty((n, d)), np.zeros((n, side.cells.shape[1]))
         slope, grad = np.zeros((2, *shape.shape, d))
-        first = 0
+        cells, first = side.cells[rows], 0
         for facets in self._groups:
             c = np.flatnonzero((rows >= first) & (rows < first + len(facets.cells)))
-            x[c], normal[c], _, v, g, strain = at_places(space, facets, rows[c] - first, xi[c])
-            shape[c, : v.shape[1]], slope[c, : v.shape[1]], grad[c, : v.shape[1]] = v, g, strain
+            x[c], normal[c], _, *tables = at_places(space, facets, rows[c] - first, xi[c])
+            # the nodes of the facet are the first ones
+            on = facet_nodes(facets.cell, space.degree)
+            order = np.array([[*own, *np.setdiff1d(np.arange(tables[0].shape[1]), own)] for own in on])
+            order = order[facets.local[rows[c] - first]]
+            for whole, part in zip((cells, shape, slope, grad), (cells[c], *tables), strict=True):
+                index = order if part.ndim == 2 else order[:, :, None]
+                whole[c, : order.shape[1]] = np.take_along_axis(part, index, axis=1)
             first += len(facets.cells)
-        cells = side.cells[rows]
         # its volumetric operator follows from the others
         at = replace(side, facet=rows, x=x, normal=normal, jxw=np.ones(n), shape=shape, grad=grad, slope=None)
         numbers = np.column_stack([side.mu[rows], side.trace[rows], side.shear[rows], x[:, 0]])
@@ -136,7 +142,7 @@ class TargetTraction:
         Returns
         -------
         found : pcontact.contact.search.partners.Partners
-            With the nodes of the cells in the place of those of the facets.
+            With the other nodes of the cells behind those of the facets.
         Weighted
         """
         d, n, rows = self._space.dim, self._width, np.flatnonzero(found.paired)
@@ -160,7 +166,8 @@ class TargetTraction:
         trace = parts[0] + parts[1]
         cells = FacetCells(grad.reshape(-1, n, d), volumetric.reshape(-1, n, d), modulus.copy(), normal.copy())
         part = (parts[0] * shear1 + parts[1] * shear2) / trace if self._sticks else None
-        found = found._replace(nodes=nodes.astype(np.int64), shape=np.ascontiguousarray(shape))
+        width = found.nodes.shape[1]
+        found = found._replace(nodes=nodes.astype(np.int64), shape=np.ascontiguousarray(shape), width=width)
         return found, Weighted(cells, own, -other * ratio, trace, part)
 
 
