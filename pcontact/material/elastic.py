@@ -65,7 +65,7 @@ class Response(NamedTuple):
     excess : ndarray (n, m)
         Stress [stress].
     tangent : ndarray (n, m, m)
-        Its derivative by the strain, symmetric; (0, m, m) where it was not wanted.
+        Its derivative by the strain, of points that flow; anything elsewhere, and (0, m, m) where it was not wanted.
     active : ndarray (n,)
         STILL: neither of them, both are zero; LOADED: the stress alone; FLOWS: both.
     """

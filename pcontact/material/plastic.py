@@ -28,7 +28,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pcontact.material.elastic import FLOWS, LOADED, NOW, Elastic, Response, lame
+from pcontact.material.elastic import FLOWS, LOADED, NOW, STILL, Elastic, Response, lame
 from pcontact.material.hardening import RADIUS, curve_of, flow_length, yield_radius, yield_work
 from pcontact.material.mandel import HALF, add_diagonal, moduli_of, to_axes
 from pcontact.runtime.jit import njit, njit_inline, njit_inner_exact
@@ -382,13 +382,15 @@ def respond(law, strain, state, excess, tangent, active):
     state : ndarray (n, m + 1)
         Plastic strain and equivalent plastic strain.
     excess, tangent, active : ndarray
-        Zeros; written where points have them, see `pcontact.material.elastic.Response`.
+        Overwritten, see `pcontact.material.elastic.Response`.
     """
     m, wanted = strain.shape[1], len(tangent) > 0
     work, unused = np.zeros(m), np.zeros((m, m))
     for k in range(len(strain)):
         plastic, p = state[k, :m], state[k, m]
         if p == 0.0 and not flows(law, strain[k], plastic, 0.0, work):
+            excess[k, :] = 0.0
+            active[k] = STILL
             continue
         _, yields = return_map(
             law, strain[k], plastic, p, wanted, work, excess[k], tangent[k] if wanted else unused
@@ -461,7 +463,7 @@ class Plastic(Elastic):
     def stress(self, strain, state, moment=NOW, tangent=False):
         """A `Response` of points to a strain (n, m), from a committed state (n, m + 1)."""
         n, m = strain.shape
-        found = Response(np.zeros((n, m)), np.zeros((n if tangent else 0, m, m)), np.zeros(n, dtype=np.int8))
+        found = Response(np.empty((n, m)), np.empty((n if tangent else 0, m, m)), np.empty(n, dtype=np.int8))
         respond(self.law, strain, state, *found)
         return found
 

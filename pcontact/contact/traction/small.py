@@ -32,7 +32,7 @@ from pcontact.assembly.strains import CellPoints, add_stiffness, cell_points, fi
 from pcontact.contact.points import Excess, SourcePoints, no_excess
 from pcontact.element.dilatation import hoop_operator
 from pcontact.element.reference import CELLS, reference_nodes
-from pcontact.material.elastic import FLOWS
+from pcontact.material.elastic import FLOWS, STILL
 from pcontact.material.orthotropic import traction_matrix
 from pcontact.runtime.jit import njit, njit_inner
 from pcontact.runtime.petsc import MPI
@@ -146,6 +146,24 @@ class FacetPoints(NamedTuple):
     points: np.ndarray
     facet: np.ndarray
     matrix: np.ndarray
+
+
+@njit
+def _add_tractions(stress, active, places, onto, out):
+    """Add the tractions of stresses (n, m) of the points of the parent cells to ``out`` (np, d), see
+    :func:`traction_rows`."""
+    nq = places.matrix.shape[1]
+    for n in range(len(places.points)):
+        p = places.points[n]
+        for q in range(nq):
+            k = places.facet[n] * nq + q
+            if active[k] == STILL:
+                continue
+            for i in range(out.shape[1]):
+                value = 0.0
+                for c in range(stress.shape[1]):
+                    value += onto[n, i, c] * stress[k, c]
+                out[p, i] += places.matrix[n, q] * value
 
 
 @njit
@@ -378,10 +396,8 @@ class _Excess:
         out : ndarray (np, d)
         """
         for part in self.parts:
-            found, places = self._response(part, values, cells), part.places
-            stress = found.excess.reshape(len(part.rows), -1, found.excess.shape[1])
-            at_points = np.matmul(places.matrix[:, None], stress[places.facet])[:, 0]
-            out[places.points] += np.matmul(part.onto, at_points[:, :, None])[:, :, 0]
+            found = self._response(part, values, cells)
+            _add_tractions(found.excess, found.active, part.places, part.onto, out)
 
     def rows(self, values, cells):
         """Derivatives of the excess traction with respect to the parent cell's displacements.
@@ -398,6 +414,7 @@ class _Excess:
         for part in self.parts:
             response, places = self._response(part, values, cells, True), part.places
             flows = (response.active.reshape(len(part.rows), -1) == FLOWS).any(axis=1)
+            response.tangent[response.active != FLOWS] = 0.0
             some = np.flatnonzero(flows[places.facet])
             rows = np.zeros((len(some), *shape))
             width = part.grad.shape[2]

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pcontact.material.elastic import Moment, lame
+from pcontact.material.elastic import FLOWS, Moment, lame
 from pcontact.material.hardening import hardening_curve
 from pcontact.material.plastic import Plastic
 from pcontact.scene.model import Material
@@ -38,9 +38,11 @@ def test_von_mises_written_anew(kinematics, dim):
     other = np.zeros((len(strain), known.width))
     known.commit(0.3 * strain[:, [0, 1, 2, *range(3, strain.shape[1])[::-1]]], other)
     own, own_known = law.stress(strain, state, tangent=True), known.stress(strain, other, tangent=True)
-    assert 0 < np.sum(own_known.active == 2) < len(strain)
+    assert 0 < np.sum(own_known.active == FLOWS) < len(strain)
     np.testing.assert_allclose(own.excess, own_known.excess, atol=1e-10)
-    np.testing.assert_allclose(own.tangent, own_known.tangent, atol=1e-9)
+    flows = own_known.active == FLOWS
+    np.testing.assert_allclose(own.tangent[flows], own_known.tangent[flows], atol=1e-9)
+    np.testing.assert_allclose(own.tangent[~flows], 0.0, atol=1e-12)
     law.commit(strain, state)
     known.commit(strain, other)
     np.testing.assert_allclose(law.flow(state), known.flow(other), atol=1e-12)
