@@ -7,12 +7,11 @@ import numpy as np
 from pcontact.assembly.average import AverageCoupling
 from pcontact.assembly.coupling import TotalLoad
 from pcontact.assembly.distortion import SLIGHT
-from pcontact.assembly.finite import FiniteBulk
+from pcontact.assembly.finite import FiniteSolid, MixedSolid
 from pcontact.assembly.follower import FollowerPressure
 from pcontact.assembly.geometry import chunks
 from pcontact.assembly.heat import Heat, Heating
 from pcontact.assembly.loads import TimedLoad, load_vector, lumped_volume, value_of
-from pcontact.assembly.mixed import MixedBulk
 from pcontact.assembly.nodal_field import NodalField
 from pcontact.assembly.patches import kind_of
 from pcontact.assembly.release import Release
@@ -282,9 +281,9 @@ def bulk_item(scene, space, laws):
               for body, material in zip(scene.bodies, materials, strict=True)]  # fmt: skip
     with profile.phase("bulk_assembly"):
         if all(finite):
-            return FiniteBulk(space, [law.constants for law in laws], finite)
+            return FiniteSolid(space, [law.constants for law in laws], finite)
         if any(finite):
-            return MixedBulk(space, laws, finite)
+            return MixedSolid(space, laws, finite)
         return Solid(space, laws, _heat(scene, space, laws))
 
 

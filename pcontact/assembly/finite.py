@@ -1,8 +1,8 @@
-"""The bulk item of bodies with finite strain."""
+"""The items of bodies with finite strain, and of scenes in which others have small strain: the sum of two."""
 
 import numpy as np
 
-from pcontact.assembly.deformation import deformation_fields, deformations
+from pcontact.assembly.deformation import deformation_fields, deformations, mean_gradients
 from pcontact.assembly.finite_energy import stored_energy
 from pcontact.assembly.finite_kernels import (
     FiniteCells,
@@ -16,14 +16,15 @@ from pcontact.assembly.finite_kernels import (
 )
 from pcontact.assembly.geometry import chunks, hoop, n_points, points_of
 from pcontact.assembly.graph import BlockRows, multiply, node_graph
-from pcontact.assembly.item import LAW, Bulk
-from pcontact.assembly.pattern import OwnedRows
-from pcontact.assembly.solid import POINTS
+from pcontact.assembly.item import LAW
+from pcontact.assembly.pattern import OwnedRows, positions
+from pcontact.assembly.solid import Solid
+from pcontact.assembly.states import BlockStates, Bodies
 from pcontact.assembly.strains import NO_RING
 from pcontact.element.dilatation import components, factors, linear
+from pcontact.material.elastic import Elastic
 from pcontact.material.hardening import yield_work
 from pcontact.runtime import log
-from pcontact.runtime.parallel import take_rows
 from pcontact.runtime.petsc import MPI
 
 # largest plastic strain at which the additive split is right to a few percent, in simple shear: it lacks 1.5 % of the
@@ -31,7 +32,76 @@ from pcontact.runtime.petsc import MPI
 ADDITIVE = 0.3
 
 
-class FiniteBulk(Bulk):
+class FiniteStates(BlockStates):
+    """Cells of a block with finite strain, and their internal variables where they may yield.
+
+    Parameters
+    ----------
+    space : pcontact.space.space.Space
+    number : int
+        Block.
+    material : pcontact.material.finite.FiniteMaterial
+        Its volumetric moduli are set here.
+    """
+
+    def __init__(self, space, number, material):
+        block, (lam, mu) = space.mesh.blocks[number], material.small.constants[:2]
+        averaged = space.averages(block)
+        # of rubber the energy of the volume change stands beside the isochoric one
+        stiff = lam + 2.0 / 3.0 * mu if len(material.terms) else lam
+        own, shared = stiff, 0.0
+        if averaged:
+            own, shared = factors(lam, mu, True, space.degree_of(block))
+            own += stiff - lam
+        self.space, self.number, self.material = space, number, material._replace(own=float(own), shared=float(shared))
+        rows, m = len(block.nodes) if material.yields else 1, 6 if space.dim == 3 else 4
+        self.values = np.zeros((rows, n_points(space, number), m + 1))
+
+    def of(self, rows):
+        """A `FiniteState` of some cells, a view for a slice."""
+        return FiniteState(self.material, self.values[rows] if self.material.yields else self.values)
+
+    def cells(self, rows, grad, jxw, shapes):
+        """Cells as kernels want them.
+
+        Parameters
+        ----------
+        rows : slice or ndarray
+            Cells.
+        grad : ndarray (nc, nq, nn, d)
+        jxw : ndarray (nc, nq)
+            Quadrature weights, with axial symmetry times 2 pi r.
+        shapes : ndarray (nq, nn)
+            Shape functions.
+
+        Returns
+        -------
+        FiniteCells
+        """
+        space, number = self.space, self.number
+        ring = hoop(space, number, rows, shapes)
+        block, jxw = space.mesh.blocks[number], np.ascontiguousarray(jxw)
+        basis, volume = np.zeros((*jxw.shape, 0)), jxw.sum(axis=1)
+        if space.averages(block):
+            at = points_of(space, number, rows) if linear(block.cell, space.degree_of(block)) else None
+            basis, volume, _, _ = components(jxw, at)
+        return FiniteCells(
+            np.ascontiguousarray(space.cells[number][rows]), grad, jxw,
+            NO_RING if ring is None else np.ascontiguousarray(ring), np.ascontiguousarray(basis), volume,
+        )  # fmt: skip
+
+    def chunks(self):
+        """See :meth:`BlockStates.chunks`."""
+        for rows, grad, jxw, shapes in chunks(self.space, self.number):
+            cells = self.cells(rows, grad, jxw, shapes)
+            yield rows, cells, cells.jxw
+
+    def advance(self, rows, cells, nodal, values):
+        """See :meth:`BlockStates.advance`."""
+        return commit(FiniteState(self.material, values), cells, nodal, cell_work(cells))
+
+
+class FiniteSolid(Bodies):
     """Item of all bodies with finite strain: total Lagrangian, residual and tangent integrated anew for every iterate.
 
     Parameters
@@ -40,11 +110,11 @@ class FiniteBulk(Bulk):
     constants : list of (float, float)
         Lame constants in small strain of each body of the scene [stress], see `pcontact.material.elastic.in_plane`.
     materials : list of pcontact.material.finite.FiniteMaterial or None
-        Of each body; None for those without finite strain, which another item has. Volumetric moduli are set here.
+        Of each body; None for those without finite strain, which another item has.
 
     Attributes
     ----------
-    parts : dict of int to FiniteState
+    parts : dict of int to FiniteStates
         By block: all cells with finite strain.
     rowptr, columns : ndarray
         Pattern of the owned rows, global nodes.
@@ -61,11 +131,10 @@ class FiniteBulk(Bulk):
         self.space, self.constants, self.finite = space, constants, self
         self.yields = any(material is not None and material.yields for material in materials)
         self.parts = {
-            number: self._state(number, materials[block.body])
+            number: FiniteStates(space, number, materials[block.body])
             for number, block in enumerate(space.mesh.blocks)
             if materials[block.body] is not None
         }
-        self._own = {number: part for number, part in self.parts.items() if part.material.yields}
         # whether a warning of the additive split may have to be given, the same on all ranks
         self._watches = any(m is not None and m.yields and not m.multiplicative for m in materials)
         rowptr, columns = node_graph([space.cells[number] for number in self.parts], space.n_local)
@@ -76,57 +145,16 @@ class FiniteBulk(Bulk):
         # displacement and forces of the last residual; the tangent of a prediction, until it is asked for again
         self._forget()
 
-    def _state(self, number, material):
-        space, block = self.space, self.space.mesh.blocks[number]
-        lam, mu = material.small.constants[:2]
-        averaged = space.averages(block)
-        # of rubber the energy of the volume change stands beside the isochoric one
-        stiff = lam + 2.0 / 3.0 * mu if len(material.terms) else lam
-        own, shared = stiff, 0.0
-        if averaged:
-            own, shared = factors(lam, mu, True, space.degree_of(block))
-            own += stiff - lam
-        material = material._replace(own=float(own), shared=float(shared))
-        rows = len(block.nodes) if material.yields else 1
-        nq, m = n_points(space, number), 6 if space.dim == 3 else 4
-        return FiniteState(material, np.zeros((rows, nq, m)), np.zeros((rows, nq)))
+    @property
+    def states_of_blocks(self):
+        """Internal variables of the blocks that may yield."""
+        return {number: part for number, part in self.parts.items() if part.material.yields}
 
-    def cells(self, number, rows, grad, jxw, shapes):
-        """Cells of a block as kernels want them.
-
-        Parameters
-        ----------
-        number : int
-            Block.
-        rows : slice or ndarray
-            Cells.
-        grad : ndarray (nc, nq, nn, d)
-        jxw : ndarray (nc, nq)
-            Quadrature weights, with axial symmetry times 2 pi r.
-        shapes : ndarray (nq, nn)
-            Shape functions.
-
-        Returns
-        -------
-        FiniteCells
-        """
-        space = self.space
-        ring = hoop(space, number, rows, shapes)
-        block, jxw = space.mesh.blocks[number], np.ascontiguousarray(jxw)
-        basis, volume = np.zeros((*jxw.shape, 0)), jxw.sum(axis=1)
-        if space.averages(block):
-            at = points_of(space, number, rows) if linear(block.cell, space.degree_of(block)) else None
-            basis, volume, _, _ = components(jxw, at)
-        return FiniteCells(
-            np.ascontiguousarray(space.cells[number][rows]), grad, jxw,
-            NO_RING if ring is None else np.ascontiguousarray(ring), np.ascontiguousarray(basis), volume,
-        )  # fmt: skip
-
-    def chunks(self, parts=None):
-        """Block, rows, cells and state of the chunks of all blocks, or of some."""
-        for number, part in (self.parts if parts is None else parts).items():
-            for rows, grad, jxw, shapes in chunks(self.space, number):
-                yield number, rows, self.cells(number, rows, grad, jxw, shapes), part.of(rows)
+    def chunks(self):
+        """Block, rows, cells and state of the chunks of all blocks."""
+        for number, part in self.parts.items():
+            for rows, cells, _ in part.chunks():
+                yield number, rows, cells, part.of(rows)
 
     # -- forces and stiffness ---------------------------------------------------------------------------------------
 
@@ -198,23 +226,22 @@ class FiniteBulk(Bulk):
 
     # -- internal variables -----------------------------------------------------------------------------------------
 
-    def counters(self):
-        """Quadrature points with internal variables."""
-        return {"points": sum(part.p.size for part in self._own.values()), "work": 0}
-
     def commit(self, u, time):
-        """Take the internal variables to a displacement. *Collective.*"""
+        """See :meth:`Bodies.commit`. *Collective.*"""
         self._forget()
-        nodal = self.space.local.gather(u)
-        for _, _, cells, state in self.chunks(self._own):
-            commit(state, cells, nodal, cell_work(cells))
+        super().commit(u, time)
         if self._watches:
             self._warn(time)
+
+    def recall(self, name, chunks):
+        """See :meth:`Bodies.recall`."""
+        self._forget()
+        return super().recall(name, chunks)
 
     def _warn(self, time):
         """Say once where the additive split is no longer accurate. *Collective.*"""
         mesh, own = self.space.mesh, [(0.0, "")]
-        for number, part in self._own.items():
+        for number, part in self.states_of_blocks.items():
             largest = part.p.max(axis=1, initial=0.0)
             if len(largest) and not part.material.multiplicative:
                 cell = int(np.argmax(largest))
@@ -227,46 +254,6 @@ class FiniteBulk(Bulk):
                 "stresses fall short by some percent; remedy: split = \"multiplicative\", without kinematic hardening",
                 time, name, strain, ADDITIVE,
             )  # fmt: skip
-
-    def flowing(self, u):
-        """Part of the volume that may yield which yields between the committed displacement and ``u``. *Collective.*"""
-        nodal, sums = self.space.local.gather(u), np.zeros(2)
-        for _, _, cells, state in self.chunks(self._own):
-            trial = FiniteState(state.material, state.strain.copy(), state.p.copy())
-            missed = commit(trial, cells, nodal, cell_work(cells))
-            flows = np.full(trial.p.shape, True) if missed else trial.p > state.p
-            sums += [np.sum(cells.jxw[flows]), np.sum(cells.jxw)]
-        flowing, volume = self.space.comm.allreduce(sums, op=MPI.SUM)
-        return float(flowing / volume) if volume > 0.0 else 0.0
-
-    def memory(self):
-        """Internal variables of the cells that have yielded, see :meth:`pcontact.assembly.solid.Solid.memory`."""
-        tables = {}
-        for number, part in self._own.items():
-            rows = np.flatnonzero(part.p.any(axis=1))
-            values = np.concatenate([part.strain[rows], part.p[rows][:, :, None]], axis=2)
-            width = values.shape[1] * values.shape[2]
-            tables[str(number)] = self.space.mesh.blocks[number].ids[rows], values.reshape(len(rows), width)
-        return tables
-
-    def memory_keys(self):
-        """Keys (n,) of all rows that :meth:`memory` may have: cells, by the number of their points."""
-        blocks = self.space.mesh.blocks
-        keys = [blocks[number].ids * POINTS + part.strain.shape[1] for number, part in self._own.items()]
-        return np.concatenate([np.zeros(0, dtype=np.int64), *keys])
-
-    def recall(self, name, chunks):
-        """Take back what :meth:`memory` gave, see `pcontact.assembly.item.Item.recall`."""
-        self._forget()
-        part = self._own.get(int(name))
-        if part is None:
-            return 0
-        nc, nq, m = part.strain.shape
-        values = np.zeros((nc, nq * (m + 1)))
-        count = take_rows(self.space.mesh.blocks[int(name)].ids, chunks, values)
-        points = values.reshape(nc, nq, m + 1)
-        part.strain[:], part.p[:] = points[:, :, :m], points[:, :, m]
-        return count
 
     # -- report -----------------------------------------------------------------------------------------------------
 
@@ -313,20 +300,120 @@ class FiniteBulk(Bulk):
         stored, plastic = self.space.comm.allreduce(own, op=MPI.SUM)
         return float(stored), float(plastic)
 
-    def plastic_strain(self):
-        """Mean equivalent plastic strain (nc,) of the cells of each block; None where nothing may yield."""
-        if not self.yields:
-            return None
-        result = [np.zeros(len(cells)) for cells in self.space.cells]
-        for number, rows, cells, state in self.chunks(self._own):
-            result[number][rows] = np.sum(cells.jxw * state.p, axis=1) / cells.volume
-        return result
 
-    def plasticity(self):
-        """Largest equivalent plastic strain, and volume that has yielded [length^d]. *Collective.*"""
-        largest, volume = 0.0, 0.0
-        for _, _, cells, state in self.chunks(self._own):
-            largest = max(largest, float(np.max(state.p, initial=0.0)))
-            volume += float(np.sum(cells.jxw[state.p > 0.0]))
-        comm = self.space.comm
-        return comm.allreduce(largest, op=MPI.MAX), comm.allreduce(volume, op=MPI.SUM)
+class MixedSolid(Bodies):
+    """Item of all bodies, of which some have finite strain.
+
+    Parameters
+    ----------
+    space : pcontact.space.space.Space
+    laws : list of pcontact.material.elastic.Elastic
+        Of small strain, of each body of the scene.
+    finite : list of pcontact.material.finite.FiniteMaterial or None
+        See :class:`FiniteSolid`; None for bodies without finite strain.
+
+    Attributes
+    ----------
+    small : Solid
+        In which bodies with finite strain have no stiffness.
+    finite : FiniteSolid
+
+    Notes
+    -----
+    *Collective.*
+    """
+
+    symmetric, extrapolates = False, True
+
+    def __init__(self, space, laws, finite):
+        self.space, self.constants = space, [law.constants for law in laws]
+        nothing = Elastic(0.0, 0.0)
+        self.small = Solid(space, [nothing if other else law for law, other in zip(laws, finite, strict=True)])
+        self.finite = FiniteSolid(space, self.constants, finite)
+        self.yields, self.states = self.small.yields or self.finite.yields, self.small.states
+        self.parts, self.origins = self.finite.parts, {}
+        self._place = positions(*self.finite.pattern(), *self.small.pattern())
+
+    def count_from(self, origins):
+        """See :meth:`pcontact.assembly.item.Bulk.count_from`: of blocks without finite strain. *Collective.*"""
+        self.origins = origins
+        self.small.count_from(origins)
+
+    def pattern(self):
+        """Owned block rows: rowptr (n_owned + 1,), columns (nnz,)."""
+        return self.small.pattern()
+
+    def residual(self, u, out, rule=LAW):
+        """Add the internal forces of the owned nodes to ``out`` (n_owned, d). *Collective.*"""
+        self.small.residual(u, out)
+        self.finite.residual(u, out)
+
+    def detect(self, u, time, motion=0.0, ahead=None):
+        """See :meth:`pcontact.assembly.solid.Solid.detect`. *Collective.*"""
+        self.small.detect(u, time)
+
+    def predict(self, u, base, out):
+        """Add the forces at ``u`` as those of each kind of body are predicted from ``base``. *Collective.*"""
+        self.small.predict(u, base, out)
+        self.finite.predict(u, base, out)
+
+    def add_magnitude(self, u, out):
+        """Add the sum of the absolute terms of :meth:`residual` to ``out`` (n_owned, d). *Collective.*"""
+        self.small.add_magnitude(u, out)
+        self.finite.add_magnitude(u, out)
+
+    def tangent(self, u, rule=LAW):
+        """Values (nnz, d, d) on :meth:`pattern`. *Collective.*"""
+        values = self.small.tangent(u).copy()
+        values[self._place] += self.finite.tangent(u)
+        return values
+
+    def commit(self, u, time):
+        """Take the internal variables to a displacement. *Collective.*"""
+        self.small.commit(u, time)
+        self.finite.commit(u, time)
+
+    def flowing(self, u):
+        """The larger of the parts of the volume that may yield, of both kinds of bodies, which yields. *Collective.*"""
+        return max(self.small.flowing(u), self.finite.flowing(u))
+
+    @property
+    def states_of_blocks(self):
+        """Internal variables of blocks of either kind."""
+        return {**self.states, **self.finite.states_of_blocks}
+
+    def recall(self, name, chunks):
+        """See :meth:`Bodies.recall`."""
+        return (self.finite if int(name) in self.parts else self.small).recall(name, chunks)
+
+    # -- report -----------------------------------------------------------------------------------------------------
+
+    def _joined(self, small, finite):
+        """Values of each block, from the item that has its cells."""
+        return [finite[number] if number in self.finite.parts else values for number, values in enumerate(small)]
+
+    def stress(self, u):
+        """Mean stress, Cauchy's with finite strain, and undeformed volume of the cells of each block. *Collective.*"""
+        return self._joined(self.small.stress(u), self.finite.stress(u))
+
+    def fields(self, u):
+        """See :func:`pcontact.assembly.deformation.deformation_fields`; bodies with small strain have theirs instead of
+        a logarithmic one. *Collective.*"""
+        nodal, space = self.space.local.gather(u), self.space
+        result = [np.zeros((len(cells), 6)) for cells in space.cells]
+        for number in set(range(len(result))) - set(self.finite.parts):
+            h = mean_gradients(space, self.small.moved(nodal, number), number)
+            result[number][:] = 0.5 * (h + h.transpose(0, 2, 1))[:, [0, 1, 2, 0, 1, 0], [0, 1, 2, 1, 2, 2]]
+        return deformation_fields(space, nodal, self._joined(result, self.finite.log_strain(u)))
+
+    def deformations(self, u):
+        """Of the bodies with finite strain, see :func:`pcontact.assembly.deformation.deformations`. *Collective.*"""
+        return self.finite.deformations(u)
+
+    def energies(self, u):
+        """See :meth:`pcontact.assembly.item.Bulk.energies`. *Collective.*"""
+        return tuple(sum(parts) for parts in zip(self.small.energies(u), self.finite.energies(u), strict=True))
+
+    def distortions(self, u, held):
+        """Of the bodies without finite strain, see :func:`pcontact.assembly.distortion.distortions`. *Collective.*"""
+        return self.small.distortions(u, held)

@@ -85,7 +85,7 @@ def stored_energy(state, cells, nodal, work, stored, p):
     p : ndarray (nc, nq)
         Overwritten: equivalent plastic strain.
     """
-    material = state.material
+    material, m = state.material, work.point.stress.shape[0]
     for c in range(len(cells.nodes)):
         good = begin_cell(state, cells, nodal, c, STRESS, work)
         row = c if len(material.small.curve) > 0 else 0
@@ -93,9 +93,8 @@ def stored_energy(state, cells, nodal, work, stored, p):
             stored[c, q] = np.nan
             if not good:
                 continue
-            fine, _, p[c, q], _ = stress_at(
-                material, work.h[q], state.strain[row, q], state.p[row, q], 0.0, STRESS, work.point
-            )
+            own = state.values[row, q]
+            fine, _, p[c, q], _ = stress_at(material, work.h[q], own[:m], own[m], 0.0, STRESS, work.point)
             if not fine:
                 continue
             strain = work.point.strain

@@ -74,21 +74,13 @@ class FiniteState(NamedTuple):
     ----------
     material : pcontact.material.finite.FiniteMaterial
         With the volumetric moduli of these cells.
-    strain : ndarray (nc, nq, m)
-        Committed plastic strain at the quadrature points, Mandel components; one row of zeros where none may yield.
-    p : ndarray (nc, nq)
-        Committed equivalent plastic strain, likewise.
+    values : ndarray (nc, nq, m + 1)
+        Committed plastic strain at the quadrature points, Mandel components, and equivalent plastic strain; one row of
+        zeros where none may yield.
     """
 
     material: FiniteMaterial
-    strain: np.ndarray
-    p: np.ndarray
-
-    def of(self, rows):
-        """That of some cells, views for a slice."""
-        if not self.material.yields:
-            return self
-        return FiniteState(self.material, self.strain[rows], self.p[rows])
+    values: np.ndarray
 
 
 class CellWork(NamedTuple):
@@ -257,9 +249,8 @@ def begin_cell(state, cells, nodal, c, mode, work):
 def point_of_cell(state, cells, c, q, mode, work):
     """S of a point, with its tangent, Fb, Ui and P; False if it cannot be integrated. After :func:`begin_cell`."""
     row = c if len(state.material.small.curve) > 0 else 0
-    good, plastic, _, _ = stress_at(
-        state.material, work.h[q], state.strain[row, q], state.p[row, q], work.pressure[q], mode, work.point
-    )
+    m, own = work.point.stress.shape[0], state.values[row, q]
+    good, plastic, _, _ = stress_at(state.material, work.h[q], own[:m], own[m], work.pressure[q], mode, work.point)
     if not good:
         return False
     _to_tensor(work.point.stress, work.tensor)
@@ -497,7 +488,7 @@ def cell_piola(state, cells, nodal, c, mode, work, piola, slope):
         False if the cell cannot be integrated; both mean nothing then.
     """
     nq, nn, d = cells.grad.shape[1], cells.grad.shape[2], cells.grad.shape[3]
-    nb, m = cells.basis.shape[2], state.strain.shape[2]
+    nb, m = cells.basis.shape[2], work.point.stress.shape[0]
     if not begin_cell(state, cells, nodal, c, mode, work):
         return False
     for q in range(nq):
@@ -605,17 +596,16 @@ def piola_at(state, cells, nodal, mode, work, piola, slope):
 @njit
 def commit(state, cells, nodal, work):
     """Let the state of all points of the cells, in place, follow the displacement; returns how many could not."""
-    missed = 0
+    missed, m = 0, work.point.stress.shape[0]
     for c in range(len(cells.nodes)):
         for q in range(cells.grad.shape[1]):
             gradient_at(cells, nodal, c, q, work.h[q])
-            good, _, p, yields = stress_at(
-                state.material, work.h[q], state.strain[c, q], state.p[c, q], 0.0, STRESS, work.point
-            )
+            own = state.values[c, q]
+            good, _, p, yields = stress_at(state.material, work.h[q], own[:m], own[m], 0.0, STRESS, work.point)
             missed += 0 if good else 1
             if good and yields:
-                new_plastic_strain(state.material, state.strain[c, q], work.point)
-                state.p[c, q] = p
+                new_plastic_strain(state.material, own[:m], work.point)
+                own[m] = p
     return missed
 
 
@@ -625,7 +615,7 @@ def cauchy(state, cells, nodal, work, stress, strain, volume):
 
     ``volume`` (nc,) is that of the undeformed cells. Components XX, YY, ZZ, XY, YZ, XZ of the tensors.
     """
-    nq, material, logs = cells.grad.shape[1], state.material, work.point.row
+    nq, material, logs, m = cells.grad.shape[1], state.material, work.point.row, work.point.stress.shape[0]
     for c in range(len(cells.nodes)):
         stress[c, :] = 0.0
         strain[c, :] = 0.0
@@ -638,7 +628,7 @@ def cauchy(state, cells, nodal, work, stress, strain, volume):
             ratio, across = 1.0 + volume_change(work.h[q]), 0.0
             if material.small.plane_stress:
                 row = c if len(material.small.curve) > 0 else 0
-                across = thickness(material, state.strain[row, q], state.p[row, q] > 0.0, work.point)
+                across = thickness(material, state.values[row, q, :m], state.values[row, q, m] > 0.0, work.point)
                 ratio *= np.exp(across)
             weight = cells.jxw[c, q] * ratio
             total += weight
@@ -655,7 +645,7 @@ def cauchy(state, cells, nodal, work, stress, strain, volume):
                 for j in range(3):
                     work.piola[i, j] = work.h[q, j, i]
             twice_green(work.piola, work.tensor)
-            eigenpairs(work.tensor, state.strain.shape[2], work.point.values, work.point.vectors)
+            eigenpairs(work.tensor, m, work.point.values, work.point.vectors)
             for i in range(3):
                 logs[i] = 0.5 * np.log1p(work.point.values[i])
             compose(logs, work.point.vectors, work.tensor)

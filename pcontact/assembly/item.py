@@ -304,9 +304,9 @@ class Bulk(Item):
         Whether a load step begins where the bodies are if they move on as they did: see :meth:`predict`.
     states : dict of int to pcontact.assembly.solid.PointStates
         Internal variables, by block; empty where none may yield.
-    parts : dict of int to pcontact.assembly.finite_kernels.FiniteState
-        The same of blocks with finite strain.
-    finite : pcontact.assembly.finite.FiniteBulk or None
+    parts : dict of int to pcontact.assembly.finite.FiniteStates
+        Blocks with finite strain.
+    finite : pcontact.assembly.finite.FiniteSolid or None
         The item that has their cells.
     heat : pcontact.assembly.heat.Heat or None
         Thermal stress of the cells.
@@ -331,10 +331,6 @@ class Bulk(Item):
         """
         if origins:
             raise NotImplementedError
-
-    def counters(self):
-        """Quadrature points with internal variables."""
-        return {"points": sum(state.p.size for state in self.states.values()), "work": 0}
 
     def predict(self, u, committed, out):
         """Add the forces of bodies that go from the committed displacement to ``u`` without yielding. *Collective.*"""

@@ -9,20 +9,18 @@ import numpy as np
 
 from pcontact.assembly import strains
 from pcontact.assembly.distortion import distortions
-from pcontact.assembly.geometry import chunks, hoop, keep, n_points, points_of
+from pcontact.assembly.geometry import chunks, hoop, keep, points_of
 from pcontact.assembly.graph import BlockRows, find, multiply, node_graph
-from pcontact.assembly.item import LAW, Bulk
+from pcontact.assembly.item import LAW
 from pcontact.assembly.pattern import OwnedRows, positions
+from pcontact.assembly.states import BlockStates, Bodies
 from pcontact.assembly.strains import add_forces, cell_points
 from pcontact.element.dilatation import linear, squares
 from pcontact.material.elastic import FLOWS, Moment, mean_stress
 from pcontact.material.mandel import HALF
 from pcontact.runtime.jit import njit
-from pcontact.runtime.parallel import take_rows
 from pcontact.runtime.petsc import MPI
 
-# Quadrature points of a cell, at most: cells times it are keys of checkpoints.
-POINTS = 1 << 10
 # Cells whose orthotropic stiffness is turned at once.
 TURNED = 1024
 
@@ -103,7 +101,7 @@ def add_squares(operators, weights, cells, rowptr, columns, values):
                         values[k, i, j] += value
 
 
-class PointStates:
+class PointStates(BlockStates):
     """Internal variables of the points of a block whose law is not linear.
 
     Parameters
@@ -112,40 +110,28 @@ class PointStates:
     number : int
         Block.
     material : pcontact.material.elastic.Elastic
-
-    Attributes
-    ----------
-    values : ndarray (nc, nq, width)
-        The committed state.
     """
 
     def __init__(self, solid, number, material):
-        self._solid, self.number, self.material = solid, number, material
-        space = solid.space
-        self.values = np.zeros((len(space.cells[number]), n_points(space, number), material.width))
-
-    @property
-    def p(self):
-        """Equivalent plastic strain (nc, nq), a view."""
-        return self.material.flow(self.values)
-
-    @property
-    def table(self):
-        """All states of a cell in a row (nc, nq width), a view."""
-        nc, nq, width = self.values.shape
-        return self.values.reshape(nc, nq * width)
+        super().__init__(solid.space, number, material)
+        self._solid = solid
 
     def of(self, rows):
         """States of the points of some cells in a row (n, width): a view for a slice."""
-        some = self.values[rows]
-        return some.reshape(some.shape[0] * some.shape[1], some.shape[2])
+        return _in_a_row(self.values[rows])
 
     def chunks(self):
         """Cells, points, weights (nc, nq) of the chunks of all cells."""
-        space = self._solid.space
+        space = self.space
         for rows, grad, jxw, shapes in chunks(space, self.number):
             ring = hoop(space, self.number, rows, shapes)
             yield rows, cell_points(space.cells[self.number][rows], grad, ring), np.ascontiguousarray(jxw)
+
+    def advance(self, rows, cells, nodal, values):
+        """See :meth:`BlockStates.advance`."""
+        strain, moment = self.at(rows, cells, nodal)
+        self.material.commit(strain, _in_a_row(values), moment)
+        return 0
 
     def stress(self, rows, points, nodal, tangent=False, virgin=False):
         """What cells add to linear elasticity under displacements, a `pcontact.material.elastic.Response`.
@@ -180,12 +166,12 @@ class PointStates:
         if solid.heat is None or not material.reads_temperature:
             return strain, Moment(solid.step)
         some = np.arange(len(self.values))[rows]
-        heat, temperature = solid.heat.temperatures(self.number, some, points_of(solid.space, self.number, some))
+        heat, temperature = solid.heat.temperatures(self.number, some, points_of(self.space, self.number, some))
         strain[:, : 2 if material.plane_stress else 3] -= material.expansion * heat.reshape(-1, 1)
         return strain, Moment(solid.step, temperature.ravel())
 
 
-class Solid(Bulk):
+class Solid(Bodies):
     """Item of all bodies with small strain.
 
     Parameters
@@ -275,6 +261,11 @@ class Solid(Bulk):
         owned = OwnedRows(space.numbering, space.exchanger, space.nodes, rowptr, columns)
         self._pattern, self._owned = (rowptr, columns), owned
         self._place = positions(owned.rowptr, owned.columns, self.rowptr, self.columns)
+
+    @property
+    def states_of_blocks(self):
+        """Internal variables of blocks."""
+        return self.states
 
     @property
     def name(self):
@@ -375,64 +366,11 @@ class Solid(Bulk):
         values[self._place] += self._owned.sum(local)
         return values
 
-    # -- internal variables -----------------------------------------------------------------------------------------
-
     def commit(self, u, time):
-        """Take the internal variables to a displacement. *Collective.*"""
+        """See :meth:`Bodies.commit`. *Collective.*"""
         if self.yields:
-            nodal = self.space.local.gather(u)
-            for number, state in self.states.items():
-                for rows, points, _ in state.chunks():
-                    strain, moment = state.at(rows, points, self.moved(nodal, number))
-                    state.material.commit(strain, state.of(rows), moment)
+            super().commit(u, time)
         self._time, self.step = time, 0.0
-
-    def flowing(self, u):
-        """Part of the volume that may yield which yields between the committed displacement and ``u``. *Collective.*"""
-        nodal, sums = self.space.local.gather(u), np.zeros(2)
-        for number, state in self.states.items():
-            for rows, points, jxw in state.chunks():
-                (strain, moment), values = state.at(rows, points, self.moved(nodal, number)), state.of(rows).copy()
-                state.material.commit(strain, values, moment)
-                flows = ~(state.material.flow(values) <= state.material.flow(state.of(rows)))
-                sums += [np.sum(jxw.ravel()[flows]), np.sum(jxw)]
-        flowing, volume = self.space.comm.allreduce(sums, op=MPI.SUM)
-        return float(flowing / volume) if volume > 0.0 else 0.0
-
-    def counters(self):
-        """Quadrature points with internal variables."""
-        return {"points": sum(int(np.prod(state.values.shape[:2])) for state in self.states.values()), "work": 0}
-
-    def memory(self):
-        """Internal variables of the cells that have any, for a checkpoint.
-
-        Returns
-        -------
-        dict of str to (ndarray (n,), ndarray (n, nq width))
-            By block: cell numbers; states of their points.
-        """
-        tables = {}
-        for number, state in self.states.items():
-            rows = np.flatnonzero(state.values.any(axis=(1, 2)))
-            tables[str(number)] = self.space.mesh.blocks[number].ids[rows], state.table[rows]
-        return tables
-
-    def memory_keys(self):
-        """Keys (n,) of all rows that :meth:`memory` may have: cells, by the number of their points; None where no law
-        has a state."""
-        if not self.yields:
-            return None
-        blocks = self.space.mesh.blocks
-        keys = [blocks[number].ids * POINTS + state.values.shape[1] for number, state in self.states.items()]
-        return np.concatenate([np.zeros(0, dtype=np.int64), *keys])
-
-    def recall(self, name, chunks):
-        """Take back what :meth:`memory` gave, see `pcontact.assembly.item.Item.recall`."""
-        state = self.states.get(int(name))
-        if state is None:
-            return 0
-        state.values[:] = 0.0
-        return take_rows(self.space.mesh.blocks[int(name)].ids, chunks, state.table)
 
     # -- report -----------------------------------------------------------------------------------------------------
 
@@ -494,27 +432,10 @@ class Solid(Bulk):
             add_means(jxw, found.excess, result[state.number][0][rows])
         return result
 
-    def plastic_strain(self):
-        """Mean equivalent plastic strain (nc,) of the cells of each block; None where nothing may yield."""
-        if not self.yields:
-            return None
-        result = [np.zeros(len(cells)) for cells in self.space.cells]
-        for number, state in self.states.items():
-            for rows, _, jxw in state.chunks():
-                result[number][rows] = np.sum(jxw * state.p[rows], axis=1) / jxw.sum(axis=1)
-        return result
 
-    def plasticity(self):
-        """Largest equivalent plastic strain, and volume of the points that have yielded [length^d, with axial symmetry
-        length^3]. *Collective.*"""
-        if not self.yields:
-            return 0.0, 0.0
-        largest, volume = 0.0, 0.0
-        for state in self.states.values():
-            largest = max(largest, float(np.max(state.p, initial=0.0)))
-            volume += sum(float(np.sum(jxw[state.p[rows] > 0.0])) for rows, _, jxw in state.chunks())
-        comm = self.space.comm
-        return comm.allreduce(largest, op=MPI.MAX), comm.allreduce(volume, op=MPI.SUM)
+def _in_a_row(values):
+    """States (n, width) of values (nc, nq, width), a view."""
+    return values.reshape(values.shape[0] * values.shape[1], values.shape[2])
 
 
 def add_means(jxw, values, out):

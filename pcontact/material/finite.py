@@ -71,6 +71,11 @@ class FiniteMaterial(NamedTuple):
         """Whether it may yield."""
         return len(self.small.curve) > 0
 
+    @staticmethod
+    def flow(state):
+        """Equivalent plastic strain of states (..., m + 1), a view."""
+        return state[..., -1]
+
 
 class PointWork(NamedTuple):
     """What is computed at a point: results first, then what is of use on the way.

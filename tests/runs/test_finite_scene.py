@@ -8,8 +8,7 @@ import pytest
 from meshes.beam import beam
 from meshes.blocks import one_block, two_blocks
 from pcontact import build
-from pcontact.assembly.finite import FiniteBulk
-from pcontact.assembly.mixed import MixedBulk
+from pcontact.assembly.finite import FiniteSolid, MixedSolid
 from pcontact.assembly.solid import Solid
 from pcontact.contact.finite_pair import FinitePair
 from pcontact.contact.pair import ContactPair
@@ -101,9 +100,9 @@ def two(path, lower, upper, **more):
     [
         (("elastic", "small"), ("elastic", "small"), Solid, False),
         (("elastic", "small"), ("metal", "small"), Solid, True),
-        (("elastic", "finite"), ("metal", "finite"), FiniteBulk, True),
-        (("elastic", "small"), ("metal", "finite"), MixedBulk, False),
-        (("elastic", "finite"), ("metal", "small"), MixedBulk, True),
+        (("elastic", "finite"), ("metal", "finite"), FiniteSolid, True),
+        (("elastic", "small"), ("metal", "finite"), MixedSolid, False),
+        (("elastic", "finite"), ("metal", "small"), MixedSolid, True),
     ],
 )
 def test_items(tmp_path, lower, upper, kind, yields):

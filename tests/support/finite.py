@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from pcontact.assembly.finite import FiniteBulk
+from pcontact.assembly.finite import FiniteSolid
 from pcontact.material.elastic import in_plane, lame
 from pcontact.material.finite import FiniteMaterial
 from pcontact.material.hardening import hardening_curve
@@ -92,7 +92,7 @@ def finite_space(mesh, degree, kinematics, averaged):
 def finite_bulk(space, law):
     """The item of one body with finite strain."""
     material = finite_material(law, space.kinematics == "plane_stress")
-    return FiniteBulk(space, [in_plane(LAM, MU, space.kinematics)], [material])
+    return FiniteSolid(space, [in_plane(LAM, MU, space.kinematics)], [material])
 
 
 def finite_grid(folder, cell, degree):

@@ -18,7 +18,7 @@ PIECES = {
         (),
     ),
     "finite strain": (
-        ("material.finite", "material.log_strain", "assembly.finite", "assembly.finite_kernels", "assembly.mixed",
+        ("material.finite", "material.log_strain", "assembly.finite", "assembly.finite_kernels",
          "assembly.deformation", "assembly.finite_energy"), (),
     ),
     "contact that moves": (

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from pcontact.assembly.finite import FiniteBulk
-from pcontact.assembly.mixed import MixedBulk
+from pcontact.assembly.finite import FiniteSolid, MixedSolid
 from pcontact.assembly.solid import Solid
 from pcontact.material.hardening import hardening_curve
 from pcontact.material.plastic import Plastic
@@ -21,7 +20,7 @@ def space(tmp_path):
 
 def mixed(space):
     """The lower body with small strain, the upper one with finite strain; both may yield."""
-    return MixedBulk(space, [SMALL] * 2, [None, finite_material("multiplicative")])
+    return MixedSolid(space, [SMALL] * 2, [None, finite_material("multiplicative")])
 
 
 def body_of(space):
@@ -35,7 +34,7 @@ def body_of(space):
 def test_each_body_is_that_of_its_kind(space):
     rng, bulk = np.random.default_rng(2), mixed(space)
     small = Solid(space, [SMALL, SMALL])
-    finite = FiniteBulk(space, bulk.constants, [finite_material("multiplicative")] * 2)
+    finite = FiniteSolid(space, bulk.constants, [finite_material("multiplicative")] * 2)
     for item in (bulk, small, finite):
         item.commit(vector_of(space, deformed(space, np.random.default_rng(1))[space.owned_local]), 0.0)
     u = deformed(space, rng)[space.owned_local]
