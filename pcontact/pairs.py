@@ -18,6 +18,7 @@ from pcontact.contact.surface.obstacle import RigidObstacle
 from pcontact.contact.surface.rigid_surface import RigidSurface
 from pcontact.contact.surface.sides import components_of, diameters, extents, source_surface, target_surface
 from pcontact.contact.surface.smooth_geometry import Chords, smooth_surface
+from pcontact.contact.traction.target import is_two_sided
 from pcontact.contact.unbiased import contacts_of_halves, halved, is_unbiased
 from pcontact.mesh.mesh import size_of
 from pcontact.mesh.surface import read_surface
@@ -366,10 +367,12 @@ def _check_sizes(scene, space, number, contact, pair):
 
 
 def _check_source(space, bulk, contact, source):
-    """Warn of a source much stiffer than its target, whose stress says little of the pressure; how many times as stiff
-    it is then, else 0. *Collective.*"""
+    """Warn of a source much stiffer than its target, if its stress alone says what the pressure is; how many times as
+    stiff it is then, else 0. *Collective.*"""
     sided = contact.obstacle is None and contact.target != contact.source and not is_unbiased(contact)
     if not sided or contact.all or contact.formulation != "nitsche" or contact.pressure_overclosure is not None:
+        return 0.0
+    if is_two_sided(space, bulk, contact):
         return 0.0
     # a point for each facet
     other = source_surface(space, contact.target, bulk.constants, 1, bulk.orthotropic)
@@ -516,7 +519,7 @@ def contact_reports(scene, space, supports, free, bulk, tied):
 def _warn_of_jumps(reports):
     """Say which contacts have a residual that jumps: sources that may yield, with the consistent adjoint."""
     for report in reports:
-        if any(pair.terms.traction.jumps for pair in report.pairs):
+        if any(pair.terms.traction.consistent for pair in report.pairs):
             log.warning(
                 'contact %s: adjoint = "consistent": the residual jumps where a cell yields, a load step may have more '
                 "than one solution, or none; this is one; remedy: smaller load steps, or the elastic adjoint",

@@ -80,8 +80,13 @@ class ContactResiduals:
             for number, one in ((n, f) for side in sides for n, f in side.items()):
                 values = tests_of(self._space, number, one.xi)
                 add_at(one.rows, CONTACT, values[:, :, None] * one.force[:, None, :], tested[number])
-            weighted = {"traction": across + own, "weight": state["weight"]}
-            for number, one in on_source(self._space, pair, weighted).items():
+            tests, parts = across + own, pair.terms.weighted
+            first = tests if parts is None else parts.own[:, None] * tests
+            sides = [on_source(self._space, pair, {**forces, "traction": first})]
+            if parts is not None:
+                second = {**forces, "traction": -parts.other[:, None] * tests}
+                sides.append(on_target(self._space, pair, second, self._cells, contact.weight, parts.normal))
+            for number, one in ((n, f) for side in sides for n, f in side.items()):
                 add_at(one.rows, CONTACT, self._stresses(number, one), tested[number])
 
     def _stresses(self, number, points):
@@ -117,7 +122,8 @@ class ContactResiduals:
         sums = np.zeros(2)
         for pair, state in zip(contact.pairs, states, strict=True):
             source, normal = pair.source, pair.pairing.normal
-            weight = state["weight"] / source.trace[source.facet]
+            parts = pair.terms.weighted
+            weight = state["weight"] / (source.trace[source.facet] if parts is None else parts.trace)
             sums[0] += weight @ (state["pressure"] + state["normal_stress"]) ** 2
             if "own_traction" in state:
                 rest = state["traction"] - state["own_traction"]

@@ -197,7 +197,7 @@ def bring(space, pair, cells, points, table):
     return result
 
 
-def on_target(space, pair, state, cells, part=1.0):
+def on_target(space, pair, state, cells, part=1.0, normal=None):
     """Forces of a pair on its target, brought to the ranks of the target's cells. *Collective.*
 
     Parameters
@@ -207,18 +207,21 @@ def on_target(space, pair, state, cells, part=1.0):
     cells : Cells
     part : float
         What the weights of the points make of an area: 1/2 for unbiased contact.
+    normal : ndarray (np, d), optional
+        To go with the forces; the contact normals without.
 
     Returns
     -------
     dict of int to PointForces
     """
     p, d = pair.pairing, space.dim
+    normal = p.normal if normal is None else normal
     # in space points without a force count, too: they tell how much of a facet has partners
     acting = np.flatnonzero(p.paired if d == 3 else p.paired & state["traction"].any(axis=1))
     weight = state["weight"][acting]
     force = -state["traction"][acting, :d] * weight[:, None]
     area = weight if d == 2 else weight * areas(space, pair, acting, state["weight"])
-    table, result = np.column_stack([area / part, force, p.normal[acting]]), {}
+    table, result = np.column_stack([area / part, force, normal[acting]]), {}
     for number, brought in bring(space, pair, cells, acting, table).items():
         area, force, normal = brought.table[:, 0], brought.table[:, 1 : 1 + d], brought.table[:, 1 + d :]
         forces = PointForces(brought.rows, brought.xi, force, normal)

@@ -67,5 +67,5 @@ def cost_forecast(problem, scene):
 
 
 def _more(name, points, size, times):
-    return (f"left out, {name}: {points * size / MB:.3g} MB for the state ({size:.0f} bytes at each of {points} points), "
-            f"a load step {times} times as long")  # fmt: skip
+    each = f"({size:.0f} bytes at each of {points} points)"
+    return f"left out, {name}: {points * size / MB:.3g} MB for the state {each}, a load step {times} times as long"

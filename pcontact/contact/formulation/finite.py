@@ -75,11 +75,11 @@ class FiniteTerms:
     Attributes
     ----------
     last : LastTangent
-    wide : bool
+    wide, weighted : bool and None
         See `pcontact.contact.formulation.small.SmallTerms`; the cells of partners have no part in the traction.
     """
 
-    wide = False
+    wide, weighted = False, None
 
     def __init__(self, space, source, method, traction, law):
         self.space, self.source, self.method, self.traction, self.law = space, source, method, traction, law

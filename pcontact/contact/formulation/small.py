@@ -30,7 +30,6 @@ from pcontact.contact.formulation.averages import patch_means
 from pcontact.contact.formulation.small_kernels import add_residual, add_tangent, augment, evaluate
 from pcontact.contact.law import OPEN, SLIP, STICK
 from pcontact.contact.points import TractionOperator
-from pcontact.contact.traction.small import FacetCells, fill_rows
 from pcontact.runtime.parallel import take_rows
 
 
@@ -51,12 +50,16 @@ class SmallTerms:
     law : pcontact.contact.law.Frictionless
     target : pcontact.contact.traction.target.TargetTraction, optional
         Where the traction is the weighted one of both sides.
+
+    Attributes
+    ----------
+    weighted : pcontact.contact.traction.target.Weighted or None
+        The sides of the present pairing, without the derivative of the traction.
     """
 
     def __init__(self, space, source, method, traction, law, target=None):
         self.space, self.source, self.method, self.traction, self.law = space, source, method, traction, law
-        self._target, self._weighted = target, None
-        self._own = FacetCells(source.grad, source.volumetric, source.mu[source.facet], source.normal)
+        self._target, self.weighted = target, None
         if self._lags:
             self._start = self._before = self._lag = np.zeros_like(source.x)
 
@@ -83,10 +86,10 @@ class SmallTerms:
         """
         if self._target is None:
             return found
-        found, self._weighted = self._target.weigh(found, self.source, nodal)
-        self.method.take_trace(self._weighted.trace)
-        if self._weighted.shear is not None:
-            self.method.take_alpha(self._weighted.shear)
+        found, self.weighted = self._target.weigh(found, self.source, nodal, self.law.tangential)
+        self.method.take_trace(self.weighted.trace)
+        if self.weighted.shear is not None:
+            self.method.take_alpha(self.weighted.shear)
         return found
 
     def operator(self, normal, last):
@@ -100,24 +103,23 @@ class SmallTerms:
             Of the last search, whose operator is overwritten: most normals are as they were, of obstacles and without
             partner.
         """
-        n, nn, d = self._own.grad.shape
-        m, weighted, every = self._directions, self._weighted, np.arange(n)
+        n, nn, d = self.source.grad.shape
+        m, weighted, every = self._directions, self.weighted, np.arange(n)
         axes, along = (np.eye(d)[None], normal) if m == d else (normal[:, None], np.ones((n, 1)))
         width = np.full(n, self.source.shape.shape[1])
         if weighted is not None:
-            nt = weighted.cells.grad.shape[1]
+            nt = weighted.rows.shape[1]
             rows = np.empty((n, nn + nt, m, d))
-            fill_rows(every, self._own, axes, weighted.own, 0, rows)
-            fill_rows(every, weighted.cells, axes, weighted.other, nn, rows)
+            self.traction.derivative(every, axes, weighted.own, rows)
+            np.multiply(weighted.other[:, None, None, None], weighted.rows, out=rows[:, nn:])
             width[weighted.other != 0.0] += nt
-            # nobody asks for the cells of the partners again
-            self._weighted = None
+            self.weighted = weighted._replace(rows=None)
             return TractionOperator(axes, along, rows, width)
         if last is None:
             rows, some = np.empty((n, nn, m, d)), every
         else:
             rows, some = last.operator.rows, np.flatnonzero((normal != last.normal).any(axis=1) & (m != d))
-        fill_rows(some, self._own, axes, np.ones(n), 0, rows)
+        self.traction.derivative(some, axes, np.ones(n), rows)
         return TractionOperator(axes, along, rows, width)
 
     def begin(self, p, values, moved, turned):

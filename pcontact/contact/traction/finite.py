@@ -172,13 +172,13 @@ class FiniteTraction:
 
     Attributes
     ----------
-    symmetric, consistent, jumps : bool
+    symmetric, consistent : bool
         See `pcontact.contact.traction.small.Traction`.
     small : SourceSurface
         The source, whose facets with finite strain have no moduli.
     """
 
-    symmetric = consistent = jumps = False
+    symmetric = consistent = False
 
     def __init__(self, space, bulk, source, name):
         self.source, self._bulk, self._parts, first = source, bulk, [], 0
@@ -239,7 +239,7 @@ class FiniteTraction:
 
     def traction(self, values, p, wanted):
         """Tractions (np, d) of the points that are wanted (np,) at nodal values (n, d) [stress]."""
-        out = self._rest.elastic(values, p, wanted)
+        out = self._rest.linear(values, p, wanted)
         self._rest.add_excess(values, p, out)
         asked = _Asked(STRESS, wanted, np.zeros(0, dtype=np.int64))
         self._add(values, p, asked, _Answer(out, np.zeros((0, 0, 0, 0))))
@@ -252,10 +252,9 @@ class FiniteTraction:
         rows = np.zeros((int(wanted.sum()), self.source.shape.shape[1], d, d))
         _add_elastic(p.source, at, rows)
         if not elastic:
-            excess = self._rest.excess(values, p)
-            if len(excess.at):
-                some = np.flatnonzero(wanted & (excess.at >= 0))
-                rows[at[some]] += excess.rows[excess.at[some]]
+            for own in self._rest.beyond(values, p):
+                some = np.flatnonzero(wanted & (own.at >= 0)) if len(own.at) else []
+                rows[at[some]] += own.rows[own.at[some]]
         asked = _Asked(ELASTIC if elastic else CONSISTENT, wanted, at)
         self._add(values, p, asked, _Answer(np.zeros_like(self.source.x), rows))
         return Slopes(at, rows)

@@ -60,7 +60,7 @@ class FacetCells(NamedTuple):
 
 
 @njit
-def fill_rows(points, cells, axes, factor, first, out):
+def fill_rows(points, cells, axes, factor, out):
     """Derivative of the components of the elastic boundary traction along directions e_k, at some points.
 
     Parameters
@@ -72,9 +72,8 @@ def fill_rows(points, cells, axes, factor, first, out):
         The directions.
     factor : ndarray (np,)
         What the traction is multiplied with.
-    first : int
-        Column of ``out`` with the first node of the cells.
     out : ndarray (np, nr, m, d)
+        With the nodes of the cells in its first columns.
         (n_X . e_k) P_a + mu ((G_a . n_X) e_k + (G_a . e_k) n_X) [stress/length].
     """
     grad, volumetric, normal, last = cells.grad, cells.volumetric, cells.normal, len(axes) - 1
@@ -92,7 +91,7 @@ def fill_rows(points, cells, axes, factor, first, out):
                     along_x += grad[p, a, i] * normal[p, i]
                     along_e += grad[p, a, i] * e[k, i]
                 for i in range(d):
-                    out[p, first + a, k, i] = cosine * volumetric[p, a, i] + shear * (
+                    out[p, a, k, i] = cosine * volumetric[p, a, i] + shear * (
                         along_x * e[k, i] + along_e * normal[p, i]
                     )
 
@@ -498,14 +497,12 @@ class Traction:
     Attributes
     ----------
     consistent : bool
-        Whether the adjoint operator is the derivative of the traction, with its excess.
-    jumps : bool
-        Whether the adjoint operator jumps where cells yield.
+        Whether the adjoint operator has the derivative of the excess, too; it jumps where cells yield.
     symmetric : bool
         Whether the derivative of the traction is its adjoint operator.
     """
 
-    consistent = jumps = False
+    consistent = False
     symmetric = True
     _linear = _excess = None
     _constant = ()
@@ -531,9 +528,7 @@ class Traction:
         def some(part):
             return part if space.comm.allreduce(len(part), op=MPI.SUM) else None
 
-        if bulk.orthotropic:
-            own = _LinearRows(space, bulk, self.source, name)
-            self._linear = own if some(own.rows) is not None else None
+        self.with_linear(space, bulk, name)
         if bulk.yields:
             own = _Excess(space, bulk, self.source, name)
             self._excess = own if some(own.parts) is not None else None
@@ -542,9 +537,24 @@ class Traction:
                     begun if begun is not None and some(begun.parts) is not None else None]  # fmt: skip
         self._constant = [part for part in constant if part is not None]
         self.symmetric = self._excess is None
-        self.jumps = self._excess is not None and theta != 0.0 and consistent
-        self.consistent = self.jumps or (self._linear is not None and theta != 0.0)
+        self.consistent = self._excess is not None and theta != 0.0 and consistent
         return self
+
+    def with_linear(self, space, bulk, name):
+        """This traction, with that of C_dev."""
+        own = _LinearRows(space, bulk, self.source, name) if bulk.orthotropic else None
+        self._linear = own if own is not None and len(own.rows) else None
+        return self
+
+    def derivative(self, points, axes, factor, out):
+        """Derivative of the components of the linear traction along directions, see :func:`fill_rows`."""
+        source = self.source
+        cells = FacetCells(source.grad, source.volumetric, source.mu[source.facet], source.normal)
+        fill_rows(points, cells, axes, factor, out)
+        if self._linear is not None:
+            some = points[self._linear.at[points] >= 0]
+            rows = factor[some, None, None, None] * self._linear.rows[self._linear.at[some]]
+            out[some, : rows.shape[1]] += np.matmul((axes[some] if len(axes) > 1 else axes)[:, None], rows)
 
     def elastic(self, values, p, wanted):
         """The isotropic part of the traction (np, d) at values (n, d), of the points that are wanted (np,)."""
@@ -560,9 +570,7 @@ class Traction:
         return out
 
     def add_excess(self, values, p, traction):
-        """Add what is in excess of isotropic elasticity to tractions (np, d)."""
-        if self._linear is not None:
-            _add_rows(self._linear.at, self._linear.rows, values, p.cells, self.source.facet, traction)
+        """Add what is not linear in the displacement to tractions (np, d)."""
         if self._excess is not None:
             self._excess.add(values, p.cells, traction)
         for part in self._constant:
@@ -570,7 +578,7 @@ class Traction:
 
     def add_normal_excess(self, values, p, traction):
         """The same along the contact normals (np,)."""
-        if self._linear is None and self._excess is None and not self._constant:
+        if self._excess is None and not self._constant:
             return
         own = np.zeros_like(self.source.x)
         self.add_excess(values, p, own)
@@ -578,25 +586,20 @@ class Traction:
 
     def excess(self, values, p):
         """What it adds to the derivative of the traction, a :class:`pcontact.contact.points.Excess`."""
-        own = self._linear
         if self._excess is None:
-            none = no_excess(self.source.shape.shape[1], self.source.x.shape[1])
-            return none if own is None else Excess(own.at, own.rows, 0)
+            return no_excess(self.source.shape.shape[1], self.source.x.shape[1])
         at, rows = self._excess.rows(values, p.cells)
-        adjoint = 0 if self.jumps else len(rows)
-        if own is None:
-            return Excess(at, rows, adjoint)
-        # no cell is orthotropic and yields
-        return Excess(np.where(own.at >= 0, own.at + len(rows), at), np.concatenate([rows, own.rows]), adjoint)
+        return Excess(at, rows, 0 if self.consistent else len(rows))
+
+    def beyond(self, values, p):
+        """What the derivative of the traction has beyond that of isotropic elasticity, all that has rows at points."""
+        return [self.excess(values, p), *([] if self._linear is None else [self._linear])]
 
     def add_adjoint(self, values, p, weights, out):
         """Add the excess of a consistent adjoint operator, tested with vectors (np, d), to nodal forces (n, d)."""
-        if self.jumps:
-            at, rows = self._excess.rows(values, p.cells)
-            _add_rows_adjoint(at, rows, weights, p.cells, self.source.facet, out)
-        if self._linear is not None:
-            _add_rows_adjoint(self._linear.at, self._linear.rows, weights, p.cells, self.source.facet, out)
+        at, rows = self._excess.rows(values, p.cells)
+        _add_rows_adjoint(at, rows, weights, p.cells, self.source.facet, out)
 
     def add_curvature(self, values, p, weights, blocks):
         """Add the derivative of :meth:`add_adjoint` at constant weights; returns how many entries had no place."""
-        return self._excess.add_curvature(values, p.cells, weights, blocks) if self.jumps else 0
+        return self._excess.add_curvature(values, p.cells, weights, blocks)

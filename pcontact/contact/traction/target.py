@@ -20,6 +20,7 @@ it, J = (s_X |n_X . m|) / (s_Y |n_Y . m|) with the current over the undeformed a
 partner is held at an edge, or faces it so much askew that J says little, w1 = 1.
 """
 
+import math
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -27,7 +28,7 @@ import numpy as np
 
 from pcontact.contact.search.table import EDGE
 from pcontact.contact.surface.sides import at_places, source_surface
-from pcontact.contact.traction.small import FacetCells
+from pcontact.contact.traction.small import Traction
 from pcontact.contact.unbiased import is_unbiased
 from pcontact.element.reference import facet_nodes
 from pcontact.runtime.parallel import split_by_rank
@@ -43,21 +44,24 @@ class Weighted(NamedTuple):
 
     Attributes
     ----------
-    cells : pcontact.contact.traction.small.FacetCells
-        Of the partners.
+    rows : ndarray (np, nn, m, d)
+        Derivative of t2 by displacements of the nodes of the partners' cells [stress/length].
     own, other : ndarray (np,)
         w1 and -w2 J.
     trace : ndarray (np,)
         w1^2 l1 + w2^2 J l2 [stress/length].
     shear : ndarray (np,) or None
         Part of it that tangential tractions need, where points stick.
+    normal : ndarray (np, d)
+        n_Y.
     """
 
-    cells: FacetCells
+    rows: np.ndarray | None
     own: np.ndarray
     other: np.ndarray
     trace: np.ndarray
     shear: np.ndarray | None
+    normal: np.ndarray
 
 
 class TargetTraction:
@@ -66,29 +70,34 @@ class TargetTraction:
     Parameters
     ----------
     space : pcontact.space.space.Space
+    bulk : pcontact.assembly.item.Bulk
+        Has the materials.
     name : str
         Facet group of the target.
-    constants : list of (float, float)
-        Lame constants of each body.
     sticks : bool
         Whether tangential tractions need a part of the trace constant only.
     """
 
-    def __init__(self, space, name, constants, sticks):
-        self._space, self._sticks = space, sticks
+    def __init__(self, space, bulk, name, sticks):
+        self._space, self._bulk, self._name, self._sticks = space, bulk, name, sticks
         self._groups = space.mesh.facet_groups.get(name, [])
-        self._side = source_surface(space, name, constants, 1, sticks=sticks)
+        self._side = source_surface(space, name, bulk.constants, 1, bulk.orthotropic, sticks)
         self._width = space.comm.allreduce(self._side.cells.shape[1], op=MPI.MAX)
 
-    def _columns(self):
-        """How many numbers each quantity of an answer has: nodes, shape functions, gradients, volumetric operator,
-        normal, area vector, and modulus, trace constant, its part in shear, radius."""
-        n, d = self._width, self._space.dim
-        return [n, n, n * d, n * d, d, d, 4]
+    def _answer(self, asked, nodal, m):
+        """What partners say, a list of arrays of n rows: nodes, shape functions, derivative of the traction; trace
+        constant, its part in shear, area vector along the contact normal, radius, normal.
 
-    def _answer(self, rows, xi, nodal):
-        """Those numbers (n, columns) at reference points xi (n, d - 1) of facets of this rank (n,)."""
-        space, side, d, n = self._space, self._side, self._space.dim, len(rows)
+        Parameters
+        ----------
+        asked : ndarray (n, 2 d)
+            Row of the facet on this rank, reference point on it, contact normal.
+        nodal : ndarray (n_local, d)
+        m : int
+            Directions in which tractions count.
+        """
+        space, side, d, n = self._space, self._side, self._space.dim, len(asked)
+        rows, xi, contact = asked[:, 0].astype(np.int64), asked[:, 1:d], np.ascontiguousarray(asked[:, d:])
         x, normal, shape = np.empty((n, d)), np.empty((n, d)), np.zeros((n, side.cells.shape[1]))
         slope, grad = np.zeros((2, *shape.shape, d))
         cells, first = side.cells[rows], 0
@@ -105,31 +114,35 @@ class TargetTraction:
             first += len(facets.cells)
         # its volumetric operator follows from the others
         at = replace(side, facet=rows, x=x, normal=normal, jxw=np.ones(n), shape=shape, grad=grad, slope=None)
-        numbers = np.column_stack([side.mu[rows], side.trace[rows], side.shear[rows], x[:, 0]])
-        parts = space.nodes[cells], shape, grad, at.volumetric
-        wide = [np.zeros((n, self._width, *part.shape[2:])) for part in parts]
-        wide[0] += space.nodes[cells[:, :1]]
-        for whole, part in zip(wide, parts, strict=True):
-            whole[:, : part.shape[1]] = part
-        vector = area_vectors(slope, nodal[cells], normal)
-        return np.column_stack([*(part.reshape(n, np.prod(part.shape[1:], dtype=int)) for part in wide), normal, vector,
-                                numbers])  # fmt: skip
+        traction = Traction(at).with_linear(space, self._bulk, self._name)
+        out = np.empty((*grad.shape[:2], m, d))
+        traction.derivative(np.arange(n), np.eye(d)[None] if m == d else contact[:, None], np.ones(n), out)
+        faces = np.einsum("pd,pd->p", area_vectors(slope, nodal[cells], normal), contact)
+        numbers = np.column_stack([side.trace[rows], side.shear[rows], faces, x[:, 0], normal])
+        return [space.nodes[cells], shape, out, numbers]
 
-    def _ask(self, place, nodal):
-        """Answers (n, columns) at places (n, 1 + d): rank, row of the facet there, reference point. *Collective.*"""
-        columns, size = sum(self._columns()), place.shape[1] - 1
-        sends, order = split_by_rank(place[:, 0].astype(np.int64), place[:, 1:])
+    def _ask(self, place, normal, nodal, m):
+        """Answers at places (n, 1 + d), rank, row of the facet there, reference point, with contact normals (n, d):
+        the arrays of :meth:`_answer`, with as many columns on all ranks. *Collective.*"""
+        d, width, size = self._space.dim, self._width, 2 * self._space.dim
+        sends, order = split_by_rank(place[:, 0].astype(np.int64), np.column_stack([place[:, 1:], normal]))
         asked = self._space.exchanger(sends, np.float64, size)
-        joined = np.concatenate([np.zeros((0, size)), *asked.values()])
-        answers = self._answer(joined[:, 0].astype(np.int64), joined[:, 1:], nodal)
+        answers = self._answer(np.concatenate([np.zeros((0, size)), *asked.values()]), nodal, m)
+        n, shapes = len(answers[0]), [(width,), (width,), (width, m, d), (4 + d,)]
+        wide = [np.zeros((n, *shape)) for shape in shapes]
+        for whole, part in zip(wide, answers, strict=True):
+            whole[:, : part.shape[1]] = part
+        wide[0][:, answers[0].shape[1] :] = answers[0][:, :1]
+        table = np.concatenate([part.reshape(n, math.prod(part.shape[1:])) for part in wide], axis=1)
         ends = np.cumsum([len(one) for one in asked.values()])
-        replies = dict(zip(asked, np.split(answers, ends[:-1]), strict=True)) if asked else {}
-        back = self._space.exchanger(replies, np.float64, columns)
-        out = np.empty((len(place), columns))
-        out[order] = np.concatenate([np.zeros((0, columns)), *(back[r] for r in sorted(sends))])
-        return out
+        replies = dict(zip(asked, np.split(table, ends[:-1]), strict=True)) if asked else {}
+        back = self._space.exchanger(replies, np.float64, table.shape[1])
+        out = np.empty((len(place), table.shape[1]))
+        out[order] = np.concatenate([np.zeros((0, table.shape[1])), *(back[r] for r in sorted(sends))])
+        parts = np.split(out, np.cumsum([math.prod(shape) for shape in shapes])[:-1], axis=1)
+        return [part.reshape(len(place), *shape) for part, shape in zip(parts, shapes, strict=True)]
 
-    def weigh(self, found, source, nodal):
+    def weigh(self, found, source, nodal, tangential):
         """What the sides of the points of a source say. *Collective.*
 
         Parameters
@@ -138,6 +151,8 @@ class TargetTraction:
         source : pcontact.contact.surface.sides.SourceSurface
         nodal : ndarray (n_local, d)
             Displacements at which partners were found [length].
+        tangential : bool
+            Whether tractions count in all directions, or along the contact normal alone.
 
         Returns
         -------
@@ -145,17 +160,17 @@ class TargetTraction:
             With the other nodes of the cells behind those of the facets.
         Weighted
         """
-        d, n, rows = self._space.dim, self._width, np.flatnonzero(found.paired)
-        answers = self._ask(found.place[rows], nodal)
-        whole = np.zeros((len(found.paired), answers.shape[1]))
-        whole[rows] = answers
-        nodes, shape, grad, volumetric, normal, area, numbers = np.split(whole, np.cumsum(self._columns())[:-1], axis=1)
-        modulus, l2, shear2, radius = numbers.T
+        d, rows = self._space.dim, np.flatnonzero(found.paired)
+        answers = self._ask(found.place[rows], found.normal[rows], nodal, d if tangential else 1)
+        nodes, shape, derivative, numbers = (np.zeros((len(found.paired), *one.shape[1:])) for one in answers)
+        for whole, one in zip((nodes, shape, derivative, numbers), answers, strict=True):
+            whole[rows] = one
+        l2, shear2, area, radius = numbers[:, :4].T
         l1, shear1 = source.trace[source.facet], source.shear[source.facet]
         slope = source.grad if source.slope is None else source.slope
         faces = area_vectors(slope, nodal[source.cells[source.facet]], source.normal)
         with np.errstate(divide="ignore", invalid="ignore"):
-            ratio = np.abs(np.einsum("pd,pd->p", faces, found.normal) / np.einsum("pd,pd->p", area, found.normal))
+            ratio = np.abs(np.einsum("pd,pd->p", faces, found.normal) / area)
             if self._space.axisymmetric:
                 ratio *= radius / source.x[:, 0]
             both = found.paired & (found.held < EDGE) & (ratio <= ASKEW) & (ratio >= 1.0 / ASKEW)
@@ -164,11 +179,10 @@ class TargetTraction:
         other = 1.0 - own
         parts = own**2 * l1, other**2 * ratio * l2
         trace = parts[0] + parts[1]
-        cells = FacetCells(grad.reshape(-1, n, d), volumetric.reshape(-1, n, d), modulus.copy(), normal.copy())
         part = (parts[0] * shear1 + parts[1] * shear2) / trace if self._sticks else None
         width = found.nodes.shape[1]
-        found = found._replace(nodes=nodes.astype(np.int64), shape=np.ascontiguousarray(shape), width=width)
-        return found, Weighted(cells, own, -other * ratio, trace, part)
+        found = found._replace(nodes=nodes.astype(np.int64), shape=shape, width=width)
+        return found, Weighted(derivative, own, -other * ratio, trace, part, numbers[:, 4:].copy())
 
 
 def area_vectors(slope, values, normal):
@@ -183,19 +197,23 @@ def area_vectors(slope, values, normal):
     return np.einsum("pij,pj->pi", turn, normal)
 
 
-def target_traction(space, bulk, contact):
-    """The `TargetTraction` of a contact; None where the traction is that of the source alone. *Collective.*
+def is_two_sided(space, bulk, contact):
+    """Whether the traction of a contact by Nitsche's method is the weighted one of both sides. *Collective.*
 
-    It is that of both for two surfaces of bodies that are elastic, isotropic, at one temperature and there from the
-    beginning; where points of both surfaces look for partners, each side has its own.
+    It is for two surfaces of bodies that are elastic, at one temperature and there from the beginning; where points of
+    both surfaces look for partners, each side has its own.
     """
     sided = contact.target is not None and contact.target != contact.source and not is_unbiased(contact)
     if not sided or contact.all:
-        return None
+        return False
     groups = [space.mesh.facet_groups.get(name, []) for name in (contact.source, contact.target)]
     numbers = {facets.block for group in groups for facets in group if len(facets.cells)}
-    other = {number for number, block in enumerate(space.mesh.blocks) if block.body in bulk.orthotropic}
-    other |= set(bulk.states) | set(bulk.parts) | set(bulk.added)
-    if not space.comm.allreduce(bulk.heat is None and not numbers & other, op=MPI.LAND):
+    linear = bulk.heat is None and not numbers & (set(bulk.states) | set(bulk.parts) | set(bulk.added))
+    return space.comm.allreduce(linear, op=MPI.LAND)
+
+
+def target_traction(space, bulk, contact):
+    """The `TargetTraction` of a contact; None where the traction is that of the source alone. *Collective.*"""
+    if not is_two_sided(space, bulk, contact):
         return None
-    return TargetTraction(space, contact.target, bulk.constants, contact.alpha is None)
+    return TargetTraction(space, bulk, contact.target, contact.alpha is None)

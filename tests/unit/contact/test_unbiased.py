@@ -248,7 +248,7 @@ def test_hertz(shared_tmp):
 @pytest.mark.parallel
 @pytest.mark.parametrize("theta", THETAS)
 def test_rings(shared_tmp, theta):
-    """The pressure of the closed form, and errors near those of contact with a source and a target."""
+    """The pressure of the closed form, and nearly the error in energy of contact with a source and a target."""
     path = make_mesh(rings, shared_tmp / "rings.msh", n=8, order=2)
     found = []
     for both_ways in (False, True):
@@ -256,8 +256,8 @@ def test_rings(shared_tmp, theta):
             assert converged
             found.append(measure(simulation))
     assert found[1]["energy"] < 1.01 * found[0]["energy"]
-    # the pressure at the facets of the other side, which are of another size, counts as well
-    assert found[1]["weighted"] < 1.5 * found[0]["weighted"]
+    # each half has the traction of its own source, not that of both
+    assert found[0]["weighted"] < 0.006 and found[1]["weighted"] < 0.013
     assert found[1]["mean_pressure"] == pytest.approx(found[0]["mean_pressure"], rel=1e-3)
 
 

@@ -241,7 +241,7 @@ def test_the_tip_of_a_cone_stays():
 @pytest.mark.parallel
 @pytest.mark.parametrize("source", ["inner", "outer"])
 def test_rings(shared_tmp, source):
-    """On straight cells as accurate as on curved ones (4 %, 2 %), where chords make 75 to 150 %."""
+    """On straight cells as accurate as on curved ones (4 %, 2 %), where chords make 60 to 96 %."""
     errors = []
     for n in (8, 16):
         path = make_mesh(rings, shared_tmp / f"rings{n}.msh", n=n)
@@ -252,7 +252,7 @@ def test_rings(shared_tmp, source):
                 assert any("gaps of the smooth" in line for line in simulation.describe()[0]) == smooth
                 assert ("facet_error" in simulation.problem.contacts[0].summary(simulation.stepper.u)) != smooth
                 found.append(measure(simulation))
-        assert found[1]["plain"] > 0.7
+        assert found[1]["plain"] > 0.5
         errors.append(found[0])
     assert errors[0]["plain"] < 0.04 and errors[1]["plain"] < 0.6 * errors[0]["plain"]
     assert errors[1]["energy"] < 0.55 * errors[0]["energy"]
@@ -416,7 +416,7 @@ def test_what_the_user_reads(tmp_path):
     report = json.loads((tmp_path / "as_they_are" / "report.json").read_text())
     (said,) = (line for line in report["warnings"] if "circle" in line)
     assert "wrong by about" in said and "degree 2" in said
-    assert report["steps"][-1]["contacts"]["circle"]["facet_error"] > 0.5
+    assert report["steps"][-1]["contacts"]["circle"]["facet_error"] > 0.4
 
 
 def test_the_estimate_is_about_the_error(shared_tmp):
