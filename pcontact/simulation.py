@@ -26,6 +26,7 @@ from pcontact.io.restart import ANYWAY, checkpoint_time, read_checkpoint
 from pcontact.io.snapshot import Snapshot
 from pcontact.mesh.components import Numbers
 from pcontact.mesh.mesh import bounding_box
+from pcontact.mesh.plex import view
 from pcontact.runtime import compiling, log, profile
 from pcontact.runtime.errors import TOLD, StepFailure, Stopped
 from pcontact.runtime.jit import CALLS
@@ -190,6 +191,7 @@ class Simulation:
             self.mesh = build.read(self.scene, self.comm, self.options) if mesh is None else mesh(self.scene)
         else:
             self.mesh = mesh
+        view(self.mesh)
         self.scene.mesh.order = self.accuracy.order(self.scene.mesh.order, self.mesh.degree)
         check_degrees(self.scene)
         self.spans, self.number = spans(self.scene), 0

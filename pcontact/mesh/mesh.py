@@ -1,10 +1,12 @@
 """The mesh of one rank: its cells, their nodes, its share of every physical group."""
 
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
 from pcontact.element.reference import CELLS, facet_kinds, facet_nodes
+from pcontact.mesh.plex import mesh_plex
 
 
 @dataclass
@@ -107,6 +109,8 @@ class Mesh:
         What came with the slices, see `pcontact.mesh.slices.MeshSlice`; all blocks one after the other.
     pieces : dict
         Of source facets that runs on this mesh have cut, see `pcontact.contact.segmentation.pieces`.
+    dm : PETSc.DMPlex
+        Its cells and vertices, see :mod:`pcontact.mesh.plex`. *Collective* when it is asked for first.
     """
 
     comm: object
@@ -129,6 +133,10 @@ class Mesh:
     cell_values: np.ndarray | None = None
     node_values: np.ndarray | None = None
     pieces: dict = field(init=False, default_factory=dict, repr=False, compare=False)
+
+    @cached_property
+    def dm(self):
+        return mesh_plex(self)
 
     def geometry_nodes(self, block):
         """Node table of the cells' geometry: all nodes when curved, else the vertices, and its degree."""

@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from pcontact.element.reference import CELLS
 from pcontact.mesh.bisection import UNIT, Cells, bisect
 from pcontact.mesh.cell_distances import CellDistances
 from pcontact.mesh.contact_weights import contact_facets
 from pcontact.mesh.mesh import bounding_box
+from pcontact.mesh.plex import owners, parts_of, plex
 from pcontact.mesh.slices import Corners
 from pcontact.runtime.declared import OPTIONS
 from pcontact.runtime.petsc import MPI, PETSC_GRAPHS, PETSc, has_package, reset_partitioner
@@ -21,52 +21,20 @@ WEIGHT = OPTIONS["partition_weight"].default
 HEAVY = 1e6
 
 
-def _gathered(exchanger, piece):
-    """Vertices (n, k) of all cells by their places in the file, on rank 0; none elsewhere. *Collective.*"""
-    sends = {0: piece.blocks[0].nodes[:, : CELLS[piece.blocks[0].cell].n_vertices]}
-    for block in piece.blocks[1:]:
-        sends[0] = np.concatenate([sends[0], block.nodes[:, : sends[0].shape[1]]])
-    width = sends[0].shape[1]
-    parts = exchanger(sends if len(sends[0]) else {}, np.int64, width)
-    return np.concatenate([np.zeros((0, width), dtype=np.int64), *parts.values()])
-
-
-def _graph(comm, dim, cells):
-    """Rank of all cells, on rank 0, by DMPlex and whatever graph partitioner PETSc has. *Collective.*
-
-    cells (n, k): vertices, on rank 0; none elsewhere.
-    """
-    used, numbers = np.unique(cells, return_inverse=True)
-    numbers = numbers.reshape(cells.shape).astype(PETSc.IntType)
-    points = np.zeros((len(used), dim))
-    dm = PETSc.DMPlex().createFromCellList(dim, numbers, points, interpolate=False, comm=comm)
+def _by_graph(exchanger, piece):
+    """Rank of every cell of the slice, by the PetscPartitioner of a DMPlex of the slices. *Collective.*"""
+    comm, corners = piece.comm, Corners(piece, exchanger)
+    sf = owners(comm, corners.nodes, piece.n_nodes_total, len(piece.ids))
+    cells = [(block.cell, table) for block, table in zip(piece.blocks, corners.tables, strict=True)]
+    dm = plex(comm, piece.dim, cells, corners.points, sf)
+    # PETSc makes the graph of a mesh on several ranks from its faces
+    dm.interpolate()
     # the same mesh is cut the same way, whatever this process has run before
     reset_partitioner()
     dm.getPartitioner().setFromOptions()
-    start, end = dm.getChart()
-    rank_of_point = np.zeros(max(end - start, 1), dtype=np.int32)
-    sf = dm.distribute(overlap=0)
-    n_leaves = dm.getChart()[1]
-    mine = np.full(max(n_leaves, 1), comm.rank, dtype=np.int32)
-    # a vertex sits on several ranks and any of them wins; a cell has one owner, and only cells are looked at
-    sf.reduceBegin(MPI.INT, mine, rank_of_point, MPI.REPLACE)
-    sf.reduceEnd(MPI.INT, mine, rank_of_point, MPI.REPLACE)
-    sf.destroy()
+    ranks = parts_of(dm, comm.size)
     dm.destroy()
-    return rank_of_point[: len(cells)].astype(np.int64)
-
-
-def _by_graph(exchanger, piece):
-    """Rank of every cell of the slice, by a graph partitioner on rank 0. *Collective.*"""
-    comm = piece.comm
-    ranks = _graph(comm, piece.dim, _gathered(exchanger, piece))
-    counts = comm.gather(len(piece.ids), root=0)
-    sends = {}
-    if comm.rank == 0:
-        ends = np.cumsum(counts)
-        sends = {r: part for r, part in enumerate(np.split(ranks, ends[:-1])) if len(part)}
-    received = exchanger(sends, np.int64, 1)
-    return received[0].ravel() if received else np.zeros(0, dtype=np.int64)
+    return ranks
 
 
 def _work(piece, facets, weight):
@@ -102,8 +70,8 @@ def partition(exchanger, piece, pairs=(), weight=WEIGHT, method="bisection"):
     weight : float
         Work of a contact facet in units of a cell's; 0: contact does not weigh and need not be spread evenly.
     method : {"bisection", "graph"}
-        Planes that weigh cells and contact, see :mod:`pcontact.mesh.bisection`; or DMPlex with the graph partitioner of
-        this PETSc (``-petscpartitioner_type``) on rank 0, by which all cells weigh the same.
+        Planes that weigh cells and contact, see :mod:`pcontact.mesh.bisection`; or the partitioner of a DMPlex
+        (``-petscpartitioner_type``; the first graph partitioner of this PETSc), by which all cells weigh the same.
 
     Returns
     -------
@@ -111,14 +79,13 @@ def partition(exchanger, piece, pairs=(), weight=WEIGHT, method="bisection"):
 
     Notes
     -----
-    Several cell types, or a PETSc without graph partitioner, are left to bisection.
+    A PETSc without graph partitioner leaves the mesh to bisection, unless the user names a partitioner.
     """
     comm = piece.comm
     if comm.size == 1:
         return np.zeros(len(piece.ids), dtype=np.int64)
-    one = len({block.cell for block in piece.blocks}) == 1
     known = any(has_package(name) for name in PETSC_GRAPHS) or PETSc.Options().hasName("petscpartitioner_type")
-    if method == "graph" and one and known:
+    if method == "graph" and known:
         return _by_graph(exchanger, piece)
     return by_bisection(exchanger, piece, pairs, weight, comm.size)
 

@@ -29,7 +29,8 @@ except (ImportError, ValueError, RuntimeError) as error:
 
 signals.take_back()
 
-__all__ = ["MPI", "PETSc", "line_search_limit", "local_values", "matrix_parts", "has_package", "version"]
+__all__ = ["MPI", "Integer", "PETSc", "call", "handle", "has_package", "line_search_limit", "local_values",
+           "matrix_parts", "version"]  # fmt: skip
 
 version = PETSc.Sys.getVersion()[:2]
 
@@ -91,6 +92,39 @@ newton_reasons = {
 def _check(code, what):
     if code != 0:
         raise RuntimeError(f"{what} failed with PETSc error {code}")
+
+
+# PETSc's integer, for arguments and results
+Integer = np.ctypeslib.as_ctypes_type(PETSc.IntType)
+
+
+def handle(thing):
+    """A PETSc object as an argument of :func:`call`."""
+    return ctypes.c_void_p(thing.handle)
+
+
+def call(name, *args):
+    """Call a function of PETSc's that petsc4py does not pass on.
+
+    Parameters
+    ----------
+    name : str
+    *args
+        Of ctypes; arrays stand for their memory, whole numbers for PETSc's, None for a null pointer.
+
+    Raises
+    ------
+    PETSc.Error
+    """
+    code = getattr(_lib, name)(*map(_argument, args))
+    if code:
+        raise PETSc.Error(code)
+
+
+def _argument(value):
+    if isinstance(value, np.ndarray):
+        return value.ctypes.data_as(ctypes.c_void_p)
+    return Integer(value) if isinstance(value, (int, np.integer)) else value
 
 
 def matrix_parts(matrix):

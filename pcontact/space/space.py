@@ -1,10 +1,13 @@
 """The displacement: which nodes carry it, their global numbers, vectors of it."""
 
+from functools import cached_property
+
 import numpy as np
 
 from pcontact.element.reference import CELLS, facet_nodes, n_nodes
+from pcontact.mesh.plex import owners
 from pcontact.runtime.parallel import Exchanger, NodeExchange
-from pcontact.runtime.petsc import MPI, PETSc
+from pcontact.runtime.petsc import MPI, PETSc, set_section
 from pcontact.space.kept import Kept
 from pcontact.space.numbering import Numbering
 
@@ -74,14 +77,21 @@ class Space:
         self.component = np.zeros(len(self.mesh_nodes), dtype=np.int64)
         for table, block in zip(self.cells, mesh.blocks, strict=True):
             self.component[table] = block.components[:, None]
-        keys = mesh.file_nodes[self.mesh_nodes]
-        self.numbering = Numbering(mesh.comm, self.exchanger, keys, mesh.n_nodes_total)
+        self.numbering = Numbering(mesh.comm, len(self.mesh_nodes), *self._owners())
         self.nodes = self.numbering.numbers
         self.n_owned, self.start = self.numbering.n_owned, self.numbering.start
         owned = (self.nodes >= self.start) & (self.nodes < self.start + self.n_owned)
         self.owned_local = np.flatnonzero(owned)[np.argsort(self.nodes[owned])]
         self._template, self.kept = self.vector(), Kept()
         self.local = self.exchange(self.nodes)
+
+    def _owners(self):
+        """Who owns the nodes: of degree 1 they are the vertices of the mesh's Plex, of which PETSc numbers a section
+        the same way. Points before the nodes come second. *Collective.*"""
+        mesh = self.mesh
+        if self.degree == 1:
+            return mesh.dm.getPointSF() if mesh.comm.size > 1 else None, mesh.dm.getHeightStratum(0)[1]
+        return (owners(mesh.comm, mesh.file_nodes[self.mesh_nodes], mesh.n_nodes_total),)
 
     @property
     def n_local(self):
@@ -116,6 +126,17 @@ class Space:
         radius = self.points[:, 0]
         largest = self.comm.allreduce(float(np.max(radius, initial=0.0)), op=MPI.MAX)
         return radius <= AXIS * largest
+
+    @cached_property
+    def dm(self):
+        """PETSc.DMPlex : the mesh's with the displacement of degree 1 as its section: vectors and matrices that it
+        makes have the numbers of this space. *Collective* when it is asked for first."""
+        if self.degree > 1:
+            raise ValueError("found a displacement of degree 2; allowed: degree 1, whose nodes are points of the Plex")
+        dm, section = self.mesh.dm.clone(), self.mesh.dm.getCoordinateSection().clone()
+        section.setFieldName(0, "displacement")
+        set_section(dm, section)
+        return dm
 
     def vector(self):
         """A distributed vector of zeros, block size d. *Collective.*"""

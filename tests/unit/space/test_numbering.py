@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from pcontact.runtime.parallel import Exchanger, NodeExchange
+from pcontact.mesh.plex import owners
+from pcontact.runtime.parallel import NodeExchange
 from pcontact.runtime.petsc import MPI, PETSc
 from pcontact.space.numbering import Numbering
 
@@ -43,12 +44,12 @@ def test_node_exchange_gathers_and_adds():
 @parallel
 def test_numbering_is_agreed_contiguous_and_even():
     """Keys that many ranks share, in any order; the last rank may have none."""
-    n_keys = 60
+    n_keys = 6000
     rng = np.random.default_rng(3 + WORLD.rank)
-    mine = np.zeros(0, dtype=np.int64) if WORLD.rank == 3 else rng.permutation(n_keys)[:40]
+    mine = np.zeros(0, dtype=np.int64) if WORLD.rank == 3 else rng.permutation(n_keys)[:4000]
     if WORLD.rank == 0:
         mine = rng.permutation(n_keys)
-    numbering = Numbering(WORLD, Exchanger(WORLD), mine, n_keys)
+    numbering = Numbering(WORLD, len(mine), owners(WORLD, mine, n_keys))
     assert numbering.n_total == n_keys
     table = np.full(n_keys, -1)
     table[mine] = numbering.numbers
