@@ -11,7 +11,9 @@ from typing import Any
 
 import numpy as np
 
+from pcontact.mesh.plex_reader import Tables, read_plex
 from pcontact.runtime.errors import InputError
+from pcontact.runtime.parallel import on_root
 from pcontact.scene import MeshSpec
 
 _folder: list[Path] = []
@@ -27,6 +29,7 @@ _FACETS: dict[str, list[tuple[str, list[tuple[int, ...]]]]] = {
     "wedge": [("triangle", [(0, 1, 2), (3, 4, 5)]), ("quad", [(0, 1, 4, 3), (1, 2, 5, 4), (2, 0, 3, 5)])],
     "pyramid": [("triangle", [(0, 1, 4), (1, 2, 4), (2, 3, 4), (3, 0, 4)]), ("quad", [(0, 1, 2, 3)])],
 }
+_MESHIO = {"quadrilateral": "quad", "tetrahedron": "tetra"}
 _SOLID = ("tetra", "hexahedron", "wedge", "pyramid")
 _KINDS = {2: "line", 3: "triangle", 4: "quad"}
 
@@ -41,8 +44,10 @@ def mesh_from(
 
     Parameters
     ----------
-    source : str, pathlib.Path, meshio.Mesh, pyvista dataset, the module gmsh, or (points, cells)
-        Of gmsh, its current model with its physical groups; of arrays, points (n, d) and a dict from types of cells as
+    source : str, pathlib.Path, meshio.Mesh, pyvista dataset, PETSc.DMPlex, the module gmsh, or (points, cells)
+        Of a DMPlex (or what has one as ``topology_dm``, as Firedrake's meshes), with faces or without, on any number of
+        ranks, the labels are the groups; *collective* then. Of gmsh, its current model with its physical groups; of
+        arrays, points (n, d) and a dict from types of cells as
         meshio calls them to nodes (nc, nn) in VTK's order. Cells and groups (cell sets) of meshio are kept.
     groups : dict, optional
         Further groups of cells: numbers (k,) or a mask (n_cells,) over all cells, block after block; "all" names them
@@ -93,7 +98,32 @@ def _written(source: Any, groups: Mapping[str, Any], facets: Mapping[str, Any]) 
     except ModuleNotFoundError as error:
         raise InputError(f"mesh_from: needs the Python package {error.name!r}; allowed: pip install meshio") from None
 
-    points, blocks, named = _parts(source, meshio)
+    source = getattr(source, "topology_dm", source)
+    if not hasattr(source, "getHeightStratum"):
+        _fill(path, (*_parts(source, meshio), []), groups, facets)
+        return path
+    tables, comm = read_plex(source), source.comm.tompi4py()
+    on_root(comm, lambda: _fill(path, _of_plex(tables), groups, facets))
+    return comm.bcast(path)
+
+
+def _of_plex(
+    tables: Tables,
+) -> tuple[np.ndarray, list[tuple[str, np.ndarray]], dict[str, list[np.ndarray]], list[tuple[str, str, np.ndarray]]]:
+    """Points, blocks, groups of cells, and facets, edges and nodes of groups of a DMPlex."""
+    blocks = [(_MESHIO.get(kind, kind), nodes) for kind, nodes in tables.cells.items()]
+    none = np.zeros(0, dtype=np.int64)
+    named = {name: [rows.get(kind, none) for kind in tables.cells] for name, rows in tables.cell_groups.items()}
+    lower = [(name, {1: "vertex", **_KINDS}[rows.shape[1]], rows)
+             for name, parts in tables.lower_groups.items() for rows in parts]  # fmt: skip
+    return _solid(tables.points), blocks, named, lower
+
+
+def _fill(path: Path, parts: tuple, groups: Mapping[str, Any], facets: Mapping[str, Any]) -> None:
+    """Write a file of points (n, 3), blocks, groups of cells, and further entries, with the groups that are added."""
+    import meshio
+
+    points, blocks, named, entries = parts
     solid = any(kind.startswith(_SOLID) for kind, _ in blocks)
     flat = points if solid or np.ptp(points[:, 2]) else points[:, :2]
     ends = np.cumsum([0, *(len(nodes) for _, nodes in blocks)])
@@ -102,14 +132,13 @@ def _written(source: Any, groups: Mapping[str, Any], facets: Mapping[str, Any]) 
         rows = np.flatnonzero(rows) if rows.dtype == bool else rows
         named[name] = [rows[(rows >= a) & (rows < b)] - a for a, b in zip(ends[:-1], ends[1:], strict=True)]
     entries = [(name, kind, nodes[rows]) for name, parts in named.items()
-               for (kind, nodes), rows in zip(blocks, parts, strict=True) if len(rows)]  # fmt: skip
+               for (kind, nodes), rows in zip(blocks, parts, strict=True) if len(rows)] + entries  # fmt: skip
     for name, chosen in facets.items():
         entries += [(name, kind, nodes) for kind, nodes in _facets(name, chosen, flat, blocks)]
     taken = [np.isin(np.arange(len(nodes)), np.concatenate([np.zeros(0, int), *(parts[k] for parts in named.values())]))
              for k, (_, nodes) in enumerate(blocks)]  # fmt: skip
     entries += [("", kind, nodes[~own]) for (kind, nodes), own in zip(blocks, taken, strict=True) if not own.all()]
     _write(path, points, entries, meshio)
-    return path
 
 
 def _parts(source: Any, meshio: Any) -> tuple[np.ndarray, list[tuple[str, np.ndarray]], dict[str, list[np.ndarray]]]:
@@ -131,8 +160,8 @@ def _parts(source: Any, meshio: Any) -> tuple[np.ndarray, list[tuple[str, np.nda
                   if int(kind) in _VTK]  # fmt: skip
         return _solid(grid.points), blocks, {}
     raise InputError(
-        f"mesh: found {type(source).__name__}; allowed: a file, meshio.Mesh, a pyvista dataset, the module gmsh, or "
-        "(points, cells)"
+        f"mesh: found {type(source).__name__}; allowed: a file, meshio.Mesh, a pyvista dataset, a DMPlex, the module "
+        "gmsh, or (points, cells)"
     )
 
 

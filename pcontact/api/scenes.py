@@ -21,7 +21,7 @@ class Scene(model.Scene):
 
     Parameters
     ----------
-    mesh : path, MeshSpec, dict, meshio.Mesh, pyvista dataset, the module gmsh, or (points, cells)
+    mesh : path, MeshSpec, dict, meshio.Mesh, pyvista dataset, PETSc.DMPlex, the module gmsh, or (points, cells)
         See :func:`pcontact.mesh_from`, which also names groups.
     materials : dict of str to Material or dict
         ``{"steel": {"E": 210e3, "nu": 0.3}}``.

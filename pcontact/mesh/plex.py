@@ -131,9 +131,9 @@ def plex(comm, dim, cells, points, sf):
     dm.setChart(0, n + n_vertices)
     _set_cone_sizes(dm, [*(len(order) for _, order, _ in kinds), 0], [*counts, n_vertices])
     dm.setUp()
-    cones, end = _cones(dm, sum(table[:, : len(order)].size for _, order, table in kinds)), 0
+    flat, end = cones(dm, sum(table[:, : len(order)].size for _, order, table in kinds)), 0
     for _, order, table in kinds:
-        part = cones[end : end + len(table) * len(order)].reshape(len(table), len(order))
+        part = flat[end : end + len(table) * len(order)].reshape(len(table), len(order))
         np.add(table[:, order], n, out=part, casting="unsafe")
         end += part.size
     call("DMPlexSymmetrize", handle(dm))
@@ -172,7 +172,7 @@ def _set_cone_sizes(dm, sizes, counts):
     sf.destroy()
 
 
-def _cones(dm, size):
+def cones(dm, size):
     """All cones one after the other (size,), in PETSc's memory."""
     found = ctypes.POINTER(Integer)()
     call("DMPlexGetCones", handle(dm), ctypes.byref(found))

@@ -9,7 +9,12 @@ import numpy as np
 import pytest
 
 import pcontact as pc
+from pcontact.mesh.load import load_mesh
+from pcontact.runtime.petsc import MPI, PETSc
 from tests.support.commands import ROOT
+from tests.support.small import blocks_file
+
+WORLD = MPI.COMM_WORLD
 
 
 def block(cells, corner, size):
@@ -45,6 +50,36 @@ def scene(mesh=None):
 @pytest.fixture(scope="module")
 def done():
     return pc.run(scene())
+
+
+@pytest.mark.parallel(1, 2)
+@pytest.mark.parametrize("faces", [True, False])
+def test_a_scene_on_a_dmplex(shared_tmp, faces):
+    """PETSc's mesh, distributed, with the groups of gmsh's file as labels; and the mesh of a run, which has no faces:
+    the same numbers as those of the file."""
+    path = shared_tmp / "blocks.msh"
+    if WORLD.rank == 0:
+        blocks_file(path, "quadrilateral", 5, 4)
+    WORLD.Barrier()
+
+    def force(mesh):
+        made = pc.Scene(mesh, {"steel": {"E": 210e3, "nu": 0.3}}, {"lower": "steel", "upper": "steel"},
+                        [pc.Contact("upper_bottom", "lower_top", friction=0.3)],
+                        {"lower_bottom": [0, 0], "upper_top": [1e-4, -0.001]},
+                        petsc={"snes_rtol": 1e-12, "ksp_rtol": 1e-12})  # fmt: skip
+        done = pc.run(made, comm=WORLD)
+        assert done.converged
+        return done.contact["upper_bottom-lower_top"].force
+
+    wanted, options = force(path), PETSc.Options()
+    if faces:
+        options.setValue("dm_plex_gmsh_use_regions", True)
+        dm = PETSc.DMPlex().createFromFile(str(path), interpolate=True, comm=WORLD)
+        options.delValue("dm_plex_gmsh_use_regions")
+        dm.distribute()
+    else:
+        dm = load_mesh(WORLD, path, 1, ["lower", "upper"], [], lambda raw: None).dm
+    np.testing.assert_allclose(force(dm), wanted, rtol=1e-8)
 
 
 def test_a_scene_from_arrays_is_that_of_a_file(done, tmp_path):
