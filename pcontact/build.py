@@ -36,7 +36,7 @@ from pcontact.pairs import contact_reports, since_of, tied_pairs
 from pcontact.runtime import log, profile
 from pcontact.runtime.errors import TOLD
 from pcontact.runtime.messages import input_error
-from pcontact.runtime.petsc import MPI
+from pcontact.runtime.petsc import MPI, PETSc
 from pcontact.scene import (
     amplitude,
     amplitude_of,
@@ -161,7 +161,11 @@ def read(scene, comm, options):
     if order is None and scene.mesh.geometry is not None and not is_converted(scene.mesh_path):
         # cells that are to curve have nodes in the middles of their edges
         order = 2
-    mesh = load_mesh(comm, scene.mesh_path, order, regions, pairs, check, (weight, method), serendipity)
+    try:
+        mesh = load_mesh(comm, scene.mesh_path, order, regions, pairs, check, (weight, method), serendipity)
+    except PETSc.Error as error:
+        # of the partitioner
+        raise options.fault(error) or error from error
     if scene.mesh.geometry is not None:
         put_on(mesh, scene.folder / scene.mesh.geometry, scene.where)
     return mesh
