@@ -7,8 +7,8 @@ Distances are whole numbers, found by all ranks together, and do not depend on w
 import numpy as np
 
 from pcontact.mesh.planes import MOMENT_BITS, moments, reduced
+from pcontact.mesh.plex import least_told, owners
 from pcontact.runtime.jit import njit
-from pcontact.runtime.parallel import split_by_rank
 from pcontact.runtime.petsc import MPI
 
 # ends of each connected component from which distances are taken
@@ -38,11 +38,10 @@ def _cells_of_nodes(table, n_nodes):
 
 
 @njit
-def _spread(table, offsets, cells, expanded, level, waiting, start, changed):
+def _spread(table, offsets, cells, expanded, level, waiting, start):
     """Lower the levels of nodes to one more than those of nodes with a common cell, beginning at some nodes.
 
-    expanded (n_cells,): level from which a cell was last seen. waiting (n_nodes,) bool: in the queue. changed
-    (n_nodes,) bool: set where a level is lowered.
+    expanded (n_cells,): level from which a cell was last seen. waiting (n_nodes,) bool: in the queue.
     """
     size = level.shape[0] + 1
     queue = np.empty(size, dtype=np.int64)
@@ -66,38 +65,10 @@ def _spread(table, offsets, cells, expanded, level, waiting, start, changed):
                 other = table[c, v]
                 if level[other] > here + 1:
                     level[other] = here + 1
-                    changed[other] = True
                     if not waiting[other]:
                         waiting[other] = True
                         queue[end] = other
                         end = (end + 1) % size
-
-
-def _sharing(exchanger, starts, nodes):
-    """Local nodes that other ranks have too, and which (n,), (n,). *Collective.*
-
-    nodes (n_nodes,): places, ascending; `starts`: whose rank keeps the books about which places.
-    """
-    rank = exchanger.comm.rank
-    cuts = np.searchsorted(nodes, starts)
-    sends = {r: nodes[cuts[r] : cuts[r + 1]] for r in range(len(starts) - 1) if cuts[r + 1] > cuts[r]}
-    asked = exchanger(sends, np.int64, 1)
-    none = np.zeros(0, dtype=np.int64)
-    place = np.concatenate([none, *(a.ravel() for a in asked.values())])
-    owner = np.concatenate([none, *(np.full(len(a), r) for r, a in asked.items())])
-    order = np.argsort(place, kind="stable")
-    place, owner = place[order], owner[order]
-    rows, shift = [np.zeros((0, 3), dtype=np.int64)], 1
-    while len(same := np.flatnonzero(place[shift:] == place[:-shift])):
-        a, b = owner[same], owner[same + shift]
-        rows += [np.column_stack([a, place[same], b]), np.column_stack([b, place[same], a])]
-        shift += 1
-    rows = np.concatenate(rows)
-    replies, _ = split_by_rank(rows[:, 0], rows[:, 1:])
-    answers = exchanger(replies, np.int64, 2)
-    table = np.concatenate([np.zeros((0, 2), dtype=np.int64), *answers.values()])
-    table = table[table[:, 1] != rank]
-    return np.searchsorted(nodes, table[:, 0]), table[:, 1]
 
 
 @njit
@@ -116,7 +87,6 @@ class CellDistances:
 
     Parameters
     ----------
-    exchanger : pcontact.runtime.parallel.Exchanger
     piece : pcontact.mesh.slices.MeshSlice
     nodes : ndarray (n_nodes,)
         Places of the nodes, ascending.
@@ -124,8 +94,8 @@ class CellDistances:
         Vertices of the cells, by their positions in ``nodes``, for every block.
     """
 
-    def __init__(self, exchanger, piece, nodes, tables):
-        self._exchanger, self.comm, self._nodes = exchanger, piece.comm, nodes
+    def __init__(self, piece, nodes, tables):
+        self.comm = piece.comm
         width = max(table.shape[1] for table in tables)
         if len(tables) == 1:
             self._table = np.ascontiguousarray(tables[0])
@@ -133,10 +103,11 @@ class CellDistances:
             # a vertex twice does no harm
             padded = [table[:, np.minimum(np.arange(width), table.shape[1] - 1)] for table in tables]
             self._table = np.concatenate(padded)
+        self._n_nodes = len(nodes)
         self._around = _cells_of_nodes(self._table, len(nodes))
         self._ids, self._component, self._count = piece.ids, piece.component, piece.n_components
         alone = self.comm.allreduce(int(len(self._ids) > 0)) <= 1
-        self._shared = None if alone else _sharing(exchanger, piece.point_starts, nodes)
+        self._sf = None if alone else owners(self.comm, nodes, piece.n_nodes_total)
 
     def _ends(self, distance):
         """One cell (rows of those of this rank) of every component: the farthest, the first of them. *Collective.*"""
@@ -151,34 +122,20 @@ class CellDistances:
         Every rank goes as far as it can by itself; nodes of several ranks then have the least of their levels, until
         none is lowered any more.
         """
-        n = len(self._nodes)
+        n = self._n_nodes
         level, expanded = np.full(n, FAR), np.full(len(self._ids), FAR)
-        waiting, changed = np.zeros((2, n), dtype=bool)
+        waiting = np.zeros(n, dtype=bool)
         start = np.unique(self._table[rows])
-        level[start], changed[start] = 0, True
+        level[start] = 0
         while True:
-            _spread(self._table, *self._around, expanded, level, waiting, start, changed)
-            if self._shared is None:
+            _spread(self._table, *self._around, expanded, level, waiting, start)
+            if self._sf is None:
                 return level
-            start = self._told(level, changed)
+            least = least_told(self._sf, level)
+            start = np.flatnonzero(least < level)
+            start, level = start[np.argsort(least[start], kind="stable")], least
             if not self.comm.allreduce(len(start)):
                 return level
-
-    def _told(self, level, changed):
-        """Nodes whose level is lowered by what other ranks say of theirs. *Collective.*"""
-        local, ranks = self._shared
-        chosen = np.flatnonzero(changed[local])
-        rows = np.column_stack([self._nodes[local[chosen]], level[local[chosen]]])
-        received = self._exchanger(split_by_rank(ranks[chosen], rows)[0], np.int64, 2)
-        changed[:] = False
-        table = np.concatenate([np.zeros((0, 2), dtype=np.int64), *received.values()])
-        at = np.searchsorted(self._nodes, table[:, 0])
-        lower = table[:, 1] < level[at]
-        at = at[lower]
-        np.minimum.at(level, at, table[lower, 1])
-        at = np.unique(at)
-        # those that a third rank has will hear of it from the one that told us
-        return at[np.argsort(level[at], kind="stable")]
 
     def radii(self, points, centres, box):
         """Distances (n_nodes,) [length] from the middle of the component, which is where most cells are. *Collective.*

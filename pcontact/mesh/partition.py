@@ -47,9 +47,9 @@ def _work(piece, facets, weight):
     return np.round(UNIT * (cell + min(weight, HEAVY) * facets)).astype(np.int64)
 
 
-def _add_depths(exchanger, piece, corners):
+def _add_depths(piece, corners):
     """Distances from the ends and middles of the bodies as further coordinates of the cells. *Collective.*"""
-    depths = CellDistances(exchanger, piece, corners.nodes, corners.tables)
+    depths = CellDistances(piece, corners.nodes, corners.tables)
     box = bounding_box(piece.comm, corners.centres)
     levels = depths().astype(float)
     most = piece.comm.allreduce(float(levels.max(initial=0.0)), op=MPI.MAX)
@@ -96,7 +96,7 @@ def by_bisection(exchanger, piece, pairs, weight, count):
     facets = np.zeros(len(piece.ids), dtype=np.int64)
     if weight > 0.0 and pairs:
         facets = contact_facets(piece, corners, pairs)
-    _add_depths(exchanger, piece, corners)
+    _add_depths(piece, corners)
     work = _work(piece, facets, weight)
     cells = Cells(piece.comm, corners.centres, piece.ids, work, facets, corners, weight * UNIT, piece.dim)
     return bisect(cells, count)

@@ -28,6 +28,7 @@ MEMBERS, FACETS = 1, 100
 # labels that PETSc keeps by itself
 RESERVED = ("celltype", "depth")
 
+_UNITS = {"l": MPI.INT64_T, "q": MPI.INT64_T, "d": MPI.DOUBLE}
 # options that ask for something of the mesh of a run
 CHECKS = "dm_plex_check"
 VIEWS = ("dm_view", CHECKS)
@@ -90,17 +91,22 @@ def told(sf, values):
     if sf is None:
         return values
     values = np.ascontiguousarray(values)
-    result, unit = values.copy(), _unit(values)
+    result, width = values.copy(), int(np.prod(values.shape[1:], dtype=np.int64))
+    unit = _UNITS[values.dtype.char].Create_contiguous(width).Commit()
     sf.bcastBegin(unit, values, result, MPI.REPLACE)
     sf.bcastEnd(unit, values, result, MPI.REPLACE)
     unit.Free()
     return result
 
 
-def _unit(values):
-    """What the rows of an array are made of, for MPI; to be freed."""
-    count = int(np.prod(values.shape[1:], dtype=np.int64))
-    return MPI._typedict[values.dtype.char].Create_contiguous(count).Commit()
+def least_told(sf, values):
+    """Values (n,) of points, the least that any rank has. *Collective.*"""
+    if sf is None:
+        return values
+    result, unit = values.copy(), _UNITS[values.dtype.char]
+    sf.reduceBegin(unit, values, result, MPI.MIN)
+    sf.reduceEnd(unit, values, result, MPI.MIN)
+    return told(sf, result)
 
 
 def plex(comm, dim, cells, points, sf):

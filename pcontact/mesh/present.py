@@ -12,7 +12,7 @@ from pcontact.element.reference import CELLS, facet_nodes
 from pcontact.mesh.components import label
 from pcontact.mesh.groups import Block, find_facets
 from pcontact.mesh.mesh import Facets
-from pcontact.runtime.parallel import Exchanger, split_by_rank
+from pcontact.mesh.plex import owners, told
 
 
 def without(mesh, bodies, regions):
@@ -132,16 +132,9 @@ def _joints(mesh, tables, own):
         part[table] = own[first : first + len(table), None]
         first += len(table)
     nodes = np.flatnonzero(part >= 0)
-    rows = np.column_stack([mesh.file_nodes[nodes], part[nodes]])
-    sends, _ = split_by_rank(rows[:, 0] * comm.size // max(mesh.n_nodes_total, 1), rows)
-    exchanger = Exchanger(comm)
-    try:
-        heard = np.concatenate([none, *exchanger(sends, np.int64, 2).values()])
-    finally:
-        exchanger.free()
-    heard = heard[np.lexsort((heard[:, 1], heard[:, 0]))]
-    same = np.diff(heard[:, 0]) == 0
-    pairs = np.unique(np.column_stack([heard[:-1, 1], heard[1:, 1]])[same], axis=0)
+    own = part[nodes]
+    theirs = told(owners(comm, mesh.file_nodes[nodes], mesh.n_nodes_total), own)
+    pairs = np.unique(np.column_stack([own, theirs])[own != theirs], axis=0)
     return np.unique(np.concatenate(comm.allgather(pairs)), axis=0)
 
 

@@ -9,7 +9,7 @@ from meshes import two_blocks
 from pcontact.element.reference import CELLS, facet_nodes
 from pcontact.mesh.load import load_mesh
 from pcontact.mesh.mesh import bounding_box
-from pcontact.mesh.plex import FACETS, MEMBERS, POLYTOPES, leaves, owners, told
+from pcontact.mesh.plex import FACETS, MEMBERS, POLYTOPES, least_told, leaves, owners, told
 from pcontact.mesh.present import without
 from pcontact.mesh.refinement.refine import refine
 from pcontact.runtime.petsc import MPI, PETSc, call, handle
@@ -172,6 +172,8 @@ def test_told_and_leaves():
     values = told(sf, np.column_stack([mine, np.full(len(mine), WORLD.rank)]).astype(float))
     np.testing.assert_array_equal(values[:, 0], mine)
     assert np.all(values[owned, 1] == WORLD.rank) and np.all(values[~owned, 1] != WORLD.rank)
+    # of what every rank but the last one has, rank 0 has the least
+    np.testing.assert_array_equal(least_told(sf, mine + WORLD.rank), mine)
 
 
 @parallel
