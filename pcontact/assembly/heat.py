@@ -1,12 +1,8 @@
-"""Thermal strain of bodies with small strain: the stress -beta dT I that heated cells have at zero strain.
+"""Thermal strain of bodies with small strain: the stress -C : alpha dT that heated cells have at zero strain.
 
-The stress is  C : (eps - alpha dT I) = C : eps - beta dT I,  beta = (3 lam + 2 mu) alpha, in plane stress
-(2 lam + 2 mu) alpha with the lam of plane stress. Yielding is a matter of the deviator, which beta dT I does not have.
-Where cells take their mean dilatation, beta dT is projected as the dilatation is (`pcontact.element.dilatation`): a
+C : alpha is what the law of a cell says (:meth:`pcontact.material.elastic.Elastic.thermal`), and may vary with the
+place. Where cells take their mean dilatation, dT is projected as the dilatation is (`pcontact.element.dilatation`): a
 temperature that varies within a cell then strains it as far as its mean dilatation can follow.
-
-Of an orthotropic body beta is a tensor, C : alpha (`pcontact.material.orthotropic`), which may vary with the place.
-What is called beta dT is the difference of temperature dT alone there, and beta comes with the operators.
 """
 
 from typing import NamedTuple
@@ -14,8 +10,9 @@ from typing import NamedTuple
 import numpy as np
 
 from pcontact.assembly.geometry import chunks, hoop, points_of, some_cells_weighted
-from pcontact.element.dilatation import components, dilatation, linear
-from pcontact.material.mandel import HALF
+from pcontact.assembly.strains import add_forces, add_means, cell_points
+from pcontact.element.dilatation import components, linear
+from pcontact.material.elastic import LOADED
 from pcontact.material.orthotropic import traction_matrix
 from pcontact.runtime.parallel import agree, together
 from pcontact.runtime.petsc import MPI
@@ -61,7 +58,7 @@ def _fit(space, block, jxw, points, values):
 
 
 class Heat:
-    """Thermal stress beta dT [stress] of the cells, at a time.
+    """Temperatures of the cells, and their thermal stress C : alpha dT [stress], at a time.
 
     Parameters
     ----------
@@ -75,9 +72,9 @@ class Heat:
     Attributes
     ----------
     forces : ndarray (n_owned, d)
-        int beta dT div v of the owned nodes [force].
-    means : list of ndarray (nc,) or (nc, 6)
-        Mean of beta dT over the cells of each block; of an orthotropic body the tensor, as stresses are.
+        That of the owned nodes [force].
+    means : list of ndarray (nc, 6)
+        Its mean over the cells of each block, components as those of stresses.
 
     Raises
     ------
@@ -93,7 +90,7 @@ class Heat:
         self.space, self._heatings, self._materials = space, heatings, materials
         self._time, self._traces, self.forces = None, [], np.zeros((space.n_owned, space.dim))
         self._which = [np.full(len(block.nodes), -1, dtype=np.int64) for block in space.mesh.blocks]
-        self.means = self._no_means()
+        self.means = [np.zeros((len(which), 6)) for which in self._which]
         message = None
         for number, one in enumerate(heatings):
             groups = [np.arange(len(w)) for w in self._which]
@@ -109,15 +106,11 @@ class Heat:
         for number, one in enumerate(heatings):
             if not isinstance(one.prescribed, Prescribed):
                 heatings[number] = one._replace(prescribed=one.prescribed([w == number for w in self._which]))
-        expands = any((which >= 0).any() and (materials[block.body].beta or materials[block.body].reads_temperature)
-                      for which, block in zip(self._which, space.mesh.blocks, strict=True))  # fmt: skip
+        heated = [self._material(number) for number, which in enumerate(self._which) if (which >= 0).any()]
+        expands = any(law.expansion_energy or law.reads_temperature for law in heated)
         if not space.comm.allreduce(expands, op=MPI.LOR):
             agree(space.comm, f"{source}: {heatings[0].key}: found no cell of a material with expansion; allowed: "
                               "materials of heated bodies with expansion")  # fmt: skip
-
-    def stress(self, number, rows, points):
-        """beta dT (n, nq) at points (n, nq, d) of cells (n,) of a block, as the temperature says."""
-        return self._material(number).beta * self.temperatures(number, rows, points)[0]
 
     def temperatures(self, number, rows, points):
         """dT, and the temperature itself, (n, nq) at points (n, nq, d) of cells (n,) of a block; 0 where nothing heats
@@ -148,74 +141,41 @@ class Heat:
 
     def heated(self, number):
         """Whether a block has cells that are heated and expand."""
-        return bool((self._which[number] >= 0).any() and self._material(number).beta)
+        return bool((self._which[number] >= 0).any() and self._material(number).expansion_energy)
 
     def _material(self, number):
         return self._materials[self.space.mesh.blocks[number].body]
 
     def _chunks(self):
-        """Block, rows, gradients, weights, hoop operators and beta dT (nc, nq) of the chunks of heated cells."""
+        """Block, rows, points as kernels want them, weights, places, and dT (nc, nq) of the chunks of heated cells."""
         space = self.space
         for number, block in enumerate(space.mesh.blocks):
             for rows, grad, jxw, shapes in chunks(space, number) if self.heated(number) else ():
-                points = points_of(space, number, rows)
-                some = np.arange(rows.start, rows.stop)
-                values = self.stress(number, some, points)
+                x, some = points_of(space, number, rows), np.arange(rows.start, rows.stop)
+                values = self.temperatures(number, some, x)[0]
                 if space.averages(block):
-                    values = _fit(space, block, jxw, points, values)(points, np.arange(len(some)))
-                yield number, rows, grad, jxw, hoop(space, number, rows, shapes), values
+                    values = _fit(space, block, jxw, x, values)(x, np.arange(len(some)))
+                points = cell_points(space.cells[number][rows], grad, hoop(space, number, rows, shapes))
+                yield number, rows, points, np.ascontiguousarray(jxw), x, values
 
-    def law(self, number):
-        """The orthotropic law of a block, None where it is isotropic."""
-        material = self._material(number)
-        return material if material.anisotropic else None
-
-    def _no_means(self):
-        return [np.zeros(len(which) if self.law(number) is None else (len(which), 6))
-                for number, which in enumerate(self._which)]  # fmt: skip
+    def stress(self, number, x, values):
+        """C : alpha dT (n, m) of a block at points x (..., d) with dT (...) there, Mandel components."""
+        return values.reshape(-1, 1) * self._material(number).thermal(x.reshape(-1, x.shape[-1]))
 
     def _integrated(self):
         """Forces at local nodes (n_local, d), and means of the cells."""
-        space = self.space
-        local, means = np.zeros((space.n_local, space.dim)), self._no_means()
-        for number, rows, grad, jxw, ring, values in self._chunks():
-            law, volume = self.law(number), jxw.sum(axis=1)
-            if law is None:
-                operator = dilatation(grad, ring)
-                means[number][rows] = np.sum(jxw * values, axis=1) / volume
-            else:
-                beta = self.directions(number, rows, values.shape)
-                operator = _pulled(beta, grad, ring)
-                # components of tensors, not those of Mandel
-                parts = np.einsum("cq,cq,cqk->ck", jxw, values, beta) / volume[:, None]
-                means[number][rows, : parts.shape[1]] = parts * ([1.0] * 3 + [HALF] * (parts.shape[1] - 3))
-            np.add.at(local, space.cells[number][rows], np.einsum("cq,cq,cqad->cad", jxw, values, operator))
+        local, means = np.zeros((self.space.n_local, self.space.dim)), [np.zeros_like(mean) for mean in self.means]
+        for number, rows, points, jxw, x, values in self._chunks():
+            stress = self.stress(number, x, values)
+            add_forces(points, jxw, stress, np.full(len(stress), LOADED), False, local)
+            add_means(jxw, stress, means[number][rows])
         return local, means
-
-    def take_off(self, stress, number):
-        """Take the means off the stresses (nc, 6) of the cells of a block."""
-        mean = self.means[number]
-        if mean.ndim > 1:
-            stress -= mean
-        else:
-            stress[:, : 2 if self.space.kinematics == "plane_stress" else 3] -= mean[:, None]
-
-    def directions(self, number, rows, shape):
-        """beta (nc, nq, m) of an orthotropic body at the points of cells, in Mandel components [stress/temperature]."""
-        beta = self.law(number).thermal(points_of(self.space, number, rows).reshape(-1, self.space.dim))
-        return np.broadcast_to(beta, (shape[0] * shape[1], beta.shape[1])).reshape(*shape, -1)
-
-    def onto(self, number, x, normal):
-        """beta n (n, d) of an orthotropic body at points x (n, d); None where a block is isotropic."""
-        law = self.law(number)
-        return None if law is None else np.einsum("nik,nk->ni", traction_matrix(normal), np.broadcast_to(
-            law.thermal(x), (len(x), law.size)))  # fmt: skip
 
     def energy(self):
         """What heated cells would store if they were kept from expanding [force * length]. *Collective.*"""
         own = 0.0
         for number, _, _, jxw, _, values in self._chunks():
-            own += 0.5 * np.sum(jxw * values**2) / self._material(number).bulk
+            own += 0.5 * self._material(number).expansion_energy * np.sum(jxw * values**2)
         return float(self.space.comm.allreduce(own, op=MPI.SUM))
 
     def trace(self, source, name):
@@ -246,31 +206,19 @@ class Heat:
             first += len(facets.cells)
 
     def on_cells(self, number, rows, cells, points):
-        """beta dT (n, m) at points (n, m, d) of cells, of which ``cells`` (n,) says the place in ``rows``."""
+        """C : alpha dT (n, m, k) at points (n, m, d) of cells, of which ``cells`` (n,) says the place in ``rows``."""
         space, block = self.space, self.space.mesh.blocks[number]
-        if not space.averages(block):
-            return self.stress(number, rows[cells], points)
-        _, jxw, shapes, _ = some_cells_weighted(space, number, rows)
-        own = points_of(space, number, rows)
-        return _fit(space, block, jxw, own, self.stress(number, rows, own))(points, cells)
-
-
-def _pulled(beta, grad, ring):
-    """beta : B (nc, nq, nn, d) of gradients (nc, nq, nn, d), N / r or None, and Mandel components (nc, nq, m)."""
-    d = grad.shape[3]
-    tensor = np.zeros((*beta.shape[:2], d, d))
-    for i in range(d):
-        tensor[..., i, i] = beta[..., i]
-    for k, (i, j) in enumerate(((0, 1), (1, 2), (0, 2))[: 3 if d == 3 else 1], start=3):
-        tensor[..., i, j] = tensor[..., j, i] = HALF * beta[..., k]
-    out = grad @ tensor
-    if ring is not None:
-        out[..., 0] += ring * beta[..., 2:3]
-    return out
+        if space.averages(block):
+            _, jxw, _, _ = some_cells_weighted(space, number, rows)
+            own = points_of(space, number, rows)
+            values = _fit(space, block, jxw, own, self.temperatures(number, rows, own)[0])(points, cells)
+        else:
+            values = self.temperatures(number, rows[cells], points)[0]
+        return self.stress(number, points, values).reshape(*points.shape[:2], -1)
 
 
 class HeatTrace:
-    """beta dT at the points of a source surface.
+    """Thermal stress at the points of a source surface.
 
     Parameters
     ----------
@@ -281,31 +229,26 @@ class HeatTrace:
 
     Attributes
     ----------
-    values : ndarray (np,)
-        Of the time that the heat has been told last [stress].
-    onto : ndarray (np, d)
-        What they are multiplied with: the normal; beta n where cells are orthotropic.
+    values : ndarray (np, d)
+        Its traction, of the time that the heat has been told last [stress].
     parts : list
         Points and parent cells, by block.
     """
 
     def __init__(self, heat, source, name):
-        self.values, self.onto, self.parts = np.zeros(len(source.facet)), source.normal, []
+        self.values, self.parts = np.zeros_like(source.normal), []
         # facets without a shear modulus take part without their traction
         speaks = source.mu[source.facet] > 0.0
         for number, rows, first in heat.facets(name):
             points = np.flatnonzero((source.facet >= first) & (source.facet < first + len(rows)) & speaks)
-            self.parts.append((number, rows, points, source.facet[points] - first, source.x[points][:, None]))
-            onto = heat.onto(number, source.x[points], source.normal[points])
-            if onto is not None:
-                self.onto = self.onto.copy() if self.onto is source.normal else self.onto
-                self.onto[points] = onto
+            onto, x = traction_matrix(source.normal[points]), source.x[points][:, None]
+            self.parts.append((number, rows, points, source.facet[points] - first, x, onto))
 
-    def tractions(self, rest):
-        """-beta dT n_X (np, d) at the points of the source [stress]."""
-        return -self.values[:, None] * self.onto
+    def tractions(self, traction):
+        """Minus the traction of the thermal stress (np, d) at the points of the source [stress]."""
+        return -self.values
 
     def take(self, heat):
         """Take the temperatures that the heat has."""
-        for number, rows, points, cells, x in self.parts:
-            self.values[points] = heat.on_cells(number, rows, cells, x)[:, 0]
+        for number, rows, points, cells, x, onto in self.parts:
+            self.values[points] = np.einsum("nik,nk->ni", onto, heat.on_cells(number, rows, cells, x)[:, 0])

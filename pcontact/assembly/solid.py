@@ -14,15 +14,14 @@ from pcontact.assembly.graph import BlockRows, find, multiply, node_graph
 from pcontact.assembly.item import LAW
 from pcontact.assembly.pattern import OwnedRows, positions
 from pcontact.assembly.states import BlockStates, Bodies
-from pcontact.assembly.strains import add_forces, cell_points
+from pcontact.assembly.strains import add_forces, add_means, cell_points
 from pcontact.element.dilatation import linear, squares
-from pcontact.material.elastic import FLOWS, Moment, mean_stress
-from pcontact.material.mandel import HALF
+from pcontact.material.elastic import FLOWS, Moment
 from pcontact.runtime.jit import njit
 from pcontact.runtime.petsc import MPI
 
-# Cells whose orthotropic stiffness is turned at once.
-TURNED = 1024
+# Cells whose stiffness is turned at once, where it is not the same everywhere.
+PIECE = 1024
 
 
 @njit
@@ -232,22 +231,23 @@ class Solid(Bodies):
                 at = points_of(space, number, rows) if averaged and linear(block.cell, space.degree_of(block)) else None
                 parts = squares(grad, jxw, ring, averaged, space.degree_of(block), lam, mu, at)
                 add_squares(*parts, cells, rowptr, columns, local)
-        blocks = BlockRows(rowptr, columns, local)
-        for _, points, jxw, moduli in self._turned(number):
+        material, blocks = self.materials[block.body], BlockRows(rowptr, columns, local)
+        for _, points, jxw, x in self._pieces(number, material.uniform) if material.anisotropic else ():
+            moduli = material.deviation(x)
             strains.add_stiffness(points, jxw, moduli, np.full(len(moduli), FLOWS), blocks)
 
-    def _turned(self, number):
-        """Cells, points, weights and C_dev (k, m, m) of some cells of a block at a time; none where it has no C_dev."""
-        space, material = self.space, self.materials[self.space.mesh.blocks[number].body]
-        for rows, grad, jxw, shapes in chunks(space, number) if material.anisotropic else ():
+    def _pieces(self, number, uniform):
+        """Cells, points, weights and places (n, d), of a uniform law the first one alone, of some cells of a block at a
+        time."""
+        space = self.space
+        for rows, grad, jxw, shapes in chunks(space, number):
             ring = hoop(space, number, rows, shapes)
-            for first in range(0, len(grad), TURNED):
-                some = slice(first, min(first + TURNED, len(grad)))
+            for first in range(0, len(grad), PIECE):
+                some = slice(first, min(first + PIECE, len(grad)))
                 own = slice(rows.start + some.start, rows.start + some.stop)
-                x = points_of(space, number, slice(own.start, own.start + 1) if material.uniform else own)
-                moduli = material.deviation(x.reshape(-1, space.dim))
+                x = points_of(space, number, slice(own.start, own.start + 1) if uniform else own)
                 points = cell_points(space.cells[number][own], grad[some], None if ring is None else ring[some])
-                yield own, points, np.ascontiguousarray(jxw[some]), moduli
+                yield own, points, np.ascontiguousarray(jxw[some]), x.reshape(-1, space.dim)
 
     def _add_states(self):
         """Give the cells whose law is not linear internal variables, and their places in the tangent. *Collective.*"""
@@ -409,24 +409,16 @@ class Solid(Bodies):
         nodal = self.space.local.gather(u)
         result = []
         for number, block in enumerate(self.space.mesh.blocks):
-            lam, mu = self.constants[block.body]
+            material = self.materials[block.body]
             stress, volume = np.zeros((len(block.nodes), 6)), np.zeros(len(block.nodes))
             moved = self.moved(nodal, number)
-            for rows, grad, jxw, shapes in chunks(self.space, number):
-                cells = self.space.cells[number][rows]
-                mean_stress(grad, jxw, moved, cells, lam, mu, stress[rows], volume[rows])
-                ring = hoop(self.space, number, rows, shapes)
-                if ring is not None:
-                    strain = np.einsum("cq,cqa,ca->c", jxw, ring, moved[cells, 0]) / volume[rows]
-                    stress[rows, :3] += lam * strain[:, None]
-                    stress[rows, 2] += 2.0 * mu * strain
-            for rows, points, jxw, moduli in self._turned(number):
-                own = np.einsum("...ij,...j->...i", moduli, strains.strains(points, moved))
+            for rows, points, jxw, x in self._pieces(number, material.uniform):
+                moduli, strain = material.stiffness(x), strains.strains(points, moved)
+                own = strain @ moduli[0] if material.uniform else np.einsum("nij,nj->ni", moduli, strain)
                 add_means(jxw, own, stress[rows])
-            if self.space.kinematics == "plane_stress":
-                stress[:, 2] = 0.0
+                volume[rows] = jxw.sum(axis=1)
             if self.heat is not None:
-                self.heat.take_off(stress, number)
+                stress -= self.heat.means[number]
             result.append((stress, volume))
         for state, rows, _, jxw, _, found in self._responses(u):
             add_means(jxw, found.excess, result[state.number][0][rows])
@@ -436,10 +428,3 @@ class Solid(Bodies):
 def _in_a_row(values):
     """States (n, width) of values (nc, nq, width), a view."""
     return values.reshape(values.shape[0] * values.shape[1], values.shape[2])
-
-
-def add_means(jxw, values, out):
-    """Add the means over cells with weights (nc, nq) of Mandel stresses (n, m) of their points to ``out`` (nc, 6)."""
-    mean = np.einsum("cq,cqm->cm", jxw, values.reshape(*jxw.shape, -1)) / jxw.sum(axis=1)[:, None]
-    mean[:, 3:] *= HALF
-    out[:, : mean.shape[1]] += mean

@@ -110,6 +110,13 @@ def strains(points, nodal):
     return out
 
 
+def add_means(jxw, values, out):
+    """Add the means over cells with weights (nc, nq) of Mandel stresses (n, m) of their points to ``out`` (nc, 6)."""
+    mean = np.einsum("cq,cqm->cm", jxw, values.reshape(*jxw.shape, -1)) / jxw.sum(axis=1)[:, None]
+    mean[:, 3:] *= HALF
+    out[:, : mean.shape[1]] += mean
+
+
 @njit
 def add_forces(points, jxw, stress, active, absolute, out):
     """Add the nodal forces of stresses (n, m) to ``out`` (n, d) [force], or the sizes of their terms (``absolute``)."""

@@ -159,13 +159,7 @@ class BlockStress:
     def _take_heat(self, stress, around, xi):
         """Take the stress off that heated cells have at zero strain; returns the hoop stress."""
         rows, points = np.arange(len(self.block.nodes))[self._rows], self._places(xi)
-        values = self._heat.on_cells(self._number, rows, np.arange(len(rows)), points)
-        if self._law is None:
-            stress -= values[:, :, None, None] * np.eye(stress.shape[2])
-            return None if around is None else around - values
-        beta = self._law.thermal(points.reshape(-1, points.shape[2]))
-        beta = beta[None] if len(beta) == 1 else beta.reshape(*values.shape, -1)
-        return _add_excess(-values[:, :, None] * beta, stress, around)
+        return _add_excess(-self._heat.on_cells(self._number, rows, np.arange(len(rows)), points), stress, around)
 
     def _deviation(self, slope, ring, xi):
         """C_dev : eps (nc, nq, m), see `pcontact.material.orthotropic`."""

@@ -2,7 +2,7 @@
 
 A *material* of small strain is an :class:`Elastic`, or derived from it. Its stress has up to four parts:
 
-    sigma = C_iso : eps  +  C_dev : eps  +  excess(eps, state)  -  beta dT
+    sigma = C_iso : eps  +  C_dev : eps  +  excess(eps, state)  -  C : alpha dT
 
 C_iso is isotropic, its constants are :attr:`Elastic.constants`: they give scales, too, and a mean dilatation is one of
 this part. C_dev is linear (:meth:`Elastic.deviation`), both are integrated once. The excess is all that is not linear
@@ -14,8 +14,6 @@ internal variables. The last part is what keeps a heated body from expanding. Co
 from typing import NamedTuple
 
 import numpy as np
-
-from pcontact.runtime.jit import njit
 
 
 def lame(young, poisson):
@@ -106,11 +104,9 @@ class Elastic:
         Numbers that a point has as internal variables.
     limit : float
         Equivalent stress of the first yield [stress].
-    beta : float
-        Stress per temperature that keeps the body from expanding, a multiple of the identity; of a law with
-        :meth:`thermal` it is 1 where that is not zero.
-    bulk : float
-        Energy density of free expansion by dT is 1/2 (beta dT)^2 / bulk [stress].
+    expansion_energy : float
+        Twice the energy per volume, and per temperature squared, of a body that is kept from expanding; 0 where it does
+        not expand.
     """
 
     nonlinear = anisotropic = reads_temperature = False
@@ -121,8 +117,8 @@ class Elastic:
         self.constants, self.plane_stress = in_plane(lam, mu, kinematics), kinematics == "plane_stress"
         # in plane stress the third direction is free to expand
         normal = 2.0 if self.plane_stress else 3.0
-        self.bulk = self.constants[0] + 2.0 / normal * self.constants[1]
-        self.expansion, self.beta = expansion, normal * self.bulk * expansion
+        self._beta = (normal * self.constants[0] + 2.0 * self.constants[1]) * expansion
+        self.expansion, self.expansion_energy = expansion, normal * self._beta * expansion
 
     @classmethod
     def of(cls, material, dim, kinematics):
@@ -135,6 +131,16 @@ class Elastic:
         if not self.plane_stress:
             out[:3, :3] = 2.0 * self.constants[1] * (np.eye(3) - 1.0 / 3.0)
         return out
+
+    def stiffness(self, x):
+        """Linear elasticity C_iso + C_dev (k, m, m) [stress] at points x (n, d): k = 1 where it is uniform, else n."""
+        plain = isotropic(*self.constants, 6 if x.shape[1] == 3 else 4, self.plane_stress)
+        return plain[None] + self.deviation(x) if self.anisotropic else plain[None]
+
+    def thermal(self, x):
+        """Stress (k, m) per temperature that keeps the body from expanding, C : alpha, at points x (n, d): k = 1, or n
+        where it is not uniform."""
+        return self._beta * (np.arange(6 if x.shape[1] == 3 else 4) < (2 if self.plane_stress else 3))[None]
 
     def deviation(self, x):
         """C_dev (k, m, m) [stress] at points x (n, d): k = 0 without, 1 where it is uniform, else n."""
@@ -149,48 +155,6 @@ def isotropic(lam, mu, m, plane_stress):
     if plane_stress:
         out[2, :] = out[:, 2] = 0.0
     return out
-
-
-@njit
-def mean_stress(grad, jxw, nodal, cells, lam, mu, out, volume):
-    """Volume average of the stress of each cell, plane strain in 2D.
-
-    Parameters
-    ----------
-    grad : ndarray (nc, nq, nn, d)
-        Physical shape gradients [1/length].
-    jxw : ndarray (nc, nq)
-    nodal : ndarray (n, d)
-        Displacement of local nodes [length].
-    cells : ndarray (nc, nn)
-    lam, mu : float
-    out : ndarray (nc, 6)
-        XX, YY, ZZ, XY, YZ, XZ [stress].
-    volume : ndarray (nc,)
-        Volume (area in 2D) of each cell.
-    """
-    d = grad.shape[3]
-    h = np.zeros((3, 3))
-    for c in range(cells.shape[0]):
-        out[c, :] = 0.0
-        volume[c] = 0.0
-        for q in range(grad.shape[1]):
-            h[:, :] = 0.0
-            for a in range(cells.shape[1]):
-                for i in range(d):
-                    for j in range(d):
-                        h[i, j] += nodal[cells[c, a], i] * grad[c, q, a, j]
-            w = jxw[c, q]
-            trace = lam * (h[0, 0] + h[1, 1] + h[2, 2])
-            volume[c] += w
-            out[c, 0] += w * (trace + 2.0 * mu * h[0, 0])
-            out[c, 1] += w * (trace + 2.0 * mu * h[1, 1])
-            out[c, 2] += w * (trace + 2.0 * mu * h[2, 2])
-            out[c, 3] += w * mu * (h[0, 1] + h[1, 0])
-            out[c, 4] += w * mu * (h[1, 2] + h[2, 1])
-            out[c, 5] += w * mu * (h[0, 2] + h[2, 0])
-        for k in range(6):
-            out[c, k] /= volume[c]
 
 
 def equivalent_stress(stress):

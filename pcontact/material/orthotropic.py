@@ -136,7 +136,7 @@ class Orthotropic(Elastic):
         self._expansion = np.zeros(6)
         if expansion is not None and np.any(expansion):
             self._expansion = matrix @ np.array([*expansion, 0.0, 0.0, 0.0])
-            self.beta, self.bulk = 1.0, 1.0 / self._expansion_energy()
+            self.expansion_energy = self._expansion_energy()
 
     @classmethod
     def of(cls, material, dim, kinematics):
@@ -185,7 +185,7 @@ class Orthotropic(Elastic):
         return self._reduced(matrix @ self._local @ matrix.transpose(0, 2, 1))
 
     def deviation(self, x):
-        """C_dev (k, m, m) [stress] at points x (n, d)."""
+        """See :meth:`pcontact.material.elastic.Elastic.deviation`."""
         return np.ascontiguousarray(self.moduli(x) - self._isotropic)
 
     def acoustic(self, normal):
@@ -221,7 +221,7 @@ class Orthotropic(Elastic):
         return float(self._expansion[: self.size] @ local @ self._expansion[: self.size])
 
     def thermal(self, x):
-        """Stress (k, m) per temperature that keeps the body from expanding, C : alpha, at points x (n, d)."""
+        """See :meth:`pcontact.material.elastic.Elastic.thermal`."""
         stress = self._local @ self._expansion
         full = self._turned(x) @ stress
         if self.size == 6:

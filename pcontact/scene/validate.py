@@ -269,7 +269,8 @@ def _check_strain(scene):
             raise input_error(scene.where, f"materials.{body.material}.law", found, f'{where}.strain = "finite"')
         if material.added and scene.finite(body):
             found = f'"{material.law}" in body {body.region} with finite strain'
-            raise input_error(scene.where, f"materials.{body.material}.law", found, f'{where}.strain = "small"')
+            allowed = f'"hencky" | {" | ".join(map(repr, RUBBER))}; with strain = "small" a law that was added'
+            raise input_error(scene.where, f"materials.{body.material}.law", found, allowed.replace("'", '"'))
         if material.law in RUBBER and scene.mesh.kinematics == "plane_stress":
             found = f'"{material.law}" with kinematics = "plane_stress"'
             raise input_error(scene.where, f"materials.{body.material}.law", found, '"hencky"')

@@ -41,7 +41,10 @@ def bend(points, amount=0.08):
 
 def elastic_solid(space, constants):
     """The item of elastic bodies with these Lame constants, in plane stress those of the plane."""
-    return Solid(space, [Elastic(*pair) for pair in constants])
+    laws = [Elastic(*pair) for pair in constants]
+    for law in laws:
+        law.plane_stress = space.kinematics == "plane_stress"
+    return Solid(space, laws)
 
 
 def make_space(comm, path, regions, degree=1, change=None):

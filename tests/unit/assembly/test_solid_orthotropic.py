@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from pcontact.assembly.graph import BlockRows, node_graph
-from pcontact.assembly.solid import Solid, add_means
-from pcontact.assembly.strains import NO_RING, CellPoints, add_stiffness, strains
+from pcontact.assembly.solid import Solid
+from pcontact.assembly.strains import NO_RING, CellPoints, add_means, add_stiffness, strains
 from pcontact.material.elastic import FLOWS, in_plane, lame
 from pcontact.space.space import Space
 from tests.support.orthotropic import LAMINATE, SKEW, isotropic, law_of, plane_axes, tensor_of
