@@ -20,11 +20,8 @@ from pcontact.assembly.springs import GroundSprings, SpinForces
 from pcontact.assembly.viscous import ViscousStabilisation
 from pcontact.contact.search.unjoined import unjoined
 from pcontact.element.reference import CELLS, facet_kinds
-from pcontact.material.elastic import lame
 from pcontact.material.finite import FiniteMaterial
-from pcontact.material.hardening import curve_of
 from pcontact.material.laws import ADDED, small_strain
-from pcontact.material.plastic import VonMises, plastic_constants
 from pcontact.mesh.by_place import BY_PLACE
 from pcontact.mesh.geometry.moving import put_on
 from pcontact.mesh.groups import RawMesh
@@ -249,14 +246,6 @@ def check_present(scene, mesh):
             raise input_error(scene.where, where, found, "contacts of bodies that are there")
 
 
-def _finite(material, kinematics):
-    """A material for finite strain."""
-    constants = plastic_constants(*lame(material.E, material.nu), material.kinematic_hardening)
-    small = VonMises(constants, curve_of(material), kinematics == "plane_stress")
-    terms = np.array(material.terms, dtype=np.float64).reshape(-1, 2)
-    return FiniteMaterial(small, terms, material.multiplicative, 0.0, 0.0)
-
-
 def _check_laws(scene):
     """Refuse materials with a law that this program has not added, or does not know the energy of."""
     for name, material in scene.materials.items():
@@ -281,7 +270,7 @@ def bulk_item(scene, space, laws):
         Of small strain, of each body.
     """
     materials = [scene.materials[body.material] for body in scene.bodies]
-    finite = [_finite(material, scene.mesh.kinematics) if scene.finite(body) else None
+    finite = [FiniteMaterial.of(material, scene.mesh.kinematics) if scene.finite(body) else None
               for body, material in zip(scene.bodies, materials, strict=True)]  # fmt: skip
     with profile.phase("bulk_assembly"):
         if all(finite):

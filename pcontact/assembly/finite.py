@@ -3,7 +3,6 @@
 import numpy as np
 
 from pcontact.assembly.deformation import deformation_fields, deformations, mean_gradients
-from pcontact.assembly.finite_energy import stored_energy
 from pcontact.assembly.finite_kernels import (
     FiniteCells,
     FiniteState,
@@ -13,6 +12,7 @@ from pcontact.assembly.finite_kernels import (
     cauchy,
     cell_work,
     commit,
+    stored_energy,
 )
 from pcontact.assembly.geometry import chunks, hoop, n_points, points_of
 from pcontact.assembly.graph import BlockRows, multiply, node_graph

@@ -12,6 +12,7 @@ from pcontact.estimate.parts import CONTACT
 from pcontact.estimate.points import add_at
 from pcontact.estimate.residuals import parts_of, tests_of
 from pcontact.estimate.tractions import on_source, on_target
+from pcontact.material.elastic import isotropic
 from pcontact.material.orthotropic import traction_matrix
 from pcontact.runtime.petsc import MPI
 
@@ -93,29 +94,20 @@ class ContactResiduals:
         """Work (n, nb, d) of the stresses of the test functions of cells on vectors at points of their facets."""
         mesh, block = self._space.mesh, self._space.mesh.blocks[number]
         degree = self._space.degree_of(block)
-        (lam, mu), vector, normal = self._bulk.constants[block.body], points.force, points.normal
-        lam = factors(lam, mu, self._space.averages(block), degree)[0]
+        law, vector, normal = self._bulk.materials[block.body], points.force, points.normal
         table, geometry_degree = mesh.geometry_nodes(block)
         x, geo = mesh.points[table[points.rows]], shape_gradient(block.cell, geometry_degree, points.xi)
         values, slopes = bubbles(block.cell, degree, points.xi)
         slopes = np.matmul(slopes, np.linalg.inv(np.einsum("nad,nae->nde", x, geo)))
-        dot = np.sum(vector * normal, axis=1)
-        work = lam * dot[:, None, None] * slopes
-        work += mu * np.einsum("nbd,nd->nb", slopes, normal)[:, :, None] * vector[:, None]
-        work += mu * np.einsum("nbd,nd->nb", slopes, vector)[:, :, None] * normal[:, None]
-        if self._space.axisymmetric:
-            radius = np.einsum("na,na->n", shape(block.cell, geometry_degree, points.xi), x[:, :, 0])
-            work[:, :, 0] += (lam * dot / radius)[:, None] * values
-        law = self._bulk.orthotropic.get(block.body)
-        if law is not None:
-            ring = (values / radius[:, None])[:, None] if self._space.axisymmetric else None
-            at = np.einsum("na,nad->nd", shape(block.cell, geometry_degree, points.xi), x)
-            rows = np.empty((*slopes.shape, slopes.shape[2]))
-            some = cell_points(np.zeros((0, 0), np.int64), np.ascontiguousarray(slopes[:, None]), ring)
-            alone = FacetPoints(np.arange(len(at)), np.arange(len(at)), np.ones((len(at), 1)))
-            traction_rows(some, law.deviation(at), alone, traction_matrix(normal), rows)
-            work += np.einsum("ni,nbij->nbj", vector, rows)
-        return work
+        at = np.einsum("na,nad->nd", shape(block.cell, geometry_degree, points.xi), x)
+        ring = (values / at[:, :1])[:, None] if self._space.axisymmetric else None
+        cells = cell_points(np.zeros((0, 0), np.int64), np.ascontiguousarray(slopes[:, None]), ring)
+        own = factors(*law.constants, self._space.averages(block), degree)[0] - law.constants[0]
+        moduli = law.stiffness(at) + isotropic(own, 0.0, 6 if at.shape[1] == 3 else 4, law.plane_stress)
+        alone = FacetPoints(np.arange(len(at)), np.arange(len(at)), np.ones((len(at), 1)))
+        rows = np.empty((*slopes.shape, slopes.shape[2]))
+        traction_rows(cells, moduli, alone, traction_matrix(normal), rows)
+        return np.einsum("ni,nbij->nbj", vector, rows)
 
     def on_surface(self, contact, states):
         """The residual P - t of a pair, weighted; see :class:`pcontact.estimate.estimator.Estimate`. *Collective.*"""

@@ -295,7 +295,7 @@ class Estimator:
     @property
     def _elastic(self):
         """The bodies as if none had yielded."""
-        return SimpleNamespace(constants=self._bulk.constants, orthotropic=self._bulk.orthotropic, heat=None)
+        return SimpleNamespace(materials=self._bulk.materials, heat=None)
 
     def averaged_stress(self, nodal):
         """Stress (nc, nn, d, d) at the nodes of each block's cells, averaged in each body. *Collective.*"""

@@ -12,7 +12,7 @@ from pcontact.element.reference import CELLS
 from pcontact.element.shape import shape, shape_gradient
 from pcontact.estimate.bubbles import bubbles
 from pcontact.estimate.loads import force_density
-from pcontact.estimate.local import NO_REST, LocalFunctions, Moduli
+from pcontact.estimate.local import LocalFunctions, Moduli
 from pcontact.estimate.points import add_work
 from pcontact.estimate.stress import turned
 
@@ -139,13 +139,15 @@ class Interiors:
 
     def local(self, block, volume):
         """Test functions and moduli of the local problems of some cells of a block."""
-        (lam, mu), degree = self._bulk.constants[block.body], self._space.degree_of(block)
+        material, degree = self._bulk.materials[block.body], self._space.degree_of(block)
+        (lam, mu), places = material.constants, volume.places
+        rest = material.deviation(places.reshape(-1, places.shape[2]))
         averaged = self._space.averages(block)
         basis = np.zeros((0, 0, 0))
         if averaged:
-            basis = components(volume.jxw, volume.places if linear(block.cell, degree) else None)[0]
+            basis = components(volume.jxw, places if linear(block.cell, degree) else None)[0]
         functions = LocalFunctions(volume.test, volume.ring, volume.jxw, basis)
-        return functions, Moduli(*factors(lam, mu, averaged, degree), mu, self._rest(block, volume.places))
+        return functions, Moduli(*factors(lam, mu, averaged, degree), mu, rest)
 
     def residual(self, number, rows, volume, tables, stress, time, loads):
         """What the interiors of some cells of a block add to their residuals (n, nb, d), with a
@@ -159,13 +161,6 @@ class Interiors:
         if force is not None:
             result += np.einsum("cq,qb,cqd->cbd", volume.jxw, tables.tests, force)
         return result
-
-    def _rest(self, block, points):
-        """What the stiffness of a block differs by from the isotropic one at points (nc, nq, d)."""
-        law = self._bulk.orthotropic.get(block.body)
-        if law is None:
-            return NO_REST
-        return law.deviation(points.reshape(-1, points.shape[2]))
 
     def _body_force(self, number, rows, points, time, loads, displacement):
         """Force density at points (n, nq, d) of some of a block's cells, None where there is none in the block, at a

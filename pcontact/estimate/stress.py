@@ -68,7 +68,8 @@ class BlockStress:
     def __init__(self, space, bulk, number, rows, nodal, found=None, corners=None):
         block = space.mesh.blocks[number]
         self.space, self.block, self.degree = space, block, space.degree_of(block)
-        self.lam, self.mu = bulk.constants[block.body]
+        law = bulk.materials[block.body]
+        self.lam, self.mu = law.constants
         self.u = nodal[turned(own_nodes(space, number)[rows], corners)]
         self._table, self._geometry = space.mesh.geometry_nodes(block)
         self._number, self._rows, self._corners = number, rows, corners
@@ -81,7 +82,7 @@ class BlockStress:
             # the displacement stands for nodes and directions: a single "node" of one direction
             mean = Mean(mean.centre, np.einsum("cbad,cad->cb", mean.slopes, self.u)[:, :, None, None])
             self.shared = mean.times(np.full(len(x), shared))
-        self._law = bulk.orthotropic.get(block.body)
+        self._law = law if law.anisotropic else None
         self._heat = bulk.heat if bulk.heat is not None and bulk.heat.heated(number) else None
         state = getattr(bulk, "states", {}).get(number)
         self.excess = None

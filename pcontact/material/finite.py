@@ -27,6 +27,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from pcontact.material.elastic import lame
+from pcontact.material.hardening import curve_of
 from pcontact.material.log_strain import (
     add_curvature,
     axes_operator,
@@ -38,7 +40,7 @@ from pcontact.material.log_strain import (
     volume_change,
 )
 from pcontact.material.mandel import add_elastic_tangent, elastic_stress
-from pcontact.material.plastic import VonMises, return_map, thickness_strain
+from pcontact.material.plastic import VonMises, plastic_constants, return_map, thickness_strain
 from pcontact.runtime.jit import njit_inline, njit_inner_exact
 
 # what is asked of a point: the stress alone, with the consistent tangent, with the elastic one
@@ -65,6 +67,14 @@ class FiniteMaterial(NamedTuple):
     multiplicative: bool
     own: float
     shared: float
+
+    @classmethod
+    def of(cls, material, kinematics):
+        """That of a material of a scene; its volumetric moduli are those of cells, and not known yet."""
+        constants = plastic_constants(*lame(material.E, material.nu), material.kinematic_hardening)
+        small = VonMises(constants, curve_of(material), kinematics == "plane_stress")
+        terms = np.array(material.terms, dtype=np.float64).reshape(-1, 2)
+        return cls(small, terms, material.multiplicative, 0.0, 0.0)
 
     @property
     def yields(self):

@@ -25,7 +25,7 @@ from tests.support.point_laws import add_all, remove_all
 KERNELS = {
     "averages", "complete", "components", "curve", "distortion_kernels", "elastic", "facet_maps",
     "geometry", "graph", "groups", "matrix", "nearest", "outer", "points", "slices", "small_kernels",
-    "small", "solid", "trace", "tree", "unjoined",
+    "small", "solid", "strains", "trace", "tree", "unjoined",
 }  # fmt: skip
 SECTIONS = {
     "time", "newton", "krylov", "krylov_most", "cutbacks", "reactions", "contacts", "probes", "plastic", "small_strain",

@@ -19,7 +19,7 @@ PIECES = {
     ),
     "finite strain": (
         ("material.finite", "material.log_strain", "assembly.finite", "assembly.finite_kernels",
-         "assembly.deformation", "assembly.finite_energy"), (),
+         "assembly.deformation"), (),
     ),
     "contact that moves": (
         ("contact.finite_pair", "contact.formulation.finite", "contact.formulation.finite_geometry",
@@ -72,7 +72,7 @@ FEATURES = {
         "contact.surface.smooth_geometry:SmoothSurface.offset",
     ],
     "orthotropic materials": [
-        "assembly.strains:strains", "contact.traction.small:_LinearRows.__init__",
+        "assembly.strains:add_stiffness", "contact.traction.small:_LinearRows.__init__",
         "material.orthotropic:Orthotropic.__init__", "material.orthotropic:Orthotropic.deviation",
     ],
     "laws from outside": ["material.point_law"],
