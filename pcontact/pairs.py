@@ -136,7 +136,7 @@ def pair_of(space, bulk, contact, source, target, radius, floats=False):
 
     Parameters
     ----------
-    bulk : pcontact.assembly.item.Bulk
+    bulk : pcontact.assembly.bulk.Bulk
     others
         See :func:`pcontact.contact.pair.contact_pair`.
     """
@@ -460,7 +460,7 @@ def contact_reports(scene, space, supports, free, bulk, tied):
     supports : pcontact.space.supports.Supports
     free : dict of int to ndarray (m, n_modes)
         Components that the supports do not hold, and the rigid motions left to them.
-    bulk : pcontact.assembly.item.Bulk
+    bulk : pcontact.assembly.bulk.Bulk
     tied : dict of int to ContactPair
         Of :func:`tied_pairs`.
 

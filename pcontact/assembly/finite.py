@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from pcontact.assembly.bulk import BlockStates, Bulk
 from pcontact.assembly.deformation import deformation_fields, deformations, mean_gradients
 from pcontact.assembly.finite_kernels import (
     FiniteCells,
@@ -19,7 +20,6 @@ from pcontact.assembly.graph import BlockRows, multiply, node_graph
 from pcontact.assembly.item import LAW
 from pcontact.assembly.pattern import OwnedRows, positions
 from pcontact.assembly.solid import Solid
-from pcontact.assembly.states import BlockStates, Bodies
 from pcontact.assembly.strains import NO_RING
 from pcontact.element.dilatation import components, factors, linear
 from pcontact.material.elastic import Elastic
@@ -101,7 +101,7 @@ class FiniteStates(BlockStates):
         return commit(FiniteState(self.material, values), cells, nodal, cell_work(cells))
 
 
-class FiniteSolid(Bodies):
+class FiniteSolid(Bulk):
     """Item of all bodies with finite strain: total Lagrangian, residual and tangent integrated anew for every iterate.
 
     Parameters
@@ -227,14 +227,14 @@ class FiniteSolid(Bodies):
     # -- internal variables -----------------------------------------------------------------------------------------
 
     def commit(self, u, time):
-        """See :meth:`Bodies.commit`. *Collective.*"""
+        """See :meth:`Bulk.commit`. *Collective.*"""
         self._forget()
         super().commit(u, time)
         if self._watches:
             self._warn(time)
 
     def recall(self, name, chunks):
-        """See :meth:`Bodies.recall`."""
+        """See :meth:`Bulk.recall`."""
         self._forget()
         return super().recall(name, chunks)
 
@@ -289,7 +289,7 @@ class FiniteSolid(Bodies):
         return deformations(self.space, self.fields(u), self.parts)
 
     def energies(self, u):
-        """See :meth:`pcontact.assembly.item.Bulk.energies`: of the state that goes with ``u``. *Collective.*"""
+        """See :meth:`pcontact.assembly.bulk.Bulk.energies`: of the state that goes with ``u``. *Collective.*"""
         nodal, own = self.space.local.gather(u), np.zeros(2)
         for _, _, cells, state in self.chunks():
             stored, p = np.zeros(cells.jxw.shape), np.zeros(cells.jxw.shape)
@@ -301,7 +301,7 @@ class FiniteSolid(Bodies):
         return float(stored), float(plastic)
 
 
-class MixedSolid(Bodies):
+class MixedSolid(Bulk):
     """Item of all bodies, of which some have finite strain.
 
     Parameters
@@ -335,7 +335,7 @@ class MixedSolid(Bodies):
         self._place = positions(*self.finite.pattern(), *self.small.pattern())
 
     def count_from(self, origins):
-        """See :meth:`pcontact.assembly.item.Bulk.count_from`: of blocks without finite strain. *Collective.*"""
+        """See :meth:`pcontact.assembly.bulk.Bulk.count_from`: of blocks without finite strain. *Collective.*"""
         self.origins = origins
         self.small.count_from(origins)
 
@@ -383,7 +383,7 @@ class MixedSolid(Bodies):
         return {**self.states, **self.finite.states_of_blocks}
 
     def recall(self, name, chunks):
-        """See :meth:`Bodies.recall`."""
+        """See :meth:`Bulk.recall`."""
         return (self.finite if int(name) in self.parts else self.small).recall(name, chunks)
 
     # -- report -----------------------------------------------------------------------------------------------------
@@ -411,7 +411,7 @@ class MixedSolid(Bodies):
         return self.finite.deformations(u)
 
     def energies(self, u):
-        """See :meth:`pcontact.assembly.item.Bulk.energies`. *Collective.*"""
+        """See :meth:`pcontact.assembly.bulk.Bulk.energies`. *Collective.*"""
         return tuple(sum(parts) for parts in zip(self.small.energies(u), self.finite.energies(u), strict=True))
 
     def distortions(self, u, held):

@@ -44,6 +44,7 @@ from pcontact.material.finite import (
     pressure_slope,
     stress_at,
     thickness,
+    to_tensor,
 )
 from pcontact.material.log_strain import compose, eigenpairs, twice_green, volume_change
 from pcontact.material.mandel import HALF, moduli_of
@@ -265,7 +266,7 @@ def point_of_cell(state, cells, c, q, mode, work):
     good, plastic, _, _ = stress_at(state.material, work.h[q], own[:m], own[m], work.pressure[q], mode, work.point)
     if not good:
         return False
-    _to_tensor(work.point.stress, work.tensor)
+    to_tensor(work.point.stress, work.tensor)
     fb, ui, h = work.deformation, work.stretch, work.h[q]
     for i in range(3):
         for j in range(3):
@@ -286,16 +287,6 @@ def point_of_cell(state, cells, c, q, mode, work):
         for j in range(3):
             work.piola[i, j] = x * ui[0, j] + y * ui[1, j] + z * ui[2, j]
     return True
-
-
-@njit_inner
-def _to_tensor(v, out):
-    out[0, 0], out[1, 1], out[2, 2] = v[0], v[1], v[2]
-    out[0, 1] = HALF * v[3]
-    out[1, 0] = out[0, 1]
-    if v.shape[0] == 6:
-        out[1, 2], out[0, 2] = HALF * v[4], HALF * v[5]
-        out[2, 1], out[2, 0] = out[1, 2], out[0, 2]
 
 
 @njit_inner

@@ -8,12 +8,12 @@ anew for each displacement. Residual and tangent are functions of the displaceme
 import numpy as np
 
 from pcontact.assembly import strains
+from pcontact.assembly.bulk import BlockStates, Bulk
 from pcontact.assembly.distortion import distortions
 from pcontact.assembly.geometry import chunks, hoop, keep, points_of
 from pcontact.assembly.graph import BlockRows, find, multiply, node_graph
 from pcontact.assembly.item import LAW
 from pcontact.assembly.pattern import OwnedRows, positions
-from pcontact.assembly.states import BlockStates, Bodies
 from pcontact.assembly.strains import add_forces, add_means, cell_points
 from pcontact.element.dilatation import linear, squares
 from pcontact.material.elastic import FLOWS, Moment
@@ -170,7 +170,7 @@ class PointStates(BlockStates):
         return strain, Moment(solid.step, temperature.ravel())
 
 
-class Solid(Bodies):
+class Solid(Bulk):
     """Item of all bodies with small strain.
 
     Parameters
@@ -273,7 +273,7 @@ class Solid(Bodies):
         return "bodies that may yield" if self.yields else "bodies"
 
     def count_from(self, origins):
-        """See :meth:`pcontact.assembly.item.Bulk.count_from`. *Collective.*"""
+        """See :meth:`pcontact.assembly.bulk.Bulk.count_from`. *Collective.*"""
         self.origins, self._free_forces, self._free_energy = origins, None, 0.0
         if not origins:
             return
@@ -367,7 +367,7 @@ class Solid(Bodies):
         return values
 
     def commit(self, u, time):
-        """See :meth:`Bodies.commit`. *Collective.*"""
+        """See :meth:`Bulk.commit`. *Collective.*"""
         if self.yields:
             super().commit(u, time)
         self._time, self.step = time, 0.0
@@ -375,7 +375,7 @@ class Solid(Bodies):
     # -- report -----------------------------------------------------------------------------------------------------
 
     def energies(self, u):
-        """See :meth:`pcontact.assembly.item.Bulk.energies`: half of (u - u0) K (u - u0), what laws say of their excess,
+        """See :meth:`pcontact.assembly.bulk.Bulk.energies`: half of (u - u0) K (u - u0), what laws say of their excess,
         and, of heated bodies, 1/2 (eps - alpha dT) C (eps - alpha dT). *Collective.*"""
         forces, own = np.zeros((self.space.n_owned, self.space.dim)), np.zeros(3)
         values = u.getArray(readonly=True).reshape(forces.shape)

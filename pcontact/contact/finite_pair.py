@@ -381,7 +381,7 @@ def finite_pair(space, bulk, contact, source, target, radius, floats=False):
 
     Parameters
     ----------
-    bulk : pcontact.assembly.item.Bulk
+    bulk : pcontact.assembly.bulk.Bulk
     others
         See :func:`pcontact.contact.pair.contact_pair`.
 

@@ -712,7 +712,7 @@ def contact_pair(space, contact, source, target, radius, floats=False, bulk=None
         Search radius [length].
     floats : bool
         Whether a body of the pair is not held by supports.
-    bulk : pcontact.assembly.item.Bulk, optional
+    bulk : pcontact.assembly.bulk.Bulk, optional
         Has the materials of both sides; isotropic elasticity of the source alone without.
     law : pcontact.contact.law.Frictionless, optional
         Another law than the contact's.

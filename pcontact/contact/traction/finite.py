@@ -164,7 +164,7 @@ class FiniteTraction:
     Parameters
     ----------
     space : pcontact.space.space.Space
-    bulk : pcontact.assembly.item.Bulk
+    bulk : pcontact.assembly.bulk.Bulk
         Holds the committed internal variables.
     source : pcontact.contact.surface.sides.SourceSurface
     name : str

@@ -516,7 +516,7 @@ class Traction:
         Parameters
         ----------
         space : pcontact.space.space.Space
-        bulk : pcontact.assembly.item.Bulk
+        bulk : pcontact.assembly.bulk.Bulk
             Has the materials, the committed internal variables, and the displacement from which strain is counted.
         name : str
             Facet group of the source.

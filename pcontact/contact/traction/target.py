@@ -70,7 +70,7 @@ class TargetTraction:
     Parameters
     ----------
     space : pcontact.space.space.Space
-    bulk : pcontact.assembly.item.Bulk
+    bulk : pcontact.assembly.bulk.Bulk
         Has the materials.
     name : str
         Facet group of the target.

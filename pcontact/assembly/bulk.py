@@ -1,10 +1,9 @@
-"""Internal variables of bodies: blocks of cells that have any, and what items of bodies do with them, whatever the
-strain."""
+"""The item of all bodies, whatever their strain: its contract, and what it does with internal variables."""
 
 import numpy as np
 
 from pcontact.assembly.geometry import n_points
-from pcontact.assembly.item import Bulk
+from pcontact.assembly.item import Item
 from pcontact.runtime.parallel import take_rows
 from pcontact.runtime.petsc import MPI
 
@@ -59,10 +58,94 @@ class BlockStates:
         raise NotImplementedError
 
 
-class Bodies(Bulk):
-    """What all items of bodies do with internal variables; ``states_of_blocks`` has those of each block."""
+class Bulk(Item):
+    """All bodies, the first item of a problem, and what all kinds of them do with internal variables.
 
-    states_of_blocks = {}
+    Attributes
+    ----------
+    constants : list of (float, float)
+        Lame constants of each body [stress].
+    materials : list of pcontact.material.elastic.Elastic
+        Of each body, its law of small strain.
+    orthotropic : dict of int to pcontact.material.orthotropic.Orthotropic
+        By body, elasticity of which the constants are the nearest isotropic ones.
+    yields : bool
+        Whether bodies may yield.
+    extrapolates : bool
+        Whether a load step begins where the bodies are if they move on as they did: see :meth:`predict`.
+    states : dict of int to pcontact.assembly.solid.PointStates
+        Internal variables, by block; empty where none may yield.
+    parts : dict of int to pcontact.assembly.finite.FiniteStates
+        Blocks with finite strain.
+    finite : pcontact.assembly.finite.FiniteSolid or None
+        The item that has their cells.
+    heat : pcontact.assembly.heat.Heat or None
+        Thermal stress of the cells.
+    added : frozenset of int
+        Blocks of bodies that have begun in a later phase than the first, without strain.
+    origins : dict of int to ndarray (n_local, d)
+        Displacement from which the strain of such a block is counted [length]; empty before it is known.
+    states_of_blocks : dict of int to BlockStates
+        Of all blocks with internal variables.
+    """
+
+    constants = materials = ()
+    yields = extrapolates = False
+    orthotropic, states, parts, finite, heat = {}, {}, {}, None, None
+    added, origins, states_of_blocks = frozenset(), {}, {}
+
+    def count_from(self, origins):
+        """Count the strain of some blocks from displacements (n_local, d), at which they have no stress. *Collective.*
+
+        Parameters
+        ----------
+        origins : dict of int to ndarray (n_local, d)
+            By block, the same blocks on all ranks.
+        """
+        if origins:
+            raise NotImplementedError
+
+    def predict(self, u, committed, out):
+        """Add the forces of bodies that go from the committed displacement to ``u`` without yielding. *Collective.*"""
+        self.residual(u, out)
+
+    def energies(self, u):
+        """What bodies store, and what plastic flow has dissipated, at a committed displacement [force * length].
+        *Collective.*
+
+        Returns
+        -------
+        stored, dissipated : float
+        """
+        raise NotImplementedError
+
+    def deformations(self, u):
+        """How far bodies with finite strain are stretched and turned, see
+        :func:`pcontact.assembly.deformation.deformations`; of others nothing. *Collective.*"""
+        return {}
+
+    def distortions(self, u, held):
+        """How far bodies with small strain are from what it represents, see
+        :func:`pcontact.assembly.distortion.distortions`; of those with finite strain nothing. *Collective.*"""
+        return {}
+
+    def stress(self, u):
+        """Mean stress and volume of the cells of each block. *Collective.*
+
+        Returns
+        -------
+        list of (ndarray (nc, 6), ndarray (nc,))
+        """
+        raise NotImplementedError
+
+    def fields(self, u):
+        """What else there is to see in cells: values (nc, ...) of the cells of each block, by name. *Collective.*
+
+        Returns
+        -------
+        dict of str to list of ndarray
+        """
+        return {}
 
     def moved(self, nodal, number):
         """Displacement (n_local, d) of which a block has the strain."""
