@@ -3,6 +3,7 @@
 import numpy as np
 
 from pcontact.assembly.matrix import GlobalMatrix
+from pcontact.assembly.operator import AIJ, Operator
 from pcontact.runtime.petsc import PETSc
 
 
@@ -18,8 +19,8 @@ class ConstrainedMatrix:
 
     Attributes
     ----------
-    matrix : PETSc.Mat
-        AIJ, block size d. Its pattern may be renewed; the object stays.
+    matrix, operator : PETSc.Mat
+        As those of a :class:`GlobalMatrix`.
     follows : ndarray (n_owned, d) of bool
         Components that follow.
 
@@ -28,13 +29,17 @@ class ConstrainedMatrix:
     The constructor is *Collective*.
     """
 
+    # a group has one entry in many blocks
+    default = "aij"
+
     def __init__(self, space, fixed, groups):
         self._whole, self._renewed = GlobalMatrix(space, fixed), True
         d, n, total = space.dim, space.n_owned * space.dim, space.n_dofs
         sizes = ((n, total), (n, total))
         self.matrix = PETSc.Mat().create(comm=space.comm)
         self.matrix.setSizes(sizes, bsize=d)
-        self.matrix.setType("mpiaij" if space.comm.size > 1 else "seqaij")
+        self.matrix.setType("aij")
+        self.operator, self._beside = self.matrix, None
         rows = [(np.arange(n), space.start * d + np.arange(n), np.ones(n))]
         self._follows = np.zeros(n, dtype=bool)
         for group in groups:
@@ -53,6 +58,14 @@ class ConstrainedMatrix:
         self._ways = PETSc.Mat().createAIJ(
             (sizes[0], sizes[1]), csr=(pointer, column[order].astype(PETSc.IntType), value[order]), comm=space.comm
         )
+
+    def choose(self, kind):
+        """See :meth:`GlobalMatrix.choose`."""
+        if kind in AIJ:
+            self.matrix.setType(kind)
+        else:
+            self._beside = Operator(self.matrix, kind)
+            self.operator = self._beside.matrix
 
     def renew(self, first, second):
         """See :meth:`GlobalMatrix.renew`. *Collective.*"""
@@ -77,4 +90,8 @@ class ConstrainedMatrix:
         else:
             self.matrix.setValuesCSR(pointer, columns, values)
         self.matrix.assemble()
+        if self._beside is not None:
+            if self._renewed:
+                self._beside.preallocate_entries(pointer, columns, self._start)
+            self._beside.take_entries(pointer, columns, values)
         self._renewed = False

@@ -271,7 +271,11 @@ OPTIONS = listed(
     ),
 )  # fmt: skip
 # what the program asks PETSc's options for, which PETSc takes itself
-PETSC = listed(Option("pc_type", ANY_TEXT, "preconditioner", "gamg"))
+PETSC = listed(
+    Option("pc_type", ANY_TEXT, "preconditioner", "gamg"),
+    Option("mat_type", ANY_TEXT, "type of the matrix that linear systems are solved with"),
+    Option("vec_type", ANY_TEXT, "type of the vectors that they are solved for"),
+)
 # old names of options -> new names; the old ones still do, and are warned of once
 RENAMED: dict[str, str] = {}
 # of commands that look at the results of a run

@@ -29,8 +29,10 @@ except (ImportError, ValueError, RuntimeError) as error:
 
 signals.take_back()
 
-__all__ = ["MPI", "Integer", "PETSc", "call", "handle", "has_package", "line_search_limit", "local_values",
-           "matrix_parts", "version"]  # fmt: skip
+__all__ = [
+    "MPI", "Integer", "PETSc", "call", "handle", "has_package", "known_types", "line_search_limit", "local_values",
+    "matrix_parts", "version",
+]  # fmt: skip
 
 version = PETSc.Sys.getVersion()[:2]
 
@@ -127,27 +129,33 @@ def _argument(value):
     return Integer(value) if isinstance(value, (int, np.integer)) else value
 
 
+def _storage(matrix):
+    """What PETSc's functions call the storage of a matrix."""
+    return "BAIJ" if matrix.getType().endswith("baij") else "AIJ"
+
+
 def matrix_parts(matrix):
-    """The two local matrices of a distributed AIJ matrix.
+    """The two local matrices of a distributed AIJ or BAIJ matrix.
 
     Parameters
     ----------
     matrix : PETSc.Mat
-        Of type ``seqaij`` or ``mpiaij``, assembled.
+        Assembled, of one of these types, or of one that builds on AIJ.
 
     Returns
     -------
     list of int
-        Handles of the sequential matrices: owned columns, and (``mpiaij``) the other columns.
+        Handles of the sequential matrices: owned columns, and (several ranks) the other columns.
     """
-    if matrix.getType() == "seqaij":
+    if matrix.getComm().size == 1:
         return [matrix.handle]
     own, other, columns = ctypes.c_void_p(), ctypes.c_void_p(), ctypes.c_void_p()
+    name = "MatMPI{0}GetSeq{0}".format(_storage(matrix))
     _check(
-        _lib.MatMPIAIJGetSeqAIJ(
+        getattr(_lib, name)(
             ctypes.c_void_p(matrix.handle), ctypes.byref(own), ctypes.byref(other), ctypes.byref(columns)
         ),
-        "MatMPIAIJGetSeqAIJ",
+        name,
     )
     return [own.value, other.value]
 
@@ -158,7 +166,7 @@ class local_values:  # noqa: N801
     Parameters
     ----------
     matrix : PETSc.Mat
-        Assembled AIJ matrix.
+        Assembled AIJ or BAIJ matrix.
     sizes : sequence of int
         Number of nonzeros of each part.
 
@@ -169,16 +177,14 @@ class local_values:  # noqa: N801
     """
 
     def __init__(self, matrix, sizes):
-        self.matrix = matrix
-        self.sizes = sizes
+        self.matrix, self.sizes = matrix, sizes
+        self._functions = [f"MatSeq{_storage(matrix)}{verb}Array" for verb in ("Get", "Restore")]
 
     def __enter__(self):
-        self.parts = matrix_parts(self.matrix)
-        self.pointers = []
-        arrays = []
+        self.parts, self.pointers, arrays = matrix_parts(self.matrix), [], []
         for handle, size in zip(self.parts, self.sizes, strict=False):
             pointer = ctypes.POINTER(ctypes.c_double)()
-            _check(_lib.MatSeqAIJGetArray(ctypes.c_void_p(handle), ctypes.byref(pointer)), "MatSeqAIJGetArray")
+            self._call(0, handle, pointer)
             self.pointers.append(pointer)
             arrays.append(np.ctypeslib.as_array(pointer, (size,)) if size else np.zeros(0))
         while len(arrays) < 2:
@@ -187,12 +193,53 @@ class local_values:  # noqa: N801
 
     def __exit__(self, *exc):
         for handle, pointer in zip(self.parts, self.pointers, strict=True):
-            _check(
-                _lib.MatSeqAIJRestoreArray(ctypes.c_void_p(handle), ctypes.byref(pointer)),
-                "MatSeqAIJRestoreArray",
-            )
+            self._call(1, handle, pointer)
         self.matrix.assemble()
         return False
+
+    def _call(self, which, handle, pointer):
+        name = self._functions[which]
+        _check(getattr(_lib, name)(ctypes.c_void_p(handle), ctypes.byref(pointer)), name)
+
+
+def preallocate_sell(matrix, own, other):
+    """Tell a matrix of type sell how long its rows are, which petsc4py does not.
+
+    Parameters
+    ----------
+    matrix : PETSc.Mat
+    own, other : ndarray (n,)
+        Entries of each owned row: in owned columns, and in others.
+    """
+    handle, number = ctypes.c_void_p(matrix.handle), np.ctypeslib.as_ctypes_type(PETSc.IntType)
+    counts = [np.ascontiguousarray(part, dtype=PETSc.IntType) for part in (own, other)]
+    own, other = ((number(int(part.max(initial=0))), ctypes.c_void_p(part.ctypes.data)) for part in counts)
+    # each is for one number of ranks, and does nothing on the other
+    _check(_lib.MatSeqSELLSetPreallocation(handle, *own), "MatSeqSELLSetPreallocation")
+    _check(_lib.MatMPISELLSetPreallocation(handle, *own, *other), "MatMPISELLSetPreallocation")
+
+
+def known_types(make, names):
+    """Those of some types of matrices or vectors that this PETSc has.
+
+    Parameters
+    ----------
+    make : type
+        ``PETSc.Mat`` or ``PETSc.Vec``.
+    names : sequence of str
+    """
+    found = []
+    for name in names:
+        one = make().create(comm=MPI.COMM_SELF)
+        one.setSizes(1)
+        try:
+            one.setType(name)
+        except PETSc.Error:
+            pass
+        else:
+            found.append(name)
+        one.destroy()
+    return found
 
 
 # [blocks] In a row of either local part of a matrix, from which on 3.18 cannot make its graph by itself: a buffer of

@@ -2,8 +2,9 @@
 
 import numpy as np
 
-from pcontact.runtime.petsc import forget_pattern, full_steps, line_search_limit
-from pcontact.solve.preconditioners.contact import preconditioner
+from pcontact.assembly.operator import AIJ, BESIDE
+from pcontact.runtime.petsc import PETSc, forget_pattern, full_steps, known_types, line_search_limit
+from pcontact.solve.preconditioners.contact import MULTIGRID, preconditioner
 
 # [-] The area in contact may grow by this factor before the preconditioner is set up again. Row: reuse.
 GROWN = 2.0
@@ -14,6 +15,9 @@ FEW = 64
 RELATIVE = 1.0
 # relative tolerances of Eisenstat and Walker, as petsc4py calls them
 EISENSTAT_WALKER = {"rtol0": "rtol_0", "rtolmax": "rtol_max"}
+
+# types of vectors: on the host, and on accelerators
+VECTORS = ("standard", "cuda", "hip", "kokkos")
 
 
 class Reuse:
@@ -64,8 +68,9 @@ class Reuse:
         return not self._fresh
 
 
-def refresh_smoother(ksp, matrix):
-    """Let the finest smoother of a kept multigrid hierarchy follow the matrix: its diagonal and its largest eigenvalue.
+def refresh_smoother(ksp, operator, matrix):
+    """Let the finest smoother of a kept multigrid hierarchy follow the matrices of Newton's method: their diagonal and
+    their largest eigenvalue.
 
     Chebyshev amplifies modes beyond an outdated largest eigenvalue, and the preconditioner is then indefinite.
     """
@@ -73,7 +78,7 @@ def refresh_smoother(ksp, matrix):
     if pc.getType() in ("gamg", "ml", "mg"):
         smoother = pc.getMGSmoother(pc.getMGLevels() - 1)
         forget_pattern(smoother)
-        smoother.setOperators(matrix, matrix)
+        smoother.setOperators(operator, matrix)
 
 
 def solver_defaults(symmetric, ranks):
@@ -121,6 +126,73 @@ def solver_defaults(symmetric, ranks):
     else:
         options.update({"ksp_type": "gmres", "ksp_gmres_restart": 60, "ksp_pc_side": "right"})
     return options
+
+
+# what multigrid is told where the operator is beside its matrix: the finest level multiplies by it
+BY_OPERATOR = {"pc_use_amat": True}
+
+
+def choose_operator(matrix, options, symmetric, direct, around):
+    """Give the matrix of a problem the type that the user wants, and say what the preconditioner is made of.
+
+    Parameters
+    ----------
+    matrix : pcontact.assembly.matrix.GlobalMatrix or pcontact.assembly.constrained.ConstrainedMatrix
+    options : pcontact.runtime.options.Options
+    symmetric : bool
+        Whether the tangent is symmetric.
+    direct : bool
+        Whether the linear systems are factorised.
+    around : object or None
+        What stands around the preconditioner: it works on AIJ.
+
+    Returns
+    -------
+    PETSc.Mat
+        Of the type, where the user chose a preconditioner that takes it: factors, those of blocks, diagonals; else AIJ.
+
+    Raises
+    ------
+    InputError
+    """
+    pc = options.get("pc_type")
+    kind = options.get("mat_type", matrix.default if pc == "gamg" and not direct else "aij")
+    allowed = [name for name in known_types(PETSc.Mat, (*AIJ, *BESIDE)) if symmetric or name != "sbaij"]
+    if kind not in allowed:
+        more = "" if symmetric else "; sbaij where tangents are symmetric"
+        raise options.refusal("mat_type", " | ".join(allowed) + more)
+    matrix.choose(kind)
+    takes = kind in ("baij", "sbaij") and options.given("pc_type") and pc not in MULTIGRID and not around
+    return matrix.operator if takes else matrix.matrix
+
+
+def solver_vectors(space, operator, options):
+    """Residual and solution of Newton's method, in the type that the user wants, or that of the matrix. *Collective.*
+
+    Parameters
+    ----------
+    space : pcontact.space.space.Space
+    operator : PETSc.Mat
+    options : pcontact.runtime.options.Options
+
+    Returns
+    -------
+    residual : PETSc.Vec
+    solution : PETSc.Vec or None
+        None: of the type of the program's own vectors, which serve.
+
+    Raises
+    ------
+    InputError
+    """
+    residual = space.vector()
+    kind = options.get("vec_type", operator.getVecType())
+    allowed = known_types(PETSc.Vec, VECTORS)
+    if kind not in allowed:
+        raise options.refusal("vec_type", " | ".join(allowed))
+    own = residual.getType()
+    residual.setType(kind)
+    return residual, None if residual.getType() == own else residual.duplicate()
 
 
 def check_tolerances(snes, options):

@@ -19,8 +19,17 @@ from pcontact.solve.balance import Balance
 from pcontact.solve.convergence import ConvergenceTest
 from pcontact.solve.diagnosis import diagnose
 from pcontact.solve.globalisation import Globalisation
-from pcontact.solve.linear import Reuse, check_tolerances, newton_defaults, refresh_smoother, solver_defaults
-from pcontact.solve.preconditioners.contact import contact_preconditioner, new_preconditioner, preconditioner
+from pcontact.solve.linear import (
+    BY_OPERATOR,
+    Reuse,
+    check_tolerances,
+    choose_operator,
+    newton_defaults,
+    refresh_smoother,
+    solver_defaults,
+    solver_vectors,
+)
+from pcontact.solve.preconditioners.contact import MULTIGRID, contact_preconditioner, new_preconditioner, preconditioner
 from pcontact.solve.preconditioners.deflation import Deflation, deflation
 from pcontact.solve.preconditioners.direct import PIVOTS, DirectFallback, factors
 from pcontact.solve.result import NewtonResult, combined
@@ -83,22 +92,27 @@ class Newton:
         defaults |= solver_defaults(symmetric, problem.space.comm.size) | (PIVOTS if direct else {}) | small
         self.applied, self.kept_out = options.propose(defaults)
         self._fallback = DirectFallback(options, problem.space, direct or "pc_type" in self.kept_out or lags)
+        self._filter = deflation(problem, options) or contact_preconditioner(problem, options)
+        base = choose_operator(problem.matrix, options, symmetric, direct, self._filter)
+        if base is not problem.matrix.operator and options.get("pc_type") in MULTIGRID:
+            self.applied |= options.propose(BY_OPERATOR)[0]
         self.snes = PETSc.SNES().create(comm=problem.space.comm)
-        self._f = problem.space.vector()
+        # where the vectors of the linear solves live elsewhere, those that the program computes with are copied there
+        self._f, self._u = solver_vectors(problem.space, problem.matrix.operator, options)
         self._globalisation = Globalisation(problem, self._balance, self._without, chosen)
         self._converges = ConvergenceTest(problem, self._balance, self._f)
         self.snes.setFunction(self._residual, self._f)
-        self.snes.setJacobian(self._tangent, problem.matrix.matrix)
+        self._operators = problem.matrix.operator, base
+        self.snes.setJacobian(self._tangent, *self._operators)
         self.snes.setConvergenceTest(self._converges)
         self.snes.setLineSearchPreCheck(self._limit)
         self.snes.setUpdate(self._update)
-        problem.matrix.matrix.setNearNullSpace(near_null_space)
+        base.setNearNullSpace(near_null_space)
         self._take_options()
         # Python hears signals only where it runs; a Krylov iteration is long beside the microsecond that this takes
         self.snes.getKSP().setMonitor(_hear)
         patience = options.get("pc_patience")
         self._reuse = None if lags or direct or motions or patience < 0 else Reuse(patience)
-        self._filter = deflation(problem, options) or contact_preconditioner(problem, options)
         self.solver = self._solver(symmetric, len(near_null_space.getVecs()))
         problem.stabilised = "stabilisation" not in self._without
         # whether a run begins with a prediction; what looks for partners at iterates, while there is such a thing
@@ -176,7 +190,7 @@ class Newton:
             else:
                 self._filter.keep(keep)
             if keep:
-                refresh_smoother(snes.getKSP(), matrix)
+                refresh_smoother(snes.getKSP(), matrix, preconditioner)
 
     def _limit(self, x, y):
         """Prescribed components stay where they are, whatever an inexact linear solve says."""
@@ -209,7 +223,7 @@ class Newton:
         NewtonResult
         """
         if self._modes_at is not None:
-            self.problem.matrix.matrix.setNearNullSpace(self._modes_at(u))
+            self._operators[1].setNearNullSpace(self._modes_at(u))
         if not (self.lasting and self._reuse is not None and self._reuse.begun and self._filter is None):
             self._renew_preconditioner()
             if self._reuse is not None:
@@ -299,14 +313,20 @@ class Newton:
         self._converges.begin(near)
         if beginning and self._balance is not None:
             self._balance.begin(u)
+        x = u
+        if self._u is not None:
+            x = self._u
+            u.copy(x)
         try:
-            self.snes.solve(None, u)
+            self.snes.solve(None, x)
         except PETSc.Error as error:
             # solvers inside solvers read their options when they are first used
             raise self._options.fault(error) or self._options.unsolved(error, self.problem.space.comm) from error
         finally:
             # a linear solve that fails ends an iteration early
             self._globalisation.end()
+            if x is not u:
+                x.copy(u)
         self.timing["linear"] += clock.perf_counter() - start - (self._called_back - before)
         reason, norms = self.snes.getConvergedReason(), self._converges.norms
         if len(norms) < 2:

@@ -24,7 +24,7 @@ from tests.support.point_laws import add_all, remove_all
 # modules of the kernels that a plain run calls, and what its report says of a load step
 KERNELS = {
     "averages", "complete", "components", "curve", "distortion_kernels", "elastic", "facet_maps",
-    "geometry", "graph", "groups", "matrix", "nearest", "outer", "points", "slices", "small_kernels",
+    "geometry", "graph", "groups", "matrix", "nearest", "operator", "outer", "points", "slices", "small_kernels",
     "small", "solid", "strains", "trace", "tree", "unjoined",
 }  # fmt: skip
 SECTIONS = {

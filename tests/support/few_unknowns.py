@@ -39,7 +39,8 @@ class FewUnknowns:
         self.fixed = np.zeros((n, 1), dtype=bool)
         self.others = [SimpleNamespace(can_slip=slips, stiff=False, name="pair")]
         self.bulk = SimpleNamespace(flowing=lambda u: 0.0)
-        self.matrix = SimpleNamespace(matrix=PETSc.Mat().createAIJ((n, n), nnz=n, comm=SELF))
+        matrix = PETSc.Mat().createAIJ((n, n), nnz=n, comm=SELF)
+        self.matrix = SimpleNamespace(matrix=matrix, operator=matrix, default="aij", choose=lambda kind: None)
         self.evaluations = 0
 
     def _vector(self):

@@ -175,7 +175,7 @@ class ContactPreconditioner:
         self.inner.setOperators(matrix, other)
         self.inner.setUp()
         self.size = self._direct.factorise(other, self._choose())
-        self._matrix = other
+        self._matrix = matrix
         self._rest, self._step = other.createVecLeft(), other.createVecRight()
 
     def apply(self, pc, residual, solution):

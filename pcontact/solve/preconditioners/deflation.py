@@ -95,7 +95,7 @@ class Deflation(ContactPreconditioner):
         self.inner.setOperators(matrix, other)
         self.inner.setUp()
         self._release()
-        self._matrix = other
+        self._matrix = matrix
         moved = other.matMult(self._basis)
         coarse = self._basis.transposeMatMult(moved)
         moved.destroy()
