@@ -24,6 +24,7 @@ from pcontact.scene import Body as Body
 from pcontact.scene import Contact as Contact
 from pcontact.scene import Coupling as Coupling
 from pcontact.scene import Displacement as Displacement
+from pcontact.scene import Dynamics as Dynamics
 from pcontact.scene import Load as Load
 from pcontact.scene import Material as Material
 from pcontact.scene import MeshSpec as MeshSpec

@@ -11,7 +11,9 @@ from pcontact.assembly.finite import FiniteSolid, MixedSolid
 from pcontact.assembly.follower import FollowerPressure
 from pcontact.assembly.geometry import chunks
 from pcontact.assembly.heat import Heat, Heating
+from pcontact.assembly.inertia import Inertia
 from pcontact.assembly.loads import TimedLoad, load_vector, lumped_volume, value_of
+from pcontact.assembly.mass import Mass
 from pcontact.assembly.nodal_field import NodalField
 from pcontact.assembly.patches import kind_of
 from pcontact.assembly.release import Release
@@ -33,6 +35,7 @@ from pcontact.pairs import contact_reports, since_of, tied_pairs
 from pcontact.runtime import log, profile
 from pcontact.runtime.errors import TOLD
 from pcontact.runtime.messages import input_error
+from pcontact.runtime.parallel import together
 from pcontact.runtime.petsc import MPI, PETSc
 from pcontact.scene import (
     amplitude,
@@ -48,9 +51,10 @@ from pcontact.scene import (
 )
 from pcontact.scene.amplitude import Squared
 from pcontact.scene.expression import Condition
+from pcontact.scene.integrators import INTEGRATORS
 from pcontact.scene.keys import options as key_options
 from pcontact.scene.model import LOCKING, POOR, RUBBER, Contact
-from pcontact.scene.phases import groups_of, left, scene_of
+from pcontact.scene.phases import come_and_go, groups_of, left, scene_of
 from pcontact.scene.places import place
 from pcontact.scene.prescribed import Prescribed
 from pcontact.scene.regions import check_region
@@ -113,6 +117,8 @@ def override(scene, options, accuracy):
     if output.checkpoint is None or options.given("checkpoint_every"):
         output.checkpoint = output.checkpoint_every is not None
     output.checkpoint_every = output.checkpoint_every or 1
+    # what bodies that come and go store goes with them
+    output.energy = output.energy or (scene.dynamics is not None and not come_and_go(scene))
     accuracy.name = scene.accuracy if isinstance(scene.accuracy, str) else None
     said = {key: options.get(option, None) for key, option in key_options(Contact).items()}
     if changed:
@@ -664,6 +670,48 @@ def _warn_of_stress(scene):
             )  # fmt: skip
 
 
+def _inertia(scene, space, constants):
+    """The item of inertia; None without. *Collective.*"""
+    said = scene.dynamics
+    if said is None:
+        return None
+    bodies = [body for body in scene.bodies if not body.absent]
+    densities = {body.region: scene.materials[body.material].density for body in bodies}
+    mass, damping = Mass(space, densities, said.mass == "lumped"), None
+    slow = {body.region: body.mass_damping * densities[body.region] for body in bodies if body.mass_damping}
+    if slow:
+        damping = Mass(space, slow, said.mass == "lumped").values
+    times = [body.stiffness_damping for body in scene.bodies]
+    if any(times):
+        # the pattern is that of all cells, too
+        scaled = [(time * lam, time * mu) for time, (lam, mu) in zip(times, constants, strict=True)]
+        damping = ElasticBulk(space, scaled).values + (0.0 if damping is None else damping)
+    row = INTEGRATORS[said.integrator]
+    weights = row.weights(row.alpha if said.alpha is None else said.alpha)
+    return Inertia(space, mass, damping, weights, partial(_initial_motion, scene, space))
+
+
+def _initial_motion(scene, space, time):
+    """Displacement, or None without any, and velocity of the owned nodes (n_owned, d), the mean where several bodies
+    have them. *Collective.*"""
+    result = []
+    for key in ("initial_displacement", "initial_velocity"):
+        said = {k: getattr(body, key) for k, body in enumerate(scene.bodies) if getattr(body, key) is not None}
+        values, count = np.zeros((space.n_local, space.dim)), np.zeros((space.n_local, space.dim))
+        for number, body in enumerate(scene.bodies):
+            tables = [cells.ravel() for block, cells in zip(space.mesh.blocks, space.cells, strict=True)
+                      if block.body == number]  # fmt: skip
+            nodes = np.unique(np.concatenate([np.zeros(0, np.int64), *tables]))
+            count[nodes] += 1.0
+            if number in said:
+                where = f"{place('bodies', number, body.region)}.{key}"
+                value = Prescribed(said[number], scene.where, where)
+                values[nodes] += together(space.comm, value, space.points[nodes], time)
+        sums, counts = (space.summed(space.local, one) for one in (values, count))
+        result.append(sums / np.maximum(counts, 1.0) if said or key == "initial_velocity" else None)
+    return result
+
+
 def _begun(scene, space):
     """Blocks of the bodies that have begun in a later phase than the first, by the number of the phase."""
     begun = {}
@@ -746,17 +794,21 @@ def _assemble(scene, space, span, more):
     tied = tied_pairs(scene, space, bulk)
     eta = scene.steps.viscous_stabilisation
     # dashpots hold every body: where it goes is no longer open
-    free = free_motions(space, supports, [*springs, *supports.groups]) if eta is None else {}
+    inertia = _inertia(scene, space, constants)
+    # and so does mass
+    held = eta is not None or inertia is not None
+    free = {} if held else free_motions(space, supports, [*springs, *supports.groups])
     contacts, edges = contact_reports(scene, space, supports, free, bulk, tied)
     _announce(mesh, free)
     items = [bulk, *(pair for contact in contacts for pair in contact.pairs), *_followers(scene, space, supports)]
     items += [*springs, *_spinning(scene, space), *(make(space) for make in more)]
+    items += [] if inertia is None else [inertia]
     release = None if span is None else Release(space, span.begin, span.end, begun)
     items += [] if release is None else [release]
     viscous = None if eta is None else ViscousStabilisation(space, eta, bulk)
     problem = Problem(space, items, supports, forces, _stabilisation(space, laws, free), contacts, viscous)
     problem.timed, problem.total, problem.springs, problem.release = timed, total, springs, release
-    problem.averages = averages
+    problem.averages, problem.inertia = averages, inertia
     problem.sections, problem.equations, problem.lower = sections, equations, _lower(scene, space, lower)
     if release is not None:
         release.absolute = supports.absolute[space.owned_local]

@@ -284,6 +284,8 @@ class Simulation:
             for name, one in self._carriers.items():
                 one.carried = resumed.carried.get(name, 0.0)
             log.info("restart from %s at time %g after %d steps", self.restart, resumed.time, resumed.number)
+        else:
+            self.stepper.begin()
         with nullcontext() if self.records is None else self.records.kept():
             converged = self._solve(lasting, directory)
             for observer in self._watch:
@@ -408,6 +410,7 @@ class Simulation:
         for name, one in self._carriers.items():
             one.carried = carried.get(name, 0.0)
         release.start(self.problem, self.stepper.u, state.borne)
+        self.stepper.begin()
         if self.problem.energy is not None:
             self.problem.energy.begin(self.stepper.u)
 

@@ -13,7 +13,7 @@ from pcontact.io.template import write_template
 from pcontact.runtime.errors import InputError
 from pcontact.scene import Body, Contact, Material, MeshSpec, Obstacle, Output, Steps, model, read_scene, scene_from
 
-_TABLES = {**model.LIST_TABLES}
+_TABLES, _OPTIONAL = {**model.LIST_TABLES}, {**model.OPTIONAL_TABLES}
 
 
 class Scene(model.Scene):
@@ -67,7 +67,7 @@ class Scene(model.Scene):
             steps=Steps() if steps is None else _made(Steps, steps),
             output=Output() if output is None else _made(Output, output),
             **made,
-            **tables,
+            **{name: _made(_OPTIONAL[name], one) if name in _OPTIONAL else one for name, one in tables.items()},
         )
 
     @classmethod

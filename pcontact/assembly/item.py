@@ -57,6 +57,8 @@ class Item:
         Whether the forces of the item come from outside the bodies: contact with an obstacle.
     floats : bool
         Whether it acts on a body that supports leave free.
+    holds : bool
+        Whether it resists every motion of every body, so that no step is without a size.
     stiff : bool
         Whether multigrid alone fares badly with its tangent.
     symmetric : bool
@@ -79,7 +81,7 @@ class Item:
     space = None
     changes = True
     version = 0
-    can_slip = rigid = floats = stiff = verifies = follows = False
+    can_slip = rigid = floats = holds = stiff = verifies = follows = False
     symmetric = True
     radius = np.inf
     flips = ()
@@ -100,6 +102,12 @@ class Item:
         :meth:`residual` has with the other sign. Contact with obstacles says so itself, see `rigid`. *Collective.*
         """
 
+    def drag(self, u, out):
+        """Add those that come from outside and are no loads to ``out`` (n_owned, d) [force]: they answer motions, of
+        dashpots and of inertia. They are no measure of the forces at work either, for where a body moves freely they
+        cancel its load. *Collective.*
+        """
+
     def add_magnitude(self, u, out):
         """Add the sum of the absolute terms of :meth:`residual` to ``out`` (n_owned, d): the scale of rounding errors.
         *Collective.*
@@ -110,6 +118,11 @@ class Item:
         raise NotImplementedError
 
     # -- a load step ----------------------------------------------------------------------------------------------
+
+    def expected(self, u, time):
+        """Displacement (n_owned, d) that is expected at the end of a load step from ``u`` to a time [length]; None for
+        no say."""
+        return None
 
     def detect(self, u, time, motion=0.0, ahead=None):
         """Find what the load step depends on and keeps: partners, normals. *Collective.*
@@ -157,6 +170,10 @@ class Item:
 
     def commit(self, u, time):
         """End the load step: what the next one needs to know is that of ``u``. *Collective.*"""
+
+    def fields_of_nodes(self):
+        """What there is to see at nodes, beside the displacement: values (n_owned, d) by name."""
+        return {}
 
     # -- a checkpoint ---------------------------------------------------------------------------------------------
 

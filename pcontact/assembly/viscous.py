@@ -72,9 +72,7 @@ class ViscousStabilisation(Item):
         out += self._forces(u)
 
     def drag(self, u, out):
-        """Add the forces of the dashpots on the bodies to ``out`` (n_owned, d) [force]: from outside, but no load, and
-        no measure of the forces at work, for where a body moves freely they cancel its load.
-        """
+        """Add the forces of the dashpots on the bodies to ``out`` (n_owned, d) [force]."""
         out -= self._forces(u)
 
     def add_magnitude(self, u, out):

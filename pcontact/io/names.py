@@ -38,6 +38,8 @@ _SLIP = "friction, `slip = true`"
 
 FIELDS = (
     Field("displacement", "nodes", "length", "of the nodes; also on the contact surfaces"),
+    Field("velocity", "nodes", "length / time", "of the nodes", "`[dynamics]`"),
+    Field("acceleration", "nodes", "length / time^2", "of the nodes", "`[dynamics]`"),
     Field("node_number", "nodes", "", "number of the node in the mesh, from 0", begin=None),
     Field("stress", "cells", "stress", "XX, YY, ZZ, XY, YZ, XZ, mean of the cell; with finite strain Cauchy's"),
     Field("equivalent_stress", "cells", "stress", "von Mises' stress of that mean"),

@@ -131,11 +131,14 @@ class Snapshot(Observer):
         if strain is not None:
             data["equivalent_plastic_strain"] = strain
         points, tables, nodal = space.points, space.cells, {"displacement": space.local.gather(u)}
+        for item in self._problem.others:
+            nodal.update({name: space.at_nodes(values) for name, values in item.fields_of_nodes().items()})
         numbers = space.mesh.file_nodes[space.mesh_nodes]
         if self._means is not None:
             means = self._means(data, [volume for _, volume in stress])
             nodes, tables = self._means.nodes, self._means.cells
-            points, nodal, numbers = points[nodes], {"displacement": nodal["displacement"][nodes]}, numbers[nodes]
+            points, numbers = points[nodes], numbers[nodes]
+            nodal = {name: values[nodes] for name, values in nodal.items()}
             nodal.update({f"{name}_smooth": values for name, values in means.items()})
         # by which the pieces of several ranks are put together, where other nodes are in the same place, too
         nodal[NODE_NUMBER] = numbers.astype(np.int32 if space.mesh.n_nodes_total < 2**31 else np.int64)

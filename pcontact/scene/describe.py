@@ -3,7 +3,8 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from pcontact.scene.model import Contact, Scene
+from pcontact.scene.integrators import INTEGRATORS
+from pcontact.scene.model import Contact, Dynamics, Scene
 from pcontact.scene.validate import resolve_contacts
 
 
@@ -70,7 +71,7 @@ _FEATURES = (
     ("tied surfaces", lambda scene: any(contact.tied for contact in scene.contacts)),
     ("unbiased contact", lambda scene: any(_is_unbiased(contact) for contact in scene.contacts)),
     ("finite strain", lambda scene: any(scene.finite(body) for body in scene.bodies)),
-    ("inertia", lambda scene: False),
+    ("inertia", lambda scene: scene.dynamics is not None),
 )
 
 
@@ -141,6 +142,8 @@ def describe(
         active.append("supports that turn: " + ", ".join(turning))
     if scene.steps.viscous_stabilisation is not None:
         active.append(f"viscous stabilisation: {scene.steps.viscous_stabilisation:g}")
+    if scene.dynamics is not None:
+        active.append(f"inertia: {_dynamics(scene.dynamics)}")
     if scene.phases:
         active.append(f"phases: {', '.join(phase.name for phase in scene.phases)}")
     some = {body.region: body.phases for body in scene.bodies if body.phases is not None}
@@ -150,6 +153,15 @@ def describe(
     if scene.output.estimate:
         active.append("error estimate of every step")
     return active, [name for name, asked in _FEATURES if not asked(scene)]
+
+
+def _dynamics(dynamics: Dynamics) -> str:
+    """Integrator and mass, and where there is inertia."""
+    default = INTEGRATORS[dynamics.integrator].alpha
+    alpha = default if dynamics.alpha is None else dynamics.alpha
+    words = f"integrator {dynamics.integrator}" + ("" if alpha is None else f", alpha {alpha:g}")
+    where = "" if dynamics.phases is None else f", in {', '.join(dynamics.phases)}"
+    return f"{words}, {dynamics.mass} mass{where}"
 
 
 def _initial(contact: Contact) -> str:

@@ -25,6 +25,7 @@ from pcontact.runtime.rules import (
     one_of,
     sequence,
 )
+from pcontact.scene.integrators import INTEGRATORS, LEAST_ALPHA
 from pcontact.scene.keys import closed, key, keys, table
 from pcontact.scene.orthotropic import equivalent_poisson
 from pcontact.scene.target import Budget, Target, preset_or_target
@@ -206,7 +207,7 @@ class Material:
         default=None, unit="1 / temperature", otherwise="0", more="with small strain"
     )
     density: float | None = key(
-        POSITIVE, "mass per volume, for `acceleration` and `angular_speed` of loads",
+        POSITIVE, "mass per volume, for `acceleration` and `angular_speed` of loads, and `[dynamics]`",
         default=None, unit="mass / length^3", otherwise="none"
     )
     G: Sequence[float] | None = key(
@@ -294,6 +295,22 @@ class Body:
         more="1 in a scene with `order = 2`: nodes in the middles follow the vertices; see [mesh.md](mesh.md)",
     )  # fmt: skip
     phases: Sequence[str] | None = phases("it is there; in a later one than the first it begins without strain")
+    initial_velocity: Sequence[Value] | None = key(
+        VECTORS, "with `[dynamics]`: velocity at the beginning", default=None, kw_only=True, unit="length / time",
+        otherwise="at rest", more="see [dynamics.md](dynamics.md)",
+    )  # fmt: skip
+    initial_displacement: Sequence[Value] | None = key(
+        VECTORS, "with `[dynamics]`: displacement at the beginning", default=None, kw_only=True, unit="length",
+        otherwise="none", more="whatever holds it there has let go of it",
+    )  # fmt: skip
+    mass_damping: float = key(
+        NON_NEGATIVE, "with `[dynamics]`: damping over mass (Rayleigh), of slow motions", default=0.0, kw_only=True,
+        unit="1 / time", more="it resists rigid motions, too",
+    )  # fmt: skip
+    stiffness_damping: float = key(
+        NON_NEGATIVE, "with `[dynamics]`: damping over elastic stiffness (Rayleigh), of fast motions", default=0.0,
+        kw_only=True, unit="time", more="with small strain",
+    )  # fmt: skip
     # of a scene of one phase (`pcontact.scene.phases`): not there; number of the phase since which it has been
     absent: bool = False
     since: int = 0
@@ -468,7 +485,8 @@ class Contact:
     )  # fmt: skip
     theta: float | None = key(
         one_of(1, 0, -1), "variant of Nitsche's method: 1 (symmetric), 0 (fewest terms), -1 (stable for every gamma0)",
-        default=0.0, option="contact_theta", resolved=True,
+        default=0.0, option="contact_theta", resolved=True, more="with `[dynamics]` 1 where it is not said, see "
+        "[dynamics.md](dynamics.md)",
     )  # fmt: skip
     gamma0: float | None = key(
         POSITIVE, "dimensionless parameter of the formulation; larger: stiffer contact", default=None,
@@ -863,6 +881,26 @@ class Steps:
 
 
 @table
+class Dynamics:
+    """Inertia: load steps are steps of time, and bodies have mass. Without this table bodies have none."""
+
+    integrator: str = key(
+        choice(*INTEGRATORS), "how the motion goes on from step to step", default="hht",
+        more="; ".join(f"`{name}`: {one.help}" for name, one in INTEGRATORS.items())
+        + "; see [dynamics.md](dynamics.md)",
+    )  # fmt: skip
+    alpha: float | None = key(
+        number(least=LEAST_ALPHA, most=0, words="a number from -1/3 to 0"),
+        "with `hht` and `bossak`: 0 damps nothing, less damps more", default=None, otherwise="-0.1",
+    )  # fmt: skip
+    mass: str = key(
+        choice("consistent", "lumped"), "of cells: as the displacement has it, or at their nodes", default="consistent",
+        more="lumped: the diagonal of the consistent one, scaled to the mass of the cell",
+    )  # fmt: skip
+    phases: Sequence[str] | None = phases("bodies have inertia; in all others they stand still at once")
+
+
+@table
 class Output:
     """What is written."""
 
@@ -888,7 +926,7 @@ class Output:
     )  # fmt: skip
     energy: bool = key(
         BOOLEAN, "works of loads, supports and obstacles, and what became of them, in the report and the history",
-        default=False, option="output_energy", more="see [results.md](results.md)",
+        default=False, option="output_energy", more="with `[dynamics]` always; see [results.md](results.md)",
     )  # fmt: skip
     slip: bool = key(
         BOOLEAN, "slip of contacts with friction, and the pressure over it (wear), in the fields, the report and the "
@@ -910,6 +948,8 @@ class Output:
 
 
 SINGLE_TABLES = {"mesh": MeshSpec, "steps": Steps, "output": Output}
+# those that may be absent
+OPTIONAL_TABLES = {"dynamics": Dynamics}
 LIST_TABLES = {"bodies": Body, "contacts": Contact, "displacements": Displacement, "loads": Load,
                "springs": Spring, "temperatures": Temperature,
                "couplings": Coupling, "pretensions": Pretension, "equations": Equation, "periodic": Periodic,
@@ -928,6 +968,8 @@ class Scene:
     mesh, materials, bodies, contacts, displacements, loads, springs, temperatures, couplings, pretensions, equations,
     periodic, phases, regions : the tables
     steps, output : the tables
+    dynamics : Dynamics or None
+        None: bodies have no inertia.
     petsc : dict of str to str
         Options of this scene, without the leading dash; the command line wins.
     title, accuracy, allow_unsafe : keys, see the declarations
@@ -970,6 +1012,7 @@ class Scene:
     equations: list[Equation] = field(default_factory=list)
     periodic: list[Periodic] = field(default_factory=list)
     regions: list[Region] = field(default_factory=list)
+    dynamics: Dynamics | None = None
 
     @property
     def where(self) -> str:
@@ -1001,6 +1044,7 @@ class Scene:
             petsc=dict(self.petsc),
             accuracy=self._own_accuracy(),
             **{key: replace(getattr(self, key)) for key in SINGLE_TABLES},
+            **{key: replace(one) for key in OPTIONAL_TABLES if (one := getattr(self, key)) is not None},
             **{**lists, "contacts": contacts},
         )
 
@@ -1064,7 +1108,7 @@ HEADERS = {
     Obstacle: "obstacle",
     Target: "accuracy",
     Budget: "budget",
-    **{cls: f"[{name}]" for name, cls in SINGLE_TABLES.items()},
+    **{cls: f"[{name}]" for name, cls in {**SINGLE_TABLES, **OPTIONAL_TABLES}.items()},
     **{cls: f"[[{name}]]" for name, cls in LIST_TABLES.items()},
 }
 # per obstacle shape: the keys that must be there, the keys that may be there; every shape may move

@@ -11,6 +11,8 @@ def _entries(scene):
     for key in ("bodies", *PHASED):
         for index, one in enumerate(getattr(scene, key)):
             yield place(key, index, one.name if key == "contacts" else one.region), one
+    if scene.dynamics is not None:
+        yield "dynamics", scene.dynamics
 
 
 def check_phase_names(scene: Scene) -> None:

@@ -13,6 +13,9 @@ PHASED = ("contacts", "displacements", "loads", "springs", "pretensions")
 # tables that are on groups, bodies left aside
 GROUPED = ("contacts", "displacements", "loads", "springs", "temperatures", "couplings", "pretensions", "equations",
            "periodic")  # fmt: skip
+# keys of bodies that mean nothing without inertia: how they begin to move, and what resists that
+STARTS = ("initial_velocity", "initial_displacement")
+DAMPING = ("mass_damping", "stiffness_damping")
 # tables with amplitudes
 MOVED = ("displacements", "loads", "temperatures", "couplings", "pretensions")
 
@@ -50,6 +53,11 @@ def phase_at(scene: Scene, time: float) -> int:
 def acts(one: object, name: str) -> bool:
     """Whether something acts in a phase."""
     return one.phases is None or name in one.phases
+
+
+def moves(scene: Scene, number: int) -> bool:
+    """Whether bodies have inertia in a phase."""
+    return scene.dynamics is not None and acts(scene.dynamics, scene.phases[number].name)
 
 
 def begun(scene: Scene, one: object, number: int) -> int:
@@ -96,6 +104,7 @@ def scene_of(scene: Scene, number: int) -> Scene:
         lists[key] = [replace(one, phases=None) for one in lists[key]]
     # bodies keep their numbers
     lists["bodies"] = [_body(scene, one, number) for one in scene.bodies]
+    lists["dynamics"] = replace(scene.dynamics, phases=None) if moves(scene, number) else None
     count, span, steps = phase.count or scene.steps.count, every[number], scene.steps
     longest = None
     if steps.control == "auto":
@@ -107,6 +116,10 @@ def scene_of(scene: Scene, number: int) -> Scene:
 
 def _body(scene: Scene, body: Body, number: int) -> Body:
     """A body as a phase has it; without phases of its own it says what it says in a run without any."""
+    if scene.dynamics is not None and (any(moves(scene, k) for k in range(number)) or not moves(scene, number)):
+        # they have begun to move, or do not yet
+        gone = STARTS if moves(scene, number) else (*STARTS, *DAMPING)
+        body = replace(body, **{key: getattr(Body, key) for key in gone})
     if body.phases is None:
         return body
     there = acts(body, scene.phases[number].name)

@@ -15,6 +15,7 @@ from pcontact.scene.amplitude import MULTIPLIED, Amplitude, amplitude_of
 from pcontact.scene.called import text_of
 from pcontact.scene.model import (
     CONTACT_DEFAULTS,
+    OPTIONAL_TABLES,
     Contact,
     Material,
     MeshSpec,
@@ -82,7 +83,8 @@ def physics_so_far(scenes: list[Scene]) -> dict[str, dict[str, object]]:
     for number, scene in enumerate(scenes[1:], 1):
         result[f"phases[{number}]"] = {"end": scene.steps.end}
         result |= {f"phases[{number}]: {where}": table for where, table in physics(scene).items()
-                   if where.partition("[")[0] in PHASED or table.keys() & {"absent", "since"}}  # fmt: skip
+                   if where.partition("[")[0] in PHASED or table.keys() & {"absent", "since"}
+                   or where in OPTIONAL_TABLES}  # fmt: skip
     return result
 
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 
-from pcontact.scene.model import LIST_TABLES, NAMED, Contact, Scene
+from pcontact.scene.model import LIST_TABLES, NAMED, OPTIONAL_TABLES, Contact, Scene
 from pcontact.scene.target import Target
 
 
@@ -27,3 +27,4 @@ def tables(scene: Scene) -> Iterator[tuple[str, object]]:
                 yield f"{where}.obstacle", item.obstacle
     yield "steps", scene.steps
     yield "output", scene.output
+    yield from ((key, one) for key in OPTIONAL_TABLES if (one := getattr(scene, key)) is not None)

@@ -10,7 +10,18 @@ from pathlib import Path
 from pcontact.runtime import log
 from pcontact.runtime.messages import closeness, cut, input_error, nearest, set_elsewhere, shown
 from pcontact.scene.changes import DEEP, DEEP_KEY, changed, plain, with_words
-from pcontact.scene.model import HEADERS, LIST_TABLES, NAMED, RENAMED, SINGLE_TABLES, Contact, Material, Obstacle, Scene
+from pcontact.scene.model import (
+    HEADERS,
+    LIST_TABLES,
+    NAMED,
+    OPTIONAL_TABLES,
+    RENAMED,
+    SINGLE_TABLES,
+    Contact,
+    Material,
+    Obstacle,
+    Scene,
+)
 from pcontact.scene.places import place
 from pcontact.scene.target import Budget, Target
 from pcontact.scene.validate import validate
@@ -87,6 +98,7 @@ def _scene(data, file, **home):
         output=_table("output", data.get("output", {}), file),
         petsc=data.get("petsc", {}),
         **{key: _list(key, data.get(key, []), file) for key in LIST_TABLES},
+        **{key: _build(cls, data[key], file, key) for key, cls in OPTIONAL_TABLES.items() if key in data},
     )
     validate(scene)
     return scene

@@ -12,6 +12,7 @@ from pcontact.scene.model import (
     LIST_TABLES,
     LOADS,
     OBSTACLE_KEYS,
+    OPTIONAL_TABLES,
     RENAMED,
     SINGLE_TABLES,
     TOTALS,
@@ -103,7 +104,7 @@ def schema() -> dict[str, object]:
     }  # fmt: skip
     target = {"anyOf": [keys(Scene)["accuracy"].said.schema, _table(Target, budget=_table(Budget))]}
     accuracy = {**_value(keys(Scene)["accuracy"]), **target}
-    single = {name: _table(cls) for name, cls in SINGLE_TABLES.items()}
+    single = {name: _table(cls) for name, cls in {**SINGLE_TABLES, **OPTIONAL_TABLES}.items()}
     scene = _table(Scene, accuracy=accuracy, **single, materials=materials, **lists, petsc=petsc)
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema", "title": "Scene of pcontact", **scene,

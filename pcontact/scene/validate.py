@@ -7,6 +7,7 @@ from pathlib import Path
 from pcontact.runtime.files import GEOMETRIES
 from pcontact.runtime.messages import CONTROL, closeness, input_error, listed, nearest, shown, unknown_name
 from pcontact.runtime.rules import PETSC_VALUE, TEXT, apply
+from pcontact.scene.dynamics_checks import check_dynamics
 from pcontact.scene.keys import keys
 from pcontact.scene.model import (
     CONTACT_DEFAULTS,
@@ -15,6 +16,7 @@ from pcontact.scene.model import (
     MOTION_KEYS,
     OBSTACLE_KEYS,
     OF_TOTALS,
+    OPTIONAL_TABLES,
     OUTER,
     RUBBER,
     SINGLE_TABLES,
@@ -94,6 +96,7 @@ def validate(scene: Scene) -> None:
     _check_periodic(scene)
     _check_estimate(scene)
     _check_temperatures(scene)
+    check_dynamics(scene)
     _check_unique(scene, "contacts", "name")
     _check_unique(scene, "regions", "name")
     if isinstance(scene.accuracy, Target):
@@ -139,7 +142,7 @@ def resolve_contacts(scene: Scene, overrides: Mapping[str, object], said: str = 
         for key, value in overrides.items()
         if value is not None
     }
-    contacts = [replace(contact, **_numerics(contact, given)) for contact in scene.contacts]
+    contacts = [replace(contact, **_numerics(scene, contact, given)) for contact in scene.contacts]
     resolved = replace(scene, contacts=contacts)
     for where, table in tables(resolved):
         if isinstance(table, Contact) and table.all:
@@ -149,11 +152,15 @@ def resolve_contacts(scene: Scene, overrides: Mapping[str, object], said: str = 
     return resolved
 
 
-def _numerics(contact, said):
+def _numerics(scene, contact, said):
     values = {"source": OUTER, "target": OUTER if contact.obstacle is None else None} if contact.all else {}
     for key, default in CONTACT_DEFAULTS.items():
         own = getattr(contact, key)
         values[key] = said.get(key, default if own is None else own)
+    if scene.dynamics is not None and "theta" not in said and contact.theta is None:
+        # the variant whose contact gives no energy to bodies that move
+        alone = not contact.all or len(scene.contacts) == 1
+        values["theta"] = 1.0 if values["formulation"] == "nitsche" and alone else 0.0
     if contact.pressure_overclosure is not None:
         # what the command line says of formulations is about hard surfaces
         own = 0.0 if contact.theta is None else contact.theta
@@ -173,6 +180,7 @@ def _check_types(scene):
         if not isinstance(getattr(scene, key), list | tuple):
             raise input_error(scene.where, key, shown(getattr(scene, key)), "a list")
     expected = [(key, getattr(scene, key), cls) for key, cls in SINGLE_TABLES.items()]
+    expected += [(key, one, cls) for key, cls in OPTIONAL_TABLES.items() if (one := getattr(scene, key)) is not None]
     expected += [(f"materials.{name}", material, Material) for name, material in scene.materials.items()]
     for key, cls in LIST_TABLES.items():
         expected += [(f"{key}[{index}]", item, cls) for index, item in enumerate(getattr(scene, key))]

@@ -68,6 +68,8 @@ class Problem:
         Number of the phase at whose beginning the bodies of a contact are as they are in the mesh, by its name.
     energy : pcontact.stepping.energy.EnergyBalance or None
         What sums up the works of the load steps.
+    inertia : pcontact.assembly.inertia.Inertia or None
+        That among the items.
     loose : sequence of int
         Bodies whose rigid motions get a coarse space, see `pcontact.solve.preconditioners.deflation`.
 
@@ -86,11 +88,16 @@ class Problem:
         self.total, self.springs, self.sections, self.release, self.energy = (), (), (), None, None
         self.equations, self.lower, self.since, self.averages = None, None, {}, ()
         self.fixed = np.ascontiguousarray(supports.fixed[space.owned_local])
-        self.groups, fixed = supports.groups, supports.fixed
-        self.matrix = ConstrainedMatrix(space, fixed, self.groups) if self.groups else GlobalMatrix(space, fixed)
+        self.groups = supports.groups
+        self.matrix, self.inertia = self.new_matrix(), None
         self._versions = None
         self.pattern_changes = 0
         self._committed, self._changed, self.goes_on = None, set(), False
+
+    def new_matrix(self):
+        """A matrix of the problem's unknowns, without entries. *Collective.*"""
+        fixed = self.supports.fixed
+        return ConstrainedMatrix(self.space, fixed, self.groups) if self.groups else GlobalMatrix(self.space, fixed)
 
     @property
     def linear(self):
@@ -142,7 +149,7 @@ class Problem:
         if self.goes_on:
             ahead.copy(before)
             ahead.copy(u)
-        self._enter(u, time)
+        self.enter(u, time)
         self._changed = self._changed_by_supports(before, u) if moves else set()
         self._committed = before if self.yields or self._changed or self.extrapolates else None
 
@@ -161,6 +168,10 @@ class Problem:
         # nothing is left to predict, and the first residual says nothing of the forces
         self._committed, self.goes_on = None, True
 
+    def expected(self, u, time):
+        """Displacement (n_owned, d) that an item expects at the end of a load step from ``u`` to a time; None."""
+        return next((one for one in (item.expected(u, time) for item in self.others) if one is not None), None)
+
     def integrable(self, u):
         """Whether all points of the bodies can be integrated: no cell is turned inside out. *Collective.*"""
         out = np.zeros((self.space.n_owned, self.space.dim))
@@ -178,7 +189,8 @@ class Problem:
         values = self.supports.values(time)[self.space.owned_local]
         return values if self.release is None else values + self.release.shift(time)
 
-    def _enter(self, u, time):
+    def enter(self, u, time):
+        """Enter the prescribed displacements of a time into ``u``. *Collective.*"""
         values = self._prescribed(time)
         array = u.getArray().reshape(values.shape)
         array[self.fixed] = values[self.fixed]
@@ -402,6 +414,8 @@ class Problem:
         """Part of the Newton step ``-y`` that all items admit; more than 1 where loose bodies touch nothing yet.
         *Collective.* `falls` (n_components,) of bool says which bodies nothing but the stabilisation holds back in it.
         """
+        if falls is None and any(item.holds for item in self.others):
+            falls = np.zeros(self.space.mesh.n_components, dtype=bool)
         parts = [item.step_limit(u, y, falls) for item in self.others]
         # nothing holds a loose body before it touches something: it goes there whatever its load is
         return min([part for part in parts if part is not None], default=1.0)
@@ -527,10 +541,10 @@ class Problem:
         return float(np.linalg.norm(total))
 
     def _drag(self, u):
-        """Forces (n_owned, d) of the viscous stabilisation on the bodies [force]. *Collective.*"""
+        """Forces (n_owned, d) on the bodies that answer their motions [force]. *Collective.*"""
         out = np.zeros((self.space.n_owned, self.space.dim))
-        if self.viscous is not None:
-            self.viscous.drag(u, out)
+        for item in self.others:
+            item.drag(u, out)
         return out
 
     def sum_of_magnitudes(self, u, borne):

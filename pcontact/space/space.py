@@ -179,6 +179,14 @@ class Space:
         total.destroy()
         return result
 
+    def at_nodes(self, values):
+        """Values (n_owned, d) of owned nodes, at all nodes of this rank (n_local, d). *Collective.*"""
+        vector = self.vector()
+        vector.setArray(values.ravel())
+        result = self.local.gather(vector)
+        vector.destroy()
+        return result
+
     def flag(self, local_nodes):
         """Flags (n_local,) of nodes that any rank names, so that shared nodes agree. *Collective.*
 

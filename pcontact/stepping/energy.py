@@ -6,9 +6,15 @@ dissipated, are functions of their state; so the balance
 
     loads + supports + obstacles + heat = stored + plastic + contacts + springs + viscous
 
+and with inertia
+
+    initial + loads + ... = kinetic + damping + numerical + stored + ...
+
 holds as far as load steps are short and equations are solved. Heat supplies what temperature changes of the elastic
 energy 1/2 (eps - alpha dT) C (eps - alpha dT) while nothing moves: with the thermal forces f and the energy c of cells
-that are kept from expanding, -1/2 (u_k + u_k+1) . (f_k+1 - f_k) + c_k+1 - c_k in a load step.
+that are kept from expanding, -1/2 (u_k + u_k+1) . (f_k+1 - f_k) + c_k+1 - c_k in a load step. What inertia and damping
+take up in the same sums is kinetic energy, a function of the state, the damping, and what the integrator dissipates
+(numerical): none with the trapezoidal rule, whose sums these are.
 """
 
 import numpy as np
@@ -37,7 +43,8 @@ class EnergyBalance:
     sums : dict of str to Sum
         Works so far [force * length]: ``loads``, ``supports`` and ``obstacles`` do them on the bodies, which do those
         of ``bodies`` (against their stresses), ``springs``, ``viscous`` and ``contact NAME`` (what is lost there);
-        ``heat`` without the energy of cells kept from expanding.
+        ``heat`` without the energy of cells kept from expanding; with inertia ``initial``, the energy that there is at
+        the beginning, ``damping``, and ``inertia``: with it, kinetic energy and what the integrator dissipates.
     """
 
     name = "energy"
@@ -53,6 +60,8 @@ class EnergyBalance:
             kinds += [f"contact {contact.name}" for contact in scene.contacts]
             kinds += ["obstacles"] if any(contact.obstacle for contact in scene.contacts) else []
         kinds += ["heat"] if problem.bulk.heat is not None else []
+        if problem.inertia is not None or any(scene.dynamics is not None for scene in before):
+            kinds += ["initial", "inertia", "damping"]
         self.sums = {kind: Sum() for kind in dict.fromkeys(kinds)}
         # forces at the end of the last load step, with the sign of the residual: of loads, supports, bodies, items
         names = ["loads", "supports", "bodies", *(f"item {k}" for k in range(len(problem.others)))]
@@ -68,6 +77,7 @@ class EnergyBalance:
         result = []
         for item in problem.others:
             kind = "springs" if id(item) in springs else "viscous" if item is problem.viscous else "loads"
+            kind = "inertia" if item is problem.inertia else kind
             result.append(of_contacts.get(id(item), kind))
         return result
 
@@ -112,6 +122,8 @@ class EnergyBalance:
                 given = -work(name, self._with_obstacle(item, start, values, begin, end))
                 own["obstacles"] += given
                 own[kind] += given
+        if problem.inertia is not None:
+            own["damping"] += problem.inertia.damped(u)
         total = problem.space.comm.allreduce(np.array([own[kind] for kind in self.sums]), op=MPI.SUM)
         for one, number in zip(self.sums.values(), total, strict=True):
             one.carried += float(number)
@@ -129,6 +141,14 @@ class EnergyBalance:
         """Begin a phase at ``u``, with the forces that its items exert there. *Collective.*"""
         self._last = self._forces(u)
 
+    def set_off(self, u, first):
+        """Begin at ``u`` with inertia: what moves there, and what is strained at the beginning of a run (`first`), is
+        energy that nobody has supplied. *Collective.*"""
+        kinetic = self._problem.inertia.kinetic()
+        self.sums["inertia"].carried += kinetic
+        self.sums["initial"].carried += kinetic + (self._problem.bulk.energies(u)[0] if first else 0.0)
+        self.begin(u)
+
     def _with_obstacle(self, pair, start, values, begin, end):
         """How nodes (n_owned, d) would move with the obstacle of a pair [length]."""
         space, obstacle = self._problem.space, pair.target
@@ -144,7 +164,8 @@ class EnergyBalance:
         -------
         dict
             The sums, those of contacts under ``contacts``; ``stored`` and, where bodies may yield, ``plastic``
-            [force * length], and ``defect``, what is missing in the balance over the largest part of it.
+            [force * length], and ``defect``, what is missing in the balance over the largest part of it. With inertia
+            ``kinetic`` and ``numerical``, too.
         """
         result = {kind: one.carried for kind, one in self.sums.items() if not kind.startswith("contact ")}
         contacts = {kind[len("contact ") :]: one.carried for kind, one in self.sums.items() if kind not in result}
@@ -156,8 +177,13 @@ class EnergyBalance:
             result["plastic"] = plastic
         if "heat" in result:
             result["heat"] += self._problem.bulk.heat.energy()
-        taken = [stored, plastic, *contacts.values(), result.get("springs", 0.0), result.get("viscous", 0.0)]
-        given = [result[kind] for kind in ("loads", "supports", "obstacles", "heat") if kind in result]
+        if "inertia" in result:
+            inertia = self._problem.inertia
+            result["kinetic"] = 0.0 if inertia is None else inertia.kinetic()
+            result["numerical"] = result.pop("inertia") - result["kinetic"] - result["damping"]
+        taken = [stored, plastic, *contacts.values()]
+        taken += [result[kind] for kind in ("springs", "viscous", "kinetic", "damping", "numerical") if kind in result]
+        given = [result[kind] for kind in ("loads", "supports", "obstacles", "heat", "initial") if kind in result]
         most = max(abs(number) for number in [*taken, *given])
         result["defect"] = (sum(given) - sum(taken)) / most if most > 0.0 else 0.0
         return result

@@ -18,6 +18,12 @@ ROUNDING_PART = 1e-4
 # [-] Part of the work of the stresses that a viscous stabilisation may take up without a word. From: chosen, as
 # UNBALANCED.
 VISCOUS = 1e-3
+# [-] Part of the energy that there is which may be missing, or come from nowhere, in a motion without a word.
+# From: chosen, of the order of what integrators dissipate in an impact.
+ENERGY_PART = 1e-2
+# [load steps] For so long all points have been open where what contact stores is nothing. From: chosen, longer than
+# points of bodies that part open and close.
+PARTED = 10
 
 
 class Recorder:
@@ -45,7 +51,7 @@ class Recorder:
         # the largest sum of magnitudes of the run so far, which a restarted run goes on with
         self._problem, self.carried, self._told = problem, 0.0, set()
         # the largest of the norms of the forces at work so far
-        self._acting = 0.0
+        self._acting, self._parted = 0.0, 0
         self._announce = Announcer(problem.space.mesh.component_names)
         space = problem.space
         self._bodies, self._held = bodies, _held(problem) if bodies else None
@@ -98,6 +104,9 @@ class Recorder:
             record["viscous"] = self._viscous(step.time, u)
         if problem.energy is not None:
             record["energy"] = problem.energy.record(u)
+        if problem.inertia is not None:
+            record["inertia"] = problem.inertia.record(u)
+            self._warn_of_energy(step.time, record)
         if problem.total:
             record["loads"] = {load.name: load.record(u, step.time) for load in problem.total}
         moved = u.getArray(readonly=True).reshape(-1, problem.space.dim)
@@ -197,6 +206,26 @@ class Recorder:
                 time, 100.0 * ratio, 100.0 * VISCOUS,
             )  # fmt: skip
         return {"work": viscous.taken.carried, "ratio": ratio}
+
+    def _warn_of_energy(self, time, record):
+        """Say once that the energies of a motion do not add up, and once that contact and integrator, which can but
+        take some, have made some. What is closed may store some, and give it back."""
+        energy = record.get("energy")
+        if energy is None:
+            return
+        closed = any(contact["stick"] or contact["slip"] for contact in record["contacts"].values())
+        self._parted = 0 if closed else self._parted + 1
+        there = max(abs(value) for value in energy.values() if not isinstance(value, dict))
+        made = -sum(energy.get("contacts", {}).values()) - energy["numerical"] if self._parted > PARTED else 0.0
+        found = {
+            "is missing in their balance: remedy: smaller load steps": abs(energy["defect"]),
+            'has come from nowhere, by contact and integrator: remedy: theta = 1 and integrator = "hht", smaller cells '
+            "where bodies meet": made / max(there, np.finfo(float).tiny),
+        }
+        for words, part in found.items():
+            if part > ENERGY_PART and words not in self._told:
+                self._told.add(words)
+                log.warning("time %g: %.2g %% of the energy of the bodies %s", time, 100.0 * part, words)
 
     def _warn_of_rounding(self, time, u):
         """Say once that a body is so stiff, and has moved so far, that rounding errors of its displacement show in the

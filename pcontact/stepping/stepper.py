@@ -152,6 +152,17 @@ class Stepper:
         self.schedule.resume(time, size)
         self.number, self.first = number, first
 
+    def begin(self):
+        """Begin a run, or a phase of it, at the committed displacement: bodies with inertia have a velocity, and forces
+        act from the first moment on. *Collective.*"""
+        inertia, energy = self.problem.inertia, self.problem.energy
+        if inertia is None:
+            return
+        time, fresh = self.schedule.time, not inertia.begun
+        inertia.start(self.problem, self.u, time, self.schedule.next())
+        if energy is not None and fresh:
+            energy.set_off(self.u, self.number == 0)
+
     def run(self):
         """All load steps. *Collective.*
 
@@ -214,7 +225,7 @@ class Stepper:
 
     def _attempt(self, target, before):
         start, (begin, renew, settle, rest) = clock.perf_counter(), self._stages
-        expected = None if begin is None else self._expected(begin(target))
+        expected = self._expected(self.problem.expected(self.u, target) if begin is None else begin(target))
         self.problem.time = target
         with profile.phase("search"):
             motion, ahead = self.problem.imposed(self.u, target), self._ahead(target, expected)

@@ -15,11 +15,13 @@ from pcontact.scene.keys import keys
 from pcontact.scene.model import (
     HEADERS,
     LIST_TABLES,
+    OPTIONAL_TABLES,
     SINGLE_TABLES,
     Body,
     Contact,
     Coupling,
     Displacement,
+    Dynamics,
     Equation,
     Load,
     Material,
@@ -60,7 +62,7 @@ def tables_in(text):
     if isinstance(top.get("accuracy"), dict):
         yield Target, {key: one for key, one in top["accuracy"].items() if key != "budget"}
         yield Budget, top["accuracy"].get("budget", {})
-    for name, cls in SINGLE_TABLES.items():
+    for name, cls in {**SINGLE_TABLES, **OPTIONAL_TABLES}.items():
         yield cls, found.get(name, {})
     yield from ((Material, one) for one in found.get("materials", {}).values())
     for name, cls in LIST_TABLES.items():
@@ -107,13 +109,14 @@ def whole(folder):
         steps=Steps(), output=Output(), accuracy=Target(0.02, budget=Budget()), beside=folder,
         springs=[Spring("top", per_area=1.0)], temperatures=[Temperature(1.0)], couplings=[Coupling("side")],
         phases=[Phase("on")], pretensions=[Pretension("cut", force=1.0)], equations=[Equation([("a", "x", 1.0)])],
-        periodic=[Periodic("left", "right", [1, 0])], regions=[Region("top")],
+        periodic=[Periodic("left", "right", [1, 0])], regions=[Region("top")], dynamics=Dynamics(),
     )  # fmt: skip
 
 
 def table_of(scene, cls):
     """A table of a scene, by its class."""
-    every = [scene, scene.mesh, scene.steps, scene.output, scene.accuracy, scene.accuracy.budget, scene.materials["m"],
+    every = [scene, scene.mesh, scene.steps, scene.output, scene.dynamics, scene.accuracy, scene.accuracy.budget,
+             scene.materials["m"],
              scene.contacts[0].obstacle, *(one for name in LIST_TABLES for one in getattr(scene, name))]  # fmt: skip
     return next(one for one in every if type(one) is cls)
 

@@ -23,6 +23,7 @@ from pcontact.runtime.petsc import MPI
 from pcontact.scene.model import (
     Contact,
     Coupling,
+    Dynamics,
     Load,
     Obstacle,
     Periodic,
@@ -111,6 +112,10 @@ def with_piece(path, piece):
     if piece == "viscous stabilisation":
         result = scene(path)
         result.steps.viscous_stabilisation = 1e-3
+        return result
+    if piece == "inertia":
+        result = scene(path)
+        result.dynamics, result.materials["soft"].density = Dynamics(), 1.0
         return result
     if piece == "mean dilatation":
         result = scene(path)

@@ -29,6 +29,7 @@ PIECES = {
     "pressure that follows": (("assembly.follower", "assembly.follower_kernels"), ()),
     "viscous stabilisation": (("assembly.viscous",), ()),
     "springs": (("assembly.springs",), ()),
+    "inertia": (("assembly.inertia", "assembly.mass"), ()),
     "pre-tension": (("space.section", "mesh.section"), ("plane",)),
     "phases": (("assembly.release",), ()),
     "equations": (("space.equations",), ()),
@@ -105,12 +106,13 @@ KEYS = {
     },
     "Material": {
         ANY: "E nu", "plasticity": "yield_stress hardening kinematic_hardening hardening_curve",
-        "finite strain": "law mooney_rivlin ogden split", "thermal strain": "expansion", "loads": "density",
+        "finite strain": "law mooney_rivlin ogden split", "thermal strain": "expansion", "inertia": "density",
         "orthotropic materials": "G axes angle point axis", "laws from outside": "parameters",
     },
     "Body": {
         ANY: "region material", "finite strain": "strain", "reduced integration": "integration", "equations": "order",
         "bodies that come and go": "phases",
+        "inertia": "initial_velocity initial_displacement mass_damping stiffness_damping",
     },
     "Contact": {
         ANY: "source target name bilateral theta gamma0 alpha adjoint quadrature search_radius interference",
@@ -143,6 +145,7 @@ KEYS = {
         ANY: "end count min_step", "sizes of load steps": "control max_step",
         "viscous stabilisation": "viscous_stabilisation",
     },
+    "Dynamics": {"inertia": "integrator alpha mass phases"},
     "Output": {
         "fields": "fields", "smooth fields": "smooth", "fields in one file": "format compression",
         "checkpoints": "checkpoint checkpoint_every", "probes": "probes", "energy": "energy",

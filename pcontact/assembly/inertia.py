@@ -1,0 +1,242 @@
+"""The item of inertia: M a + C v beside the forces of all other items, by an integrator of the table.
+
+With the numbers f, m, d0, d1, s0, s1 of `pcontact.scene.integrators`, the forces q that accelerate nodes (those of all
+other items, of supports and of damping, with the sign of M a) follow at the end of a step from
+
+    (1 - f) q1 = (1 - m) M a1 + m M a0 - f q0,
+
+where a1 and v1 are linear in the displacement u1. What the item adds to the sum of the others, C v1 + q1, is therefore
+known from u1 and from its own state (v, a, q) at the beginning: it needs no force of any other item, and what is left
+at supports are their reactions.
+"""
+
+import numpy as np
+
+from pcontact.assembly.item import LAW, Item
+from pcontact.runtime.parallel import take_rows
+from pcontact.runtime.petsc import MPI, PETSc
+from pcontact.space.moments import moments
+
+# what a checkpoint keeps of every node
+STATE = ("velocity", "acceleration", "force")
+# [-] Relative residual of the mass matrix at the beginning. From: chosen, rounding errors of some hundred terms.
+MASS_RTOL = 1e-13
+
+
+class Inertia(Item):
+    """Inertia of all bodies, with damping that is linear in the velocity.
+
+    Parameters
+    ----------
+    space : pcontact.space.space.Space
+    mass : pcontact.assembly.mass.Mass
+    damping : ndarray (nnz, d, d) or None
+        C on the pattern of the mass [force * time / length].
+    weights : pcontact.scene.integrators.Weights
+    initial : callable
+        Displacement and velocity (n_owned, d) of the owned nodes at the beginning [length, length / time].
+
+    Attributes
+    ----------
+    velocity, acceleration, force : ndarray (n_owned, d)
+        State at the end of the last step: v, a and q.
+    begun : bool
+        Whether there has been one.
+    """
+
+    name, changes, holds = "inertia", False, True
+
+    def __init__(self, space, mass, damping, weights, initial):
+        self.space, self.mass, self._damping, self._weights, self._initial = space, mass, damping, weights, initial
+        self.velocity, self.acceleration, self.force = (np.zeros((space.n_owned, space.dim)) for _ in STATE)
+        # of the last step; whether it goes on: if not, forces are those of the state
+        self._since, self._size, self._begin, self._goes_on = 0.0, 0.0, np.zeros_like(self.velocity), False
+        self.begun = False
+
+    # -- a step -----------------------------------------------------------------------------------------------------
+
+    def expected(self, u, time):
+        """Where nodes are (n_owned, d) at a time if accelerations stay as they are [length]."""
+        size = time - self._since
+        way = size * self.velocity + size**2 * sum(self._weights.displacement) * self.acceleration
+        return self._values(u) + way
+
+    def detect(self, u, time, motion=0.0, ahead=None):
+        """A step to a time begins at ``u``."""
+        self._size, self._begin = time - self._since, self._values(u).copy()
+        self._goes_on = self._size > 0.0
+
+    def commit(self, u, time):
+        """The step has ended at ``u``. *Collective.*"""
+        if self._goes_on:
+            acceleration, velocity = self._motion(u)
+            self.force = self._forces(acceleration)
+            self.velocity, self.acceleration = velocity, acceleration
+        self._since, self._goes_on = time, False
+
+    def _values(self, u):
+        return u.getArray(readonly=True).reshape(-1, self.space.dim)
+
+    def _motion(self, u):
+        """Acceleration and velocity (n_owned, d) at the end of the step."""
+        size, (first, last), (own, then) = self._size, self._weights.displacement, self._weights.velocity
+        way = self._values(u) - self._begin
+        acceleration = (way - size * self.velocity - size**2 * first * self.acceleration) / (size**2 * last)
+        return acceleration, self.velocity + size * (own * self.acceleration + then * acceleration)
+
+    def _forces(self, acceleration):
+        """q1 (n_owned, d) of the acceleration at the end of the step. *Collective.*"""
+        mass, force = self._weights.mass, self._weights.force
+        product = self.mass.times((1.0 - mass) * acceleration + mass * self.acceleration)
+        return (product - force * self.force) / (1.0 - force)
+
+    def _drag(self, velocity):
+        """C v (n_owned, d), or 0. *Collective.*"""
+        return 0.0 if self._damping is None else self.mass.times(velocity, self._damping)
+
+    def _sum(self, u):
+        """C v + q (n_owned, d) at ``u``, or of the state between steps. *Collective.*"""
+        if not self._goes_on:
+            return self._drag(self.velocity) + self.force
+        acceleration, velocity = self._motion(u)
+        return self._drag(velocity) + self._forces(acceleration)
+
+    def pattern(self):
+        """That of cells."""
+        return self.mass.rowptr, self.mass.columns
+
+    def residual(self, u, out, rule=LAW):
+        """Add C v + q to ``out`` (n_owned, d). *Collective.*"""
+        out += self._sum(u)
+
+    def drag(self, u, out):
+        """Add the forces of inertia and damping on the bodies to ``out`` (n_owned, d) [force]. *Collective.*"""
+        out -= self._sum(u)
+
+    def add_magnitude(self, u, out):
+        """Add the sum of the absolute terms of :meth:`residual` to ``out`` (n_owned, d). *Collective.*"""
+        if self._size == 0.0:
+            return
+        size, (first, last) = self._size, self._weights.displacement
+        way = np.abs(self._values(u)) + np.abs(self._begin) + size * np.abs(self.velocity)
+        way += size**2 * abs(first) * np.abs(self.acceleration)
+        out += self.mass.times(way / (size**2 * last), np.abs(self.mass.values))
+
+    def tangent(self, u, rule=LAW):
+        """Values (nnz, d, d) on :meth:`pattern`."""
+        size, weights = self._size, self._weights
+        last = size * weights.displacement[1]
+        values = (1.0 - weights.mass) / (1.0 - weights.force) / (size * last) * self.mass.values
+        return values if self._damping is None else values + weights.velocity[1] / last * self._damping
+
+    # -- the beginning ----------------------------------------------------------------------------------------------
+
+    def start(self, problem, u, time, end):
+        """Begin at a time, unless that has been done: enter displacement and velocity of the nodes, and find the
+        acceleration that the forces there leave. *Collective.*
+
+        Parameters
+        ----------
+        problem : pcontact.solve.problem.Problem
+            This item among its own.
+        u : PETSc.Vec
+            The committed displacement; overwritten.
+        time, end : float
+            Of the first step: what supports prescribe moves in it with constant velocity.
+        """
+        if self.begun:
+            return
+        self._since, self._goes_on, problem.time = time, False, time
+        self.velocity, self.acceleration, self.force = (np.zeros_like(self.velocity) for _ in STATE)
+        displacement, velocity = self._initial(time)
+        moved = displacement is not None
+        if moved:
+            u.setArray(displacement.ravel())
+        # what supports and groups prescribe holds from the beginning
+        problem.enter(u, time)
+        then = u.copy()
+        problem.enter(then, end)
+        self.velocity = np.where(problem.fixed, 0.0, velocity)
+        for group in problem.groups:
+            group.follow(self.velocity)
+        self.velocity += (self._values(then) - self._values(u)) / (end - time)
+        for at in (None, u) if moved else (u,):
+            for item in problem.items:
+                where = problem.undeformed(item) if at is None else at
+                item.detect(where, time)
+                if moved:
+                    item.commit(where, time)
+        forces = problem.unbalanced(u)
+        problem.condense(forces)
+        self.acceleration = self._accelerations(problem, -forces)
+        self.force, self.begun = self.mass.times(self.acceleration), True
+
+    def _accelerations(self, problem, forces):
+        """Of nodes whose forces (n_owned, d) are condensed; of prescribed components 0. *Collective.*"""
+        space, matrix = self.space, problem.new_matrix()
+        none = np.zeros(space.n_owned + 1, dtype=np.int64), np.zeros(0, dtype=np.int64)
+        matrix.renew(self.pattern(), none)
+        matrix.write(self.mass.values, np.zeros((0, space.dim, space.dim)), np.zeros(space.n_owned))
+        right, left = space.vector(), space.vector()
+        right.setArray(forces.ravel())
+        ksp = PETSc.KSP().create(comm=space.comm)
+        ksp.setType("cg")
+        ksp.getPC().setType("jacobi")
+        ksp.setTolerances(rtol=MASS_RTOL, atol=0.0, max_it=10000)
+        ksp.setOperators(matrix.matrix)
+        ksp.solve(right, left)
+        ksp.destroy()
+        problem.follow(left)
+        return self._values(left).copy()
+
+    def fields_of_nodes(self):
+        """Velocity and acceleration."""
+        return {name: getattr(self, name) for name in STATE[:2]}
+
+    # -- energy -----------------------------------------------------------------------------------------------------
+
+    def _work(self, forces, motion):
+        return self.space.comm.allreduce(float(np.sum(forces * motion)), op=MPI.SUM)
+
+    def kinetic(self):
+        """Kinetic energy of the state [force * length]. *Collective.*"""
+        return 0.5 * self._work(self.mass.times(self.velocity), self.velocity)
+
+    def damped(self, u):
+        """What damping takes up in the step that goes on to ``u``, by the trapezoidal rule, on this rank
+        [force * length]. *Collective.*"""
+        if self._damping is None:
+            return 0.0
+        velocity = self._motion(u)[1]
+        return 0.5 * float(np.sum(self._drag(self.velocity + velocity) * (self._values(u) - self._begin)))
+
+    def record(self, u):
+        """Momentum, and moment of momentum about the origin, for the report. *Collective.*"""
+        space, momentum = self.space, self.mass.times(self.velocity)
+        places = space.points[space.owned_local] + self._values(u)
+        about = np.atleast_1d(moments(places, momentum))
+        sums = space.comm.allreduce(np.concatenate([momentum.sum(axis=0), about]), op=MPI.SUM)
+        d = space.dim
+        result = {"momentum": sums[:d].tolist()}
+        if not space.axisymmetric:
+            result["moment_of_momentum"] = sums[d:].tolist() if d == 3 else float(sums[d])
+        return result
+
+    # -- a checkpoint -----------------------------------------------------------------------------------------------
+
+    def memory_keys(self):
+        """Numbers (n_owned,) of the owned nodes."""
+        return self.space.mesh.file_nodes[self.space.mesh_nodes[self.space.owned_local]]
+
+    def memory(self):
+        """Velocity, acceleration and force."""
+        return {name: (self.memory_keys(), getattr(self, name)) for name in STATE}
+
+    def recall(self, name, chunks):
+        """See :meth:`pcontact.assembly.item.Item.recall`."""
+        if name not in STATE:
+            return None
+        values, self.begun = np.zeros_like(self.velocity), True
+        count = take_rows(self.memory_keys(), chunks, values)
+        setattr(self, name, values)
+        return count

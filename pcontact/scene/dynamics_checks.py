@@ -1,0 +1,54 @@
+"""Checks of inertia: every body has a mass, and nothing is asked for that knows of statics alone."""
+
+from pcontact.runtime.messages import input_error
+from pcontact.scene.integrators import INTEGRATORS
+from pcontact.scene.model import Body, Scene
+from pcontact.scene.phases import DAMPING, STARTS
+from pcontact.scene.places import place
+from pcontact.scene.target import Target
+
+
+def check_dynamics(scene: Scene) -> None:
+    """What a scene says of inertia.
+
+    Raises
+    ------
+    InputError
+    """
+    if scene.dynamics is None:
+        for number, body in enumerate(scene.bodies):
+            for key in (key for key in (*STARTS, *DAMPING) if getattr(body, key) != getattr(Body, key)):
+                where = f"{place('bodies', number, body.region)}.{key}"
+                raise input_error(scene.where, where, f"{key} without [dynamics]", "[dynamics] as well")
+        return
+    known = INTEGRATORS[scene.dynamics.integrator].alpha
+    if scene.dynamics.alpha is not None and known is None:
+        found = f'{scene.dynamics.alpha:g} with integrator = "{scene.dynamics.integrator}"'
+        allowed = " or ".join(f'"{name}"' for name, one in INTEGRATORS.items() if one.alpha is not None)
+        raise input_error(scene.where, "dynamics.alpha", found, f"nothing, or integrator = {allowed}")
+    for number, body in enumerate(scene.bodies):
+        _check_body(scene, place("bodies", number, body.region), body)
+    if isinstance(scene.accuracy, Target):
+        found = f"{scene.accuracy.error:g} together with [dynamics]"
+        raise input_error(scene.where, "accuracy.error", found, "no [dynamics]: the error of motions is not estimated")
+    if scene.output.estimate:
+        found = "true together with [dynamics]"
+        raise input_error(scene.where, "output.estimate", found, "false: the error of motions is not estimated")
+
+
+def _check_body(scene, where, body):
+    """A body has a mass, and damping that is defined."""
+    material = scene.materials[body.material]
+    if material.density is None and not body.absent:
+        found = f"nothing, with [dynamics] (body {body.region})"
+        raise input_error(scene.where, f"materials.{body.material}.density", found, "a number > 0, mass per volume")
+    for key, bad in (("finite strain", scene.finite(body)), ("an orthotropic material", material.orthotropic)):
+        if body.stiffness_damping and bad:
+            found = f"{body.stiffness_damping:g} of a body with {key}"
+            allowed = "0: take mass_damping, or what the integrator damps"
+            raise input_error(scene.where, f"{where}.stiffness_damping", found, allowed)
+    if body.initial_displacement is not None and scene.dynamics.phases is not None:
+        first = scene.phases[0].name if scene.phases else None
+        if first not in scene.dynamics.phases:
+            found = f"a displacement, and the phase {first!r} without inertia before"
+            raise input_error(scene.where, f"{where}.initial_displacement", found, "nothing, or inertia from the first")

@@ -1,0 +1,146 @@
+"""Runs with inertia: restart, ranks, phases, fields; and nothing of it without."""
+
+from dataclasses import replace
+
+import meshio
+import numpy as np
+import pytest
+
+from meshes import one_block
+from pcontact.io.checkpoint import NAME
+from pcontact.runtime.errors import InputError
+from pcontact.runtime.petsc import MPI
+from pcontact.scene.model import (
+    Body,
+    Coupling,
+    Displacement,
+    Dynamics,
+    Load,
+    Material,
+    MeshSpec,
+    Output,
+    Phase,
+    Scene,
+    Steps,
+)
+from pcontact.simulation import Simulation
+from tests.support.dynamics import HEIGHT, bar, collision, make
+from tests.support.restarts import STOP, Keep, run
+
+WORLD, SELF = MPI.COMM_WORLD, MPI.COMM_SELF
+parallel = pytest.mark.parallel
+
+
+def energies(steps):
+    return np.array([[step["energy"][key] for key in ("kinetic", "stored", "numerical", "defect")] for step in steps])
+
+
+@parallel
+@pytest.mark.usefixtures("one_order")
+@pytest.mark.parametrize("integrator", ["hht", "bossak"])
+def test_a_restart_goes_on_as_the_run_would(shared_tmp, integrator):
+    """Interrupted in flight, and hit after that: finite strain, friction; the same digits on the same ranks."""
+    scene = collision(shared_tmp, 0.02, 0.24, integrator=integrator)
+    scene.output = Output(fields=False, checkpoint=True)
+    out, dead = shared_tmp / "out", shared_tmp / "dead"
+    full = run(scene, WORLD, out, [Keep(out, dead, WORLD)])
+    again = run(scene, WORLD, shared_tmp / "again", restart=dead)
+    assert len(again) == len(full) - STOP and full[-1]["contacts"]["pair"]["force"][1] != 0.0
+    for a, b in zip(full[STOP:], again, strict=True):
+        assert a["newton"] == b["newton"]
+        for name in ("inertia", "energy"):
+            for key, value in a[name].items():
+                assert b[name][key] == pytest.approx(value, rel=1e-12, abs=1e-13)
+    if WORLD.size > 1:
+        alone = run(scene, SELF, shared_tmp / f"alone{WORLD.rank}", restart=dead)
+        assert energies(alone) == pytest.approx(energies(full[STOP:]), abs=1e-8)
+
+
+def test_a_checkpoint_is_of_its_integrator(shared_tmp):
+    scene = collision(shared_tmp, 0.02, 0.1)
+    scene.output = Output(fields=False, checkpoint=True)
+    run(scene, SELF, shared_tmp / "out")
+    assert (shared_tmp / "out" / NAME).exists()
+    scene.dynamics = Dynamics(integrator="trapezoidal")
+    with pytest.raises(InputError, match=r"dynamics\.integrator: found trapezoidal; allowed: .*default"):
+        run(scene, SELF, shared_tmp / "again", restart=shared_tmp / "out")
+
+
+def test_phases_of_statics_and_of_motion(shared_tmp):
+    """A bar is stretched, let go, and swings about where it would rest; then it stands still."""
+    path = make(one_block, shared_tmp / "rod.msh", 2, (20, 1))
+    supports = [Displacement("left", [0.0, "free"])] + [Displacement(side, ["free", 0.0]) for side in ("bottom", "top")]
+    scene = Scene(
+        MeshSpec(path), {"m": Material(1.0, 0.0, density=1.0)}, [Body("block", "m")],
+        displacements=[*supports, Displacement("right", [0.01, "free"], phases=["stretch"])],
+        phases=[Phase("stretch"), Phase("let go", 0.02, 1), Phase("swing", 4.0, 80), Phase("rest")],
+        output=Output(fields=False, probes=["right"]),
+        dynamics=Dynamics(integrator="trapezoidal", phases=["let go", "swing"]),
+    )  # fmt: skip
+    steps = run(scene, SELF, shared_tmp / "out")
+    end = np.array([step["probes"]["right"]["mean"][0] for step in steps])
+    phase = [step["phase"] for step in steps]
+    swing = end[[name == "swing" for name in phase]]
+    # a quarter of a period is L / c = 1: it goes from 0.01 to -0.01 and back
+    assert swing.min() == pytest.approx(-0.01, rel=0.08) and swing[-1] == pytest.approx(0.01, rel=0.08)
+    assert end[-1] == pytest.approx(0.0, abs=1e-12) and steps[-1]["energy"]["kinetic"] == 0.0
+    stretched = steps[0]["energy"]["stored"]
+    moving = [step for step, name in zip(steps, phase, strict=True) if name == "swing"]
+    for step in moving:
+        assert step["energy"]["kinetic"] + step["energy"]["stored"] == pytest.approx(stretched, rel=0.02)
+        assert abs(step["energy"]["defect"]) < 1e-10
+
+
+def test_a_rigid_group_has_the_mass_of_its_cells(shared_tmp):
+    """A block that is one rigid group: a force moves it, and turns it, as a rigid body."""
+    path = make(one_block, shared_tmp / "block.msh", 2, 3)
+    scene = Scene(
+        MeshSpec(path), {"m": Material(100.0, 0.3, density=3.0)}, [Body("block", "m")], couplings=[Coupling("block")],
+        loads=[Load("block", force=[0.06, 0.0], moment=0.02, amplitude=[(0, 1), (1, 1)])], steps=Steps(0.5, 10),
+        output=Output(fields=False), dynamics=Dynamics(integrator="trapezoidal"),
+    )  # fmt: skip
+    steps = run(scene, SELF, shared_tmp / "out")
+    motion = steps[-1]["couplings"]["block"]
+    assert motion["displacement"] == pytest.approx([0.5 * 0.02 * 0.25, 0.0], rel=1e-8, abs=1e-12)
+    assert motion["rotation"] == pytest.approx(0.5 * 0.02 / (3.0 / 6.0) * 0.25, rel=1e-8)
+    assert steps[-1]["inertia"]["momentum"] == pytest.approx([0.03, 0.0], rel=1e-8, abs=1e-12)
+
+
+def test_fields_of_nodes(shared_tmp):
+    scene = collision(shared_tmp, 0.02, 0.04, strain="small")
+    scene.output = Output(fields=True, format="vtu")
+    run(scene, SELF, shared_tmp / "out")
+    data = meshio.read(next((shared_tmp / "out").rglob("*bodies*2*.vtu"))).point_data
+    y = meshio.read(shared_tmp / "two2.msh").points[:, 1]
+    assert data["velocity"].shape == data["acceleration"].shape
+    assert np.abs(data["velocity"][:, 1]).max() == pytest.approx(1.0 + 0.4 * 0.5, rel=1e-6) and len(y)
+
+
+@pytest.mark.parametrize("said", [True, False])
+def test_supports_that_move_are_in_the_balance(shared_tmp, said):
+    """The end of a free rod is drawn with constant velocity from the first moment on: half of the work is stored."""
+    path = make(one_block, shared_tmp / "rod.msh", 2, (20, 1))
+    supports = [Displacement(side, ["free", 0.0]) for side in ("bottom", "top")]
+    scene = Scene(
+        MeshSpec(path), {"m": Material(1.0, 0.0, density=1.0)}, [Body("block", "m")],
+        displacements=[*supports, Displacement("left", [0.01, "free"], [(0, 0), (1, 1)] if said else None)],
+        steps=Steps(1.0, 60), output=Output(fields=False), dynamics=Dynamics(),
+    )  # fmt: skip
+    energy = run(scene, SELF, shared_tmp / "out")[-1]["energy"]
+    # the wave has just reached the other end: all moves, with 1/2 rho v^2, and is strained by v / c
+    assert energy["kinetic"] == pytest.approx(0.5e-4, rel=0.05) and energy["stored"] == pytest.approx(0.5e-4, rel=0.05)
+    assert energy["supports"] == pytest.approx(1e-4, rel=0.05) and abs(energy["defect"]) < 1e-9
+
+
+def test_a_run_without_has_nothing_of_it(shared_tmp):
+    """Neither an item, nor a key of the report."""
+    scene = replace(bar(shared_tmp, 4, 0.1), dynamics=None)
+    scene.bodies = [Body("block", "m")]
+    scene.displacements.append(Displacement("top", ["free", -HEIGHT]))
+    simulation = Simulation(scene, SELF)
+    try:
+        assert simulation.problem.inertia is None and simulation.problem.energy is None
+        assert all(item.name != "inertia" for item in simulation.problem.items)
+        assert scene.output.energy is False and simulation.scene.contacts[0].theta == 0.0
+    finally:
+        simulation.free()
