@@ -688,7 +688,7 @@ def _inertia(scene, space, constants):
         damping = ElasticBulk(space, scaled).values + (0.0 if damping is None else damping)
     row = INTEGRATORS[said.integrator]
     weights = row.weights(row.alpha if said.alpha is None else said.alpha)
-    return Inertia(space, mass, damping, weights, partial(_initial_motion, scene, space))
+    return Inertia(space, mass, damping, weights, partial(_initial_motion, scene, space), said.step_error)
 
 
 def _initial_motion(scene, space, time):

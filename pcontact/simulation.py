@@ -353,12 +353,17 @@ class Simulation:
             self._carriers |= {"viscous_work": viscous.taken, "stress_work": viscous.stressed}
         if self.problem.energy is not None:
             self._carriers |= self.problem.energy.carried
+        if self.problem.inertia is not None:
+            self._carriers["fastest"] = self.problem.inertia
         if lasting.fields:
             self.snapshot = Snapshot(self.problem, self.timing, output.smooth, estimate)
         checkpoint = None
         if directory is not None and output.checkpoint:
             checkpoint = Checkpoint(directory, space, self.problem.parts, schedule, output.checkpoint_every,
                                     self._identity, first, self._carriers)  # fmt: skip
+        # steps that are short are alike: what serves one serves the next, unless another run has to repeat it
+        if any(item.holds for item in self.problem.items) and checkpoint is None and self.restart is None:
+            self.newton.lasting = True
         writer = lasting.writer
         if writer is not None:
             writer.snapshot = self.snapshot

@@ -33,6 +33,8 @@ class Inertia(Item):
     damping : ndarray (nnz, d, d) or None
         C on the pattern of the mass [force * time / length].
     weights : pcontact.scene.integrators.Weights
+    step_error : float or None
+        Local error of the velocity that is allowed, as a part of the largest velocity so far.
     initial : callable
         Displacement and velocity (n_owned, d) of the owned nodes at the beginning [length, length / time].
 
@@ -42,12 +44,15 @@ class Inertia(Item):
         State at the end of the last step: v, a and q.
     begun : bool
         Whether there has been one.
+    carried : float
+        Largest norm of the velocity so far, sqrt(v M v), where the length of steps asks for it.
     """
 
     name, changes, holds = "inertia", False, True
 
-    def __init__(self, space, mass, damping, weights, initial):
+    def __init__(self, space, mass, damping, weights, initial, step_error=None):
         self.space, self.mass, self._damping, self._weights, self._initial = space, mass, damping, weights, initial
+        self._allowed, self.carried = step_error, 0.0
         self.velocity, self.acceleration, self.force = (np.zeros((space.n_owned, space.dim)) for _ in STATE)
         # of the last step; whether it goes on: if not, forces are those of the state
         self._since, self._size, self._begin, self._goes_on = 0.0, 0.0, np.zeros_like(self.velocity), False
@@ -65,6 +70,17 @@ class Inertia(Item):
         """A step to a time begins at ``u``."""
         self._size, self._begin = time - self._since, self._values(u).copy()
         self._goes_on = self._size > 0.0
+
+    def error(self, u):
+        """Of the velocity, from the change of the acceleration in the step: what the integrator takes of dt^3 u''' less
+        what a Taylor series does; over the allowed part of the largest velocity so far. *Collective.*"""
+        if self._allowed is None or not self._goes_on:
+            return 0.0
+        acceleration, velocity = self._motion(u)
+        change = acceleration - self.acceleration
+        wrong, fast = (np.sqrt(self._work(self.mass.times(one), one)) for one in (change, velocity))
+        self.carried = max(self.carried, fast)
+        return self._weights.error * self._size * wrong / max(self._allowed * self.carried, np.finfo(float).tiny)
 
     def commit(self, u, time):
         """The step has ended at ``u``. *Collective.*"""

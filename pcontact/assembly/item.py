@@ -168,6 +168,10 @@ class Item:
         """
         return False
 
+    def error(self, u):
+        """Local error of the load step that ends at ``u``, over the one that is allowed; 0 for no say. *Collective.*"""
+        return 0.0
+
     def commit(self, u, time):
         """End the load step: what the next one needs to know is that of ``u``. *Collective.*"""
 

@@ -26,6 +26,9 @@ def check_dynamics(scene: Scene) -> None:
         found = f'{scene.dynamics.alpha:g} with integrator = "{scene.dynamics.integrator}"'
         allowed = " or ".join(f'"{name}"' for name, one in INTEGRATORS.items() if one.alpha is not None)
         raise input_error(scene.where, "dynamics.alpha", found, f"nothing, or integrator = {allowed}")
+    if scene.dynamics.step_error is not None and scene.steps.control != "auto":
+        found = f'{scene.dynamics.step_error:g} with control = "{scene.steps.control}"'
+        raise input_error(scene.where, "dynamics.step_error", found, '[steps] control = "auto", or nothing')
     for number, body in enumerate(scene.bodies):
         _check_body(scene, place("bodies", number, body.region), body)
     if isinstance(scene.accuracy, Target):

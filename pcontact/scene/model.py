@@ -897,6 +897,10 @@ class Dynamics:
         choice("consistent", "lumped"), "of cells: as the displacement has it, or at their nodes", default="consistent",
         more="lumped: the diagonal of the consistent one, scaled to the mass of the cell",
     )  # fmt: skip
+    step_error: float | None = key(
+        POSITIVE, "with `control = \"auto\"` of `[steps]`: local error that the length of steps follows", default=None,
+        otherwise="none", more="of the velocity, as a part of the largest one so far; see [dynamics.md](dynamics.md)",
+    )  # fmt: skip
     phases: Sequence[str] | None = phases("bodies have inertia; in all others they stand still at once")
 
 

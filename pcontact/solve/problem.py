@@ -172,6 +172,10 @@ class Problem:
         """Displacement (n_owned, d) that an item expects at the end of a load step from ``u`` to a time; None."""
         return next((one for one in (item.expected(u, time) for item in self.others) if one is not None), None)
 
+    def error(self, u):
+        """Largest local error of the load step that ends at ``u``, over the one that is allowed. *Collective.*"""
+        return max((item.error(u) for item in self.others), default=0.0)
+
     def integrable(self, u):
         """Whether all points of the bodies can be integrated: no cell is turned inside out. *Collective.*"""
         out = np.zeros((self.space.n_owned, self.space.dim))

@@ -85,6 +85,9 @@ class Schedule:
     SHORTER = 0.5
     # [-] Multiple of its length that a load step becomes at most. From: the inverse of SHORTER.
     LONGER = 2.0
+    # [-] Multiple of the local error that is allowed from which on a step is taken again.
+    # From: a step half as long has a quarter of it.
+    WRONG = 4.0
     # [radian] Farthest that supports and obstacles turn in a load step. From: straight ways of nodes shorten a body by
     # 1 - cos of the half of it, 0.4 %.
     TURN = np.radians(10.0)
@@ -142,17 +145,23 @@ class Schedule:
         """Go on from a time with a load step that an earlier run had reached."""
         self.time, self._step = time, min(size, self._largest)
 
-    def accept(self, target, iterations):
-        """The step to ``target`` converged in some Newton iterations."""
+    def accept(self, target, iterations, error=0.0):
+        """The step to ``target`` converged in some Newton iterations, with a local error over the allowed one; 0 where
+        nobody asks."""
         taken, self.time = target - self.time, target
         if self._control.longest is not None:
-            self._follow(taken, iterations)
+            self._follow(taken, iterations, error)
         elif iterations <= self.EASY:
             self._step = min(2.0 * self._step, self._largest)
 
-    def _follow(self, taken, iterations):
-        """The next load step is as long as the iterations of one of some length say."""
-        factor = min(max(np.sqrt(self.WANTED / max(iterations, 1)), self.SHORTER), self.LONGER)
+    def refuses(self, target, error):
+        """Whether the step to ``target`` is too long for its local error, and can be made shorter."""
+        return error > self.WRONG and 0.5 * (target - self.time) >= self.smallest
+
+    def _follow(self, taken, iterations, error):
+        """The next load step is as long as the iterations of one of some length say, and its local error."""
+        factor = np.sqrt(min(self.WANTED / max(iterations, 1), 1.0 / error if error > 0.0 else np.inf))
+        factor = min(max(factor, self.SHORTER), self.LONGER)
         step = factor * taken
         # a load step that a stop has cut short says little of longer ones unless it was hard
         self._step = max(step, self.smallest) if factor < 1.0 else min(max(step, self._step), self._largest)

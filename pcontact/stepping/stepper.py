@@ -2,7 +2,7 @@
 
 import time as clock
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -176,6 +176,9 @@ class Stepper:
             target = self.schedule.next()
             committed = self.u.copy()
             result = self._attempt(target, committed)
+            error = self.problem.error(self.u) if result.converged else 0.0
+            if self.schedule.refuses(target, error):
+                result = replace(result, converged=False, reason=f"a local error of {error:.2g} times the allowed one")
             if result.converged:
                 told = self._tells(target)
                 with profile.phase("output"):
@@ -184,7 +187,7 @@ class Stepper:
                     item.commit(self.u, target)
                 self._last = self.schedule.time, committed
                 solves = 1 + result.uzawa["updates"] if result.uzawa else 1
-                self.schedule.accept(target, result.newton // solves)
+                self.schedule.accept(target, result.newton // solves, error)
                 self.number += 1
                 self.first = target if self.first is None else self.first
                 cutbacks, before = 0, cutbacks

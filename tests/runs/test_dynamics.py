@@ -132,6 +132,21 @@ def test_supports_that_move_are_in_the_balance(shared_tmp, said):
     assert energy["supports"] == pytest.approx(1e-4, rel=0.05) and abs(energy["defect"]) < 1e-9
 
 
+def test_steps_follow_the_local_error(shared_tmp):
+    """Long in flight, cut where the bar hits, and longer again; a smaller error takes more of them."""
+    counts = []
+    for allowed in (1e-2, 4e-3):
+        scene = bar(shared_tmp, 20, 0.9, courant=4.0, step_error=allowed)
+        scene.steps.control = "auto"
+        steps = run(scene, SELF, shared_tmp / f"{allowed}")
+        time = np.array([step["time"] for step in steps])
+        size, hit = np.diff(time, prepend=0.0), int(np.searchsorted(time, 0.5))
+        assert max(step["cutbacks"] for step in steps[hit - 1 : hit + 2]) > 0
+        assert size[hit : hit + 10].min() < 0.3 * size[: hit - 1].max()
+        counts.append(len(steps))
+    assert counts[1] > 1.3 * counts[0]
+
+
 def test_a_run_without_has_nothing_of_it(shared_tmp):
     """Neither an item, nor a key of the report."""
     scene = replace(bar(shared_tmp, 4, 0.1), dynamics=None)

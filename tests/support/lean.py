@@ -145,7 +145,7 @@ KEYS = {
         ANY: "end count min_step", "sizes of load steps": "control max_step",
         "viscous stabilisation": "viscous_stabilisation",
     },
-    "Dynamics": {"inertia": "integrator alpha mass phases"},
+    "Dynamics": {"inertia": "integrator alpha mass step_error phases"},
     "Output": {
         "fields": "fields", "smooth fields": "smooth", "fields in one file": "format compression",
         "checkpoints": "checkpoint checkpoint_every", "probes": "probes", "energy": "energy",

@@ -25,6 +25,7 @@ def scene(folder, **more):
          r"materials\.m\.density: found nothing, with \[dynamics\] \(body one\); allowed: a number > 0"),
         ({"dynamics": {"integrator": "trapezoidal", "alpha": -0.1}},
          r'dynamics\.alpha: found -0\.1 with integrator = "trapezoidal"; allowed: nothing, or integrator = "hht"'),
+        ({"dynamics": {"step_error": 1e-3}}, r'dynamics\.step_error: found 0\.001 with control = "fixed"; allowed: '),
         ({"dynamics": {"alpha": -0.5}}, r"dynamics\.alpha: found .*-0\.5; allowed: a number from -1/3 to 0"),
         ({"dynamics": {"integrator": "midpoint"}}, r'dynamics\.integrator: found a string .midpoint.; allowed: "hht"'),
         ({"accuracy": {"error": 0.02}}, r"accuracy\.error: found 0\.02 together with \[dynamics\]"),

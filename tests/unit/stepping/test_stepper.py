@@ -156,6 +156,12 @@ class MadeUp:
     def detect(self, u, time, motion, ahead):
         self.calls.append(("detect", u.value, time))
 
+    def expected(self, u, time):
+        return None
+
+    def error(self, u):
+        return 0.0
+
     def commit(self, u, time):
         self.calls.append(("commit", u.value, time))
 
