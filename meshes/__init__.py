@@ -30,7 +30,7 @@ from .punch import cube_on_block, punch, rounded_punch
 from .rings import rings
 from .seal import seal
 from .shells import shells, tubes
-from .spheres import sphere_stack
+from .spheres import balls, sphere_stack
 from .spring import c_strip, spring
 from .thick_cylinder import cylinder_strip, thick_cylinder
 from .turning import disk, hemisphere_on_cube, pad_on_ring
@@ -60,6 +60,7 @@ GENERATORS = {
         clip,
         spring,
         c_strip,
+        balls,
         sphere_stack,
         heap,
         layer_on_base,

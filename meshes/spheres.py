@@ -66,3 +66,48 @@ def sphere_stack(path: str | Path, h: float = 0.4, order: int = 2, cell: str = "
         gmsh.option.setNumber("Mesh.MeshSizeExtendFromBoundary", 1)
         unstructured(cell)
         return finish(path, 2, order)
+
+
+def balls(
+    path: str | Path, radius: float = 1.0, h: float = 0.01, order: int = 2, cell: str = "triangle", *,
+    gap: float = 0.0, two: bool = False,
+) -> Path:
+    """Meridian section of a ball above y = 0, x is the radius; or of two, above and below.
+
+    Groups: upper; upper_skin (the half that looks to y = 0), upper_back, axis; of two the same with lower.
+
+    Parameters
+    ----------
+    path : file to write
+    radius : of the balls
+    h : element size where they come near y = 0; an eighth of the radius elsewhere at most
+    order : 1 or 2, degree of the geometry
+    cell : triangle or quadrilateral
+    gap : from y = 0 to a ball
+    two : a second ball, below
+    """
+    check_cell("balls", cell, 2, order)
+    with gmsh_model("balls"):
+        geo, axis, names = gmsh.model.geo, [], {}
+        for name, sign in (("upper", 1.0), ("lower", -1.0))[: 2 if two else 1]:
+            middle = geo.addPoint(0.0, sign * (gap + radius), 0.0, radius / 8.0)
+            near_, side, far = (geo.addPoint(*x, 0.0, size) for x, size in (
+                ((0.0, sign * gap), h), ((radius, sign * (gap + radius)), radius / 8.0),
+                ((0.0, sign * (gap + 2.0 * radius)), radius / 8.0),
+            ))  # fmt: skip
+            skin, back = geo.addCircleArc(near_, middle, side), geo.addCircleArc(side, middle, far)
+            lines = [geo.addLine(far, middle), geo.addLine(middle, near_)]
+            loop = [skin, back, *lines]
+            surface = geo.addPlaneSurface([geo.addCurveLoop(loop if sign > 0.0 else [-one for one in loop[::-1]])])
+            names[name] = (surface, skin, back)
+            axis += lines
+        geo.synchronize()
+        for name, (surface, skin, back) in names.items():
+            group(2, name, [surface])
+            group(1, f"{name}_skin", [skin])
+            group(1, f"{name}_back", [back])
+        group(1, "axis", axis)
+        gmsh.option.setNumber("Mesh.MeshSizeFromPoints", 1)
+        gmsh.option.setNumber("Mesh.MeshSizeExtendFromBoundary", 1)
+        unstructured(cell)
+        return finish(path, 2, order)

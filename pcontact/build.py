@@ -670,22 +670,25 @@ def _warn_of_stress(scene):
             )  # fmt: skip
 
 
-def _inertia(scene, space, constants):
+def _inertia(scene, space, laws, groups):
     """The item of inertia; None without. *Collective.*"""
     said = scene.dynamics
     if said is None:
         return None
     bodies = [body for body in scene.bodies if not body.absent]
     densities = {body.region: scene.materials[body.material].density for body in bodies}
-    mass, damping = Mass(space, densities, said.mass == "lumped"), None
+    couplings = [one for one in scene.couplings if not one.average]
+    points = [(group, group.inertia(one.mass, one.inertia)) for one, group in zip(couplings, groups, strict=True)
+              if one.mass or np.any(one.inertia)]  # fmt: skip
+    mass, damping = Mass(space, densities, said.mass == "lumped", points), None
     slow = {body.region: body.mass_damping * densities[body.region] for body in bodies if body.mass_damping}
     if slow:
         damping = Mass(space, slow, said.mass == "lumped").values
     times = [body.stiffness_damping for body in scene.bodies]
     if any(times):
         # the pattern is that of all cells, too
-        scaled = [(time * lam, time * mu) for time, (lam, mu) in zip(times, constants, strict=True)]
-        damping = ElasticBulk(space, scaled).values + (0.0 if damping is None else damping)
+        scaled = [Elastic(*(time * modulus for modulus in law.constants)) for time, law in zip(times, laws, strict=True)]
+        damping = Solid(space, scaled).values + (0.0 if damping is None else damping)
     row = INTEGRATORS[said.integrator]
     weights = row.weights(row.alpha if said.alpha is None else said.alpha)
     return Inertia(space, mass, damping, weights, partial(_initial_motion, scene, space), said.step_error)
@@ -794,7 +797,7 @@ def _assemble(scene, space, span, more):
     tied = tied_pairs(scene, space, bulk)
     eta = scene.steps.viscous_stabilisation
     # dashpots hold every body: where it goes is no longer open
-    inertia = _inertia(scene, space, constants)
+    inertia = _inertia(scene, space, laws, couplings)
     # and so does mass
     held = eta is not None or inertia is not None
     free = {} if held else free_motions(space, supports, [*springs, *supports.groups])

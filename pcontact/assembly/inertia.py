@@ -31,7 +31,7 @@ class Inertia(Item):
     space : pcontact.space.space.Space
     mass : pcontact.assembly.mass.Mass
     damping : ndarray (nnz, d, d) or None
-        C on the pattern of the mass [force * time / length].
+        C on the pattern of cells [force * time / length].
     weights : pcontact.scene.integrators.Weights
     step_error : float or None
         Local error of the velocity that is allowed, as a part of the largest velocity so far.
@@ -118,7 +118,7 @@ class Inertia(Item):
         return self._drag(velocity) + self._forces(acceleration)
 
     def pattern(self):
-        """That of cells."""
+        """That of the mass."""
         return self.mass.rowptr, self.mass.columns
 
     def residual(self, u, out, rule=LAW):
@@ -136,14 +136,16 @@ class Inertia(Item):
         size, (first, last) = self._size, self._weights.displacement
         way = np.abs(self._values(u)) + np.abs(self._begin) + size * np.abs(self.velocity)
         way += size**2 * abs(first) * np.abs(self.acceleration)
-        out += self.mass.times(way / (size**2 * last), np.abs(self.mass.values))
+        out += self.mass.times(way / (size**2 * last), self.mass.magnitudes)
 
     def tangent(self, u, rule=LAW):
         """Values (nnz, d, d) on :meth:`pattern`."""
         size, weights = self._size, self._weights
         last = size * weights.displacement[1]
         values = (1.0 - weights.mass) / (1.0 - weights.force) / (size * last) * self.mass.values
-        return values if self._damping is None else values + weights.velocity[1] / last * self._damping
+        if self._damping is None:
+            return values
+        return values + weights.velocity[1] / last * self.mass.spread(self._damping)
 
     # -- the beginning ----------------------------------------------------------------------------------------------
 

@@ -2,10 +2,13 @@
 
 from pcontact.runtime.messages import input_error
 from pcontact.scene.integrators import INTEGRATORS
-from pcontact.scene.model import Body, Scene
+from pcontact.scene.model import Body, Coupling, Scene
 from pcontact.scene.phases import DAMPING, STARTS
 from pcontact.scene.places import place
 from pcontact.scene.target import Target
+
+# keys of couplings that go with [dynamics]
+OF_POINTS = ("mass", "inertia")
 
 
 def check_dynamics(scene: Scene) -> None:
@@ -15,6 +18,7 @@ def check_dynamics(scene: Scene) -> None:
     ------
     InputError
     """
+    _check_points(scene)
     if scene.dynamics is None:
         for number, body in enumerate(scene.bodies):
             for key in (key for key in (*STARTS, *DAMPING) if getattr(body, key) != getattr(Body, key)):
@@ -37,6 +41,20 @@ def check_dynamics(scene: Scene) -> None:
     if scene.output.estimate:
         found = "true together with [dynamics]"
         raise input_error(scene.where, "output.estimate", found, "false: the error of motions is not estimated")
+
+
+def _check_points(scene):
+    """Points of couplings have masses where they move as rigid bodies that have some."""
+    for number, one in enumerate(scene.couplings):
+        for key in (key for key in OF_POINTS if getattr(one, key) != getattr(Coupling, key)):
+            where = f"{place('couplings', number, one.region)}.{key}"
+            if scene.dynamics is None and not scene.phases:
+                raise input_error(scene.where, where, f"{key} without [dynamics]", "[dynamics] as well")
+            if one.average:
+                raise input_error(scene.where, where, f"{key} with average = true", "a rigid group, or no such key")
+            if key == "inertia" and scene.mesh.kinematics == "axisymmetric":
+                found = 'inertia with kinematics = "axisymmetric"'
+                raise input_error(scene.where, where, found, "nothing: rings do not turn in their plane")
 
 
 def _check_body(scene, where, body):

@@ -41,6 +41,7 @@ from pcontact.scene.values import (
     FOUNDATION,
     FUNCTION,
     HARDENING_CURVE,
+    INERTIA,
     LAW,
     MOMENT,
     MOONEY_RIVLIN,
@@ -485,8 +486,8 @@ class Contact:
     )  # fmt: skip
     theta: float | None = key(
         one_of(1, 0, -1), "variant of Nitsche's method: 1 (symmetric), 0 (fewest terms), -1 (stable for every gamma0)",
-        default=0.0, option="contact_theta", resolved=True, more="with `[dynamics]` 1 where it is not said, see "
-        "[dynamics.md](dynamics.md)",
+        default=0.0, option="contact_theta", resolved=True, more="with `[dynamics]` 1 where it is not said and no body "
+        "may yield, see [dynamics.md](dynamics.md)",
     )  # fmt: skip
     gamma0: float | None = key(
         POSITIVE, "dimensionless parameter of the formulation; larger: stiffer contact", default=None,
@@ -693,6 +694,14 @@ class Coupling:
     )
     amplitude: Table | None = amplitude("factor of `displacement` and `rotation`")
     name: str | None = key(TEXT, "its name in report and history, unique", default=None, otherwise="that of the group")
+    mass: float = key(
+        NON_NEGATIVE, "with `[dynamics]`: of the point, beside that of its cells", default=0.0, kw_only=True,
+        unit="mass", more="no load per mass acts on it",
+    )  # fmt: skip
+    inertia: float | Sequence[float] = key(
+        INERTIA, "with `[dynamics]`: moment of inertia about the point, beside that of its cells", default=0.0,
+        kw_only=True, unit="mass length^2",
+    )  # fmt: skip
     average: bool = key(
         BOOLEAN, "the group moves so on average alone, and is free to deform", default=False, more="see below"
     )

@@ -96,6 +96,9 @@ def check_dimension(scene: Scene, dim: int) -> None:
             found = "nothing" if table.axis is None else f"{list(table.axis)} with a 2D mesh"
             allowed = keys(Load)["axis"].rule.allowed if dim == 3 else "nothing, the axis is known"
             raise input_error(scene.where, f"{where}.axis", found, allowed)
+        if isinstance(table, Coupling) and table.inertia and isinstance(table.inertia, tuple) != (dim == 3):
+            allowed = "a number >= 0" if dim == 2 else "a list of 3 numbers >= 0"
+            raise input_error(scene.where, f"{where}.inertia", f"{table.inertia}", allowed)
         turns = isinstance(table, Coupling) and table.rotation is not None
         if turns and isinstance(table.rotation, tuple) != (dim == 3):
             allowed = "a list of 3, the mesh is 3D" if dim == 3 else 'a number or "free", the mesh is 2D'

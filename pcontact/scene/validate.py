@@ -158,9 +158,9 @@ def _numerics(scene, contact, said):
         own = getattr(contact, key)
         values[key] = said.get(key, default if own is None else own)
     if scene.dynamics is not None and "theta" not in said and contact.theta is None:
-        # the variant whose contact gives no energy to bodies that move
+        # the variant whose contact gives no energy to bodies that move; of bodies that yield its adjoint term does
         alone = not contact.all or len(scene.contacts) == 1
-        values["theta"] = 1.0 if values["formulation"] == "nitsche" and alone else 0.0
+        values["theta"] = 1.0 if values["formulation"] == "nitsche" and alone and not scene.plastic else 0.0
     if contact.pressure_overclosure is not None:
         # what the command line says of formulations is about hard surfaces
         own = 0.0 if contact.theta is None else contact.theta

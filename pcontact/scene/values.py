@@ -121,6 +121,12 @@ ROTATION = Rule(
     else either("", "free", number()).accept(value),
     {"anyOf": [{"const": "free"}, number().schema, {"type": "array", "minItems": 3, "maxItems": 3}]},
 )  # fmt: skip
+_INERTIAS = sequence("", number(least=0), (3,))
+INERTIA = Rule(
+    "a number >= 0 in the plane, a list of 3 of them about the axes of the mesh in space",
+    lambda value: _INERTIAS.accept(value) if isinstance(value, list | tuple) else number(least=0).accept(value),
+    {"anyOf": [number(least=0).schema, _INERTIAS.schema]},
+)
 WAYS = sequence('a list of one finite number or "free" per direction (2 or 3)', either("", "free", number()), (2, 3))
 FOUNDATION = Rule(
     f"a number > 0, along the normal, or {STIFFNESSES.allowed}",

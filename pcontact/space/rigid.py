@@ -133,7 +133,9 @@ class RigidGroup:
         at = at.reshape(len(ends[0]) * d, int(self.free.sum()))
         chosen = _chosen(at)
         self.leading = np.array([ends[0][k // d] * d + k % d for k in chosen], dtype=np.int64)
-        self.following = self._motions[:, :, self.free] @ np.linalg.inv(at[chosen].reshape(len(chosen), len(chosen)))
+        # free motions of the leading components
+        self._of_leading = np.linalg.inv(at[chosen].reshape(len(chosen), len(chosen)))
+        self.following = self._motions[:, :, self.free] @ self._of_leading
         # which component of which owned node leads, by number of the leading component
         mine = (self.leading >= space.start * d) & (self.leading < (space.start + space.n_owned) * d)
         self._mine, self._at = np.flatnonzero(mine), self.leading[mine] - space.start * d
@@ -219,6 +221,24 @@ class RigidGroup:
         d, amounts = self._space.dim, self._amounts(u)
         turn = amounts[d:] / self._scale
         return amounts[:d], turn if d == 3 else float(turn[0])
+
+    # -- mass of the point ------------------------------------------------------------------------------------------
+
+    def inertia(self, mass, inertia):
+        """Masses (k,) of the motions that :meth:`weigh` takes, of a mass at the point and an inertia about it, a number
+        in the plane, (3,) in space."""
+        d = self._space.dim
+        turns = np.broadcast_to(np.atleast_1d(inertia), len(self.free) - d) / self._scale**2
+        return np.concatenate([np.full(d, mass), turns])
+
+    def weigh(self, masses, values, out):
+        """Add to ``out`` (n_owned, d) what masses (k,) of the motions make of values (n_owned, d). *Collective.*"""
+        out[self.rows] += self._motions @ (self._inverse @ (masses * self._amounts(values)))
+
+    def leading_mass(self, masses):
+        """The same between the leading components (m, m)."""
+        way = self._of_leading
+        return way.T @ (masses[self.free, None] * way)
 
     # -- forces -----------------------------------------------------------------------------------------------------
 

@@ -106,6 +106,29 @@ def test_a_rigid_group_has_the_mass_of_its_cells(shared_tmp):
     assert steps[-1]["inertia"]["momentum"] == pytest.approx([0.03, 0.0], rel=1e-8, abs=1e-12)
 
 
+@parallel(1, 2)
+@pytest.mark.parametrize("dim", [2, 3])
+def test_a_reference_point_has_a_mass_of_its_own(shared_tmp, dim):
+    """A light block with a heavy point: translation by the mass, rotation by the inertia, of both."""
+    path = make(one_block, shared_tmp / f"block{dim}.msh", dim, 2)
+    mass, inertia = 5.0, 0.25
+    forces = {"force": [0.06, *[0.0] * (dim - 1)], "moment": 0.02 if dim == 2 else [0.0, 0.0, 0.02]}
+    point = Coupling("block", mass=mass, inertia=inertia if dim == 2 else (9.0, 9.0, inertia))
+    scene = Scene(
+        MeshSpec(path), {"m": Material(100.0, 0.3, density=3.0)},
+        [Body("block", "m", initial_velocity=[0.0, 0.1, 0.0][:dim])], couplings=[point],
+        loads=[Load("block", amplitude=[(0, 1), (1, 1)], **forces)], steps=Steps(0.5, 10),
+        output=Output(fields=False), dynamics=Dynamics(integrator="trapezoidal"),
+    )  # fmt: skip
+    steps = run(scene, WORLD, shared_tmp / "out")
+    motion, energy = steps[-1]["couplings"]["block"], steps[-1]["energy"]
+    assert motion["displacement"][:2] == pytest.approx([0.5 * 0.06 / 8.0 * 0.25, 0.05], rel=1e-7, abs=1e-12)
+    turn = np.atleast_1d(motion["rotation"])[-1]
+    assert turn == pytest.approx(0.5 * 0.02 / (3.0 / 6.0 + inertia) * 0.25, rel=1e-7)
+    assert energy["kinetic"] - energy["initial"] == pytest.approx(energy["loads"], rel=1e-7)
+    assert energy["initial"] == pytest.approx(0.5 * 8.0 * 0.1**2, rel=1e-9) and abs(energy["defect"]) < 1e-9
+
+
 def test_fields_of_nodes(shared_tmp):
     scene = collision(shared_tmp, 0.02, 0.04, strain="small")
     scene.output = Output(fields=True, format="vtu")

@@ -32,6 +32,8 @@ def scene(folder, **more):
         ({"output": {"estimate": True}}, r"output\.estimate: found true together with \[dynamics\]"),
         ({"bodies": [{"region": "one", "material": "m", "strain": "finite", "stiffness_damping": 1.0}]},
          r"bodies\[0\] \(one\)\.stiffness_damping: found 1 of a body with finite strain; allowed: 0"),
+        ({"couplings": [{"region": "a", "average": True, "mass": 1.0}]},
+         r"couplings\[0\] \(a\)\.mass: found mass with average = true; allowed: a rigid group"),
         ({"dynamics": {"phases": ["later"]}}, r"dynamics\.phases: found .*without \[\[phases\]\]"),
         ({"dynamics": {"phases": ["later"]}, "phases": [{"name": "first"}, {"name": "late"}]},
          r"dynamics\.phases: found .*no such phase"),
@@ -62,6 +64,8 @@ def test_theta_is_one_where_it_is_not_said(tmp_path):
     assert resolve_contacts(said, {}).contacts[0].theta == -1.0
     penalty = scene(tmp_path, contacts=[{"source": "a", "target": "b", "formulation": "penalty"}])
     assert resolve_contacts(penalty, {}).contacts[0].theta == 0.0
+    soft = scene(tmp_path, materials={"m": {"E": 1.0, "nu": 0.3, "density": 2.0, "yield_stress": 1.0}})
+    assert resolve_contacts(soft, {}).contacts[0].theta == 0.0
     still = scene(tmp_path)
     still.dynamics = None
     assert resolve_contacts(still, {}).contacts[0].theta == 0.0
