@@ -22,6 +22,7 @@ from pcontact.assembly.springs import GroundSprings, SpinForces
 from pcontact.assembly.viscous import ViscousStabilisation
 from pcontact.contact.search.unjoined import unjoined
 from pcontact.element.reference import CELLS, facet_kinds
+from pcontact.material.elastic import Elastic
 from pcontact.material.finite import FiniteMaterial
 from pcontact.material.laws import ADDED, small_strain
 from pcontact.mesh.by_place import BY_PLACE
@@ -54,7 +55,7 @@ from pcontact.scene.expression import Condition
 from pcontact.scene.integrators import INTEGRATORS
 from pcontact.scene.keys import options as key_options
 from pcontact.scene.model import LOCKING, POOR, RUBBER, Contact
-from pcontact.scene.phases import come_and_go, groups_of, left, scene_of
+from pcontact.scene.phases import groups_of, left, scene_of
 from pcontact.scene.places import place
 from pcontact.scene.prescribed import Prescribed
 from pcontact.scene.regions import check_region
@@ -117,8 +118,7 @@ def override(scene, options, accuracy):
     if output.checkpoint is None or options.given("checkpoint_every"):
         output.checkpoint = output.checkpoint_every is not None
     output.checkpoint_every = output.checkpoint_every or 1
-    # what bodies that come and go store goes with them
-    output.energy = output.energy or (scene.dynamics is not None and not come_and_go(scene))
+    output.energy = output.energy or scene.dynamics is not None
     accuracy.name = scene.accuracy if isinstance(scene.accuracy, str) else None
     said = {key: options.get(option, None) for key, option in key_options(Contact).items()}
     if changed:
@@ -687,7 +687,8 @@ def _inertia(scene, space, laws, groups):
     times = [body.stiffness_damping for body in scene.bodies]
     if any(times):
         # the pattern is that of all cells, too
-        scaled = [Elastic(*(time * modulus for modulus in law.constants)) for time, law in zip(times, laws, strict=True)]
+        pairs = [(time * lam, time * mu) for time, (lam, mu) in zip(times, (law.constants for law in laws), strict=True)]
+        scaled = [Elastic(*pair) for pair in pairs]
         damping = Solid(space, scaled).values + (0.0 if damping is None else damping)
     row = INTEGRATORS[said.integrator]
     weights = row.weights(row.alpha if said.alpha is None else said.alpha)

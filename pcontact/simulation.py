@@ -215,7 +215,7 @@ class Simulation:
             self.part, mesh = build.present(self.part, mesh)
         self.problem, colours, motions = build.assemble(self.part, mesh, span, self._items)
         if self.scene.output.energy:
-            self.problem.energy = EnergyBalance(self.problem, self._parts()[:-1])
+            self.problem.energy = EnergyBalance(self.problem, self._parts()[:-1], self._changing)
         self.floating = {k: len(rows) for k, rows in motions.items()}
         self.costs, self.counters = CostReport(self.profile, self.problem), Counters(self.problem, self.calls)
         # slip of Coulomb's law makes the tangent unsymmetric for every theta; that of Tresca's does not. Where a source
@@ -384,6 +384,7 @@ class Simulation:
         """Begin the next phase where the last one has ended. *Collective.*"""
         stepper, carried = self.stepper, {name: one.carried for name, one in self._carriers.items()}
         state = Kept.of(self.problem, stepper.u, self.spans[self.number].end)
+        held = self.problem.energy.held(stepper.u) if self._changing and self.problem.energy is not None else None
         # of the observers of one phase, those of facets have the last word
         self._watch[0].end(True)
         self.newton.free()
@@ -415,6 +416,8 @@ class Simulation:
         for name, one in self._carriers.items():
             one.carried = carried.get(name, 0.0)
         release.start(self.problem, self.stepper.u, state.borne)
+        if held is not None:
+            self.problem.energy.part_with(held, self.stepper.u)
         self.stepper.begin()
         if self.problem.energy is not None:
             self.problem.energy.begin(self.stepper.u)

@@ -54,6 +54,10 @@ class Terminal(Observer):
             plastic = record["plastic"]
             part, strain = plastic["yielded_volume"] / self._volume, plastic["max_equivalent_strain"]
             parts.append(f"yielded {100.0 * part:.1f} % (max strain {strain:.4g})")
+        if "kinetic" in record.get("energy", {}):
+            energy = record["energy"]
+            parts.append(f"energy: kinetic {energy['kinetic']:.6g} stored {energy['stored']:.6g} "
+                         f"integrator {energy['numerical']:.3g} defect {energy['defect']:.1e}")  # fmt: skip
         if "estimate" in record:
             parts.append(f"error {100.0 * record['estimate']['relative']:.3g} %")
         for name, c in record["contacts"].items():

@@ -122,6 +122,7 @@ _ENERGY = table(
         ("viscous", "taken up by the viscous stabilisation"), ("heat", "supplied by temperatures"),
         ("stored", "elastic energy"), ("plastic", "dissipated by plastic flow"),
         ("initial", "with `[dynamics]`: energy at the beginning"), ("kinetic", "energy of motion"),
+        ("gone", "where bodies come and go: what those held that have gone"),
         ("damping", "taken up by damping"), ("numerical", "dissipated by the integrator"),
     )},
     contacts=by_name(number("lost in the contact [force * length]"), "by contact"),

@@ -95,9 +95,6 @@ def _check_bodies(scene):
         if comes and scene.finite(body):
             found = f"{list(body.phases)} of a body with finite strain, which begins in a later phase than the first"
             raise input_error(scene.where, where, found, 'strain = "small" of this body, or phases from the first one')
-    if scene.output.energy:
-        found = "true together with phases of bodies"
-        raise input_error(scene.where, "output.energy", found, "false: what bodies store goes with them")
 
 
 def _check_turn(scene, where, one):

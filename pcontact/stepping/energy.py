@@ -25,6 +25,8 @@ from pcontact.runtime.petsc import MPI
 
 # prefix of names in a checkpoint
 CARRIED = "energy_"
+# what takes energy, beside the bodies and contacts
+TAKEN = ("springs", "viscous", "kinetic", "damping", "numerical", "gone")
 
 
 class EnergyBalance:
@@ -35,6 +37,8 @@ class EnergyBalance:
     problem : pcontact.solve.problem.Problem
     before : sequence of pcontact.scene.model.Scene
         Of the phases before, whose works stay in the balance.
+    changing : bool
+        Whether bodies come and go.
 
     Attributes
     ----------
@@ -44,12 +48,13 @@ class EnergyBalance:
         Works so far [force * length]: ``loads``, ``supports`` and ``obstacles`` do them on the bodies, which do those
         of ``bodies`` (against their stresses), ``springs``, ``viscous`` and ``contact NAME`` (what is lost there);
         ``heat`` without the energy of cells kept from expanding; with inertia ``initial``, the energy that there is at
-        the beginning, ``damping``, and ``inertia``: with it, kinetic energy and what the integrator dissipates.
+        the beginning, ``damping``, and ``inertia``: with it, kinetic energy and what the integrator dissipates;
+        ``gone``, what bodies held that are there no more.
     """
 
     name = "energy"
 
-    def __init__(self, problem, before=()):
+    def __init__(self, problem, before=(), changing=False):
         self._problem, space = problem, problem.space
         self._kinds = self._kinds_of(problem)
         kinds = ["loads", "supports", "bodies", *dict.fromkeys(self._kinds)]
@@ -62,6 +67,7 @@ class EnergyBalance:
         kinds += ["heat"] if problem.bulk.heat is not None else []
         if problem.inertia is not None or any(scene.dynamics is not None for scene in before):
             kinds += ["initial", "inertia", "damping"]
+        kinds += ["gone"] if changing else []
         self.sums = {kind: Sum() for kind in dict.fromkeys(kinds)}
         # forces at the end of the last load step, with the sign of the residual: of loads, supports, bodies, items
         names = ["loads", "supports", "bodies", *(f"item {k}" for k in range(len(problem.others)))]
@@ -141,6 +147,23 @@ class EnergyBalance:
         """Begin a phase at ``u``, with the forces that its items exert there. *Collective.*"""
         self._last = self._forces(u)
 
+    def held(self, u):
+        """What bodies hold at a committed displacement, of which none of it goes with a phase: elastic and dissipated
+        energy less what heat has supplied for it, and kinetic energy. *Collective.*"""
+        problem = self._problem
+        heat = 0.0 if problem.bulk.heat is None else problem.bulk.heat.energy()
+        moving = problem.inertia is not None and problem.inertia.begun
+        return sum(problem.bulk.energies(u)) - heat, problem.inertia.kinetic() if moving else 0.0
+
+    def part_with(self, before, u):
+        """Count as gone what bodies :meth:`held` at the end of the phase before and do not at the beginning ``u`` of
+        this one: that of others. *Collective.*"""
+        (inner, kinetic), moving = self.held(u), self._problem.inertia is not None and self._problem.inertia.begun
+        self.sums["gone"].carried += before[0] - inner
+        if moving:
+            self.sums["gone"].carried += before[1] - kinetic
+            self.sums["inertia"].carried -= before[1] - kinetic
+
     def set_off(self, u, first):
         """Begin at ``u`` with inertia: what moves there, and what is strained at the beginning of a run (`first`), is
         energy that nobody has supplied. *Collective.*"""
@@ -182,7 +205,7 @@ class EnergyBalance:
             result["kinetic"] = 0.0 if inertia is None else inertia.kinetic()
             result["numerical"] = result.pop("inertia") - result["kinetic"] - result["damping"]
         taken = [stored, plastic, *contacts.values()]
-        taken += [result[kind] for kind in ("springs", "viscous", "kinetic", "damping", "numerical") if kind in result]
+        taken += [result[kind] for kind in TAKEN if kind in result]
         given = [result[kind] for kind in ("loads", "supports", "obstacles", "heat", "initial") if kind in result]
         most = max(abs(number) for number in [*taken, *given])
         result["defect"] = (sum(given) - sum(taken)) / most if most > 0.0 else 0.0

@@ -243,12 +243,29 @@ def test_restart_in_all_phases(shared_tmp):
         np.testing.assert_allclose(forces(rest), forces(steps[stop:]), atol=1e-9)
 
 
+@pytest.mark.parametrize("dynamics", [False, True])
+def test_what_a_body_stores_goes_with_it(dynamics):
+    """It is in the balance as what has gone, at rest and in motion."""
+    phases = [pc.Phase("both", count=4), pc.Phase("without", count=8)]
+    load = pc.Load("right", force=[10.0, 0.0], amplitude=[[0, 0], [1, 1], [2, 1]])
+    more = {"dynamics": {"integrator": "trapezoidal"}} if dynamics else {}
+    scene = bars(phases, ["both"], loads=[load], output=pc.Output(energy=True, fields=False), **more)
+    for material in scene.materials.values():
+        material.density = 0.5
+    history = pc.run(scene, comm=SELF).history
+    gone = history["energy.gone"]
+    assert np.all(gone[:4] == 0.0) and np.ptp(gone[4:]) < 1e-12 and gone[-1] > 0.0
+    assert np.abs(history["energy.defect"]).max() < 1e-9
+    if not dynamics:
+        # half of the stiffness of the other bar: a third of what both have stored
+        assert gone[-1] == pytest.approx(history["energy.stored"][3] / 3.0, rel=1e-9)
+
+
 # -- refusals ----------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("change, message", [
     (lambda scene: setattr(scene.bodies[1], "strain", "finite"), r"bodies\[1\] \(deck\).phases: found .*finite strain"),
-    (lambda scene: setattr(scene.output, "energy", True), "output.energy: found true together with phases of bodies"),
     (lambda scene: setattr(scene.bodies[1], "phases", []), r"bodies\[1\] \(deck\).phases: found no phase"),
     (lambda scene: setattr(scene.bodies[0], "phases", ["laid"]), r"phases\[0\] \(walls\).name: found 'walls', in"),
 ])  # fmt: skip
