@@ -687,8 +687,8 @@ def _inertia(scene, space, laws, groups):
     times = [body.stiffness_damping for body in scene.bodies]
     if any(times):
         # the pattern is that of all cells, too
-        pairs = [(time * lam, time * mu) for time, (lam, mu) in zip(times, (law.constants for law in laws), strict=True)]
-        scaled = [Elastic(*pair) for pair in pairs]
+        pairs = zip(times, (law.constants for law in laws), strict=True)
+        scaled = [Elastic(time * lam, time * mu) for time, (lam, mu) in pairs]
         damping = Solid(space, scaled).values + (0.0 if damping is None else damping)
     row = INTEGRATORS[said.integrator]
     weights = row.weights(row.alpha if said.alpha is None else said.alpha)

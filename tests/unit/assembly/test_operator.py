@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from pcontact.assembly.bulk import ElasticBulk
 from pcontact.assembly.constrained import ConstrainedMatrix
 from pcontact.assembly.matrix import GlobalMatrix
 from pcontact.assembly.operator import AIJ, BESIDE
@@ -11,7 +10,7 @@ from pcontact.runtime.petsc import MPI, PETSc, known_types
 from pcontact.scene import amplitude
 from pcontact.scene.model import Displacement
 from pcontact.space.supports import Supports
-from tests.support.small import blocks_file, make_space
+from tests.support.small import blocks_file, elastic_solid, make_space
 
 WORLD = MPI.COMM_WORLD
 CONSTANTS = [(3.0, 2.0), (1.0, 5.0)]
@@ -55,7 +54,7 @@ def products(space, matrix):
 @types
 def test_values_follow(space, kind):
     """The first values, others of the pairs alone, a pattern that changes, and values of the bodies."""
-    bulk = ElasticBulk(space, CONSTANTS)
+    bulk = elastic_solid(space, CONSTANTS)
     matrix, seen = GlobalMatrix(space, held(space)), []
     matrix.choose(kind)
     assert kind in matrix.operator.getType()
@@ -91,7 +90,7 @@ class Group:
 @parallel
 @types
 def test_values_follow_with_groups(space, kind):
-    bulk = ElasticBulk(space, CONSTANTS)
+    bulk = elastic_solid(space, CONSTANTS)
     matrix = ConstrainedMatrix(space, held(space), [Group(space)])
     matrix.choose(kind)
     for step in (1, 2):
