@@ -205,7 +205,7 @@ def misled(pair, u, found, gap, normal, time, keeps=0.0, former=None):
     deepest = comm.allreduce(float(np.max(-linear[closed], initial=0.0)), op=MPI.MAX)
     inside = found.paired & ~bears & (gap - pair.method.begins < -max(deepest, pair.rounding))
     # what its own tension holds open would be open with the gap of the search, too
-    inside &= traction + pair.gamma_points * gap <= 0.0
+    inside &= traction + pair.gamma * gap <= 0.0
     counts, areas = (np.sum(misses), np.sum(inside)), (jxw[bears].sum(), jxw[inside] @ -gap[inside])
     sums = [force.sum(), force[misses].sum(), *counts, *areas, *way, *(force @ normal)]
     total, missed, misses, inside, area, depth, *sums = comm.allreduce(np.array(sums), op=MPI.SUM)
