@@ -32,7 +32,7 @@ from pcontact.mesh.hdf5_reader import is_converted
 from pcontact.mesh.load import load_mesh
 from pcontact.mesh.present import missing, without
 from pcontact.mesh.section import OTHER, cut
-from pcontact.pairs import contact_reports, since_of, tied_pairs
+from pcontact.pairs import contact_reports, oriented, since_of, tied_pairs
 from pcontact.runtime import log, profile
 from pcontact.runtime.errors import TOLD
 from pcontact.runtime.messages import input_error
@@ -795,6 +795,7 @@ def _assemble(scene, space, span, more):
     bulk = bulk_item(scene, space, laws)
     begun = _begun(scene, space)
     bulk.added = frozenset(number for blocks in begun.values() for number in blocks)
+    scene.contacts = oriented(scene, space, bulk)
     tied = tied_pairs(scene, space, bulk)
     eta = scene.steps.viscous_stabilisation
     # dashpots hold every body: where it goes is no longer open

@@ -1,5 +1,7 @@
 """From the contacts of a scene to items: surfaces, search radii, formulations."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from pcontact.contact.finite_pair import finite_pair
@@ -45,6 +47,9 @@ COARSER = 1.25
 # on the pressure is better with the two exchanged. From: blocks and rollers drawn at random in the plane. Of forty, 29
 # are beyond, and 28 of them better exchanged, by a factor of 14 in the median; of forty others 32 of 33.
 STIFFER = 5.0
+# [-] Part by which sizes of facets differ that count as the same. From: chosen, above what rounding and mesh generators
+# do to regular meshes.
+EVEN = 0.01
 # [-] Depth of a valley over the extent of the surface below which its sides do not meet. From: small against the depth
 # of a slot whose sides come together, large against the waves of curved facets.
 VALLEY = 1e-3
@@ -227,6 +232,32 @@ def _tied_radius(space, source, target):
     """Largest extent of a facet [length]: what is farther away is not tied. *Collective.*"""
     own = max(float(np.max(sizes, initial=0.0)) for sizes in (source.size, diameters(target.x)))
     return space.comm.allreduce(own, op=MPI.MAX)
+
+
+def oriented(scene, space, bulk):
+    """The contacts of a scene, those that say two surfaces with one of them as the source. *Collective.*
+
+    Where the traction is that of both sides, or none, that is the finer one, whose points see all facets of the other;
+    where the traction is that of the source alone, and one side is much softer, the softer one.
+    """
+    contacts = []
+    for contact in scene.contacts:
+        if contact.surfaces is None:
+            contacts.append(contact)
+            continue
+        # in an order of their own, so that it does not matter in which they are said
+        names = sorted(contact.surfaces)
+        sides = [source_surface(space, name, bulk.constants, 1, bulk.orthotropic) for name in names]
+        sizes, stiff = ([_typical(space, getattr(side, key)) for side in sides] for key in ("size", "trace"))
+        alone = (contact.formulation or "nitsche") == "nitsche" and not is_two_sided(space, bulk, contact)
+        if alone and contact.pressure_overclosure is None and max(stiff) > STIFFER * min(stiff):
+            first, why = stiff[1] < stiff[0], "is softer, modulus over depth of a cell, and its stress alone counts"
+        else:
+            first, why = sizes[1] < (1.0 - EVEN) * sizes[0], "has the smaller facets, or facets of the same size"
+        source, target = names[first], names[not first]
+        log.info("contact %s: %s is the source: it %s", contact.name, source, why)
+        contacts.append(replace(contact, source=source, target=target))
+    return contacts
 
 
 def tied_pairs(scene, space, bulk):

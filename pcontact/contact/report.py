@@ -194,6 +194,8 @@ class ContactReport:
         summary = {**summarise(joined, self.flips, self.lost, comm), **errors}
         own = sum(len(np.unique(pair.source.facet[rows])) for pair, rows in zip(self.pairs, closed, strict=True))
         # a mean of two sides
+        if self.contact.surfaces is not None:
+            summary["source"] = self.contact.source
         summary["facets"] = -(-comm.allreduce(own) // len(states))
         if not alone:
             summary |= self._resultants(u, joined)

@@ -83,6 +83,7 @@ _CONTACT = table(
     max_slip_total=number("and of the run so far [length]"),
     max_wear_per_coefficient=number("largest integral of the pressure over the slip so far [stress * length]"),
     wear_volume_per_coefficient=number("that over the area [force * length]"),
+    source={"type": "string", "description": "of `surfaces` the one that is the source"},
     target_penetration=number("depth of the deepest node of the target in the source [length]"),
     flipped=count("that changed between these in the last iteration of Newton's method [-]"),
     passed=count("that are inside their partner and were open when partners were found [-]"),

@@ -192,7 +192,8 @@ def _contact(contact: Contact) -> str:
         partners = f"{contact.source} with itself"
         partners += "" if contact.meets_itself else ", bodies with others only"
     else:
-        partners = f"{contact.source} {'<->' if contact.unbiased else '->'} {contact.target}"
+        between = "<->" if contact.unbiased else "and" if contact.surfaces else "->"
+        partners = f"{contact.source} {between} {contact.target}"
     law = "tied" if contact.tied else "frictionless"
     if contact.law:
         law = f"law {contact.law}"

@@ -419,7 +419,7 @@ class Contact:
 
     source: str | None = key(
         TEXT, f"{REGION} facets on the boundary of a body: the integrals are taken here", default=None,
-        otherwise="must be said, unless `all`",
+        otherwise="must be said, unless `surfaces` or `all`",
     )  # fmt: skip
     target: str | None = key(
         TEXT, f"{REGION} facets: the points are projected here", default=None, otherwise="must be said, or `obstacle`",
@@ -558,10 +558,18 @@ class Contact:
         option="contact_smooth_geometry", resolved=True, more="see below",
     )  # fmt: skip
     phases: Sequence[str] | None = phases("it acts")
+    surfaces: Sequence[str] | None = key(
+        sequence("a list of two names of regions of facets", TEXT, (2,)),
+        "instead of `source` and `target`: two surfaces, of which the program takes one as the source", default=None,
+        kw_only=True, otherwise="none", more="see below",
+    )  # fmt: skip
     # of a scene of one phase (`pcontact.scene.phases`): points that are closed stay as they are
     held: bool = False
 
     def __post_init__(self):
+        if isinstance(self.surfaces, list | tuple) and len(self.surfaces) == 2 and self.source is self.target is None:
+            # which is which is known with the mesh, see `pcontact.pairs.oriented`
+            self.source, self.target = self.surfaces
         if self.name is None and self.all:
             self.name = "all" if self.obstacle is None else f"all-{getattr(self.obstacle, 'shape', 'obstacle')}"
         elif self.name is None and isinstance(self.source, str):

@@ -32,8 +32,9 @@ from pcontact.scene.target import Budget, Target
 TOGETHER = {
     Contact: {
         "allOf": [
-            {"anyOf": [{"required": ["source"]}, {"required": ["all"]}]},
-            {"anyOf": [{"required": [name]} for name in ("target", "obstacle", "all")]},
+            {"anyOf": [{"required": [name]} for name in ("source", "all", "surfaces")]},
+            {"anyOf": [{"required": [name]} for name in ("target", "obstacle", "all", "surfaces")]},
+            *({"not": {"required": ["surfaces", name]}} for name in ("obstacle", "all")),
             {"not": {"required": ["target", "obstacle"]}},
             {"not": {"required": ["friction", "tresca"]}},
         ],

@@ -398,6 +398,11 @@ def _check_contact(scene, where, contact):
         if getattr(contact, key) is not None and contact.friction is None and contact.law is None:
             raise input_error(scene.where, f"{where}.{key}", f"{key} without friction", "friction as well")
     _check_coefficients(scene, where, contact)
+    named = {contact.source, contact.target}
+    if contact.surfaces is not None and (contact.obstacle or contact.all or named != set(contact.surfaces)):
+        other = "obstacle" if contact.obstacle else "all" if contact.all else "source or target"
+        found = f"surfaces together with {other}"
+        raise input_error(scene.where, f"{where}.surfaces", found, f"at most one of surfaces, {other}")
     if contact.unbiased and contact.obstacle is not None:
         raise input_error(
             scene.where, f"{where}.unbiased", "true with an obstacle", "false, an obstacle has no facets"

@@ -1,0 +1,110 @@
+"""Contacts that say two surfaces: which one is the source, whatever the order, and what is refused."""
+
+import json
+from functools import partial
+
+import numpy as np
+import pytest
+
+import pcontact as pc
+from meshes.blocks import two_blocks
+from pcontact.runtime.errors import InputError
+from pcontact.runtime.observer import Observer
+from pcontact.runtime.parallel import on_root
+from pcontact.runtime.petsc import MPI
+from pcontact.scene.model import Body, Contact, Displacement, Material, MeshSpec, Output, Scene
+from pcontact.simulation import Simulation
+
+WORLD = MPI.COMM_WORLD
+NAMES = "upper_bottom", "lower_top"
+
+
+class Last(Observer):
+    """Observer: the record of the last load step."""
+
+    def step(self, step, u, record):
+        self.record = record
+
+
+def scene(path, surfaces, young=(1.0, 1.0), **more):
+    """Two blocks, the lower one first, pressed and sheared."""
+    yields = more.pop("yields", {})
+    return Scene(
+        mesh=MeshSpec(path),
+        materials={name: Material(E, 0.3, **yields) for name, E in zip(("a", "b"), young, strict=True)},
+        bodies=[Body("lower", "a"), Body("upper", "b")],
+        contacts=[Contact(surfaces=surfaces, friction=0.3, **more)],
+        displacements=[Displacement("upper_top", [0.001, -0.01]), Displacement("lower_bottom", [0.0, 0.0])],
+        output=Output(fields=False),
+    )
+
+
+def run(scene):
+    """The report of the contact in the last load step. Collective."""
+    last, simulation = Last(), Simulation(scene)
+    try:
+        assert simulation.run(None, [last])
+    finally:
+        simulation.close()
+    ((name, contact),) = last.record["contacts"].items()
+    return name, contact
+
+
+@pytest.mark.parallel
+@pytest.mark.parametrize(("young", "yields", "source"), [
+    ((1.0, 100.0), {}, "upper_bottom"), ((100.0, 1.0), {}, "upper_bottom"),
+    ((1.0, 100.0), {"yield_stress": 10.0}, "lower_top"), ((100.0, 1.0), {"yield_stress": 10.0}, "upper_bottom"),
+    ((1.0, 1.2), {"yield_stress": 10.0}, "upper_bottom"),
+])  # fmt: skip
+def test_the_order_does_not_matter(shared_tmp, young, yields, source):
+    """The finer side is the source; where its stress alone counts, the softer one."""
+    path = shared_tmp / "b.msh"
+    on_root(WORLD, partial(two_blocks, path, 2, 4, 7, widths=(1.6, 1.0)))
+    (one, first), (other, second) = (run(scene(path, some, young, yields=yields)) for some in (NAMES, NAMES[::-1]))
+    assert (one, other) == ("upper_bottom-lower_top", "lower_top-upper_bottom")
+    assert first["source"] == second["source"] == source
+    np.testing.assert_allclose(first["force"], second["force"], rtol=1e-12)
+
+
+@pytest.mark.parametrize(("more", "found"), [
+    ({"source": "upper_bottom", "target": "other"}, "together with source or target"),
+    ({"all": True}, "together with all"),
+    ({"surfaces": ["lower_top"], "source": "lower_top", "target": "upper_bottom"}, "two names"),
+])  # fmt: skip
+def test_what_is_refused(tmp_path, more, found):
+    path = two_blocks(tmp_path / "b.msh", 2, 2)
+    case = scene(path, list(NAMES))
+    case.contacts = [Contact(**{"surfaces": list(NAMES), **more})]
+    with pytest.raises(InputError) as caught:
+        Simulation(case)
+    assert found in str(caught.value)
+
+
+def test_in_a_file(tmp_path):
+    """Source and target need not be said; names, `check` and the report know the two."""
+    two_blocks(tmp_path / "b.msh", 2, 4, 7)
+    text = f"""
+[mesh]
+file = "b.msh"
+[materials.m]
+E = 1.0
+nu = 0.3
+[[bodies]]
+region = "lower"
+material = "m"
+[[bodies]]
+region = "upper"
+material = "m"
+[[contacts]]
+surfaces = {json.dumps(NAMES[::-1])}
+[[displacements]]
+region = "upper_top"
+value = [0, -0.01]
+[[displacements]]
+region = "lower_bottom"
+value = [0, 0]
+"""
+    (tmp_path / "scene.toml").write_text(text)
+    result = pc.run(pc.read(tmp_path / "scene.toml"))
+    assert result.report["steps"][-1]["contacts"]["lower_top-upper_bottom"]["source"] == "upper_bottom"
+    assert result.report["steps"][-1]["contacts"]["lower_top-upper_bottom"]["force"][1] < 0.0
