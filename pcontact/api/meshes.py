@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from pcontact.mesh.plex_reader import Tables, read_plex
+from pcontact.mesh.plex_reader import LOWER, MESHIO, Tables, read_plex
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.parallel import on_root
 from pcontact.scene import MeshSpec
@@ -29,7 +29,6 @@ _FACETS: dict[str, list[tuple[str, list[tuple[int, ...]]]]] = {
     "wedge": [("triangle", [(0, 1, 2), (3, 4, 5)]), ("quad", [(0, 1, 4, 3), (1, 2, 5, 4), (2, 0, 3, 5)])],
     "pyramid": [("triangle", [(0, 1, 4), (1, 2, 4), (2, 3, 4), (3, 0, 4)]), ("quad", [(0, 1, 2, 3)])],
 }
-_MESHIO = {"quadrilateral": "quad", "tetrahedron": "tetra"}
 _SOLID = ("tetra", "hexahedron", "wedge", "pyramid")
 _KINDS = {2: "line", 3: "triangle", 4: "quad"}
 
@@ -111,11 +110,10 @@ def _of_plex(
     tables: Tables,
 ) -> tuple[np.ndarray, list[tuple[str, np.ndarray]], dict[str, list[np.ndarray]], list[tuple[str, str, np.ndarray]]]:
     """Points, blocks, groups of cells, and facets, edges and nodes of groups of a DMPlex."""
-    blocks = [(_MESHIO.get(kind, kind), nodes) for kind, nodes in tables.cells.items()]
+    blocks = [(MESHIO[kind], nodes) for kind, nodes in tables.cells.items()]
     none = np.zeros(0, dtype=np.int64)
     named = {name: [rows.get(kind, none) for kind in tables.cells] for name, rows in tables.cell_groups.items()}
-    lower = [(name, {1: "vertex", **_KINDS}[rows.shape[1]], rows)
-             for name, parts in tables.lower_groups.items() for rows in parts]  # fmt: skip
+    lower = [(name, LOWER[rows.shape[1]][0], rows) for name, parts in tables.lower_groups.items() for rows in parts]
     return _solid(tables.points), blocks, named, lower
 
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from pcontact.element.reference import CELLS, SERENDIPITY, n_nodes
 from pcontact.mesh.hdf5_writer import FORMAT, SUFFIX, VERSION
+from pcontact.mesh.plex_reader import is_petsc_file
 from pcontact.mesh.slices import MeshSlice, SliceBlock
 from pcontact.runtime.checksum import Damaged, verify
 from pcontact.runtime.errors import InputError
@@ -19,8 +20,8 @@ MADE = "a file made by pcontact convert"
 
 
 def is_converted(path):
-    """Whether a mesh is a converted one, by its name."""
-    return Path(path).suffix.lower() == SUFFIX
+    """Whether a mesh is a converted one, by its name and as it is none of PETSc's."""
+    return Path(path).suffix.lower() == SUFFIX and not is_petsc_file(path)
 
 
 @dataclass

@@ -2,19 +2,25 @@
 
 from typing import NamedTuple
 
+import h5py
 import numpy as np
 
 from pcontact.element.reference import facet_kinds, facet_nodes
+from pcontact.mesh.groups import DIMENSION_NAMES, FileMesh, Table
 from pcontact.mesh.plex import FACETS, POLYTOPES, RESERVED, cones, leaves, told
 from pcontact.runtime.errors import InputError
-from pcontact.runtime.petsc import MPI
+from pcontact.runtime.petsc import MPI, PETSc
 
 # labels whose values are the numbers of groups, and the dimension of these, below that of the mesh
 SETS = {"Cell Sets": 0, "Face Sets": 1, "Edge Sets": 2}
-NAMES = ("point", "curve", "surface", "volume")
 # cells by dimension and vertices
 CELLS = {(2, 3): "triangle", (2, 4): "quadrilateral", (3, 4): "tetrahedron", (3, 5): "pyramid", (3, 6): "wedge",
          (3, 8): "hexahedron"}  # fmt: skip
+
+# the same as meshio calls them; facets, edges and nodes by the number of their vertices, with their dimension
+MESHIO = {"triangle": "triangle", "quadrilateral": "quad", "tetrahedron": "tetra", "pyramid": "pyramid",
+          "wedge": "wedge", "hexahedron": "hexahedron"}  # fmt: skip
+LOWER = {1: ("vertex", 0), 2: ("line", 1), 3: ("triangle", 2), 4: ("quad", 2)}
 
 
 class Tables(NamedTuple):
@@ -176,6 +182,53 @@ class _Part:
         return tuple(self.number[[p for p in points if self.v0 <= p < self.v1]])
 
 
+def is_petsc_file(path):
+    """Whether an HDF5 file is one that PETSc has written of a Plex."""
+    try:
+        with h5py.File(path, "r") as file:
+            return "topology" in file or "topologies" in file
+    except OSError:
+        return False
+
+
+def read_petsc_file(path):
+    """What PETSc's HDF5 viewer has written of a Plex (``-dm_view hdf5:FILE``), on this process alone: a FileMesh.
+
+    Raises
+    ------
+    InputError
+        This PETSc cannot read it.
+    """
+    try:
+        dm = PETSc.DMPlex().createFromFile(str(path), interpolate=False, comm=MPI.COMM_SELF)
+    except PETSc.Error as error:
+        what = str(error).strip().splitlines()[-1]
+        raise InputError(f"{path}: found {what!r}; allowed: a mesh that this PETSc can read") from None
+    tables = read_plex(dm)
+    dm.destroy()
+    points, dim = np.zeros((len(tables.points), 3)), tables.points.shape[1]
+    points[:, :dim] = tables.points
+    file = FileMesh(points, np.arange(1, len(points) + 1), np.zeros(len(points), dtype=bool), [])
+
+    def add(kind, dim, nodes):
+        first = 1 + sum(len(table.tags) for table in file.tables)
+        file.tables.append(Table(kind, dim, nodes, np.arange(first, first + len(nodes))))
+        return len(file.tables) - 1
+
+    place = {kind: add(MESHIO[kind], dim, nodes) for kind, nodes in tables.cells.items()}
+    for name, rows in tables.cell_groups.items():
+        for kind, some in rows.items():
+            file.add(dim, name, place[kind], some)
+    for name, parts in tables.lower_groups.items():
+        for nodes in parts:
+            kind, below = LOWER[nodes.shape[1]]
+            if below:
+                file.add(below, name, add(kind, below, nodes), np.arange(len(nodes)))
+            else:
+                file.point_groups[name] = nodes[:, 0]
+    return file
+
+
 def _joined(parts):
     """The tables of all ranks as one."""
     points = np.concatenate([part[0] for part in parts])
@@ -207,7 +260,7 @@ def _by_width(rows):
 def _named(name, value, values, dim):
     """The group of a stratum."""
     if name in SETS:
-        return f"{NAMES[dim - SETS[name]]}_{value}"
+        return f"{DIMENSION_NAMES[dim - SETS[name]]}_{value}"
     if name == "Vertex Sets":
         return f"point_{value}"
     several = {one for one in values[name] if one < FACETS}

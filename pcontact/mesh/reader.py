@@ -24,6 +24,7 @@ from pcontact.mesh.groups import (
 )
 from pcontact.mesh.med import read_med
 from pcontact.mesh.meshio_reader import from_meshio, read_meshio
+from pcontact.mesh.plex_reader import read_petsc_file
 from pcontact.runtime import log
 from pcontact.runtime.errors import InputError
 
@@ -31,7 +32,8 @@ __all__ = ["Block", "RawMesh", "complete", "components", "facet_multiplicity", "
 
 
 # formats that are not left to meshio
-READERS = {".msh": read_gmsh, ".unv": read_unv, ".med": read_med, **dict.fromkeys((".e", ".exo", ".ex2"), read_exodus)}
+READERS = {".msh": read_gmsh, ".unv": read_unv, ".med": read_med, ".h5": read_petsc_file,
+           **dict.fromkeys((".e", ".exo", ".ex2"), read_exodus)}  # fmt: skip
 
 
 def read_mesh(path):

@@ -1,7 +1,9 @@
 """PETSc's options for the mesh of a run: views, checks, partitioners."""
 
+import h5py
 import pytest
 
+from pcontact.io.report import read_report
 from tests.support.bad_input import SCENE, mesh_text
 from tests.support.commands import execute
 
@@ -25,10 +27,22 @@ def test_views_checks_and_partitioners(folder):
 
 
 def test_the_mesh_in_a_file_of_petsc(folder):
-    """The HDF5 viewer writes it."""
-    done = execute(folder, ["run", "scene.toml", "-dm_view", "hdf5:mesh.h5", "-o", "out"])
+    """The HDF5 viewer writes it, and another run reads it, with its groups: the same forces."""
+    done = execute(folder, ["run", "scene.toml", "-dm_view", "hdf5:mesh.h5", "-o", "out"], ranks=2)
     assert done.returncode == 0, done.stderr
-    assert (folder / "mesh.h5").stat().st_size > 1000
+    again = execute(folder, ["run", "scene.toml", "-set", "mesh.file='mesh.h5'", "-o", "again"], ranks=2)
+    assert again.returncode == 0, again.stderr
+    forces = [read_report(folder / name)["steps"][-1]["contacts"]["pair"]["force"] for name in ("out", "again")]
+    assert forces[1] == pytest.approx(forces[0], rel=1e-6) and abs(forces[0][1]) > 1.0
+
+
+def test_a_file_of_petsc_that_is_cut_short(folder):
+    """One line, status 2."""
+    with h5py.File(folder / "mesh.h5", "w") as file:
+        file.create_group("topology")
+    done = execute(folder, ["run", "scene.toml", "-set", "mesh.file='mesh.h5'", "-o", "out"])
+    ours = [line for line in done.stderr.splitlines() if line.startswith("pcontact: error: ")]
+    assert done.returncode == 2 and len(ours) == 1 and "mesh.h5" in ours[0], done.stderr
 
 
 def test_a_partitioner_that_is_not_there(folder):

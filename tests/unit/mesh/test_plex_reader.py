@@ -131,6 +131,17 @@ def test_our_own_plex_handed_back(shared_tmp, cell):
 
 
 @parallel
+def test_cells_of_an_overlap_count_once():
+    """A box of PETSc's with cells of other ranks around those of each."""
+    dm = box(3, True, False)
+    dm.distribute(overlap=1)
+    tables = read_plex(dm)
+    if WORLD.rank == 0:
+        assert volumes(tables) == pytest.approx(1.0) and len(tables.cells["hexahedron"]) == 12
+        assert sum(len(some) for some in tables.cell_groups["volume_7"].values()) == 6
+
+
+@parallel
 def test_what_has_no_element_is_refused():
     """On every rank, with words."""
     n = int(WORLD.rank == 0)
