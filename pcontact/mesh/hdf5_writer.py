@@ -12,6 +12,7 @@ from pcontact.mesh.complete import complete
 from pcontact.mesh.components import components
 from pcontact.mesh.curve import as_met, z_order
 from pcontact.mesh.groups import facet_multiplicity, say_lost
+from pcontact.mesh.plex_reader import is_petsc_file
 from pcontact.mesh.reader import read_mesh
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.files import Hdf5Aside
@@ -131,7 +132,7 @@ def convert(path, target=None, order=1):
     target = path.with_suffix(SUFFIX) if target is None else Path(target)
     if target.suffix.lower() != SUFFIX:
         raise InputError(f"command line: -o: found {str(target)!r}; allowed: a name that ends with {SUFFIX}")
-    if path.suffix.lower() == SUFFIX:
+    if path.suffix.lower() == SUFFIX and (target.resolve() == path.resolve() or not is_petsc_file(path)):
         raise InputError(f"{path}: found a file that ends with {SUFFIX}; allowed: the mesh that it was made from")
     raw = read_mesh(path)
     say_lost(path, raw.lost)
