@@ -89,8 +89,8 @@ class Space:
         """Who owns the nodes: of degree 1 they are the vertices of the mesh's Plex, of which PETSc numbers a section
         the same way. Points before the nodes come second. *Collective.*"""
         mesh = self.mesh
-        if self.degree == 1:
-            return mesh.dm.getPointSF() if mesh.comm.size > 1 else None, mesh.dm.getHeightStratum(0)[1]
+        if self.degree == 1 and mesh.comm.size > 1:
+            return mesh.dm.getPointSF(), mesh.dm.getHeightStratum(0)[1]
         return (owners(mesh.comm, mesh.file_nodes[self.mesh_nodes], mesh.n_nodes_total),)
 
     @property
