@@ -5,10 +5,9 @@ import ctypes
 import numpy as np
 
 from pcontact.element.reference import facet_nodes
+from pcontact.mesh.plex import taken_parts
 from pcontact.mesh.slices import MeshSlice
-from pcontact.runtime.petsc import PETSc, reset_partitioner, version
-
-_lib = ctypes.CDLL(PETSc.__file__)
+from pcontact.runtime.petsc import PETSc, call, handle, reset_partitioner, version
 
 
 def neighbours(piece: MeshSlice) -> tuple[np.ndarray, np.ndarray]:
@@ -27,11 +26,6 @@ def neighbours(piece: MeshSlice) -> tuple[np.ndarray, np.ndarray]:
     pairs = pairs[np.lexsort(pairs.T[::-1])]
     offsets = np.searchsorted(pairs[:, 0], np.arange(len(piece.ids) + 1))
     return offsets.astype(PETSc.IntType), np.ascontiguousarray(pairs[:, 1], dtype=PETSc.IntType)
-
-
-def _check(code: int, what: str) -> None:
-    if code != 0:
-        raise RuntimeError(f"{what} ended with {code}")
 
 
 def graph_parts(piece: MeshSlice, count: int, weights: np.ndarray | None = None) -> np.ndarray:
@@ -58,25 +52,10 @@ def graph_parts(piece: MeshSlice, count: int, weights: np.ndarray | None = None)
     reset_partitioner()
     partitioner.setFromOptions()
     partitioner.setUp()
-    handle, pointer = ctypes.c_void_p(), ctypes.c_void_p()
-    integer = ctypes.c_int64 if np.dtype(PETSc.IntType).itemsize == 8 else ctypes.c_int32
-    sections = [section.handle] if version < (3, 21) else [section.handle, 0]
-    _check(
-        _lib.PetscPartitionerPartition(
-            ctypes.c_void_p(partitioner.handle), integer(count), integer(n), offsets.ctypes.data_as(ctypes.c_void_p),
-            columns.ctypes.data_as(ctypes.c_void_p), *(ctypes.c_void_p(s or None) for s in sections), None,
-            ctypes.c_void_p(found.handle), ctypes.byref(handle),
-        ),
-        "PetscPartitionerPartition",
-    )  # fmt: skip
-    _check(_lib.ISGetIndices(handle, ctypes.byref(pointer)), "ISGetIndices")
-    cells = np.ctypeslib.as_array(ctypes.cast(pointer, ctypes.POINTER(integer)), (n,)).copy()
-    _check(_lib.ISRestoreIndices(handle, ctypes.byref(pointer)), "ISRestoreIndices")
-    _check(_lib.ISDestroy(ctypes.byref(handle)), "ISDestroy")
-    # the cells of a part after those of another
-    sizes = [found.getDof(k) for k in range(count)]
-    result = np.empty(n, dtype=np.int64)
-    result[cells] = np.repeat(np.arange(count), sizes)
-    for thing in (section, found, partitioner):
+    cells, sections = ctypes.c_void_p(), [handle(section)] if version < (3, 21) else [handle(section), None]
+    call("PetscPartitionerPartition", handle(partitioner), count, n, offsets, columns, *sections, None, handle(found),
+         ctypes.byref(cells))  # fmt: skip
+    result = taken_parts(found, cells, n)
+    for thing in (section, partitioner):
         thing.destroy()
     return result

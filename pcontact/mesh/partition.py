@@ -32,7 +32,7 @@ def _by_graph(exchanger, piece):
     # the same mesh is cut the same way, whatever this process has run before
     reset_partitioner()
     dm.getPartitioner().setFromOptions()
-    ranks = parts_of(dm, comm.size)
+    ranks = parts_of(dm)
     dm.destroy()
     return ranks
 

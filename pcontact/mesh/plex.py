@@ -206,8 +206,8 @@ def _set_stratum(label, value, points):
     rows.destroy()
 
 
-def parts_of(dm, count):
-    """Part, 0 to ``count`` - 1, of every cell (n,) of this rank, by the partitioner of a Plex. *Collective.*
+def parts_of(dm):
+    """Rank of every cell (n,) of this rank, by the partitioner of a Plex. *Collective.*
 
     Raises
     ------
@@ -217,11 +217,17 @@ def parts_of(dm, count):
     sizes, found = PETSc.Section().create(comm=dm.comm), ctypes.c_void_p()
     call("PetscPartitionerDMPlexPartition", handle(dm.getPartitioner()), handle(dm), None, handle(sizes),
          ctypes.byref(found))  # fmt: skip
-    pointer, n = ctypes.POINTER(Integer)(), dm.getHeightStratum(0)[1]
+    return taken_parts(sizes, found, dm.getHeightStratum(0)[1])
+
+
+def taken_parts(sizes, found, n):
+    """Part of each of n cells, of what a partitioner has found: sizes of the parts (a section), and their cells one
+    part after the other (an index set, by its address). Both are used up."""
+    pointer, (first, end) = ctypes.POINTER(Integer)(), sizes.getChart()
     call("ISGetIndices", found, ctypes.byref(pointer))
     cells = np.ctypeslib.as_array(pointer, (n,)) if n else np.zeros(0, dtype=PETSc.IntType)
     parts = np.empty(n, dtype=np.int64)
-    parts[cells] = np.repeat(np.arange(count), [sizes.getDof(part) for part in range(count)])
+    parts[cells] = np.repeat(np.arange(first, end), [sizes.getDof(part) for part in range(first, end)])
     call("ISRestoreIndices", found, ctypes.byref(pointer))
     call("ISDestroy", ctypes.byref(found))
     sizes.destroy()

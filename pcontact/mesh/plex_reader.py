@@ -132,25 +132,24 @@ class _Part:
 
     def tables(self):
         """Points, cells and groups of this rank, by the numbers of the vertices."""
-        cells, where = {}, {}
+        cells, place = {}, np.full(len(self.sizes), -1, dtype=np.int64)
         for size in np.unique(self.sizes[self.kept]):
             rows = self.kept[self.sizes[self.kept] == size]
             at = self.offsets[rows][:, None] + np.array(POLYTOPES[self.dim, int(size)][1])
             cells[CELLS[self.dim, int(size)]] = self.number[self.cones[at]]
-            where.update((int(row), k) for k, row in enumerate(rows))
-        groups, lower = {}, {}
-        for name, value, points in self._strata():
+            place[rows] = np.arange(len(rows))
+        groups, lower, strata = {}, {}, list(self._strata())
+        for name, value, points in strata:
             key = (name, value)
             if FACETS <= value < FACETS + 6 and self.depth == 1:
                 lower.setdefault((name, None), []).extend(self._facet(p - self.c0, value - FACETS) for p in points)
-            elif len(points) and self.c0 <= points.min() and points.max() < self.c1:
-                for p in points - self.c0:
-                    if int(p) in where:
-                        kind = CELLS[self.dim, int(self.sizes[p])]
-                        groups.setdefault(key, {}).setdefault(kind, []).append(where[int(p)])
+            elif self.c0 <= points.min() and points.max() < self.c1:
+                own = points[place[points - self.c0] >= 0] - self.c0
+                groups[key] = {CELLS[self.dim, int(size)]: place[own[self.sizes[own] == size]]
+                               for size in np.unique(self.sizes[own])}  # fmt: skip
             else:
                 lower.setdefault(key, []).extend(self._closure(p) for p in points)
-        return self.x[self.own], cells, groups, lower, [(name, value) for name, value, _ in self._strata()]
+        return self.x[self.own], cells, groups, lower, [stratum[:2] for stratum in strata]
 
     def _strata(self):
         """Name, value and points of the highest dimension of every stratum of every label."""
@@ -242,7 +241,7 @@ def _joined(parts):
         for key, rows in chosen.items():
             group = groups.setdefault(_named(*key, values, points.shape[1]), {})
             for kind, some in rows.items():
-                group.setdefault(kind, []).append(starts[kind] + np.array(some))
+                group.setdefault(kind, []).append(starts[kind] + some)
         for key, rows in low.items():
             lower.setdefault(_named(*key, values, points.shape[1]), []).extend(rows)
         for kind, table in own.items():
