@@ -20,8 +20,8 @@ from pcontact.material.elastic import FLOWS, Moment
 from pcontact.runtime.jit import njit
 from pcontact.runtime.petsc import MPI
 
-# Cells whose stiffness is turned at once, where it is not the same everywhere.
-PIECE = 1024
+# Points whose strains, stresses and stiffnesses are held at once. From: a processor's cache holds these.
+PIECE = 4096
 
 
 @njit
@@ -100,6 +100,17 @@ def add_squares(operators, weights, cells, rowptr, columns, values):
                         values[k, i, j] += value
 
 
+def pieces(space, number):
+    """Rows, points as kernels want them and weights (nc, nq) of some cells of a block at a time."""
+    for rows, grad, jxw, shapes in chunks(space, number):
+        ring, count = hoop(space, number, rows, shapes), max(PIECE // jxw.shape[1], 1)
+        for first in range(0, len(grad), count):
+            some = slice(first, min(first + count, len(grad)))
+            own = slice(rows.start + some.start, rows.start + some.stop)
+            points = cell_points(space.cells[number][own], grad[some], None if ring is None else ring[some])
+            yield own, points, np.ascontiguousarray(jxw[some])
+
+
 class PointStates(BlockStates):
     """Internal variables of the points of a block whose law is not linear.
 
@@ -121,10 +132,7 @@ class PointStates(BlockStates):
 
     def chunks(self):
         """Cells, points, weights (nc, nq) of the chunks of all cells."""
-        space = self.space
-        for rows, grad, jxw, shapes in chunks(space, self.number):
-            ring = hoop(space, self.number, rows, shapes)
-            yield rows, cell_points(space.cells[self.number][rows], grad, ring), np.ascontiguousarray(jxw)
+        return pieces(self.space, self.number)
 
     def advance(self, rows, cells, nodal, values):
         """See :meth:`BlockStates.advance`."""
@@ -239,15 +247,9 @@ class Solid(Bulk):
     def _pieces(self, number, uniform):
         """Cells, points, weights and places (n, d), of a uniform law the first one alone, of some cells of a block at a
         time."""
-        space = self.space
-        for rows, grad, jxw, shapes in chunks(space, number):
-            ring = hoop(space, number, rows, shapes)
-            for first in range(0, len(grad), PIECE):
-                some = slice(first, min(first + PIECE, len(grad)))
-                own = slice(rows.start + some.start, rows.start + some.stop)
-                x = points_of(space, number, slice(own.start, own.start + 1) if uniform else own)
-                points = cell_points(space.cells[number][own], grad[some], None if ring is None else ring[some])
-                yield own, points, np.ascontiguousarray(jxw[some]), x.reshape(-1, space.dim)
+        for rows, points, jxw in pieces(self.space, number):
+            x = points_of(self.space, number, slice(rows.start, rows.start + 1) if uniform else rows)
+            yield rows, points, jxw, x.reshape(-1, self.space.dim)
 
     def _add_states(self):
         """Give the cells whose law is not linear internal variables, and their places in the tangent. *Collective.*"""
