@@ -27,7 +27,7 @@ from pcontact.mesh.hdf5_writer import convert, mesh_sizes
 from pcontact.mesh.mesh import size_of
 from pcontact.runtime import log, signals
 from pcontact.runtime.commands import CONVERT, DEMO, JSON, NEW, WARM
-from pcontact.runtime.declared import read_all
+from pcontact.runtime.declared import COMMAND_LINE, read_all
 from pcontact.runtime.errors import TOLD, InputError
 from pcontact.runtime.files import replace_file
 from pcontact.runtime.options import Options
@@ -38,7 +38,7 @@ from pcontact.scene.amplitude import LOOKS, amplitude, corners
 from pcontact.scene.schema import schema
 from pcontact.simulation import Simulation
 from pcontact.space.modes import component_boxes, near_pairs
-from pcontact.usage import COMMANDS, OURS, declared, parse, usage
+from pcontact.usage import COMMANDS, declared, parse, usage
 from pcontact.view import show
 from pcontact.warm import warm
 
@@ -153,8 +153,8 @@ def forecast(scene):
 
 
 def _unused(simulation):
-    """Lines about options that nothing asked for."""
-    return simulation.unused(OURS, declared())
+    """Lines about options that nothing asked for, and that were not named when the run began."""
+    return simulation.unused((*COMMAND_LINE, *simulation.options.told), declared())
 
 
 def reach(scene, directory, machine):

@@ -27,7 +27,7 @@ from pcontact.io.snapshot import Snapshot
 from pcontact.mesh.components import Numbers
 from pcontact.mesh.mesh import bounding_box
 from pcontact.mesh.plex import view
-from pcontact.runtime import compiling, log, profile
+from pcontact.runtime import compiling, log, profile, start
 from pcontact.runtime.errors import TOLD, StepFailure, Stopped
 from pcontact.runtime.jit import CALLS
 from pcontact.runtime.kernel_cache import tell_uncached
@@ -187,6 +187,9 @@ class Simulation:
         profile.mark("start")
         self.accuracy = Choice()
         self.scene = build.override(scene, self.options, self.accuracy)
+        # a library says what was not used to who calls it
+        for line in () if start.is_library() else self.options.strange():
+            log.warning("%s", line)
         if mesh is None or callable(mesh):
             self.mesh = build.read(self.scene, self.comm, self.options) if mesh is None else mesh(self.scene)
         else:

@@ -72,8 +72,6 @@ COMMANDS = {
         SCHEMA,
     ),
 }  # fmt: skip
-# options that are no run's, not even unused
-OURS = ("o", "help", "h", "field", "step", "scale", "json", "set")
 
 
 def run_options():

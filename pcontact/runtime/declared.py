@@ -270,9 +270,12 @@ OPTIONS = listed(
         more="see [running.md](running.md)",
     ),
 )  # fmt: skip
+# options that are no run's, not even unused
+COMMAND_LINE = ("o", "help", "h", "field", "step", "scale", "json", "set")
 # what the program asks PETSc's options for, which PETSc takes itself
 PETSC = listed(
     Option("pc_type", ANY_TEXT, "preconditioner", "gamg"),
+    Option("ksp_type", ANY_TEXT, "Krylov method"),
     Option("mat_type", ANY_TEXT, "type of the matrix that linear systems are solved with"),
     Option("vec_type", ANY_TEXT, "type of the vectors that they are solved for"),
 )

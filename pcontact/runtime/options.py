@@ -1,14 +1,15 @@
 """The one reader of the options database: the command line wins over the scene, which wins over defaults."""
 
+import difflib
 import re
 from collections.abc import Mapping
 
 import numpy as np
 
 from pcontact.runtime import log
-from pcontact.runtime.declared import OPTIONS, PETSC, RENAMED
+from pcontact.runtime.declared import COMMAND_LINE, OPTIONS, PETSC, RENAMED
 from pcontact.runtime.errors import InputError, SolverError
-from pcontact.runtime.petsc import PETSc, has_package, option_used
+from pcontact.runtime.petsc import PETSc, has_package, option_used, unknown_options
 
 UNSAID = object()
 # PETSc's error codes: arguments that are wrong or out of range, names that are not known, missing factorisations
@@ -31,11 +32,13 @@ class Options:
         Every option that the program asked for.
     entered : list of str
         Options that `propose` put into the database.
+    told : dict
+        Those that :meth:`strange` has named.
     """
 
     def __init__(self, said="command line"):
         self._db, self.said = PETSc.Options(), said
-        self.known, self.entered, self._warned = {}, [], set()
+        self.known, self.entered, self._warned, self.told = {}, [], set(), {}
 
     def given(self, name):
         """Whether the user set the option."""
@@ -209,6 +212,23 @@ class Options:
         for name in self.entered:
             self._db.delValue(name)
         self.entered.clear()
+
+    def strange(self):
+        """Lines about options that neither the program nor PETSc knows, whatever is set up later.
+
+        Notes
+        -----
+        To be asked when all options that replace keys of the scene have been asked for.
+        """
+        ours = {*OPTIONS, *RENAMED, *self.known, *COMMAND_LINE}
+        names = [name.lstrip("-") for name in self._db.getAll()]
+        self.told = unknown_options([name for name in names if name not in ours])
+        lines = []
+        for name, near in self.told.items():
+            near = next(iter(difflib.get_close_matches(name, ours, 1, 0.8)), near)
+            hint = f"; the nearest is -{near}" if near else ""
+            lines.append(f"option -{name}: neither pcontact nor PETSc has it{hint}")
+        return lines
 
     def unused(self, ours=()):
         """Options that the user gave and nothing asked for.

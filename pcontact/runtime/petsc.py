@@ -4,6 +4,9 @@ Every other module takes ``PETSc`` and ``MPI`` from here.
 """
 
 import ctypes
+import difflib
+import mmap
+import re
 import traceback
 import weakref
 from contextlib import contextmanager
@@ -31,7 +34,7 @@ signals.take_back()
 
 __all__ = [
     "MPI", "Integer", "PETSc", "call", "handle", "has_package", "known_types", "line_search_limit", "local_values",
-    "matrix_parts", "version",
+    "matrix_parts", "unknown_options", "version",
 ]  # fmt: skip
 
 version = PETSc.Sys.getVersion()[:2]
@@ -394,6 +397,52 @@ def own_options():
     finally:
         _check(_lib.PetscOptionsPop(), "PetscOptionsPop")
         _check(_lib.PetscOptionsDestroy(ctypes.byref(database)), "PetscOptionsDestroy")
+
+
+def _library():
+    """The bytes of PETSc's library, in which its options are texts; None where the system does not say where it is."""
+    try:
+        with open("/proc/self/maps") as maps:
+            path = next((line.split()[-1] for line in maps if "libpetsc" in line), None)
+        with open(path or "", "rb") as file:
+            return mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
+    except (OSError, ValueError):
+        return None
+
+
+def unknown_options(names):
+    """Those of some names that PETSc has no option for, each with the nearest one that it has, or None.
+
+    Parameters
+    ----------
+    names : sequence of str
+        With or without the prefix of a solver inside another one.
+
+    Notes
+    -----
+    PETSc has no list of its options: a solver asks for its own when it is set up, some of them late. All of them are
+    texts in its library, the last part of a name with a prefix as well as a name without one. A number at the end may
+    have been put there.
+    """
+    library = _library() if names else None
+    if library is None:
+        return {}
+
+    def known(name):
+        parts = name.split("_")
+        for k in range(len(parts)):
+            rest = "_".join(parts[k:])
+            text = f"-{rest}".encode()
+            # one word alone is the end of many names
+            if (k == 0 or "_" in rest) and library.find(text + b"\0") >= 0:
+                return True
+            if "_" in rest and rest[-1].isdigit() and library.find(text.rstrip(b"0123456789")) >= 0:
+                return True
+        return False
+
+    strange = [name for name in names if not known(name)]
+    there = {found.decode() for found in re.findall(rb"-([a-z][a-z0-9_]{3,})\0", library)} if strange else ()
+    return {name: next(iter(difflib.get_close_matches(name, there, 1)), None) for name in strange}
 
 
 def option_used(name):

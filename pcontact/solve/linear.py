@@ -3,6 +3,7 @@
 import numpy as np
 
 from pcontact.assembly.operator import AIJ, BESIDE
+from pcontact.runtime import log
 from pcontact.runtime.petsc import PETSc, forget_pattern, full_steps, known_types, line_search_limit
 from pcontact.solve.preconditioners.contact import MULTIGRID, preconditioner
 
@@ -16,6 +17,9 @@ RELATIVE = 1.0
 # relative tolerances of Eisenstat and Walker, as petsc4py calls them
 EISENSTAT_WALKER = {"rtol0": "rtol_0", "rtolmax": "rtol_max"}
 
+# Krylov methods for symmetric matrices, and those that have their preconditioner on the right by default
+SYMMETRIC = ("cg", "fcg", "pipecg", "groppcg", "minres", "symmlq", "cr", "pipecr")
+RIGHT = ("gmres", "fgmres", "lgmres", "pgmres", "dgmres", "bcgs", "fbcgs", "tfqmr", "gcr")
 # types of vectors: on the host, and on accelerators
 VECTORS = ("standard", "cuda", "hip", "kokkos")
 
@@ -81,7 +85,7 @@ def refresh_smoother(ksp, operator, matrix):
         smoother.setOperators(operator, matrix)
 
 
-def solver_defaults(symmetric, ranks):
+def solver_defaults(symmetric, ranks, krylov=None):
     """Options proposed for the Krylov method and the preconditioner.
 
     Parameters
@@ -89,6 +93,8 @@ def solver_defaults(symmetric, ranks):
     symmetric : bool
         Whether the tangent is symmetric positive definite: theta = 1 (or no contact) without friction.
     ranks : int
+    krylov : str, optional
+        The Krylov method that the user chose.
 
     Returns
     -------
@@ -121,11 +127,23 @@ def solver_defaults(symmetric, ranks):
     if ranks == 1:
         # Galerkin products in half the time; the default of several ranks is as fast
         options["matptap_via"] = "rap"
-    if symmetric:
-        options.update({"ksp_type": "cg", "ksp_norm_type": "unpreconditioned"})
-    else:
-        options.update({"ksp_type": "gmres", "ksp_gmres_restart": 60, "ksp_pc_side": "right"})
+    krylov = krylov or ("cg" if symmetric else "gmres")
+    options["ksp_type"] = krylov
+    if krylov == "cg":
+        options["ksp_norm_type"] = "unpreconditioned"
+    if krylov in RIGHT:
+        # residuals are then those of the system itself
+        options |= {"ksp_gmres_restart": 60, "ksp_pc_side": "right"}
     return options
+
+
+def warn_of_krylov(symmetric, krylov):
+    """Say that a Krylov method which the user chose is for other tangents than those of the problem."""
+    if krylov in SYMMETRIC and not symmetric:
+        log.warning(
+            "-ksp_type %s is for symmetric tangents, and this one is not: it may not converge; remedy: -ksp_type "
+            "gmres, or contact that is symmetric (-contact_theta 1, without friction)", krylov,
+        )  # fmt: skip
 
 
 # what multigrid is told where the operator is beside its matrix: the finest level multiplies by it

@@ -28,6 +28,7 @@ from pcontact.solve.linear import (
     refresh_smoother,
     solver_defaults,
     solver_vectors,
+    warn_of_krylov,
 )
 from pcontact.solve.preconditioners.contact import MULTIGRID, contact_preconditioner, new_preconditioner, preconditioner
 from pcontact.solve.preconditioners.deflation import Deflation, deflation
@@ -89,7 +90,9 @@ class Newton:
         hard = plastic or any(item.stiff for item in problem.others)
         inexact = 1e-3 if problem.space.dim == 2 or hard else 1e-4
         defaults = newton_defaults(problem.linear, direct, inexact)
-        defaults |= solver_defaults(symmetric, problem.space.comm.size) | (PIVOTS if direct else {}) | small
+        krylov = options.get("ksp_type")
+        warn_of_krylov(symmetric, krylov)
+        defaults |= solver_defaults(symmetric, problem.space.comm.size, krylov) | (PIVOTS if direct else {}) | small
         self.applied, self.kept_out = options.propose(defaults)
         self._fallback = DirectFallback(options, problem.space, direct or "pc_type" in self.kept_out or lags)
         self._filter = deflation(problem, options) or contact_preconditioner(problem, options)

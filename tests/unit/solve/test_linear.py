@@ -2,7 +2,9 @@
 
 from types import SimpleNamespace
 
-from pcontact.solve.linear import GROWN, Reuse
+import pytest
+
+from pcontact.solve.linear import GROWN, Reuse, solver_defaults
 
 
 def solve(iterations, rtol=1e-3):
@@ -36,3 +38,12 @@ def test_forgotten_at_a_load_step():
     assert reuse.keep(solve(9), 1.0)
     reuse.forget()
     assert not reuse.keep(solve(9), 1.0)
+
+
+@pytest.mark.parametrize("symmetric", [True, False])
+def test_defaults_of_a_chosen_krylov_method(symmetric):
+    """Each has the side and the norm that it supports, whatever the tangent is."""
+    assert solver_defaults(symmetric, 1)["ksp_type"] == ("cg" if symmetric else "gmres")
+    for krylov, side in (("cg", None), ("gmres", "right"), ("bcgs", "right"), ("minres", None)):
+        found = solver_defaults(symmetric, 1, krylov)
+        assert found["ksp_type"] == krylov and found.get("ksp_pc_side") == side

@@ -1,0 +1,88 @@
+"""What those who know PETSc try first: each row of the table in docs/petsc.md."""
+
+import numpy as np
+import pytest
+
+from meshes.blocks import two_blocks
+from pcontact.runtime import log
+from pcontact.runtime.options import Options
+from pcontact.runtime.petsc import MPI, own_options
+from pcontact.scene.model import Body, Contact, Displacement, Load, Material, MeshSpec, Output, Scene
+from pcontact.simulation import Simulation
+from tests.support.bad_input import Case
+from tests.support.commands import execute, lay_out
+
+WORLD = MPI.COMM_WORLD
+parallel = pytest.mark.parallel
+
+
+@pytest.fixture
+def blocks(shared_tmp):
+    path = shared_tmp / "blocks.msh"
+    if WORLD.rank == 0:
+        two_blocks(path, 2, 2, 3, "quadrilateral")
+    WORLD.Barrier()
+    return path
+
+
+def pressed(path, theta=0.0, **options):
+    moved = [Displacement("lower_bottom", [0.0] * 2), Displacement("upper_top", [0.0, -0.02])]
+    return Scene(
+        MeshSpec(path), {"m": Material(1000.0, 0.3)}, [Body("lower", "m"), Body("upper", "m")],
+        [Contact("upper_bottom", "lower_top", name="pair", theta=theta)], moved,
+        [Load("upper", body_force=[0.0, -1.0])], output=Output(fields=False), petsc={"snes_rtol": "1e-10", **options},
+    )  # fmt: skip
+
+
+def solved(scene):
+    simulation = Simulation(scene)
+    try:
+        assert simulation.run(None)
+        return simulation.stepper.u.getArray().copy(), simulation.newton.solver
+    finally:
+        simulation.close()
+
+
+@parallel
+@pytest.mark.parametrize("krylov", ["cg", "gmres", "bcgs", "tfqmr"])
+def test_krylov(blocks, krylov):
+    """Methods for symmetric matrices work where the tangent is nearly so, and a warning says what to do."""
+    reference, _ = solved(pressed(blocks))
+    log.forget_warnings()
+    found, solver = solved(pressed(blocks, ksp_type=krylov))
+    lines = log.warnings()
+    assert solver["krylov"] == krylov
+    assert WORLD.allreduce(float(np.abs(found - reference).max(initial=0.0)), op=MPI.MAX) < 1e-9
+    assert any("-ksp_type cg is for symmetric tangents" in line for line in lines) == (krylov == "cg")
+
+
+def said(text):
+    """What a run says of options in a text, before its first load step."""
+    with own_options():
+        options = Options()
+        options.give(text)
+        return options.strange()
+
+
+def test_names_that_nobody_knows():
+    """They are told when the run begins, whenever PETSc would ask for them; with two dashes, too."""
+    known = (
+        "-snes_rtol 1e-3 --snes_atol 0 -mg_levels_2_ksp_type richardson -mat_mumps_icntl_14 50 -log_view "
+        "-contact_theta 1 -contact_filter_pc_type lu -sub_pc_factor_levels 1 -o there -pc_patience 3"
+    )  # fmt: skip
+    assert [line for line in said(known) if "contact_theta" not in line] == []
+    (line,) = said("-snes_rtoll 1e-3")
+    assert line == "option -snes_rtoll: neither pcontact nor PETSc has it; the nearest is -snes_rtol"
+    (line,) = said("--pc_gamg_thresold 0.1")
+    assert line.endswith("the nearest is -pc_gamg_threshold")
+    (line,) = said("-pc_patiense 3")
+    assert line.endswith("the nearest is -pc_patience")
+
+
+def test_they_are_named_once(tmp_path):
+    """A line at the beginning, none at the end."""
+    words = lay_out(tmp_path / "case", Case([], words=("run", "SCENE", "-o", "out", "-snes_rtoll", "1")))
+    done = execute(tmp_path / "case", words)
+    assert done.returncode == 0, done.stderr
+    lines = [line for line in (done.stdout + done.stderr).splitlines() if "snes_rtoll" in line]
+    assert len(lines) == 1 and "the nearest is -snes_rtol" in lines[0]
