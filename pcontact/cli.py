@@ -262,11 +262,13 @@ def _say_distance(simulation, contact, least):
     loaded = any((scene.loads, scene.temperatures, scene.couplings, scene.pretensions)) or any(
         one.interference_amplitude for one in scene.contacts
     )
-    if not simulation.spans and reach >= least:
+    # bodies that have a velocity go anywhere
+    says = not simulation.spans and scene.dynamics is None
+    if says and reach >= least:
         line += f"; prescribed motions go up to {reach:.4g} and can close it"
-    elif not simulation.spans and loaded:
+    elif says and loaded:
         line += f"; prescribed motions go up to {reach:.4g}, less than that: loads have to close it"
-    elif not simulation.spans:
+    elif says:
         log.warning("%s; prescribed motions go up to %.4g, less than that, and no load acts: it stays open unless a "
                     "body turns or bends", line, reach)  # fmt: skip
         return

@@ -217,10 +217,11 @@ class Recorder:
         self._parted = 0 if closed else self._parted + 1
         there = max(abs(value) for value in energy.values() if not isinstance(value, dict))
         made = -sum(energy.get("contacts", {}).values()) - energy["numerical"] if self._parted > PARTED else 0.0
+        part = made / max(there, np.finfo(float).tiny)
         found = {
             "is missing in their balance: remedy: smaller load steps": abs(energy["defect"]),
-            'has come from nowhere, by contact and integrator: remedy: theta = 1 and integrator = "hht", smaller cells '
-            "where bodies meet": made / max(there, np.finfo(float).tiny),
+            "has come from nowhere, by contact and integrator: remedy: load steps that resolve the impact "
+            '(step_error), theta = 1 and integrator = "hht", smaller cells where bodies meet': part,
         }
         for words, part in found.items():
             if part > ENERGY_PART and words not in self._told:
