@@ -677,10 +677,7 @@ def _inertia(scene, space, laws, groups):
         return None
     bodies = [body for body in scene.bodies if not body.absent]
     densities = {body.region: scene.materials[body.material].density for body in bodies}
-    couplings = [one for one in scene.couplings if not one.average]
-    points = [(group, group.inertia(one.mass, one.inertia)) for one, group in zip(couplings, groups, strict=True)
-              if one.mass or np.any(one.inertia)]  # fmt: skip
-    mass, damping = Mass(space, densities, said.mass == "lumped", points), None
+    mass, damping = mass_of(scene, space, groups), None
     slow = {body.region: body.mass_damping * densities[body.region] for body in bodies if body.mass_damping}
     if slow:
         damping = Mass(space, slow, said.mass == "lumped").values
@@ -693,6 +690,15 @@ def _inertia(scene, space, laws, groups):
     row = INTEGRATORS[said.integrator]
     weights = row.weights(row.alpha if said.alpha is None else said.alpha)
     return Inertia(space, mass, damping, weights, partial(_initial_motion, scene, space), said.step_error)
+
+
+def mass_of(scene, space, groups):
+    """The mass of the bodies of a scene, which have densities, and of the points of its rigid groups. *Collective.*"""
+    densities = {body.region: scene.materials[body.material].density for body in scene.bodies if not body.absent}
+    couplings = [one for one in scene.couplings if not one.average]
+    points = [(group, group.inertia(one.mass, one.inertia)) for one, group in zip(couplings, groups, strict=False)
+              if one.mass or np.any(one.inertia)]  # fmt: skip
+    return Mass(space, densities, scene.dynamics is not None and scene.dynamics.mass == "lumped", points)
 
 
 def _initial_motion(scene, space, time):

@@ -19,6 +19,7 @@ from pcontact.importer.write import import_file
 from pcontact.io import refine
 from pcontact.io.cost_forecast import cost_forecast
 from pcontact.io.examples import lay_out
+from pcontact.io.modes import write_modes
 from pcontact.io.report import read_steps
 from pcontact.io.report_schema import report_schema
 from pcontact.io.summary import JsonLines, PassLines, summary
@@ -26,7 +27,7 @@ from pcontact.io.template import write_example, write_template
 from pcontact.mesh.hdf5_writer import convert, mesh_sizes
 from pcontact.mesh.mesh import size_of
 from pcontact.runtime import log, signals
-from pcontact.runtime.commands import CONVERT, DEMO, JSON, NEW, WARM
+from pcontact.runtime.commands import CONVERT, DEMO, JSON, MODES, NEW, WARM
 from pcontact.runtime.declared import COMMAND_LINE, read_all
 from pcontact.runtime.errors import TOLD, InputError
 from pcontact.runtime.files import replace_file
@@ -35,6 +36,7 @@ from pcontact.runtime.parallel import on_root
 from pcontact.runtime.petsc import MPI
 from pcontact.scene import read_scene
 from pcontact.scene.amplitude import LOOKS, amplitude, corners
+from pcontact.scene.dynamics_checks import check_masses
 from pcontact.scene.schema import schema
 from pcontact.simulation import Simulation
 from pcontact.space.modes import component_boxes, near_pairs
@@ -313,6 +315,25 @@ def convert_mesh(path, options):
     log.info("wrote %s: %s", target, sizes)
 
 
+def vibrate(scene, directory, count):
+    """Solve, and say and write the modes of vibrations about the state. *Collective.*
+
+    Returns
+    -------
+    int
+        Exit status.
+    """
+    check_masses(scene)
+    simulation, converged = run_scene(scene, directory)
+    if converged:
+        squares, shapes = simulation.modes(count)
+        rows = write_modes(directory, simulation, squares, shapes)
+        for number, row in enumerate(rows, 1):
+            log.info("mode %d: frequency %.6g%s", number, row["frequency"], "" if row["stable"] else ", unstable")
+    simulation.close()
+    return 0 if converged else 1
+
+
 def print_schema(path=None, of="scene"):
     """Print the JSON Schema of a scene file or of a report, or write it. *Collective.*"""
     words = json.dumps(schema() if of == "scene" else report_schema(), indent=2)
@@ -369,6 +390,8 @@ def _execute(command, operand, options):
         check_scene(scene)
         return 0 if aimed is None else forecast(aimed)
     directory = options.get("o") or Path(operand).stem + "_results"
+    if command == "modes":
+        return vibrate(scene, Path(directory), MODES["count"].read(options.get("count", str(MODES["count"].default))))
     aimed = wanted(scene, Options())
     machine = JSON["json"].read(options.get("json", "false"))
     if machine:

@@ -14,7 +14,7 @@ import numpy as np
 import pcontact
 from pcontact import build
 from pcontact.assembly.extension import extend
-from pcontact.assembly.release import borne_by
+from pcontact.assembly.release import borne_by, equilibrium
 from pcontact.io.checkpoint import Checkpoint, keys_of, remembering
 from pcontact.io.cost_report import CostReport
 from pcontact.io.counters import Counters
@@ -40,6 +40,7 @@ from pcontact.scene.amplitude import corners, drive
 from pcontact.scene.phases import come_and_go, phase_at, scene_of, spans
 from pcontact.scene.validate import check_degrees
 from pcontact.solve.newton import Newton
+from pcontact.solve.vibration import frequencies
 from pcontact.space.carried import carried
 from pcontact.space.modes import near_null_space
 from pcontact.stepping.energy import EnergyBalance
@@ -433,6 +434,24 @@ class Simulation:
             if one.contact.held and not closed:
                 log.warning("phase %s: contact %s has no point that is closed at time %g: tied = [%r] ties nothing",
                             span.name, one.name, span.begin, one.name)  # fmt: skip
+
+    def modes(self, count):
+        """Modes of small free vibrations about the state that the run has come to. *Collective.*
+
+        Parameters
+        ----------
+        count : int
+
+        Returns
+        -------
+        squares : ndarray (n,)
+            Of the angular frequencies, see :func:`pcontact.solve.vibration.frequencies`.
+        shapes : list of ndarray (n_owned, d)
+        """
+        problem, u = self.problem, self.stepper.u
+        # partners and status are those of the state
+        equilibrium(problem, u, self.stepper.schedule.time)
+        return frequencies(problem, build.mass_of(self.part, problem.space, problem.groups), u, count)
 
     def close(self):
         """Take what this run entered back out of the options database, for the next scene."""

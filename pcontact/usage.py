@@ -5,7 +5,7 @@ from dataclasses import replace
 from typing import NamedTuple
 
 from pcontact import __version__
-from pcontact.runtime.commands import CONVERT, DEMO, IMPORT, JSON, NEW, PLOT, REFINE, SCHEMA, SET, VIEW, WARM
+from pcontact.runtime.commands import CONVERT, DEMO, IMPORT, JSON, MODES, NEW, PLOT, REFINE, SCHEMA, SET, VIEW, WARM
 from pcontact.runtime.declared import OPTIONS, SECTIONS, help_lines, listed
 from pcontact.runtime.errors import InputError
 from pcontact.scene import Contact, MeshSpec, Output, Scene, Steps
@@ -46,6 +46,8 @@ COMMANDS = {
     "run": Command("a scene file", "SCENE.toml [-o DIR] [options]", "solve; results in DIR (default: SCENE_results)"),
     "check": Command("a scene file", "SCENE.toml [options]",
                      "what is modelled; solves nothing (with -error coarse meshes)"),
+    "modes": Command("a scene file", "SCENE.toml [-count N] [options]",
+                     "solve, then modes of vibrations about the state"),
     "import": Command(
         "a deck", "DECK [-o DIR]", "a scene with its mesh from a deck of Abaqus or CalculiX (.inp)", IMPORT
     ),
@@ -104,7 +106,7 @@ def usage(command=None):
     lines += [""]
     if any(one.options is None for one in named.values()):
         lines += ["Options of run and check. They win over the scene; its [petsc] table wins over defaults."]
-        lines += help_lines([*SET.values(), *JSON.values()])
+        lines += help_lines([*SET.values(), *JSON.values(), *(MODES.values() if command == "modes" else ())])
         for title, options in run_options().items():
             lines += [f"{title}:", *help_lines(options)]
         lines += ["Of PETSc:", PETSC_HELP]

@@ -139,7 +139,9 @@ class Inertia(Item):
         out += self.mass.times(way / (size**2 * last), self.mass.magnitudes)
 
     def tangent(self, u, rule=LAW):
-        """Values (nnz, d, d) on :meth:`pattern`."""
+        """Values (nnz, d, d) on :meth:`pattern`; between steps none, for small motions about the state."""
+        if not self._goes_on:
+            return np.zeros_like(self.mass.values)
         size, weights = self._size, self._weights
         last = size * weights.displacement[1]
         values = (1.0 - weights.mass) / (1.0 - weights.force) / (size * last) * self.mass.values

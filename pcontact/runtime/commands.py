@@ -46,6 +46,7 @@ CONVERT = listed(
         value="FILE.h5",
     ),
 )  # fmt: skip
+MODES = listed(Option("count", integer(1, 1000), "how many modes", 10))
 IMPORT = listed(
     Option("o", text("a directory"), "where scene, mesh and list go", otherwise="beside the file, by its name",
            value="DIR"),

@@ -271,7 +271,7 @@ OPTIONS = listed(
     ),
 )  # fmt: skip
 # options that are no run's, not even unused
-COMMAND_LINE = ("o", "help", "h", "field", "step", "scale", "json", "set")
+COMMAND_LINE = ("o", "help", "h", "field", "step", "scale", "json", "set", "count")
 # what the program asks PETSc's options for, which PETSc takes itself
 PETSC = listed(
     Option("pc_type", ANY_TEXT, "preconditioner", "gamg"),

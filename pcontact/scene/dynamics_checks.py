@@ -33,6 +33,7 @@ def check_dynamics(scene: Scene) -> None:
     if scene.dynamics.step_error is not None and scene.steps.control != "auto":
         found = f'{scene.dynamics.step_error:g} with control = "{scene.steps.control}"'
         raise input_error(scene.where, "dynamics.step_error", found, '[steps] control = "auto", or nothing')
+    check_masses(scene, ", with [dynamics]")
     for number, body in enumerate(scene.bodies):
         _check_body(scene, place("bodies", number, body.region), body)
     if isinstance(scene.accuracy, Target):
@@ -57,12 +58,22 @@ def _check_points(scene):
                 raise input_error(scene.where, where, found, "nothing: rings do not turn in their plane")
 
 
+def check_masses(scene: Scene, why: str = "") -> None:
+    """Every body that is there has a density.
+
+    Raises
+    ------
+    InputError
+    """
+    for body in scene.bodies:
+        if scene.materials[body.material].density is None and not body.absent:
+            found = f"nothing{why} (body {body.region})"
+            raise input_error(scene.where, f"materials.{body.material}.density", found, "a number > 0, mass per volume")
+
+
 def _check_body(scene, where, body):
-    """A body has a mass, and damping that is defined."""
+    """A body has damping that is defined."""
     material = scene.materials[body.material]
-    if material.density is None and not body.absent:
-        found = f"nothing, with [dynamics] (body {body.region})"
-        raise input_error(scene.where, f"materials.{body.material}.density", found, "a number > 0, mass per volume")
     for key, bad in (("finite strain", scene.finite(body)), ("an orthotropic material", material.orthotropic)):
         if body.stiffness_damping and bad:
             found = f"{body.stiffness_damping:g} of a body with {key}"

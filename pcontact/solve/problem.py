@@ -400,6 +400,14 @@ class Problem:
             self.matrix.write(stiffness, self._sum(values), added)
         profile.mark("assembly")
 
+    def stiffness(self, u):
+        """The matrix of small motions about a committed state, without stabilisation: points that are closed stay so,
+        and stick, all others are open. *Collective.*"""
+        # rows without contact are written anew, too
+        self.stabilised, self._versions = False, None
+        self.tangent(u, self.frozen())
+        return self.matrix.matrix
+
     def closed_area(self):
         """Area of all points that were closed in the last tangent [length^(d - 1)]. *Collective.*"""
         own = sum(item.closed_area() for item in self.others)

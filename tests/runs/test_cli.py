@@ -113,3 +113,19 @@ def test_a_run_and_a_check(tmp_path):
     assert done.returncode == 0, done.stderr
     assert report_of(tmp_path / "case" / "scene_results")["converged"] is True
     assert re.search("-contact_tehta was not used; the nearest is -contact_theta", done.stdout + done.stderr)
+
+
+def test_modes(tmp_path):
+    """Frequencies in words and in a file, and fields; a body without a density is refused before anything is solved."""
+    lay_out(tmp_path / "case", Case([]))
+    done = execute(tmp_path / "case", ["modes", "scene.toml", "-count", "2"])
+    refused = r"density: found nothing \(body \w+\); allowed: a number > 0"
+    assert done.returncode == 2 and re.search(refused, done.stderr)
+    text = (tmp_path / "case" / "scene.toml").read_text()
+    (tmp_path / "case" / "scene.toml").write_text(text.replace("nu = ", "density = 2.0\nnu = ", 1))
+    done = execute(tmp_path / "case", ["modes", "scene.toml", "-count", "2"])
+    assert done.returncode == 0 and done.stderr == ""
+    found = json.loads((tmp_path / "case" / "scene_results" / "modes.json").read_text())["modes"]
+    assert len(found) == 2 and found[0]["frequency"] < found[1]["frequency"] and found[0]["stable"]
+    assert f"mode 1: frequency {found[0]['frequency']:.6g}" in done.stdout and "was not used" not in done.stdout
+    assert (tmp_path / "case" / "scene_results" / "modes" / "fields.pvd").exists()

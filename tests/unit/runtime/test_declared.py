@@ -39,7 +39,7 @@ def test_every_key_is_declared(cls):
     """Every field of a table but tables and places, with a help; its default is allowed."""
     others = {field.name for field in fields(cls) if field.name not in keys(cls)}
     tables = {"mesh", "materials", "bodies", "contacts", "displacements", "loads", "couplings", "springs",
-              "temperatures", "phases", "regions", "pretensions", "equations", "periodic",
+              "temperatures", "phases", "regions", "pretensions", "equations", "periodic", "dynamics",
               "steps", "output", "petsc"}  # fmt: skip
     known = {Scene: tables | {"path", "beside"}, Contact: {"obstacle", "held"}, Pretension: {"locked"},
              Body: {"absent", "since"}, Target: {"budget"}}  # fmt: skip
