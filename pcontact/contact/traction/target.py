@@ -100,26 +100,26 @@ class TargetTraction:
         rows, xi, contact = asked[:, 0].astype(np.int64), asked[:, 1:d], np.ascontiguousarray(asked[:, d:])
         x, normal, shape = np.empty((n, d)), np.empty((n, d)), np.zeros((n, side.cells.shape[1]))
         slope, grad = np.zeros((2, *shape.shape, d))
-        cells, first = side.cells[rows], 0
+        order, first = np.tile(np.arange(shape.shape[1]), (n, 1)), 0
         for facets in self._groups:
             c = np.flatnonzero((rows >= first) & (rows < first + len(facets.cells)))
-            x[c], normal[c], _, *tables = at_places(space, facets, rows[c] - first, xi[c])
-            # the nodes of the facet are the first ones
+            x[c], normal[c], _, v, g, strain = at_places(space, facets, rows[c] - first, xi[c])
+            nn = v.shape[1]
+            shape[c, :nn], slope[c, :nn], grad[c, :nn] = v, g, strain
             on = facet_nodes(facets.cell, space.degree)
-            order = np.array([[*own, *np.setdiff1d(np.arange(tables[0].shape[1]), own)] for own in on])
-            order = order[facets.local[rows[c] - first]]
-            for whole, part in zip((cells, shape, slope, grad), (cells[c], *tables), strict=True):
-                index = order if part.ndim == 2 else order[:, :, None]
-                whole[c, : order.shape[1]] = np.take_along_axis(part, index, axis=1)
+            own = np.array([[*nodes, *np.setdiff1d(np.arange(nn), nodes)] for nodes in on])
+            order[c, :nn] = own[facets.local[rows[c] - first]]
             first += len(facets.cells)
         # its volumetric operator follows from the others
         at = replace(side, facet=rows, x=x, normal=normal, jxw=np.ones(n), shape=shape, grad=grad, slope=None)
         traction = Traction(at).with_linear(space, self._bulk, self._name)
         out = np.empty((*grad.shape[:2], m, d))
         traction.derivative(np.arange(n), np.eye(d)[None] if m == d else contact[:, None], np.ones(n), out)
-        faces = np.einsum("pd,pd->p", area_vectors(slope, nodal[cells], normal), contact)
+        faces = np.einsum("pd,pd->p", area_vectors(slope, nodal[side.cells[rows]], normal), contact)
         numbers = np.column_stack([side.trace[rows], side.shear[rows], faces, x[:, 0], normal])
-        return [space.nodes[cells], shape, out, numbers]
+        # the nodes of the facets are the first ones
+        every = np.arange(n)[:, None]
+        return [space.nodes[side.cells[rows]][every, order], shape[every, order], out[every, order], numbers]
 
     def _ask(self, place, normal, nodal, m):
         """Answers at places (n, 1 + d), rank, row of the facet there, reference point, with contact normals (n, d):
