@@ -40,7 +40,7 @@ def tilted(path):
         bodies=[Body("lower", "soft"), Body("upper", "soft")],
         contacts=[Contact("upper_bottom", "lower_top", name="face")],
         displacements=[Displacement("lower_bottom", [0.0, 0.0, 0.0]),
-                       Displacement("upper_top", [0.0, 0.0, "0.02-0.1*x"])],
+                       Displacement("upper_top", [0.0, 0.0, "0.035-0.1*x"])],
         output=Output(fields=False, estimate=True),
     )  # fmt: skip
 
