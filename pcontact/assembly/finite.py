@@ -58,8 +58,11 @@ class FiniteStates(BlockStates):
         self.values = np.zeros((rows, n_points(space, number), m + 1))
 
     def of(self, rows):
-        """A `FiniteState` of some cells, a view for a slice."""
-        return FiniteState(self.material, self.values[rows] if self.material.yields else self.values)
+        """A `FiniteState` of some cells, a copy."""
+        return self._state(self.values[rows] if self.material.yields else self.values)
+
+    def _state(self, values):
+        return FiniteState(self.material, np.ascontiguousarray(values[..., :-1]), np.ascontiguousarray(values[..., -1]))
 
     def cells(self, rows, grad, jxw, shapes):
         """Cells as kernels want them.
@@ -98,7 +101,10 @@ class FiniteStates(BlockStates):
 
     def advance(self, rows, cells, nodal, values):
         """See :meth:`BlockStates.advance`."""
-        return commit(FiniteState(self.material, values), cells, nodal, cell_work(cells))
+        state = self._state(values)
+        missed = commit(state, cells, nodal, cell_work(cells))
+        values[..., :-1], values[..., -1] = state.strain, state.p
+        return missed
 
 
 class FiniteSolid(Bulk):

@@ -44,7 +44,6 @@ from pcontact.material.finite import (
     pressure_slope,
     stress_at,
     thickness,
-    to_tensor,
 )
 from pcontact.material.log_strain import compose, eigenpairs, twice_green, volume_change
 from pcontact.material.mandel import HALF, moduli_of
@@ -87,13 +86,15 @@ class FiniteState(NamedTuple):
     ----------
     material : pcontact.material.finite.FiniteMaterial
         With the volumetric moduli of these cells.
-    values : ndarray (nc, nq, m + 1)
-        Committed plastic strain at the quadrature points, Mandel components, and equivalent plastic strain; one row of
-        zeros where none may yield.
+    strain : ndarray (nc, nq, m)
+        Committed plastic strain at the quadrature points, Mandel components; one row of zeros where none may yield.
+    p : ndarray (nc, nq)
+        Committed equivalent plastic strain, likewise.
     """
 
     material: FiniteMaterial
-    values: np.ndarray
+    strain: np.ndarray
+    p: np.ndarray
 
 
 class CellWork(NamedTuple):
@@ -262,11 +263,12 @@ def begin_cell(state, cells, nodal, c, mode, work):
 def point_of_cell(state, cells, c, q, mode, work):
     """S of a point, with its tangent, Fb, Ui and P; False if it cannot be integrated. After :func:`begin_cell`."""
     row = c if len(state.material.small.curve) > 0 else 0
-    m, own = work.point.stress.shape[0], state.values[row, q]
-    good, plastic, _, _ = stress_at(state.material, work.h[q], own[:m], own[m], work.pressure[q], mode, work.point)
+    good, plastic, _, _ = stress_at(
+        state.material, work.h[q], state.strain[row, q], state.p[row, q], work.pressure[q], mode, work.point
+    )
     if not good:
         return False
-    to_tensor(work.point.stress, work.tensor)
+    _to_tensor(work.point.stress, work.tensor)
     fb, ui, h = work.deformation, work.stretch, work.h[q]
     for i in range(3):
         for j in range(3):
@@ -287,6 +289,16 @@ def point_of_cell(state, cells, c, q, mode, work):
         for j in range(3):
             work.piola[i, j] = x * ui[0, j] + y * ui[1, j] + z * ui[2, j]
     return True
+
+
+@njit_inner
+def _to_tensor(v, out):
+    out[0, 0], out[1, 1], out[2, 2] = v[0], v[1], v[2]
+    out[0, 1] = HALF * v[3]
+    out[1, 0] = out[0, 1]
+    if v.shape[0] == 6:
+        out[1, 2], out[0, 2] = HALF * v[4], HALF * v[5]
+        out[2, 1], out[2, 0] = out[1, 2], out[0, 2]
 
 
 @njit_inner
@@ -491,7 +503,7 @@ def cell_piola(state, cells, nodal, c, mode, work, piola, slope):
         False if the cell cannot be integrated; both mean nothing then.
     """
     nq, nn, d = cells.grad.shape[1], cells.grad.shape[2], cells.grad.shape[3]
-    nb, m = cells.basis.shape[2], work.point.stress.shape[0]
+    nb, m = cells.basis.shape[2], state.strain.shape[2]
     if not begin_cell(state, cells, nodal, c, mode, work):
         return False
     for q in range(nq):
@@ -599,16 +611,17 @@ def piola_at(state, cells, nodal, mode, work, piola, slope):
 @njit
 def commit(state, cells, nodal, work):
     """Let the state of all points of the cells, in place, follow the displacement; returns how many could not."""
-    missed, m = 0, work.point.stress.shape[0]
+    missed = 0
     for c in range(len(cells.nodes)):
         for q in range(cells.grad.shape[1]):
             gradient_at(cells, nodal, c, q, work.h[q])
-            own = state.values[c, q]
-            good, _, p, yields = stress_at(state.material, work.h[q], own[:m], own[m], 0.0, STRESS, work.point)
+            good, _, p, yields = stress_at(
+                state.material, work.h[q], state.strain[c, q], state.p[c, q], 0.0, STRESS, work.point
+            )
             missed += 0 if good else 1
             if good and yields:
-                new_plastic_strain(state.material, own[:m], work.point)
-                own[m] = p
+                new_plastic_strain(state.material, state.strain[c, q], work.point)
+                state.p[c, q] = p
     return missed
 
 
@@ -618,7 +631,7 @@ def cauchy(state, cells, nodal, work, stress, strain, volume):
 
     ``volume`` (nc,) is that of the undeformed cells. Components XX, YY, ZZ, XY, YZ, XZ of the tensors.
     """
-    nq, material, logs, m = cells.grad.shape[1], state.material, work.point.row, work.point.stress.shape[0]
+    nq, material, logs = cells.grad.shape[1], state.material, work.point.row
     for c in range(len(cells.nodes)):
         stress[c, :] = 0.0
         strain[c, :] = 0.0
@@ -631,7 +644,7 @@ def cauchy(state, cells, nodal, work, stress, strain, volume):
             ratio, across = 1.0 + volume_change(work.h[q]), 0.0
             if material.small.plane_stress:
                 row = c if len(material.small.curve) > 0 else 0
-                across = thickness(material, state.values[row, q, :m], state.values[row, q, m] > 0.0, work.point)
+                across = thickness(material, state.strain[row, q], state.p[row, q] > 0.0, work.point)
                 ratio *= np.exp(across)
             weight = cells.jxw[c, q] * ratio
             total += weight
@@ -648,7 +661,7 @@ def cauchy(state, cells, nodal, work, stress, strain, volume):
                 for j in range(3):
                     work.piola[i, j] = work.h[q, j, i]
             twice_green(work.piola, work.tensor)
-            eigenpairs(work.tensor, m, work.point.values, work.point.vectors)
+            eigenpairs(work.tensor, state.strain.shape[2], work.point.values, work.point.vectors)
             for i in range(3):
                 logs[i] = 0.5 * np.log1p(work.point.values[i])
             compose(logs, work.point.vectors, work.tensor)
@@ -728,7 +741,7 @@ def stored_energy(state, cells, nodal, work, stored, p):
     p : ndarray (nc, nq)
         Overwritten: equivalent plastic strain.
     """
-    material, m = state.material, work.point.stress.shape[0]
+    material = state.material
     for c in range(len(cells.nodes)):
         good = begin_cell(state, cells, nodal, c, STRESS, work)
         row = c if len(material.small.curve) > 0 else 0
@@ -736,8 +749,9 @@ def stored_energy(state, cells, nodal, work, stored, p):
             stored[c, q] = np.nan
             if not good:
                 continue
-            own = state.values[row, q]
-            fine, _, p[c, q], _ = stress_at(material, work.h[q], own[:m], own[m], 0.0, STRESS, work.point)
+            fine, _, p[c, q], _ = stress_at(
+                material, work.h[q], state.strain[row, q], state.p[row, q], 0.0, STRESS, work.point
+            )
             if not fine:
                 continue
             strain = work.point.strain

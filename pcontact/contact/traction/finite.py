@@ -205,7 +205,7 @@ class FiniteTraction:
         places = places._replace(matrix=np.ascontiguousarray(places.matrix))
         first = np.searchsorted(places.facet, np.arange(len(rows) + 1))
         state = self._bulk.parts[facets.block].of(rows)
-        state, soft = state._replace(values=np.zeros_like(state.values)), np.empty((len(rows), 2))
+        state, soft = state._replace(strain=0.0 * state.strain, p=0.0 * state.p), np.empty((len(rows), 2))
         behind = _Facets(cells, first, places)
         _stiffest(state, behind, np.zeros_like(space.points), source.normal, cell_work(cells), soft)
         return _Part(facets.block, rows, which, behind, soft)
