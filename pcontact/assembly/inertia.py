@@ -176,10 +176,13 @@ class Inertia(Item):
         problem.enter(u, time)
         then = u.copy()
         problem.enter(then, end)
-        self.velocity = np.where(problem.fixed, 0.0, velocity)
-        for group in problem.groups:
-            group.follow(self.velocity)
-        self.velocity += (self._values(then) - self._values(u)) / (end - time)
+        given = (self._values(then) - self._values(u)) / (end - time)
+        self.velocity = np.where(problem.fixed, given, velocity)
+        if problem.groups:
+            # what groups do not admit they take up in an impact at once: the nearest motion, in the norm of the mass
+            impulse = self.mass.times(velocity - given)
+            problem.condense(impulse)
+            self.velocity = self._accelerated(problem, impulse) + given
         for at in (None, u) if moved else (u,):
             for item in problem.items:
                 where = problem.undeformed(item) if at is None else at
@@ -188,11 +191,12 @@ class Inertia(Item):
                     item.commit(where, time)
         forces = problem.unbalanced(u)
         problem.condense(forces)
-        self.acceleration = self._accelerations(problem, -forces)
+        self.acceleration = self._accelerated(problem, -forces)
         self.force, self.begun = self.mass.times(self.acceleration), True
 
-    def _accelerations(self, problem, forces):
-        """Of nodes whose forces (n_owned, d) are condensed; of prescribed components 0. *Collective.*"""
+    def _accelerated(self, problem, forces):
+        """Accelerations (n_owned, d) by forces that are condensed, or velocities by impulses; 0 of what is prescribed.
+        *Collective.*"""
         space, matrix = self.space, problem.new_matrix()
         none = np.zeros(space.n_owned + 1, dtype=np.int64), np.zeros(0, dtype=np.int64)
         matrix.renew(self.pattern(), none)

@@ -182,3 +182,20 @@ def test_a_run_without_has_nothing_of_it(shared_tmp):
         assert scene.output.energy is False and simulation.scene.contacts[0].theta == 0.0
     finally:
         simulation.free()
+
+
+@pytest.mark.parallel(1, 3)
+def test_a_velocity_that_a_mean_motion_does_not_admit(shared_tmp):
+    """It becomes the nearest one that it does, the same on any ranks."""
+    path = make(one_block, shared_tmp / "mean.msh", 2, 4)
+    scene = Scene(
+        MeshSpec(path), {"m": Material(100.0, 0.3, density=1.0)},
+        [Body("block", "m", initial_velocity=[0.3, 1.0])],
+        couplings=[Coupling("top", average=True, displacement=[0.02, "free"])], steps=Steps(0.1, 5),
+        output=Output(fields=False), dynamics=Dynamics(),
+    )  # fmt: skip
+    energy = run(scene, WORLD, shared_tmp / "out")[-1]["energy"]
+    assert 0.5 < energy["initial"] < 0.5 * (0.3**2 + 1.0) and abs(energy["defect"]) < 1e-9
+    alone = run(scene, SELF, shared_tmp / f"alone{WORLD.rank}")[-1]["energy"]
+    for key, value in energy.items():
+        assert alone[key] == pytest.approx(value, rel=1e-7, abs=1e-9)
