@@ -78,7 +78,7 @@ def mechanical(record):
 
 def fall(args, petsc, end, gravity=0.0, theta=0.0, integrator="hht"):
     """The bar of length 10 above the wall."""
-    n = 20 if args.tiny else args.n or 100
+    n = 10 if args.tiny else args.n or 100
     path = make_mesh(one_block, args.o / "bar.msh", 2, (1, n), size=(1.0, 10.0), lower=(0.0, 5.0))
     sides = [Displacement(side, [0.0, "free"]) for side in ("left", "right")]
     loads = [Load("block", acceleration=[0.0, -gravity], amplitude=ALWAYS)] if gravity else []
@@ -111,7 +111,7 @@ def bar(args, petsc):
 
 def bounce(args, petsc):
     """The bar falls from rest, twice or three times."""
-    records, converged, norms = fall(args, petsc, 1.5 if args.tiny else 6.2, gravity=10.0)
+    records, converged, norms = fall(args, petsc, 1.2 if args.tiny else 6.2, gravity=10.0)
     foot = 5.0 + column(records, "probes", "bottom", "mean")[:, 1]
     time, middle = column(records, "time"), 10.0 - column(records, "energy", "loads") / 100.0
     rows = [(f"foot at {t:g}", place, float(np.interp(t, time, foot))) for t, place in FEET.items() if t < time[-1]]
@@ -216,7 +216,7 @@ def copper(args, petsc, title, material, strain, count, cells, integrator="hht")
         title=title, mesh=MeshSpec(path, kinematics="axisymmetric", strain=strain, mean_dilatation=True),
         materials={"m": material}, bodies=[Body("body", "m", initial_velocity=[0.0, -227.0])],
         contacts=[wall("bottom", None, 3.0)], displacements=[Displacement("inner", [0.0, "free"])],
-        steps=Steps(0.08, count), output=Output(fields=False, probes=["top", "outer"]),
+        steps=Steps(0.01 if args.tiny else 0.08, count), output=Output(fields=False, probes=["top", "outer"]),
         dynamics=Dynamics(integrator=integrator), petsc=petsc,
     )  # fmt: skip
     return solve(args, name, scene)
@@ -228,7 +228,7 @@ def elastic(args, petsc):
     material = Material(117e3, 0.35, density=8.93e-3)
     rows, every, good, norms = [], [], True, []
     for integrator in ("trapezoidal", "hht")[: 1 if args.tiny else None]:
-        count = 40 if args.tiny else 600
+        count = 20 if args.tiny else 600
         records, converged, norms = copper(args, petsc, "Elastic bar", material, "small", count, cells, integrator)
         balance(integrator, records)
         good, every = good and converged, every + records
@@ -243,7 +243,7 @@ def taylor(args, petsc):
     """Taylor's bar of copper."""
     cells = (2, 20) if args.tiny else (4, 50)
     material = Material(117e3, 0.35, yield_stress=400.0, hardening=100.0, density=8.93e-3)
-    records, converged, norms = copper(args, petsc, "Taylor bar", material, "finite", 40 if args.tiny else 400, cells)
+    records, converged, norms = copper(args, petsc, "Taylor bar", material, "finite", 20 if args.tiny else 400, cells)
     balance("taylor", records)
     probes = records[-1]["probes"]
     length, radius = 32.4 + probes["top"]["mean"][1], 3.2 + probes["outer"]["max"][0]
@@ -263,7 +263,7 @@ def slider(args, petsc):
         title="A block that slides", mesh=MeshSpec(path), materials={"m": Material(1e5, 0.3, density=1.0)},
         bodies=[Body("block", "m", initial_velocity=[1.0, 0.0])], contacts=[floor],
         loads=[Load("block", acceleration=[0.0, -gravity])],
-        phases=[Phase("rest"), Phase("slide", 0.36, 50 if args.tiny else 1400)],
+        phases=[Phase("rest"), Phase("slide", 0.36, 20 if args.tiny else 1400)],
         output=Output(fields=False, probes=["bottom"]), dynamics=Dynamics(phases=["slide"]), petsc=petsc,
     )  # fmt: skip
     records, converged, norms = solve(args, "slider", scene)
