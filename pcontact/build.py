@@ -252,19 +252,21 @@ def check_present(scene, mesh):
             raise input_error(scene.where, where, found, "contacts of bodies that are there")
 
 
-def _check_laws(scene):
-    """Refuse materials with a law that this program has not added, or does not know the energy of."""
-    for name, material in scene.materials.items():
-        if not material.added:
-            continue
-        where, law = f"materials.{name}.law", ADDED.get(material.law)
-        if law is None:
+def _laws(scene, dim):
+    """Laws of small strain of the bodies. Refused are those that this program has not added, and those that do not say
+    what they store where that is asked for."""
+    laws = []
+    for body in scene.bodies:
+        material, where = scene.materials[body.material], f"materials.{body.material}.law"
+        if material.added and material.law not in ADDED:
             added = " | ".join(map(repr, ADDED)) or "none: this program has added no material (pcontact.add_material)"
             allowed = f'"hencky" | {" | ".join(map(repr, RUBBER))}, or a law that was added, {added}'
             raise input_error(scene.where, where, repr(material.law), allowed)
-        if scene.output.energy and getattr(law, "energy", None) is None:
+        laws.append(small_strain(material, dim, scene.mesh.kinematics))
+        if scene.output.energy and material.added and getattr(laws[-1], "energy", None) is None:
             found = f"true with the law {material.law!r}, which does not say what it stores"
             raise input_error(scene.where, "output.energy", found, "false, or a law with a method energy")
+    return laws
 
 
 def bulk_item(scene, space, laws):
@@ -780,8 +782,7 @@ def assemble(scene, mesh, span=None, more=()):
 def _assemble(scene, space, span, more):
     """See :func:`assemble`. *Collective.*"""
     end, mesh = scene.steps.end, space.mesh
-    _check_laws(scene)
-    laws = [small_strain(scene.materials[body.material], mesh.dim, scene.mesh.kinematics) for body in scene.bodies]
+    laws = _laws(scene, mesh.dim)
     _check_estimate(scene, space)
     _check_locking(scene, space)
     _check_joined(scene, space)
