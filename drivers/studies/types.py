@@ -3,10 +3,13 @@
     mpirun -n 2 python drivers/studies/types.py -o types --unknowns 50000 200000 [--types aij baij sell]
 
 The matrix is the stiffness of the ball and the block of `meshes.ball_on_block` (tetrahedra of degree 1) under body
-forces; solves go to a relative tolerance of 1e-8 with the program's Krylov method and multigrid. Types take turns, and
-the fastest of all turns counts, so that what else the machine does disturbs the ratios to AIJ less than the seconds;
-`spread` is the slowest turn of AIJ over its fastest. Seconds are those of the slowest rank.
+forces; solves go to a relative tolerance of 1e-8 with the program's Krylov method and multigrid. `run` is a whole load
+step of the two in contact with friction. Seconds are processor seconds of the slowest rank. Types take
+turns, and the fastest of all turns counts, so that what else the machine does disturbs the ratios to the first type
+little; `spread` is the slowest turn of that type over its fastest.
 """
+
+import time
 
 import numpy as np
 
@@ -19,6 +22,7 @@ from pcontact.runtime.petsc import MPI, PETSc, known_types
 from pcontact.simulation import Simulation
 
 PRODUCTS = 20  # in a turn
+TIMED = ("product", "set_up", "solve", "run")
 KINDS = known_types(PETSc.Mat, (*AIJ, *BESIDE))
 
 
@@ -26,9 +30,9 @@ def seconds(work) -> float:
     """Of a collective piece of work, on the slowest rank. *Collective.*"""
     comm = MPI.COMM_WORLD
     comm.Barrier()
-    start = MPI.Wtime()
+    start = time.process_time()
     work()
-    return comm.allreduce(MPI.Wtime() - start, op=MPI.MAX)
+    return comm.allreduce(time.process_time() - start, op=MPI.MAX)
 
 
 class Case:
@@ -77,14 +81,33 @@ class Case:
         self._simulation.free()
 
 
+class Contact:
+    """A load step with contact and friction. *Collective.*"""
+
+    def __init__(self, mesh, kind):
+        self._scene = make_scene(mesh, "frictional")
+        self._scene.petsc["mat_type"] = kind
+
+    def run(self):
+        """From the mesh to the solution."""
+        simulation = Simulation(self._scene)
+        if not simulation.run(None):
+            raise SystemExit(1)
+        self.memory = simulation.costs.memory()["solve"]["peak_mb"]
+        simulation.free()
+
+
 def turn(mesh, kind) -> dict:
-    """Seconds of a product, of the set-up and of a solve; iterations; unknowns. *Collective.*"""
+    """Seconds of a product, of the set-up, of a solve, of a run, and its peak memory [MB]; iterations; unknowns.
+    *Collective.*"""
     case = Case(mesh, kind)
     row = {"product": seconds(case.products) / PRODUCTS}
     case.renew()
     row["set_up"], row["solve"] = seconds(case.set_up), seconds(case.solve)
     row.update(iterations=case.iterations, unknowns=case.unknowns)
     case.close()
+    contact = Contact(mesh, kind)
+    row.update(run=seconds(contact.run), memory=contact.memory)
     return row
 
 
@@ -104,14 +127,14 @@ def compare(args) -> int:
                 rows.append(turn(mesh, kind))
         best = {kind: {name: min(row[name] for row in rows) for name in rows[0]} for kind, rows in turns.items()}
         first = args.types[0]
-        spread = {name: max(row[name] for row in turns[first]) / best[first][name] for name in ("product", "solve")}
+        spread = {name: max(row[name] for row in turns[first]) / best[first][name] for name in TIMED}
         print_table(
             f"{best[first]['unknowns']} unknowns, {MPI.COMM_WORLD.size} ranks; spread of {first}: product "
-            f"{spread['product']:.2f}, solve {spread['solve']:.2f}",
-            ["type", "iterations", "product [s]", "ratio", "set-up [s]", "ratio", "solve [s]", "ratio"],
+            f"{spread['product']:.2f}, solve {spread['solve']:.2f}, run {spread['run']:.2f}",
+            ["type", "iterations", *np.ravel([(f"{name} [s]", "ratio") for name in TIMED]), "memory [MB]"],
             [
-                [kind, row["iterations"], *np.ravel([(row[name], row[name] / best[first][name])
-                                                     for name in ("product", "set_up", "solve")])]
+                [kind, row["iterations"], *np.ravel([(row[name], row[name] / best[first][name]) for name in TIMED]),
+                 row["memory"]]
                 for kind, row in best.items()
             ],
         )  # fmt: skip

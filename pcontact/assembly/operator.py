@@ -11,6 +11,8 @@ from pcontact.runtime.petsc import PETSc, local_values, preallocate_sell
 
 # types that are AIJ: values are written in place on the host, and PETSc moves them to where they are used
 AIJ = ("aij", "aijcusparse", "aijhipsparse", "aijkokkos")
+# rows whose blocks are handed to PETSc at a time
+ROWS = 4096
 # types of a matrix beside AIJ
 BESIDE = ("baij", "sbaij", "sell")
 
@@ -61,6 +63,7 @@ class Operator:
             matrix.setPreallocationNNZ([count.astype(PETSc.IntType) for count in counts])
         if self._kind == "sbaij":
             matrix.setOption(PETSc.Mat.Option.IGNORE_LOWER_TRIANGULAR, True)
+        self._start = start
         self._columns = [columns[part].astype(PETSc.IntType) for part in (inside, ~inside)]
         self._new = True
 
@@ -82,11 +85,19 @@ class Operator:
                     _copy_blocks(rows, pointer, part, (size, 1, size), place)
             return
         for pointer, columns, part in zip(pointers, self._columns, values, strict=True):
-            blocks = np.empty(part.size)
-            _copy_blocks(np.arange(len(pointer) - 1), pointer, part, (size, size, 1), blocks)
-            self.matrix.setValuesBlockedIJV(pointer.astype(PETSc.IntType), columns, blocks)
+            self._insert(pointer, columns, part, size)
         self.matrix.assemble()
         self._new = False
+
+    def _insert(self, pointer, columns, values, size):
+        """Blocks of a local part, some rows at a time: all of them would be as much memory as the matrix."""
+        for low in range(0, len(pointer) - 1, ROWS):
+            high = min(low + ROWS, len(pointer) - 1)
+            first, last = pointer[low], pointer[high]
+            own, blocks = pointer[low : high + 1] - first, np.empty((last - first) * size**2)
+            _copy_blocks(np.arange(high - low), own, values[first * size**2 : last * size**2], (size, size, 1), blocks)
+            rows = np.arange(self._start + low, self._start + high, dtype=PETSc.IntType)
+            self.matrix.setValuesBlockedIJV(own.astype(PETSc.IntType), columns[first:last], blocks, rowmap=rows)
 
     def preallocate_entries(self, pointer, columns, start):
         """Take a pattern of owned scalar rows, of which the first has the global number `start`. *Collective.*"""
