@@ -308,7 +308,7 @@ class ContactPair(Item):
     def _couples(self, closed):
         """Points that may need an entry in the matrix for both sides, among them those that are ``closed``."""
         # a bound that does not follow the pressure acts wherever there is a partner, as the adjoint of its cell does
-        return self.pairing.paired & (closed | (not self.law.follows_pressure) | self.terms.wide)
+        return self.pairing.paired & (closed | (not self.law.follows_pressure) | self.terms.wide(self.pairing))
 
     def renew(self, u, before, time, firm=False, tolerance=0.0):
         """See :meth:`pcontact.assembly.item.Item.renew`. *Collective.*"""

@@ -75,11 +75,11 @@ class FiniteTerms:
     Attributes
     ----------
     last : LastTangent
-    wide, weighted : bool and None
+    weighted : None
         See `pcontact.contact.formulation.small.SmallTerms`; the cells of partners have no part in the traction.
     """
 
-    wide, weighted = False, None
+    weighted = None
 
     def __init__(self, space, source, method, traction, law):
         self.space, self.source, self.method, self.traction, self.law = space, source, method, traction, law
@@ -100,6 +100,10 @@ class FiniteTerms:
     def weigh(self, found, nodal):
         """Partners as they are: the traction is that of the source."""
         return found
+
+    def wide(self, p):
+        """No points: the adjoint term needs the cells of the source."""
+        return False
 
     def operator(self, normal, last):
         """None: the derivative of the traction is another one at other displacements."""

@@ -72,10 +72,9 @@ class SmallTerms:
     def _lags(self):
         return self.law.tangential and not self.law.tied
 
-    @property
-    def wide(self):
-        """Whether the adjoint term needs the cells of partners, of open points, too."""
-        return self._target is not None and self.method.theta != 0.0
+    def wide(self, p):
+        """Points (np,) whose adjoint term needs the cells of their partners, of open ones, too."""
+        return (p.operator.width > self.source.shape.shape[1]) & (self.method.theta != 0.0)
 
     # -- a load step ----------------------------------------------------------------------------------------------
 
@@ -86,7 +85,7 @@ class SmallTerms:
         """
         if self._target is None:
             return found
-        found, self.weighted = self._target.weigh(found, self.source, nodal, self.law.tangential)
+        found, self.weighted = self._target.weigh(found, self.source, nodal, self.law)
         self.method.take_trace(self.weighted.trace)
         if self.weighted.shear is not None:
             self.method.take_alpha(self.weighted.shear)

@@ -34,6 +34,9 @@ from pcontact.element.reference import facet_nodes
 from pcontact.runtime.parallel import split_by_rank
 from pcontact.runtime.petsc import MPI
 
+# [facet sizes] Gap up to which the partner of a point has a part in the traction. From: chosen, as far as facets get
+# their place in the pattern before they close; nothing is asked of most points of most surfaces.
+NEAR = 4.0
 # [-] Ratio of areas, or its inverse, beyond which the partner has no part in the traction. From: chosen; facets that
 # face each other at 75 degrees.
 ASKEW = 4.0
@@ -142,7 +145,7 @@ class TargetTraction:
         parts = np.split(out, np.cumsum([math.prod(shape) for shape in shapes])[:-1], axis=1)
         return [part.reshape(len(place), *shape) for part, shape in zip(parts, shapes, strict=True)]
 
-    def weigh(self, found, source, nodal, tangential):
+    def weigh(self, found, source, nodal, law):
         """What the sides of the points of a source say. *Collective.*
 
         Parameters
@@ -151,8 +154,8 @@ class TargetTraction:
         source : pcontact.contact.surface.sides.SourceSurface
         nodal : ndarray (n_local, d)
             Displacements at which partners were found [length].
-        tangential : bool
-            Whether tractions count in all directions, or along the contact normal alone.
+        law : pcontact.contact.law.Frictionless
+            Says whether tractions count in all directions, or along the contact normal alone.
 
         Returns
         -------
@@ -160,8 +163,9 @@ class TargetTraction:
             With the other nodes of the cells behind those of the facets.
         Weighted
         """
-        d, rows = self._space.dim, np.flatnonzero(found.paired)
-        answers = self._ask(found.place[rows], found.normal[rows], nodal, d if tangential else 1)
+        d, near = self._space.dim, found.gap <= (np.inf if law.tied else NEAR * source.size[source.facet])
+        rows = np.flatnonzero(found.paired & near)
+        answers = self._ask(found.place[rows], found.normal[rows], nodal, d if law.tangential else 1)
         nodes, shape, derivative, numbers = (np.zeros((len(found.paired), *one.shape[1:])) for one in answers)
         for whole, one in zip((nodes, shape, derivative, numbers), answers, strict=True):
             whole[rows] = one
@@ -173,7 +177,7 @@ class TargetTraction:
             ratio = np.abs(np.einsum("pd,pd->p", faces, found.normal) / area)
             if self._space.axisymmetric:
                 ratio *= radius / source.x[:, 0]
-            both = found.paired & (found.held < EDGE) & (ratio <= ASKEW) & (ratio >= 1.0 / ASKEW)
+            both = found.paired & near & (found.held < EDGE) & (ratio <= ASKEW) & (ratio >= 1.0 / ASKEW)
         ratio, l2 = np.where(both, ratio, 1.0), np.where(both, l2, 1.0)
         own = np.where(both, ratio * l2 / (l1 + ratio * l2), 1.0)
         other = 1.0 - own
