@@ -55,9 +55,9 @@ class FinitePairing(Pairing):
     obstacle : ObstacleAt or None
     """
 
-    points: FiniteSource = None
-    frozen: FinitePartner = None
-    x: np.ndarray = None
+    points: FiniteSource
+    frozen: FinitePartner
+    x: np.ndarray
     obstacle: object = None
 
     def partner_at(self, values, curved):

@@ -287,7 +287,7 @@ class ContactPair(Item):
         partner, every = PartnerPoints(nodes, shape, normal, np.zeros(len(paired))), np.ones(len(paired), dtype=bool)
         acts = paired.copy() if self.method.theta == 0.0 else every
         operator = self.terms.operator(normal, self.pairing)
-        return Pairing(exchange, points, partner, paired, found.ids, operator, acts, every, found.width)
+        return Pairing(exchange, points, partner, paired, found.ids, operator, acts, every)
 
     @property
     def _stressed(self):

@@ -28,8 +28,6 @@ class Pairing:
         theta = 1, -1 asks for the traction.
     every : ndarray (np,) of bool
         All of them.
-    width : int or None
-        See `pcontact.contact.search.partners.Partners`.
     """
 
     exchange: object
@@ -40,7 +38,6 @@ class Pairing:
     operator: TractionOperator | None
     acts: np.ndarray
     every: np.ndarray
-    width: int | None = None
 
     @property
     def cells(self):
@@ -50,12 +47,12 @@ class Pairing:
     @property
     def targets(self):
         """Nodes (np, m) of the partners' facets."""
-        return self.partner.nodes[:, : self.width]
+        return self.partner.nodes[:, : self.partner.shape.shape[1]]
 
     @property
     def target_shape(self):
         """Shape functions (np, m) there."""
-        return self.partner.shape[:, : self.width]
+        return self.partner.shape
 
     @property
     def normal(self):

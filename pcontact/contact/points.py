@@ -43,10 +43,11 @@ class PartnerPoints(NamedTuple):
 
     Attributes
     ----------
-    nodes : ndarray (np, m)
-        Nodes of the partner's facet, numbers into the values that the kernels are given.
+    nodes : ndarray (np, nt)
+        Nodes of the partner's facet, and of its cell where that has a part in the traction, numbers into the values
+        that the kernels are given.
     shape : ndarray (np, m)
-        Shape functions there.
+        Shape functions there, of the nodes of the facet, the first ones.
     normal : ndarray (np, d)
         Contact normal, from source to target.
     gap0 : ndarray (np,)

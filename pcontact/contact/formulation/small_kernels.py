@@ -53,13 +53,13 @@ def evaluate(u, source, partner, operator, wanted, traction, jump):
         for a in range(nn):
             for i in range(d):
                 apart[i] += shape[p, a] * u[cells[f, a], i]
-        for m in range(nodes.shape[1]):
+        for m in range(partner.shape.shape[1]):
             for i in range(d):
                 apart[i] -= partner.shape[p, m] * u[nodes[p, m], i]
         for k in range(axes.shape[1]):
             for i in range(d):
                 jump[p, k] += axes[e, k, i] * apart[i]
-        for r in range(rows.shape[1]):
+        for r in range(min(operator.width[p], rows.shape[1])):
             node = cells[f, r] if r < nn else nodes[p, r - nn]
             for k in range(axes.shape[1]):
                 for i in range(d):
@@ -110,7 +110,7 @@ def add_residual(parameters, source, partner, operator, traction, force, status,
         f, e = facet[p], min(p, last)
         if theta != 0.0:
             _weigh(force[p], traction[p], operator.normal[p], gamma[p], alpha[p], theta * jxw[p], weight)
-            for r in range(rows.shape[1]):
+            for r in range(operator.width[p]):
                 node = cells[f, r] if r < nn else nodes[p, r - nn]
                 for k in range(m):
                     for i in range(d):
@@ -124,7 +124,7 @@ def add_residual(parameters, source, partner, operator, traction, force, status,
         for a in range(nn):
             for i in range(d):
                 out[cells[f, a], i] -= shape[p, a] * push[i]
-        for a in range(nodes.shape[1]):
+        for a in range(partner.shape.shape[1]):
             for i in range(d):
                 out[nodes[p, a], i] += partner.shape[p, a] * push[i]
 
@@ -194,17 +194,18 @@ def add_tangent(parameters, source, partner, operator, excess, status, slope, bl
     facet, cells, shape, jxw, nodes, at = source.facet, source.cells, source.shape, source.jxw, partner.nodes, excess.at
     rows, axes, last = operator.rows, operator.axes, len(operator.axes) - 1
     rowptr, columns, values = blocks.rowptr, blocks.columns, blocks.values
-    nn, nt, missing = cells.shape[1], nodes.shape[1], 0
+    nn, nt, on, missing = cells.shape[1], nodes.shape[1], partner.shape.shape[1], 0
     for p in range(len(facet)):
         f = facet[p]
         touches = status[p] > 0
         if not touches and theta == 0.0:
             continue
         _stiffness(slope[p], operator.normal[p], gamma[p], alpha[p], work.stiff, work.inverse)
-        width = nn + nt if touches else operator.width[p]
+        # other nodes of the partner's cell count where it has a part in the traction
+        width = max(operator.width[p], nn + on) if touches else operator.width[p]
         exceeds = len(at) > 0 and at[p] >= 0
         for r in range(width):
-            part[r] = shape[p, r] if r < nn else -partner.shape[p, r - nn]
+            part[r] = shape[p, r] if r < nn else -partner.shape[p, r - nn] if r < nn + on else 0.0
             for k in range(m):
                 for j in range(d):
                     own = rows[p, r, k, j] if r < rows.shape[1] else 0.0

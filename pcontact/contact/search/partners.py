@@ -31,15 +31,13 @@ class Partners(NamedTuple):
     ids : ndarray (np,)
         Target facets; -1 without a partner.
     nodes : ndarray (np, m)
-        Global nodes of these facets; of width 0 for an obstacle.
+        Global nodes of these facets, or, behind them, of their cells, too; of width 0 for an obstacle.
     shape : ndarray (np, m)
         Their shape functions at the partner.
     offset : ndarray (np, d) or None
         Of the target's smooth surface there, see `pcontact.contact.surface.smooth_geometry`.
     place, held : ndarray or None
         Of target facets, see `pcontact.contact.search.exchange.Found`.
-    width : int or None
-        The first nodes, those of the facets; what follows are others of their cells. None: all of them.
     """
 
     gap: np.ndarray
@@ -51,7 +49,6 @@ class Partners(NamedTuple):
     offset: np.ndarray | None
     place: np.ndarray | None = None
     held: np.ndarray | None = None
-    width: int | None = None
 
 
 class TargetSearch:

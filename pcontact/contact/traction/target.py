@@ -30,7 +30,8 @@ from pcontact.contact.search.table import EDGE
 from pcontact.contact.surface.sides import at_places, source_surface
 from pcontact.contact.traction.small import Traction
 from pcontact.contact.unbiased import is_unbiased
-from pcontact.element.reference import facet_nodes
+from pcontact.element.reference import CELLS, facet_nodes
+from pcontact.element.shape import shape as shape_at
 from pcontact.runtime.parallel import split_by_rank
 from pcontact.runtime.petsc import MPI
 
@@ -88,8 +89,8 @@ class TargetTraction:
         self._width = space.comm.allreduce(self._side.cells.shape[1], op=MPI.MAX)
 
     def _answer(self, asked, nodal, m):
-        """What partners say, a list of arrays of n rows: nodes, shape functions, derivative of the traction; trace
-        constant, its part in shear, area vector along the contact normal, radius, normal.
+        """What partners say, a list of arrays of n rows: nodes, derivative of the traction; trace constant, its part in
+        shear, area vector along the contact normal, radius, normal.
 
         Parameters
         ----------
@@ -106,12 +107,12 @@ class TargetTraction:
         order, first = np.tile(np.arange(shape.shape[1]), (n, 1)), 0
         for facets in self._groups:
             c = np.flatnonzero((rows >= first) & (rows < first + len(facets.cells)))
-            x[c], normal[c], _, v, g, strain = at_places(space, facets, rows[c] - first, xi[c])
+            on, local = facet_nodes(facets.cell, space.degree), facets.local[rows[c] - first]
+            x[c], normal[c], v, g, strain = self._places(facets, rows[c], first, xi[c])
             nn = v.shape[1]
             shape[c, :nn], slope[c, :nn], grad[c, :nn] = v, g, strain
-            on = facet_nodes(facets.cell, space.degree)
             own = np.array([[*nodes, *np.setdiff1d(np.arange(nn), nodes)] for nodes in on])
-            order[c, :nn] = own[facets.local[rows[c] - first]]
+            order[c, :nn] = own[local]
             first += len(facets.cells)
         # its volumetric operator follows from the others
         at = replace(side, facet=rows, x=x, normal=normal, jxw=np.ones(n), shape=shape, grad=grad, slope=None)
@@ -122,7 +123,22 @@ class TargetTraction:
         numbers = np.column_stack([side.trace[rows], side.shear[rows], faces, x[:, 0], normal])
         # the nodes of the facets are the first ones
         every = np.arange(n)[:, None]
-        return [space.nodes[side.cells[rows]][every, order], shape[every, order], out[every, order], numbers]
+        return [space.nodes[side.cells[rows]][every, order], out[every, order], numbers]
+
+    def _places(self, facets, rows, first, xi):
+        """Places, normals, shape functions and gradients of :func:`at_places`, of facets of this rank (n,)."""
+        space, side = self._space, self._side
+        block = space.mesh.blocks[facets.block]
+        table, degree = space.mesh.geometry_nodes(block)
+        if not CELLS[block.cell].is_simplex or degree * space.degree > 1:
+            x, normal, _, *others = at_places(space, facets, rows - first, xi)
+            return x, normal, *others
+        # gradients and normals do not change along the facet
+        nn = table.shape[1]
+        v, on = np.zeros((len(rows), nn)), facet_nodes(facets.cell, 1)[facets.local[rows - first]]
+        np.put_along_axis(v, on, shape_at(facets.kind, 1, xi), axis=1)
+        x = np.einsum("pa,pai->pi", v, space.mesh.points[table[facets.cells[rows - first]]])
+        return x, side.normal[rows], v, side.grad[rows, :nn], side.grad[rows, :nn]
 
     def _ask(self, place, normal, nodal, m):
         """Answers at places (n, 1 + d), rank, row of the facet there, reference point, with contact normals (n, d):
@@ -131,7 +147,7 @@ class TargetTraction:
         sends, order = split_by_rank(place[:, 0].astype(np.int64), np.column_stack([place[:, 1:], normal]))
         asked = self._space.exchanger(sends, np.float64, size)
         answers = self._answer(np.concatenate([np.zeros((0, size)), *asked.values()]), nodal, m)
-        n, shapes = len(answers[0]), [(width,), (width,), (width, m, d), (4 + d,)]
+        n, shapes = len(answers[0]), [(width,), (width, m, d), (4 + d,)]
         wide = [np.zeros((n, *shape)) for shape in shapes]
         for whole, part in zip(wide, answers, strict=True):
             whole[:, : part.shape[1]] = part
@@ -166,8 +182,8 @@ class TargetTraction:
         d, near = self._space.dim, found.gap <= (np.inf if law.tied else NEAR * source.size[source.facet])
         rows = np.flatnonzero(found.paired & near)
         answers = self._ask(found.place[rows], found.normal[rows], nodal, d if law.tangential else 1)
-        nodes, shape, derivative, numbers = (np.zeros((len(found.paired), *one.shape[1:])) for one in answers)
-        for whole, one in zip((nodes, shape, derivative, numbers), answers, strict=True):
+        nodes, derivative, numbers = (np.zeros((len(found.paired), *one.shape[1:])) for one in answers)
+        for whole, one in zip((nodes, derivative, numbers), answers, strict=True):
             whole[rows] = one
         l2, shear2, area, radius = numbers[:, :4].T
         l1, shear1 = source.trace[source.facet], source.shear[source.facet]
@@ -184,8 +200,11 @@ class TargetTraction:
         parts = own**2 * l1, other**2 * ratio * l2
         trace = parts[0] + parts[1]
         part = (parts[0] * shear1 + parts[1] * shear2) / trace if self._sticks else None
-        width = found.nodes.shape[1]
-        found = found._replace(nodes=nodes.astype(np.int64), shape=shape, width=width)
+        nodes = nodes.astype(np.int64)
+        # those that are asked nothing have their facets
+        rest, width = found.paired & ~near, found.nodes.shape[1]
+        nodes[rest, :width], nodes[rest, width:] = found.nodes[rest], found.nodes[rest, :1]
+        found = found._replace(nodes=nodes)
         return found, Weighted(derivative, own, -other * ratio, trace, part, numbers[:, 4:].copy())
 
 
