@@ -194,7 +194,7 @@ def add_tangent(parameters, source, partner, operator, excess, status, slope, bl
     facet, cells, shape, jxw, nodes, at = source.facet, source.cells, source.shape, source.jxw, partner.nodes, excess.at
     rows, axes, last = operator.rows, operator.axes, len(operator.axes) - 1
     rowptr, columns, values = blocks.rowptr, blocks.columns, blocks.values
-    nn, nt, on, missing = cells.shape[1], nodes.shape[1], partner.shape.shape[1], 0
+    nn, on, missing = cells.shape[1], partner.shape.shape[1], 0
     for p in range(len(facet)):
         f = facet[p]
         touches = status[p] > 0
