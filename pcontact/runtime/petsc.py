@@ -223,26 +223,24 @@ def preallocate_sell(matrix, own, other):
 
 
 def known_types(make, names):
-    """Those of some types of matrices or vectors that this PETSc has.
+    """Those of some types of matrices or vectors that this PETSc has, whether or not the machine has what they need.
 
     Parameters
     ----------
     make : type
         ``PETSc.Mat`` or ``PETSc.Vec``.
     names : sequence of str
+        Without ``seq`` or ``mpi``.
     """
-    found = []
-    for name in names:
-        one = make().create(comm=MPI.COMM_SELF)
-        one.setSizes(1)
-        try:
-            one.setType(name)
-        except PETSc.Error:
-            pass
-        else:
-            found.append(name)
-        one.destroy()
-    return found
+    # the first one of a class fills the table of its types
+    make().create(comm=MPI.COMM_SELF).destroy()
+    table, found = ctypes.c_void_p.in_dll(_lib, f"{make.__name__}List"), ctypes.c_void_p()
+
+    def known(name):
+        _check(_lib.PetscFunctionListFind_Private(table, name.encode(), ctypes.byref(found)), "PetscFunctionListFind")
+        return bool(found.value)
+
+    return [name for name in names if known(f"seq{name}") or known(name)]
 
 
 # [blocks] In a row of either local part of a matrix, from which on 3.18 cannot make its graph by itself: a buffer of

@@ -179,7 +179,11 @@ def choose_operator(matrix, options, symmetric, direct, around):
     if kind not in allowed:
         more = "" if symmetric else "; sbaij where tangents are symmetric"
         raise options.refusal("mat_type", " | ".join(allowed) + more)
-    matrix.choose(kind)
+    try:
+        matrix.choose(kind)
+    except PETSc.Error as error:
+        # of a machine without the accelerator
+        raise options.refusal("mat_type", " | ".join(name for name in allowed if name != kind)) from error
     takes = kind in ("baij", "sbaij") and options.given("pc_type") and pc not in MULTIGRID and not around
     return matrix.operator if takes else matrix.matrix
 

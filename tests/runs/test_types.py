@@ -9,10 +9,11 @@ from pcontact.runtime.errors import InputError
 from pcontact.runtime.petsc import MPI, PETSc, has_package, known_types
 from pcontact.scene.model import Body, Contact, Displacement, Material, MeshSpec, Output, Scene
 from pcontact.simulation import Simulation
+from tests.support.types import DEVICES, KINDS
 
 WORLD = MPI.COMM_WORLD
 parallel = pytest.mark.parallel
-KINDS = known_types(PETSc.Mat, (*AIJ, *BESIDE))
+THERE = known_types(PETSc.Mat, (*AIJ, *BESIDE))
 TIGHT = {"snes_rtol": "1e-12", "ksp_rtol": "1e-12", "snes_ksp_ew": "false"}
 
 
@@ -95,13 +96,22 @@ def test_factors_follow_the_type(blocks, kind, pc):
 
 def test_what_is_not_there(blocks):
     """One message, with what is allowed."""
-    there = r" \| ".join(kind for kind in KINDS if kind != "sbaij")
-    with pytest.raises(InputError, match=rf"-mat_type: found 'nonsense'; allowed: .*{KINDS[-1]}"):
+    there = r" \| ".join(kind for kind in THERE if kind != "sbaij")
+    with pytest.raises(InputError, match=rf"-mat_type: found 'nonsense'; allowed: .*{THERE[-1]}"):
         Simulation(pressed(blocks, {"mat_type": "nonsense"}))
     with pytest.raises(InputError, match=rf"'sbaij'; allowed: {there}; sbaij where tangents are symmetric"):
         Simulation(pressed(blocks, {"mat_type": "sbaij"}, theta=0.0))
     with pytest.raises(InputError, match="-vec_type: found 'nonsense'; allowed: standard"):
         Simulation(pressed(blocks, {"vec_type": "nonsense"}))
+
+
+@pytest.mark.parametrize("kind", DEVICES)
+def test_accelerators_that_are_not_there(blocks, kind):
+    """One message too, whether PETSc lacks the type or the machine the device."""
+    if kind in KINDS:
+        pytest.skip("there is one")
+    with pytest.raises(InputError, match=f"-mat_type: found '{kind}'; allowed: aij"):
+        Simulation(pressed(blocks, {"mat_type": kind}))
 
 
 @parallel

@@ -5,17 +5,17 @@ import pytest
 
 from pcontact.assembly.constrained import ConstrainedMatrix
 from pcontact.assembly.matrix import GlobalMatrix
-from pcontact.assembly.operator import AIJ, BESIDE
-from pcontact.runtime.petsc import MPI, PETSc, known_types
+from pcontact.runtime.petsc import MPI
 from pcontact.scene import amplitude
 from pcontact.scene.model import Displacement
 from pcontact.space.supports import Supports
 from tests.support.small import blocks_file, elastic_solid, make_space
+from tests.support.types import KINDS
 
 WORLD = MPI.COMM_WORLD
 CONSTANTS = [(3.0, 2.0), (1.0, 5.0)]
 parallel = pytest.mark.parallel
-types = pytest.mark.parametrize("kind", known_types(PETSc.Mat, (*AIJ, *BESIDE)))
+types = pytest.mark.parametrize("kind", KINDS)
 
 
 @pytest.fixture(params=[("quadrilateral", 1), ("tetrahedron", 1)], ids=lambda p: p[0])

@@ -13,6 +13,7 @@ from pcontact.runtime.petsc import (
     forget_pattern,
     graph_of_blocks,
     graph_of_long_rows,
+    known_types,
     own_options,
 )
 
@@ -139,3 +140,9 @@ def test_what_petsc_complains_about():
         told = Options().fault(value)
     assert isinstance(told, InputError)
     assert "found -pc_mg_cycle_type zz: Unknown enum value" in str(told)
+
+
+def test_types_that_there_are():
+    """Names are looked up, as a type whose accelerator is missing cannot be made."""
+    assert known_types(PETSc.Mat, ("aij", "nonsense", "baij", "sell")) == ["aij", "baij", "sell"]
+    assert known_types(PETSc.Vec, ("standard", "nonsense")) == ["standard"]
