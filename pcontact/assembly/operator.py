@@ -61,6 +61,8 @@ class Operator:
                                        for count in counts))  # fmt: skip
         else:
             matrix.setPreallocationNNZ([count.astype(PETSc.IntType) for count in counts])
+        # petsc4py preallocates nothing on a rank without rows, which would then wait for others that do not
+        matrix.setOption(PETSc.Mat.Option.NEW_NONZERO_ALLOCATION_ERR, True)
         if self._kind == "sbaij":
             matrix.setOption(PETSc.Mat.Option.IGNORE_LOWER_TRIANGULAR, True)
         self._start = start

@@ -5,7 +5,8 @@ import pytest
 
 from pcontact.assembly.constrained import ConstrainedMatrix
 from pcontact.assembly.matrix import GlobalMatrix
-from pcontact.runtime.petsc import MPI
+from pcontact.assembly.operator import Operator
+from pcontact.runtime.petsc import MPI, PETSc
 from pcontact.scene import amplitude
 from pcontact.scene.model import Displacement
 from pcontact.space.supports import Supports
@@ -99,3 +100,21 @@ def test_values_follow_with_groups(space, kind):
         for factor in (1.0, 2.0):
             matrix.write(bulk.tangent(space.vector()), factor * blocks, np.zeros(space.n_owned))
             np.testing.assert_allclose(*products(space, matrix), rtol=1e-12, atol=1e-11)
+
+
+@pytest.mark.parallel(3, 4)
+@pytest.mark.parametrize("kind", ["baij", "sbaij"])
+def test_ranks_without_rows(kind):
+    """They assemble with the others, which do not wait for them."""
+    n = WORLD.rank % 2
+    base = PETSc.Mat().create(comm=WORLD)
+    base.setSizes([(2 * n, None)] * 2, bsize=2)
+    base.setType("aij")
+    base.setUp()
+    operator, start = Operator(base, kind), base.getOwnershipRange()[0] // 2
+    operator.preallocate(np.arange(n + 1), np.arange(start, start + n), start)
+    values = np.tile(np.eye(2).ravel(), n)
+    operator.take(np.arange(n), (np.arange(n + 1), np.zeros(n + 1, dtype=np.int64)), (values, np.zeros(0)))
+    ones = operator.matrix.createVecRight()
+    ones.set(1.0)
+    assert (operator.matrix * ones).sum() == 2.0 * (WORLD.size // 2)
