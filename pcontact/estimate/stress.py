@@ -191,7 +191,7 @@ def _excess(space, state, number, rows, nodal):
     """Excess (nc, nq, m) over elasticity at the bulk's own points, and these points (nq, d)."""
     grad, ring, xi = some_cells(space, number, rows)
     found = state.stress(rows, cell_points(space.cells[number][rows], grad, ring), nodal)
-    return found.excess.reshape(*grad.shape[:2], -1), xi
+    return found.excess.reshape(*grad.shape[:2], found.excess.shape[1]), xi
 
 
 def _add_excess(excess, stress, around):

@@ -36,6 +36,7 @@ def scene(path, surfaces, young=(1.0, 1.0), **more):
         contacts=[Contact(surfaces=surfaces, friction=0.3, **more)],
         displacements=[Displacement("upper_top", [0.001, -0.01]), Displacement("lower_bottom", [0.0, 0.0])],
         output=Output(fields=False),
+        petsc={"snes_rtol": "1e-11", "ksp_rtol": "1e-12"},
     )
 
 
@@ -63,7 +64,7 @@ def test_the_order_does_not_matter(shared_tmp, young, yields, source):
     (one, first), (other, second) = (run(scene(path, some, young, yields=yields)) for some in (NAMES, NAMES[::-1]))
     assert (one, other) == ("upper_bottom-lower_top", "lower_top-upper_bottom")
     assert first["source"] == second["source"] == source
-    np.testing.assert_allclose(first["force"], second["force"], rtol=1e-12)
+    np.testing.assert_allclose(first["force"], second["force"], rtol=1e-9)
 
 
 @pytest.mark.parametrize(("more", "found"), [

@@ -443,7 +443,7 @@ class _Excess:
             np.add.at(tested, places.facet, places.matrix[:, :, None] * work[:, None])
             parents = part.parents(cells)
             moduli, active = part.state.curvature(
-                part.rows, parents, self._moved(part, values, cells), tested.reshape(nf * nq, -1)
+                part.rows, parents, self._moved(part, values, cells), tested.reshape(nf * nq, tested.shape[2])
             )
             missing += add_stiffness(parents, np.ones((nf, nq)), moduli, active, blocks)[1]
         return missing

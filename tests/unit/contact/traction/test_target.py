@@ -10,7 +10,7 @@ from pcontact.material.elastic import lame
 from pcontact.runtime.petsc import MPI
 from pcontact.scene.model import Body, Contact, Displacement, Load, Material, MeshSpec, Output, Scene
 from tests.support.laws import LAWS
-from tests.support.pairs import STEPS, bodies, check_taylor, motion
+from tests.support.pairs import STEPS, bodies, by_key, check_taylor, motion
 from tests.support.patch import blocks, solve
 from tests.support.small import DIMENSION, SELF, bend, blocks_file, dense_item, elastic_solid, make_space, vector_of
 
@@ -151,11 +151,10 @@ def scene(path, dim, ratio, swapped=False, **contact):
 
 
 def displacement(simulation):
-    """Of all nodes in their order, iterations of the largest load step. *Collective.*"""
+    """Of all nodes in the order of the file, iterations of the largest load step. *Collective.*"""
     space = simulation.problem.space
-    nodes, values = space.nodes[space.owned_local], space.local.gather(simulation.stepper.u)[space.owned_local]
-    order, all_ = (np.concatenate(WORLD.allgather(part)) for part in (nodes, values))
-    return all_[np.argsort(order)], len(simulation.newton.norms) - 1
+    owned = space.local.gather(simulation.stepper.u)[space.owned_local]
+    return by_key(space, owned), len(simulation.newton.norms) - 1
 
 
 @pytest.mark.parallel
