@@ -672,6 +672,19 @@ def _warn_of_stress(scene):
             )  # fmt: skip
 
 
+def _rigid_nodes(space, supports, groups):
+    """Nodes (n_local,) that have no motion of their own: held in all directions, of a rigid group, or between such
+    nodes of a cell of degree 1."""
+    rigid = supports.fixed.all(axis=1)
+    for group in groups:
+        rigid[group.nodes] = True
+    for block, cells in zip(space.mesh.blocks, space.cells, strict=True):
+        if space.degree_of(block) < space.degree:
+            corners = cells[:, : CELLS[block.cell].n_vertices]
+            rigid[cells[rigid[corners].all(axis=1)].ravel()] = True
+    return rigid
+
+
 def _inertia(scene, space, laws, groups):
     """The item of inertia; None without. *Collective.*"""
     said = scene.dynamics
@@ -802,6 +815,7 @@ def _assemble(scene, space, span, more):
     bulk = bulk_item(scene, space, laws)
     begun = _begun(scene, space)
     bulk.added = frozenset(number for blocks in begun.values() for number in blocks)
+    bulk.rigid = _rigid_nodes(space, supports, couplings)
     scene.contacts = oriented(scene, space, bulk)
     tied = tied_pairs(scene, space, bulk)
     eta = scene.steps.viscous_stabilisation

@@ -87,12 +87,14 @@ class Bulk(Item):
         Displacement from which the strain of such a block is counted [length]; empty before it is known.
     states_of_blocks : dict of int to BlockStates
         Of all blocks with internal variables.
+    rigid : ndarray (n_local,) of bool or None
+        Nodes all of whose motion supports and rigid groups prescribe: cells of such nodes alone have no stress.
     """
 
     constants = materials = ()
     yields = extrapolates = False
     orthotropic, states, parts, finite, heat = {}, {}, {}, None, None
-    added, origins, states_of_blocks = frozenset(), {}, {}
+    added, origins, states_of_blocks, rigid = frozenset(), {}, {}, None
 
     def count_from(self, origins):
         """Count the strain of some blocks from displacements (n_local, d), at which they have no stress. *Collective.*

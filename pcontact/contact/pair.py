@@ -359,8 +359,9 @@ class ContactPair(Item):
         """Pattern of the points that are coupled to their partners (and, for theta != 0, of all source cells)."""
         p, source = self.pairing, self.source
         chosen = np.flatnonzero(self.coupled)
-        # one of the points of a source facet that have a target facet in common
-        key = source.facet[chosen] * (np.max(p.ids, initial=0) + 1) + p.ids[chosen]
+        # one of the points of a source facet that have a target facet, and all of its cell, in common
+        wide = 0 if p.operator is None else p.operator.width[chosen] > p.cells.shape[1]
+        key = 2 * (source.facet[chosen] * (np.max(p.ids, initial=0) + 1) + p.ids[chosen]) + wide
         _, first = np.unique(key, return_index=True)
         facets = source.facet[chosen[first]]
         tables = [np.concatenate([p.cells[facets], p.partner.nodes[chosen[first]]], axis=1)]

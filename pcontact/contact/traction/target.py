@@ -17,7 +17,8 @@ these need.
 
 The partner sits where the search finds it: along a direction m from X, areas are as the cosines of their normals with
 it, J = (s_X |n_X . m|) / (s_Y |n_Y . m|) with the current over the undeformed areas s of the two facets. Where the
-partner is held at an edge, or faces it so much askew that J says little, w1 = 1.
+partner is held at an edge, or faces it so much askew that J says little, w1 = 1. A cell whose nodes are all held has no
+stress, however stiff it is: the traction is that of the other side.
 """
 
 import math
@@ -87,6 +88,12 @@ class TargetTraction:
         self._groups = space.mesh.facet_groups.get(name, [])
         self._side = source_surface(space, name, bulk.constants, 1, bulk.orthotropic, sticks)
         self._width = space.comm.allreduce(self._side.cells.shape[1], op=MPI.MAX)
+        self._stiff = np.where(self._is_rigid(self._side.cells), np.inf, self._side.trace)
+
+    def _is_rigid(self, cells):
+        """Which of some cells (n, nn) have no node that is free to move."""
+        rigid = self._bulk.rigid
+        return np.zeros(len(cells), dtype=bool) if rigid is None else rigid[cells].all(axis=1)
 
     def _answer(self, asked, nodal, m):
         """What partners say, a list of arrays of n rows: nodes, derivative of the traction; trace constant, its part in
@@ -120,7 +127,7 @@ class TargetTraction:
         out = np.empty((*grad.shape[:2], m, d))
         traction.derivative(np.arange(n), np.eye(d)[None] if m == d else contact[:, None], np.ones(n), out)
         faces = np.einsum("pd,pd->p", area_vectors(slope, nodal[side.cells[rows]], normal), contact)
-        numbers = np.column_stack([side.trace[rows], side.shear[rows], faces, x[:, 0], normal])
+        numbers = np.column_stack([self._stiff[rows], side.shear[rows], faces, x[:, 0], normal])
         # the nodes of the facets are the first ones
         every = np.arange(n)[:, None]
         return [space.nodes[side.cells[rows]][every, order], out[every, order], numbers]
@@ -194,8 +201,10 @@ class TargetTraction:
             if self._space.axisymmetric:
                 ratio *= radius / source.x[:, 0]
             both = found.paired & near & (found.held < EDGE) & (ratio <= ASKEW) & (ratio >= 1.0 / ASKEW)
-        ratio, l2 = np.where(both, ratio, 1.0), np.where(both, l2, 1.0)
-        own = np.where(both, ratio * l2 / (l1 + ratio * l2), 1.0)
+        alone = ~both | np.isinf(l2)
+        ratio, l2 = np.where(both, ratio, 1.0), np.where(alone, 1.0, l2)
+        harmonic = np.where(self._is_rigid(source.cells)[source.facet], 0.0, ratio * l2 / (l1 + ratio * l2))
+        own = np.where(alone, 1.0, harmonic)
         other = 1.0 - own
         parts = own**2 * l1, other**2 * ratio * l2
         trace = parts[0] + parts[1]
