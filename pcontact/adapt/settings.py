@@ -1,5 +1,7 @@
 """What the passes run with: load steps, tolerances, searches and the degree of the displacement."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from pcontact.adapt.degree import Degree
@@ -132,6 +134,8 @@ class Settings:
         """The scene of the next pass."""
         scene = self._scene.copy()
         scene.accuracy = None
+        # estimates know the errors of the traction of the source
+        scene.contacts = [replace(one, traction=one.traction or "source") for one in scene.contacts]
         scene.output.estimate, scene.steps.count, scene.mesh.order = True, self.count, self.degree.now or 1
         # looser partners and tolerances than the mesh deserves are no place to save
         partners = (0.1 if self.searches else 1.0) * PARTNERS * self._target.error

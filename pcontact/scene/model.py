@@ -504,6 +504,11 @@ class Contact:
         default="elastic", option="contact_adjoint", resolved=True,
         more="that of elasticity, or `consistent` with the traction's derivative",
     )  # fmt: skip
+    traction: str | None = key(
+        choice("both", "source"), "with Nitsche's method: whose stress the traction is taken from", default="both",
+        option="contact_traction", resolved=True, kw_only=True, otherwise="both; with `-error` source",
+        more="`both` where both bodies are elastic, see [formulations.md](formulations.md)",
+    )  # fmt: skip
     quadrature: int | None = key(
         integer(1, 20), "degree of the quadrature on source facets", default=None, otherwise="from the element",
         option="contact_quadrature", resolved=True,

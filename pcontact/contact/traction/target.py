@@ -232,11 +232,11 @@ def area_vectors(slope, values, normal):
 def is_two_sided(space, bulk, contact):
     """Whether the traction of a contact by Nitsche's method is the weighted one of both sides. *Collective.*
 
-    It is for two surfaces of bodies that are elastic, at one temperature and there from the beginning; where points of
+    It is, unless the contact says otherwise, for two surfaces of bodies that are elastic, at one temperature and there from the beginning; where points of
     both surfaces look for partners, each side has its own.
     """
     sided = contact.target is not None and contact.target != contact.source and not is_unbiased(contact)
-    if not sided or contact.all:
+    if not sided or contact.all or contact.traction == "source":
         return False
     groups = [space.mesh.facet_groups.get(name, []) for name in (contact.source, contact.target)]
     numbers = {facets.block for group in groups for facets in group if len(facets.cells)}
