@@ -112,7 +112,8 @@ def test_a_run_and_a_check(tmp_path):
     done = execute(tmp_path / "case", ["run", "scene.toml", "-contact_tehta", "1"])
     assert done.returncode == 0, done.stderr
     assert report_of(tmp_path / "case" / "scene_results")["converged"] is True
-    assert re.search("-contact_tehta: neither pcontact nor PETSc has it; the nearest is -contact_theta", done.stdout + done.stderr)
+    said = "-contact_tehta: neither pcontact nor PETSc has it; the nearest is -contact_theta"
+    assert said in done.stdout + done.stderr
 
 
 def test_modes(tmp_path):

@@ -115,7 +115,8 @@ KEYS = {
         "inertia": "initial_velocity initial_displacement mass_damping stiffness_damping",
     },
     "Contact": {
-        ANY: "source target surfaces traction name bilateral theta gamma0 alpha adjoint quadrature search_radius interference",
+        ANY: "source target surfaces traction name bilateral theta gamma0 alpha adjoint quadrature search_radius "
+             "interference",
         "friction": "friction tresca friction_limit adhesion law stick_stiffness",
         "friction that varies": "kinetic_friction friction_decay", "unbiased contact": "unbiased",
         "all surfaces": "all", "self contact": "self_contact", "tied surfaces": "tied",

@@ -232,8 +232,8 @@ def area_vectors(slope, values, normal):
 def is_two_sided(space, bulk, contact):
     """Whether the traction of a contact by Nitsche's method is the weighted one of both sides. *Collective.*
 
-    It is, unless the contact says otherwise, for two surfaces of bodies that are elastic, at one temperature and there from the beginning; where points of
-    both surfaces look for partners, each side has its own.
+    It is, unless the contact says otherwise, for two surfaces of bodies that are elastic, at one temperature and there
+    from the beginning; where points of both surfaces look for partners, each side has its own.
     """
     sided = contact.target is not None and contact.target != contact.source and not is_unbiased(contact)
     if not sided or contact.all or contact.traction == "source":
