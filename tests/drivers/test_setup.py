@@ -28,9 +28,9 @@ def call(tmp_path):
 
     def run(**environment):
         (tmp_path / "calls").write_text("")
-        given = {**os.environ, "PATH": f"{tmp_path / 'venv/bin'}:{os.environ['PATH']}", "STATUS": "0",
+        known = {key: value for key, value in os.environ.items() if not key.startswith("PCONTACT_")}
+        given = {**known, "PATH": f"{tmp_path / 'venv/bin'}:{os.environ['PATH']}", "STATUS": "0",
                  "TMPDIR": str(tmp_path), "CALLS": str(tmp_path / "calls"), **environment}  # fmt: skip
-        given.pop("PCONTACT_VENV", None)
         done = subprocess.run(["bash", tmp_path / "copy/scripts/setup.sh", "--env"], env=given, capture_output=True,
                               text=True, timeout=60)  # fmt: skip
         return done, (tmp_path / "calls").read_text().count("-m pcontact warm")

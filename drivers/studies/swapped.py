@@ -1,0 +1,109 @@
+"""Which surface is the source: errors of the pressure both ways round, over ratios of stiffness and of facets.
+
+    python drivers/studies/swapped.py -o DIR [--ratios 1e-6 1e-3 1 1e3 1e6] [--publish docs/tables/swapped.md]
+
+Two blocks in full contact, the upper one 0.3 high, bear a pressure that varies and, with friction, stick and slip, in
+plane strain. The pressure of the points is compared in L2 with that of meshes of 96 facets on both sides. Columns
+say which side is the source, with the traction of both sides and with that of the source alone, and what the program
+chooses of `surfaces`. What does not converge is a dash.
+"""
+
+from itertools import product
+
+import numpy as np
+
+from drivers._common import main, make_directory, make_mesh, make_parser, markdown, print_table, running, write_json
+from meshes import two_blocks
+from pcontact.runtime.petsc import MPI
+from pcontact.scene.model import Body, Contact, Displacement, Load, Material, MeshSpec, Output, Scene
+
+# facets of the upper and the lower side
+FACETS = {"1:1": (12, 12), "2:1": (16, 8), "1:2": (8, 16), "10:1": (60, 6), "1:10": (6, 60)}
+FINE = 96
+UPPER, LOWER = "upper_bottom", "lower_top"
+WAYS = {
+    "upper": {"source": UPPER, "target": LOWER}, "lower": {"source": LOWER, "target": UPPER},
+    "surfaces": {"surfaces": [UPPER, LOWER]},
+    "upper alone": {"source": UPPER, "target": LOWER, "traction": "source"},
+    "lower alone": {"source": LOWER, "target": UPPER, "traction": "source"},
+}  # fmt: skip
+HEAD = ["degree", "E upper/lower", "friction", "facets", *WAYS]
+
+
+def scene(path, order, ratio, friction, way):
+    """The blocks, the upper one `ratio` times as stiff."""
+    unit = 1e-3 * min(1.0, ratio)
+    return Scene(
+        title="exchanged surfaces",
+        mesh=MeshSpec(path, order=order),
+        materials={"lower": Material(E=1.0, nu=0.3), "upper": Material(E=ratio, nu=0.3)},
+        bodies=[Body("lower", "lower"), Body("upper", "upper")],
+        contacts=[Contact(**WAYS[way], name="c", friction=friction or None)],
+        displacements=[Displacement("lower_bottom", [0.0, 0.0]), Displacement("left", [0.0, "free"]),
+                       Displacement("right", [0.0, "free"])],
+        loads=[Load("upper_top", traction=[0.0, f"{-unit}*(1 + 0.5*cos(2*pi*x))"])],
+        output=Output(fields=False),
+    )  # fmt: skip
+
+
+def solved(case):
+    """Places, pressures and weights of the points, and Newton iterations; None without an answer."""
+    with running(case) as (simulation, converged):
+        if not converged:
+            return None
+        state = simulation.problem.contacts[0].state(simulation.stepper.u)
+        return state["x"][:, 0], state["pressure"], state["weight"], len(simulation.newton.norms) - 1
+
+
+def error(found, known):
+    """Of the pressure in L2 over that of the reference, and iterations; None without them."""
+    if found is None or known is None:
+        return None
+    x, pressure, weight, iterations = found
+    order = np.argsort(known[0])
+    true = np.interp(x, known[0][order], known[1][order])
+    return [float(np.sqrt(weight @ (pressure - true) ** 2 / (weight @ true**2))), iterations]
+
+
+def shown(row):
+    """A row of the table."""
+    cells = ["-" if row[way] is None else f"{100.0 * row[way][0]:.2g} ({row[way][1]})" for way in WAYS]
+    return [row["degree"], f"{row['ratio']:g}", f"{row['friction']:g}", row["facets"], *cells]
+
+
+def run(args):
+    """The study, on one rank."""
+    directory, rows = make_directory(args.o), []
+    for order in (1,) if args.tiny else (1, 2):
+        paths = {
+            name: make_mesh(two_blocks, directory / f"{name.replace(':', '_')}_{order}.msh", 2, lower, upper,
+                            heights=(1.0, 0.3), order=order)
+            for name, (upper, lower) in (list(FACETS.items())[:2] if args.tiny else FACETS.items())
+        }  # fmt: skip
+        fine = 24 if args.tiny else FINE
+        known = {"heights": (1.0, 0.3), "order": order}
+        reference = make_mesh(two_blocks, directory / f"fine_{order}.msh", 2, fine, fine, **known)
+        for ratio, friction in product([1e3] if args.tiny else args.ratios, (0.0, 0.5)):
+            known = solved(scene(reference, order, ratio, friction, "upper"))
+            for facets, path in paths.items():
+                row = {"degree": order, "ratio": ratio, "friction": friction, "facets": facets}
+                row |= {way: error(solved(scene(path, order, ratio, friction, way)), known) for way in WAYS}
+                rows.append(row)
+    print_table("error of the pressure in L2, % (Newton iterations)", HEAD, [shown(row) for row in rows])
+    write_json(directory / "swapped.json", rows)
+    if args.publish and MPI.COMM_WORLD.rank == 0:
+        text = __doc__.strip().split("\n\n")
+        command = "    python drivers/studies/swapped.py --publish docs/tables/swapped.md"
+        page = ["# Exchanged surfaces", "", text[2], "", command, "",
+                "Error of the pressure in L2, %, and Newton iterations.", "",
+                *markdown(HEAD, [shown(row) for row in rows]), ""]  # fmt: skip
+        with open(args.publish, "w", encoding="utf-8") as file:
+            file.write("\n".join(page))
+    return 0 if all(row["surfaces"] is not None for row in rows) else 1
+
+
+if __name__ == "__main__":
+    parser = make_parser(__doc__, "swapped")
+    parser.add_argument("--ratios", type=float, nargs="+", default=[1e-6, 1e-3, 1.0, 1e3, 1e6])
+    parser.add_argument("--publish", help="write the table of the docs here")
+    main(run, parser)
