@@ -21,7 +21,7 @@ pytestmark = pytest.mark.slow
 
 # a slice of what `scripts/fuzz.sh` goes on with: in the plane and in space, small and finite strain, phases, friction
 # that changes, follower loads, rubber, obstacles that move and turn
-SEEDS = (20216, 20218, 20219, 20224, 20229)
+SEEDS = (20218, 20219, 20224, 20229)
 
 
 def test_random_scenes_agree_with_themselves(tmp_path):
