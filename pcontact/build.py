@@ -690,10 +690,10 @@ def _inertia(scene, space, laws, groups):
     said = scene.dynamics
     if said is None:
         return None
-    bodies = [body for body in scene.bodies if not body.absent]
-    densities = {body.region: scene.materials[body.material].density for body in bodies}
     mass, damping = mass_of(scene, space, groups), None
-    slow = {body.region: body.mass_damping * densities[body.region] for body in bodies if body.mass_damping}
+    densities = _densities(scene)
+    slow = {body.region: body.mass_damping * densities[body.region] for body in scene.bodies
+            if body.mass_damping and body.region in densities}  # fmt: skip
     if slow:
         damping = Mass(space, slow, said.mass == "lumped").values
     times = [body.stiffness_damping for body in scene.bodies]
@@ -707,13 +707,17 @@ def _inertia(scene, space, laws, groups):
     return Inertia(space, mass, damping, weights, partial(_initial_motion, scene, space), said.step_error)
 
 
+def _densities(scene):
+    """Densities of the bodies that are there, by region [mass / length^3]."""
+    return {body.region: scene.materials[body.material].density for body in scene.bodies if not body.absent}
+
+
 def mass_of(scene, space, groups):
     """The mass of the bodies of a scene, which have densities, and of the points of its rigid groups. *Collective.*"""
-    densities = {body.region: scene.materials[body.material].density for body in scene.bodies if not body.absent}
     couplings = [one for one in scene.couplings if not one.average]
     points = [(group, group.inertia(one.mass, one.inertia)) for one, group in zip(couplings, groups, strict=False)
               if one.mass or np.any(one.inertia)]  # fmt: skip
-    return Mass(space, densities, scene.dynamics is not None and scene.dynamics.mass == "lumped", points)
+    return Mass(space, _densities(scene), scene.dynamics is not None and scene.dynamics.mass == "lumped", points)
 
 
 def _initial_motion(scene, space, time):

@@ -642,9 +642,10 @@ class ContactPair(Item):
         dict of str to ndarray
             ``pressure`` [stress], ``gap`` [length] (without a partner the search radius: nothing is as near as that),
             ``traction`` (np, d) acting on the source, ``normal``, ``status`` (0 open, 1 stick, 2 slip), ``weight``
-            (area of the point, times the weight of the pair), ``x`` (reference position), ``normal_stress`` (of the
-            source), ``paired``; with friction ``slip`` (np, d), the tangential slip of the load step [length], and
-            ``own_traction`` (np, d), that of the source's stress.
+            (area of the point, times the weight of the pair), ``x`` (reference position), ``normal_stress`` (the
+            traction of the stress along the normal), ``paired``; with friction ``slip`` (np, d), the tangential slip of
+            the load step [length], and ``own_traction`` (np, d), that of the stress, of the source or weighted of both
+            sides.
         """
         p, source, view = self.pairing, self.source, self._view()
         values = p.exchange.gather(u)
