@@ -197,10 +197,7 @@ class Inertia(Item):
     def _accelerated(self, problem, forces):
         """Accelerations (n_owned, d) by forces that are condensed, or velocities by impulses; 0 of what is prescribed.
         *Collective.*"""
-        space, matrix = self.space, problem.new_matrix()
-        none = np.zeros(space.n_owned + 1, dtype=np.int64), np.zeros(0, dtype=np.int64)
-        matrix.renew(self.pattern(), none)
-        matrix.write(self.mass.values, np.zeros((0, space.dim, space.dim)), np.zeros(space.n_owned))
+        space, matrix = self.space, self.mass.matrix(problem)
         right, left = space.vector(), space.vector()
         right.setArray(forces.ravel())
         ksp = PETSc.KSP().create(comm=space.comm)

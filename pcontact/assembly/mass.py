@@ -84,6 +84,14 @@ class Mass:
         """Blocks on the pattern of cells (n, d, d) as values on the whole one (nnz, d, d)."""
         return values if not self._points else self._joined.sum([values, *(0.0 * one for one in self._leads)])
 
+    def matrix(self, problem):
+        """A matrix of a problem that has the mass alone. *Collective.*"""
+        space, matrix = self.space, problem.new_matrix()
+        none = np.zeros(space.n_owned + 1, dtype=np.int64), np.zeros(0, dtype=np.int64)
+        matrix.renew((self.rowptr, self.columns), none)
+        matrix.write(self.values, np.zeros((0, space.dim, space.dim)), np.zeros(space.n_owned))
+        return matrix
+
     def times(self, values, matrix=None):
         """Product (n_owned, d) with the values (n_owned, d) of nodes; `matrix`: of other blocks (nnz, d, d) than those
         of the mass. *Collective.*"""

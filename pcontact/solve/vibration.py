@@ -46,10 +46,7 @@ def frequencies(problem, mass, u, count):
     free = ~problem.fixed if problem.followers is None else ~(problem.fixed | problem.followers)
     total = space.comm.allreduce(int(free.sum()))
     count = min(count, total)
-    stiffness, weights = problem.stiffness(u), problem.new_matrix()
-    weights.renew((mass.rowptr, mass.columns), (np.zeros(space.n_owned + 1, np.int64), np.zeros(0, np.int64)))
-    weights.write(mass.values, np.zeros((0, space.dim, space.dim)), np.zeros(space.n_owned))
-    weights = weights.matrix
+    stiffness, weights = problem.stiffness(u), mass.matrix(problem).matrix
     ratio = stiffness.getDiagonal().getArray()[free.ravel()] / weights.getDiagonal().getArray()[free.ravel()]
     shift = SHIFT * max(space.comm.allgather(float(np.max(ratio, initial=0.0))))
     shifted = stiffness.copy()
