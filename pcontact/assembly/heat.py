@@ -6,6 +6,7 @@ temperature that varies within a cell then strains it as far as its mean dilatat
 """
 
 from typing import NamedTuple
+from weakref import WeakSet
 
 import numpy as np
 
@@ -88,7 +89,8 @@ class Heat:
 
     def __init__(self, space, heatings, materials, source):
         self.space, self._heatings, self._materials = space, heatings, materials
-        self._time, self._traces, self.forces = None, [], np.zeros((space.n_owned, space.dim))
+        # those of a target are made anew in every search
+        self._time, self._traces, self.forces = None, WeakSet(), np.zeros((space.n_owned, space.dim))
         self._which = [np.full(len(block.nodes), -1, dtype=np.int64) for block in space.mesh.blocks]
         self.means = [np.zeros((len(which), 6)) for which in self._which]
         message = None
@@ -194,7 +196,9 @@ class Heat:
         trace = HeatTrace(self, source, name)
         if not self.space.comm.allreduce(bool(trace.parts), op=MPI.LOR):
             return None
-        self._traces.append(trace)
+        self._traces.add(trace)
+        if self._time is not None:
+            together(self.space.comm, trace.take, self)
         return trace
 
     def facets(self, name):

@@ -29,7 +29,7 @@ from pcontact.contact.search.partners import ObstacleSearch, TargetSearch
 from pcontact.contact.summary import borne
 from pcontact.contact.surface.obstacle import RigidObstacle
 from pcontact.contact.traction.small import Traction
-from pcontact.contact.traction.target import target_traction
+from pcontact.contact.traction.target import source_traction
 from pcontact.mesh.mesh import bounding_box
 from pcontact.runtime.parallel import take_rows, together
 from pcontact.runtime.petsc import MPI
@@ -301,7 +301,7 @@ class ContactPair(Item):
     def _plan(self, nodes, paired):
         """Who brings the displacement of the source's cells and of the partners (np, m): against obstacles, once."""
         space, source_nodes = self.space, self.space.nodes[self.source.cells]
-        unique = np.unique(np.concatenate([source_nodes.ravel(), nodes[paired].ravel()]))
+        unique = np.unique(np.concatenate([source_nodes.ravel(), nodes[paired].ravel(), self.terms.traction.nodes]))
         cells = np.ascontiguousarray(np.searchsorted(unique, source_nodes).astype(np.int64))
         self._planned = space.exchange(unique), cells, unique
 
@@ -726,10 +726,8 @@ def contact_pair(space, contact, source, target, radius, floats=False, bulk=None
     law = contact_law(contact) if law is None else law
     method = method_of(space, contact, source)
     source = method.source(source)
-    traction, both = Traction(source), None
-    if bulk is not None and method.has_traction:
-        traction.of_materials(space, bulk, contact.source, method.theta, contact.adjoint == "consistent")
-        both = target_traction(space, bulk, contact)
+    alone = bulk is None or not method.has_traction
+    traction = Traction(source) if alone else source_traction(space, bulk, contact, source, method.theta)
     kind = SmallTerms if contact.pressure_overclosure is None else LayerTerms
-    terms = kind(space, source, method, traction, law, both)
+    terms = kind(space, source, method, traction, law)
     return ContactPair(space, contact, source, partner_search(space, contact, target, law), terms, radius, floats)

@@ -91,8 +91,8 @@ class Excess(NamedTuple):
     ----------
     at : ndarray (np,)
         Row of each point in ``rows``, -1 where the cell is elastic and isotropic; of length 0 where all cells are.
-    rows : ndarray (n, nn, m, d)
-        In the directions of a `TractionOperator` [stress/length].
+    rows : ndarray (n, nn or nr, m, d)
+        In the directions of a `TractionOperator`, by displacements of as many of its nodes [stress/length].
     adjoint : int
         The adjoint operator has the rows from this one on, too.
     """

@@ -81,7 +81,7 @@ class ContactResiduals:
             for number, one in ((n, f) for side in sides for n, f in side.items()):
                 values = tests_of(self._space, number, one.xi)
                 add_at(one.rows, CONTACT, values[:, :, None] * one.force[:, None, :], tested[number])
-            tests, parts = across + own, pair.terms.weighted
+            tests, parts = across + own, pair.terms.traction.weighted
             first = tests if parts is None else parts.own[:, None] * tests
             sides = [on_source(self._space, pair, {**forces, "traction": first})]
             if parts is not None:
@@ -114,7 +114,7 @@ class ContactResiduals:
         sums = np.zeros(2)
         for pair, state in zip(contact.pairs, states, strict=True):
             source, normal = pair.source, pair.pairing.normal
-            parts = pair.terms.weighted
+            parts = pair.terms.traction.weighted
             weight = state["weight"] / (source.trace[source.facet] if parts is None else parts.trace)
             sums[0] += weight @ (state["pressure"] + state["normal_stress"]) ** 2
             if "own_traction" in state:

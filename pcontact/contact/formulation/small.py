@@ -48,18 +48,10 @@ class SmallTerms:
     method : pcontact.contact.formulation.methods.Method
     traction : pcontact.contact.traction.small.Traction
     law : pcontact.contact.law.Frictionless
-    target : pcontact.contact.traction.target.TargetTraction, optional
-        Where the traction is the weighted one of both sides.
-
-    Attributes
-    ----------
-    weighted : pcontact.contact.traction.target.Weighted or None
-        The sides of the present pairing, without the derivative of the traction.
     """
 
-    def __init__(self, space, source, method, traction, law, target=None):
+    def __init__(self, space, source, method, traction, law):
         self.space, self.source, self.method, self.traction, self.law = space, source, method, traction, law
-        self._target, self.weighted = target, None
         if self._lags:
             self._start = self._before = self._lag = np.zeros_like(source.x)
 
@@ -83,12 +75,11 @@ class SmallTerms:
         in the traction: weights, gamma and alpha are those of the two sides at displacements (n_local, d).
         *Collective.*
         """
-        if self._target is None:
-            return found
-        found, self.weighted = self._target.weigh(found, self.source, nodal, self.law)
-        self.method.take_trace(self.weighted.trace)
-        if self.weighted.shear is not None:
-            self.method.take_alpha(self.weighted.shear)
+        found, weighted = self.traction.weigh(found, nodal, self._directions)
+        if weighted is not None:
+            self.method.take_trace(weighted.trace)
+            if weighted.shear is not None:
+                self.method.take_alpha(weighted.shear)
         return found
 
     def operator(self, normal, last):
@@ -99,27 +90,11 @@ class SmallTerms:
         normal : ndarray (np, d)
             Contact normals.
         last : pcontact.contact.pairing.Pairing or None
-            Of the last search, whose operator is overwritten: most normals are as they were, of obstacles and without
-            partner.
+            Of the last search, whose operator is overwritten.
         """
-        n, nn, d = self.source.grad.shape
-        m, weighted, every = self._directions, self.weighted, np.arange(n)
-        axes, along = (np.eye(d)[None], normal) if m == d else (normal[:, None], np.ones((n, 1)))
-        width = np.full(n, self.source.shape.shape[1])
-        if weighted is not None:
-            nt = weighted.rows.shape[1]
-            rows = np.empty((n, nn + nt, m, d))
-            self.traction.derivative(every, axes, weighted.own, rows)
-            np.multiply(weighted.other[:, None, None, None], weighted.rows, out=rows[:, nn:])
-            width[weighted.other != 0.0] += nt
-            self.weighted = weighted._replace(rows=None)
-            return TractionOperator(axes, along, rows, width)
-        if last is None:
-            rows, some = np.empty((n, nn, m, d)), every
-        else:
-            rows, some = last.operator.rows, np.flatnonzero((normal != last.normal).any(axis=1) & (m != d))
-        self.traction.derivative(some, axes, np.ones(n), rows)
-        return TractionOperator(axes, along, rows, width)
+        d = normal.shape[1]
+        axes, along = (np.eye(d)[None], normal) if self.law.tangential else (normal[:, None], np.ones((len(normal), 1)))
+        return TractionOperator(axes, along, *self.traction.rows(axes, normal, last))
 
     def begin(self, p, values, moved, turned):
         """A load step begins, with a pairing and displacements (n, d): remember the jump, and the one from which the

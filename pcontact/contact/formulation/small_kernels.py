@@ -209,7 +209,7 @@ def add_tangent(parameters, source, partner, operator, excess, status, slope, bl
             for k in range(m):
                 for j in range(d):
                     own = rows[p, r, k, j] if r < rows.shape[1] else 0.0
-                    real[r, k, j] = own + (excess.rows[at[p], r, k, j] if exceeds and r < nn else 0.0)
+                    real[r, k, j] = own + (excess.rows[at[p], r, k, j] if exceeds and r < excess.rows.shape[1] else 0.0)
         _columns(theta, width, slope[p], axes[min(p, last)], work)
         # the adjoint operator is T, or S
         consistent = exceeds and at[p] >= excess.adjoint

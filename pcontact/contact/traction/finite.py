@@ -172,13 +172,14 @@ class FiniteTraction:
 
     Attributes
     ----------
-    symmetric, consistent : bool
+    symmetric, consistent, nodes
         See `pcontact.contact.traction.small.Traction`.
     small : SourceSurface
         The source, whose facets with finite strain have no moduli.
     """
 
     symmetric = consistent = False
+    nodes = np.zeros(0, dtype=np.int64)
 
     def __init__(self, space, bulk, source, name):
         self.source, self._bulk, self._parts, first = source, bulk, [], 0

@@ -329,7 +329,7 @@ class _LinearRows:
 
 @dataclass
 class _Part:
-    """Facets of the source whose parent cells belong to one block with internal variables.
+    """Facets of the source with points whose parent cells belong to one block with internal variables.
 
     ``rows`` are the parent cells in the block; ``grad`` and ``ring`` those of
     :class:`pcontact.assembly.strains.CellPoints`; ``onto`` (n, d, m) takes stresses to the tractions at the places.
@@ -337,7 +337,7 @@ class _Part:
 
     state: PointStates
     rows: np.ndarray
-    facets: slice
+    facets: np.ndarray
     grad: np.ndarray
     ring: np.ndarray
     places: FacetPoints
@@ -362,11 +362,12 @@ class _Excess:
         for facets, which in _blocks(space, source, name):
             if facets.block not in bulk.states:
                 continue
-            rows = np.ascontiguousarray(facets.cells)
+            used, on = np.unique(source.facet[_speaking(source, which)], return_inverse=True)
+            rows = np.ascontiguousarray(facets.cells[used - which.start])
             grad, ring, rule = some_cells(space, facets.block, rows)
             places = facet_points(source, which, space.mesh.blocks[facets.block].cell, space.degree, rule)
             points = cell_points(rows, grad, ring)
-            self.parts.append(_Part(bulk.states[facets.block], rows, which, grad, points.ring, places,
+            self.parts.append(_Part(bulk.states[facets.block], rows, used, grad, points.ring, places._replace(facet=on),
                                     traction_matrix(source.normal[places.points])))  # fmt: skip
 
     def _moved(self, part, values, cells):
@@ -449,10 +450,10 @@ class _Excess:
         return missing
 
 
-class _Local(NamedTuple):
+class LocalCells(NamedTuple):
     """The points of a source, whose ``cells`` (nf, nn) are local nodes: in the place of a pairing."""
 
-    source: SourcePoints
+    source: SourcePoints | None
     cells: np.ndarray
 
 
@@ -477,7 +478,7 @@ class _Begun:
     def _evaluated(self, traction):
         source = traction.source
         result, at = np.zeros_like(source.x), self._block[source.facet]
-        local = _Local(SourcePoints(source.facet, source.cells, source.shape, source.jxw, source.normal, source.grad,
+        local = LocalCells(SourcePoints(source.facet, source.cells, source.shape, source.jxw, source.normal, source.grad,
                                     source.volumetric, source.mu), source.cells)  # fmt: skip
         for number, origin in self._bulk.origins.items():
             wanted = at == number
@@ -498,12 +499,12 @@ class Traction:
     ----------
     consistent : bool
         Whether the adjoint operator has the derivative of the excess, too; it jumps where cells yield.
-    symmetric : bool
-        Whether the derivative of the traction is its adjoint operator.
+    weighted : pcontact.contact.traction.target.Weighted or None
+        Of both sides, where it is theirs.
     """
 
     consistent = False
-    symmetric = True
+    weighted = None
     _linear = _excess = None
     _constant = ()
 
@@ -536,7 +537,6 @@ class Traction:
         constant = [None if bulk.heat is None else bulk.heat.trace(self.source, name),
                     begun if begun is not None and some(begun.parts) is not None else None]  # fmt: skip
         self._constant = [part for part in constant if part is not None]
-        self.symmetric = self._excess is None
         self.consistent = self._excess is not None and theta != 0.0 and consistent
         return self
 
@@ -545,6 +545,47 @@ class Traction:
         own = _LinearRows(space, bulk, self.source, name) if bulk.orthotropic else None
         self._linear = own if own is not None and len(own.rows) else None
         return self
+
+    @property
+    def symmetric(self):
+        """Whether the derivative of the traction is its adjoint operator."""
+        return self._excess is None
+
+    @property
+    def nodes(self):
+        """Nodes (n,), global numbers, whose displacement this rank needs besides those of its points."""
+        return np.zeros(0, dtype=np.int64)
+
+    def weigh(self, found, nodal, m):
+        """Partners on the nodes that have a part in a traction in m directions, and the `Weighted` of both sides; that
+        of the source alone has neither. *Collective.*"""
+        return found, None
+
+    @property
+    def is_linear(self):
+        """Whether the traction is that of :meth:`rows`, and nothing besides."""
+        return self._excess is None and not self._constant
+
+    def rows(self, axes, normal, last):
+        """Derivative (np, nr, m, d) of the linear traction in m directions [stress/length], and how many nodes of each
+        point have a part in it (np,), see :class:`pcontact.contact.points.TractionOperator`.
+
+        Parameters
+        ----------
+        axes : ndarray (1 or np, m, d)
+        normal : ndarray (np, d)
+            Contact normals.
+        last : pcontact.contact.pairing.Pairing or None
+            Of the last search, whose rows are overwritten: most normals are as they were, of obstacles and without
+            partner.
+        """
+        (n, nn, d), m = self.source.grad.shape, axes.shape[1]
+        if last is None:
+            rows, some = np.empty((n, nn, m, d)), np.arange(n)
+        else:
+            rows, some = last.operator.rows, np.flatnonzero((normal != last.normal).any(axis=1) & (len(axes) > 1))
+        self.derivative(some, axes, np.ones(n), rows)
+        return rows, np.full(n, self.source.shape.shape[1])
 
     def derivative(self, points, axes, factor, out):
         """Derivative of the components of the linear traction along directions, see :func:`fill_rows`."""
@@ -578,7 +619,7 @@ class Traction:
 
     def add_normal_excess(self, values, p, traction):
         """The same along the contact normals (np,)."""
-        if self._excess is None and not self._constant:
+        if self.is_linear:
             return
         own = np.zeros_like(self.source.x)
         self.add_excess(values, p, own)

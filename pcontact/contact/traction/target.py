@@ -19,6 +19,10 @@ The partner sits where the search finds it: along a direction m from X, areas ar
 it, J = (s_X |n_X . m|) / (s_Y |n_Y . m|) with the current over the undeformed areas s of the two facets. Where the
 partner is held at an edge, or faces it so much askew that J says little, w1 = 1. A cell whose nodes are all held has no
 stress, however stiff it is: the traction is that of the other side.
+
+What is linear in the displacement is evaluated where the points are, with the nodes of both cells. What is not (cells
+that yield, are heated, have begun later) is evaluated where the partners' cells are, from their state, with a message
+for each evaluation; its derivative by the nodes of these cells comes the same way.
 """
 
 import math
@@ -27,9 +31,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from pcontact.contact.points import Excess
 from pcontact.contact.search.table import EDGE
 from pcontact.contact.surface.sides import at_places, source_surface
-from pcontact.contact.traction.small import Traction
+from pcontact.contact.traction.small import LocalCells, Traction
 from pcontact.contact.unbiased import is_unbiased
 from pcontact.element.reference import CELLS, facet_nodes
 from pcontact.element.shape import shape as shape_at
@@ -49,8 +54,6 @@ class Weighted(NamedTuple):
 
     Attributes
     ----------
-    rows : ndarray (np, nn, m, d)
-        Derivative of t2 by displacements of the nodes of the partners' cells [stress/length].
     own, other : ndarray (np,)
         w1 and -w2 J.
     trace : ndarray (np,)
@@ -61,7 +64,6 @@ class Weighted(NamedTuple):
         n_Y.
     """
 
-    rows: np.ndarray | None
     own: np.ndarray
     other: np.ndarray
     trace: np.ndarray
@@ -81,14 +83,34 @@ class TargetTraction:
         Facet group of the target.
     sticks : bool
         Whether tangential tractions need a part of the trace constant only.
+    reach : float
+        Gap up to which partners have a part in the traction [facet sizes].
+
+    Attributes
+    ----------
+    is_linear : bool
+        Whether it is what has rows, and nothing besides.
+    symmetric : bool
+        Whether the derivative of the traction is its adjoint operator.
+    traction : pcontact.contact.traction.small.Traction
+        At the partners on this rank, of the last search.
     """
 
-    def __init__(self, space, bulk, name, sticks):
-        self._space, self._bulk, self._name, self._sticks = space, bulk, name, sticks
+    def __init__(self, space, bulk, name, sticks, reach):
+        self._space, self._bulk, self._name, self._sticks, self._reach = space, bulk, name, sticks, reach
         self._groups = space.mesh.facet_groups.get(name, [])
         self._side = source_surface(space, name, bulk.constants, 1, bulk.orthotropic, sticks)
         self._width = space.comm.allreduce(self._side.cells.shape[1], op=MPI.MAX)
         self._stiff = np.where(self._is_rigid(self._side.cells), np.inf, self._side.trace)
+        self.traction = Traction(self._side).of_materials(space, bulk, name, 0.0)
+        self.is_linear, self.symmetric = self.traction.is_linear, self.traction.symmetric
+
+    @property
+    def nodes(self):
+        """Nodes (n,), global numbers, of the cells of the partners on this rank; none where their traction is linear:
+        it is evaluated where the points are."""
+        cells = self._side.cells[np.unique(self.traction.source.facet)]
+        return np.zeros(0, np.int64) if self.is_linear else self._space.nodes[cells].ravel()
 
     def _is_rigid(self, cells):
         """Which of some cells (n, nn) have no node that is free to move."""
@@ -123,9 +145,13 @@ class TargetTraction:
             first += len(facets.cells)
         # its volumetric operator follows from the others
         at = replace(side, facet=rows, x=x, normal=normal, jxw=np.ones(n), shape=shape, grad=grad, slope=None)
-        traction = Traction(at).with_linear(space, self._bulk, self._name)
+        self._first = order
+        if self.is_linear:
+            self.traction = Traction(at).with_linear(space, self._bulk, self._name)
+        else:
+            self.traction = Traction(at).of_materials(space, self._bulk, self._name, 0.0)
         out = np.empty((*grad.shape[:2], m, d))
-        traction.derivative(np.arange(n), np.eye(d)[None] if m == d else contact[:, None], np.ones(n), out)
+        self.traction.derivative(np.arange(n), np.eye(d)[None] if m == d else contact[:, None], np.ones(n), out)
         faces = np.einsum("pd,pd->p", area_vectors(slope, nodal[side.cells[rows]], normal), contact)
         numbers = np.column_stack([self._stiff[rows], side.shear[rows], faces, x[:, 0], normal])
         # the nodes of the facets are the first ones
@@ -147,28 +173,58 @@ class TargetTraction:
         x = np.einsum("pa,pai->pi", v, space.mesh.points[table[facets.cells[rows - first]]])
         return x, side.normal[rows], v, side.grad[rows, :nn], side.grad[rows, :nn]
 
-    def _ask(self, place, normal, nodal, m):
-        """Answers at places (n, 1 + d), rank, row of the facet there, reference point, with contact normals (n, d):
-        the arrays of :meth:`_answer`, with as many columns on all ranks. *Collective.*"""
-        d, width, size = self._space.dim, self._width, 2 * self._space.dim
-        sends, order = split_by_rank(place[:, 0].astype(np.int64), np.column_stack([place[:, 1:], normal]))
-        asked = self._space.exchanger(sends, np.float64, size)
-        answers = self._answer(np.concatenate([np.zeros((0, size)), *asked.values()]), nodal, m)
+    def _replies(self, table):
+        """Rows (n, k) for the partners on this rank, at the points (np, k) that asked for them. *Collective.*"""
+        ranks, ends = [rank for rank, _ in self._asked], np.cumsum([count for _, count in self._asked])
+        replies = dict(zip(ranks, np.split(table, ends[:-1]), strict=True)) if ranks else {}
+        back = self._space.exchanger(replies, np.float64, table.shape[1])
+        out = np.zeros((self._count, table.shape[1]))
+        if len(self._order):
+            out[self._order] = np.concatenate([back[rank] for rank in sorted(back)])
+        return out
+
+    def ask(self, found, rows, nodal, m):
+        """What the partners of some points (n,) of a source say: the arrays of :meth:`_answer`, of all points (np,),
+        with as many columns on all ranks; zero for the others. *Collective.*"""
+        d, width, place = self._space.dim, self._width, found.place[rows]
+        sends, order = split_by_rank(place[:, 0].astype(np.int64), np.column_stack([place[:, 1:], found.normal[rows]]))
+        asked = self._space.exchanger(sends, np.float64, 2 * d)
+        self._order, self._count = rows[order], len(found.paired)
+        self._asked = [(rank, len(one)) for rank, one in asked.items()]
+        answers = self._answer(np.concatenate([np.zeros((0, 2 * d)), *asked.values()]), nodal, m)
         n, shapes = len(answers[0]), [(width,), (width, m, d), (4 + d,)]
         wide = [np.zeros((n, *shape)) for shape in shapes]
         for whole, part in zip(wide, answers, strict=True):
             whole[:, : part.shape[1]] = part
         wide[0][:, answers[0].shape[1] :] = answers[0][:, :1]
-        table = np.concatenate([part.reshape(n, math.prod(part.shape[1:])) for part in wide], axis=1)
-        ends = np.cumsum([len(one) for one in asked.values()])
-        replies = dict(zip(asked, np.split(table, ends[:-1]), strict=True)) if asked else {}
-        back = self._space.exchanger(replies, np.float64, table.shape[1])
-        out = np.empty((len(place), table.shape[1]))
-        out[order] = np.concatenate([np.zeros((0, table.shape[1])), *(back[r] for r in sorted(sends))])
-        parts = np.split(out, np.cumsum([math.prod(shape) for shape in shapes])[:-1], axis=1)
-        return [part.reshape(len(place), *shape) for part, shape in zip(parts, shapes, strict=True)]
+        sizes = [math.prod(shape) for shape in shapes]
+        out = self._replies(np.concatenate([part.reshape(n, k) for part, k in zip(wide, sizes, strict=True)], axis=1))
+        parts = np.split(out, np.cumsum(sizes)[:-1], axis=1)
+        return [part.reshape(self._count, *shape) for part, shape in zip(parts, shapes, strict=True)]
 
-    def weigh(self, found, source, nodal, law):
+    def _local(self, p):
+        """Numbers of the nodes of the cells into the values of a pairing, right where there are partners."""
+        every = p.exchange.nodes
+        numbers = np.searchsorted(every, self._space.nodes[self._side.cells])
+        return LocalCells(None, np.minimum(numbers, max(len(every) - 1, 0)))
+
+    def beyond(self, values, p):
+        """What is not linear in t2 (np, d), at values (n, d) [stress]. *Collective.*"""
+        out = np.zeros_like(self.traction.source.x)
+        self.traction.add_excess(values, self._local(p), out)
+        return self._replies(out)
+
+    def slopes(self, values, p):
+        """Its derivative (np, nt, d, d), by displacements of the nodes of the partners [stress/length]. *Collective.*"""
+        excess, d = self.traction.excess(values, self._local(p)), self._space.dim
+        rows = np.zeros((len(self.traction.source.facet), self._width, d, d))
+        if len(excess.rows):
+            some = np.flatnonzero(excess.at >= 0)
+            own = np.take_along_axis(excess.rows[excess.at[some]], self._first[some][:, :, None, None], axis=1)
+            rows[some, : own.shape[1]] = own
+        return self._replies(rows.reshape(len(rows), self._width * d**2)).reshape(self._count, self._width, d, d)
+
+    def sides(self, found, source, nodal, m):
         """What the sides of the points of a source say. *Collective.*
 
         Parameters
@@ -177,21 +233,19 @@ class TargetTraction:
         source : pcontact.contact.surface.sides.SourceSurface
         nodal : ndarray (n_local, d)
             Displacements at which partners were found [length].
-        law : pcontact.contact.law.Frictionless
-            Says whether tractions count in all directions, or along the contact normal alone.
+        m : int
+            Directions in which tractions count.
 
         Returns
         -------
         found : pcontact.contact.search.partners.Partners
             With the other nodes of the cells behind those of the facets.
         Weighted
+        derivative : ndarray (np, nt, m, d)
+            Of t2 by displacements of these nodes [stress/length].
         """
-        d, near = self._space.dim, found.gap <= (np.inf if law.tied else NEAR * source.size[source.facet])
-        rows = np.flatnonzero(found.paired & near)
-        answers = self._ask(found.place[rows], found.normal[rows], nodal, d if law.tangential else 1)
-        nodes, derivative, numbers = (np.zeros((len(found.paired), *one.shape[1:])) for one in answers)
-        for whole, one in zip((nodes, derivative, numbers), answers, strict=True):
-            whole[rows] = one
+        near = found.paired & (found.gap <= self._reach * source.size[source.facet])
+        nodes, derivative, numbers = self.ask(found, np.flatnonzero(near), nodal, m)
         l2, shear2, area, radius = numbers[:, :4].T
         l1, shear1 = source.trace[source.facet], source.shear[source.facet]
         slope = source.grad if source.slope is None else source.slope
@@ -200,7 +254,7 @@ class TargetTraction:
             ratio = np.abs(np.einsum("pd,pd->p", faces, found.normal) / area)
             if self._space.axisymmetric:
                 ratio *= radius / source.x[:, 0]
-            both = found.paired & near & (found.held < EDGE) & (ratio <= ASKEW) & (ratio >= 1.0 / ASKEW)
+            both = near & (found.held < EDGE) & (ratio <= ASKEW) & (ratio >= 1.0 / ASKEW)
         alone = ~both | np.isinf(l2)
         ratio, l2 = np.where(both, ratio, 1.0), np.where(alone, 1.0, l2)
         harmonic = np.where(self._is_rigid(source.cells)[source.facet], 0.0, ratio * l2 / (l1 + ratio * l2))
@@ -214,7 +268,83 @@ class TargetTraction:
         rest, width = found.paired & ~near, found.nodes.shape[1]
         nodes[rest, :width], nodes[rest, width:] = found.nodes[rest], found.nodes[rest, :1]
         found = found._replace(nodes=nodes)
-        return found, Weighted(derivative, own, -other * ratio, trace, part, numbers[:, 4:].copy())
+        return found, Weighted(own, -other * ratio, trace, part, numbers[:, 4:].copy()), derivative
+
+
+class WeightedTraction(Traction):
+    """The weighted traction of both sides of a pair, in the place of that of its source.
+
+    Parameters
+    ----------
+    source : pcontact.contact.surface.sides.SourceSurface
+    target : TargetTraction
+
+    Attributes
+    ----------
+    weighted : Weighted or None
+        The sides of the present pairing.
+    """
+
+    def __init__(self, source, target):
+        super().__init__(source)
+        self._target, self._derivative = target, None
+
+    @property
+    def is_linear(self):
+        """See :attr:`Traction.is_linear`."""
+        return super().is_linear and self._target.is_linear
+
+    @property
+    def symmetric(self):
+        """See :class:`Traction`."""
+        return self._excess is None and self._target.symmetric
+
+    @property
+    def nodes(self):
+        """See :attr:`Traction.nodes`."""
+        return self._target.nodes
+
+    def weigh(self, found, nodal, m):
+        """See :meth:`Traction.weigh`."""
+        found, self.weighted, self._derivative = self._target.sides(found, self.source, nodal, m)
+        return found, self.weighted
+
+    def rows(self, axes, normal, last):
+        """See :meth:`Traction.rows`."""
+        (n, nn, _), other = self.source.grad.shape, self.weighted.other
+        rows = np.empty((n, nn + self._derivative.shape[1], *self._derivative.shape[2:]))
+        self.derivative(np.arange(n), axes, self.weighted.own, rows)
+        np.multiply(other[:, None, None, None], self._derivative, out=rows[:, nn:])
+        self._derivative = None
+        width = np.full(n, self.source.shape.shape[1])
+        width[other != 0.0] += rows.shape[1] - nn
+        return rows, width
+
+    def add_excess(self, values, p, traction):
+        """See :meth:`Traction.add_excess`. *Collective.*"""
+        if not super().is_linear:
+            own = np.zeros_like(traction)
+            super().add_excess(values, p, own)
+            traction += self.weighted.own[:, None] * own
+        if not self._target.is_linear:
+            traction += self.weighted.other[:, None] * self._target.beyond(values, p)
+
+    def excess(self, values, p):
+        """See :meth:`Traction.excess`. *Collective.*"""
+        own = super().excess(values, p)
+        if self.symmetric:
+            return own
+        n, nn, d = self.source.grad.shape
+        other = np.zeros((n, 0, d, d)) if self._target.symmetric else self._target.slopes(values, p)
+        flows = (self.weighted.other != 0.0) & other.any(axis=(1, 2, 3))
+        own_flows = own.at >= 0 if len(own.at) else np.zeros(n, dtype=bool)
+        some = np.flatnonzero(flows | own_flows)
+        at, rows = np.full(n, -1, dtype=np.int64), np.zeros((len(some), nn + other.shape[1], d, d))
+        at[some] = np.arange(len(some))
+        rows[:, nn:] = self.weighted.other[some, None, None, None] * other[some]
+        inner = np.flatnonzero(own_flows)
+        rows[at[inner], :nn] = self.weighted.own[inner, None, None, None] * own.rows[own.at[inner]]
+        return Excess(at, rows, len(rows))
 
 
 def area_vectors(slope, values, normal):
@@ -232,20 +362,38 @@ def area_vectors(slope, values, normal):
 def is_two_sided(space, bulk, contact):
     """Whether the traction of a contact by Nitsche's method is the weighted one of both sides. *Collective.*
 
-    It is, unless the contact says otherwise, for two surfaces of bodies that are elastic, at one temperature and there
-    from the beginning; where points of both surfaces look for partners, each side has its own.
+    It is, unless the contact says otherwise, for two surfaces of bodies with small strain; where points of both
+    surfaces look for partners, each side has its own. The second derivative of the stress, which the consistent adjoint
+    of cells that yield has, is that of the source alone.
     """
     sided = contact.target is not None and contact.target != contact.source and not is_unbiased(contact)
     if not sided or contact.all or contact.traction == "source":
         return False
     groups = [space.mesh.facet_groups.get(name, []) for name in (contact.source, contact.target)]
     numbers = {facets.block for group in groups for facets in group if len(facets.cells)}
-    linear = bulk.heat is None and not numbers & (set(bulk.states) | set(bulk.parts) | set(bulk.added))
-    return space.comm.allreduce(linear, op=MPI.LAND)
+    others = set(bulk.parts) | (set(bulk.states) if contact.adjoint == "consistent" else set())
+    return space.comm.allreduce(not numbers & others, op=MPI.LAND)
 
 
-def target_traction(space, bulk, contact):
-    """The `TargetTraction` of a contact; None where the traction is that of the source alone. *Collective.*"""
-    if not is_two_sided(space, bulk, contact):
-        return None
-    return TargetTraction(space, bulk, contact.target, contact.alpha is None)
+def source_traction(space, bulk, contact, source, theta):
+    """The traction of a contact, that of a source as its materials say or the weighted one of both sides. *Collective.*
+
+    Parameters
+    ----------
+    space : pcontact.space.space.Space
+    bulk : pcontact.assembly.bulk.Bulk
+    contact : pcontact.scene.model.Contact
+        With its numerics resolved.
+    source : pcontact.contact.surface.sides.SourceSurface
+    theta : float
+        Of the adjoint term.
+
+    Returns
+    -------
+    Traction
+    """
+    own = Traction(source)
+    if is_two_sided(space, bulk, contact):
+        reach = np.inf if contact.tied else NEAR
+        own = WeightedTraction(source, TargetTraction(space, bulk, contact.target, contact.alpha is None, reach))
+    return own.of_materials(space, bulk, contact.source, theta, contact.adjoint == "consistent")

@@ -1,5 +1,7 @@
 """Tractions of both sides: weights and areas against what is known of them, tangents, the surfaces exchanged."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 
@@ -8,7 +10,7 @@ from pcontact.contact.pair import contact_pair
 from pcontact.contact.surface.sides import source_surface, target_surface
 from pcontact.material.elastic import lame
 from pcontact.runtime.petsc import MPI
-from pcontact.scene.model import Body, Contact, Displacement, Load, Material, MeshSpec, Output, Scene
+from pcontact.scene.model import Body, Contact, Displacement, Load, Material, MeshSpec, Output, Scene, Temperature
 from tests.support.laws import LAWS
 from tests.support.pairs import STEPS, bodies, by_key, check_taylor, motion
 from tests.support.patch import blocks, solve
@@ -128,8 +130,9 @@ def test_tangent_of_curved_cells_of_second_order(tmp_path):
 # -- whole scenes ----------------------------------------
 
 
-def scene(path, dim, ratio, swapped=False, **contact):
-    """Two blocks, the upper one ``ratio`` times as stiff; their tops bear a pressure that varies and a shear."""
+def scene(path, dim, ratio, swapped=False, own=(), **contact):
+    """Two blocks, the upper one ``ratio`` times as stiff; its top bears a pressure that varies. Bodies have what their
+    materials say besides, ``own``, and what expands is heated."""
     sides = ("lower_top", "upper_bottom") if swapped else ("upper_bottom", "lower_top")
     unit, free = min(1.0, ratio), ["free"] * (dim - 1)
     load = [0.0] * (dim - 1) + [f"{-1e-3 * unit}*(1 + 0.5*cos(pi*x))"]
@@ -137,14 +140,18 @@ def scene(path, dim, ratio, swapped=False, **contact):
                 Displacement("right", [0.0, *free])]  # fmt: skip
     if dim == 3:
         supports += [Displacement(side, ["free", 0.0, "free"]) for side in ("front", "back")]
+    own = own or ({}, {})
+    hot = [Temperature(value="0.01*x", region=name) for name, said in zip(("lower", "upper"), own, strict=True) if
+           "expansion" in said]  # fmt: skip
     return Scene(
         title="exchanged",
         mesh=MeshSpec(path),
-        materials={"soft": Material(E=1.0, nu=0.3), "other": Material(E=ratio, nu=0.3)},
+        materials={"soft": Material(E=1.0, nu=0.3, **own[0]), "other": Material(E=ratio, nu=0.3, **own[1])},
         bodies=[Body("lower", "soft"), Body("upper", "other")],
         contacts=[Contact(*sides, name="c", cut=True, **contact)],
         displacements=supports,
         loads=[Load("upper_top", traction=load)],
+        temperatures=hot,
         output=Output(fields=False),
         petsc={"snes_rtol": "1e-11", "ksp_rtol": "1e-12"},
     )
@@ -167,6 +174,29 @@ def test_exchanged_surfaces_are_one_problem(shared_tmp, cell, ratio, friction, t
     said = {"theta": theta, "friction": friction, "search": "ray_tracing", "gamma0": 2.0 if theta == 1.0 else 1.0}
     found = [solve(scene(path, DIMENSION[cell], ratio, swapped, **said), displacement)[0] for swapped in (False, True)]
     assert np.abs(found[0] - found[1]).max() < 1e-8 * np.abs(found[0]).max()
+
+
+YIELDS = {"yield_stress": 3e-4, "hardening": 0.1}
+OTHERS = {"softer yields": (YIELDS, {}), "stiffer yields": ({}, YIELDS), "both yield": (YIELDS, YIELDS),
+          "heated": ({"expansion": 1.0}, {"expansion": 2.0}), "yields, heated": (YIELDS, {"expansion": 1.0})}  # fmt: skip
+
+
+@pytest.mark.parallel
+@pytest.mark.parametrize("friction", [None, 0.5])
+@pytest.mark.parametrize("kind", OTHERS)
+@pytest.mark.parametrize("cell, theta", [("quadrilateral", 0.0), ("triangle", 1.0), ("hexahedron", -1.0)])
+def test_exchanged_surfaces_of_other_bodies(shared_tmp, cell, theta, kind, friction):
+    """The same of bodies that yield or expand: what is not linear is that of both sides, too."""
+    path = blocks(shared_tmp, cell, *((3, 2) if cell == "hexahedron" else (7, 4)), heights=(1.0, 0.3))
+    said = {"theta": theta, "friction": friction, "search": "ray_tracing", "gamma0": 2.0 if theta == 1.0 else 1.0}
+
+    def state(simulation):
+        return displacement(simulation)[0], simulation.problem.bulk.plasticity()[0]
+
+    case = partial(scene, path, DIMENSION[cell], 2.0, own=OTHERS[kind], **said)
+    (one, p), (other, _) = (solve(case(swapped=swapped), state) for swapped in (False, True))
+    assert ("yield" in kind) == (p > 1e-5)
+    assert np.abs(one - other).max() < 1e-8 * np.abs(one).max()
 
 
 @pytest.mark.parametrize("friction", [None, 0.5])
