@@ -20,6 +20,7 @@ from pcontact.runtime.lock import reserved
 from pcontact.runtime.options import Options
 from pcontact.runtime.parallel import on_root
 from pcontact.runtime.petsc import MPI
+from pcontact.scene.target_checks import check_component
 from pcontact.simulation import Simulation
 from pcontact.view import extra
 from pcontact.view.show import draw_errors
@@ -116,6 +117,7 @@ class Loop:
         where = None if directory is None else directory / f"pass_{len(self.passes) + 1}"
         observers = [watch, *self._observers(simulation)]
         try:
+            check_component(self.scene, simulation.mesh.dim)
             # the command line reads load steps where they have been written
             keep = where is None or self._fields
             converged = simulation.run(where, observers, keep, self._where, self._fields)

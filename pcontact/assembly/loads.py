@@ -5,7 +5,8 @@ import numpy as np
 from pcontact.assembly.geometry import chunks
 from pcontact.assembly.patches import assembled, cell_patches, facet_patches
 from pcontact.runtime.parallel import together
-from pcontact.scene.model import LOADS
+from pcontact.runtime.petsc import MPI
+from pcontact.scene.model import LOADS, Load
 from pcontact.scene.prescribed import Prescribed
 
 # degree of the polynomial up to which a force density in cells is integrated exactly
@@ -113,6 +114,25 @@ def load_vector(space, load, prescribed=None, time=0.0, masses=()):
         return patch.nodes, mass * patch.forces(density(space, load, prescribed, patch, time))
 
     return assembled(space, together(space.comm, lambda: [forces(patch) for patch in patches]))
+
+
+def region_weights(space, region):
+    """Weights (n_owned,) of the nodes of a region in a mean over its area or volume, their sum of all ranks, and the
+    key of a load with such forces; of a region without area, as the axis of symmetry, and of points each node counts
+    once, and the key is None. *Collective.*
+    """
+    kinds = [space.mesh.facet_groups, space.mesh.cell_groups]
+    found = [space.comm.allreduce(region in groups, op=MPI.LOR) for groups in kinds]
+    unit = np.eye(space.dim)[0].tolist()
+    for key, has in zip(("traction", "body_force"), found, strict=True):
+        weights = load_vector(space, Load(region, **{key: unit}))[:, 0] if has else np.zeros(space.n_owned)
+        total = space.comm.allreduce(float(weights.sum()), op=MPI.SUM)
+        if total > 0.0:
+            return weights, total, key
+    weights = np.zeros(space.n_local)
+    weights[space.region(region)] = 1.0
+    weights = weights[space.owned_local]
+    return weights, space.comm.allreduce(float(weights.sum()), op=MPI.SUM), None
 
 
 class TimedLoad:

@@ -15,7 +15,9 @@ these forces on z_h.
 
     force         F . d = C(u; d on the source), of the force on the target, C being the part of N that contact has
     support       R . d = N(u; d on the support): z is d there, and J(u) - J(u_h) = -rho(z - z_h)
-    displacement  the mean over the region, in its direction
+    displacement  the mean over the region
+
+each in its own direction d, or one component of it.
 """
 
 from typing import NamedTuple
@@ -23,7 +25,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pcontact.assembly.item import LAW
-from pcontact.assembly.loads import load_vector
+from pcontact.assembly.loads import region_weights
 from pcontact.estimate.pressures import named, norm
 from pcontact.runtime.petsc import LEAST_PIVOT, MPI, PETSc, can_factorise
 from pcontact.scene.model import Load
@@ -34,6 +36,8 @@ from pcontact.scene.model import Load
 DUAL_RTOL = 1e-7
 # [iterations] Of the dual solve at most. From: chosen.
 DUAL_ITERATIONS = 400
+# by quantity, the table of a load step's record that has its names
+RECORDS = {"force": "contacts", "support": "reactions", "displacement": "probes"}
 
 
 class Goal(NamedTuple):
@@ -91,8 +95,15 @@ class GoalError(NamedTuple):
     together: float | None = None
 
 
-def _direction(vector):
-    """The vector's direction; along the first axis where there is none."""
+def place_of(target, record):
+    """Name of the contact, region or probe of a target, and the axis of its component or None."""
+    return target.of_known(record[RECORDS[target.quantity]])
+
+
+def _direction(vector, axis=None):
+    """Direction of an axis, or of the vector; along the first axis where there is none."""
+    if axis is not None:
+        return np.eye(len(vector))[axis]
     vector = np.asarray(vector, dtype=float)
     size = np.linalg.norm(vector)
     return vector / size if size > 0.0 else np.eye(len(vector))[0]
@@ -129,8 +140,8 @@ def _beside(space, contact):
     return every & (source | ~target)
 
 
-def contact_force(problem, contact, force, u, rules=None):
-    """The force of a contact on its source, along itself. *Collective.*
+def contact_force(problem, contact, force, u, rules=None, axis=None):
+    """The force of a contact on its source, along itself or an axis. *Collective.*
 
     Parameters
     ----------
@@ -141,38 +152,40 @@ def contact_force(problem, contact, force, u, rules=None):
     u : PETSc.Vec
     rules : dict, optional
         Of pairs, see :func:`pcontact.estimate.closing.rules`.
+    axis : int, optional
     """
-    space, direction = problem.space, _direction(force)
+    space, direction = problem.space, _direction(force, axis)
     phi = _beside(space, contact.contact)[space.owned_local][:, None] * direction
     if problem.lower is not None:
         problem.lower.follow(phi)
     # the residual has the force on the source with the other sign, and so has the report, on the target
     slope = transposed(space, contact.pairs, u, phi, rules)
-    return Goal(float(np.linalg.norm(force)), slope, contact=contact.name, shift=phi)
+    return Goal(float(direction @ force), slope, contact=contact.name, shift=phi)
 
 
-def support_force(problem, region, force, u, rules=None):
-    """The force of a support, along itself; see :func:`contact_force`. *Collective.*"""
+def support_force(problem, region, force, u, rules=None, axis=None):
+    """The force of a support; see :func:`contact_force`. *Collective.*"""
     space, supports = problem.space, problem.supports
     names = [number for number, name in enumerate(supports.regions) if name == region]
     held = np.isin(supports.which[space.owned_local], names)
-    phi = held * _direction(force)
+    direction = _direction(force, axis)
+    phi = held * direction
     for group in problem.groups:
         group.follow(phi)
     slope = transposed(space, problem.items, u, phi, rules)
-    return Goal(float(np.linalg.norm(force)), -slope, phi, -1.0)
+    return Goal(float(direction @ force), -slope, phi, -1.0)
 
 
-def probe(problem, region, u):
-    """The mean displacement of a region, over its area or volume, in its direction. *Collective.*"""
+def probe(problem, region, u, axis=None):
+    """The mean displacement of a region, over its area or volume, in its direction or along an axis. *Collective.*"""
     space, d = problem.space, problem.space.dim
     values = u.getArray(readonly=True).reshape(-1, d)
-    weights, key = _weights(space, region)
-    total = space.comm.allreduce(np.concatenate([weights @ values, [weights.sum()]]), op=MPI.SUM)
-    direction = _direction(total[:d])
-    slope = weights[:, None] * direction / total[d]
-    load = None if key is None else Load(region, **{key: (direction / total[d]).tolist()})
-    return Goal(float(total[:d] @ direction / total[d]), slope, load=load)
+    weights, total, key = region_weights(space, region)
+    mean = space.comm.allreduce(weights @ values / total, op=MPI.SUM)
+    direction = _direction(mean, axis)
+    slope = weights[:, None] * direction / total
+    load = None if key is None else Load(region, **{key: (direction / total).tolist()})
+    return Goal(float(mean @ direction), slope, load=load)
 
 
 def value(problem, target, record, u):
@@ -190,29 +203,13 @@ def value(problem, target, record, u):
     float
         Of the pressure its norm in L2.
     """
-    if target.quantity == "force":
-        return float(np.linalg.norm(record["contacts"][target.name]["force"]))
-    if target.quantity == "support":
-        return float(np.linalg.norm(record["reactions"][target.name]))
+    if target.quantity == "pressure":
+        return norm(problem.space.comm, named(problem, target.name, u))
+    name, axis = place_of(target, record)
     if target.quantity == "displacement":
-        return probe(problem, target.name, u).value
-    return norm(problem.space.comm, named(problem, target.name, u))
-
-
-def _weights(space, region):
-    """Weights (n_owned,) of the nodes of a region in its mean, and the key of a load that has them; None for points.
-    *Collective.*
-    """
-    kinds = [space.mesh.facet_groups, space.mesh.cell_groups]
-    found = [space.comm.allreduce(region in groups, op=MPI.LOR) for groups in kinds]
-    unit = [1.0] + [0.0] * (space.dim - 1)
-    if found[0]:
-        return load_vector(space, Load(region, traction=unit))[:, 0], "traction"
-    if found[1]:
-        return load_vector(space, Load(region, body_force=unit))[:, 0], "body_force"
-    weights = np.zeros(space.n_local)
-    weights[space.region(region)] = 1.0
-    return weights[space.owned_local], None
+        return probe(problem, name, u, axis).value
+    force = record["contacts"][name]["force"] if target.quantity == "force" else record["reactions"][name]
+    return float(_direction(force, axis) @ force)
 
 
 def dual(problem, goal, preconditioner):

@@ -174,13 +174,13 @@ class ErrorEstimate(Observer):
     def goal(self, target, record, u, closing=None):
         """A quantity of the last load step that is no norm, a :class:`pcontact.estimate.goal.Goal`; parameters as of
         :meth:`of_quantity`, and the rules that pairs go by. *Collective.*"""
-        problem, name = self._problem, target.name
+        problem, (name, axis) = self._problem, goal.place_of(target, record)
         if target.quantity == "force":
             contact = next(one for one in problem.contacts if one.name == name)
-            return goal.contact_force(problem, contact, record["contacts"][name]["force"], u, closing)
+            return goal.contact_force(problem, contact, record["contacts"][name]["force"], u, closing, axis)
         if target.quantity == "support":
-            return goal.support_force(problem, name, record["reactions"][name], u, closing)
-        return goal.probe(problem, name, u)
+            return goal.support_force(problem, name, record["reactions"][name], u, closing, axis)
+        return goal.probe(problem, name, u, axis)
 
     def norm(self, v):
         """Energy norm of a displacement of elastic bodies [sqrt(energy)]. *Collective.*"""

@@ -56,7 +56,8 @@ def by_name(kind, words):
 
 
 _PROBE = {part: vector(f"{words} [length]") for part, words in
-          (("mean", "mean over the nodes"), ("min", "least"), ("max", "largest"))}  # fmt: skip
+          (("mean", "mean over its area or volume, over its nodes where it has none"), ("min", "least"),
+           ("max", "largest"))}  # fmt: skip
 _CONTACT = table(
     "of one contact",
     ("force", "area", "max_pressure", "max_penetration", "deepest", "open", "stick", "slip", "flipped", "passed",

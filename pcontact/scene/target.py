@@ -1,6 +1,7 @@
 """The error that a run is to reach: how much of it is allowed, of what, and what that may cost."""
 
 import re
+from collections.abc import Iterable
 from dataclasses import field
 
 from pcontact.runtime.rules import BOOLEAN, Rule, number
@@ -9,6 +10,8 @@ from pcontact.scene.keys import key, table
 # what the error may be of, and whether a name belongs to it
 QUANTITIES = {"energy": False, "force": True, "support": True, "displacement": True, "pressure": True}
 OF = "energy | force:CONTACT | support:REGION | displacement:PROBE | pressure:CONTACT"
+# components of forces and displacements, named after a dot: force:CONTACT.x
+AXES = "xyz"
 # [bytes], [seconds]
 SIZES = {"": 1.0, "kb": 2.0**10, "mb": 2.0**20, "gb": 2.0**30, "tb": 2.0**40}
 TIMES = {"": 1.0, "s": 1.0, "min": 60.0, "h": 3600.0, "d": 86400.0}
@@ -78,7 +81,7 @@ class Target:
     of: str = key(
         QUANTITY, "what it is the error of", default="energy", option="error_of", said=_worded(QUANTITY),
         more="the energy norm of the displacement, or a contact's force, a support's force, the mean displacement of a "
-        "probe, the contact pressure in L2",
+        "probe, the contact pressure in L2; of a force or displacement one component: force:CONTACT.x",
     )  # fmt: skip
     pictures: bool = key(
         BOOLEAN, "the estimate on the last mesh, that mesh, and the errors of all meshes are drawn beside the results",
@@ -93,8 +96,18 @@ class Target:
 
     @property
     def name(self) -> str:
-        """Of the contact, region or probe; empty: of none."""
+        """Of the contact, region or probe, with the component where there is one; empty: of none."""
         return self.of.partition(":")[2]
+
+    def of_known(self, known: Iterable[str]) -> tuple[str, int | None]:
+        """The name without its component, and the axis of that; None: the whole vector, along itself.
+
+        The suffix is a component unless one of the `known` names has it.
+        """
+        name, dot, axis = self.name.rpartition(".")
+        if not dot or self.name in known or self.quantity == "pressure" or len(axis) != 1 or axis not in AXES:
+            return self.name, None
+        return name, AXES.index(axis)
 
 
 def preset_or_target(words: Rule) -> Rule:

@@ -3,6 +3,7 @@
 from pcontact.runtime.messages import input_error, listed, unknown_name
 from pcontact.scene.model import Scene
 from pcontact.scene.places import place
+from pcontact.scene.target import AXES
 
 
 def unestimated(scene: Scene) -> list[str]:
@@ -11,6 +12,27 @@ def unestimated(scene: Scene) -> list[str]:
     for key in ("pretensions", "equations", "periodic"):
         strange += [place(key, k, one.region) for k, one in enumerate(getattr(scene, key))]
     return strange + ["mesh.serendipity"] * scene.mesh.serendipity
+
+
+def check_component(scene: Scene, dim: int) -> None:
+    """Refuse a component that vectors on a mesh of a dimension do not have.
+
+    Raises
+    ------
+    InputError
+    """
+    target = scene.accuracy
+    _, axis = target.of_known(known_names(scene).get(target.quantity, ()))
+    if axis is not None and axis >= dim:
+        allowed = f"components {', '.join(AXES[:dim])}, the mesh is {dim}D"
+        raise input_error(scene.where, "accuracy.of", f"'{target.of}'", allowed)
+
+
+def known_names(scene: Scene) -> dict[str, list[str]]:
+    """By quantity, the names that it may be of."""
+    contacts = [contact.name for contact in scene.contacts]
+    return {"force": contacts, "pressure": contacts, "support": [one.region for one in scene.displacements],
+            "displacement": list(scene.output.probes)}  # fmt: skip
 
 
 def check_target(scene: Scene) -> None:
@@ -42,13 +64,8 @@ def check_target(scene: Scene) -> None:
     if smooth:
         found = f"{target.error:g} together with smooth_geometry = true (contact {smooth[0].name})"
         raise input_error(scene.where, key, found, "false: facets that are cut are pieces of what they stand for")
-    known = {
-        "force": [contact.name for contact in scene.contacts],
-        "pressure": [contact.name for contact in scene.contacts],
-        "support": [one.region for one in scene.displacements],
-        "displacement": list(scene.output.probes),
-    }.get(target.quantity)
-    if known is not None and target.name not in known:
+    known = known_names(scene).get(target.quantity)
+    if known is not None and target.of_known(known)[0] not in known:
         found = unknown_name(target.of, f"of no {target.quantity}", [f"{target.quantity}:{name}" for name in known])
         allowed = listed(f"{target.quantity}:{name}" for name in known)
         if target.quantity == "displacement":

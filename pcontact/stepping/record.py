@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from pcontact.assembly.loads import region_weights
 from pcontact.material.elastic import equivalent_stress
 from pcontact.runtime import log
 from pcontact.runtime.petsc import MPI
@@ -59,8 +60,8 @@ class Recorder:
         owned[space.owned_local] = True
         self._probes = {}
         for name in probes:
-            nodes = space.region(name)
-            self._probes[name] = nodes[owned[nodes]]
+            nodes, (weights, total, _) = space.region(name), region_weights(space, name)
+            self._probes[name] = nodes[owned[nodes]], weights / (total or 1.0)
 
     def __call__(self, step, u):
         """Record of a converged step, the same on every rank. *Collective.*
@@ -89,7 +90,7 @@ class Recorder:
             "cutbacks": step.cutbacks,
             "reactions": problem.reactions(u, unbalanced),
             "contacts": {contact.name: contact.summary(u) for contact in problem.contacts},
-            "probes": {name: self._probe(nodes, u) for name, nodes in self._probes.items()},
+            "probes": {name: self._probe(*probe, u) for name, probe in self._probes.items()},
             "plastic": self._plastic(),
             "largest": largest(problem, u),
         }
@@ -260,16 +261,16 @@ class Recorder:
             }  # fmt: skip
         return result
 
-    def _probe(self, nodes, u):
+    def _probe(self, nodes, weights, u):
+        """Mean over the region, least and largest displacement of its nodes. *Collective.*"""
         space = self._problem.space
         comm, d = space.comm, space.dim
         values = space.local.gather(u)[nodes]
         low = np.min(values, axis=0, initial=np.inf)
         high = np.max(values, axis=0, initial=-np.inf)
-        total = comm.allreduce(np.concatenate([values.sum(axis=0), [len(values)]]), op=MPI.SUM)
+        mean = comm.allreduce(weights @ u.getArray(readonly=True).reshape(-1, d), op=MPI.SUM)
         comm.Allreduce(MPI.IN_PLACE, low, op=MPI.MIN)
         comm.Allreduce(MPI.IN_PLACE, high, op=MPI.MAX)
-        mean = total[:d] / max(total[d], 1.0)
         return {"mean": mean.tolist(), "min": low.tolist(), "max": high.tolist()}
 
 

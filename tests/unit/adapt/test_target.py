@@ -2,6 +2,7 @@
 
 import pytest
 
+from pcontact.adapt.loop import Loop
 from pcontact.adapt.target import wanted
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.options import Options
@@ -51,6 +52,19 @@ def test_of_the_scene(tmp_path):
     assert asked(scene, {"accuracy": "draft"}) is None
     with pytest.raises(InputError, match="-accuracy: found a preset beside an error to reach"):
         asked(scene, {"accuracy": "draft", "error": "3%"})
+
+
+def test_a_suffix_is_a_component_unless_a_name_has_it(tmp_path):
+    """Of forces and displacements; the pressure of a contact has none."""
+    found = asked(scene_of(tmp_path), {"error": "2%", "error_of": "force:pair.y"}).accuracy
+    assert found.of_known(["pair"]) == ("pair", 1)
+    assert Target(0.1, "force:pair.y").of_known(["pair.y", "pair"]) == ("pair.y", None)
+    assert Target(0.1, "force:pair.xy").of_known(["pair"]) == ("pair.xy", None)
+    for of in ("pressure:pair.x", "force:pair.n", "force:pear.x"):
+        with pytest.raises(InputError, match=r"accuracy\.of: found .*the nearest is"):
+            asked(scene_of(tmp_path), {"error": "2%", "error_of": of})
+    with pytest.raises(InputError, match=r"accuracy\.of: found 'force:pair.z'; allowed: components x, y, the mesh"):
+        Loop(asked(scene_of(tmp_path), {"error": "2%", "error_of": "force:pair.z"})).run()
 
 
 def test_what_is_not_estimated_is_refused(tmp_path):

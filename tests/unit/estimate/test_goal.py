@@ -11,6 +11,7 @@ from drivers.cases import rings
 from drivers.studies._named_scenes import HELD_BACK
 from drivers.studies._round_bodies import wound_rings
 from meshes import rings as rings_mesh
+from meshes.blocks import two_blocks
 from pcontact.adapt.watch import Watch
 from pcontact.contact.law import OPEN, SLIP, STICK
 from pcontact.element.shape import shape, shape_gradient
@@ -18,13 +19,16 @@ from pcontact.estimate import contacts, goal, together
 from pcontact.estimate.closing import closing
 from pcontact.estimate.facets import FacetPairs
 from pcontact.estimate.goal import contact_force, transposed, value
+from pcontact.estimate.goal import probe as goal_of_probe
 from pcontact.estimate.local import Bound, LocalFunctions, Moduli, energies, products
 from pcontact.estimate.tractions import Cells
 from pcontact.estimate.yielding import Softening
 from pcontact.runtime.parallel import on_root
 from pcontact.runtime.petsc import MPI
+from pcontact.scene.model import Body, Contact, Displacement, Material, MeshSpec, Output, Scene
 from pcontact.scene.target import Target
 from pcontact.simulation import Simulation
+from pcontact.stepping.record import Recorder
 
 COMM = MPI.COMM_WORLD
 
@@ -89,6 +93,61 @@ def test_transposed_tangent_is_the_derivative(solved):
     change = (problem.unbalanced(moved) - problem.unbalanced(u)) / step
     sums = COMM.allreduce(np.array([np.vdot(phi, change), np.vdot(slope, way)]), op=MPI.SUM)
     assert sums[0] == pytest.approx(sums[1], rel=1e-5)
+
+
+@pytest.mark.parallel
+@pytest.mark.parametrize("of", ["force:rings", "support:outer_symmetry", "displacement:outer_skin"])
+@pytest.mark.parametrize("axis", [0, 1])
+def test_a_component_has_its_value_and_its_derivative(solved, of, axis):
+    """The record's, with its sign, which the size of the vector does not have."""
+    simulation, watch = solved(2)
+    problem, u, record = simulation.problem, simulation.stepper.u, watch.record
+    names = {"force": next(iter(record["contacts"])), "support": next(iter(record["reactions"]))}
+    word, _, name = of.partition(":")
+    name = names.get(word, name)
+    vector = {"force": lambda: record["contacts"][name]["force"], "support": lambda: record["reactions"][name],
+              "displacement": lambda: record["probes"][name]["mean"]}[word]()  # fmt: skip
+    target = Target(0.1, f"{word}:{name}.{'xy'[axis]}")
+    assert value(problem, target, record, u) == pytest.approx(vector[axis], rel=1e-12)
+    assert value(problem, Target(0.1, f"{word}:{name}"), record, u) == pytest.approx(np.linalg.norm(vector))
+    goal = simulation.error_estimate.goal(target, record, u)
+    way, moved = np.random.default_rng(COMM.rank).normal(size=(problem.space.n_owned, 2)), u.copy()
+    step = 1e-7 * COMM.allreduce(float(np.abs(u.getArray(readonly=True)).max(initial=0.0)), op=MPI.MAX)
+    moved.setArray(moved.getArray(readonly=True) + step * way.ravel())
+    slope = goal.sign * COMM.allreduce(np.vdot(goal.slope, way))
+    if word == "displacement":
+        change = goal_of_probe(problem, name, moved, axis).value - goal.value
+    elif word == "force":
+        change = problem.contacts[0].summary(moved)["force"][axis] - goal.value
+    else:
+        change = problem.reactions(moved, problem.unbalanced(moved))[name][axis] - goal.value
+    assert change / step == pytest.approx(slope, rel=1e-4)
+
+
+def test_the_mean_of_a_probe_is_that_of_its_region(tmp_path):
+    """On a mesh with nodes that lie close on one side, and beside a region that is a line on the axis."""
+    two_blocks(tmp_path / "blocks.msh", 2, 3, 4, "triangle")
+    scene = Scene(
+        mesh=MeshSpec(tmp_path / "blocks.msh", kinematics="axisymmetric"), materials={"soft": Material(10.0, 0.3)},
+        bodies=[Body("lower", "soft"), Body("upper", "soft")],
+        contacts=[Contact("upper_bottom", "lower_top", name="face")],
+        displacements=[Displacement("lower_bottom", ["free", 0.0]), Displacement("upper_top", ["free", -0.05])],
+        output=Output(fields=False, probes=["upper", "left", "upper_top"], estimate=True),
+    )  # fmt: skip
+    simulation = Simulation(scene)
+    assert simulation.run()
+    space, u = simulation.problem.space, simulation.stepper.u
+    x = space.points[space.owned_local]
+    # a linear displacement has the mean of the region's centroid: over the radius r dr to 1, 2/3
+    u.setArray(np.column_stack([x[:, 0], 2.0 * x[:, 1]]).ravel())
+    probes = Recorder(simulation.problem, scene.output.probes)
+    found = {name: probes._probe(*one, u)["mean"] for name, one in probes._probes.items()}
+    top = x[:, 1].max()
+    assert found["upper_top"] == pytest.approx([2.0 / 3.0 * x[:, 0].max(), 2.0 * top])
+    assert found["upper"][0] == pytest.approx(2.0 / 3.0 * x[:, 0].max())
+    on_axis = x[np.isclose(x[:, 0], 0.0)]
+    assert found["left"] == pytest.approx([0.0, 2.0 * on_axis[:, 1].mean()])
+    simulation.free()
 
 
 @pytest.mark.parallel
