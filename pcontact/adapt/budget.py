@@ -26,6 +26,8 @@ class Budgeted:
     ----------
     by : str
         Which part of it has been the limit.
+    given : bool
+        Whether the user names unknowns or a time, which are there to be spent.
     """
 
     def __init__(self, budget, comm):
@@ -36,9 +38,10 @@ class Budgeted:
         base = comm.allreduce(profile.memory()[0] * 1024.0)
         self._memory = budget.memory if budget.memory is not None else base + free
         self._followers, self.by = FOLLOWERS, ""
+        self.given = budget.unknowns is not None or budget.time is not None
 
-    def growth(self, passes, elapsed):
-        """Growth of the cells of the last pass that the next one may have at most.
+    def most(self, passes, elapsed):
+        """Growth of the unknowns of the last pass that the next one may have at most.
 
         Parameters
         ----------
@@ -56,16 +59,12 @@ class Budgeted:
             left = self._comm.bcast(max(self._time - elapsed, 0.0))
             limits["time"] = (left / max(done.seconds, 1e-6)) ** (1.0 / POWER)
         self.by = min(limits, key=limits.get)
-        return limits[self.by] / self._followers
+        return limits[self.by]
 
-    def learn(self, done, unknowns):
+    def of_cells(self, growth):
+        """Growth of the cells with which the unknowns grow so much, as others follow those that are cut."""
+        return growth / self._followers
+
+    def learn(self, growth, expected):
         """Take notice of how many cells have followed those that were cut."""
-        seen = unknowns / done.next["unknowns"]
-        self._followers = max(seen, 1.0)
-
-    def holds(self, unknowns):
-        """Whether a mesh has as few unknowns as it may."""
-        if self._unknowns is not None and unknowns > self._unknowns:
-            self.by = "unknowns"
-            return False
-        return True
+        self._followers = max(growth / expected, 1.0)

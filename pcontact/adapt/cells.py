@@ -2,16 +2,14 @@
 pays.
 
 Halving all cells keeps them what they are, which for degree 1 have smaller errors than simplices with the same nodes,
-and no locking; simplices can be cut where the error is. What either takes until the target is reached is played on the
-estimates of the cells, as for a forecast, with what simplices cost more or less for the same error.
+and no locking; simplices can be cut where the error is. What the estimates of the cells say of either is compared: the
+entries of the tangent that bring the error down as far as the most halvings of a pass do, whatever the target.
 """
-
-from typing import NamedTuple
 
 import numpy as np
 
-from pcontact.adapt.forecast import forecast
-from pcontact.adapt.sizes import degrees
+from pcontact.adapt.budget import FOLLOWERS
+from pcontact.adapt.sizes import AT_ONCE, Contributions, cuts, degrees
 from pcontact.element.reference import CELLS
 from pcontact.mesh.refinement.split import folded
 from pcontact.runtime import log
@@ -24,20 +22,6 @@ PARTS = {(3, 2): 1, (4, 2): 2, (4, 3): 1, (5, 3): 2, (6, 3): 3, (8, 3): 6}
 NAMES = {2: "triangles", 3: "tetrahedra"}
 _PLURALS = {"tetrahedron": "tetrahedra", "hexahedron": "hexahedra", "hexahedron20": "hexahedra with 20 nodes",
             "quadrilateral8": "quadrilaterals with 8 nodes"}  # fmt: skip
-
-
-class Ways(NamedTuple):
-    """How to go on from a pass, as far as each is possible.
-
-    Attributes
-    ----------
-    halved, divided : float
-        Part of the error in the energy norm that is to be left: of that of the cells of now, and of that of the
-        simplices they are divided into.
-    """
-
-    halved: float
-    divided: float
 
 
 def parts_of(mesh):
@@ -78,13 +62,14 @@ class Choice:
     Attributes
     ----------
     made : dict or None
-        For the report: ``chosen``, ``why``, ``entries`` of the tangents of all passes to come, by what is chosen.
+        For the report: ``chosen``, ``why``, ``entries`` of the tangents of a mesh with a part of the error, by what is
+        chosen.
     """
 
     def __init__(self, comm):
         self._comm, self.made = comm, None
 
-    def divides(self, scene, space, passes, squares, ways, fits=True):
+    def divides(self, scene, space, last, squares, fits=True):
         """Whether a mesh is divided. *Collective.*
 
         Parameters
@@ -92,11 +77,10 @@ class Choice:
         scene : pcontact.scene.model.Scene
         space : pcontact.space.space.Space
             On a mesh of cells that can be halved.
-        passes : list of pcontact.adapt.passes.Pass
-            With its degree, the last one on it.
+        last : pcontact.adapt.passes.Pass
+            On it.
         squares : ndarray (n_cells,)
             What its cells have in the squared error.
-        ways : Ways
         fits : bool
             Whether the budget allows the cells to be halved.
 
@@ -104,28 +88,32 @@ class Choice:
         -------
         bool
         """
-        mesh, dim, degree = space.mesh, space.dim, passes[-1].degree
+        mesh, dim, degree = space.mesh, space.dim, last.degree
         stiff, name = locking(scene, degree), NAMES[dim]
-        kinds = {block.cell for block in mesh.blocks if len(block.nodes)}
-        kinds = said_of(set().union(*self._comm.allgather(kinds)))
+        kinds = self._kinds(mesh)
         if stiff is not None:
             return self._take(False, kinds, name, f"{name} of degree {degree} would be too stiff in {stiff} (locking)")
-        last, parts = passes[-1], parts_of(mesh)
-        own = degrees(space)
-        halved = forecast(self._comm, passes, squares, ways.halved, whole=True, degree=degrees(space, True))
-        divided = forecast(self._comm, [last], of_parts(squares, parts, dim, own), ways.divided, degree=own,
-                           count=parts)  # fmt: skip
-        per = last.entries / last.unknowns
-        entries = {kinds: per * sum(halved.unknowns[len(passes) :]),
-                   name: per * MEASURED[dim, degree][1] * sum(divided.unknowns[1:])}  # fmt: skip
+        own, parts, (more, ratio) = degrees(space), parts_of(mesh), MEASURED[dim, degree]
+        errors = Contributions(of_parts(squares, parts, dim, own), own, dim, parts)
+        part = 0.5 ** float(AT_ONCE * np.min(degrees(space, True)))
+        grown = cuts(self._comm, errors, part / more).growth * FOLLOWERS
+        entries = {kinds: 2.0 ** (AT_ONCE * dim) * last.entries, name: ratio * grown * last.entries}
         cheaper = entries[name] < entries[kinds] or not fits
         if cheaper and folded(mesh):
             return self._take(False, kinds, name, f"some {name} in curved cells would fold over", entries)
         if not fits:
             return self._take(True, kinds, name, f"the budget does not allow all {kinds} to be halved", entries)
-        why = (f"the passes to come take about {entries[kinds]:.2g} entries of the tangent with all {kinds} halved, "
-               f"{entries[name]:.2g} with {name} cut where it pays")  # fmt: skip
+        why = (f"{part:.2g} times the error takes {entries[kinds]:.2g} entries of the tangent with all {kinds} halved, "
+               f"about {entries[name]:.2g} with {name} cut where it pays")  # fmt: skip
         return self._take(cheaper, kinds, name, why, entries)
+
+    def once(self, mesh):
+        """Note that one halving is enough, and return that no cell is divided. *Collective.*"""
+        return self._take(False, self._kinds(mesh), NAMES[mesh.dim], "one halving is enough")
+
+    def _kinds(self, mesh):
+        kinds = {block.cell for block in mesh.blocks if len(block.nodes)}
+        return said_of(set().union(*self._comm.allgather(kinds)))
 
     def _take(self, divides, kinds, name, why, entries=None):
         chosen = name if divides else kinds

@@ -5,18 +5,20 @@ import time as clock
 import numpy as np
 
 from pcontact.adapt.budget import Budgeted
-from pcontact.adapt.cells import MEASURED, Ways, of_parts, parts_of
+from pcontact.adapt.cells import MEASURED, of_parts, parts_of
 from pcontact.adapt.forecast import Aims, forecast
 from pcontact.adapt.passes import cost_of, said_of
 from pcontact.adapt.settings import AIM, FACETS, MORE_STEPS, NOTICED, SHARE, STEPS_SHARE
 from pcontact.adapt.sizes import degrees
 from pcontact.runtime import log
-from pcontact.runtime.petsc import MPI
 
 REACHED, FAILED, SPENT = 0, 1, 4
 # [passes] At most; and those after which a mesh must have brought something. From: each pass at least doubles the cells
 # or is the last one.
 MOST, PATIENCE = 14, 3
+# [-] Part of a budget that a mesh has to fill, where it is the limit, and the part that is aimed at. From: chosen; the
+# error falls with the root of the unknowns, or faster.
+FULL, FILLED = 0.85, 0.95
 # [-] Unknowns that the target would take over those of now, with which it is out of reach. From: chosen, more than two
 # more passes.
 FARTHEST = 1e4
@@ -43,13 +45,6 @@ NOTHING, LOOK = 1.0, 2.0
 TOWARD_EDGES = 1.15
 # [-] The same, below which the rate is not known yet. From: a cube pressed on a block, drivers/studies/named_error.py.
 STEADY = 0.7
-# [unknowns] By the dimension: a pass with as many takes about twice as long as one with a few; and the power with which
-# meshes for quantities that have less are made. From: named_cost.py; the punch, whose corners two meshes tell.
-CHEAP, CAREFUL = {2: 1000, 3: 200}, 0.3
-# [-] Squares of the cells of the first mesh that are so even that no singular point is expected: of their sum, squared,
-# over the sum of their squares, per cell; and unknowns over those which are cheap, up to which no mesh is then made to
-# learn the rate. From: Hill's cylinder and a hot spot, 0.4 and 0.6; blocks with corners have 0.05 to 0.3.
-EVEN, SOON = 1.0 / 3.0, 3.0
 
 
 class Decision:
@@ -91,12 +86,10 @@ class Decision:
         -------
         status : int or None
             `REACHED` or `SPENT`.
-        step : pcontact.adapt.refining.Step or None
-            None and no exit status: the same mesh with all load steps.
+        step : tuple or None
+            ``plan`` and ``step`` of :class:`pcontact.adapt.degree.Tried`.
         """
         goal = self._target.error
-        if done.error <= goal and done.fewer:
-            return None, None
         if done.error <= goal:
             self.why = "reached"
             return REACHED, None
@@ -111,25 +104,33 @@ class Decision:
             return self._spent(f"finer meshes do not bring it down, the largest part is {said_of(largest)}")
         stays = self._look_at_what_stays(done)
         if stays and done.error <= self.aim:
-            return (None, None) if done.fewer else self._spent(stays)
+            return self._spent(stays)
         far = cost_of(self._passes, self.aim)["unknowns"]
-        if self._alike() > PATIENCE and far > FARTHEST * done.unknowns:
+        if not self._budget.given and self._alike() > PATIENCE and far > FARTHEST * done.unknowns:
             return self._spent(f"at the rate seen it would take {far:.2g} unknowns")
-        most = self._budget.growth(self._passes, clock.perf_counter() - self._start)
-        if most < GROWN:
-            return self._spent(f"the budget is spent ({self._budget.by})")
+        self._most = self._budget.most(self._passes, clock.perf_counter() - self._start)
+        if self._most < GROWN:
+            return self.spent(), None
+        self._asked = most = self._budget.of_cells(self._most)
         # cells that are cut toward singular edges tell how far they are to be cut, mesh by mesh
         known = known and (self._refining.whole or self._trust(done) >= STEADY)
+        whole = self._refining.whole
         step = self._step(space, watch, seen, done, most, known)
-        if self._refining.whole and self._divides(simulation, watch, done, step):
-            seen = (None, None, seen[2])
-            step = self._refining.step(space, watch.squares, seen, self._wanted_divided(done), most, False, True)
+        divides = whole and self._divides(simulation, watch, done, step)
+
+        def plan(most):
+            if not divides:
+                return self._step(space, watch, seen, done, most, known)
+            around = (None, None, seen[2])
+            return self._refining.step(space, watch.squares, around, self._wanted_divided(done), most, False, True)
+
+        step = plan(most) if divides else step
         # a mesh of fewer cells may be the better one: where these are finer than needed they become larger
         if step.cuts.part >= 1.0:
-            return self._spent(f"the budget is spent ({self._budget.by})")
+            return self.spent(), None
         self._settings.balance(done, self.aim, step.cuts.growth, LOOK if self.tells_nothing(done) else MORE_STEPS)
         done.next = self.expected(done, step)
-        return None, step
+        return None, (plan, step)
 
     def _look_at_what_stays(self, done):
         """Why the target cannot be reached, where no mesh takes away what it takes; else empty. Then meshes are made
@@ -147,38 +148,16 @@ class Decision:
         return said
 
     def _step(self, space, watch, seen, done, most, known):
-        """How the cells are cut that are not divided. *Collective.*
-
-        Where few unknowns reach the target of a quantity, so many are taken that it is reached although the error falls
-        with a low power: what misses it costs another pass, and these hardly anything. The energy norm is estimated
-        worst on meshes that do not know singular points: more of such cells help little. Where there seem to be none,
-        and not many unknowns are expected, no mesh comes before that only tells the rate.
-        """
-        wanted, cheap = self.wanted(done), CHEAP[space.dim] / done.unknowns
+        """How the cells are cut that are not divided. *Collective.*"""
         most = min(most, LOOK) if self.tells_nothing(done) else most
-        step = self._refining.step(space, watch.squares, seen, wanted, most, known)
-        if step.cuts.part > wanted and not self._refining.whole and self._even(space.comm, watch.squares):
-            whole = self._refining.step(space, watch.squares, seen, wanted, most, True)
-            step = whole if whole.cuts.growth <= SOON * cheap else step
-        energy = self._target.quantity == "energy"
-        if energy or self._refining.whole or step.cuts.part > wanted or step.cuts.growth >= min(cheap, most):
-            return step
-        surely = self.wanted(done, CAREFUL)
-        return self._refining.step(space, watch.squares, seen, surely, min(cheap, most), True)
-
-    @staticmethod
-    def _even(comm, squares):
-        """Whether squares (n_cells,) are as even as those of smooth solutions. *Collective.*"""
-        own = [len(squares), squares.sum(), squares @ squares]
-        count, total, second = comm.allreduce(np.array(own, dtype=float), op=MPI.SUM)
-        return bool(total**2 >= EVEN * count * second)
+        return self._refining.step(space, watch.squares, seen, self.wanted(done), most, known)
 
     def _divides(self, simulation, watch, done, step):
         """Whether the cells of a mesh are divided into simplices. *Collective.*"""
-        alike = [one for one in self._passes if one.degree == done.degree]
-        ways = Ways(self.wanted(done), self._wanted_divided(done))
-        scene, space, fits = simulation.scene, simulation.problem.space, step.cuts.part < 1.0
-        return self._refining.choice.divides(scene, space, alike, watch.squares, ways, fits)
+        choice, space, growth = self._refining.choice, simulation.problem.space, step.cuts.growth
+        if 1.0 < growth <= 2.0**space.dim and step.cuts.part <= self.wanted(done):
+            return choice.once(space.mesh)
+        return choice.divides(simulation.scene, space, done, watch.squares, growth > 1.0)
 
     def _wanted_divided(self, done, trust=FIRST_TRUST, aim=AIM):
         """As :meth:`wanted`, of the error that simplices with the same nodes have."""
@@ -196,12 +175,36 @@ class Decision:
                 "load_steps": self._settings.steps, "degree": done.degree,
                 **({"divided": True} if step.divided else {})}  # fmt: skip
 
-    def fits(self, unknowns):
-        """None, or the exit status where the mesh after the last pass has become too large for the budget."""
-        self._budget.learn(self._passes[-1], unknowns)
-        if self._budget.holds(unknowns):
-            return None
+    def holds_degree_2(self, mesh, done):
+        """Whether the budget has room for degree 2 on the mesh of a pass of degree 1, else degree 1 is chosen."""
+        more = 2.0**mesh.dim
+        if more <= self._most:
+            return True
+        self._settings.degree.take(1, f"the budget does not allow {more * done.unknowns:.2g} unknowns of degree 2")
+        return False
+
+    def spent(self):
+        """The exit status of a budget that is spent."""
         return self._spent(f"the budget is spent ({self._budget.by})")[0]
+
+    def fits(self, unknowns, done, step):
+        """Whether a mesh after a pass is within the budget, and the growth of cells to try in its place or None.
+
+        Parameters
+        ----------
+        unknowns : float
+            That it has.
+        done : pcontact.adapt.passes.Pass
+        step : pcontact.adapt.refining.Step
+            That has made it.
+        """
+        grown, most = unknowns / done.unknowns, self._most * self._passes[-1].unknowns / done.unknowns
+        self._budget.learn(grown, step.cuts.growth)
+        fits, limited = grown <= most, step.cuts.growth > FULL * self._asked and step.cuts.part > self.wanted(done)
+        if fits and not (limited and grown < FULL * most):
+            return True, None
+        self._asked = FILLED * self._budget.of_cells(most)
+        return fits, self._asked
 
     def wanted(self, done, trust=None, more=1.0, aim=AIM):
         """The part of the error of a pass in the energy norm that the next mesh is made for.

@@ -54,13 +54,16 @@ class Tried(NamedTuple):
     mesh : pcontact.mesh.mesh.Mesh
     watch : pcontact.adapt.watch.Watch
     done : pcontact.adapt.passes.Pass
+    plan : callable
+        ``plan(most)``: how its cells are to be cut, with a growth of their number at most.
     step : object
-        How its cells are to be cut.
+        How they are with the growth that the budget is expected to allow.
     """
 
     mesh: object
     watch: object
     done: object
+    plan: object
     step: object
 
 
@@ -75,7 +78,7 @@ class Degree:
     Attributes
     ----------
     now : int or None
-        Of the next pass; None: 1, and on a mesh of degree 2 also 2.
+        Of the next pass; None: 1, and then 2.
     chosen : dict or None
         See :func:`cheaper`; without ``entries`` where there was no choice.
     """
@@ -83,9 +86,10 @@ class Degree:
     def __init__(self, given):
         self.now, self.chosen, self._lower = given, None, None
 
-    def is_open(self, curved):
-        """Whether the degree is ours to choose on a mesh, and neither has been tried."""
-        return curved and self.now is None and self.chosen is None and self._lower is None
+    @property
+    def is_open(self):
+        """Whether the degree is ours to choose, and none but 1 has been tried."""
+        return self.now is None and self.chosen is None and self._lower is None
 
     def take(self, degree, why):
         """Choose a degree without trials, and return it."""

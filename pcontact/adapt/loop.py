@@ -28,6 +28,8 @@ from pcontact.view.show import draw_errors
 # [passes] Before a forecast; the second one is left out where it would have more unknowns than that. From: one pass
 # does not tell which of its seconds more unknowns take.
 TRIED, SMALL = 2, 50_000
+# [meshes] That are made at most to find the one that fills the budget. From: chosen; a mesh takes little beside a run.
+FITTED = 5
 
 
 class Outcome(NamedTuple):
@@ -175,7 +177,7 @@ class Loop:
             Its `kept` is that of the last pass; :attr:`ahead` is the forecast, None where these passes were enough or
             did not end.
         """
-        self._looks_ahead, self._where, self._settings.forecasts = True, "", True
+        self._looks_ahead, self._where = True, ""
         status, failure = self._passes(None)
         return Outcome(status, self._kept, failure, self._section)
 
@@ -205,7 +207,7 @@ class Loop:
                 # trials are among the seconds of a pass
                 done.seconds = clock.perf_counter() - begun
                 status = self._look_ahead(simulation, watch, done, step)
-            if status is None and not self._settings.degree.is_open(simulation.mesh.curved):
+            if status is None and not self._settings.degree.is_open:
                 self._measure.with_steps(simulation, watch, done)
             if status is None:
                 mesh, known, status = self._onward(simulation, watch, done, step)
@@ -237,43 +239,50 @@ class Loop:
         return status, failure
 
     def _onward(self, simulation, watch, done, step):
-        """The next mesh, what is known on it, and None or the exit status where it is too large. *Collective.*"""
-        self._settings.fewer = False
-        if step is None:
-            done.next = {"unknowns": done.unknowns, "mesh": done.parts["mesh"], "load_steps": self._settings.steps,
-                         "degree": done.degree}  # fmt: skip
-            return simulation.mesh, watch.known, None
-        degree, last = self._settings.degree, Tried(simulation.mesh, watch, done, step)
-        if degree.is_open(last.mesh.curved):
+        """The next mesh, what is known on it, and None or the exit status where none fits the budget. *Collective.*"""
+        degree, last = self._settings.degree, Tried(simulation.mesh, watch, done, *step)
+        if degree.is_open and self._decision.holds_degree_2(simulation.mesh, done):
             degree.try_higher(last)
             done.next = {"unknowns": None, "mesh": None, "load_steps": self._settings.steps, "degree": 2}
-            return last.mesh, watch.known, None
+            # a straight mesh is read anew, with nodes in the middles of its edges
+            straight = last.mesh.degree == 1
+            return (None, None, None) if straight else (last.mesh, watch.known, None)
         begun = degree.choose(last, self._decision.aim)
-        mesh, watch = begun.mesh, begun.watch
         done.next = self._decision.expected(begun.done, begun.step)
-        self._settings.fewer = self._settings.spares(begun.done, done.next["mesh"] > self._decision.aim)
-        done.next["load_steps"] = self._settings.count
-        meshes = []
+        done.next["load_steps"] = self._settings.steps
+        known, finer, fits, step = begun.watch.known, None, False, begun.step
+        # the mesh that fills the budget best, of those whose neighbours have followed
+        for _ in range(FITTED):
+            made = []
 
-        def cut(fields):
-            finer, fields = self._refining.cut(mesh, begun.step, fields, simulation.scene)
-            meshes.append(finer)
-            return fields
+            def cut(fields, step=step, made=made):
+                made.append(self._refining.cut(begun.mesh, step, fields, simulation.scene))
+                return made[0].fields
 
-        known = watch.known.moved(cut)
+            moved = begun.watch.known.moved(cut)
+            unknowns = begun.done.unknowns * made[0].mesh.n_nodes_total / begun.mesh.n_nodes_total
+            fits, growth = self._decision.fits(unknowns, begun.done, step)
+            if fits and (finer is None or made[0].mesh.n_nodes_total > finer.mesh.n_nodes_total):
+                finer, known = made[0], moved
+            if growth is None:
+                break
+            step = begun.plan(growth)
+        if finer is None:
+            return None, None, self._decision.spent()
+        self._refining.take(finer)
         if self._decision.tells_nothing(begun.done):
             # bodies move otherwise: load steps that begin where they were take more iterations than others
             known = known._replace(every=False)
-        status = self._decision.fits(begun.done.unknowns * meshes[0].n_nodes_total / mesh.n_nodes_total)
-        return meshes[0], known, status
+        return finer.mesh, known, None
 
     def _look_ahead(self, simulation, watch, done, step):
         """`SPENT` and a forecast where it has enough passes to stand on. *Collective.*"""
         growing = [one for one in self.passes if one.degree == done.degree]
-        more = len(growing) < TRIED and step.cuts.growth * done.unknowns < SMALL
-        if self._settings.degree.is_open(simulation.mesh.curved) or more:
+        _, first = step
+        more = len(growing) < TRIED and first.cuts.growth * done.unknowns < SMALL
+        if self._settings.degree.is_open or more:
             return None
-        self.ahead = self._decision.forecast(simulation.problem.space, growing, watch.squares, step)
+        self.ahead = self._decision.forecast(simulation.problem.space, growing, watch.squares, first)
         return SPENT
 
     def _tell(self, status):

@@ -90,8 +90,8 @@ class Measure:
         times = simulation.times()
         done = Pass(
             unknowns=space.n_dofs, cells=mesh.n_cells_total, degree=space.degree, estimate=estimate, known=known,
-            parts={"mesh": estimate / known.least, **beside}, steps=self._settings.count,
-            fewer=self._settings.fewer, seconds=seconds, solve=times["solve"], memory=times["peak_memory_mb"] * 2.0**20,
+            parts={"mesh": estimate / known.least, **beside}, steps=self._settings.steps,
+            seconds=seconds, solve=times["solve"], memory=times["peak_memory_mb"] * 2.0**20,
             entries=simulation.problem.matrix.matrix.getInfo(PETSc.Mat.InfoType.GLOBAL_SUM)["nz_used"],
             part=part,
         )  # fmt: skip
@@ -119,7 +119,7 @@ class Measure:
         Where bodies yield a mesh in the middle tells it for less than the last one would, and how it grows.
         """
         part, goal = done.parts.get("load_steps", 0.0), self._target.error
-        if not self._passes or done.fewer:
+        if not self._passes:
             return False
         if done.error > goal and part > STEPS_SHARE * goal:
             # how many more the next pass takes hangs on it
@@ -162,9 +162,9 @@ class Measure:
 
     def _of_other_steps(self):
         """Errors of the load steps of this pass and the last one together, relative; 0 where these are the same."""
-        if not self._passes or self._passes[-1].steps == self._settings.count:
+        if not self._passes or self._passes[-1].steps == self._settings.steps:
             return 0.0
-        return float(np.hypot(*map(self._beside.of_steps, (self._passes[-1].steps, self._settings.count))))
+        return float(np.hypot(*map(self._beside.of_steps, (self._passes[-1].steps, self._settings.steps))))
 
     def with_steps(self, simulation, watch, done):
         """Measure what load steps change on the mesh of a pass where the next one has more of them: a finer mesh than
@@ -179,7 +179,7 @@ class Measure:
             Its `last` is set.
         done : pcontact.adapt.passes.Pass
         """
-        if done.fewer or self._settings.steps == done.steps:
+        if self._settings.steps == done.steps:
             return
         if len(self._passes) == 1:
             self._other = self._beside.other

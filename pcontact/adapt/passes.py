@@ -35,8 +35,6 @@ class Pass:
         The error that is expected, relative.
     steps : int
         Load steps that were planned.
-    fewer : bool
-        Whether these are half of those that are wanted.
     seconds, solve : float
         Of the whole pass, and of its load steps.
     memory : float
@@ -65,7 +63,6 @@ class Pass:
     error: float = 0.0
     expected: float = 0.0
     steps: int = 1
-    fewer: bool = False
     seconds: float = 0.0
     solve: float = 0.0
     memory: float = 0.0

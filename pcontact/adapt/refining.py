@@ -34,6 +34,25 @@ class Step(NamedTuple):
     divided: bool = False
 
 
+class Cut(NamedTuple):
+    """A mesh whose cells have been cut.
+
+    Attributes
+    ----------
+    mesh : pcontact.mesh.mesh.Mesh
+    fields : list of ndarray (n_nodes, k)
+    around : list of ndarray (n_nodes, 3)
+        As of :class:`Step`, at its nodes.
+    whole : bool
+        Whether its cells are no simplices.
+    """
+
+    mesh: object
+    fields: list
+    around: list = ()
+    whole: bool = True
+
+
 class Refining:
     """Refines the meshes of a loop: where it pays, or, of cells that are no simplices, as a whole.
 
@@ -144,17 +163,22 @@ class Refining:
         return Step(cuts, rise, around, divided)
 
     def cut(self, mesh, step, fields, scene):
-        """The next mesh and fields (n_nodes, k) on it, spread over the ranks for a scene. *Collective.*"""
+        """The next mesh, a :class:`Cut`, spread over the ranks for a scene. *Collective.*"""
         balance, more = Balance(*build.balance(scene, self._options)), step.cuts.more
         if self.whole and not step.divided:
             for _ in range(round(np.log2(step.cuts.growth) / mesh.dim)):
                 n = sum(len(block.nodes) for block in mesh.blocks)
                 mesh, fields = refine(mesh, np.ones(n, dtype=np.int64), fields, balance)
-            return mesh, fields
+            return Cut(mesh, fields)
         fields = [*fields, *step.around]
         if step.divided:
             mesh, fields, more = split(mesh, fields, balance, cells=more)
-            self.whole = False
         finer, fields = refine(mesh, more, fields, balance, step.rise)
-        self.corners.take(fields[len(fields) - len(step.around) :])
-        return finer, fields[: len(fields) - len(step.around)]
+        own = len(fields) - len(step.around)
+        return Cut(finer, fields[:own], fields[own:], self.whole and not step.divided)
+
+    def take(self, cut):
+        """Take notice of the mesh that is the next one."""
+        self.whole = cut.whole
+        if not self.whole:
+            self.corners.take(cut.around)

@@ -76,12 +76,8 @@ class Settings:
     ----------
     steps : int
         Load steps.
-    fewer : bool
-        Whether the next pass takes half of them: it is not expected to be the last one.
     searches : bool
         Whether partners are searched in the iterations of Newton's method.
-    forecasts : bool
-        Whether the passes are to tell what others would take.
     degree : pcontact.adapt.degree.Degree
     falling, staying : tuple of str
         Parts of the error that a finer mesh takes away as it does its own, and those that it leaves.
@@ -89,18 +85,12 @@ class Settings:
 
     def __init__(self, scene, target, options, ranks=1):
         self._scene, self._target, self._ranks = scene, target, ranks
-        self.steps, self.fewer, self.searches = scene.steps.count, False, False
-        self.forecasts = False
+        self.steps, self.searches = scene.steps.count, False
         # new nodes lie on the facets of the first mesh, unless the geometry is known
         self.falling, self.staying = (FALLING, FACETS) if scene.mesh.geometry is None else (FALLING + FACETS, ())
         most = MOST_RTOL if target.quantity in ("energy", "pressure") else MOST_RTOL_OF_NUMBERS
         self._rtol = float(np.clip(FIRST_RTOL * target.error, LEAST_RTOL, most))
         self.degree = Degree(options.get(key_options(MeshSpec)["order"], scene.mesh.order))
-
-    @property
-    def count(self):
-        """Load steps of the next pass."""
-        return -(-self.steps // 2) if self.fewer else self.steps
 
     @property
     def yields(self):
@@ -114,29 +104,13 @@ class Settings:
         number, half = taken(end, count, stops).sum(), max(count // 2, 1)
         return next((one for one in range(half, 0, -1) if 2 * taken(end, one, stops).sum() <= number), half)
 
-    def spares(self, done, more):
-        """Whether half of the load steps will do after a pass.
-
-        Not where bodies yield, as meshes are compared there, or where load steps are much of the error, as cells at the
-        edge of a contact that moves are to be known there. A budget of time, and forecasts, want passes that are alike.
-
-        Parameters
-        ----------
-        done : pcontact.adapt.passes.Pass
-        more : bool
-            Whether another pass is expected to follow the next one.
-        """
-        half = done.parts.get("load_steps", 0.0) * 2.0**STEPS_RATE <= SHARE * self._target.error
-        timed = self._target.budget.time is not None
-        return more and half and self.steps > 1 and not (self._scene.plastic or timed or self.forecasts)
-
     def scene(self):
         """The scene of the next pass."""
         scene = self._scene.copy()
         scene.accuracy = None
         # estimates know the errors of the traction of the source
         scene.contacts = [replace(one, traction=one.traction or "source") for one in scene.contacts]
-        scene.output.estimate, scene.steps.count, scene.mesh.order = True, self.count, self.degree.now or 1
+        scene.output.estimate, scene.steps.count, scene.mesh.order = True, self.steps, self.degree.now or 1
         # looser partners and tolerances than the mesh deserves are no place to save
         partners = (0.1 if self.searches else 1.0) * PARTNERS * self._target.error
         ours = {"snes_rtol": f"{self._rtol:.3g}", PARTNER_RTOL: f"{partners:.3g}", "pc_direct_below": str(FEW)}

@@ -9,17 +9,10 @@ from pcontact.runtime.petsc import MPI
 # [bisections per dimension] Of a cell at once: three make it an eighth as long. From: estimates of a coarse mesh know
 # only so much.
 AT_ONCE = 3
-# [-] Growth of the number of cells, over that with `AT_ONCE`, up to which one halving more is taken where these are not
-# enough and the rate is known. From: rings, whose few cells on the contact make most of the error of the pressure; with
-# many more cells than that, meshes are worse for the unknowns that they have (a soft punch, shrink fits).
-DEEPER = 1.25
-# [-] Growth of the number of cells that is enough for one pass, where the error cannot be had at once. From: all passes
-# together then cost a third more than the last one.
-PASS = 4.0
-# [-] Growth from which on the first mesh is followed by one that has a part of the cells that are expected, but at
-# least `PASS` times those of now: the rate at which the error falls is not known yet. From: Hertz's ball at 1 %; a mesh
-# that misses its target costs as much as the one that follows, one with an eighth of the cells little.
-LEAP, TRIAL = 8.0, 0.125
+# [-] Growth of the number of cells that is enough for one pass, where the rate is not known yet at which the error
+# falls, and where the error cannot be had at once. From: whatever the target, the first meshes are the same then, and a
+# smaller target ends with no larger error; all passes together take a seventh more than the last one.
+LEAP = 8.0
 # [-] Bisections of the scale until it is known: at most, the part of the cells that they need not tell, and the part of
 # their squares by which cells that are alike differ. From: neighbours of cells that are cut follow, by far more; a mesh
 # and its mirror image, whose squares differ by what the solver leaves.
@@ -103,28 +96,19 @@ def degrees(space, whole=False):
 
 
 def next_cuts(comm, errors, part, most=np.inf, known=False):
-    """Cuts for the next mesh: as of :func:`cuts`, but fewer where much is to be gained and the rate is not `known`.
-    *Collective.*"""
-    if errors.whole:
-        return halvings(errors, part, most, known)
-    step = cuts(comm, errors, part, most)
-    if known and step.part > part:
-        deeper = cuts(comm, errors, part, min(most, DEEPER * step.growth), AT_ONCE + 1)
-        return deeper if deeper.part <= (1.0 + KNOWN) * part else step
-    if known or step.growth <= LEAP:
-        return step
-    return cuts(comm, errors, part, max(TRIAL * step.growth, PASS))
+    """Cuts for the next mesh: as of :func:`cuts`, at most `LEAP` where the rate is not `known`. *Collective.*"""
+    most = most if known else min(most, LEAP)
+    return halvings(errors, part, most) if errors.whole else cuts(comm, errors, part, most)
 
 
-def halvings(errors, part, most=np.inf, known=False):
-    """Cuts of all cells alike that leave a part of the error, but one halving less where the rate is not `known`.
+def halvings(errors, part, most=np.inf):
+    """Cuts of all cells alike that leave a part of the error.
 
     Parameters
     ----------
     errors : Contributions
     part, most : float
         As of :func:`cuts`.
-    known : bool
 
     Returns
     -------
@@ -132,14 +116,13 @@ def halvings(errors, part, most=np.inf, known=False):
         Of growth 1 where one halving is too much.
     """
     number = max(int(np.ceil(np.log2(1.0 / part) / errors.degree - ROUNDED)), 1)
-    number = number if known else max(number - 1, 1)
     while number and 2.0 ** (errors.dim * number) > most:
         number -= 1
     more = np.full(len(errors.squares), errors.dim * number)
     return Cuts(more, 0.5 ** (errors.degree * number), 2.0 ** (errors.dim * number))
 
 
-def cuts(comm, errors, part, most=np.inf, at_once=AT_ONCE):
+def cuts(comm, errors, part, most=np.inf):
     """Cuts that leave a part of the error. *Collective.*
 
     A cell's part of the squared error falls with 2^(-2 p / d) per bisection, the cells double: the fewest have sizes in
@@ -156,8 +139,6 @@ def cuts(comm, errors, part, most=np.inf, at_once=AT_ONCE):
         Of the error, to be left.
     most : float
         Growth of the number of cells at most.
-    at_once : int
-        Halvings of a cell at most.
 
     Returns
     -------
@@ -179,7 +160,7 @@ def cuts(comm, errors, part, most=np.inf, at_once=AT_ONCE):
     def tried(scale):
         with np.errstate(divide="ignore"):
             wanted = dim / (2.0 * degree + dim) * np.log2(squares / scale)
-        more = np.clip(np.where(wanted > 0.0, np.rint(wanted), np.ceil(wanted)), back, at_once * dim).astype(np.int64)
+        more = np.clip(np.where(wanted > 0.0, np.rint(wanted), np.ceil(wanted)), back, AT_ONCE * dim).astype(np.int64)
         if touches is not None:
             return _toward_edges(comm, errors, scale, more, (total, count))
         parts = np.where(more > 0, number * series, number)
@@ -189,15 +170,15 @@ def cuts(comm, errors, part, most=np.inf, at_once=AT_ONCE):
         return Cuts(more, float(np.sqrt(left / total)), float(cells / count))
 
     # cells as large as this become as small as may be; below, those with smaller contributions catch up
-    cut_most = high / 2.0 ** ((2.0 * most_degree + dim) * at_once)
-    low, high = low / 4.0 ** ((most_degree + dim) * at_once), 2.0 * high
+    cut_most = high / 2.0 ** ((2.0 * most_degree + dim) * AT_ONCE)
+    low, high = low / 4.0 ** ((most_degree + dim) * AT_ONCE), 2.0 * high
     at_low, at_high = tried(low), tried(high)
     for _ in range(HALVINGS):
         if at_low.growth - at_high.growth < KNOWN * at_low.growth or high < (1.0 + SAME) * low:
             break
         middle = np.sqrt(low * high)
         found = tried(middle)
-        if found.part < part or found.growth > most or (middle < cut_most and found.growth > PASS):
+        if found.part < part or found.growth > most or (middle < cut_most and found.growth > LEAP):
             low, at_low = middle, found
         else:
             high, at_high = middle, found

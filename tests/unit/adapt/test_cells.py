@@ -5,7 +5,7 @@ import pytest
 
 from drivers._common import make_mesh
 from meshes.blocks import one_block
-from pcontact.adapt.cells import MEASURED, Choice, Ways, locking, of_parts, parts_of
+from pcontact.adapt.cells import MEASURED, Choice, locking, of_parts, parts_of
 from pcontact.adapt.known import Range
 from pcontact.adapt.passes import Pass
 from pcontact.mesh.load import load_mesh
@@ -27,11 +27,10 @@ def scene(**material):
                  bodies=[Body("block", "m")], displacements=[Displacement("bottom", [0.0, 0.0])])  # fmt: skip
 
 
-def choice(mesh, squares, degree=1, part=0.2, fits=True, **material):
+def choice(mesh, squares, degree=1, fits=True, **material):
     known, done = Range(1.0, 2.0, "", 2), Choice(COMM)
     last = Pass(162, 64, degree, 0.1, known, {"mesh": 0.1}, entries=1000.0)
-    ways = Ways(part, part / MEASURED[2, degree][0])
-    return done.divides(scene(**material), Space(mesh, 1), [last], squares, ways, fits), done.made
+    return done.divides(scene(**material), Space(mesh, 1), last, squares, fits), done.made
 
 
 def test_smooth_solutions_of_degree_1_are_halved(mesh):
@@ -45,7 +44,7 @@ def test_smooth_solutions_of_degree_1_are_halved(mesh):
 def test_what_is_large_in_one_place_is_cut_there(mesh, degree):
     squares = np.ones(64)
     squares[0] = 1e4
-    divided, made = choice(mesh, squares, degree, 0.05)
+    divided, made = choice(mesh, squares, degree)
     assert divided and made["chosen"] == "triangles"
     assert made["entries"]["triangles"] < made["entries"]["quadrilaterals"]
 
@@ -58,9 +57,9 @@ def test_a_budget_that_does_not_hold_all_halves(mesh):
 def test_triangles_that_lock_are_not_made(mesh, material):
     squares = np.ones(64)
     squares[0] = 1e4
-    divided, made = choice(mesh, squares, 1, 0.05, **material)
+    divided, made = choice(mesh, squares, 1, **material)
     assert not divided and "locking" in made["why"]
-    assert choice(mesh, squares, 2, 0.05, **material)[0]
+    assert choice(mesh, squares, 2, **material)[0]
     assert locking(scene(**material), 1) == "block" and locking(scene(), 1) is None
 
 

@@ -19,18 +19,18 @@ def test_the_degree_that_takes_fewer_entries():
     assert near["degree"] == 1 and near["entries"]["2"] == 6e3
 
 
-def test_both_degrees_are_tried_once_on_curved_meshes():
-    lower, higher = (Tried("mesh", "watch", one, "step") for one in PASSES)
+def test_both_degrees_are_tried_once():
+    lower, higher = (Tried("mesh", "watch", one, None, "step") for one in PASSES)
     for error, best in ((0.01, higher), (0.09, lower)):
         degree = Degree(None)
-        assert degree.is_open(True) and not degree.is_open(False)
+        assert degree.is_open
         degree.try_higher(lower)
-        assert degree.now == 2 and not degree.is_open(True)
+        assert degree.now == 2 and not degree.is_open
         assert degree.choose(higher, error) is best and degree.now == best.done.degree
-        assert degree.chosen["degree"] == degree.now and not degree.is_open(True)
+        assert degree.chosen["degree"] == degree.now and not degree.is_open
         assert degree.choose(higher, error) is higher
 
 
 def test_a_degree_that_is_given_stays():
-    degree, one = Degree(1), Tried("mesh", "watch", PASSES[0], "step")
-    assert not degree.is_open(True) and degree.choose(one, 0.01) is one and degree.chosen is None
+    degree, one = Degree(1), Tried("mesh", "watch", PASSES[0], None, "step")
+    assert not degree.is_open and degree.choose(one, 0.01) is one and degree.chosen is None

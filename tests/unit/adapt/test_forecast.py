@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pcontact.adapt.budget import FOLLOWERS, POWER, Budgeted
+from pcontact.adapt.budget import POWER, Budgeted
 from pcontact.adapt.forecast import Aims, forecast
 from pcontact.adapt.known import Range
 from pcontact.adapt.passes import BYTES, Pass, memory_each
@@ -54,5 +54,5 @@ def test_memory_is_that_of_unknowns_until_it_has_been_measured():
     large = [small[0], done(100_000, 2, 0.01, memory=8.8e8)]
     assert memory_each(large) == pytest.approx(6e8 / 99_900)
     budget = Budgeted(Budget(memory=4e8), COMM)
-    assert budget.growth(small, 0.0) * FOLLOWERS == pytest.approx(1.0 + 1.1e8 / (300 * BYTES[2]))
-    assert Budgeted(Budget(memory=2e8), COMM).growth(small, 0.0) < 1.0
+    assert budget.most(small, 0.0) == pytest.approx(1.0 + 1.1e8 / (300 * BYTES[2]))
+    assert Budgeted(Budget(memory=2e8), COMM).most(small, 0.0) < 1.0

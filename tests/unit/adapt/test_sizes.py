@@ -5,7 +5,7 @@ from itertools import product
 import numpy as np
 import pytest
 
-from pcontact.adapt.sizes import AT_ONCE, DEEPER, LEAP, PASS, Contributions, cuts, next_cuts
+from pcontact.adapt.sizes import AT_ONCE, LEAP, Contributions, cuts, next_cuts
 from pcontact.runtime.petsc import MPI
 
 
@@ -31,16 +31,7 @@ def test_where_all_is_equal_all_is_cut():
 def test_a_singular_cell_does_not_cut_the_others():
     squares = np.concatenate([[1.0], np.full(1000, 1e-9)])
     found = cuts(MPI.COMM_SELF, Contributions(squares, 1, 2), 1e-3)
-    assert found.more[0] == 2 * AT_ONCE and found.growth < 2.0 * PASS
-
-
-def test_few_cells_are_halved_once_more():
-    """Where that is enough, and takes hardly more cells; once the rate is known."""
-    errors = Contributions(np.concatenate([np.ones(4), np.full(400, 1e-6)]), 1, 2)
-    for part, known, halvings in ((0.08, True, AT_ONCE + 1), (0.08, False, AT_ONCE), (0.04, True, AT_ONCE)):
-        usual, found = cuts(MPI.COMM_SELF, errors, part), next_cuts(MPI.COMM_SELF, errors, part, known=known)
-        assert usual.part > part and (found.more[:4] == 2 * halvings).all()
-        assert (found.part < part) == (halvings > AT_ONCE) and found.growth <= DEEPER * usual.growth
+    assert found.more[0] == 2 * AT_ONCE and found.growth < 2.0 * LEAP
 
 
 def test_growth_is_limited():
@@ -48,16 +39,16 @@ def test_growth_is_limited():
     assert 1.0 < found.growth <= 1.7
 
 
-def test_the_first_mesh_is_followed_by_one_that_tells_the_rate():
-    """Unless the rate is known, or there is little to gain."""
-    errors = Contributions(np.random.default_rng(1).lognormal(0.0, 1.0, 400), 1, 2)
-    for part, known in ((0.05, False), (0.05, True), (0.5, False)):
+def test_the_first_meshes_are_the_same_whatever_the_target():
+    """Until the rate is known, where there is more to gain than one pass brings."""
+    errors = Contributions(np.random.default_rng(1).lognormal(0.0, 1.0, 400), 2, 2)
+    for part, known in ((1e-3, False), (0.5, False), (1e-3, True)):
         whole, found = cuts(MPI.COMM_SELF, errors, part), next_cuts(MPI.COMM_SELF, errors, part, np.inf, known)
         if known or whole.growth <= LEAP:
             assert found.growth == whole.growth
         else:
-            assert PASS / 2 < found.growth < whole.growth / 2
-    assert whole.growth < LEAP
+            less = next_cuts(MPI.COMM_SELF, errors, 0.1 * part, np.inf, known)
+            assert LEAP / 2 < found.growth <= LEAP and (less.more == found.more).all()
 
 
 def test_cells_that_no_step_needs_fine_become_larger():
