@@ -1,6 +1,7 @@
 """From the scene to the rooms below: mesh, space, items, problem."""
 
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 
@@ -59,6 +60,7 @@ from pcontact.scene.phases import groups_of, left, scene_of
 from pcontact.scene.places import place
 from pcontact.scene.prescribed import Prescribed
 from pcontact.scene.regions import check_region
+from pcontact.scene.target import Budget, Target
 from pcontact.scene.unsafe import unsafe
 from pcontact.solve.preconditioners.deflation import MOST_COLOURS
 from pcontact.solve.problem import Problem
@@ -119,6 +121,11 @@ def override(scene, options, accuracy):
         output.checkpoint = output.checkpoint_every is not None
     output.checkpoint_every = output.checkpoint_every or 1
     output.energy = output.energy or scene.dynamics is not None
+    if options.given("mesh"):
+        # named from where the command line is
+        scene.mesh.file = Path(scene.mesh.file).absolute()
+    # those of an error to reach have been asked for by the loop
+    options.known |= {one.name: one for cls in (Target, Budget) for one in key_options(cls).values()}
     accuracy.name = scene.accuracy if isinstance(scene.accuracy, str) else None
     said = {key: options.get(option, None) for key, option in key_options(Contact).items()}
     if changed:
@@ -176,13 +183,14 @@ def read(scene, comm, options):
 
 def _select(scene, mesh):
     """Make the groups that the scene makes by place."""
-    if not scene.regions:
+    groups = {"cells": mesh.cell_groups, "facets": mesh.facet_groups, "nodes": mesh.node_groups}
+    if all(one.name in groups[one.kind] for one in scene.regions) and not isinstance(mesh, RawMesh):
+        # an adapted mesh has them
         return
     if not isinstance(mesh, RawMesh):
         found = f"groups by place with the converted mesh {mesh.path}"
         raise input_error(scene.where, "regions", found, "the file that it was converted from, or groups in that")
     size = float(np.linalg.norm(np.ptp(mesh.points, axis=0)))
-    groups = {"cells": mesh.cell_groups, "facets": mesh.facet_groups, "nodes": mesh.node_groups}
     for number, one in enumerate(scene.regions):
         check_region(scene, number, mesh.dim, groups, mesh.path)
         test = Condition("x == x" if one.where is None else one.where)

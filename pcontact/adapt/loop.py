@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 from pcontact.adapt.decision import FAILED, REACHED, SPENT, Decision
 from pcontact.adapt.degree import Tried
+from pcontact.adapt.kept import keep
 from pcontact.adapt.measure import Measure
 from pcontact.adapt.passes import report, table
 from pcontact.adapt.refining import Refining
@@ -164,6 +165,8 @@ class Loop:
             status, failure = self._passes(directory)
             if directory is not None:
                 on_root(self.comm, _tidy, directory, max(self.best, 1), len(self.passes) + 1)
+                if self.passes:
+                    keep(directory, self.mesh, self.best_scene(), self.scene)
                 if self.target.pictures and self.passes:
                     on_root(self.comm, draw_errors, directory)
         return Outcome(status, self._kept, failure, self._section)

@@ -124,6 +124,9 @@ def read_estimate(directory, step=-1):
         mesh = Path(json.loads((directory / "report.json").read_text(encoding="utf-8"))["mesh"])
     except (OSError, ValueError, KeyError) as error:
         raise InputError(f"{directory / 'report.json'}: found no mesh file in it ({error})") from None
+    if (directory / "adapted.h5").exists():
+        allowed = f"pcontact run {directory / 'adapted.toml'} -error, which goes on from its mesh"
+        raise InputError(f"{directory}: found a run that has refined its mesh itself; allowed: {allowed}")
     if mesh.suffix == ".h5":
         raise InputError(f"{mesh}: found a converted mesh; allowed: a run of the mesh that it was made from")
     raw = read_mesh(mesh)

@@ -136,6 +136,11 @@ def convert(path, target=None, order=1):
         raise InputError(f"{path}: found a file that ends with {SUFFIX}; allowed: the mesh that it was made from")
     raw = read_mesh(path)
     say_lost(path, raw.lost)
+    return target, write(target, raw, order)
+
+
+def write(target, raw, order=1):
+    """Write a mesh that has been read, and return it as it was written; parameters as of :func:`convert`."""
     curved = any(block.degree == 2 for block in raw.blocks)
     if curved or order == 2:
         raw = complete(raw, 2)
@@ -145,4 +150,4 @@ def convert(path, target=None, order=1):
         aside.place()
     finally:
         aside.discard()
-    return target, raw
+    return raw

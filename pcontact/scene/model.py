@@ -108,7 +108,7 @@ class MeshSpec:
     """Where the mesh is and how it is used."""
 
     file: str | Path = key(
-        file("the name of a mesh file beside the scene"), "mesh file, beside the scene",
+        file("the name of a mesh file beside the scene"), "mesh file, beside the scene", option="mesh",
         more="`.msh` (gmsh), `.med`, Exodus, what meshio reads, or `.h5` from `pcontact convert`, which all ranks read "
         "together, see [mesh.md](mesh.md)",
     )  # fmt: skip

@@ -26,8 +26,10 @@ from pcontact.cli import check_scene, reach
 from pcontact.io.result import load_result
 from pcontact.material.elastic import lame
 from pcontact.runtime.errors import InputError
+from pcontact.runtime.options import Options
 from pcontact.runtime.parallel import on_root
-from pcontact.runtime.petsc import MPI, PETSc
+from pcontact.runtime.petsc import MPI, PETSc, own_options
+from pcontact.scene import read_scene
 from pcontact.scene.model import Body, Contact, Displacement, Material, MeshSpec, Output, Scene, Steps
 from pcontact.scene.target import Budget, Target
 from pcontact.simulation import Simulation
@@ -175,6 +177,41 @@ def test_a_budget_that_is_spent(shared_tmp, recwarn):
 
 
 @pytest.mark.parallel
+@pytest.mark.parametrize("order", [1, None])
+def test_the_mesh_stays(shared_tmp, order):
+    """With the scene, both of which an ordinary run takes: in the end it is where the loop has ended. A checkpoint
+    goes on there, other loads too."""
+    scene = punch_scene(shared_tmp, error=0.15)
+    scene.mesh.order, scene.output, scene.steps = order, Output(fields=False, checkpoint=True), Steps(1.0, 2)
+    scene.displacements[2].amplitude = [(0.0, 0.0), (1.0, 1.0), (2.0, 1.5)]
+    outcome = Loop(scene, take=lambda run, _: run.problem.contacts[0].summary(run.stepper.u)).run(shared_tmp / "out")
+    force = outcome.kept["force"][1]
+
+    def again(one, **options):
+        COMM.barrier()
+        with own_options():
+            Options().give(options)
+            simulation = Simulation(one)
+            try:
+                assert simulation.run()
+                summary = simulation.problem.contacts[0].summary(simulation.stepper.u)
+                return simulation.problem.space.n_dofs, summary["force"][1], simulation.stepper.number
+            finally:
+                simulation.free()
+
+    kept = read_scene(shared_tmp / "out" / "adapted.toml")
+    assert kept.steps.count == 2 and kept.accuracy is None and kept.output.checkpoint
+    unknowns, found, _ = again(kept)
+    assert found == pytest.approx(force, rel=1e-3)
+    scene.accuracy, scene.output.checkpoint = None, None
+    size, found, _ = again(scene, mesh=str(shared_tmp / "out" / "adapted.h5"), mesh_order=kept.mesh.order)
+    assert size == unknowns and found == pytest.approx(force, rel=1e-2)
+    kept.steps = Steps(2.0, 4)
+    _, found, number = again(kept, restart=str(shared_tmp / "out"))
+    assert found > 1.4 * force and number == 4
+
+
+@pytest.mark.parallel
 def test_the_best_answer_need_not_be_the_last(shared_tmp, monkeypatch):
     """Where a finer mesh names a larger error, the results of the mesh before are given, with all passes."""
     call = Measure.__call__
@@ -288,6 +325,7 @@ def test_a_forecast_and_the_run(tmp_path):
     checked = execute(tmp_path, ["check", "scene.toml", "-error", "4%"])
     found = re.search(FORECAST, checked.stdout)
     assert checked.returncode == 0 and found is not None, checked.stdout
+    assert "neither pcontact nor PETSc" not in checked.stdout
     assert execute(tmp_path, ["run", "scene.toml", "-error", "4%", "-o", "out"]).returncode == 0
     passes = json.loads((tmp_path / "out" / "report.json").read_text())["accuracy"]["passes"]
     unknowns = [float(word) for word in found[2].split(",")]
@@ -331,7 +369,7 @@ def test_a_smaller_target_ends_with_no_larger_error(shared_tmp, seed):
         assert status in (REACHED, SPENT) and all(one.unknowns <= budget.unknowns for one in loop.passes)
         assert (status == REACHED) == (best.error <= error) and best.steps >= 3
         named.append(best.error)
-    assert all(finer <= 1.02 * coarser for coarser, finer in zip(named[:-1], named[1:], strict=True)), named
+    assert all(finer <= 1.05 * coarser for coarser, finer in zip(named[:-1], named[1:], strict=True)), named
 
 
 def test_a_pass_that_cannot_be_run(tmp_path, monkeypatch, capsys):
