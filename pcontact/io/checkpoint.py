@@ -11,7 +11,7 @@ import numpy as np
 
 from pcontact.runtime.files import Hdf5Aside, make_directory
 from pcontact.runtime.observer import Observer
-from pcontact.runtime.parallel import together
+from pcontact.runtime.parallel import together, write_rows
 
 NAME, VERSION = "checkpoint.h5", 4
 ROWS = 1 << 20  # rows that are read at a time
@@ -112,29 +112,7 @@ class Checkpoint(Observer):
     def _rows(self, aside, u, before):
         for place, names, keys, values in self._tables(u, before):
             keys, values = np.ascontiguousarray(keys, np.int64), np.ascontiguousarray(values, np.float64)
-            self._table(aside, place, names, keys, values)
-
-    def _table(self, aside, place, names, keys, values):
-        """Ranks hand their rows to rank 0 in turn: memory for one more rank's rows is enough. *Collective.*"""
-        comm = self._space.comm
-        counts = comm.allgather(len(keys))
-        if comm.rank != 0:
-            comm.recv(source=0)
-            comm.Send(keys, dest=0)
-            comm.Send(values, dest=0)
-            return
-        group = aside.file.create_group(place)
-        group.attrs.update(names)
-        group.create_dataset("key", (sum(counts),), np.int64)
-        group.create_dataset("value", (sum(counts), *values.shape[1:]), np.float64)
-        start = 0
-        for rank, rows in enumerate(counts):
-            if rank > 0:
-                keys, values = np.empty(rows, np.int64), np.empty((rows, *values.shape[1:]))
-                comm.send(None, dest=rank)
-                comm.Recv(keys, source=rank)
-                comm.Recv(values, source=rank)
-            # what fails is told when the file is put in place; until then the other ranks have to be heard
-            if not aside.failed:
-                group["key"][start : start + rows], group["value"][start : start + rows] = keys, values
-            start += rows
+            if aside is not None:
+                aside.file.create_group(place).attrs.update(names)
+            for name, rows in (("key", keys), ("value", values)):
+                write_rows(self._space.comm, aside, f"{place}/{name}", rows)

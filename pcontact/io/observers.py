@@ -6,7 +6,6 @@ from contextlib import contextmanager, suppress
 
 from pcontact.contact.surface.smooth_geometry import SMOOTH, WRONG, facet_pressure
 from pcontact.io.fields import FieldWriter
-from pcontact.io.hdf_fields import HdfWriter
 from pcontact.io.history import History
 from pcontact.io.report import Report
 from pcontact.runtime import log
@@ -321,10 +320,7 @@ class Fields(Observer):
     """
 
     def __init__(self, directory, comm, timing, output, resume_time=None):
-        if output.format == "vtkhdf":
-            self._writer = HdfWriter(directory, comm, resume_time, output.compression)
-        else:
-            self._writer = FieldWriter(directory, comm, resume_time)
+        self._writer = FieldWriter(directory, comm, resume_time, output.format, output.compression)
         self.snapshot, self._timing = None, timing
 
     def step(self, step, u, record):

@@ -7,11 +7,10 @@ from pathlib import Path
 import numpy as np
 
 from pcontact.io import vtu
-from pcontact.io.fields import INDEX
+from pcontact.io.fields import INDICES
 from pcontact.io.parts import NODE_NUMBER, Cloud, Piece
-from pcontact.io.vtkhdf import NAME, Series
+from pcontact.io.vtkhdf import read_step
 from pcontact.runtime.errors import InputError
-from pcontact.runtime.files import grown
 
 
 @dataclass
@@ -63,14 +62,14 @@ def load_result(directory, step=-1):
         There are no fields, no such step, or a file is missing or damaged.
     """
     directory = Path(directory)
-    hdf = (directory / NAME).exists()
-    index = directory / (NAME if hdf else INDEX)
+    index = next((path for path in map(directory.joinpath, INDICES.values()) if path.exists()), None)
     if not directory.is_dir():
         raise InputError(f"{directory}: no such directory")
-    if not index.exists():
-        raise InputError(f"{directory}: no {INDEX} or {NAME} in it; was the run made with fields = true?")
+    if index is None:
+        found = " or ".join(INDICES.values())
+        raise InputError(f"{directory}: no {found} in it; was the run made with fields = true?")
     try:
-        times, begins, number, grids = (_of_series if hdf else _of_pieces)(index, step)
+        times, begins, number, grids = _read(index, step)
     # a damaged XML file gives a SyntaxError, a damaged piece or HDF5 file any of the others
     except (OSError, ValueError, SyntaxError, KeyError, AttributeError, RuntimeError, zlib.error) as problem:
         raise InputError(f"{index}: the fields cannot be read: {problem}") from problem
@@ -87,7 +86,7 @@ def load_result(directory, step=-1):
 
 def has_fields(directory):
     """Whether a run has left fields in a directory."""
-    return any((Path(directory) / name).exists() for name in (INDEX, NAME))
+    return any((Path(directory) / name).exists() for name in INDICES.values())
 
 
 def _number(index, step, times, begins):
@@ -99,30 +98,22 @@ def _number(index, step, times, begins):
     return step - 1 + begins if step > 0 else 0 if step == 0 else len(times) + step
 
 
-def _of_pieces(index, step):
+def _read(index, step):
     """All times, whether the first is that of the undeformed bodies, the number of the step, and its grids by group
     and name."""
-    entries = vtu.read_pvd(index)
+    entries = vtu.read_index(index)
     times = sorted({float(entry["timestep"]) for entry in entries})
-    begins = any(entry["file"].endswith("_000000.pvtu") for entry in entries)
+    begins = any(Path(entry["file"]).stem.endswith("_000000") for entry in entries)
     number = _number(index, step, times, begins)
+    entries = [entry for entry in entries if float(entry["timestep"]) == times[number]]
+    if index.suffix != ".pvd":
+        return times, begins, number, read_step(index.parent / entries[0]["file"])
     return times, begins, number, {
-        (entry["group"], entry["name"].partition(": ")[2]): _read(index.parent / entry["file"])
-        for entry in entries
-        if float(entry["timestep"]) == times[number]
+        (entry["group"], entry["name"].partition(": ")[2]): _whole(index.parent / entry["file"]) for entry in entries
     }
 
 
-def _of_series(index, step):
-    """The same out of one file."""
-    with grown(index) as file:
-        series = Series(file)
-        times, begins = series.times.tolist(), series.begins
-        number = _number(index, step, times, begins)
-        return times, begins, number, series.read(number)
-
-
-def _read(path):
+def _whole(path):
     """All pieces of a part one after the other."""
     grids = [vtu.read_vtu(piece) for piece in vtu.read_pvtu(path)]
     n_points = np.cumsum([0] + [len(grid.points) for grid in grids])

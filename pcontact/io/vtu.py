@@ -7,6 +7,7 @@ does not stop at padding always. Format: the "VTK XML formats" chapter of the VT
 """
 
 import base64
+import json
 import re
 import sys
 import zlib
@@ -37,7 +38,6 @@ DTYPES = {name: np.dtype(code) for code, name in _TYPES.items()}
 _ORDER = {"little": "LittleEndian", "big": "BigEndian"}[sys.byteorder]
 _HEAD = f'version="1.0" byte_order="{_ORDER}" header_type="UInt64" compressor="vtkZLibDataCompressor"'
 # of a collection
-_TAIL = "</Collection>\n</VTKFile>\n"
 # [bytes] of the header of an array, and [characters] in base64
 _HEADER, _HEADER_TEXT = 32, 44
 _SYMMETRIC = ("XX", "YY", "ZZ", "XY", "YZ", "XZ")
@@ -204,51 +204,62 @@ def write_pvtu(path, point_arrays, cell_arrays, pieces):
     )
 
 
-def write_pvd(path, entries):
-    """Write the collection of all times.
+def _data_set(entry):
+    return "<DataSet " + " ".join(f"{key}={quoteattr(str(value))}" for key, value in entry.items()) + "/>\n"
+
+
+def _file_of_series(entry):
+    return json.dumps({"name": entry["file"], "time": float(entry["timestep"])})
+
+
+# by the end of its name, of an index: what it begins with, what stands between two entries, an entry, the end
+_INDICES = {
+    ".pvd": (f'<?xml version="1.0"?>\n<VTKFile type="Collection" version="0.1" byte_order="{_ORDER}">\n<Collection>\n',
+             "", _data_set, "</Collection>\n</VTKFile>\n"),
+    ".series": ('{"file-series-version": "1.0", "files": [\n', ",\n", _file_of_series, "\n]}\n"),
+}  # fmt: skip
+
+
+def write_index(path, entries):
+    """Write the index of all times.
 
     Parameters
     ----------
     path : Path
-        The .pvd file.
+        A collection ``.pvd``, or a ``.series`` of files.
     entries : list of dict
-        Attributes of each data set: timestep, group, part, name, file (relative to the .pvd).
+        Of each part of a time, or of each time: timestep, file (relative to the index); of a collection also group,
+        part, name.
     """
-    head = f'<?xml version="1.0"?>\n<VTKFile type="Collection" version="0.1" byte_order="{_ORDER}">\n'
-    replace_file(path, head + "<Collection>\n" + _data_sets(entries) + _TAIL)
+    head, between, row, tail = _INDICES[path.suffix]
+    replace_file(path, head + between.join(map(row, entries)) + tail)
 
 
-def add_to_pvd(path, entries):
-    """Add to a collection that :func:`write_pvd` has written: what that costs does not grow with the run.
+def add_to_index(path, entries, more):
+    """Add to an index that :func:`write_index` has written, with `more` to entries that are there: what that costs does
+    not grow with the run.
 
     Raises
     ------
     OutputError
-        The collection is as it was.
+        The index is as it was.
     """
-    append_text(path, _data_sets(entries), _TAIL)
+    _, between, row, tail = _INDICES[path.suffix]
+    append_text(path, between * bool(more) + between.join(map(row, entries)), tail)
 
 
-def _data_sets(entries):
-    return "".join(
-        "<DataSet " + " ".join(f"{key}={quoteattr(str(value))}" for key, value in entry.items()) + "/>\n"
-        for entry in entries
-    )
+def read_index(path):
+    """Entries of an index, as `write_index` takes them.
 
-
-def read_pvd(path):
-    """Entries of a collection, as `write_pvd` takes them.
-
-    Parameters
-    ----------
-    path : Path
-        The .pvd file.
-
-    Returns
-    -------
-    list of dict of str to str
+    Raises
+    ------
+    OSError, ValueError, LookupError, TypeError, SyntaxError
+        It is no index.
     """
-    return [dict(tag.attrib) for tag in ElementTree.parse(path).getroot().iter("DataSet")]
+    if path.suffix == ".pvd":
+        return [dict(tag.attrib) for tag in ElementTree.parse(path).getroot().iter("DataSet")]
+    files = json.loads(path.read_text(encoding="utf-8"))["files"]
+    return [{"timestep": one["time"], "file": one["name"]} for one in files]
 
 
 def read_pvtu(path):

@@ -7,7 +7,6 @@ writes for all goes through :func:`pcontact.runtime.parallel.on_root` or ``toget
 import errno
 import io
 import os
-import struct
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
@@ -233,8 +232,8 @@ def require_end(part, ends):
     raise OSError(errno.EIO, "not written to its end")
 
 
-class _Hdf5File:
-    """An HDF5 file that is written through an object of ours.
+class Hdf5Aside:
+    """An HDF5 file that is written aside, with checksums at its end (`pcontact.runtime.checksum`).
 
     HDF5 never learns that the disk is full, or anything else that is wrong with it: a file that it cannot close stays
     half open, and the end of the process crashes in it. It writes to an object that notes the failure and lets HDF5
@@ -242,52 +241,12 @@ class _Hdf5File:
 
     Parameters
     ----------
-    disk : _Disk
-    written : pathlib.Path
-        What is written to.
-    mode : str
-        Of h5py.
-    aside : bool
-        Whether that is another file than the one that is meant: it goes unless it is put in place.
-    """
-
-    def __init__(self, disk, written, mode, aside):
-        self._disk, self.written, self._aside = disk, written, aside
-        if aside:
-            _aside.add(written)
-        try:
-            self.file = h5py.File(disk, mode)
-        except BaseException:
-            disk.close()
-            raise
-
-    @property
-    def failed(self):
-        """Whether something could not be written."""
-        return self._disk.failure is not None
-
-    def _close(self):
-        """Close the file; what could not be written is raised."""
-        self.file.close()
-        self._disk.finish()
-
-    def discard(self):
-        """Close the file and leave nothing of what was written, unless it is in place. May be called again."""
-        self.file.close()
-        self._disk.close()
-        if self._aside:
-            discard(self.written)
-
-
-class Hdf5Aside(_Hdf5File):
-    """An HDF5 file that is written aside, with checksums at its end (`pcontact.runtime.checksum`).
-
-    Parameters
-    ----------
     path : str or pathlib.Path
         The file.
     option : str, optional
         See :func:`telling`.
+    summed : bool
+        Whether it has checksums.
 
     Attributes
     ----------
@@ -299,12 +258,22 @@ class Hdf5Aside(_Hdf5File):
         It cannot be made.
     """
 
-    def __init__(self, path, option=None):
-        self.path, self._option = Path(path), option
-        part = self.path.with_name(self.path.name + ".part")
+    def __init__(self, path, option=None, summed=True):
+        self.path, self._option, self._summed = Path(path), option, summed
+        self._part = self.path.with_name(self.path.name + ".part")
         with telling(path, option):
-            disk = _Disk(open(part, "w+b", buffering=0))
-        super().__init__(disk, part, "w", True)
+            self._disk = _Disk(open(self._part, "w+b", buffering=0))
+        _aside.add(self._part)
+        try:
+            self.file = h5py.File(self._disk, "w")
+        except BaseException:
+            self._disk.close()
+            raise
+
+    @property
+    def failed(self):
+        """Whether something could not be written."""
+        return self._disk.failure is not None
 
     def place(self):
         """Put the file in place once the disk has it.
@@ -316,12 +285,20 @@ class Hdf5Aside(_Hdf5File):
         """
         try:
             with telling(self.path, self._option):
-                self._close()
-                append_checksums(self.written)
+                self.file.close()
+                self._disk.finish()
+                if self._summed:
+                    append_checksums(self._part)
                 self._disk.sync()
-                os.replace(self.written, self.path)
+                os.replace(self._part, self.path)
         finally:
             self.discard()
+
+    def discard(self):
+        """Close the file and leave nothing of what was written, unless it is in place. May be called again."""
+        self.file.close()
+        self._disk.close()
+        discard(self._part)
 
 
 class _Disk(io.RawIOBase):
@@ -382,159 +359,3 @@ class _Disk(io.RawIOBase):
     def close(self):
         self._stream.close()
         super().close()
-
-
-class Hdf5Grown(_Hdf5File):
-    """An HDF5 file that grows, and of which the disk has the file of before or the new one, whole, at any moment.
-
-    What is added goes to the end of the file at once, where the file of before knows nothing of it. What HDF5 changes
-    of the file of before is kept until :meth:`place`, which writes it to a file of its own, ``NAME.redo``, before it
-    enters it. A process that ends meanwhile leaves that one to be entered by the next (:func:`mend`).
-
-    Parameters
-    ----------
-    path : str or pathlib.Path
-    fresh : bool
-        A new file takes the place of one that is there.
-
-    Attributes
-    ----------
-    file : h5py.File
-    written : pathlib.Path
-        What is written to: rows for which HDF5 has made room may be written there by others, too, until :meth:`place`.
-
-    Raises
-    ------
-    OutputError
-        It cannot be made or written to.
-    OSError
-        It is no HDF5 file.
-    """
-
-    def __init__(self, path, fresh):
-        self.path, self._fresh = Path(path), fresh
-        written = self.path.with_name(self.path.name + ".part") if fresh else self.path
-        with telling(self.path):
-            if fresh:
-                _redo(self.path).unlink(missing_ok=True)
-            else:
-                mend(self.path)
-            disk = _Grown(open(written, "w+b" if fresh else "r+b", buffering=0))
-        super().__init__(disk, written, "w" if fresh else "r+", fresh)
-
-    def place(self):
-        """Make what was written the file, once the disk has it.
-
-        Raises
-        ------
-        OutputError
-            The file of before is still there.
-        """
-        try:
-            with telling(self.path):
-                self._close()
-                self._disk.sync()
-                if self._fresh:
-                    os.replace(self.written, self.path)
-                elif self._disk.changes:
-                    redo = _redo(self.path)
-                    with written_aside(redo) as part, open(part, "wb") as stream:
-                        stream.write(_packed(self._disk.changes))
-                        stream.flush()
-                        os.fsync(stream.fileno())
-                    mend(self.path)
-        finally:
-            self.discard()
-
-
-class _Grown(_Disk):
-    """A file of which the part that was there is not changed: what is to be written there is kept.
-
-    Attributes
-    ----------
-    changes : list of (int, bytes)
-        Places and what is to be written there, in order.
-    """
-
-    def __init__(self, stream):
-        super().__init__(stream)
-        self.changes, self._old = [], stream.seek(0, os.SEEK_END)
-        self._size = self._old
-        stream.seek(0)
-
-    def write(self, data):
-        view, start = memoryview(data).cast("B"), self.tell()
-        kept = max(min(self._old - start, len(view)), 0)
-        if kept:
-            self.changes.append((start, bytes(view[:kept])))
-            self.seek(start + kept)
-        if kept < len(view):
-            super().write(view[kept:])
-        return len(view)
-
-    def readinto(self, buffer):
-        start = self.tell()
-        count = super().readinto(buffer)
-        _overlay(memoryview(buffer).cast("B")[:count], start, self.changes)
-        return count
-
-    def truncate(self, size=None):
-        """A file that becomes shorter keeps its length: what the file of before has is not taken away."""
-        size = self.tell() if size is None else size
-        return super().truncate(size) if size >= self._old else size
-
-
-def _overlay(view, start, changes):
-    """Enter changes into what was read from a place on."""
-    for place, data in changes:
-        low, high = max(place, start), min(place + len(data), start + len(view))
-        if low < high:
-            view[low - start : high - start] = data[low - place : high - place]
-
-
-def _redo(path):
-    return Path(path).with_name(f"{Path(path).name}.redo")
-
-
-def _packed(changes):
-    """Changes as a file: of each its place and length, 8 bytes each, and its bytes."""
-    return b"".join(struct.pack("<qq", place, len(data)) + data for place, data in changes)
-
-
-def _unpacked(content):
-    changes, at = [], 0
-    while at < len(content):
-        place, size = struct.unpack_from("<qq", content, at)
-        changes.append((place, content[at + 16 : at + 16 + size]))
-        at += 16 + size
-    return changes
-
-
-def mend(path):
-    """Enter what a process that ended early has left in ``NAME.redo`` for a file that grows (:class:`Hdf5Grown`)."""
-    redo = _redo(path)
-    if not redo.exists():
-        return
-    with open(path, "r+b", buffering=0) as stream:
-        for place, data in _unpacked(redo.read_bytes()):
-            stream.seek(place)
-            while data:
-                data = data[stream.write(data) :]
-        os.fsync(stream.fileno())
-    redo.unlink()
-
-
-@contextmanager
-def grown(path):
-    """A file that grows (:class:`Hdf5Grown`), to be read: also while, or after, another process writes it.
-
-    Yields
-    ------
-    h5py.File
-    """
-    with open(path, "rb", buffering=0) as stream:
-        disk, redo = _Grown(stream), _redo(path)
-        with suppress(FileNotFoundError):
-            disk.changes += _unpacked(redo.read_bytes())
-        with h5py.File(disk, "r") as file:
-            yield file

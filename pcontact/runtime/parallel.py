@@ -6,6 +6,8 @@ from pcontact.runtime import profile
 from pcontact.runtime.errors import TOLD, InputError
 from pcontact.runtime.petsc import MPI, PETSc
 
+CHUNK = 1 << 22  # [bytes] of a chunk of rows at most, which HDF5 compresses as one
+
 
 def on_root(comm, function, *args):
     """Call a function on rank 0 only; an error there that the user is told of is raised on every rank. *Collective.*
@@ -71,6 +73,41 @@ def agree(comm, error):
     if rank < comm.size:
         error = comm.bcast(error, root=rank)
         raise InputError(error) if isinstance(error, str) else error
+
+
+def write_rows(comm, aside, place, array, level=0):
+    """Write a dataset of the rows (n, ...) of all ranks; they hand them to rank 0 in turn, so that memory for those of
+    one more rank is enough. *Collective.*
+
+    Parameters
+    ----------
+    comm : MPI.Comm
+    aside : pcontact.runtime.files.Hdf5Aside
+        Of rank 0; None elsewhere.
+    place : str
+        Path of the dataset in the file.
+    array : ndarray (n, ...)
+    level : int
+        Of deflate, 0 none.
+    """
+    array, first = np.ascontiguousarray(array), 0
+    counts = comm.allgather(len(array))
+    if comm.rank != 0:
+        comm.recv(source=0)
+        comm.Send(array, dest=0)
+        return
+    chunk = max(CHUNK // max(array.itemsize * int(np.prod(array.shape[1:])), 1), 1)
+    how = {"chunks": (min(sum(counts), chunk), *array.shape[1:]), "compression": level} if level and any(counts) else {}
+    dataset = aside.file.create_dataset(place, (sum(counts), *array.shape[1:]), array.dtype, **how)
+    for rank, rows in enumerate(counts):
+        if rank > 0:
+            array = np.empty((rows, *array.shape[1:]), array.dtype)
+            comm.send(None, dest=rank)
+            comm.Recv(array, source=rank)
+        # what fails is told when the file is put in place; until then the other ranks have to be heard
+        if not aside.failed:
+            dataset[first : first + rows] = array
+        first += rows
 
 
 class Exchanger:

@@ -964,11 +964,12 @@ class Output:
         more="see [estimate.md](estimate.md)",
     )  # fmt: skip
     format: str = key(
-        choice("vtu", "vtkhdf"), "files of the fields: `fields.pvd` with pieces of every step and rank, or one file "
-        "`fields.vtkhdf`", default="vtu", option="output_format", more="see [results.md](results.md)",
+        choice("vtu", "vtkhdf"), "files of the fields: `fields.pvd` with pieces of every step and rank, or "
+        "`fields.vtkhdf.series` with a file of every step", default="vtu", option="output_format",
+        more="see [results.md](results.md)",
     )  # fmt: skip
     compression: int = key(
-        integer(0, 9), "of `fields.vtkhdf`: level of deflate, 0 none", default=0, option="output_compression",
+        integer(0, 9), "of `.vtkhdf`: level of deflate, 0 none", default=0, option="output_compression",
         more="`.vtu` is always compressed, with level 1",
     )  # fmt: skip
 

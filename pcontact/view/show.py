@@ -31,7 +31,7 @@ def show(directory, options):
         :func:`pcontact.view.picture.picture` raises.
     """
     values = read_all("view", VIEW, options)
-    if not Path(directory).is_dir() and Path(directory).suffix in (".toml", ".pvd", ".vtkhdf"):
+    if not Path(directory).is_dir() and Path(directory).suffix in (".toml", ".pvd", ".series", ".vtkhdf"):
         raise InputError(f"command line: pcontact view: found {directory}; allowed: the output directory of a run")
     output, step, field = values.pop("o", None), values.pop("step", None), values.pop("field", None)
     suffix = Path(output).suffix.lower() if output else ""

@@ -88,7 +88,7 @@ FEATURES = {
     "energy": ["stepping.energy"],
     "fields": ["io.fields", "io.vtu", "io.parts"],
     "smooth fields": ["io.smooth"],
-    "fields in one file": ["io.hdf_fields", "io.vtkhdf"],
+    "fields in one file": ["io.vtkhdf:write_step"],
     "checkpoints": ["io.checkpoint", "mesh.digest"],
     "probes": ["stepping.record:Recorder._probe"],
     "sizes of load steps": ["stepping.schedule:Schedule._follow"],

@@ -281,7 +281,7 @@ def test_touching_bodies_of_one_region_stay_apart(shared_tmp, order, smooth, kin
     simulation = Simulation(read_scene(shared_tmp / "scene.toml"))
     assert simulation.run(shared_tmp / "run")
     simulation.close()
-    assert (shared_tmp / "run" / "fields.vtkhdf").exists() == (kind == "vtkhdf")
+    assert (shared_tmp / "run" / "fields.vtkhdf.series").exists() == (kind == "vtkhdf")
     bodies = load_result(shared_tmp / "run").bodies
     assert len(bodies.points) == 2 * (order + 1) ** 2 and "node_number" not in bodies.point_data
     middle = np.abs(bodies.points[:, 1] - 1.0) < 1e-9
