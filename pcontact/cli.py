@@ -36,8 +36,8 @@ from pcontact.runtime.parallel import on_root
 from pcontact.runtime.petsc import MPI
 from pcontact.scene import read_scene
 from pcontact.scene.amplitude import LOOKS, amplitude, corners
-from pcontact.scene.dynamics_checks import check_masses
 from pcontact.scene.schema import schema
+from pcontact.scene.validate import check_masses
 from pcontact.simulation import Simulation
 from pcontact.space.modes import component_boxes, near_pairs
 from pcontact.usage import COMMANDS, declared, parse, usage

@@ -21,7 +21,7 @@ from pcontact.runtime.lock import reserved
 from pcontact.runtime.options import Options
 from pcontact.runtime.parallel import on_root
 from pcontact.runtime.petsc import MPI
-from pcontact.scene.target_checks import check_component
+from pcontact.scene.validate import check_component
 from pcontact.simulation import Simulation
 from pcontact.view import extra
 from pcontact.view.show import draw_errors

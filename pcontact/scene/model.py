@@ -18,6 +18,7 @@ from pcontact.runtime.rules import (
     NON_NEGATIVE,
     POSITIVE,
     TEXT,
+    Rule,
     choice,
     file,
     integer,
@@ -85,18 +86,30 @@ Function = str | Callable  # "module.py:name" beside the scene, or the function 
 Value = float | str | Callable  # a number, an expression, from Python a function of place and time
 
 REGION = "name of a group of"
+# conditions that forbid keys, and why
+PLANE_STRESS, RINGS = '[mesh] kinematics = "plane_stress"', '[mesh] kinematics = "axisymmetric"'
+NO_TURN = {RINGS: "rings do not turn in their plane"}
+OF_RIGID = {"average = true": "a group on average has no mass of its own"}
+ADJUSTED = {'interference = "adjust"': "it is adjusted to what the mesh has"}
 
 
 def phases(what: str):
     """The key for the phases in which something acts."""
     names = sequence("a list of names of phases", TEXT)
-    return key(names, f"phases in which {what}", default=None, otherwise="all", more="see [phases.md](phases.md)")
+    return key(names, f"phases in which {what}", default=None, otherwise="all", more="see [phases.md](phases.md)",
+               requires=("[[phases]]",))  # fmt: skip
 
 
-def amplitude(what: str = "factor of the value", timed: bool = False):
+def amplitude(what: str = "factor of the value", timed: bool = False, requires=()):
     """The key for how a value goes over the time of the run; `timed`: of what may have expressions."""
     more = "; 1 where an expression has `t`" if timed else ""
-    return key(AMPLITUDE, f"{what} over the time", default=None, otherwise=f"a ramp from 0 to 1 over the run{more}")
+    return key(AMPLITUDE, f"{what} over the time", default=None, otherwise=f"a ramp from 0 to 1 over the run{more}",
+               requires=requires)  # fmt: skip
+
+
+def of_angle(rule: Rule, what: str, unit: str = ""):
+    """The key for a part of the axis of an angle."""
+    return key(rule, what, default=None, unit=unit, otherwise="must be said", requires=("angle",))
 
 
 # of a geometry; a file where gmsh's way to read it is told by its name
@@ -124,7 +137,7 @@ class MeshSpec:
     )  # fmt: skip
     mean_dilatation: bool | None = key(
         BOOLEAN, "cells take their mean volume change (B-bar), the cure for locking",
-        default=None, otherwise="automatic",
+        default=None, otherwise="automatic", unless={PLANE_STRESS: "plane stress does not lock"},
         more="its mean in quadrilaterals and hexahedra of degree 1 and in triangles and tetrahedra of degree 2, its "
         "best linear function in quadrilaterals and hexahedra of degree 2. Automatic: quadrilaterals and hexahedra "
         f"in bodies with nu > {LOCKING:g} (those of degree 1 also where bodies may yield), triangles and tetrahedra of "
@@ -170,14 +183,16 @@ class Material:
     )  # fmt: skip
     hardening: float = key(
         NON_NEGATIVE, "with `yield_stress`: isotropic, d(yield stress) / d(equivalent plastic strain)",
-        default=0.0, unit="stress"
-    )
+        default=0.0, unit="stress", requires=("yield_stress | hardening_curve",),
+    )  # fmt: skip
     kinematic_hardening: float = key(
-        NON_NEGATIVE, "Prager: d(uniaxial back stress) / d(equivalent plastic strain)", default=0.0, unit="stress"
-    )
+        NON_NEGATIVE, "Prager: d(uniaxial back stress) / d(equivalent plastic strain)", default=0.0, unit="stress",
+        requires=("yield_stress | hardening_curve",),
+    )  # fmt: skip
     hardening_curve: Table | None = key(
         HARDENING_CURVE, "instead of `yield_stress` and `hardening`: yield stress over the equivalent plastic strain",
         default=None, unit="stress", otherwise="none", more="linear between the points, constant beyond the last",
+        excludes=("yield_stress", "hardening"),
     )  # fmt: skip
     law: str = key(
         LAW,
@@ -192,10 +207,12 @@ class Material:
     )  # fmt: skip
     mooney_rivlin: Sequence[float] | None = key(
         MOONEY_RIVLIN, "with `law = \"mooney_rivlin\"`: c10 and c01", default=None, unit="stress", otherwise="none",
+        requires=('law = "mooney_rivlin"',),
         more="`E` must be 4 (1 + nu) (c10 + c01)",
     )  # fmt: skip
     ogden: Table | None = key(
         OGDEN, "with `law = \"ogden\"`: mu [stress] and alpha of every term", default=None, otherwise="none",
+        requires=('law = "ogden"',),
         more="`E` must be (1 + nu) sum(mu alpha)",
     )  # fmt: skip
     split: str | None = key(
@@ -216,7 +233,7 @@ class Material:
     )  # fmt: skip
     axes: Sequence[Sequence[float]] | None = key(
         AXES, "orthotropic: a vector along axis 1, and one that spans with it the plane of axes 1 and 2", default=None,
-        otherwise="[[1, 0, 0], [0, 1, 0]], the directions of the mesh", more="see below",
+        otherwise="[[1, 0, 0], [0, 1, 0]], the directions of the mesh", more="see below", excludes=("angle",),
     )  # fmt: skip
     angle: float | None = key(
         number(), "orthotropic, instead of `axes`: from x to axis 1, about z", default=None, unit="degrees",
@@ -226,10 +243,11 @@ class Material:
         VECTOR, "orthotropic: the axes go around an axis through this point", default=None, unit="length",
         otherwise="they are the same everywhere", more="x, y, z of `axes` and `angle` are then the radial, the hoop "
         "and the axial direction",
+        unless={RINGS: "x, y, z of the axes are the radial, axial and hoop direction there"},
     )  # fmt: skip
     axis: Sequence[float] | None = key(
         DIRECTION, "with `point`, in space: direction of that axis, of any length", default=None,
-        otherwise="must be said with `point`",
+        otherwise="must be said with `point`", requires=("point",),
     )  # fmt: skip
 
     @property
@@ -298,19 +316,21 @@ class Body:
     phases: Sequence[str] | None = phases("it is there; in a later one than the first it begins without strain")
     initial_velocity: Sequence[Value] | None = key(
         VECTORS, "with `[dynamics]`: velocity at the beginning", default=None, kw_only=True, unit="length / time",
+        requires=("[dynamics]",),
         otherwise="at rest", more="see [dynamics.md](dynamics.md)",
     )  # fmt: skip
     initial_displacement: Sequence[Value] | None = key(
         VECTORS, "with `[dynamics]`: displacement at the beginning", default=None, kw_only=True, unit="length",
+        requires=("[dynamics]",),
         otherwise="none", more="whatever holds it there has let go of it",
     )  # fmt: skip
     mass_damping: float = key(
         NON_NEGATIVE, "with `[dynamics]`: damping over mass (Rayleigh), of slow motions", default=0.0, kw_only=True,
-        unit="1 / time", more="it resists rigid motions, too",
+        unit="1 / time", more="it resists rigid motions, too", requires=("[dynamics]",),
     )  # fmt: skip
     stiffness_damping: float = key(
         NON_NEGATIVE, "with `[dynamics]`: damping over elastic stiffness (Rayleigh), of fast motions", default=0.0,
-        kw_only=True, unit="time", more="with small strain",
+        kw_only=True, unit="time", more="with small strain", requires=("[dynamics]",),
     )  # fmt: skip
     # of a scene of one phase (`pcontact.scene.phases`): not there; number of the phase since which it has been
     absent: bool = False
@@ -379,23 +399,25 @@ class Obstacle:
     expression: str | None = key(
         EXPRESSION, "level set: signed distance, positive in the free space", default=None,
         more='an expression of `x`, `y`, `z` and the time `t`, such as `"sqrt(x**2 + y**2) - 1 + 0.1*t"`, see below',
+        excludes=("function", "gradient"),
     )  # fmt: skip
     displacement: Sequence[float] | None = key(
         VECTOR, "translation at factor 1", default=None, unit="length", otherwise="it stands still"
     )
-    amplitude: Table | None = amplitude("factor of `displacement` and `angle`")
+    amplitude: Table | None = amplitude("factor of `displacement` and `angle`", requires=("displacement | angle",))
     angle: float | None = key(
-        number(), "it turns by this angle at factor 1", default=None, unit="degrees", otherwise="none",
+        number(), "it turns by this angle at factor 1", default=None, unit="degrees", otherwise="none", unless=NO_TURN,
         more="see below. Positive: counterclockwise, seen from where `turn_axis` points to",
     )  # fmt: skip
     pivot: Sequence[float] | None = key(
         VECTOR, "with `angle`: a point of the axis that it turns about; in the plane the centre",
         default=None, unit="length",
         otherwise="`point` or `center`; of a mesh the mean place of its nodes, of a level set it must be said",
+        requires=('angle | shape = "mesh"',),  # the moment on a mesh is about its pivot, whether it turns or not
     )  # fmt: skip
     turn_axis: Sequence[float] | None = key(
         DIRECTION, "with `angle`, in space: direction of the axis that it turns about, of any length", default=None,
-        otherwise="of a cylinder its `axis`; else it must be said",
+        otherwise="of a cylinder its `axis`; else it must be said", requires=("angle",),
     )  # fmt: skip
 
     @property
@@ -436,29 +458,28 @@ class Contact:
     kinetic_friction: Value | None = key(
         COEFFICIENT, "with `friction`: the coefficient of points that slip fast",
         default=None, kw_only=True, otherwise="that of `friction`", more="see below",
+        requires=("friction", "friction_decay"), excludes=("law", "adhesion"),
     )  # fmt: skip
     friction_decay: float | None = key(
         POSITIVE, "with `kinetic_friction`: how the coefficient goes there with the speed of slip", default=None,
         kw_only=True,
-        unit="time / length", otherwise="must be said",
+        unit="time / length", otherwise="must be said", requires=("kinetic_friction",),
     )  # fmt: skip
     tresca: float | None = key(
         NON_NEGATIVE, "instead of `friction`: a fixed bound of the tangential traction, on the whole surface",
-        default=None,
-        unit="stress", otherwise="none",
+        default=None, unit="stress", otherwise="none", excludes=("friction",),
     )  # fmt: skip
     friction_limit: float | None = key(
         POSITIVE, "with `friction`: the tangential traction is never larger",
-        default=None, unit="stress", otherwise="none"
-    )
+        default=None, unit="stress", otherwise="none", requires=("friction | law",),
+    )  # fmt: skip
     adhesion: float | None = key(
         NON_NEGATIVE, "with `friction`: tangential traction that closed points bear without pressure",
-        default=None, unit="stress",
-        otherwise="0",
+        default=None, unit="stress", otherwise="0", requires=("friction | law",),
     )  # fmt: skip
     law: str | None = key(
         TEXT, "instead of `friction` and `tresca`: the name of a law of friction that a Python program has added",
-        default=None,
+        default=None, excludes=("tresca", "tied"),
         otherwise="none", more="`friction`, `friction_limit` and `adhesion` may be numbers of it; see "
         "[extending.md](extending.md)",
     )  # fmt: skip
@@ -467,8 +488,9 @@ class Contact:
         more="Places of the source that jut out over the border of the target are free",
     )  # fmt: skip
     unbiased: bool = key(
-        BOOLEAN, "both surfaces are source and target", default=False, more="see below. Self contact always is"
-    )
+        BOOLEAN, "both surfaces are source and target", default=False, more="see below. Self contact always is",
+        unless={"obstacle": "an obstacle has no facets"},
+    )  # fmt: skip
     all: bool = key(
         BOOLEAN, "instead of `source` and `target`: every body against every other one", default=False,
         more="see below. With `obstacle`, instead of `source`: every body against the obstacle",
@@ -478,7 +500,11 @@ class Contact:
         otherwise="of `all`: false, of a surface with itself: true",
         more="where such a surface is flat or bulges everywhere it must be said",
     )  # fmt: skip
-    tied: bool = key(BOOLEAN, "the surfaces are glued together as they are", default=False, more="see below")
+    tied: bool = key(
+        BOOLEAN, "the surfaces are glued together as they are", default=False, more="see below",
+        excludes=("friction", "tresca", "bilateral", "unbiased", "obstacle", "interference", "smooth_geometry",
+                  "adjust_within", "clearance", "interference_amplitude", "pressure_overclosure", "kinetic_friction"),
+    )  # fmt: skip
     formulation: str | None = key(
         choice("nitsche", "penalty", "augmented_lagrangian"), "formulation of the contact conditions",
         default="nitsche",
@@ -538,16 +564,17 @@ class Contact:
     adjust_within: float | None = key(
         NON_NEGATIVE, "with `interference = \"adjust\"`: gaps of the undeformed bodies up to this are closed as well",
         default=None, unit="length", otherwise="0", more="without strain; see below",
+        requires=('interference = "adjust"',),
     )  # fmt: skip
     clearance: float | None = key(
         number(), "gap of the undeformed bodies wherever they face each other, whatever the mesh has",
         default=None, unit="length", otherwise="that of the mesh",
-        more="Negative: an overlap, which is pushed apart; see below",
+        more="Negative: an overlap, which is pushed apart; see below", unless=ADJUSTED,
     )  # fmt: skip
     interference_amplitude: Table | None = key(
         AMPLITUDE, "factor of the initial overlap, and of the gap that `bilateral` closes, over the time",
         default=None, otherwise="all of it acts from the beginning",
-        more="see below",
+        more="see below", unless=ADJUSTED,
     )  # fmt: skip
     pressure_overclosure: float | Table | None = key(
         PRESSURE_OVERCLOSURE, "a soft layer between the surfaces: contact pressure over overclosure, the negative gap",
@@ -557,6 +584,7 @@ class Contact:
     stick_stiffness: float | None = key(
         POSITIVE, "with `pressure_overclosure` and friction: tangential traction over slip where points stick",
         default=None, unit="stress / length", otherwise="from the element, as of the penalty method",
+        requires=("pressure_overclosure", "friction | tresca | adhesion | law | [[phases]]"),
     )  # fmt: skip
     smooth_geometry: bool | None = key(
         BOOLEAN, "gaps are those of the smooth surfaces that facets stand for", default=False,
@@ -603,16 +631,13 @@ class Displacement:
     amplitude: Table | None = amplitude("factor of `value` and `angle`", True)
     angle: float | None = key(
         number(), "the group turns by this angle, as a rigid body", default=None, unit="degrees", otherwise="none",
+        requires=("point",), unless=NO_TURN,
         more="see below. Positive: counterclockwise, seen from where `axis` points to",
     )  # fmt: skip
-    point: Sequence[float] | None = key(
-        VECTOR, "with `angle`: a point of the axis; in the plane the centre",
-        default=None, unit="length", otherwise="must be said"
+    point: Sequence[float] | None = of_angle(
+        VECTOR, "with `angle`: a point of the axis; in the plane the centre", "length"
     )
-    axis: Sequence[float] | None = key(
-        DIRECTION, "with `angle`, in space: direction of the axis, of any length",
-        default=None, otherwise="must be said"
-    )
+    axis: Sequence[float] | None = of_angle(DIRECTION, "with `angle`, in space: direction of the axis, of any length")
     phases: Sequence[str] | None = phases("it holds")
     absolute: bool = key(
         BOOLEAN, "where it begins with a later phase: `value` counts from the undeformed place", default=False,
@@ -635,13 +660,15 @@ class Load:
     )  # fmt: skip
     pressure: Value | None = key(
         SCALAR, "positive in compression", default=None, unit="stress", more="Exactly one must be said: of this, "
-        "`traction`, `body_force`, `acceleration`, `angular_speed`, or `force` and `moment`"
-    )
+        "`traction`, `body_force`, `acceleration`, `angular_speed`, or `force` and `moment`",
+        one_of=("traction", "body_force", "acceleration", "angular_speed", "force | moment"),
+    )  # fmt: skip
     traction: Sequence[Value] | None = key(VECTORS, "force per area", default=None, unit="stress")
     body_force: Sequence[Value] | None = key(VECTORS, "force per volume", default=None, unit="stress / length")
     amplitude: Table | None = amplitude(timed=True)
     follower: bool = key(
         BOOLEAN, "with `pressure`: it acts on the deformed surface, along its normal there", default=False,
+        requires=("pressure",), unless={PLANE_STRESS: "the thickness is not followed"},
         more="see below. Otherwise forces are those of the undeformed surface, whatever becomes of it",
     )  # fmt: skip
     force: Sequence[float] | None = key(
@@ -650,22 +677,23 @@ class Load:
     )
     moment: float | Sequence[float] | None = key(
         MOMENT, "total moment on the group, about its centroid", default=None, unit="force length",
-        more="with `force` or alone; see below",
+        more="with `force` or alone; see below", unless=NO_TURN,
     )  # fmt: skip
     point: Sequence[float] | None = key(
         VECTOR, "with `force` or `moment`: where the force acts, and of what point the report says displacement and "
         "rotation; with `angular_speed`: a point of the axis",
         default=None, unit="length", otherwise="the centroid of the group",
+        requires=("force | moment | angular_speed",), unless=NO_TURN,
     )  # fmt: skip
     at: Sequence[float] | None = key(
         VECTOR, "with `force`: it acts at the node that is nearest to this place, of the group or of the mesh",
-        default=None,
-        unit="length", otherwise="on the whole group",
+        default=None, unit="length", otherwise="on the whole group", requires=("force | moment",),
+        excludes=("moment", "point"),
     )  # fmt: skip
     within: float | None = key(
         POSITIVE, "with `at`: how far the node may be from there",
-        default=None, unit="length", otherwise="1e-6 of the size of the mesh"
-    )
+        default=None, unit="length", otherwise="1e-6 of the size of the mesh", requires=("at",),
+    )  # fmt: skip
     acceleration: Sequence[Value] | None = key(
         VECTORS, "force per mass, such as that of gravity, times the `density` of the bodies",
         default=None, unit="length / time^2"
@@ -676,12 +704,12 @@ class Load:
     )  # fmt: skip
     axis: Sequence[float] | None = key(
         DIRECTION, "with `angular_speed`, in space: direction of the axis through `point`, of any length", default=None,
-        otherwise="must be said",
+        otherwise="must be said", requires=("angular_speed",),
     )  # fmt: skip
     name: str | None = key(
         TEXT, "with `force` or `moment`: its name in report and history, unique",
-        default=None, otherwise="that of the group"
-    )
+        default=None, otherwise="that of the group", requires=("force | moment",),
+    )  # fmt: skip
     phases: Sequence[str] | None = phases("it acts")
 
     @property
@@ -709,11 +737,11 @@ class Coupling:
     name: str | None = key(TEXT, "its name in report and history, unique", default=None, otherwise="that of the group")
     mass: float = key(
         NON_NEGATIVE, "with `[dynamics]`: of the point, beside that of its cells", default=0.0, kw_only=True,
-        unit="mass", more="no load per mass acts on it",
+        unit="mass", more="no load per mass acts on it", requires=("[dynamics] | [[phases]]",), unless=OF_RIGID,
     )  # fmt: skip
     inertia: float | Sequence[float] = key(
         INERTIA, "with `[dynamics]`: moment of inertia about the point, beside that of its cells", default=0.0,
-        kw_only=True, unit="mass length^2",
+        kw_only=True, unit="mass length^2", requires=("[dynamics] | [[phases]]",), unless={**OF_RIGID, **NO_TURN},
     )  # fmt: skip
     average: bool = key(
         BOOLEAN, "the group moves so on average alone, and is free to deform", default=False, more="see below"
@@ -727,8 +755,8 @@ class Pretension:
     region: str = key(TEXT, f"{REGION} facets in a plane across a body, from one side of it to the other")
     force: float | None = key(
         number(), "tension of the section",
-        default=None, unit="force", more="Exactly one must be said: of this and `shortening`"
-    )
+        default=None, unit="force", more="Exactly one must be said: of this and `shortening`", one_of=("shortening",),
+    )  # fmt: skip
     shortening: float | None = key(
         number(), "by which the sides are drawn into each other", default=None, unit="length",
     )  # fmt: skip
@@ -761,20 +789,18 @@ class Periodic:
     region: str = key(TEXT, f"{REGION} any kind, whose nodes follow")
     partner: str = key(TEXT, f"{REGION} any kind: each node of `region` is where one of these comes to")
     translation: Sequence[float] | None = key(
-        VECTOR, "from `partner` to `region`", default=None, unit="length", more="This, `angle`, or both must be said"
-    )
+        VECTOR, "from `partner` to `region`", default=None, unit="length", more="This, `angle`, or both must be said",
+        any_of=("angle",),
+    )  # fmt: skip
     angle: float | None = key(
         number(), "`partner` comes to `region` by this turn", default=None, unit="degrees", otherwise="none",
+        requires=("point",), unless=NO_TURN,
         more="Positive: counterclockwise, seen from where `axis` points to",
     )  # fmt: skip
-    point: Sequence[float] | None = key(
-        VECTOR, "with `angle`: a point of the axis; in the plane the centre",
-        default=None, unit="length", otherwise="must be said"
+    point: Sequence[float] | None = of_angle(
+        VECTOR, "with `angle`: a point of the axis; in the plane the centre", "length"
     )
-    axis: Sequence[float] | None = key(
-        DIRECTION, "with `angle`, in space: direction of the axis, of any length",
-        default=None, otherwise="must be said"
-    )
+    axis: Sequence[float] | None = of_angle(DIRECTION, "with `angle`, in space: direction of the axis, of any length")
     within: float | None = key(
         POSITIVE, "how far a node may be from where its partner comes to", default=None, unit="length",
         otherwise="1e-4 of the extent of `region`",
@@ -787,7 +813,7 @@ class Temperature:
 
     value: Value | None = key(
         SCALAR, "temperature, or an expression of the place in the undeformed mesh and the time", default=None,
-        unit="temperature", more="Exactly one must be said: of this, and `file` with `field`",
+        unit="temperature", more="Exactly one must be said: of this, and `file` with `field`", one_of=("file",),
     )  # fmt: skip
     region: str | None = key(TEXT, f"{REGION} cells", default=None, otherwise="all cells")
     reference: float = key(number(), "temperature without thermal strain", default=0.0, unit="temperature")
@@ -795,10 +821,12 @@ class Temperature:
     file: str | Path | None = key(
         file("the name of a file beside the scene"), "file with temperatures of the nodes of the mesh", default=None,
         otherwise="none", more="of any format whose fields meshio reads, such as `.vtu`, `.vtk` or gmsh's `.msh`",
+        requires=("field",),
     )  # fmt: skip
     field: str | None = key(
-        TEXT, "with `file`: name of the field of numbers at nodes", default=None, otherwise="must be said"
-    )
+        TEXT, "with `file`: name of the field of numbers at nodes", default=None, otherwise="must be said",
+        requires=("file",),
+    )  # fmt: skip
 
 
 @table
@@ -808,7 +836,7 @@ class Spring:
     region: str = key(TEXT, f"{REGION} facets; with `stiffness` of any kind")
     per_area: float | Sequence[float] | None = key(
         FOUNDATION, "stiffness per area of facets, along their undeformed normal or in each direction", default=None,
-        unit="stress / length", more="Exactly one of the two must be said",
+        unit="stress / length", more="Exactly one of the two must be said", one_of=("stiffness",),
     )  # fmt: skip
     stiffness: Sequence[float] | None = key(
         STIFFNESSES, "stiffness of the whole group in each direction, spread evenly",
@@ -862,8 +890,9 @@ class Steps:
 
     end: float = key(
         POSITIVE, "time at the end of the run",
-        default=1.0, unit="time", more="not with `[[phases]]`, which have durations"
-    )
+        default=1.0, unit="time", more="not with `[[phases]]`, which have durations",
+        unless={"[[phases]]": "the run ends with the last phase"},
+    )  # fmt: skip
     count: int = key(
         integer(1, 1_000_000), "equal load steps to start with", default=1, option="steps_count",
         more="corners of amplitudes are met",
@@ -880,8 +909,8 @@ class Steps:
     )  # fmt: skip
     max_step: float | None = key(
         POSITIVE, "with `control = \"auto\"`: longest load step",
-        default=None, unit="time", otherwise="4 end / count", option="steps_max"
-    )
+        default=None, unit="time", otherwise="4 end / count", option="steps_max", requires=('control = "auto"',),
+    )  # fmt: skip
     viscous_stabilisation: float | None = key(
         POSITIVE, "viscosity that resists every motion, for bodies that snap",
         default=None, unit="stress time / length^2", otherwise="none",
@@ -914,6 +943,7 @@ class Dynamics:
     alpha: float | None = key(
         number(least=LEAST_ALPHA, most=0, words="a number from -1/3 to 0"),
         "with `hht` and `bossak`: 0 damps nothing, less damps more", default=None, otherwise="-0.1",
+        requires=(" | ".join(f'integrator = "{name}"' for name, one in INTEGRATORS.items() if one.alpha is not None),),
     )  # fmt: skip
     mass: str = key(
         choice("consistent", "lumped"), "of cells: as the displacement has it, or at their nodes", default="consistent",
@@ -921,6 +951,7 @@ class Dynamics:
     )  # fmt: skip
     step_error: float | None = key(
         POSITIVE, "with `control = \"auto\"` of `[steps]`: local error that the length of steps follows", default=None,
+        requires=('[steps] control = "auto"',),
         otherwise="none", more="of the velocity, as a part of the largest one so far; see [dynamics.md](dynamics.md)",
     )  # fmt: skip
     phases: Sequence[str] | None = phases("bodies have inertia; in all others they stand still at once")
@@ -960,8 +991,9 @@ class Output:
     )  # fmt: skip
     estimate: bool = key(
         BOOLEAN, "estimate of the error of every step, in the report and the fields",
-        default=False, option="output_estimate",
-        more="see [estimate.md](estimate.md)",
+        default=False, option="output_estimate", more="see [estimate.md](estimate.md)",
+        unless={"[dynamics]": "the error of motions is not estimated",
+                "[[phases]]": "what ramps down in a phase is not in the estimate"},
     )  # fmt: skip
     format: str = key(
         choice("vtu", "vtkhdf"), "files of the fields: `fields.pvd` with pieces of every step and rank, or "
@@ -970,6 +1002,7 @@ class Output:
     )  # fmt: skip
     compression: int = key(
         integer(0, 9), "of `.vtkhdf`: level of deflate, 0 none", default=0, option="output_compression",
+        requires=('format = "vtkhdf"',),
         more="`.vtu` is always compressed, with level 1",
     )  # fmt: skip
 
@@ -1151,9 +1184,7 @@ OBSTACLE_KEYS = {
     "level_set": ((), ("expression", "function", "gradient")),
 }
 MOTION_KEYS = ("displacement", "amplitude", "angle", "pivot", "turn_axis")
-# keys of a load of which exactly one must be there; of TOTALS one or both instead, and what goes with them
-LOADS = ("pressure", "traction", "body_force", "acceleration", "angular_speed")
-TOTALS = ("force", "moment")
-OF_TOTALS = ("point", "at", "within", "name")
+# what a load may be beside a total force and moment
+LOADS = ("pressure", *keys(Load)["pressure"].one_of[:-1])
 # old names of keys: (table, old name) -> new name; the old one is still read, and warned of once
 RENAMED: dict[tuple[type, str], str] = {}

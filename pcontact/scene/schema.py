@@ -6,68 +6,30 @@ It refuses nothing that the program reads; what the values of several keys must 
 from dataclasses import MISSING
 
 from pcontact.runtime.rules import PETSC_VALUE
-from pcontact.scene.keys import Key, keys
+from pcontact.scene.keys import Key, between, keys
 from pcontact.scene.model import (
     HEADERS,
     LIST_TABLES,
-    LOADS,
     OBSTACLE_KEYS,
     OPTIONAL_TABLES,
     RENAMED,
     SINGLE_TABLES,
-    TOTALS,
     Contact,
-    Displacement,
     Load,
     Material,
     Obstacle,
-    Periodic,
-    Pretension,
     Scene,
-    Spring,
 )
 from pcontact.scene.target import Budget, Target
 
-# what the keys of a table must be together
-TOGETHER = {
-    Contact: {
-        "allOf": [
-            {"anyOf": [{"required": [name]} for name in ("source", "all", "surfaces")]},
-            {"anyOf": [{"required": [name]} for name in ("target", "obstacle", "all", "surfaces")]},
-            *({"not": {"required": ["surfaces", name]}} for name in ("obstacle", "all")),
-            {"not": {"required": ["target", "obstacle"]}},
-            {"not": {"required": ["friction", "tresca"]}},
-        ],
-        "dependentSchemas": {
-            name: {"anyOf": [{"required": [other]} for other in ("friction", "law")]}
-            for name in ("friction_limit", "adhesion")
-        },
-    },
-    Displacement: {"dependentRequired": {"angle": ["point"], "point": ["angle"], "axis": ["angle"]}},
-    Load: {
-        "oneOf": [*({"required": [name]} for name in LOADS), {"anyOf": [{"required": [name]} for name in TOTALS]}],
-        "anyOf": [{"required": [name]} for name in ("region", "at")],
-        "dependentRequired": {"at": ["force"], "within": ["at"]},
-        "dependentSchemas": {
-            **{name: {"anyOf": [{"required": [other]} for other in others]} for name, others in
-               {"point": (*TOTALS, "angular_speed"), "name": TOTALS, "axis": ("angular_speed",)}.items()},
-        },
-    },
-    Spring: {"oneOf": [{"required": [name]} for name in ("per_area", "stiffness")]},
-    Pretension: {"oneOf": [{"required": [name]} for name in ("force", "shortening")]},
-    Periodic: {
-        "anyOf": [{"required": [name]} for name in ("translation", "angle")],
-        "dependentRequired": {"angle": ["point"], "point": ["angle"], "axis": ["angle"]},
-    },
-    Obstacle: {
-        "allOf": [
-            {"if": {"properties": {"shape": {"const": shape}}}, "then": {"required": list(needed)}}
-            for shape, (needed, _) in OBSTACLE_KEYS.items()
-        ],
-        "dependentRequired": {"pivot": ["angle"], "turn_axis": ["angle"]},
-        "dependentSchemas": {"amplitude": {"anyOf": [{"required": [key]} for key in ("displacement", "angle")]}},
-    },
-}
+# what rules between keys do not say: surfaces of a contact, places of a load, shapes of obstacles
+MORE = {
+    Contact: [{"anyOf": [{"required": [name]} for name in (*names, "all", "surfaces")]}
+              for names in (("source",), ("target", "obstacle"))],
+    Load: [{"anyOf": [{"required": [name]} for name in ("region", "at")]}],
+    Obstacle: [{"if": {"properties": {"shape": {"const": shape}}}, "then": {"required": list(needed)}}
+               for shape, (needed, _) in OBSTACLE_KEYS.items()],
+}  # fmt: skip
 
 
 def _value(one: Key) -> dict:
@@ -81,9 +43,10 @@ def _table(cls: type, **more) -> dict:
         properties[old] = {**properties[new], "deprecated": True}
     required = [name for name, one in keys(cls).items() if one.default is MISSING]
     words = {"type": "object", "description": (cls.__doc__ or "").partition("\n")[0]}
+    rules = [*MORE.get(cls, []), *between(cls)]
     return {
         **words, "properties": {**properties, **more}, "required": required, "additionalProperties": False,
-        **TOGETHER.get(cls, {}),
+        **({"allOf": rules} if rules else {}),
     }  # fmt: skip
 
 

@@ -84,7 +84,7 @@ def test_block_on_springs_flies_outwards(mesh, strain):
         (Load("block", angular_speed=1.0), ("point", "nothing")),
         (Load("block", angular_speed=1.0, point=[0, 0], axis=[0, 1]), ("axis", "2D mesh")),
         (Load("block", body_force=[0, 1], axis=[0, 1]), ("axis", "without angular_speed")),
-        (Load("block", body_force=[0, 1], point=[0, 1]), ("point", "with body_force")),
+        (Load("block", body_force=[0, 1], point=[0, 1]), ("point", "without force or moment or angular_speed")),
         (Load("top", acceleration=[0, 1]), ("region", "a group of facets")),
         (Load("block", acceleration=[0, 1], angular_speed=1.0), ("acceleration and angular_speed", "exactly one")),
         (Load("block", acceleration=[0, 1]), ("acceleration", "body block without density", "[materials.m]")),

@@ -239,7 +239,7 @@ def test_fields_that_are_none(mesh, shared_tmp):
     some = meshio.Mesh(raw.points[:-1], [("vertex", np.arange(n)[:, None])], point_data=fields)
     meshio.write(shared_tmp / "some.vtu", some)
     for said, words in (({"field": "t"}, "field: found 't', no such field"), ({"field": "v"}, "one finite number at"),
-                        ({"field": "T"}, "which has no node at"), ({}, "file without field"),
+                        ({"field": "T"}, "which has no node at"), ({}, "without field"),
                         ({"field": "T", "value": 3.0}, "both value and file")):  # fmt: skip
         case = scene(mesh["square"], planes(2), [Temperature(file="some.vtu", **said)], beside=shared_tmp)
         with pytest.raises(InputError, match=words):

@@ -181,7 +181,7 @@ def test_springs_and_contact(mesh, strain):
     "loads, springs, parts",
     [
         ([Load("top", force=[0, 1], pressure=1.0)], [], ("pressure and force", "exactly one")),
-        ([Load("top", pressure=1.0, point=[0, 0])], [], ("point", "with pressure")),
+        ([Load("top", pressure=1.0, point=[0, 0])], [], ("point", "without force or moment")),
         ([Load(force=[0, 1])], [], ("loads[0].region", "at, the place")),
         ([Load("top", force=[0, 1, 0])], [], ("force", "3 entries")),
         ([Load("top", moment=[0, 0, 1.0])], [], ("moment", "a number, the mesh is 2D")),
@@ -190,7 +190,7 @@ def test_springs_and_contact(mesh, strain):
         ([Load(at=[0.375, 0.25], force=[0, 1], within=0.2)], [], ("at", "two nodes", "block")),
         ([Load(at=[0, 0], moment=1.0)], [], ("moment", "together with at")),
         ([Load("top", force=[0, 1]), Load("top", force=[1, 0])], [], ("loads[1] (top).name", "a second time")),
-        ([Load("top", force=[0, 1], follower=True)], [], ("follower", "true with force")),
+        ([Load("top", force=[0, 1], follower=True)], [], ("follower", "true without pressure")),
         ([], [Spring("top")], ("springs[0] (top)", "neither", "exactly one")),
         ([], [Spring("top", per_area=-1.0)], ("per_area", "-1", "a number > 0")),
         ([], [Spring("top", per_area=[1.0, 0, 0])], ("per_area", "3 entries", "2D")),

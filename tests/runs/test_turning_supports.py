@@ -151,7 +151,7 @@ def test_small_strain_says_where_it_ends(mesh, caplog):
 @pytest.mark.parametrize(
     "dim, keys, parts",
     [
-        (2, {"angle": 3.0}, ("point", "nothing")),
+        (2, {"angle": 3.0}, ("angle", "3.0 without point")),
         (2, {"point": [0, 0]}, ("point", "without angle")),
         (2, {"angle": 3.0, "point": [0, 0], "axis": [0, 0, 1]}, ("axis", "3 entries")),
         (2, {"angle": 3.0, "point": [0, 0], "axis": [0, 1]}, ("axis", "2D")),

@@ -24,8 +24,9 @@ def scene(folder, **more):
         ({"materials": {"m": {"E": 1.0, "nu": 0.3}}},
          r"materials\.m\.density: found nothing, with \[dynamics\] \(body one\); allowed: a number > 0"),
         ({"dynamics": {"integrator": "trapezoidal", "alpha": -0.1}},
-         r'dynamics\.alpha: found -0\.1 with integrator = "trapezoidal"; allowed: nothing, or integrator = "hht"'),
-        ({"dynamics": {"step_error": 1e-3}}, r'dynamics\.step_error: found 0\.001 with control = "fixed"; allowed: '),
+         r'dynamics\.alpha: found -0\.1 without integrator = "hht" or integrator = "bossak"; allowed: '),
+        ({"dynamics": {"step_error": 1e-3}},
+         r'dynamics\.step_error: found 0\.001 without \[steps\] control = "auto"; allowed: '),
         ({"dynamics": {"alpha": -0.5}}, r"dynamics\.alpha: found .*-0\.5; allowed: a number from -1/3 to 0"),
         ({"dynamics": {"integrator": "midpoint"}}, r'dynamics\.integrator: found a string .midpoint.; allowed: "hht"'),
         ({"accuracy": {"error": 0.02}}, r"accuracy\.error: found 0\.02 together with \[dynamics\]"),
@@ -33,7 +34,7 @@ def scene(folder, **more):
         ({"bodies": [{"region": "one", "material": "m", "strain": "finite", "stiffness_damping": 1.0}]},
          r"bodies\[0\] \(one\)\.stiffness_damping: found 1 of a body with finite strain; allowed: 0"),
         ({"couplings": [{"region": "a", "average": True, "mass": 1.0}]},
-         r"couplings\[0\] \(a\)\.mass: found mass with average = true; allowed: a rigid group"),
+         r"couplings\[0\] \(a\)\.mass: found 1.0 together with average = true; allowed: nothing: a group on average"),
         ({"dynamics": {"phases": ["later"]}}, r"dynamics\.phases: found .*without \[\[phases\]\]"),
         ({"dynamics": {"phases": ["later"]}, "phases": [{"name": "first"}, {"name": "late"}]},
          r"dynamics\.phases: found .*no such phase"),
@@ -53,7 +54,7 @@ def test_bodies_do_not_move_without_inertia(tmp_path, key):
     whole.dynamics = None
     whole.bodies[0].initial_velocity = None
     setattr(whole.bodies[0], key, [0.0, 1.0] if "velocity" in key else 1.0)
-    with pytest.raises(InputError, match=rf"{key}: found {key} without \[dynamics\]; allowed: \[dynamics\] as well"):
+    with pytest.raises(InputError, match=rf"{key}: found .* without \[dynamics\]; allowed: \[dynamics\] as well"):
         validate(whole)
 
 
