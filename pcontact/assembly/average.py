@@ -56,8 +56,7 @@ class AverageCoupling:
         self._space, self.amplitude, d = space, amplitude, space.dim
         self.name, self.nodes = coupling.name or coupling.region, space.region(coupling.region)
         self.region = coupling.region
-        numbers = space.nodes[self.nodes]
-        own = (numbers >= space.start) & (numbers < space.start + space.n_owned)
+        numbers, own = space.nodes[self.nodes], space.owns(self.nodes)
         self._rows, self._held = numbers[own] - space.start, fixed[self.nodes[own]]
         count = space.comm.allreduce(int(own.sum()))
         if count > MOST:

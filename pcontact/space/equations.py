@@ -2,9 +2,8 @@
 
 An equation says sum(c_k u_k) = 0; of the numbers u_k some may be given, functions of time. One after the other
 equations are solved for a component that no support prescribes, and that is put into all others (Gauss' elimination):
-what is left are components that follow, u_i = sum(w_ij u_j) of components that do not, prescribed ones among these.
-Newton's method does not have those that follow: its matrix is P^T K P and its residual P^T f, see
-:mod:`pcontact.space.rigid`. The forces that equations exert do no work, but for those with given numbers.
+what is left are components that follow (:mod:`pcontact.space.constraints`), u_i = sum(w_ij u_j) of components that do
+not, prescribed ones among these. The forces that equations exert do no work, but for those with given numbers.
 """
 
 import numpy as np
@@ -14,6 +13,7 @@ from pcontact.element.shape import shape
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.parallel import agree
 from pcontact.runtime.petsc import MPI
+from pcontact.space.constraints import Constraint, gathered
 
 # [-] Part of the largest coefficient of an equation that counts as zero. From: far above rounding errors.
 ZERO = 1e-12
@@ -107,15 +107,6 @@ def term_rows(space, equations, where):
     return rows
 
 
-def _gathered(space, region):
-    """Global numbers (n,), places (n, d) of all nodes of a region, on all ranks alike. *Collective.*"""
-    nodes = space.region(region)
-    numbers = space.nodes[nodes]
-    own = (numbers >= space.start) & (numbers < space.start + space.n_owned)
-    parts = space.comm.allgather((numbers[own], space.points[nodes[own]]))
-    return tuple(np.concatenate(one) for one in zip(*parts, strict=True))
-
-
 def _nearest(points, others):
     """Row of the nearest of other points (m, d), and how far it is, for each point (n, d)."""
     rows, far = np.zeros(len(points), dtype=np.int64), np.zeros(len(points))
@@ -144,7 +135,7 @@ def pair_rows(space, pair, motion, where):
         On every rank: a node has no partner.
     """
     d, (turn, shift) = space.dim, motion
-    (followers, places), (leaders, others) = (_gathered(space, name) for name in (pair.region, pair.partner))
+    (followers, places), (leaders, others) = (gathered(space, name) for name in (pair.region, pair.partner))
     rows, far = _nearest(places, others @ turn.T + shift)
     within = NEAR * float(np.ptp(places, axis=0).max(initial=0.0)) if pair.within is None else pair.within
     if (far > within).any():
@@ -196,8 +187,8 @@ def linear_rows(space, bodies):
     ]  # fmt: skip
 
 
-class Equations:
-    """All equations of a problem; in the place of a :class:`pcontact.space.rigid.RigidGroup`.
+class Equations(Constraint):
+    """All equations of a problem.
 
     Parameters
     ----------
@@ -224,8 +215,6 @@ class Equations:
     they are.
     """
 
-    leading = np.zeros(0, dtype=np.int64)
-
     def __init__(self, space, rows, fixed, taken, where, said=True, given=None):
         self._space, self._rows, self.said, self._given, d = space, rows, said, given or {}, space.dim
         every = sorted({component for row in rows for component in row} - self._given.keys())
@@ -239,20 +228,16 @@ class Equations:
         self._check_given(bound, where)
         first, last = space.start * d, (space.start + space.n_owned) * d
         mine = sorted(component for component in ways if first <= component < last)
-        self._at = np.array(mine, dtype=np.int64) - first
         self._shifts = {}
         for k, component in enumerate(mine):
             for number in ways[component].keys() & self._given.keys():
                 self._shifts.setdefault(number, np.zeros(len(mine)))[k] = ways[component][number]
-        ways = {one: {m: w for m, w in ways[one].items() if m not in self._given} for one in ways}
-        self._row = np.array([k for k, component in enumerate(mine) for _ in ways[component]], dtype=np.int64)
-        self._master = np.array([m for component in mine for m in ways[component]], dtype=np.int64)
-        self._weight = np.array([w for component in mine for w in ways[component].values()], dtype=float)
-        held = np.array(sorted(prescribed), dtype=np.int64)
-        self._free = ~np.isin(self._master, held)
-        needed, node = np.unique(self._master // d, return_inverse=True)
-        self._entry, self._count = node * d + self._master % d, len(needed) * d
-        self._exchange = space.exchange(needed)
+        entries = [(k, other, weight) for k, component in enumerate(mine)
+                   for other, weight in ways[component].items() if other not in self._given]  # fmt: skip
+        row, column, weight = (np.array([one[k] for one in entries], dtype=kind)
+                               for k, kind in enumerate((np.int64, np.int64, float)))  # fmt: skip
+        free = ~np.isin(column, np.array(sorted(prescribed), dtype=np.int64))
+        self._set(np.array(mine, dtype=np.int64) - first, row, column, weight, free)
         self.count = len(ways)
 
     def _check_given(self, bound, where):
@@ -272,45 +257,9 @@ class Equations:
         set_ = own[flags[space.owned_local].ravel()[own]] + space.start * d
         return set().union(*space.comm.allgather(set(set_.tolist())))
 
-    def ways(self):
-        """Rows, columns and values of what follows on this rank: rows of owned components, columns global."""
-        return self._at[self._row[self._free]], self._master[self._free], self._weight[self._free]
-
-    def followers(self):
-        """Owned components (n,) that follow."""
-        return self._at
-
-    def _followed(self, u):
-        vector = self._space.vector()
-        vector.setArray(u.ravel())
-        values = self._exchange.gather(vector).ravel()[self._entry]
-        vector.destroy()
-        return np.bincount(self._row, self._weight * values, minlength=len(self._at))
-
-    def bring(self, u, fresh):
-        """Equations do not say where nodes are that are there from now on."""
-        return False
-
-    def enter(self, u, time):
-        """Let components follow in a displacement (n_owned, d), at a time. *Collective.*"""
-        self.follow(u)
-        for number, shift in self._shifts.items():
-            u.reshape(-1)[self._at] += self._given[number](time) * shift
-
-    def follow(self, y):
-        """Let components follow in a step (n_owned, d). *Collective.*"""
-        y.reshape(-1)[self._at] = self._followed(y)
-
-    def _passed(self, forces):
-        """What forces (n_owned, d) on those that follow are on the others. *Collective.*"""
-        values = np.bincount(self._entry, self._weight * forces.reshape(-1)[self._at][self._row], self._count)
-        return self._space.summed(self._exchange, values.reshape(-1, self._space.dim))
-
-    def lead(self, f):
-        """Take forces (n_owned, d) on components that follow to the others. *Collective.*"""
-        passed = self._passed(f)
-        f.reshape(-1)[self._at] = 0.0
-        f += passed
+    def given(self, u, time):
+        """What is given of components that follow, at a time."""
+        return sum((self._given[number](time) * shift for number, shift in self._shifts.items()), 0.0)
 
     def hold(self, modes):
         """What rigid motions (n_modes, n_local, d) of bodies violate equations between nodes of one body, on rank 0.
@@ -349,5 +298,5 @@ class Equations:
         space, d = self._space, self._space.dim
         own = np.bincount(self._at % d, unbalanced.reshape(-1)[self._at], minlength=d)
         back = self._weight * unbalanced.reshape(-1)[self._at][self._row]
-        own = own - np.bincount(self._master[self._free] % d, back[self._free], minlength=d)
+        own = own - np.bincount(self._column[self._free] % d, back[self._free], minlength=d)
         return {"force": space.comm.allreduce(own, op=MPI.SUM).tolist()}

@@ -2,15 +2,14 @@
 
 The nodes of a rigid group have u = U + w x (X - point), small turns: all their components are linear in the m
 components of the motion (U, w) that are not prescribed. As many components of the nodes themselves, far apart, are
-*leading*; the others follow, u = W u_leading + what is prescribed. Newton's method solves for all components but those
-that follow: its matrix is P^T K P and its residual P^T f, P the identity with the rows W of the followers. A
-displacement that is rigid on the group does the same work on P^T f as on f.
+*leading*; the others follow, u = W u_leading + what is prescribed (:mod:`pcontact.space.constraints`).
 """
 
 import numpy as np
 
 from pcontact.runtime.parallel import agree
 from pcontact.runtime.petsc import MPI
+from pcontact.space.constraints import Constraint
 from pcontact.space.moments import moments
 
 # [-] Size of a group across the line through its farthest nodes, over that along it, below which it is a line. From:
@@ -70,7 +69,7 @@ def moved(space, point, motion, rows, forces):
     return result
 
 
-class RigidGroup:
+class RigidGroup(Constraint):
     """A group that moves as a rigid body.
 
     Parameters
@@ -92,8 +91,6 @@ class RigidGroup:
         Those that are owned, as rows of owned nodes.
     leading : ndarray (m,)
         Global numbers of the leading components, the same on all ranks.
-    following : ndarray (k, d, m)
-        What each component at the owned nodes is in the leading ones.
 
     Raises
     ------
@@ -109,8 +106,7 @@ class RigidGroup:
         self._space, self._amplitude, d = space, amplitude, space.dim
         self.name, self.nodes = coupling.name or coupling.region, space.region(coupling.region)
         agree(space.comm, self._conflict(coupling, fixed, where))
-        numbers = space.nodes[self.nodes]
-        own = (numbers >= space.start) & (numbers < space.start + space.n_owned)
+        numbers, own = space.nodes[self.nodes], space.owns(self.nodes)
         self.rows, points = numbers[own] - space.start, space.points[self.nodes[own]]
         sums = space.comm.allreduce(np.concatenate([points.sum(axis=0), [len(points)]]))
         centre = sums[:d] / sums[d]
@@ -135,10 +131,9 @@ class RigidGroup:
         self.leading = np.array([ends[0][k // d] * d + k % d for k in chosen], dtype=np.int64)
         # free motions of the leading components
         self._of_leading = np.linalg.inv(at[chosen].reshape(len(chosen), len(chosen)))
-        self.following = self._motions[:, :, self.free] @ self._of_leading
-        # which component of which owned node leads, by number of the leading component
-        mine = (self.leading >= space.start * d) & (self.leading < (space.start + space.n_owned) * d)
-        self._mine, self._at = np.flatnonzero(mine), self.leading[mine] - space.start * d
+        following = (self._motions[:, :, self.free] @ self._of_leading).ravel()
+        at, m = (self.rows[:, None] * d + np.arange(d)).ravel(), len(chosen)
+        self._set(at, np.repeat(np.arange(len(at)), m), np.tile(self.leading, len(at)), following)
 
     def _conflict(self, coupling, fixed, where):
         """What is wrong with the group on this rank, or None."""
@@ -175,16 +170,6 @@ class RigidGroup:
                               "allowed: a group with extent")  # fmt: skip
         return np.array([number for number, _ in ends]), np.array([place for _, place in ends])
 
-    def ways(self):
-        """Rows, columns and values of what follows on this rank: rows of owned components, columns global."""
-        at, m = self.followers(), len(self.leading)
-        return np.repeat(at, m), np.tile(self.leading, len(at)), self.following.ravel()
-
-    def followers(self):
-        """Owned components (n,) that follow, those that lead among them."""
-        d = self._space.dim
-        return (self.rows[:, None] * d + np.arange(d)).ravel()
-
     # -- displacements ----------------------------------------------------------------------------------------------
 
     def _amounts(self, u):
@@ -199,8 +184,6 @@ class RigidGroup:
         u[self.rows] = self._motions @ np.where(self.free, amounts, wanted)
 
     def bring(self, u, fresh):
-        """Let nodes that are there from now on, flags (n_owned,), go along with the others in a displacement
-        (n_owned, d). Whether others say where to. *Collective.*"""
         new = fresh[self.rows]
         old, comm = self._motions[~new], self._space.comm
         gram = comm.allreduce(np.einsum("kdi,kdj->ij", old, old))
@@ -209,12 +192,6 @@ class RigidGroup:
         amounts = np.linalg.solve(gram, comm.allreduce(np.einsum("kdi,kd->i", old, u[self.rows[~new]])))
         u[self.rows[new]] = self._motions[new] @ amounts
         return True
-
-    def follow(self, y):
-        """Let the followers go along with the leading components in a step (n_owned, d). *Collective.*"""
-        leading = np.zeros(len(self.leading))
-        leading[self._mine] = y.reshape(-1)[self._at]
-        y[self.rows] = self.following @ self._space.comm.allreduce(leading, op=MPI.SUM)
 
     def motion(self, u):
         """Displacement (d,) of the point [length], and rotation [radian]: a number in the plane. *Collective.*"""
@@ -239,14 +216,6 @@ class RigidGroup:
         """The same between the leading components (m, m)."""
         way = self._of_leading
         return way.T @ (masses[self.free, None] * way)
-
-    # -- forces -----------------------------------------------------------------------------------------------------
-
-    def lead(self, f):
-        """Take forces (n_owned, d) on the group to its leading components. *Collective.*"""
-        sums = self._space.comm.allreduce(np.einsum("kdm,kd->m", self.following, f[self.rows]), op=MPI.SUM)
-        f[self.rows] = 0.0
-        f.reshape(-1)[self._at] = sums[self._mine]
 
     def hold(self, modes):
         """What rigid motions (n_modes, n_local, d) of the bodies do that is prescribed, on rank 0, see

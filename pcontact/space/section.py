@@ -10,6 +10,7 @@ import numpy as np
 from pcontact.mesh.section import OTHER, plane
 from pcontact.runtime.parallel import agree
 from pcontact.runtime.petsc import MPI
+from pcontact.space.constraints import Constraint, gathered
 
 # [-] Part of a normal along a prescribed direction that counts as none. From: far above rounding errors.
 ACROSS = 1e-6
@@ -17,8 +18,8 @@ ACROSS = 1e-6
 NEAR = 1e-6
 
 
-class PretensionSection:
-    """The two sides of a section; in the place of a :class:`pcontact.space.rigid.RigidGroup`.
+class PretensionSection(Constraint):
+    """The two sides of a section.
 
     Parameters
     ----------
@@ -55,9 +56,9 @@ class PretensionSection:
         self.name = pretension.name or pretension.region
         self.free = pretension.force is not None and not pretension.locked
         self._locked, self._shortening = pretension.locked, pretension.shortening or 0.0
-        sides = [self._side(name, fixed) for name in (pretension.region, OTHER.format(pretension.region))]
-        self.nodes = np.unique(np.concatenate([space.region(pretension.region),
-                                               space.region(OTHER.format(pretension.region))]))  # fmt: skip
+        names = pretension.region, OTHER.format(pretension.region)
+        self.nodes = np.unique(np.concatenate([space.region(name) for name in names]))
+        sides = [gathered(space, name, fixed) for name in names]
         (lower, below, held), (upper, above, holds) = sides
         _, self.normal, _ = plane(below)
         # pairs: nodes of one side in the order of those of the other, along a direction in which no two coincide
@@ -67,12 +68,14 @@ class PretensionSection:
         agree(space.comm, self._conflict((below, above), (held, holds), where))
         self.count, d = len(upper), space.dim
         mine = (upper >= space.start) & (upper < space.start + space.n_owned)
-        self._rows, self._twins, self._follows = upper[mine] - space.start, lower[mine], ~holds[mine]
-        needed, self._column = np.unique(self._twins, return_inverse=True)
-        self._exchange = space.exchange(needed)
+        self._rows, follows = upper[mine] - space.start, ~holds[mine].ravel()
         # the pair and the direction that say how far the sides have parted
         self._axis = int(np.argmax(np.round(np.abs(self.normal), 6)))
         self._pair = int(upper[0]) * d + self._axis, int(lower[0]) * d + self._axis
+        self.leading = np.array(self._pair[:1] if self.free else (), dtype=np.int64)
+        at, twins = ((nodes[:, None] * d + np.arange(d)).ravel()[follows] for nodes in (self._rows, lower[mine]))
+        self._across = np.tile(self.normal, len(self._rows))[follows]
+        self._set(at, *self._entries(at + space.start * d, twins))
         self._below = lower[(lower >= space.start) & (lower < space.start + space.n_owned)] - space.start
         self.vector = self.drawing(pretension.force if self.free else 0.0)
 
@@ -95,15 +98,6 @@ class PretensionSection:
         """Nodal forces at factor 1 with their amplitude."""
         return self.vector, self._amplitude
 
-    def _side(self, name, fixed):
-        """Global numbers (n,), places (n, d) and prescribed components (n, d) of all nodes of a side. *Collective.*"""
-        space = self._space
-        nodes = space.region(name)
-        numbers = space.nodes[nodes]
-        own = (numbers >= space.start) & (numbers < space.start + space.n_owned)
-        parts = space.comm.allgather((numbers[own], space.points[nodes[own]], fixed[nodes[own]]))
-        return tuple(np.concatenate(one) for one in zip(*parts, strict=True))
-
     def _conflict(self, points, held, where):
         """What is wrong with the two sides, or None."""
         extent = float(np.ptp(points[0], axis=0).max())
@@ -114,33 +108,17 @@ class PretensionSection:
                     "prescribed, or that of one side; allowed: supports across the normal")  # fmt: skip
         return None
 
-    # -- entries for the matrix -----------------------------------------------------------------------------------
-
-    def ways(self):
-        """Rows, columns and values of what follows on this rank: rows of owned components, columns global."""
-        d = self._space.dim
-        row, column = (nodes[:, None] * d + np.arange(d) for nodes in (self._rows, self._twins))
-        follows = self._follows.ravel()
-        row, column = row.ravel()[follows], column.ravel()[follows]
+    def _entries(self, numbers, twins):
+        """Entries of W, see :meth:`pcontact.space.constraints.Constraint._set`: where a force draws, the component that
+        leads and its twin say how far the others are from theirs."""
+        row = np.arange(len(numbers))
         if not self.free:
-            return row, column, np.ones(len(row))
-        parts = np.tile(self.normal / self.normal[self._axis], len(self._rows))[follows]
-        leads = row + self._space.start * d == self._pair[0]
-        some = (parts != 0.0) & ~leads
-        rows = np.concatenate([row, row[some], row[some]])
-        columns = np.concatenate([np.where(leads, self._pair[0], column), np.full(some.sum(), self._pair[0]),
-                                  np.full(some.sum(), self._pair[1])])  # fmt: skip
-        return rows, columns, np.concatenate([np.ones(len(row)), parts[some], -parts[some]])
-
-    def followers(self):
-        """Owned components (n,) that follow, the one that leads among them."""
-        d = self._space.dim
-        return (self._rows[:, None] * d + np.arange(d))[self._follows]
-
-    @property
-    def leading(self):
-        """Global numbers of leading components of the upper side."""
-        return np.array(self._pair[:1] if self.free else (), dtype=np.int64)
+            return row, twins, np.ones(len(row))
+        leads, parts = numbers == self._pair[0], self._across / self.normal[self._axis]
+        some = np.flatnonzero((parts != 0.0) & ~leads)
+        columns = [np.where(leads, numbers, twins), *(np.full(len(some), number) for number in self._pair)]
+        return (np.concatenate([row, some, some]), np.concatenate(columns),
+                np.concatenate([np.ones(len(row)), parts[some], -parts[some]]))  # fmt: skip
 
     # -- displacements ----------------------------------------------------------------------------------------------
 
@@ -155,48 +133,12 @@ class PretensionSection:
         apart = self._owned(u, self._pair[0]) - self._owned(u, self._pair[1])
         return -apart / self.normal[self._axis]
 
-    def _move(self, u, shortening):
-        """Let the upper side be where the lower one and a shortening have it. *Collective.*"""
-        vector = self._space.vector()
-        vector.setArray(u.ravel())
-        below = self._exchange.gather(vector)[self._column]
-        u[self._rows] = np.where(self._follows, below - shortening * self.normal, u[self._rows])
-
-    def bring(self, u, fresh):
-        """A section does not say where nodes are that are there from now on."""
-        return False
-
-    def enter(self, u, time):
-        """Let the sides be as far from each other as a displacement (n_owned, d) and what is prescribed have it.
-        *Collective.*"""
-        keeps = self.free or self._locked
-        self._move(u, self._shortened(u) if keeps else self._amplitude.factor(time) * self._shortening)
-
-    def follow(self, y):
-        """Let one side go along with the other in a step (n_owned, d). *Collective.*"""
-        self._move(y, self._shortened(y) if self.free else 0.0)
-
-    # -- forces -----------------------------------------------------------------------------------------------------
-
-    def lead(self, f):
-        """Take forces (n_owned, d) on the upper side to the lower one, and to what leads. *Collective.*"""
-        space, own = self._space, np.where(self._follows, f[self._rows], 0.0)
-        total = space.comm.allreduce(float((own @ self.normal).sum()), op=MPI.SUM)
-        values = np.zeros((self._column.max(initial=-1) + 1, space.dim))
-        values[self._column] = own
-        vector = space.vector()
-        self._exchange.add(values, vector)
-        f[self._rows] -= own
-        f += vector.getArray(readonly=True).reshape(f.shape)
+    def given(self, u, time):
+        """What is given of the components of the upper side, in a displacement (n_owned, d). *Collective.*"""
         if self.free:
-            first, flat = space.start * space.dim, f.reshape(-1)
-            for number, sign in zip(self._pair, (1.0, -1.0), strict=True):
-                if first <= number < first + f.size:
-                    flat[number - first] += sign * total / self.normal[self._axis]
-
-    def hold(self, modes):
-        """A section holds no body to the ground."""
-        return np.zeros((self._space.mesh.n_components, len(modes), len(modes)))
+            return 0.0
+        kept = self._shortened(u) if self._locked else self._amplitude.factor(time) * self._shortening
+        return -kept * self._across
 
     def record(self, u, forces, time):
         """Tension and shortening, for the report. *Collective.*

@@ -80,7 +80,7 @@ class Space:
         self.numbering = Numbering(mesh.comm, len(self.mesh_nodes), *self._owners())
         self.nodes = self.numbering.numbers
         self.n_owned, self.start = self.numbering.n_owned, self.numbering.start
-        owned = (self.nodes >= self.start) & (self.nodes < self.start + self.n_owned)
+        owned = self.owns(slice(None))
         self.owned_local = np.flatnonzero(owned)[np.argsort(self.nodes[owned])]
         self._template, self.kept = self.vector(), Kept()
         self.local = self.exchange(self.nodes)
@@ -198,6 +198,10 @@ class Space:
         values = np.zeros((self.n_local, self.dim))
         values[local_nodes, 0] = 1.0
         return self.together(values)[:, 0] > 0.5
+
+    def owns(self, nodes):
+        """Flags (n,) of local nodes that this rank owns."""
+        return (self.nodes[nodes] >= self.start) & (self.nodes[nodes] < self.start + self.n_owned)
 
     def region(self, name):
         """Local space nodes of a region of facets, edges, vertices or cells, sorted. *Collective.*"""
