@@ -297,7 +297,7 @@ def bulk_item(scene, space, laws):
 
 
 def _stabilisation(space, laws, free):
-    """Diagonal (n_owned,) that stabilises the bodies that the supports leave free. *Collective.*"""
+    """Diagonal (n_owned,) that stabilises components, free as far as supports go. *Collective.*"""
     if not free:
         return np.zeros(space.n_owned)
     _, scale = component_frames(space)
@@ -544,6 +544,12 @@ def _sections(scene, space, fixed, couplings):
         sections.append(PretensionSection(space, one, factor, fixed, (scene.where, where)))
         _join(space, sections[-1].nodes)
     return sections
+
+
+def _drawn(space, sections):
+    """Components whose two sides of a section a force draws together, and nothing but contact holds. *Collective.*"""
+    own = {int(c) for section in sections if section.free for c in space.component[section.nodes]}
+    return set().union(*space.comm.allgather(own))
 
 
 def _equations(scene, space, supports, groups, averages, lower):
@@ -844,7 +850,11 @@ def _assemble(scene, space, span, more):
     release = None if span is None else Release(space, span.begin, span.end, begun)
     items += [] if release is None else [release]
     viscous = None if eta is None else ViscousStabilisation(space, eta, bulk)
-    problem = Problem(space, items, supports, forces, _stabilisation(space, laws, free), contacts, viscous)
+    stabilised = set(free)
+    if not held and any(item.changes for item in items):
+        # one linear solve has to be exact
+        stabilised |= _drawn(space, sections)
+    problem = Problem(space, items, supports, forces, _stabilisation(space, laws, stabilised), contacts, viscous)
     problem.timed, problem.total, problem.springs, problem.release = timed, total, springs, release
     problem.averages, problem.inertia = averages, inertia
     problem.sections, problem.equations, problem.lower = sections, equations, _lower(scene, space, lower)

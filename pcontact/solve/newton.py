@@ -120,8 +120,8 @@ class Newton:
         problem.stabilised = "stabilisation" not in self._without
         # whether a run begins with a prediction; what looks for partners at iterates, while there is such a thing
         self._predicting, self._search = False, None
-        # whether the matrix holds a tangent of the last load step
-        self._linearised, self.norms, self.lasting = False, [], False
+        # where the load step has begun, and whether the matrix holds a tangent of the last one
+        self._start, self._linearised, self.norms, self.lasting = None, False, [], False
 
     def _take_options(self):
         """Set up SNES as the options say. *Collective.*"""
@@ -196,8 +196,8 @@ class Newton:
                 refresh_smoother(snes.getKSP(), matrix, preconditioner)
 
     def _limit(self, x, y):
-        """Prescribed components stay where they are, whatever an inexact linear solve says."""
-        self.problem.follow(y)
+        """Prescribed components stay where they are, whatever an inexact linear solve says, and followers follow."""
+        self.problem.follow(y, x, self._start)
         with self._timed():
             self._globalisation.limit(x, y, self._f)
 
@@ -233,6 +233,7 @@ class Newton:
                 self._reuse.forget()
         free_garbage(self.problem.space.comm)
         before, self._search, self.norms, self._linearised = u.copy(), follow, [], False
+        self._start = before
         self._converges.begin_step(before)
         try:
             result = self._run(u, True)

@@ -219,12 +219,27 @@ class Problem:
         """Components (n_owned, d) that follow others and are none of the linear system's; None without any."""
         return self.matrix.follows if self.groups else None
 
-    def follow(self, y):
-        """Prescribed components stay where they are in a step ``y``; what follows others does so. *Collective.*"""
+    def follow(self, y, x=None, start=None):
+        """Prescribed components stay where they are in a step ``y``; what follows others does so. *Collective.*
+
+        Parameters
+        ----------
+        y : PETSc.Vec
+        x, start : PETSc.Vec, optional
+            Displacements: from ``x`` the step ``-y`` goes on, in ``start`` components followed, and so they do after
+            the step. No residual tells of the rounding errors that larger iterates have left in those that follow.
+        """
         array = y.getArray().reshape(self.fixed.shape)
         array[self.fixed] = 0.0
-        for group in self.groups:
-            group.follow(array)
+        follows = self.followers
+        if follows is not None:
+            before = 0.0
+            if x is not None:
+                before = (x.getArray(readonly=True) - start.getArray(readonly=True)).reshape(array.shape)
+            after = before - array
+            for group in self.groups:
+                group.follow(after)
+            array[follows] = (before - after)[follows]
         y.assemble()
 
     def external(self, time):

@@ -16,6 +16,7 @@ from pcontact.scene.model import (
     Load,
     Material,
     MeshSpec,
+    Obstacle,
     Output,
     Phase,
     Pretension,
@@ -113,6 +114,28 @@ def test_tension_while_a_load_ends(mesh, up):
     np.testing.assert_allclose(tensions[::2], 0.5 * (ends[1:] + ends[:-1]), rtol=1e-8)
     assert abs(ends[2] - ends[1]) > 0.01 * ends[1] and max(step["imbalance"] for step in steps) < 1e-9
     assert ends[[1, 3]] == pytest.approx(5.0, rel=1e-9)
+
+
+@parallel(1, 2)
+def test_a_half_that_contact_alone_holds(mesh):
+    """A force drives the upper half of a bolt off the lower one, over a gap, against a rock: it bears that force, and
+    the halves are as far apart all along the section."""
+    force, gap = 5.0, 0.3
+    case = joint(mesh, Pretension("cut", force=-force))
+    case.couplings = []
+    case.contacts = [Contact("bolt_top", obstacle=Obstacle("plane", [0.0, LENGTH + gap], [0.0, -1.0]), name="rock",
+                             friction=0.3)]  # fmt: skip
+    simulation = Simulation(case, WORLD)
+    solved, problem = simulation.run(keep=True), simulation.problem
+    here, there = simulation.stepper.u, simulation.stepper.u.copy()
+    problem.enter(there, problem.time)
+    here.axpy(-1.0, there)
+    apart = here.norm(3)
+    simulation.close()
+    step = simulation.records.data()["steps"][-1]
+    assert solved and apart < 1e-12 * gap, "what follows has been left behind"
+    assert step["contacts"]["rock"]["force"][1] == pytest.approx(force, rel=1e-9)
+    assert -step["pretensions"]["cut"]["shortening"] == pytest.approx(gap + force / E * LENGTH, rel=1e-6)
 
 
 def loaded():

@@ -77,7 +77,7 @@ class FewUnknowns:
     def closed_area(self):
         return 1.0
 
-    def follow(self, y):
+    def follow(self, y, x=None, start=None):
         """Nothing is prescribed, and nothing follows."""
 
     def step_limit(self, u, y, falls=None):
