@@ -3,7 +3,10 @@
 import time as clock
 from dataclasses import replace
 
+import numpy as np
+
 from pcontact.runtime import log, profile
+from pcontact.runtime.petsc import MPI
 from pcontact.solve.result import combined
 from pcontact.stepping.uzawa import uzawa
 
@@ -45,8 +48,9 @@ class PartnerUpdate:
     Attributes
     ----------
     carried : float
-        Whether the last load step took other partners than it began with (1), so that those of the next one are found
-        near its solution already, or not (0). A restarted run goes on with it.
+        Whether the last load step took other partners than it began with, so that those of the next one are found near
+        its solution already, or not (0); where it did, how many times as much as expected that has changed the forces,
+        at least 1. A restarted run goes on with it.
     """
 
     def __init__(self, problem, newton, most, tolerance, items, settle=None):
@@ -55,6 +59,8 @@ class PartnerUpdate:
         # committed displacement and end of the load step
         self._step, self._searches, self.carried = None, 0, 0.0
         self._follows = any(item.follows for item in items)
+        # how many times as much the last change of partners has changed forces as was expected, at least 1
+        self._gain = 1.0
 
     def __call__(self, u, before, time):
         """Solve a load step. *Collective.*
@@ -75,12 +81,13 @@ class PartnerUpdate:
         """
         left, self._step, self._searches = [WITHIN], (before, time), 0
 
-        near, self.carried = NEAR_SOLUTION if self._follows or self.carried else 0.0, 0.0
+        near = NEAR_SOLUTION if self._follows or self.carried else 0.0
+        self._gain, self.carried = max(self.carried, 1.0), 0.0
 
         def follow(x, part):
             if not left[0] or not (part < near or any([item.strays(x) for item in self.items])):
                 return False
-            changed = self._renewed(x, self._follows and left[0] <= WITHIN - FIRM)
+            changed = self._renewed(x, self._follows and left[0] <= WITHIN - FIRM, self.tolerance / self._gain)
             left[0] -= changed
             return changed
 
@@ -96,27 +103,54 @@ class PartnerUpdate:
         return self._settled(u, self.newton.again(u))
 
     def _settled(self, u, result):
-        """Go on from a solution until partners hardly change it. *Collective.*"""
+        """Go on from a solution until partners hardly change it. *Collective.*
+
+        What partners change is expected from the gaps; what they have changed tells how much that is worth.
+        """
         for searches in range(self.most + 1):
-            if not result.converged or not self._renewed(u, searches >= FIRM):
+            # points that alternate, in scenes that make much of it, are left in the end with what the report says
+            part = self.tolerance if searches == self.most else self.tolerance / self._gain
+            before = self._answers(u) if result.converged else None
+            if before is None or not self._renewed(u, searches >= FIRM, part):
                 break
             if searches == self.most:
                 reason = f"points of contact still find other partners after {self.most} searches"
                 result = replace(result, converged=False, reason=reason)
                 break
+            expected = np.array([item.stale for item in self.items])
             result = self._with_multipliers(u, combined(result, self.newton.again(u, near=True)))
-        change = max(item.stale for item in self.items)
+            self._compare(before, self._answers(u), expected)
+        change = self._gain * max(item.stale for item in self.items)
+        self.carried = self._gain if self.carried else 0.0
         return replace(result, partners={"change": change, "searches": self._searches})
 
-    def _renewed(self, u, firm=False):
-        """Whether an item has changed its partners, see :meth:`pcontact.assembly.item.Item.renew`. *Collective.*"""
+    def _answers(self, u):
+        """Of each item, resultant of the contact forces and sum of their magnitudes (d + 1,) [force]. *Collective.*"""
+        own = []
+        for item in self.items:
+            forces = item.forces(u)[0] * item.source.jxw[:, None]
+            own.append([*forces.sum(axis=0), np.linalg.norm(forces, axis=1).sum()])
+        return self.problem.space.comm.allreduce(np.array(own), op=MPI.SUM)
+
+    def _compare(self, before, after, expected):
+        """Take the gain from answers (n, d + 1) before and after partners have changed, and from the parts (n,) that
+        were expected to change."""
+        change, size = after - before, np.maximum(before[:, -1], after[:, -1])
+        change = np.maximum(np.linalg.norm(change[:, :-1], axis=1), np.abs(change[:, -1]))
+        some = (expected > self.tolerance) & (size > 0.0)
+        if some.any():
+            self._gain = max(1.0, float(np.max(change[some] / (size * expected)[some])))
+
+    def _renewed(self, u, firm, part):
+        """Whether an item has changed its partners, with those that it has wrong by more than a part, see
+        :meth:`pcontact.assembly.item.Item.renew`. *Collective.*"""
         start = clock.perf_counter()
         with profile.phase("search"):
-            changed = [item.renew(u, *self._step, firm, self.tolerance) for item in self.items]
+            changed = [item.renew(u, *self._step, firm, part) for item in self.items]
         self._searches += 1
         self.newton.timing["search"] += clock.perf_counter() - start
         if any(changed):
-            self.carried = 1.0
+            self.carried = self._gain
         return any(changed)
 
 

@@ -53,7 +53,8 @@ def path(shared_tmp):
 @pytest.mark.parametrize("part", [2e-3, 1e-5])
 def test_a_load_step_ends_with_partners_that_hardly_change_it(path, part):
     rows = ironed(path, 5, contact_partner_rtol=part)
-    assert all(row["partners"]["change"] <= part and row["partners"]["searches"] >= 1 for row in rows)
+    # points that change hardly keep their normals, even where what they turn counts for more than was expected
+    assert all(row["partners"]["change"] <= 1.5 * part and row["partners"]["searches"] >= 1 for row in rows)
     assert max(row["partners"]["searches"] for row in rows) > 1
 
 
@@ -122,11 +123,15 @@ def test_newton_has_the_derivative_of_what_is_frozen(path):
 
 
 class Flipping:
-    """Newton's method and an item that finds other partners a number of times."""
+    """Newton's method and an item that finds other partners a number of times, and has other forces each time."""
 
-    def __init__(self, times):
-        self.left, self.runs, self.timing = times, 0, {"search": 0.0}
-        self.follows, self.verifies, self.stale = False, True, 0.5
+    def __init__(self, times, change=0.0):
+        self.left, self.runs, self.timing, self.tolerances = times, 0, {"search": 0.0}, []
+        self.follows, self.verifies, self.stale, self.change = False, True, 0.5, change
+        self.source = SimpleNamespace(jxw=np.array([0.5]))
+
+    def forces(self, u):
+        return np.array([[0.0, 2.0 * (1.0 - self.change) ** self.runs]]), np.array([1])
 
     def solve(self, u, follow):
         return NewtonResult(True, 4, 4, "", 0.0, 1.0)
@@ -137,13 +142,15 @@ class Flipping:
 
     def renew(self, u, before, time, firm, tolerance):
         self.left -= 1
+        self.tolerances.append(tolerance)
         self.stale = 0.5 if self.left >= 0 else 0.5 * tolerance
         return self.left >= 0
 
 
-def flipped(times, most):
-    both = Flipping(times)
-    update = PartnerUpdate(SimpleNamespace(others=[both]), both, most, 1e-3, [both])
+def flipped(times, most, change=0.0):
+    both = Flipping(times, change)
+    problem = SimpleNamespace(others=[both], space=SimpleNamespace(comm=MPI.COMM_SELF))
+    update = PartnerUpdate(problem, both, most, 1e-3, [both])
     return both, update, update(None, None, 1.0)
 
 
@@ -152,6 +159,17 @@ def test_what_settles_is_accepted():
     assert newton.runs == 2 and outcome.newton == 14 and outcome.converged
     assert outcome.partners == {"change": 5e-4, "searches": 3}
     assert update.carried == 1.0
+
+
+def test_what_partners_have_changed_says_what_a_change_is_worth():
+    """A part of 0.5 was expected to change, and 0.9 has: from then on parts count for 1.8 times as much."""
+    item, update, outcome = flipped(2, 6, change=0.9)
+    assert item.tolerances == pytest.approx([1e-3, 1e-3 / 1.8, 1e-3 / 1.8])
+    assert outcome.partners["change"] == pytest.approx(0.5 * 1e-3) and update.carried == pytest.approx(1.8)
+    update(None, None, 2.0)
+    assert item.tolerances[-1] == pytest.approx(1e-3 / 1.8)
+    # a search that changes nothing leaves no trace
+    assert update.carried == 0.0
 
 
 def test_what_does_not_settle_has_not_converged():
