@@ -12,6 +12,7 @@ CANDIDATES = 64  # cells that are tried per point: boxes of tetrahedra overlap
 SLACK = 0.05  # by which the boxes of the cells are larger than these: points of a coarser, straighter boundary
 ITERATIONS = 12
 CLOSE = 1e-9
+NEAREST = 10**7  # distances of middles that are taken at once
 
 
 @njit
@@ -99,6 +100,15 @@ class _Cells:
             cell[rows], xi[rows], best[rows] = column[rows], at[better], off[better]
         return cell, xi, best
 
+    def nearest(self, x):
+        """The cell whose middle is nearest to each point (n, d), coordinates in it, and the distance of its middle."""
+        middles = self.x.mean(axis=1)
+        cell = np.concatenate([
+            np.argmin(((some[:, None] - middles) ** 2).sum(axis=2), axis=1)
+            for some in np.array_split(x, len(x) * len(middles) // NEAREST + 1)
+        ])  # fmt: skip
+        return cell, self._inverse(cell, x), np.linalg.norm(middles[cell] - x, axis=1)
+
     def values(self, cell, xi):
         """Displacement (n, d) and its gradient (n, d, d)."""
         u, corners = self.u[cell], self.x[cell]
@@ -147,8 +157,8 @@ class Overkill:
             self._known[key] = self.at(x, body)
         return self._known[key]
 
-    def at(self, x, body):
-        """The same, and nothing is kept."""
+    def at(self, x, body, near=False):
+        """The same, and nothing is kept. `near`: points outside of all cells are taken into the nearest one."""
         u, slope = np.zeros_like(x), np.zeros((*x.shape, x.shape[1]))
         best = np.full(len(x), np.inf)
         for cells in self._bodies[body]:
@@ -156,6 +166,13 @@ class Overkill:
             better = off < best
             u[better], slope[better] = cells.values(cell[better], xi[better])
             best[better] = off[better]
+        lost = np.flatnonzero(~np.isfinite(best)) if near else []
+        for cells in self._bodies[body] if len(lost) else ():
+            cell, xi, far = cells.nearest(x[lost])
+            better = far < best[lost]
+            rows = lost[better]
+            u[rows], slope[rows] = cells.values(cell[better], xi[better])
+            best[rows] = far[better]
         if not np.all(np.isfinite(best)):
             raise RuntimeError(f"{np.sum(~np.isfinite(best))} points are outside of the overkill mesh")
         return u, slope
