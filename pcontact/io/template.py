@@ -39,8 +39,7 @@ material = "steel"
 
 [[contacts]]
 name = "foot"
-source = "upper_bottom"            # named groups of facets; contact integrals are taken here: the finer or softer side
-target = "lower_top"               # the points of the source are projected here
+surfaces = ["lower_top", "upper_bottom"]    # named groups of facets that may touch
 friction = 0.2                     # Coulomb's coefficient; leave it out for contact without friction
 
 [[displacements]]

@@ -70,12 +70,15 @@ class SmallTerms:
 
     # -- a load step ----------------------------------------------------------------------------------------------
 
-    def weigh(self, found, nodal):
-        """Partners (`pcontact.contact.search.partners.Partners`) on the nodes of their cells, where those have a part
-        in the traction: weights, gamma and alpha are those of the two sides at displacements (n_local, d).
-        *Collective.*
+    def face(self, found, nodal, x, origin):
+        """See :meth:`pcontact.contact.traction.small.Traction.face`. *Collective.*"""
+        return self.traction.face(found, nodal, x, origin)
+
+    def weigh(self, found):
+        """Partners (`pcontact.contact.search.partners.Partners`) on all nodes that have a part in the traction; gamma and
+        alpha are those of the two sides. *Collective.*
         """
-        found, weighted = self.traction.weigh(found, nodal, self._directions)
+        found, weighted = self.traction.weigh(found, self._directions), self.traction.weighted
         if weighted is not None:
             self.method.take_trace(weighted.trace)
             if weighted.shear is not None:

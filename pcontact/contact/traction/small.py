@@ -478,8 +478,9 @@ class _Begun:
     def _evaluated(self, traction):
         source = traction.source
         result, at = np.zeros_like(source.x), self._block[source.facet]
-        local = LocalCells(SourcePoints(source.facet, source.cells, source.shape, source.jxw, source.normal, source.grad,
-                                    source.volumetric, source.mu), source.cells)  # fmt: skip
+        points = SourcePoints(source.facet, source.cells, source.shape, source.jxw, source.normal, source.grad,
+                              source.volumetric, source.mu)  # fmt: skip
+        local = LocalCells(points, source.cells)
         for number, origin in self._bulk.origins.items():
             wanted = at == number
             if wanted.any():
@@ -556,10 +557,14 @@ class Traction:
         """Nodes (n,), global numbers, whose displacement this rank needs besides those of its points."""
         return np.zeros(0, dtype=np.int64)
 
-    def weigh(self, found, nodal, m):
-        """Partners on the nodes that have a part in a traction in m directions, and the `Weighted` of both sides; that
-        of the source alone has neither. *Collective.*"""
-        return found, None
+    def face(self, found, nodal, x, origin):
+        """Partners as both sides of the points have them, which a search has found at displacements (n_local, d) for
+        places (np, d) relative to an origin; of the source alone as they are. *Collective.*"""
+        return found
+
+    def weigh(self, found, m):
+        """Partners on all nodes that have a part in a traction in m directions. *Collective.*"""
+        return found
 
     @property
     def is_linear(self):
