@@ -75,8 +75,8 @@ class SmallTerms:
         return self.traction.face(found, nodal, x, origin)
 
     def weigh(self, found):
-        """Partners (`pcontact.contact.search.partners.Partners`) on all nodes that have a part in the traction; gamma and
-        alpha are those of the two sides. *Collective.*
+        """Partners (`pcontact.contact.search.partners.Partners`) on all nodes with a part in the traction; gamma, alpha
+        are those of the two sides. *Collective.*
         """
         found, weighted = self.traction.weigh(found, self._directions), self.traction.weighted
         if weighted is not None:
