@@ -19,7 +19,7 @@ from pcontact.contact.surface.facet_maps import KIND
 from pcontact.contact.surface.obstacle import RigidObstacle
 from pcontact.contact.surface.rigid_surface import RigidSurface
 from pcontact.contact.surface.sides import components_of, diameters, extents, source_surface, target_surface
-from pcontact.contact.surface.smooth_geometry import Chords, smooth_surface
+from pcontact.contact.surface.smooth_geometry import Chords, has_corner, smooth_surface
 from pcontact.contact.traction.target import is_two_sided
 from pcontact.contact.unbiased import contacts_of_halves, halved, is_unbiased
 from pcontact.mesh.mesh import size_of
@@ -186,7 +186,7 @@ def _muted(scene, space, supports, contact, source):
 def _halves(scene, space, bulk, contact, supports, radius, floats, smooth):
     """The pairs of a contact both surfaces of which are source and target, or of self contact. *Collective.*"""
     halves = []
-    for one in contacts_of_halves(contact):
+    for one in contacts_of_halves(contact, is_two_sided(space, bulk, contact)):
         source = _points(space, bulk, one)
         _require_area(scene, space, one, source)
         target = target_surface(space, one.target, rim=one.source != one.target)
@@ -235,10 +235,12 @@ def _tied_radius(space, source, target):
 
 
 def oriented(scene, space, bulk):
-    """The contacts of a scene, those that say two surfaces with one of them as the source. *Collective.*
+    """The contacts of a scene, those that say two surfaces with one of them as the source, or with both. *Collective.*
 
-    Where the traction is that of both sides, or none, that is the finer one, whose points see all facets of the other;
-    where the traction is that of the source alone, and one side is much softer, the softer one.
+    A convex corner of the target sinks into the facets of the source, unseen between its points: a surface with corners
+    is the source, and where both have some contact is unbiased. Else, where the traction is that of both sides, or
+    none, it is the finer one, whose points see all facets of the other; where the traction is that of the source alone,
+    and one side is much softer, the softer one.
     """
     contacts = []
     for contact in scene.contacts:
@@ -250,11 +252,19 @@ def oriented(scene, space, bulk):
         sides = [source_surface(space, name, bulk.constants, 1, bulk.orthotropic) for name in names]
         sizes, stiff = ([_typical(space, getattr(side, key)) for side in sides] for key in ("size", "trace"))
         alone = (contact.formulation or "nitsche") == "nitsche" and not is_two_sided(space, bulk, contact)
-        if alone and contact.pressure_overclosure is None and max(stiff) > STIFFER * min(stiff):
+        corners = [not contact.tied and has_corner(space, name) for name in names]
+        if all(corners) and contact.pressure_overclosure is None:
+            log.info("contact %s: unbiased, both surfaces have corners, which points of the other one do not see",
+                     contact.name)  # fmt: skip
+            contacts.append(replace(contact, source=names[0], target=names[1], unbiased=True))
+            continue
+        if any(corners):
+            first, why = corners[1], "has corners, which points of the other one do not see"
+        elif alone and contact.pressure_overclosure is None and max(stiff) > STIFFER * min(stiff):
             first, why = stiff[1] < stiff[0], "is softer, modulus over depth of a cell, and its stress alone counts"
         else:
             first, why = sizes[1] < (1.0 - EVEN) * sizes[0], "has the smaller facets, or facets of the same size"
-        source, target = names[first], names[not first]
+        source, target = names[int(first)], names[1 - int(first)]
         log.info("contact %s: %s is the source: it %s", contact.name, source, why)
         contacts.append(replace(contact, source=source, target=target))
     return contacts
@@ -330,14 +340,15 @@ def _joined(pair):
     return np.unique(np.concatenate(pair.space.comm.allgather(numbers)), axis=0)
 
 
-def _check_numbers(scene, number, contact):
-    """Refuse what makes the answer of a pair doubtful whatever the mesh, unless the scene allows it."""
+def _check_numbers(scene, space, bulk, number, contact):
+    """Refuse what makes the answer of a pair doubtful whatever the mesh, unless the scene allows it. *Collective.*"""
     where = f"contacts[{number}] ({contact.name})"
     if contact.law is not None and contact.law not in ADDED:
         allowed = " | ".join(map(repr, ADDED)) or "none: this program has added no law (pcontact.contact.law.add_law)"
         raise input_error(scene.where, f"{where}.law", repr(contact.law), allowed)
-    # each half of an unbiased pair bears half the traction, and half the default gamma0 is enough
-    bound = coercive(float(contact.theta)) * (0.5 if is_unbiased(contact) else 1.0)
+    # each half of an unbiased pair bears half the traction of its side, and half the default gamma0 is enough
+    half = is_unbiased(contact) and not is_two_sided(space, bulk, contact)
+    bound = coercive(float(contact.theta)) * (0.5 if half else 1.0)
     if contact.formulation == "nitsche" and parameter(contact) < bound:
         unsafe(
             scene, "gamma0", f"{where}.gamma0",
@@ -505,7 +516,7 @@ def contact_reports(scene, space, supports, free, bulk, tied):
     if any(contact.all for contact in scene.contacts):
         space.mesh.facet_groups[OUTER] = outer_surfaces(space)
     for number, contact in enumerate(scene.contacts):
-        _check_numbers(scene, number, contact)
+        _check_numbers(scene, space, bulk, number, contact)
         _check_geometry(scene, space, bulk, number, contact)
         if contact.tied:
             reports.append(ContactReport(contact, [tied[number]]))

@@ -517,7 +517,8 @@ class Contact:
     )  # fmt: skip
     gamma0: float | None = key(
         POSITIVE, "dimensionless parameter of the formulation; larger: stiffer contact", default=None,
-        otherwise="2, 1, 1 for theta 1, 0, -1 (unbiased: half); penalty 3, augmented Lagrangian 1",
+        otherwise="2, 1, 1 for theta 1, 0, -1 (half where `unbiased` has the traction of each source alone); "
+        "penalty 3, augmented Lagrangian 1",
         option="contact_gamma0", resolved=True,
     )  # fmt: skip
     alpha: float | None = key(

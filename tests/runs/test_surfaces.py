@@ -1,13 +1,16 @@
 """Contacts that say two surfaces: which one is the source, whatever the order, and what is refused."""
 
 import json
+from dataclasses import replace
 from functools import partial
 
+import gmsh
 import numpy as np
 import pytest
 
 import pcontact as pc
 from meshes.blocks import two_blocks
+from meshes.tools import finish, gmsh_model, group
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.observer import Observer
 from pcontact.runtime.parallel import on_root
@@ -108,3 +111,46 @@ value = [0, 0]
     result = pc.run(pc.read(tmp_path / "scene.toml"))
     assert result.report["steps"][-1]["contacts"]["lower_top-upper_bottom"]["source"] == "upper_bottom"
     assert result.report["steps"][-1]["contacts"]["lower_top-upper_bottom"]["force"][1] < 0.0
+
+
+def roofs(path, lower, tip=0.25):
+    """A body of height 2 below y = 0, its top flat or with a ridge, and a square above that stands on a corner."""
+    with gmsh_model("roofs"):
+        occ, line = gmsh.model.occ, []
+        ridge = [(4.0, 0.0)] if lower == "ridge" else []
+        below = [(0.0, -2.0), (8.0, -2.0), (8.0, -1.5 if ridge else 0.0), *ridge, (0.0, -1.5 if ridge else 0.0)]
+        for corners in (below, [(4.0, 0.0), (5.0, 1.0), (4.0, 2.0), (3.0, 1.0)]):
+            points = [occ.addPoint(*xy, 0.0) for xy in corners]
+            line.append([occ.addLine(a, b) for a, b in zip(points, points[1:] + points[:1], strict=True)])
+        bodies = [occ.addPlaneSurface([occ.addCurveLoop(lines)]) for lines in line]
+        occ.synchronize()
+        for name, body in zip(("lower", "upper"), bodies, strict=True):
+            group(2, name, [body])
+        group(1, "lower_bottom", line[0][:1])
+        group(1, "lower_top", line[0][2:-1])
+        group(1, "upper_bottom", [line[1][0], line[1][3]])
+        group(1, "upper_top", line[1][1:3])
+        for name, lines in (("lower", line[0]), ("upper", line[1])):
+            for one in lines:
+                length = gmsh.model.occ.getMass(1, one)
+                gmsh.model.mesh.setTransfiniteCurve(one, round(length / (0.2 if name == "lower" else tip)) + 1)
+        return finish(path, 2, 1)
+
+
+@pytest.mark.parallel
+@pytest.mark.parametrize("lower", ["flat", "ridge"])
+def test_corners_are_on_the_source(shared_tmp, lower):
+    """A square that stands on its corner, of coarser facets; on a ridge the contact is unbiased."""
+    path = shared_tmp / "r.msh"
+    on_root(WORLD, partial(roofs, path, lower))
+    case = scene(path, NAMES)
+    case.contacts[0].friction = None
+    name, found = run(case)
+    other = run(replace(case, contacts=[Contact(*NAMES, unbiased=True)]))[1]
+    assert name == "upper_bottom-lower_top"
+    if lower == "flat":
+        assert found["source"] == "upper_bottom"
+        assert found["force"][1] == pytest.approx(other["force"][1], rel=0.02)
+    else:
+        assert abs(found["force"][1]) == pytest.approx(abs(other["force"][1]), rel=1e-6)
+    assert found.get("target_penetration", 0.0) <= 2.0 * found["max_penetration"]

@@ -30,7 +30,15 @@ import numpy as np
 from pcontact.contact.law import OPEN
 from pcontact.contact.surface.rim import neighbours
 from pcontact.contact.surface.sides import FACETS
-from pcontact.contact.surface.vertex_normals import FLAT, Facets, corner_normals, curved_normals, facet_normals
+from pcontact.contact.surface.vertex_normals import (
+    EDGE,
+    FLAT,
+    Facets,
+    corner_normals,
+    curved_normals,
+    facet_normals,
+    sharpest,
+)
 from pcontact.element.reference import CELLS, facet_nodes, n_nodes, reference_nodes
 from pcontact.element.shape import shape
 from pcontact.runtime.petsc import MPI
@@ -266,6 +274,22 @@ def _is_plane(comm, normals):
     return not np.any(-high - low > 0.5 * FLAT)
 
 
+def _facets_of(space, name):
+    """Facets of this rank of a group, curved ones with their normals, and the middles of these. *Collective.*"""
+    own = _own_facets(space, name)
+    if not space.mesh.curved:
+        return own, None
+    middles = _middles(space, name)
+    own = own._replace(own=own_normals(own.x, own.count, middles))
+    return own._replace(mid=mid_normals(own.x, own.count, middles)) if space.dim == 3 else own, middles
+
+
+def has_corner(space, name):
+    """Whether a surface has convex edges, in the plane vertices, of more than `EDGE`. *Collective.*"""
+    every = _with_neighbours(space, _facets_of(space, name)[0])
+    return space.comm.allreduce(sharpest(every) > EDGE, op=MPI.LOR)
+
+
 def smooth_surface(space, name, fitted):
     """The smooth surface that the facets of a group stand for. *Collective.*
 
@@ -284,11 +308,7 @@ def smooth_surface(space, name, fitted):
     """
     if space.mesh.curved and not fitted:
         return None
-    own, middles = _own_facets(space, name), None
-    if space.mesh.curved:
-        middles = _middles(space, name)
-        own = own._replace(own=own_normals(own.x, own.count, middles))
-        own = own._replace(mid=mid_normals(own.x, own.count, middles)) if space.dim == 3 else own
+    own, middles = _facets_of(space, name)
     if _is_plane(space.comm, facet_normals(own)):
         return None
     every = _with_neighbours(space, own)

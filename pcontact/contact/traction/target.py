@@ -37,7 +37,6 @@ from pcontact.contact.points import Excess
 from pcontact.contact.search.table import EDGE
 from pcontact.contact.surface.sides import at_places, source_surface
 from pcontact.contact.traction.small import LocalCells, Traction
-from pcontact.contact.unbiased import is_unbiased
 from pcontact.element.reference import CELLS, facet_nodes
 from pcontact.element.shape import shape as shape_at
 from pcontact.element.shape import shape_gradient
@@ -506,12 +505,10 @@ def area_vectors(slope, nodal, cells, normal):
 def is_two_sided(space, bulk, contact):
     """Whether the traction of a contact by Nitsche's method is the weighted one of both sides. *Collective.*
 
-    It is, unless the contact says otherwise, for two surfaces of bodies with small strain; where points of both
-    surfaces look for partners, each side has its own. The second derivative of the stress, which the consistent adjoint
-    of cells that yield has, is that of the source alone.
+    It is, unless the contact says otherwise, for two surfaces of bodies with small strain. The second derivative of the
+    stress, which the consistent adjoint of cells that yield has, is that of the source alone.
     """
-    sided = contact.target is not None and contact.target != contact.source and not is_unbiased(contact)
-    if not sided or contact.all or contact.traction == "source":
+    if contact.target in (None, contact.source) or contact.all or contact.traction == "source":
         return False
     groups = [space.mesh.facet_groups.get(name, []) for name in (contact.source, contact.target)]
     numbers = {facets.block for group in groups for facets in group if len(facets.cells)}

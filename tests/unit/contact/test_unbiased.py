@@ -32,7 +32,7 @@ ROUNDOFF = 1e-9
 
 def both(contact, make):
     """An unbiased contact from halves that `make` makes of a contact."""
-    halves = [make(one) for one in contacts_of_halves(contact)]
+    halves = [make(one) for one in contacts_of_halves(contact, False)]
     for half in halves:
         half.source = half.terms.source = half.terms.traction.source = halved(half.source)
     return Together(contact, halves)
@@ -71,10 +71,11 @@ def test_patch(shared_tmp, cell, lower, upper, order, theta):
 
 
 @pytest.mark.parametrize("theta", THETAS)
-def test_patch_between_bodies_of_unlike_stiffness(tmp_path, theta):
-    """Each side has the gamma of its own cells."""
+@pytest.mark.parametrize("traction", ["both", "source"])
+def test_patch_between_bodies_of_unlike_stiffness(tmp_path, traction, theta):
+    """Both sides have one gamma where the traction is that of both, else that of their own cells."""
     path = make_mesh(two_blocks, tmp_path / "b.msh", 2, 3, 4, "quadrilateral")
-    case = scene(path, 2, theta=theta, unbiased=True)
+    case = scene(path, 2, theta=theta, unbiased=True, traction=traction)
     soft = case.materials["elastic"]
     case.materials["soft"] = type(soft)(E=1e-2 * soft.E, nu=0.0)
     case.bodies[0].material = "soft"
@@ -82,7 +83,8 @@ def test_patch_between_bodies_of_unlike_stiffness(tmp_path, theta):
         assert converged
         (item,) = simulation.problem.contacts
         upper, lower = (pair.gamma for pair in item.pairs)
-        np.testing.assert_allclose(upper.mean() / lower.mean(), 100.0 * 4.0 / 3.0, rtol=1e-12)
+        ratio = 1.0 if traction == "both" else 100.0 * 4.0 / 3.0
+        np.testing.assert_allclose(upper.mean() / lower.mean(), ratio, rtol=1e-12)
         pressure = item.state(simulation.stepper.u)["pressure"]
     # two springs one behind the other
     np.testing.assert_allclose(pressure, 0.1 / (1.0 / 2e6 + 1.0 / 2e4), rtol=1e-9)
@@ -214,11 +216,13 @@ def test_halves_weigh_half(stacked):
 
 
 def test_default_gamma0_is_half_as_large():
+    """Where each half has the traction of its source alone."""
     for theta in THETAS:
-        forth, back = contacts_of_halves(Contact("a", "b", unbiased=True, theta=theta))
+        forth, back = contacts_of_halves(Contact("a", "b", unbiased=True, theta=theta), False)
         assert forth.gamma0 == back.gamma0 == 0.5 * GAMMA0[theta]
         assert (forth.source, back.source, forth.name, back.name) == ("a", "b", "a-b", "a-b")
-    assert contacts_of_halves(Contact("a", "b", unbiased=True, theta=0.0, gamma0=3.0))[1].gamma0 == 3.0
+        assert contacts_of_halves(Contact("a", "b", unbiased=True, theta=theta), True)[0].gamma0 is None
+    assert contacts_of_halves(Contact("a", "b", unbiased=True, theta=0.0, gamma0=3.0), False)[1].gamma0 == 3.0
 
 
 # -- curved surfaces, several ranks, restart ----------

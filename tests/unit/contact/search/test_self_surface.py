@@ -187,7 +187,7 @@ def test_tangent(tmp_path, theta, friction):
     mesh.component_names = ["strip"]
     space = Space(mesh, 1)
     contact = Contact("skin", "skin", theta=theta, search="closest_point", gamma0=1.0, friction=friction, alpha=0.7)
-    (one,) = contacts_of_halves(contact)
+    (one,) = contacts_of_halves(contact, False)
     source = source_surface(space, "skin", [CONSTANTS])
     target = self_surface(space, target_surface(space, "skin"), source)
     item = Together(contact, [contact_pair(space, one, halved(source), target, 1.0)])
