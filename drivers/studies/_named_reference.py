@@ -20,9 +20,9 @@ import numpy as np
 
 from drivers._common import log
 from pcontact.adapt.loop import Loop
+from pcontact.adapt.secondary import solved
 from pcontact.adapt.seen import State, left_after
 from pcontact.adapt.settings import FACETS, FALLING
-from pcontact.adapt.variants import solved
 from pcontact.adapt.watch import Watch
 from pcontact.assembly.error_norms import Displacements, energy_density
 from pcontact.element.geometry import gradients

@@ -20,7 +20,8 @@ from drivers.studies._round_bodies import LARGE, MIDDLE, SMALL, round_scene, she
 from meshes import rings as ring_mesh
 from meshes.shells import shells
 from pcontact import build
-from pcontact.adapt import roughness, variants
+from pcontact.adapt import roughness
+from pcontact.adapt.secondary import solved
 from pcontact.adapt.watch import Watch
 from pcontact.assembly.error_norms import bulk_error
 from pcontact.estimate import pressures
@@ -93,8 +94,8 @@ def measure(title, scene, exact, pressure, halvings):
     first.close()
     name = first.scene.contacts[0].name
     own, size = errors_of(first.problem, first.stepper.u, exact, pressure)
-    smooth = variants.smooth_facets(scene)
-    with variants.solved(smooth, first.comm, first.options.said, first.mesh) as (run, _):
+    smooth = roughness.smooth_facets(scene)
+    with solved(smooth, first.comm, first.options.said, first.mesh) as (run, _):
         change = first.stepper.u.copy()
         change.axpy(-1.0, run.stepper.u)
         change = np.array([first.error_estimate.norm(change), change_of_pressure(first, run, name)])

@@ -34,7 +34,7 @@ from drivers.studies._named_reference import BUDGET, Reference, made
 from drivers.studies._named_scenes import HELD_BACK, SCENES
 from drivers.studies._overkill import Overkill
 from pcontact.adapt.loop import REACHED, Loop
-from pcontact.adapt.variants import Last
+from pcontact.adapt.secondary import Last
 from pcontact.assembly.error_norms import bulk_error
 from pcontact.runtime.errors import InputError, StepFailure
 from pcontact.runtime.petsc import MPI

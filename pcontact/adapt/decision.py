@@ -8,7 +8,7 @@ from pcontact.adapt.budget import Budgeted
 from pcontact.adapt.cells import MEASURED, of_parts, parts_of
 from pcontact.adapt.forecast import Aims, forecast
 from pcontact.adapt.passes import cost_of, said_of
-from pcontact.adapt.settings import AIM, FACETS, MORE_STEPS, NOTICED, SHARE, STEPS_SHARE
+from pcontact.adapt.settings import AIM, FACETS, MORE_STEPS, NOTICED, SHARE, THIRD
 from pcontact.adapt.sizes import degrees
 from pcontact.runtime import log
 
@@ -30,21 +30,14 @@ NO_SQUARE = -0.48
 # [-] Error that is aimed at over the parts that no mesh takes away, where these are more than the target. From: chosen;
 # a mesh with half of that error takes several times the cells and brings it down by a quarter.
 REACH = 2.0
-# [-] Power of the error with which meshes have brought it down, in that of smooth solutions: of the second mesh, before
-# it is known (Hertz's cylinder and ball, receding contact: 0.81 to 0.85), and at least.
-FIRST_TRUST, LEAST_TRUST = 0.83, 0.4
-# [-] Error of a mesh over the one expected, where bodies yield, that is counted with at most. From: chosen.
-MOST_MISSED = 1.5
+# [-] Power of the error with which meshes have brought it down, in that of smooth solutions, from which on the rate is
+# taken to be known; the same of the second mesh, before there is one. From: Hertz's cylinder and ball, receding
+# contact: 0.81 to 0.85; where it is less there are singular points, and one more mesh tells them.
+TRUST = 0.8
 # [-] Error of the energy norm that says nothing but that the mesh is too coarse to tell one: no displacement at all has
 # it; and growth of the cells, and of the load steps, then, at most. From: a ball pressed into metal, of whose first
 # mesh three facets touch it.
 NOTHING, LOOK = 1.0, 2.0
-# [-] The same of the mesh whose cells become smaller toward edges in space at once: cells around them follow for
-# nothing. From: the cube at 20, 10 and 5 %, 1.34, 1.16 and 0.96; with 1 it takes a quarter to two fifths more unknowns
-# at 20 and 10 %.
-TOWARD_EDGES = 1.15
-# [-] The same, below which the rate is not known yet. From: a cube pressed on a block, drivers/studies/named_error.py.
-STEADY = 0.7
 
 
 class Decision:
@@ -112,8 +105,7 @@ class Decision:
         if self._most < GROWN:
             return self.spent(), None
         self._asked = most = self._budget.of_cells(self._most)
-        # cells that are cut toward singular edges tell how far they are to be cut, mesh by mesh
-        known = known and (self._refining.whole or self._trust(done) >= STEADY)
+        known = known and (self._refining.whole or self._trust(done) > TRUST or self._refining.corners.explain)
         whole = self._refining.whole
         step = self._step(space, watch, seen, done, most, known)
         divides = whole and self._divides(simulation, watch, done, step)
@@ -128,7 +120,7 @@ class Decision:
         # a mesh of fewer cells may be the better one: where these are finer than needed they become larger
         if step.cuts.part >= 1.0:
             return self.spent(), None
-        self._settings.balance(done, self.aim, step.cuts.growth, LOOK if self.tells_nothing(done) else MORE_STEPS)
+        self._settings.balance(done, self.aim, LOOK if self.tells_nothing(done) else MORE_STEPS)
         done.next = self.expected(done, step)
         return None, (plan, step)
 
@@ -159,7 +151,7 @@ class Decision:
             return choice.once(space.mesh)
         return choice.divides(simulation.scene, space, done, watch.squares, growth > 1.0)
 
-    def _wanted_divided(self, done, trust=FIRST_TRUST, aim=AIM):
+    def _wanted_divided(self, done, trust=TRUST, aim=AIM):
         """As :meth:`wanted`, of the error that simplices with the same nodes have."""
         return self.wanted(done, trust, MEASURED[done.known.dim, done.degree][0], aim)
 
@@ -223,13 +215,13 @@ class Decision:
         stays = sum(done.parts.get(name, 0.0) for name in self._settings.staying)
         # solved roughly: what is left of it depends on how many ranks there are
         stays += min(done.parts["algebraic"], share) if done.parts["algebraic"] > NOTICED * goal else 0.0
-        stays += min(done.parts.get("load_steps", 0.0), STEPS_SHARE * goal)
+        # what is more than a third is refined
+        stays += min(done.parts.get("load_steps", 0.0) + done.parts.get("settings", 0.0), THIRD * goal)
         falls, loads = sum(done.parts.get(name, 0.0) for name in self._settings.falling), done.parts.get("loads", 0.0)
         falls -= loads if loads <= NOTICED * self._target.error else 0.0
         falls += (more**done.power - 1.0) * done.parts["mesh"]
         part = min(aim * max(goal - stays, share) / falls, 1.0)
-        missed = 1.0 if trust else self._missed(done)
-        part = min(part ** (1.0 / (trust or self._trust(done))), part / missed if missed > 1.0 else 1.0)
+        part = part ** (1.0 / (trust or self._trust(done)))
         # errors of quantities are products of two errors of the energy norm
         return part ** (1.0 / done.power)
 
@@ -243,7 +235,7 @@ class Decision:
             return forecast(space.comm, passes, squares, aims, whole, degree=degree)
         parts = parts_of(space.mesh)
         own = of_parts(squares, parts, space.dim, degree)
-        aims = Aims(*(self._wanted_divided(done, *how) for how in ((FIRST_TRUST, AIM), (1.0, AIM), (1.0, 1.0))))
+        aims = Aims(*(self._wanted_divided(done, *how) for how in ((TRUST, AIM), (1.0, AIM), (1.0, 1.0))))
         return forecast(space.comm, passes, own, aims, degree=degree, count=parts)
 
     def _trust(self, done):
@@ -251,29 +243,14 @@ class Decision:
         unless that is known by now."""
         old, corners = self._passes[-2] if len(self._passes) > 1 else None, self._refining.corners
         if not self._goes_on(old, done):
-            return FIRST_TRUST
+            return TRUST
         # what estimates are taken for changes when meshes have been compared, and is no rate, either
         same = done.part / old.part
         expected, seen = old.next["mesh"] / old.parts["mesh"], same * done.parts["mesh"] / old.parts["mesh"]
-        # singular points explain why the error has fallen less than expected; where it has not, there is no doubt
-        if corners.explain and corners.edges is not None:
-            return TOWARD_EDGES
-        least = FIRST_TRUST if corners.explain else LEAST_TRUST
         if not 0.0 < expected < 1.0:
-            return least if corners.explain else 1.0
-        return float(np.clip(np.log(seen) / np.log(expected), least, 1.0))
-
-    def _missed(self, done):
-        """The error of a mesh over the one that was expected, where bodies yield.
-
-        What one cell lacks makes others flow there, and finer cells see more of it, however much the mesh was to bring:
-        of meshes that were to bring little, the power tells nothing. A ball pressed into metal, whose error was to
-        become 0.20, 0.89 and 0.62 times as large: it was 1.4, 1.2 and 1.3 times what was expected.
-        """
-        old = self._passes[-2] if len(self._passes) > 1 else None
-        if not self._settings.yields or not self._goes_on(old, done):
-            return 1.0
-        return float(np.clip(done.part / old.part * done.parts["mesh"] / old.next["mesh"], 1.0, MOST_MISSED))
+            return TRUST if corners.explain else 1.0
+        # singular points explain why the error has fallen less than expected; where it has not, there is no doubt
+        return float(np.clip(np.log(seen) / np.log(expected), TRUST, 1.0))
 
     def _goes_on(self, old, done):
         """Whether what was expected of a pass after the one before, or None, says how meshes bring the error down."""

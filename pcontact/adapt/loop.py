@@ -210,8 +210,6 @@ class Loop:
                 # trials are among the seconds of a pass
                 done.seconds = clock.perf_counter() - begun
                 status = self._look_ahead(simulation, watch, done, step)
-            if status is None and not self._settings.degree.is_open:
-                self._measure.with_steps(simulation, watch, done)
             if status is None:
                 mesh, known, status = self._onward(simulation, watch, done, step)
             done.seconds = clock.perf_counter() - begun

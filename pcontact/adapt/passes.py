@@ -12,6 +12,7 @@ NAMES = {
     "mesh": "the mesh", "load_steps": "the load steps", "frozen_partners": "partners that are frozen in a load step",
     "quadrature": "the quadrature of contact", "loads": "the quadrature of loads",
     "straight_facets": "straight facets of curved surfaces",
+    "settings": "load steps, searches, quadrature and facets together",
     "curved_facets": "curved facets of surfaces that curve otherwise", "algebraic": "Newton's and Krylov's methods",
 }  # fmt: skip
 
@@ -50,8 +51,6 @@ class Pass:
         expected; None of what is not known. ``divided``: the cells are divided into simplices.
     part : float
         Of the error that the estimate has been taken for: 1 but where bodies yield.
-    steps_grow : float
-        Power of the unknowns with which the error of load steps grows from mesh to mesh, as far as it is known.
     """
 
     unknowns: int
@@ -71,7 +70,6 @@ class Pass:
     trials: float = 0.0
     next: dict | None = None
     part: float = 1.0
-    steps_grow: float = 0.0
 
     @property
     def power(self):

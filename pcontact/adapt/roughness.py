@@ -13,25 +13,70 @@ in the energy norm, and of the pressure in L2
 with 1 / E* the sum of (1 - nu^2) / E of both bodies. The gap that counts is what its mean over the
 contact leaves: a mean is followed on the first mesh as well. Curved facets make two arcs of gap each, which no
 displacement of degree 2 follows on them, k = 4 pi / L with the diameter L of the facet; their slopes, which are largest
-where facets meet, make it 4.72 pi / L for the pressure. Straight ones make one, which a displacement of degree 2 does
+where facets meet, make it 4.72 pi / L for the pressure. Where the pressure that there is closes less of the gap than
+that, it is what counts. Straight ones make one, which a displacement of degree 2 does
 follow: there the change of the solution is 0.85 to 0.95 of what the gaps do on finer meshes.
 
 `drivers/studies/facets.py` compares it with what is left on ever finer meshes on the facets of the first one.
 """
 
+from dataclasses import replace
+
 import numpy as np
 
-from pcontact.adapt.linearised import own_reports, reports_of
-from pcontact.adapt.variants import smooth_facets
 from pcontact.contact.law import OPEN
 from pcontact.contact.surface.smooth_geometry import smooth_surface
 from pcontact.estimate.tractions import source_facets
+from pcontact.pairs import contact_reports
+from pcontact.runtime import log
 from pcontact.runtime.errors import TOLD
 from pcontact.runtime.petsc import MPI
 
 # [-] Wave numbers of the gaps of curved facets, times the diameters of these: of the energy, and of the pressure. From:
 # two arcs, and the root mean square slope of s^2 (1 - s^2), -1 < s < 1, over its root mean square.
 ENERGY, PRESSURE = 4.0 * np.pi, 14.832
+
+
+def smooth_facets(scene, _=None):
+    """The scene with the gaps of the smooth surfaces that facets stand for."""
+    contacts = [one if one.tied else replace(one, smooth_geometry=True) for one in scene.contacts]
+    return replace(scene, contacts=contacts)
+
+
+def bent(simulation):
+    """Whether the facets of a contact stand for a smooth surface that they are not. *Collective.*"""
+    names = {name for one in simulation.scene.contacts if not one.tied for name in (one.source, one.target)} - {None}
+    return any([smooth_surface(simulation.problem.space, name, True) is not None for name in sorted(names)])
+
+
+def reports_of(simulation, scene, watch):
+    """The contacts of a scene where the bodies of a run have ended, with the partners there. *Collective.*
+
+    Parameters
+    ----------
+    simulation : pcontact.simulation.Simulation
+        That has run.
+    scene : pcontact.scene.model.Scene
+        Its own, with other settings of the contacts.
+    watch : pcontact.adapt.watch.Watch
+        Of `simulation`.
+
+    Returns
+    -------
+    list of pcontact.contact.report.ContactReport
+    """
+    problem, u = simulation.problem, simulation.stepper.u
+    tied = {number: one.pairs[0] for number, one in enumerate(problem.contacts) if one.law.tied}
+    free = {number: range(modes) for number, modes in simulation.floating.items()}
+    with log.quiet():
+        reports, _ = contact_reports(scene, problem.space, problem.supports, free, problem.bulk, tied)
+        for pair in (pair for report in reports if not report.law.tied for pair in report.pairs):
+            # an initial overlap is that of the first search
+            begin = problem.undeformed(pair)
+            pair.detect(begin, watch.times[0])
+            pair.commit(begin, 0.0)
+            pair.detect(u, watch.time)
+    return reports
 
 
 def energy(simulation, watch):
@@ -46,8 +91,8 @@ def energy(simulation, watch):
         Of it.
     """
 
-    def density(wave, modulus):
-        return 0.5 * modulus * ENERGY * wave
+    def density(gap, wave, modulus, pressure):
+        return np.minimum(0.5 * modulus * ENERGY * wave * np.abs(gap), pressure) * np.abs(gap)
 
     return _norm(simulation, watch, simulation.problem.contacts, density)
 
@@ -64,14 +109,14 @@ def pressure(simulation, watch, name):
         Of the contact.
     """
 
-    def density(wave, modulus):
-        return (0.5 * modulus * PRESSURE * wave) ** 2
+    def density(gap, wave, modulus, pressure):
+        return np.minimum(0.5 * modulus * PRESSURE * wave * np.abs(gap), pressure) ** 2
 
     return _norm(simulation, watch, [one for one in simulation.problem.contacts if one.name == name], density)
 
 
 def _norm(simulation, watch, contacts, density):
-    """Root of the integral of squared gaps of some contacts over their surfaces, but for their means. *Collective.*
+    """Root of the integral of what gaps of some contacts count, but for their means. *Collective.*
 
     Parameters
     ----------
@@ -79,12 +124,12 @@ def _norm(simulation, watch, contacts, density):
         As of :func:`energy`.
     contacts : list of pcontact.contact.report.ContactReport
     density : callable
-        ``density(wave, modulus)``: what a squared gap of 1 counts, from the waves per facet [1/length] and E*, both
-        (np,).
+        ``density(gap, wave, modulus, pressure)``: what gaps count per area, from the waves per facet [1/length], E* and
+        the mean pressure of the facets, all (np,).
     """
     problem, u, square, names = simulation.problem, simulation.stepper.u, 0.0, {one.name for one in contacts}
     try:
-        plain = own_reports(simulation, watch)
+        plain = reports_of(simulation, simulation.scene, watch)
         smooth = reports_of(simulation, smooth_facets(simulation.scene), watch)
     except TOLD:
         return 0.0
@@ -99,11 +144,13 @@ def _norm(simulation, watch, contacts, density):
             gap = np.where(counts, states[0]["gap"] - states[1]["gap"], 0.0)
             weight = np.where(counts, states[0]["weight"], 0.0)
             sums += [weight.sum(), weight @ gap]
-            wave = _waves(problem, pair, states[0]["normal"], gap)
-            parts.append((weight * density(wave, _modulus(problem, pair)), gap))
+            wave, given = _waves(problem, pair, states[0]["normal"], gap), weight * states[0]["pressure"]
+            area = np.bincount(facet, weight, len(pair.source.size))
+            mean = np.bincount(facet, given, len(area)) / np.where(area > 0.0, area, 1.0)
+            parts.append((weight, gap, wave, _modulus(problem, pair), mean[facet]))
         area, first = problem.space.comm.allreduce(sums, op=MPI.SUM)
         mean = first / area if area > 0.0 else 0.0
-        square += sum(float(weight @ (gap - mean) ** 2) for weight, gap in parts)
+        square += sum(float(weight @ density(gap - mean, *rest)) for weight, gap, *rest in parts)
     return float(np.sqrt(problem.space.comm.allreduce(square, op=MPI.SUM)))
 
 

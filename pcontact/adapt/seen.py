@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pcontact import build
-from pcontact.adapt.variants import beyond, solved
+from pcontact.adapt.secondary import beyond, solved
 from pcontact.adapt.watch import at_nodes
 from pcontact.estimate.goal import value
 from pcontact.mesh.refinement.refine import Balance, refine
@@ -255,8 +255,8 @@ class Seen:
             return EXPECTED
         if old is None or old[1] != degree:
             pair = self._on_halved(simulation, lambda run, _, before: seen(run, before, own))
-        elif simulation.begin.end(watch.time) is not None:
-            pair = seen(simulation, simulation.begin.end(watch.time), old[0], steps)
+        elif simulation.begin.at(watch.time) is not None:
+            pair = seen(simulation, simulation.begin.at(watch.time), old[0], steps)
         if pair is not None and pair[0] is not None:
             self._parts = self._parts.with_pair(*pair)
         return self._parts.least
@@ -296,11 +296,6 @@ class Seen:
             left, likely = left_after(old, own), likely_after(old, own)
         self._before = own._replace(left=left)
         return left, likely
-
-    def with_steps(self, value):
-        """Take notice of the quantity with other load steps on the mesh of the last pass."""
-        if self.by_meshes:
-            self._before = self._before._replace(value=value)
 
     def _value(self, run, record):
         return value(run.problem, self._target, record, run.stepper.u)

@@ -9,15 +9,15 @@ from pcontact.runtime.petsc import MOST_UNKNOWNS
 from pcontact.scene.amplitude import corners
 from pcontact.scene.keys import options as key_options
 from pcontact.scene.model import MeshSpec
-from pcontact.stepping.schedule import filled, taken
+from pcontact.stepping.schedule import filled
 
-# [-] Part of the target that errors of one kind, other than the mesh's, may have. From: chosen.
+# [-] Part of the target that the mesh has at least, and tolerances at most. From: chosen.
 SHARE = 0.1
-# [-] The same of load steps, which cost as much as cells do: half of the time is best spent on either. From: the least
-# time for errors that fall as 1 / number of both, less a little for scenes that have friction only.
-STEPS_SHARE = 0.4
 # [-] Part of the target that next meshes and load steps are made for. From: what just misses it costs another pass.
 AIM = 0.85
+# [-] Part of the target that errors which are not of the mesh may have before each is tried alone, and refined. From:
+# chosen; the mesh, by far the dearest, has the rest.
+THIRD = 1.0 / 3.0
 # parts of the error that finer meshes take away, and those that are due to the shape of facets
 FALLING, FACETS = ("mesh", "quadrature", "loads", "frozen_partners"), ("straight_facets", "curved_facets")
 # [-] Tolerances of Newton's method: that of the first pass over the target, and the least one. From: the first is
@@ -56,9 +56,6 @@ FACTORISED = MOST_UNKNOWNS[2]
 ALONE = 30_000
 # [load steps] Times as many at once at most. From: chosen.
 MORE_STEPS = 4
-# [-] Power of their number that the error of load steps falls with. From: a ball pressed into metal, 10 to 160 load
-# steps: 0.8 to 1.1, drivers/studies/named_error.py; the theory of friction and flow has 1.
-STEPS_RATE = 0.85
 
 
 class Settings:
@@ -92,18 +89,6 @@ class Settings:
         self._rtol = float(np.clip(FIRST_RTOL * target.error, LEAST_RTOL, most))
         self.degree = Degree(options.get(key_options(MeshSpec)["order"], scene.mesh.order))
 
-    @property
-    def yields(self):
-        """Whether bodies yield."""
-        return self._scene.plastic
-
-    def halved(self, count):
-        """The most load steps that become no more than half of the number that `count` planned ones become between
-        corners of amplitudes; half of those that are planned where corners leave no fewer."""
-        stops, end = corners(self._scene), self._scene.steps.end
-        number, half = taken(end, count, stops).sum(), max(count // 2, 1)
-        return next((one for one in range(half, 0, -1) if 2 * taken(end, one, stops).sum() <= number), half)
-
     def scene(self):
         """The scene of the next pass."""
         scene = self._scene.copy()
@@ -132,7 +117,7 @@ class Settings:
         scene.steps.count, scene.mesh.order = done.steps, done.degree
         return scene
 
-    def balance(self, done, aim, growth=1.0, most=MORE_STEPS):
+    def balance(self, done, aim, most=MORE_STEPS):
         """Spend on load steps, searches and tolerances where a pass says that they are large beside what is wanted.
 
         Load steps end at the corners of amplitudes: as many are planned as there is room for between these.
@@ -142,17 +127,16 @@ class Settings:
         done : pcontact.adapt.passes.Pass
         aim : float
             The error that the next mesh is made for.
-        growth : float
-            Of its unknowns.
         most : float
             Times as many load steps as now.
         """
-        share, wanted = SHARE * aim, AIM * STEPS_SHARE * aim
-        self.searches = self.searches or done.parts.get("frozen_partners", 0.0) > share
-        steps = done.parts.get("load_steps", 0.0) * max(growth, 1.0) ** done.steps_grow
-        if steps > STEPS_SHARE * aim:
-            more = int(np.ceil(self.steps * min((steps / wanted) ** (1.0 / STEPS_RATE), most)))
-            self.steps = filled(self._scene.steps.end, more, corners(self._scene))
-        if done.parts["algebraic"] > 0.1 * min(done.parts["mesh"], aim):
-            wanted = 0.1 * aim / done.parts["algebraic"]
+        parts = {name: done.parts.get(name, 0.0) for name in ("load_steps", "frozen_partners", "quadrature")}
+        if sum(parts.values()) > THIRD * aim:
+            fair = THIRD * aim / len(parts)
+            self.searches = self.searches or parts["frozen_partners"] > fair
+            # errors fall with the number of load steps
+            steps = max(self.steps, int(np.ceil(self.steps * min(parts["load_steps"] / (AIM * fair), most))))
+            self.steps = filled(self._scene.steps.end, steps, corners(self._scene)) if steps > self.steps else steps
+        if done.parts["algebraic"] > SHARE * min(done.parts["mesh"], aim):
+            wanted = SHARE * aim / done.parts["algebraic"]
             self._rtol = max(self._rtol * min(wanted, 0.3), LEAST_RTOL)

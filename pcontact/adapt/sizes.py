@@ -13,6 +13,9 @@ AT_ONCE = 3
 # falls, and where the error cannot be had at once. From: whatever the target, the first meshes are the same then, and a
 # smaller target ends with no larger error; all passes together take a seventh more than the last one.
 LEAP = 8.0
+# [-] Growth of the cells from one pass to the next at least. From: chosen; a mesh that just misses its target costs
+# another pass, and these cells less than half of one.
+LEAST_GROWTH = 1.5
 # [-] Bisections of the scale until it is known: at most, the part of the cells that they need not tell, and the part of
 # their squares by which cells that are alike differ. From: neighbours of cells that are cut follow, by far more; a mesh
 # and its mirror image, whose squares differ by what the solver leaves.
@@ -98,7 +101,7 @@ def degrees(space, whole=False):
 def next_cuts(comm, errors, part, most=np.inf, known=False):
     """Cuts for the next mesh: as of :func:`cuts`, at most `LEAP` where the rate is not `known`. *Collective.*"""
     most = most if known else min(most, LEAP)
-    return halvings(errors, part, most) if errors.whole else cuts(comm, errors, part, most)
+    return halvings(errors, part, most) if errors.whole else cuts(comm, errors, part, most, LEAST_GROWTH)
 
 
 def halvings(errors, part, most=np.inf):
@@ -122,7 +125,7 @@ def halvings(errors, part, most=np.inf):
     return Cuts(more, 0.5 ** (errors.degree * number), 2.0 ** (errors.dim * number))
 
 
-def cuts(comm, errors, part, most=np.inf):
+def cuts(comm, errors, part, most=np.inf, least=0.0):
     """Cuts that leave a part of the error. *Collective.*
 
     A cell's part of the squared error falls with 2^(-2 p / d) per bisection, the cells double: the fewest have sizes in
@@ -137,8 +140,8 @@ def cuts(comm, errors, part, most=np.inf):
     errors : Contributions
     part : float
         Of the error, to be left.
-    most : float
-        Growth of the number of cells at most.
+    most, least : float
+        Growth of the number of cells at most, and at least where that allows it.
 
     Returns
     -------
@@ -178,7 +181,8 @@ def cuts(comm, errors, part, most=np.inf):
             break
         middle = np.sqrt(low * high)
         found = tried(middle)
-        if found.part < part or found.growth > most or (middle < cut_most and found.growth > LEAP):
+        enough = found.part < part and found.growth >= least
+        if enough or found.growth > most or (middle < cut_most and found.growth > LEAP):
             low, at_low = middle, found
         else:
             high, at_high = middle, found

@@ -26,8 +26,6 @@ class Known(NamedTuple):
         Displacements then [length].
     every : bool
         Whether these are all load steps.
-    last : ndarray (n_nodes, d) or None
-        The displacement at the end with the load steps of the next run, where these are others [length].
     alone : list of bool
         Whether a load step with friction had its solution after one iteration from the end of the one before: no
         contact changes in it but as that iteration says. Empty: no load step.
@@ -36,15 +34,11 @@ class Known(NamedTuple):
     times: list
     fields: list
     every: bool = True
-    last: np.ndarray | None = None
     alone: list = ()
 
     def moved(self, function):
         """The same on another mesh: ``function(fields)`` takes a list of fields there."""
-        if self.last is None:
-            return self._replace(fields=function(self.fields))
-        *fields, last = function([*self.fields, self.last])
-        return self._replace(fields=fields, last=last)
+        return self._replace(fields=function(self.fields))
 
 
 class Path(Observer):
@@ -61,14 +55,12 @@ class Path(Observer):
     fields : list of ndarray (n_nodes, d)
         Displacements then, at all nodes of the mesh of this rank [length]; where there is no room for all of them, of
         every other load step, or fewer, but always the last.
-    last : ndarray (n_nodes, d) or None
-        See :class:`Known`; None until it is set.
     alone : list of bool
         See :class:`Known`.
     """
 
     def __init__(self, simulation):
-        self._simulation, self.times, self.fields, self.last, self._every = simulation, [], [], None, True
+        self._simulation, self.times, self.fields, self._every = simulation, [], [], True
         self.alone = []
         # the same on every rank
         space = simulation.problem.space
@@ -77,7 +69,7 @@ class Path(Observer):
     @property
     def known(self):
         """What there is to know for another run."""
-        return Known(self.times, self.fields, self._every, self.last, self.alone)
+        return Known(self.times, self.fields, self._every, self.alone)
 
     def step(self, step, u, record):
         """Keep it. *Collective.*"""
@@ -107,15 +99,12 @@ class Watch(Path):
         Largest of the load steps [sqrt(energy)].
     record, time, unbalanced : dict, float, ndarray (n_owned, d)
         Of the last load step; forces that the solver has left unbalanced.
-    reports : list of pcontact.contact.report.ContactReport or None
-        The contacts of the run with the partners where it has ended, once they are known.
     """
 
     def __init__(self, simulation):
         super().__init__(simulation)
         self.squares, self.absolute, self.norm, self.algebraic = None, 0.0, 0.0, 0.0
         self.record, self.time, self.unbalanced, self.energies, self.pressure = None, 0.0, None, None, None
-        self.reports = None
 
     def step(self, step, u, record):
         """Take what the load step says. *Collective.*"""
@@ -162,7 +151,6 @@ class Beginning:
         self._simulation, self._times, self._every = simulation, np.array([0.0, *known.times]), known.every
         self._alone = np.array(known.alone, dtype=bool)
         self._fields = [np.zeros((len(rows), space.dim)), *(field[rows] for field in known.fields)]
-        self._last = None if known.last is None else known.last[rows]
 
     def __call__(self, time):
         """The displacement (n_owned, d) at the end of a load step; None where that of the last mesh is not known."""
@@ -182,11 +170,6 @@ class Beginning:
         first = int(np.searchsorted(self._times[1:], begin * (1.0 + SAME_TIME)))
         last = int(np.searchsorted(self._times[1:], end * (1.0 - SAME_TIME)))
         return last < len(self._alone) and bool(self._alone[first : last + 1].all())
-
-    def end(self, time):
-        """The displacement (n_owned, d) of the last mesh at the end of the run, with the load steps of this one; None
-        where it is not known."""
-        return self.at(time) if self._last is None else self._last
 
     def at(self, time):
         """The displacement of the last mesh; between ends of load steps the mean."""

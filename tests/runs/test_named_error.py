@@ -17,10 +17,8 @@ from meshes import geometries
 from meshes import rings as rings_mesh
 from meshes.blocks import two_blocks
 from meshes.punch import punch
-from pcontact.adapt.beside import Beside
 from pcontact.adapt.loop import FAILED, REACHED, SPENT, Loop
 from pcontact.adapt.measure import Measure
-from pcontact.adapt.variants import Last
 from pcontact.assembly.error_norms import bulk_error
 from pcontact.cli import check_scene, reach
 from pcontact.io.result import load_result
@@ -93,8 +91,8 @@ def test_straight_facets_stay_without_the_geometry(tmp_path):
     scene, _ = shrink_fit(tmp_path)
     scene.accuracy = Target(0.1)
     loop = Loop(scene)
-    assert loop.run().status == SPENT and len(loop.passes) == 1
-    assert loop.passes[0].parts["straight_facets"] > 0.5
+    assert loop.run().status == SPENT and [one.degree for one in loop.passes] == [1, 2]
+    assert loop.passes[1].parts["straight_facets"] > 0.5 and "straight_facets" not in loop.passes[0].parts
 
 
 def test_facets_come_onto_the_geometry(tmp_path):
@@ -106,7 +104,8 @@ def test_facets_come_onto_the_geometry(tmp_path):
     first, last = loop.passes[0], loop.passes[-1]
     assert outcome.status == REACHED and outcome.kept < last.error <= 0.1
     assert "straight_facets" not in first.parts and last.degree == 2
-    assert last.parts["curved_facets"] < 0.2 * max(one.parts["curved_facets"] for one in loop.passes)
+    facets = [one.parts.get("curved_facets", one.parts.get("settings")) for one in loop.passes]
+    assert facets[-1] < 0.2 * max(facets)
 
 
 def test_a_mesh_of_fewer_cells_is_no_budget_that_is_spent(tmp_path):
@@ -369,7 +368,7 @@ def test_a_smaller_target_ends_with_no_larger_error(shared_tmp, seed):
         assert status in (REACHED, SPENT) and all(one.unknowns <= budget.unknowns for one in loop.passes)
         assert (status == REACHED) == (best.error <= error) and best.steps >= 3
         named.append(best.error)
-    assert all(finer <= 1.05 * coarser for coarser, finer in zip(named[:-1], named[1:], strict=True)), named
+    assert all(finer <= 1.02 * coarser for coarser, finer in zip(named[:-1], named[1:], strict=True)), named
 
 
 def test_a_pass_that_cannot_be_run(tmp_path, monkeypatch, capsys):
@@ -414,58 +413,3 @@ def test_a_preconditioner_serves_several_load_steps(shared_tmp, monkeypatch):
     (each, alone), (once, force) = found(False), found(True)
     assert each == 4 and once == 1
     np.testing.assert_allclose(force, alone, rtol=1e-6)
-
-
-@pytest.mark.parallel
-def test_load_steps_where_bodies_yield_are_told_by_the_last_mesh(shared_tmp, monkeypatch):
-    """Where they are more than a small part of the target, and the only mesh that has told them is much coarser."""
-    scene, told, of_steps, tried = SCENES["hill"].scene(shared_tmp), [], Beside.with_steps, []
-
-    def with_steps(self, left, done, sign):
-        told.append((left, done.steps))
-        of_steps(self, left, done, sign)
-
-    def step(self, step, u, record):
-        tried.append(record["newton"])
-        self.record = record
-
-    def passes():
-        loop = Loop(replace(scene, accuracy=Target(0.05)))
-        assert loop.run().status == REACHED
-        return loop.passes
-
-    monkeypatch.setattr(Beside, "with_steps", with_steps)
-    monkeypatch.setattr(Last, "step", step)
-    first, last = passes()
-    assert not told and last.parts["load_steps"] == first.parts["load_steps"] > 0.0 == last.trials
-    monkeypatch.setattr("pcontact.adapt.measure.SHARE", 1e-3)
-    passes()
-    assert not told
-    monkeypatch.setattr("pcontact.adapt.measure.APART", 1.0)
-    _, again = passes()
-    ((left, steps),) = told
-    assert steps == again.steps and again.cells == last.cells and again.trials > 0.0
-    # half of the load steps begin where all of them have ended, and little is left to do: others take 6
-    assert tried[-1] <= 2
-    assert again.parts["load_steps"] == pytest.approx(left) != last.parts["load_steps"]
-    assert again.parts["mesh"] == pytest.approx(last.parts["mesh"])
-    assert again.error == pytest.approx(sum(again.parts.values()))
-
-
-@pytest.mark.parallel
-def test_a_mesh_with_much_error_of_load_steps_tells_it_before_the_next_one(shared_tmp, monkeypatch):
-    """How many load steps that has, if any, hangs on it."""
-    told, of_steps = [], Beside.with_steps
-
-    def with_steps(self, left, done, sign):
-        told.append(left)
-        of_steps(self, left, done, sign)
-
-    scene = replace(HELD_BACK["sheared"].scene(shared_tmp), accuracy=Target(0.05))
-    monkeypatch.setattr(Beside, "with_steps", with_steps)
-    assert Loop(scene).run().status == REACHED and not told
-    monkeypatch.setattr("pcontact.adapt.measure.STEPS_SHARE", 0.0)
-    loop = Loop(scene)
-    assert loop.run().status == REACHED and len(loop.passes) > 2
-    assert len(told) == len(loop.passes) - 2
-    assert [one.parts["load_steps"] for one in loop.passes[1:-1]] == pytest.approx(told)

@@ -2,9 +2,10 @@
 
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
-from pcontact.adapt.settings import AIM, STEPS_RATE, STEPS_SHARE, Settings
+from pcontact.adapt.settings import AIM, THIRD, Settings
 from pcontact.runtime.options import Options
 from pcontact.scene.model import Body, Contact, Load, Material, MeshSpec, Scene, Steps
 from pcontact.scene.target import Target
@@ -36,23 +37,22 @@ def test_the_tolerance_is_small_enough_for_the_same_meshes_on_all_ranks(error, o
     assert settings.scene().petsc["snes_rtol"] == tolerance
 
 
-def _planned(grow, growth, amplitude=None, most=4):
-    """Settings after a pass with ten load steps, which leave 0.05 where 0.1 is wanted in all."""
+def _planned(amplitude=None, most=4, **parts):
+    """Settings after a pass with ten load steps, where 0.1 is wanted in all."""
     loads = [Load("top", traction=[0.0, 1.0], amplitude=amplitude)]
     settings = Settings(Scene(MeshSpec("block.msh"), {}, [], loads=loads, steps=Steps(count=10)), Target(0.1),
                         Options("command line"))  # fmt: skip
-    done = SimpleNamespace(parts={"mesh": 0.1, "load_steps": 0.05, "algebraic": 0.0}, steps_grow=grow)
-    settings.balance(done, 0.1, growth, most)
+    settings.balance(SimpleNamespace(parts={"mesh": 0.1, "algebraic": 0.0, **parts}), 0.1, most)
     return settings
 
 
-def test_load_steps_are_planned_for_the_mesh_to_come():
-    """Their error grows with the unknowns; between corners of amplitudes there are as many as there is room for."""
-    wanted = AIM * STEPS_SHARE * 0.1
-    usual, grown = (10.0 * (part / wanted) ** (1.0 / STEPS_RATE) for part in (0.05, 0.05 * 4.0**0.5))
-    assert _planned(0.0, 4.0).steps == -(-usual // 1) and _planned(0.5, 4.0).steps == -(-grown // 1)
-    assert _planned(0.5, 4.0, most=2).steps == 20
+def test_what_has_more_than_a_third_of_the_target_is_refined():
+    """Load steps as many as leave its fair share, between corners of amplitudes as many as there is room for."""
+    fair = AIM * THIRD * 0.1 / 3.0
+    assert _planned(load_steps=0.03).steps == 10 and not _planned(frozen_partners=0.03).searches
+    assert _planned(load_steps=0.036).steps == np.ceil(10 * 0.036 / fair) and _planned(load_steps=1.0).steps == 40
+    assert _planned(load_steps=1.0, most=2).steps == 20
+    both = _planned(load_steps=0.005, frozen_partners=0.03)
+    assert both.steps == 10 and both.searches
     corners = [(k / 4.0, float(k)) for k in range(5)]
-    settings = _planned(0.0, 4.0, corners)
-    assert settings.steps == 16 + 4 * (usual > 16)
-    assert settings.halved(20) == 8 and settings.halved(4) == 2
+    assert _planned(corners, load_steps=0.036).steps == 40

@@ -8,7 +8,7 @@ import pytest
 
 from drivers._common import make_mesh
 from meshes import one_block
-from pcontact.adapt.variants import Last
+from pcontact.adapt.secondary import Last
 from pcontact.assembly.loads import load_vector
 from pcontact.estimate.loads import Given, missing
 from pcontact.runtime.parallel import on_root

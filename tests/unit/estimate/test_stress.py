@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from meshes.blocks import two_blocks
-from pcontact.adapt.variants import Last
+from pcontact.adapt.secondary import Last
 from pcontact.material import orthotropic
 from pcontact.material.elastic import lame
 from pcontact.runtime.petsc import MPI

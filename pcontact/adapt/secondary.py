@@ -1,0 +1,332 @@
+"""Errors that the mesh has no part in: what finer settings, all at once, change on the mesh of a pass.
+
+Load steps, searches within them, quadrature of contacts and, where the geometry is known, facets are refined together,
+beside the run without; the difference is the part of the error that is not of the mesh. Where it is more than a third
+of the target each setting is tried alone. It is measured again on a mesh with many more cells, or as long as it is
+large: nothing follows it from one mesh to another but the law that errors of load steps fall with their number.
+
+Facets of the first mesh, which finer ones keep, are a part of their own: it is measured once, on that mesh.
+"""
+
+import time as clock
+from contextlib import contextmanager
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from pcontact.adapt import roughness
+from pcontact.adapt.passes import said_of
+from pcontact.adapt.roughness import bent, smooth_facets
+from pcontact.adapt.settings import PARTNER_RTOL, THIRD
+from pcontact.adapt.watch import Beginning
+from pcontact.estimate import pressures
+from pcontact.estimate.goal import value
+from pcontact.runtime import log
+from pcontact.runtime.errors import TOLD
+from pcontact.runtime.observer import Observer
+from pcontact.simulation import Simulation
+
+# [-] Unknowns over those of the mesh that has told them, up to which they are taken to be the same. From: the cells of
+# the first meshes grow by as much, so that a mesh in the middle tells them for less than the last one would.
+COARSER = 8.0
+# [-] Degrees that the quadrature of contact is raised by, and part of the tolerance of searches. From: chosen; what
+# they leave is far below what they change.
+HIGHER, SEARCHED = 4, 0.01
+# [-] Load steps over those of the pass from which on a change tells their error. From: chosen.
+AGAIN = 1.5
+# [-] Power of their number that errors of load steps are named with: that without regularity in time, the least.
+# From: Han and Reddy, Plasticity, 12.2: 1/2, and 1 with it; 4 to 64 load steps of sheared blocks have 0.7.
+STEPS_RATE = 0.5
+ALL = "settings"
+
+
+@contextmanager
+def solved(scene, comm, said, mesh, known=None):
+    """A run in memory whose lines are not shown, and the record of its last load step; None where it does not converge.
+    It begins where the bodies are known to be, see :class:`pcontact.adapt.watch.Beginning`. *Collective.*
+    """
+    simulation = Simulation(scene, comm, said, mesh)
+    # estimates are those of all load steps
+    simulation.newton.lasting, simulation.every = True, scene.output.estimate
+    if known is not None:
+        simulation.begin = Beginning(simulation, known)
+    try:
+        with log.quiet():
+            last = Last()
+            converged = simulation.run(None, [last])
+        yield simulation, last.record if converged else None
+    finally:
+        simulation.free()
+
+
+class Last(Observer):
+    """Observer that keeps the record of the last load step."""
+
+    def __init__(self):
+        self.record = None
+
+    def step(self, step, u, record):
+        """Keep it."""
+        self.record = record
+
+
+def more_steps(scene, _):
+    """The scene with twice the load steps."""
+    return replace(scene, steps=replace(scene.steps, count=2 * scene.steps.count))
+
+
+def finer_quadrature(scene, degree):
+    """The scene with more quadrature points on its contacts, for a displacement of a degree."""
+    usual = 2 * degree + 5
+    contacts = [replace(one, quadrature=(one.quadrature or usual) + HIGHER) for one in scene.contacts]
+    return replace(scene, contacts=contacts)
+
+
+def searching(scene, _):
+    """The scene whose contacts look for partners in each load step until they stay."""
+    return replace(scene, petsc={**scene.petsc, PARTNER_RTOL: f"{SEARCHED * float(scene.petsc[PARTNER_RTOL]):.3g}"})
+
+
+class Answer(NamedTuple):
+    """What a run with other settings has given.
+
+    Attributes
+    ----------
+    number : int
+        Load steps that it has taken.
+    u : ndarray (n_owned d,)
+        Displacement at its end [length].
+    value : float or None
+        Of the quantity, where there is one.
+    pressure : list of pcontact.estimate.pressures.SourcePressure or None
+        Where it is that of a contact.
+    """
+
+    number: int
+    u: np.ndarray
+    value: float | None
+    pressure: list | None = None
+
+    @classmethod
+    def of(cls, run, record, target):
+        """That of a simulation, and the record of its last load step. *Collective.*"""
+        u = run.stepper.u
+        own = None if target.quantity == "energy" else value(run.problem, target, record, u)
+        pressure = pressures.named(run.problem, target.name, u) if target.quantity == "pressure" else None
+        return cls(run.stepper.number, u.getArray(readonly=True).copy(), own, pressure)
+
+
+def answer(simulation, scene, target, known=None):
+    """What a scene gives on the same mesh, an :class:`Answer`; None where that is not known. *Collective.*"""
+    try:
+        with solved(scene, simulation.comm, simulation.options.said, simulation.mesh, known) as (run, record):
+            return None if record is None else Answer.of(run, record, target)
+    except TOLD:
+        # a setting that the scene does not take
+        return None
+
+
+def change_to(simulation, other, target, record):
+    """How far an :class:`Answer`, or None, is from that of a simulation. *Collective.*
+
+    Returns
+    -------
+    float
+        In the energy norm [sqrt(energy)], of the pressure in L2, or of another quantity, then with its sign: the value
+        of the other less that of the simulation; nan where it is not known.
+    """
+    if other is None:
+        return float("nan")
+    if target.quantity not in ("energy", "pressure"):
+        return other.value - value(simulation.problem, target, record, simulation.stepper.u)
+    if target.quantity == "energy":
+        return simulation.error_estimate.norm(beyond(simulation, other.u))
+    problem, u = simulation.problem, simulation.stepper.u
+    own = pressures.named(problem, target.name, u)
+    distance = pressures.apart(simulation.comm, own, other.pressure)
+    if np.isfinite(distance):
+        return distance
+    # where the points of the contact are others, the contact of the simulation has both displacements
+    moved = u.copy()
+    moved.setArray(other.u)
+    return pressures.apart(simulation.comm, own, pressures.named(problem, target.name, moved))
+
+
+def beyond(simulation, values):
+    """The displacement of a simulation less that of another run, values (n_owned d,): a PETSc.Vec."""
+    change = simulation.stepper.u.copy()
+    change.setArray(change.getArray(readonly=True) - values)
+    return change
+
+
+def of_facets(simulation, scene, target):
+    """What the smooth surfaces that facets stand for change in a solution of degree 2, as of :func:`change_to`: finer
+    cells follow the gaps between facets as those of degree 2 do on the mesh given; those of degree 1 do not.
+    *Collective.*"""
+    comm, said = simulation.comm, simulation.options.said
+    # a straight mesh has no nodes for degree 2, but that of its file can be completed
+    mesh = simulation.mesh if simulation.mesh.degree == 2 else None
+    output = replace(scene.output, estimate=True, checkpoint=False)
+    scene = replace(scene, mesh=replace(scene.mesh, order=2), output=output)
+    try:
+        with solved(scene, comm, said, mesh) as (run, record):
+            if record is None:
+                return float("nan")
+            return change_to(run, answer(run, smooth_facets(scene), target), target, record)
+    except TOLD:
+        return float("nan")
+
+
+class Told(NamedTuple):
+    """What a mesh has told.
+
+    Attributes
+    ----------
+    parts : dict of str to float
+        Parts of the error, relative: by what brings them about, or all together as `ALL`.
+    toward : float
+        What finer settings change in a number, relative, with its sign.
+    unknowns, steps, degree : int
+        Of the pass.
+    """
+
+    parts: dict
+    toward: float
+    unknowns: int
+    steps: int
+    degree: int
+
+    @classmethod
+    def by(cls, done, parts, toward=0.0):
+        """By a pass."""
+        return cls(parts, toward, done.unknowns, done.steps, done.degree)
+
+
+class Secondary:
+    """What is known of these errors.
+
+    Parameters
+    ----------
+    target : pcontact.scene.target.Target
+        Of what they are the error.
+    settings : pcontact.adapt.settings.Settings
+    """
+
+    def __init__(self, target, settings):
+        self._target, self._settings, self._told, self._facets = target, settings, None, None
+
+    def parts(self, simulation, watch, done, size):
+        """Them, relative, by what brings them about, and what finer settings change in a number, with its sign.
+        *Collective.*
+
+        Parameters
+        ----------
+        simulation : pcontact.simulation.Simulation
+            That has run; its files are closed where they are measured.
+        watch : pcontact.adapt.watch.Watch
+        done : pcontact.adapt.passes.Pass
+            With the part of the mesh; its `trials` are set.
+        size : float
+            What errors are divided by.
+        """
+        begun, target = clock.perf_counter(), self._target
+        if self._facets is None:
+            self._facets = self._of_facets(simulation, watch, done, size)
+        told = self._told
+        large = told is not None and sum(self._now(told, done).values()) > THIRD * target.error
+        # degree 1 sees less of curved facets
+        if told is None or large or done.degree != told.degree or done.unknowns > COARSER * told.unknowns:
+            told = self._told = self._measured(simulation, watch, done, size)
+        done.trials += clock.perf_counter() - begun
+        parts = self._now(told, done)
+        scale = sum(parts.values()) / (sum(told.parts.values()) or 1.0)
+        return parts | (self._facets or {}), scale * told.toward
+
+    def of_steps(self, count):
+        """The error that so many load steps leave on the last mesh that has told it, relative."""
+        told = self._told
+        return 0.0 if told is None else told.parts.get("load_steps", 0.0) * told.steps / count
+
+    def _now(self, told, done):
+        """Parts with the settings of a pass: errors of load steps fall with their number."""
+        parts = dict(told.parts)
+        if "load_steps" in parts:
+            parts["load_steps"] = self.of_steps(done.steps)
+        if self._settings.searches and "frozen_partners" in parts:
+            parts["frozen_partners"] = 0.0
+        return parts
+
+    def _variants(self, simulation):
+        """By the names of errors of `pcontact.adapt.passes.NAMES`, what makes a scene one of finer settings."""
+        scene, found = simulation.scene, {}
+        if scene.remembers:
+            found["load_steps"] = more_steps
+        if any(not contact.tied for contact in scene.contacts):
+            found |= {"frozen_partners": searching, "quadrature": finer_quadrature}
+            if not self._settings.staying and bent(simulation):
+                found["curved_facets" if simulation.mesh.curved else "straight_facets"] = smooth_facets
+        return found
+
+    def _measured(self, simulation, watch, done, size):
+        """What the mesh of a pass tells. *Collective.*"""
+        variants = {} if simulation.problem.linear else self._variants(simulation)
+        if not variants:
+            return Told.by(done, {})
+        simulation.close()
+        scene, degree = self._settings.scene(), simulation.problem.space.degree
+        scene.output.estimate = scene.output.checkpoint = False
+
+        def change(*names):
+            other = scene
+            for name in names:
+                other = variants[name](other, degree)
+            found = answer(simulation, other, self._target, watch.known)
+            moved = change_to(simulation, found, self._target, watch.record) / size
+            if "load_steps" not in names or found is None:
+                return moved
+            # of errors that fall with the number of load steps, what the pass has left
+            times = found.number / simulation.stepper.number
+            return moved / (1.0 - times**-STEPS_RATE) if times >= AGAIN else moved
+
+        moved = change(*variants)
+        if abs(moved) <= THIRD * self._target.error or len(variants) == 1 and np.isfinite(moved):
+            name = ALL if len(variants) > 1 else next(iter(variants))
+            return Told.by(done, {name: abs(moved)}, moved)
+        parts, toward = {}, 0.0
+        for name in variants:
+            alone = change(name)
+            if not np.isfinite(alone):
+                log.warning("not known: how much of the error is that of %s", said_of(name))
+                continue
+            parts[name], toward = abs(alone), toward + alone
+        return Told.by(done, parts, toward)
+
+    def _of_facets(self, simulation, watch, done, size):
+        """The part of facets that all meshes keep, by its name; None where degree 2 is to come and tells it.
+        *Collective.*"""
+        free = any(not contact.tied for contact in simulation.scene.contacts)
+        if not self._settings.staying or not free or simulation.problem.linear or not bent(simulation):
+            return {}
+        degree, target, curved = simulation.problem.space.degree, self._target, simulation.mesh.curved
+        if degree == 1 and self._settings.degree.is_open and done.parts["mesh"] > target.error:
+            return None
+        simulation.close()
+        name, scene = "curved_facets" if curved else "straight_facets", self._settings.scene()
+        if curved and target.quantity == "pressure":
+            # gaps times gamma, which the pressure of the first mesh has in it, are its own error
+            return {name: roughness.pressure(simulation, watch, target.name) / size}
+        if degree == 1:
+            found = of_facets(simulation, scene, target)
+        else:
+            scene.output.estimate = scene.output.checkpoint = False
+            other = answer(simulation, smooth_facets(scene), target, watch.known)
+            found = change_to(simulation, other, target, watch.record)
+        if not np.isfinite(found):
+            log.warning("not known: how much of the error is that of %s", said_of(name))
+            found = 0.0
+        rough = 0.0
+        if curved and target.quantity == "energy":
+            # what curved facets change on the mesh and, by the gaps that it does not follow, on finer ones
+            rough = roughness.energy(simulation, watch)
+        return {name: float(np.hypot(found, rough)) / size}

@@ -1,0 +1,80 @@
+"""Errors that are not of the mesh: measured together, and each alone where they are large."""
+
+from dataclasses import replace
+
+import pytest
+
+from drivers.studies._named_scenes import HELD_BACK
+from pcontact.adapt.passes import Pass
+from pcontact.adapt.secondary import ALL, COARSER, Secondary, Told, answer, change_to, more_steps
+from pcontact.adapt.settings import Settings
+from pcontact.adapt.watch import Watch
+from pcontact.runtime.options import Options
+from pcontact.scene.target import Target
+from pcontact.simulation import Simulation
+
+
+@pytest.fixture(scope="module")
+def sheared(tmp_path_factory):
+    """Blocks pressed and sheared with friction, in four load steps: the simulation that has run, what it has told, and
+    the settings."""
+    scene = HELD_BACK["sheared"].scene(tmp_path_factory.mktemp("sheared"))
+    settings = Settings(scene, Target(0.1), Options())
+    simulation = Simulation(settings.scene())
+    watch = Watch(simulation)
+    assert simulation.run(None, [watch], keep=True)
+    yield simulation, watch, settings
+    simulation.free()
+
+
+def told(sheared, error, of="energy"):
+    simulation, watch, settings = sheared
+    target = Target(error, of)
+    size = watch.norm if of == "energy" else 1.0
+    done = Pass(simulation.problem.space.n_dofs, 30, 1, 0.2, None, {"mesh": 0.2, "algebraic": 0.0}, steps=4)
+    secondary = Secondary(target, settings)
+    return secondary, secondary.parts(simulation, watch, done, size), done, size
+
+
+@pytest.mark.parametrize("of", ["energy", "support:upper_top"])
+def test_what_is_small_is_told_by_one_run_and_what_is_large_by_one_each(sheared, of):
+    """Load steps have most of it; what they are said to leave is what many more of them change."""
+    simulation, watch, settings = sheared
+    _, (parts, toward), done, size = told(sheared, 0.5, of)
+    assert set(parts) == {ALL} and done.trials > 0.0 and (of == "energy" or abs(toward) == pytest.approx(parts[ALL]))
+    if of != "energy":
+        return
+    _, (alone, _), _, _ = told(sheared, 1e-5, of)
+    assert {"load_steps", "frozen_partners", "quadrature"} == set(alone)
+    assert max(alone, key=alone.get) == "load_steps" and parts[ALL] < 1.5 * sum(alone.values())
+    scene = settings.scene()
+    scene.output.estimate = False
+    for _ in range(4):
+        scene = more_steps(scene, 1)
+    other = answer(simulation, scene, Target(0.1, of))
+    left = abs(change_to(simulation, other, Target(0.1, of), watch.record)) / size
+    assert other.number == 64 and 0.7 * left < alone["load_steps"] < 2.5 * left
+
+
+def test_it_is_measured_again_on_many_more_cells_or_where_it_is_large(sheared, monkeypatch):
+    """Nothing follows it from mesh to mesh but the number of load steps."""
+    secondary, (parts, _), done, size = told(sheared, 0.5)
+    simulation, watch, settings = sheared
+    measured = []
+
+    def measure(self, simulation, watch, done, size):
+        measured.append(done.unknowns)
+        return Told.by(done, {"load_steps": 0.1})
+
+    monkeypatch.setattr(Secondary, "_measured", measure)
+    for growth, again in ((COARSER, False), (1.1 * COARSER, True), (1.2 * COARSER, False)):
+        measured.clear()
+        then = replace(done, unknowns=int(growth * done.unknowns))
+        found, _ = secondary.parts(simulation, watch, then, size)
+        assert bool(measured) == again and found == ({"load_steps": 0.1} if growth > COARSER else parts)
+    assert secondary.parts(simulation, watch, replace(then, steps=40), size)[0] == {"load_steps": pytest.approx(0.01)}
+    assert secondary.of_steps(8) == pytest.approx(0.05)
+    secondary._told = Told.by(done, {"load_steps": 0.4})
+    assert secondary.parts(simulation, watch, done, size)[0] == {"load_steps": 0.1}
+
+
