@@ -127,8 +127,8 @@ def answer(simulation, scene, target, known=None):
         return None
 
 
-def change_to(simulation, other, target, record):
-    """How far an :class:`Answer`, or None, is from that of a simulation. *Collective.*
+def change_to(simulation, other, target, record, one=None):
+    """How far an :class:`Answer`, or None, is from `one`, or else from that of a simulation. *Collective.*
 
     Returns
     -------
@@ -139,10 +139,16 @@ def change_to(simulation, other, target, record):
     if other is None:
         return float("nan")
     if target.quantity not in ("energy", "pressure"):
-        return other.value - value(simulation.problem, target, record, simulation.stepper.u)
+        own = value(simulation.problem, target, record, simulation.stepper.u) if one is None else one.value
+        return other.value - own
+    u, problem = simulation.stepper.u, simulation.problem
+    if one is not None:
+        u = u.copy()
+        u.setArray(one.u)
     if target.quantity == "energy":
-        return simulation.error_estimate.norm(beyond(simulation, other.u))
-    problem, u = simulation.problem, simulation.stepper.u
+        change = u.copy()
+        change.setArray(u.getArray(readonly=True) - other.u)
+        return simulation.error_estimate.norm(change)
     own = pressures.named(problem, target.name, u)
     distance = pressures.apart(simulation.comm, own, other.pressure)
     if np.isfinite(distance):
@@ -215,6 +221,8 @@ class Secondary:
 
     def __init__(self, target, settings):
         self._target, self._settings, self._told, self._facets = target, settings, None, None
+        # scene and answer with all finer settings, on the mesh of a pass
+        self._finer = None
 
     def parts(self, simulation, watch, done, size):
         """Them, relative, by what brings them about, and what finer settings change in a number, with its sign.
@@ -230,14 +238,13 @@ class Secondary:
         size : float
             What errors are divided by.
         """
-        begun, target = clock.perf_counter(), self._target
-        if self._facets is None:
-            self._facets = self._of_facets(simulation, watch, done, size)
-        told = self._told
+        begun, target, told, self._finer = clock.perf_counter(), self._target, self._told, None
         large = told is not None and sum(self._now(told, done).values()) > THIRD * target.error
         # degree 1 sees less of curved facets
         if told is None or large or done.degree != told.degree or done.unknowns > COARSER * told.unknowns:
             told = self._told = self._measured(simulation, watch, done, size)
+        if self._facets is None:
+            self._facets = self._of_facets(simulation, watch, done, size)
         done.trials += clock.perf_counter() - begun
         parts = self._now(told, done)
         scale = sum(parts.values()) / (sum(told.parts.values()) or 1.0)
@@ -282,6 +289,8 @@ class Secondary:
             for name in names:
                 other = variants[name](other, degree)
             found = answer(simulation, other, self._target, watch.known)
+            if found is not None and names == tuple(variants):
+                self._finer = other, found
             moved = change_to(simulation, found, self._target, watch.record) / size
             if "load_steps" not in names or found is None:
                 return moved
@@ -320,8 +329,10 @@ class Secondary:
             found = of_facets(simulation, scene, target)
         else:
             scene.output.estimate = scene.output.checkpoint = False
+            # few load steps may rub otherwise with other facets: beside the run with finer settings, where there is one
+            scene, finer = self._finer or (scene, None)
             other = answer(simulation, smooth_facets(scene), target, watch.known)
-            found = change_to(simulation, other, target, watch.record)
+            found = change_to(simulation, other, target, watch.record, finer)
         if not np.isfinite(found):
             log.warning("not known: how much of the error is that of %s", said_of(name))
             found = 0.0
