@@ -5,7 +5,6 @@ import numpy as np
 from pcontact.element.reference import facet_kinds, facet_nodes
 from pcontact.mesh.mesh import Facets
 from pcontact.runtime.jit import njit
-from pcontact.runtime.parallel import split_by_rank
 
 
 def mixed(numbers):
@@ -90,13 +89,6 @@ def outer_facets(mesh, exchanger, of_bodies=False):
 
 def _nowhere_else(exchanger, keys):
     """Which of some keys (n,) no other rank has. *Collective.*"""
-    size = exchanger.comm.size
-    sends, order = split_by_rank((keys % np.uint64(size)).astype(np.int64), keys.view(np.int64))
-    heard = exchanger(sends, np.int64, 1)
-    single = once(np.concatenate([np.zeros(0, np.int64), *(part.ravel() for part in heard.values())]))
-    cuts = np.cumsum([len(part) for part in heard.values()])[:-1]
-    replies = dict(zip(heard, np.split(single.astype(np.int64), cuts), strict=True)) if heard else {}
-    told = exchanger(replies, np.int64, 1)
-    answer = np.zeros(len(keys), dtype=bool)
-    answer[order] = np.concatenate([np.zeros(0, np.int64), *(told[rank].ravel() for rank in sorted(sends))]) > 0
-    return answer
+    home = (keys % np.uint64(exchanger.comm.size)).astype(np.int64)
+    single = exchanger.ask(home, keys.view(np.int64)[:, None], lambda rows: once(rows[:, 0])[:, None].astype(np.int64))
+    return single[:, 0] > 0

@@ -158,6 +158,64 @@ class Exchanger:
             profile.sent(self.messages - messages, self.bytes - size)
         return received
 
+    def deliver(self, homes, rows):
+        """Rows (m, k) that all ranks have for this one, of rows (n, k) for the ranks `homes` (n,). *Collective.*"""
+        heard = self(split_by_rank(homes, rows)[0], rows.dtype, rows.shape[1])
+        return np.concatenate([rows[:0], *heard.values()])
+
+    def ask(self, homes, rows, answer):
+        """What other ranks say of rows, in the order of these. *Collective.*
+
+        Parameters
+        ----------
+        homes : ndarray (n,) of int
+            The ranks that are asked.
+        rows : ndarray (n, k)
+        answer : callable
+            Makes of all rows (m, k) that came to this rank what is said of them, (m, w).
+
+        Returns
+        -------
+        ndarray (n, w)
+        """
+        sends, order = split_by_rank(homes, rows)
+        heard = self(sends, rows.dtype, rows.shape[1])
+        said = answer(np.concatenate([rows[:0], *heard.values()]))
+        ends = np.cumsum([len(part) for part in heard.values()])[:-1]
+        told = self(dict(zip(heard, np.split(said, ends), strict=True)) if heard else {}, said.dtype, said.shape[1])
+        result = np.empty((len(rows), said.shape[1]), said.dtype)
+        result[order] = np.concatenate([said[:0], *(told[rank] for rank in sorted(sends))])
+        return result
+
+    def look_up(self, known, values, wanted):
+        """Values that any rank knows by keys. *Collective.*
+
+        Parameters
+        ----------
+        known, wanted : (ndarray (n,), ndarray (n,) int64), (ndarray (m,), ndarray (m,) int64)
+            The ranks that are the homes of keys, and the keys.
+        values : ndarray (n, k) int64
+            At the known keys.
+
+        Returns
+        -------
+        ndarray (m,) of bool, ndarray (m, k) int64
+            Whether a key is known, and its values.
+        """
+        table = self.deliver(known[0], np.column_stack([known[1], values]))
+        table = table[np.argsort(table[:, 0], kind="stable")]
+
+        def answer(rows):
+            at = np.minimum(np.searchsorted(table[:, 0], rows[:, 0]), max(len(table) - 1, 0))
+            found = np.zeros((len(rows), table.shape[1]), dtype=np.int64)
+            if len(table):
+                found[:] = table[at]
+                found[:, 0] = table[at, 0] == rows[:, 0]
+            return found
+
+        found = self.ask(wanted[0], wanted[1][:, None], answer)
+        return found[:, 0] > 0, found[:, 1:]
+
     def _exchange(self, sends, dtype, columns):
         comm = self.comm
         received = {}

@@ -2,8 +2,6 @@
 
 import numpy as np
 
-from pcontact.runtime.parallel import split_by_rank
-
 
 def carried(space, keys, values):
     """Values at the owned nodes of a space. *Collective.*
@@ -21,26 +19,8 @@ def carried(space, keys, values):
     ndarray (n_owned, k)
         Zero at nodes of which no rank has a value.
     """
-    size, total, width = space.comm.size, max(space.mesh.n_nodes_total, 1), values.shape[1]
-    sends, order = split_by_rank(keys * size // total, keys)
-    heard = space.exchanger(sends, np.int64, 1)
-    tables, _ = split_by_rank(keys * size // total, values)
-    heard_values = space.exchanger(tables, np.float64, width)
-    known = np.concatenate([np.zeros(0, dtype=np.int64), *(heard[rank].ravel() for rank in heard)])
-    table = np.concatenate([np.zeros((0, width)), *(heard_values[rank] for rank in heard)])
-    order = np.argsort(known)
-    known, table = known[order], np.vstack([table[order], np.zeros((1, width))])
-
+    size, total = space.comm.size, max(space.mesh.n_nodes_total, 1)
     own = space.mesh.file_nodes[space.mesh_nodes[space.owned_local]]
-    sends, order = split_by_rank(own * size // total, own)
-    replies = {}
-    for rank, asked in space.exchanger(sends, np.int64, 1).items():
-        asked = asked.ravel()
-        at = np.searchsorted(known, asked)
-        found = at < len(known)
-        found[found] = known[at[found]] == asked[found]
-        replies[rank] = table[np.where(found, at, len(known))]
-    answer = space.exchanger(replies, np.float64, width)
-    result = np.zeros((len(own), width))
-    result[order] = np.concatenate([np.zeros((0, width)), *(answer[rank] for rank in sorted(sends))])
-    return result
+    bits = np.ascontiguousarray(values, dtype=np.float64).view(np.int64)
+    known, found = space.exchanger.look_up((keys * size // total, keys), bits, (own * size // total, own))
+    return np.where(known[:, None], np.ascontiguousarray(found).view(np.float64), 0.0)

@@ -16,7 +16,7 @@ from pcontact.runtime import log
 from pcontact.runtime.errors import InputError
 from pcontact.runtime.files import GEOMETRIES
 from pcontact.runtime.messages import input_error
-from pcontact.runtime.parallel import Exchanger, split_by_rank, together
+from pcontact.runtime.parallel import Exchanger, together
 from pcontact.runtime.petsc import MPI
 
 # [-] How far a vertex on the boundary may be from the geometry, over the size of the mesh. From: some programs write
@@ -219,20 +219,16 @@ def _edges(exchanger, boundary, found, keys):
         numbers.append(np.repeat(own, len(local)))
     numbers = np.concatenate(numbers)
     marks = keys[np.concatenate(pairs)].sum(axis=1, dtype=np.uint64)
-    size = exchanger.comm.size
-    home = (marks % np.uint64(size)).astype(np.int64)
-    sends, order = split_by_rank(home, np.column_stack([marks.view(np.int64), numbers]))
-    heard = exchanger(sends, np.int64, 2)
-    table = np.concatenate([np.zeros((0, 2), np.int64), *heard.values()])
-    _, first, place = np.unique(table[:, 0], return_index=True, return_inverse=True)
-    low, high = np.full(len(first), np.iinfo(np.int64).max), np.full(len(first), np.iinfo(np.int64).min)
-    np.minimum.at(low, place.ravel(), table[:, 1])
-    np.maximum.at(high, place.ravel(), table[:, 1])
-    cuts = np.cumsum([len(part) for part in heard.values()])[:-1]
-    common = np.where(low == high, low, BETWEEN)[place.ravel()]
-    told = exchanger(dict(zip(heard, np.split(common, cuts), strict=True)) if heard else {}, np.int64, 1)
-    answer = np.empty(len(marks), dtype=np.int64)
-    answer[order] = np.concatenate([np.zeros(0, np.int64), *(told[rank].ravel() for rank in sorted(sends))])
+
+    def common(table):
+        _, first, place = np.unique(table[:, 0], return_index=True, return_inverse=True)
+        low, high = np.full(len(first), np.iinfo(np.int64).max), np.full(len(first), np.iinfo(np.int64).min)
+        np.minimum.at(low, place.ravel(), table[:, 1])
+        np.maximum.at(high, place.ravel(), table[:, 1])
+        return np.where(low == high, low, BETWEEN)[place.ravel(), None]
+
+    home = (marks % np.uint64(exchanger.comm.size)).astype(np.int64)
+    answer = exchanger.ask(home, np.column_stack([marks.view(np.int64), numbers]), common)[:, 0]
     own = keys[boundary.edges].sum(axis=1, dtype=np.uint64)
     by_key = np.argsort(marks, kind="stable")
     surface = answer[by_key[np.searchsorted(marks, own, sorter=by_key)]] if len(own) else own.astype(np.int64)

@@ -5,7 +5,6 @@ from typing import NamedTuple
 import numpy as np
 
 from pcontact.mesh.refinement.keys import home_of_key
-from pcontact.runtime.parallel import split_by_rank
 
 
 class Numbers(NamedTuple):
@@ -31,10 +30,19 @@ def number_nodes(exchanger, base, numbers, keys, rows, fewer=False):
     home = np.where(old, numbers * size // n_base, home_of_key(keys, size))
     # nodes of the base before all others, in the order of their numbers; then by keys, without their sign
     name = np.where(old, numbers, keys.view(np.int64) ^ np.int64(-(2**63)))
-    width = 2 + rows.shape[1]
-    sends, order = split_by_rank(home, np.column_stack([~old, name, rows]))
-    heard = exchanger(sends, np.int64, width)
-    table = np.concatenate([np.zeros((0, width), np.int64), *heard.values()])
+    found = None
+
+    def answer(table):
+        nonlocal found
+        found, index = _numbered(comm, table, n_base, fewer)
+        return np.column_stack([found.starts[comm.rank] + index, found.numbers[index]])
+
+    places = exchanger.ask(home, np.column_stack([~old, name, rows]), answer)
+    return found._replace(places=places), places[:, 1]
+
+
+def _numbered(comm, table, n_base, fewer):
+    """Nodes of the rows (n, k) that came to a home, and which of them each is (n,). *Collective.*"""
     by_name = np.lexsort((*table[:, 2:3].T, table[:, 1], table[:, 0]))
     ordered = table[by_name]
     first = np.ones(len(table), dtype=bool)
@@ -52,14 +60,7 @@ def number_nodes(exchanger, base, numbers, keys, rows, fewer=False):
     elif kept[-1] != n_base:
         raise ValueError("nodes of the base that no cell has")
     ids[new] = kept[-1] + (fresh[comm.rank] - new.sum()) + np.arange(new.sum())
-    cuts = np.cumsum([len(part) for part in heard.values()])[:-1]
-    replies = np.column_stack([starts[comm.rank] + index, ids[index]])
-    replies = dict(zip(heard, np.split(replies, cuts), strict=True)) if heard else {}
-    told = exchanger(replies, np.int64, 2)
-    answer = np.zeros((len(numbers), 2), dtype=np.int64)
-    if len(numbers):
-        answer[order] = np.concatenate([told[rank] for rank in sorted(sends)])
-    return Numbers(ordered[:, 2:], ids, starts, answer, int(starts[-1])), answer[:, 1]
+    return Numbers(ordered[:, 2:], ids, starts, None, int(starts[-1])), index
 
 
 def first_numbers(exchanger, base, ids, counts):
@@ -67,22 +68,14 @@ def first_numbers(exchanger, base, ids, counts):
     *Collective.*
     """
     comm, size, n = exchanger.comm, exchanger.comm.size, max(base.n_cells_total, 1)
-    sends, order = split_by_rank(ids * size // n, np.column_stack([ids, counts]))
-    heard = exchanger(sends, np.int64, 2)
-    table = np.concatenate([np.zeros((0, 2), np.int64), *heard.values()])
-    by_id = np.argsort(table[:, 0])
-    first = np.empty(len(table), dtype=np.int64)
-    ends = np.cumsum(table[by_id, 1])
-    first[by_id] = ends - table[by_id, 1]
-    total = int(table[:, 1].sum())
-    before = comm.exscan(total) or 0
-    cuts = np.cumsum([len(part) for part in heard.values()])[:-1]
-    replies = dict(zip(heard, np.split(first + before, cuts), strict=True)) if heard else {}
-    told = exchanger(replies, np.int64, 1)
-    out = np.zeros(len(ids), dtype=np.int64)
-    if len(ids):
-        out[order] = np.concatenate([told[rank].ravel() for rank in sorted(sends)])
-    return out, comm.allreduce(total)
+
+    def answer(table):
+        by_id, first = np.argsort(table[:, 0]), np.empty(len(table), dtype=np.int64)
+        first[by_id] = np.cumsum(table[by_id, 1]) - table[by_id, 1]
+        return (first + (comm.exscan(int(table[:, 1].sum())) or 0))[:, None]
+
+    out = exchanger.ask(ids * size // n, np.column_stack([ids, counts]), answer)[:, 0]
+    return out, comm.allreduce(int(np.sum(counts)))
 
 
 def distinct(keys, owners):

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from pcontact.mesh.refinement.keys import home_of_key, vertex_keys
-from pcontact.runtime.parallel import split_by_rank
 
 
 @dataclass
@@ -74,19 +73,14 @@ def to_base(exchanger, base, cells, table):
         Of the cells of the base here, all blocks one after the other; ascending.
     table : ndarray (m, k) int64
     """
-    size, n, width = exchanger.comm.size, max(base.n_cells_total, 1), table.shape[1]
+    size, n = exchanger.comm.size, max(base.n_cells_total, 1)
     own = np.concatenate([np.zeros(0, dtype=np.int64), *(block.ids for block in base.blocks)])
     # a third rank knows who has a cell
-    asked = exchanger(split_by_rank(own * size // n, own)[0], np.int64, 1)
-    home = cells * size // n
-    sent = exchanger(split_by_rank(home, np.column_stack([cells, table]))[0], np.int64, 1 + width)
-    known = np.concatenate([np.zeros(0, np.int64), *(part.ravel() for part in asked.values())])
-    owner = np.concatenate([np.zeros(0, np.int64), *(np.full(len(part), r) for r, part in asked.items())])
-    rows = np.concatenate([np.zeros((0, 1 + width), np.int64), *sent.values()])
-    order = np.argsort(known)
-    to = owner[order[np.searchsorted(known, rows[:, 0], sorter=order)]] if len(rows) else rows[:, 0]
-    heard = exchanger(split_by_rank(to, rows)[0], np.int64, 1 + width)
-    rows = np.concatenate([np.zeros((0, 1 + width), np.int64), *heard.values()])
+    known = exchanger.deliver(own * size // n, np.column_stack([own, np.full(len(own), exchanger.comm.rank)]))
+    rows = exchanger.deliver(cells * size // n, np.column_stack([cells, table]))
+    order = np.argsort(known[:, 0])
+    to = known[order[np.searchsorted(known[:, 0], rows[:, 0], sorter=order)], 1] if len(rows) else rows[:, 0]
+    rows = exchanger.deliver(to, rows)
     order = np.argsort(own)
     at = order[np.searchsorted(own, rows[:, 0], sorter=order)] if len(rows) else rows[:, 0]
     order = np.argsort(at, kind="stable")
@@ -108,25 +102,5 @@ def values_by_key(exchanger, keys, values, wanted):
     known : ndarray (m,) of bool
     values : ndarray (m, k) int64
     """
-    size, width = exchanger.comm.size, values.shape[1]
-    sends, _ = split_by_rank(home_of_key(keys, size), np.column_stack([keys.view(np.int64), values]))
-    heard = exchanger(sends, np.int64, 1 + width)
-    table = np.concatenate([np.zeros((0, 1 + width), np.int64), *heard.values()])
-    sends, order = split_by_rank(home_of_key(wanted, size), wanted.view(np.int64))
-    asked = exchanger(sends, np.int64, 1)
-    by_key = np.argsort(table[:, 0])
-    ordered = table[by_key, 0]
-    replies = {}
-    for rank, part in asked.items():
-        part = part.ravel()
-        at = np.minimum(np.searchsorted(ordered, part), max(len(ordered) - 1, 0))
-        answer = np.zeros((len(part), 1 + width), dtype=np.int64)
-        if len(ordered):
-            answer[:, 0] = ordered[at] == part
-            answer[:, 1:] = table[by_key[at], 1:]
-        replies[rank] = answer
-    told = exchanger(replies, np.int64, 1 + width)
-    out = np.zeros((len(wanted), 1 + width), dtype=np.int64)
-    if len(wanted):
-        out[order] = np.concatenate([told[rank] for rank in sorted(sends)])
-    return out[:, 0] > 0, out[:, 1:]
+    homes = (home_of_key(some, exchanger.comm.size) for some in (keys, wanted))
+    return exchanger.look_up((next(homes), keys.view(np.int64)), values, (next(homes), wanted.view(np.int64)))
